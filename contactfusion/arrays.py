@@ -1,0 +1,68 @@
+"""Arrays as fields of frozen data: checked, converted and made read-only on entry."""
+
+import math
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, DTypeLike, NDArray
+
+FloatArray = NDArray[np.float64]
+
+
+def frozen_array(
+    value: ArrayLike,
+    shape: tuple[int | None, ...],
+    name: str,
+    error: type[Exception],
+    *,
+    dtype: DTypeLike = np.float64,
+    finite: bool = True,
+) -> NDArray[Any]:
+    """Give a read-only, contiguous array of the wanted shape.
+
+    An array that already is all that is shared, any other input is copied, so that nobody can
+    change it afterwards.
+
+    Args:
+        value: what the caller gave.
+        shape: the wanted shape; None stands for any length.
+        name: what to call it in an error.
+        error: the type of error to raise.
+        dtype: the wanted type of the elements.
+        finite: whether NaN and infinity are refused.
+
+    Raises:
+        error: the shape differs, the values are no numbers, or one is not finite.
+    """
+    try:
+        array = np.asarray(value, dtype=dtype)
+    except (TypeError, ValueError) as cause:
+        raise error(f"{name} are not numbers: {cause}") from None
+    fits = array.ndim == len(shape) and all(
+        want is None or want == have for want, have in zip(shape, array.shape, strict=True)
+    )
+    if not fits:
+        if array.size == 0 and shape[0] is None:
+            array = array.reshape(tuple(0 if want is None else want for want in shape))
+        else:
+            wanted = ", ".join("n" if want is None else str(want) for want in shape)
+            wanted = f"({wanted},)" if len(shape) == 1 else f"({wanted})"
+            raise error(f"{name} have shape {array.shape}, not {wanted}")
+    if finite and not np.isfinite(array).all():
+        place = np.argwhere(~np.isfinite(array))[0]
+        raise error(f"row {place[0]} of the {name} is not finite: {array[place[0]]}")
+    if array.flags.writeable or not array.flags.owndata or not array.flags.c_contiguous:
+        array = np.array(array, order="C")
+        array.flags.writeable = False
+    return array
+
+
+def finite_number(value: float, name: str, error: type[Exception]) -> float:
+    """Give the number as a float; raise `error` when it is none, or not finite."""
+    try:
+        number = float(value)
+    except (TypeError, ValueError):
+        raise error(f"{name} is not a number: {value!r}") from None
+    if not math.isfinite(number):
+        raise error(f"{name} is not finite: {number}")
+    return number

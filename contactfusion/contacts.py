@@ -1,0 +1,45 @@
+"""Contacts: what the hypotheses condense to."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from contactfusion.arrays import FloatArray
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Contact:
+    """One contact with the world (F §III-C, SPEC §3).
+
+    Attributes:
+        position: shape (3,) [m], the centroid weighted by likelihood.
+        likelihood: the largest fused likelihood among its voxels.
+        dispersion: the likelihood-weighted standard distance of its voxels from the centroid [m].
+        covariance: shape (3, 3) [m²], weighted by likelihood, with voxel_size²/12 on the diagonal.
+        extent: shape (2, 3) [m], the two ends of the cluster along its longest axis.
+        force: shape (3,) [N] on the robot, NaN when no source felt one.
+        voxels: how many voxels it is made of.
+        shares: how much of its likelihood each source gave; sums to 1.
+        stamp: the newest hypothesis in it [s].
+        frame: the frame of all places and vectors.
+    """
+
+    position: FloatArray
+    likelihood: float
+    dispersion: float
+    covariance: FloatArray
+    extent: FloatArray
+    force: FloatArray
+    voxels: int
+    shares: Mapping[str, float]
+    stamp: float
+    frame: str
+
+    def __str__(self) -> str:
+        """Tell place, likelihood and sources in one line."""
+        x, y, z = self.position
+        shares = sorted(self.shares.items(), key=lambda item: -item[1])
+        sources = ", ".join(f"{name} {share:.0%}" for name, share in shares if share > 0)
+        return (
+            f"contact at ({x:.3f}, {y:.3f}, {z:.3f}) m in '{self.frame}', "
+            f"likelihood {self.likelihood:.2f}, from {sources}"
+        )

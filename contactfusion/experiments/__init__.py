@@ -1,0 +1,1 @@
+"""Experiments: figures that the framework is judged by."""

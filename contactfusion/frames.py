@@ -1,0 +1,87 @@
+"""Frames: a tree of poses, and what one frame is in another."""
+
+from collections.abc import Mapping
+
+from scipy.spatial.transform import RigidTransform
+
+from contactfusion.arrays import FloatArray
+from contactfusion.errors import FrameError, name_hint
+
+
+class FrameTree:
+    """Poses of frames in their parents; immutable.
+
+    Args:
+        parents: for each child frame its parent and its pose there (child to parent).
+
+    Raises:
+        FrameError: the frames form a circle.
+    """
+
+    def __init__(self, parents: Mapping[str, tuple[str, RigidTransform]]) -> None:
+        self._parents = dict(parents)
+        self._cache: dict[tuple[str, str], RigidTransform] = {}
+        for frame in self._parents:
+            self._chain(frame)
+
+    @property
+    def frames(self) -> frozenset[str]:
+        """All frames of the tree."""
+        return frozenset(self._parents) | {parent for parent, _ in self._parents.values()}
+
+    def extended(self, parents: Mapping[str, tuple[str, RigidTransform]]) -> "FrameTree":
+        """Give the tree with further frames, or with new poses for some."""
+        return FrameTree({**self._parents, **parents})
+
+    def pose(self, frame: str, of: str) -> RigidTransform:
+        """Give the pose of frame `of` in `frame`: it takes coordinates of `of` to `frame`.
+
+        Raises:
+            FrameError: a frame is unknown, or no chain of poses joins the two.
+        """
+        key = (frame, of)
+        if key not in self._cache:
+            self._cache[key] = self._pose(frame, of)
+        return self._cache[key]
+
+    def _pose(self, frame: str, of: str) -> RigidTransform:
+        if frame == of:
+            return RigidTransform.identity()
+        for name in (frame, of):
+            if name not in self.frames:
+                hint = name_hint(name, self.frames, "frames")
+                raise FrameError(f"unknown frame '{name}': {hint}")
+        up_from, up_to = self._chain(of), self._chain(frame)
+        shared = next((name for name in up_from if name in up_to), None)
+        if shared is None:
+            raise FrameError(
+                f"no transform joins '{of}' to '{frame}': "
+                f"'{of}' hangs under '{next(reversed(up_from))}', "
+                f"'{frame}' under '{next(reversed(up_to))}'"
+            )
+        return up_to[shared].inv() * up_from[shared]
+
+    def _chain(self, frame: str) -> dict[str, RigidTransform]:
+        """Give, from the frame up to its root, each ancestor with the frame's pose in it."""
+        pose = RigidTransform.identity()
+        chain = {frame: pose}
+        while frame in self._parents:
+            frame, step = self._parents[frame]
+            if frame in chain:
+                raise FrameError(f"the frames form a circle: {' -> '.join([*chain, frame])}")
+            pose = step * pose
+            chain[frame] = pose
+        return chain
+
+
+def points_in(pose: RigidTransform, points: FloatArray) -> FloatArray:
+    """Take points of shape (n, 3) [m] to another frame; scipy's own refuses read-only arrays."""
+    matrix = pose.as_matrix()
+    moved: FloatArray = points @ matrix[:3, :3].T + matrix[:3, 3]
+    return moved
+
+
+def vectors_in(pose: RigidTransform, vectors: FloatArray) -> FloatArray:
+    """Turn vectors of shape (n, 3) into another frame."""
+    turned: FloatArray = vectors @ pose.as_matrix()[:3, :3].T
+    return turned

@@ -1,0 +1,122 @@
+"""The contract of generators: readings in, clouds of hypotheses out."""
+
+from abc import ABC, abstractmethod
+from collections.abc import Mapping, Sequence
+from typing import Any, ClassVar, Generic, TypeVar
+
+import numpy as np
+from numpy.typing import ArrayLike
+from pydantic import Field
+
+from contactfusion.hypotheses import HypothesisCloud, HypothesisKind
+from contactfusion.model import Model
+from contactfusion.readings import Reading
+from contactfusion.state import State
+
+
+class GeneratorConfig(Model):
+    """What every generator can be told; each adds its own fields."""
+
+    sensor: str | None = None
+    """Take the readings of this sensor only; None: of every sensor of the right type."""
+    timeout: float | None = Field(default=None, gt=0, le=1e9)
+    """How long its hypotheses live [s]; None: the integrator's timeout."""
+    stale_after: float | None = Field(default=None, gt=0, le=1e9)
+    """The silence after which it counts as inactive [s]; None: the integrator's."""
+    replace: bool = True
+    """Whether each of its clouds replaces all that it said before, as for a moving contact."""
+    budget: float = Field(default=0.1, gt=0)
+    """How long one reading may take [s] before it counts as an overrun."""
+    isolate: bool = False
+    """Whether it runs in a process of its own, so that no cycle waits for it."""
+
+
+ConfigT = TypeVar("ConfigT", bound=GeneratorConfig)
+
+
+class Generator(ABC, Generic[ConfigT]):
+    """Turns the readings of one sensor into contact hypotheses (F §IV).
+
+    A subclass names its `Config`, the `readings` that it takes and the `outputs` that it gives, and
+    implements `generate`. Its module ends with a hook that offers it:
+
+        @hookimpl
+        def contactfusion_generators():
+            return {"bumper": BumperGenerator}
+
+    Args:
+        name: what this instance is called; its sources are named after it.
+        config: the options, an instance of `Config`.
+    """
+
+    Config: ClassVar[type[GeneratorConfig]] = GeneratorConfig
+    """The type of the options."""
+    readings: ClassVar[tuple[type[Reading], ...]]
+    """The types of reading that it takes."""
+    outputs: Mapping[str, HypothesisKind] = {"": HypothesisKind.REGULAR}
+    """The kind of each output; output "free" of the generator "skin" is the source "skin/free"."""
+
+    def __init__(self, name: str, config: ConfigT) -> None:
+        self.name = name
+        self.config = config
+
+    @abstractmethod
+    def generate(self, reading: Reading, state: State) -> Sequence[HypothesisCloud]:
+        """Give at most one cloud an output.
+
+        An empty cloud says "looked, found nothing"; no cloud says "did not look".
+
+        Args:
+            reading: one of the types in `readings`.
+            state: the robot at the reading's stamp.
+        """
+
+    def reset(self) -> None:
+        """Forget what was remembered of earlier readings."""
+        return None
+
+    @property
+    def sources(self) -> dict[str, HypothesisKind]:
+        """The sources that its clouds come from, by name."""
+        return {self.source(output): kind for output, kind in self.outputs.items()}
+
+    def source(self, output: str = "") -> str:
+        """Give the name of the source of one output."""
+        return f"{self.name}/{output}" if output else self.name
+
+    def cloud(
+        self,
+        reading: Reading,
+        positions: ArrayLike,
+        likelihoods: ArrayLike,
+        *,
+        output: str = "",
+        frame: str | None = None,
+        **optional: Any,
+    ) -> HypothesisCloud:
+        """Make the cloud of one output, stamped as the reading.
+
+        Args:
+            reading: what it follows from.
+            positions: shape (n, 3) [m].
+            likelihoods: shape (n,), or one number for all.
+            output: the output that gives it.
+            frame: the frame of the positions; the reading's by default.
+            **optional: `forces`, `spreads`, `single` and `notes` of the cloud.
+        """
+        places = np.asarray(positions, np.float64).reshape(-1, 3)
+        return HypothesisCloud(
+            source=self.source(output),
+            kind=self.outputs[output],
+            stamp=reading.stamp,
+            frame=frame or reading.frame,
+            positions=places,
+            likelihoods=np.broadcast_to(np.asarray(likelihoods, np.float64), len(places)),
+            **optional,
+        )
+
+    def nothing(
+        self, reading: Reading, *, output: str = "", notes: Sequence[str] = ()
+    ) -> HypothesisCloud:
+        """Make the empty cloud of one output: looked, found nothing."""
+        return self.cloud(reading, np.empty((0, 3)), 0.0, output=output, notes=tuple(notes))

@@ -1,0 +1,159 @@
+"""Contact hypotheses: where a source believes, or rules out, a contact (F §III-A)."""
+
+from dataclasses import dataclass
+from enum import StrEnum
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import BaseModel, ConfigDict, Field
+
+from contactfusion.arrays import FloatArray, finite_number, frozen_array
+from contactfusion.errors import InvalidCloudError, name_hint
+from contactfusion.time import LONGEST_SECONDS
+
+SUM_TOLERANCE = 1e-6
+"""How far above 1 the likelihoods of a single contact may sum through rounding."""
+
+
+class HypothesisKind(StrEnum):
+    """What a hypothesis stands on (F §III-A)."""
+
+    REGULAR = "regular"
+    """Evidence from a sensor."""
+    SUPPORT = "support"
+    """A prediction or context: counts only together with evidence."""
+    NULL = "null"
+    """Here is no contact."""
+
+
+class Note(StrEnum):
+    """Remarks that a generator may attach to a cloud; others are plain text."""
+
+    MORE_THAN_ONE_CONTACT = "more than one contact"
+    OFF_SURFACE = "off the surface"
+    SATURATED = "saturated"
+    UNHEALTHY = "unhealthy"
+
+
+def kind_of(value: str) -> HypothesisKind:
+    """Give the kind of that name.
+
+    Raises:
+        InvalidCloudError: there is no such kind.
+    """
+    try:
+        return HypothesisKind(value)
+    except ValueError:
+        hint = name_hint(str(value), list(HypothesisKind), "kinds")
+        raise InvalidCloudError(f"unknown kind {value!r}: {hint}") from None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class HypothesisCloud:
+    """All hypotheses that one source gives at one instant, as arrays.
+
+    An empty cloud says "looked, found nothing".
+
+    Attributes:
+        source: the name of the source, e.g. "skin" or "skin/free".
+        kind: evidence, support or null.
+        stamp: when the sensor measured [s].
+        frame: the frame of the positions and forces.
+        positions: shape (n, 3) [m].
+        likelihoods: shape (n,), in [0, 1].
+        forces: shape (n, 3) [N], the force on the robot at each place, or None.
+        spreads: shape (n,) [m], the standard deviation of each position, or None.
+        single: whether the cloud describes one contact somewhere in it; then the likelihoods sum
+            to the probability that there is a contact at all (F Eq 2).
+        notes: remarks that reach the report, see `Note`.
+
+    Raises:
+        InvalidCloudError: a value that no hypothesis can have; names the first bad row.
+    """
+
+    source: str
+    kind: HypothesisKind
+    stamp: float
+    frame: str
+    positions: FloatArray
+    likelihoods: FloatArray
+    forces: FloatArray | None = None
+    spreads: FloatArray | None = None
+    single: bool = False
+    notes: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        """Check every field and freeze the arrays."""
+        if not self.source or not isinstance(self.source, str):
+            raise InvalidCloudError("a cloud needs the name of its source")
+        if not self.frame or not isinstance(self.frame, str):
+            raise InvalidCloudError(f"a cloud of '{self.source}' needs the name of its frame")
+        keep = object.__setattr__
+        keep(self, "kind", kind_of(self.kind))
+        stamp = finite_number(self.stamp, f"the stamp of '{self.source}'", InvalidCloudError)
+        if abs(stamp) > LONGEST_SECONDS:
+            raise InvalidCloudError(f"the stamp of '{self.source}' is out of range: {stamp} s")
+        keep(self, "stamp", stamp)
+        keep(self, "positions", self._rows(self.positions, (None, 3), "positions"))
+        n = len(self.positions)
+        keep(self, "likelihoods", self._rows(self.likelihoods, (n,), "likelihoods"))
+        _refuse_outside(self.likelihoods, 0.0, 1.0, f"likelihoods of '{self.source}'")
+        if self.forces is not None:
+            keep(self, "forces", self._rows(self.forces, (n, 3), "forces"))
+        if self.spreads is not None:
+            keep(self, "spreads", self._rows(self.spreads, (n,), "spreads"))
+            _refuse_outside(self.spreads, 0.0, np.inf, f"spreads of '{self.source}'")
+        keep(self, "single", bool(self.single))
+        if self.single and n and (total := float(self.likelihoods.sum())) > 1.0 + SUM_TOLERANCE:
+            raise InvalidCloudError(
+                f"the likelihoods of '{self.source}' describe a single contact but sum to "
+                f"{total:.6g}, more than 1"
+            )
+        keep(self, "notes", tuple(str(note) for note in self.notes))
+
+    def __len__(self) -> int:
+        """Give the number of hypotheses."""
+        return len(self.positions)
+
+    def _rows(
+        self, value: FloatArray, shape: tuple[int | None, ...], name: str
+    ) -> NDArray[np.float64]:
+        return frozen_array(value, shape, f"{name} of '{self.source}'", InvalidCloudError)
+
+
+class ContactHypothesis(BaseModel):
+    """The papers' record of one hypothesis (F §III-A), for JSON and people."""
+
+    model_config = ConfigDict(
+        frozen=True, extra="forbid", allow_inf_nan=False, use_attribute_docstrings=True
+    )
+
+    location: tuple[float, float, float]
+    """The place [m], in `frame`."""
+    likelihood: float = Field(ge=0, le=1)
+    """The fused likelihood of a contact there."""
+    likelihoods: dict[str, float]
+    """The likelihood that each source gave."""
+    kind: HypothesisKind
+    """Regular when a sensor gave evidence, else Null or Support."""
+    stamp: float
+    """The newest contribution [s]."""
+    frame: str
+    """The frame of location and force."""
+    force_magnitude: float | None = Field(default=None, ge=0)
+    """[N], when a source felt one."""
+    force_direction: tuple[float, float, float] | None = None
+    """A unit vector, when a source felt a force."""
+
+    @property
+    def sources(self) -> tuple[str, ...]:
+        """The sources that contributed, by name."""
+        return tuple(sorted(self.likelihoods))
+
+
+def _refuse_outside(values: FloatArray, low: float, high: float, name: str) -> None:
+    if len(values) and not (values.min() >= low and values.max() <= high):
+        row = int(np.argmax((values < low) | (values > high)))
+        raise InvalidCloudError(
+            f"row {row} of the {name} is {values[row]:.6g}, outside [{low:g}, {high:g}]"
+        )

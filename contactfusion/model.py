@@ -1,0 +1,61 @@
+"""The base of every configuration: refuses what it does not know."""
+
+from pydantic import BaseModel, ConfigDict, ValidationError
+from pydantic_core import ErrorDetails
+
+from contactfusion.errors import ConfigurationError, name_hint
+
+
+class Model(BaseModel):
+    """A configuration that is frozen, knows all its fields, and takes no NaN.
+
+    Raises:
+        ConfigurationError: a field is unknown, missing, or holds what it may not; one sentence.
+    """
+
+    model_config = ConfigDict(
+        extra="forbid", frozen=True, allow_inf_nan=False, use_attribute_docstrings=True
+    )
+
+    def __init__(self, **fields: object) -> None:
+        try:
+            super().__init__(**fields)
+        except ValidationError as error:
+            raise ConfigurationError(explain(error, type(self))) from None
+
+
+def explain(error: ValidationError, model: type[BaseModel]) -> str:
+    """Say in one sentence which field is wrong, and which name was probably meant."""
+    details = error.errors()
+    first = min(details, key=lambda detail: detail["type"] != "extra_forbidden")
+    sentence = _sentence(first, model)
+    more = len(details) - 1
+    return f"{sentence} (and {more} more)" if more else sentence
+
+
+def _sentence(detail: ErrorDetails, model: type[BaseModel]) -> str:
+    path = ".".join(str(part) for part in detail["loc"])
+    match detail["type"]:
+        case "extra_forbidden":
+            known = _fields_at(model, detail["loc"][:-1])
+            hint = name_hint(str(detail["loc"][-1]), known, "fields")
+            return f"{path}: unknown field; {hint}"
+        case "missing":
+            return f"{path}: this field is required"
+        case "value_error":
+            cause = detail["ctx"]["error"]
+            inner = isinstance(cause, ConfigurationError)  # begins with the rest of the path
+            return f"{path}{'.' if inner else ': '}{cause}" if path else str(cause)
+        case _:
+            message = detail["msg"][0].lower() + detail["msg"][1:]
+            return f"{path}: {message}, not {detail['input']!r}"
+
+
+def _fields_at(model: type[BaseModel], path: tuple[int | str, ...]) -> list[str]:
+    """Give the fields of the model that the path leads to."""
+    for part in path:
+        field = model.model_fields.get(str(part))
+        annotation = field.annotation if field else None
+        if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+            model = annotation
+    return list(model.model_fields)

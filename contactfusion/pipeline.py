@@ -1,0 +1,298 @@
+"""The way of a reading: to the generators, into the space's frame, through fusion, to a command.
+
+The same object runs in simulation, in replay and live. It is synchronous and pure: no threads, no
+clock of its own; time comes in with readings and steps.
+"""
+
+import functools
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from scipy.spatial.transform import RigidTransform
+
+from contactfusion.controller import Command, Controller
+from contactfusion.errors import ConfigurationError, ContactFusionError
+from contactfusion.frames import FrameTree, points_in, vectors_in
+from contactfusion.generator import Generator
+from contactfusion.grid import Grid
+from contactfusion.history import History
+from contactfusion.hypotheses import HypothesisCloud
+from contactfusion.integrator.fusion import Fusion
+from contactfusion.integrator.integrator import Integrator
+from contactfusion.integrator.report import Event
+from contactfusion.isolation import Isolated
+from contactfusion.model import Model
+from contactfusion.pipeline_config import PipelineConfig
+from contactfusion.plugins import installed_plugins
+from contactfusion.readings import READING_TYPES, Reading
+from contactfusion.state import State
+from contactfusion.surface import Surface
+
+AnyGenerator = Generator[Any]
+Ask = Callable[[AnyGenerator, Reading, State], Sequence[HypothesisCloud]]
+"""How a generator is asked; a runner with a clock puts its stop-watch here."""
+
+
+@dataclass(frozen=True, eq=False)
+class Step:
+    """What one step of the pipeline gave.
+
+    Attributes:
+        stamp: the time of the step [s].
+        fusion: contacts, space and report.
+        command: what the controller commands, or None without a controller.
+    """
+
+    stamp: float
+    fusion: Fusion
+    command: Command | None
+
+    @property
+    def events(self) -> tuple[Event, ...]:
+        """What happened to the sources since the last step."""
+        return self.fusion.report.events
+
+
+class Pipeline:
+    """Generators, integrator and controller as one configuration puts them together.
+
+    Args:
+        config: the configuration.
+        ask: how a generator is asked for its clouds.
+
+    Raises:
+        ContactFusionError: a plug-in is not installed, or an option of one is wrong.
+    """
+
+    def __init__(
+        self,
+        config: PipelineConfig,
+        ask: Ask = Generator.generate,
+    ) -> None:
+        self.config = config
+        self._ask = ask
+        self.integrator = Integrator(config.integrator.model_copy(update={"strict_sources": True}))
+        self.generators: dict[str, AnyGenerator] = {}
+        """The plugged generators by name."""
+        for name, options in config.generators.items():
+            self.plug(name, options)
+        self._controller = _built_controller(config)
+        self._frames = config.frame_tree()
+        self._grid = Grid(config.integrator.frame, config.integrator.voxel_size)
+        self._body = config.surface.sampled(config.folder) if config.surface else None
+        self._moved: tuple[RigidTransform, Surface] | None = None
+        self._history = History()
+        self._fusion: Fusion | None = None
+
+    def plug(self, name: str, options: dict[str, Any]) -> None:
+        """Plug a generator in, also while running.
+
+        Args:
+            name: what it is called.
+            options: its `type` and the fields of its `Config`.
+        """
+        generator = built_generator(name, options)
+        if generator.config.isolate:
+            generator = Isolated(generator)
+        for source, kind in generator.sources.items():
+            self.integrator.plug(
+                source,
+                kind,
+                timeout=generator.config.timeout,
+                stale_after=generator.config.stale_after,
+                replace=generator.config.replace,
+            )
+        self.generators[name] = generator
+
+    def unplug(self, name: str) -> None:
+        """Unplug a generator and all that it contributed."""
+        generator = self.generators.pop(name)
+        for source in generator.sources:
+            self.integrator.unplug(source)
+        if isinstance(generator, Isolated):
+            generator.close()
+
+    def receive(self, reading: Reading) -> None:
+        """Give a reading to every generator that takes it; one that fails harms no other."""
+        self._history.add(reading)
+        takers = [one for one in self.generators.values() if _takes(one, reading)]
+        if takers:
+            state = self.state(reading.stamp)
+            for generator in takers:
+                self._deliver(generator, functools.partial(self._ask, generator, reading, state))
+
+    def step(self, now: float) -> Step:
+        """Fuse all that is alive at `now` [s], and let the controller act on the contacts."""
+        for generator in list(self.generators.values()):
+            if isinstance(generator, Isolated):
+                self._deliver(generator, generator.collect)
+        state = self.state(now)
+        self._fusion = self.integrator.step(now, state.surface)
+        command = None
+        if self._controller:
+            state = replace(state, contacts=self._fusion.contacts)
+            command = _command(self._controller, self._fusion, state)
+        return Step(now, self._fusion, command)
+
+    def run(self, readings: Iterable[Reading]) -> Iterator[Step]:
+        """Receive readings in their order, and step as the cycle policy says."""
+        cycle = self.config.cycle
+        if cycle.every is not None:
+            return self._run_every(cycle.every, readings)
+        return self._run_on(cycle.on, readings)
+
+    def state(self, stamp: float) -> State:
+        """Give what is known of the robot at a stamp [s]."""
+        frames, base_pose = self._frames, None
+        if base := self._history.base_pose(stamp):
+            parent, child, base_pose = base
+            frames = frames.extended({child: (parent, base_pose)})
+        return State(
+            now=stamp,
+            grid=self._grid,
+            frames=frames,
+            joints=self._history.joints(stamp),
+            base_pose=base_pose,
+            surface=self._surface(frames),
+            contacts=self._fusion.contacts if self._fusion else (),
+        )
+
+    def reset(self) -> None:
+        """Start again, as when a recording is played a second time; plugs stay."""
+        self.integrator.reset()
+        self._history.clear()
+        self._fusion = None
+        for generator in self.generators.values():
+            generator.reset()
+        if self._controller:
+            self._controller.reset()
+
+    def close(self) -> None:
+        """End the processes of isolated generators."""
+        for generator in self.generators.values():
+            if isinstance(generator, Isolated):
+                generator.close()
+
+    def _run_every(self, period: float, readings: Iterable[Reading]) -> Iterator[Step]:
+        start, count, newest = None, 1, 0.0
+        for reading in readings:
+            start = reading.stamp if start is None else start
+            newest = max(newest, reading.stamp)
+            while reading.stamp > start + count * period:
+                yield self.step(start + count * period)
+                count += 1
+            self.receive(reading)
+        if start is not None:
+            yield self.step(max(start + count * period, newest))
+
+    def _run_on(self, on: str | None, readings: Iterable[Reading]) -> Iterator[Step]:
+        wanted = READING_TYPES.get(on) if on else None
+        now = -float("inf")
+        for reading in readings:
+            now = max(now, reading.stamp)
+            self.receive(reading)
+            if on is None:
+                due = self.integrator.ready(now)
+            else:
+                due = reading.sensor == on or (wanted is not None and isinstance(reading, wanted))
+            if due:
+                yield self.step(now)
+
+    def _deliver(
+        self, generator: AnyGenerator, ask: Callable[[], Sequence[HypothesisCloud]]
+    ) -> None:
+        """Pass a generator's clouds on; whatever goes wrong is counted against it alone."""
+        try:
+            clouds = ask()
+            for cloud in clouds:
+                if not isinstance(cloud, HypothesisCloud):
+                    raise TypeError(f"it gave {type(cloud).__name__}, not a HypothesisCloud")
+        except Exception as error:  # a plug-in may raise anything, and no other source may suffer
+            reason = f"'{generator.name}' raised {type(error).__name__}: {error}"
+            for source in generator.sources:
+                self.integrator.refuse(source, reason)
+            return
+        for cloud in clouds:
+            try:
+                if cloud.source not in generator.sources:
+                    self.integrator.refuse(
+                        generator.source(next(iter(generator.outputs))),
+                        f"'{generator.name}' gave a cloud of '{cloud.source}', not of its own: "
+                        f"{', '.join(generator.sources)}",
+                    )
+                    continue
+                cloud = self._in_space(cloud)
+            except ContactFusionError as error:
+                self.integrator.refuse(cloud.source, str(error))
+                continue
+            try:
+                self.integrator.receive(cloud)
+            except ContactFusionError:
+                continue  # the integrator has counted it
+
+    def _in_space(self, cloud: HypothesisCloud) -> HypothesisCloud:
+        """Bring a cloud into the frame of the hypothesis space."""
+        if cloud.frame == self._grid.frame:
+            return cloud
+        frames = self._frames
+        if base := self._history.base_pose(cloud.stamp):
+            frames = frames.extended({base[1]: (base[0], base[2])})
+        pose = frames.pose(self._grid.frame, of=cloud.frame)
+        return replace(
+            cloud,
+            frame=self._grid.frame,
+            positions=points_in(pose, cloud.positions),
+            forces=None if cloud.forces is None else vectors_in(pose, cloud.forces),
+        )
+
+    def _surface(self, frames: FrameTree) -> Surface | None:
+        """Give the body's surface in the space's frame."""
+        if self._body is None or self._body.frame == self._grid.frame:
+            return self._body
+        pose = frames.pose(self._grid.frame, of=self._body.frame)
+        if self._moved is None or not np.array_equal(self._moved[0].as_matrix(), pose.as_matrix()):
+            self._moved = pose, self._body.moved(pose, self._grid.frame)
+        return self._moved[1]
+
+
+def built_generator(name: str, options: dict[str, Any]) -> AnyGenerator:
+    """Build a generator from its `type` and options.
+
+    Raises:
+        PluginError: no such type is installed.
+        ConfigurationError: an option is wrong.
+    """
+    given = {key: value for key, value in options.items() if key != "type"}
+    cls: type[AnyGenerator] = installed_plugins().find("generators", options["type"])
+    return cls(name, _configured(cls.Config, given, f"generators.{name}"))
+
+
+def _built_controller(config: PipelineConfig) -> Controller | None:
+    if config.controller is None:
+        return None
+    given = {key: value for key, value in config.controller.items() if key != "type"}
+    cls: type[Controller] = installed_plugins().find("controllers", config.controller["type"])
+    return cls(_configured(cls.Config, given, "controller"))
+
+
+def _configured(model: type[Any], options: dict[str, Any], path: str) -> Model:
+    try:
+        configured: Model = model(**options)
+    except ConfigurationError as error:
+        raise ConfigurationError(f"{path}.{error}") from None
+    return configured
+
+
+def _takes(generator: AnyGenerator, reading: Reading) -> bool:
+    wanted = generator.config.sensor
+    return isinstance(reading, generator.readings) and (wanted is None or wanted == reading.sensor)
+
+
+def _command(controller: Controller, fusion: Fusion, state: State) -> Command:
+    """Ask the controller; one that raises commands nothing, and says why."""
+    try:
+        return controller.command(fusion.contacts, state)
+    except Exception as error:  # a plug-in may raise anything; the robot must not run on
+        return Command(mode="fault", reason=f"{type(error).__name__}: {error}")

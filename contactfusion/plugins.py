@@ -1,0 +1,167 @@
+"""Plug-ins: found by entry point, imported only when asked for, none able to take others down."""
+
+import functools
+import importlib
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from importlib.metadata import EntryPoint, entry_points
+from types import ModuleType
+from typing import Any
+
+import pluggy
+
+from contactfusion import hooks
+from contactfusion.errors import PluginError, name_hint
+from contactfusion.hooks import GROUP
+
+KINDS = ("generators", "controllers", "rules", "condensations", "segmenters")
+"""What plug-ins can offer; the hook of each is ``contactfusion_<kind>``."""
+
+HOME = "contactfusion"
+"""The distribution whose names are taken first."""
+
+
+@dataclass(frozen=True, slots=True)
+class Plugin:
+    """An installed plug-in as its entry point tells it; nothing is imported.
+
+    Attributes:
+        name: the entry point's name.
+        module: the module it points to.
+        distribution: the package that brought it, with its version.
+    """
+
+    name: str
+    module: str
+    distribution: str
+
+
+class Plugins:
+    """The installed plug-ins.
+
+    Args:
+        strict: raise at the first plug-in that fails, instead of listing it in `failures`.
+        points: the entry points to use; those installed by default.
+
+    Raises:
+        PluginError: in strict mode, when a plug-in fails or its name is taken.
+    """
+
+    def __init__(self, *, strict: bool = False, points: Iterable[EntryPoint] | None = None) -> None:
+        self._strict = strict
+        self._manager = pluggy.PluginManager(GROUP)
+        self._manager.add_hookspecs(hooks)
+        self._points: dict[str, EntryPoint] = {}
+        self._offers: dict[str, dict[str, type[Any]]] = {kind: {} for kind in KINDS}
+        self._loaded: set[str] = set()
+        self.failures: dict[str, str] = {}
+        """Why a plug-in could not be used, by its name."""
+        found = entry_points(group=GROUP) if points is None else points
+        for point in sorted(found, key=lambda p: (_owner(p) != HOME, _owner(p), p.name)):
+            if point.name in self._points:
+                owner = _distribution(self._points[point.name])
+                self._fail(
+                    f"{point.name} ({_distribution(point)})",
+                    f"the name '{point.name}' is taken by {owner}",
+                )
+            else:
+                self._points[point.name] = point
+
+    def listing(self) -> tuple[Plugin, ...]:
+        """List what is installed, without importing any of it."""
+        return tuple(
+            Plugin(point.name, point.module, _distribution(point))
+            for point in self._points.values()
+        )
+
+    def find(self, kind: str, name: str) -> type[Any]:
+        """Give the class that a plug-in offers under a name; import no more than needed.
+
+        Args:
+            kind: one of `KINDS`.
+            name: the name by which configurations choose it.
+
+        Raises:
+            PluginError: nothing of that name is installed, or it could not be imported.
+        """
+        if name in self._points:
+            self._load(name)
+        if name not in self._offers[kind]:
+            for other in self._points:
+                self._load(other)
+        if name in self._offers[kind]:
+            return self._offers[kind][name]
+        one = kind.removesuffix("s")
+        if name in self.failures:
+            raise PluginError(f"the {one} '{name}' cannot be used: {self.failures[name]}")
+        hint = name_hint(name, self._offers[kind], kind)
+        raise PluginError(f"there is no {one} '{name}'; {hint}")
+
+    def offers(self, kind: str) -> Mapping[str, type[Any]]:
+        """Give all classes of a kind by name; imports every plug-in."""
+        for name in self._points:
+            self._load(name)
+        return self._offers[kind]
+
+    def _load(self, name: str) -> None:
+        point = self._points[name]
+        if name in self._loaded:
+            return
+        self._loaded.add(name)
+        try:
+            module = importlib.import_module(point.module)
+            if not self._manager.is_registered(module):
+                self._register(name, module)
+        except PluginError as error:
+            self._fail(name, str(error), error)
+        except Exception as error:  # whatever a stranger's module raises must not take others down
+            self._fail(name, f"{type(error).__name__}: {error}", error)
+
+    def _register(self, name: str, module: ModuleType) -> None:
+        self._manager.register(module, name=module.__name__)
+        try:
+            self._manager.check_pending()
+            for kind in KINDS:
+                self._collect(name, kind, module)
+        except Exception:
+            self._manager.unregister(module)
+            raise
+
+    def _collect(self, name: str, kind: str, module: ModuleType) -> None:
+        """Ask one module for one kind; pluggy's own call would stop at the first that raises."""
+        implementations = getattr(self._manager.hook, f"{GROUP}_{kind}").get_hookimpls()
+        for implementation in (i for i in implementations if i.plugin is module):
+            offer = implementation.function()
+            if not isinstance(offer, Mapping):
+                raise PluginError(
+                    f"contactfusion_{kind}() gives {offer!r}, not a mapping of classes"
+                )
+            for key, cls in offer.items():
+                if not isinstance(cls, type):
+                    raise PluginError(
+                        f"contactfusion_{kind}() gives {cls!r} for '{key}', not a class"
+                    )
+                if key in self._offers[kind]:
+                    owner = self._offers[kind][key].__module__
+                    self._fail(f"{name}: {key}", f"the name '{key}' is taken by {owner}")
+                else:
+                    self._offers[kind][key] = cls
+
+    def _fail(self, name: str, why: str, cause: Exception | None = None) -> None:
+        self.failures[name] = why
+        if self._strict:
+            raise PluginError(f"the plug-in '{name}' cannot be used: {why}") from cause
+
+
+@functools.cache
+def installed_plugins() -> Plugins:
+    """Give the plug-ins that are installed; found once in a process."""
+    return Plugins()
+
+
+def _owner(point: EntryPoint) -> str:
+    return point.dist.name if point.dist else ""
+
+
+def _distribution(point: EntryPoint) -> str:
+    return f"{point.dist.name} {point.dist.version}" if point.dist else "no distribution"

@@ -1,0 +1,1 @@
+"""Recordings: readings from files, behind one interface."""

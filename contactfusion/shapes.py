@@ -1,0 +1,166 @@
+"""Surfaces of rigid bodies by configuration: boxes, cylinders, spheres, rectangles, or a file."""
+
+from pathlib import Path
+from typing import Literal, Self
+
+import numpy as np
+from pydantic import Field, model_validator
+
+from contactfusion.arrays import FloatArray
+from contactfusion.errors import ConfigurationError
+from contactfusion.model import Model
+from contactfusion.surface import Surface, rectangle
+
+Vector = tuple[float, float, float]
+GOLDEN_ANGLE = np.pi * (3.0 - np.sqrt(5.0))
+
+
+class ShapeConfig(Model):
+    """A primitive, centred at `xyz` and turned by `rpy` in the frame of its body."""
+
+    shape: Literal["box", "cylinder", "sphere", "rectangle"]
+    """What it is; a cylinder's axis is its z, a rectangle faces its +z."""
+    size: Vector | tuple[float, float] | None = None
+    """Edges of a box or rectangle [m]."""
+    radius: float | None = Field(default=None, gt=0)
+    """Of a cylinder or sphere [m]."""
+    length: float | None = Field(default=None, gt=0)
+    """Of a cylinder [m]."""
+    xyz: Vector = (0.0, 0.0, 0.0)
+    """The centre [m]."""
+    rpy: Vector = (0.0, 0.0, 0.0)
+    """Roll, pitch and yaw [rad]."""
+
+    @model_validator(mode="after")
+    def _complete(self) -> Self:
+        wanted = {
+            "box": {"size"},
+            "rectangle": {"size"},
+            "cylinder": {"radius", "length"},
+            "sphere": {"radius"},
+        }[self.shape]
+        given = {name for name in ("size", "radius", "length") if getattr(self, name) is not None}
+        if given != wanted:
+            raise ValueError(f"a {self.shape} needs {' and '.join(sorted(wanted))}")
+        edges = {"box": 3, "rectangle": 2}.get(self.shape)
+        if edges and (len(self.size or ()) != edges or min(self.size or (0,)) <= 0):
+            raise ValueError(f"a {self.shape} has {edges} positive edges")
+        return self
+
+    def sampled(self, frame: str, spacing: float) -> Surface:
+        """Sample the primitive with points at most about `spacing` [m] apart."""
+        from scipy.spatial.transform import RigidTransform, Rotation
+
+        pose = RigidTransform.from_components(self.xyz, Rotation.from_euler("xyz", self.rpy))
+        match self.shape:
+            case "rectangle":
+                x, y = np.diag([*(self.size or ()), 0.0])[:2] / 2.0
+                return rectangle(frame, np.zeros(3), x, y, spacing).moved(pose, frame)
+            case "box":
+                return _box(frame, np.array(self.size), spacing).moved(pose, frame)
+            case "cylinder":
+                return _cylinder(frame, self.radius or 0, self.length or 0, spacing).moved(
+                    pose, frame
+                )
+            case "sphere":
+                return _sphere(frame, self.radius or 0, spacing).moved(pose, frame)
+
+
+class BodyConfig(Model):
+    """The surface of a rigid body, by shapes or from a file."""
+
+    frame: str
+    """The frame that the body is fixed to."""
+    spacing: float = Field(default=0.004, gt=0)
+    """The distance between neighbouring points [m]."""
+    shapes: tuple[ShapeConfig, ...] = ()
+    """The primitives whose surfaces make up the body's."""
+    file: Path | None = None
+    """An npz file with `points` (n, 3) [m] and `normals` (n, 3)."""
+
+    @model_validator(mode="after")
+    def _something(self) -> Self:
+        if bool(self.shapes) == (self.file is not None):
+            raise ValueError("give shapes or a file")
+        return self
+
+    def sampled(self, folder: Path) -> Surface:
+        """Give the surface; a relative file name starts at `folder`.
+
+        Raises:
+            ConfigurationError: the file is missing, or holds no surface.
+        """
+        if self.file is not None:
+            path = folder / self.file
+            try:
+                with np.load(path) as arrays:
+                    return Surface(self.frame, arrays["points"], arrays["normals"])
+            except (OSError, KeyError, ValueError) as error:
+                raise ConfigurationError(f"the surface {path} cannot be read: {error}") from None
+        return joined([shape.sampled(self.frame, self.spacing) for shape in self.shapes])
+
+
+def joined(surfaces: list[Surface]) -> Surface:
+    """Join surfaces of one frame; each becomes a link of its own."""
+    frame = surfaces[0].frame
+    links = np.repeat(np.arange(len(surfaces)), [len(surface.points) for surface in surfaces])
+    return Surface(
+        frame,
+        np.concatenate([surface.points for surface in surfaces]),
+        np.concatenate([surface.normals for surface in surfaces]),
+        links.astype(np.int32),
+        tuple(f"{frame}/{number}" for number in range(len(surfaces))),
+    )
+
+
+def _box(frame: str, size: FloatArray, spacing: float) -> Surface:
+    faces = []
+    for axis in range(3):
+        for side in (-0.5, 0.5):
+            centre = np.zeros(3)
+            centre[axis] = side * size[axis]
+            first, second = np.zeros(3), np.zeros(3)
+            first[(axis + 1) % 3] = size[(axis + 1) % 3] / 2.0
+            second[(axis + 2) % 3] = size[(axis + 2) % 3] / 2.0 * (1.0 if side > 0 else -1.0)
+            faces.append(rectangle(frame, centre, first, second, spacing))
+    return Surface(
+        frame,
+        np.concatenate([face.points for face in faces]),
+        np.concatenate([face.normals for face in faces]),
+    )
+
+
+def _cylinder(frame: str, radius: float, length: float, spacing: float) -> Surface:
+    around = max(6, int(np.ceil(2.0 * np.pi * radius / spacing)))
+    along = max(1, int(np.ceil(length / spacing)))
+    angle, height = np.meshgrid(
+        2.0 * np.pi * np.arange(around) / around,
+        ((np.arange(along) + 0.5) / along - 0.5) * length,
+    )
+    out = np.stack([np.cos(angle), np.sin(angle), np.zeros_like(angle)], axis=-1).reshape(-1, 3)
+    side = radius * out + np.stack([0 * height, 0 * height, height], axis=-1).reshape(-1, 3)
+    disc = _disc(radius, spacing)
+    points, normals = [side], [out]
+    for end in (-0.5, 0.5):
+        points.append(disc + [0.0, 0.0, end * length])
+        normals.append(np.broadcast_to([0.0, 0.0, np.sign(end)], disc.shape))
+    return Surface(frame, np.concatenate(points), np.concatenate(normals))
+
+
+def _disc(radius: float, spacing: float) -> FloatArray:
+    """Sample a disc evenly, along a spiral of golden angles."""
+    count = max(1, int(np.ceil(np.pi * (radius / spacing) ** 2)))
+    step = np.arange(count)
+    distance, angle = radius * np.sqrt((step + 0.5) / count), step * GOLDEN_ANGLE
+    return np.stack([distance * np.cos(angle), distance * np.sin(angle), 0.0 * step], axis=1)
+
+
+def _sphere(frame: str, radius: float, spacing: float) -> Surface:
+    """Sample a sphere evenly, along a spiral of golden angles."""
+    count = max(12, int(np.ceil(4.0 * np.pi * (radius / spacing) ** 2)))
+    step = np.arange(count)
+    height, angle = 1.0 - (2.0 * step + 1.0) / count, step * GOLDEN_ANGLE
+    ring = np.sqrt(1.0 - height**2)
+    normals = np.stack([ring * np.cos(angle), ring * np.sin(angle), height], axis=1)
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    return Surface(frame, radius * normals, normals)

@@ -1,0 +1,23 @@
+"""Stamps: seconds at the interface, int64 nanoseconds inside, rounded once."""
+
+from contactfusion.errors import TimeError
+
+NANOSECONDS_PER_SECOND = 1_000_000_000
+LONGEST_SECONDS = 4.0e9
+"""Stamps, timeouts and their sums stay below this [s], so that int64 nanoseconds hold them."""
+
+
+def to_nanoseconds(seconds: float) -> int:
+    """Round seconds to nanoseconds.
+
+    Raises:
+        TimeError: the number is NaN, or too large for int64 nanoseconds.
+    """
+    if not abs(seconds) <= LONGEST_SECONDS:
+        raise TimeError(f"{seconds} s is no stamp: it must lie within ±{LONGEST_SECONDS:.0e} s")
+    return round(seconds * NANOSECONDS_PER_SECOND)
+
+
+def to_seconds(nanoseconds: int) -> float:
+    """Give seconds for nanoseconds."""
+    return nanoseconds / NANOSECONDS_PER_SECOND

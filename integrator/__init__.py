@@ -1,0 +1,1 @@
+"""From hypotheses to contacts: the space, the rules, the condensations, and `integrator.py`."""

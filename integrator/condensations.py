@@ -1,0 +1,100 @@
+"""The condensations that turn a field into contacts (F §III-C, SPEC §3)."""
+
+from collections.abc import Iterable, Mapping
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from contactfusion.contacts import Contact
+from contactfusion.hooks import hookimpl
+from contactfusion.integrator import clusters, kernels
+from contactfusion.integrator.config import IntegratorConfig
+from contactfusion.integrator.contact_table import ContactTable
+from contactfusion.integrator.entries import Field
+from contactfusion.integrator.store import Int64Array
+
+FAINTEST = 0.01
+"""`cluster_mass` leaves out voxels less likely than this."""
+
+
+class Condensation(Protocol):
+    """A pure function from a field to contacts; built once from the integrator's configuration.
+
+    A condensation is a class whose constructor takes the `IntegratorConfig`.
+    """
+
+    def condense(self, field: Field, verdicts: NDArray[np.uint8]) -> Iterable[Contact]:
+        """Give the contacts, the most likely first.
+
+        Args:
+            field: the fused likelihoods.
+            verdicts: shape (m,), the code of each voxel's verdict.
+        """
+        ...
+
+
+class Threshold:
+    """Each voxel over the threshold is a contact (F §III-C 1)."""
+
+    def __init__(self, config: IntegratorConfig) -> None:
+        pass
+
+    def condense(self, field: Field, verdicts: NDArray[np.uint8]) -> Iterable[Contact]:
+        """Give one contact a voxel."""
+        selected = np.flatnonzero(verdicts == kernels.CONTACT)
+        labels = np.arange(len(selected), dtype=np.int32)
+        return ContactTable(field, selected, labels, len(selected))
+
+
+class ClusterCentroid:
+    """Clusters of voxels over the threshold, at their weighted centroids (F §III-C 2)."""
+
+    def __init__(self, config: IntegratorConfig) -> None:
+        self._reach_squared = reach_squared(config)
+        self._min_voxels = config.min_voxels
+
+    def condense(self, field: Field, verdicts: NDArray[np.uint8]) -> Iterable[Contact]:
+        """Give one contact a cluster of enough voxels."""
+        table = _clustered(field, np.flatnonzero(verdicts == kernels.CONTACT), self._reach_squared)
+        return table.keep(table.sums.voxels >= self._min_voxels)
+
+
+class ClusterMass:
+    """Clusters that are likely as a whole, however thinly their likelihood is spread.
+
+    A source that describes one contact over 12 voxels gives each 1/12, under any useful threshold;
+    its cluster still sums to 1.
+    """
+
+    def __init__(self, config: IntegratorConfig) -> None:
+        self._reach_squared = reach_squared(config)
+        self._mass_threshold = config.mass_threshold
+
+    def condense(self, field: Field, verdicts: NDArray[np.uint8]) -> Iterable[Contact]:
+        """Give one contact a cluster of enough mass."""
+        judged = (verdicts == kernels.CONTACT) | (verdicts == kernels.BELOW_THRESHOLD)
+        selected = np.flatnonzero(judged & (field.likelihoods >= FAINTEST))
+        table = _clustered(field, selected, self._reach_squared)
+        return table.keep(table.sums.weight >= self._mass_threshold)
+
+
+def reach_squared(config: IntegratorConfig) -> int:
+    """Give the largest squared offset that links two voxels, in voxels², rounded once (SPEC §3)."""
+    sides = 2.0 if config.tolerance is None else config.tolerance / config.voxel_size
+    return int(np.floor(sides * sides + 1e-6))
+
+
+def _clustered(field: Field, selected: Int64Array, reach_squared: int) -> ContactTable:
+    labels, count = clusters.label(field.entries.keys[selected], reach_squared)
+    return ContactTable(field, selected, labels, count)
+
+
+@hookimpl
+def contactfusion_condensations() -> Mapping[str, type[Condensation]]:
+    """Offer the condensations of SPEC §3."""
+    return {
+        "threshold": Threshold,
+        "cluster_centroid": ClusterCentroid,
+        "cluster_mass": ClusterMass,
+    }

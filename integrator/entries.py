@@ -1,0 +1,169 @@
+"""The live entries of the hypothesis space lined up by voxel, and the field made of them."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from contactfusion.arrays import FloatArray
+from contactfusion.grid import Grid
+from contactfusion.hypotheses import HypothesisKind
+from contactfusion.integrator import kernels
+from contactfusion.integrator.store import Columns, Int64Array, unpack
+from contactfusion.time import NANOSECONDS_PER_SECOND
+
+KIND_BITS = {
+    HypothesisKind.REGULAR: kernels.REGULAR,
+    HypothesisKind.SUPPORT: kernels.SUPPORT,
+    HypothesisKind.NULL: kernels.NULL,
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Source:
+    """One output of a plugged generator: its name and its kind."""
+
+    name: str
+    kind: HypothesisKind
+
+
+@dataclass(frozen=True, eq=False)
+class Entries:
+    """All live entries at one step; nothing in it is ever changed.
+
+    Attributes:
+        grid: the frame and size of the voxels.
+        now: the step's time [ns].
+        sources: k sources by ascending name.
+        columns: the entries, grouped by source, by ascending voxel within each.
+        starts: shape (k + 1, 2): each source's first entry, and its first row of forces or -1.
+        keys: shape (m,), the voxels that have an entry, packed, ascending.
+        rows: shape (m, k), each source's entry in each voxel, or -1.
+        bits: shape (m,), the kinds alive in each voxel.
+    """
+
+    grid: Grid
+    now: int
+    sources: tuple[Source, ...]
+    columns: Columns
+    starts: Int64Array
+    keys: Int64Array
+    rows: NDArray[np.int32]
+    bits: NDArray[np.uint8]
+
+    @staticmethod
+    def lined_up(
+        grid: Grid, now: int, sources: tuple[Source, ...], columns: Columns, starts: Int64Array
+    ) -> "Entries":
+        """Line entries up by voxel."""
+        n, k = len(columns.keys), len(sources)
+        keys = np.empty(n, np.int64)
+        rows = np.empty((n, k), np.int32)
+        bits = np.empty(n, np.uint8)
+        kinds = np.array([KIND_BITS[source.kind] for source in sources], np.uint8)
+        begin = np.ascontiguousarray(starts[:, 0])
+        m = kernels.align(columns.keys, begin, kinds, keys, rows, bits)
+        return Entries(grid, now, sources, columns, starts, keys[:m], rows[:m], bits[:m])
+
+    def without(self, name: str) -> "Entries":
+        """Give the entries of all other sources."""
+        at = next(i for i, source in enumerate(self.sources) if source.name == name)
+        wanted = np.ones(len(self.columns.keys), np.bool_)
+        wanted[self.starts[at, 0] : self.starts[at + 1, 0]] = False
+        fewer = self._picked(wanted)
+        starts = np.delete(fewer.starts, at, axis=0)
+        sources = self.sources[:at] + self.sources[at + 1 :]
+        return Entries.lined_up(self.grid, self.now, sources, fewer.columns, starts)
+
+    def in_voxels(self, wanted: NDArray[np.bool_]) -> "Entries":
+        """Give the entries of some voxels; `wanted` has shape (m,)."""
+        rows = self.rows[wanted]
+        picked = np.zeros(len(self.columns.keys), np.bool_)
+        picked[rows[rows >= 0]] = True
+        return self._picked(picked)
+
+    def _picked(self, wanted: NDArray[np.bool_]) -> "Entries":
+        """Give some of the entries; `wanted` has shape (n,)."""
+        kept_before = np.concatenate([[0], np.cumsum(wanted)])
+        starts = self.starts.copy()
+        starts[:, 0] = kept_before[self.starts[:, 0]]
+        force_rows = np.zeros(len(self.columns.forces), np.bool_)
+        forces = 0
+        for source, (begin, force_begin) in enumerate(self.starts[:-1]):
+            if force_begin >= 0:
+                kept = wanted[begin : self.starts[source + 1, 0]]
+                force_rows[force_begin : force_begin + len(kept)] = kept
+                starts[source, 1] = forces
+                forces += int(kept.sum())
+        starts[-1, 1] = forces
+        columns = self.columns.picked(wanted, force_rows)
+        return Entries.lined_up(self.grid, self.now, self.sources, columns, starts)
+
+    def flags(self, *kinds: HypothesisKind) -> NDArray[np.bool_]:
+        """Tell which sources are of one of these kinds, shape (k,)."""
+        return np.array([source.kind in kinds for source in self.sources], np.bool_)
+
+    @cached_property
+    def counted(self) -> NDArray[np.bool_]:
+        """Which sources take part in the fused likelihood: all but null, shape (k,)."""
+        return self.flags(HypothesisKind.REGULAR, HypothesisKind.SUPPORT)
+
+    @property
+    def voxels(self) -> Int64Array:
+        """The voxels that have an entry, shape (m, 3)."""
+        return unpack(self.keys)
+
+    @property
+    def likelihoods(self) -> NDArray[np.float32]:
+        """What each source gave, shape (m, k), NaN where nothing."""
+        return self._by_voxel(self.columns.likelihoods, np.float32(np.nan))
+
+    @property
+    def spreads(self) -> NDArray[np.float32]:
+        """Standard deviations of the places, shape (m, k) [m], NaN where there is no entry."""
+        return self._by_voxel(self.columns.spreads, np.float32(np.nan))
+
+    @property
+    def ages(self) -> FloatArray:
+        """Time since each entry's stamp, shape (m, k) [s], NaN where there is no entry."""
+        ages = (self.now - self.columns.stamps) / NANOSECONDS_PER_SECOND
+        return self._by_voxel(ages, np.float64(np.nan))
+
+    @property
+    def single(self) -> NDArray[np.bool_]:
+        """Which entries are of a cloud that describes one contact, shape (m, k)."""
+        return self._by_voxel(self.columns.single, np.bool_(False))
+
+    @cached_property
+    def forces(self) -> FloatArray:
+        """The force in each voxel, shape (m, 3) [N], NaN where none; (0, 3) without any force."""
+        if not len(self.columns.forces):
+            return np.empty((0, 3))
+        return kernels.voxel_forces(
+            self.rows,
+            self.columns.likelihoods,
+            self.starts,
+            self.flags(HypothesisKind.REGULAR),
+            self.columns.forces,
+        )
+
+    def _by_voxel(self, column: NDArray[Any], absent: np.generic) -> NDArray[Any]:
+        return np.append(column, absent).astype(column.dtype)[self.rows]
+
+
+@dataclass(frozen=True, eq=False)
+class Field:
+    """The fused likelihood of a contact, voxel by voxel.
+
+    Attributes:
+        entries: what it was made of.
+        likelihoods: shape (m,), in the order of `entries.keys`.
+        details: further arrays of shape (m,) that the rule reports, e.g. "conflict".
+    """
+
+    entries: Entries
+    likelihoods: FloatArray
+    details: Mapping[str, FloatArray] = field(default_factory=dict)

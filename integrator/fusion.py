@@ -1,0 +1,146 @@
+"""One step of the integrator as its users see it."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from contactfusion.arrays import FloatArray
+from contactfusion.contacts import Contact
+from contactfusion.errors import SourceError, name_hint
+from contactfusion.hypotheses import ContactHypothesis, HypothesisKind
+from contactfusion.integrator import kernels
+from contactfusion.integrator.condensations import Condensation
+from contactfusion.integrator.entries import Entries, Field
+from contactfusion.integrator.report import Report
+from contactfusion.integrator.rules import Rule
+from contactfusion.integrator.store import Int64Array, unpack
+from contactfusion.surface import Surface
+
+VERDICTS = np.array(["support_only", "below_threshold", "contact", "nulled"])
+"""What was decided about a voxel, by the codes of the kernels."""
+
+
+@dataclass(frozen=True, eq=False)
+class HypothesisSpace:
+    """Every voxel that holds a live hypothesis, and why it is a contact or not; all read-only.
+
+    Attributes:
+        frame: the frame of positions and forces.
+        voxels: shape (m, 3), ascending.
+        positions: shape (m, 3) [m], the voxels' centres.
+        likelihoods: shape (m,), fused.
+        verdicts: shape (m,), "contact", "below_threshold", "support_only" or "nulled".
+        sources: the k sources by ascending name.
+        source_likelihoods: shape (m, k), what each gave, NaN where nothing.
+        forces: shape (m, 3) [N] on the robot, NaN where no source felt one.
+        stamps: shape (m,) [s], the newest entry.
+    """
+
+    frame: str
+    voxels: Int64Array
+    positions: FloatArray
+    likelihoods: FloatArray
+    verdicts: NDArray[np.str_]
+    sources: tuple[str, ...]
+    source_likelihoods: NDArray[np.float32]
+    forces: FloatArray
+    stamps: FloatArray
+
+    def hypothesis(self, row: int) -> ContactHypothesis:
+        """Give one voxel as the papers' record (F §III-A)."""
+        given = zip(self.sources, self.source_likelihoods[row], strict=True)
+        force, magnitude = self.forces[row], float(np.linalg.norm(self.forces[row]))
+        kind = {"nulled": HypothesisKind.NULL, "support_only": HypothesisKind.SUPPORT}
+        felt = np.isfinite(magnitude)
+        x, y, z = (float(value) for value in self.positions[row])
+        direction = tuple(float(v) for v in force / magnitude) if felt and magnitude > 0 else None
+        return ContactHypothesis.model_validate(
+            {
+                "location": (x, y, z),
+                "likelihood": float(self.likelihoods[row]),
+                "likelihoods": {name: float(p) for name, p in given if not np.isnan(p)},
+                "kind": kind.get(str(self.verdicts[row]), HypothesisKind.REGULAR),
+                "stamp": float(self.stamps[row]),
+                "frame": self.frame,
+                "force_magnitude": magnitude if felt else None,
+                "force_direction": direction,
+            }
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class Fusion:
+    """What one step made of the live entries; a later step never changes it.
+
+    Attributes:
+        field: the fused likelihoods.
+        verdict_codes: shape (m,), see `VERDICTS`.
+        contacts: the contacts, the most likely first.
+        report: how the sources do.
+    """
+
+    field: Field
+    verdict_codes: NDArray[np.uint8]
+    contacts: tuple[Contact, ...]
+    report: Report
+    _again: Callable[[Entries], "Fusion"]
+
+    def __repr__(self) -> str:
+        count = len(self.verdict_codes)
+        return f"<Fusion of {len(self.contacts)} contacts from {count} voxels>"
+
+    @cached_property
+    def space(self) -> HypothesisSpace:
+        """Every voxel with its likelihoods and verdict; built when first asked for."""
+        entries = self.field.entries
+        voxels = unpack(entries.keys)
+        forces = entries.forces
+        newest = kernels.newest_stamps(entries.rows, entries.columns.stamps)
+        space = HypothesisSpace(
+            frame=entries.grid.frame,
+            voxels=voxels,
+            positions=entries.grid.centres(voxels),
+            likelihoods=self.field.likelihoods.copy(),
+            verdicts=VERDICTS[self.verdict_codes],
+            sources=tuple(source.name for source in entries.sources),
+            source_likelihoods=entries.likelihoods,
+            forces=forces if len(forces) else np.full((len(voxels), 3), np.nan),
+            stamps=newest / 1e9,
+        )
+        for value in vars(space).values():
+            if isinstance(value, np.ndarray):
+                value.flags.writeable = False
+        return space
+
+    def without(self, source: str) -> "Fusion":
+        """Fuse the same entries again without those of one source.
+
+        Raises:
+            SourceError: no such source was plugged at this step.
+        """
+        names = [known.name for known in self.field.entries.sources]
+        if source not in names:
+            raise SourceError(f"unknown source '{source}': {name_hint(source, names, 'sources')}")
+        return self._again(self.field.entries.without(source))
+
+
+def fuse(
+    entries: Entries,
+    rule: Rule,
+    condensation: Condensation,
+    threshold: float,
+    surface: Surface | None,
+    report: Report,
+) -> Fusion:
+    """Fuse live entries, judge each voxel, and condense the contacts."""
+    field = rule.fuse(entries, entries.sources, surface)
+    verdicts = kernels.judge(field.likelihoods, entries.bits, threshold)
+    contacts = tuple(condensation.condense(field, verdicts))
+
+    def again(fewer: Entries) -> Fusion:
+        return fuse(fewer, rule, condensation, threshold, surface, report)
+
+    return Fusion(field, verdicts, contacts, report, again)

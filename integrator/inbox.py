@@ -1,0 +1,109 @@
+"""Clouds that wait for the next step: accepted in order of arrival, dropped late, held early."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from contactfusion.errors import FrameError, InvalidCloudError
+from contactfusion.grid import VOXEL_LIMIT, Grid
+from contactfusion.hypotheses import HypothesisCloud
+from contactfusion.integrator.report import Event, EventKind
+from contactfusion.integrator.sources import SourceRecord
+from contactfusion.integrator.store import Int64Array, rasterise
+from contactfusion.time import to_nanoseconds
+
+
+@dataclass(slots=True)
+class Arrival:
+    """A cloud with its voxels and its stamp [ns]."""
+
+    cloud: HypothesisCloud
+    keys: Int64Array
+    stamp: int
+    held: bool = False
+
+
+class Inbox:
+    """The clouds received since the last step, and those held back because they were early.
+
+    Args:
+        grid: the frame and voxel size of the hypothesis space.
+        max_ahead: how far a stamp may lie ahead of now [ns].
+    """
+
+    def __init__(self, grid: Grid, max_ahead: int) -> None:
+        self._grid, self._max_ahead = grid, max_ahead
+        self._arrivals: list[Arrival] = []
+
+    def put(self, cloud: HypothesisCloud) -> None:
+        """Find the voxels of a cloud and keep it.
+
+        Raises:
+            FrameError: its frame is not the grid's.
+            InvalidCloudError: a place is out of reach.
+        """
+        if cloud.frame != self._grid.frame:
+            raise FrameError(
+                f"the cloud of '{cloud.source}' comes in frame '{cloud.frame}', "
+                f"but the hypothesis space is in '{self._grid.frame}'"
+            )
+        keys = np.empty(len(cloud), np.int64)
+        bad = rasterise(cloud.positions, 1.0 / self._grid.voxel_size, keys)
+        if bad >= 0:
+            x, y, z = cloud.positions[bad]
+            reach = VOXEL_LIMIT * self._grid.voxel_size
+            raise InvalidCloudError(
+                f"row {bad} of the positions of '{cloud.source}' is out of reach: "
+                f"({x:.6g}, {y:.6g}, {z:.6g}) m, and the space ends at ±{reach:.6g} m"
+            )
+        self._arrivals.append(Arrival(cloud, keys, to_nanoseconds(cloud.stamp)))
+
+    def reported(self, now: int, sources: Mapping[str, SourceRecord]) -> set[str]:
+        """Give the sources that a step at this time would accept a cloud from."""
+        return {
+            arrival.cloud.source
+            for arrival in self._arrivals
+            if arrival.stamp <= now + self._max_ahead
+            and not sources[arrival.cloud.source].is_late(arrival.stamp)
+        }
+
+    def take(
+        self, now: int, sources: Mapping[str, SourceRecord], events: list[Event]
+    ) -> dict[str, list[Arrival]]:
+        """Accept what is neither late nor early; late clouds are dropped, early ones stay.
+
+        Returns:
+            The accepted clouds by source, in order of arrival.
+        """
+        accepted: dict[str, list[Arrival]] = {}
+        held = []
+        for arrival in self._arrivals:
+            cloud = arrival.cloud
+            source = sources[cloud.source]
+            if arrival.stamp > now + self._max_ahead:
+                if not arrival.held:
+                    arrival.held = True
+                    source.early += 1
+                    ahead = (arrival.stamp - now) / 1e9
+                    message = f"a cloud of '{source.name}' is {ahead:.3g} s early: held back"
+                    events.append(Event(EventKind.EARLY, source.name, message))
+                held.append(arrival)
+            elif source.is_late(arrival.stamp):
+                source.late += 1
+                behind = (source.stamps[-1] - arrival.stamp) / 1e9
+                message = f"a cloud of '{source.name}' is {behind:.3g} s late: dropped"
+                events.append(Event(EventKind.LATE, source.name, message))
+            else:
+                source.accept(cloud, arrival.stamp)
+                accepted.setdefault(source.name, []).append(arrival)
+        self._arrivals = held
+        return accepted
+
+    def drop(self, source: str) -> None:
+        """Drop all clouds of a source."""
+        self._arrivals = [a for a in self._arrivals if a.cloud.source != source]
+
+    def clear(self) -> None:
+        """Drop all clouds."""
+        self._arrivals = []

@@ -1,0 +1,197 @@
+"""The integrator: hypotheses in, contacts out, and why (F §III). This page tells the story."""
+
+from contactfusion.errors import ContactFusionError, SourceError, TimeError, name_hint
+from contactfusion.grid import Grid
+from contactfusion.hypotheses import HypothesisCloud, HypothesisKind, kind_of
+from contactfusion.integrator.config import IntegratorConfig
+from contactfusion.integrator.fusion import Fusion, fuse
+from contactfusion.integrator.inbox import Inbox
+from contactfusion.integrator.report import Event, EventKind, Report
+from contactfusion.integrator.sources import SourceRecord
+from contactfusion.integrator.space import Space
+from contactfusion.plugins import installed_plugins
+from contactfusion.surface import Surface
+from contactfusion.time import to_nanoseconds
+
+
+class Integrator:
+    """Keeps the newest hypotheses of every source and fuses them into contacts.
+
+    It is synchronous and pure: time comes in as an argument, and equal input gives equal output.
+
+    Args:
+        config: how hypotheses are kept, fused and condensed.
+
+    Raises:
+        PluginError: no such rule or condensation is installed.
+    """
+
+    def __init__(self, config: IntegratorConfig | None = None) -> None:
+        self.config = config or IntegratorConfig()
+        plugins = installed_plugins()
+        self._rule = plugins.find("rules", self.config.rule)(self.config)
+        self._condensation = plugins.find("condensations", self.config.condensation)(self.config)
+        self._grid = Grid(self.config.frame, self.config.voxel_size)
+        self._space = Space(self._grid, self.config)
+        self._inbox = Inbox(self._grid, to_nanoseconds(self.config.max_ahead))
+        self._sources: dict[str, SourceRecord] = {}
+        self._unplugged: set[str] = set()
+        self._events: list[Event] = []
+        self._last: int | None = None
+
+    def plug(
+        self,
+        source: str,
+        kind: HypothesisKind = HypothesisKind.REGULAR,
+        timeout: float | None = None,
+        stale_after: float | None = None,
+        replace: bool = False,
+    ) -> None:
+        """Plug a source in, or change how it is plugged.
+
+        Args:
+            source: its name.
+            kind: what its hypotheses stand on.
+            timeout: how long its entries live [s]; None: as configured.
+            stale_after: the silence after which readiness no longer waits [s]; None: as configured.
+            replace: whether each of its clouds replaces all that it had, as for a moving contact.
+
+        Raises:
+            SourceError: it is plugged already, with another kind.
+        """
+        kind = kind_of(kind)
+        known = self._sources.get(source)
+        if known and known.kind != kind:
+            raise SourceError(
+                f"'{source}' is plugged as {known.kind}; unplug it before you plug it as {kind}"
+            )
+        if not known:
+            self._note(EventKind.PLUGGED, source, f"'{source}' was plugged in as {kind}")
+        record = known or SourceRecord(source, kind)
+        record.timeout = to_nanoseconds(self.config.timeout if timeout is None else timeout)
+        record.stale_after = to_nanoseconds(
+            self.config.stale_after if stale_after is None else stale_after
+        )
+        record.replace = replace
+        self._sources[source] = record
+        self._unplugged.discard(source)
+
+    def unplug(self, source: str) -> None:
+        """Remove a source with all that it contributed; its clouds are refused until `plug`.
+
+        Raises:
+            SourceError: no such source is plugged.
+        """
+        if source not in self._sources:
+            raise SourceError(f"unknown source '{source}'; {self._source_hint(source)}")
+        del self._sources[source]
+        self._inbox.drop(source)
+        self._space.drop(source)
+        self._unplugged.add(source)
+        self._note(EventKind.UNPLUGGED, source, f"'{source}' was unplugged")
+
+    def receive(self, cloud: HypothesisCloud) -> None:
+        """Take in a cloud; it counts from the next step on.
+
+        Raises:
+            ContactFusionError: the source is unplugged, unknown (with strict sources) or of another
+                kind, the frame is not the grid's, or a place is out of reach. The cloud is refused
+                as a whole, and counted against its source.
+        """
+        try:
+            self._check_source(cloud)
+            self._inbox.put(cloud)
+        except ContactFusionError as error:
+            self.refuse(cloud.source, str(error))
+            raise
+
+    def refuse(self, source: str, reason: str) -> None:
+        """Count a cloud that could not be used against its source, and tell it in the report."""
+        if source in self._sources:
+            self._sources[source].invalid += 1
+        self._note(EventKind.REFUSED, source, reason)
+
+    def ready(self, now: float) -> bool:
+        """Tell whether every active source has reported since the last step.
+
+        Args:
+            now: the time at which to ask [s].
+        """
+        at = to_nanoseconds(now)
+        waiting = self._inbox.reported(at, self._sources)
+        return all(
+            name in waiting for name, source in self._sources.items() if source.is_active(at)
+        )
+
+    def step(self, now: float, surface: Surface | None = None) -> Fusion:
+        """Fuse all that is alive now into contacts, whether or not every source has reported.
+
+        Args:
+            now: the time of the step [s]; never before the last step's.
+            surface: the robot's surface now, in the grid's frame, for rules that use it.
+
+        Raises:
+            TimeError: time ran backwards; `reset` starts again.
+        """
+        at = self._advance(now)
+        accepted = self._inbox.take(at, self._sources, self._events)
+        self._watch_silence(at)
+        records = [self._sources[name] for name in sorted(self._sources)]
+        entries = self._space.absorb(accepted, records, at)
+        report = Report({record.name: record.report(at) for record in records}, self._drain())
+        return fuse(entries, self._rule, self._condensation, self.config.threshold, surface, report)
+
+    def reset(self) -> None:
+        """Forget all hypotheses and stamps, as when a recording starts again; plugs stay."""
+        self._inbox.clear()
+        self._space.clear()
+        for record in self._sources.values():
+            record.forget()
+        self._last = None
+
+    def _check_source(self, cloud: HypothesisCloud) -> None:
+        known = self._sources.get(cloud.source)
+        if cloud.source in self._unplugged:
+            raise SourceError(f"'{cloud.source}' is unplugged; plug it before it sends clouds")
+        if known is None:
+            if self.config.strict_sources:
+                raise SourceError(
+                    f"unknown source '{cloud.source}'; {self._source_hint(cloud.source)}"
+                )
+            self.plug(cloud.source, cloud.kind)
+        elif known.kind != cloud.kind:
+            raise SourceError(
+                f"'{cloud.source}' is plugged as {known.kind} but sent a cloud of {cloud.kind}"
+            )
+
+    def _advance(self, now: float) -> int:
+        at = to_nanoseconds(now)
+        if self._last is not None and at < self._last:
+            raise TimeError(
+                f"the step at {now:.9g} s comes after one at {self._last / 1e9:.9g} s; "
+                "reset() starts again when a clock jumps back"
+            )
+        self._last = at
+        return at
+
+    def _watch_silence(self, at: int) -> None:
+        for source in self._sources.values():
+            if source.first_step is None:
+                source.first_step = at
+            active = source.is_active(at)
+            if active != source.active:
+                kind = EventKind.BACK if active else EventKind.STALE
+                state = "is back" if active else "has been silent for too long"
+                self._note(kind, source.name, f"'{source.name}' {state}")
+                source.active = active
+
+    def _note(self, kind: EventKind, source: str, message: str) -> None:
+        self._events.append(Event(kind, source, message))
+
+    def _drain(self) -> tuple[Event, ...]:
+        events = tuple(self._events)
+        self._events.clear()
+        return events
+
+    def _source_hint(self, name: str) -> str:
+        return name_hint(name, self._sources, "plugged sources")

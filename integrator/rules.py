@@ -1,0 +1,90 @@
+"""The rules that combine the likelihoods of several sources in one voxel (SPEC §2)."""
+
+from collections.abc import Mapping, Sequence
+from typing import Protocol
+
+from contactfusion.hooks import hookimpl
+from contactfusion.integrator import kernels
+from contactfusion.integrator.config import IntegratorConfig
+from contactfusion.integrator.entries import Entries, Field, Source
+from contactfusion.surface import Surface
+
+
+class Rule(Protocol):
+    """A pure function over all live entries; built once from the integrator's configuration.
+
+    A rule is a class whose constructor takes the `IntegratorConfig`.
+    """
+
+    def fuse(self, entries: Entries, sources: Sequence[Source], surface: Surface | None) -> Field:
+        """Give the fused likelihood of every voxel of the entries; 0 where only null is alive.
+
+        Args:
+            entries: all live entries, lined up by voxel.
+            sources: their sources, by ascending name.
+            surface: the robot's surface now, in the grid's frame, for rules that use it.
+        """
+        ...
+
+
+class DeMorgan:
+    """H = 1 - Π(1 - p): at least one source is right, and they err independently (F Eq 1)."""
+
+    def __init__(self, config: IntegratorConfig) -> None:
+        pass
+
+    def fuse(self, entries: Entries, sources: Sequence[Source], surface: Surface | None) -> Field:
+        """Fuse by De Morgan's law."""
+        likelihoods = entries.columns.likelihoods
+        return Field(entries, kernels.de_morgan(entries.rows, likelihoods, entries.counted))
+
+
+class Largest:
+    """The largest likelihood: the sources repeat each other."""
+
+    def __init__(self, config: IntegratorConfig) -> None:
+        pass
+
+    def fuse(self, entries: Entries, sources: Sequence[Source], surface: Surface | None) -> Field:
+        """Fuse by the largest likelihood."""
+        likelihoods = entries.columns.likelihoods
+        return Field(entries, kernels.largest(entries.rows, likelihoods, entries.counted))
+
+
+class LogOdds:
+    """Adds log odds over a prior: likelihoods under the prior speak against a contact."""
+
+    def __init__(self, config: IntegratorConfig) -> None:
+        self._prior = config.prior
+
+    def fuse(self, entries: Entries, sources: Sequence[Source], surface: Surface | None) -> Field:
+        """Fuse by adding log odds."""
+        likelihoods = entries.columns.likelihoods
+        fused = kernels.log_odds(entries.rows, likelihoods, entries.counted, self._prior)
+        return Field(entries, fused)
+
+
+class DempsterShafer:
+    """Dempster's rule over contact, no contact and unknown; tells the conflict of the sources."""
+
+    def __init__(self, config: IntegratorConfig) -> None:
+        self._prior = config.prior
+
+    def fuse(self, entries: Entries, sources: Sequence[Source], surface: Surface | None) -> Field:
+        """Fuse by Dempster's rule."""
+        likelihoods = entries.columns.likelihoods
+        fused, conflict = kernels.dempster_shafer(
+            entries.rows, likelihoods, entries.counted, self._prior
+        )
+        return Field(entries, fused, {"conflict": conflict})
+
+
+@hookimpl
+def contactfusion_rules() -> Mapping[str, type[Rule]]:
+    """Offer the rules of SPEC §2."""
+    return {
+        "de_morgan": DeMorgan,
+        "max": Largest,
+        "log_odds": LogOdds,
+        "dempster_shafer": DempsterShafer,
+    }
