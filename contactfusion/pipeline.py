@@ -132,7 +132,7 @@ class Pipeline:
         self._fusion = self.integrator.step(now, state.surface)
         command = None
         if self._controller:
-            state = replace(state, contacts=self._fusion.contacts)
+            state = replace(state, fusion=self._fusion)
             command = _command(self._controller, self._fusion, state)
         return Step(now, self._fusion, command)
 
@@ -156,7 +156,7 @@ class Pipeline:
             joints=self._history.joints(stamp),
             base_pose=base_pose,
             surface=self._surface(frames),
-            contacts=self._fusion.contacts if self._fusion else (),
+            fusion=self._fusion,
         )
 
     def reset(self) -> None:

@@ -4,6 +4,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
+import numpy as np
+
+from contactfusion.arrays import FloatArray
 from contactfusion.contacts import Contact
 from contactfusion.grid import Grid
 from contactfusion.readings import JointState
@@ -13,6 +16,7 @@ if TYPE_CHECKING:
     from scipy.spatial.transform import RigidTransform
 
     from contactfusion.frames import FrameTree
+    from contactfusion.integrator.fusion import Fusion
 
 
 def _no_frames() -> "FrameTree":
@@ -33,7 +37,7 @@ class State:
         base_pose: the base in the odometry's frame, or None.
         surface: the robot's surface in the grid's frame, or None.
         objects: the believed poses of objects in the grid's frame, by name.
-        contacts: the contacts of the last step.
+        fusion: the last step of the integrator, or None before the first.
     """
 
     now: float
@@ -43,4 +47,20 @@ class State:
     base_pose: "RigidTransform | None" = None
     surface: Surface | None = None
     objects: Mapping[str, "RigidTransform"] = field(default_factory=dict)
-    contacts: tuple[Contact, ...] = ()
+    fusion: "Fusion | None" = None
+
+    @property
+    def contacts(self) -> tuple[Contact, ...]:
+        """The contacts of the last step, the most likely first."""
+        return self.fusion.contacts if self.fusion else ()
+
+    def evidence(self, without: str) -> FloatArray:
+        """Give the places where the last step had evidence of other generators.
+
+        Args:
+            without: the generator to leave out.
+
+        Returns:
+            Shape (n, 3) [m], in the grid's frame; also places that were nulled.
+        """
+        return self.fusion.evidence(without) if self.fusion else np.empty((0, 3))

@@ -115,6 +115,15 @@ class Fusion:
                 value.flags.writeable = False
         return space
 
+    def evidence(self, without: str) -> FloatArray:
+        """Give the places, shape (n, 3) [m], with evidence of generators other than one."""
+        entries = self.field.entries
+        others = entries.flags(HypothesisKind.REGULAR) & np.array(
+            [source.name.split("/")[0] != without for source in entries.sources], np.bool_
+        )
+        found = (entries.rows[:, others] >= 0).any(axis=1)
+        return entries.grid.centres(unpack(entries.keys[found]))
+
     def without(self, source: str) -> "Fusion":
         """Fuse the same entries again without those of one source.
 

@@ -1,0 +1,1 @@
+"""The speed of the hypothesis space against its peers: `python -m benchmarks`."""

@@ -1,0 +1,103 @@
+"""What hangs on a force-torque sensor: its weight, its centre of mass, and the sensor's bias."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from pydantic import Field
+
+from contactfusion.arrays import FloatArray
+from contactfusion.errors import ConfigurationError
+from contactfusion.model import Model
+
+LEAST_SPAN = 0.05
+"""Gravity must be seen from directions this far from one line, as a fraction of its length."""
+
+
+class Compensation(Model):
+    """The wrench that a sensor feels without any contact, in its own frame.
+
+    A load of mass m at c under gravity g gives f = m g + b_f and τ = c × m g + b_τ.
+    """
+
+    mass: float = Field(default=0.0, ge=0)
+    """Of what hangs on the sensor [kg]."""
+    centre_of_mass: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    """In the sensor's frame [m]."""
+    force_bias: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    """[N]."""
+    torque_bias: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    """[N·m]."""
+
+    def contactless(self, gravity: FloatArray) -> FloatArray:
+        """Give the wrench (f, τ) without contact, shape (6,) [N, N·m].
+
+        Args:
+            gravity: shape (3,) [m/s²], in the sensor's frame.
+        """
+        weight = self.mass * gravity
+        torque = np.cross(self.centre_of_mass, weight)
+        return np.concatenate([weight + self.force_bias, torque + self.torque_bias])
+
+
+@dataclass(frozen=True)
+class CompensationFit:
+    """A compensation with how well it explains the poses it was fitted to.
+
+    Attributes:
+        compensation: mass, centre of mass and bias.
+        force_residual: shape (3,) [N], root mean square by axis.
+        torque_residual: shape (3,) [N·m], root mean square by axis.
+    """
+
+    compensation: Compensation
+    force_residual: FloatArray
+    torque_residual: FloatArray
+
+
+def fit_compensation(
+    forces: FloatArray, torques: FloatArray, gravities: FloatArray
+) -> CompensationFit:
+    """Fit mass, centre of mass and bias by least squares over poses without contact.
+
+    Args:
+        forces: shape (n, 3) [N], as the sensor gives them, force on the robot, in its frame.
+        torques: shape (n, 3) [N·m].
+        gravities: shape (n, 3) [m/s²], gravity in the sensor's frame at each pose.
+
+    Raises:
+        ConfigurationError: the poses do not tell weight and bias apart.
+    """
+    n = len(forces)
+    centred = gravities - gravities.mean(axis=0)
+    span = np.sqrt((centred**2).sum() / max(n, 1)) / max(np.linalg.norm(gravities[0]), 1e-12)
+    if n < 3 or span < LEAST_SPAN:
+        raise ConfigurationError(
+            f"{n} poses whose gravity spans {span:.3f} of its length do not tell weight and bias "
+            "apart; turn the sensor between poses"
+        )
+    one = np.tile(np.eye(3), (n, 1))
+    by_mass = np.hstack([gravities.reshape(-1, 1), one])
+    mass, *force_bias = np.linalg.lstsq(by_mass, forces.ravel(), rcond=None)[0]
+    moments = np.hstack([-_cross_matrices(gravities).reshape(-1, 3), one])
+    solution = np.linalg.lstsq(moments, torques.ravel(), rcond=None)[0]
+    if mass <= 0.0:
+        raise ConfigurationError(
+            f"the fitted mass is {mass:.4g} kg: is the sign of the wrench, or gravity, reversed?"
+        )
+    compensation = Compensation(
+        mass=mass,
+        centre_of_mass=tuple(solution[:3] / mass),
+        force_bias=tuple(force_bias),
+        torque_bias=tuple(solution[3:]),
+    )
+    expected = np.array([compensation.contactless(gravity) for gravity in gravities])
+    return CompensationFit(
+        compensation,
+        np.sqrt(((forces - expected[:, :3]) ** 2).mean(axis=0)),
+        np.sqrt(((torques - expected[:, 3:]) ** 2).mean(axis=0)),
+    )
+
+
+def _cross_matrices(vectors: FloatArray) -> FloatArray:
+    """Give the matrices that multiply by v ×, shape (n, 3, 3)."""
+    return np.cross(vectors[:, None, :], np.eye(3)).transpose(0, 2, 1)
