@@ -61,6 +61,8 @@ class History:
         if around is None:
             return None
         before, after, part = around
+        if (before.frame, before.child_frame) != (after.frame, after.child_frame):
+            before = after = before if part < 0.5 else after
         position = (1.0 - part) * before.position + part * after.position
         turns = Rotation.from_quat(np.stack([before.orientation, after.orientation]))
         pose = RigidTransform.from_components(position, Slerp([0.0, 1.0], turns)(part))

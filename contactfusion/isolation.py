@@ -1,15 +1,22 @@
 """A generator in a process of its own, so that no cycle waits for it."""
 
+import contextlib
 import multiprocessing
 from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from multiprocessing.connection import Connection
-from typing import Any
+from typing import TYPE_CHECKING, Any, cast
 
+from contactfusion.arrays import FloatArray
+from contactfusion.contacts import Contact
 from contactfusion.errors import PluginError
 from contactfusion.generator import Generator, GeneratorConfig
 from contactfusion.hypotheses import HypothesisCloud
 from contactfusion.readings import Reading
 from contactfusion.state import State
+
+if TYPE_CHECKING:
+    from contactfusion.integrator.fusion import Fusion
 
 
 class Isolated(Generator[GeneratorConfig]):
@@ -28,18 +35,26 @@ class Isolated(Generator[GeneratorConfig]):
         self.outputs = inner.outputs
         self._inner = inner
         self._waiting: tuple[Reading, State] | None = None
-        self._busy = False
+        self._busy = True  # until it says that it has started: a pipe that nobody reads may block
+        self._outdated = False
         context = multiprocessing.get_context("spawn")
         self._pipe, theirs = context.Pipe()
         self._process = context.Process(
             target=_serve, args=(inner, theirs), name=f"contactfusion {inner.name}", daemon=True
         )
-        self._process.start()
-        theirs.close()
+        try:
+            self._process.start()
+        except Exception as error:  # pickle raises anything
+            self._pipe.close()
+            raise PluginError(
+                f"'{inner.name}' cannot be isolated, for it cannot be pickled: {error}"
+            ) from error
+        finally:
+            theirs.close()
 
     def generate(self, reading: Reading, state: State) -> Sequence[HypothesisCloud]:
         """Hand the reading over and give what has been finished."""
-        self._waiting = reading, state
+        self._waiting = reading, _portable(state, self.name)
         return self.collect()
 
     def collect(self) -> Sequence[HypothesisCloud]:
@@ -51,24 +66,26 @@ class Isolated(Generator[GeneratorConfig]):
         clouds: Sequence[HypothesisCloud] = ()
         try:
             if self._busy and self._pipe.poll():
+                self._busy, outdated, self._outdated = False, self._outdated, False
                 result = self._pipe.recv()
-                self._busy = False
-                if isinstance(result, str):
+                if isinstance(result, str) and not outdated:
                     raise PluginError(result)
-                clouds = result
+                clouds = () if outdated else result
             if self._waiting is not None and not self._busy:
-                self._pipe.send(self._waiting)
-                self._waiting, self._busy = None, True
+                given, self._waiting = self._waiting, None
+                self._pipe.send(given)
+                self._busy = True
         except (EOFError, OSError):
             self._waiting, self._busy = None, False
+            self._process.join(timeout=0.05)  # its pipe closes just before it is gone
             how = f"exit code {self._process.exitcode}"
             raise PluginError(f"the process of '{self.name}' has ended ({how})") from None
         return clouds
 
     def reset(self) -> None:
-        """Forget what waits; the generator itself starts again with the next reading."""
-        self._waiting = None
-        if not self._busy:
+        """Forget what waits and what is being worked on; a process that ended stays silent."""
+        self._waiting, self._outdated = None, self._busy
+        with contextlib.suppress(OSError):
             self._pipe.send(None)
 
     def close(self) -> None:
@@ -80,8 +97,27 @@ class Isolated(Generator[GeneratorConfig]):
             self._process.join()
 
 
+@dataclass(frozen=True)
+class _LastStep:
+    """What a generator may ask of the last step; a whole `Fusion` does not travel."""
+
+    contacts: tuple[Contact, ...]
+    places: FloatArray
+
+    def evidence(self, without: str) -> FloatArray:
+        return self.places
+
+
+def _portable(state: State, name: str) -> State:
+    if state.fusion is None:
+        return state
+    last = _LastStep(state.fusion.contacts, state.evidence(without=name))
+    return replace(state, fusion=cast("Fusion", last))
+
+
 def _serve(generator: Generator[Any], pipe: Connection) -> None:
     """Answer readings with clouds, or with a sentence when the generator raises."""
+    pipe.send([])
     while True:
         try:
             given = pipe.recv()

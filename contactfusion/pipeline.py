@@ -13,7 +13,14 @@ import numpy as np
 from scipy.spatial.transform import RigidTransform
 
 from contactfusion.controller import Command, Controller
-from contactfusion.errors import ConfigurationError, ContactFusionError
+from contactfusion.errors import (
+    ConfigurationError,
+    ContactFusionError,
+    FrameError,
+    PluginError,
+    SourceError,
+    name_hint,
+)
 from contactfusion.frames import FrameTree, points_in, vectors_in
 from contactfusion.generator import Generator
 from contactfusion.grid import Grid
@@ -33,6 +40,11 @@ from contactfusion.surface import Surface
 AnyGenerator = Generator[Any]
 Ask = Callable[[AnyGenerator, Reading, State], Sequence[HypothesisCloud]]
 """How a generator is asked; a runner with a clock puts its stop-watch here."""
+
+
+def asked(generator: AnyGenerator, reading: Reading, state: State) -> Sequence[HypothesisCloud]:
+    """Ask a generator for its clouds, and nothing else."""
+    return generator.generate(reading, state)
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,7 +81,7 @@ class Pipeline:
     def __init__(
         self,
         config: PipelineConfig,
-        ask: Ask = Generator.generate,
+        ask: Ask = asked,
     ) -> None:
         self.config = config
         self._ask = ask
@@ -92,7 +104,12 @@ class Pipeline:
         Args:
             name: what it is called.
             options: its `type` and the fields of its `Config`.
+
+        Raises:
+            SourceError: a generator of that name is plugged.
         """
+        if name in self.generators:
+            raise SourceError(f"the generator '{name}' is plugged already; unplug it first")
         generator = built_generator(name, options)
         if generator.config.isolate:
             generator = Isolated(generator)
@@ -107,7 +124,14 @@ class Pipeline:
         self.generators[name] = generator
 
     def unplug(self, name: str) -> None:
-        """Unplug a generator and all that it contributed."""
+        """Unplug a generator and all that it contributed.
+
+        Raises:
+            SourceError: no such generator is plugged.
+        """
+        if name not in self.generators:
+            hint = name_hint(name, self.generators, "plugged generators")
+            raise SourceError(f"unknown generator '{name}'; {hint}")
         generator = self.generators.pop(name)
         for source in generator.sources:
             self.integrator.unplug(source)
@@ -129,6 +153,9 @@ class Pipeline:
             if isinstance(generator, Isolated):
                 self._deliver(generator, generator.collect)
         state = self.state(now)
+        if self._body is not None and state.surface is None:
+            reason = f"no transform joins the surface's frame '{self._body.frame}' to the space"
+            self.integrator.refuse("surface", reason)
         self._fusion = self.integrator.step(now, state.surface)
         command = None
         if self._controller:
@@ -206,6 +233,8 @@ class Pipeline:
         """Pass a generator's clouds on; whatever goes wrong is counted against it alone."""
         try:
             clouds = ask()
+            if not isinstance(clouds, Sequence):  # one that is read once would be spent below
+                raise TypeError(f"it gave {type(clouds).__name__}, not a sequence of clouds")
             for cloud in clouds:
                 if not isinstance(cloud, HypothesisCloud):
                     raise TypeError(f"it gave {type(cloud).__name__}, not a HypothesisCloud")
@@ -218,7 +247,7 @@ class Pipeline:
             try:
                 if cloud.source not in generator.sources:
                     self.integrator.refuse(
-                        generator.source(next(iter(generator.outputs))),
+                        generator.source(next(iter(generator.outputs), "")),
                         f"'{generator.name}' gave a cloud of '{cloud.source}', not of its own: "
                         f"{', '.join(generator.sources)}",
                     )
@@ -248,10 +277,13 @@ class Pipeline:
         )
 
     def _surface(self, frames: FrameTree) -> Surface | None:
-        """Give the body's surface in the space's frame."""
+        """Give the body's surface in the space's frame; None while nothing joins the two."""
         if self._body is None or self._body.frame == self._grid.frame:
             return self._body
-        pose = frames.pose(self._grid.frame, of=self._body.frame)
+        try:
+            pose = frames.pose(self._grid.frame, of=self._body.frame)
+        except FrameError:
+            return None
         if self._moved is None or not np.array_equal(self._moved[0].as_matrix(), pose.as_matrix()):
             self._moved = pose, self._body.moved(pose, self._grid.frame)
         return self._moved[1]
@@ -266,6 +298,7 @@ def built_generator(name: str, options: dict[str, Any]) -> AnyGenerator:
     """
     given = {key: value for key, value in options.items() if key != "type"}
     cls: type[AnyGenerator] = installed_plugins().find("generators", options["type"])
+    _refuse_stranger(cls, Generator, options["type"])
     return cls(name, _configured(cls.Config, given, f"generators.{name}"))
 
 
@@ -274,7 +307,13 @@ def _built_controller(config: PipelineConfig) -> Controller | None:
         return None
     given = {key: value for key, value in config.controller.items() if key != "type"}
     cls: type[Controller] = installed_plugins().find("controllers", config.controller["type"])
+    _refuse_stranger(cls, Controller, config.controller["type"])
     return cls(_configured(cls.Config, given, "controller"))
+
+
+def _refuse_stranger(cls: type[Any], contract: type[Any], name: str) -> None:
+    if not issubclass(cls, contract):
+        raise PluginError(f"the plug-in class {cls.__name__} of '{name}' is no {contract.__name__}")
 
 
 def _configured(model: type[Any], options: dict[str, Any], path: str) -> Model:
@@ -293,6 +332,9 @@ def _takes(generator: AnyGenerator, reading: Reading) -> bool:
 def _command(controller: Controller, fusion: Fusion, state: State) -> Command:
     """Ask the controller; one that raises commands nothing, and says why."""
     try:
-        return controller.command(fusion.contacts, state)
+        command = controller.command(fusion.contacts, state)
+        if not isinstance(command, Command):
+            raise TypeError(f"it gave {type(command).__name__}, not a Command")
+        return command
     except Exception as error:  # a plug-in may raise anything; the robot must not run on
         return Command(mode="fault", reason=f"{type(error).__name__}: {error}")

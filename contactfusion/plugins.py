@@ -114,16 +114,16 @@ class Plugins:
                 self._register(name, module)
         except PluginError as error:
             self._fail(name, str(error), error)
-        except Exception as error:  # whatever a stranger's module raises must not take others down
+        except (Exception, SystemExit) as error:  # no stranger's module may take others down
             self._fail(name, f"{type(error).__name__}: {error}", error)
 
     def _register(self, name: str, module: ModuleType) -> None:
-        self._manager.register(module, name=module.__name__)
         try:
+            self._manager.register(module, name=module.__name__)
             self._manager.check_pending()
             for kind in KINDS:
                 self._collect(name, kind, module)
-        except Exception:
+        except BaseException:
             self._manager.unregister(module)
             raise
 
@@ -147,7 +147,7 @@ class Plugins:
                 else:
                     self._offers[kind][key] = cls
 
-    def _fail(self, name: str, why: str, cause: Exception | None = None) -> None:
+    def _fail(self, name: str, why: str, cause: BaseException | None = None) -> None:
         self.failures[name] = why
         if self._strict:
             raise PluginError(f"the plug-in '{name}' cannot be used: {why}") from cause

@@ -35,6 +35,7 @@ class Runner:
         for name, count in list(self._overruns.items()):
             if count >= OVERRUNS and name in self.pipeline.generators:
                 self.pipeline.unplug(name)
+                del self._overruns[name]
                 self._note(name, f"'{name}' was unplugged after {count} overruns in a row")
 
     def _timed(

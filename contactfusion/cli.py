@@ -1,0 +1,95 @@
+"""The command line. Heavy modules are imported by the command that needs them."""
+
+import sys
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from contactfusion.errors import ContactFusionError
+
+app = typer.Typer(
+    name="contactfusion",
+    help="Where does the robot touch the world? Fuses contact hypotheses from any sensors.",
+    no_args_is_help=True,
+    pretty_exceptions_enable=False,
+    add_completion=False,
+)
+experiment = typer.Typer(
+    name="experiment", help="Run an experiment: results.csv, summary.json, figures.",
+    no_args_is_help=True,
+)  # fmt: skip
+app.add_typer(experiment)
+
+Out = Annotated[Path, typer.Option(help="The folder that takes the results.")]
+
+
+@app.command()
+def demo(out: Out = Path("out/demo")) -> None:
+    """Fuse three sources that disagree: contacts with their reasons, and a picture."""
+    from contactfusion.demo import show
+
+    show(out)
+
+
+@app.command()
+def run(
+    configuration: Annotated[Path, typer.Argument(help="A YAML file with a `recording`.")],
+    set_: Annotated[
+        list[str] | None, typer.Option("--set", help="Change a field, e.g. integrator.timeout=1.")
+    ] = None,
+    out: Out = Path("out/run"),
+) -> None:
+    """Run a pipeline on a recording: contacts.csv and summary.json."""
+    from contactfusion.running import run_file
+
+    run_file(configuration, set_ or [], out)
+
+
+@app.command()
+def plugins(
+    name: Annotated[str | None, typer.Argument(help="Show the options of this one.")] = None,
+    strict: Annotated[bool, typer.Option(help="Import all; fail if one cannot be used.")] = False,
+) -> None:
+    """List the installed plug-ins, or the options of one."""
+    from contactfusion.listing import describe_plugin, list_plugins
+
+    if name is None:
+        list_plugins(strict)
+    else:
+        describe_plugin(name)
+
+
+@app.command()
+def doctor(
+    warm: Annotated[bool, typer.Option(help="Compile the kernels now.")] = False,
+) -> None:
+    """Check the installation, and say the one command that mends each fault."""
+    from contactfusion.doctor import check, compile_kernels
+
+    if warm:
+        compile_kernels()
+    elif not check():
+        raise typer.Exit(1)
+
+
+@experiment.command("recordings")
+def experiment_recordings(
+    data: Annotated[Path | None, typer.Option(help="The folder of the real recordings.")] = None,
+    out: Out = Path("out/recordings"),
+) -> None:
+    """Locate contacts in real recordings whose truth is known."""
+    from contactfusion.experiments.recordings import run_recordings
+
+    run_recordings(data, out)
+
+
+def main() -> None:
+    """Run the command line; an error is one sentence, never a traceback."""
+    try:
+        app()
+    except ContactFusionError as error:
+        print(f"contactfusion: {error}", file=sys.stderr)
+        sys.exit(1)
+    except KeyboardInterrupt:
+        sys.exit(130)

@@ -1,0 +1,42 @@
+"""Files: written whole or not at all, and the sentence for one that is not there."""
+
+import os
+import secrets
+from difflib import get_close_matches
+from pathlib import Path
+
+from contactfusion.errors import ContactFusionError
+
+
+def write_whole(path: str | Path, content: str | bytes) -> None:
+    """Write a file so that nobody ever finds half of it, whatever interrupts the writing.
+
+    Args:
+        path: the file; its folder is made when it does not exist.
+        content: text, written as UTF-8, or bytes.
+    """
+    path = Path(path)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    temporary = path.with_name(f".{path.name}.{secrets.token_hex(4)}")
+    try:
+        temporary.write_bytes(content.encode() if isinstance(content, str) else content)
+        os.replace(temporary, path)
+    finally:
+        temporary.unlink(missing_ok=True)
+
+
+def require_file(path: Path, error: type[ContactFusionError]) -> None:
+    """Make sure that a file is there.
+
+    Raises:
+        error: it is not; the sentence names the file of the folder that was probably meant.
+    """
+    if path.is_file():
+        return
+    if path.is_dir():
+        raise error(f"{path} is a folder, not a file")
+    if not path.parent.is_dir():
+        raise error(f"there is no file {path}, nor its folder {path.parent}")
+    close = get_close_matches(path.name, [entry.name for entry in path.parent.iterdir()], n=1)
+    hint = f"; did you mean '{close[0]}'?" if close else ""
+    raise error(f"there is no file '{path.name}' in {path.parent.resolve()}{hint}")

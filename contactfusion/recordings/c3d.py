@@ -1,0 +1,244 @@
+"""C3D: force plates, markers and events of motion capture, read with ezc3d (extra `c3d`)."""
+
+import struct
+import tempfile
+import zipfile
+import zlib
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from functools import partial
+from itertools import zip_longest
+from pathlib import Path
+from typing import Any, final
+
+import numpy as np
+
+from contactfusion.arrays import FloatArray
+from contactfusion.errors import RecordingError, missing_extra
+from contactfusion.files import require_file
+from contactfusion.model import Model
+from contactfusion.pipeline_config import FrameConfig
+from contactfusion.readings import Markers, Reading, Wrench
+from contactfusion.recordings.recording import Recording
+from contactfusion.recordings.series import Series, even_stamps, merged
+from contactfusion.time import to_nanoseconds
+
+LAB = "lab"
+"""The frame of the laboratory, in which markers and corners are given."""
+METRES = {"m": 1.0, "cm": 0.01, "mm": 0.001}
+NEWTON_METRES = {"nm": 1.0, "ncm": 0.01, "nmm": 0.001}
+BIG_ENDIAN = 86
+"""The byte by which a C3D says that its numbers begin with the large end."""
+
+
+class C3DConfig(Model):
+    """A C3D recording."""
+
+    file: Path
+    """A `.c3d`, or a `.zip` that holds one."""
+
+
+@dataclass(frozen=True)
+class MotionEvent:
+    """A moment that was marked in a motion recording.
+
+    Attributes:
+        stamp: when it was, on the clock of the readings [s].
+        label: what happened, e.g. "Foot Strike".
+        context: to which side, e.g. "Left"; may be empty.
+    """
+
+    stamp: float
+    label: str
+    context: str
+
+
+@final
+class C3DRecording(Recording):
+    """The force plates and markers of a C3D file.
+
+    Each sample of a plate gives a `Wrench` of the sensor `plate_0`, `plate_1`, … in the frame of
+    that name, which is parallel to the lab frame with its origin at the centre of the plate's
+    surface. The plate takes the place of the robot: force and torque are what the world exerts on
+    the plate, so that somebody who stands on it presses down. (Files and ezc3d give the reaction,
+    the plate on the body; both are reversed here.) Each frame of the cameras gives a `Markers`
+    reading of the sensor `markers` in the frame `lab`; a lost marker is NaN.
+
+    The clock starts with the original trial: `epoch_ns` is where this file was cut out of it.
+
+    Args:
+        config: the file.
+        folder: where a relative file name starts.
+
+    Raises:
+        RecordingError: the file is missing, cut off, no C3D, or has a plate that can't be read.
+        DependencyError: ezc3d is not installed.
+    """
+
+    def __init__(self, config: C3DConfig, folder: Path = Path()) -> None:
+        path = folder / config.file
+        with _unpacked(path) as unpacked:
+            content = _content(path, unpacked)
+        parameters, points = content["parameters"], content["header"]["points"]
+        rate = float(points["frame_rate"])
+        if rate <= 0.0:
+            raise RecordingError(f"{path} gives no rate of its frames")
+        start = int(points["first_frame"]) / rate
+        self.epoch_ns = to_nanoseconds(start)
+        self.corners: dict[str, FloatArray] = {}
+        """By the frame of the plate: its corners in the lab frame, shape (4, 3) [m]."""
+        self.events = _events(parameters, start)
+        """What was marked in the recording, in order of time."""
+        self._series = []
+        metres = _metres(path, parameters)
+        positions = content["data"]["points"][:3].transpose(2, 1, 0) * metres
+        if positions.size:
+            names = _labels(parameters, positions.shape[1])
+            self._series.append(_sampled(path, positions, rate, start, partial(_markers, names)))
+        rate = float(content["header"]["analogs"]["frame_rate"])
+        for index, plate in enumerate(content["data"].get("platform", ())):
+            name = f"plate_{index}"
+            self.corners[name] = plate["corners"].T * metres
+            torque_scale = _torque_scale(path, parameters, index, plate)
+            reaction = np.hstack([plate["force"].T, plate["moment"].T * torque_scale])
+            self._series.append(_sampled(path, -reaction, rate, start, partial(_wrench, name)))
+
+    def readings(self) -> Iterator[Reading]:
+        """Give the readings in order of their stamps; of one stamp, markers come first."""
+        return merged(self._series, self.epoch_ns)
+
+    def frames(self) -> dict[str, FrameConfig]:
+        """Give where the frame of each plate stands in the lab frame."""
+        return {
+            name: FrameConfig(parent=LAB, xyz=tuple(corners.mean(axis=0).tolist()))
+            for name, corners in self.corners.items()
+        }
+
+
+def _sampled(path: Path, values: FloatArray, rate: float, start: float, make: Any) -> Series:
+    count = len(values)
+    return Series(
+        origin=str(path),
+        stamps=even_stamps(count, rate, start),
+        values=values,
+        rows=np.arange(count) + 1,
+        make=make,
+    )
+
+
+def _markers(names: tuple[str, ...], stamp: float, row: FloatArray) -> Reading:
+    return Markers(stamp=stamp, frame=LAB, sensor="markers", names=names, positions=row)
+
+
+def _wrench(name: str, stamp: float, row: FloatArray) -> Reading:
+    return Wrench(stamp=stamp, frame=name, sensor=name, force=row[:3], torque=row[3:])
+
+
+@contextmanager
+def _unpacked(path: Path) -> Iterator[Path]:
+    """Give the file itself, or the one C3D of a zip for as long as it is read."""
+    require_file(path, RecordingError)
+    if path.suffix != ".zip":
+        yield path
+        return
+    with tempfile.TemporaryDirectory() as folder:
+        try:
+            with zipfile.ZipFile(path) as archive:
+                names = [name for name in archive.namelist() if name.lower().endswith(".c3d")]
+                if len(names) != 1:
+                    raise RecordingError(f"{path} must hold one C3D file, not {len(names)}")
+                unpacked = Path(archive.extract(names[0], folder))
+        except (zipfile.BadZipFile, zlib.error, EOFError) as error:
+            raise RecordingError(f"{path} is cut off, or no zip file: {error}") from None
+        yield unpacked
+
+
+def _content(path: Path, unpacked: Path) -> Any:
+    """Read all with ezc3d, which takes a file that is cut off for a shorter one."""
+    try:
+        import ezc3d
+    except ImportError:
+        raise missing_extra("ezc3d", "c3d") from None
+    try:
+        content = ezc3d.c3d(str(unpacked))
+        plates = content["parameters"].get("FORCE_PLATFORM", {}).get("USED")
+        if plates and np.any(plates["value"]):
+            content = ezc3d.c3d(str(unpacked), extract_forceplat_data=True)
+    except (OSError, RuntimeError, ValueError, IndexError) as error:
+        raise RecordingError(f"{path} can't be read as C3D: {error}") from None
+    frames, promised = content["data"]["points"].shape[2], _promised_frames(unpacked)
+    if frames < promised:
+        raise RecordingError(f"{path} is cut off: it holds {frames} of {promised} frames")
+    return content
+
+
+def _promised_frames(path: Path) -> int:
+    """Give how many frames the header promises, modulo 65536 as it holds two bytes."""
+    content = path.read_bytes()
+    processor = content[(content[0] - 1) * 512 + 3]
+    first, last = struct.unpack_from(">2H" if processor == BIG_ENDIAN else "<2H", content, 6)
+    return int(last - first + 1) % 65536
+
+
+def _values(parameters: Any, group: str, name: str) -> Any:
+    return parameters.get(group, {}).get(name, {"value": ()})["value"]
+
+
+def _labels(parameters: Any, count: int) -> tuple[str, ...]:
+    """Give the names of the points; beyond 255 they go on in LABELS2, LABELS3, …"""
+    keys = [key for key in parameters["POINT"] if key.startswith("LABELS")]
+    keys.sort(key=lambda key: int(key.removeprefix("LABELS") or 1))
+    names = [name.strip() for key in keys for name in _values(parameters, "POINT", key)]
+    names += [f"point_{number}" for number in range(len(names) + 1, count + 1)]
+    return tuple(names[:count])
+
+
+def _unit(parameters: Any, group: str, channel: int) -> str:
+    """Give the unit of a channel as bare small letters, "nmm" for N·mm; empty when not given."""
+    units = _values(parameters, group, "UNITS")
+    return "".join(filter(str.isalpha, units[channel])).lower() if channel < len(units) else ""
+
+
+def _metres(path: Path, parameters: Any) -> float:
+    unit = _unit(parameters, "POINT", 0) or "m"
+    if unit not in METRES:
+        raise RecordingError(f"{path} gives lengths in '{unit}', not in {', '.join(METRES)}")
+    return METRES[unit]
+
+
+def _torque_scale(path: Path, parameters: Any, index: int, plate: Any) -> float:
+    """Give what brings the torques of a plate to N·m.
+
+    ezc3d takes the unit for force times length. A file may say otherwise of the channels, and then
+    ezc3d has shifted the torque to the surface in a wrong unit, unless there was no shift.
+    """
+    if plate["unit_force"] != "N":
+        raise RecordingError(f"{path} gives forces in '{plate['unit_force']}', not in N")
+    assumed = NEWTON_METRES["n" + plate["unit_position"].lower()]
+    kind = int(_values(parameters, "FORCE_PLATFORM", "TYPE")[index])
+    if kind not in (2, 4):
+        return assumed
+    channel = int(_values(parameters, "FORCE_PLATFORM", "CHANNEL")[3, index]) - 1
+    given = NEWTON_METRES.get(_unit(parameters, "ANALOG", channel), assumed)
+    if given != assumed and plate["origin"].any():
+        raise RecordingError(
+            f"{path} gives lengths in {plate['unit_position']} but torques of plate {index} in "
+            f"another unit, and its sensor is not at the surface: that can't be read"
+        )
+    return given
+
+
+def _events(parameters: Any, start: float) -> tuple[MotionEvent, ...]:
+    """Give the events, whose times (minutes, seconds) count from the original trial's start."""
+    times = np.asarray(_values(parameters, "EVENT", "TIMES"), dtype=np.float64)
+    if not times.size:
+        return ()
+    minutes, seconds = times.reshape(2, -1)
+    stamps = minutes * 60.0 + seconds - start
+    labels, contexts = (_values(parameters, "EVENT", name) for name in ("LABELS", "CONTEXTS"))
+    events = (
+        MotionEvent(float(stamp), label.strip(), context.strip())
+        for stamp, label, context in zip_longest(stamps, labels, contexts, fillvalue="")
+    )
+    return tuple(sorted(events, key=lambda event: event.stamp))

@@ -1,0 +1,196 @@
+"""Logs of your own, in CSV or NumPy files, described in ten lines of YAML.
+
+    type: log
+    file: wrist.csv
+    time: {column: t, unit: ms}
+    readings:
+      wrist:
+        type: wrench
+        frame: wrist
+        columns: [fx, fy, fz, tx, ty, tz]
+        scale: [1, 1, 1, 0.001, 0.001, 0.001]     # moments in N·mm
+
+A log without stamps has ``time: {rate: 240}``; columns without a header are named by number from 1:
+``columns: 19..24``. Several files make one recording:
+
+    type: log
+    files:
+      - {file: a.csv, time: …, readings: …}
+      - {file: b.npz, time: …, readings: …}
+"""
+
+import logging
+from collections.abc import Iterator, Sequence
+from functools import partial
+from pathlib import Path
+from typing import Literal, Self, final
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field, model_validator
+
+from contactfusion.errors import RecordingError
+from contactfusion.model import Model
+from contactfusion.readings import Reading
+from contactfusion.recordings.log_readings import AnyColumns, ColumnsConfig
+from contactfusion.recordings.recording import Recording
+from contactfusion.recordings.series import Series, StampArray, even_stamps, first_stamp, merged
+from contactfusion.recordings.tables import Column, Columns, read_columns
+from contactfusion.time import LONGEST_SECONDS, NANOSECONDS_PER_SECOND
+
+NANOSECONDS = {"s": NANOSECONDS_PER_SECOND, "ms": 1_000_000, "us": 1_000, "ns": 1}
+LONGEST_FALL = NANOSECONDS_PER_SECOND
+"""Rows may lie so much out of order [ns]; beyond, the clock was set back."""
+
+log = logging.getLogger(__name__)
+
+
+class TimeConfig(Model):
+    """Where the stamps of a log come from: a column, or a constant rate."""
+
+    column: Column | None = None
+    """The column of stamps, by name or by number from 1."""
+    unit: Literal["s", "ms", "us", "ns"] = "s"
+    """The unit of that column."""
+    file: Path | None = None
+    """The file with that column, when it is another one; its rows pair with this file's rows."""
+    rate: float | None = Field(default=None, gt=0)
+    """Rows in a second [Hz], for a log without stamps."""
+    start: float = Field(default=0.0, ge=-LONGEST_SECONDS, le=LONGEST_SECONDS)
+    """The stamp of the first row of a log without stamps [s]."""
+
+    @model_validator(mode="after")
+    def _one_clock(self) -> Self:
+        given = self.model_fields_set
+        if (self.column is None) == (self.rate is None):
+            raise ValueError("give either column or rate")
+        if unfit := given & ({"start"} if self.rate is None else {"unit", "file"}):
+            has = "column" if self.rate is None else "rate"
+            raise ValueError(f"{', '.join(sorted(unfit))} does not go with {has}")
+        return self
+
+
+class LogFile(Model):
+    """One file of a log."""
+
+    file: Path
+    """A `.npy`, a `.npz`, or else a text table such as CSV."""
+    delimiter: str | None = Field(default=None, min_length=1, max_length=1)
+    """What stands between cells; None: tab, `;`, `,` or white space, as found."""
+    header: bool | None = None
+    """Whether the first line names the columns; None: it does when no cell of it is a number."""
+    time: TimeConfig
+    """The stamps of the rows."""
+    readings: dict[str, AnyColumns] = Field(min_length=1)
+    """By the name of the sensor: the reading that each row gives, and its columns."""
+
+
+class LogConfig(Model):
+    """A log of several files, each with stamps of one common clock."""
+
+    files: tuple[LogFile, ...] = Field(min_length=1)
+    """The files."""
+
+
+@final
+class LogRecording(Recording):
+    """The readings of CSV and NumPy logs, merged by their stamps.
+
+    A row in which a value of a reading is missing (an empty cell, NaN or infinite) gives no such
+    reading; only markers may miss values. Rows that are up to a second out of order are sorted.
+    Both are counted in `notes` and logged as warnings. Stamps in whole nanoseconds are exact where
+    the platform's long double has 64 bits (Linux); elsewhere Unix times are rounded to 0.3 µs.
+
+    Args:
+        files: the files and what is in them.
+        folder: where relative file names start.
+
+    Raises:
+        RecordingError: a file is missing, cut off, or does not hold what its description says.
+    """
+
+    def __init__(self, files: Sequence[LogFile], folder: Path = Path()) -> None:
+        self.notes: list[str] = []
+        """What was left out or put in order, in sentences."""
+        self._series = [one for file in files for one in self._read(file, folder)]
+        self.epoch_ns = first_stamp(self._series)
+        for note in self.notes:
+            log.warning(note)
+
+    def readings(self) -> Iterator[Reading]:
+        """Give the readings in order of their stamps."""
+        return merged(self._series, self.epoch_ns)
+
+    def _read(self, file: LogFile, folder: Path) -> Iterator[Series]:
+        path = folder / file.file
+        wanted = dict.fromkeys(name for one in file.readings.values() for name in one.columns)
+        options = {"delimiter": file.delimiter, "header": file.header}
+        table = read_columns(path, list(wanted), **options)
+        stamps = self._stamps(file, path, folder, len(next(iter(table.values()))))
+        for sensor, config in file.readings.items():
+            values = _values(path, sensor, config, table)
+            usable = np.full(len(values), True) if config.gaps else np.isfinite(values).all(axis=1)
+            if left_out := int((~usable).sum()):
+                self.notes.append(
+                    f"{path}: {left_out} of {len(values)} rows give no reading of '{sensor}', "
+                    "because a value is missing"
+                )
+            yield Series(
+                origin=str(path),
+                stamps=stamps[usable],
+                values=values[usable],
+                rows=np.flatnonzero(usable) + 1,
+                make=partial(config.reading, sensor),
+            )
+
+    def _stamps(self, file: LogFile, path: Path, folder: Path, count: int) -> StampArray:
+        time = file.time
+        if time.rate is not None:
+            return even_stamps(count, time.rate, time.start)
+        source = folder / time.file if time.file else path
+        options = {} if time.file else {"delimiter": file.delimiter, "header": file.header}
+        assert time.column is not None
+        column = read_columns(source, [time.column], np.longdouble, **options)[time.column]
+        if column.shape != (count, 1):
+            raise RecordingError(
+                f"{source} holds {column.size} stamps for the {count} rows of {path}"
+            )
+        stamps = _nanoseconds(column[:, 0], time, source)
+        behind = np.maximum.accumulate(stamps) - stamps
+        if behind.max() > LONGEST_FALL:
+            row = int(np.argmax(behind > LONGEST_FALL))
+            raise RecordingError(
+                f"{source}: time falls by {behind[row] / NANOSECONDS_PER_SECOND:g} s at row "
+                f"{row + 1}; split the file where its clock starts again"
+            )
+        if late := int((behind > 0).sum()):
+            self.notes.append(f"{source}: {late} of {count} rows were out of order, and are sorted")
+        return stamps
+
+
+def _values(path: Path, sensor: str, config: ColumnsConfig, table: Columns) -> NDArray[np.float64]:
+    values = np.hstack([table[column] for column in config.columns])
+    counts = config.counts()
+    kind = type(config).model_fields["type"].annotation
+    if counts and values.shape[1] not in counts:
+        wanted = " or ".join(str(count) for count in counts)
+        raise RecordingError(
+            f"{path}: '{sensor}' needs {wanted} columns for its {kind}, not {values.shape[1]}"
+        )
+    if len(config.scale) not in (1, values.shape[1]):
+        raise RecordingError(
+            f"{path}: '{sensor}' has {len(config.scale)} scales for {values.shape[1]} columns"
+        )
+    return values * np.array(config.scale)
+
+
+def _nanoseconds(column: NDArray[np.longdouble], time: TimeConfig, source: Path) -> StampArray:
+    scaled = column * NANOSECONDS[time.unit]
+    good = np.abs(scaled) <= LONGEST_SECONDS * NANOSECONDS_PER_SECOND
+    if not good.all():
+        row = int(np.argmin(good))
+        raise RecordingError(
+            f"{source}, row {row + 1}: {column[row]} {time.unit} is no stamp; "
+            f"is the column right, and its unit?"
+        )
+    return np.rint(scaled).astype(np.int64)

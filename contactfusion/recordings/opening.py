@@ -1,0 +1,86 @@
+"""One way to open every recording: by a file, or by a description of what is in it."""
+
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+from contactfusion.errors import ConfigurationError, RecordingError, name_hint
+from contactfusion.files import require_file
+from contactfusion.recordings.c3d import C3DConfig, C3DRecording
+from contactfusion.recordings.icub import IcubConfig, IcubRecording
+from contactfusion.recordings.log import LogConfig, LogFile, LogRecording
+from contactfusion.recordings.recording import Recording
+from contactfusion.yaml_files import read_yaml
+
+DESCRIBED = (".csv", ".tsv", ".dat", ".npy", ".npz")
+"""Files that say too little of themselves: a description must say what their columns are."""
+
+
+def _log(options: dict[str, Any], folder: Path) -> Recording:
+    files = LogConfig(**options).files if "files" in options else (LogFile(**options),)
+    return LogRecording(files, folder)
+
+
+def _c3d(options: dict[str, Any], folder: Path) -> Recording:
+    return C3DRecording(C3DConfig(**options), folder)
+
+
+def _icub(options: dict[str, Any], folder: Path) -> Recording:
+    return IcubRecording(IcubConfig(**options), folder)
+
+
+TYPES: dict[str, Callable[[dict[str, Any], Path], Recording]] = {
+    "log": _log,
+    "c3d": _c3d,
+    "icub": _icub,
+}
+"""What opens each type of recording, given the rest of its description and its folder."""
+SUFFIXES = {".c3d": "c3d", ".zip": "c3d", ".txt": "icub"}
+"""The types of recording that need no description, by the suffix of the file."""
+
+
+def open_recording(what: str | Path | Mapping[str, Any], folder: Path = Path()) -> Recording:
+    """Open a recording.
+
+    Args:
+        what: a recording (`.c3d`, a `.zip` that holds one, an iCub trial `.txt`), a YAML file with
+            the description of one, or that description as a mapping: its `type` (`log`, `c3d` or
+            `icub`) and the fields of `LogFile` or `LogConfig`, `C3DConfig` or `IcubConfig`.
+        folder: where relative file names start; in a YAML file they start at its own folder.
+
+    Raises:
+        ConfigurationError: the description is wrong.
+        RecordingError: the file is missing, cut off, not what it says it is, or of no known type.
+        DependencyError: the package that reads it is not installed.
+    """
+    if isinstance(what, Mapping):
+        return _described(what, folder)
+    path = folder / what
+    if path.suffix in (".yaml", ".yml"):
+        description = read_yaml(path)
+        try:
+            return _described(description, path.parent)
+        except ConfigurationError as error:
+            raise ConfigurationError(f"{path}: {error}") from None
+    require_file(path, RecordingError)
+    if path.suffix in SUFFIXES:
+        return TYPES[SUFFIXES[path.suffix]]({"file": path}, Path())
+    if path.suffix in DESCRIBED:
+        raise RecordingError(
+            f"{path} needs a description of its columns: open a YAML file with 'type: log' and "
+            f"'file: {path.name}'"
+        )
+    raise RecordingError(
+        f"{path} can't be read; what can: {', '.join(SUFFIXES)}, and by a description in .yaml: "
+        f"{', '.join(DESCRIBED)}"
+    )
+
+
+def _described(description: Mapping[str, Any], folder: Path) -> Recording:
+    options = dict(description)
+    kind = options.pop("type", None)
+    if kind not in TYPES:
+        hint = name_hint(str(kind), TYPES, "types of recording")
+        wrong = "this field is required" if kind is None else f"unknown type '{kind}'"
+        raise ConfigurationError(f"type: {wrong}; {hint}")
+    return TYPES[kind](options, folder)

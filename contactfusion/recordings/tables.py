@@ -1,0 +1,234 @@
+"""Columns of numbers from text tables (CSV and the like) and from NumPy files."""
+
+import csv
+import zipfile
+import zlib
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from contactfusion.errors import RecordingError, name_hint
+from contactfusion.files import require_file
+
+Column = int | str
+"""A column by its number, counted from 1, or by its name."""
+Columns = dict[Column, NDArray[Any]]
+"""By column: its values, shape (n, 1), or (n, k) for an array of several columns in an .npz."""
+
+
+def read_columns(
+    path: Path,
+    columns: Sequence[Column],
+    dtype: type[np.floating[Any]] = np.float64,
+    *,
+    delimiter: str | None = None,
+    header: bool | None = None,
+) -> Columns:
+    """Read some columns of a table.
+
+    In text, `#` starts a comment, empty lines are passed over and an empty cell is NaN. In an
+    `.npz` columns are arrays by name, in an `.npy` columns by number, or fields by name.
+
+    Args:
+        path: the file; `.npy` and `.npz` are NumPy's, all others are text.
+        columns: the wanted columns.
+        dtype: the type of the numbers.
+        delimiter: what stands between cells; None: the first of tab, `;` and `,` that the first
+            line holds, else white space.
+        header: whether the first line holds names; None: it does when no cell of it is a number.
+
+    Raises:
+        RecordingError: the file is missing, cut off or empty, a column is unknown, or a cell is
+            not a number.
+    """
+    require_file(path, RecordingError)
+    if path.suffix in (".npy", ".npz"):
+        found = _numpy_columns(path, columns, dtype)
+    else:
+        try:
+            found = _text_columns(path, columns, dtype, delimiter, header)
+        except UnicodeDecodeError:
+            raise RecordingError(f"{path} is no text in UTF-8") from None
+    counts = {column: len(values) for column, values in found.items()}
+    if len(set(counts.values())) > 1:
+        lengths = ", ".join(f"{_named(column)} {count}" for column, count in counts.items())
+        raise RecordingError(f"{path} holds arrays of unequal lengths: {lengths}")
+    if 0 in counts.values():
+        raise RecordingError(f"{path} holds no rows")
+    return found
+
+
+@dataclass(frozen=True)
+class _Layout:
+    delimiter: str | None
+    skip: int
+    names: list[str]
+    width: int
+
+    def cells(self, line: str) -> list[str]:
+        if self.delimiter is None:
+            return line.split()
+        return next(csv.reader([line], delimiter=self.delimiter, skipinitialspace=True))
+
+
+def _text_columns(
+    path: Path,
+    columns: Sequence[Column],
+    dtype: type[np.floating[Any]],
+    delimiter: str | None,
+    header: bool | None,
+) -> Columns:
+    layout = _layout(path, delimiter, header)
+    places = [_place(path, layout, column) for column in columns]
+    try:
+        table = np.loadtxt(
+            path,
+            dtype,
+            delimiter=layout.delimiter,
+            skiprows=layout.skip,
+            usecols=places,
+            ndmin=2,
+            encoding="utf-8-sig",
+            quotechar='"',
+        )
+    except UnicodeDecodeError:
+        raise
+    except ValueError:  # an empty cell, or one that is no number: look at each
+        table = _cell_by_cell(path, columns, places, layout, dtype)
+    return {column: table[:, [index]] for index, column in enumerate(columns)}
+
+
+def _layout(path: Path, delimiter: str | None, header: bool | None) -> _Layout:
+    lines = _lines(path)
+    number, line = next(lines, (0, ""))
+    if delimiter is None:
+        delimiter = next((mark for mark in "\t;," if mark in line), None)
+    first = _Layout(delimiter, 0, [], 0).cells(line) if line else []
+    if header is None:
+        header = not any(_is_number(cell) for cell in first)
+    if not line or (header and next(lines, None) is None):
+        raise RecordingError(f"{path} holds no rows")
+    names = [cell.strip() for cell in first] if header else []
+    return _Layout(delimiter, number if header else 0, names, len(first))
+
+
+def _lines(path: Path) -> Iterator[tuple[int, str]]:
+    """Give the lines that hold cells, with their numbers from 1."""
+    with path.open(encoding="utf-8-sig") as file:
+        for number, line in enumerate(file, 1):
+            line = line.partition("#")[0].rstrip("\n")
+            if line.strip():
+                yield number, line
+
+
+def _is_number(cell: str) -> bool:
+    try:
+        float(cell)
+    except ValueError:
+        return False
+    return True
+
+
+def _place(path: Path, layout: _Layout, column: Column) -> int:
+    if isinstance(column, int):
+        if not 1 <= column <= layout.width:
+            raise RecordingError(f"{path} has columns 1 to {layout.width}, not {column}")
+        return column - 1
+    if not layout.names:
+        raise RecordingError(
+            f"{path} has no header that names column '{column}': give its number, from 1"
+        )
+    match layout.names.count(column):
+        case 0:
+            hint = name_hint(column, filter(None, layout.names), "columns")
+            raise RecordingError(f"{path} has no column '{column}'; {hint}")
+        case 1:
+            return layout.names.index(column)
+        case count:
+            raise RecordingError(f"{path} has {count} columns '{column}': give a number, from 1")
+
+
+def _cell_by_cell(
+    path: Path,
+    columns: Sequence[Column],
+    places: Sequence[int],
+    layout: _Layout,
+    dtype: type[np.floating[Any]],
+) -> NDArray[Any]:
+    rows = []
+    for number, line in _lines(path):
+        if number <= layout.skip:
+            continue
+        cells = layout.cells(line)
+        row = []
+        for column, place in zip(columns, places, strict=True):
+            try:
+                cell = cells[place].strip()
+                row.append(dtype(cell) if cell else dtype("nan"))
+            except (IndexError, ValueError):
+                problem = (
+                    f"holds '{cells[place]}', not a number"
+                    if place < len(cells)
+                    else f"is missing: the line has {len(cells)} cells"
+                )
+                raise RecordingError(
+                    f"{path}, line {number}: column {_named(column)} {problem}"
+                    f"{_cut_off(path, number)}"
+                ) from None
+        rows.append(row)
+    return np.array(rows, dtype=dtype).reshape(-1, len(columns))
+
+
+def _cut_off(path: Path, number: int) -> str:
+    """Say that the file is cut off when the bad line is its last, and does not end."""
+    lines = path.read_text(encoding="utf-8-sig").split("\n")
+    return "; the file is cut off there" if number == len(lines) else ""
+
+
+def _numpy_columns(path: Path, columns: Sequence[Column], dtype: type[np.floating[Any]]) -> Columns:
+    try:
+        loaded = np.load(path, allow_pickle=False)
+        if isinstance(loaded, np.ndarray):
+            return {column: _array_column(path, loaded, column, dtype) for column in columns}
+        with loaded:
+            for column in columns:
+                if column not in loaded.files:
+                    hint = name_hint(str(column), loaded.files, "arrays")
+                    raise RecordingError(f"{path} has no array {_named(column)}; {hint}")
+            return {column: _numbers(path, loaded[column], column, dtype) for column in columns}
+    except (OSError, ValueError, EOFError, zipfile.BadZipFile, zlib.error) as error:
+        raise RecordingError(f"{path} is cut off, or holds no NumPy arrays: {error}") from None
+
+
+def _array_column(
+    path: Path, array: NDArray[Any], column: Column, dtype: type[np.floating[Any]]
+) -> NDArray[Any]:
+    if isinstance(column, str):
+        names = array.dtype.names or ()
+        if column not in names:
+            hint = name_hint(column, names, "fields")
+            raise RecordingError(f"{path} has no field '{column}'; {hint}")
+        return _numbers(path, array[column], column, dtype)
+    table = array if array.ndim == 2 else array.reshape(len(array) if array.ndim else 1, -1)
+    if not 1 <= column <= table.shape[1]:
+        raise RecordingError(f"{path} has columns 1 to {table.shape[1]}, not {column}")
+    return _numbers(path, table[:, column - 1], column, dtype)
+
+
+def _numbers(
+    path: Path, array: NDArray[Any], column: Column, dtype: type[np.floating[Any]]
+) -> NDArray[Any]:
+    if array.ndim == 0 or array.dtype.kind not in "biuf":
+        raise RecordingError(
+            f"{path}: {_named(column)} is no array of numbers, one row a sample, "
+            f"but of {array.dtype} and shape {array.shape}"
+        )
+    return array.reshape(len(array), -1 if array.size else 1).astype(dtype)
+
+
+def _named(column: Column) -> str:
+    return str(column) if isinstance(column, int) else f"'{column}'"

@@ -1,0 +1,353 @@
+"""The conformance kit: does a generator keep the contract?
+
+The tests of a plug-in call `check_generator` on its class; so do those of the built-in ones.
+"""
+
+import inspect
+import pickle
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import fields, replace
+from typing import Any, TypeVar
+
+import numpy as np
+
+from contactfusion.errors import ContactFusionError, InvalidReadingError
+from contactfusion.frames import FrameTree
+from contactfusion.generator import Generator, GeneratorConfig
+from contactfusion.grid import Grid
+from contactfusion.hypotheses import SUM_TOLERANCE, HypothesisCloud, HypothesisKind
+from contactfusion.readings import (
+    DepthImage,
+    JointState,
+    Markers,
+    Odometry,
+    PointCloud,
+    Reading,
+    Switch,
+    TactileImage,
+    Twist,
+    Wrench,
+)
+from contactfusion.state import State
+from contactfusion.time import LONGEST_SECONDS
+
+R = TypeVar("R", bound=Reading)
+EXAMPLES = 3
+"""So many example readings of each type are tried."""
+LARGE = 1e6
+"""A value that no sensor gives in earnest, in any unit."""
+
+Bits = tuple[str, ...]
+"""What a reading or cloud holds, to be compared bit for bit."""
+
+
+class ConformanceError(ContactFusionError, AssertionError):
+    """A generator breaks the contract."""
+
+
+def check_generator(
+    cls: type[Generator[Any]],
+    *,
+    config: GeneratorConfig | None = None,
+    readings: Sequence[Reading] | None = None,
+    state: State | None = None,
+    name: str = "under_test",
+) -> None:
+    """Check that a generator keeps the contract; how good or fast it is, is not judged.
+
+    It must declare itself in full, give valid clouds of its declared outputs, give the same clouds
+    for the same readings, leave readings as they are, share nothing with other instances, start
+    again at `reset`, travel to another process, and stand zeros, large values and extreme stamps.
+
+    Args:
+        cls: the class of the generator.
+        config: its options; the defaults of its `Config` when not given.
+        readings: what its sensors give, in order; examples of its types when not given.
+        state: the robot; only `now` is changed. When not given, all frames of readings coincide.
+        name: what the instance is called.
+
+    Raises:
+        ConformanceError: the first rule that is broken.
+    """
+    _check_declarations(cls)
+    options = _options(cls, config)
+    samples = _samples(cls, readings)
+    trial = _Trial(cls, options, name, samples, state or _plain_state(samples))
+    _check_outputs(trial.built())
+    said = trial.heard(trial.built())
+    _require(trial.heard(trial.built()) == said, cls, "is not deterministic: it gave other clouds")
+    _check_independent(trial, said)
+    _check_reset(trial, said)
+    _check_picklable(trial, said)
+    generator = trial.built()
+    for what, reading in _unexpected(samples):
+        try:
+            trial.answer(generator, reading)
+        except ConformanceError as error:
+            raise ConformanceError(f"{error} (a reading with {what})") from error
+
+
+def example_reading(kind: type[R], index: int = 0) -> R:
+    """Give a plausible reading of a type; a higher index gives a later one with other values.
+
+    Raises:
+        ConformanceError: there is no example of the type.
+    """
+    for reading in _examples(0.1 * index, 1.0 + 0.25 * index):
+        if isinstance(reading, kind):
+            return reading
+    raise ConformanceError(f"there is no example of {kind.__name__}: pass `readings`")
+
+
+class _Trial:
+    """A generator's class with all that its instances are given."""
+
+    def __init__(
+        self,
+        cls: type[Generator[Any]],
+        config: GeneratorConfig,
+        name: str,
+        samples: Sequence[Reading],
+        state: State,
+    ) -> None:
+        self.cls, self.samples = cls, samples
+        self._config, self._name, self._state = config, name, state
+
+    def built(self) -> Generator[Any]:
+        try:
+            return self.cls(self._name, self._config)
+        except Exception as error:
+            raise _broken(self.cls, f"cannot be built: {_told(error)}") from error
+
+    def heard(self, generator: Generator[Any]) -> list[tuple[Bits, ...]]:
+        """Give its answers to all samples."""
+        return [self.answer(generator, reading) for reading in self.samples]
+
+    def answer(self, generator: Generator[Any], reading: Reading) -> tuple[Bits, ...]:
+        """Give its checked answer to one reading."""
+        state, before = replace(self._state, now=reading.stamp), _bits(reading)
+        try:
+            clouds = generator.generate(reading, state)
+        except Exception as error:
+            raise _broken(self.cls, f"raised on a {reading.label}: {_told(error)}") from error
+        _require(_bits(reading) == before, self.cls, f"changed its {reading.label}")
+        _require(
+            isinstance(clouds, Sequence) and all(isinstance(c, HypothesisCloud) for c in clouds),
+            self.cls,
+            f"gave {type(clouds).__name__}, not a sequence of clouds",
+        )
+        sources = [cloud.source for cloud in clouds]
+        twice = len(set(sources)) < len(sources)
+        _require(not twice, self.cls, f"gave two clouds of one output: {', '.join(sources)}")
+        frames = {reading.frame, state.grid.frame, *state.frames.frames}
+        for cloud in clouds:
+            fault = _fault(cloud, generator.sources, reading, frames)
+            _require(not fault, self.cls, f"gave a cloud of '{cloud.source}' {fault}")
+        return tuple(_bits(cloud) for cloud in clouds)
+
+
+def _check_declarations(cls: type[Generator[Any]]) -> None:
+    _require(
+        inspect.isclass(cls) and issubclass(cls, Generator) and not inspect.isabstract(cls),
+        cls,
+        "is no subclass of Generator with a method `generate`",
+    )
+    _require(bool(cls.__doc__), cls, "has no docstring")
+    _require(
+        inspect.isclass(cls.Config) and issubclass(cls.Config, GeneratorConfig),
+        cls,
+        "has a `Config` that is no subclass of GeneratorConfig",
+    )
+    for field, info in cls.Config.model_fields.items():
+        _require(bool(info.description), cls, f"does not document its option '{field}'")
+    kinds: object = getattr(cls, "readings", ())
+    _require(
+        isinstance(kinds, tuple)
+        and len(kinds) > 0
+        and all(inspect.isclass(kind) and issubclass(kind, Reading) for kind in kinds),
+        cls,
+        "needs `readings`, a tuple of the types of reading that it takes",
+    )
+
+
+def _check_outputs(generator: Generator[Any]) -> None:
+    outputs: object = generator.outputs
+    _require(
+        isinstance(outputs, Mapping)
+        and len(outputs) > 0
+        and all(isinstance(name, str) and "/" not in name for name in outputs)
+        and all(isinstance(kind, HypothesisKind) for kind in outputs.values()),
+        type(generator),
+        "needs `outputs`, a mapping of names without a slash to HypothesisKind",
+    )
+
+
+def _options(cls: type[Generator[Any]], config: GeneratorConfig | None) -> GeneratorConfig:
+    if config is None:
+        try:
+            return cls.Config()
+        except ContactFusionError as error:
+            raise _broken(cls, f"needs options, so pass `config`: {error}") from error
+    wanted = cls.Config.__name__
+    _require(isinstance(config, cls.Config), cls, f"takes a {wanted}, not {type(config).__name__}")
+    return config
+
+
+def _samples(cls: type[Generator[Any]], readings: Sequence[Reading] | None) -> list[Reading]:
+    if readings is None:
+        return [example_reading(kind, i) for i in range(EXAMPLES) for kind in cls.readings]
+    fit = len(readings) > 0 and all(isinstance(reading, cls.readings) for reading in readings)
+    kinds = ", ".join(kind.__name__ for kind in cls.readings)
+    _require(fit, cls, f"takes {kinds}: pass `readings` of these types")
+    return list(readings)
+
+
+def _check_independent(trial: _Trial, said: list[tuple[Bits, ...]]) -> None:
+    """Let a second instance hear the samples backwards, in between those of the first."""
+    one, other = trial.built(), trial.built()
+    between = []
+    for reading, last in zip(trial.samples, reversed(trial.samples), strict=True):
+        between.append(trial.answer(one, reading))
+        trial.answer(other, last)
+    _require(between == said, trial.cls, "is not independent of its other instances")
+
+
+def _check_reset(trial: _Trial, said: list[tuple[Bits, ...]]) -> None:
+    generator = trial.built()
+    trial.heard(generator)
+    try:
+        generator.reset()
+    except Exception as error:
+        raise _broken(trial.cls, f"raised at reset(): {_told(error)}") from error
+    _require(trial.heard(generator) == said, trial.cls, "is not as new after reset()")
+
+
+def _check_picklable(trial: _Trial, said: list[tuple[Bits, ...]]) -> None:
+    generator = trial.built()
+    try:
+        travelled = pickle.loads(pickle.dumps(generator))
+    except Exception as error:  # pickle raises anything
+        fault = f"cannot be pickled, so it cannot be isolated: {_told(error)}"
+        raise _broken(trial.cls, fault) from error
+    _require(trial.heard(travelled) == said, trial.cls, "is not the same after it was pickled")
+
+
+def _fault(
+    cloud: HypothesisCloud,
+    sources: Mapping[str, HypothesisKind],
+    reading: Reading,
+    frames: set[str],
+) -> str:
+    """Say what is wrong with a cloud, or nothing."""
+    likelihoods = cloud.likelihoods
+    if cloud.source not in sources:
+        return f"that it does not declare; its sources are: {', '.join(sources)}"
+    if cloud.kind != sources[cloud.source]:
+        return f"of kind {cloud.kind}; declared is {sources[cloud.source]}"
+    if cloud.stamp != reading.stamp:
+        return f"with stamp {cloud.stamp} s for a reading of {reading.stamp} s"
+    if cloud.frame not in frames:
+        return f"in frame '{cloud.frame}'; known are: {', '.join(sorted(frames))}"
+    if not ((likelihoods >= 0.0) & (likelihoods <= 1.0)).all():
+        return "with a likelihood outside [0, 1]"
+    if cloud.single and likelihoods.sum() > 1.0 + SUM_TOLERANCE:
+        return f"of a single contact whose likelihoods sum to {likelihoods.sum():.6g}"
+    return ""
+
+
+def _unexpected(samples: Sequence[Reading]) -> Iterator[tuple[str, Reading]]:
+    """Give readings that are valid, but not what a generator may have been written for."""
+    for kind in dict.fromkeys(type(reading) for reading in samples):
+        reading = next(sample for sample in samples if type(sample) is kind)
+        yield "zeros", _filled(reading, 0.0)
+        yield "large values", _filled(reading, LARGE)
+        yield "no returns", _filled(reading, np.nan)
+        yield "the earliest stamp", replace(reading, stamp=-LONGEST_SECONDS)
+        yield "the latest stamp", replace(reading, stamp=LONGEST_SECONDS)
+
+
+def _filled(reading: R, value: float) -> R:
+    """Give the reading with one value all over, as far as its type allows it."""
+    for field in fields(reading):
+        held = getattr(reading, field.name)
+        if isinstance(held, np.ndarray) and field.name != "intrinsics" and held.dtype.kind == "f":
+            change: dict[str, Any] = {field.name: np.full_like(held, value)}
+            try:
+                reading = replace(reading, **change)
+            except InvalidReadingError:
+                continue  # e.g. no orientation is all zeros
+    return reading
+
+
+def _plain_state(samples: Sequence[Reading]) -> State:
+    from scipy.spatial.transform import RigidTransform
+
+    grid = Grid("base", 0.005)
+    here = (grid.frame, RigidTransform.identity())
+    frames = {reading.frame: here for reading in samples if reading.frame != grid.frame}
+    return State(now=0.0, grid=grid, frames=FrameTree(frames))
+
+
+def _bits(record: Reading | HypothesisCloud) -> Bits:
+    def bits(value: object) -> str:
+        if isinstance(value, np.ndarray):
+            return f"{value.dtype}{value.shape}{value.tobytes().hex()}"
+        return repr(value)
+
+    return tuple(bits(getattr(record, field.name)) for field in fields(record))
+
+
+def _examples(stamp: float, scale: float) -> Iterator[Reading]:
+    """Give one reading of every type, in the order of their module."""
+    edge = np.linspace(-0.1, 0.1, 8)
+    y, z = (axis.ravel() for axis in np.meshgrid(edge, edge))
+    force, joints = np.array([1.0, -2.0, -8.0]), np.array([0.1, -0.2])
+    yield Wrench(
+        stamp=stamp,
+        frame="sensor",
+        force=scale * force,
+        torque=scale * np.cross([0.02, 0.01, 0.05], force),
+    )
+    yield TactileImage(stamp=stamp, frame="sensor", values=scale * np.linspace(0.0, 100.0, 16))
+    yield Switch(stamp=stamp, frame="sensor", closed=scale > 1.0)
+    yield PointCloud(
+        stamp=stamp, frame="sensor", points=np.stack([0.4 * scale + 0.0 * y, y, z], axis=1)
+    )
+    yield DepthImage(
+        stamp=stamp,
+        frame="sensor",
+        depth=np.full((48, 64), 0.5 * scale),
+        intrinsics=np.array([[60.0, 0.0, 32.0], [0.0, 60.0, 24.0], [0.0, 0.0, 1.0]]),
+        colour=np.full((48, 64, 3), 128, np.uint8),
+        mask=np.ones((48, 64), np.bool_),
+    )
+    yield JointState(
+        stamp=stamp,
+        frame="base",
+        names=("joint_1", "joint_2"),
+        positions=scale * joints,
+        velocities=joints,
+        efforts=10.0 * joints,
+    )
+    yield Twist(stamp=stamp, frame="base", linear=0.1 * scale * np.ones(3), angular=np.zeros(3))
+    yield Odometry(
+        stamp=stamp,
+        frame="odom",
+        child_frame="base",
+        position=np.array([scale, 0.0, 0.0]),
+        orientation=np.array([0.0, 0.0, np.sin(scale / 2.0), np.cos(scale / 2.0)]),
+    )
+    yield Markers(stamp=stamp, frame="sensor", names=("m1", "m2"), positions=scale * np.eye(3)[:2])
+
+
+def _require(kept: bool, cls: object, fault: str) -> None:
+    if not kept:
+        raise _broken(cls, fault)
+
+
+def _broken(cls: object, fault: str) -> ConformanceError:
+    return ConformanceError(f"{getattr(cls, '__name__', repr(cls))} {fault}")
+
+
+def _told(error: Exception) -> str:
+    return f"{type(error).__name__}: {error}"
