@@ -1,0 +1,127 @@
+"""Figures with their intervals, and how they are told."""
+
+import csv
+import io
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import binomtest, rankdata
+
+from contactfusion.arrays import FloatArray
+
+RESAMPLES = 2000
+CONFIDENCE = 0.95
+
+
+@dataclass(frozen=True, slots=True)
+class Measure:
+    """One figure of an experiment.
+
+    Attributes:
+        experiment: e.g. "force_plates".
+        case: what it was measured on, e.g. "plate_1".
+        metric: what was measured.
+        value: the figure.
+        low: the lower end of its 95 % interval.
+        high: the upper end.
+        unit: of all three; "" for a proportion.
+        n: how many samples it is from.
+        asked: what is asked of it, e.g. 0.99, or None.
+        better: whether more or less is better.
+        note: how it is to be read.
+    """
+
+    experiment: str
+    case: str
+    metric: str
+    value: float
+    low: float
+    high: float
+    unit: str
+    n: int
+    asked: float | None = None
+    better: Literal["more", "less"] = "more"
+    note: str = ""
+
+    @property
+    def met(self) -> bool | None:
+        """Whether the figure is what was asked; None when nothing was."""
+        if self.asked is None:
+            return None
+        return self.value >= self.asked if self.better == "more" else self.value <= self.asked
+
+    def __str__(self) -> str:
+        verdict = {None: "", True: ", met", False: ", NOT met"}[self.met]
+        sign = "≥" if self.better == "more" else "≤"
+        asked = "" if self.asked is None else f" (asked {sign} {self.asked:g}{verdict})"
+        unit = f" {self.unit}" if self.unit else ""
+        return (
+            f"{self.experiment}, {self.case}: {self.metric} {self.value:.4g}{unit} "
+            f"[{self.low:.4g}, {self.high:.4g}], n = {self.n}{asked}"
+        )
+
+
+def proportion(hits: NDArray[np.bool_]) -> tuple[float, float, float]:
+    """Give a proportion with its Wilson interval."""
+    n, k = len(hits), int(hits.sum())
+    interval = binomtest(k, n).proportion_ci(CONFIDENCE, "wilson")
+    return k / n, float(interval.low), float(interval.high)
+
+
+def bootstrap(
+    values: FloatArray,
+    statistic: Callable[[FloatArray], float],
+    groups: Sequence[object] | NDArray[np.generic],
+    rng: np.random.Generator,
+) -> tuple[float, float, float]:
+    """Give a statistic with its bootstrap interval; whole groups are drawn.
+
+    Args:
+        values: shape (n,).
+        statistic: of such values.
+        groups: shape (n,), values of one group depend on each other (a trial, a place, a moment).
+        rng: draws the groups.
+    """
+    _, number = np.unique(np.asarray(groups), return_inverse=True)
+    members = [values[number == group] for group in range(number.max() + 1)]
+    drawn = [
+        statistic(
+            np.concatenate([members[i] for i in rng.integers(len(members), size=len(members))])
+        )
+        for _ in range(RESAMPLES)
+    ]
+    tail = (1.0 - CONFIDENCE) / 2.0
+    low, high = np.quantile(drawn, [tail, 1.0 - tail])
+    return statistic(values), float(low), float(high)
+
+
+def auc(positive: FloatArray, negative: FloatArray) -> float:
+    """Give the area under the ROC curve: how often a positive scores above a negative."""
+    ranks = rankdata(np.concatenate([positive, negative]))[: len(positive)]
+    n, m = len(positive), len(negative)
+    return float((ranks.sum() - n * (n + 1) / 2.0) / (n * m))
+
+
+def p50(values: FloatArray) -> float:
+    """Give the median."""
+    return float(np.median(values))
+
+
+def p90(values: FloatArray) -> float:
+    """Give the 90th percentile."""
+    return float(np.quantile(values, 0.9))
+
+
+def results_csv(measures: Sequence[Measure]) -> str:
+    """Give one row a measure."""
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    names = [*Measure.__dataclass_fields__, "met"]
+    writer.writerow(names)
+    for measure in measures:
+        cells = [getattr(measure, name) for name in names]
+        writer.writerow([f"{cell:.6g}" if isinstance(cell, float) else cell for cell in cells])
+    return text.getvalue()
