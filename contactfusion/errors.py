@@ -9,7 +9,20 @@ class ContactFusionError(Exception):
 
 
 class ConfigurationError(ContactFusionError, ValueError):
-    """A configuration holds a field or a value that it may not hold."""
+    """A configuration holds a field or a value that it may not hold.
+
+    Args:
+        problem: what is wrong.
+        path: the field, e.g. "generators.skin.timeout".
+    """
+
+    def __init__(self, problem: str, path: str = "") -> None:
+        super().__init__(f"{path}: {problem}" if path else problem)
+        self.problem, self.path = problem, path
+
+    def under(self, path: str) -> "ConfigurationError":
+        """Give the same error as seen from the configuration that holds this one at `path`."""
+        return ConfigurationError(self.problem, ".".join(filter(None, (path, self.path))))
 
 
 class InvalidCloudError(ContactFusionError, ValueError):

@@ -47,7 +47,7 @@ class FrameTree:
     def _pose(self, frame: str, of: str) -> RigidTransform:
         if frame == of:
             return RigidTransform.identity()
-        for name in (frame, of):
+        for name in (of, frame):
             if name not in self.frames:
                 hint = name_hint(name, self.frames, "frames")
                 raise FrameError(f"unknown frame '{name}': {hint}")

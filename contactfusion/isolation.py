@@ -68,9 +68,10 @@ class Isolated(Generator[GeneratorConfig]):
             if self._busy and self._pipe.poll():
                 self._busy, outdated, self._outdated = False, self._outdated, False
                 result = self._pipe.recv()
-                if isinstance(result, str) and not outdated:
-                    raise PluginError(result)
-                clouds = () if outdated else result
+                if not outdated:
+                    if isinstance(result, str):
+                        raise PluginError(result)
+                    clouds = result
             if self._waiting is not None and not self._busy:
                 given, self._waiting = self._waiting, None
                 self._pipe.send(given)

@@ -21,34 +21,35 @@ class Model(BaseModel):
         try:
             super().__init__(**fields)
         except ValidationError as error:
-            raise ConfigurationError(explain(error, type(self))) from None
+            raise explained(error, type(self)) from None
 
 
-def explain(error: ValidationError, model: type[BaseModel]) -> str:
+def explained(error: ValidationError, model: type[BaseModel]) -> ConfigurationError:
     """Say in one sentence which field is wrong, and which name was probably meant."""
     details = error.errors()
     first = min(details, key=lambda detail: detail["type"] != "extra_forbidden")
-    sentence = _sentence(first, model)
+    wrong = _wrong(first, model)
     more = len(details) - 1
-    return f"{sentence} (and {more} more)" if more else sentence
+    return ConfigurationError(f"{wrong.problem} (and {more} more)", wrong.path) if more else wrong
 
 
-def _sentence(detail: ErrorDetails, model: type[BaseModel]) -> str:
+def _wrong(detail: ErrorDetails, model: type[BaseModel]) -> ConfigurationError:
     path = ".".join(str(part) for part in detail["loc"])
     match detail["type"]:
         case "extra_forbidden":
             known = _fields_at(model, detail["loc"][:-1])
             hint = name_hint(str(detail["loc"][-1]), known, "fields")
-            return f"{path}: unknown field; {hint}"
+            return ConfigurationError(f"unknown field; {hint}", path)
         case "missing":
-            return f"{path}: this field is required"
+            return ConfigurationError("this field is required", path)
         case "value_error":
             cause = detail["ctx"]["error"]
-            inner = isinstance(cause, ConfigurationError)  # begins with the rest of the path
-            return f"{path}{'.' if inner else ': '}{cause}" if path else str(cause)
+            if isinstance(cause, ConfigurationError):
+                return cause.under(path)
+            return ConfigurationError(str(cause), path)
         case _:
             message = detail["msg"][0].lower() + detail["msg"][1:]
-            return f"{path}: {message}, not {detail['input']!r}"
+            return ConfigurationError(f"{message}, not {detail['input']!r}", path)
 
 
 def _fields_at(model: type[BaseModel], path: tuple[int | str, ...]) -> list[str]:

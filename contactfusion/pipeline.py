@@ -320,7 +320,7 @@ def _configured(model: type[Any], options: dict[str, Any], path: str) -> Model:
     try:
         configured: Model = model(**options)
     except ConfigurationError as error:
-        raise ConfigurationError(f"{path}.{error}") from None
+        raise error.under(path) from None
     return configured
 
 

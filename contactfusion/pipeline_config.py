@@ -89,11 +89,13 @@ class PipelineConfig(Model):
     def _typed(self) -> Self:
         for name, options in self.generators.items():
             if not isinstance(options.get("type"), str):
-                raise ConfigurationError(f"generators.{name}.type: name the type of the generator")
+                raise ConfigurationError(
+                    "name the type of the generator", f"generators.{name}.type"
+                )
             if "/" in name:
-                raise ConfigurationError(f"generators.{name}: a name may not hold a slash")
+                raise ConfigurationError("a name may not hold a slash", f"generators.{name}")
         if self.controller is not None and not isinstance(self.controller.get("type"), str):
-            raise ConfigurationError("controller.type: name the type of the controller")
+            raise ConfigurationError("name the type of the controller", "controller.type")
         return self
 
     def frame_tree(self) -> FrameTree:

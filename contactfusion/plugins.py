@@ -124,7 +124,8 @@ class Plugins:
             for kind in KINDS:
                 self._collect(name, kind, module)
         except BaseException:
-            self._manager.unregister(module)
+            if self._manager.is_registered(module):  # before pluggy 1.7 also when it was refused
+                self._manager.unregister(module)
             raise
 
     def _collect(self, name: str, kind: str, module: ModuleType) -> None:

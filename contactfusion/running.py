@@ -41,7 +41,7 @@ def run_file(path: Path, overrides: Sequence[str], out: Path) -> None:
     try:
         config = RunConfig(**{"folder": path.parent, **fields})
         if not config.recording:
-            raise ConfigurationError("recording: this field is required")
+            raise ConfigurationError("this field is required", "recording")
     except ConfigurationError as error:
         raise ConfigurationError(f"{path}: {error}") from None
     recording = open_recording(config.recording, path.parent)

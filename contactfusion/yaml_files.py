@@ -113,7 +113,9 @@ def _place(error: yaml.MarkedYAMLError) -> str:
 
 
 def _problem(error: yaml.YAMLError) -> str:
-    problem = getattr(error, "problem", None) or _one_line(error)
+    if not isinstance(error, yaml.MarkedYAMLError):
+        return _one_line(error)
+    problem = " ".join(filter(None, (error.context, error.problem)))
     return f"{problem}; indent with spaces, not tabs" if "'\\t'" in problem else problem
 
 

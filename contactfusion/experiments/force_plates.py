@@ -282,7 +282,7 @@ def _moments(walk: Walk, found: Found) -> FloatArray:
 
 
 def _draw(walk: Walk, found: dict[str, Found], path: Path) -> None:
-    figure = new_figure(7.0, 9.0)
+    figure = new_figure(8.0, 8.0)
     axes = figure.subplots()
     for number, (plate, one) in enumerate(found.items()):
         corners = walk.recording.corners[plate][[0, 1, 2, 3, 0], :2]
@@ -292,12 +292,11 @@ def _draw(walk: Walk, found: dict[str, Found], path: Path) -> None:
         axes.plot(*flagged.T, "x", markersize=4, color="#cc0000")
         for feet in walk.feet.values():
             for foot in feet[one.rows[:: max(1, len(one.rows) // 6)]]:
-                if foot[:, 2].max() < 0.12:  # standing, not swinging by
+                if foot[:, 2].max() < 0.07:  # standing, not swinging by
                     axes.plot(*foot[:, :2].T, color="#000000", alpha=0.25, linewidth=2)
     axes.plot([], [], "x", color="#cc0000", label="more than one contact suspected")
     axes.plot([], [], color="#000000", alpha=0.4, linewidth=2, label="foot, heel to toe marker")
-    axes.set(
-        xlabel="x [m] in 'lab'", ylabel="y [m]", title="contacts on force plates", aspect="equal"
-    )
-    axes.legend(loc="upper right", fontsize="small")
+    axes.set(xlabel="x [m] in 'lab'", ylabel="y [m]", aspect="equal", ylim=(-0.6, 1.1))
+    axes.set_title("contacts on force plates")
+    axes.legend(loc="center left", bbox_to_anchor=(1.02, 0.5), fontsize="small")
     figure.savefig(path, dpi=120)

@@ -28,6 +28,8 @@ LAB = "lab"
 """The frame of the laboratory, in which markers and corners are given."""
 METRES = {"m": 1.0, "cm": 0.01, "mm": 0.001}
 NEWTON_METRES = {"nm": 1.0, "ncm": 0.01, "nmm": 0.001}
+NO_PLACES = ("ANGLES", "FORCES", "MOMENTS", "POWERS", "SCALARS", "REACTIONS")
+"""Where a file lists points that are none, but results of a model of the body."""
 BIG_ENDIAN = 86
 """The byte by which a C3D says that its numbers begin with the large end."""
 
@@ -63,7 +65,8 @@ class C3DRecording(Recording):
     surface. The plate takes the place of the robot: force and torque are what the world exerts on
     the plate, so that somebody who stands on it presses down. (Files and ezc3d give the reaction,
     the plate on the body; both are reversed here.) Each frame of the cameras gives a `Markers`
-    reading of the sensor `markers` in the frame `lab`; a lost marker is NaN.
+    reading of the sensor `markers` in the frame `lab`; a lost marker is NaN. Points that the file
+    lists as angles, forces, moments or powers are no places, and are left out.
 
     The clock starts with the original trial: `epoch_ns` is where this file was cut out of it.
 
@@ -92,10 +95,11 @@ class C3DRecording(Recording):
         """What was marked in the recording, in order of time."""
         self._series = []
         metres = _metres(path, parameters)
-        positions = content["data"]["points"][:3].transpose(2, 1, 0) * metres
+        names = _marker_names(parameters)
+        positions = content["data"]["points"][:3, list(names)].transpose(2, 1, 0) * metres
         if positions.size:
-            names = _labels(parameters, positions.shape[1])
-            self._series.append(_sampled(path, positions, rate, start, partial(_markers, names)))
+            make = partial(_markers, tuple(names.values()))
+            self._series.append(_sampled(path, positions, rate, start, make))
         rate = float(content["header"]["analogs"]["frame_rate"])
         for index, plate in enumerate(content["data"].get("platform", ())):
             name = f"plate_{index}"
@@ -185,13 +189,14 @@ def _values(parameters: Any, group: str, name: str) -> Any:
     return parameters.get(group, {}).get(name, {"value": ()})["value"]
 
 
-def _labels(parameters: Any, count: int) -> tuple[str, ...]:
-    """Give the names of the points; beyond 255 they go on in LABELS2, LABELS3, …"""
+def _marker_names(parameters: Any) -> dict[int, str]:
+    """Give by index the names of the points that are places; beyond 255 they go on in LABELS2."""
     keys = [key for key in parameters["POINT"] if key.startswith("LABELS")]
     keys.sort(key=lambda key: int(key.removeprefix("LABELS") or 1))
     names = [name.strip() for key in keys for name in _values(parameters, "POINT", key)]
-    names += [f"point_{number}" for number in range(len(names) + 1, count + 1)]
-    return tuple(names[:count])
+    names = names[: int(parameters["POINT"]["USED"]["value"][0])]
+    others = {name.strip() for key in NO_PLACES for name in _values(parameters, "POINT", key)}
+    return {index: name for index, name in enumerate(names) if name not in others}
 
 
 def _unit(parameters: Any, group: str, channel: int) -> str:

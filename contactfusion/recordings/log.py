@@ -29,13 +29,14 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
+from contactfusion.arrays import FloatArray
 from contactfusion.errors import RecordingError
 from contactfusion.model import Model
 from contactfusion.readings import Reading
 from contactfusion.recordings.log_readings import AnyColumns, ColumnsConfig
 from contactfusion.recordings.recording import Recording
 from contactfusion.recordings.series import Series, StampArray, even_stamps, first_stamp, merged
-from contactfusion.recordings.tables import Column, Columns, read_columns
+from contactfusion.recordings.tables import AS_FOUND, Column, Columns, TextFormat, read_columns
 from contactfusion.time import LONGEST_SECONDS, NANOSECONDS_PER_SECOND
 
 NANOSECONDS = {"s": NANOSECONDS_PER_SECOND, "ms": 1_000_000, "us": 1_000, "ns": 1}
@@ -124,8 +125,8 @@ class LogRecording(Recording):
     def _read(self, file: LogFile, folder: Path) -> Iterator[Series]:
         path = folder / file.file
         wanted = dict.fromkeys(name for one in file.readings.values() for name in one.columns)
-        options = {"delimiter": file.delimiter, "header": file.header}
-        table = read_columns(path, list(wanted), **options)
+        text = TextFormat(file.delimiter, file.header)
+        table = read_columns(path, list(wanted), text=text)
         stamps = self._stamps(file, path, folder, len(next(iter(table.values()))))
         for sensor, config in file.readings.items():
             values = _values(path, sensor, config, table)
@@ -148,9 +149,9 @@ class LogRecording(Recording):
         if time.rate is not None:
             return even_stamps(count, time.rate, time.start)
         source = folder / time.file if time.file else path
-        options = {} if time.file else {"delimiter": file.delimiter, "header": file.header}
-        assert time.column is not None
-        column = read_columns(source, [time.column], np.longdouble, **options)[time.column]
+        text = AS_FOUND if time.file else TextFormat(file.delimiter, file.header)
+        assert time.column is not None  # or it would have a rate
+        column = read_columns(source, [time.column], np.longdouble, text)[time.column]
         if column.shape != (count, 1):
             raise RecordingError(
                 f"{source} holds {column.size} stamps for the {count} rows of {path}"
@@ -168,20 +169,20 @@ class LogRecording(Recording):
         return stamps
 
 
-def _values(path: Path, sensor: str, config: ColumnsConfig, table: Columns) -> NDArray[np.float64]:
+def _values(path: Path, sensor: str, config: ColumnsConfig, table: Columns) -> FloatArray:
     values = np.hstack([table[column] for column in config.columns])
     counts = config.counts()
-    kind = type(config).model_fields["type"].annotation
     if counts and values.shape[1] not in counts:
         wanted = " or ".join(str(count) for count in counts)
         raise RecordingError(
-            f"{path}: '{sensor}' needs {wanted} columns for its {kind}, not {values.shape[1]}"
+            f"{path}: '{sensor}' needs {wanted} columns for its type, not {values.shape[1]}"
         )
     if len(config.scale) not in (1, values.shape[1]):
         raise RecordingError(
             f"{path}: '{sensor}' has {len(config.scale)} scales for {values.shape[1]} columns"
         )
-    return values * np.array(config.scale)
+    scaled: FloatArray = values * np.array(config.scale)
+    return scaled
 
 
 def _nanoseconds(column: NDArray[np.longdouble], time: TimeConfig, source: Path) -> StampArray:

@@ -82,5 +82,5 @@ def _described(description: Mapping[str, Any], folder: Path) -> Recording:
     if kind not in TYPES:
         hint = name_hint(str(kind), TYPES, "types of recording")
         wrong = "this field is required" if kind is None else f"unknown type '{kind}'"
-        raise ConfigurationError(f"type: {wrong}; {hint}")
+        raise ConfigurationError(f"{wrong}; {hint}", "type")
     return TYPES[kind](options, folder)
