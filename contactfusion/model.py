@@ -1,5 +1,8 @@
 """The base of every configuration: refuses what it does not know."""
 
+from pathlib import Path
+from typing import Any, TypeVar
+
 from pydantic import BaseModel, ConfigDict, ValidationError
 from pydantic_core import ErrorDetails
 
@@ -22,6 +25,21 @@ class Model(BaseModel):
             super().__init__(**fields)
         except ValidationError as error:
             raise explained(error, type(self)) from None
+
+
+M = TypeVar("M", bound=Model)
+
+
+def rooted(config: M, folder: Path) -> M:
+    """Give a configuration whose relative file names start at a folder, also in models within."""
+    changes: dict[str, Any] = {}
+    for name in type(config).model_fields:
+        value = getattr(config, name)
+        if isinstance(value, Path):
+            changes[name] = folder / value
+        elif isinstance(value, Model):
+            changes[name] = rooted(value, folder)
+    return config.model_copy(update=changes)
 
 
 def explained(error: ValidationError, model: type[BaseModel]) -> ConfigurationError:

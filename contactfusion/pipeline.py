@@ -7,6 +7,7 @@ clock of its own; time comes in with readings and steps.
 import functools
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -30,7 +31,7 @@ from contactfusion.integrator.fusion import Fusion
 from contactfusion.integrator.integrator import Integrator
 from contactfusion.integrator.report import Event
 from contactfusion.isolation import Isolated
-from contactfusion.model import Model
+from contactfusion.model import Model, rooted
 from contactfusion.pipeline_config import PipelineConfig
 from contactfusion.plugins import installed_plugins
 from contactfusion.readings import READING_TYPES, Reading
@@ -110,7 +111,7 @@ class Pipeline:
         """
         if name in self.generators:
             raise SourceError(f"the generator '{name}' is plugged already; unplug it first")
-        generator = built_generator(name, options)
+        generator = built_generator(name, options, self.config.folder)
         if generator.config.isolate:
             generator = Isolated(generator)
         for source, kind in generator.sources.items():
@@ -289,8 +290,8 @@ class Pipeline:
         return self._moved[1]
 
 
-def built_generator(name: str, options: dict[str, Any]) -> AnyGenerator:
-    """Build a generator from its `type` and options.
+def built_generator(name: str, options: dict[str, Any], folder: Path = Path()) -> AnyGenerator:
+    """Build a generator from its `type` and options; relative file names start at `folder`.
 
     Raises:
         PluginError: no such type is installed.
@@ -299,7 +300,11 @@ def built_generator(name: str, options: dict[str, Any]) -> AnyGenerator:
     given = {key: value for key, value in options.items() if key != "type"}
     cls: type[AnyGenerator] = installed_plugins().find("generators", options["type"])
     _refuse_stranger(cls, Generator, options["type"])
-    return cls(name, _configured(cls.Config, given, f"generators.{name}"))
+    config = _configured(cls.Config, given, f"generators.{name}", folder)
+    try:
+        return cls(name, config)
+    except ConfigurationError as error:
+        raise error.under(f"generators.{name}") from None
 
 
 def _built_controller(config: PipelineConfig) -> Controller | None:
@@ -308,7 +313,7 @@ def _built_controller(config: PipelineConfig) -> Controller | None:
     given = {key: value for key, value in config.controller.items() if key != "type"}
     cls: type[Controller] = installed_plugins().find("controllers", config.controller["type"])
     _refuse_stranger(cls, Controller, config.controller["type"])
-    return cls(_configured(cls.Config, given, "controller"))
+    return cls(_configured(cls.Config, given, "controller", config.folder))
 
 
 def _refuse_stranger(cls: type[Any], contract: type[Any], name: str) -> None:
@@ -316,12 +321,12 @@ def _refuse_stranger(cls: type[Any], contract: type[Any], name: str) -> None:
         raise PluginError(f"the plug-in class {cls.__name__} of '{name}' is no {contract.__name__}")
 
 
-def _configured(model: type[Any], options: dict[str, Any], path: str) -> Model:
+def _configured(model: type[Any], options: dict[str, Any], path: str, folder: Path) -> Model:
     try:
         configured: Model = model(**options)
     except ConfigurationError as error:
         raise error.under(path) from None
-    return configured
+    return rooted(configured, folder)
 
 
 def _takes(generator: AnyGenerator, reading: Reading) -> bool:

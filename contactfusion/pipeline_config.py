@@ -83,7 +83,8 @@ class PipelineConfig(Model):
     controller: dict[str, Any] | None = None
     """The `type` of the controller and its options."""
     folder: Path = Path()
-    """Where relative file names start; the folder of the configuration."""
+    """Where relative file names start, those in options of plug-ins too; `contactfusion run` takes
+    the folder of the configuration."""
 
     @model_validator(mode="after")
     def _typed(self) -> Self:

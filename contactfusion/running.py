@@ -42,10 +42,10 @@ def run_file(path: Path, overrides: Sequence[str], out: Path) -> None:
         config = RunConfig(**{"folder": path.parent, **fields})
         if not config.recording:
             raise ConfigurationError("this field is required", "recording")
+        recording = open_recording(config.recording, path.parent)
+        pipeline = Pipeline(config)
     except ConfigurationError as error:
         raise ConfigurationError(f"{path}: {error}") from None
-    recording = open_recording(config.recording, path.parent)
-    pipeline = Pipeline(config)
     start = time.perf_counter()
     steps = []
     try:

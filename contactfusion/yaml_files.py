@@ -31,9 +31,6 @@ def read_yaml(path: str | Path) -> dict[str, Any]:
     if not isinstance(content, dict):
         held = "is empty" if content is None else f"holds a {type(content).__name__}"
         raise ConfigurationError(f"{path} {held}, where a mapping of names to values is needed")
-    for key in content:
-        if not isinstance(key, str):
-            raise ConfigurationError(f"{path}: the key {key!r} is not text; put it in quotes")
     return content
 
 
@@ -83,8 +80,20 @@ def _place_in_list(items: list[Any], key: str, override: str) -> int:
     return int(key)
 
 
-class _UniqueKeys(yaml.SafeLoader):
-    """The safe loader, with a constructor of mappings that refuses a key given twice."""
+class _Loader(yaml.SafeLoader):
+    """The safe loader; keys are text and stand once, and only true and false are booleans.
+
+    YAML 1.1 would take `on`, `off`, `yes` and `no` for booleans, also as keys.
+    """
+
+    yaml_implicit_resolvers = {
+        letter: [
+            (tag, pattern)
+            for tag, pattern in resolvers
+            if tag != "tag:yaml.org,2002:bool" or letter in "tTfF"
+        ]
+        for letter, resolvers in yaml.SafeLoader.yaml_implicit_resolvers.items()
+    }
 
 
 def _mapping(loader: yaml.SafeLoader, node: yaml.MappingNode) -> dict[Hashable, Any]:
@@ -97,14 +106,21 @@ def _mapping(loader: yaml.SafeLoader, node: yaml.MappingNode) -> dict[Hashable, 
                 )
             seen.add((key.tag, key.value))
     loader.flatten_mapping(node)
-    return loader.construct_mapping(node, deep=True)
+    mapping = loader.construct_mapping(node, deep=True)
+    for key in mapping:
+        if not isinstance(key, str):
+            raise yaml.constructor.ConstructorError(
+                problem=f"the key {key!r} is not text; put it in quotes",
+                problem_mark=node.start_mark,
+            )
+    return mapping
 
 
-_UniqueKeys.add_constructor(yaml.resolver.BaseResolver.DEFAULT_MAPPING_TAG, _mapping)
+_Loader.add_constructor(yaml.resolver.BaseResolver.DEFAULT_MAPPING_TAG, _mapping)
 
 
 def _parsed(text: str) -> Any:
-    return yaml.load(text, _UniqueKeys)
+    return yaml.load(text, _Loader)
 
 
 def _place(error: yaml.MarkedYAMLError) -> str:

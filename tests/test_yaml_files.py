@@ -140,3 +140,16 @@ def test_a_failed_write_leaves_the_old_file(
         write_whole(path, "new")
     assert path.read_text() == "old"
     assert list(tmp_path.iterdir()) == [path]
+
+
+def test_on_and_off_are_text_as_keys_and_as_values(tmp_path: Path) -> None:
+    path = tmp_path / "cycle.yaml"
+    path.write_text("cycle: {on: wrench}\nstate: off\nready: true\n")
+    assert read_yaml(path) == {"cycle": {"on": "wrench"}, "state": "off", "ready": True}
+
+
+def test_a_key_that_is_no_text_is_refused_at_any_depth(tmp_path: Path) -> None:
+    path = tmp_path / "deep.yaml"
+    path.write_text("generators: {5: {type: tactile}}\n")
+    with pytest.raises(ConfigurationError, match="the key 5 is not text"):
+        read_yaml(path)
