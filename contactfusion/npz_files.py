@@ -2,6 +2,7 @@
 
 import io
 import zipfile
+import zlib
 from pathlib import Path
 from typing import Any
 
@@ -10,6 +11,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from contactfusion.errors import ConfigurationError
 from contactfusion.files import require_file, write_whole
+
+BROKEN = (OSError, EOFError, TypeError, ValueError, zipfile.BadZipFile, zlib.error)
+"""What numpy raises when a file is none of its own."""
 
 
 def read_npz(path: Path, *names: str) -> list[NDArray[Any]]:
@@ -21,21 +25,17 @@ def read_npz(path: Path, *names: str) -> list[NDArray[Any]]:
     require_file(path, ConfigurationError)
     try:
         with np.load(path) as arrays:
-            missing = [name for name in names if name not in arrays]
-            if missing:
-                held = ", ".join(arrays) or "nothing"
-                raise ConfigurationError(f"{path} lacks {', '.join(missing)}; it holds {held}")
-            return [arrays[name] for name in names]
-    except (OSError, EOFError, TypeError, zipfile.BadZipFile):
-        raise ConfigurationError(f"{path} is no npz file, or is cut off") from None
-    except ValueError as error:
-        if isinstance(error, ConfigurationError):
-            raise
-        raise ConfigurationError(f"{path} is no npz file of numbers") from None
+            held = {name: arrays[name] for name in arrays}
+    except BROKEN:
+        raise ConfigurationError(f"{path} is no npz file of numbers, or is cut off") from None
+    if missing := [name for name in names if name not in held]:
+        holds = ", ".join(held) or "nothing"
+        raise ConfigurationError(f"{path} lacks {' and '.join(missing)}; it holds {holds}")
+    return [held[name] for name in names]
 
 
-def write_npz(path: Path, **arrays: ArrayLike) -> None:
+def write_npz(path: str | Path, **arrays: ArrayLike) -> None:
     """Write arrays by their names; the file appears whole or not at all."""
     content = io.BytesIO()
-    np.savez(content, **{name: np.asarray(array) for name, array in arrays.items()})
+    np.savez(content, allow_pickle=False, **{name: np.asarray(a) for name, a in arrays.items()})
     write_whole(path, content.getvalue())

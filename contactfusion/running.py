@@ -11,7 +11,7 @@ from typing import Any
 
 from pydantic import Field
 
-from contactfusion.errors import ConfigurationError
+from contactfusion.errors import ConfigurationError, ContactFusionError
 from contactfusion.files import write_whole
 from contactfusion.pipeline import Pipeline, Step
 from contactfusion.pipeline_config import PipelineConfig
@@ -58,6 +58,7 @@ def run_file(path: Path, overrides: Sequence[str], out: Path) -> None:
     write_whole(out / "contacts.csv", contacts_csv(steps))
     write_whole(out / "summary.json", json.dumps(summary(steps), indent=2) + "\n")
     _tell(steps, took, out)
+    _require_some_use(steps)
 
 
 def contacts_csv(steps: Sequence[Step]) -> str:
@@ -105,6 +106,19 @@ def summary(steps: Sequence[Step]) -> dict[str, Any]:
             for event in step.events
         ],
     }
+
+
+def _require_some_use(steps: Sequence[Step]) -> None:
+    """Fail when every cloud was refused: then the job was not done.
+
+    Raises:
+        ContactFusionError: no cloud could be used; names the first reason.
+    """
+    sources = steps[-1].fusion.report.sources.values() if steps else ()
+    if not any(source.accepted for source in sources):
+        refused = [event for step in steps for event in step.events if event.kind == "refused"]
+        if refused:
+            raise ContactFusionError(f"no cloud could be used: {refused[0].message}")
 
 
 def _tell(steps: Sequence[Step], took: float, out: Path) -> None:

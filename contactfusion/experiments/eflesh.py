@@ -15,8 +15,9 @@ from contactfusion.arrays import FloatArray
 from contactfusion.experiments.measures import Measure, bootstrap, p50, p90, proportion
 from contactfusion.figures import new_figure
 from contactfusion.generators.taxel_map import TaxelMap
+from contactfusion.integrator.config import IntegratorConfig
 from contactfusion.pipeline import Pipeline
-from contactfusion.pipeline_config import PipelineConfig
+from contactfusion.pipeline_config import CycleConfig, PipelineConfig
 from contactfusion.readings import Markers, TactileImage
 from contactfusion.recordings.opening import open_recording
 
@@ -123,8 +124,8 @@ def _run(
             generators={
                 "pad": {"type": "taxel_map", "map": folder / "map.npz", "min_signal": MIN_SIGNAL}
             },
-            integrator={"frame": "pad", "voxel_size": VOXEL_SIZE},
-            cycle={"on": "pad"},
+            integrator=IntegratorConfig(frame="pad", voxel_size=VOXEL_SIZE),
+            cycle=CycleConfig(on="pad"),
         )
     )
     for step in pipeline.run(readings[row] for row in rows):

@@ -16,10 +16,12 @@ from contactfusion.arrays import FloatArray
 from contactfusion.experiments.measures import Measure, bootstrap, p50, p90, proportion
 from contactfusion.figures import COLOURS, new_figure
 from contactfusion.hypotheses import Note
+from contactfusion.integrator.config import IntegratorConfig
 from contactfusion.pipeline import Pipeline
-from contactfusion.pipeline_config import PipelineConfig
+from contactfusion.pipeline_config import CycleConfig, PipelineConfig
 from contactfusion.readings import Markers, Wrench
 from contactfusion.recordings.c3d import C3DConfig, C3DRecording
+from contactfusion.shapes import BodyConfig, ShapeConfig
 
 NAME = "force_plates"
 MIN_FORCE = 60.0
@@ -73,7 +75,7 @@ def measure(folder: Path, out: Path) -> list[Measure]:
     friction = {
         "plate_1": friction["plate_3"],  # learned on the other plate
         "plate_3": friction["plate_1"],
-        CROWDED: float(np.hypot(*friction.values()) / np.sqrt(2.0)),
+        CROWDED: float(np.sqrt(np.mean(np.square(list(friction.values()))))),
     }
     found = {plate: locate(walk, plate, friction[plate]) for plate in (*PLATES, CROWDED)}
     measures, lateral, moments = [], [], []
@@ -133,19 +135,16 @@ def locate(walk: Walk, plate: str, friction: float) -> Found:
                 "surface_tolerance": 2.0 * VOXEL_SIZE,
             }
         },
-        integrator={
-            "frame": "lab",
-            "voxel_size": VOXEL_SIZE,
-            "timeout": 0.01,
-            "condensation": "cluster_mass",
-        },
-        cycle={"on": plate},
+        integrator=IntegratorConfig(
+            frame="lab", voxel_size=VOXEL_SIZE, timeout=0.01, condensation="cluster_mass"
+        ),
+        cycle=CycleConfig(on=plate),
         frames=walk.recording.frames(),
-        surface={
-            "frame": plate,
-            "spacing": VOXEL_SIZE * 2.0,
-            "shapes": [{"shape": "rectangle", "size": (float(size[0]), float(size[1]))}],
-        },
+        surface=BodyConfig(
+            frame=plate,
+            spacing=2.0 * VOXEL_SIZE,
+            shapes=(ShapeConfig(shape="rectangle", size=(float(size[0]), float(size[1]))),),
+        ),
     )
     pipeline = Pipeline(config)
     loaded = [np.linalg.norm(w.force) > MIN_FORCE for w in walk.wrenches[plate]]

@@ -1,8 +1,8 @@
 """A six-axis sensor in the hub of a turning wheel: what is left of bias and weight.
 
 The recording gives the wrench in axes that stand still, and the angle of the wheel. Turned back
-into the sensor's axes, the sensor's bias is constant and gravity turns. Mass, centre and bias are fitted
-on one file and taken off in the other, at rest: while nobody pushes.
+into the sensor's axes, the sensor's bias is constant and gravity turns. Mass, centre and bias are
+fitted on one file and taken off in the other, at rest: while nobody pushes.
 """
 
 from dataclasses import dataclass
@@ -17,6 +17,7 @@ from contactfusion.experiments.measures import Measure, bootstrap, p50
 from contactfusion.figures import COLOURS, new_figure
 from contactfusion.generators.compensation import Compensation, fit_compensation
 from contactfusion.generators.force_torque import ForceTorqueConfig, ForceTorqueGenerator
+from contactfusion.integrator.config import IntegratorConfig
 from contactfusion.pipeline import Pipeline
 from contactfusion.pipeline_config import PipelineConfig
 from contactfusion.readings import JointState, Odometry, Wrench
@@ -113,7 +114,7 @@ def read(folder: Path, file: str) -> Turning:
         angles=angle,
         forces=_turned(np.array([wrench.force for wrench in wrenches]), angle),
         torques=_turned(torques, angle),
-        rest=binary_erosion(quiet, np.ones(2 * MARGIN + 1), border_value=1),
+        rest=binary_erosion(quiet, np.ones(2 * MARGIN + 1, np.bool_), border_value=1),
     )
 
 
@@ -132,7 +133,7 @@ def residuals(turning: Turning, compensation: Compensation, average: float) -> F
         sign="on_robot", compensation=compensation, average=average, gravity=tuple(GRAVITY)
     )
     generator = ForceTorqueGenerator("hub", config)
-    pipeline = Pipeline(PipelineConfig(integrator={"frame": "chair"}))
+    pipeline = Pipeline(PipelineConfig(integrator=IntegratorConfig(frame="chair")))
     left = np.empty((len(turning.stamps), 3))
     for row, stamp in enumerate(turning.stamps):
         half = -0.5 * turning.angles[row]

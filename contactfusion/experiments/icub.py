@@ -16,8 +16,9 @@ from contactfusion.errors import RecordingError
 from contactfusion.experiments.measures import CONFIDENCE, RESAMPLES, Measure, auc, proportion
 from contactfusion.figures import new_figure
 from contactfusion.generators.taxels import fit_baseline
+from contactfusion.integrator.config import IntegratorConfig
 from contactfusion.pipeline import Pipeline
-from contactfusion.pipeline_config import PipelineConfig
+from contactfusion.pipeline_config import CycleConfig, FrameConfig, PipelineConfig
 from contactfusion.readings import Reading, TactileImage
 from contactfusion.recordings.icub import FINGERS, IcubConfig, IcubRecording
 
@@ -112,13 +113,14 @@ def touched(trial: Trial, values: FloatArray, noise: FloatArray) -> bool:
         for i, finger in enumerate(FINGERS)
     }
     frames = {
-        finger: {"parent": "hand", "xyz": (0.0, 0.03 * i, 0.0)} for i, finger in enumerate(FINGERS)
+        finger: FrameConfig(parent="hand", xyz=(0.0, 0.03 * i, 0.0))
+        for i, finger in enumerate(FINGERS)
     }
     config = PipelineConfig(
         generators=generators,
-        integrator={"frame": "hand"},
+        integrator=IntegratorConfig(frame="hand"),
         frames=frames,
-        cycle={"on": FINGERS[-1]},
+        cycle=CycleConfig(on=FINGERS[-1]),
     )
     steps = list(Pipeline(config).run(trial.readings))[-FRAMES:]
     return sum(bool(step.fusion.contacts) for step in steps) > FRAMES / 2
@@ -141,7 +143,7 @@ def _areas(
     scores: FloatArray,
     nothing: FloatArray,
 ) -> list[Measure]:
-    """Give the mean area under the ROC curve over objects, and that of the bear; trials resampled."""
+    """Give the mean area under the ROC curve, and that of the bear; trials are resampled."""
     groups = [scores[[trial.object == name for trial in full]] for name in objects]
     areas = np.array([auc(group, nothing) for group in groups])
     rng = np.random.default_rng(0)
@@ -183,7 +185,7 @@ def _detections(objects: list[str], full: list[Trial], empty: list[Trial]) -> li
     bear = np.array([trial.object == BEAR for trial in full])
     case = "contact reported at 5 σ"
     return [
-        Measure(NAME, case, "full hands but the bear", *proportion(found[~bear]), "", (~bear).sum()),
+        Measure(NAME, case, "all but the bear", *proportion(found[~bear]), "", int((~bear).sum())),
         Measure(NAME, case, "blue bear", *proportion(found[bear]), "", int(bear.sum())),
         Measure(
             NAME, case, "empty hands", *proportion(false), "", len(false), None, "less",
