@@ -5,18 +5,19 @@ from dataclasses import dataclass
 import numpy as np
 from pydantic import Field
 
-from contactfusion.arrays import FloatArray
+from contactfusion.arrays import FloatArray, frozen_array
 from contactfusion.errors import ConfigurationError
 from contactfusion.model import Model
 
 LEAST_SPAN = 0.05
-"""Gravity must be seen from directions this far from one line, as a fraction of its length."""
+"""The directions of gravity must leave every line by this much: root mean square, per length."""
 
 
 class Compensation(Model):
     """The wrench that a sensor feels without any contact, in its own frame.
 
-    A load of mass m at c under gravity g gives f = m g + b_f and τ = c × m g + b_τ.
+    A load of mass m at c under gravity g gives f = m g + b_f and τ = c × m g + b_τ, where f is the
+    force that the world exerts on the robot, whatever the sign of the sensor.
     """
 
     mass: float = Field(default=0.0, ge=0)
@@ -39,13 +40,13 @@ class Compensation(Model):
         return np.concatenate([weight + self.force_bias, torque + self.torque_bias])
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class CompensationFit:
     """A compensation with how well it explains the poses it was fitted to.
 
     Attributes:
         compensation: mass, centre of mass and bias.
-        force_residual: shape (3,) [N], root mean square by axis.
+        force_residual: shape (3,) [N], root mean square by axis: the noise that is left.
         torque_residual: shape (3,) [N·m], root mean square by axis.
     """
 
@@ -60,20 +61,24 @@ def fit_compensation(
     """Fit mass, centre of mass and bias by least squares over poses without contact.
 
     Args:
-        forces: shape (n, 3) [N], as the sensor gives them, force on the robot, in its frame.
-        torques: shape (n, 3) [N·m].
+        forces: shape (n, 3) [N], on the robot, in the sensor's frame; those of a sensor that gives
+            the reverse must be negated first.
+        torques: shape (n, 3) [N·m], likewise.
         gravities: shape (n, 3) [m/s²], gravity in the sensor's frame at each pose.
 
     Raises:
-        ConfigurationError: the poses do not tell weight and bias apart.
+        ConfigurationError: the arrays do not fit each other, the poses do not tell weight and bias
+            apart, or the mass comes out negative.
     """
-    n = len(forces)
-    centred = gravities - gravities.mean(axis=0)
-    span = np.sqrt((centred**2).sum() / max(n, 1)) / max(np.linalg.norm(gravities[0]), 1e-12)
-    if n < 3 or span < LEAST_SPAN:
+    n, error = len(forces), ConfigurationError
+    forces = frozen_array(forces, (n, 3), "forces", error)
+    torques = frozen_array(torques, (n, 3), "torques", error)
+    gravities = frozen_array(gravities, (n, 3), "gravities", error)
+    span = _span(gravities) if n >= 3 else 0.0
+    if span < LEAST_SPAN:
         raise ConfigurationError(
-            f"{n} poses whose gravity spans {span:.3f} of its length do not tell weight and bias "
-            "apart; turn the sensor between poses"
+            f"{n} poses whose gravity leaves a line by {span:.3f} of its length do not tell weight "
+            "and bias apart; turn the sensor further"
         )
     one = np.tile(np.eye(3), (n, 1))
     by_mass = np.hstack([gravities.reshape(-1, 1), one])
@@ -82,7 +87,7 @@ def fit_compensation(
     solution = np.linalg.lstsq(moments, torques.ravel(), rcond=None)[0]
     if mass <= 0.0:
         raise ConfigurationError(
-            f"the fitted mass is {mass:.4g} kg: is the sign of the wrench, or gravity, reversed?"
+            f"the fitted mass is {mass:.4g} kg: is the sign of the wrench, or of gravity, reversed?"
         )
     compensation = Compensation(
         mass=mass,
@@ -96,6 +101,13 @@ def fit_compensation(
         np.sqrt(((forces - expected[:, :3]) ** 2).mean(axis=0)),
         np.sqrt(((torques - expected[:, 3:]) ** 2).mean(axis=0)),
     )
+
+
+def _span(gravities: FloatArray) -> float:
+    """Give how far the vectors are from one line, as a fraction of their length."""
+    across = np.linalg.svd(gravities - gravities.mean(axis=0), compute_uv=False)[1]
+    length = np.sqrt(np.square(gravities).sum())
+    return float(across / length) if length else 0.0
 
 
 def _cross_matrices(vectors: FloatArray) -> FloatArray:

@@ -15,15 +15,16 @@ class Health:
     """Watches a patch: a dead one reads zeros, or its last value, and must not forbid contacts.
 
     Args:
+        taxels: how many there are.
         window: how long a sign of life counts [s].
     """
 
-    def __init__(self, window: float) -> None:
+    def __init__(self, taxels: int, window: float) -> None:
         self._window = window
-        self._last: FloatArray | None = None
-        self._changed: FloatArray | None = None
-        self._alive_until = -np.inf
-        self._disputed_since: FloatArray | None = None
+        self._values: FloatArray | None = None
+        self._changed = np.full(taxels, -np.inf)
+        self._confirmed = -np.inf
+        self._disputed_since = np.full(taxels, np.inf)
 
     def watch(self, stamp: float, values: FloatArray) -> None:
         """Look for noise: a taxel that changes is alive.
@@ -32,32 +33,26 @@ class Health:
             stamp: of the reading [s].
             values: shape (n,), as the sensor gives them.
         """
-        if self._last is None or self._changed is None:
-            self._changed = np.full(len(values), -np.inf)
-        else:
-            self._changed[values != self._last] = stamp
-        self._last = values
-        if (stamp - self._changed <= self._window).mean() >= ALIVE:
-            self._alive_until = stamp + self._window
+        if self._values is not None:
+            self._changed[values != self._values] = stamp
+        self._values = values
 
     def confirm(self, stamp: float) -> None:
         """Note that a self-test passed, or that another source confirmed a contact."""
-        self._alive_until = stamp + self._window
+        self._confirmed = stamp
 
     def healthy(self, stamp: float) -> bool:
         """Tell whether the patch has shown itself alive within the window."""
-        return stamp <= self._alive_until
+        noisy = float((stamp - self._changed <= self._window).mean()) >= ALIVE
+        return noisy or stamp - self._confirmed <= self._window
 
-    def undisputed(self, stamp: float, contradicted: NDArray[np.bool_]) -> NDArray[np.bool_]:
-        """Tell which taxels no other source has contradicted for long.
+    def disputed(self, stamp: float, contradicted: NDArray[np.bool_]) -> NDArray[np.bool_]:
+        """Tell over which taxels another source has seen a contact for long, shape (n,).
 
         Args:
             stamp: of the reading [s].
             contradicted: shape (n,), where another source has evidence of a contact now.
         """
-        if self._disputed_since is None:
-            self._disputed_since = np.full(len(contradicted), np.inf)
-        self._disputed_since[~contradicted] = np.inf
-        fresh = contradicted & np.isinf(self._disputed_since)
-        self._disputed_since[fresh] = stamp
-        return stamp - self._disputed_since <= PERSISTS
+        since = np.minimum(self._disputed_since, stamp)
+        self._disputed_since = np.where(contradicted, since, np.inf)
+        return stamp - self._disputed_since > PERSISTS

@@ -1,10 +1,11 @@
 """Contacts from patches of taxels (F §V-C), and where a healthy patch feels none."""
 
 from collections.abc import Mapping, Sequence
+from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from contactfusion.arrays import FloatArray
 from contactfusion.errors import InvalidReadingError
@@ -16,6 +17,9 @@ from contactfusion.hooks import hookimpl
 from contactfusion.hypotheses import HypothesisCloud, HypothesisKind, Note
 from contactfusion.readings import Reading, TactileImage
 from contactfusion.state import State
+
+MARGIN = 2.0
+"""A taxel so many voxels from a contact may share a voxel with it, and does not rule it out."""
 
 
 class TactileConfig(GeneratorConfig):
@@ -34,12 +38,24 @@ class TactileConfig(GeneratorConfig):
     health_window: float = Field(default=2.0, gt=0)
     """How long noise, a self-test or a confirmed contact shows a patch to be healthy [s]."""
 
+    @model_validator(mode="after")
+    def _forgets(self) -> Self:
+        if self.free and not self.replace:
+            raise ValueError("free needs replace: a touched taxel must withdraw what it ruled out")
+        if self.free and self.timeout is not None and self.timeout > self.health_window:
+            raise ValueError(
+                "with free, timeout may not exceed health_window: a patch that falls "
+                "silent rules contacts out for as long"
+            )
+        return self
+
 
 class TactileGenerator(Generator[TactileConfig]):
-    """Regular, multi contact: the value of each taxel over the largest (F Eq 4).
+    """Regular, multi contact: the value of each touched taxel over the largest (F Eq 4).
 
     A taxel wider than a voxel gives hypotheses over its area, so that active neighbours form one
-    cluster whose centroid lies between them. Output "free" is Null, p = 1, for untouched taxels.
+    cluster whose centroid lies between them. Output "free" is Null, p = 1, for taxels that are not
+    touched, nor next to one that is.
     """
 
     Config = TactileConfig
@@ -51,37 +67,37 @@ class TactileGenerator(Generator[TactileConfig]):
             self.outputs = {"": HypothesisKind.REGULAR, "free": HypothesisKind.NULL}
         self._taxels = len(config.patch.centres())
         self._baseline, self._noise = config.baseline.load(self._taxels)
-        self._covered: tuple[float, FloatArray, FloatArray] | None = None
+        self._covered: tuple[float, FloatArray, NDArray[np.intp]] | None = None
         self.reset()
 
     def reset(self) -> None:
         """Forget all signs of health."""
-        self._health = Health(self.config.health_window)
+        self._health = Health(self._taxels, self.config.health_window)
 
     def self_test_passed(self, stamp: float) -> None:
         """Note that the sensor's own test has shown the patch to be healthy."""
         self._health.confirm(stamp)
 
     def generate(self, reading: Reading, state: State) -> Sequence[HypothesisCloud]:
-        """Give hypotheses over the area of each active taxel."""
+        """Give hypotheses over the area of each touched taxel."""
         assert isinstance(reading, TactileImage)
         touch = self.touch(reading)
         places, taxels = self._places(state.grid.voxel_size)
-        active = touch >= self.config.floor * self._noise
-        chosen = active[taxels]
-        spread = float(np.hypot(*self.config.patch.edges())) / np.sqrt(24.0)
-        largest = touch.max(initial=0.0)
-        likelihoods = np.minimum(touch[taxels[chosen]] / (largest or 1.0), self.config.p_max)
+        touched = touch >= self.config.floor * self._noise
+        chosen = touched[taxels]
+        largest = touch[touched].max(initial=0.0)
+        likelihoods = np.minimum(touch[taxels[chosen]] / largest, self.config.p_max)
+        spread = np.hypot(*self.config.patch.edges()) / np.sqrt(24.0)
         clouds = [
             self.cloud(
                 reading,
                 places[chosen],
                 likelihoods,
-                spreads=np.full(int(chosen.sum()), spread),
+                spreads=np.full(len(likelihoods), spread),
             )
         ]
         if self.config.free:
-            clouds += self._free(reading, state, ~active, places, taxels)
+            clouds.append(self._free(reading, state, touched))
         return clouds
 
     def touch(self, reading: TactileImage) -> FloatArray:
@@ -105,48 +121,28 @@ class TactileGenerator(Generator[TactileConfig]):
                 return np.abs(change)
 
     def _free(
-        self,
-        reading: TactileImage,
-        state: State,
-        untouched: NDArray[np.bool_],
-        places: FloatArray,
-        taxels: NDArray[np.intp],
-    ) -> list[HypothesisCloud]:
+        self, reading: TactileImage, state: State, touched: NDArray[np.bool_]
+    ) -> HypothesisCloud:
         """Say where nothing touches, unless the patch may be dead or another source objects."""
-        self._health.watch(reading.stamp, reading.values)
-        if any(_confirmed(contact.shares, self.name) for contact in state.contacts):
-            self._health.confirm(reading.stamp)
-        contradicted = self._contradicted(reading, state)
-        undisputed = self._health.undisputed(reading.stamp, contradicted)
-        if not self._health.healthy(reading.stamp):
-            return [self.nothing(reading, output="free", notes=(Note.UNHEALTHY,))]
-        chosen = (untouched & undisputed)[taxels]
-        return [self.cloud(reading, places[chosen], 1.0, output="free")]
-
-    def _contradicted(self, reading: TactileImage, state: State) -> NDArray[np.bool_]:
-        """Tell over which taxels another source has evidence, shape (taxels,)."""
-        contradicted = np.zeros(self._taxels, np.bool_)
-        evidence = state.evidence(without=self.name)
-        if len(evidence):
-            pose = state.frames.pose(reading.frame, of=state.grid.frame)
-            local = points_in(pose, evidence)
-            reach = np.array(self.config.patch.edges()) / 2.0 + state.grid.voxel_size
-            near = np.array([*reach, 2.0 * state.grid.voxel_size])
-            for taxel, centre in enumerate(self.config.patch.centres()):
-                contradicted[taxel] = (np.abs(local - centre) <= near).all(axis=1).any()
-        return contradicted
+        stamp, side, near = reading.stamp, state.grid.voxel_size, self.config.patch.near
+        others = state.evidence(without=self.name)
+        if len(others):
+            others = points_in(state.frames.pose(reading.frame, of=state.grid.frame), others)
+        claimed = near(others, MARGIN * side)
+        self._health.watch(stamp, reading.values)
+        if (touched & claimed).any():
+            self._health.confirm(stamp)
+        disputed = self._health.disputed(stamp, claimed)
+        if not self._health.healthy(stamp):
+            return self.nothing(reading, output="free", notes=(Note.UNHEALTHY,))
+        places, taxels = self._places(side)
+        felt = near(places[touched[taxels]], MARGIN * side)
+        return self.cloud(reading, places[~(felt | disputed)[taxels]], 1.0, output="free")
 
     def _places(self, side: float) -> tuple[FloatArray, NDArray[np.intp]]:
         if self._covered is None or self._covered[0] != side:
             self._covered = (side, *self.config.patch.covered(side))
         return self._covered[1], self._covered[2]
-
-
-def _confirmed(shares: Mapping[str, float], name: str) -> bool:
-    """Tell whether a contact has a share of this source and of another."""
-    return shares.get(name, 0.0) > 0.0 and any(
-        share > 0.0 for other, share in shares.items() if other != name
-    )
 
 
 @hookimpl

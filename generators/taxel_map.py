@@ -1,7 +1,7 @@
 """Contact location learned from calibrated presses, for skins without separate taxels."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -9,17 +9,20 @@ from typing import TYPE_CHECKING
 import numpy as np
 from pydantic import Field
 
-from contactfusion.arrays import FloatArray
+from contactfusion.arrays import FloatArray, frozen_array
 from contactfusion.errors import ConfigurationError, InvalidReadingError
 from contactfusion.generator import Generator, GeneratorConfig
 from contactfusion.hooks import hookimpl
 from contactfusion.hypotheses import HypothesisCloud
+from contactfusion.npz_files import read_npz, write_npz
 from contactfusion.readings import Reading, TactileImage
 from contactfusion.state import State
 
 if TYPE_CHECKING:
     from scipy.spatial import KDTree
 
+FOLDS = 5
+"""A map is judged by leaving every fifth place out, in turn."""
 RIDGE = 1e-3
 """Shrinks the local plane towards the mean, relative to the neighbours' own scatter."""
 
@@ -29,7 +32,7 @@ class TaxelMap:
     """Calibrated presses: what the sensor read, and where it was pressed.
 
     Attributes:
-        signals: shape (m, c), readings less their untouched value; all non-zero.
+        signals: shape (m, c), readings less their untouched value; none is zero.
         places: shape (m, 3) [m], in the frame of the sensor.
         neighbours: how many presses a location follows from.
         sigma: standard deviation of a location by axis [m], on presses that were left out.
@@ -40,6 +43,46 @@ class TaxelMap:
     neighbours: int = 30
     sigma: float = 0.0
 
+    def __post_init__(self) -> None:
+        """Check every field and freeze the arrays."""
+        keep, error = object.__setattr__, ConfigurationError
+        keep(self, "signals", frozen_array(self.signals, (None, None), "signals of a map", error))
+        shape = (len(self.signals), 3)
+        keep(self, "places", frozen_array(self.places, shape, "places of a map", error))
+        if not self.signals.any(axis=1).all():
+            raise ConfigurationError("a press of a taxel map has no signal: leave it out")
+        if not len(self.signals) or self.neighbours < 1 or not 0.0 <= self.sigma < np.inf:
+            raise ConfigurationError("a taxel map needs presses, neighbours and a sigma")
+
+    @staticmethod
+    def fit(signals: FloatArray, places: FloatArray, neighbours: int = 30) -> "TaxelMap":
+        """Learn a map from presses; its sigma comes from places that it did not see.
+
+        Args:
+            signals: shape (m, c), readings less their untouched value; none is zero.
+            places: shape (m, 3) [m], each pressed once or several times.
+            neighbours: how many presses a location follows from.
+
+        Raises:
+            ConfigurationError: the arrays do not fit each other, a press has no signal, or all
+                presses are at one place.
+        """
+        whole = TaxelMap(signals, places, neighbours)
+        place = np.unique(places, axis=0, return_inverse=True)[1].ravel()
+        if not place.any():
+            raise ConfigurationError("a taxel map needs presses at two places or more")
+        offsets = []
+        for fold in range(FOLDS):
+            left_out = place % FOLDS == fold
+            rest = TaxelMap(signals[~left_out], places[~left_out], neighbours)
+            offsets += [
+                rest.locate(signal) - truth
+                for signal, truth in zip(signals[left_out], places[left_out], strict=True)
+            ]
+        axes = np.count_nonzero(np.ptp(places, axis=0))
+        square = float(np.square(offsets).sum(axis=1).mean()) / axes
+        return replace(whole, sigma=float(np.sqrt(square)))
+
     @cached_property
     def tree(self) -> "KDTree":
         """A k-d tree over the directions of the signals."""
@@ -48,7 +91,7 @@ class TaxelMap:
         return KDTree(_directions(self.signals))
 
     def locate(self, signal: FloatArray) -> FloatArray:
-        """Locate one press, shape (3,) [m].
+        """Locate one press, shape (3,) [m], by its signal of shape (c,).
 
         The direction of the signal tells the place, its length tells the force. A plane is fitted
         to the places of the nearest presses, weighted by nearness; it never leaves their bounds.
@@ -72,7 +115,7 @@ class TaxelMap:
 
     def save(self, path: Path) -> None:
         """Write the map to an npz file."""
-        np.savez(
+        write_npz(
             path,
             signals=self.signals,
             places=self.places,
@@ -87,16 +130,10 @@ class TaxelMap:
         Raises:
             ConfigurationError: the file is missing, or holds no map.
         """
-        try:
-            with np.load(path) as arrays:
-                return TaxelMap(
-                    arrays["signals"],
-                    arrays["places"],
-                    int(arrays["neighbours"]),
-                    float(arrays["sigma"]),
-                )
-        except (OSError, KeyError, ValueError) as error:
-            raise ConfigurationError(f"the taxel map {path} cannot be read: {error}") from None
+        signals, places, neighbours, sigma = read_npz(
+            path, "signals", "places", "neighbours", "sigma"
+        )
+        return TaxelMap(signals, places, int(neighbours), float(sigma))
 
 
 class TaxelMapConfig(GeneratorConfig):
@@ -105,9 +142,10 @@ class TaxelMapConfig(GeneratorConfig):
     map: Path
     """The npz file of a `TaxelMap`."""
     baseline: tuple[float, ...] | float = 0.0
-    """What the channels read untouched."""
+    """What all channels, or each, read untouched."""
     min_signal: float = Field(gt=0)
-    """No contact under this length of the signal; at least five standard deviations of noise."""
+    """No contact under this length of the signal, in the unit of the sensor; well above the length
+    of its noise."""
     p_max: float = Field(default=0.95, gt=0, le=1)
     """The likelihood of a contact when there is a signal."""
 
@@ -121,6 +159,12 @@ class TaxelMapGenerator(Generator[TaxelMapConfig]):
     def __init__(self, name: str, config: TaxelMapConfig) -> None:
         super().__init__(name, config)
         self._map = TaxelMap.load(config.map)
+        self._baseline = np.asarray(config.baseline, np.float64)
+        channels = self._map.signals.shape[1]
+        if self._baseline.ndim and len(self._baseline) != channels:
+            raise ConfigurationError(
+                f"{len(self._baseline)} numbers, but the map has {channels} channels", "baseline"
+            )
 
     def generate(self, reading: Reading, state: State) -> Sequence[HypothesisCloud]:
         """Give the one place that is pressed, if any is."""
@@ -131,7 +175,7 @@ class TaxelMapGenerator(Generator[TaxelMapConfig]):
                 f"{reading.label} has {len(reading.values)} channels, "
                 f"but the map of '{self.name}' has {channels}"
             )
-        signal = reading.values - np.asarray(self.config.baseline)
+        signal = reading.values - self._baseline
         if np.linalg.norm(signal) < self.config.min_signal:
             return (self.nothing(reading),)
         place = self._map.locate(signal)

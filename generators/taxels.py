@@ -1,15 +1,18 @@
 """Patches of taxels: where they are, and what they read untouched."""
 
 from pathlib import Path
-from typing import Literal, Self
+from typing import Annotated, Literal, Self
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 from pydantic import Field, model_validator
 
-from contactfusion.arrays import FloatArray
+from contactfusion.arrays import FloatArray, frozen_array
 from contactfusion.errors import ConfigurationError
 from contactfusion.model import Model
+from contactfusion.npz_files import read_npz
+
+Edge = Annotated[float, Field(gt=0)]
 
 
 class TaxelGridConfig(Model):
@@ -19,15 +22,14 @@ class TaxelGridConfig(Model):
     """Along x."""
     columns: int = Field(ge=1)
     """Along y; values come row by row."""
-    pitch: tuple[float, float]
+    pitch: tuple[Edge, Edge]
     """The distance between neighbours along x and y [m]; also the size of a taxel."""
 
     def places(self) -> FloatArray:
         """Give the centres of the taxels, shape (rows · columns, 3) [m]."""
-        x = (np.arange(self.rows) - (self.rows - 1) / 2.0) * self.pitch[0]
-        y = (np.arange(self.columns) - (self.columns - 1) / 2.0) * self.pitch[1]
-        x, y = (axis.ravel() for axis in np.meshgrid(x, y, indexing="ij"))
-        return np.stack([x, y, np.zeros_like(x)], axis=1)
+        x = (np.arange(self.rows, dtype=np.float64) - (self.rows - 1) / 2.0) * self.pitch[0]
+        y = (np.arange(self.columns, dtype=np.float64) - (self.columns - 1) / 2.0) * self.pitch[1]
+        return _on_plane(x, y)
 
 
 class PatchConfig(Model):
@@ -37,8 +39,8 @@ class PatchConfig(Model):
     """Taxels in rows and columns."""
     places: tuple[tuple[float, float, float], ...] = ()
     """The centre of each taxel [m]."""
-    size: tuple[float, float] | None = None
-    """The edges of one taxel along x and y [m]; needed with `places`."""
+    size: tuple[Edge, Edge] | None = None
+    """The edges of one taxel along x and y [m]; needed with `places`, else the grid's pitch."""
 
     @model_validator(mode="after")
     def _one_way(self) -> Self:
@@ -53,7 +55,7 @@ class PatchConfig(Model):
         return self.grid.places() if self.grid else np.array(self.places)
 
     def edges(self) -> tuple[float, float]:
-        """Give the edges of one taxel [m]."""
+        """Give the edges of one taxel along x and y [m]."""
         return self.size or (self.grid.pitch if self.grid else (0.0, 0.0))
 
     def covered(self, side: float) -> tuple[FloatArray, NDArray[np.intp]]:
@@ -69,11 +71,27 @@ class PatchConfig(Model):
         for edge in self.edges():
             cells = max(1, int(np.ceil(edge / side - 1e-9)))
             axes.append(((2.0 * np.arange(cells) + 1.0) / cells - 1.0) * edge / 2.0)
-        x, y = (axis.ravel() for axis in np.meshgrid(*axes, indexing="ij"))
-        offsets = np.stack([x, y, np.zeros_like(x)], axis=1)
+        offsets = _on_plane(*axes)
         centres = self.centres()
         places = (centres[:, None, :] + offsets).reshape(-1, 3)
         return places, np.repeat(np.arange(len(centres), dtype=np.intp), len(offsets))
+
+    def near(self, points: FloatArray, reach: float) -> NDArray[np.bool_]:
+        """Tell which taxels have a point over their area, or closer to it than `reach` [m].
+
+        Args:
+            points: shape (m, 3) [m], in the frame of the patch.
+            reach: along each axis [m].
+
+        Returns:
+            Shape (n,).
+        """
+        centres = self.centres()
+        half = np.array([*self.edges(), 0.0]) / 2.0 + reach
+        low, high = centres.min(axis=0) - half, centres.max(axis=0) + half
+        close = points[((points >= low) & (points <= high)).all(axis=1)]
+        inside = np.abs(close - centres[:, None, :]) <= half
+        return np.asarray(np.any(np.all(inside, axis=2), axis=1))
 
 
 class BaselineConfig(Model):
@@ -84,7 +102,7 @@ class BaselineConfig(Model):
     noise: float | tuple[float, ...] = 1.0
     """The standard deviation of an untouched value, of all taxels or of each."""
     file: Path | None = None
-    """An npz file with `values` and `noise`, as `fit_baseline` saves it; replaces both."""
+    """An npz file with `values` and `noise`, one number a taxel; replaces both."""
     touch: Literal["rises", "falls", "either"] = "rises"
     """Whether a touch raises the value, lowers it, or either."""
 
@@ -94,23 +112,29 @@ class BaselineConfig(Model):
         Raises:
             ConfigurationError: the file is missing, or the numbers are not one a taxel.
         """
-        values, noise = np.asarray(self.values, np.float64), np.asarray(self.noise, np.float64)
-        if self.file is not None:
-            try:
-                with np.load(self.file) as arrays:
-                    values, noise = arrays["values"], arrays["noise"]
-            except (OSError, KeyError, ValueError) as error:
-                raise ConfigurationError(f"the baseline {self.file} cannot be read: {error}") from (
-                    None
-                )
-        for name, array in (("values", values), ("noise", noise)):
-            if array.ndim and array.shape != (taxels,):
-                raise ConfigurationError(
-                    f"the baseline has {array.size} {name}, but the patch has {taxels} taxels"
-                )
+        given = read_npz(self.file, "values", "noise") if self.file else (self.values, self.noise)
+        values, noise = (_for_each(array, taxels) for array in given)
         if (noise <= 0).any():
-            raise ConfigurationError("the noise of a baseline must be positive")
-        return np.broadcast_to(values, taxels), np.broadcast_to(noise, taxels)
+            raise ConfigurationError("the noise must be positive", "baseline")
+        return values, noise
+
+
+def _on_plane(x: FloatArray, y: FloatArray) -> FloatArray:
+    """Give all points of these coordinates on the plane z = 0, x by x, shape (m, 3)."""
+    points = np.zeros((len(x) * len(y), 3))
+    points[:, 0], points[:, 1] = np.repeat(x, len(y)), np.tile(y, len(x))
+    return points
+
+
+def _for_each(numbers: ArrayLike, taxels: int) -> FloatArray:
+    """Give one finite number a taxel, from one for all or one for each."""
+    if np.ndim(numbers) == 0:
+        numbers = np.full(taxels, numbers)
+    elif len(np.asarray(numbers)) != taxels:
+        raise ConfigurationError(
+            f"{np.size(numbers)} numbers for the {taxels} taxels of the patch", "baseline"
+        )
+    return frozen_array(numbers, (taxels,), "numbers of the baseline", ConfigurationError)
 
 
 def fit_baseline(images: FloatArray, least_noise: float) -> tuple[FloatArray, FloatArray]:

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from contactfusion.arrays import FloatArray
 from contactfusion.contacts import Contact
 from contactfusion.grid import VOXEL_LIMIT
-from contactfusion.integrator import clusters
+from contactfusion.integrator import clusters, kernels
 from contactfusion.integrator.entries import Field
 from contactfusion.integrator.store import Int64Array
 from contactfusion.time import to_seconds
@@ -43,7 +43,6 @@ class ContactTable:
             entries.columns.likelihoods,
             entries.columns.stamps,
             entries.counted,
-            entries.forces,
         )
 
     def keep(self, wanted: NDArray[np.bool_]) -> "ContactTable":
@@ -53,44 +52,44 @@ class ContactTable:
 
     def __iter__(self) -> Iterator[Contact]:
         """Give the contacts by falling likelihood, then by first voxel."""
-        sums, entries = self.sums, self._field.entries
-        side, frame = entries.grid.voxel_size, entries.grid.frame
-        if not len(self._kept):
+        sums, entries, kept = self.sums, self._field.entries, self._kept
+        if not len(kept):
             return
-        mean = sums.first / sums.weight[:, None]
-        scatter = self._scatter(mean)
-        axes = np.linalg.eigh(scatter)[1][:, :, 2]
-        leading = axes[np.arange(len(axes)), np.abs(axes).argmax(axis=1)]
-        axes *= np.sign(leading)[:, None]
-        centres = sums.anchor + mean
-        ends = clusters.reach_along(self._selected, self._labels, entries.keys, centres, axes)
+        side, frame = entries.grid.voxel_size, entries.grid.frame
+        centres, scatter, ends = clusters.outline(
+            self._selected, self._labels, entries.keys, sums
+        )
         positions = (centres - VOXEL_LIMIT + 0.5) * side
-        extents = positions[:, None, :] + ends[:, :, None] * axes[:, None, :] * side
+        extents = positions[:, None, :] + ends * side
         covariances = (scatter + np.eye(3) / 12.0) * side**2
-        dispersions = np.sqrt(np.trace(scatter, axis1=1, axis2=2).clip(min=0.0)) * side
-        with np.errstate(invalid="ignore"):
-            forces = sums.force[:, :3] / sums.force[:, 3:]
-        shares = sums.shares / sums.shares.sum(axis=1, keepdims=True)
+        spread = np.einsum("cii->c", scatter).clip(min=0.0)
+        dispersions = (np.sqrt(spread) * side).tolist()
+        forces = self._forces()
+        shares = (sums.shares / sums.shares.sum(axis=1, keepdims=True)).tolist()
         for array in (positions, covariances, extents, forces):
             array.flags.writeable = False
-        names = [source.name for source in entries.sources]
-        shared = np.flatnonzero(entries.counted)
-        falling = np.argsort(-sums.largest[self._kept].round(LIKELIHOOD_STEP), kind="stable")
-        for c in self._kept[falling]:
+        likelihoods, voxels = sums.largest.tolist(), sums.voxels.tolist()
+        stamps = sums.stamp.tolist()
+        shared = [(s, entries.sources[s].name) for s in np.flatnonzero(entries.counted)]
+        falling = np.argsort(-sums.largest[kept].round(LIKELIHOOD_STEP), kind="stable")
+        for c in kept[falling].tolist():
             yield Contact(
                 position=positions[c],
-                likelihood=float(sums.largest[c]),
-                dispersion=float(dispersions[c]),
+                likelihood=likelihoods[c],
+                dispersion=dispersions[c],
                 covariance=covariances[c],
                 extent=extents[c],
                 force=forces[c],
-                voxels=int(sums.voxels[c]),
-                shares={names[s]: float(shares[c, s]) for s in shared},
-                stamp=to_seconds(int(sums.stamp[c])),
+                voxels=voxels[c],
+                shares={name: shares[c][s] for s, name in shared},
+                stamp=to_seconds(stamps[c]),
                 frame=frame,
             )
 
-    def _scatter(self, mean: FloatArray) -> FloatArray:
-        """Give the weighted covariance of each cluster, shape (c, 3, 3) [voxels²]."""
-        full = (self.sums.second / self.sums.weight[:, None])[:, [0, 1, 2, 1, 3, 4, 2, 4, 5]]
-        return full.reshape(-1, 3, 3) - mean[:, :, None] * mean[:, None, :]
+    def _forces(self) -> FloatArray:
+        """Give the mean force of each cluster, shape (c, 3) [N], NaN where there is none."""
+        entries = self._field.entries
+        felt = np.flatnonzero(entries.bits[self._selected] & kernels.FORCE)
+        voxels = self._selected[felt]
+        weights, forces = self._field.likelihoods[voxels], entries.forces_in(voxels)
+        return clusters.mean_forces(self._labels[felt], len(self.sums.voxels), weights, forces)

@@ -42,7 +42,7 @@ class Entries:
         starts: shape (k + 1, 2): each source's first entry, and its first row of forces or -1.
         keys: shape (m,), the voxels that have an entry, packed, ascending.
         rows: shape (m, k), each source's entry in each voxel, or -1.
-        bits: shape (m,), the kinds alive in each voxel.
+        bits: shape (m,), the kinds alive in each voxel, and whether with a force, see `kernels`.
     """
 
     grid: Grid
@@ -64,6 +64,7 @@ class Entries:
         rows = np.empty((n, k), np.int32)
         bits = np.empty(n, np.uint8)
         kinds = np.array([KIND_BITS[source.kind] for source in sources], np.uint8)
+        kinds[(kinds == kernels.REGULAR) & (starts[:-1, 1] >= 0)] |= kernels.FORCE
         begin = np.ascontiguousarray(starts[:, 0])
         m = kernels.align(columns.keys, begin, kinds, keys, rows, bits)
         return Entries(grid, now, sources, columns, starts, keys[:m], rows[:m], bits[:m])
@@ -137,12 +138,15 @@ class Entries:
         """Which entries are of a cloud that describes one contact, shape (m, k)."""
         return self._by_voxel(self.columns.single, np.bool_(False))
 
-    @cached_property
+    @property
     def forces(self) -> FloatArray:
-        """The force in each voxel, shape (m, 3) [N], NaN where none; (0, 3) without any force."""
-        if not len(self.columns.forces):
-            return np.empty((0, 3))
+        """The force in each voxel, shape (m, 3) [N], NaN where none."""
+        return self.forces_in(np.arange(len(self.keys)))
+
+    def forces_in(self, voxels: Int64Array) -> FloatArray:
+        """Give the force in some voxels, shape (n, 3) [N], NaN where none; `voxels` are rows."""
         return kernels.voxel_forces(
+            voxels,
             self.rows,
             self.columns.likelihoods,
             self.starts,

@@ -97,7 +97,6 @@ class Fusion:
         """Every voxel with its likelihoods and verdict; built when first asked for."""
         entries = self.field.entries
         voxels = unpack(entries.keys)
-        forces = entries.forces
         newest = kernels.newest_stamps(entries.rows, entries.columns.stamps)
         space = HypothesisSpace(
             frame=entries.grid.frame,
@@ -107,7 +106,7 @@ class Fusion:
             verdicts=VERDICTS[self.verdict_codes],
             sources=tuple(source.name for source in entries.sources),
             source_likelihoods=entries.likelihoods,
-            forces=forces if len(forces) else np.full((len(voxels), 3), np.nan),
+            forces=entries.forces,
             stamps=newest / 1e9,
         )
         for value in vars(space).values():

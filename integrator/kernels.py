@@ -9,10 +9,10 @@ from numpy.typing import NDArray
 
 from contactfusion.arrays import FloatArray
 from contactfusion.integrator.jit import kernel
-from contactfusion.integrator.store import Int64Array
+from contactfusion.integrator.store import BEYOND, Int64Array
 
-REGULAR, SUPPORT, NULL = 1, 2, 4
-"""Bits of the kinds of hypothesis that are alive in a voxel."""
+REGULAR, SUPPORT, NULL, FORCE = 1, 2, 4, 8
+"""Bits of the kinds of hypothesis that are alive in a voxel, and of regular ones with a force."""
 
 CLIP = 1e-6
 """Likelihoods of 0 and 1 have no finite log odds: they are clipped by this much."""
@@ -45,32 +45,40 @@ def align(
         The number of voxels m; the first m rows of the outputs hold them.
     """
     sources = len(kinds)
-    head = begin[:-1].copy()
-    beyond = np.int64(np.iinfo(np.int64).max)
-    front = np.full(sources, beyond)
+    rows[:] = -1
+    head, front = begin[:-1].copy(), np.empty(sources, np.int64)
     for source in range(sources):
-        if head[source] < begin[source + 1]:
-            front[source] = keys[head[source]]
+        begins = head[source] < begin[source + 1]
+        front[source] = keys[head[source]] if begins else BEYOND
     count = 0
     while True:
-        smallest = beyond
+        first, key, second = 0, BEYOND, BEYOND
         for source in range(sources):
-            smallest = min(smallest, front[source])
-        if smallest == beyond:
-            return count
-        kind = np.uint8(0)
-        for source in range(sources):
-            if front[source] == smallest:
-                at = head[source]
-                rows[count, source] = at
-                kind |= kinds[source]
-                head[source] = at + 1
-                front[source] = keys[at + 1] if at + 1 < begin[source + 1] else beyond
+            if front[source] < key:
+                first, key, second = source, front[source], key
             else:
-                rows[count, source] = -1
-        voxel_keys[count] = smallest
-        bits[count] = kind
-        count += 1
+                second = min(second, front[source])
+        if key == BEYOND:
+            return count
+        if key < second:  # one source alone, up to the next voxel of any other
+            at, end = head[first], begin[first + 1]
+            while key < second:
+                voxel_keys[count], bits[count], rows[count, first] = key, kinds[first], at
+                count += 1
+                at += 1
+                key = keys[at] if at < end else BEYOND
+            head[first], front[first] = at, key
+        else:
+            voxel_keys[count], bits[count] = key, 0
+            for source in range(sources):
+                if front[source] == key:
+                    at = head[source]
+                    rows[count, source] = at
+                    bits[count] |= kinds[source]
+                    at += 1
+                    head[source] = at
+                    front[source] = keys[at] if at < begin[source + 1] else BEYOND
+            count += 1
 
 
 @kernel
@@ -91,54 +99,54 @@ def newest_stamps(rows: Rows, stamps: Int64Array) -> Int64Array:
 def judge(likelihoods: FloatArray, bits: Bits, threshold: float) -> NDArray[np.uint8]:
     """Give the verdict on each voxel: null, then missing evidence, then the threshold (SPEC §2)."""
     verdicts = np.empty(len(bits), np.uint8)
-    for voxel in range(len(bits)):
-        if bits[voxel] & NULL:
-            verdicts[voxel] = NULLED
-        elif not bits[voxel] & REGULAR:
-            verdicts[voxel] = SUPPORT_ONLY
-        elif 1.0 - likelihoods[voxel] <= 1.0 - threshold + EDGE:
-            verdicts[voxel] = CONTACT
-        else:
-            verdicts[voxel] = BELOW_THRESHOLD
+    most = 1.0 - threshold + EDGE
+    for voxel in range(len(bits)):  # free of branches, so that it runs on vectors
+        reaches = 1.0 - likelihoods[voxel] <= most
+        verdict = np.uint8(CONTACT if reaches else BELOW_THRESHOLD)
+        verdict = verdict if bits[voxel] & REGULAR else np.uint8(SUPPORT_ONLY)
+        verdicts[voxel] = np.uint8(NULLED) if bits[voxel] & NULL else verdict
     return verdicts
 
 
 @kernel
 def voxel_forces(
+    voxels: Int64Array,
     rows: Rows,
     likelihoods: NDArray[np.float32],
     starts: Int64Array,
     regular: NDArray[np.bool_],
     forces: FloatArray,
 ) -> FloatArray:
-    """Give each voxel's force, the mean over regular sources that felt one, weighted by likelihood.
+    """Give the force in some voxels: the mean over regular sources, weighted by likelihood.
 
     Args:
+        voxels: shape (n,), rows of `rows`.
         rows: shape (m, k).
-        likelihoods: shape (n,), of the entries.
+        likelihoods: of the entries.
         starts: shape (k + 1, 2), each source's first entry, and its first row in `forces` or -1.
         regular: shape (k,), which sources are evidence.
         forces: shape (f, 4), Σpf [N] and Σp.
 
     Returns:
-        Shape (m, 3) [N], NaN where no source felt a force.
+        Shape (n, 3) [N], NaN where no source felt a force.
     """
-    mean = np.full((len(rows), 3), np.nan)
-    for voxel in range(len(rows)):
+    mean = np.full((len(voxels), 3), np.nan)
+    felt = np.flatnonzero(regular & (starts[:-1, 1] >= 0))
+    for i in range(len(voxels)):
         x, y, z, total = 0.0, 0.0, 0.0, 0.0
-        for source in range(rows.shape[1]):
-            row = rows[voxel, source]
-            if row < 0 or not regular[source] or starts[source, 1] < 0:
+        for source in felt:
+            row = rows[voxels[i], source]
+            if row < 0:
                 continue
-            force = forces[starts[source, 1] + row - starts[source, 0]]
-            if force[3] > 0.0:
+            at = starts[source, 1] + row - starts[source, 0]
+            if forces[at, 3] > 0.0:
                 weight = np.float64(likelihoods[row])
-                x += weight * force[0] / force[3]
-                y += weight * force[1] / force[3]
-                z += weight * force[2] / force[3]
+                x += weight * forces[at, 0] / forces[at, 3]
+                y += weight * forces[at, 1] / forces[at, 3]
+                z += weight * forces[at, 2] / forces[at, 3]
                 total += weight
         if total > 0.0:
-            mean[voxel, 0], mean[voxel, 1], mean[voxel, 2] = x / total, y / total, z / total
+            mean[i, 0], mean[i, 1], mean[i, 2] = x / total, y / total, z / total
     return mean
 
 

@@ -16,6 +16,10 @@ from contactfusion.time import to_nanoseconds
 ALWAYS = -(1 << 62)
 """A stamp [ns] before all others."""
 
+Range = tuple[int, int, int]
+"""Where a source's rows begin and end, and its first row of forces, or -1 when it has none."""
+NOTHING: Range = (0, 0, -1)
+
 
 class Space:
     """Absorbs accepted clouds and lets old entries die; each step gets entries of its own.
@@ -30,7 +34,7 @@ class Space:
         self._by_voxel = config.expiry == "voxel"
         self._voxel_timeout = to_nanoseconds(config.timeout)
         self._columns = _room(0, 0)
-        self._ranges: dict[str, tuple[int, int, int]] = {}
+        self._ranges: dict[str, Range] = {}
 
     def absorb(
         self, accepted: Mapping[str, list[Arrival]], records: Sequence[SourceRecord], now: int
@@ -42,27 +46,18 @@ class Space:
             records: the plugged sources by ascending name.
             now: the step's time [ns].
         """
-        arrivals, begin, old = [], [0], []
-        rows = 0
+        groups, kept = [], []
         for record in records:
-            new = accepted.get(record.name, [])
-            kept = self._ranges.get(record.name, (0, 0, -1))
-            if record.replace and new:
-                new, kept = new[-1:], (0, 0, -1)
-            arrivals += new
-            rows += sum(len(arrival.keys) for arrival in new)
-            begin.append(rows)
-            old.append(kept)
-        old_range = np.array(old, np.int64).reshape(-1, 3)
-        incoming = _stacked(arrivals, rows)
-        row_begin = np.array(begin, np.int64)
+            clouds = accepted.get(record.name, [])
+            replaced = record.replace and clouds
+            groups.append(clouds[-1:] if replaced else clouds)
+            kept.append(NOTHING if replaced else self._ranges.get(record.name, NOTHING))
+        old_range = np.array(kept, np.int64).reshape(-1, 3)
+        rows, row_range = _stacked(groups)
         oldest = np.array([self._oldest(record, now) for record in records], np.int64)
-        lengths = old_range[:, 1] - old_range[:, 0]
-        room = int(lengths.sum()) + rows
-        forceful = room if len(incoming.forces) else int(lengths[old_range[:, 2] >= 0].sum())
-        out = _room(room, forceful)
-        order = store.sort_rows(incoming.keys, row_begin)
-        starts = store.merge(self._columns, old_range, incoming, row_begin, order, oldest, out)
+        out = _room(*_most(old_range, row_range))
+        order = store.sort_rows(rows.keys, row_range)
+        starts = store.merge(self._columns, old_range, rows, row_range, order, oldest, out)
         sources = tuple(Source(record.name, record.kind) for record in records)
         entries = self._lined_up(now, sources, out, starts)
         self._columns = entries.columns
@@ -86,8 +81,7 @@ class Space:
     def _lined_up(
         self, now: int, sources: tuple[Source, ...], columns: Columns, starts: Int64Array
     ) -> Entries:
-        count, forces = starts[-1]
-        columns = columns.picked(slice(count), slice(forces))
+        columns.shrink(*starts[-1])
         entries = Entries.lined_up(self._grid, now, sources, columns, starts)
         if self._by_voxel:
             newest = kernels.newest_stamps(entries.rows, columns.stamps)
@@ -108,20 +102,35 @@ def _room(entries: int, forces: int) -> Columns:
     )
 
 
-def _stacked(arrivals: Sequence[Arrival], rows: int) -> Columns:
-    """Stack the rows of clouds."""
-    forceful = any(arrival.cloud.forces is not None for arrival in arrivals)
-    stacked = _room(rows, rows if forceful else 0)
-    at = 0
-    for arrival in arrivals:
-        cloud, part = arrival.cloud, slice(at, at + len(arrival.keys))
-        at = part.stop
-        stacked.keys[part] = arrival.keys
-        stacked.likelihoods[part] = cloud.likelihoods
-        stacked.stamps[part] = arrival.stamp
-        stacked.spreads[part] = 0.0 if cloud.spreads is None else cloud.spreads
-        stacked.single[part] = cloud.single
-        if forceful:
-            stacked.forces[part, :3] = 0.0 if cloud.forces is None else cloud.forces
-            stacked.forces[part, 3] = 0.0 if cloud.forces is None else 1.0
-    return stacked
+def _most(old_range: Int64Array, row_range: Int64Array) -> tuple[int, int]:
+    """Give the most entries and rows of forces that a merge can leave."""
+    lengths = (old_range[:, 1] - old_range[:, 0]) + (row_range[:, 1] - row_range[:, 0])
+    forceful = (old_range[:, 2] >= 0) | (row_range[:, 2] >= 0)
+    return int(lengths.sum()), int(lengths[forceful].sum())
+
+
+def _stacked(groups: Sequence[Sequence[Arrival]]) -> tuple[Columns, Int64Array]:
+    """Stack the rows of clouds that are grouped by source; give them and the groups' ranges."""
+    ranges, end, forces = [], 0, 0
+    for group in groups:
+        begin, end = end, end + sum(len(arrival.keys) for arrival in group)
+        forceful = any(arrival.cloud.forces is not None for arrival in group)
+        ranges.append((begin, end, forces if forceful else -1))
+        forces += end - begin if forceful else 0
+    stacked = _room(end, forces)
+    for group, (at, _, force_at) in zip(groups, ranges, strict=True):
+        for arrival in group:
+            cloud, rows = arrival.cloud, slice(at, at + len(arrival.keys))
+            stacked.keys[rows] = arrival.keys
+            stacked.likelihoods[rows] = cloud.likelihoods
+            stacked.stamps[rows] = arrival.stamp
+            stacked.spreads[rows] = 0.0 if cloud.spreads is None else cloud.spreads
+            stacked.single[rows] = cloud.single
+            if force_at >= 0:
+                force_rows = slice(force_at, force_at + len(arrival.keys))
+                felt = cloud.forces is not None
+                stacked.forces[force_rows, :3] = cloud.forces if felt else 0.0
+                stacked.forces[force_rows, 3] = felt
+                force_at = force_rows.stop
+            at = rows.stop
+    return stacked, np.array(ranges, np.int64).reshape(-1, 3)

@@ -17,6 +17,9 @@ from contactfusion.integrator.jit import kernel
 
 AXIS_BITS = 21
 AXIS_MASK = (1 << AXIS_BITS) - 1
+BEYOND = (1 << 63) - 1
+"""A key after all others."""
+ONE = np.uintp(1)
 SMALL = 48
 """Up to this many rows, insertion sort is faster than counting digits."""
 
@@ -34,7 +37,7 @@ class Columns(NamedTuple):
         spreads: shape (n,) [m], 0 where the source gave none.
         single: shape (n,), whether the entry belongs to a cloud that describes one contact.
         forces: shape (f, 4) of sums Σpf [N], Σp for entries; Σp = 0 where there is no force.
-            For incoming rows shape (n, 4) of f, 1 (or zeros), or (0, 4) when no row has a force.
+            Incoming rows have f and 1, or zeros. Sources without any force have no rows here.
     """
 
     keys: Int64Array
@@ -54,6 +57,12 @@ class Columns(NamedTuple):
             self.single[rows],
             self.forces[force_rows],
         )
+
+    def shrink(self, rows: int, force_rows: int) -> None:
+        """Give the memory behind the first rows back; nobody else may hold these arrays yet."""
+        for column in self[:5]:
+            column.resize(rows, refcheck=False)
+        self.forces.resize((force_rows, 4), refcheck=False)
 
 
 @kernel
@@ -87,7 +96,7 @@ def unpack(keys: Int64Array) -> Int64Array:
 
 
 @kernel
-def _sort_small(keys: Int64Array, begin: int, end: int, order: NDArray[np.int32]) -> None:
+def _sort_small(keys: Int64Array, begin: int, end: int, order: NDArray[np.uint32]) -> None:
     for row in range(begin, end):
         at = row
         while at > begin and keys[order[at - 1]] > keys[row]:
@@ -97,69 +106,66 @@ def _sort_small(keys: Int64Array, begin: int, end: int, order: NDArray[np.int32]
 
 
 @kernel
-def _sort_large(keys: Int64Array, begin: int, end: int, order: NDArray[np.int32]) -> None:
+def _sort_large(keys: Int64Array, begin: int, end: int, order: NDArray[np.uint32]) -> None:
     """Sort by counting digits of the cell number inside the rows' bounding box."""
     n = end - begin
-    low = np.full(3, np.int64(AXIS_MASK))
-    high = np.zeros(3, np.int64)
-    for row in range(begin, end):
-        for axis in range(3):
-            index = (keys[row] >> (axis * AXIS_BITS)) & AXIS_MASK
-            low[axis] = min(low[axis], index)
-            high[axis] = max(high[axis], index)
-    side_z, side_y = high[0] - low[0] + 1, high[1] - low[1] + 1
-    cells = np.empty(n, np.int64)
-    rows = np.empty(n, np.int32)
+    low_x = low_y = low_z = np.int64(AXIS_MASK)
+    high_x = high_y = high_z = np.int64(0)
+    for key in keys[begin:end]:
+        x, y, z = key >> (2 * AXIS_BITS), (key >> AXIS_BITS) & AXIS_MASK, key & AXIS_MASK
+        low_x, high_x = min(low_x, x), max(high_x, x)
+        low_y, high_y = min(low_y, y), max(high_y, y)
+        low_z, high_z = min(low_z, z), max(high_z, z)
+    side_z, side_y = high_z - low_z + 1, high_y - low_y + 1
+    cells, rows = np.empty(n, np.int64), np.empty(n, np.uint32)
     for i in range(n):
         key = keys[begin + i]
-        x = (key >> (2 * AXIS_BITS)) - low[2]
-        y = ((key >> AXIS_BITS) & AXIS_MASK) - low[1]
-        cells[i] = (x * side_y + y) * side_z + (key & AXIS_MASK) - low[0]
+        x, y = (key >> (2 * AXIS_BITS)) - low_x, ((key >> AXIS_BITS) & AXIS_MASK) - low_y
+        cells[i] = (x * side_y + y) * side_z + (key & AXIS_MASK) - low_z
         rows[i] = begin + i
     digit_bits = 11 if n > 4096 else 8
-    buckets = 1 << digit_bits
-    start = np.empty(buckets, np.int64)
+    digits = (1 << digit_bits) - 1
+    start = np.empty(digits + 1, np.int64)
     other_cells, other_rows = np.empty_like(cells), np.empty_like(rows)
-    remaining = (high[2] - low[2] + 1) * side_y * side_z - 1
-    shift = 0
+    remaining = (high_x - low_x + 1) * side_y * side_z - 1
     while remaining > 0:
         start[:] = 0
-        for i in range(n):
-            start[(cells[i] >> shift) & (buckets - 1)] += 1
+        for cell in cells:
+            start[cell & digits] += 1
         total = 0
-        for bucket in range(buckets):
-            count = start[bucket]
-            start[bucket] = total
+        for digit in range(digits + 1):
+            count = start[digit]
+            start[digit] = total
             total += count
         for i in range(n):
-            bucket = (cells[i] >> shift) & (buckets - 1)
-            at = start[bucket]
-            start[bucket] = at + 1
-            other_cells[at], other_rows[at] = cells[i], rows[i]
+            digit = cells[i] & digits
+            at = start[digit]
+            start[digit] = at + 1
+            other_cells[at], other_rows[at] = cells[i] >> digit_bits, rows[i]
         cells, other_cells = other_cells, cells
         rows, other_rows = other_rows, rows
-        shift += digit_bits
         remaining >>= digit_bits
     order[begin:end] = rows
 
 
 @kernel
-def sort_rows(keys: Int64Array, begin: Int64Array) -> NDArray[np.int32]:
+def sort_rows(keys: Int64Array, ranges: Int64Array) -> NDArray[np.uint32]:
     """Sort the rows of each group by key, keeping the order of arrival among equals.
 
     Args:
         keys: shape (n,).
-        begin: shape (k + 1,), where each group begins.
+        ranges: shape (k, 3), where each group begins and ends; the groups cover all rows.
 
     Returns:
         Shape (n,): the rows in their new order.
     """
-    order = np.empty(len(keys), np.int32)
-    for group in range(len(begin) - 1):
-        if begin[group + 1] - begin[group] <= SMALL:
-            _sort_small(keys, begin[group], begin[group + 1], order)
+    order = np.empty(len(keys), np.uint32)
+    for group in range(len(ranges)):
+        begin, end = ranges[group, 0], ranges[group, 1]
+        if end - begin <= SMALL:
+            _sort_small(keys, begin, end, order)
         else:
-            _sort_large(keys, begin[group], begin[group + 1], order)
+            _sort_large(keys, begin, end, order)
     return order
 
 
@@ -168,22 +174,23 @@ def merge(
     old: Columns,
     old_range: Int64Array,
     rows: Columns,
-    row_begin: Int64Array,
-    order: NDArray[np.int32],
+    row_range: Int64Array,
+    order: NDArray[np.uint32],
     oldest: Int64Array,
     out: Columns,
 ) -> Int64Array:
     """Merge incoming rows into the entries, keep the newest of each voxel and source (SPEC §1).
 
     Per voxel and source the newest row wins; rows with one stamp give their largest likelihood;
-    a likelihood of 0 removes an older entry. Entries older than `oldest` are left out.
+    a likelihood of 0 removes an older entry. Entries older than `oldest` are left out. Every entry
+    is written; the next is written over it unless it counts.
 
     Args:
         old: the entries so far.
         old_range: shape (k, 3): for each source its entries' begin and end, and its first row in
             `old.forces` or -1.
         rows: incoming rows grouped by source, in order of arrival, stamps never falling.
-        row_begin: shape (k + 1,), where the rows of each source begin.
+        row_range: shape (k, 3), likewise for the incoming rows.
         order: the rows of each source sorted by key.
         oldest: shape (k,) [ns], the oldest stamp that still lives, by source.
         out: room for all old entries and all rows; `forces` likewise for sources with force.
@@ -192,71 +199,75 @@ def merge(
         Shape (k + 1, 2): where the entries of each source begin in `out`, and its first row in
         `out.forces` or -1; the last row holds both totals.
     """
+    keys, likelihoods, stamps, spreads, singles, forces = out  # attributes would count references
+    old_keys, old_likelihoods, old_stamps, old_spreads, old_singles, old_forces = old
+    row_keys, row_likelihoods, row_stamps, row_spreads, row_singles, row_forces = rows
     sources = len(old_range)
     starts = np.empty((sources + 1, 2), np.int64)
-    count, force_count = 0, 0
-    rows_have_forces = len(rows.forces) > 0
+    count, force_count = np.uintp(0), 0  # unsigned: no index is looked at for being negative
     for source in range(sources):
-        at, end, force_at = old_range[source]
-        next_row, last_row = row_begin[source], row_begin[source + 1]
-        forceful = force_at >= 0
-        if rows_have_forces and not forceful:
-            for i in range(next_row, last_row):
-                if rows.forces[i, 3] > 0.0:
-                    forceful = True
-                    break
-        starts[source, 0] = count
-        starts[source, 1] = force_count if forceful else -1
-        first = at
+        at, end = np.uintp(old_range[source, 0]), np.uintp(old_range[source, 1])
+        next_row, last_row = np.uintp(row_range[source, 0]), np.uintp(row_range[source, 1])
+        old_force, row_force = old_range[source, 2], row_range[source, 2]
+        forceful, eldest = old_force >= 0 or row_force >= 0, oldest[source]
+        starts[source, 0], starts[source, 1] = count, force_count if forceful else -1
+        to_old = np.uintp(old_force) - at  # unsigned numbers wrap around, and so do sums with them
+        to_row, to_force = np.uintp(row_force) - next_row, np.uintp(force_count) - count
         while at < end or next_row < last_row:
+            key = row_keys[order[next_row]] if next_row < last_row else BEYOND
+            while at < end and old_keys[at] < key:
+                keys[count], likelihoods[count] = old_keys[at], old_likelihoods[at]
+                stamps[count], spreads[count] = old_stamps[at], old_spreads[at]
+                singles[count] = old_singles[at]
+                if forceful:
+                    for i in range(4):
+                        forces[to_force + count, i] = old_forces[to_old + at, i] if old_force >= 0 else 0.0
+                count += np.uintp(old_stamps[at] >= eldest)
+                at += ONE
+            if next_row == last_row:
+                break
             likelihood, stamp = np.float32(0.0), np.int64(0)
             spread, single = np.float32(0.0), False
             fx, fy, fz, weight = 0.0, 0.0, 0.0, 0.0
-            if next_row == last_row or (at < end and old.keys[at] <= rows.keys[order[next_row]]):
-                key = old.keys[at]
-                likelihood, stamp = old.likelihoods[at], old.stamps[at]
-                spread, single = old.spreads[at], old.single[at]
-                if force_at >= 0:
-                    force = old.forces[force_at + at - first]
+            if at < end and old_keys[at] == key:
+                likelihood, stamp = old_likelihoods[at], old_stamps[at]
+                spread, single = old_spreads[at], old_singles[at]
+                if old_force >= 0:
+                    force = old_forces[to_old + at]
                     fx, fy, fz, weight = force[0], force[1], force[2], force[3]
-                at += 1
-            else:
-                key = rows.keys[order[next_row]]
-            while next_row < last_row and rows.keys[order[next_row]] == key:
+                at += ONE
+            while next_row < last_row and row_keys[order[next_row]] == key:
                 row = order[next_row]
-                next_row += 1
-                p = rows.likelihoods[row]
-                newer = likelihood == 0.0 or rows.stamps[row] > stamp
+                next_row += ONE
+                p = row_likelihoods[row]
+                newer = likelihood == 0.0 or row_stamps[row] > stamp
                 if p == 0.0:
                     if newer:
-                        likelihood = np.float32(0.0)
+                        likelihood = p
                     continue
-                if newer:
-                    likelihood, stamp = p, rows.stamps[row]
-                    spread, single = rows.spreads[row], rows.single[row]
-                    fx, fy, fz, weight = 0.0, 0.0, 0.0, 0.0
-                elif p > likelihood:
-                    likelihood = p
-                    spread, single = rows.spreads[row], rows.single[row]
+                if newer or p > likelihood:
+                    likelihood, stamp = p, row_stamps[row]
+                    spread, single = row_spreads[row], row_singles[row]
                 elif p == likelihood:
-                    spread = max(spread, rows.spreads[row])
-                    single = single or rows.single[row]
-                if rows_have_forces and rows.forces[row, 3] > 0.0:
-                    fx += p * rows.forces[row, 0]
-                    fy += p * rows.forces[row, 1]
-                    fz += p * rows.forces[row, 2]
-                    weight += p
-                else:
-                    fx, fy, fz, weight = 0.0, 0.0, 0.0, 0.0
-            if likelihood == 0.0 or stamp < oldest[source]:
-                continue
-            out.keys[count], out.likelihoods[count] = key, likelihood
-            out.stamps[count], out.spreads[count] = stamp, spread
-            out.single[count] = single
+                    spread = max(spread, row_spreads[row])
+                    single = single or row_singles[row]
+                if forceful:
+                    felt = row_force >= 0 and row_forces[to_row + row, 3] > 0.0
+                    if newer or not felt:
+                        fx, fy, fz, weight = 0.0, 0.0, 0.0, 0.0
+                    if felt:
+                        force = row_forces[to_row + row]
+                        fx += p * force[0]
+                        fy += p * force[1]
+                        fz += p * force[2]
+                        weight += p
+            keys[count], likelihoods[count] = key, likelihood
+            stamps[count], spreads[count], singles[count] = stamp, spread, single
             if forceful:
-                force = out.forces[force_count]
+                force = forces[to_force + count]
                 force[0], force[1], force[2], force[3] = fx, fy, fz, weight
-                force_count += 1
-            count += 1
+            count += np.uintp(likelihood > 0.0 and stamp >= eldest)
+        if forceful:
+            force_count = np.int64(to_force + count)
     starts[sources, 0], starts[sources, 1] = count, force_count
     return starts

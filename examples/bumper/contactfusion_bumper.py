@@ -1,0 +1,52 @@
+"""A bumper with one switch: a contact somewhere on its face while it is closed (F Eq 2)."""
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from pydantic import Field
+
+from contactfusion import Generator, GeneratorConfig, HypothesisCloud, Reading, State, hookimpl
+from contactfusion.readings import Switch
+from contactfusion.surface import rectangle
+
+Vector = tuple[float, float, float]
+
+
+class BumperConfig(GeneratorConfig):
+    """A rectangular face, in the frame of the switch's readings."""
+
+    centre: Vector = (0.0, 0.0, 0.0)
+    """The middle of the face [m]."""
+    u: Vector = (0.0, 0.1, 0.0)
+    """From the centre to the middle of one edge [m]."""
+    v: Vector = (0.0, 0.0, 0.05)
+    """From the centre to the middle of the next edge [m]."""
+    spacing: float = Field(default=0.005, gt=0)
+    """The greatest distance between neighbouring hypotheses [m]; at most the side of a voxel."""
+    probability: float = Field(default=1.0, ge=0, le=1)
+    """How surely a closed switch means a contact."""
+
+
+class BumperGenerator(Generator[BumperConfig]):
+    """Regular, single contact: uniform over the face, the sum is the probability (F Eq 2)."""
+
+    Config = BumperConfig
+    readings = (Switch,)
+
+    def generate(self, reading: Reading, state: State) -> Sequence[HypothesisCloud]:
+        """Give the face while the switch is closed; each place stands for a cell around it."""
+        assert isinstance(reading, Switch)
+        if not reading.closed:
+            return [self.nothing(reading)]
+        c = self.config
+        centre, u, v = np.array([c.centre, c.u, c.v])
+        face = rectangle(reading.frame, centre, u, v, c.spacing).points
+        spreads = np.full(len(face), c.spacing / np.sqrt(12.0))
+        share = c.probability / len(face)
+        return [self.cloud(reading, face, share, spreads=spreads, single=True)]
+
+
+@hookimpl
+def contactfusion_generators() -> Mapping[str, type[Generator[BumperConfig]]]:
+    """Offer the bumper."""
+    return {"bumper": BumperGenerator}

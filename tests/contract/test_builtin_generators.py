@@ -1,0 +1,106 @@
+"""Every generator of the package keeps the contract."""
+
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import RigidTransform
+
+from contactfusion import Grid, State
+from contactfusion.frames import FrameTree
+from contactfusion.generators.force_torque import ForceTorqueConfig
+from contactfusion.generators.tactile import TactileConfig
+from contactfusion.generators.taxel_map import TaxelMap, TaxelMapConfig
+from contactfusion.plugins import Plugins, installed_plugins
+from contactfusion.readings import TactileImage, Wrench
+from contactfusion.shapes import BodyConfig
+from contactfusion.testing import EXAMPLES, check_generator, example_reading
+
+HOME = "contactfusion"
+"""The distribution whose generators are checked here."""
+Given = Mapping[str, Any]
+
+
+def force_torque(folder: Path) -> Given:
+    """A sensor in the middle of a ball, whose surface its wrenches point to."""
+    ball = BodyConfig.model_validate(
+        {"frame": "base", "spacing": 0.004, "shapes": [{"shape": "sphere", "radius": 0.06}]}
+    )
+    state = State(now=0.0, grid=Grid("base", 0.005), surface=ball.sampled(folder))
+    place, force = np.array([0.0, 0.0, 0.06]), np.array([1.0, -2.0, -8.0])
+    readings = [
+        Wrench(
+            stamp=0.1 * index,
+            frame="base",
+            force=(1 + index) * force,
+            torque=(1 + index) * np.cross(place, force),
+        )
+        for index in range(EXAMPLES)
+    ]
+    return {"config": ForceTorqueConfig(sign="on_robot"), "readings": readings, "state": state}
+
+
+def tactile(folder: Path) -> Given:
+    """Four rows of four taxels, as many as an example has values."""
+    grid = {"rows": 4, "columns": 4, "pitch": (0.01, 0.01)}
+    return {"config": TactileConfig.model_validate({"patch": {"grid": grid}, "free": True})}
+
+
+def taxel_map(folder: Path) -> Given:
+    """Presses along a line, felt by two channels."""
+    x = np.linspace(0.1, 0.9, 40)
+    places = np.stack([0.1 * x, 0.0 * x, 0.0 * x], axis=1)
+    TaxelMap(np.stack([x, 1.0 - x], axis=1), places, 8, 0.002).save(folder / "map.npz")
+    values = ([0.2, 0.8], [0.0, 0.0], [1.5, 1.5])
+    readings = [
+        TactileImage(stamp=0.1 * index, frame="base", values=np.array(value))
+        for index, value in enumerate(values)
+    ]
+    config = TaxelMapConfig(map=folder / "map.npz", min_signal=0.1)
+    return {"config": config, "readings": readings}
+
+
+def nothing(folder: Path) -> Given:
+    """Its defaults, and examples of its readings."""
+    return {}
+
+
+GIVEN: dict[str, Callable[[Path], Given]] = {
+    "force_torque": force_torque,
+    "tactile": tactile,
+    "taxel_map": taxel_map,
+}
+"""What the kit needs for a generator whose options have no defaults; others need `nothing`."""
+
+BUILT_IN = {
+    name: cls
+    for name, cls in installed_plugins().offers("generators").items()
+    if cls.__module__.split(".")[0] == HOME
+}
+
+
+def test_every_plugin_of_the_package_loads() -> None:
+    plugins = Plugins()
+    plugins.offers("generators")
+    ours = {plugin.name for plugin in plugins.listing() if plugin.distribution.split()[0] == HOME}
+    assert {name: why for name, why in plugins.failures.items() if name in ours} == {}
+    assert set(GIVEN) <= set(BUILT_IN)
+
+
+@pytest.mark.parametrize("name", BUILT_IN)
+def test_it_keeps_the_contract(name: str, tmp_path: Path) -> None:
+    check_generator(BUILT_IN[name], **GIVEN.get(name, nothing)(tmp_path))
+
+
+@pytest.mark.parametrize("name", BUILT_IN)
+def test_what_it_is_checked_with_makes_it_say_something(name: str, tmp_path: Path) -> None:
+    cls, given = BUILT_IN[name], GIVEN.get(name, nothing)(tmp_path)
+    generator = cls(name, given.get("config") or cls.Config())
+    readings = given.get("readings") or [
+        example_reading(kind, index) for index in range(EXAMPLES) for kind in cls.readings
+    ]
+    frames = FrameTree({"sensor": ("base", RigidTransform.identity())})
+    state = given.get("state") or State(now=0.0, grid=Grid("base", 0.005), frames=frames)
+    assert any(len(cloud) for reading in readings for cloud in generator.generate(reading, state))

@@ -1,0 +1,90 @@
+"""A package of a stranger, installed beside contactfusion, takes part by configuration alone."""
+
+import json
+import os
+import shutil
+import subprocess
+import sys
+import sysconfig
+import venv
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+BUMPER = Path(__file__).parents[1] / "examples" / "bumper"
+RUN = """
+import json, numpy as np, contactfusion_bumper
+from contactfusion import Pipeline, PipelineConfig
+from contactfusion.plugins import installed_plugins
+from contactfusion.readings import Switch
+
+config = PipelineConfig(
+    generators={"bumper": {"type": "bumper", "u": [0, 0.02, 0], "v": [0, 0, 0.01]}},
+    frames={"front": {"parent": "base", "xyz": [0.3025, 0.1, 0.05]}},
+    integrator={"condensation": "cluster_mass"},
+)
+pipeline = Pipeline(config)
+contacts = []
+for stamp, closed in ((0.0, False), (0.1, True), (0.2, False)):
+    pipeline.receive(Switch(stamp=stamp, frame="front", closed=closed))
+    found = pipeline.step(stamp).fusion.contacts
+    contacts.append([[c.position.tolist(), dict(c.shares), c.frame] for c in found])
+listed = {p.name: p.distribution for p in installed_plugins().listing()}
+print(json.dumps([contacts, listed["bumper"], contactfusion_bumper.__file__]))
+"""
+
+
+class Stranger:
+    """An environment of its own that has the bumper installed and borrows everything else."""
+
+    def __init__(self, folder: Path) -> None:
+        self.source, self.home = folder / "bumper", folder / "env"
+        shutil.copytree(BUMPER, self.source, ignore=shutil.ignore_patterns("build", "*.egg-info"))
+        venv.create(self.home, symlinks=True)
+        paths = {"base": str(self.home), "platbase": str(self.home)}
+        site = Path(sysconfig.get_path("purelib", scheme="venv", vars=paths))
+        borrowed = sysconfig.get_path("purelib")
+        (site / "borrowed.pth").write_text(f"import site; site.addsitedir({borrowed!r})\n")
+        self.python = self.home / "bin" / "python"
+        pip = [sys.executable, "-m", "pip", "--disable-pip-version-check", "--quiet"]
+        offline = ["--no-deps", "--no-index"]
+        wheels = ["--wheel-dir", str(folder), "--no-build-isolation", str(self.source)]
+        subprocess.run([*pip, "wheel", *offline, *wheels], check=True)
+        (wheel,) = folder.glob("*.whl")
+        target = ["--python", str(self.python), "install"]
+        subprocess.run([*pip, *target, *offline, str(wheel)], check=True)
+
+    def run(self, *arguments: str) -> str:
+        given = {**os.environ, "PYTEST_DISABLE_PLUGIN_AUTOLOAD": "1"}
+        given.pop("PYTHONPATH", None)
+        done = subprocess.run(
+            [str(self.python), *arguments],
+            check=True,
+            capture_output=True,
+            text=True,
+            cwd=self.source,
+            env=given,
+        )
+        return done.stdout
+
+
+@pytest.fixture(scope="module")
+def stranger(tmp_path_factory: pytest.TempPathFactory) -> Stranger:
+    return Stranger(tmp_path_factory.mktemp("stranger"))
+
+
+def test_its_bumper_finds_the_contact_by_configuration_alone(stranger: Stranger) -> None:
+    told: Any = json.loads(stranger.run("-I", "-c", RUN))
+    (before, during, after), distribution, file = told
+    assert before == after == []
+    ((position, shares, frame),) = during
+    assert position == pytest.approx([0.3025, 0.1, 0.05])
+    assert (shares, frame) == ({"bumper": 1.0}, "base")
+    assert distribution == "contactfusion-bumper 0.1.0"
+    assert Path(file).is_relative_to(stranger.home)
+
+
+def test_its_own_tests_pass(stranger: Stranger) -> None:
+    (stranger.source / "contactfusion_bumper.py").unlink()  # the installed one is tested
+    assert "3 passed" in stranger.run("-m", "pytest", "-q", "-c", os.devnull, "test_bumper.py")

@@ -1,0 +1,101 @@
+"""Trees of frames."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.spatial.transform import RigidTransform, Rotation
+
+from contactfusion.errors import FrameError
+from contactfusion.frames import FrameTree, points_in, vectors_in
+
+Parents = dict[str, tuple[str, RigidTransform]]
+NUMBERS = st.floats(-3.0, 3.0)
+POSES = st.builds(
+    lambda shift, turn: RigidTransform.from_components(shift, Rotation.from_rotvec(turn)),
+    st.tuples(NUMBERS, NUMBERS, NUMBERS),
+    st.tuples(NUMBERS, NUMBERS, NUMBERS),
+)
+
+
+def shift(x: float, y: float = 0.0, z: float = 0.0) -> RigidTransform:
+    return RigidTransform.from_translation([x, y, z])
+
+
+def arm() -> FrameTree:
+    return FrameTree(
+        {
+            "base": ("world", shift(1.0)),
+            "hand": ("base", shift(0.0, 1.0)),
+            "eye": ("base", shift(5)),
+        }
+    )
+
+
+def test_a_pose_takes_coordinates_of_the_one_frame_to_the_other() -> None:
+    turned = RigidTransform.from_components([1, 0, 0], Rotation.from_rotvec([0, 0, np.pi / 2]))
+    tree = FrameTree({"hand": ("base", turned)})
+    pose = tree.pose("base", of="hand")
+    assert points_in(pose, np.array([[1.0, 0.0, 0.0]])) == pytest.approx(np.array([[1, 1, 0]]))
+    assert vectors_in(pose, np.array([[1.0, 0.0, 0.0]])) == pytest.approx(np.array([[0, 1, 0]]))
+
+
+def test_poses_add_up_along_the_chain_and_across_branches() -> None:
+    assert arm().pose("world", of="hand").translation == pytest.approx([1.0, 1.0, 0.0])
+    assert arm().pose("eye", of="hand").translation == pytest.approx([-5.0, 1.0, 0.0])
+
+
+def test_a_frame_in_itself_is_the_identity_even_when_nobody_knows_it() -> None:
+    assert np.array_equal(arm().pose("moon", of="moon").as_matrix(), np.eye(4))
+
+
+@settings(max_examples=25, deadline=None)
+@given(POSES, POSES)
+def test_there_and_back_is_the_identity(first: RigidTransform, second: RigidTransform) -> None:
+    tree = FrameTree({"a": ("root", first), "b": ("root", second)})
+    both = tree.pose("a", of="b") * tree.pose("b", of="a")
+    assert both.as_matrix() == pytest.approx(np.eye(4), abs=1e-12)
+
+
+def test_points_that_nobody_may_change_can_be_moved() -> None:
+    points = np.zeros((2, 3))
+    points.flags.writeable = False
+    assert points_in(shift(1.0), points)[:, 0].tolist() == [1.0, 1.0]
+    assert points_in(shift(1.0), np.zeros((0, 3))).shape == (0, 3)
+
+
+def test_an_unknown_frame_is_named_with_the_nearest_that_exists() -> None:
+    with pytest.raises(FrameError, match=r"unknown frame 'hnd': did you mean 'hand'\?.*base, eye"):
+        arm().pose("base", of="hnd")
+    with pytest.raises(FrameError, match="unknown frame 'bas'"):
+        arm().pose("bas", of="hand")
+
+
+def test_without_any_frames_it_is_the_frame_that_came_which_is_unknown() -> None:
+    with pytest.raises(FrameError, match="unknown frame 'hand': there are no frames"):
+        FrameTree({}).pose("base", of="hand")
+
+
+def test_frames_of_two_trees_are_not_joined() -> None:
+    tree = FrameTree({"hand": ("base", shift(1)), "cup": ("table", shift(1))})
+    with pytest.raises(FrameError, match="'cup' hangs under 'table', 'hand' under 'base'"):
+        tree.pose("hand", of="cup")
+
+
+@pytest.mark.parametrize(
+    "circle",
+    [{"a": ("a", shift(0))}, {"a": ("b", shift(0)), "b": ("a", shift(0))}],
+)
+def test_a_circle_of_frames_is_refused(circle: Parents) -> None:
+    with pytest.raises(FrameError, match="circle: a -> "):
+        FrameTree(circle)
+
+
+def test_an_extended_tree_leaves_the_old_one_as_it_was() -> None:
+    tree = arm()
+    before = tree.pose("world", of="hand").as_matrix()
+    moved = tree.extended({"base": ("world", shift(9.0)), "cup": ("hand", shift(0.0))})
+    assert moved.pose("world", of="cup").translation == pytest.approx([9.0, 1.0, 0.0])
+    assert np.array_equal(tree.pose("world", of="hand").as_matrix(), before)
+    assert tree.frames == {"world", "base", "hand", "eye"}
+    assert moved.frames == tree.frames | {"cup"}

@@ -1,0 +1,126 @@
+"""Joints and odometry between their readings."""
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from contactfusion.history import LENGTH, History
+from contactfusion.readings import JointState, Odometry, Wrench
+
+
+def joints(stamp: float, *angles: float, names: tuple[str, ...] = ("a", "b")) -> JointState:
+    return JointState(
+        stamp=stamp,
+        frame="base",
+        names=names,
+        positions=np.array(angles),
+        velocities=np.full(len(angles), stamp),
+    )
+
+
+def odometry(stamp: float, x: float, turn: float = 0.0, child: str = "base") -> Odometry:
+    return Odometry(
+        stamp=stamp,
+        frame="odom",
+        child_frame=child,
+        position=np.array([x, 0.0, 0.0]),
+        orientation=Rotation.from_rotvec([0.0, 0.0, turn]).as_quat(),
+    )
+
+
+def history(*readings: JointState | Odometry) -> History:
+    remembered = History()
+    for reading in readings:
+        remembered.add(reading)
+    return remembered
+
+
+def angles(remembered: History, stamp: float) -> list[float]:
+    state = remembered.joints(stamp)
+    assert state is not None and state.stamp == stamp
+    return [round(float(angle), 12) for angle in state.positions]
+
+
+def pose(remembered: History, stamp: float) -> tuple[str, str, float, float]:
+    base = remembered.base_pose(stamp)
+    assert base is not None
+    parent, child, transform = base
+    turn = transform.rotation.as_rotvec()[2]
+    return parent, child, float(transform.translation[0]), float(turn)
+
+
+def test_nothing_is_known_before_the_first_reading() -> None:
+    assert History().joints(0.0) is None
+    assert History().base_pose(0.0) is None
+
+
+def test_readings_of_other_things_are_not_remembered() -> None:
+    remembered = History()
+    remembered.add(Wrench(stamp=0.0, frame="base", force=np.zeros(3), torque=np.zeros(3)))
+    assert remembered.joints(0.0) is None and remembered.base_pose(0.0) is None
+
+
+def test_joint_positions_are_interpolated_and_the_rest_is_that_of_the_nearer_reading() -> None:
+    remembered = history(joints(0.0, 0.0, 10.0), joints(1.0, 1.0, 20.0), joints(2.0, 9.0, 9.0))
+    assert angles(remembered, 0.25) == [0.25, 12.5]
+    for stamp, nearer in ((0.25, 0.0), (0.75, 1.0)):
+        state = remembered.joints(stamp)
+        assert state is not None and state.velocities is not None
+        assert state.velocities.tolist() == [nearer, nearer]
+
+
+def test_the_base_is_interpolated_in_place_and_turn() -> None:
+    remembered = history(odometry(0.0, 0.0), odometry(1.0, 4.0, turn=1.0))
+    parent, child, x, turn = pose(remembered, 0.25)
+    assert (parent, child) == ("odom", "base")
+    assert [x, turn] == pytest.approx([1.0, 0.25])
+
+
+def test_a_turn_takes_the_short_way_round() -> None:
+    remembered = history(odometry(0.0, 0.0, turn=3.0), odometry(1.0, 0.0, turn=-3.0))
+    assert abs(pose(remembered, 0.5)[3]) == pytest.approx(np.pi)
+
+
+@pytest.mark.parametrize("stamp", [-1.0, 0.0, 1.0, 5.0])
+def test_nothing_is_extrapolated(stamp: float) -> None:
+    remembered = history(joints(0.0, 0.0, 0.0), joints(1.0, 1.0, 1.0))
+    remembered.add(odometry(0.0, 0.0))
+    remembered.add(odometry(1.0, 1.0))
+    end = min(max(stamp, 0.0), 1.0)
+    assert angles(remembered, stamp) == [end, end]
+    assert pose(remembered, stamp)[2] == pytest.approx(end)
+
+
+def test_an_older_reading_than_the_newest_is_ignored() -> None:
+    remembered = history(joints(0.0, 0.0, 0.0), joints(1.0, 1.0, 1.0), joints(0.5, 7.0, 7.0))
+    assert angles(remembered, 0.5) == [0.5, 0.5]
+
+
+def test_of_two_readings_of_one_stamp_the_later_counts() -> None:
+    assert angles(history(joints(1.0, 0.0, 0.0), joints(1.0, 5.0, 5.0)), 1.0) == [5.0, 5.0]
+
+
+def test_different_joints_are_never_mixed() -> None:
+    remembered = history(joints(0.0, 1.0, names=("a",)), joints(1.0, 2.0, names=("c",)))
+    for stamp, name, angle in ((0.4, "a", 1.0), (0.6, "c", 2.0)):
+        state = remembered.joints(stamp)
+        assert state is not None
+        assert (state.names, state.positions.tolist()) == ((name,), [angle])
+
+
+def test_different_bases_are_never_mixed() -> None:
+    remembered = history(odometry(0.0, 1.0), odometry(1.0, 2.0, child="cart"))
+    assert pose(remembered, 0.4)[:3] == ("odom", "base", 1.0)
+    assert pose(remembered, 0.6)[:3] == ("odom", "cart", 2.0)
+
+
+def test_only_the_newest_readings_are_remembered() -> None:
+    remembered = history(*(joints(float(stamp), stamp, stamp) for stamp in range(LENGTH + 10)))
+    assert angles(remembered, 0.0) == [10.0, 10.0]
+
+
+def test_after_clearing_nothing_is_known() -> None:
+    remembered = history(joints(0.0, 0.0, 0.0))
+    remembered.add(odometry(0.0, 0.0))
+    remembered.clear()
+    assert remembered.joints(0.0) is None and remembered.base_pose(0.0) is None

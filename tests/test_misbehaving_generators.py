@@ -1,0 +1,260 @@
+"""Generators that break the contract beside a healthy one, whose contact never changes."""
+
+import itertools
+import time
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+import pytest
+
+from contactfusion import Pipeline, PipelineConfig, Step
+from contactfusion.errors import PluginError
+from contactfusion.integrator.report import EventKind
+from contactfusion.readings import PointCloud
+from contactfusion.runner import Runner
+from tests.toys import Slow, offer_toys, point, wrench
+
+PLACE = (0.1025, 0.0025, 0.0025)
+HEALTHY = {"type": "feeler"}
+PATIENCE = 30.0
+"""How long a process of its own may take to start on a busy machine [s]."""
+
+
+@pytest.fixture(autouse=True)
+def _toys(monkeypatch: pytest.MonkeyPatch, pytestconfig: pytest.Config) -> None:
+    offer_toys(monkeypatch)
+    monkeypatch.syspath_prepend(str(pytestconfig.rootpath))  # a process of its own imports toys
+
+
+def pipeline(**other: dict[str, Any]) -> Pipeline:
+    return Pipeline(PipelineConfig(generators={"healthy": HEALTHY, **other}))
+
+
+def told_of_healthy(step: Step) -> tuple[object, ...]:
+    (contact,) = step.fusion.contacts
+    assert contact.shares["healthy"] == 1.0
+    return contact.position.tobytes(), contact.likelihood, contact.covariance.tobytes()
+
+
+def alone() -> tuple[object, ...]:
+    pipe = pipeline()
+    pipe.receive(wrench(0.0, *PLACE))
+    return told_of_healthy(pipe.step(0.0))
+
+
+@pytest.mark.parametrize(
+    ("how", "named"),
+    [
+        ("raises", "'naughty' raised RuntimeError: out of order"),
+        ("NaN", "row 0 of the positions of 'naughty' is not finite"),
+        ("wrong shape", "positions of 'naughty' have shape (1, 2), not (n, 3)"),
+        ("wrong frame", "unknown frame 'moon'"),
+        ("p > 1", "row 0 of the likelihoods of 'naughty' is 1.5, outside [0, 1]"),
+        ("nothing", "it gave NoneType, not a sequence of clouds"),
+        ("an iterator", "it gave list_iterator, not a sequence of clouds"),
+        ("no cloud", "it gave int, not a HypothesisCloud"),
+        ("foreign source", "'naughty' gave a cloud of 'healthy', not of its own: naughty"),
+        ("unknown kind", "unknown kind 'rumour'"),
+        ("other kind", "'naughty' is plugged as regular but sent a cloud of null"),
+        ("out of reach", "row 0 of the positions of 'naughty' is out of reach"),
+    ],
+)
+def test_it_is_refused_counted_and_named_and_the_healthy_contact_stays(
+    how: str, named: str
+) -> None:
+    pipe = pipeline(naughty={"type": "naughty", "how": how})
+    for _ in range(3):
+        pipe.receive(point(0.0, *PLACE))
+    pipe.receive(wrench(0.0, *PLACE))
+    step = pipe.step(0.0)
+    refused = [event for event in step.events if event.kind == EventKind.REFUSED]
+    assert [event.source for event in refused] == ["naughty"] * 3
+    assert all(named in event.message for event in refused)
+    counted = {name: source.invalid for name, source in step.fusion.report.sources.items()}
+    assert counted == {"healthy": 0, "naughty": 3}
+    assert told_of_healthy(step) == alone()
+
+
+class Clock:
+    """Time that passes only when somebody says so."""
+
+    def __init__(self) -> None:
+        self.now = 0.0
+
+    def __call__(self) -> float:
+        return self.now
+
+    def pass_time(self, seconds: float) -> None:
+        self.now += seconds
+
+
+def runner_with_slow() -> Runner:
+    clock = Clock()
+    generators: Any = {"healthy": HEALTHY, "slow": {"type": "slow", "budget": 0.05}}
+    runner = Runner(PipelineConfig(generators=generators), clock)
+    lend(runner, clock)
+    return runner
+
+
+def lend(runner: Runner, clock: Clock) -> None:
+    slow = runner.pipeline.generators["slow"]
+    assert isinstance(slow, Slow)
+    slow.pass_time = clock.pass_time
+
+
+def test_an_overrun_is_named_with_its_time_and_budget() -> None:
+    runner = runner_with_slow()
+    runner.receive(point(0.0, 0.06, 0.0, 0.0))
+    (event,) = runner.events
+    assert event.kind == EventKind.OVERRUN
+    assert event.message == "'slow' took 0.06 s of 0.05 s"
+
+
+def test_after_three_overruns_in_a_row_it_is_unplugged_and_the_healthy_contact_stays() -> None:
+    runner = runner_with_slow()
+    plugged = []
+    for _ in range(4):
+        runner.receive(point(0.0, 1.0, 0.0, 0.0))
+        plugged.append("slow" in runner.pipeline.generators)
+    assert plugged == [True, True, False, False]
+    assert runner.events[-1].message == "'slow' was unplugged after 3 overruns in a row"
+    runner.receive(wrench(0.0, *PLACE))
+    step = runner.pipeline.step(0.0)
+    assert (EventKind.UNPLUGGED, "slow") in [(e.kind, e.source) for e in step.events]
+    assert told_of_healthy(step) == alone()
+
+
+def test_one_call_in_time_starts_the_count_again() -> None:
+    runner = runner_with_slow()
+    for seconds in (1.0, 1.0, 0.05, 1.0, 1.0):
+        runner.receive(point(0.0, seconds, 0.0, 0.0))
+    assert len(runner.events) == 4
+    assert "slow" in runner.pipeline.generators
+
+
+def test_one_that_is_plugged_again_starts_with_a_clean_record() -> None:
+    runner = runner_with_slow()
+    for _ in range(3):
+        runner.receive(point(0.0, 1.0, 0.0, 0.0))
+    runner.pipeline.plug("slow", {"type": "slow"})
+    runner.receive(wrench(0.0, *PLACE))
+    assert "slow" in runner.pipeline.generators
+
+
+def test_one_that_raises_late_has_overrun_as_well() -> None:
+    ticks = itertools.count()
+    generators: Any = {"naughty": {"type": "naughty", "how": "raises"}}
+    runner = Runner(PipelineConfig(generators=generators), lambda: float(next(ticks)))
+    runner.receive(point(0.0, *PLACE))
+    assert [event.source for event in runner.events] == ["naughty"]
+
+
+@pytest.fixture
+def isolated() -> Iterator[Pipeline]:
+    pipe = pipeline(remote={"type": "remote", "isolate": True, "timeout": 1e6})
+    yield pipe
+    pipe.close()
+
+
+class Cycles:
+    """Cycles of a pipeline whose healthy source speaks in each, and how long the longest took."""
+
+    def __init__(self, pipe: Pipeline) -> None:
+        self.pipe, self.now, self.longest, self.heard = pipe, 0.0, 0.0, 0
+        self.expected = alone()[:2]
+
+    def cycle(self, ask: str | None = None) -> Step:
+        self.now += 0.01
+        start = time.perf_counter()
+        if ask is not None:
+            self.pipe.receive(point(self.now, 1.0, 1.0, 1.0, sensor=ask))
+        self.pipe.receive(wrench(self.now, *PLACE))
+        step = self.pipe.step(self.now)
+        self.longest = max(self.longest, time.perf_counter() - start)
+        near = min(step.fusion.contacts, key=lambda contact: contact.position[0])
+        assert (near.position.tobytes(), near.likelihood) == self.expected
+        return step
+
+    def until_heard(self, ask: str) -> Step:
+        """Ask, and run until the remote generator has answered or was refused."""
+        step, start = self.cycle(ask), time.monotonic()
+        while (heard := _heard(step)) == self.heard:
+            assert time.monotonic() - start < PATIENCE, "the process never answered"
+            time.sleep(0.002)
+            step = self.cycle()
+        self.heard = heard
+        return step
+
+
+def _heard(step: Step) -> int:
+    remote = step.fusion.report.sources["remote"]
+    return remote.accepted + remote.invalid
+
+
+def refusals(step: Step) -> list[str]:
+    return [event.message for event in step.events if event.kind == EventKind.REFUSED]
+
+
+def test_an_isolated_generator_that_sleeps_keeps_nobody_waiting_and_is_heard_later(
+    isolated: Pipeline,
+) -> None:
+    cycles = Cycles(isolated)
+    cycles.until_heard("now")
+    cycles.longest, asked = 0.0, cycles.now + 0.01
+    step = cycles.until_heard("sleep")
+    assert cycles.longest < 0.2
+    assert refusals(step) == []
+    far = max(step.fusion.contacts, key=lambda contact: contact.position[0])
+    assert far.stamp == pytest.approx(asked) and step.stamp > asked + 0.1
+
+
+def test_a_reading_may_be_large_while_the_process_is_still_starting(isolated: Pipeline) -> None:
+    many = PointCloud(stamp=0.0, frame="base", points=np.ones((200_000, 3)))
+    start = time.perf_counter()
+    isolated.receive(many)
+    assert time.perf_counter() - start < 0.2
+
+
+def test_an_isolated_generator_knows_the_contacts_and_the_evidence_of_others(
+    isolated: Pipeline,
+) -> None:
+    cycles = Cycles(isolated)
+    cycles.until_heard("now")
+    step = cycles.until_heard("now")
+    assert step.fusion.report.notes == (("remote", "2 contacts, 1 places"),)
+
+
+def test_an_isolated_generator_that_raises_is_named_and_goes_on(isolated: Pipeline) -> None:
+    cycles = Cycles(isolated)
+    (message,) = refusals(cycles.until_heard("raise"))
+    assert "'remote' raised" in message and "RuntimeError: out of order" in message
+    assert refusals(cycles.until_heard("now")) == []
+
+
+def test_an_isolated_generator_that_dies_is_named_at_every_reading(isolated: Pipeline) -> None:
+    cycles = Cycles(isolated)
+    for _ in range(2):
+        (message,) = refusals(cycles.until_heard("die"))
+        assert "the process of 'remote' has ended (exit code 3)" in message
+    isolated.reset()
+    isolated.unplug("remote")
+
+
+def test_what_an_isolated_generator_was_doing_at_a_reset_is_never_heard(
+    isolated: Pipeline,
+) -> None:
+    cycles = Cycles(isolated)
+    cycles.until_heard("now")
+    cycles.cycle("sleep")
+    isolated.reset()
+    cycles.now = 0.0
+    step = cycles.until_heard("now")
+    far = max(step.fusion.contacts, key=lambda contact: contact.position[0])
+    assert far.stamp == pytest.approx(0.01)
+    assert step.fusion.report.sources["remote"].accepted == 2
+
+
+def test_one_that_cannot_travel_cannot_be_isolated() -> None:
+    with pytest.raises(PluginError, match="'odd' cannot be isolated, for it cannot be pickled"):
+        pipeline(odd={"type": "unpicklable", "isolate": True})
