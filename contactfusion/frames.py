@@ -2,10 +2,29 @@
 
 from collections.abc import Mapping
 
-from scipy.spatial.transform import RigidTransform
+import numpy as np
+from numpy.typing import ArrayLike
 
 from contactfusion.arrays import FloatArray
 from contactfusion.errors import FrameError, name_hint
+
+Pose = FloatArray
+"""A rigid transform as a homogeneous matrix, shape (4, 4): it takes a frame to its parent."""
+
+
+def pose_of(xyz: ArrayLike, rotation: ArrayLike | None = None) -> Pose:
+    """Give the pose of a frame whose origin lies at `xyz` [m], turned by a matrix (3, 3)."""
+    pose = np.eye(4)
+    pose[:3, 3] = xyz
+    if rotation is not None:
+        pose[:3, :3] = rotation
+    return pose
+
+
+def inverse(pose: Pose) -> Pose:
+    """Give the way back."""
+    turned_back = pose[:3, :3].T
+    return pose_of(-turned_back @ pose[:3, 3], turned_back)
 
 
 class FrameTree:
@@ -18,9 +37,9 @@ class FrameTree:
         FrameError: the frames form a circle.
     """
 
-    def __init__(self, parents: Mapping[str, tuple[str, RigidTransform]]) -> None:
+    def __init__(self, parents: Mapping[str, tuple[str, Pose]]) -> None:
         self._parents = dict(parents)
-        self._cache: dict[tuple[str, str], RigidTransform] = {}
+        self._cache: dict[tuple[str, str], Pose] = {}
         for frame in self._parents:
             self._chain(frame)
 
@@ -29,11 +48,11 @@ class FrameTree:
         """All frames of the tree."""
         return frozenset(self._parents) | {parent for parent, _ in self._parents.values()}
 
-    def extended(self, parents: Mapping[str, tuple[str, RigidTransform]]) -> "FrameTree":
+    def extended(self, parents: Mapping[str, tuple[str, Pose]]) -> "FrameTree":
         """Give the tree with further frames, or with new poses for some."""
         return FrameTree({**self._parents, **parents})
 
-    def pose(self, frame: str, of: str) -> RigidTransform:
+    def pose(self, frame: str, of: str) -> Pose:
         """Give the pose of frame `of` in `frame`: it takes coordinates of `of` to `frame`.
 
         Raises:
@@ -44,9 +63,9 @@ class FrameTree:
             self._cache[key] = self._pose(frame, of)
         return self._cache[key]
 
-    def _pose(self, frame: str, of: str) -> RigidTransform:
+    def _pose(self, frame: str, of: str) -> Pose:
         if frame == of:
-            return RigidTransform.identity()
+            return pose_of((0.0, 0.0, 0.0))
         for name in (of, frame):
             if name not in self.frames:
                 hint = name_hint(name, self.frames, "frames")
@@ -59,29 +78,28 @@ class FrameTree:
                 f"'{of}' hangs under '{next(reversed(up_from))}', "
                 f"'{frame}' under '{next(reversed(up_to))}'"
             )
-        return up_to[shared].inv() * up_from[shared]
+        return inverse(up_to[shared]) @ up_from[shared]
 
-    def _chain(self, frame: str) -> dict[str, RigidTransform]:
+    def _chain(self, frame: str) -> dict[str, Pose]:
         """Give, from the frame up to its root, each ancestor with the frame's pose in it."""
-        pose = RigidTransform.identity()
+        pose = pose_of((0.0, 0.0, 0.0))
         chain = {frame: pose}
         while frame in self._parents:
             frame, step = self._parents[frame]
             if frame in chain:
                 raise FrameError(f"the frames form a circle: {' -> '.join([*chain, frame])}")
-            pose = step * pose
+            pose = step @ pose
             chain[frame] = pose
         return chain
 
 
-def points_in(pose: RigidTransform, points: FloatArray) -> FloatArray:
-    """Take points of shape (n, 3) [m] to another frame; scipy's own refuses read-only arrays."""
-    matrix = pose.as_matrix()
-    moved: FloatArray = points @ matrix[:3, :3].T + matrix[:3, 3]
+def points_in(pose: Pose, points: FloatArray) -> FloatArray:
+    """Take points of shape (n, 3) [m] to the frame that the pose is given in."""
+    moved: FloatArray = points @ pose[:3, :3].T + pose[:3, 3]
     return moved
 
 
-def vectors_in(pose: RigidTransform, vectors: FloatArray) -> FloatArray:
+def vectors_in(pose: Pose, vectors: FloatArray) -> FloatArray:
     """Turn vectors of shape (n, 3) into another frame."""
-    turned: FloatArray = vectors @ pose.as_matrix()[:3, :3].T
+    turned: FloatArray = vectors @ pose[:3, :3].T
     return turned

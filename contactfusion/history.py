@@ -4,8 +4,9 @@ from collections import deque
 from typing import TypeVar
 
 import numpy as np
-from scipy.spatial.transform import RigidTransform, Rotation, Slerp
+from scipy.spatial.transform import Rotation, Slerp
 
+from contactfusion.frames import Pose, pose_of
 from contactfusion.readings import JointState, Odometry, Reading
 
 R = TypeVar("R", bound=Reading)
@@ -55,7 +56,7 @@ class History:
             efforts=nearer.efforts,
         )
 
-    def base_pose(self, stamp: float) -> tuple[str, str, RigidTransform] | None:
+    def base_pose(self, stamp: float) -> tuple[str, str, Pose] | None:
         """Give (parent frame, child frame, pose) of the base at a stamp [s]."""
         around = _around(self._odometry, stamp)
         if around is None:
@@ -63,9 +64,12 @@ class History:
         before, after, part = around
         if (before.frame, before.child_frame) != (after.frame, after.child_frame):
             before = after = before if part < 0.5 else after
+        if part == 0.0:
+            turn = Rotation.from_quat(before.orientation)
+            return before.frame, before.child_frame, pose_of(before.position, turn.as_matrix())
         position = (1.0 - part) * before.position + part * after.position
         turns = Rotation.from_quat(np.stack([before.orientation, after.orientation]))
-        pose = RigidTransform.from_components(position, Slerp([0.0, 1.0], turns)(part))
+        pose = pose_of(position, Slerp([0.0, 1.0], turns)(part).as_matrix())
         return after.frame, after.child_frame, pose
 
 

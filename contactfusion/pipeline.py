@@ -11,7 +11,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from scipy.spatial.transform import RigidTransform
 
 from contactfusion.controller import Command, Controller
 from contactfusion.errors import (
@@ -22,7 +21,7 @@ from contactfusion.errors import (
     SourceError,
     name_hint,
 )
-from contactfusion.frames import FrameTree, points_in, vectors_in
+from contactfusion.frames import FrameTree, Pose, points_in, vectors_in
 from contactfusion.generator import Generator
 from contactfusion.grid import Grid
 from contactfusion.history import History
@@ -95,7 +94,7 @@ class Pipeline:
         self._frames = config.frame_tree()
         self._grid = Grid(config.integrator.frame, config.integrator.voxel_size)
         self._body = config.surface.sampled(config.folder) if config.surface else None
-        self._moved: tuple[RigidTransform, Surface] | None = None
+        self._moved: tuple[Pose, Surface] | None = None
         self._history = History()
         self._fusion: Fusion | None = None
 
@@ -285,7 +284,7 @@ class Pipeline:
             pose = frames.pose(self._grid.frame, of=self._body.frame)
         except FrameError:
             return None
-        if self._moved is None or not np.array_equal(self._moved[0].as_matrix(), pose.as_matrix()):
+        if self._moved is None or not np.array_equal(self._moved[0], pose):
             self._moved = pose, self._body.moved(pose, self._grid.frame)
         return self._moved[1]
 

@@ -5,10 +5,10 @@ from typing import Any, Self
 
 import numpy as np
 from pydantic import Field, model_validator
-from scipy.spatial.transform import RigidTransform, Rotation
+from scipy.spatial.transform import Rotation
 
 from contactfusion.errors import ConfigurationError
-from contactfusion.frames import FrameTree
+from contactfusion.frames import FrameTree, Pose, pose_of
 from contactfusion.integrator.config import IntegratorConfig
 from contactfusion.model import Model
 from contactfusion.shapes import BodyConfig
@@ -36,13 +36,13 @@ class FrameConfig(Model):
             raise ValueError("the quaternion is not of unit length")
         return self
 
-    def pose(self) -> RigidTransform:
+    def pose(self) -> Pose:
         """Give the pose of the frame in its parent."""
         if self.quaternion is not None:
             rotation = Rotation.from_quat(self.quaternion)
         else:
             rotation = Rotation.from_euler("xyz", self.rpy or (0.0, 0.0, 0.0))
-        return RigidTransform.from_components(self.xyz, rotation)
+        return pose_of(self.xyz, rotation.as_matrix())
 
 
 class CycleConfig(Model):

@@ -8,6 +8,7 @@ from pydantic import Field, model_validator
 
 from contactfusion.arrays import FloatArray
 from contactfusion.errors import ConfigurationError
+from contactfusion.frames import pose_of
 from contactfusion.model import Model
 from contactfusion.surface import Surface, rectangle
 
@@ -49,9 +50,9 @@ class ShapeConfig(Model):
 
     def sampled(self, frame: str, spacing: float) -> Surface:
         """Sample the primitive with points at most about `spacing` [m] apart."""
-        from scipy.spatial.transform import RigidTransform, Rotation
+        from scipy.spatial.transform import Rotation
 
-        pose = RigidTransform.from_components(self.xyz, Rotation.from_euler("xyz", self.rpy))
+        pose = pose_of(self.xyz, Rotation.from_euler("xyz", self.rpy).as_matrix())
         match self.shape:
             case "rectangle":
                 x, y = np.diag([*(self.size or ()), 0.0])[:2] / 2.0

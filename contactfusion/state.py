@@ -8,21 +8,13 @@ import numpy as np
 
 from contactfusion.arrays import FloatArray
 from contactfusion.contacts import Contact
+from contactfusion.frames import FrameTree, Pose
 from contactfusion.grid import Grid
 from contactfusion.readings import JointState
 from contactfusion.surface import Surface
 
 if TYPE_CHECKING:
-    from scipy.spatial.transform import RigidTransform
-
-    from contactfusion.frames import FrameTree
     from contactfusion.integrator.fusion import Fusion
-
-
-def _no_frames() -> "FrameTree":
-    from contactfusion.frames import FrameTree  # scipy.spatial takes most of a second to import
-
-    return FrameTree({})
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,11 +34,11 @@ class State:
 
     now: float
     grid: Grid
-    frames: "FrameTree" = field(default_factory=_no_frames)
+    frames: FrameTree = field(default_factory=lambda: FrameTree({}))
     joints: JointState | None = None
-    base_pose: "RigidTransform | None" = None
+    base_pose: Pose | None = None
     surface: Surface | None = None
-    objects: Mapping[str, "RigidTransform"] = field(default_factory=dict)
+    objects: Mapping[str, Pose] = field(default_factory=dict)
     fusion: "Fusion | None" = None
 
     @property

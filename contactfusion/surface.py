@@ -9,10 +9,10 @@ from numpy.typing import NDArray
 
 from contactfusion.arrays import FloatArray, frozen_array
 from contactfusion.errors import ConfigurationError
+from contactfusion.frames import Pose, points_in, vectors_in
 
 if TYPE_CHECKING:
     from scipy.spatial import KDTree
-    from scipy.spatial.transform import RigidTransform
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,10 +56,8 @@ class Surface:
 
         return KDTree(self.points)
 
-    def moved(self, pose: "RigidTransform", frame: str) -> "Surface":
+    def moved(self, pose: Pose, frame: str) -> "Surface":
         """Give the surface in another frame; `pose` takes this frame to that one."""
-        from contactfusion.frames import points_in, vectors_in
-
         points, normals = points_in(pose, self.points), vectors_in(pose, self.normals)
         return Surface(frame, points, normals, self.links, self.link_names)
 

@@ -280,10 +280,9 @@ def _filled(reading: R, value: float) -> R:
 
 
 def _plain_state(samples: Sequence[Reading]) -> State:
-    from scipy.spatial.transform import RigidTransform
 
     grid = Grid("base", 0.005)
-    here = (grid.frame, RigidTransform.identity())
+    here = (grid.frame, np.eye(4))
     frames = {reading.frame: here for reading in samples if reading.frame != grid.frame}
     return State(now=0.0, grid=grid, frames=FrameTree(frames))
 

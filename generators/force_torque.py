@@ -103,7 +103,7 @@ class ForceTorqueGenerator(Generator[ForceTorqueConfig]):
         places = self._on_surface(nearest, force, state.surface, state.grid)
         if not len(places):
             return (self.nothing(reading, notes=(*notes, Note.OFF_SURFACE)),)
-        levers = places - pose.as_matrix()[:3, 3]
+        levers = places - pose[:3, 3]
         return (
             self.cloud(
                 reading,

@@ -45,8 +45,8 @@ def pose(remembered: History, stamp: float) -> tuple[str, str, float, float]:
     base = remembered.base_pose(stamp)
     assert base is not None
     parent, child, transform = base
-    turn = transform.rotation.as_rotvec()[2]
-    return parent, child, float(transform.translation[0]), float(turn)
+    turn = np.arctan2(transform[1, 0], transform[0, 0])
+    return parent, child, float(transform[0, 3]), float(turn)
 
 
 def test_nothing_is_known_before_the_first_reading() -> None:

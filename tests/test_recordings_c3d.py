@@ -103,7 +103,7 @@ def test_the_frame_of_a_plate_is_at_the_centre_of_its_surface(tmp_path: Path) ->
     frame = recording.frames()["plate_0"]
     assert frame.parent == "lab"
     assert frame.xyz == pytest.approx((0.2, 0.3, 0.0))
-    np.testing.assert_array_equal(frame.pose().as_matrix()[:3, :3], np.eye(3))
+    np.testing.assert_array_equal(frame.pose()[:3, :3], np.eye(3))
 
 
 @pytest.mark.parametrize("lengths", ["mm", "m"])
