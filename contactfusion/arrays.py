@@ -38,10 +38,7 @@ def frozen_array(
         array = np.asarray(value, dtype=dtype)
     except (TypeError, ValueError) as cause:
         raise error(f"{name} are not numbers: {cause}") from None
-    fits = array.ndim == len(shape) and all(
-        want is None or want == have for want, have in zip(shape, array.shape, strict=True)
-    )
-    if not fits:
+    if array.shape != shape and not _fits(array.shape, shape):
         if array.size == 0 and shape[0] is None:
             array = array.reshape(tuple(0 if want is None else want for want in shape))
         else:
@@ -55,6 +52,12 @@ def frozen_array(
         array = np.array(array, order="C")
         array.flags.writeable = False
     return array
+
+
+def _fits(have: tuple[int, ...], want: tuple[int | None, ...]) -> bool:
+    return len(have) == len(want) and all(
+        b is None or a == b for a, b in zip(have, want, strict=True)
+    )
 
 
 def finite_number(value: float, name: str, error: type[Exception]) -> float:

@@ -10,7 +10,7 @@ from contactfusion.frames import Pose, pose_of
 from contactfusion.readings import JointState, Odometry, Reading
 
 R = TypeVar("R", bound=Reading)
-LENGTH = 256
+LENGTH = 4096
 """So many readings of joints and odometry are remembered."""
 
 

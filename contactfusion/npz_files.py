@@ -24,7 +24,7 @@ def read_npz(path: Path, *names: str) -> list[NDArray[Any]]:
     """
     require_file(path, ConfigurationError)
     try:
-        with np.load(path) as arrays:
+        with path.open("rb") as file, np.load(file) as arrays:
             held = {name: arrays[name] for name in arrays}
     except BROKEN:
         raise ConfigurationError(f"{path} is no npz file of numbers, or is cut off") from None

@@ -7,37 +7,23 @@ clock of its own; time comes in with readings and steps.
 import functools
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from pathlib import Path
 from typing import Any
 
-import numpy as np
-
+from contactfusion.assembly import AnyGenerator, built_controller, built_generator
 from contactfusion.controller import Command, Controller
-from contactfusion.errors import (
-    ConfigurationError,
-    ContactFusionError,
-    FrameError,
-    PluginError,
-    SourceError,
-    name_hint,
-)
-from contactfusion.frames import FrameTree, Pose, points_in, vectors_in
-from contactfusion.generator import Generator
+from contactfusion.errors import ContactFusionError, SourceError, name_hint
+from contactfusion.frames import points_in, vectors_in
 from contactfusion.grid import Grid
-from contactfusion.history import History
 from contactfusion.hypotheses import HypothesisCloud
 from contactfusion.integrator.fusion import Fusion
 from contactfusion.integrator.integrator import Integrator
 from contactfusion.integrator.report import Event
 from contactfusion.isolation import Isolated
-from contactfusion.model import Model, rooted
 from contactfusion.pipeline_config import PipelineConfig
-from contactfusion.plugins import installed_plugins
 from contactfusion.readings import READING_TYPES, Reading
+from contactfusion.robot import Robot
 from contactfusion.state import State
-from contactfusion.surface import Surface
 
-AnyGenerator = Generator[Any]
 Ask = Callable[[AnyGenerator, Reading, State], Sequence[HypothesisCloud]]
 """How a generator is asked; a runner with a clock puts its stop-watch here."""
 
@@ -90,12 +76,9 @@ class Pipeline:
         """The plugged generators by name."""
         for name, options in config.generators.items():
             self.plug(name, options)
-        self._controller = _built_controller(config)
-        self._frames = config.frame_tree()
+        self._controller = built_controller(config)
         self._grid = Grid(config.integrator.frame, config.integrator.voxel_size)
-        self._body = config.surface.sampled(config.folder) if config.surface else None
-        self._moved: tuple[Pose, Surface] | None = None
-        self._history = History()
+        self._robot = Robot(config, self._grid)
         self._fusion: Fusion | None = None
 
     def plug(self, name: str, options: dict[str, Any]) -> None:
@@ -140,7 +123,7 @@ class Pipeline:
 
     def receive(self, reading: Reading) -> None:
         """Give a reading to every generator that takes it; one that fails harms no other."""
-        self._history.add(reading)
+        self._robot.add(reading)
         takers = [one for one in self.generators.values() if _takes(one, reading)]
         if takers:
             state = self.state(reading.stamp)
@@ -153,9 +136,8 @@ class Pipeline:
             if isinstance(generator, Isolated):
                 self._deliver(generator, generator.collect)
         state = self.state(now)
-        if self._body is not None and state.surface is None:
-            reason = f"no transform joins the surface's frame '{self._body.frame}' to the space"
-            self.integrator.refuse("surface", reason)
+        if lost := self._robot.lost_surface(state):
+            self.integrator.refuse("surface", lost)
         self._fusion = self.integrator.step(now, state.surface)
         command = None
         if self._controller:
@@ -172,24 +154,12 @@ class Pipeline:
 
     def state(self, stamp: float) -> State:
         """Give what is known of the robot at a stamp [s]."""
-        frames, base_pose = self._frames, None
-        if base := self._history.base_pose(stamp):
-            parent, child, base_pose = base
-            frames = frames.extended({child: (parent, base_pose)})
-        return State(
-            now=stamp,
-            grid=self._grid,
-            frames=frames,
-            joints=self._history.joints(stamp),
-            base_pose=base_pose,
-            surface=self._surface(frames),
-            fusion=self._fusion,
-        )
+        return self._robot.state(stamp, self._fusion)
 
     def reset(self) -> None:
         """Start again, as when a recording is played a second time; plugs stay."""
         self.integrator.reset()
-        self._history.clear()
+        self._robot.clear()
         self._fusion = None
         for generator in self.generators.values():
             generator.reset()
@@ -265,67 +235,13 @@ class Pipeline:
         """Bring a cloud into the frame of the hypothesis space."""
         if cloud.frame == self._grid.frame:
             return cloud
-        frames = self._frames
-        if base := self._history.base_pose(cloud.stamp):
-            frames = frames.extended({base[1]: (base[0], base[2])})
-        pose = frames.pose(self._grid.frame, of=cloud.frame)
+        pose = self._robot.frames(cloud.stamp).pose(self._grid.frame, of=cloud.frame)
         return replace(
             cloud,
             frame=self._grid.frame,
             positions=points_in(pose, cloud.positions),
             forces=None if cloud.forces is None else vectors_in(pose, cloud.forces),
         )
-
-    def _surface(self, frames: FrameTree) -> Surface | None:
-        """Give the body's surface in the space's frame; None while nothing joins the two."""
-        if self._body is None or self._body.frame == self._grid.frame:
-            return self._body
-        try:
-            pose = frames.pose(self._grid.frame, of=self._body.frame)
-        except FrameError:
-            return None
-        if self._moved is None or not np.array_equal(self._moved[0], pose):
-            self._moved = pose, self._body.moved(pose, self._grid.frame)
-        return self._moved[1]
-
-
-def built_generator(name: str, options: dict[str, Any], folder: Path = Path()) -> AnyGenerator:
-    """Build a generator from its `type` and options; relative file names start at `folder`.
-
-    Raises:
-        PluginError: no such type is installed.
-        ConfigurationError: an option is wrong.
-    """
-    given = {key: value for key, value in options.items() if key != "type"}
-    cls: type[AnyGenerator] = installed_plugins().find("generators", options["type"])
-    _refuse_stranger(cls, Generator, options["type"])
-    config = _configured(cls.Config, given, f"generators.{name}", folder)
-    try:
-        return cls(name, config)
-    except ConfigurationError as error:
-        raise error.under(f"generators.{name}") from None
-
-
-def _built_controller(config: PipelineConfig) -> Controller | None:
-    if config.controller is None:
-        return None
-    given = {key: value for key, value in config.controller.items() if key != "type"}
-    cls: type[Controller] = installed_plugins().find("controllers", config.controller["type"])
-    _refuse_stranger(cls, Controller, config.controller["type"])
-    return cls(_configured(cls.Config, given, "controller", config.folder))
-
-
-def _refuse_stranger(cls: type[Any], contract: type[Any], name: str) -> None:
-    if not issubclass(cls, contract):
-        raise PluginError(f"the plug-in class {cls.__name__} of '{name}' is no {contract.__name__}")
-
-
-def _configured(model: type[Any], options: dict[str, Any], path: str, folder: Path) -> Model:
-    try:
-        configured: Model = model(**options)
-    except ConfigurationError as error:
-        raise error.under(path) from None
-    return rooted(configured, folder)
 
 
 def _takes(generator: AnyGenerator, reading: Reading) -> bool:

@@ -3,9 +3,10 @@
 from collections import Counter
 from collections.abc import Callable, Sequence
 
+from contactfusion.assembly import AnyGenerator
 from contactfusion.hypotheses import HypothesisCloud
-from contactfusion.integrator.report import Event, EventKind
-from contactfusion.pipeline import AnyGenerator, Pipeline
+from contactfusion.integrator.report import EventKind
+from contactfusion.pipeline import Pipeline
 from contactfusion.pipeline_config import PipelineConfig
 from contactfusion.readings import Reading
 from contactfusion.state import State
@@ -26,8 +27,6 @@ class Runner:
         self._clock = clock
         self._overruns: Counter[str] = Counter()
         self.pipeline = Pipeline(config, ask=self._timed)
-        self.events: list[Event] = []
-        """Every overrun so far."""
 
     def receive(self, reading: Reading) -> None:
         """Give a reading to the pipeline; then unplug who was too slow too often."""
@@ -55,4 +54,4 @@ class Runner:
                 del self._overruns[generator.name]
 
     def _note(self, name: str, message: str) -> None:
-        self.events.append(Event(EventKind.OVERRUN, name, message))
+        self.pipeline.integrator.note(EventKind.OVERRUN, name, message)

@@ -66,7 +66,7 @@ class Integrator:
                 f"'{source}' is plugged as {known.kind}; unplug it before you plug it as {kind}"
             )
         if not known:
-            self._note(EventKind.PLUGGED, source, f"'{source}' was plugged in as {kind}")
+            self.note(EventKind.PLUGGED, source, f"'{source}' was plugged in as {kind}")
         record = known or SourceRecord(source, kind)
         record.timeout = to_nanoseconds(self.config.timeout if timeout is None else timeout)
         record.stale_after = to_nanoseconds(
@@ -88,7 +88,7 @@ class Integrator:
         self._inbox.drop(source)
         self._space.drop(source)
         self._unplugged.add(source)
-        self._note(EventKind.UNPLUGGED, source, f"'{source}' was unplugged")
+        self.note(EventKind.UNPLUGGED, source, f"'{source}' was unplugged")
 
     def receive(self, cloud: HypothesisCloud) -> None:
         """Take in a cloud; it counts from the next step on.
@@ -109,7 +109,11 @@ class Integrator:
         """Count a cloud that could not be used against its source, and tell it in the report."""
         if source in self._sources:
             self._sources[source].invalid += 1
-        self._note(EventKind.REFUSED, source, reason)
+        self.note(EventKind.REFUSED, source, reason)
+
+    def note(self, kind: EventKind, source: str, message: str) -> None:
+        """Tell of something that happened to a source in the next step's report."""
+        self._events.append(Event(kind, source, message))
 
     def ready(self, now: float) -> bool:
         """Tell whether every active source has reported since the last step.
@@ -182,11 +186,8 @@ class Integrator:
             if active != source.active:
                 kind = EventKind.BACK if active else EventKind.STALE
                 state = "is back" if active else "has been silent for too long"
-                self._note(kind, source.name, f"'{source.name}' {state}")
+                self.note(kind, source.name, f"'{source.name}' {state}")
                 source.active = active
-
-    def _note(self, kind: EventKind, source: str, message: str) -> None:
-        self._events.append(Event(kind, source, message))
 
     def _drain(self) -> tuple[Event, ...]:
         events = tuple(self._events)

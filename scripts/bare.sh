@@ -7,11 +7,13 @@ set -eu
 here=$(cd "$(dirname "$0")/.." && pwd)
 [ "$(id -u)" = 0 ] || { echo "make bare needs root: it makes a root file system" >&2; exit 1; }
 command -v debootstrap >/dev/null || { echo "run: apt-get install -y debootstrap" >&2; exit 1; }
+keep=no
+[ $# = 0 ] || keep=yes
 root=${1:-$(mktemp -d)}
 
 leave() {
     umount "$root/proc" "$root/dev" 2>/dev/null || true
-    [ $# -gt 0 ] || rm -rf "$root"
+    [ "$keep" = yes ] || rm -rf --one-file-system "$root" "$root.log"
 }
 trap 'leave' EXIT
 

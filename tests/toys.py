@@ -22,7 +22,7 @@ from contactfusion.state import State
 def offer_toys(monkeypatch: pytest.MonkeyPatch) -> None:
     """Let pipelines find the toys, and no other generator or controller."""
     toys = Plugins(points=[EntryPoint("toys", __name__, GROUP)], strict=True)
-    monkeypatch.setattr("contactfusion.pipeline.installed_plugins", lambda: toys)
+    monkeypatch.setattr("contactfusion.assembly.installed_plugins", lambda: toys)
 
 
 def point(stamp: float, *place: float, frame: str = "base", sensor: str = "") -> PointCloud:
