@@ -7,9 +7,9 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from contactfusion.arrays import FloatArray
-from contactfusion.errors import ConfigurationError
 from contactfusion.frames import pose_of
 from contactfusion.model import Model
+from contactfusion.npz_files import read_npz
 from contactfusion.surface import Surface, rectangle
 
 Vector = tuple[float, float, float]
@@ -92,12 +92,8 @@ class BodyConfig(Model):
             ConfigurationError: the file is missing, or holds no surface.
         """
         if self.file is not None:
-            path = folder / self.file
-            try:
-                with np.load(path) as arrays:
-                    return Surface(self.frame, arrays["points"], arrays["normals"])
-            except (OSError, KeyError, ValueError) as error:
-                raise ConfigurationError(f"the surface {path} cannot be read: {error}") from None
+            points, normals = read_npz(folder / self.file, "points", "normals")
+            return Surface(self.frame, points, normals)
         return joined([shape.sampled(self.frame, self.spacing) for shape in self.shapes])
 
 

@@ -30,7 +30,7 @@ def cloud(
     side: float = SIDE,
     **others: Any,
 ) -> HypothesisCloud:
-    """Give a cloud with its hypotheses at the centres of voxels; a voxel may come twice in pairs."""
+    """Give a cloud with its hypotheses at the centres of voxels; in pairs, one may come twice."""
     pairs = list(likelihoods.items() if isinstance(likelihoods, Mapping) else likelihoods)
     fields: dict[str, Any] = {
         "source": source,
@@ -78,8 +78,8 @@ def contents(fusion: Fusion) -> tuple[Any, ...]:
     Sources that have nothing to say are left out.
     """
     space = fusion.space
-    speaks = ~np.isnan(space.source_likelihoods).all(axis=0)
-    names = tuple(name for name, one in zip(space.sources, speaks, strict=True) if one)
+    speaks = np.flatnonzero(~np.isnan(space.source_likelihoods).all(axis=0))
+    names = tuple(space.sources[source] for source in speaks)
     arrays = (
         space.voxels,
         space.positions,

@@ -1,0 +1,245 @@
+"""The command line: exit status, one sentence an error, and nothing half-written."""
+
+import csv
+import json
+import subprocess
+import sys
+from pathlib import Path
+from typing import NamedTuple
+
+import pytest
+
+from contactfusion import cli
+
+RUN = """\
+recording:
+  type: log
+  file: wrist.csv
+  time: {column: t}
+  readings:
+    wrist: {type: wrench, frame: tool, columns: [fx, fy, fz, tx, ty, tz]}
+generators:
+  wrist: {type: force_torque, sign: on_robot, force_noise: 0.1, torque_noise: 0.01}
+surface:
+  frame: tool
+  shapes: [{shape: sphere, radius: 0.05}]
+frames:
+  tool: {parent: base}
+integrator: {frame: base, voxel_size: 0.005, condensation: cluster_mass}
+cycle: {on: wrist}
+"""
+LOG = ["t,fx,fy,fz,tx,ty,tz"] + [f"{n / 100:.2f},0,0,-5,0,0,0" for n in range(5)]
+
+
+class Answer(NamedTuple):
+    status: int
+    out: str
+    err: str
+
+
+@pytest.fixture
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Give a folder with a configuration and its recording, and work in it."""
+    (tmp_path / "wrist.yaml").write_text(RUN)
+    (tmp_path / "wrist.csv").write_text("\n".join(LOG) + "\n")
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+@pytest.fixture
+def ask(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> "Ask":
+    return Ask(monkeypatch, capsys)
+
+
+class Ask:
+    """Calls the command line in this very process; an exception that gets out fails the test."""
+
+    def __init__(self, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+        self._monkeypatch, self._capsys = monkeypatch, capsys
+
+    def __call__(self, *arguments: str) -> Answer:
+        self._monkeypatch.setattr(sys, "argv", ["contactfusion", *arguments])
+        self._capsys.readouterr()
+        try:
+            cli.main()
+            status = 0
+        except SystemExit as end:
+            status = end.code if isinstance(end.code, int) else int(end.code is not None)
+        said = self._capsys.readouterr()
+        return Answer(status, said.out, said.err)
+
+
+def one_sentence(answer: Answer) -> str:
+    """Give the complaint, which is one line that starts with the name of the program."""
+    assert answer.status == 1
+    (line,) = answer.err.splitlines()
+    assert line.startswith("contactfusion: ") and "Traceback" not in answer.err
+    return line.removeprefix("contactfusion: ")
+
+
+# What works
+
+
+def test_a_run_writes_contacts_and_a_summary(folder: Path, ask: Ask) -> None:
+    answer = ask("run", "wrist.yaml", "--out", "results")
+    assert (answer.status, answer.err) == (0, "")
+    rows = list(csv.DictReader((folder / "results" / "contacts.csv").read_text().splitlines()))
+    summary = json.loads((folder / "results" / "summary.json").read_text())
+    assert len(rows) == summary["contacts"] > 0 and summary["steps"] == 5
+    assert summary["sources"]["wrist"]["invalid"] == 0
+    assert float(rows[0]["z"]) == pytest.approx(0.05, abs=0.01)
+    assert {entry.name for entry in (folder / "results").iterdir()} == {
+        "contacts.csv",
+        "summary.json",
+    }
+
+
+def test_equal_runs_write_equal_bytes(folder: Path, ask: Ask) -> None:
+    for name in ("one", "two"):
+        assert ask("run", "wrist.yaml", "--out", name).status == 0
+    for file in ("contacts.csv", "summary.json"):
+        assert (folder / "one" / file).read_bytes() == (folder / "two" / file).read_bytes()
+
+
+def test_a_field_can_be_changed_on_the_command_line(folder: Path, ask: Ask) -> None:
+    quiet = "generators.wrist.min_force=9"
+    assert ask("run", "wrist.yaml", "--set", quiet, "--out", "quiet").status == 0
+    assert json.loads((folder / "quiet" / "summary.json").read_text())["contacts"] == 0
+
+
+@pytest.mark.parametrize("arguments", [["--help"], ["run", "--help"], ["plugins"], ["doctor"]])
+def test_a_question_is_answered(arguments: list[str], ask: Ask) -> None:
+    answer = ask(*arguments)
+    assert answer.status == 0 and answer.out and not answer.err
+
+
+def test_the_options_of_a_plugin_are_told_with_defaults_and_meanings(ask: Ask) -> None:
+    answer = ask("plugins", "force_torque")
+    assert answer.status == 0
+    assert all(word in answer.out for word in ("force_torque (generator)", "timeout", "meaning"))
+
+
+@pytest.mark.parametrize("name", ["de_morgan", "cluster_mass"])
+def test_a_plugin_without_options_is_told_by_its_first_sentence(name: str, ask: Ask) -> None:
+    answer = ask("plugins", name)
+    assert answer.status == 0 and answer.out.startswith(f"{name} (")
+
+
+# What does not
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["run", "wirst.yaml"], ["wirst.yaml", "did you mean 'wrist.yaml'"]),
+        (["run", "no/such.yaml"], ["no/such.yaml"]),
+        (["run", "."], ["is a folder"]),
+        (["plugins", "force_torqe"], ["force_torqe", "did you mean 'force_torque'"]),
+    ],
+)
+def test_what_is_not_there_is_named_with_the_nearest_that_is(
+    arguments: list[str], words: list[str], folder: Path, ask: Ask
+) -> None:
+    sentence = one_sentence(ask(*arguments))
+    assert all(word in sentence for word in words), sentence
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ("integrator.voxle_size=0.01", ["integrator.voxle_size", "did you mean 'voxel_size'"]),
+        ("integrator.voxel_size=-1", ["integrator.voxel_size", "greater than 0", "-1"]),
+        ("integrator.voxel_size=.nan", ["integrator.voxel_size", "finite"]),
+        ("integrator.threshold=1.5", ["integrator.threshold", "less than or equal to 1"]),
+        ("integrator.rule=de_morgn", ["de_morgn", "did you mean 'de_morgan'"]),
+        ("generators.wrist.type=force_torqe", ["force_torqe", "did you mean 'force_torque'"]),
+        ("generators.wrist.typ=force_torque", ["generators.wrist.typ", "unknown field"]),
+        ("generators.wrist=3", ["generators.wrist"]),
+        ("recording.type=lgo", ["recording.type", "did you mean 'log'"]),
+        ("recording.file=wirst.csv", ["wirst.csv", "did you mean 'wrist.csv'"]),
+        ("recording.time.column=s", ["wrist.csv", "'s'"]),
+        ("recording={}", ["recording"]),
+        ("surface.shapes.0.radius=-1", ["surface.shapes.0.radius", "greater than 0"]),
+        ("frames.tool.parent=bas", ["'wrist' needs the surface", "frames"]),
+        ("cycle.on=wirst", ["wirst"]),
+        ("integrator.frame=world", ["'wrist' needs the surface", "frames"]),
+        ("integrator", ["'integrator' is no change"]),
+        ("integrtor.threshold=0.5", ["integrtor", "did you mean 'integrator'"]),
+    ],
+)
+def test_a_wrong_configuration_is_one_sentence_that_names_the_field(
+    change: str, words: list[str], folder: Path, ask: Ask
+) -> None:
+    sentence = one_sentence(ask("run", "wrist.yaml", "--set", change, "--out", "results"))
+    assert all(word in sentence for word in words), sentence
+
+
+@pytest.mark.parametrize(
+    "change", ["integrator.voxel_size=-1", "recording.file=wirst.csv", "recording.time.column=s"]
+)
+def test_a_run_that_cannot_start_writes_nothing(change: str, folder: Path, ask: Ask) -> None:
+    before = sorted(folder.iterdir())
+    one_sentence(ask("run", "wrist.yaml", "--set", change, "--out", "results"))
+    assert sorted(folder.iterdir()) == before
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        (RUN[: RUN.index("frames:") - 4], ["wrist.yaml", "line"]),
+        (RUN.replace("generators:", "generators: ["), ["wrist.yaml", "line"]),
+        (RUN.replace("  wrist: {type: force", "\twrist: {type: force"), ["wrist.yaml", "line"]),
+        ("", ["wrist.yaml is empty"]),
+        ("- 1\n", ["wrist.yaml holds a list"]),
+        ("\x00\xff", ["wrist.yaml"]),
+        (RUN.replace("voxel_size", "voxle_size"), ["wrist.yaml", "did you mean 'voxel_size'"]),
+    ],
+    ids=["cut off", "bracket", "tab", "empty", "list", "bytes", "key"],
+)
+def test_a_file_that_is_no_configuration_is_one_sentence_that_names_it(
+    text: str, words: list[str], folder: Path, ask: Ask
+) -> None:
+    (folder / "wrist.yaml").write_text(text, encoding="latin-1")
+    sentence = one_sentence(ask("run", "wrist.yaml", "--out", "results"))
+    assert all(word in sentence for word in words), sentence
+    assert not (folder / "results").exists()
+
+
+@pytest.mark.parametrize(
+    "log",
+    [LOG[:2] + ["0.01,0,0"], LOG[:2] + ["0.01,0,0,five,0,0,0"], [], [LOG[0]], ["\x00\x01"]],
+    ids=["cut off", "no number", "empty", "no rows", "bytes"],
+)
+def test_a_log_that_is_broken_is_one_sentence_that_names_it(
+    log: list[str], folder: Path, ask: Ask
+) -> None:
+    (folder / "wrist.csv").write_text("\n".join(log))
+    assert "wrist.csv" in one_sentence(ask("run", "wrist.yaml", "--out", "results"))
+    assert not (folder / "results").exists()
+
+
+@pytest.mark.parametrize("command", [["run", "wrist.yaml"], ["demo"]])
+def test_results_that_cannot_be_written_are_one_sentence(
+    command: list[str], folder: Path, ask: Ask
+) -> None:
+    (folder / "taken").write_text("a file stands where the folder should")
+    assert "taken" in one_sentence(ask(*command, "--out", "taken"))
+    assert (folder / "taken").read_text().startswith("a file")
+
+
+@pytest.mark.parametrize("arguments", [["dmeo"], ["run"], ["demo", "--outt", "x"]])
+def test_a_command_that_is_none_is_told_how_to_use_it(arguments: list[str], ask: Ask) -> None:
+    answer = ask(*arguments)
+    assert answer.status == 2 and "Traceback" not in answer.err
+
+
+def test_the_status_reaches_the_shell(folder: Path) -> None:
+    code = "from contactfusion.cli import main; main()"
+    done = subprocess.run(
+        [sys.executable, "-c", code, "run", "wirst.yaml"],
+        cwd=folder,
+        capture_output=True,
+        text=True,
+    )
+    assert done.returncode == 1 and done.stdout == ""
+    assert done.stderr.count("\n") == 1 and "did you mean 'wrist.yaml'" in done.stderr

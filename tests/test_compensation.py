@@ -1,0 +1,111 @@
+"""Mass, centre of mass and biases from poses without contact."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+import yaml
+from scipy.spatial.transform import Rotation
+
+from contactfusion.arrays import FloatArray
+from contactfusion.errors import ConfigurationError
+from contactfusion.generators.compensation import Compensation, fit_compensation
+from contactfusion.generators.force_torque import ForceTorqueConfig
+
+TRUTH = Compensation(
+    mass=1.25,
+    centre_of_mass=(0.01, -0.03, 0.08),
+    force_bias=(12.0, -7.0, 3.5),
+    torque_bias=(0.4, -0.2, 0.1),
+)
+Poses = tuple[FloatArray, FloatArray, FloatArray]
+
+
+def gravities(count: int = 12, seed: int = 0) -> FloatArray:
+    rotations = Rotation.random(count, rng=np.random.default_rng(seed))
+    turned: FloatArray = rotations.apply([0.0, 0.0, -9.81])
+    return turned
+
+
+def poses(gravity: FloatArray, force_noise: float = 0.0, torque_noise: float = 0.0) -> Poses:
+    rng = np.random.default_rng(1)
+    wrenches = np.array([TRUTH.contactless(one) for one in gravity])
+    wrenches += rng.normal(size=wrenches.shape) * np.repeat([force_noise, torque_noise], 3)
+    return wrenches[:, :3], wrenches[:, 3:], gravity
+
+
+def around(axis: FloatArray, angles: FloatArray) -> FloatArray:
+    """Gravity in a sensor that starts upright and turns about one axis."""
+    turned: FloatArray = Rotation.from_rotvec(angles[:, None] * axis).apply([0.0, 0.0, -9.81])
+    return turned
+
+
+def test_weight_pulls_the_way_of_gravity_and_turns_about_the_sensor() -> None:
+    # 2 kg at x = 0.1 m under gravity along −z: −19.62 N along z, and +1.962 N·m about y.
+    load = Compensation(mass=2.0, centre_of_mass=(0.1, 0.0, 0.0), force_bias=(1.0, 0.0, 0.0))
+    wrench = load.contactless(np.array([0.0, 0.0, -9.81]))
+    np.testing.assert_allclose(wrench, [1.0, 0.0, -19.62, 0.0, 1.962, 0.0])
+
+
+@pytest.mark.parametrize("count", [3, 4, 50])
+def test_exact_poses_give_exact_numbers(count: int) -> None:
+    fit = fit_compensation(*poses(gravities(count)))
+    for name in Compensation.model_fields:
+        assert getattr(fit.compensation, name) == pytest.approx(getattr(TRUTH, name), abs=1e-9)
+    np.testing.assert_allclose([fit.force_residual, fit.torque_residual], 0.0, atol=1e-9)
+
+
+def test_one_axis_is_enough_when_it_turns_far() -> None:
+    fit = fit_compensation(*poses(around(np.array([1.0, 0.0, 0.0]), np.linspace(0.0, 3.0, 20))))
+    assert fit.compensation.centre_of_mass == pytest.approx(TRUTH.centre_of_mass, abs=1e-9)
+
+
+def test_residuals_are_the_noise_and_estimates_are_near() -> None:
+    fit = fit_compensation(*poses(gravities(2000), 0.2, 0.01))
+    np.testing.assert_allclose(fit.force_residual, 0.2, rtol=0.06)
+    np.testing.assert_allclose(fit.torque_residual, 0.01, rtol=0.06)
+    found = fit.compensation
+    assert found.mass == pytest.approx(TRUTH.mass, abs=0.003)
+    assert found.centre_of_mass == pytest.approx(TRUTH.centre_of_mass, abs=2e-4)
+    assert found.force_bias == pytest.approx(TRUTH.force_bias, abs=0.02)
+    assert found.torque_bias == pytest.approx(TRUTH.torque_bias, abs=1e-3)
+
+
+@pytest.mark.parametrize(
+    "few",
+    [
+        np.tile([0.0, 0.0, -9.81], (50, 1)),  # never turned
+        gravities(2),  # two poses
+        np.repeat(gravities(2), 100, axis=0),  # two poses, each held for long
+        around(np.array([1.0, 0.0, 0.0]), np.linspace(0.0, 0.3, 50)),  # 17 degrees about one axis
+        np.zeros((10, 3)),  # no gravity at all
+        np.empty((0, 3)),
+    ],
+)
+def test_poses_that_do_not_turn_enough_are_refused(few: FloatArray) -> None:
+    with pytest.raises(ConfigurationError, match="turn the sensor further"):
+        fit_compensation(*poses(few) if len(few) else (few, few, few))
+
+
+def test_a_reversed_sign_is_named() -> None:
+    forces, torques, gravity = poses(gravities())
+    with pytest.raises(ConfigurationError, match=r"-1\.25 kg: is the sign of the wrench, or of"):
+        fit_compensation(-forces, -torques, gravity)
+    with pytest.raises(ConfigurationError, match="is the sign"):
+        fit_compensation(forces, torques, -gravity)
+
+
+def test_arrays_that_do_not_fit_are_refused() -> None:
+    forces, torques, gravity = poses(gravities())
+    with pytest.raises(ConfigurationError, match=r"gravities have shape \(5, 3\), not \(12, 3\)"):
+        fit_compensation(forces, torques, gravity[:5])
+    forces[2, 1] = np.nan
+    with pytest.raises(ConfigurationError, match="row 2 of the forces is not finite"):
+        fit_compensation(forces, torques, gravity)
+
+
+def test_a_fit_goes_into_a_configuration_as_its_text() -> None:
+    fit = fit_compensation(*poses(gravities(), 0.2, 0.01))
+    options: dict[str, Any] = yaml.safe_load(fit.compensation.model_dump_json())
+    config = ForceTorqueConfig(sign="on_robot", compensation=options)  # type: ignore[arg-type]
+    assert config.compensation == fit.compensation

@@ -1,0 +1,106 @@
+"""The pages name every option, and their examples work."""
+
+import json
+import re
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any, get_args
+
+import numpy as np
+import pytest
+import yaml
+from pydantic import BaseModel
+
+from contactfusion.integrator.config import IntegratorConfig
+from contactfusion.pipeline_config import PipelineConfig
+from contactfusion.plugins import installed_plugins
+from contactfusion.running import RunConfig, run_file
+
+ROOT = Path(__file__).resolve().parents[1]
+CONFIGURATION = ROOT / "docs" / "configuration.md"
+GENERATORS = {
+    name: cls
+    for name, cls in installed_plugins().offers("generators").items()
+    if cls.__module__.startswith("contactfusion.")
+}
+
+
+def page(generator: str) -> Path:
+    return ROOT / "docs" / "generators" / f"{generator}.md"
+
+
+def examples(path: Path) -> list[dict[str, Any]]:
+    blocks = re.findall(r"^```yaml\n(.*?)^```", path.read_text(), re.MULTILINE | re.DOTALL)
+    return [yaml.safe_load(block) for block in blocks]
+
+
+def fields(model: type[BaseModel]) -> Iterator[str]:
+    """Every field of a model, and of the models within."""
+    for name, info in model.model_fields.items():
+        yield name
+        for inner in models_in(info.annotation):
+            yield from fields(inner)
+
+
+def models_in(annotation: Any) -> Iterator[type[BaseModel]]:
+    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        yield annotation
+    for argument in get_args(annotation):
+        yield from models_in(argument)
+
+
+def unnamed(model: type[BaseModel], text: str) -> set[str]:
+    """The fields that a page does not name, in code or in an example."""
+    code = " ".join(re.findall(r"^```.*?^```|`[^`\n]+`", text, re.MULTILINE | re.DOTALL))
+    return {name for name in fields(model) if not re.search(rf"\b{name}\b", code)}
+
+
+@pytest.mark.parametrize("name", GENERATORS)
+def test_the_page_of_a_generator_names_every_option(name: str) -> None:
+    assert not unnamed(GENERATORS[name].Config, page(name).read_text())
+
+
+@pytest.mark.parametrize("name", GENERATORS)
+def test_the_example_of_a_generator_is_a_configuration(name: str) -> None:
+    (example, *_) = examples(page(name))
+    PipelineConfig(**example).frame_tree()
+    for options in example["generators"].values():
+        config = GENERATORS[options.pop("type")].Config(**options)
+        assert config.sensor in example["frames"]
+
+
+@pytest.mark.parametrize("model", [PipelineConfig, IntegratorConfig, RunConfig])
+def test_the_page_on_configuration_names_every_field(model: type[BaseModel]) -> None:
+    assert not unnamed(model, CONFIGURATION.read_text())
+
+
+def test_the_example_of_the_page_on_configuration_holds_every_field_of_the_integrator() -> None:
+    (example,) = examples(CONFIGURATION)
+    assert set(example["integrator"]) == set(IntegratorConfig.model_fields)
+    assert set(example) == set(RunConfig.model_fields) - {"folder"}
+
+
+def test_the_example_of_the_page_on_configuration_runs(tmp_path: Path) -> None:
+    (example,) = examples(CONFIGURATION)
+    (tmp_path / "robot.yaml").write_text(yaml.safe_dump(example))
+    stamps = np.arange(0.0, 1.0, 0.01)
+    pressed = stamps >= 0.5
+    push = pressed[:, None] * np.array([[0.0, 0.0, -8.0, 0.0, 0.0, 0.0]])
+    taxels = pressed[:, None] * np.array([[0.0, 0.0, 0.0, 0.0, 40.0, 0.0]])
+    for name, columns, rows in (
+        ("wrist", "fx,fy,fz,tx,ty,tz", push),
+        ("palm", "p0,p1,p2,p3,p4,p5", taxels),
+    ):
+        table = np.column_stack([stamps, rows])
+        np.savetxt(
+            tmp_path / f"{name}.csv", table, delimiter=",", header=f"t,{columns}", comments=""
+        )
+    run_file(tmp_path / "robot.yaml", [], tmp_path / "results")
+    summary = json.loads((tmp_path / "results" / "summary.json").read_text())
+    assert {name: source["accepted"] for name, source in summary["sources"].items()} == {
+        "wrist": 100,
+        "palm": 100,
+    }
+    assert summary["steps_with_contact"] == pytest.approx(50, abs=2)
+    last = (tmp_path / "results" / "contacts.csv").read_text().splitlines()[-1]
+    assert "palm" in last and "wrist" in last

@@ -1,0 +1,68 @@
+"""Why a contact was reported, and what would be without each source."""
+
+from contactfusion.explain import explain
+from tests.clouds import HERE, NULL, SUPPORT, THERE, cloud, fused
+
+
+def lines(*clouds: object, **config: object) -> list[str]:
+    return explain(fused(*clouds, **config)).split("\n")  # type: ignore[arg-type]
+
+
+def test_nothing_is_explained_in_two_words() -> None:
+    assert lines() == ["no contact"]
+    assert lines(cloud("a", 0.0, {})) == ["no contact"]
+
+
+def test_a_contact_of_one_source_is_gone_without_it() -> None:
+    contact, without = lines(cloud("skin", 0.0, {HERE: 0.5}))
+    assert contact.startswith("contact at (0.003, 0.003, 0.003) m in 'base', likelihood 0.50")
+    assert without == "  without skin: no contact remains"
+
+
+def test_what_remains_without_a_source_is_told_with_its_distance() -> None:
+    told = lines(cloud("a", 0.0, {HERE: 0.5}), cloud("b", 0.0, {HERE: 0.25, (1, 0, 0): 0.25}))
+    assert told[1:] == [
+        "  without a: likelihood 0.25, 1.1 mm from where it is now",
+        "  without b: likelihood 0.50, 1.4 mm from where it is now",
+    ]
+
+
+def test_a_contact_elsewhere_does_not_count_as_the_one_that_remains() -> None:
+    told = lines(cloud("a", 0.0, {HERE: 0.5}), cloud("b", 0.0, {THERE: 0.25}))
+    assert told[1] == "  without a: no contact remains here; the nearest is 20.0 cm away"
+
+
+def test_support_has_its_line_and_null_has_none() -> None:
+    told = lines(
+        cloud("skin", 0.0, {HERE: 0.0625}),
+        cloud("motion", 0.0, {HERE: 0.5}, SUPPORT),
+        cloud("free", 0.0, {(9, 0, 0): 1.0}, NULL),
+    )
+    assert told[1:3] == [
+        "  without motion: no contact remains",
+        "  without skin: no contact remains",
+    ]
+
+
+def test_the_other_voxels_are_counted_by_reason() -> None:
+    told = lines(
+        cloud("a", 0.0, {HERE: 0.05, (1, 0, 0): 0.05}),
+        cloud("b", 0.0, {THERE: 0.5}, SUPPORT),
+        cloud("c", 0.0, {(90, 0, 0): 0.5}, NULL),
+    )
+    assert told == [
+        "no contact",
+        "other voxels: 2 too unlikely, 1 predicted, but no sensor felt them, 1 ruled out",
+    ]
+
+
+def test_remarks_of_sources_are_told() -> None:
+    assert lines(cloud("skin", 0.0, {}, notes=("saturated",))) == [
+        "no contact",
+        "skin remarks: saturated",
+    ]
+
+
+def test_explaining_changes_nothing() -> None:
+    fusion = fused(cloud("a", 0.0, {HERE: 0.5}), cloud("b", 0.0, {HERE: 0.5, THERE: 0.25}))
+    assert explain(fusion) == explain(fusion)

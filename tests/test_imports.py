@@ -1,0 +1,162 @@
+"""Who imports whom; and what the command line does not wait for."""
+
+import ast
+import json
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+import contactfusion
+
+ROOT = Path(__file__).parents[1]
+HEAVY = ("matplotlib", "numba", "open3d", "pybullet", "scipy.spatial", "sklearn", "torch")
+DATA = (
+    "arrays",
+    "contacts",
+    "errors",
+    "files",
+    "grid",
+    "hypotheses",
+    "model",
+    "readings",
+    "surface",
+    "time",
+)
+"""The data types and what they stand on."""
+OUTER = (
+    "cli",
+    "demo",
+    "doctor",
+    "experiments",
+    "explain",
+    "figures",
+    "listing",
+    "recordings",
+    "runner",
+    "running",
+    "testing",
+)
+"""What stands outside and imports inward."""
+
+
+def runtime_imports(tree: ast.AST) -> Iterator[str]:
+    """Give the modules that a module imports, at its top or within; not those for types only."""
+    for node in ast.iter_child_nodes(tree):
+        match node:
+            case ast.If(test=ast.Name(id="TYPE_CHECKING")):
+                continue
+            case ast.Import(names=names):
+                yield from (alias.name for alias in names)
+            case ast.ImportFrom(module=str(module), names=names):
+                yield module
+                yield from (f"{module}.{alias.name}" for alias in names)
+            case _:
+                yield from runtime_imports(node)
+
+
+def imported_by(path: Path) -> set[str]:
+    """Give the modules of the framework that a module imports, without the package's name."""
+    names = runtime_imports(ast.parse(path.read_text()))
+    ours = (name for name in names if name.startswith("contactfusion."))
+    return {name.removeprefix("contactfusion.") for name in ours}
+
+
+def reaches(path: Path, forbidden: tuple[str, ...]) -> set[str]:
+    return {name for name in imported_by(path) if name.split(".")[0] in forbidden}
+
+
+def modules(folder: str) -> list[Path]:
+    return sorted((ROOT / folder).glob("*.py"))
+
+
+def test_imports_are_found_where_they_hide() -> None:
+    tree = ast.parse(
+        "from typing import TYPE_CHECKING\n"
+        "if TYPE_CHECKING:\n    import a\n"
+        "def f():\n    from b import c\n"
+        "try:\n    import d.e\nexcept ImportError:\n    pass\n"
+    )
+    assert set(runtime_imports(tree)) == {"typing", "typing.TYPE_CHECKING", "b", "b.c", "d.e"}
+
+
+@pytest.mark.parametrize("name", DATA)
+def test_data_types_import_data_types_only(name: str) -> None:
+    found = {one.split(".")[0] for one in imported_by(ROOT / "contactfusion" / f"{name}.py")}
+    assert found <= {*DATA, "frames"}
+
+
+@pytest.mark.parametrize("path", modules("integrator"), ids=lambda path: path.stem)
+def test_the_integrator_knows_no_generator_and_no_pipeline(path: Path) -> None:
+    forbidden = ("generators", "controllers", "generator", "controller", "pipeline", "state")
+    assert reaches(path, (*forbidden, "pipeline_config", *OUTER)) == set()
+
+
+@pytest.mark.parametrize("path", modules("generators"), ids=lambda path: path.stem)
+def test_generators_know_no_pipeline_and_no_integrator(path: Path) -> None:
+    forbidden = ("pipeline", "pipeline_config", "integrator", "controllers", "controller")
+    assert reaches(path, (*forbidden, *OUTER)) == set()
+
+
+@pytest.mark.parametrize("path", modules("controllers"), ids=lambda path: path.stem)
+def test_controllers_know_no_pipeline_no_integrator_and_no_generator(path: Path) -> None:
+    forbidden = ("pipeline", "pipeline_config", "integrator", "generators", "generator")
+    assert reaches(path, (*forbidden, *OUTER)) == set()
+
+
+@pytest.mark.parametrize("name", ["pipeline", "pipeline_config", "history", "frames", "isolation"])
+def test_the_pipeline_imports_nothing_that_stands_outside(name: str) -> None:
+    assert reaches(ROOT / "contactfusion" / f"{name}.py", OUTER) == set()
+
+
+@pytest.mark.parametrize("path", modules("contactfusion"), ids=lambda path: path.stem)
+def test_nothing_of_the_framework_names_a_generator(path: Path) -> None:
+    assert reaches(path, ("generators", "controllers")) == set()
+
+
+# What is not loaded
+
+
+def loaded_by(code: str) -> list[str]:
+    """Run code in a new interpreter; give the heavy packages that it loaded."""
+    tell = f"print('loaded', json.dumps([h for h in {HEAVY} if h in sys.modules]))"
+    done = subprocess.run(
+        [sys.executable, "-c", f"import sys, json\n{code}\n{tell}"],
+        capture_output=True,
+        text=True,
+    )
+    assert done.returncode == 0, done.stderr
+    found: list[str] = json.loads(done.stdout.rsplit("loaded", 1)[1])
+    return found
+
+
+@pytest.mark.parametrize("arguments", [["--help"], ["run", "--help"], ["plugins"]])
+def test_the_command_line_answers_without_loading_anything_heavy(arguments: list[str]) -> None:
+    code = (
+        f"sys.argv = ['contactfusion', *{arguments}]\n"
+        "from contactfusion.cli import main\n"
+        "try: main()\nexcept SystemExit as end: assert not end.code, end.code"
+    )
+    assert loaded_by(code) == []
+
+
+def test_clouds_and_configurations_need_nothing_heavy() -> None:
+    names = "HypothesisCloud, HypothesisKind, IntegratorConfig, Generator, State, Surface, hookimpl"
+    assert loaded_by(f"from contactfusion import {names}") == []
+
+
+def test_the_fusion_core_needs_numba_and_nothing_else_that_is_heavy() -> None:
+    assert loaded_by("from contactfusion import Integrator; Integrator().step(0.0)") == ["numba"]
+
+
+@pytest.mark.parametrize("name", contactfusion.__all__)
+def test_every_public_name_can_be_imported(name: str) -> None:
+    assert getattr(contactfusion, name) is not None
+
+
+def test_public_names_are_listed_and_strangers_refused() -> None:
+    assert dir(contactfusion) == sorted(contactfusion.__all__)
+    with pytest.raises(AttributeError, match="has no attribute 'Integratro'"):
+        contactfusion.Integratro  # noqa: B018

@@ -1,0 +1,139 @@
+"""Configurations: what they refuse, and in which words."""
+
+import math
+from pathlib import Path
+from typing import Any
+
+import pytest
+from pydantic import Field
+
+from contactfusion import IntegratorConfig
+from contactfusion.errors import ConfigurationError, name_hint
+from contactfusion.model import Model, rooted
+
+
+class Leg(Model):
+    length: float = Field(gt=0)
+    """How long [m]."""
+    shoe: Path = Path("shoe.yaml")
+    """The file of its shoe."""
+
+
+class Robot(Model):
+    name: str
+    """Its name."""
+    left: Leg = Leg(length=1.0)
+    """One leg."""
+    others: tuple[Leg, ...] = ()
+    """Further legs."""
+    Weight: float = 1.0
+    """[kg]."""
+
+
+@pytest.mark.parametrize(
+    ("fields", "sentence"),
+    [
+        ({}, "name: this field is required"),
+        ({"name": "r", "lft": 1}, "lft: unknown field; did you mean 'left'? The fields are: "),
+        ({"name": "r", "left": {"lenght": 1}}, "left.lenght: unknown field; did you mean 'length'"),
+        ({"name": "r", "zzz": 1}, "zzz: unknown field; the fields are: "),
+        ({"name": "r", "left": {"length": -1}}, "left.length: input should be greater than 0"),
+        ({"name": "r", "others": [{"length": 1}, {}]}, "others.1.length: this field is required"),
+        ({"name": "r", "left": {"length": math.nan}}, "left.length: input should be a finite"),
+        ({"name": "r", "left": {"length": math.inf}}, "left.length: input should be a finite"),
+        ({"name": "r", "left": {"length": "long"}}, "left.length: input should be a valid number"),
+        ({"name": 3, "left": 3}, "name: input should be a valid string, not 3 (and 1 more)"),
+    ],
+)
+def test_an_error_is_one_sentence_that_starts_with_the_path(
+    fields: dict[str, Any], sentence: str
+) -> None:
+    with pytest.raises(ConfigurationError) as caught:
+        Robot(**fields)
+    text = str(caught.value)
+    assert text.startswith(sentence) and "\n" not in text
+    assert caught.value.path == sentence.split(":")[0]
+
+
+def test_of_several_errors_the_unknown_field_is_told_for_it_explains_the_others() -> None:
+    with pytest.raises(ConfigurationError, match=r"nmae: unknown field; .* \(and 1 more\)"):
+        Robot(**{"nmae": "r"})
+
+
+def test_an_error_from_within_is_told_as_seen_from_outside() -> None:
+    error = ConfigurationError("too long", "length").under("robots.left")
+    assert str(error) == "robots.left.length: too long"
+    assert str(ConfigurationError("too long").under("left")) == "left: too long"
+
+
+def test_a_configuration_cannot_be_changed() -> None:
+    robot = Robot(name="r")
+    with pytest.raises(ValueError, match="frozen"):
+        robot.name = "s"
+
+
+def test_every_field_of_the_integrator_says_what_it_is() -> None:
+    assert all(field.description for field in IntegratorConfig.model_fields.values())
+
+
+@pytest.mark.parametrize(
+    "fields",
+    [
+        {"voxel_size": 0.0},
+        {"voxel_size": -0.005},
+        {"voxel_size": math.nan},
+        {"voxel_size": math.inf},
+        {"timeout": 0.0},
+        {"timeout": 1e12},
+        {"threshold": 0.0},
+        {"threshold": 1.1},
+        {"tolerance": 0.0},
+        {"tolerance": -1.0},
+        {"expiry": "never"},
+        {"min_voxels": 0},
+        {"mass_threshold": 0.0},
+        {"prior": 0.0},
+        {"prior": 1.0},
+        {"stale_after": 0.0},
+        {"max_ahead": -0.1},
+        {"frame": ""},
+        {"voxelsize": 0.005},
+    ],
+    ids=str,
+)
+def test_the_integrator_refuses_what_it_cannot_work_with(fields: dict[str, Any]) -> None:
+    with pytest.raises(ConfigurationError, match=next(iter(fields))):
+        IntegratorConfig(**fields)
+
+
+def test_the_threshold_may_be_one() -> None:
+    assert IntegratorConfig(threshold=1.0).threshold == 1.0
+
+
+def test_relative_files_start_at_the_folder_of_the_configuration_also_within() -> None:
+    robot = rooted(Robot(name="r", left=Leg(length=1.0)), Path("/robots"))
+    assert robot.left.shoe == Path("/robots/shoe.yaml")
+    absolute = Leg(length=1.0, shoe=Path("/shoes/a.yaml"))
+    assert rooted(absolute, Path("/robots")).shoe == Path("/shoes/a.yaml")
+
+
+# The nearest name
+
+
+@pytest.mark.parametrize(
+    ("name", "known", "sentence"),
+    [
+        ("skni", ["wrist", "skin"], "did you mean 'skin'? The sources are: skin, wrist"),
+        ("moon", ["wrist", "skin"], "the sources are: skin, wrist"),
+        ("skin", [], "there are no sources"),
+        (
+            "leftpalm",
+            ["leftPalm", "UR5"],
+            "did you mean 'leftPalm'? The sources are: UR5, leftPalm",
+        ),
+    ],
+)
+def test_a_name_that_is_not_known_gets_those_that_are(
+    name: str, known: list[str], sentence: str
+) -> None:
+    assert name_hint(name, known, "sources") == sentence

@@ -1,0 +1,233 @@
+"""Surfaces, and the shapes that they are sampled from."""
+
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.spatial import KDTree
+from scipy.spatial.transform import Rotation
+
+from contactfusion import Surface
+from contactfusion.errors import ConfigurationError
+from contactfusion.frames import pose_of
+from contactfusion.shapes import BodyConfig, ShapeConfig, joined
+from contactfusion.surface import rectangle
+
+SHAPES: dict[str, dict[str, Any]] = {
+    "box": {"size": (0.2, 0.1, 0.3)},
+    "cylinder": {"radius": 0.05, "length": 0.2},
+    "sphere": {"radius": 0.1},
+    "rectangle": {"size": (0.4, 0.2)},
+}
+AREAS = {
+    "box": 2 * (0.2 * 0.1 + 0.1 * 0.3 + 0.3 * 0.2),
+    "cylinder": 2 * math.pi * 0.05 * (0.05 + 0.2),
+    "sphere": 4 * math.pi * 0.1**2,
+    "rectangle": 0.4 * 0.2,
+}
+SPACING = 0.005
+
+
+def shape(kind: str, **fields: Any) -> ShapeConfig:
+    return ShapeConfig(**{"shape": kind, **SHAPES[kind], **fields})
+
+
+def outside(kind: str, points: Any) -> Any:
+    """Give the distance from the surface of a shape, positive outside [m]."""
+    x, y, z = np.asarray(points).T
+    match kind:
+        case "box":
+            return np.max(np.abs(points) - np.array(SHAPES["box"]["size"]) / 2, axis=1)
+        case "cylinder":
+            return np.maximum(np.hypot(x, y) - 0.05, np.abs(z) - 0.1)
+        case "sphere":
+            return np.linalg.norm(points, axis=1) - 0.1
+    return np.maximum(np.maximum(np.abs(x) - 0.2, np.abs(y) - 0.1), np.abs(z))
+
+
+@pytest.mark.parametrize("kind", SHAPES)
+def test_every_point_lies_on_its_shape(kind: str) -> None:
+    points = shape(kind).sampled("body", SPACING).points
+    if kind == "rectangle":
+        assert (points[:, 2] == 0).all() and (np.abs(points[:, :2]) < [0.2, 0.1]).all()
+    else:
+        assert np.abs(outside(kind, points)).max() < 1e-12
+
+
+@pytest.mark.parametrize("kind", ["box", "cylinder", "sphere"])
+def test_every_normal_points_out_of_the_body(kind: str) -> None:
+    surface = shape(kind).sampled("body", SPACING)
+    for step in (1e-6, -1e-6):
+        distance = outside(kind, surface.points + step * surface.normals)
+        assert distance == pytest.approx(step, abs=1e-9)
+
+
+def test_a_rectangle_faces_its_z() -> None:
+    assert (shape("rectangle").sampled("body", SPACING).normals == [0.0, 0.0, 1.0]).all()
+
+
+@pytest.mark.parametrize("kind", SHAPES)
+def test_neighbours_are_about_the_spacing_apart(kind: str) -> None:
+    points = shape(kind).sampled("body", SPACING).points
+    distances, _ = KDTree(points).query(points, k=2)
+    nearest = np.asarray(distances)[:, 1]
+    assert nearest.max() <= SPACING * (1 + 1e-9)
+    assert np.median(nearest) > 0.6 * SPACING
+
+
+@pytest.mark.parametrize("kind", SHAPES)
+def test_no_place_of_the_surface_is_far_from_a_point(kind: str) -> None:
+    fine = shape(kind).sampled("body", SPACING / 4).points
+    coarse = shape(kind).sampled("body", SPACING)
+    assert np.max(coarse.tree.query(fine)[0]) <= SPACING
+
+
+@pytest.mark.parametrize("kind", SHAPES)
+def test_each_point_stands_for_a_square_of_the_spacing(kind: str) -> None:
+    points = shape(kind).sampled("body", SPACING).points
+    assert len(points) * SPACING**2 == pytest.approx(AREAS[kind], rel=0.03)
+
+
+@pytest.mark.parametrize("kind", SHAPES)
+def test_a_shape_stands_where_it_was_put_turned_about_fixed_axes(kind: str) -> None:
+    still = shape(kind).sampled("body", SPACING)
+    moved = shape(kind, xyz=(1.0, 2.0, 3.0), rpy=(0.3, -0.2, 0.7)).sampled("body", SPACING)
+
+    def turn(axis: int, angle: float) -> Any:
+        return Rotation.from_rotvec(angle * np.eye(3)[axis]).as_matrix()
+
+    matrix = turn(2, 0.7) @ turn(1, -0.2) @ turn(0, 0.3)
+    assert np.allclose(moved.points, still.points @ matrix.T + [1.0, 2.0, 3.0], atol=1e-12)
+    assert np.allclose(moved.normals, still.normals @ matrix.T, atol=1e-12)
+
+
+@settings(max_examples=30)
+@given(st.floats(1e-3, 0.5), st.sampled_from(["box", "cylinder", "sphere", "rectangle"]))
+def test_a_coarse_shape_still_has_points_on_it(spacing: float, kind: str) -> None:
+    surface = shape(kind).sampled("body", spacing)
+    assert len(surface.points) >= {"box": 6, "cylinder": 8, "sphere": 12}.get(kind, 1)
+    if kind != "rectangle":
+        assert np.abs(outside(kind, surface.points)).max() < 1e-12
+
+
+def test_the_cells_of_a_rectangle_are_equal_and_lie_within_it() -> None:
+    plate = rectangle("plate", np.ones(3), np.array([0.2, 0, 0]), np.array([0, 0, 0.1]), 0.1)
+    assert sorted(set(plate.points[:, 0].round(9) - 1)) == pytest.approx([-0.15, -0.05, 0.05, 0.15])
+    assert sorted(set(plate.points[:, 2].round(9) - 1)) == pytest.approx([-0.05, 0.05])
+    assert (plate.normals == [0.0, -1.0, 0.0]).all()
+
+
+@pytest.mark.parametrize(
+    ("fields", "sentence"),
+    [
+        ({"shape": "ball", "radius": 1.0}, "shape"),
+        ({"shape": "box"}, "a box needs size"),
+        ({"shape": "sphere", "radius": 1.0, "length": 1.0}, "a sphere needs radius"),
+        ({"shape": "cylinder", "radius": 1.0}, "a cylinder needs length and radius"),
+        ({"shape": "sphere", "radius": -1.0}, "radius"),
+        ({"shape": "box", "size": (1.0, 1.0)}, "a box has 3 positive edges"),
+        ({"shape": "box", "size": (1.0, 1.0, 0.0)}, "a box has 3 positive edges"),
+        ({"shape": "rectangle", "size": (1.0, 1.0, 1.0)}, "a rectangle has 2 positive edges"),
+        ({"shape": "sphere", "radius": 1.0, "xyz": (0.0, 0.0, math.nan)}, "xyz"),
+    ],
+)
+def test_a_shape_that_cannot_be_is_refused(fields: dict[str, Any], sentence: str) -> None:
+    with pytest.raises(ConfigurationError, match=sentence):
+        ShapeConfig(**fields)
+
+
+# Bodies
+
+
+def test_the_shapes_of_a_body_are_its_links() -> None:
+    body = BodyConfig(frame="tool", spacing=0.05, shapes=(shape("sphere"), shape("box")))
+    surface = body.sampled(Path())
+    assert surface.link_names == ("tool/0", "tool/1")
+    ball, box = (len(one.sampled("tool", 0.05).points) for one in body.shapes)
+    assert np.bincount(surface.links).tolist() == [ball, box]
+
+
+def test_a_body_may_come_from_a_file(tmp_path: Path) -> None:
+    ball = shape("sphere").sampled("tool", 0.05)
+    np.savez(tmp_path / "ball.npz", points=ball.points, normals=ball.normals)
+    surface = BodyConfig(frame="tool", file=Path("ball.npz")).sampled(tmp_path)
+    assert np.array_equal(surface.points, ball.points) and surface.frame == "tool"
+
+
+@pytest.mark.parametrize("spoil", ["missing", "empty", "cut off", "no archive", "an array", "keys"])
+def test_a_file_that_holds_no_surface_is_refused_by_name(tmp_path: Path, spoil: str) -> None:
+    path = tmp_path / "ball.npz"
+    np.savez(path, points=np.zeros((0, 3)), normals=np.zeros((0, 3)))
+    match spoil:
+        case "missing":
+            path.unlink()
+        case "empty":
+            path.write_bytes(b"")
+        case "cut off":
+            path.write_bytes(path.read_bytes()[:-100])
+        case "no archive":
+            path.write_text("points: 3")
+        case "an array":
+            with path.open("wb") as file:
+                np.save(file, np.zeros((2, 3)))
+        case "keys":
+            np.savez(path, places=np.zeros((0, 3)))
+    with pytest.raises(ConfigurationError, match="ball.npz"):
+        BodyConfig(frame="tool", file=path).sampled(tmp_path)
+
+
+@pytest.mark.parametrize("fields", [{}, {"file": "a.npz", "shapes": [SHAPES["sphere"]]}])
+def test_a_body_is_made_of_shapes_or_of_a_file(fields: dict[str, Any]) -> None:
+    if "shapes" in fields:
+        fields = {**fields, "shapes": [{"shape": "sphere", **SHAPES["sphere"]}]}
+    with pytest.raises(ConfigurationError, match="give shapes or a file"):
+        BodyConfig(frame="tool", **fields)
+
+
+# Surfaces
+
+
+def test_a_surface_holds_read_only_arrays() -> None:
+    surface = shape("sphere").sampled("body", 0.05)
+    for array in (surface.points, surface.normals, surface.links):
+        assert not array.flags.writeable
+
+
+def test_a_surface_without_links_is_one_link_of_its_frame() -> None:
+    surface = shape("sphere").sampled("ball", 0.05)
+    assert surface.link_names == ("ball",) and not surface.links.any()
+
+
+def test_an_empty_surface_is_a_surface() -> None:
+    assert len(Surface("ball", np.empty((0, 3)), np.empty((0, 3))).points) == 0
+
+
+def test_a_moved_surface_keeps_its_links() -> None:
+    parts = [shape("sphere").sampled("body", 0.05), shape("box").sampled("body", 0.05)]
+    surface = joined(parts)
+    there = surface.moved(pose_of((0.0, 0.0, 1.0)), "base")
+    assert there.frame == "base" and there.link_names == surface.link_names
+    assert np.array_equal(there.links, surface.links)
+    assert np.allclose(there.points, surface.points + [0.0, 0.0, 1.0])
+    assert np.array_equal(there.normals, surface.normals)
+
+
+@pytest.mark.parametrize(
+    ("fields", "sentence"),
+    [
+        ({"points": np.full((1, 3), np.nan)}, "row 0 of the points of the surface in 'ball'"),
+        ({"normals": np.ones((1, 3))}, "the normals of the surface in 'ball' are not unit vectors"),
+        ({"normals": np.ones((2, 3))}, "normals of the surface in 'ball' have shape"),
+        ({"links": np.array([1])}, "a link index of the surface in 'ball' has no name"),
+        ({"links": np.array([-1])}, "a link index of the surface in 'ball' has no name"),
+        ({"links": np.array([0, 0])}, "links of the surface in 'ball' have shape"),
+    ],
+)
+def test_a_surface_that_cannot_be_is_refused(fields: dict[str, Any], sentence: str) -> None:
+    good = {"points": np.zeros((1, 3)), "normals": np.array([[0.0, 0.0, 1.0]])}
+    with pytest.raises(ConfigurationError, match=sentence):
+        Surface("ball", **{**good, **fields})
