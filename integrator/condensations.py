@@ -12,10 +12,12 @@ from contactfusion.integrator import clusters, kernels
 from contactfusion.integrator.config import IntegratorConfig
 from contactfusion.integrator.contact_table import ContactTable
 from contactfusion.integrator.entries import Field
-from contactfusion.integrator.store import Int64Array
+from contactfusion.integrator.store import Int64Array, unpack
 
 FAINTEST = 0.01
 """`cluster_mass` leaves out voxels less likely than this."""
+WIDE, WIDEST = 64, float(1 << 22)
+"""Beyond the first so many sides a tolerance may span all there is; the second spans the space."""
 
 
 class Condensation(Protocol):
@@ -82,11 +84,16 @@ class ClusterMass:
 def reach_squared(config: IntegratorConfig) -> int:
     """Give the largest squared offset that links two voxels, in voxels², rounded once (SPEC §3)."""
     sides = 2.0 if config.tolerance is None else config.tolerance / config.voxel_size
-    return int(np.floor(sides * sides + 1e-6))
+    return int(np.floor(min(sides, WIDEST) ** 2 + 1e-6))
 
 
 def _clustered(field: Field, selected: Int64Array, reach_squared: int) -> ContactTable:
-    labels, count = clusters.label(field.entries.keys[selected], reach_squared)
+    keys = field.entries.keys[selected]
+    if reach_squared > WIDE**2 and len(keys):
+        span = np.ptp(unpack(keys), axis=0)
+        if int(span @ span) <= reach_squared:  # every pair is linked
+            return ContactTable(field, selected, np.zeros(len(keys), np.int32), 1)
+    labels, count = clusters.label(keys, reach_squared)
     return ContactTable(field, selected, labels, count)
 
 

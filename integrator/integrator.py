@@ -57,9 +57,13 @@ class Integrator:
             replace: whether each of its clouds replaces all that it had, as for a moving contact.
 
         Raises:
-            SourceError: it is plugged already, with another kind.
+            SourceError: it is plugged already, with another kind, or a time is not positive.
         """
         kind = kind_of(kind)
+        lifetime = _lifetime("timeout", self.config.timeout if timeout is None else timeout)
+        silence = _lifetime(
+            "stale_after", self.config.stale_after if stale_after is None else stale_after
+        )
         known = self._sources.get(source)
         if known and known.kind != kind:
             raise SourceError(
@@ -68,11 +72,7 @@ class Integrator:
         if not known:
             self.note(EventKind.PLUGGED, source, f"'{source}' was plugged in as {kind}")
         record = known or SourceRecord(source, kind)
-        record.timeout = to_nanoseconds(self.config.timeout if timeout is None else timeout)
-        record.stale_after = to_nanoseconds(
-            self.config.stale_after if stale_after is None else stale_after
-        )
-        record.replace = replace
+        record.timeout, record.stale_after, record.replace = lifetime, silence, replace
         self._sources[source] = record
         self._unplugged.discard(source)
 
@@ -196,3 +196,10 @@ class Integrator:
 
     def _source_hint(self, name: str) -> str:
         return name_hint(name, self._sources, "plugged sources")
+
+
+def _lifetime(name: str, seconds: float) -> int:
+    """Give a time that must be positive in ns."""
+    if not seconds > 0.0:
+        raise SourceError(f"{name} must be greater than 0 s, not {seconds}")
+    return to_nanoseconds(seconds)
