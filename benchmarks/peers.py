@@ -142,7 +142,8 @@ def open3d_fresh(cloud: Cloud) -> Condense:
 def open3d_fuse(cloud: Cloud) -> Callable[[], Any]:
     """Prepare Open3D's ``voxel_down_sample`` alone; a run gives the down-sampled cloud."""
     open3d = importlib.import_module("open3d")
-    points = open3d.geometry.PointCloud(open3d.utility.Vector3dVector(cloud.positions))
+    places = cloud.positions.copy()  # Open3D refuses read-only arrays
+    points = open3d.geometry.PointCloud(open3d.utility.Vector3dVector(places))
 
     def run() -> Any:
         return points.voxel_down_sample(VOXEL_SIZE)

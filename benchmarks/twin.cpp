@@ -30,6 +30,7 @@ constexpr int kAxisBits = 21;
 constexpr Key kAxisMask = (Key{1} << kAxisBits) - 1;
 constexpr Key kBeyond = std::numeric_limits<Key>::max();
 constexpr double kLimit = 1 << 20;
+constexpr Key kOrigin = (1 << 20) - 1;
 constexpr double kSide = 0.005;
 constexpr double kThreshold = 0.1;
 constexpr std::int64_t kTimeout = 200'000'000;
@@ -307,7 +308,7 @@ class Integrator {
       for (int axis = 0; axis < 3; ++axis) {
         const double index = std::floor(cloud.positions[3 * row + axis] * (1.0 / kSide));
         fine &= -kLimit < index && index < kLimit;
-        key = key << kAxisBits | (static_cast<Key>(index) + (Key{1} << 20));
+        key = key << kAxisBits | (static_cast<Key>(index) + kOrigin);
       }
       keys[row] = key;
     }
@@ -622,7 +623,7 @@ class Integrator {
       Contact contact;
       double spread = 0.0;
       for (int i = 0; i < 3; ++i) {
-        contact.position[i] = (line.centre[i] - kLimit + 0.5) * kSide;
+        contact.position[i] = (line.centre[i] - static_cast<double>(kOrigin) + 0.5) * kSide;
         contact.extent[i] = contact.position[i] + line.least * line.axis[i] * kSide;
         contact.extent[3 + i] = contact.position[i] + line.most * line.axis[i] * kSide;
         contact.force[i] = sum.force_weight > 0.0 ? sum.force[i] / sum.force_weight : kNan;

@@ -36,7 +36,7 @@ def frozen_array(
     """
     try:
         array = np.asarray(value, dtype=dtype)
-    except (TypeError, ValueError) as cause:
+    except (TypeError, ValueError, OverflowError) as cause:
         raise error(f"{name} are not numbers: {cause}") from None
     if array.shape != shape and not _fits(array.shape, shape):
         if array.size == 0 and shape[0] is None:
@@ -64,7 +64,7 @@ def finite_number(value: float, name: str, error: type[Exception]) -> float:
     """Give the number as a float; raise `error` when it is none, or not finite."""
     try:
         number = float(value)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         raise error(f"{name} is not a number: {value!r}") from None
     if not math.isfinite(number):
         raise error(f"{name} is not finite: {number}")

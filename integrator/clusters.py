@@ -13,9 +13,10 @@ from numpy.typing import NDArray
 
 from contactfusion.arrays import FloatArray
 from contactfusion.integrator.jit import kernel
-from contactfusion.integrator.store import AXIS_BITS, AXIS_MASK, Int64Array
+from contactfusion.integrator.store import AXIS_BITS, AXIS_MASK, AXIS_ORIGIN, ONE, Int64Array
 
 Int32Array = NDArray[np.int32]
+UintArray = NDArray[np.uintp]
 
 MOST_ROTATIONS = 60
 """Jacobi's rotations of a 3x3 matrix converge in about ten."""
@@ -45,8 +46,24 @@ class Sums(NamedTuple):
     shares: FloatArray
 
 
+class Outlines(NamedTuple):
+    """The places and shapes of clusters.
+
+    Attributes:
+        positions: shape (c, 3) [m], the weighted centroids.
+        dispersions: shape (c,) [m], the weighted standard distances from the centroids.
+        covariances: shape (c, 3, 3) [m²], weighted, with side²/12 on the diagonal.
+        extents: shape (c, 2, 3) [m], the two ends along the longest axis.
+    """
+
+    positions: FloatArray
+    dispersions: FloatArray
+    covariances: FloatArray
+    extents: FloatArray
+
+
 @kernel
-def _find(parent: Int64Array, at: int) -> int:
+def _find(parent: UintArray, at: np.uintp) -> np.uintp:
     while parent[at] != at:
         parent[at] = parent[parent[at]]
         at = parent[at]
@@ -54,7 +71,7 @@ def _find(parent: Int64Array, at: int) -> int:
 
 
 @kernel
-def _join(parent: Int64Array, one: int, other: int) -> None:
+def _join(parent: UintArray, one: np.uintp, other: np.uintp) -> None:
     one, other = _find(parent, one), _find(parent, other)
     if one < other:
         parent[other] = one
@@ -91,7 +108,7 @@ def label(keys: Int64Array, reach_squared: int) -> tuple[Int32Array, int]:
         rows += keys[i] >> AXIS_BITS != keys[i - 1] >> AXIS_BITS
     begin, row_begin = np.empty(segments + 1, np.uint32), np.empty(rows + 1, np.uint32)
     low, high = np.empty(segments, np.int32), np.empty(segments, np.int32)
-    row_key, parent = np.empty(rows, np.int64), np.arange(segments)
+    row_key, parent = np.empty(rows, np.int64), np.arange(segments).astype(np.uintp)
     segments, rows, row, expected = 0, 0, -1, -1
     for i in range(n):
         key = keys[i]
@@ -114,31 +131,31 @@ def label(keys: Int64Array, reach_squared: int) -> tuple[Int32Array, int]:
         span = _root(reach_squared - dx * dx)
         for dy in range(span + 1):
             slack[dy] = _root(reach_squared - dx * dx - dy * dy)
-        nearest = 0
-        for row in range(rows):
+        nearest = np.uintp(0)
+        for row in range(np.uintp(rows)):
             y = row_key[row] & AXIS_MASK
             slice_begin = row_key[row] - y - (dx << AXIS_BITS)
             while row_key[nearest] < slice_begin + max(y - span, 0):
-                nearest += 1
+                nearest += ONE
             farthest = slice_begin + (min(y + span, AXIS_MASK) if dx > 0 else y - 1)
             other = nearest
             while row_key[other] <= farthest:
-                apart = slack[abs(row_key[other] - slice_begin - y)]
-                a, b = row_begin[row], row_begin[other]
-                while a < row_begin[row + 1] and b < row_begin[other + 1]:
+                apart = slack[np.uintp(abs(row_key[other] - slice_begin - y))]
+                a, a_end = np.uintp(row_begin[row]), np.uintp(row_begin[row + ONE])
+                b, b_end = np.uintp(row_begin[other]), np.uintp(row_begin[other + ONE])
+                while a < a_end and b < b_end:
                     near = (low[b] - high[a] <= apart) & (low[a] - high[b] <= apart)
                     if near and parent[a] != parent[b]:
                         _join(parent, a, b)
-                    if high[a] < high[b]:
-                        a += 1
-                    else:
-                        b += 1
-                other += 1
+                    sooner = high[a] < high[b]
+                    a += np.uintp(sooner)
+                    b += np.uintp(not sooner)
+                other += ONE
 
     clusters = 0
     labels, number = np.empty(n, np.int32), np.empty(segments, np.int32)
     for s in range(segments):
-        root = _find(parent, s)
+        root = _find(parent, np.uintp(s))
         if root == s:
             number[s] = clusters
             clusters += 1
@@ -244,7 +261,10 @@ def _turn(matrix: FloatArray, p: int, q: int, cosine: float, sine: float) -> Non
 
 @kernel
 def _longest_axis(matrix: FloatArray) -> FloatArray:
-    """Give the eigenvector of the largest eigenvalue by Jacobi's rotations; overwrites `matrix`."""
+    """Give the eigenvector of the largest eigenvalue by Jacobi's rotations; overwrites `matrix`.
+
+    Of the two directions it gives the one whose largest component is positive.
+    """
     axes = np.eye(3)
     trace = matrix[0, 0] + matrix[1, 1] + matrix[2, 2]
     for _ in range(MOST_ROTATIONS):
@@ -259,52 +279,67 @@ def _longest_axis(matrix: FloatArray) -> FloatArray:
         _turn(matrix, p, q, cosine, sine)
         _turn(matrix.T, p, q, cosine, sine)
         _turn(axes, p, q, cosine, sine)
-    longest = 0
+    longest = leading = 0
     for i in range(1, 3):
         if matrix[i, i] > matrix[longest, longest]:
             longest = i
-    return axes[:, longest]
+    for i in range(1, 3):
+        if abs(axes[i, longest]) > abs(axes[leading, longest]):
+            leading = i
+    sign = np.sign(axes[leading, longest])
+    axis = np.empty(3)
+    for i in range(3):
+        axis[i] = sign * axes[i, longest]
+    return axis
 
 
 @kernel
 def outline(
-    selected: Int64Array, labels: Int32Array, keys: Int64Array, sums: Sums
-) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Find where each cluster lies and how far it reaches along its longest axis.
+    selected: Int64Array, labels: Int32Array, keys: Int64Array, sums: Sums, side: float
+) -> Outlines:
+    """Find where each cluster lies, how it is spread and how far it reaches.
 
     Args:
         selected: shape (n,), rows of the voxels that are labelled.
         labels: shape (n,).
         keys: shape (m,), of all voxels.
         sums: of the clusters.
-
-    Returns:
-        The centroids, shape (c, 3), in packed voxel indices; the weighted covariances, shape
-        (c, 3, 3) [voxels²]; from the centroid to the two ends, shape (c, 2, 3) [voxels].
+        side: of a voxel [m].
     """
     clusters = len(sums.weight)
-    centres, scatter = np.empty((clusters, 3)), np.empty((clusters, 3, 3))
-    axes, ends = np.empty((clusters, 3)), np.empty((clusters, 2, 3))
+    centres, axes = np.empty((clusters, 3)), np.empty((clusters, 3))
     least, most = np.full(clusters, np.inf), np.full(clusters, -np.inf)
+    positions, dispersions = np.empty((clusters, 3)), np.empty(clusters)
+    covariances, extents = np.empty((clusters, 3, 3)), np.empty((clusters, 2, 3))
+    scatter = np.empty((3, 3))
     for c in range(clusters):
-        mean = sums.first[c] / sums.weight[c]
-        centres[c] = sums.anchor[c] + mean
-        k = 0
+        weight, k = sums.weight[c], 0
         for i in range(3):
             for j in range(i, 3):
-                scatter[c, i, j] = sums.second[c, k] / sums.weight[c] - mean[i] * mean[j]
-                scatter[c, j, i] = scatter[c, i, j]
+                product = sums.first[c, i] * sums.first[c, j] / weight**2
+                scatter[i, j] = scatter[j, i] = sums.second[c, k] / weight - product
                 k += 1
-        axis = _longest_axis(scatter[c].copy())
-        axes[c] = axis * np.sign(axis[np.argmax(np.abs(axis))])
+        trace = scatter[0, 0] + scatter[1, 1] + scatter[2, 2]
+        dispersions[c] = np.sqrt(max(trace, 0.0)) * side
+        for i in range(3):
+            centres[c, i] = sums.anchor[c, i] + sums.first[c, i] / weight
+            positions[c, i] = (centres[c, i] - AXIS_ORIGIN + 0.5) * side
+            for j in range(3):
+                own = 1.0 / 12.0 if i == j else 0.0
+                covariances[c, i, j] = (scatter[i, j] + own) * side * side
+        axis = _longest_axis(scatter)
+        for i in range(3):
+            axes[c, i] = axis[i]
     for i in range(len(selected)):
-        c, key = np.uintp(labels[i]), keys[np.uintp(selected[i])]
+        at, key = np.uintp(labels[i]), keys[np.uintp(selected[i])]
         along = (
-            (float(key >> (2 * AXIS_BITS)) - centres[c, 0]) * axes[c, 0]
-            + (float((key >> AXIS_BITS) & AXIS_MASK) - centres[c, 1]) * axes[c, 1]
-            + (float(key & AXIS_MASK) - centres[c, 2]) * axes[c, 2]
+            (float(key >> (2 * AXIS_BITS)) - centres[at, 0]) * axes[at, 0]
+            + (float((key >> AXIS_BITS) & AXIS_MASK) - centres[at, 1]) * axes[at, 1]
+            + (float(key & AXIS_MASK) - centres[at, 2]) * axes[at, 2]
         )
-        least[c], most[c] = min(least[c], along), max(most[c], along)
+        least[at], most[at] = min(least[at], along), max(most[at], along)
     for c in range(clusters):
-        ends[c, 0], ends[c, 1] = least[c] * axes[c], most[c] * axes[c]
-    return centres, scatter, ends
+        for i in range(3):
+            extents[c, 0, i] = positions[c, i] + least[c] * axes[c, i] * side
+            extents[c, 1, i] = positions[c, i] + most[c] * axes[c, i] * side
+    return Outlines(positions, dispersions, covariances, extents)

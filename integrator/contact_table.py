@@ -7,7 +7,6 @@ from numpy.typing import NDArray
 
 from contactfusion.arrays import FloatArray
 from contactfusion.contacts import Contact
-from contactfusion.grid import VOXEL_LIMIT
 from contactfusion.integrator import clusters, kernels
 from contactfusion.integrator.entries import Field
 from contactfusion.integrator.store import Int64Array
@@ -55,41 +54,36 @@ class ContactTable:
         sums, entries, kept = self.sums, self._field.entries, self._kept
         if not len(kept):
             return
-        side, frame = entries.grid.voxel_size, entries.grid.frame
-        centres, scatter, ends = clusters.outline(
-            self._selected, self._labels, entries.keys, sums
+        grid = entries.grid
+        outlines = clusters.outline(
+            self._selected, self._labels, entries.keys, sums, grid.voxel_size
         )
-        positions = (centres - VOXEL_LIMIT + 0.5) * side
-        extents = positions[:, None, :] + ends * side
-        covariances = (scatter + np.eye(3) / 12.0) * side**2
-        spread = np.einsum("cii->c", scatter).clip(min=0.0)
-        dispersions = (np.sqrt(spread) * side).tolist()
         forces = self._forces()
-        shares = (sums.shares / sums.shares.sum(axis=1, keepdims=True)).tolist()
-        for array in (positions, covariances, extents, forces):
+        for array in (outlines.positions, outlines.covariances, outlines.extents, forces):
             array.flags.writeable = False
-        likelihoods, voxels = sums.largest.tolist(), sums.voxels.tolist()
-        stamps = sums.stamp.tolist()
+        shares = (sums.shares / sums.shares.sum(axis=1, keepdims=True)).tolist()
         shared = [(s, entries.sources[s].name) for s in np.flatnonzero(entries.counted)]
+        likelihoods, dispersions = sums.largest.tolist(), outlines.dispersions.tolist()
+        voxels, stamps = sums.voxels.tolist(), sums.stamp.tolist()
         falling = np.argsort(-sums.largest[kept].round(LIKELIHOOD_STEP), kind="stable")
         for c in kept[falling].tolist():
             yield Contact(
-                position=positions[c],
+                position=outlines.positions[c],
                 likelihood=likelihoods[c],
                 dispersion=dispersions[c],
-                covariance=covariances[c],
-                extent=extents[c],
+                covariance=outlines.covariances[c],
+                extent=outlines.extents[c],
                 force=forces[c],
                 voxels=voxels[c],
                 shares={name: shares[c][s] for s, name in shared},
                 stamp=to_seconds(stamps[c]),
-                frame=frame,
+                frame=grid.frame,
             )
 
     def _forces(self) -> FloatArray:
         """Give the mean force of each cluster, shape (c, 3) [N], NaN where there is none."""
         entries = self._field.entries
-        felt = np.flatnonzero(entries.bits[self._selected] & kernels.FORCE)
+        felt = np.flatnonzero((entries.bits[self._selected] & kernels.FORCE) != 0)
         voxels = self._selected[felt]
         weights, forces = self._field.likelihoods[voxels], entries.forces_in(voxels)
         return clusters.mean_forces(self._labels[felt], len(self.sums.voxels), weights, forces)

@@ -45,7 +45,7 @@ def align(
         The number of voxels m; the first m rows of the outputs hold them.
     """
     sources = len(kinds)
-    rows[:] = -1
+    rows.fill(-1)
     head, front = begin[:-1].copy(), np.empty(sources, np.int64)
     for source in range(sources):
         begins = head[source] < begin[source + 1]

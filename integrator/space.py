@@ -52,18 +52,18 @@ class Space:
             replaced = record.replace and clouds
             groups.append(clouds[-1:] if replaced else clouds)
             kept.append(NOTHING if replaced else self._ranges.get(record.name, NOTHING))
-        old_range = np.array(kept, np.int64).reshape(-1, 3)
-        rows, row_range = _stacked(groups)
+        rows, ranges = _stacked(groups)
+        out = _room(*_most(kept, ranges))
+        old_range, row_range = _as_array(kept), _as_array(ranges)
         oldest = np.array([self._oldest(record, now) for record in records], np.int64)
-        out = _room(*_most(old_range, row_range))
-        order = store.sort_rows(rows.keys, row_range)
+        rows, order = store.sort_rows(rows, row_range)
         starts = store.merge(self._columns, old_range, rows, row_range, order, oldest, out)
         sources = tuple(Source(record.name, record.kind) for record in records)
         entries = self._lined_up(now, sources, out, starts)
-        self._columns = entries.columns
+        self._columns, starts = entries.columns, entries.starts.tolist()
         self._ranges = {
-            source.name: (int(s[0]), int(e[0]), int(s[1]))
-            for source, s, e in zip(sources, entries.starts[:-1], entries.starts[1:], strict=True)
+            source.name: (begin, end, forces)
+            for source, (begin, forces), (end, _) in zip(sources, starts, starts[1:], strict=False)
         }
         return entries
 
@@ -102,14 +102,21 @@ def _room(entries: int, forces: int) -> Columns:
     )
 
 
-def _most(old_range: Int64Array, row_range: Int64Array) -> tuple[int, int]:
+def _most(old: Sequence[Range], new: Sequence[Range]) -> tuple[int, int]:
     """Give the most entries and rows of forces that a merge can leave."""
-    lengths = (old_range[:, 1] - old_range[:, 0]) + (row_range[:, 1] - row_range[:, 0])
-    forceful = (old_range[:, 2] >= 0) | (row_range[:, 2] >= 0)
-    return int(lengths.sum()), int(lengths[forceful].sum())
+    rows = forces = 0
+    for (begin, end, force), (new_begin, new_end, new_force) in zip(old, new, strict=True):
+        most = end - begin + new_end - new_begin
+        rows += most
+        forces += most if force >= 0 or new_force >= 0 else 0
+    return rows, forces
 
 
-def _stacked(groups: Sequence[Sequence[Arrival]]) -> tuple[Columns, Int64Array]:
+def _as_array(ranges: Sequence[Range]) -> Int64Array:
+    return np.array(ranges, np.int64).reshape(-1, 3)
+
+
+def _stacked(groups: Sequence[Sequence[Arrival]]) -> tuple[Columns, list[Range]]:
     """Stack the rows of clouds that are grouped by source; give them and the groups' ranges."""
     ranges, end, forces = [], 0, 0
     for group in groups:
@@ -133,4 +140,4 @@ def _stacked(groups: Sequence[Sequence[Arrival]]) -> tuple[Columns, Int64Array]:
                 stacked.forces[force_rows, 3] = felt
                 force_at = force_rows.stop
             at = rows.stop
-    return stacked, np.array(ranges, np.int64).reshape(-1, 3)
+    return stacked, ranges

@@ -17,6 +17,8 @@ from contactfusion.integrator.jit import kernel
 
 AXIS_BITS = 21
 AXIS_MASK = (1 << AXIS_BITS) - 1
+AXIS_ORIGIN = VOXEL_LIMIT - 1
+"""What is added to an index, so that the least is 0 and no key is `BEYOND`."""
 BEYOND = (1 << 63) - 1
 """A key after all others."""
 ONE = np.uintp(1)
@@ -83,7 +85,7 @@ def rasterise(positions: FloatArray, inverse_side: float, keys: Int64Array) -> i
             index = np.floor(positions[row, axis] * inverse_side)
             if not -VOXEL_LIMIT < index < VOXEL_LIMIT:
                 return row
-            key = (key << AXIS_BITS) | (int(index) + VOXEL_LIMIT)
+            key = (key << AXIS_BITS) | (int(index) + AXIS_ORIGIN)
         keys[row] = key
     return -1
 
@@ -91,7 +93,7 @@ def rasterise(positions: FloatArray, inverse_side: float, keys: Int64Array) -> i
 def unpack(keys: Int64Array) -> Int64Array:
     """Give the voxel indices of packed keys, shape (n, 3)."""
     shifts = np.array([2 * AXIS_BITS, AXIS_BITS, 0])
-    voxels: Int64Array = ((keys[:, None] >> shifts) & AXIS_MASK) - VOXEL_LIMIT
+    voxels: Int64Array = ((keys[:, None] >> shifts) & AXIS_MASK) - AXIS_ORIGIN
     return voxels
 
 
@@ -129,7 +131,7 @@ def _sort_large(keys: Int64Array, begin: int, end: int, order: NDArray[np.uint32
     other_cells, other_rows = np.empty_like(cells), np.empty_like(rows)
     remaining = (high_x - low_x + 1) * side_y * side_z - 1
     while remaining > 0:
-        start[:] = 0
+        start.fill(0)
         for cell in cells:
             start[cell & digits] += 1
         total = 0
@@ -145,20 +147,22 @@ def _sort_large(keys: Int64Array, begin: int, end: int, order: NDArray[np.uint32
         cells, other_cells = other_cells, cells
         rows, other_rows = other_rows, rows
         remaining >>= digit_bits
-    order[begin:end] = rows
+    for i in range(n):
+        order[begin + i] = rows[i]
 
 
 @kernel
-def sort_rows(keys: Int64Array, ranges: Int64Array) -> NDArray[np.uint32]:
+def sort_rows(rows: Columns, ranges: Int64Array) -> tuple[Columns, NDArray[np.uint32]]:
     """Sort the rows of each group by key, keeping the order of arrival among equals.
 
     Args:
-        keys: shape (n,).
+        rows: n incoming rows.
         ranges: shape (k, 3), where each group begins and ends; the groups cover all rows.
 
     Returns:
-        Shape (n,): the rows in their new order.
+        The rows in their new order, but for their forces, and which row each was, shape (n,).
     """
+    keys, likelihoods, stamps, spreads, singles, forces = rows
     order = np.empty(len(keys), np.uint32)
     for group in range(len(ranges)):
         begin, end = ranges[group, 0], ranges[group, 1]
@@ -166,7 +170,15 @@ def sort_rows(keys: Int64Array, ranges: Int64Array) -> NDArray[np.uint32]:
             _sort_small(keys, begin, end, order)
         else:
             _sort_large(keys, begin, end, order)
-    return order
+    new_keys, new_stamps = np.empty_like(keys), np.empty_like(stamps)
+    new_likelihoods, new_spreads = np.empty_like(likelihoods), np.empty_like(spreads)
+    new_singles = np.empty_like(singles)
+    for i in range(len(order)):
+        row = order[i]
+        new_keys[i], new_stamps[i], new_singles[i] = keys[row], stamps[row], singles[row]
+        new_likelihoods[i], new_spreads[i] = likelihoods[row], spreads[row]
+    ordered = Columns(new_keys, new_likelihoods, new_stamps, new_spreads, new_singles, forces)
+    return ordered, order
 
 
 @kernel
@@ -189,9 +201,9 @@ def merge(
         old: the entries so far.
         old_range: shape (k, 3): for each source its entries' begin and end, and its first row in
             `old.forces` or -1.
-        rows: incoming rows grouped by source, in order of arrival, stamps never falling.
+        rows: incoming rows grouped by source and sorted by key, stamps never falling within one.
         row_range: shape (k, 3), likewise for the incoming rows.
-        order: the rows of each source sorted by key.
+        order: shape (n,), which row each was in the order of arrival, in which `rows.forces` is.
         oldest: shape (k,) [ns], the oldest stamp that still lives, by source.
         out: room for all old entries and all rows; `forces` likewise for sources with force.
 
@@ -204,7 +216,10 @@ def merge(
     row_keys, row_likelihoods, row_stamps, row_spreads, row_singles, row_forces = rows
     sources = len(old_range)
     starts = np.empty((sources + 1, 2), np.int64)
-    count, force_count = np.uintp(0), 0  # unsigned: no index is looked at for being negative
+    count, force_count = (
+        np.uintp(0),
+        np.int64(0),
+    )  # unsigned: no index is looked at for being negative
     for source in range(sources):
         at, end = np.uintp(old_range[source, 0]), np.uintp(old_range[source, 1])
         next_row, last_row = np.uintp(row_range[source, 0]), np.uintp(row_range[source, 1])
@@ -214,14 +229,16 @@ def merge(
         to_old = np.uintp(old_force) - at  # unsigned numbers wrap around, and so do sums with them
         to_row, to_force = np.uintp(row_force) - next_row, np.uintp(force_count) - count
         while at < end or next_row < last_row:
-            key = row_keys[order[next_row]] if next_row < last_row else BEYOND
+            key = row_keys[next_row] if next_row < last_row else BEYOND
             while at < end and old_keys[at] < key:
                 keys[count], likelihoods[count] = old_keys[at], old_likelihoods[at]
                 stamps[count], spreads[count] = old_stamps[at], old_spreads[at]
                 singles[count] = old_singles[at]
                 if forceful:
                     for i in range(4):
-                        forces[to_force + count, i] = old_forces[to_old + at, i] if old_force >= 0 else 0.0
+                        forces[to_force + count, i] = (
+                            old_forces[to_old + at, i] if old_force >= 0 else 0.0
+                        )
                 count += np.uintp(old_stamps[at] >= eldest)
                 at += ONE
             if next_row == last_row:
@@ -236,8 +253,8 @@ def merge(
                     force = old_forces[to_old + at]
                     fx, fy, fz, weight = force[0], force[1], force[2], force[3]
                 at += ONE
-            while next_row < last_row and row_keys[order[next_row]] == key:
-                row = order[next_row]
+            while next_row < last_row and row_keys[next_row] == key:
+                row = next_row
                 next_row += ONE
                 p = row_likelihoods[row]
                 newer = likelihood == 0.0 or row_stamps[row] > stamp
@@ -252,11 +269,12 @@ def merge(
                     spread = max(spread, row_spreads[row])
                     single = single or row_singles[row]
                 if forceful:
-                    felt = row_force >= 0 and row_forces[to_row + row, 3] > 0.0
+                    force_row = to_row + order[row]
+                    felt = row_force >= 0 and row_forces[force_row, 3] > 0.0
                     if newer or not felt:
                         fx, fy, fz, weight = 0.0, 0.0, 0.0, 0.0
                     if felt:
-                        force = row_forces[to_row + row]
+                        force = row_forces[force_row]
                         fx += p * force[0]
                         fy += p * force[1]
                         fz += p * force[2]

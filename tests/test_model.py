@@ -56,8 +56,9 @@ def test_an_error_is_one_sentence_that_starts_with_the_path(
 
 
 def test_of_several_errors_the_unknown_field_is_told_for_it_explains_the_others() -> None:
+    fields: dict[str, Any] = {"nmae": "r"}
     with pytest.raises(ConfigurationError, match=r"nmae: unknown field; .* \(and 1 more\)"):
-        Robot(**{"nmae": "r"})
+        Robot(**fields)
 
 
 def test_an_error_from_within_is_told_as_seen_from_outside() -> None:
