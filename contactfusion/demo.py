@@ -6,6 +6,7 @@ import numpy as np
 
 from contactfusion.explain import explain
 from contactfusion.figures import draw_fusion
+from contactfusion.files import make_folder
 from contactfusion.hypotheses import HypothesisCloud, HypothesisKind
 from contactfusion.integrator.config import IntegratorConfig
 from contactfusion.integrator.integrator import Integrator
@@ -41,6 +42,6 @@ def show(out: Path) -> None:
     for cloud in sources():
         integrator.receive(cloud)
     fusion = integrator.step(STAMP)
+    make_folder(out)
     print(explain(fusion))
-    out.mkdir(parents=True, exist_ok=True)
     print(f"picture: {draw_fusion(fusion, out / 'contacts.png')}")

@@ -73,7 +73,7 @@ def name_hint(name: str, known: Iterable[str], what: str) -> str:
         return f"there are no {what}"
     listing = f"the {what} are: {', '.join(names)}"
     close = get_close_matches(name, names, n=1)
-    return f"did you mean '{close[0]}'? {listing.capitalize()}" if close else listing
+    return f"did you mean '{close[0]}'? {listing[0].upper()}{listing[1:]}" if close else listing
 
 
 def missing_extra(package: str, extra: str) -> DependencyError:

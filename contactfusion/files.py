@@ -25,6 +25,18 @@ def write_whole(path: str | Path, content: str | bytes) -> None:
         temporary.unlink(missing_ok=True)
 
 
+def make_folder(path: Path) -> None:
+    """Make a folder for results, and its parents.
+
+    Raises:
+        ContactFusionError: it cannot be made.
+    """
+    try:
+        path.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise ContactFusionError(f"the folder {path} cannot be made: {error.strerror}") from None
+
+
 def require_file(path: Path, error: type[ContactFusionError]) -> None:
     """Make sure that a file is there.
 

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from pydantic import Field
 
+from contactfusion.errors import PluginError, name_hint
 from contactfusion.hypotheses import HypothesisCloud, HypothesisKind
 from contactfusion.model import Model
 from contactfusion.readings import Reading
@@ -104,6 +105,9 @@ class Generator(ABC, Generic[ConfigT]):
             frame: the frame of the positions; the reading's by default.
             **optional: `forces`, `spreads`, `single` and `notes` of the cloud.
         """
+        if output not in self.outputs:
+            hint = name_hint(output, self.outputs, "outputs")
+            raise PluginError(f"'{self.name}' has no output '{output}'; {hint}")
         places = np.asarray(positions, np.float64).reshape(-1, 3)
         return HypothesisCloud(
             source=self.source(output),

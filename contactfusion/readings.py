@@ -86,7 +86,8 @@ class TactileImage(Reading):
     values: FloatArray
 
     def _check(self) -> None:
-        self._set("values", np.ravel(np.asarray(self.values, dtype=np.float64)))
+        if isinstance(self.values, np.ndarray):
+            self._set("values", self.values.ravel())
         self._freeze("values", None)
 
 

@@ -5,17 +5,20 @@ import io
 import json
 import math
 import time
-from collections.abc import Sequence
+from collections import Counter
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 from pydantic import Field
 
-from contactfusion.errors import ConfigurationError, ContactFusionError
-from contactfusion.files import write_whole
+from contactfusion.errors import ConfigurationError, FrameError, PluginError, name_hint
+from contactfusion.files import make_folder, write_whole
 from contactfusion.pipeline import Pipeline, Step
 from contactfusion.pipeline_config import PipelineConfig
+from contactfusion.readings import READING_TYPES, Reading
 from contactfusion.recordings.opening import open_recording
+from contactfusion.recordings.recording import Recording
 from contactfusion.yaml_files import read_yaml, with_overrides
 
 
@@ -40,25 +43,78 @@ def run_file(path: Path, overrides: Sequence[str], out: Path) -> None:
     fields = with_overrides(read_yaml(path), overrides)
     try:
         config = RunConfig(**{"folder": path.parent, **fields})
-        if not config.recording:
-            raise ConfigurationError("this field is required", "recording")
-        recording = open_recording(config.recording, path.parent)
+        recording = _opened(config, path.parent)
         pipeline = Pipeline(config)
-    except ConfigurationError as error:
+    except (ConfigurationError, FrameError, PluginError) as error:
         raise ConfigurationError(f"{path}: {error}") from None
+    make_folder(out)
+    heard: Counter[tuple[str, type[Reading]]] = Counter()
     start = time.perf_counter()
-    steps = []
     try:
-        for step in pipeline.run(recording.readings()):
-            steps.append(step)
+        steps = list(pipeline.run(_counted(recording.readings(), heard)))
     finally:
         pipeline.close()
     took = time.perf_counter() - start
-    out.mkdir(parents=True, exist_ok=True)
     write_whole(out / "contacts.csv", contacts_csv(steps))
     write_whole(out / "summary.json", json.dumps(summary(steps), indent=2) + "\n")
     _tell(steps, took, out)
-    _require_some_use(steps)
+    if faults := list(unheard(pipeline, heard, steps)):
+        more = f" (and {len(faults) - 1} more)" if len(faults) > 1 else ""
+        raise ConfigurationError(f"{path}: {faults[0]}{more}")
+
+
+def unheard(
+    pipeline: Pipeline, heard: Mapping[tuple[str, type[Reading]], int], steps: Sequence[Step]
+) -> Iterator[str]:
+    """Say what the pipeline waited for in vain.
+
+    Args:
+        pipeline: after its run.
+        heard: how many readings came, by sensor and type.
+        steps: what it gave.
+
+    Yields:
+        A sentence for each thing that kept the job from being done.
+    """
+    sensors = {sensor for sensor, _ in heard}
+    on = pipeline.config.cycle.on
+    if on is not None and not steps:
+        hint = name_hint(on, sensors | set(READING_TYPES), "sensors and types")
+        yield f"cycle.on: no reading of '{on}' came; {hint}"
+    if not pipeline.config.generators:
+        yield "generators: none are configured, so nothing can be found"
+    for name, generator in pipeline.generators.items():
+        fit = [sensor for sensor, kind in heard if issubclass(kind, generator.readings)]
+        wanted = generator.config.sensor
+        if not fit:
+            kinds = " or ".join(kind.__name__ for kind in generator.readings)
+            yield f"generators.{name}: no {kinds} came"
+        elif wanted is not None and wanted not in fit:
+            hint = name_hint(wanted, fit, "sensors")
+            yield f"generators.{name}.sensor: no reading of '{wanted}' came; {hint}"
+    last = steps[-1].fusion.report.sources if steps else {}
+    for name, source in last.items():
+        if source.invalid and not source.accepted:
+            events = (event for step in steps for event in step.events)
+            why = next(e.message for e in events if e.source == name and e.kind == "refused")
+            yield f"every cloud of '{name}' was refused: {why}"
+
+
+def _opened(config: RunConfig, folder: Path) -> Recording:
+    if not config.recording:
+        raise ConfigurationError("this field is required", "recording")
+    try:
+        return open_recording(config.recording, folder)
+    except ConfigurationError as error:
+        raise error.under("recording") from None
+
+
+def _counted(
+    readings: Iterable[Reading], heard: Counter[tuple[str, type[Reading]]]
+) -> Iterator[Reading]:
+    for reading in readings:
+        heard[reading.sensor, type(reading)] += 1
+        yield reading
 
 
 def contacts_csv(steps: Sequence[Step]) -> str:
@@ -106,19 +162,6 @@ def summary(steps: Sequence[Step]) -> dict[str, Any]:
             for event in step.events
         ],
     }
-
-
-def _require_some_use(steps: Sequence[Step]) -> None:
-    """Fail when every cloud was refused: then the job was not done.
-
-    Raises:
-        ContactFusionError: no cloud could be used; names the first reason.
-    """
-    sources = steps[-1].fusion.report.sources.values() if steps else ()
-    if not any(source.accepted for source in sources):
-        refused = [event for step in steps for event in step.events if event.kind == "refused"]
-        if refused:
-            raise ContactFusionError(f"no cloud could be used: {refused[0].message}")
 
 
 def _tell(steps: Sequence[Step], took: float, out: Path) -> None:

@@ -55,7 +55,8 @@ with (out / "wrist.csv").open("w", newline="") as file:
 
 run_file(out / "wrist.yaml", [], out)
 
-rows = list(csv.DictReader((out / "contacts.csv").open()))
+with (out / "contacts.csv").open() as file:
+    rows = list(csv.DictReader(file))
 found = np.array([[float(row[axis]) for axis in "xyz"] for row in rows])
 errors = np.linalg.norm(found - (place + [0.0, 0.0, 1.0]), axis=1)
 print(f"{len(rows)} contacts while it was touched for 100 samples")

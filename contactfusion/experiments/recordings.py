@@ -8,7 +8,7 @@ from pathlib import Path
 from contactfusion.errors import RecordingError
 from contactfusion.experiments import eflesh, force_plates, hub, icub
 from contactfusion.experiments.measures import Measure, results_csv
-from contactfusion.files import write_whole
+from contactfusion.files import make_folder, write_whole
 
 VARIABLE = "CONTACTFUSION_DATA"
 NEIGHBOUR = Path("../shared/data")
@@ -32,7 +32,7 @@ def run_recordings(data: Path | None, out: Path) -> None:
         RecordingError: a recording is not there, or not what it should be.
     """
     folder = data or data_folder()
-    out.mkdir(parents=True, exist_ok=True)
+    make_folder(out)
     measures: list[Measure] = []
     for name, measure in EXPERIMENTS.items():
         print(f"{name} ...", flush=True)
