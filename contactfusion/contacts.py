@@ -8,7 +8,7 @@ from contactfusion.arrays import FloatArray
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Contact:
-    """One contact with the world (F §III-C, SPEC §3).
+    """One contact with the world (F §III-C, method §3).
 
     Attributes:
         position: shape (3,) [m], the centroid weighted by likelihood.

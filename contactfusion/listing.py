@@ -1,7 +1,8 @@
 """The installed plug-ins, and the options of one."""
 
-from typing import Any
+from typing import Any, get_args
 
+from pydantic import BaseModel
 from rich.console import Console
 from rich.table import Table
 
@@ -51,13 +52,25 @@ def describe_plugin(name: str) -> None:
     raise PluginError(f"there is no plug-in '{name}'; {name_hint(name, known, 'plug-ins')}")
 
 
-def _options(model: Any) -> Table:
+def _options(model: type[BaseModel]) -> Table:
     table = Table(box=None, pad_edge=False)
     for heading in ("option", "default", "meaning"):
         table.add_column(heading)
-    for name, field in model.model_fields.items():
-        default = "required" if field.is_required() else str(field.get_default(
-            call_default_factory=True
-        ))  # fmt: skip
-        table.add_row(name, default, " ".join((field.description or "").split()))
+    _add_options(table, model, "")
     return table
+
+
+def _add_options(table: Table, model: type[BaseModel], prefix: str) -> None:
+    """Add a row for each option, and below it for the options that it holds."""
+    for name, field in model.model_fields.items():
+        inner = next((a for a in _types(field.annotation) if issubclass(a, BaseModel)), None)
+        default = field.get_default(call_default_factory=True, validated_data={})
+        told = "required" if field.is_required() else "" if inner else str(default)
+        table.add_row(prefix + name, told, " ".join((field.description or "").split()))
+        if inner:
+            _add_options(table, inner, f"{prefix}{name}.")
+
+
+def _types(annotation: Any) -> list[type]:
+    """Give the classes that an annotation such as ``X | None`` allows."""
+    return [a for a in (annotation, *get_args(annotation)) if isinstance(a, type)]

@@ -61,7 +61,7 @@ def _wrong(detail: ErrorDetails, model: type[BaseModel]) -> ConfigurationError:
         case "missing":
             return ConfigurationError("this field is required", path)
         case "value_error":
-            cause = detail["ctx"]["error"]
+            cause = detail.get("ctx", {})["error"]
             if isinstance(cause, ConfigurationError):
                 return cause.under(path)
             return ConfigurationError(str(cause), path)

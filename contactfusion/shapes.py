@@ -147,7 +147,7 @@ def _cylinder(frame: str, radius: float, length: float, spacing: float) -> Surfa
 def _disc(radius: float, spacing: float) -> FloatArray:
     """Sample a disc evenly, along a spiral of golden angles."""
     count = max(1, int(np.ceil(np.pi * (radius / spacing) ** 2)))
-    step = np.arange(count)
+    step = np.arange(count, dtype=np.float64)
     distance, angle = radius * np.sqrt((step + 0.5) / count), step * GOLDEN_ANGLE
     return np.stack([distance * np.cos(angle), distance * np.sin(angle), 0.0 * step], axis=1)
 

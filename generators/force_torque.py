@@ -141,7 +141,7 @@ class ForceTorqueGenerator(Generator[ForceTorqueConfig]):
         """Give the probability that one contact explains a wrench.
 
         A single contact has no torque along its force. With r = |τ·f|/(|f||τ|) and its standard
-        deviation σ_r under the noise, P is 1 up to 3 σ_r and falls to 0 at 6 σ_r (SPEC §5). Here
+        deviation σ_r under the noise, P is 1 up to 3 σ_r and falls to 0 at 6 σ_r (method §5). Here
         both are multiplied by |τ|, so that a torque of zero needs no exception.
         """
         magnitude = float(np.linalg.norm(force))

@@ -1,4 +1,4 @@
-"""Whether a patch may say that nothing touches it (SPEC §5)."""
+"""Whether a patch may say that nothing touches it (method §5)."""
 
 import numpy as np
 from numpy.typing import NDArray

@@ -1,7 +1,7 @@
 """Kernels of condensation: Euclidean clusters of voxels on integer offsets, and their sums.
 
-Single linkage: two voxels belong together when dx² + dy² + dz² ≤ reach² (SPEC §3), in units of the
-voxel's side. Sorted voxels of one (x, y) row fall into segments without gaps; two segments of
+Single linkage: two voxels belong together when dx² + dy² + dz² ≤ reach² (method §3), in units of
+the voxel's side. Sorted voxels of one (x, y) row fall into segments without gaps; two segments of
 neighbouring rows are linked exactly when they overlap after one is widened by the reach that the
 row offset leaves along z. Segments are joined by union-find.
 """

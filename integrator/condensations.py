@@ -1,4 +1,4 @@
-"""The condensations that turn a field into contacts (F §III-C, SPEC §3)."""
+"""The condensations that turn a field into contacts (F §III-C, method §3)."""
 
 from collections.abc import Iterable, Mapping
 from typing import Protocol
@@ -82,7 +82,7 @@ class ClusterMass:
 
 
 def reach_squared(config: IntegratorConfig) -> int:
-    """Give the largest squared offset that links two voxels, in voxels², rounded once (SPEC §3)."""
+    """Give the largest squared offset that links two voxels, in voxels², rounded once (§3)."""
     sides = 2.0 if config.tolerance is None else config.tolerance / config.voxel_size
     return int(np.floor(min(sides, WIDEST) ** 2 + 1e-6))
 
@@ -99,7 +99,7 @@ def _clustered(field: Field, selected: Int64Array, reach_squared: int) -> Contac
 
 @hookimpl
 def contactfusion_condensations() -> Mapping[str, type[Condensation]]:
-    """Offer the condensations of SPEC §3."""
+    """Offer the condensations of method §3."""
     return {
         "threshold": Threshold,
         "cluster_centroid": ClusterCentroid,

@@ -8,7 +8,7 @@ from contactfusion.model import Model
 
 
 class IntegratorConfig(Model):
-    """How hypotheses are kept, fused and condensed (SPEC §1-3)."""
+    """How hypotheses are kept, fused and condensed (method §1-3)."""
 
     frame: str = Field(default="base", min_length=1)
     """The frame in which the voxels stand still; every cloud must come in it."""

@@ -1,7 +1,7 @@
 """Kernels of fusion: line up the sources voxel by voxel, and combine their likelihoods.
 
 `rows[v, s]` is the entry of source s in voxel v, or -1. Likelihoods are the stored float32 taken as
-float64; null entries never take part (SPEC §2).
+float64; null entries never take part (method §2).
 """
 
 import numpy as np
@@ -97,7 +97,7 @@ def newest_stamps(rows: Rows, stamps: Int64Array) -> Int64Array:
 
 @kernel
 def judge(likelihoods: FloatArray, bits: Bits, threshold: float) -> NDArray[np.uint8]:
-    """Give the verdict on each voxel: null, then missing evidence, then the threshold (SPEC §2)."""
+    """Judge each voxel: null first, then missing evidence, then the threshold (method §2)."""
     verdicts = np.empty(len(bits), np.uint8)
     most = 1.0 - threshold + EDGE
     for voxel in range(len(bits)):  # free of branches, so that it runs on vectors

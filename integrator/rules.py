@@ -1,4 +1,4 @@
-"""The rules that combine the likelihoods of several sources in one voxel (SPEC §2)."""
+"""The rules that combine the likelihoods of several sources in one voxel (method §2)."""
 
 from collections.abc import Mapping, Sequence
 from typing import Protocol
@@ -81,7 +81,7 @@ class DempsterShafer:
 
 @hookimpl
 def contactfusion_rules() -> Mapping[str, type[Rule]]:
-    """Offer the rules of SPEC §2."""
+    """Offer the rules of method §2."""
     return {
         "de_morgan": DeMorgan,
         "max": Largest,

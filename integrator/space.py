@@ -1,4 +1,4 @@
-"""The hypothesis space: the newest entry of every voxel and source, while it lives (SPEC §1)."""
+"""The hypothesis space: the newest entry of every voxel and source, while it lives (method §1)."""
 
 from collections.abc import Mapping, Sequence
 

@@ -191,7 +191,7 @@ def merge(
     oldest: Int64Array,
     out: Columns,
 ) -> Int64Array:
-    """Merge incoming rows into the entries, keep the newest of each voxel and source (SPEC §1).
+    """Merge incoming rows into the entries, keep the newest of each voxel and source (method §1).
 
     Per voxel and source the newest row wins; rows with one stamp give their largest likelihood;
     a likelihood of 0 removes an older entry. Entries older than `oldest` are left out. Every entry

@@ -1,4 +1,4 @@
-"""SPEC §1-3 in plain dictionaries: the oracle that the integrator is held against.
+"""method §1-3 in plain dictionaries: the oracle that the integrator is held against.
 
 Slow on purpose, and written from the law alone: one entry per voxel and source in a dict of dicts,
 one loop per sentence of the law. Nothing is shared with the integrator but the types of its input.
@@ -24,9 +24,9 @@ Vector = tuple[float, float, float]
 Voxel = tuple[int, int, int]
 
 MARGIN = 1e-6
-"""How far below the threshold a likelihood may stay through rounding (SPEC §2)."""
+"""How far below the threshold a likelihood may stay through rounding (method §2)."""
 FAINT = 0.01
-"""`cluster_mass` leaves out voxels that are less likely (SPEC §3)."""
+"""`cluster_mass` leaves out voxels that are less likely (method §3)."""
 VOXEL_LIMIT = 2**20
 TIE = 1e-4
 """Two axes of a cluster whose eigenvalues differ by less than this share are one."""
@@ -154,7 +154,7 @@ class ExpectedFusion:
 
 
 class Oracle:
-    """The integrator as the law has it (SPEC §1-3)."""
+    """The integrator as the law has it (method §1-3)."""
 
     def __init__(self, config: IntegratorConfig) -> None:
         self.config = config
@@ -396,7 +396,7 @@ RULES: dict[str, Callable[[Sequence[float], float], float]] = {
 def fuse(
     config: IntegratorConfig, kinds: Mapping[str, HypothesisKind], entries: Entries
 ) -> list[Row]:
-    """Give every voxel that has an entry, by ascending index (SPEC §2)."""
+    """Give every voxel that has an entry, by ascending index (method §2)."""
     rows = []
     for voxel, there in sorted(entries.items()):
         names = sorted(there)
@@ -443,7 +443,7 @@ def weighted_mean(weighted: Sequence[tuple[float, Vector]]) -> Vector | None:
 def condense(
     config: IntegratorConfig, kinds: Mapping[str, HypothesisKind], rows: Sequence[Row]
 ) -> list[ExpectedContact]:
-    """Give the contacts, the likeliest first (SPEC §3)."""
+    """Give the contacts, the likeliest first (method §3)."""
     certain = [row for row in rows if row.verdict == "contact"]
     if config.condensation == "threshold":
         groups = [[row] for row in certain]

@@ -1,7 +1,7 @@
 """Random lives of an integrator: what happens to it, cycle by cycle.
 
 A scenario is a list of actions that depends on its seed alone. It is drawn so that the rare cases
-of SPEC §1-3 come often: few voxels, shared by all sources, stamps on a common grid, timeouts and
+of method §1-3 come often: few voxels, shared by all sources, stamps on a common grid, timeouts and
 tolerances that are hit exactly.
 """
 

@@ -13,8 +13,8 @@ def test_nothing_is_explained_in_two_words() -> None:
     assert lines(cloud("a", 0.0, {})) == ["no contact"]
 
 
-def test_a_contact_of_one_source_is_gone_without_it() -> None:
-    contact, without = lines(cloud("skin", 0.0, {HERE: 0.5}))
+def test_a_contact_of_one_source_is_gone_without_it_and_silent_sources_have_no_line() -> None:
+    contact, without = lines(cloud("skin", 0.0, {HERE: 0.5}), cloud("wrist", 0.0, {}))
     assert contact.startswith("contact at (0.003, 0.003, 0.003) m in 'base', likelihood 0.50")
     assert without == "  without skin: no contact remains"
 

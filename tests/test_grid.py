@@ -16,7 +16,7 @@ INDICES = st.integers(1 - REACH, REACH - 1)
 def places(side: float) -> FloatArray:
     """Give 1e5 places: at random, on faces and edges of voxels, and one bit beside them."""
     rng = np.random.default_rng(0)
-    faces = rng.integers(-1000, 1000, (30_000, 3)) * side
+    faces = rng.integers(-1000, 1000, (30_000, 3)).astype(np.float64) * side
     return np.concatenate(
         [
             rng.uniform(-5.0, 5.0, (20_000, 3)),
@@ -24,7 +24,7 @@ def places(side: float) -> FloatArray:
             np.nextafter(faces[:12_500], np.inf),
             np.nextafter(faces[:12_500], -np.inf),
             faces[:12_500].astype(np.float32).astype(np.float64),
-            rng.integers(1 - REACH, REACH, (12_500, 3)) * side * (1.0 - 1e-9),
+            rng.integers(1 - REACH, REACH, (12_500, 3)).astype(np.float64) * side * (1.0 - 1e-9),
         ]
     )
 

@@ -1,4 +1,4 @@
-"""The integrator: every rule of SPEC §1 and §2 as a case that a hand can compute."""
+"""The integrator: every rule of method §1 and §2 as a case that a hand can compute."""
 
 import itertools
 import math

@@ -30,7 +30,8 @@ def made(kind: str, **fields: Any) -> Any:
 
 def test_every_kind_of_reading_has_a_name_and_is_tested_here() -> None:
     assert set(READING_TYPES) == set(GOOD)
-    assert set(READING_TYPES.values()) == set(Reading.__subclasses__())
+    ours = {kind for kind in Reading.__subclasses__() if kind.__module__ == Reading.__module__}
+    assert set(READING_TYPES.values()) == ours
 
 
 @pytest.mark.parametrize("kind", GOOD)

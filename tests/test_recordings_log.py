@@ -428,3 +428,17 @@ readings:
     np.testing.assert_array_equal(hub.force, [5.35, -9.07, 2.45])
     np.testing.assert_array_equal(hub.torque, [0.32, -0.07, 0.30])
     assert both[-1].stamp == pytest.approx(7681 / 240, abs=1e-9)
+
+
+def test_rows_wider_than_the_header_are_refused_as_with_decimal_commas(tmp_path: Path) -> None:
+    (tmp_path / "wide.csv").write_text("t,fx\n0,1,0,5\n0,2,0,6\n")
+    with pytest.raises(RecordingError, match="line 2: 4 cells under 2 names; are commas meant"):
+        open_recording(
+            {
+                "type": "log",
+                "file": "wide.csv",
+                "time": {"column": "t"},
+                "readings": {"a": {"type": "tactile_image", "frame": "a", "columns": ["fx"]}},
+            },
+            tmp_path,
+        )

@@ -69,7 +69,7 @@ def combined(rule: str, ps: Sequence[float]) -> float:
 
 
 def by_hand(rule: str, ps: Sequence[float]) -> float:
-    """Give SPEC §2 by the book, in plain floats; a likelihood of 0 makes no entry."""
+    """Give method §2 by the book, in plain floats; a likelihood of 0 makes no entry."""
     ps = [float(np.float32(p)) for p in ps if p > 0.0]
     if not ps:
         return 0.0

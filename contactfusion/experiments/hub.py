@@ -183,7 +183,8 @@ def _left(case: str, residual: FloatArray, stamps: FloatArray) -> list[Measure]:
 
 def _draw(files: dict[str, Turning], left: dict[str, FloatArray], path: Path) -> None:
     figure = new_figure(10.0, 6.0)
-    for axes, (name, residual) in zip(figure.subplots(2, 1), left.items(), strict=True):
+    rows = figure.subplots(2, 1)
+    for axes, (name, residual) in zip(rows, left.items(), strict=True):
         turning = files[name]
         raw = _turned(turning.forces, -turning.angles)[:, 0]
         axes.plot(turning.stamps, raw, color="#bbbbbb", linewidth=0.8, label="Fx as recorded")
@@ -192,5 +193,5 @@ def _draw(files: dict[str, Turning], left: dict[str, FloatArray], path: Path) ->
         axes.plot(turning.stamps, rest, color=COLOURS[2], linewidth=1.2, label="at rest")
         axes.set(ylabel="[N]", title=f"{name}, compensated by the other file")
         axes.legend(loc="upper right", fontsize="small")
-    axes.set_xlabel("time [s]")
+    rows[-1].set_xlabel("time [s]")
     figure.savefig(path, dpi=120)

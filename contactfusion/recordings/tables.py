@@ -129,8 +129,15 @@ def _layout(path: Path, text: TextFormat) -> _Layout:
     first = _Layout(delimiter, 0, [], 0).cells(line) if line else []
     if header is None:
         header = not any(_is_number(cell) for cell in first)
-    if not line or (header and next(lines, None) is None):
+    row_number, row = next(lines, (0, "")) if header else (number, line)
+    if not row:
         raise RecordingError(f"{path} holds no rows")
+    cells = _Layout(delimiter, 0, [], 0).cells(row)
+    if header and len(cells) > len(first) and any(cell.strip() for cell in cells[len(first) :]):
+        raise RecordingError(
+            f"{path}, line {row_number}: {len(cells)} cells under {len(first)} names; "
+            "are commas meant as decimal points?"
+        )
     names = [cell.strip() for cell in first] if header else []
     return _Layout(delimiter, number if header else 0, names, len(first))
 
