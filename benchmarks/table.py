@@ -1,13 +1,12 @@
 """The table of the benchmark: what was measured, what is asked, and whether it is met."""
 
 import json
-import os
-import tempfile
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
 from benchmarks.interleave import Spread
+from contactfusion.files import write_whole
 
 
 @dataclass(frozen=True)
@@ -49,6 +48,4 @@ class Row:
 def write_json(path: Path, rows: Sequence[Row], versions: dict[str, str]) -> None:
     """Write the table, whole or not at all."""
     table = [{**asdict(row), "met": row.met} for row in rows]
-    with tempfile.NamedTemporaryFile("w", dir=path.parent, delete=False) as file:
-        json.dump({"versions": versions, "rows": table}, file, indent=1)
-    os.replace(file.name, path)
+    write_whole(path, json.dumps({"versions": versions, "rows": table}, indent=1) + "\n")
