@@ -60,7 +60,9 @@ class FrameTree:
         """
         key = (frame, of)
         if key not in self._cache:
-            self._cache[key] = self._pose(frame, of)
+            pose = self._pose(frame, of).copy()
+            pose.flags.writeable = False
+            self._cache[key] = pose
         return self._cache[key]
 
     def _pose(self, frame: str, of: str) -> Pose:

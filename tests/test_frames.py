@@ -99,3 +99,8 @@ def test_an_extended_tree_leaves_the_old_one_as_it_was() -> None:
     assert np.array_equal(tree.pose("world", of="hand"), before)
     assert tree.frames == {"world", "base", "hand", "eye"}
     assert moved.frames == tree.frames | {"cup"}
+
+
+def test_a_pose_cannot_be_changed_by_who_asked_for_it() -> None:
+    with pytest.raises(ValueError, match="read-only"):
+        arm().pose("base", of="hand")[0, 3] = 9.0
