@@ -244,6 +244,7 @@ class Clusters {
 
     std::vector<std::int32_t> slack(static_cast<std::size_t>(reach + 1));
     for (Key dx = 0; dx <= reach; ++dx) {
+      for (std::uint32_t s = 0; s < segments; ++s) parent_[s] = parent_[parent_[s]];
       const Key span = root(kReachSquared - dx * dx);
       for (Key dy = 0; dy <= span; ++dy)
         slack[dy] = static_cast<std::int32_t>(root(kReachSquared - dx * dx - dy * dy));
@@ -260,7 +261,7 @@ class Clusters {
           const std::uint32_t a_end = row_begin[r + 1], b_end = row_begin[other + 1];
           while (a < a_end && b < b_end) {
             const bool near = (low[b] - high[a] <= apart) & (low[a] - high[b] <= apart);
-            if (near && parent_[a] != parent_[b]) join(a, b);
+            if (near & (parent_[a] != parent_[b])) join(a, b);
             const bool sooner = high[a] < high[b];
             a += sooner;
             b += !sooner;
