@@ -25,7 +25,7 @@ def _sort_small(keys: Int64Array, begin: int, end: int, order: NDArray[np.uint32
 
 
 @kernel
-def _bits(count: int) -> int:
+def _bits(count: int | np.int64) -> int:
     """Give how many bits the numbers below `count` take."""
     bits = 0
     while (1 << bits) < count:
@@ -48,9 +48,9 @@ def _scatter(
         ends[digit] = total
         total += count
     for word in words:
-        digit = np.uintp((word >> shift) & mask)
-        at = ends[digit]
-        ends[digit] = at + np.uint32(1)
+        place = np.uintp((word >> shift) & mask)
+        at = ends[place]
+        ends[place] = at + np.uint32(1)
         out[np.uintp(at)] = word
 
 
@@ -191,5 +191,5 @@ def sort_rows(rows: Columns, ranges: Int64Array) -> tuple[Columns, NDArray[np.ui
     order = np.empty(n, np.uint32)  # by numpy, which asks for huge pages; a kernel's would be small
     keys, scratch = np.empty(n, np.int64), np.empty(n, np.int64)
     _sort_groups(rows.keys, ranges, order, keys, scratch)
-    columns = (_reordered(column, order) for column in rows[1:5])
-    return Columns(keys, *columns, rows.forces), order
+    likelihoods, stamps, spreads, single = (_reordered(column, order) for column in rows[1:5])
+    return Columns(keys, likelihoods, stamps, spreads, single, rows.forces), order
