@@ -171,37 +171,43 @@ class Sorter {
         high[axis] = std::max(high[axis], at[axis]);
       }
     }
-    const Key side_y = high[1] - low[1] + 1, side_z = high[2] - low[2] + 1;
-    std::uint64_t *cells = room(cells_, n), *other_cells = room(other_cells_, n);
-    std::uint32_t *rows = room(rows_, n), *other_rows = room(other_rows_, n);
+    int bits[3];
+    for (int axis = 0; axis < 3; ++axis) bits[axis] = bits_below(high[axis] - low[axis] + 1);
+    const int row_bits = bits_below(static_cast<Key>(n));
+    const int all_bits = bits[0] + bits[1] + bits[2], end = row_bits + all_bits;
+    if (end > 63) throw std::runtime_error("the typical cycle never spreads this far");
+    Key *words = room(words_, n), *spare = room(spare_, n);
     for (std::size_t i = 0; i < n; ++i) {
       const Key key = keys[range.begin + i];
-      cells[i] = static_cast<std::uint64_t>(
-          ((x_of(key) - low[0]) * side_y + y_of(key) - low[1]) * side_z + z_of(key) - low[2]);
-      rows[i] = static_cast<std::uint32_t>(range.begin + i);
+      const Key x = x_of(key) - low[0], y = y_of(key) - low[1], z = z_of(key) - low[2];
+      const Key offset = ((x << bits[1] | y) << bits[2]) | z;
+      words[i] = offset << row_bits | static_cast<Key>(i);
     }
-    const int bits = n > 4096 ? 11 : 8;
-    const std::uint64_t digits = (std::uint64_t{1} << bits) - 1;
-    std::uint32_t* start = room(start_, digits + 1);
-    auto remaining = static_cast<std::uint64_t>((high[0] - low[0] + 1) * side_y * side_z - 1);
-    for (; remaining > 0; remaining >>= bits) {
+    const int widest = n > 4096 ? 12 : 8, passes = (all_bits + widest - 1) / widest;
+    const int digit_bits = passes > 0 ? (all_bits + passes - 1) / passes : 0;
+    const Key digits = (Key{1} << digit_bits) - 1;
+    std::uint32_t* start = room(start_, static_cast<std::size_t>(digits + 1));
+    for (int shift = row_bits; shift < end; shift += digit_bits) {
       std::fill_n(start, digits + 1, 0U);
-      for (std::size_t i = 0; i < n; ++i) ++start[cells[i] & digits];
+      for (std::size_t i = 0; i < n; ++i) ++start[words[i] >> shift & digits];
       std::exclusive_scan(start, start + digits + 1, start, 0U);
-      for (std::size_t i = 0; i < n; ++i) {
-        const std::uint32_t at = start[cells[i] & digits]++;
-        other_cells[at] = cells[i] >> bits;
-        other_rows[at] = rows[i];
-      }
-      std::swap(cells, other_cells);
-      std::swap(rows, other_rows);
+      for (std::size_t i = 0; i < n; ++i) spare[start[words[i] >> shift & digits]++] = words[i];
+      std::swap(words, spare);
     }
-    std::copy_n(rows, n, order);
+    const Key row_mask = (Key{1} << row_bits) - 1;
+    for (std::size_t i = 0; i < n; ++i)
+      order[i] = static_cast<std::uint32_t>(range.begin + (words[i] & row_mask));
   }
 
  private:
-  std::vector<std::uint64_t> cells_, other_cells_;
-  std::vector<std::uint32_t> rows_, other_rows_, start_;
+  static int bits_below(Key count) {
+    int bits = 0;
+    while ((Key{1} << bits) < count) ++bits;
+    return bits;
+  }
+
+  std::vector<Key> words_, spare_;
+  std::vector<std::uint32_t> start_;
 };
 
 class Clusters {
@@ -238,6 +244,7 @@ class Clusters {
 
     std::vector<std::int32_t> slack(static_cast<std::size_t>(reach + 1));
     for (Key dx = 0; dx <= reach; ++dx) {
+      for (std::uint32_t s = 0; s < segments; ++s) parent_[s] = parent_[parent_[s]];
       const Key span = root(kReachSquared - dx * dx);
       for (Key dy = 0; dy <= span; ++dy)
         slack[dy] = static_cast<std::int32_t>(root(kReachSquared - dx * dx - dy * dy));
@@ -254,7 +261,7 @@ class Clusters {
           const std::uint32_t a_end = row_begin[r + 1], b_end = row_begin[other + 1];
           while (a < a_end && b < b_end) {
             const bool near = (low[b] - high[a] <= apart) & (low[a] - high[b] <= apart);
-            if (near && parent_[a] != parent_[b]) join(a, b);
+            if (near & (parent_[a] != parent_[b])) join(a, b);
             const bool sooner = high[a] < high[b];
             a += sooner;
             b += !sooner;

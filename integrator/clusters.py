@@ -128,6 +128,8 @@ def label(keys: Int64Array, reach_squared: int) -> tuple[Int32Array, int]:
 
     slack = np.empty(reach + 1, np.int64)
     for dx in range(reach + 1):
+        for s in range(np.uintp(segments)):  # no parent comes after its child
+            parent[s] = parent[parent[s]]
         span = _root(reach_squared - dx * dx)
         for dy in range(span + 1):
             slack[dy] = _root(reach_squared - dx * dx - dy * dy)
@@ -145,7 +147,7 @@ def label(keys: Int64Array, reach_squared: int) -> tuple[Int32Array, int]:
                 b, b_end = np.uintp(row_begin[other]), np.uintp(row_begin[other + ONE])
                 while a < a_end and b < b_end:
                     near = (low[b] - high[a] <= apart) & (low[a] - high[b] <= apart)
-                    if near and parent[a] != parent[b]:
+                    if near & (parent[a] != parent[b]):  # one branch, seldom taken
                         _join(parent, a, b)
                     sooner = high[a] < high[b]
                     a += np.uintp(sooner)

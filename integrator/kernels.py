@@ -20,8 +20,8 @@ CLIP = 1e-6
 SUPPORT_ONLY, BELOW_THRESHOLD, CONTACT, NULLED = 0, 1, 2, 3
 """Codes of the verdicts on a voxel."""
 
-EDGE = 1e-6
-"""A likelihood this far under the threshold still reaches it: 1 - (1 - 0.1) is less than 0.1."""
+EDGE = 1.000001e-6
+"""A likelihood 1e-6 under the threshold still reaches it: 1 - (1 - 0.1) is less than 0.1."""
 
 Rows = NDArray[np.int32]
 Bits = NDArray[np.uint8]
@@ -101,7 +101,7 @@ def judge(likelihoods: FloatArray, bits: Bits, threshold: float) -> NDArray[np.u
     verdicts = np.empty(len(bits), np.uint8)
     most = 1.0 - threshold + EDGE
     for voxel in range(len(bits)):  # free of branches, so that it runs on vectors
-        reaches = 1.0 - likelihoods[voxel] <= most
+        reaches = (1.0 - likelihoods[voxel] <= most) & (likelihoods[voxel] > 0.0)
         verdict = np.uint8(CONTACT if reaches else BELOW_THRESHOLD)
         verdict = verdict if bits[voxel] & REGULAR else np.uint8(SUPPORT_ONLY)
         verdicts[voxel] = np.uint8(NULLED) if bits[voxel] & NULL else verdict

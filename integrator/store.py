@@ -22,8 +22,6 @@ AXIS_ORIGIN = VOXEL_LIMIT - 1
 BEYOND = (1 << 63) - 1
 """A key after all others."""
 ONE = np.uintp(1)
-SMALL = 48
-"""Up to this many rows, insertion sort is faster than counting digits."""
 
 Int64Array = NDArray[np.int64]
 Pick = slice | NDArray[np.bool_]
@@ -95,90 +93,6 @@ def unpack(keys: Int64Array) -> Int64Array:
     shifts = np.array([2 * AXIS_BITS, AXIS_BITS, 0])
     voxels: Int64Array = ((keys[:, None] >> shifts) & AXIS_MASK) - AXIS_ORIGIN
     return voxels
-
-
-@kernel
-def _sort_small(keys: Int64Array, begin: int, end: int, order: NDArray[np.uint32]) -> None:
-    for row in range(begin, end):
-        at = row
-        while at > begin and keys[order[at - 1]] > keys[row]:
-            order[at] = order[at - 1]
-            at -= 1
-        order[at] = row
-
-
-@kernel
-def _sort_large(keys: Int64Array, begin: int, end: int, order: NDArray[np.uint32]) -> None:
-    """Sort by counting digits of the cell number inside the rows' bounding box."""
-    n = end - begin
-    low_x = low_y = low_z = np.int64(AXIS_MASK)
-    high_x = high_y = high_z = np.int64(0)
-    for key in keys[begin:end]:
-        x, y, z = key >> (2 * AXIS_BITS), (key >> AXIS_BITS) & AXIS_MASK, key & AXIS_MASK
-        low_x, high_x = min(low_x, x), max(high_x, x)
-        low_y, high_y = min(low_y, y), max(high_y, y)
-        low_z, high_z = min(low_z, z), max(high_z, z)
-    side_z, side_y = high_z - low_z + 1, high_y - low_y + 1
-    cells, rows = np.empty(n, np.int64), np.empty(n, np.uint32)
-    for i in range(n):
-        key = keys[begin + i]
-        x, y = (key >> (2 * AXIS_BITS)) - low_x, ((key >> AXIS_BITS) & AXIS_MASK) - low_y
-        cells[i] = (x * side_y + y) * side_z + (key & AXIS_MASK) - low_z
-        rows[i] = begin + i
-    digit_bits = 11 if n > 4096 else 8
-    digits = (1 << digit_bits) - 1
-    start = np.empty(digits + 1, np.int64)
-    other_cells, other_rows = np.empty_like(cells), np.empty_like(rows)
-    remaining = (high_x - low_x + 1) * side_y * side_z - 1
-    while remaining > 0:
-        start.fill(0)
-        for cell in cells:
-            start[cell & digits] += 1
-        total = 0
-        for digit in range(digits + 1):
-            count = start[digit]
-            start[digit] = total
-            total += count
-        for i in range(n):
-            digit = cells[i] & digits
-            at = start[digit]
-            start[digit] = at + 1
-            other_cells[at], other_rows[at] = cells[i] >> digit_bits, rows[i]
-        cells, other_cells = other_cells, cells
-        rows, other_rows = other_rows, rows
-        remaining >>= digit_bits
-    for i in range(n):
-        order[begin + i] = rows[i]
-
-
-@kernel
-def sort_rows(rows: Columns, ranges: Int64Array) -> tuple[Columns, NDArray[np.uint32]]:
-    """Sort the rows of each group by key, keeping the order of arrival among equals.
-
-    Args:
-        rows: n incoming rows.
-        ranges: shape (k, 3), where each group begins and ends; the groups cover all rows.
-
-    Returns:
-        The rows in their new order, but for their forces, and which row each was, shape (n,).
-    """
-    keys, likelihoods, stamps, spreads, singles, forces = rows
-    order = np.empty(len(keys), np.uint32)
-    for group in range(len(ranges)):
-        begin, end = ranges[group, 0], ranges[group, 1]
-        if end - begin <= SMALL:
-            _sort_small(keys, begin, end, order)
-        else:
-            _sort_large(keys, begin, end, order)
-    new_keys, new_stamps = np.empty_like(keys), np.empty_like(stamps)
-    new_likelihoods, new_spreads = np.empty_like(likelihoods), np.empty_like(spreads)
-    new_singles = np.empty_like(singles)
-    for i in range(len(order)):
-        row = order[i]
-        new_keys[i], new_stamps[i], new_singles[i] = keys[row], stamps[row], singles[row]
-        new_likelihoods[i], new_spreads[i] = likelihoods[row], spreads[row]
-    ordered = Columns(new_keys, new_likelihoods, new_stamps, new_spreads, new_singles, forces)
-    return ordered, order
 
 
 @kernel

@@ -491,3 +491,13 @@ def test_every_installed_rule_has_its_promises_here() -> None:
     from contactfusion.integrator.rules import contactfusion_rules
 
     assert set(contactfusion_rules()) == set(PROMISES)
+
+
+def test_a_certain_contact_reaches_every_threshold_under_log_odds_too() -> None:
+    fusion = fused(cloud("a", 0.0, {(0, 0, 0): 1.0}), rule="log_odds", threshold=1.0)
+    assert len(fusion.contacts) == 1
+
+
+def test_a_likelihood_that_rounds_to_nothing_is_no_contact() -> None:
+    fusion = fused(cloud("a", 0.0, {(0, 0, 0): 1e-30}), threshold=1e-7)
+    assert fusion.contacts == () and list(fusion.space.verdicts) == ["below_threshold"]
