@@ -11,6 +11,7 @@ one_thread()
 import argparse
 import platform
 from collections.abc import Callable, Iterator
+from contextlib import closing
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
@@ -54,7 +55,7 @@ def _cycle(rounds: int) -> Iterator[Row]:
     """Measure the typical cycle, and its condensation alone."""
     raw = typical_cycles(np.random.default_rng(0), CYCLES, spreads=True)
     cycles = [[ours.frozen(cloud) for cloud in cycle] for cycle in raw]
-    with Twin(cycles) as twin:
+    with closing(Twin(cycles)) as twin:
         lives = ours.Lives(cycles, twin)
         runs = {"ours": lives.ours(), "twin": lives.twin(), "naive": lives.naive()}
         runs["space"] = ours.Lives(cycles, twin).ours(space=True)
@@ -132,7 +133,7 @@ def _condense(rounds: int, cycles: ours.Cycles) -> Iterator[Row]:
         found = len(np.unique(peer().labels))
         assert found == len(fusion.contacts), f"{name}: {found} clusters"
         runs[name] = timed(peer)
-    with PclPeer("condense", fused.positions, fused.likelihoods) as pcl:
+    with closing(PclPeer("condense", fused.positions, fused.likelihoods)) as pcl:
         runs["PCL EuclideanClusterExtraction"] = pcl.run
         times = interleave(runs, rounds=rounds, repeats={"ours": 30, "cc3d + exact merge": 9})
     yield Row(f"condense {len(fused.voxels)} voxels", _ms(times, "ours"), "ms")
@@ -145,7 +146,7 @@ def _fresh(rounds: int) -> Iterator[Row]:
     """Measure fusion and condensation from nothing, and fusion alone."""
     rng = np.random.default_rng(1)
     small, large = (ours.frozen(fresh_cloud(rng, count)) for count in (16_000, 100_000))
-    with PclPeer("fresh", small.positions, small.likelihoods) as pcl:
+    with closing(PclPeer("fresh", small.positions, small.likelihoods)) as pcl:
         runs = {"ours": timed(ours.fresh(small)), "PCL VoxelGrid + extraction": pcl.run}
         runs["Open3D down-sample + dbscan"] = timed(peers.open3d_fresh(small))
         times = interleave(runs, rounds=rounds, repeats={"ours": 20})
@@ -153,7 +154,7 @@ def _fresh(rounds: int) -> Iterator[Row]:
     for name in list(runs)[1:]:
         yield Row(f"  {name} against it", times.ratio(name, "ours"), "x", 7, True)
     never = timed(ours.fresh(large, threshold=1.0))  # no voxel reaches it: nothing to condense
-    with PclPeer("fuse", large.positions, large.likelihoods) as pcl:
+    with closing(PclPeer("fuse", large.positions, large.likelihoods)) as pcl:
         runs = {"ours": never, "Open3D": timed(peers.open3d_fuse(large)), "PCL": pcl.run}
         times = interleave(runs, rounds=rounds, repeats={"ours": 10, "Open3D": 3, "PCL": 3})
     yield Row("fuse 100k hypotheses", _ms(times, "ours"), "ms")

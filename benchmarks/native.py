@@ -7,8 +7,6 @@ import subprocess
 import tempfile
 from collections.abc import Sequence
 from pathlib import Path
-from types import TracebackType
-from typing import Self
 
 FLAGS = ("-std=c++17", "-O3", "-march=native", "-DNDEBUG")
 
@@ -112,19 +110,6 @@ class Server:
     def close(self) -> None:
         """End the program by closing its input."""
         self._process.communicate()
-
-    def __enter__(self) -> Self:
-        """Give the server itself."""
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        """Close the server."""
-        self.close()
 
 
 def _package_flags(source: Path, packages: Sequence[str]) -> tuple[list[str], list[str]]:

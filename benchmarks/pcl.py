@@ -2,8 +2,7 @@
 
 import tempfile
 from pathlib import Path
-from types import TracebackType
-from typing import Literal, Self
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,7 +15,7 @@ _PACKAGES = ("pcl_segmentation", "pcl_filters", "pcl_search")
 
 
 class PclPeer:
-    """One work of PCL on one cloud: a context, so that its server ends.
+    """One work of PCL on one cloud.
 
     ``condense`` is EuclideanClusterExtraction and weighted centroids, ``fuse`` VoxelGrid, ``fresh``
     VoxelGrid, EuclideanClusterExtraction and centroids.
@@ -61,15 +60,6 @@ class PclPeer:
             self._server.ask(f"labels {path}")
             return np.fromfile(path, dtype=np.int32)
 
-    def __enter__(self) -> Self:
-        """Give the peer itself."""
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def close(self) -> None:
         """End the server."""
         self._server.close()

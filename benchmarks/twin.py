@@ -3,8 +3,7 @@
 import tempfile
 from collections.abc import Sequence
 from pathlib import Path
-from types import TracebackType
-from typing import BinaryIO, Self
+from typing import BinaryIO
 
 import numpy as np
 
@@ -19,7 +18,7 @@ CONTACT_FIELDS = 25
 
 
 class Twin:
-    """The twin with some cycles loaded: a context, so that its server ends."""
+    """The twin with some cycles loaded."""
 
     def __init__(self, cycles: Sequence[Sequence[Cloud]]) -> None:
         """Build the server if need be, start it and give it the cycles.
@@ -72,16 +71,7 @@ class Twin:
         for array in (cloud.positions, cloud.likelihoods, *optional):
             file.write(np.ascontiguousarray(array, np.float64).tobytes())
 
-    def __enter__(self) -> Self:
-        """Give the twin itself."""
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def close(self) -> None:
         """End the server."""
         self._server.close()
 

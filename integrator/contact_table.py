@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from contactfusion.arrays import FloatArray
 from contactfusion.contacts import Contact
-from contactfusion.integrator import clusters, kernels
+from contactfusion.integrator import kernels, outlines
 from contactfusion.integrator.entries import Field
 from contactfusion.integrator.store import Int64Array
 from contactfusion.time import to_seconds
@@ -32,7 +32,7 @@ class ContactTable:
         entries = field.entries
         self._field, self._selected, self._labels = field, selected, labels
         self._kept = np.arange(count)
-        self.sums = clusters.add_up(
+        self.sums = outlines.add_up(
             selected,
             labels,
             count,
@@ -55,24 +55,22 @@ class ContactTable:
         if not len(kept):
             return
         grid = entries.grid
-        outlines = clusters.outline(
-            self._selected, self._labels, entries.keys, sums, grid.voxel_size
-        )
+        found = outlines.outline(self._selected, self._labels, entries.keys, sums, grid.voxel_size)
         forces = self._forces()
-        for array in (outlines.positions, outlines.covariances, outlines.extents, forces):
+        for array in (found.positions, found.covariances, found.extents, forces):
             array.flags.writeable = False
         shares = (sums.shares / sums.shares.sum(axis=1, keepdims=True)).tolist()
         shared = [(s, entries.sources[s].name) for s in np.flatnonzero(entries.counted)]
-        likelihoods, dispersions = sums.largest.tolist(), outlines.dispersions.tolist()
+        likelihoods, dispersions = sums.largest.tolist(), found.dispersions.tolist()
         voxels, stamps = sums.voxels.tolist(), sums.stamp.tolist()
         falling = np.argsort(-sums.largest[kept].round(LIKELIHOOD_STEP), kind="stable")
         for c in kept[falling].tolist():
             yield Contact(
-                position=outlines.positions[c],
+                position=found.positions[c],
                 likelihood=likelihoods[c],
                 dispersion=dispersions[c],
-                covariance=outlines.covariances[c],
-                extent=outlines.extents[c],
+                covariance=found.covariances[c],
+                extent=found.extents[c],
                 force=forces[c],
                 voxels=voxels[c],
                 shares={name: shares[c][s] for s, name in shared},
@@ -86,4 +84,4 @@ class ContactTable:
         felt = np.flatnonzero((entries.bits[self._selected] & kernels.FORCE) != 0)
         voxels = self._selected[felt]
         weights, forces = self._field.likelihoods[voxels], entries.forces_in(voxels)
-        return clusters.mean_forces(self._labels[felt], len(self.sums.voxels), weights, forces)
+        return outlines.mean_forces(self._labels[felt], len(self.sums.voxels), weights, forces)
