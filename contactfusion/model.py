@@ -8,6 +8,8 @@ from pydantic_core import ErrorDetails
 
 from contactfusion.errors import ConfigurationError, name_hint
 
+MORE = " more)"
+
 
 class Model(BaseModel):
     """A configuration that is frozen, knows all its fields, and takes no NaN.
@@ -48,7 +50,9 @@ def explained(error: ValidationError, model: type[BaseModel]) -> ConfigurationEr
     first = min(details, key=lambda detail: detail["type"] != "extra_forbidden")
     wrong = _wrong(first, model)
     more = len(details) - 1
-    return ConfigurationError(f"{wrong.problem} (and {more} more)", wrong.path) if more else wrong
+    if more and not wrong.problem.endswith(MORE):  # a model inside has counted already
+        return ConfigurationError(f"{wrong.problem} (and {more}{MORE}", wrong.path)
+    return wrong
 
 
 def _wrong(detail: ErrorDetails, model: type[BaseModel]) -> ConfigurationError:

@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 from pydantic import Field
 
-from contactfusion import IntegratorConfig
+from contactfusion import IntegratorConfig, PipelineConfig
 from contactfusion.errors import ConfigurationError, name_hint
 from contactfusion.model import Model, rooted
 
@@ -138,3 +138,13 @@ def test_a_name_that_is_not_known_gets_those_that_are(
     name: str, known: list[str], sentence: str
 ) -> None:
     assert name_hint(name, known, "sources") == sentence
+
+
+def test_further_faults_are_counted_once_however_deep_they_lie() -> None:
+    fields: dict[str, Any] = {
+        "integrator": {"voxel_size": -1, "threshold": 2},
+        "cycle": {"every": -1},
+    }
+    with pytest.raises(ConfigurationError) as caught:
+        PipelineConfig(**fields)
+    assert str(caught.value).count("more)") == 1
