@@ -3,6 +3,7 @@
 python -m benchmarks [--rounds N] [--out bench.json]
 """
 
+# One thread must be asked for before numpy is imported, so imports follow code here.
 # ruff: noqa: E402
 from benchmarks.interleave import Rounds, Spread, interleave, one_thread, timed
 

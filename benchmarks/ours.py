@@ -5,6 +5,7 @@ import os
 import sys
 import time
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from types import FunctionType, ModuleType
 
 import numpy as np
@@ -125,12 +126,19 @@ def fresh(cloud: Cloud, threshold: float = THRESHOLD) -> Callable[[], Fusion]:
 
 def frozen(cloud: Cloud) -> Cloud:
     """Give the cloud with read-only arrays, which are shared and not copied."""
-    arrays = (cloud.positions, cloud.likelihoods, cloud.forces, cloud.spreads)
-    kept = [None if a is None else np.array(a, np.float64) for a in arrays]
-    for array in kept:
-        if array is not None:
-            array.flags.writeable = False
-    return Cloud(cloud.source, cloud.kind, cloud.stamp, *kept)  # type: ignore[arg-type]
+    return replace(
+        cloud,
+        positions=_read_only(cloud.positions),
+        likelihoods=_read_only(cloud.likelihoods),
+        forces=None if cloud.forces is None else _read_only(cloud.forces),
+        spreads=None if cloud.spreads is None else _read_only(cloud.spreads),
+    )
+
+
+def _read_only(array: Floats) -> Floats:
+    copy = np.array(array, np.float64)
+    copy.flags.writeable = False
+    return copy
 
 
 def contact_rows(fusion: Fusion) -> Floats:

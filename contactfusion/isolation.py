@@ -31,6 +31,7 @@ class Isolated(Generator[GeneratorConfig]):
 
     def __init__(self, inner: Generator[Any]) -> None:
         super().__init__(inner.name, inner.config)
+        # what a class declares for all its instances, this one borrows from another class
         self.readings = inner.readings  # type: ignore[misc]
         self.outputs = inner.outputs
         self._inner = inner

@@ -106,6 +106,6 @@ def test_arrays_that_do_not_fit_are_refused() -> None:
 
 def test_a_fit_goes_into_a_configuration_as_its_text() -> None:
     fit = fit_compensation(*poses(gravities(), 0.2, 0.01))
-    options: dict[str, Any] = yaml.safe_load(fit.compensation.model_dump_json())
-    config = ForceTorqueConfig(sign="on_robot", compensation=options)  # type: ignore[arg-type]
+    options: dict[str, Any] = {"compensation": yaml.safe_load(fit.compensation.model_dump_json())}
+    config = ForceTorqueConfig(sign="on_robot", **options)
     assert config.compensation == fit.compensation

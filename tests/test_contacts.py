@@ -1,6 +1,7 @@
 """Contacts: data that nobody changes, and one line for people."""
 
 import dataclasses
+from typing import Any
 
 import numpy as np
 import pytest
@@ -9,9 +10,9 @@ from tests.clouds import HERE, NULL, cloud, fused
 
 
 def test_a_contact_cannot_be_changed() -> None:
-    contact = fused(cloud("skin", 0.0, {HERE: 0.5}, forces=np.ones((1, 3)))).contacts[0]
+    contact: Any = fused(cloud("skin", 0.0, {HERE: 0.5}, forces=np.ones((1, 3)))).contacts[0]
     with pytest.raises(dataclasses.FrozenInstanceError):
-        contact.likelihood = 1.0  # type: ignore[misc]
+        contact.likelihood = 1.0
     for array in (contact.position, contact.covariance, contact.extent, contact.force):
         assert not array.flags.writeable
 

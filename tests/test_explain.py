@@ -1,11 +1,14 @@
 """Why a contact was reported, and what would be without each source."""
 
+from typing import Any
+
+from contactfusion import HypothesisCloud
 from contactfusion.explain import explain
 from tests.clouds import HERE, NULL, SUPPORT, THERE, cloud, fused
 
 
-def lines(*clouds: object, **config: object) -> list[str]:
-    return explain(fused(*clouds, **config)).split("\n")  # type: ignore[arg-type]
+def lines(*clouds: HypothesisCloud, **config: Any) -> list[str]:
+    return explain(fused(*clouds, **config)).split("\n")
 
 
 def test_nothing_is_explained_in_two_words() -> None:

@@ -255,8 +255,9 @@ def test_a_sensor_that_gives_the_reverse_finds_the_same_places() -> None:
 
 
 def test_the_sign_must_be_said() -> None:
+    nothing: dict[str, Any] = {}
     with pytest.raises(ConfigurationError, match="sign: this field is required"):
-        ForceTorqueConfig()  # type: ignore[call-arg]
+        ForceTorqueConfig(**nothing)
 
 
 def turned_and_shifted() -> Pose:

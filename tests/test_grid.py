@@ -1,5 +1,7 @@
 """The one rounding of places to voxels."""
 
+from typing import Any
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -54,9 +56,9 @@ def test_voxels_are_half_open_also_below_zero() -> None:
 
 
 def test_a_single_precision_place_is_widened_before_it_is_rounded() -> None:
-    point = np.full((1, 3), 0.015, np.float32)
+    point: Any = np.full((1, 3), 0.015, np.float32)
     expected = int(np.floor(float(np.float32(0.015)) * (1.0 / 0.005)))
-    assert Grid("base", 0.005).voxels(point).tolist() == [[expected] * 3]  # type: ignore[arg-type]
+    assert Grid("base", 0.005).voxels(point).tolist() == [[expected] * 3]
 
 
 @given(INDICES, st.sampled_from([0.005, 0.003, 0.1, 1.0, 1.0 / 128.0]))

@@ -112,13 +112,13 @@ def both() -> tuple[ExpectedFusion, Fusion]:
     return oracle.step(0.0), integrator.step(0.0)
 
 
-def with_rows(expected: ExpectedFusion, **fields: object) -> ExpectedFusion:
-    return altered(expected, rows=[replace(expected.rows[0], **fields), *expected.rows[1:]])  # type: ignore[arg-type]
+def with_rows(expected: ExpectedFusion, **fields: Any) -> ExpectedFusion:
+    return altered(expected, rows=[replace(expected.rows[0], **fields), *expected.rows[1:]])
 
 
-def with_contact(expected: ExpectedFusion, **fields: object) -> ExpectedFusion:
+def with_contact(expected: ExpectedFusion, **fields: Any) -> ExpectedFusion:
     first, *others = expected.contacts
-    return altered(expected, contacts=[replace(first, **fields), *others])  # type: ignore[arg-type]
+    return altered(expected, contacts=[replace(first, **fields), *others])
 
 
 def altered(expected: ExpectedFusion, **fields: object) -> ExpectedFusion:

@@ -442,3 +442,18 @@ def test_rows_wider_than_the_header_are_refused_as_with_decimal_commas(tmp_path:
             },
             tmp_path,
         )
+
+
+def test_a_last_line_that_does_not_end_is_told_as_it_may_be_cut_off(tmp_path: Path) -> None:
+    options = {
+        "file": "cut.csv",
+        "time": {"column": "t"},
+        "readings": {"a": {"type": "tactile_image", "frame": "a", "columns": ["fx"]}},
+    }
+    told = []
+    for text in ("t,fx\n0,11.907\n", "t,fx\n0,11."):
+        (tmp_path / "cut.csv").write_text(text)
+        recording = open_recording({"type": "log", **options}, tmp_path)
+        assert isinstance(recording, LogRecording)
+        told.append(recording.notes)
+    assert told[0] == [] and "the last line does not end" in told[1][0]

@@ -1,6 +1,7 @@
 """What a generator or controller may know."""
 
 import dataclasses
+from typing import Any
 
 import numpy as np
 import pytest
@@ -40,5 +41,6 @@ def test_evidence_that_was_nulled_is_evidence_still() -> None:
 
 
 def test_a_state_cannot_be_changed() -> None:
+    state: Any = State(now=0.0, grid=Grid("base", 0.005))
     with pytest.raises(dataclasses.FrozenInstanceError):
-        State(now=0.0, grid=Grid("base", 0.005)).now = 1.0  # type: ignore[misc]
+        state.now = 1.0

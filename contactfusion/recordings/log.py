@@ -20,6 +20,7 @@ A log without stamps has ``time: {rate: 240}``; columns without a header are nam
 """
 
 import logging
+import os
 from collections.abc import Iterator, Sequence
 from functools import partial
 from pathlib import Path
@@ -127,6 +128,10 @@ class LogRecording(Recording):
         wanted = dict.fromkeys(name for one in file.readings.values() for name in one.columns)
         text = TextFormat(file.delimiter, file.header)
         table = read_columns(path, list(wanted), text=text)
+        if path.suffix not in (".npy", ".npz") and not _last_line_ends(path):
+            self.notes.append(
+                f"{path}: the last line does not end; if the file is cut off, so is its last number"
+            )
         stamps = self._stamps(file, path, folder, len(next(iter(table.values()))))
         for sensor, config in file.readings.items():
             values = _values(path, sensor, config, table)
@@ -167,6 +172,12 @@ class LogRecording(Recording):
         if late := int((behind > 0).sum()):
             self.notes.append(f"{source}: {late} of {count} rows were out of order, and are sorted")
         return stamps
+
+
+def _last_line_ends(path: Path) -> bool:
+    with path.open("rb") as file:
+        file.seek(-1, os.SEEK_END)
+        return file.read() in (b"\n", b"\r")
 
 
 def _values(path: Path, sensor: str, config: ColumnsConfig, table: Columns) -> FloatArray:
