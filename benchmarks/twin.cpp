@@ -214,61 +214,33 @@ class Clusters {
  public:
   // Label ascending voxels; two belong together within the reach. Gives the number of clusters.
   std::size_t label(const Key* keys, std::size_t n, std::int32_t* labels) {
+    if (n == 0) return 0;
     const Key reach = root(kReachSquared);
-    std::uint32_t *begin = room(begin_, n + 1), *row_begin = room(row_begin_, n + 1);
-    std::int32_t *low = room(low_, n), *high = room(high_, n);
-    Key* row_key = room(row_key_, n);
-    parent_ = room(parents_, n);
-    std::uint32_t segments = 0, rows = 0;
-    Key row = -1, expected = -1;
-    for (std::size_t i = 0; i < n; ++i) {
-      const Key key = keys[i];
-      if (key != expected) {
-        parent_[segments] = segments;
-        if (key >> kAxisBits != row) {
-          row = key >> kAxisBits;
-          row_key[rows] = row;
-          row_begin[rows++] = segments;
-        } else if (key - expected < reach) {
-          parent_[segments] = parent_[segments - 1];
-        }
-        begin[segments] = static_cast<std::uint32_t>(i);
-        low[segments++] = static_cast<std::int32_t>(z_of(key));
-      }
-      expected = key + 1;
+    std::uint32_t* begin = room(begin_, n + 1);
+    Key *low = room(low_, n + 1), *high = room(high_, n + 1);
+    parent_ = room(parents_, n + 1);
+    std::uint32_t last = 0;
+    begin[0] = parent_[0] = 0;
+    low[0] = keys[0];
+    for (std::size_t i = 1; i < n; ++i) {
+      if (keys[i] == keys[i - 1] + 1) continue;
+      high[last++] = keys[i - 1];
+      begin[last] = static_cast<std::uint32_t>(i);
+      low[last] = keys[i];
+      const bool near = keys[i] - keys[i - 1] <= reach &&
+                        keys[i] >> kAxisBits == keys[i - 1] >> kAxisBits;
+      parent_[last] = near ? parent_[last - 1] : last;
     }
+    high[last] = keys[n - 1];
+    const std::uint32_t segments = last + 1;
     begin[segments] = static_cast<std::uint32_t>(n);
-    row_begin[rows] = segments;
+    low[segments] = high[segments] = kBeyond;
+    parent_[segments] = segments;
+    bool clear = true;
     for (std::uint32_t s = 0; s < segments; ++s)
-      high[s] = low[s] + static_cast<std::int32_t>(begin[s + 1] - begin[s]) - 1;
-
-    std::vector<std::int32_t> slack(static_cast<std::size_t>(reach + 1));
-    for (Key dx = 0; dx <= reach; ++dx) {
-      for (std::uint32_t s = 0; s < segments; ++s) parent_[s] = parent_[parent_[s]];
-      const Key span = root(kReachSquared - dx * dx);
-      for (Key dy = 0; dy <= span; ++dy)
-        slack[dy] = static_cast<std::int32_t>(root(kReachSquared - dx * dx - dy * dy));
-      std::uint32_t nearest = 0;
-      for (std::uint32_t r = 0; r < rows; ++r) {
-        const Key y = row_key[r] & kAxisMask;
-        const Key slice = row_key[r] - y - (dx << kAxisBits);
-        const Key closest = slice + std::max(y - span, Key{0});
-        const Key farthest = slice + (dx > 0 ? std::min(y + span, kAxisMask) : y - 1);
-        while (row_key[nearest] < closest) ++nearest;
-        for (std::uint32_t other = nearest; row_key[other] <= farthest; ++other) {
-          const std::int32_t apart = slack[std::abs(row_key[other] - slice - y)];
-          std::uint32_t a = row_begin[r], b = row_begin[other];
-          const std::uint32_t a_end = row_begin[r + 1], b_end = row_begin[other + 1];
-          while (a < a_end && b < b_end) {
-            const bool near = (low[b] - high[a] <= apart) & (low[a] - high[b] <= apart);
-            if (near & (parent_[a] != parent_[b])) join(a, b);
-            const bool sooner = high[a] < high[b];
-            a += sooner;
-            b += !sooner;
-          }
-        }
-      }
-    }
+      clear &= (z_of(low[s]) >= reach) & (y_of(low[s]) >= reach);
+    if (!clear) throw std::runtime_error("the typical cycle stays off the ends of the space");
+    link(low, high, segments, reach);
     std::int32_t clusters = 0;
     std::int32_t* number = room(number_, segments);
     for (std::uint32_t s = 0; s < segments; ++s) {
@@ -280,6 +252,37 @@ class Clusters {
   }
 
  private:
+  // Join segments within the reach; each row offset keeps its place among them.
+  void link(const Key* low, const Key* high, std::uint32_t segments, Key reach) {
+    struct Offset {
+      Key least, most;
+      std::uint32_t place;
+    };
+    std::vector<Offset> offsets;
+    for (Key dx = 0; dx <= reach; ++dx) {
+      const Key span = root(kReachSquared - dx * dx);
+      for (Key dy = dx > 0 ? -span : 1; dy <= span; ++dy) {
+        const Key apart = root(kReachSquared - dx * dx - dy * dy);
+        const Key shift = dx * (Key{1} << 2 * kAxisBits) + dy * (Key{1} << kAxisBits);
+        offsets.push_back({shift - apart, shift + apart, 0});
+      }
+    }
+    for (std::uint32_t one = 0; one < segments; ++one) {
+      std::uint32_t top = parent_[one];
+      for (Offset& offset : offsets) {
+        const Key nearest = low[one] - offset.most, farthest = high[one] - offset.least;
+        std::uint32_t other = offset.place;
+        while (high[other] < nearest) ++other;
+        offset.place = other;
+        for (; low[other] <= farthest; ++other) {
+          if (parent_[other] == top) continue;
+          join(one, other);
+          top = parent_[one] = parent_[other] = find(one);
+        }
+      }
+    }
+  }
+
   std::uint32_t find(std::uint32_t at) {
     while (parent_[at] != at) at = parent_[at] = parent_[parent_[at]];
     return at;
@@ -291,9 +294,9 @@ class Clusters {
   }
 
   std::uint32_t* parent_ = nullptr;
-  std::vector<std::uint32_t> parents_, begin_, row_begin_;
-  std::vector<std::int32_t> low_, high_, number_;
-  std::vector<Key> row_key_;
+  std::vector<std::uint32_t> parents_, begin_;
+  std::vector<std::int32_t> number_;
+  std::vector<Key> low_, high_;
 };
 
 class Integrator {
@@ -451,8 +454,7 @@ class Integrator {
     std::size_t n = ranges_.empty() ? 0 : ranges_.back().end;
     keys_ = room(voxel_keys_, n);
     bits_ = room(voxel_bits_, n);
-    entry_ = room(voxel_entries_, n * sources);
-    std::fill_n(entry_, n * sources, -1);
+    place_ = room(entry_places_, n);
     std::vector<Key> front(sources);
     std::vector<std::size_t> head(sources);
     std::vector<std::uint8_t> kinds = kinds_;
@@ -483,8 +485,7 @@ class Integrator {
         while (key < second) {
           keys_[count] = key;
           bits_[count] = kinds[first];
-          entry_[count * sources + first] = static_cast<std::int32_t>(at);
-          ++count;
+          place_[at] = static_cast<std::uint32_t>(count++);
           key = ++at < end ? entries_.keys[at] : kBeyond;
         }
         head[first] = at;
@@ -494,7 +495,7 @@ class Integrator {
         bits_[count] = 0;
         for (std::size_t s = 0; s < sources; ++s) {
           if (front[s] != key) continue;
-          entry_[count * sources + s] = static_cast<std::int32_t>(head[s]);
+          place_[head[s]] = static_cast<std::uint32_t>(count);
           bits_[count] |= kinds[s];
           front[s] = ++head[s] < ranges_[s].end ? entries_.keys[head[s]] : kBeyond;
         }
@@ -504,19 +505,17 @@ class Integrator {
   }
 
   void fuse_and_judge() {
-    const std::size_t sources = kinds_.size();
     fused_ = room(likelihoods_, voxels_);
     selected_ = room(contact_voxels_, voxels_);
     contact_keys_ = room(selected_keys_, voxels_);
     std::uint8_t* verdicts = room(verdicts_, voxels_);
-    for (std::size_t v = 0; v < voxels_; ++v) {
-      double miss = 1.0;
-      for (std::size_t s = 0; s < sources; ++s) {
-        const std::int32_t row = entry_[v * sources + s];
-        if (row >= 0 && kinds_[s] != kNull) miss *= 1.0 - double{entries_.likelihoods[row]};
-      }
-      fused_[v] = 1.0 - miss;
+    std::fill_n(fused_, voxels_, 1.0);
+    for (std::size_t s = 0; s < kinds_.size(); ++s) {
+      if (kinds_[s] == kNull) continue;
+      for (std::size_t i = ranges_[s].begin; i < ranges_[s].end; ++i)
+        fused_[place_[i]] *= 1.0 - double{entries_.likelihoods[i]};
     }
+    for (std::size_t v = 0; v < voxels_; ++v) fused_[v] = 1.0 - fused_[v];
     for (std::size_t v = 0; v < voxels_; ++v) {
       const bool reaches = 1.0 - fused_[v] <= 1.0 - kThreshold + 1e-6;
       std::uint8_t verdict = reaches ? kContact : kBelowThreshold;
@@ -531,20 +530,33 @@ class Integrator {
     }
   }
 
-  Vector force_in(std::size_t voxel) const {
-    Vector mean{};
-    double total = 0.0;
+  // Add the force of each voxel, the mean over regular sources, to the sums of its cluster.
+  void add_forces(std::vector<Sums>& sums, const std::uint32_t* cluster_of) {
+    std::vector<std::size_t> felt;
+    for (std::size_t v = 0; v < voxels_; ++v)
+      if (bits_[v] & kForce && cluster_of[v] < sums.size()) felt.push_back(v);
+    std::vector<Vector> mean(felt.size());
+    std::vector<double> total(felt.size());
     for (std::size_t s = 0; s < kinds_.size(); ++s) {
-      const std::int32_t row = entry_[voxel * kinds_.size() + s];
-      if (row < 0 || kinds_[s] != kRegular || !ranges_[s].forceful) continue;
-      const auto& force = entries_.forces[ranges_[s].forces + row - ranges_[s].begin];
-      if (force[3] <= 0.0) continue;
-      const double weight = entries_.likelihoods[row];
-      for (int axis = 0; axis < 3; ++axis) mean[axis] += weight * force[axis] / force[3];
-      total += weight;
+      const Range& range = ranges_[s];
+      if (kinds_[s] != kRegular || !range.forceful) continue;
+      std::size_t i = 0;
+      for (std::size_t entry = range.begin; entry < range.end; ++entry) {
+        while (i < felt.size() && felt[i] < place_[entry]) ++i;
+        const auto& force = entries_.forces[range.forces + entry - range.begin];
+        if (i == felt.size() || felt[i] != place_[entry] || force[3] <= 0.0) continue;
+        const double weight = entries_.likelihoods[entry];
+        for (int axis = 0; axis < 3; ++axis) mean[i][axis] += weight * force[axis] / force[3];
+        total[i] += weight;
+      }
     }
-    for (double& value : mean) value = total > 0.0 ? value / total : kNan;
-    return mean;
+    for (std::size_t i = 0; i < felt.size(); ++i) {
+      if (total[i] <= 0.0) continue;
+      Sums& sum = sums[cluster_of[felt[i]]];
+      const double w = fused_[felt[i]];
+      for (int axis = 0; axis < 3; ++axis) sum.force[axis] += w * (mean[i][axis] / total[i]);
+      sum.force_weight += w;
+    }
   }
 
   void condense() {
@@ -552,41 +564,53 @@ class Integrator {
     std::int32_t* labels = room(labels_, count_);
     const std::size_t clusters = clusters_.label(contact_keys_, count_, labels);
     std::vector<Sums> sums(clusters);
-    std::vector<double> shares(clusters * sources);
-    for (std::size_t i = 0; i < count_; ++i) {
-      const std::size_t v = selected_[i];
-      Sums& sum = sums[labels[i]];
-      const double w = fused_[v];
-      const std::array<Key, 3> at{x_of(keys_[v]), y_of(keys_[v]), z_of(keys_[v])};
-      if (sum.voxels == 0) sum.anchor = at;
-      const auto x = static_cast<double>(at[0] - sum.anchor[0]);
-      const auto y = static_cast<double>(at[1] - sum.anchor[1]);
-      const auto z = static_cast<double>(at[2] - sum.anchor[2]);
-      sum.voxels += 1;
-      sum.largest = std::max(sum.largest, w);
-      sum.weight += w;
-      sum.first[0] += w * x;
-      sum.first[1] += w * y;
-      sum.first[2] += w * z;
-      sum.second[0] += w * x * x;
-      sum.second[1] += w * x * y;
-      sum.second[2] += w * x * z;
-      sum.second[3] += w * y * y;
-      sum.second[4] += w * y * z;
-      sum.second[5] += w * z * z;
-      for (std::size_t s = 0; s < sources; ++s) {
-        const std::int32_t row = entry_[v * sources + s];
-        if (row < 0 || kinds_[s] == kNull) continue;
-        shares[labels[i] * sources + s] += entries_.likelihoods[row];
-        sum.stamp = std::max(sum.stamp, entries_.stamps[row]);
+    for (std::size_t i = 0; i < count_;) {  // one round for each cluster's voxels of one row
+      const std::int32_t label = labels[i];
+      const Key key = contact_keys_[i], row = key >> kAxisBits;
+      Sums& sum = sums[label];
+      if (sum.voxels == 0) sum.anchor = {x_of(key), y_of(key), z_of(key)};
+      const auto x = static_cast<double>(x_of(key) - sum.anchor[0]);
+      const auto y = static_cast<double>(y_of(key) - sum.anchor[1]);
+      const std::size_t begun = i;
+      double most = 0.0, w_sum = 0.0, wz_sum = 0.0, wzz_sum = 0.0;
+      for (; i < count_ && labels[i] == label && contact_keys_[i] >> kAxisBits == row; ++i) {
+        const double w = fused_[selected_[i]];
+        const auto z = static_cast<double>(z_of(contact_keys_[i]) - sum.anchor[2]);
+        most = std::max(most, w);
+        w_sum += w;
+        wz_sum += w * z;
+        wzz_sum += w * z * z;
       }
-      if (bits_[v] & kForce) {
-        const Vector force = force_in(v);
-        if (std::isnan(force[0])) continue;
-        for (int axis = 0; axis < 3; ++axis) sum.force[axis] += w * force[axis];
-        sum.force_weight += w;
+      sum.voxels += static_cast<std::int64_t>(i - begun);
+      sum.largest = std::max(sum.largest, most);
+      sum.weight += w_sum;
+      sum.first[0] += w_sum * x;
+      sum.first[1] += w_sum * y;
+      sum.first[2] += wz_sum;
+      sum.second[0] += w_sum * x * x;
+      sum.second[1] += w_sum * x * y;
+      sum.second[2] += wz_sum * x;
+      sum.second[3] += w_sum * y * y;
+      sum.second[4] += wz_sum * y;
+      sum.second[5] += wzz_sum;
+    }
+    std::uint32_t* cluster_of = room(voxel_clusters_, voxels_);
+    std::fill_n(cluster_of, voxels_, static_cast<std::uint32_t>(clusters));
+    for (std::size_t i = 0; i < count_; ++i)
+      cluster_of[selected_[i]] = static_cast<std::uint32_t>(labels[i]);
+    // Voxels of no cluster add to one row too many.
+    std::vector<double> shares((clusters + 1) * sources);
+    std::vector<std::int64_t> stamps(clusters + 1, std::numeric_limits<std::int64_t>::min());
+    for (std::size_t s = 0; s < sources; ++s) {
+      if (kinds_[s] == kNull) continue;
+      for (std::size_t entry = ranges_[s].begin; entry < ranges_[s].end; ++entry) {
+        const std::uint32_t c = cluster_of[place_[entry]];
+        shares[c * sources + s] += entries_.likelihoods[entry];
+        stamps[c] = std::max(stamps[c], entries_.stamps[entry]);
       }
     }
+    for (std::size_t c = 0; c < clusters; ++c) sums[c].stamp = stamps[c];
+    add_forces(sums, cluster_of);
     describe(sums, shares, labels);
   }
 
@@ -661,13 +685,12 @@ class Integrator {
   std::vector<Contact> contacts_;
   std::vector<Key> voxel_keys_, selected_keys_;
   std::vector<std::uint8_t> voxel_bits_, verdicts_;
-  std::vector<std::int32_t> voxel_entries_, labels_;
-  std::vector<std::uint32_t> order_, contact_voxels_;
+  std::vector<std::int32_t> labels_;
+  std::vector<std::uint32_t> order_, contact_voxels_, entry_places_, voxel_clusters_;
   std::vector<double> likelihoods_;
   Key *keys_ = nullptr, *contact_keys_ = nullptr;
   std::uint8_t* bits_ = nullptr;
-  std::int32_t* entry_ = nullptr;
-  std::uint32_t* selected_ = nullptr;
+  std::uint32_t *place_ = nullptr, *selected_ = nullptr;
   double* fused_ = nullptr;
   std::size_t voxels_ = 0, count_ = 0;
 };

@@ -45,10 +45,12 @@ def frozen_array(
             wanted = ", ".join("n" if want is None else str(want) for want in shape)
             wanted = f"({wanted},)" if len(shape) == 1 else f"({wanted})"
             raise error(f"{name} have shape {array.shape}, not {wanted}")
-    if finite and not np.isfinite(array).all():
+    # A sum of squares that is finite is one of finite numbers, and takes a fifth of the time.
+    if finite and not math.isfinite(np.vdot(array, array)) and not np.isfinite(array).all():
         place = np.argwhere(~np.isfinite(array))[0]
         raise error(f"row {place[0]} of the {name} is not finite: {array[place[0]]}")
-    if array.flags.writeable or not array.flags.owndata or not array.flags.c_contiguous:
+    flags = array.flags
+    if flags.writeable or not flags.owndata or not flags.c_contiguous:
         array = np.array(array, order="C")
         array.flags.writeable = False
     return array

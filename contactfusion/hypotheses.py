@@ -11,6 +11,7 @@ from contactfusion.arrays import FloatArray, finite_number, frozen_array
 from contactfusion.errors import InvalidCloudError, name_hint
 from contactfusion.time import LONGEST_SECONDS
 
+LARGEST = float(np.finfo(np.float64).max)
 SUM_TOLERANCE = 1e-6
 """How far above 1 the likelihoods of a single contact may sum through rounding."""
 
@@ -96,13 +97,13 @@ class HypothesisCloud:
         keep(self, "stamp", stamp)
         keep(self, "positions", self._rows(self.positions, (None, 3), "positions"))
         n = len(self.positions)
-        keep(self, "likelihoods", self._rows(self.likelihoods, (n,), "likelihoods"))
+        keep(self, "likelihoods", self._rows(self.likelihoods, (n,), "likelihoods", finite=False))
         _refuse_outside(self.likelihoods, 0.0, 1.0, f"likelihoods of '{self.source}'")
         if self.forces is not None:
             keep(self, "forces", self._rows(self.forces, (n, 3), "forces"))
         if self.spreads is not None:
-            keep(self, "spreads", self._rows(self.spreads, (n,), "spreads"))
-            _refuse_outside(self.spreads, 0.0, np.inf, f"spreads of '{self.source}'")
+            keep(self, "spreads", self._rows(self.spreads, (n,), "spreads", finite=False))
+            _refuse_outside(self.spreads, 0.0, LARGEST, f"spreads of '{self.source}'")
         keep(self, "single", bool(self.single))
         if self.single and n and (total := float(self.likelihoods.sum())) > 1.0 + SUM_TOLERANCE:
             raise InvalidCloudError(
@@ -116,9 +117,10 @@ class HypothesisCloud:
         return len(self.positions)
 
     def _rows(
-        self, value: FloatArray, shape: tuple[int | None, ...], name: str
+        self, value: FloatArray, shape: tuple[int | None, ...], name: str, finite: bool = True
     ) -> NDArray[np.float64]:
-        return frozen_array(value, shape, f"{name} of '{self.source}'", InvalidCloudError)
+        what = f"{name} of '{self.source}'"
+        return frozen_array(value, shape, what, InvalidCloudError, finite=finite)
 
 
 class ContactHypothesis(BaseModel):
@@ -152,8 +154,10 @@ class ContactHypothesis(BaseModel):
 
 
 def _refuse_outside(values: FloatArray, low: float, high: float, name: str) -> None:
+    """Refuse values outside the bounds; NaN lies outside, and so does what has no end."""
     if len(values) and not (values.min() >= low and values.max() <= high):
-        row = int(np.argmax((values < low) | (values > high)))
+        row = int(np.argmin((values >= low) & (values <= high)))
+        end = f"{high:g}]" if high < LARGEST else "inf)"
         raise InvalidCloudError(
-            f"row {row} of the {name} is {values[row]:.6g}, outside [{low:g}, {high:g}]"
+            f"row {row} of the {name} is {values[row]:.6g}, outside [{low:g}, {end}"
         )

@@ -3,17 +3,21 @@
 Single linkage: two voxels belong together when dx² + dy² + dz² ≤ reach² (method §3), in units of
 the voxel's side. Sorted voxels of one (x, y) row fall into segments without gaps; two segments of
 neighbouring rows are linked exactly when they overlap after one is widened by the reach that the
-row offset leaves along z. Segments are joined by union-find.
+row offset leaves along z. Segments are joined by union-find. A key is a number in which x counts
+more than y and y more than z, so a segment is an interval of keys, and a row offset shifts it.
 """
 
 import numpy as np
 from numpy.typing import NDArray
 
 from contactfusion.integrator.jit import kernel
-from contactfusion.integrator.store import AXIS_BITS, AXIS_MASK, ONE, Int64Array
+from contactfusion.integrator.store import AXIS_BITS, AXIS_MASK, BEYOND, ONE, Int64Array
 
 Int32Array = NDArray[np.int32]
 UintArray = NDArray[np.uintp]
+
+SHORT = 3
+"""Up to this reach each row offset is followed on its own; they grow with the reach squared."""
 
 
 @kernel
@@ -45,41 +49,77 @@ def _root(square: int) -> int:
 
 
 @kernel
-def label(keys: Int64Array, reach_squared: int) -> tuple[Int32Array, int]:
-    """Label voxels by cluster.
+def _segments(keys: Int64Array, reach: int) -> tuple[UintArray, Int64Array, Int64Array, UintArray]:
+    """Cut voxels into segments; give where each begins, its first and last key, and its parent.
+
+    Segments of one row whose gap is within the reach are joined at once. Behind the last segment
+    stands one beyond all others.
+    """
+    segments = 1
+    for i in range(1, len(keys)):
+        segments += keys[i] != keys[i - 1] + 1 or reach == 0
+    begin, parent = np.empty(segments + 1, np.uintp), np.arange(segments + 1).astype(np.uintp)
+    low, high = np.empty(segments + 1, np.int64), np.empty(segments + 1, np.int64)
+    at, last = np.uintp(0), keys[0]
+    begin[0], low[0] = 0, last
+    for i in range(1, len(keys)):
+        key = keys[i]
+        if key != last + 1 or reach == 0:
+            high[at] = last
+            at += ONE
+            begin[at], low[at] = i, key
+            if key - last <= reach and key >> AXIS_BITS == last >> AXIS_BITS:
+                parent[at] = parent[at - ONE]
+        last = key
+    high[at] = last
+    begin[segments], low[segments], high[segments] = len(keys), BEYOND, BEYOND
+    return begin, low, high, parent
+
+
+@kernel
+def _link_by_offset(
+    low: Int64Array, high: Int64Array, parent: UintArray, least: Int64Array, most: Int64Array
+) -> None:
+    """Join segments that lie within the reach; each row offset keeps its place among them.
 
     Args:
-        keys: shape (n,), ascending and distinct.
-        reach_squared: the largest squared offset that links two voxels [voxels²].
-
-    Returns:
-        Labels of shape (n,), numbered in the order of the clusters' first rows, and their number.
+        low: shape (s + 1,), the first key of each segment.
+        high: shape (s + 1,), the last.
+        parent: shape (s + 1,), is changed.
+        least: shape (o,), for each row offset the least difference of keys that links.
+        most: shape (o,), the largest.
     """
-    n, reach = len(keys), _root(reach_squared)
-    segments, rows = 1, 1
-    for i in range(1, n):
-        segments += keys[i] != keys[i - 1] + 1 or reach == 0
-        rows += keys[i] >> AXIS_BITS != keys[i - 1] >> AXIS_BITS
-    begin, row_begin = np.empty(segments + 1, np.uint32), np.empty(rows + 1, np.uint32)
-    low, high = np.empty(segments, np.int32), np.empty(segments, np.int32)
-    row_key, parent = np.empty(rows, np.int64), np.arange(segments).astype(np.uintp)
-    segments, rows, row, expected = 0, 0, -1, -1
-    for i in range(n):
-        key = keys[i]
-        if key != expected or reach == 0:
-            if key >> AXIS_BITS != row:
-                row = key >> AXIS_BITS
-                row_key[rows], row_begin[rows] = row, segments
-                rows += 1
-            elif key - expected < reach:
-                parent[segments] = parent[segments - 1]
-            begin[segments], low[segments] = i, key & AXIS_MASK
-            segments += 1
-        expected = key + 1
-    begin[segments], row_begin[rows] = n, segments
-    for s in range(segments):
-        high[s] = low[s] + begin[s + 1] - begin[s] - 1
+    place = np.zeros(len(least), np.uintp)
+    for number in range(len(low) - 1):
+        one = np.uintp(number)
+        root = parent[one]
+        for offset in range(len(least)):
+            other, nearest = place[offset], low[one] - most[offset]
+            while high[other] < nearest:
+                other += ONE
+            place[offset] = other
+            farthest = high[one] - least[offset]
+            while low[other] <= farthest:
+                if parent[other] != root:
+                    _join(parent, one, other)
+                    root = parent[one] = parent[other] = _find(parent, one)
+                other += ONE
 
+
+@kernel
+def _link_by_row(low: Int64Array, high: Int64Array, parent: UintArray, reach_squared: int) -> None:
+    """Join segments that lie within a long reach: only rows that exist are looked at.
+
+    Arguments as `_link_by_offset`.
+    """
+    segments, reach = len(low) - 1, _root(reach_squared)
+    row_key, row_begin = np.empty(segments, np.int64), np.empty(segments + 1, np.uintp)
+    rows = 0
+    for s in range(segments):
+        if rows == 0 or low[s] >> AXIS_BITS != row_key[rows - 1]:
+            row_key[rows], row_begin[rows] = low[s] >> AXIS_BITS, s
+            rows += 1
+    row_begin[rows] = segments
     slack = np.empty(reach + 1, np.int64)
     for dx in range(reach + 1):
         for s in range(np.uintp(segments)):  # no parent comes after its child
@@ -97,24 +137,74 @@ def label(keys: Int64Array, reach_squared: int) -> tuple[Int32Array, int]:
             other = nearest
             while row_key[other] <= farthest:
                 apart = slack[np.uintp(abs(row_key[other] - slice_begin - y))]
+                shift = (row_key[row] - row_key[other]) << AXIS_BITS
                 a, a_end = np.uintp(row_begin[row]), np.uintp(row_begin[row + ONE])
                 b, b_end = np.uintp(row_begin[other]), np.uintp(row_begin[other + ONE])
                 while a < a_end and b < b_end:
-                    near = (low[b] - high[a] <= apart) & (low[a] - high[b] <= apart)
-                    if near & (parent[a] != parent[b]):  # one branch, seldom taken
+                    ahead = low[b] + shift - high[a] > apart
+                    behind = low[a] - high[b] - shift > apart
+                    if not (ahead | behind) and parent[a] != parent[b]:
                         _join(parent, a, b)
-                    sooner = high[a] < high[b]
+                    sooner = high[a] < high[b] + shift
                     a += np.uintp(sooner)
                     b += np.uintp(not sooner)
                 other += ONE
 
+
+@kernel
+def _is_clear(low: Int64Array) -> bool:
+    """Tell whether no segment is so near the least y or z that it could meet the row before."""
+    clear = True
+    for key in low[:-1]:
+        clear &= (key & AXIS_MASK >= SHORT) & ((key >> AXIS_BITS) & AXIS_MASK >= SHORT)
+    return clear
+
+
+@kernel
+def _offsets(reach_squared: int) -> tuple[Int64Array, Int64Array]:
+    """Give the differences of keys that each earlier row within the reach allows, from and to."""
+    reach = _root(reach_squared)
+    room = (reach + 1) * (2 * reach + 1)
+    least, most = np.empty(room, np.int64), np.empty(room, np.int64)
+    count = 0
+    for dx in range(reach + 1):
+        span = _root(reach_squared - dx * dx)
+        for dy in range(-span if dx > 0 else 1, span + 1):
+            apart = _root(reach_squared - dx * dx - dy * dy)
+            shift = (dx << (2 * AXIS_BITS)) + (dy << AXIS_BITS)
+            least[count], most[count] = shift - apart, shift + apart
+            count += 1
+    return least[:count], most[:count]
+
+
+@kernel
+def label(keys: Int64Array, reach_squared: int) -> tuple[Int32Array, int]:
+    """Label voxels by cluster.
+
+    Args:
+        keys: shape (n,), ascending and distinct.
+        reach_squared: the largest squared offset that links two voxels [voxels²].
+
+    Returns:
+        Labels of shape (n,), numbered in the order of the clusters' first rows, and their number.
+    """
+    labels = np.empty(len(keys), np.int32)
+    if len(keys) == 0:
+        return labels, 0
+    reach = _root(reach_squared)
+    begin, low, high, parent = _segments(keys, reach)
+    if reach <= SHORT and _is_clear(low):
+        least, most = _offsets(reach_squared)
+        _link_by_offset(low, high, parent, least, most)
+    else:
+        _link_by_row(low, high, parent, reach_squared)
     clusters = 0
-    labels, number = np.empty(n, np.int32), np.empty(segments, np.int32)
-    for s in range(segments):
+    number = np.empty(len(low) - 1, np.int32)
+    for s in range(np.uintp(len(low) - 1)):
         root = _find(parent, np.uintp(s))
         if root == s:
             number[s] = clusters
             clusters += 1
-        for i in range(begin[s], begin[s + 1]):
+        for i in range(begin[s], begin[s + ONE]):
             labels[i] = number[root]
     return labels, clusters

@@ -12,7 +12,7 @@ from contactfusion.integrator import clusters, kernels
 from contactfusion.integrator.config import IntegratorConfig
 from contactfusion.integrator.contact_table import ContactTable
 from contactfusion.integrator.entries import Field
-from contactfusion.integrator.store import Int64Array, unpack
+from contactfusion.integrator.store import unpack
 
 FAINTEST = 0.01
 """`cluster_mass` leaves out voxels less likely than this."""
@@ -44,7 +44,7 @@ class Threshold:
 
     def condense(self, field: Field, verdicts: NDArray[np.uint8]) -> Iterable[Contact]:
         """Give one contact a voxel."""
-        selected = np.flatnonzero(verdicts == kernels.CONTACT)
+        selected, _ = kernels.chosen(verdicts == kernels.CONTACT, field.entries.keys)
         labels = np.arange(len(selected), dtype=np.int32)
         return ContactTable(field, selected, labels, len(selected))
 
@@ -58,7 +58,7 @@ class ClusterCentroid:
 
     def condense(self, field: Field, verdicts: NDArray[np.uint8]) -> Iterable[Contact]:
         """Give one contact a cluster of enough voxels."""
-        table = _clustered(field, np.flatnonzero(verdicts == kernels.CONTACT), self._reach_squared)
+        table = _clustered(field, verdicts == kernels.CONTACT, self._reach_squared)
         return table.keep(table.sums.voxels >= self._min_voxels)
 
 
@@ -76,8 +76,8 @@ class ClusterMass:
     def condense(self, field: Field, verdicts: NDArray[np.uint8]) -> Iterable[Contact]:
         """Give one contact a cluster of enough mass."""
         judged = (verdicts == kernels.CONTACT) | (verdicts == kernels.BELOW_THRESHOLD)
-        selected = np.flatnonzero(judged & (field.likelihoods >= FAINTEST))
-        table = _clustered(field, selected, self._reach_squared)
+        wanted = judged & (field.likelihoods >= FAINTEST)
+        table = _clustered(field, wanted, self._reach_squared)
         return table.keep(table.sums.weight >= self._mass_threshold)
 
 
@@ -87,8 +87,8 @@ def reach_squared(config: IntegratorConfig) -> int:
     return int(np.floor(min(sides, WIDEST) ** 2 + 1e-6))
 
 
-def _clustered(field: Field, selected: Int64Array, reach_squared: int) -> ContactTable:
-    keys = field.entries.keys[selected]
+def _clustered(field: Field, wanted: NDArray[np.bool_], reach_squared: int) -> ContactTable:
+    selected, keys = kernels.chosen(wanted, field.entries.keys)
     if reach_squared > WIDE**2 and len(keys):
         span = np.ptp(unpack(keys), axis=0)
         if int(span @ span) <= reach_squared:  # every pair is linked

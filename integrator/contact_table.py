@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from contactfusion.arrays import FloatArray
 from contactfusion.contacts import Contact
+from contactfusion.hypotheses import HypothesisKind
 from contactfusion.integrator import kernels, outlines
 from contactfusion.integrator.entries import Field
 from contactfusion.integrator.store import Int64Array
@@ -38,10 +39,11 @@ class ContactTable:
             count,
             entries.keys,
             field.likelihoods,
-            entries.rows,
+            entries.places,
+            entries.begin,
+            entries.counted,
             entries.columns.likelihoods,
             entries.columns.stamps,
-            entries.counted,
         )
 
     def keep(self, wanted: NDArray[np.bool_]) -> "ContactTable":
@@ -59,8 +61,8 @@ class ContactTable:
         forces = self._forces()
         for array in (found.positions, found.covariances, found.extents, forces):
             array.flags.writeable = False
-        shares = (sums.shares / sums.shares.sum(axis=1, keepdims=True)).tolist()
-        shared = [(s, entries.sources[s].name) for s in np.flatnonzero(entries.counted)]
+        shares = (sums.shares / sums.shares.sum(axis=1, keepdims=True))[:, entries.counted].tolist()
+        shared = [source.name for source in entries.sources if source.kind != HypothesisKind.NULL]
         likelihoods, dispersions = sums.largest.tolist(), found.dispersions.tolist()
         voxels, stamps = sums.voxels.tolist(), sums.stamp.tolist()
         falling = np.argsort(-sums.largest[kept].round(LIKELIHOOD_STEP), kind="stable")
@@ -73,15 +75,16 @@ class ContactTable:
                 extent=found.extents[c],
                 force=forces[c],
                 voxels=voxels[c],
-                shares={name: shares[c][s] for s, name in shared},
+                shares=dict(zip(shared, shares[c], strict=True)),
                 stamp=to_seconds(stamps[c]),
                 frame=grid.frame,
             )
 
     def _forces(self) -> FloatArray:
         """Give the mean force of each cluster, shape (c, 3) [N], NaN where there is none."""
-        entries = self._field.entries
-        felt = np.flatnonzero((entries.bits[self._selected] & kernels.FORCE) != 0)
-        voxels = self._selected[felt]
+        entries, cluster_of = self._field.entries, self.sums.cluster_of
+        clusters = len(self.sums.voxels)
+        felt = (entries.bits & kernels.FORCE).astype(np.bool_) & (cluster_of < clusters)
+        voxels = np.flatnonzero(felt)
         weights, forces = self._field.likelihoods[voxels], entries.forces_in(voxels)
-        return outlines.mean_forces(self._labels[felt], len(self.sums.voxels), weights, forces)
+        return outlines.mean_forces(cluster_of[voxels], clusters, weights, forces)

@@ -1,5 +1,6 @@
 """The live entries of the hypothesis space lined up by voxel, and the field made of them."""
 
+import itertools
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -41,7 +42,7 @@ class Entries:
         columns: the entries, grouped by source, by ascending voxel within each.
         starts: shape (k + 1, 2): each source's first entry, and its first row of forces or -1.
         keys: shape (m,), the voxels that have an entry, packed, ascending.
-        rows: shape (m, k), each source's entry in each voxel, or -1.
+        places: shape (n,), the voxel of each entry, as a row of `keys`.
         bits: shape (m,), the kinds alive in each voxel, and whether with a force, see `kernels`.
     """
 
@@ -51,7 +52,7 @@ class Entries:
     columns: Columns
     starts: Int64Array
     keys: Int64Array
-    rows: NDArray[np.int32]
+    places: NDArray[np.int32]
     bits: NDArray[np.uint8]
 
     @staticmethod
@@ -59,15 +60,13 @@ class Entries:
         grid: Grid, now: int, sources: tuple[Source, ...], columns: Columns, starts: Int64Array
     ) -> "Entries":
         """Line entries up by voxel."""
-        n, k = len(columns.keys), len(sources)
-        keys = np.empty(n, np.int64)
-        rows = np.empty((n, k), np.int32)
-        bits = np.empty(n, np.uint8)
+        n = len(columns.keys)
+        keys, places, bits = np.empty(n, np.int64), np.empty(n, np.int32), np.empty(n, np.uint8)
         kinds = np.array([KIND_BITS[source.kind] for source in sources], np.uint8)
         kinds[(kinds == kernels.REGULAR) & (starts[:-1, 1] >= 0)] |= kernels.FORCE
         begin = np.ascontiguousarray(starts[:, 0])
-        m = kernels.align(columns.keys, begin, kinds, keys, rows, bits)
-        return Entries(grid, now, sources, columns, starts, keys[:m], rows[:m], bits[:m])
+        m = kernels.align(columns.keys, begin, kinds, keys, places, bits)
+        return Entries(grid, now, sources, columns, starts, keys[:m], places, bits[:m])
 
     def without(self, name: str) -> "Entries":
         """Give the entries of all other sources."""
@@ -81,10 +80,7 @@ class Entries:
 
     def in_voxels(self, wanted: NDArray[np.bool_]) -> "Entries":
         """Give the entries of some voxels; `wanted` has shape (m,)."""
-        rows = self.rows[wanted]
-        picked = np.zeros(len(self.columns.keys), np.bool_)
-        picked[rows[rows >= 0]] = True
-        return self._picked(picked)
+        return self._picked(wanted[self.places])
 
     def _picked(self, wanted: NDArray[np.bool_]) -> "Entries":
         """Give some of the entries; `wanted` has shape (n,)."""
@@ -111,6 +107,11 @@ class Entries:
     def counted(self) -> NDArray[np.bool_]:
         """Which sources take part in the fused likelihood: all but null, shape (k,)."""
         return self.flags(HypothesisKind.REGULAR, HypothesisKind.SUPPORT)
+
+    @cached_property
+    def begin(self) -> Int64Array:
+        """Where the entries of each source begin, shape (k + 1,); the last is n."""
+        return np.ascontiguousarray(self.starts[:, 0])
 
     @property
     def voxels(self) -> Int64Array:
@@ -144,10 +145,10 @@ class Entries:
         return self.forces_in(np.arange(len(self.keys)))
 
     def forces_in(self, voxels: Int64Array) -> FloatArray:
-        """Give the force in some voxels, shape (n, 3) [N], NaN where none; `voxels` are rows."""
+        """Give the force in some voxels, shape (v, 3) [N], NaN where none; rows, ascending."""
         return kernels.voxel_forces(
             voxels,
-            self.rows,
+            self.places,
             self.columns.likelihoods,
             self.starts,
             self.flags(HypothesisKind.REGULAR),
@@ -155,7 +156,10 @@ class Entries:
         )
 
     def _by_voxel(self, column: NDArray[Any], absent: np.generic) -> NDArray[Any]:
-        return np.append(column, absent).astype(column.dtype)[self.rows]
+        table = np.full((len(self.keys), len(self.sources)), absent, column.dtype)
+        for source, (begin, end) in enumerate(itertools.pairwise(self.begin)):
+            table[self.places[begin:end], source] = column[begin:end]
+        return table
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,5 +1,6 @@
 """One step of the integrator as its users see it."""
 
+import itertools
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
@@ -97,7 +98,7 @@ class Fusion:
         """Every voxel with its likelihoods and verdict; built when first asked for."""
         entries = self.field.entries
         voxels = unpack(entries.keys)
-        newest = kernels.newest_stamps(entries.rows, entries.columns.stamps)
+        newest = kernels.newest_stamps(entries.places, len(voxels), entries.columns.stamps)
         space = HypothesisSpace(
             frame=entries.grid.frame,
             voxels=voxels,
@@ -117,10 +118,12 @@ class Fusion:
     def evidence(self, without: str) -> FloatArray:
         """Give the places, shape (n, 3) [m], with evidence of generators other than one."""
         entries = self.field.entries
-        others = entries.flags(HypothesisKind.REGULAR) & np.array(
-            [source.name.split("/")[0] != without for source in entries.sources], np.bool_
-        )
-        found = (entries.rows[:, others] >= 0).any(axis=1)
+        found = np.zeros(len(entries.keys), np.bool_)
+        for source, (begin, end) in zip(
+            entries.sources, itertools.pairwise(entries.begin), strict=True
+        ):
+            if source.kind == HypothesisKind.REGULAR and source.name.split("/")[0] != without:
+                found[entries.places[begin:end]] = True
         return entries.grid.centres(unpack(entries.keys[found]))
 
     def without(self, source: str) -> "Fusion":

@@ -1,7 +1,8 @@
 """Kernels of fusion: line up the sources voxel by voxel, and combine their likelihoods.
 
-`rows[v, s]` is the entry of source s in voxel v, or -1. Likelihoods are the stored float32 taken as
-float64; null entries never take part (method §2).
+Entries stand grouped by source; `places[i]` is the voxel of entry i. Going through them one source
+after the other combines the sources of each voxel in the order of their names. Likelihoods are the
+stored float32 taken as float64; null entries never take part (method §2).
 """
 
 import numpy as np
@@ -23,29 +24,34 @@ SUPPORT_ONLY, BELOW_THRESHOLD, CONTACT, NULLED = 0, 1, 2, 3
 EDGE = 1.000001e-6
 """A likelihood 1e-6 under the threshold still reaches it: 1 - (1 - 0.1) is less than 0.1."""
 
-Rows = NDArray[np.int32]
+Places = NDArray[np.int32]
+Likelihoods = NDArray[np.float32]
 Bits = NDArray[np.uint8]
 
 
 @kernel
 def align(
-    keys: Int64Array, begin: Int64Array, kinds: Bits, voxel_keys: Int64Array, rows: Rows, bits: Bits
+    keys: Int64Array,
+    begin: Int64Array,
+    kinds: Bits,
+    voxel_keys: Int64Array,
+    places: Places,
+    bits: Bits,
 ) -> int:
-    """Find every voxel that has an entry, in ascending order, and each source's entry there.
+    """Find every voxel that has an entry, in ascending order, and the voxel of each entry.
 
     Args:
         keys: shape (n,), the entries' voxels, ascending within each source.
         begin: shape (k + 1,), where the entries of each source begin.
         kinds: shape (k,), the bit of each source's kind.
         voxel_keys: shape (n,), is overwritten.
-        rows: shape (n, k), is overwritten.
+        places: shape (n,), is overwritten: the row in `voxel_keys` of each entry.
         bits: shape (n,), is overwritten: the kinds that are alive in the voxel.
 
     Returns:
-        The number of voxels m; the first m rows of the outputs hold them.
+        The number of voxels m; the first m rows of `voxel_keys` and `bits` hold them.
     """
     sources = len(kinds)
-    rows.fill(-1)
     head, front = begin[:-1].copy(), np.empty(sources, np.int64)
     for source in range(sources):
         begins = head[source] < begin[source + 1]
@@ -63,7 +69,7 @@ def align(
         if key < second:  # one source alone, up to the next voxel of any other
             at, end = head[first], begin[first + 1]
             while key < second:
-                voxel_keys[count], bits[count], rows[count, first] = key, kinds[first], at
+                voxel_keys[count], bits[count], places[at] = key, kinds[first], count
                 count += 1
                 at += 1
                 key = keys[at] if at < end else BEYOND
@@ -73,7 +79,7 @@ def align(
             for source in range(sources):
                 if front[source] == key:
                     at = head[source]
-                    rows[count, source] = at
+                    places[at] = count
                     bits[count] |= kinds[source]
                     at += 1
                     head[source] = at
@@ -82,16 +88,12 @@ def align(
 
 
 @kernel
-def newest_stamps(rows: Rows, stamps: Int64Array) -> Int64Array:
-    """Give the newest stamp of each voxel, shape (m,) [ns]."""
-    newest = np.empty(len(rows), np.int64)
-    for voxel in range(len(rows)):
-        stamp = np.int64(np.iinfo(np.int64).min)
-        for source in range(rows.shape[1]):
-            row = rows[voxel, source]
-            if row >= 0:
-                stamp = max(stamp, stamps[row])
-        newest[voxel] = stamp
+def newest_stamps(places: Places, voxels: int, stamps: Int64Array) -> Int64Array:
+    """Give the newest stamp of each of so many voxels, shape (m,) [ns]."""
+    newest = np.full(voxels, np.iinfo(np.int64).min)
+    for entry in range(len(places)):
+        voxel = np.uintp(places[entry])
+        newest[voxel] = max(newest[voxel], stamps[entry])
     return newest
 
 
@@ -109,10 +111,21 @@ def judge(likelihoods: FloatArray, bits: Bits, threshold: float) -> NDArray[np.u
 
 
 @kernel
+def chosen(wanted: NDArray[np.bool_], keys: Int64Array) -> tuple[Int64Array, Int64Array]:
+    """Give the rows of the wanted voxels, and their keys; `wanted` and `keys` have shape (m,)."""
+    rows, row_keys = np.empty(len(keys), np.int64), np.empty(len(keys), np.int64)
+    count = np.uintp(0)
+    for voxel in range(np.uintp(len(keys))):  # written again unless it is wanted: no branch
+        rows[count], row_keys[count] = voxel, keys[voxel]
+        count += np.uintp(wanted[voxel])
+    return rows[:count], row_keys[:count]
+
+
+@kernel
 def voxel_forces(
     voxels: Int64Array,
-    rows: Rows,
-    likelihoods: NDArray[np.float32],
+    places: Places,
+    likelihoods: Likelihoods,
     starts: Int64Array,
     regular: NDArray[np.bool_],
     forces: FloatArray,
@@ -120,100 +133,120 @@ def voxel_forces(
     """Give the force in some voxels: the mean over regular sources, weighted by likelihood.
 
     Args:
-        voxels: shape (n,), rows of `rows`.
-        rows: shape (m, k).
+        voxels: shape (v,), ascending.
+        places: shape (n,), the voxel of each entry.
         likelihoods: of the entries.
         starts: shape (k + 1, 2), each source's first entry, and its first row in `forces` or -1.
         regular: shape (k,), which sources are evidence.
         forces: shape (f, 4), Σpf [N] and Σp.
 
     Returns:
-        Shape (n, 3) [N], NaN where no source felt a force.
+        Shape (v, 3) [N], NaN where no source felt a force.
     """
-    mean = np.full((len(voxels), 3), np.nan)
-    felt = np.flatnonzero(regular & (starts[:-1, 1] >= 0))
+    mean, total = np.zeros((len(voxels), 3)), np.zeros(len(voxels))
+    for source in range(len(regular)):
+        begin, end = starts[source, 0], starts[source + 1, 0]
+        if not regular[source] or starts[source, 1] < 0:
+            continue
+        i = 0
+        for entry in range(begin, end):  # both ascend by voxel
+            while i < len(voxels) and voxels[i] < places[entry]:
+                i += 1
+            felt = starts[source, 1] + entry - begin
+            if i < len(voxels) and voxels[i] == places[entry] and forces[felt, 3] > 0.0:
+                weight = np.float64(likelihoods[entry])
+                for axis in range(3):
+                    mean[i, axis] += weight * forces[felt, axis] / forces[felt, 3]
+                total[i] += weight
     for i in range(len(voxels)):
-        x, y, z, total = 0.0, 0.0, 0.0, 0.0
-        for source in felt:
-            row = rows[voxels[i], source]
-            if row < 0:
-                continue
-            at = starts[source, 1] + row - starts[source, 0]
-            if forces[at, 3] > 0.0:
-                weight = np.float64(likelihoods[row])
-                x += weight * forces[at, 0] / forces[at, 3]
-                y += weight * forces[at, 1] / forces[at, 3]
-                z += weight * forces[at, 2] / forces[at, 3]
-                total += weight
-        if total > 0.0:
-            mean[i, 0], mean[i, 1], mean[i, 2] = x / total, y / total, z / total
+        for axis in range(3):
+            mean[i, axis] = mean[i, axis] / total[i] if total[i] > 0.0 else np.nan
     return mean
 
 
 @kernel
 def de_morgan(
-    rows: Rows, likelihoods: NDArray[np.float32], counts: NDArray[np.bool_]
+    places: Places,
+    voxels: int,
+    begin: Int64Array,
+    counts: NDArray[np.bool_],
+    likelihoods: Likelihoods,
 ) -> FloatArray:
     """Fuse by De Morgan's law, H = 1 - Π(1 - p) (F Eq 1), sources in ascending order of name.
 
     Args:
-        rows: shape (m, k).
-        likelihoods: shape (n,), of the entries.
+        places: shape (n,), the voxel of each entry.
+        voxels: the number of voxels m.
+        begin: shape (k + 1,), where the entries of each source begin.
         counts: shape (k,), which sources take part: all but null.
+        likelihoods: shape (n,), of the entries.
 
     Returns:
         Shape (m,).
     """
-    fused = np.empty(len(rows))
-    for voxel in range(len(rows)):
-        miss = 1.0
-        for source in range(rows.shape[1]):
-            row = rows[voxel, source]
-            if row >= 0 and counts[source]:
-                miss *= 1.0 - np.float64(likelihoods[row])
-        fused[voxel] = 1.0 - miss
+    fused = np.ones(voxels)
+    for source in range(len(counts)):
+        if counts[source]:
+            for entry in range(begin[source], begin[source + 1]):
+                fused[np.uintp(places[entry])] *= 1.0 - np.float64(likelihoods[entry])
+    for voxel in range(voxels):
+        fused[voxel] = 1.0 - fused[voxel]
     return fused
 
 
 @kernel
-def largest(rows: Rows, likelihoods: NDArray[np.float32], counts: NDArray[np.bool_]) -> FloatArray:
+def largest(
+    places: Places,
+    voxels: int,
+    begin: Int64Array,
+    counts: NDArray[np.bool_],
+    likelihoods: Likelihoods,
+) -> FloatArray:
     """Fuse by the largest likelihood; arguments and result as `de_morgan`."""
-    fused = np.zeros(len(rows))
-    for voxel in range(len(rows)):
-        for source in range(rows.shape[1]):
-            row = rows[voxel, source]
-            if row >= 0 and counts[source]:
-                fused[voxel] = max(fused[voxel], np.float64(likelihoods[row]))
+    fused = np.zeros(voxels)
+    for source in range(len(counts)):
+        if counts[source]:
+            for entry in range(begin[source], begin[source + 1]):
+                voxel = places[entry]
+                fused[voxel] = max(fused[voxel], np.float64(likelihoods[entry]))
     return fused
 
 
 @kernel
 def log_odds(
-    rows: Rows, likelihoods: NDArray[np.float32], counts: NDArray[np.bool_], prior: float
+    places: Places,
+    voxels: int,
+    begin: Int64Array,
+    counts: NDArray[np.bool_],
+    likelihoods: Likelihoods,
+    prior: float,
 ) -> FloatArray:
     """Fuse by adding log odds, H = σ(l0 + Σ(logit p - l0)), l0 = logit of the prior.
 
     Arguments and result as `de_morgan`; `prior` is the probability of a contact without evidence.
     """
-    fused = np.zeros(len(rows))
     base = np.log(prior / (1.0 - prior))
-    for voxel in range(len(rows)):
-        odds = base
-        known = False
-        for source in range(rows.shape[1]):
-            row = rows[voxel, source]
-            if row >= 0 and counts[source]:
-                p = min(max(np.float64(likelihoods[row]), CLIP), 1.0 - CLIP)
-                odds += np.log(p / (1.0 - p)) - base
-                known = True
-        if known:
-            fused[voxel] = 1.0 / (1.0 + np.exp(-odds))
+    odds, known = np.full(voxels, base), np.zeros(voxels, np.bool_)
+    for source in range(len(counts)):
+        if counts[source]:
+            for entry in range(begin[source], begin[source + 1]):
+                p = min(max(np.float64(likelihoods[entry]), CLIP), 1.0 - CLIP)
+                odds[places[entry]] += np.log(p / (1.0 - p)) - base
+                known[places[entry]] = True
+    fused = np.zeros(voxels)
+    for voxel in np.flatnonzero(known):
+        fused[voxel] = 1.0 / (1.0 + np.exp(-odds[voxel]))
     return fused
 
 
 @kernel
 def dempster_shafer(
-    rows: Rows, likelihoods: NDArray[np.float32], counts: NDArray[np.bool_], prior: float
+    places: Places,
+    voxels: int,
+    begin: Int64Array,
+    counts: NDArray[np.bool_],
+    likelihoods: Likelihoods,
+    prior: float,
 ) -> tuple[FloatArray, FloatArray]:
     """Fuse by Dempster's rule over contact, no contact and unknown.
 
@@ -225,26 +258,25 @@ def dempster_shafer(
         H = m(contact) + p0 · m(unknown) and the conflict, both of shape (m,). When all is
         conflict, nothing is known and H is the prior.
     """
-    fused = np.zeros(len(rows))
-    conflict = np.zeros(len(rows))
-    for voxel in range(len(rows)):
-        not_for, not_against = 1.0, 1.0
-        known = False
-        for source in range(rows.shape[1]):
-            row = rows[voxel, source]
-            if row >= 0 and counts[source]:
-                p = np.float64(likelihoods[row])
-                known = True
+    not_for, not_against = np.ones(voxels), np.ones(voxels)
+    known = np.zeros(voxels, np.bool_)
+    for source in range(len(counts)):
+        if counts[source]:
+            for entry in range(begin[source], begin[source + 1]):
+                p, voxel = np.float64(likelihoods[entry]), places[entry]
+                known[voxel] = True
                 if p >= prior:
-                    not_for *= 1.0 - (p - prior) / (1.0 - prior)
+                    not_for[voxel] *= 1.0 - (p - prior) / (1.0 - prior)
                 else:
-                    not_against *= 1.0 - (prior - p) / prior
-        if known:
-            clash = (1.0 - not_for) * (1.0 - not_against)
-            conflict[voxel] = clash
-            if clash < 1.0:
-                contact = (1.0 - not_for) * not_against / (1.0 - clash)
-                fused[voxel] = contact + prior * not_for * not_against / (1.0 - clash)
-            else:
-                fused[voxel] = prior
+                    not_against[voxel] *= 1.0 - (prior - p) / prior
+    fused, conflict = np.zeros(voxels), np.zeros(voxels)
+    for voxel in np.flatnonzero(known):
+        unlikely, unopposed = not_for[voxel], not_against[voxel]
+        clash = (1.0 - unlikely) * (1.0 - unopposed)
+        conflict[voxel] = clash
+        if clash < 1.0:
+            contact = (1.0 - unlikely) * unopposed / (1.0 - clash)
+            fused[voxel] = contact + prior * unlikely * unopposed / (1.0 - clash)
+        else:
+            fused[voxel] = prior
     return fused, conflict

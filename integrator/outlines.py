@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from contactfusion.arrays import FloatArray
 from contactfusion.integrator.jit import kernel
-from contactfusion.integrator.store import AXIS_BITS, AXIS_MASK, AXIS_ORIGIN, Int64Array
+from contactfusion.integrator.store import AXIS_BITS, AXIS_MASK, AXIS_ORIGIN, ONE, Int64Array
 
 Int32Array = NDArray[np.int32]
 
@@ -19,6 +19,7 @@ class Sums(NamedTuple):
     """What each cluster adds up to; w is the weight of a voxel, x its offset from `anchor`.
 
     Attributes:
+        cluster_of: shape (m,), the cluster of each voxel, or c.
         anchor: shape (c, 3), the voxel of each cluster's first row.
         voxels: shape (c,), how many.
         largest: shape (c,), the largest w.
@@ -29,6 +30,7 @@ class Sums(NamedTuple):
         shares: shape (c, k), Σ p by source.
     """
 
+    cluster_of: Int32Array
     anchor: Int64Array
     voxels: Int64Array
     largest: FloatArray
@@ -62,10 +64,11 @@ def add_up(
     clusters: int,
     keys: Int64Array,
     weights: FloatArray,
-    rows: Int32Array,
+    places: Int32Array,
+    begin: Int64Array,
+    shared: NDArray[np.bool_],
     likelihoods: NDArray[np.float32],
     stamps: Int64Array,
-    shared: NDArray[np.bool_],
 ) -> Sums:
     """Add up the voxels of each cluster.
 
@@ -75,43 +78,59 @@ def add_up(
         clusters: the number of labels.
         keys: shape (m,), of all voxels.
         weights: shape (m,), of all voxels.
-        rows: shape (m, k), each source's entry in each voxel, or -1.
+        places: shape (n,), the voxel of each entry.
+        begin: shape (k + 1,), where the entries of each source begin.
+        shared: shape (k,), which sources have a share: all but null.
         likelihoods: of the entries.
         stamps: of the entries [ns].
-        shared: shape (k,), which sources have a share: all but null.
     """
-    sources = rows.shape[1]
     anchor, voxels = np.zeros((clusters, 3), np.int64), np.zeros(clusters, np.int64)
     largest, weight = np.zeros(clusters), np.zeros(clusters)
     first, second = np.zeros((clusters, 3)), np.zeros((clusters, 6))
-    stamp = np.full(clusters, np.iinfo(np.int64).min)
-    shares = np.zeros((clusters, sources))
-    for i in range(len(selected)):
-        voxel, c = np.uintp(selected[i]), np.uintp(labels[i])
-        w, key = weights[voxel], keys[voxel]
-        ix, iy, iz = key >> (2 * AXIS_BITS), (key >> AXIS_BITS) & AXIS_MASK, key & AXIS_MASK
+    end, at = np.uintp(len(selected)), np.uintp(0)
+    while at < end:  # one round for each cluster's voxels of one (x, y) row
+        label, key = labels[at], keys[np.uintp(selected[at])]
+        c, row = np.uintp(label), key >> AXIS_BITS
+        ix, iy, iz = row >> AXIS_BITS, row & AXIS_MASK, key & AXIS_MASK
         if voxels[c] == 0:
             anchor[c, 0], anchor[c, 1], anchor[c, 2] = ix, iy, iz
-        x, y, z = float(ix - anchor[c, 0]), float(iy - anchor[c, 1]), float(iz - anchor[c, 2])
-        voxels[c] += 1
-        largest[c] = max(largest[c], w)
-        weight[c] += w
-        first[c, 0] += w * x
-        first[c, 1] += w * y
-        first[c, 2] += w * z
-        second[c, 0] += w * x * x
-        second[c, 1] += w * x * y
-        second[c, 2] += w * x * z
-        second[c, 3] += w * y * y
-        second[c, 4] += w * y * z
-        second[c, 5] += w * z * z
-        for source in range(sources):
-            row = rows[voxel, source]
-            if row >= 0 and shared[source]:
-                entry = np.uintp(row)
-                shares[c, source] += likelihoods[entry]
-                stamp[c] = max(stamp[c], stamps[entry])
-    return Sums(anchor, voxels, largest, weight, first, second, stamp, shares)
+        x, y, from_z = float(ix - anchor[c, 0]), float(iy - anchor[c, 1]), anchor[c, 2]
+        begun, most, w_sum, wz_sum, wzz_sum = at, 0.0, 0.0, 0.0, 0.0
+        while at < end and labels[at] == label and key >> AXIS_BITS == row:
+            w, z = weights[np.uintp(selected[at])], float((key & AXIS_MASK) - from_z)
+            most = max(most, w)
+            w_sum += w
+            wz_sum += w * z
+            wzz_sum += w * z * z
+            at += ONE
+            if at < end:
+                key = keys[np.uintp(selected[at])]
+        voxels[c] += np.int64(at - begun)
+        largest[c] = max(largest[c], most)
+        weight[c] += w_sum
+        first[c, 0] += w_sum * x
+        first[c, 1] += w_sum * y
+        first[c, 2] += wz_sum
+        second[c, 0] += w_sum * x * x
+        second[c, 1] += w_sum * x * y
+        second[c, 2] += wz_sum * x
+        second[c, 3] += w_sum * y * y
+        second[c, 4] += wz_sum * y
+        second[c, 5] += wzz_sum
+    cluster_of = np.full(len(keys), clusters, np.int32)
+    for i in range(len(selected)):
+        cluster_of[np.uintp(selected[i])] = labels[i]
+    # Voxels of no cluster add to one row too many.
+    stamps_of = np.full(clusters + 1, np.iinfo(np.int64).min)
+    shares_of = np.zeros((clusters + 1, len(shared)))
+    for source in range(len(shared)):
+        if shared[source]:
+            for entry in range(begin[source], begin[source + 1]):
+                c = np.uintp(cluster_of[np.uintp(places[entry])])
+                shares_of[c, source] += likelihoods[entry]
+                stamps_of[c] = max(stamps_of[c], stamps[entry])
+    stamp, shares = stamps_of[:clusters], shares_of[:clusters]
+    return Sums(cluster_of, anchor, voxels, largest, weight, first, second, stamp, shares)
 
 
 @kernel

@@ -3,10 +3,15 @@
 from collections.abc import Mapping, Sequence
 from typing import Protocol
 
+import numpy as np
+from numpy.typing import NDArray
+
 from contactfusion.hooks import hookimpl
 from contactfusion.integrator import kernels
 from contactfusion.integrator.config import IntegratorConfig
 from contactfusion.integrator.entries import Entries, Field, Source
+from contactfusion.integrator.kernels import Likelihoods, Places
+from contactfusion.integrator.store import Int64Array
 from contactfusion.surface import Surface
 
 
@@ -35,8 +40,7 @@ class DeMorgan:
 
     def fuse(self, entries: Entries, sources: Sequence[Source], surface: Surface | None) -> Field:
         """Fuse by De Morgan's law."""
-        likelihoods = entries.columns.likelihoods
-        return Field(entries, kernels.de_morgan(entries.rows, likelihoods, entries.counted))
+        return Field(entries, kernels.de_morgan(*_given(entries)))
 
 
 class Largest:
@@ -47,8 +51,7 @@ class Largest:
 
     def fuse(self, entries: Entries, sources: Sequence[Source], surface: Surface | None) -> Field:
         """Fuse by the largest likelihood."""
-        likelihoods = entries.columns.likelihoods
-        return Field(entries, kernels.largest(entries.rows, likelihoods, entries.counted))
+        return Field(entries, kernels.largest(*_given(entries)))
 
 
 class LogOdds:
@@ -59,9 +62,7 @@ class LogOdds:
 
     def fuse(self, entries: Entries, sources: Sequence[Source], surface: Surface | None) -> Field:
         """Fuse by adding log odds."""
-        likelihoods = entries.columns.likelihoods
-        fused = kernels.log_odds(entries.rows, likelihoods, entries.counted, self._prior)
-        return Field(entries, fused)
+        return Field(entries, kernels.log_odds(*_given(entries), self._prior))
 
 
 class DempsterShafer:
@@ -72,11 +73,14 @@ class DempsterShafer:
 
     def fuse(self, entries: Entries, sources: Sequence[Source], surface: Surface | None) -> Field:
         """Fuse by Dempster's rule."""
-        likelihoods = entries.columns.likelihoods
-        fused, conflict = kernels.dempster_shafer(
-            entries.rows, likelihoods, entries.counted, self._prior
-        )
+        fused, conflict = kernels.dempster_shafer(*_given(entries), self._prior)
         return Field(entries, fused, {"conflict": conflict})
+
+
+def _given(entries: Entries) -> tuple[Places, int, Int64Array, NDArray[np.bool_], Likelihoods]:
+    """Give what every rule's kernel goes through."""
+    likelihoods = entries.columns.likelihoods
+    return entries.places, len(entries.keys), entries.begin, entries.counted, likelihoods
 
 
 @hookimpl

@@ -84,7 +84,7 @@ class Space:
         columns.shrink(*starts[-1])
         entries = Entries.lined_up(self._grid, now, sources, columns, starts)
         if self._by_voxel:
-            newest = kernels.newest_stamps(entries.rows, columns.stamps)
+            newest = kernels.newest_stamps(entries.places, len(entries.keys), columns.stamps)
             alive = now - newest <= self._voxel_timeout
             if not alive.all():
                 entries = entries.in_voxels(alive)

@@ -83,7 +83,7 @@ def test_notes_are_kept_as_text() -> None:
         ({"positions": [[0, 0, 0], [0, np.nan, 0]]}, "row 1 of the positions of 'skin'"),
         ({"positions": [[np.inf, 0, 0], [0, 0, 0]]}, "row 0 of the positions of 'skin'"),
         ({"likelihoods": [0.1]}, r"likelihoods of 'skin' have shape \(1,\), not \(2,\)"),
-        ({"likelihoods": [0.1, np.nan]}, "row 1 of the likelihoods of 'skin' is not finite"),
+        ({"likelihoods": [0.1, np.nan]}, "row 1 of the likelihoods of 'skin' is nan, outside"),
         ({"likelihoods": [0.1, 1.0001]}, r"row 1 of the likelihoods of 'skin' is 1.0001, outside"),
         ({"likelihoods": [-1e-9, 1.0]}, "row 0 of the likelihoods of 'skin' is -1e-09, outside"),
         ({"forces": np.zeros((1, 3))}, r"forces of 'skin' have shape \(1, 3\), not \(2, 3\)"),
