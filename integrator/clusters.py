@@ -49,31 +49,41 @@ def _root(square: int) -> int:
 
 
 @kernel
-def _segments(keys: Int64Array, reach: int) -> tuple[UintArray, Int64Array, Int64Array, UintArray]:
-    """Cut voxels into segments; give where each begins, its first and last key, and its parent.
-
-    Segments of one row whose gap is within the reach are joined at once. Behind the last segment
-    stands one beyond all others.
-    """
+def _count(keys: Int64Array, reach: int) -> int:
     segments = 1
     for i in range(1, len(keys)):
         segments += keys[i] != keys[i - 1] + 1 or reach == 0
-    begin, parent = np.empty(segments + 1, np.uintp), np.arange(segments + 1).astype(np.uintp)
-    low, high = np.empty(segments + 1, np.int64), np.empty(segments + 1, np.int64)
+    return segments
+
+
+@kernel
+def _cut(
+    keys: Int64Array,
+    reach: int,
+    begin: UintArray,
+    low: Int64Array,
+    high: Int64Array,
+    parent: UintArray,
+) -> None:
+    """Cut voxels into s segments; write where each begins, its first and last key, and its parent.
+
+    All have shape (s + 1,): behind the last segment stands one beyond all others. Segments of one
+    row whose gap is within the reach are joined at once.
+    """
     at, last = np.uintp(0), keys[0]
-    begin[0], low[0] = 0, last
+    begin[0], low[0], parent[0] = 0, last, 0
     for i in range(1, len(keys)):
         key = keys[i]
         if key != last + 1 or reach == 0:
             high[at] = last
             at += ONE
-            begin[at], low[at] = i, key
+            begin[at], low[at], parent[at] = i, key, at
             if key - last <= reach and key >> AXIS_BITS == last >> AXIS_BITS:
                 parent[at] = parent[at - ONE]
         last = key
     high[at] = last
-    begin[segments], low[segments], high[segments] = len(keys), BEYOND, BEYOND
-    return begin, low, high, parent
+    at += ONE
+    begin[at], low[at], high[at], parent[at] = len(keys), BEYOND, BEYOND, at
 
 
 @kernel
@@ -178,6 +188,30 @@ def _offsets(reach_squared: int) -> tuple[Int64Array, Int64Array]:
 
 
 @kernel
+def _link(low: Int64Array, high: Int64Array, parent: UintArray, reach_squared: int) -> None:
+    """Join all segments that lie within the reach."""
+    if _root(reach_squared) <= SHORT and _is_clear(low):
+        least, most = _offsets(reach_squared)
+        _link_by_offset(low, high, parent, least, most)
+    else:
+        _link_by_row(low, high, parent, reach_squared)
+
+
+@kernel
+def _number(begin: UintArray, parent: UintArray, labels: Int32Array) -> int:
+    """Write the label of each voxel; give the number of clusters."""
+    clusters = 0
+    number = np.empty(len(parent) - 1, np.int32)
+    for s in range(np.uintp(len(parent) - 1)):
+        root = _find(parent, np.uintp(s))
+        if root == s:
+            number[s] = clusters
+            clusters += 1
+        for i in range(begin[s], begin[s + ONE]):
+            labels[i] = number[root]
+    return clusters
+
+
 def label(keys: Int64Array, reach_squared: int) -> tuple[Int32Array, int]:
     """Label voxels by cluster.
 
@@ -192,19 +226,9 @@ def label(keys: Int64Array, reach_squared: int) -> tuple[Int32Array, int]:
     if len(keys) == 0:
         return labels, 0
     reach = _root(reach_squared)
-    begin, low, high, parent = _segments(keys, reach)
-    if reach <= SHORT and _is_clear(low):
-        least, most = _offsets(reach_squared)
-        _link_by_offset(low, high, parent, least, most)
-    else:
-        _link_by_row(low, high, parent, reach_squared)
-    clusters = 0
-    number = np.empty(len(low) - 1, np.int32)
-    for s in range(np.uintp(len(low) - 1)):
-        root = _find(parent, np.uintp(s))
-        if root == s:
-            number[s] = clusters
-            clusters += 1
-        for i in range(begin[s], begin[s + ONE]):
-            labels[i] = number[root]
-    return labels, clusters
+    rows = _count(keys, reach) + 1  # arrays by numpy, which asks for huge pages
+    begin, parent = np.empty(rows, np.uintp), np.empty(rows, np.uintp)
+    low, high = np.empty(rows, np.int64), np.empty(rows, np.int64)
+    _cut(keys, reach, begin, low, high, parent)
+    _link(low, high, parent, reach_squared)
+    return labels, _number(begin, parent, labels)

@@ -12,7 +12,7 @@ from contactfusion.integrator import clusters, kernels
 from contactfusion.integrator.config import IntegratorConfig
 from contactfusion.integrator.contact_table import ContactTable
 from contactfusion.integrator.entries import Field
-from contactfusion.integrator.store import unpack
+from contactfusion.integrator.store import Int64Array, unpack
 
 FAINTEST = 0.01
 """`cluster_mass` leaves out voxels less likely than this."""
@@ -44,7 +44,7 @@ class Threshold:
 
     def condense(self, field: Field, verdicts: NDArray[np.uint8]) -> Iterable[Contact]:
         """Give one contact a voxel."""
-        selected, _ = kernels.chosen(verdicts == kernels.CONTACT, field.entries.keys)
+        selected, _ = _chosen(field, verdicts == kernels.CONTACT)
         labels = np.arange(len(selected), dtype=np.int32)
         return ContactTable(field, selected, labels, len(selected))
 
@@ -87,8 +87,16 @@ def reach_squared(config: IntegratorConfig) -> int:
     return int(np.floor(min(sides, WIDEST) ** 2 + 1e-6))
 
 
+def _chosen(field: Field, wanted: NDArray[np.bool_]) -> tuple[NDArray[np.int32], Int64Array]:
+    """Give the rows of the wanted voxels, and their keys."""
+    keys = field.entries.keys
+    rows, row_keys = np.empty(len(keys), np.int32), np.empty(len(keys), np.int64)
+    count = kernels.choose(wanted, keys, rows, row_keys)
+    return rows[:count], row_keys[:count]
+
+
 def _clustered(field: Field, wanted: NDArray[np.bool_], reach_squared: int) -> ContactTable:
-    selected, keys = kernels.chosen(wanted, field.entries.keys)
+    selected, keys = _chosen(field, wanted)
     if reach_squared > WIDE**2 and len(keys):
         span = np.ptp(unpack(keys), axis=0)
         if int(span @ span) <= reach_squared:  # every pair is linked

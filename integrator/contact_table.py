@@ -10,7 +10,6 @@ from contactfusion.contacts import Contact
 from contactfusion.hypotheses import HypothesisKind
 from contactfusion.integrator import kernels, outlines
 from contactfusion.integrator.entries import Field
-from contactfusion.integrator.store import Int64Array
 from contactfusion.time import to_seconds
 
 LIKELIHOOD_STEP = 6
@@ -28,7 +27,7 @@ class ContactTable:
     """
 
     def __init__(
-        self, field: Field, selected: Int64Array, labels: NDArray[np.int32], count: int
+        self, field: Field, selected: NDArray[np.int32], labels: NDArray[np.int32], count: int
     ) -> None:
         entries = field.entries
         self._field, self._selected, self._labels = field, selected, labels

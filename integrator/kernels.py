@@ -111,14 +111,20 @@ def judge(likelihoods: FloatArray, bits: Bits, threshold: float) -> NDArray[np.u
 
 
 @kernel
-def chosen(wanted: NDArray[np.bool_], keys: Int64Array) -> tuple[Int64Array, Int64Array]:
-    """Give the rows of the wanted voxels, and their keys; `wanted` and `keys` have shape (m,)."""
-    rows, row_keys = np.empty(len(keys), np.int64), np.empty(len(keys), np.int64)
+def choose(wanted: NDArray[np.bool_], keys: Int64Array, rows: Places, row_keys: Int64Array) -> int:
+    """Write the rows of the wanted voxels, and their keys; give their number.
+
+    Args:
+        wanted: shape (m,).
+        keys: shape (m,).
+        rows: shape (m,), is overwritten.
+        row_keys: shape (m,), is overwritten.
+    """
     count = np.uintp(0)
     for voxel in range(np.uintp(len(keys))):  # written again unless it is wanted: no branch
         rows[count], row_keys[count] = voxel, keys[voxel]
         count += np.uintp(wanted[voxel])
-    return rows[:count], row_keys[:count]
+    return int(count)
 
 
 @kernel

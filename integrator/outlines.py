@@ -59,7 +59,7 @@ class Outlines(NamedTuple):
 
 @kernel
 def add_up(
-    selected: Int64Array,
+    selected: Int32Array,
     labels: Int32Array,
     clusters: int,
     keys: Int64Array,
@@ -205,7 +205,7 @@ def _longest_axis(matrix: FloatArray) -> FloatArray:
 
 @kernel
 def outline(
-    selected: Int64Array, labels: Int32Array, keys: Int64Array, sums: Sums, side: float
+    selected: Int32Array, labels: Int32Array, keys: Int64Array, sums: Sums, side: float
 ) -> Outlines:
     """Find where each cluster lies, how it is spread and how far it reaches.
 
