@@ -1,6 +1,6 @@
 """Frames: a tree of poses, and what one frame is in another."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -19,6 +19,13 @@ def pose_of(xyz: ArrayLike, rotation: ArrayLike | None = None) -> Pose:
     if rotation is not None:
         pose[:3, :3] = rotation
     return pose
+
+
+def pose_at(xyz: Sequence[float], rpy: Sequence[float]) -> Pose:
+    """Give the pose at `xyz` [m], turned by roll, pitch and yaw about fixed axes [rad]."""
+    from scipy.spatial.transform import Rotation
+
+    return pose_of(xyz, Rotation.from_euler("xyz", rpy).as_matrix())
 
 
 def inverse(pose: Pose) -> Pose:
@@ -40,8 +47,15 @@ class FrameTree:
     def __init__(self, parents: Mapping[str, tuple[str, Pose]]) -> None:
         self._parents = dict(parents)
         self._cache: dict[tuple[str, str], Pose] = {}
+        sound: set[str] = set()
         for frame in self._parents:
-            self._chain(frame)
+            chain: list[str] = []
+            while frame in self._parents and frame not in sound:
+                if frame in chain:
+                    raise FrameError(f"the frames form a circle: {' -> '.join([*chain, frame])}")
+                chain.append(frame)
+                frame = self._parents[frame][0]
+            sound.update(chain)
 
     @property
     def frames(self) -> frozenset[str]:
@@ -88,8 +102,6 @@ class FrameTree:
         chain = {frame: pose}
         while frame in self._parents:
             frame, step = self._parents[frame]
-            if frame in chain:
-                raise FrameError(f"the frames form a circle: {' -> '.join([*chain, frame])}")
             pose = step @ pose
             chain[frame] = pose
         return chain

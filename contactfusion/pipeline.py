@@ -136,7 +136,7 @@ class Pipeline:
             if isinstance(generator, Isolated):
                 self._deliver(generator, generator.collect)
         state = self.state(now)
-        if lost := self._robot.lost_surface(state):
+        if lost := self._robot.lost(state):
             self.integrator.refuse("surface", lost)
         self._fusion = self.integrator.step(now, state.surface)
         command = None
@@ -235,7 +235,7 @@ class Pipeline:
         """Bring a cloud into the frame of the hypothesis space."""
         if cloud.frame == self._grid.frame:
             return cloud
-        pose = self._robot.frames(cloud.stamp).pose(self._grid.frame, of=cloud.frame)
+        pose = self.state(cloud.stamp).frames.pose(self._grid.frame, of=cloud.frame)
         return replace(
             cloud,
             frame=self._grid.frame,

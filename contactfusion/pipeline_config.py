@@ -3,46 +3,15 @@
 from pathlib import Path
 from typing import Any, Self
 
-import numpy as np
 from pydantic import Field, model_validator
-from scipy.spatial.transform import Rotation
 
 from contactfusion.errors import ConfigurationError
-from contactfusion.frames import FrameTree, Pose, pose_of
+from contactfusion.frame_config import FrameConfig
+from contactfusion.frames import FrameTree
 from contactfusion.integrator.config import IntegratorConfig
-from contactfusion.model import Model
+from contactfusion.model import Model, rooted
+from contactfusion.robots.description import RobotConfig, read_robot
 from contactfusion.shapes import BodyConfig
-
-Vector = tuple[float, float, float]
-
-
-class FrameConfig(Model):
-    """Where a frame stands in its parent, for good."""
-
-    parent: str
-    """The frame in which `xyz` and the rotation are given."""
-    xyz: Vector = (0.0, 0.0, 0.0)
-    """The origin [m]."""
-    rpy: Vector | None = None
-    """Roll, pitch and yaw about the parent's fixed axes [rad]."""
-    quaternion: tuple[float, float, float, float] | None = None
-    """The rotation as a unit quaternion (x, y, z, w)."""
-
-    @model_validator(mode="after")
-    def _one_rotation(self) -> Self:
-        if self.rpy is not None and self.quaternion is not None:
-            raise ValueError("give rpy or quaternion, not both")
-        if self.quaternion is not None and abs(np.linalg.norm(self.quaternion) - 1.0) > 1e-3:
-            raise ValueError("the quaternion is not of unit length")
-        return self
-
-    def pose(self) -> Pose:
-        """Give the pose of the frame in its parent."""
-        if self.quaternion is not None:
-            rotation = Rotation.from_quat(self.quaternion)
-        else:
-            rotation = Rotation.from_euler("xyz", self.rpy or (0.0, 0.0, 0.0))
-        return pose_of(self.xyz, rotation.as_matrix())
 
 
 class CycleConfig(Model):
@@ -79,12 +48,35 @@ class PipelineConfig(Model):
     frames: dict[str, FrameConfig] = Field(default_factory=dict)
     """Frames that stand still in their parents, by name."""
     surface: BodyConfig | None = None
-    """The surface of the robot."""
+    """The surface of a robot that is one rigid body."""
+    robot: RobotConfig | None = None
+    """A robot by URDF, or the name of a file that describes it."""
     controller: dict[str, Any] | None = None
     """The `type` of the controller and its options."""
     folder: Path = Path()
     """Where relative file names start, those in options of plug-ins too; `contactfusion run` takes
     the folder of the configuration."""
+
+    @model_validator(mode="before")
+    @classmethod
+    def _read(cls, fields: Any) -> Any:
+        """Read the robot's file, and root what it names."""
+        robot, folder = fields.get("robot"), Path(fields.get("folder", ""))
+        try:
+            if isinstance(robot, str | Path):
+                return {**fields, "robot": read_robot(folder / robot)}
+            if isinstance(robot, dict):
+                inline = RobotConfig(**{"folder": folder, **robot})
+                return {**fields, "robot": rooted(inline, folder)}
+        except ConfigurationError as error:
+            raise error.under("robot") from None
+        return fields
+
+    @model_validator(mode="after")
+    def _one_body(self) -> Self:
+        if self.surface is not None and self.robot is not None:
+            raise ConfigurationError("give a surface or a robot, not both", "robot")
+        return self
 
     @model_validator(mode="after")
     def _typed(self) -> Self:
@@ -105,5 +97,6 @@ class PipelineConfig(Model):
         Raises:
             FrameError: the frames form a circle.
         """
-        poses = {name: (frame.parent, frame.pose()) for name, frame in self.frames.items()}
-        return FrameTree(poses)
+        on_robot = self.robot.frames if self.robot else {}
+        frames = {**on_robot, **self.frames}
+        return FrameTree({name: (frame.parent, frame.pose()) for name, frame in frames.items()})

@@ -1,16 +1,22 @@
 """What is known of the robot at any recent stamp: joints, base, frames, surface."""
 
-import numpy as np
+from dataclasses import replace
+from typing import TYPE_CHECKING
 
-from contactfusion.errors import FrameError
-from contactfusion.frames import FrameTree, Pose
+from contactfusion.arrays import FloatArray
+from contactfusion.errors import FrameError, RobotError
+from contactfusion.frames import FrameTree
 from contactfusion.grid import Grid
 from contactfusion.history import History
 from contactfusion.integrator.fusion import Fusion
 from contactfusion.pipeline_config import PipelineConfig
-from contactfusion.readings import Reading
+from contactfusion.readings import JointState, Reading
 from contactfusion.state import State
 from contactfusion.surface import Surface
+
+if TYPE_CHECKING:
+    from contactfusion.robots.model import RobotModel
+    from contactfusion.robots.posed import PosedRobot
 
 
 class Robot:
@@ -25,43 +31,83 @@ class Robot:
         self._grid = grid
         self._fixed = config.frame_tree()
         self._body = config.surface.sampled(config.folder) if config.surface else None
-        self._moved: tuple[Pose, Surface] | None = None
+        self._model = _model(config)
         self._history = History()
+        self._known: State | None = None
 
     def add(self, reading: Reading) -> None:
         """Remember a reading of joints or odometry; any other tells nothing of the robot."""
         self._history.add(reading)
+        self._known = None
 
     def clear(self) -> None:
         """Forget all readings."""
         self._history.clear()
-
-    def frames(self, stamp: float) -> FrameTree:
-        """Give the poses of all frames at a stamp [s]."""
-        if base := self._history.base_pose(stamp):
-            parent, child, pose = base
-            return self._fixed.extended({child: (parent, pose)})
-        return self._fixed
+        self._known = None
 
     def state(self, stamp: float, fusion: Fusion | None) -> State:
         """Give all that is known at a stamp [s], with the last step of the integrator."""
-        frames = self.frames(stamp)
+        known = self._known
+        if known is None or known.now != stamp:
+            known = self._known = self._at(stamp)
+        return known if known.fusion is fusion else replace(known, fusion=fusion)
+
+    def lost(self, state: State) -> str:
+        """Say why the robot has no surface in the space; empty when it has, or there is none."""
+        if state.surface is not None or (self._body is None and self._model is None):
+            return ""
+        if self._model is None:
+            assert self._body is not None
+            return f"no transform joins the surface's frame '{self._body.frame}' to the space"
+        try:
+            self._model.positions(state.joints)
+        except RobotError as error:
+            return str(error)
+        return f"no transform joins the robot's frame '{self._model.root}' to the space"
+
+    def _at(self, stamp: float) -> State:
+        frames, joints = self._fixed, self._history.joints(stamp)
         base = self._history.base_pose(stamp)
+        if base:
+            parent, child, pose = base
+            frames = frames.extended({child: (parent, pose)})
+        positions = self._positions(joints)
+        if self._model is not None and positions is not None:
+            root, links = self._model.root, self._model.poses_at(positions)
+            frames = frames.extended(
+                {link: (root, pose) for link, pose in links.items() if link != root}
+            )
+        robot = self._posed(frames, positions)
         return State(
             now=stamp,
             grid=self._grid,
             frames=frames,
-            joints=self._history.joints(stamp),
+            joints=joints,
             base_pose=base[2] if base else None,
-            surface=self._surface(frames),
-            fusion=fusion,
+            surface=robot.surface if robot else self._surface(frames),
+            robot=robot,
         )
 
-    def lost_surface(self, state: State) -> str:
-        """Say that the surface has no place in the space; empty when it has, or there is none."""
-        if self._body is None or state.surface is not None:
-            return ""
-        return f"no transform joins the surface's frame '{self._body.frame}' to the space"
+    def _positions(self, joints: JointState | None) -> FloatArray | None:
+        """Give the joints of the model; None while not all of them are known."""
+        if self._model is None:
+            return None
+        try:
+            return self._model.positions(joints)
+        except RobotError:
+            return None
+
+    def _posed(self, frames: FrameTree, positions: FloatArray | None) -> "PosedRobot | None":
+        """Give the robot in the space's frame; None while nothing joins the two."""
+        if self._model is None or positions is None:
+            return None
+        from contactfusion.robots.posed import PosedRobot
+
+        try:
+            base = frames.pose(self._grid.frame, of=self._model.root)
+        except FrameError:
+            return None
+        return PosedRobot(self._model, positions, self._grid.frame, base)
 
     def _surface(self, frames: FrameTree) -> Surface | None:
         """Give the body's surface in the space's frame; None while nothing joins the two."""
@@ -71,6 +117,12 @@ class Robot:
             pose = frames.pose(self._grid.frame, of=self._body.frame)
         except FrameError:
             return None
-        if self._moved is None or not np.array_equal(self._moved[0], pose):
-            self._moved = pose, self._body.moved(pose, self._grid.frame)
-        return self._moved[1]
+        return self._body.moved(pose, self._grid.frame)
+
+
+def _model(config: PipelineConfig) -> "RobotModel | None":
+    if config.robot is None:
+        return None
+    from contactfusion.robots.model import RobotModel
+
+    return RobotModel(config.robot)

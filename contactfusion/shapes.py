@@ -7,7 +7,7 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from contactfusion.arrays import FloatArray
-from contactfusion.frames import pose_of
+from contactfusion.frames import Pose, pose_at
 from contactfusion.model import Model
 from contactfusion.npz_files import read_npz
 from contactfusion.surface import Surface, rectangle
@@ -48,11 +48,13 @@ class ShapeConfig(Model):
             raise ValueError(f"a {self.shape} has {edges} positive edges")
         return self
 
+    def pose(self) -> Pose:
+        """Give the pose of the shape in the frame of its body."""
+        return pose_at(self.xyz, self.rpy)
+
     def sampled(self, frame: str, spacing: float) -> Surface:
         """Sample the primitive with points at most about `spacing` [m] apart."""
-        from scipy.spatial.transform import Rotation
-
-        pose = pose_of(self.xyz, Rotation.from_euler("xyz", self.rpy).as_matrix())
+        pose = self.pose()
         match self.shape:
             case "rectangle":
                 x, y = np.diag([*(self.size or ()), 0.0])[:2] / 2.0
@@ -153,11 +155,19 @@ def _disc(radius: float, spacing: float) -> FloatArray:
 
 
 def _sphere(frame: str, radius: float, spacing: float) -> Surface:
-    """Sample a sphere evenly, along a spiral of golden angles."""
-    count = max(12, int(np.ceil(4.0 * np.pi * (radius / spacing) ** 2)))
+    normals = unit_vectors(max(12, int(np.ceil(4.0 * np.pi * (radius / spacing) ** 2))))
+    return Surface(frame, radius * normals, normals)
+
+
+def unit_vectors(count: int) -> FloatArray:
+    """Spread unit vectors evenly over all directions, along a spiral of golden angles.
+
+    Returns:
+        Shape (count, 3).
+    """
     step = np.arange(count)
     height, angle = 1.0 - (2.0 * step + 1.0) / count, step * GOLDEN_ANGLE
     ring = np.sqrt(1.0 - height**2)
-    normals = np.stack([ring * np.cos(angle), ring * np.sin(angle), height], axis=1)
-    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
-    return Surface(frame, radius * normals, normals)
+    vectors = np.stack([ring * np.cos(angle), ring * np.sin(angle), height], axis=1)
+    vectors /= np.linalg.norm(vectors, axis=1, keepdims=True)
+    return vectors

@@ -15,6 +15,7 @@ from contactfusion.surface import Surface
 
 if TYPE_CHECKING:
     from contactfusion.integrator.fusion import Fusion
+    from contactfusion.robots.posed import PosedRobot
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,6 +29,7 @@ class State:
         joints: the joints, interpolated, or None.
         base_pose: the base in the odometry's frame, or None.
         surface: the robot's surface in the grid's frame, or None.
+        robot: the robot of the URDF in its pose, in the grid's frame, or None.
         objects: the believed poses of objects in the grid's frame, by name.
         fusion: the last step of the integrator, or None before the first.
     """
@@ -38,6 +40,7 @@ class State:
     joints: JointState | None = None
     base_pose: Pose | None = None
     surface: Surface | None = None
+    robot: "PosedRobot | None" = None
     objects: Mapping[str, Pose] = field(default_factory=dict)
     fusion: "Fusion | None" = None
 

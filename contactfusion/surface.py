@@ -1,53 +1,34 @@
 """A surface on which contacts can lie, as sampled points with normals."""
 
-from dataclasses import dataclass, field
+from collections.abc import Sequence
+from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from contactfusion.arrays import FloatArray, frozen_array
 from contactfusion.errors import ConfigurationError
-from contactfusion.frames import Pose, points_in, vectors_in
+from contactfusion.frames import Pose, inverse, points_in, vectors_in
 
 if TYPE_CHECKING:
     from scipy.spatial import KDTree
 
 
 @dataclass(frozen=True, eq=False)
-class Surface:
-    """The surface of a rigid body or of a whole robot in one pose, as sampled points.
+class RigidPart:
+    """Sampled points of one rigid body with normals, in the body's own frame; made once.
 
     Attributes:
-        frame: the frame of points and normals.
-        points: shape (n, 3) [m].
+        points: shape (n, 3) [m], at least one.
         normals: shape (n, 3), unit vectors out of the body.
-        links: shape (n,), the index into `link_names` that each point belongs to.
-        link_names: the links of the body.
+        links: shape (n,), the link that each point belongs to, as an index into the surface's.
     """
 
-    frame: str
     points: FloatArray
     normals: FloatArray
-    links: NDArray[np.int32] = field(default_factory=lambda: np.zeros(0, np.int32))
-    link_names: tuple[str, ...] = ()
-
-    def __post_init__(self) -> None:
-        """Check every field and freeze the arrays."""
-        keep = object.__setattr__
-        label = f"of the surface in '{self.frame}'"
-        error = ConfigurationError
-        keep(self, "points", frozen_array(self.points, (None, 3), f"points {label}", error))
-        n = len(self.points)
-        keep(self, "normals", frozen_array(self.normals, (n, 3), f"normals {label}", error))
-        if n and abs(np.linalg.norm(self.normals, axis=1) - 1.0).max() > 1e-6:
-            raise ConfigurationError(f"the normals {label} are not unit vectors")
-        links = self.links if len(self.links) else np.zeros(n, np.int32)
-        keep(self, "links", frozen_array(links, (n,), f"links {label}", error, dtype=np.int32))
-        keep(self, "link_names", tuple(self.link_names) or (self.frame,))
-        if n and not (self.links.min() >= 0 and self.links.max() < len(self.link_names)):
-            raise ConfigurationError(f"a link index {label} has no name")
+    links: NDArray[np.int32]
 
     @cached_property
     def tree(self) -> "KDTree":
@@ -56,10 +37,137 @@ class Surface:
 
         return KDTree(self.points)
 
+    @cached_property
+    def ball(self) -> tuple[FloatArray, float]:
+        """A ball that holds all points: its centre, shape (3,) [m], and its radius [m]."""
+        centre = (self.points.min(axis=0) + self.points.max(axis=0)) / 2.0
+        return centre, float(np.linalg.norm(self.points - centre, axis=1).max())
+
+
+class Surface:
+    """The surface of a rigid body or of a whole robot in one pose, as sampled points.
+
+    A robot's is made of rigid parts in their poses; its points are worked out when asked for.
+
+    Args:
+        frame: the frame of points and normals.
+        points: shape (n, 3) [m].
+        normals: shape (n, 3), unit vectors out of the body.
+        links: shape (n,), the index into `link_names` that each point belongs to; empty: 0.
+        link_names: the links of the body; empty: one link, named as the frame.
+
+    Raises:
+        ConfigurationError: the arrays do not fit each other, or hold what they may not.
+    """
+
+    def __init__(
+        self,
+        frame: str,
+        points: FloatArray,
+        normals: FloatArray,
+        links: ArrayLike = (),
+        link_names: Sequence[str] = (),
+    ) -> None:
+        label, error = f"of the surface in '{frame}'", ConfigurationError
+        points = frozen_array(points, (None, 3), f"points {label}", error)
+        n = len(points)
+        normals = frozen_array(normals, (n, 3), f"normals {label}", error)
+        if n and abs(np.linalg.norm(normals, axis=1) - 1.0).max() > 1e-6:
+            raise ConfigurationError(f"the normals {label} are not unit vectors")
+        given = np.asarray(links)
+        indices = given if len(given) else np.zeros(n, np.int32)
+        indices = frozen_array(indices, (n,), f"links {label}", error, dtype=np.int32)
+        self.frame = frame
+        self.link_names = tuple(link_names) or (frame,)
+        if n and not (indices.min() >= 0 and indices.max() < len(self.link_names)):
+            raise ConfigurationError(f"a link index {label} has no name")
+        self._parts: tuple[tuple[RigidPart, Pose], ...] = ()
+        if n:
+            self._parts = ((RigidPart(points, normals, indices), np.eye(4)),)
+
+    @classmethod
+    def of_parts(
+        cls, frame: str, parts: Sequence[tuple[RigidPart, Pose]], link_names: Sequence[str]
+    ) -> "Surface":
+        """Put rigid parts together; each pose takes its part to `frame`."""
+        surface = cls(frame, np.empty((0, 3)), np.empty((0, 3)), (), link_names)
+        surface._parts = tuple(parts)
+        return surface
+
+    @cached_property
+    def points(self) -> FloatArray:
+        """The points, shape (n, 3) [m], part by part."""
+        return self._joined([points_in(pose, part.points) for part, pose in self._parts])
+
+    @cached_property
+    def normals(self) -> FloatArray:
+        """The normals, shape (n, 3), unit vectors out of the body."""
+        return self._joined([vectors_in(pose, part.normals) for part, pose in self._parts])
+
+    @cached_property
+    def links(self) -> NDArray[np.int32]:
+        """The index into `link_names` that each point belongs to, shape (n,)."""
+        links = np.concatenate([np.zeros(0, np.int32), *(part.links for part, _ in self._parts)])
+        links.flags.writeable = False
+        return links
+
     def moved(self, pose: Pose, frame: str) -> "Surface":
         """Give the surface in another frame; `pose` takes this frame to that one."""
-        points, normals = points_in(pose, self.points), vectors_in(pose, self.normals)
-        return Surface(frame, points, normals, self.links, self.link_names)
+        parts = [(part, pose @ own) for part, own in self._parts]
+        return Surface.of_parts(frame, parts, self.link_names)
+
+    def near_line(self, start: FloatArray, direction: FloatArray, reach: float) -> "Surface":
+        """Leave out the parts that lie further than `reach` [m] from a line.
+
+        Args:
+            start: shape (3,) [m], a point of the line.
+            direction: shape (3,), of unit length.
+            reach: [m].
+        """
+        parts = []
+        for part, pose in self._parts:
+            centre, radius = part.ball
+            offset = points_in(pose, centre[None])[0] - start
+            if np.linalg.norm(np.cross(offset, direction)) <= radius + reach:
+                parts.append((part, pose))
+        return Surface.of_parts(self.frame, parts, self.link_names)
+
+    def nearest(
+        self, points: FloatArray, reach: float = np.inf
+    ) -> tuple[FloatArray, NDArray[np.intp]]:
+        """Find the nearest point of the surface.
+
+        Args:
+            points: shape (m, 3) [m], in the surface's frame.
+            reach: look no further than this [m].
+
+        Returns:
+            Distances, shape (m,) [m], inf where nothing is within reach, and the rows of `points`
+            that are nearest, shape (m,), there the number of points.
+        """
+        total = sum(len(part.points) for part, _ in self._parts)
+        distances = np.full(len(points), np.inf)
+        rows = np.full(len(points), total, np.intp)
+        begin = 0
+        for part, pose in self._parts:
+            centre, radius = part.ball
+            away = np.linalg.norm(points - points_in(pose, centre[None]), axis=1) - radius
+            close = np.flatnonzero(away <= np.minimum(distances, reach))
+            if len(close):
+                local = points_in(inverse(pose), points[close])
+                found, row = (
+                    np.asarray(v) for v in part.tree.query(local, distance_upper_bound=reach)
+                )
+                better = found < distances[close]
+                distances[close[better]] = found[better]
+                rows[close[better]] = begin + row[better]
+            begin += len(part.points)
+        return distances, rows
+
+    def _joined(self, arrays: list[FloatArray]) -> FloatArray:
+        joined = np.concatenate([np.empty((0, 3)), *arrays])
+        joined.flags.writeable = False
+        return joined
 
 
 def rectangle(

@@ -187,6 +187,7 @@ class ForceTorqueGenerator(Generator[ForceTorqueConfig]):
         """
         direction = force / np.linalg.norm(force)
         reach = self.config.surface_tolerance
+        surface = surface.near_line(start, direction, reach)
         step = min(grid.voxel_size, reach)
         offsets = surface.points - start
         along = offsets @ direction
@@ -198,9 +199,9 @@ class ForceTorqueGenerator(Generator[ForceTorqueConfig]):
             return np.empty((0, 3))
         steps = np.arange(along[near].min() - reach, along[near].max() + reach + step, step)
         places = start + steps[:, None] * direction
-        distance, nearest = surface.tree.query(places, distance_upper_bound=reach)
+        distance, nearest = surface.nearest(places, reach)
         found = np.isfinite(distance)
-        found[found] = pushed[np.asarray(nearest)[found]]
+        found[found] = pushed[nearest[found]]
         kept: FloatArray = places[found]
         first_in_voxel = np.unique(grid.voxels(kept), axis=0, return_index=True)[1]
         return kept[np.sort(first_in_voxel)]

@@ -11,10 +11,11 @@ from contactfusion.arrays import FloatArray
 from contactfusion.errors import InvalidReadingError
 from contactfusion.frames import points_in
 from contactfusion.generator import Generator, GeneratorConfig
+from contactfusion.generators.baselines import BaselineConfig
 from contactfusion.generators.health import Health
-from contactfusion.generators.taxels import BaselineConfig, PatchConfig
 from contactfusion.hooks import hookimpl
 from contactfusion.hypotheses import HypothesisCloud, HypothesisKind, Note
+from contactfusion.patches import PatchConfig
 from contactfusion.readings import Reading, TactileImage
 from contactfusion.state import State
 

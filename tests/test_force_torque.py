@@ -141,7 +141,7 @@ def test_at_most_one_place_falls_in_a_voxel(tolerance: float) -> None:
 
 def test_a_tolerance_smaller_than_a_voxel_misses_no_contact() -> None:
     for height in np.linspace(0.0, 0.005, 11):
-        surface = replace(BOX, points=BOX.points + [0.0, 0.0, height])
+        surface = BOX.moved(pose_of((0.0, 0.0, height)), BOX.frame)
         place = PLACE + [0.0, 0.0, height]
         assert len(felt(touch(place, DOWN), robot(surface), surface_tolerance=0.003))
 
@@ -154,7 +154,7 @@ def test_under_the_gate_it_looked_and_found_nothing() -> None:
 
 
 def test_spreads_are_the_noise_of_the_torque_over_the_force() -> None:
-    at_origin = replace(BOX, points=BOX.points - [0.0, 0.0, 0.02])
+    at_origin = BOX.moved(pose_of((0.0, 0.0, -0.02)), BOX.frame)
     cloud = felt(touch(np.zeros(3), DOWN), robot(at_origin), force_noise=1e-6, min_force=1.0)
     assert cloud.spreads is not None
     np.testing.assert_allclose(cloud.spreads, 0.01 / 10.0, rtol=1e-3)

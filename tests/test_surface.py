@@ -83,7 +83,7 @@ def test_neighbours_are_about_the_spacing_apart(kind: str) -> None:
 def test_no_place_of_the_surface_is_far_from_a_point(kind: str) -> None:
     fine = shape(kind).sampled("body", SPACING / 4).points
     coarse = shape(kind).sampled("body", SPACING)
-    assert np.max(coarse.tree.query(fine)[0]) <= SPACING
+    assert coarse.nearest(fine)[0].max() <= SPACING
 
 
 @pytest.mark.parametrize("kind", SHAPES)

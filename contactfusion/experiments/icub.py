@@ -15,10 +15,11 @@ from contactfusion.arrays import FloatArray
 from contactfusion.errors import RecordingError
 from contactfusion.experiments.measures import CONFIDENCE, RESAMPLES, Measure, auc, proportion
 from contactfusion.figures import new_figure
-from contactfusion.generators.taxels import fit_baseline
+from contactfusion.frame_config import FrameConfig
+from contactfusion.generators.baselines import fit_baseline
 from contactfusion.integrator.config import IntegratorConfig
 from contactfusion.pipeline import Pipeline
-from contactfusion.pipeline_config import CycleConfig, FrameConfig, PipelineConfig
+from contactfusion.pipeline_config import CycleConfig, PipelineConfig
 from contactfusion.readings import Reading, TactileImage
 from contactfusion.recordings.icub import FINGERS, IcubConfig, IcubRecording
 

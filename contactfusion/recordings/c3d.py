@@ -17,8 +17,8 @@ import numpy as np
 from contactfusion.arrays import FloatArray
 from contactfusion.errors import RecordingError, missing_extra
 from contactfusion.files import require_file
+from contactfusion.frame_config import FrameConfig
 from contactfusion.model import Model
-from contactfusion.pipeline_config import FrameConfig
 from contactfusion.readings import Markers, Reading, Wrench
 from contactfusion.recordings.recording import Recording
 from contactfusion.recordings.series import Series, even_stamps, merged

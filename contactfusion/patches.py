@@ -1,16 +1,13 @@
-"""Patches of taxels: where they are, and what they read untouched."""
+"""Patches of taxels: where they are, and what they cover."""
 
-from pathlib import Path
-from typing import Annotated, Literal, Self
+from typing import Annotated, Self
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
-from contactfusion.arrays import FloatArray, frozen_array
-from contactfusion.errors import ConfigurationError
+from contactfusion.arrays import FloatArray
 from contactfusion.model import Model
-from contactfusion.npz_files import read_npz
 
 Edge = Annotated[float, Field(gt=0)]
 
@@ -94,58 +91,8 @@ class PatchConfig(Model):
         return np.asarray(np.any(np.all(inside, axis=2), axis=1))
 
 
-class BaselineConfig(Model):
-    """What taxels read untouched, and how they answer to touch."""
-
-    values: float | tuple[float, ...] = 0.0
-    """The untouched value of all taxels, or of each."""
-    noise: float | tuple[float, ...] = 1.0
-    """The standard deviation of an untouched value, of all taxels or of each."""
-    file: Path | None = None
-    """An npz file with `values` and `noise`, one number a taxel; replaces both."""
-    touch: Literal["rises", "falls", "either"] = "rises"
-    """Whether a touch raises the value, lowers it, or either."""
-
-    def load(self, taxels: int) -> tuple[FloatArray, FloatArray]:
-        """Give values and noise of each taxel, both of shape (taxels,).
-
-        Raises:
-            ConfigurationError: the file is missing, or the numbers are not one a taxel.
-        """
-        given = read_npz(self.file, "values", "noise") if self.file else (self.values, self.noise)
-        values, noise = (_for_each(array, taxels) for array in given)
-        if (noise <= 0).any():
-            raise ConfigurationError("the noise must be positive", "baseline")
-        return values, noise
-
-
 def _on_plane(x: FloatArray, y: FloatArray) -> FloatArray:
     """Give all points of these coordinates on the plane z = 0, x by x, shape (m, 3)."""
     points = np.zeros((len(x) * len(y), 3))
     points[:, 0], points[:, 1] = np.repeat(x, len(y)), np.tile(y, len(x))
     return points
-
-
-def _for_each(numbers: ArrayLike, taxels: int) -> FloatArray:
-    """Give one finite number a taxel, from one for all or one for each."""
-    if np.ndim(numbers) == 0:
-        numbers = np.full(taxels, numbers)
-    elif len(np.asarray(numbers)) != taxels:
-        raise ConfigurationError(
-            f"{np.size(numbers)} numbers for the {taxels} taxels of the patch", "baseline"
-        )
-    return frozen_array(numbers, (taxels,), "numbers of the baseline", ConfigurationError)
-
-
-def fit_baseline(images: FloatArray, least_noise: float) -> tuple[FloatArray, FloatArray]:
-    """Learn what each taxel reads untouched.
-
-    Args:
-        images: shape (m, n), values without any touch.
-        least_noise: the least standard deviation to believe, e.g. half a digit.
-
-    Returns:
-        Median and standard deviation of each taxel, both of shape (n,).
-    """
-    noise = np.maximum(images.std(axis=0), least_noise)
-    return np.median(images, axis=0), noise

@@ -1,0 +1,1 @@
+"""Robots by URDF: kinematics, surface, spheres, and where their sensors are."""

@@ -1,0 +1,118 @@
+"""ROBOT.yaml: a URDF, and where on it the sensors are."""
+
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Literal, Self
+
+from pydantic import Field, model_validator
+
+from contactfusion.errors import ConfigurationError
+from contactfusion.frame_config import FrameConfig
+from contactfusion.model import Model, rooted
+from contactfusion.patches import PatchConfig
+from contactfusion.yaml_files import read_yaml
+
+
+class PatchOnLink(PatchConfig):
+    """A patch of taxels that is fixed to a link."""
+
+    frame: str
+    """A link, or one of `frames`."""
+
+
+class WristConfig(Model):
+    """A force-torque sensor in the arm's last joint."""
+
+    frame: str
+    """The frame of its wrenches: a link, or one of `frames`."""
+    sign: Literal["on_robot", "by_robot"]
+    """Whether it gives the force that the world exerts on the robot, or the reverse."""
+
+
+class CameraConfig(Model):
+    """A range camera; it looks along its z, x goes right, y goes down."""
+
+    frame: str
+    """A link, or one of `frames`."""
+    width: int = Field(ge=1)
+    """[pixels]."""
+    height: int = Field(ge=1)
+    """[pixels]."""
+    fov: float = Field(gt=0, lt=180)
+    """The horizontal field of view [degrees]."""
+    reach: tuple[float, float] = (0.2, 4.0)
+    """The least and the greatest distance that it sees [m]."""
+
+    @model_validator(mode="after")
+    def _ordered(self) -> Self:
+        if not 0.0 <= self.reach[0] < self.reach[1]:
+            raise ConfigurationError("give the least distance, then the greatest", "reach")
+        return self
+
+
+class FingerConfig(Model):
+    """A compliant finger: a push moves its joints."""
+
+    joints: tuple[str, ...] = Field(min_length=1)
+    """Its joints."""
+    links: tuple[str, ...] = Field(min_length=1)
+    """Its links."""
+
+
+class RobotConfig(Model):
+    """A robot: its URDF, and where on it the sensors are."""
+
+    urdf: str = Field(min_length=1)
+    """The file, or MODULE:FILE for one in an installed Python package, as in
+    `pybullet_data:franka_panda/panda.urdf` or `contactfusion.robots:arm_hand.urdf`."""
+    packages: tuple[Path, ...] = ()
+    """Folders in which `package://NAME/...` is looked for."""
+    shapes: Literal["collision", "visual"] = "collision"
+    """Which shapes make up the surface."""
+    links: tuple[str, ...] | None = None
+    """The links that make up the surface; None: all that have shapes."""
+    spacing: float = Field(default=0.004, gt=0)
+    """The distance between neighbouring points of the surface [m]."""
+    still: dict[str, float] = Field(default_factory=dict)
+    """Positions of joints that no reading tells [rad, m]."""
+    frames: dict[str, FrameConfig] = Field(default_factory=dict)
+    """Further frames on links, by name."""
+    patches: dict[str, PatchOnLink] = Field(default_factory=dict)
+    """Patches of taxels, by the name of their sensor."""
+    wrists: dict[str, WristConfig] = Field(default_factory=dict)
+    """Force-torque sensors, by name."""
+    cameras: dict[str, CameraConfig] = Field(default_factory=dict)
+    """Range cameras, by name."""
+    fingers: dict[str, FingerConfig] = Field(default_factory=dict)
+    """Compliant fingers, by name."""
+    folder: Path = Path()
+    """Where relative file names start; the folder of the file by default."""
+
+    def path(self) -> Path:
+        """Give the URDF file.
+
+        Raises:
+            ConfigurationError: the Python package that should hold it is not installed.
+        """
+        module, colon, name = self.urdf.partition(":")
+        if not colon:
+            return self.folder / self.urdf
+        try:
+            spec = find_spec(module)
+        except ImportError:
+            spec = None
+        if spec is None or not spec.submodule_search_locations:
+            raise ConfigurationError(f"the Python package '{module}' is not installed", "urdf")
+        return Path(next(iter(spec.submodule_search_locations))) / name
+
+
+def read_robot(path: Path) -> RobotConfig:
+    """Read ROBOT.yaml; relative names in it start at its folder.
+
+    Raises:
+        ConfigurationError: the file is missing, or a field of it is wrong.
+    """
+    try:
+        return rooted(RobotConfig(**{"folder": path.parent, **read_yaml(path)}), path.parent)
+    except ConfigurationError as error:
+        raise ConfigurationError(f"{path}: {error}") from None

@@ -1,0 +1,66 @@
+"""A robot in one pose."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from contactfusion.arrays import FloatArray
+from contactfusion.frames import Pose, points_in
+from contactfusion.robots.model import RobotModel
+from contactfusion.surface import Surface
+
+
+@dataclass(frozen=True, eq=False)
+class PosedRobot:
+    """A robot with its joints at some positions; everything is given in one frame.
+
+    Attributes:
+        model: the robot.
+        positions: shape (n,), of `model.joint_names` [rad, m].
+        frame: the frame of all poses and points.
+        base: the pose of the root link in that frame.
+    """
+
+    model: RobotModel
+    positions: FloatArray
+    frame: str
+    base: Pose
+
+    @cached_property
+    def poses(self) -> dict[str, Pose]:
+        """The pose of each link."""
+        links = self.model.poses_at(self.positions)
+        return {name: self.base @ pose for name, pose in links.items()}
+
+    @cached_property
+    def surface(self) -> Surface:
+        """The surface of the whole robot."""
+        return self.surface_of(self.model.link_names)
+
+    def surface_of(self, links: Sequence[str]) -> Surface:
+        """Give the surface of some links."""
+        parts = [
+            (part, self.poses[name]) for name, part in self.model.parts.items() if name in links
+        ]
+        return Surface.of_parts(self.frame, parts, self.model.link_names)
+
+    def load_on(self, link: str) -> tuple[float, FloatArray]:
+        """Give the mass [kg] of what hangs on a sensor, and its centre, shape (3,) [m]."""
+        return self.model.load_on(link, self.poses)
+
+    def spheres_of(self, links: Sequence[str]) -> tuple[FloatArray, FloatArray]:
+        """Give the spheres in place of some links: centres (n, 3) [m] and radii (n,) [m]."""
+        spheres = self.model.spheres
+        centres, radii = [np.empty((0, 3))], [np.empty(0)]
+        for number, name in enumerate(spheres.link_names):
+            if name in links:
+                own = spheres.links == number
+                centres.append(points_in(self.poses[name], spheres.centres[own]))
+                radii.append(spheres.radii[own])
+        return np.concatenate(centres), np.concatenate(radii)
+
+    def at(self, positions: FloatArray) -> "PosedRobot":
+        """Give the robot with its joints elsewhere; `positions` has shape (n,)."""
+        return replace(self, positions=positions)

@@ -1,0 +1,159 @@
+"""The shapes of one link as what can be touched: sampled surface, and distance to it.
+
+Meshes come as they come: open, of many parts one inside the other, with triangles that face either
+way. So nothing here asks what is inside: a point is on the surface when rays from it get away, on
+the side from which more of them do.
+"""
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from contactfusion.arrays import FloatArray
+from contactfusion.errors import RobotError, missing_extra
+from contactfusion.frames import points_in
+from contactfusion.robots.urdf import Mesh
+from contactfusion.shapes import ShapeConfig, unit_vectors
+
+CROWD = 6.0
+"""A mesh is sampled so many times as densely as wanted, and thinned to one point a cell."""
+ROUNDNESS = 64
+"""So many corners make up the circumference of a round primitive."""
+RAYS = 24
+"""A point that sends so many rays in all directions is hidden when none gets away."""
+WIDEST = 1e3
+"""Holes of meshes up to this size are closed [m]."""
+LIFT = 2e-4
+"""Rays start so far from the surface [m]."""
+
+
+class Solid:
+    """The shapes of one link, in the link's frame.
+
+    Args:
+        shapes: at least one.
+
+    Raises:
+        RobotError: a mesh holds no triangles.
+        DependencyError: open3d is not installed.
+    """
+
+    def __init__(self, shapes: Sequence[ShapeConfig | Mesh]) -> None:
+        self._shapes = [(shape, *_triangles(shape)) for shape in shapes]
+        open3d = _open3d()
+        self._scene: Any = open3d.t.geometry.RaycastingScene()
+        for _, vertices, triangles in self._shapes:
+            self._scene.add_triangles(
+                open3d.core.Tensor(np.ascontiguousarray(vertices, np.float32)),
+                open3d.core.Tensor(np.ascontiguousarray(triangles, np.uint32)),
+            )
+
+    def samples(self, spacing: float) -> tuple[FloatArray, FloatArray]:
+        """Give points about `spacing` [m] apart and outward normals, both of shape (n, 3)."""
+        points, normals = [], []
+        for shape, vertices, triangles in self._shapes:
+            if isinstance(shape, Mesh):
+                places, directions = _on_triangles(vertices, triangles, spacing)
+            else:
+                surface = shape.sampled("link", spacing)
+                places, directions = surface.points, surface.normals
+            points.append(places)
+            normals.append(directions)
+        if len(self._shapes) == 1 and isinstance(self._shapes[0][0], ShapeConfig):
+            return points[0], normals[0]  # nothing hides a primitive from itself
+        return self._seen(np.concatenate(points), np.concatenate(normals))
+
+    def distances(self, points: FloatArray) -> FloatArray:
+        """Give distances to the nearest triangle, shape (n,) [m], of points of shape (n, 3).
+
+        Triangles inside the link count, too.
+        """
+        query = _open3d().core.Tensor(np.ascontiguousarray(points, np.float32))
+        return np.asarray(self._scene.compute_distance(query).numpy(), np.float64)
+
+    def _seen(self, points: FloatArray, normals: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Keep what can be seen from outside, and turn its normals there."""
+        front, back = (self._escaping(points + side * normals) for side in (LIFT, -LIFT))
+        turned = np.where((back > front)[:, None], -normals, normals)
+        seen = np.maximum(front, back) > 0
+        return points[seen], turned[seen]
+
+    def _escaping(self, points: FloatArray) -> FloatArray:
+        """Count the rays from each point that meet nothing, shape (n,)."""
+        count = np.zeros(len(points))
+        for direction in unit_vectors(RAYS):
+            rays = np.concatenate([points, np.broadcast_to(direction, points.shape)], axis=1)
+            query = _open3d().core.Tensor(np.ascontiguousarray(rays, np.float32))
+            count += ~self._scene.test_occlusions(query).numpy()
+        return count
+
+
+def _triangles(shape: ShapeConfig | Mesh) -> tuple[FloatArray, NDArray[np.intp]]:
+    """Give vertices (v, 3) [m] in the link's frame, and triangles (t, 3) of their rows."""
+    open3d = _open3d()
+    create = open3d.geometry.TriangleMesh
+    scale: tuple[float, ...] = (1.0, 1.0, 1.0)
+    if isinstance(shape, Mesh):
+        mesh, scale = _closed(shape), shape.scale
+    elif shape.shape == "box":
+        mesh = create.create_box(*(shape.size or ()))
+        mesh.translate(-np.array(shape.size) / 2.0)
+    elif shape.shape == "cylinder":
+        mesh = create.create_cylinder(shape.radius, shape.length, ROUNDNESS, 1)
+    else:
+        mesh = create.create_sphere(shape.radius, ROUNDNESS // 2)
+    vertices = points_in(shape.pose(), np.asarray(mesh.vertices) * scale)
+    return vertices, np.asarray(mesh.triangles, np.intp)
+
+
+def _closed(shape: Mesh) -> Any:
+    """Read a mesh, and close its holes: ends that are open where the next link begins."""
+    open3d = _open3d()
+    with open3d.utility.VerbosityContextManager(open3d.utility.VerbosityLevel.Error):
+        mesh = open3d.io.read_triangle_mesh(str(shape.file))
+        if not len(mesh.triangles):
+            raise RobotError(f"{shape.file} holds no triangles that can be read")
+        mesh.remove_duplicated_vertices()
+        mesh.remove_degenerate_triangles()
+    tensor = open3d.core.Tensor
+    mesh = open3d.t.geometry.TriangleMesh(
+        tensor(np.asarray(mesh.vertices)), tensor(np.asarray(mesh.triangles))
+    )
+    return mesh.fill_holes(WIDEST).to_legacy()
+
+
+def _on_triangles(
+    vertices: FloatArray, triangles: NDArray[np.intp], spacing: float
+) -> tuple[FloatArray, FloatArray]:
+    """Spread points evenly over triangles, with a fixed seed, and keep one a cell.
+
+    Returns:
+        Points, and the normals of their triangles, either way; both of shape (n, 3).
+    """
+    corner, first, second = (vertices[triangles[:, i]] for i in range(3))
+    across = np.cross(first - corner, second - corner)
+    areas = np.linalg.norm(across, axis=1) / 2.0
+    count = max(64, int(np.ceil(CROWD * areas.sum() / spacing**2)))
+    rng = np.random.default_rng(0)
+    places = (np.arange(count) + rng.random(count)) / count * areas.sum()
+    chosen = np.searchsorted(np.cumsum(areas), places).clip(max=len(areas) - 1)
+    root, side = np.sqrt(rng.random(count))[:, None], rng.random(count)[:, None]
+    points = (
+        (1.0 - root) * corner[chosen]
+        + root * (1.0 - side) * first[chosen]
+        + root * side * second[chosen]
+    )
+    cells = np.floor(points / spacing).astype(np.int64)
+    kept = np.sort(np.unique(cells, axis=0, return_index=True)[1])
+    normals = across[chosen[kept]] / (2.0 * areas[chosen[kept], None])
+    return points[kept], normals
+
+
+def _open3d() -> Any:
+    try:
+        import open3d
+    except ImportError:
+        raise missing_extra("open3d", "robot") from None
+    return open3d
