@@ -230,8 +230,9 @@ def _kinematics(urdf: Urdf) -> tuple[Any, Any]:
         import pinocchio
     except ImportError:
         raise missing_extra("pinocchio", "robot") from None
+    library: Any = pinocchio  # its names are made by the compiler
     try:
-        return pinocchio, pinocchio.buildModelFromUrdf(str(urdf.path))
+        return library, library.buildModelFromUrdf(str(urdf.path))
     except (ValueError, RuntimeError) as error:
         raise RobotError(f"{urdf.path}: pinocchio cannot read it: {error}") from None
 
