@@ -1,11 +1,14 @@
 """What the robot's own readings tell about its state at any recent stamp."""
 
 from collections import deque
+from collections.abc import Sequence
+from dataclasses import replace
 from typing import TypeVar
 
 import numpy as np
 from scipy.spatial.transform import Rotation, Slerp
 
+from contactfusion.arrays import FloatArray
 from contactfusion.frames import Pose, pose_of
 from contactfusion.readings import JointState, Odometry, Reading
 
@@ -21,13 +24,13 @@ class History:
     """
 
     def __init__(self) -> None:
-        self._joints: deque[JointState] = deque(maxlen=LENGTH)
+        self._joints: dict[tuple[str, ...], deque[JointState]] = {}
         self._odometry: deque[Odometry] = deque(maxlen=LENGTH)
 
     def add(self, reading: Reading) -> None:
         """Remember a reading, unless it is older than the newest of its type."""
         if isinstance(reading, JointState):
-            _append(self._joints, reading)
+            _append(self._joints.setdefault(reading.names, deque(maxlen=LENGTH)), reading)
         elif isinstance(reading, Odometry):
             _append(self._odometry, reading)
 
@@ -37,24 +40,13 @@ class History:
         self._odometry.clear()
 
     def joints(self, stamp: float) -> JointState | None:
-        """Give the joints at a stamp [s]: positions in between, the rest of the nearer reading."""
-        around = _around(self._joints, stamp)
-        if around is None:
-            return None
-        before, after, part = around
-        nearer = before if part < 0.5 else after
-        if before.names != after.names:
-            return nearer
-        positions = (1.0 - part) * before.positions + part * after.positions
-        return JointState(
-            stamp=stamp,
-            frame=nearer.frame,
-            sensor=nearer.sensor,
-            names=nearer.names,
-            positions=positions,
-            velocities=nearer.velocities,
-            efforts=nearer.efforts,
-        )
+        """Give the joints at a stamp [s]: positions in between, the rest of the nearer reading.
+
+        Readings of different joints, as of an arm and of its hand, are put together; of a joint
+        that several name, the one that was heard of first counts.
+        """
+        parts = [_between(readings, stamp) for readings in self._joints.values()]
+        return _together(parts) if parts else None
 
     def base_pose(self, stamp: float) -> tuple[str, str, Pose] | None:
         """Give (parent frame, child frame, pose) of the base at a stamp [s]."""
@@ -71,6 +63,44 @@ class History:
         turns = Rotation.from_quat(np.stack([before.orientation, after.orientation]))
         pose = pose_of(position, Slerp([0.0, 1.0], turns)(part).as_matrix())
         return after.frame, after.child_frame, pose
+
+
+def _between(readings: deque[JointState], stamp: float) -> JointState:
+    """Give one set of joints at a stamp."""
+    around = _around(readings, stamp)
+    assert around is not None
+    before, after, part = around
+    nearer = before if part < 0.5 else after
+    positions = (1.0 - part) * before.positions + part * after.positions
+    return replace(nearer, stamp=stamp, positions=positions)
+
+
+def _together(parts: Sequence[JointState]) -> JointState:
+    """Put several sets of joints together; what not all of them tell is left out."""
+    if len(parts) == 1:
+        return parts[0]
+    first = parts[0]
+    names = tuple(dict.fromkeys(name for part in parts for name in part.names))
+    chosen: dict[str, tuple[JointState, int]] = {}
+    for part in reversed(parts):
+        chosen |= {name: (part, row) for row, name in enumerate(part.names)}
+
+    def column(field: str) -> FloatArray:
+        return np.array([getattr(part, field)[row] for part, row in map(chosen.__getitem__, names)])
+
+    optional = {
+        field: column(field)
+        for field in ("velocities", "efforts")
+        if all(getattr(part, field) is not None for part in parts)
+    }
+    return JointState(
+        stamp=first.stamp,
+        frame=first.frame,
+        sensor=first.sensor,
+        names=names,
+        positions=column("positions"),
+        **optional,
+    )
 
 
 def _append(readings: deque[R], reading: R) -> None:

@@ -100,12 +100,30 @@ def test_of_two_readings_of_one_stamp_the_later_counts() -> None:
     assert angles(history(joints(1.0, 0.0, 0.0), joints(1.0, 5.0, 5.0)), 1.0) == [5.0, 5.0]
 
 
-def test_different_joints_are_never_mixed() -> None:
-    remembered = history(joints(0.0, 1.0, names=("a",)), joints(1.0, 2.0, names=("c",)))
-    for stamp, name, angle in ((0.4, "a", 1.0), (0.6, "c", 2.0)):
-        state = remembered.joints(stamp)
-        assert state is not None
-        assert (state.names, state.positions.tolist()) == ((name,), [angle])
+def test_joints_of_an_arm_and_of_its_hand_are_put_together() -> None:
+    arm, hand = ("a", "b"), ("c",)
+    remembered = history(
+        joints(0.0, 0.0, 2.0, names=arm),
+        joints(0.5, 7.0, names=hand),
+        joints(1.0, 1.0, 4.0, names=arm),
+    )
+    state = remembered.joints(0.5)
+    assert state is not None and state.names == ("a", "b", "c")
+    assert state.positions.tolist() == [0.5, 3.0, 7.0]
+    assert state.velocities is not None and len(state.velocities) == 3
+
+
+def test_a_joint_that_several_readings_name_is_that_of_the_first() -> None:
+    remembered = history(joints(0.0, 1.0, 2.0), joints(0.0, 9.0, 3.0, names=("b", "c")))
+    state = remembered.joints(0.0)
+    assert state is not None
+    assert dict(zip(state.names, state.positions, strict=True)) == {"a": 1.0, "b": 2.0, "c": 3.0}
+
+
+def test_what_one_of_several_readings_does_not_tell_is_left_out() -> None:
+    bare = JointState(stamp=0.0, frame="base", names=("c",), positions=np.zeros(1))
+    state = history(joints(0.0, 1.0, 2.0), bare).joints(0.0)
+    assert state is not None and state.velocities is None and state.efforts is None
 
 
 def test_different_bases_are_never_mixed() -> None:
