@@ -35,6 +35,20 @@ class Grid:
         scaled = np.asarray(positions, dtype=np.float64) * (1.0 / self.voxel_size)
         return np.floor(scaled).astype(np.int64)
 
+    def first_in_voxels(self, positions: FloatArray) -> NDArray[np.intp]:
+        """Give the rows of the first place in each voxel that has one, ascending.
+
+        Args:
+            positions: shape (n, 3) [m], in the grid's frame.
+        """
+        voxels = self.voxels(positions)
+        if not len(voxels):
+            return np.zeros(0, np.intp)
+        low = voxels.min(axis=0)
+        x, y, z = (voxels - low).T
+        _, height, depth = voxels.max(axis=0) - low + 1
+        return np.sort(np.unique((x * height + y) * depth + z, return_index=True)[1])
+
     def centres(self, voxels: NDArray[np.int64]) -> FloatArray:
         """Give the places of voxels: their centres, shape (n, 3) [m]."""
         return (np.asarray(voxels, np.float64) + 0.5) * np.float64(self.voxel_size)

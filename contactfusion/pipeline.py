@@ -93,7 +93,7 @@ class Pipeline:
         """
         if name in self.generators:
             raise SourceError(f"the generator '{name}' is plugged already; unplug it first")
-        generator = built_generator(name, options, self.config.folder)
+        generator = built_generator(name, options, self.config.folder, self.config.robot)
         if generator.config.isolate:
             generator = Isolated(generator)
         for source, kind in generator.sources.items():

@@ -167,6 +167,25 @@ class JointState(Reading):
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
+class JointCommand(Reading):
+    """Where joints are told to go.
+
+    Attributes:
+        names: the joints, in the order of the array.
+        positions: shape (n,) [rad, or m for prismatic joints].
+    """
+
+    names: tuple[str, ...]
+    positions: FloatArray
+
+    def _check(self) -> None:
+        self._set("names", tuple(self.names))
+        if len(set(self.names)) != len(self.names):
+            raise InvalidReadingError(f"{self.label} names a joint twice")
+        self._freeze("positions", len(self.names))
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
 class Twist(Reading):
     """A velocity of `frame`, given in `frame`.
 
@@ -237,6 +256,7 @@ READING_TYPES: dict[str, type[Reading]] = {
     "point_cloud": PointCloud,
     "depth_image": DepthImage,
     "joint_state": JointState,
+    "joint_command": JointCommand,
     "twist": Twist,
     "odometry": Odometry,
     "markers": Markers,

@@ -8,6 +8,7 @@ import numpy as np
 
 from contactfusion.arrays import FloatArray
 from contactfusion.contacts import Contact
+from contactfusion.errors import ConfigurationError
 from contactfusion.frames import FrameTree, Pose
 from contactfusion.grid import Grid
 from contactfusion.readings import JointState
@@ -48,6 +49,22 @@ class State:
     def contacts(self) -> tuple[Contact, ...]:
         """The contacts of the last step, the most likely first."""
         return self.fusion.contacts if self.fusion else ()
+
+    def posed_robot(self, asked_by: str) -> "PosedRobot":
+        """Give the robot.
+
+        Args:
+            asked_by: the generator that cannot do without.
+
+        Raises:
+            ConfigurationError: none is configured, or its joints or its place are not known yet.
+        """
+        if self.robot is None:
+            raise ConfigurationError(
+                f"'{asked_by}' needs the robot: configure `robot`, and see that its joints come "
+                "and that `frames` join it to the hypothesis space"
+            )
+        return self.robot
 
     def evidence(self, without: str) -> FloatArray:
         """Give the places where the last step had evidence of other generators.

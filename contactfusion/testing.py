@@ -18,6 +18,7 @@ from contactfusion.grid import Grid
 from contactfusion.hypotheses import SUM_TOLERANCE, HypothesisCloud, HypothesisKind
 from contactfusion.readings import (
     DepthImage,
+    JointCommand,
     JointState,
     Markers,
     Odometry,
@@ -327,6 +328,9 @@ def _examples(stamp: float, scale: float) -> Iterator[Reading]:
         positions=scale * joints,
         velocities=joints,
         efforts=10.0 * joints,
+    )
+    yield JointCommand(
+        stamp=stamp, frame="base", names=("joint_1", "joint_2"), positions=scale * joints
     )
     yield Twist(stamp=stamp, frame="base", linear=0.1 * scale * np.ones(3), angular=np.zeros(3))
     yield Odometry(

@@ -6,20 +6,21 @@ the papers' three groups of equations (F Eq 6-7) are this line solved for x, y o
 
 from collections import deque
 from collections.abc import Mapping, Sequence
-from typing import Literal
+from typing import Literal, Self
 
 import numpy as np
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from contactfusion.arrays import FloatArray
 from contactfusion.errors import ConfigurationError
-from contactfusion.frames import points_in, vectors_in
+from contactfusion.frames import Pose, points_in, vectors_in
 from contactfusion.generator import Generator, GeneratorConfig
 from contactfusion.generators.compensation import Compensation
 from contactfusion.grid import Grid
 from contactfusion.hooks import hookimpl
 from contactfusion.hypotheses import HypothesisCloud, Note
 from contactfusion.readings import Reading, Wrench
+from contactfusion.robots.description import WristConfig
 from contactfusion.state import State
 from contactfusion.surface import Surface
 
@@ -30,9 +31,14 @@ STEADY = 2.0
 class ForceTorqueConfig(GeneratorConfig):
     """The options of `force_torque`."""
 
-    sign: Literal["on_robot", "by_robot"]
+    sign: Literal["on_robot", "by_robot"] | None = None
     """Whether the sensor gives the force that the world exerts on the robot, or the reverse;
-    drivers differ, so it must be said."""
+    drivers differ, so it must be said, here or by `wrist`."""
+    wrist: WristConfig | None = None
+    """The sensor, by its name in the robot's description."""
+    load: Literal["configured", "robot"] = "configured"
+    """Whether the weight that hangs on the sensor is that of `compensation`, or follows from the
+    robot's URDF and joints."""
     force_noise: float = Field(default=0.2, gt=0)
     """Standard deviation of one sample of force, by axis [N]."""
     torque_noise: float = Field(default=0.01, gt=0)
@@ -57,6 +63,18 @@ class ForceTorqueConfig(GeneratorConfig):
     average: float = Field(default=0.0, ge=0)
     """Average the wrench over the newest so many seconds [s]; the stated noise stays that of one
     sample, for drift does not average out."""
+
+    @model_validator(mode="after")
+    def _one_sign_one_load(self) -> Self:
+        if (self.sign is None) == (self.wrist is None):
+            raise ValueError("give the sign, or a wrist of the robot's description")
+        if self.load == "robot" and self.compensation.mass:
+            raise ValueError("give the mass in compensation, or take the load of the robot")
+        return self
+
+    def on_robot(self) -> bool:
+        """Whether the sensor gives the force that the world exerts on the robot."""
+        return (self.wrist.sign if self.wrist else self.sign) == "on_robot"
 
 
 class ForceTorqueGenerator(Generator[ForceTorqueConfig]):
@@ -100,7 +118,10 @@ class ForceTorqueGenerator(Generator[ForceTorqueConfig]):
         pose = state.frames.pose(state.grid.frame, of=reading.frame)
         nearest = points_in(pose, line_of_action(force, torque)[None])[0]
         force = vectors_in(pose, force[None])[0]
-        places = self._on_surface(nearest, force, state.surface, state.grid)
+        surface = state.surface
+        if state.robot is not None:  # what does not hang on the sensor cannot be felt by it
+            surface = state.robot.surface_of(state.robot.model.beyond(reading.frame))
+        places = self._on_surface(nearest, force, surface, state.grid)
         if not len(places):
             return (self.nothing(reading, notes=(*notes, Note.OFF_SURFACE)),)
         levers = places - pose[:3, 3]
@@ -124,18 +145,28 @@ class ForceTorqueGenerator(Generator[ForceTorqueConfig]):
 
     def compensated(self, reading: Wrench, state: State) -> FloatArray | None:
         """Give the contact's wrench on the robot, shape (6,) [N, N·m]; None before the tare."""
-        sign = 1.0 if self.config.sign == "on_robot" else -1.0
+        sign = 1.0 if self.config.on_robot() else -1.0
         wrench = sign * np.concatenate([reading.force, reading.torque])
-        gravity = np.zeros(3)
-        if self.config.compensation.mass:
+        compensation, gravity = self.config.compensation, np.zeros(3)
+        if compensation.mass or self.config.load == "robot":
             pose = state.frames.pose(reading.frame, of=state.grid.frame)
             gravity = vectors_in(pose, np.array([self.config.gravity]))[0]
-        wrench = wrench - self.config.compensation.contactless(gravity)
+            if self.config.load == "robot":
+                compensation = self._weighed(compensation, reading, state, pose)
+        wrench = wrench - compensation.contactless(gravity)
         if self._bias is None:
             self._bias = self._tared(reading.stamp, wrench, touched=bool(state.contacts))
             if self._bias is None:
                 return None
         return self._averaged(reading.stamp, wrench - self._bias)
+
+    def _weighed(
+        self, compensation: Compensation, reading: Reading, state: State, pose: Pose
+    ) -> Compensation:
+        """Give the compensation with the load that hangs on the sensor in this pose."""
+        mass, centre = state.posed_robot(self.name).load_on(reading.frame)
+        x, y, z = points_in(pose, centre[None])[0].tolist()
+        return compensation.model_copy(update={"mass": mass, "centre_of_mass": (x, y, z)})
 
     def explained(self, force: FloatArray, torque: FloatArray) -> float:
         """Give the probability that one contact explains a wrench.
@@ -203,8 +234,7 @@ class ForceTorqueGenerator(Generator[ForceTorqueConfig]):
         found = np.isfinite(distance)
         found[found] = pushed[nearest[found]]
         kept: FloatArray = places[found]
-        first_in_voxel = np.unique(grid.voxels(kept), axis=0, return_index=True)[1]
-        return kept[np.sort(first_in_voxel)]
+        return kept[grid.first_in_voxels(kept)]
 
     def _tared(self, stamp: float, wrench: FloatArray, touched: bool) -> FloatArray | None:
         """Give the mean over the rest, when it has lasted long enough.

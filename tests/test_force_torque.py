@@ -256,7 +256,7 @@ def test_a_sensor_that_gives_the_reverse_finds_the_same_places() -> None:
 
 def test_the_sign_must_be_said() -> None:
     nothing: dict[str, Any] = {}
-    with pytest.raises(ConfigurationError, match="sign: this field is required"):
+    with pytest.raises(ConfigurationError, match="give the sign, or a wrist of the robot"):
         ForceTorqueConfig(**nothing)
 
 

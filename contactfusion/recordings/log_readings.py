@@ -10,6 +10,7 @@ from pydantic import BeforeValidator, Field
 from contactfusion.arrays import FloatArray
 from contactfusion.model import Model
 from contactfusion.readings import (
+    JointCommand,
     JointState,
     Markers,
     Odometry,
@@ -138,6 +139,24 @@ class JointStateColumns(ColumnsConfig):
         )
 
 
+class JointCommandColumns(ColumnsConfig):
+    """The positions that joints are told to take."""
+
+    type: Literal["joint_command"]
+    names: tuple[str, ...] = Field(min_length=1)
+    """The joints, in the order of the columns."""
+
+    def counts(self) -> tuple[int, ...]:
+        """Give the number of joints."""
+        return (len(self.names),)
+
+    def reading(self, sensor: str, stamp: float, row: FloatArray) -> Reading:
+        """Give the command."""
+        return JointCommand(
+            stamp=stamp, frame=self.frame, sensor=sensor, names=self.names, positions=row
+        )
+
+
 class TwistColumns(ColumnsConfig):
     """Linear velocity x, y, z [m/s], then angular velocity x, y, z [rad/s]."""
 
@@ -205,6 +224,7 @@ AnyColumns = Annotated[
     | TactileImageColumns
     | SwitchColumns
     | JointStateColumns
+    | JointCommandColumns
     | TwistColumns
     | OdometryColumns
     | MarkersColumns,

@@ -45,6 +45,7 @@ class RobotModel:
             for number, frame in enumerate(self._model.frames)
             if frame.type == self._pin.FrameType.BODY
         }
+        self._beyond: dict[str, tuple[str, ...]] = {}
         self._check_names()
 
     def __reduce__(self) -> tuple[Any, ...]:
@@ -115,20 +116,20 @@ class RobotModel:
         )
         return jacobian
 
-    def load_on(self, link: str, poses: Mapping[str, Pose]) -> tuple[float, FloatArray]:
+    def load_on(self, frame: str, poses: Mapping[str, Pose]) -> tuple[float, FloatArray]:
         """Give what hangs on a sensor: its mass [kg] and its centre of mass, shape (3,) [m].
 
         Args:
-            link: the link of the sensor, whose own mass hangs on it, too.
+            frame: of the sensor; the mass of its own link hangs on it, too.
             poses: of all links, in one frame.
 
         Returns:
             The centre is given in the frame of the poses.
 
         Raises:
-            RobotError: there is no such link.
+            RobotError: no link and no frame of the description has that name.
         """
-        links = self.urdf.hanging_on(link)
+        links = self.beyond(frame)
         masses = np.array([self.urdf.links[name].mass for name in links])
         centres = np.array(
             [
@@ -149,6 +150,26 @@ class RobotModel:
             frame = self.config.frames[frame].parent
         self.urdf.require_link(frame)
         return frame
+
+    def known_links(self, links: Sequence[str]) -> Sequence[str]:
+        """Give the links, all when none is named.
+
+        Raises:
+            RobotError: there is no link of a name.
+        """
+        for link in links:
+            self.urdf.require_link(link)
+        return links or self.link_names
+
+    def beyond(self, frame: str) -> tuple[str, ...]:
+        """Give the links that hang on a sensor's frame, its own link among them.
+
+        Raises:
+            RobotError: no link and no frame of the description has that name.
+        """
+        if frame not in self._beyond:
+            self._beyond[frame] = self.urdf.hanging_on(self.link_of(frame))
+        return self._beyond[frame]
 
     @cached_property
     def parts(self) -> dict[str, RigidPart]:

@@ -37,25 +37,38 @@ class PosedRobot:
     @cached_property
     def surface(self) -> Surface:
         """The surface of the whole robot."""
-        return self.surface_of(self.model.link_names)
+        return self.surface_of(())
 
     def surface_of(self, links: Sequence[str]) -> Surface:
-        """Give the surface of some links."""
+        """Give the surface of some links; of all when none is named.
+
+        Raises:
+            RobotError: there is no link of a name.
+        """
+        wanted = self.model.known_links(links)
         parts = [
-            (part, self.poses[name]) for name, part in self.model.parts.items() if name in links
+            (part, self.poses[name]) for name, part in self.model.parts.items() if name in wanted
         ]
         return Surface.of_parts(self.frame, parts, self.model.link_names)
 
-    def load_on(self, link: str) -> tuple[float, FloatArray]:
+    def load_on(self, frame: str) -> tuple[float, FloatArray]:
         """Give the mass [kg] of what hangs on a sensor, and its centre, shape (3,) [m]."""
-        return self.model.load_on(link, self.poses)
+        return self.model.load_on(frame, self.poses)
 
     def spheres_of(self, links: Sequence[str]) -> tuple[FloatArray, FloatArray]:
-        """Give the spheres in place of some links: centres (n, 3) [m] and radii (n,) [m]."""
+        """Give spheres in place of some links, or of all when none is named.
+
+        Returns:
+            Centres, shape (n, 3) [m], and radii, shape (n,) [m].
+
+        Raises:
+            RobotError: there is no link of a name.
+        """
+        wanted = self.model.known_links(links)
         spheres = self.model.spheres
         centres, radii = [np.empty((0, 3))], [np.empty(0)]
         for number, name in enumerate(spheres.link_names):
-            if name in links:
+            if name in wanted:
                 own = spheres.links == number
                 centres.append(points_in(self.poses[name], spheres.centres[own]))
                 radii.append(spheres.radii[own])

@@ -69,11 +69,13 @@ class Urdf:
         path: where it is.
         links: by name, in the order of the file.
         parents: for each link but the root the link that it hangs on.
+        children: the link that each joint carries.
     """
 
     path: Path
     links: Mapping[str, Link]
     parents: Mapping[str, str]
+    children: Mapping[str, str]
 
     @property
     def root(self) -> str:
@@ -135,7 +137,13 @@ def read_urdf(path: Path, packages: Sequence[Path] = ()) -> Urdf:
             links[name] = _link(element, path, folders)
         except (ConfigurationError, ValueError) as error:
             raise RobotError(f"{path}: link '{name}': {error}") from None
-    return Urdf(path, links, _parents(robot, path, links))
+    parents = _parents(robot, path, links)
+    children = {
+        joint.get("name", ""): child.get("link", "")
+        for joint in robot.findall("joint")
+        if (child := joint.find("child")) is not None
+    }
+    return Urdf(path, links, parents, children)
 
 
 def _link(element: Element, path: Path, folders: Sequence[Path]) -> Link:

@@ -1,0 +1,124 @@
+"""Where the robot is about to be: contacts are to be expected there (F §V-F, Eq 8)."""
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from pydantic import Field
+
+from contactfusion.arrays import FloatArray
+from contactfusion.errors import ConfigurationError
+from contactfusion.frames import Pose, pose_of
+from contactfusion.generator import Generator, GeneratorConfig
+from contactfusion.hooks import hookimpl
+from contactfusion.hypotheses import HypothesisCloud, HypothesisKind
+from contactfusion.readings import JointState, Reading, Twist
+from contactfusion.robots.posed import PosedRobot
+from contactfusion.state import State
+from contactfusion.surface import Surface
+
+
+class MotionConfig(GeneratorConfig):
+    """The options of `motion`."""
+
+    links: tuple[str, ...] = ()
+    """The links whose surface is predicted, such as those of the hand; none: the whole robot."""
+    ahead: float = Field(default=0.05, gt=0)
+    """How far to predict [s]."""
+    likelihood: float = Field(default=0.3, ge=0, le=1)
+    """Of a contact at the predicted surface."""
+    noise: float = Field(default=0.003, ge=0)
+    """Standard deviation of where the robot believes its surface to be [m]."""
+
+
+class MotionGenerator(Generator[MotionConfig]):
+    """Support, multi contact: the voxels of the surface at q + Δq (F Eq 8).
+
+    Δq is the speed of the joints, or of the base, times `ahead`; where a reading tells no speed, it
+    is that since the last reading. The contact may come anywhere on the way: the spread of a place
+    holds the way's length over √12.
+    """
+
+    Config = MotionConfig
+    readings = (JointState, Twist)
+    outputs = {"": HypothesisKind.SUPPORT}
+
+    def __init__(self, name: str, config: MotionConfig) -> None:
+        super().__init__(name, config)
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget the last joints."""
+        self._last: tuple[float, FloatArray] | None = None
+
+    def generate(self, reading: Reading, state: State) -> Sequence[HypothesisCloud]:
+        """Give the surface where it will be.
+
+        Raises:
+            ConfigurationError: there is no robot, or no surface, to move.
+            RobotError: no link of a name that is configured.
+        """
+        if isinstance(reading, Twist):
+            now = self._surface(state)
+            there = now.moved(self._driven(reading, state), now.frame)
+        else:
+            assert isinstance(reading, JointState)
+            moved = self._turned(reading, state)
+            if moved is None:
+                return ()
+            now, there = moved
+        kept = state.grid.first_in_voxels(there.points)
+        places = there.points[kept]
+        way = np.linalg.norm(places - now.points[kept], axis=1)
+        return (
+            self.cloud(
+                reading,
+                places,
+                self.config.likelihood,
+                frame=state.grid.frame,
+                spreads=np.hypot(self.config.noise, way / np.sqrt(12.0)),
+            ),
+        )
+
+    def _turned(self, reading: JointState, state: State) -> tuple[Surface, Surface] | None:
+        """Give the surface now and ahead; None when the speed of the joints is not known yet."""
+        robot = state.posed_robot(self.name)
+        speeds = self._speeds(reading, robot)
+        if speeds is None:
+            return None
+        there = robot.at(robot.positions + speeds * self.config.ahead)
+        return robot.surface_of(self.config.links), there.surface_of(self.config.links)
+
+    def _speeds(self, reading: JointState, robot: PosedRobot) -> FloatArray | None:
+        """Give the speed of each joint of the model, shape (n,) [rad/s, m/s]."""
+        positions = robot.positions
+        last, self._last = self._last, (reading.stamp, positions)
+        if reading.velocities is not None:
+            told = dict(zip(reading.names, reading.velocities, strict=True))
+            return np.array([told.get(name, 0.0) for name in robot.model.joint_names])
+        if last is None or reading.stamp <= last[0]:
+            return None
+        speeds: FloatArray = (positions - last[1]) / (reading.stamp - last[0])
+        return speeds
+
+    def _surface(self, state: State) -> Surface:
+        if state.robot is not None:
+            return state.robot.surface_of(self.config.links)
+        if state.surface is None:
+            raise ConfigurationError(f"'{self.name}' needs a `surface` or a `robot` to move")
+        return state.surface
+
+    def _driven(self, reading: Twist, state: State) -> Pose:
+        """Give the motion ahead in the grid's frame, by the twist of the reading's frame."""
+        from scipy.spatial.transform import Rotation
+
+        way, turn = reading.linear * self.config.ahead, reading.angular * self.config.ahead
+        step = pose_of(way, Rotation.from_rotvec(turn).as_matrix())
+        there = state.frames.pose(state.grid.frame, of=reading.frame)
+        back = state.frames.pose(reading.frame, of=state.grid.frame)
+        return there @ step @ back
+
+
+@hookimpl
+def contactfusion_generators() -> Mapping[str, type[Generator[MotionConfig]]]:
+    """Offer the motion generator."""
+    return {"motion": MotionGenerator}
