@@ -124,12 +124,10 @@ class Surface:
             direction: shape (3,), of unit length.
             reach: [m].
         """
-        parts = []
-        for part, pose in self._parts:
-            centre, radius = part.ball
-            offset = points_in(pose, centre[None])[0] - start
-            if np.linalg.norm(np.cross(offset, direction)) <= radius + reach:
-                parts.append((part, pose))
+        centres, radii = self._balls
+        offsets = centres - start
+        across = np.linalg.norm(offsets - np.outer(offsets @ direction, direction), axis=1)
+        parts = [self._parts[row] for row in np.flatnonzero(across <= radii + reach)]
         return Surface.of_parts(self.frame, parts, self.link_names)
 
     def nearest(
@@ -149,9 +147,8 @@ class Surface:
         distances = np.full(len(points), np.inf)
         rows = np.full(len(points), total, np.intp)
         begin = 0
-        for part, pose in self._parts:
-            centre, radius = part.ball
-            away = np.linalg.norm(points - points_in(pose, centre[None]), axis=1) - radius
+        for (part, pose), centre, radius in zip(self._parts, *self._balls, strict=True):
+            away = np.linalg.norm(points - centre, axis=1) - radius
             close = np.flatnonzero(away <= np.minimum(distances, reach))
             if len(close):
                 local = points_in(inverse(pose), points[close])
@@ -163,6 +160,14 @@ class Surface:
                 rows[close[better]] = begin + row[better]
             begin += len(part.points)
         return distances, rows
+
+    @cached_property
+    def _balls(self) -> tuple[FloatArray, FloatArray]:
+        """Balls that hold the parts: centres, shape (k, 3) [m], and radii, shape (k,) [m]."""
+        centres = np.empty((len(self._parts), 3))
+        for row, (part, pose) in enumerate(self._parts):
+            centres[row] = pose[:3, :3] @ part.ball[0] + pose[:3, 3]
+        return centres, np.array([part.ball[1] for part, _ in self._parts])
 
     def _joined(self, arrays: list[FloatArray]) -> FloatArray:
         joined = np.concatenate([np.empty((0, 3)), *arrays])

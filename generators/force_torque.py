@@ -10,6 +10,7 @@ from typing import Literal, Self
 
 import numpy as np
 from pydantic import Field, model_validator
+from scipy.spatial.distance import cdist
 
 from contactfusion.arrays import FloatArray
 from contactfusion.errors import ConfigurationError
@@ -222,17 +223,16 @@ class ForceTorqueGenerator(Generator[ForceTorqueConfig]):
         step = min(grid.voxel_size, reach)
         offsets = surface.points - start
         along = offsets @ direction
-        across = np.einsum("ij,ij->i", offsets, offsets) - along**2
+        close = np.flatnonzero(np.einsum("ij,ij->i", offsets, offsets) - along**2 <= reach**2)
         least = 1.0 / np.hypot(1.0, self.config.friction)
-        pushed = -(surface.normals @ direction) >= least
-        near = pushed & (across <= reach**2)
-        if not near.any():
+        pushed = -(surface.normals[close] @ direction) >= least
+        if not pushed.any():
             return np.empty((0, 3))
-        steps = np.arange(along[near].min() - reach, along[near].max() + reach + step, step)
-        places = start + steps[:, None] * direction
-        distance, nearest = surface.nearest(places, reach)
-        found = np.isfinite(distance)
-        found[found] = pushed[nearest[found]]
+        first, last = along[close][pushed].min() - reach, along[close][pushed].max() + reach
+        places = start + np.arange(first, last + step, step)[:, None] * direction
+        distances = cdist(places, surface.points[close])
+        nearest = distances.argmin(axis=1)
+        found = pushed[nearest] & (distances[np.arange(len(places)), nearest] <= reach)
         kept: FloatArray = places[found]
         return kept[grid.first_in_voxels(kept)]
 
