@@ -2,7 +2,7 @@
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
-from typing import Any, ClassVar, Generic, TypeVar
+from typing import TYPE_CHECKING, Any, ClassVar, Generic, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -13,6 +13,9 @@ from contactfusion.hypotheses import HypothesisCloud, HypothesisKind
 from contactfusion.model import Model
 from contactfusion.readings import Reading
 from contactfusion.state import State
+
+if TYPE_CHECKING:
+    from contactfusion.robots.model import RobotModel
 
 
 class GeneratorConfig(Model):
@@ -71,6 +74,10 @@ class Generator(ABC, Generic[ConfigT]):
             reading: one of the types in `readings`.
             state: the robot at the reading's stamp.
         """
+
+    def prepare(self, robot: "RobotModel") -> None:
+        """Do what takes long and hangs on the robot alone, before the first reading comes."""
+        return None
 
     def reset(self) -> None:
         """Forget what was remembered of earlier readings."""

@@ -31,7 +31,8 @@ class Robot:
         self._grid = grid
         self._fixed = config.frame_tree()
         self._body = config.surface.sampled(config.folder) if config.surface else None
-        self._model = _model(config)
+        self.model = _model(config)
+        """The robot of the URDF, or None."""
         self._history = History()
         self._known: State | None = None
 
@@ -54,16 +55,16 @@ class Robot:
 
     def lost(self, state: State) -> str:
         """Say why the robot has no surface in the space; empty when it has, or there is none."""
-        if state.surface is not None or (self._body is None and self._model is None):
+        if state.surface is not None or (self._body is None and self.model is None):
             return ""
-        if self._model is None:
+        if self.model is None:
             assert self._body is not None
             return f"no transform joins the surface's frame '{self._body.frame}' to the space"
         try:
-            self._model.positions(state.joints)
+            self.model.positions(state.joints)
         except RobotError as error:
             return str(error)
-        return f"no transform joins the robot's frame '{self._model.root}' to the space"
+        return f"no transform joins the robot's frame '{self.model.root}' to the space"
 
     def _at(self, stamp: float) -> State:
         frames, joints = self._fixed, self._history.joints(stamp)
@@ -72,8 +73,8 @@ class Robot:
             parent, child, pose = base
             frames = frames.extended({child: (parent, pose)})
         positions = self._positions(joints)
-        if self._model is not None and positions is not None:
-            root, links = self._model.root, self._model.poses_at(positions)
+        if self.model is not None and positions is not None:
+            root, links = self.model.root, self.model.poses_at(positions)
             frames = frames.extended(
                 {link: (root, pose) for link, pose in links.items() if link != root}
             )
@@ -90,24 +91,24 @@ class Robot:
 
     def _positions(self, joints: JointState | None) -> FloatArray | None:
         """Give the joints of the model; None while not all of them are known."""
-        if self._model is None:
+        if self.model is None:
             return None
         try:
-            return self._model.positions(joints)
+            return self.model.positions(joints)
         except RobotError:
             return None
 
     def _posed(self, frames: FrameTree, positions: FloatArray | None) -> "PosedRobot | None":
         """Give the robot in the space's frame; None while nothing joins the two."""
-        if self._model is None or positions is None:
+        if self.model is None or positions is None:
             return None
         from contactfusion.robots.posed import PosedRobot
 
         try:
-            base = frames.pose(self._grid.frame, of=self._model.root)
+            base = frames.pose(self._grid.frame, of=self.model.root)
         except FrameError:
             return None
-        return PosedRobot(self._model, positions, self._grid.frame, base)
+        return PosedRobot(self.model, positions, self._grid.frame, base)
 
     def _surface(self, frames: FrameTree) -> Surface | None:
         """Give the body's surface in the space's frame; None while nothing joins the two."""

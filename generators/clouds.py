@@ -1,0 +1,67 @@
+"""Point clouds near a robot: its own points removed, objects told apart, their motion measured."""
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from contactfusion.arrays import FloatArray
+from contactfusion.errors import missing_extra
+from contactfusion.robots.posed import PosedRobot
+
+
+def without_robot(points: FloatArray, robot: PosedRobot, margin: float) -> FloatArray:
+    """Leave out what lies within `margin` [m] of the robot's spheres; points have shape (n, 3)."""
+    from scipy.spatial import KDTree
+
+    if not len(points):
+        return points
+    centres, radii = robot.spheres_of(())
+    low, high = points.min(axis=0) - margin, points.max(axis=0) + margin
+    reach = radii[:, None]
+    near = ((centres >= low - reach) & (centres <= high + reach)).all(axis=1)
+    own = np.zeros(len(points), np.bool_)
+    for rows in KDTree(points).query_ball_point(centres[near], radii[near] + margin):
+        own[rows] = True
+    return points[~own]
+
+
+def clustered(points: FloatArray, gap: float, min_points: int) -> list[NDArray[np.intp]]:
+    """Give the rows of each object: points that chains of steps up to `gap` [m] join."""
+    labels = np.asarray(_cloud(points).cluster_dbscan(gap, min_points))
+    return [np.flatnonzero(labels == label) for label in range(labels.max(initial=-1) + 1)]
+
+
+def moved_by(points: FloatArray, before: FloatArray, reach: float) -> float:
+    """Measure how far an object has moved since a cloud was seen, by point-to-point ICP.
+
+    Args:
+        points: shape (n, 3) [m], of the object now.
+        before: shape (m, 3) [m], of all objects then.
+        reach: the furthest that a point is believed to have moved [m].
+
+    Returns:
+        The root mean square of the ways of its points [m]; 0 where nothing was near it then.
+    """
+    open3d = _open3d()
+    if not len(before):
+        return 0.0
+    found = open3d.pipelines.registration.registration_icp(_cloud(points), _cloud(before), reach)
+    if found.fitness == 0.0:
+        return 0.0
+    back = np.asarray(found.transformation)
+    ways = points @ back[:3, :3].T + back[:3, 3] - points
+    return float(np.sqrt(np.square(ways).sum(axis=1).mean()))
+
+
+def _cloud(points: FloatArray) -> Any:
+    open3d = _open3d()
+    return open3d.geometry.PointCloud(open3d.utility.Vector3dVector(points))
+
+
+def _open3d() -> Any:
+    try:
+        import open3d
+    except ImportError:
+        raise missing_extra("open3d", "robot") from None
+    return open3d
