@@ -57,6 +57,14 @@ class Reading:
         self._set(name, array)
         return array
 
+    def _freeze_turn(self) -> None:
+        """Check and freeze an `orientation`."""
+        norm = float(np.linalg.norm(self._freeze("orientation", 4)))
+        if abs(norm - 1.0) > 1e-3:
+            raise InvalidReadingError(
+                f"the orientation of {self.label} is no unit quaternion: its norm is {norm:.4g}"
+            )
+
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Wrench(Reading):
@@ -222,14 +230,31 @@ class Odometry(Reading):
 
     def _check(self) -> None:
         self._freeze("position", 3)
-        norm = float(np.linalg.norm(self._freeze("orientation", 4)))
-        if abs(norm - 1.0) > 1e-3:
-            raise InvalidReadingError(
-                f"the orientation of {self.label} is no unit quaternion: its norm is {norm:.4g}"
-            )
+        self._freeze_turn()
         for name in ("linear", "angular"):
             if getattr(self, name) is not None:
                 self._freeze(name, 3)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class ObjectPose(Reading):
+    """Where an object is believed to be, in `frame`.
+
+    Attributes:
+        name: the object.
+        position: shape (3,) [m], of its origin.
+        orientation: shape (4,), unit quaternion (x, y, z, w), object to `frame`.
+    """
+
+    name: str
+    position: FloatArray
+    orientation: FloatArray
+
+    def _check(self) -> None:
+        if not self.name:
+            raise InvalidReadingError(f"{self.label} needs the name of its object")
+        self._freeze("position", 3)
+        self._freeze_turn()
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -259,6 +284,7 @@ READING_TYPES: dict[str, type[Reading]] = {
     "joint_command": JointCommand,
     "twist": Twist,
     "odometry": Odometry,
+    "object_pose": ObjectPose,
     "markers": Markers,
 }
 """The kinds of reading by the names that configurations use."""

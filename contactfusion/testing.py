@@ -21,6 +21,7 @@ from contactfusion.readings import (
     JointCommand,
     JointState,
     Markers,
+    ObjectPose,
     Odometry,
     PointCloud,
     Reading,
@@ -339,6 +340,13 @@ def _examples(stamp: float, scale: float) -> Iterator[Reading]:
         child_frame="base",
         position=np.array([scale, 0.0, 0.0]),
         orientation=np.array([0.0, 0.0, np.sin(scale / 2.0), np.cos(scale / 2.0)]),
+    )
+    yield ObjectPose(
+        stamp=stamp,
+        frame="base",
+        name="object",
+        position=np.array([scale, 0.0, 0.0]),
+        orientation=np.array([0.0, 0.0, 0.0, 1.0]),
     )
     yield Markers(stamp=stamp, frame="sensor", names=("m1", "m2"), positions=scale * np.eye(3)[:2])
 

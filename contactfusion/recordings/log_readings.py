@@ -13,6 +13,7 @@ from contactfusion.readings import (
     JointCommand,
     JointState,
     Markers,
+    ObjectPose,
     Odometry,
     Reading,
     Switch,
@@ -196,6 +197,29 @@ class OdometryColumns(ColumnsConfig):
         )
 
 
+class ObjectPoseColumns(ColumnsConfig):
+    """Position x, y, z [m], then the unit quaternion x, y, z, w."""
+
+    type: Literal["object_pose"]
+    name: str = Field(min_length=1)
+    """The object."""
+
+    def counts(self) -> tuple[int, ...]:
+        """Give 7."""
+        return (7,)
+
+    def reading(self, sensor: str, stamp: float, row: FloatArray) -> Reading:
+        """Give the pose."""
+        return ObjectPose(
+            stamp=stamp,
+            frame=self.frame,
+            sensor=sensor,
+            name=self.name,
+            position=row[:3],
+            orientation=row[3:],
+        )
+
+
 class MarkersColumns(ColumnsConfig):
     """Position x, y, z [m] of each marker; a missing value is a lost marker."""
 
@@ -227,6 +251,7 @@ AnyColumns = Annotated[
     | JointCommandColumns
     | TwistColumns
     | OdometryColumns
+    | ObjectPoseColumns
     | MarkersColumns,
     Field(discriminator="type"),
 ]

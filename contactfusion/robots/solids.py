@@ -73,6 +73,12 @@ class Solid:
         query = _open3d().core.Tensor(np.ascontiguousarray(points, np.float32))
         return np.asarray(self._scene.compute_distance(query).numpy(), np.float64)
 
+    def signed_distances(self, points: FloatArray) -> FloatArray:
+        """Give distances to the surface, shape (n,) [m], negative inside; of closed shapes only."""
+        query = _open3d().core.Tensor(np.ascontiguousarray(points, np.float32))
+        found = self._scene.compute_signed_distance(query, nsamples=3)
+        return np.asarray(found.numpy(), np.float64)
+
     def _seen(self, points: FloatArray, normals: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Keep what can be seen from outside, and turn its normals there."""
         front, back = (self._escaping(points + side * normals) for side in (LIFT, -LIFT))

@@ -1,0 +1,96 @@
+"""Objects that a robot may touch: their shapes, and where they are believed to be."""
+
+from functools import cached_property
+from pathlib import Path
+from typing import Self
+
+import numpy as np
+from pydantic import Field, model_validator
+
+from contactfusion.arrays import FloatArray
+from contactfusion.errors import ConfigurationError, RobotError
+from contactfusion.frame_config import FrameConfig
+from contactfusion.frames import Pose, inverse, points_in
+from contactfusion.model import Model
+from contactfusion.robots.description import RobotConfig
+from contactfusion.robots.solids import Solid
+from contactfusion.robots.urdf import Mesh, read_urdf
+from contactfusion.shapes import ShapeConfig
+
+
+class ObjectConfig(Model):
+    """An object: by shapes, a mesh or a URDF, and where it is believed to be."""
+
+    shapes: tuple[ShapeConfig, ...] = ()
+    """The primitives that make it up."""
+    mesh: Path | None = None
+    """A mesh file, in m."""
+    urdf: str | None = None
+    """A URDF file of one link, or MODULE:FILE as in a robot's description."""
+    pose: FrameConfig
+    """Where it is believed to be."""
+    sigma: float = Field(default=0.02, ge=0)
+    """Standard deviation of the believed place, by axis [m]."""
+    sigma_yaw: float = Field(default=0.087, ge=0)
+    """Standard deviation of the believed turn about the vertical [rad]."""
+
+    @model_validator(mode="after")
+    def _one_shape(self) -> Self:
+        if bool(self.shapes) + (self.mesh is not None) + (self.urdf is not None) != 1:
+            raise ValueError("give shapes, a mesh or a urdf")
+        if any(shape.shape == "rectangle" for shape in self.shapes):
+            raise ConfigurationError("a rectangle has no inside", "shapes")
+        return self
+
+
+class ObjectModel:
+    """The shape of an object.
+
+    Args:
+        config: the object; its files are rooted already.
+
+    Raises:
+        RobotError: a file is missing, or the URDF has more than one link with a shape.
+    """
+
+    def __init__(self, config: ObjectConfig) -> None:
+        self.config = config
+        self.shapes: tuple[ShapeConfig | Mesh, ...] = config.shapes
+        if config.mesh is not None:
+            if not config.mesh.is_file():
+                raise RobotError(f"there is no mesh {config.mesh}")
+            self.shapes = (Mesh(config.mesh, (1.0, 1.0, 1.0), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)),)
+        elif config.urdf is not None:
+            path = RobotConfig(urdf=config.urdf).path()
+            shaped = {n: one for n, one in read_urdf(path).links.items() if one.collision}
+            if len(shaped) != 1:
+                raise RobotError(
+                    f"{path}: an object has one link with a collision shape, this has {len(shaped)}"
+                )
+            self.shapes = next(iter(shaped.values())).collision
+
+    @cached_property
+    def solid(self) -> Solid:
+        """The shape as what can be touched."""
+        return Solid(self.shapes)
+
+    def distances(self, pose: Pose, points: FloatArray) -> FloatArray:
+        """Give signed distances of places from the object, shape (n,) [m], inside negative.
+
+        Args:
+            pose: of the object in the frame of the points.
+            points: shape (n, 3) [m].
+        """
+        return self.solid.signed_distances(points_in(inverse(pose), points))
+
+    def spreads(self, pose: Pose, points: FloatArray) -> FloatArray:
+        """Give the standard deviation, by axis, of where the object has these points, shape (n,).
+
+        Args:
+            pose: of the object in the frame of the points, whose z is vertical.
+            points: shape (n, 3) [m].
+        """
+        lever = np.linalg.norm((points - pose[:3, 3])[:, :2], axis=1)
+        # a turn about z moves a point along one horizontal axis: its mean square over three axes
+        turned = self.config.sigma_yaw * lever / np.sqrt(3.0)
+        return np.asarray(np.hypot(self.config.sigma, turned))
