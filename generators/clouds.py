@@ -9,6 +9,11 @@ from contactfusion.arrays import FloatArray
 from contactfusion.errors import missing_extra
 from contactfusion.robots.posed import PosedRobot
 
+NEIGHBOURS = 20
+"""So many neighbours at most make up the plane at a point."""
+LEAST = 10
+"""Fewer points have no shape to compare."""
+
 
 def without_robot(points: FloatArray, robot: PosedRobot, margin: float) -> FloatArray:
     """Leave out what lies within `margin` [m] of the robot's spheres; points have shape (n, 3)."""
@@ -33,7 +38,10 @@ def clustered(points: FloatArray, gap: float, min_points: int) -> list[NDArray[n
 
 
 def moved_by(points: FloatArray, before: FloatArray, reach: float) -> float:
-    """Measure how far an object has moved since a cloud was seen, by point-to-point ICP.
+    """Measure how far an object has moved since a cloud was seen, by point-to-plane ICP.
+
+    Points of a surface lie on the camera's raster, whatever the object does: point to point would
+    hold them there.
 
     Args:
         points: shape (n, 3) [m], of the object now.
@@ -44,9 +52,12 @@ def moved_by(points: FloatArray, before: FloatArray, reach: float) -> float:
         The root mean square of the ways of its points [m]; 0 where nothing was near it then.
     """
     open3d = _open3d()
-    if not len(before):
+    if len(points) < LEAST or len(before) < LEAST:
         return 0.0
-    found = open3d.pipelines.registration.registration_icp(_cloud(points), _cloud(before), reach)
+    registration, there = open3d.pipelines.registration, _cloud(before)
+    there.estimate_normals(open3d.geometry.KDTreeSearchParamHybrid(reach, NEIGHBOURS))
+    to_plane = registration.TransformationEstimationPointToPlane()
+    found = registration.registration_icp(_cloud(points), there, reach, np.eye(4), to_plane)
     if found.fitness == 0.0:
         return 0.0
     back = np.asarray(found.transformation)

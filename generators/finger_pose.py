@@ -9,7 +9,7 @@ from contactfusion.arrays import FloatArray
 from contactfusion.errors import RobotError, name_hint
 from contactfusion.generator import Generator, GeneratorConfig
 from contactfusion.hooks import hookimpl
-from contactfusion.hypotheses import HypothesisCloud, HypothesisKind
+from contactfusion.hypotheses import HypothesisCloud, HypothesisKind, Note
 from contactfusion.readings import JointCommand, JointState, Reading
 from contactfusion.robots.description import FingerConfig
 from contactfusion.robots.posed import PosedRobot
@@ -48,52 +48,67 @@ class FingerPoseGenerator(Generator[FingerPoseConfig]):
 
     def reset(self) -> None:
         """Take the next joints as the reference."""
-        self._reference: PosedRobot | None = None
-        self._moving_until = -np.inf
+        self._references: dict[str, Mapping[str, float]] = {}
+        self._moving_until = dict.fromkeys(self.config.fingers, -np.inf)
+        self._commanded: dict[str, float] = {}
 
     def generate(self, reading: Reading, state: State) -> Sequence[HypothesisCloud]:
-        """Give for each finger the surface that gave way.
+        """Give for each finger the surface that gave way; nothing of those that may be moving.
 
         Raises:
-            ConfigurationError: there is no robot, or a finger has joints or links that it lacks.
+            ConfigurationError: there is no robot.
+            RobotError: a finger has joints or links that the robot lacks.
         """
         if isinstance(reading, JointCommand):
-            joints = {joint for one in self.config.fingers.values() for joint in one.joints}
-            if joints & set(reading.names):
-                self._reference = None
-                self._moving_until = reading.stamp + self.config.settle
+            self._obey(reading)
             return ()
         assert isinstance(reading, JointState)
-        robot = state.posed_robot(self.name)
-        if reading.stamp < self._moving_until:
-            return ()
-        if self._reference is None:
-            self._reference = robot
-        return [
-            self._finger(reading, state, robot, name, finger)
-            for name, finger in self.config.fingers.items()
-        ]
+        robot, told = state.posed_robot(self.name), _told(reading)
+        clouds = []
+        for name, finger in self.config.fingers.items():
+            _require_known(robot, name, finger)
+            if told.keys() >= set(finger.joints) and reading.stamp >= self._moving_until[name]:
+                clouds.append(self._finger(reading, told, state, robot, name))
+        return clouds
+
+    def _obey(self, command: JointCommand) -> None:
+        """Forget the reference of fingers that are sent elsewhere.
+
+        Many drivers repeat the last command for ever: that moves nothing.
+        """
+        told = _told(command)
+        for name, finger in self.config.fingers.items():
+            ours = told.keys() & set(finger.joints)
+            if any(told[joint] != self._commanded.get(joint) for joint in ours):
+                self._references.pop(name, None)
+                self._moving_until[name] = command.stamp + self.config.settle
+        self._commanded |= told
 
     def _finger(
-        self, reading: Reading, state: State, robot: PosedRobot, name: str, finger: FingerConfig
+        self,
+        reading: Reading,
+        told: Mapping[str, float],
+        state: State,
+        robot: PosedRobot,
+        name: str,
     ) -> HypothesisCloud:
-        assert self._reference is not None
-        model, moved = robot.model, []
-        for joint in finger.joints:
-            if joint not in model.joint_names:
-                hint = name_hint(joint, model.joint_names, "joints")
-                raise RobotError(f"finger '{name}' has an unknown joint '{joint}': {hint}")
-            row = model.joint_names.index(joint)
-            if abs(robot.positions[row] - self._reference.positions[row]) > self.config.threshold:
-                moved.append(joint)
+        finger = self.config.fingers[name]
+        reference = self._references.setdefault(name, told)
+        moved = [
+            joint
+            for joint in finger.joints
+            if abs(told[joint] - reference[joint]) > self.config.threshold
+        ]
         if not moved:
             return self.nothing(reading, output=name)
-        places = _pushed(robot, self._reference, finger, moved)
+        places = _pushed(robot, reference, finger, moved)
         places = places[state.grid.first_in_voxels(places)]
+        if not len(places):
+            return self.nothing(reading, output=name, notes=(Note.OFF_SURFACE,))
         return self.cloud(
             reading,
             places,
-            1.0 / max(len(places), 1),
+            1.0 / len(places),
             output=name,
             frame=state.grid.frame,
             spreads=np.full(len(places), self.config.noise),
@@ -101,27 +116,45 @@ class FingerPoseGenerator(Generator[FingerPoseConfig]):
         )
 
 
+def _told(reading: JointState | JointCommand) -> dict[str, float]:
+    return dict(zip(reading.names, reading.positions.tolist(), strict=True))
+
+
+def _require_known(robot: PosedRobot, name: str, finger: FingerConfig) -> None:
+    """Make sure that the robot has the joints and links of a finger."""
+    model = robot.model
+    for what, named, known in (
+        ("joint", finger.joints, model.joint_names),
+        ("link", finger.links, model.link_names),
+    ):
+        for one in named:
+            if one not in known:
+                hint = name_hint(one, known, f"{what}s")
+                raise RobotError(f"finger '{name}' has an unknown {what} '{one}': {hint}")
+
+
 def _pushed(
-    robot: PosedRobot, reference: PosedRobot, finger: FingerConfig, moved: Sequence[str]
+    robot: PosedRobot, reference: Mapping[str, float], finger: FingerConfig, moved: Sequence[str]
 ) -> FloatArray:
     """Give the points of a finger that gave way, shape (n, 3) [m]: the contact is one of them.
 
     The arm may have moved since; only the finger's own joints count for what gave way.
     """
-    names = robot.model.joint_names
-    pushed = [link for link in finger.links if _beyond_all(robot, link, moved)]
+    model = robot.model
+    pushed = [
+        link
+        for link in finger.links
+        if all(link in model.beyond(model.urdf.children[joint]) for joint in moved)
+    ]
+    if not pushed:  # no link named would mean all links
+        return np.empty((0, 3))
     before = robot.positions.copy()
     for joint in finger.joints:
-        before[names.index(joint)] = reference.positions[names.index(joint)]
+        before[model.joint_names.index(joint)] = reference[joint]
     now, then = robot.surface_of(pushed), robot.at(before).surface_of(pushed)
     yielded = np.einsum("ij,ij->i", now.points - then.points, now.normals) < 0.0
     places: FloatArray = now.points[yielded]
     return places
-
-
-def _beyond_all(robot: PosedRobot, link: str, moved: Sequence[str]) -> bool:
-    urdf = robot.model.urdf
-    return all(link in urdf.hanging_on(urdf.children[joint]) for joint in moved)
 
 
 @hookimpl

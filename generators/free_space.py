@@ -8,7 +8,7 @@ from pydantic import Field
 
 from contactfusion.arrays import FloatArray
 from contactfusion.errors import ConfigurationError
-from contactfusion.frames import points_in
+from contactfusion.frames import Pose
 from contactfusion.generator import Generator, GeneratorConfig
 from contactfusion.grid import Grid
 from contactfusion.hooks import hookimpl
@@ -19,6 +19,9 @@ from contactfusion.state import State
 Vector = tuple[float, float, float]
 MOST_VOXELS = 2_000_000
 """A region of more voxels is a mistake in its units."""
+WINDOWS = (1, 2, 4, 8, 16, 32, 64)
+"""So many pixels to each side of its centre are looked at for a voxel: the first that cover it. One
+that is so near that it covers more is not free."""
 
 
 class FreeSpaceConfig(GeneratorConfig):
@@ -39,8 +42,8 @@ class FreeSpaceConfig(GeneratorConfig):
 class FreeSpaceGenerator(Generator[FreeSpaceConfig]):
     """Null: voxels that the camera sees through, a margin before any return; p = 1.
 
-    A voxel is free when all nine pixels about its centre have a return, and all of them lie behind
-    it. No return is not free: glass, black and too near look alike.
+    A voxel is free when all pixels that it covers have a return, and all of them lie behind it: at
+    least the nine about its centre. No return is not free: glass, black and too near look alike.
     """
 
     Config = FreeSpaceConfig
@@ -54,12 +57,14 @@ class FreeSpaceGenerator(Generator[FreeSpaceConfig]):
             ConfigurationError: there is neither a box nor a robot to look around, or the region has
                 too many voxels.
             RobotError: no link of a name that is configured.
+            FrameError: nothing joins the camera to the hypothesis space.
         """
         assert isinstance(reading, DepthImage)
-        places = _centres(*self._region(state), state.grid, self.name)
+        axes = _centres(*self._region(state), state.grid, self.name)
         to_camera = state.frames.pose(reading.frame, of=state.grid.frame)
-        free = places[seen_through(points_in(to_camera, places), reading, self.config.margin)]
-        return (self.cloud(reading, free, 1.0, frame=state.grid.frame),)
+        free = seen_through(axes, to_camera, reading, self.config.margin, state.grid.voxel_size)
+        places = [axis[rows] for axis, rows in zip(axes, np.nonzero(free), strict=True)]
+        return (self.cloud(reading, np.stack(places, axis=1), 1.0, frame=state.grid.frame),)
 
     def _region(self, state: State) -> tuple[FloatArray, FloatArray]:
         """Give the least and the greatest corner of where to look, shape (3,) [m]."""
@@ -72,35 +77,76 @@ class FreeSpaceGenerator(Generator[FreeSpaceConfig]):
         return points.min(axis=0) - self.config.reach, points.max(axis=0) + self.config.reach
 
 
-def seen_through(places: FloatArray, image: DepthImage, margin: float) -> NDArray[np.bool_]:
-    """Tell which places lie on the way from the camera to what it sees, a margin before it.
+def seen_through(
+    axes: Sequence[FloatArray], to_camera: Pose, image: DepthImage, margin: float, side: float
+) -> NDArray[np.bool_]:
+    """Tell which voxels lie on the way from the camera to what it sees, a margin before it.
 
     Args:
-        places: shape (n, 3) [m], in the camera's frame: x right, y down, z ahead.
+        axes: where along x, y and z their centres lie [m]; a voxel is one of each.
+        to_camera: takes centres to the camera's frame: x right, y down, z ahead.
         image: the depth image.
         margin: [m], along the optical axis.
+        side: of a voxel [m].
 
     Returns:
-        Shape (n,), bool.
+        Shape (len(x), len(y), len(z)), bool.
     """
+    returned = np.where(np.isfinite(image.depth), image.depth, 0.0)
+    half = np.sqrt(0.75) * side  # of a voxel's diagonal
+    spread = half * _pixels_a_radian(image)
+    z = _over_voxels(to_camera[2], axes)
+    seen = (z >= half + spread / WINDOWS[-1]) & (z + margin < returned.max(initial=0.0))
+    z = z[seen]
+    columns, rows = (
+        # what falls outside the image falls on its rim, which is never seen through
+        np.rint(_over_voxels(line, axes)[seen] / z).clip(0, size - 1).astype(np.intp)
+        for line, size in zip(
+            image.intrinsics[:2] @ to_camera[:3], returned.shape[::-1], strict=True
+        )
+    )
+    free = np.zeros(len(z), np.bool_)
+    far = np.inf
+    for window in WINDOWS:
+        near = half + spread / window
+        here = np.flatnonzero((z >= near) & (z < far))
+        if len(here):
+            least = _least_about(returned, rows[here], columns[here], window)
+            free[here] = z[here] + margin < least
+        far = near
+    seen[seen] = free
+    return seen
+
+
+def _over_voxels(line: FloatArray, axes: Sequence[FloatArray]) -> FloatArray:
+    """Give a·x + b·y + c·z + d for each voxel; `line` has shape (4,)."""
+    (a, b, c, d), (x, y, z) = line, axes
+    values: FloatArray = (a * x)[:, None, None] + (b * y)[:, None] + (c * z + d)
+    return values
+
+
+def _pixels_a_radian(image: DepthImage) -> float:
+    """Give the most pixels that a ball at a distance of 1 covers for each unit of its radius."""
+    (focal_x, _, x), (_, focal_y, y), _ = image.intrinsics
+    height, width = image.depth.shape
+    corner = np.hypot(max(x, width - 1 - x), max(y, height - 1 - y))
+    return float(np.hypot(max(focal_x, focal_y), corner))
+
+
+def _least_about(
+    depth: FloatArray, rows: NDArray[np.intp], columns: NDArray[np.intp], window: int
+) -> FloatArray:
+    """Give the least depth about pixels, `window` to each side; beyond the image it is 0 [m]."""
     from scipy.ndimage import minimum_filter
 
-    returned = np.where(np.isfinite(image.depth), image.depth, 0.0)
-    nearest = minimum_filter(returned, size=3, mode="constant", cval=0.0)
-    height, width = nearest.shape
-    free = np.zeros(len(places), np.bool_)
-    ahead = np.flatnonzero(places[:, 2] > 0.0)
-    x, y, z = places[ahead].T
-    column = np.round(image.intrinsics[0, 0] * x / z + image.intrinsics[0, 2])
-    row = np.round(image.intrinsics[1, 1] * y / z + image.intrinsics[1, 2])
-    inside = (column >= 0) & (column < width) & (row >= 0) & (row < height)
-    depth = nearest[row[inside].astype(np.intp), column[inside].astype(np.intp)]
-    free[ahead[inside]] = z[inside] + margin < depth
-    return free
+    top, left = (max(int(each.min()) - window, 0) for each in (rows, columns))
+    part = depth[top : rows.max() + window + 1, left : columns.max() + window + 1]
+    least: FloatArray = minimum_filter(part, 2 * window + 1, mode="constant", cval=0.0)
+    return least[rows - top, columns - left]
 
 
-def _centres(low: FloatArray, high: FloatArray, grid: Grid, name: str) -> FloatArray:
-    """Give the centres of all voxels of a region, shape (n, 3) [m]."""
+def _centres(low: FloatArray, high: FloatArray, grid: Grid, name: str) -> list[FloatArray]:
+    """Give where along x, y and z the centres of the voxels of a region lie [m]."""
     first, last = grid.voxels(np.stack([low, high]))
     count = np.prod((last - first + 1).astype(np.float64))
     if count > MOST_VOXELS:
@@ -108,9 +154,7 @@ def _centres(low: FloatArray, high: FloatArray, grid: Grid, name: str) -> FloatA
             f"'{name}' would look at {count:.3g} voxels, more than {MOST_VOXELS:.0e}: make its "
             "region smaller, or the voxels larger"
         )
-    axes = [np.arange(a, b + 1) for a, b in zip(first, last, strict=True)]
-    voxels = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
-    return grid.centres(voxels)
+    return [grid.centres(np.arange(a, b + 1)) for a, b in zip(first, last, strict=True)]
 
 
 @hookimpl

@@ -5,14 +5,12 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from pydantic import Field
 
-from contactfusion.arrays import FloatArray
 from contactfusion.errors import ConfigurationError
 from contactfusion.frames import Pose, pose_of
 from contactfusion.generator import Generator, GeneratorConfig
 from contactfusion.hooks import hookimpl
 from contactfusion.hypotheses import HypothesisCloud, HypothesisKind
 from contactfusion.readings import JointState, Reading, Twist
-from contactfusion.robots.posed import PosedRobot
 from contactfusion.state import State
 from contactfusion.surface import Surface
 
@@ -34,8 +32,8 @@ class MotionGenerator(Generator[MotionConfig]):
     """Support, multi contact: the voxels of the surface at q + Δq (F Eq 8).
 
     Δq is the speed of the joints, or of the base, times `ahead`; where a reading tells no speed, it
-    is that since the last reading. The contact may come anywhere on the way: the spread of a place
-    holds the way's length over √12.
+    is that since the last reading of the same joint. The contact may come anywhere on the way: the
+    spread of a place holds the way's length over √12.
     """
 
     Config = MotionConfig
@@ -47,8 +45,9 @@ class MotionGenerator(Generator[MotionConfig]):
         self.reset()
 
     def reset(self) -> None:
-        """Forget the last joints."""
-        self._last: tuple[float, FloatArray] | None = None
+        """Forget the joints and their speeds."""
+        self._last: dict[str, tuple[float, float]] = {}
+        self._speeds: dict[str, float] = {}
 
     def generate(self, reading: Reading, state: State) -> Sequence[HypothesisCloud]:
         """Give the surface where it will be.
@@ -56,16 +55,21 @@ class MotionGenerator(Generator[MotionConfig]):
         Raises:
             ConfigurationError: there is no robot, or no surface, to move.
             RobotError: no link of a name that is configured.
+            FrameError: nothing joins the frame of a twist to the hypothesis space.
         """
         if isinstance(reading, Twist):
             now = self._surface(state)
             there = now.moved(self._driven(reading, state), now.frame)
         else:
             assert isinstance(reading, JointState)
-            moved = self._turned(reading, state)
-            if moved is None:
+            self._learn_speeds(reading)
+            robot = state.posed_robot(self.name)
+            names = robot.model.joint_names
+            if not self._speeds.keys() & set(reading.names) & set(names):
                 return ()
-            now, there = moved
+            speeds = np.array([self._speeds.get(name, 0.0) for name in names])
+            ahead = robot.at(robot.positions + speeds * self.config.ahead)
+            now, there = (one.surface_of(self.config.links) for one in (robot, ahead))
         kept = state.grid.first_in_voxels(there.points)
         places = there.points[kept]
         way = np.linalg.norm(places - now.points[kept], axis=1)
@@ -79,32 +83,31 @@ class MotionGenerator(Generator[MotionConfig]):
             ),
         )
 
-    def _turned(self, reading: JointState, state: State) -> tuple[Surface, Surface] | None:
-        """Give the surface now and ahead; None when the speed of the joints is not known yet."""
-        robot = state.posed_robot(self.name)
-        speeds = self._speeds(reading, robot)
-        if speeds is None:
-            return None
-        there = robot.at(robot.positions + speeds * self.config.ahead)
-        return robot.surface_of(self.config.links), there.surface_of(self.config.links)
+    def _learn_speeds(self, reading: JointState) -> None:
+        """Remember how fast each joint moves [rad/s, m/s].
 
-    def _speeds(self, reading: JointState, robot: PosedRobot) -> FloatArray | None:
-        """Give the speed of each joint of the model, shape (n,) [rad/s, m/s]."""
-        positions = robot.positions
-        last, self._last = self._last, (reading.stamp, positions)
+        Arm and hand may come in readings of their own, even with one stamp: each joint has a last
+        reading of its own, and keeps its speed until the next.
+        """
         if reading.velocities is not None:
-            told = dict(zip(reading.names, reading.velocities, strict=True))
-            return np.array([told.get(name, 0.0) for name in robot.model.joint_names])
-        if last is None or reading.stamp <= last[0]:
-            return None
-        speeds: FloatArray = (positions - last[1]) / (reading.stamp - last[0])
-        return speeds
+            self._speeds |= zip(reading.names, reading.velocities.tolist(), strict=True)
+            return
+        for name, position in zip(reading.names, reading.positions.tolist(), strict=True):
+            if name in self._last:
+                stamp, before = self._last[name]
+                if reading.stamp <= stamp:
+                    continue
+                self._speeds[name] = (position - before) / (reading.stamp - stamp)
+            self._last[name] = reading.stamp, position
 
     def _surface(self, state: State) -> Surface:
-        if state.robot is not None:
-            return state.robot.surface_of(self.config.links)
+        if state.robot is not None or self.config.links:
+            return state.posed_robot(self.name).surface_of(self.config.links)
         if state.surface is None:
-            raise ConfigurationError(f"'{self.name}' needs a `surface` or a `robot` to move")
+            raise ConfigurationError(
+                f"'{self.name}' needs something to move: configure `surface` or `robot`, and see "
+                "that joints come and that `frames` join it to the hypothesis space"
+            )
         return state.surface
 
     def _driven(self, reading: Twist, state: State) -> Pose:

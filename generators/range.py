@@ -22,6 +22,8 @@ from contactfusion.state import State
 
 FAINTEST = 0.01
 """Less likely places are dropped (method §5)."""
+WIDER = 0.1
+"""Earlier sights hold so much more around the links [m]: what comes into view has not moved."""
 
 
 class RangeConfig(GeneratorConfig):
@@ -46,8 +48,8 @@ class RangeConfig(GeneratorConfig):
     """Of an object."""
     min_motion: float = Field(default=0.006, gt=0)
     """An object has moved when its points have by so much, root mean square [m]."""
-    memory: float = Field(default=1.0, gt=0)
-    """An object is compared with how it lay this long ago, or since it was first seen [s]."""
+    memory: float = Field(default=0.3, gt=0)
+    """An object is compared with how it lay so long ago at most [s]."""
     noise: float = Field(default=0.005, ge=0)
     """Standard deviation of a point, by the camera and by its place [m]."""
 
@@ -101,25 +103,28 @@ class RangeGenerator(Generator[RangeConfig]):
         """
         assert isinstance(reading, PointCloud)
         robot = state.posed_robot(self.name)
-        points = self._cropped(reading, state, robot)
-        hand = robot.surface_of(self.config.links).points.mean(axis=0)
-        counted = np.ones(len(points), np.bool_)
+        hand = robot.surface_of(self.config.links).points
+        points = self._around(reading, state, robot, hand)
+        counted = _within(points, hand, self.config.around)
         if self.config.evidence == "motion":
-            counted = self._moving(Sight(reading.stamp, points, hand))
+            counted &= self._moving(Sight(reading.stamp, points, hand.mean(axis=0)), counted)
         return (self._near(reading, points[counted], state, robot),)
 
-    def _cropped(self, reading: PointCloud, state: State, robot: PosedRobot) -> FloatArray:
+    def _around(
+        self, reading: PointCloud, state: State, robot: PosedRobot, hand: FloatArray
+    ) -> FloatArray:
         """Give the points around the links, thinned, without the robot's own, shape (n, 3) [m]."""
         pose = state.frames.pose(state.grid.frame, of=reading.frame)
         points = points_in(pose, reading.points[np.isfinite(reading.points).all(axis=1)])
-        links = robot.surface_of(self.config.links).points
-        low, high = links.min(axis=0) - self.config.around, links.max(axis=0) + self.config.around
-        points = points[((points >= low) & (points <= high)).all(axis=1)]
+        points = points[_within(points, hand, self.config.around + WIDER)]
         points = points[Grid(state.grid.frame, self.config.resolution).first_in_voxels(points)]
         return without_robot(points, robot, self.config.margin)
 
-    def _moving(self, sight: Sight) -> NDArray[np.bool_]:
-        """Tell which points are of an object that moves, ahead of the hand, shape (n,)."""
+    def _moving(self, sight: Sight, near: NDArray[np.bool_]) -> NDArray[np.bool_]:
+        """Tell which points are of an object that moves, ahead of the hand, shape (n,).
+
+        Only what is near now is compared: all of that was in view before.
+        """
         counted = np.zeros(len(sight.points), np.bool_)
         self._sights = [
             old for old in self._sights if 0.0 < sight.stamp - old.stamp <= self.config.memory
@@ -128,7 +133,7 @@ class RangeGenerator(Generator[RangeConfig]):
             before = self._sights[0]
             objects = clustered(sight.points, self.config.gap, self.config.min_points)
             for rows in objects:
-                way = moved_by(sight.points[rows], before.points, self.config.gap)
+                way = moved_by(sight.points[rows[near[rows]]], before.points, self.config.gap)
                 counted[rows] = way >= self.config.min_motion
             ahead = (sight.points - sight.hand) @ (sight.hand - before.hand) > 0.0
             counted &= ahead
@@ -152,6 +157,13 @@ class RangeGenerator(Generator[RangeConfig]):
             # The contact lies between the object and the robot, somewhere along the distance.
             spreads=np.hypot(self.config.noise, distances / np.sqrt(3.0)),
         )
+
+
+def _within(points: FloatArray, hand: FloatArray, reach: float) -> NDArray[np.bool_]:
+    """Tell which points lie in the box around the hand's, widened by `reach` [m], shape (n,)."""
+    low, high = hand.min(axis=0) - reach, hand.max(axis=0) + reach
+    inside: NDArray[np.bool_] = ((points >= low) & (points <= high)).all(axis=1)
+    return inside
 
 
 @hookimpl

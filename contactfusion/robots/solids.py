@@ -50,6 +50,10 @@ class Solid:
                 open3d.core.Tensor(np.ascontiguousarray(triangles, np.uint32)),
             )
 
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Travel to another process as the shapes."""
+        return Solid, (tuple(shape for shape, _, _ in self._shapes),)
+
     def samples(self, spacing: float) -> tuple[FloatArray, FloatArray]:
         """Give points about `spacing` [m] apart and outward normals, both of shape (n, 3)."""
         points, normals = [], []
