@@ -85,8 +85,10 @@ def _touch_kernels() -> None:
     from contactfusion.hypotheses import HypothesisCloud, HypothesisKind
     from contactfusion.integrator.config import IntegratorConfig
     from contactfusion.integrator.integrator import Integrator
+    from contactfusion.nearest import NearestGrid
 
     places = np.random.default_rng(0).uniform(-0.1, 0.1, (100, 3))
+    NearestGrid.of(places).improve(places, np.eye(4), 0, np.ones(100), np.zeros(100, np.intp))
     regular = HypothesisKind.REGULAR
     for rule in ("de_morgan", "max", "log_odds", "dempster_shafer"):
         config = IntegratorConfig(rule=rule, expiry="voxel", condensation="cluster_mass")

@@ -87,8 +87,11 @@ class RangeGenerator(Generator[RangeConfig]):
         self.reset()
 
     def prepare(self, robot: RobotModel) -> None:
-        """Fit the robot's spheres, which takes seconds."""
+        """Fit the robot's spheres and the grids of its links, which takes seconds."""
         robot.spheres  # noqa: B018 it is kept
+        for link in robot.known_links(self.config.links):
+            if link in robot.parts:
+                robot.parts[link].grid  # noqa: B018 it is kept
 
     def reset(self) -> None:
         """Forget where the objects lay."""

@@ -10,7 +10,7 @@ more than y and y more than z, so a segment is an interval of keys, and a row of
 import numpy as np
 from numpy.typing import NDArray
 
-from contactfusion.integrator.jit import kernel
+from contactfusion.jit import kernel
 from contactfusion.integrator.store import AXIS_BITS, AXIS_MASK, BEYOND, ONE, Int64Array
 
 Int32Array = NDArray[np.int32]

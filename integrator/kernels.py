@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from contactfusion.arrays import FloatArray
-from contactfusion.integrator.jit import kernel
+from contactfusion.jit import kernel
 from contactfusion.integrator.store import BEYOND, Int64Array
 
 REGULAR, SUPPORT, NULL, FORCE = 1, 2, 4, 8

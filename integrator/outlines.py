@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from contactfusion.arrays import FloatArray
-from contactfusion.integrator.jit import kernel
+from contactfusion.jit import kernel
 from contactfusion.integrator.store import AXIS_BITS, AXIS_MASK, AXIS_ORIGIN, ONE, Int64Array
 
 Int32Array = NDArray[np.int32]

@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from contactfusion.integrator.jit import kernel
+from contactfusion.jit import kernel
 from contactfusion.integrator.store import AXIS_BITS, AXIS_MASK, Columns, Int64Array
 
 SMALL = 48

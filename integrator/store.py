@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from contactfusion.arrays import FloatArray
 from contactfusion.grid import VOXEL_LIMIT
-from contactfusion.integrator.jit import kernel
+from contactfusion.jit import kernel
 
 AXIS_BITS = 21
 AXIS_MASK = (1 << AXIS_BITS) - 1

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-import contactfusion.integrator.jit as jit
+import contactfusion.jit as jit
 
 MODULE = """
 from contactfusion_jit import kernel

@@ -1,0 +1,144 @@
+"""The nearest sample of a rigid body: looked up in a grid, then sought along the surface."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from contactfusion.arrays import FloatArray
+from contactfusion.frames import Pose
+from contactfusion.jit import kernel
+
+CELL = 0.01
+"""The distance between neighbouring nodes of the grid [m]."""
+PADDING = 0.03
+"""The grid reaches so far beyond the body [m]; further off, its nearest node serves."""
+NEIGHBOURS = 8
+"""So many samples around each are looked at on the way to the nearest."""
+
+Int32Array = NDArray[np.int32]
+
+
+@dataclass(frozen=True, eq=False)
+class NearestGrid:
+    """What is needed to find the nearest of a body's samples quickly.
+
+    Attributes:
+        samples: shape (n, 3) [m].
+        low: shape (3,) [m], the least corner of the samples.
+        high: shape (3,) [m], the greatest.
+        nodes: shape (a, b, c), the sample nearest to each node of the grid.
+        neighbours: shape (n, k), the samples nearest to each sample.
+    """
+
+    samples: FloatArray
+    low: FloatArray
+    high: FloatArray
+    nodes: Int32Array
+    neighbours: Int32Array
+
+    @staticmethod
+    def of(samples: FloatArray) -> "NearestGrid":
+        """Build the grid of samples of shape (n, 3) [m], n at least 1."""
+        from scipy.spatial import KDTree
+
+        tree = KDTree(samples)
+        low, high = samples.min(axis=0), samples.max(axis=0)
+        counts = np.ceil((high - low + 2.0 * PADDING) / CELL).astype(np.int64) + 1
+        axes = [start - PADDING + CELL * np.arange(n) for start, n in zip(low, counts, strict=True)]
+        places = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
+        nodes = np.asarray(tree.query(places)[1], np.int32).reshape(counts)
+        k = min(NEIGHBOURS + 1, len(samples))
+        around = np.asarray(tree.query(samples, k=k)[1], np.int32).reshape(len(samples), k)
+        return NearestGrid(samples, low, high, nodes, around)
+
+    def improve(
+        self,
+        points: FloatArray,
+        back: Pose,
+        begin: int,
+        distances: FloatArray,
+        rows: NDArray[np.intp],
+    ) -> None:
+        """Write the distances that are less than those so far, and their samples.
+
+        Args:
+            points: shape (m, 3) [m], in any frame.
+            back: takes that frame to the samples'.
+            begin: what to add to the number of a sample.
+            distances: shape (m,) [m], changed where a sample is nearer.
+            rows: shape (m,), changed likewise.
+        """
+        _improve(
+            points,
+            np.ascontiguousarray(back),
+            self.samples,
+            self.low,
+            self.high,
+            self.nodes,
+            self.neighbours,
+            begin,
+            distances,
+            rows,
+        )
+
+
+@kernel
+def _improve(
+    points: FloatArray,
+    back: Pose,
+    samples: FloatArray,
+    low: FloatArray,
+    high: FloatArray,
+    nodes: Int32Array,
+    neighbours: Int32Array,
+    begin: int,
+    distances: FloatArray,
+    rows: NDArray[np.intp],
+) -> None:
+    place, at, middle = np.empty(3), np.empty(3, np.int64), np.zeros(3)
+    half = np.sqrt(np.square(high - low).sum()) / 2.0
+    for axis in range(3):  # of the box, in the frame of the points
+        for j in range(3):
+            middle[axis] += back[j, axis] * ((low[j] + high[j]) / 2.0 - back[j, 3])
+    for i in range(len(points)):
+        x, y, z = points[i, 0] - middle[0], points[i, 1] - middle[1], points[i, 2] - middle[2]
+        far = distances[i] + half
+        if x * x + y * y + z * z >= far * far:
+            continue
+        best, beyond = distances[i] * distances[i], 0.0
+        for axis in range(3):
+            place[axis] = back[axis, 3]
+            for j in range(3):
+                place[axis] += back[axis, j] * points[i, j]
+            out = max(low[axis] - place[axis], place[axis] - high[axis], 0.0)
+            beyond += out * out
+        if beyond >= best:
+            continue
+        for axis in range(3):
+            node = np.floor((place[axis] - low[axis] + PADDING) / CELL)
+            at[axis] = int(min(max(node, 0.0), nodes.shape[axis] - 2.0))
+        sample, square, last = np.int32(-1), np.inf, np.int32(-2)
+        for corner in range(8):  # of the cell that holds the place, or of the nearest one
+            a, b, c = at[0] + (corner & 1), at[1] + (corner >> 1 & 1), at[2] + (corner >> 2)
+            if nodes[a, b, c] != sample:
+                other = _square(samples, nodes[a, b, c], place)
+                if other < square:
+                    square, sample = other, nodes[a, b, c]
+        slack = distances[i] + CELL
+        if square > slack * slack:
+            continue  # the walk gains less than a cell
+        while sample != last:  # walk over the surface while it comes nearer
+            last = sample
+            for neighbour in neighbours[last]:
+                other = _square(samples, neighbour, place)
+                if other < square:
+                    square, sample = other, neighbour
+        if square < best:
+            distances[i], rows[i] = np.sqrt(square), begin + sample
+
+
+@kernel
+def _square(samples: FloatArray, row: int, place: FloatArray) -> float:
+    x, y, z = samples[row, 0] - place[0], samples[row, 1] - place[1], samples[row, 2] - place[2]
+    return float(x * x + y * y + z * z)
