@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,8 +12,10 @@ from contactfusion.errors import ConfigurationError
 from contactfusion.frames import Pose, points_in
 from contactfusion.readings import (
     DepthImage,
+    JointCommand,
     JointState,
     Markers,
+    ObjectPose,
     Odometry,
     PointCloud,
     Reading,
@@ -24,17 +27,25 @@ from contactfusion.readings import (
 
 Elements = tuple[int, ...] | None
 """Which taxels or joints, counted from 0; None: all."""
+POSE_AMOUNT = "3 or 6 numbers: x, y, z [m], and a turn about x, y, z [rad]"
 AMOUNTS: dict[type[Reading], tuple[tuple[int, ...], str]] = {
     Wrench: ((6,), "6 numbers: force x, y, z [N], torque x, y, z [N·m]"),
     Twist: ((6,), "6 numbers: linear x, y, z [m/s], angular x, y, z [rad/s]"),
-    Odometry: ((3, 6), "3 or 6 numbers: x, y, z [m], and a turn about x, y, z [rad]"),
+    Odometry: ((3, 6), POSE_AMOUNT),
+    ObjectPose: ((3, 6), POSE_AMOUNT),
     PointCloud: ((1, 3), "1 or 3 numbers: x, y, z [m]"),
     Markers: ((1, 3), "1 or 3 numbers: x, y, z [m]"),
     DepthImage: ((1,), "1 number: depth [m]"),
 }
 """How many numbers an amount has for a kind of reading, and what they are. Those of taxels and
 joints depend on the reading."""
-JOINT_ARRAYS = ("positions", "velocities", "efforts")
+NO_TURN = (0.0, 0.0, 0.0, 1.0)
+ELEMENT_ARRAYS: dict[type[Reading], tuple[str, ...]] = {
+    TactileImage: ("values",),
+    JointState: ("positions", "velocities", "efforts"),
+    JointCommand: ("positions",),
+}
+"""The kinds of reading that have elements, and which arrays hold one number for each."""
 
 
 def zeroed(reading: Reading) -> Reading:
@@ -48,23 +59,19 @@ def zeroed(reading: Reading) -> Reading:
             return replace(reading, force=np.zeros(3), torque=np.zeros(3))
         case Twist():
             return replace(reading, linear=np.zeros(3), angular=np.zeros(3))
-        case TactileImage():
-            return replace(reading, values=np.zeros_like(reading.values))
-        case JointState():
-            return replace(
-                reading,
-                positions=np.zeros_like(reading.positions),
-                velocities=_zeros(reading.velocities),
-                efforts=_zeros(reading.efforts),
-            )
+        case TactileImage() | JointState() | JointCommand():
+            zeros = {name: np.zeros_like(array) for name, array in _arrays(reading).items()}
+            return _with_arrays(reading, zeros)
         case Odometry():
             return replace(
                 reading,
                 position=np.zeros(3),
-                orientation=np.array([0.0, 0.0, 0.0, 1.0]),
-                linear=_zeros(reading.linear),
-                angular=_zeros(reading.angular),
+                orientation=np.array(NO_TURN),
+                linear=None if reading.linear is None else np.zeros(3),
+                angular=None if reading.angular is None else np.zeros(3),
             )
+        case ObjectPose():
+            return replace(reading, position=np.zeros(3), orientation=np.array(NO_TURN))
         case PointCloud():
             return replace(reading, points=np.zeros_like(reading.points))
         case Markers():
@@ -91,17 +98,11 @@ def repeated(reading: Reading, other: Reading, elements: Elements = None) -> Rea
         return replace(other, stamp=reading.stamp)
     rows = _rows(reading, elements)
     _rows(other, elements)
-    match reading, other:
-        case TactileImage(), TactileImage():
-            return replace(reading, values=_mixed(reading.values, other.values, rows))
-        case JointState(), JointState():
-            return replace(
-                reading,
-                positions=_mixed(reading.positions, other.positions, rows),
-                velocities=_mixed(reading.velocities, other.velocities, rows),
-                efforts=_mixed(reading.efforts, other.efforts, rows),
-            )
-    raise _unknown(reading)
+    mixed, others = _arrays(reading), _arrays(other)
+    for name in mixed.keys() & others.keys():
+        mixed[name] = mixed[name].copy()
+        mixed[name][rows] = others[name][rows]
+    return _with_arrays(reading, mixed)
 
 
 def changes(reading: Reading, amount: Sequence[float], elements: Elements = None) -> FloatArray:
@@ -109,13 +110,13 @@ def changes(reading: Reading, amount: Sequence[float], elements: Elements = None
 
     Args:
         reading: the reading that is to be changed.
-        amount: as `AMOUNTS` says; of taxels one number, or one for each; of joints one number for
-            all positions, or one for each position, then velocity, then effort.
+        amount: as `AMOUNTS` says; of taxels and joints one number for all values or positions, or
+            one for each, of joints then for each velocity, then effort.
         elements: the taxels or joints that the amount is for.
 
     Returns:
-        As `added` takes it: shape (n, 3) of points and markers, (h, w) of a depth image, (1, n) of
-        taxels, (3, n) of joints, else (6,).
+        As `added` takes it: shape (n, 3) of points and markers, (h, w) of a depth image, (k, n) of
+        n taxels or joints in k arrays, else (6,).
 
     Raises:
         ConfigurationError: the amount does not fit the reading.
@@ -125,7 +126,7 @@ def changes(reading: Reading, amount: Sequence[float], elements: Elements = None
     match reading:
         case Wrench() | Twist():
             return numbers
-        case Odometry():
+        case Odometry() | ObjectPose():
             return np.pad(numbers, (0, 6 - len(numbers)))
         case PointCloud():
             return np.broadcast_to(numbers, reading.points.shape)
@@ -133,11 +134,7 @@ def changes(reading: Reading, amount: Sequence[float], elements: Elements = None
             return np.broadcast_to(numbers, reading.positions.shape)
         case DepthImage():
             return np.broadcast_to(numbers, reading.depth.shape)
-        case TactileImage():
-            return _by_element(reading, numbers, _rows(reading, elements), ("values",))
-        case JointState():
-            return _by_element(reading, numbers, _rows(reading, elements), JOINT_ARRAYS)
-    raise _unknown(reading)
+    return _by_element(reading, numbers, _rows(reading, elements))
 
 
 def check_amount(kind: type[Reading], label: str, amount: Sequence[float]) -> None:
@@ -148,15 +145,15 @@ def check_amount(kind: type[Reading], label: str, amount: Sequence[float]) -> No
     """
     for known, (counts, what) in AMOUNTS.items():
         if issubclass(kind, known) and len(amount) not in counts:
-            raise ConfigurationError(f"{label} takes {what}; not {len(amount)}", "amount")
+            raise ConfigurationError(f"{label} takes {what}; it was given {len(amount)}", "amount")
 
 
 def added(reading: Reading, change: FloatArray) -> Reading:
     """Add to the values of a reading.
 
-    Pixels without a return keep none, and one that would get a depth of 0 or less loses it. An
-    odometry is turned by a rotation vector about the axes of its frame. Its velocities, the
-    colours and the mask of an image stay.
+    Pixels without a return keep none, and one that would get a depth of 0 or less loses it. A pose
+    is turned by a rotation vector about the axes of its frame. The velocities of an odometry, and
+    the colours and the mask of an image stay.
 
     Args:
         reading: the reading.
@@ -171,17 +168,13 @@ def added(reading: Reading, change: FloatArray) -> Reading:
             return replace(
                 reading, linear=reading.linear + change[:3], angular=reading.angular + change[3:]
             )
-        case TactileImage():
-            return replace(reading, values=reading.values + change[0])
-        case JointState():
-            return replace(
-                reading,
-                positions=reading.positions + change[0],
-                velocities=None if reading.velocities is None else reading.velocities + change[1],
-                efforts=None if reading.efforts is None else reading.efforts + change[2],
-            )
-        case Odometry():
-            return _displaced(reading, change)
+        case TactileImage() | JointState() | JointCommand():
+            row_of = dict(zip(_element_arrays(reading), change, strict=True))
+            arrays = _arrays(reading)
+            return _with_arrays(reading, {name: arrays[name] + row_of[name] for name in arrays})
+        case Odometry() | ObjectPose():
+            orientation = _turned(reading.orientation, change[3:])
+            return replace(reading, position=reading.position + change[:3], orientation=orientation)
         case PointCloud():
             return replace(reading, points=reading.points + change)
         case Markers():
@@ -216,7 +209,7 @@ def moved(reading: Reading, pose: Pose) -> Reading:
             return replace(
                 reading, linear=turn @ reading.linear + np.cross(shift, angular), angular=angular
             )
-        case Odometry():
+        case Odometry() | ObjectPose():
             from scipy.spatial.transform import Rotation
 
             turned = Rotation.from_matrix(turn) * Rotation.from_quat(reading.orientation)
@@ -230,19 +223,27 @@ def moved(reading: Reading, pose: Pose) -> Reading:
     raise _unknown(reading)
 
 
-def _zeros(array: FloatArray | None) -> FloatArray | None:
-    return None if array is None else np.zeros_like(array)
+def _element_arrays(reading: Reading) -> tuple[str, ...]:
+    """Give the names of the arrays that hold one number for each element."""
+    for kind, names in ELEMENT_ARRAYS.items():
+        if isinstance(reading, kind):
+            return names
+    raise _unknown(reading)
+
+
+def _arrays(reading: Reading) -> dict[str, FloatArray]:
+    """Give those arrays by name; a robot may not tell velocities or efforts."""
+    given = ((name, getattr(reading, name)) for name in _element_arrays(reading))
+    return {name: array for name, array in given if array is not None}
+
+
+def _with_arrays(reading: Reading, arrays: dict[str, Any]) -> Reading:
+    return replace(reading, **arrays)
 
 
 def _rows(reading: Reading, elements: Elements) -> NDArray[np.intp]:
     """Give the indices of taxels or joints; refuse those that do not exist."""
-    match reading:
-        case TactileImage():
-            count = len(reading.values)
-        case JointState():
-            count = len(reading.names)
-        case _:
-            raise _unknown(reading)
+    count = len(next(iter(_arrays(reading).values())))
     if elements is None:
         return np.arange(count)
     if max(elements) >= count:
@@ -252,40 +253,34 @@ def _rows(reading: Reading, elements: Elements) -> NDArray[np.intp]:
     return np.array(elements, dtype=np.intp)
 
 
-def _mixed[A: (FloatArray, FloatArray | None)](mine: A, others: A, rows: NDArray[np.intp]) -> A:
-    if mine is None or others is None:
-        return mine
-    mixed = mine.copy()
-    mixed[rows] = others[rows]
-    return mixed
-
-
-def _by_element(
-    reading: Reading, numbers: FloatArray, rows: NDArray[np.intp], arrays: tuple[str, ...]
-) -> FloatArray:
+def _by_element(reading: Reading, numbers: FloatArray, rows: NDArray[np.intp]) -> FloatArray:
     """Spread an amount over taxels or joints: a row for each array of the reading."""
-    whole = _rows(reading, None)
-    table = np.zeros((len(arrays), len(whole)))
+    names, arrays = _element_arrays(reading), _arrays(reading)
+    table = np.zeros((len(names), len(_rows(reading, None))))
     if len(numbers) == 1:
         table[0, rows] = numbers
         return table
-    wanted = [count * len(rows) for count in range(1, len(arrays) + 1)]
-    if len(numbers) not in wanted:
-        counts = " or ".join(str(count) for count in sorted({1, *wanted}))
-        raise ConfigurationError(f"{reading.label} takes {counts} numbers; not {len(numbers)}")
+    fitting = [count * len(rows) for count in range(1, len(names) + 1)]
+    if len(numbers) not in fitting:
+        counts = " or ".join(str(count) for count in sorted({1, *fitting}))
+        raise ConfigurationError(
+            f"{reading.label} takes {counts} numbers; it was given {len(numbers)}", "amount"
+        )
     given = numbers.reshape(-1, len(rows))
     table[: len(given), rows] = given
-    for name, row in zip(arrays, table, strict=True):
-        if getattr(reading, name) is None and row.any():
+    for name, row in zip(names, table, strict=True):
+        if name not in arrays and row.any():
             raise ConfigurationError(f"{reading.label} has no {name} to change", "amount")
     return table
 
 
-def _displaced(reading: Odometry, change: FloatArray) -> Odometry:
+def _turned(orientation: FloatArray, turn: FloatArray) -> FloatArray:
+    """Turn a quaternion by a rotation vector [rad]."""
+    if not turn.any():
+        return orientation
     from scipy.spatial.transform import Rotation
 
-    turned = Rotation.from_rotvec(change[3:]) * Rotation.from_quat(reading.orientation)
-    return replace(reading, position=reading.position + change[:3], orientation=turned.as_quat())
+    return (Rotation.from_rotvec(turn) * Rotation.from_quat(orientation)).as_quat()
 
 
 def _moved_rows(pose: Pose, points: FloatArray) -> FloatArray:

@@ -12,6 +12,7 @@ from typing import Any
 from contactfusion.assembly import AnyGenerator, built_controller, built_generator
 from contactfusion.controller import Command, Controller
 from contactfusion.errors import ContactFusionError, SourceError, name_hint
+from contactfusion.faults import Faults
 from contactfusion.frames import points_in, vectors_in
 from contactfusion.grid import Grid
 from contactfusion.hypotheses import HypothesisCloud
@@ -72,13 +73,14 @@ class Pipeline:
         self.config = config
         self._ask = ask
         self.integrator = Integrator(config.integrator.model_copy(update={"strict_sources": True}))
+        self._grid = Grid(config.integrator.frame, config.integrator.voxel_size)
+        self._robot = Robot(config, self._grid)
         self.generators: dict[str, AnyGenerator] = {}
         """The plugged generators by name."""
         for name, options in config.generators.items():
             self.plug(name, options)
         self._controller = built_controller(config)
-        self._grid = Grid(config.integrator.frame, config.integrator.voxel_size)
-        self._robot = Robot(config, self._grid)
+        self._faults = Faults(config.faults, config.seed)
         self._fusion: Fusion | None = None
 
     def plug(self, name: str, options: dict[str, Any]) -> None:
@@ -96,6 +98,8 @@ class Pipeline:
         generator = built_generator(name, options, self.config.folder, self.config.robot)
         if generator.config.isolate:
             generator = Isolated(generator)
+        elif self._robot.model is not None:
+            generator.prepare(self._robot.model)
         for source, kind in generator.sources.items():
             self.integrator.plug(
                 source,
@@ -122,7 +126,23 @@ class Pipeline:
             generator.close()
 
     def receive(self, reading: Reading) -> None:
-        """Give a reading to every generator that takes it; one that fails harms no other."""
+        """Give a reading to every generator that takes it; one that fails harms no other.
+
+        The faults of the configuration come first: they may change, hold back or lose the reading.
+
+        Raises:
+            ConfigurationError: a fault makes no sense for the reading.
+        """
+        self._arrived(reading)
+
+    def _arrived(self, reading: Reading) -> Sequence[Reading]:
+        """Take in what the faults leave of a reading, and give that."""
+        arrived = self._faults.apply(reading)
+        for one in arrived:
+            self._distribute(one)
+        return arrived
+
+    def _distribute(self, reading: Reading) -> None:
         self._robot.add(reading)
         takers = [one for one in self.generators.values() if _takes(one, reading)]
         if takers:
@@ -160,6 +180,7 @@ class Pipeline:
         """Start again, as when a recording is played a second time; plugs stay."""
         self.integrator.reset()
         self._robot.clear()
+        self._faults.reset()
         self._fusion = None
         for generator in self.generators.values():
             generator.reset()
@@ -189,11 +210,14 @@ class Pipeline:
         now = -float("inf")
         for reading in readings:
             now = max(now, reading.stamp)
-            self.receive(reading)
+            arrived = self._arrived(reading)
             if on is None:
                 due = self.integrator.ready(now)
             else:
-                due = reading.sensor == on or (wanted is not None and isinstance(reading, wanted))
+                due = any(
+                    one.sensor == on or (wanted is not None and isinstance(one, wanted))
+                    for one in arrived
+                )
             if due:
                 yield self.step(now)
 

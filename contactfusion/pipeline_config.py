@@ -6,6 +6,7 @@ from typing import Any, Self
 from pydantic import Field, model_validator
 
 from contactfusion.errors import ConfigurationError
+from contactfusion.fault_config import FaultConfig
 from contactfusion.frame_config import FrameConfig
 from contactfusion.frames import FrameTree
 from contactfusion.integrator.config import IntegratorConfig
@@ -53,6 +54,10 @@ class PipelineConfig(Model):
     """A robot by URDF, or the name of a file that describes it."""
     controller: dict[str, Any] | None = None
     """The `type` of the controller and its options."""
+    faults: tuple[FaultConfig, ...] = ()
+    """How sensors fail on purpose, in the order in which the faults act."""
+    seed: int = Field(default=0, ge=0)
+    """Of the randomness of faults; the same seed gives the same faults."""
     folder: Path = Path()
     """Where relative file names start, those in options of plug-ins too; `contactfusion run` takes
     the folder of the configuration."""
