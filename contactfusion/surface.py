@@ -11,10 +11,11 @@ from numpy.typing import ArrayLike, NDArray
 from contactfusion.arrays import FloatArray, frozen_array
 from contactfusion.errors import ConfigurationError
 from contactfusion.frames import Pose, inverse, points_in, vectors_in
-from contactfusion.nearest import NearestGrid
 
 if TYPE_CHECKING:
     from scipy.spatial import KDTree
+
+    from contactfusion.nearest import NearestGrid
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,8 +40,10 @@ class RigidPart:
         return KDTree(self.points)
 
     @cached_property
-    def grid(self) -> NearestGrid:
+    def grid(self) -> "NearestGrid":
         """The grid that finds the nearest of the points."""
+        from contactfusion.nearest import NearestGrid
+
         return NearestGrid.of(self.points)
 
     @cached_property

@@ -21,7 +21,9 @@ DATA = (
     "files",
     "grid",
     "hypotheses",
+    "jit",
     "model",
+    "nearest",
     "readings",
     "surface",
     "time",
@@ -41,6 +43,8 @@ OUTER = (
     "testing",
 )
 """What stands outside and imports inward."""
+CHECKUP = ("checkup", "picture", "weighing")
+"""What examines and draws a robot for the command line."""
 
 
 def runtime_imports(tree: ast.AST) -> Iterator[str]:
@@ -93,6 +97,13 @@ def test_data_types_import_data_types_only(name: str) -> None:
 def test_the_integrator_knows_no_generator_and_no_pipeline(path: Path) -> None:
     forbidden = ("generators", "controllers", "generator", "controller", "pipeline", "state")
     assert reaches(path, (*forbidden, "pipeline_config", *OUTER)) == set()
+
+
+@pytest.mark.parametrize("path", modules("contactfusion/robots"), ids=lambda path: path.stem)
+def test_robots_know_no_generator_and_no_pipeline(path: Path) -> None:
+    inner = path.stem not in CHECKUP
+    forbidden = ("pipeline", "pipeline_config", "integrator", "controllers", "controller")
+    assert reaches(path, (*forbidden, *(OUTER if inner else ()))) == set()
 
 
 @pytest.mark.parametrize("path", modules("generators"), ids=lambda path: path.stem)
