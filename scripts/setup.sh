@@ -9,6 +9,10 @@ venv=$2
 need=""
 command -v "$python" >/dev/null 2>&1 || need="$need python3.11"
 "$python" -c 'import ensurepip' >/dev/null 2>&1 || need="$need python3.11-venv"
+libraries=$(PATH=$PATH:/sbin ldconfig -p 2>/dev/null || true)
+for pair in libEGL.so.1:libegl1 libGL.so.1:libgl1 libusb-1.0.so.0:libusb-1.0-0 libgomp.so.1:libgomp1; do
+    case $libraries in *"${pair%%:*}"*) ;; *) need="$need ${pair##*:}" ;; esac
+done
 if [ -n "$need" ]; then
     if [ "$(id -u)" = 0 ] && command -v apt-get >/dev/null 2>&1; then
         apt-get update -qq
