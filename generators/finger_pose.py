@@ -15,6 +15,9 @@ from contactfusion.robots.description import FingerConfig
 from contactfusion.robots.posed import PosedRobot
 from contactfusion.state import State
 
+GAVE_WAY = 1e-6
+"""A point that moved less against its normal [m] did so by rounding, as the sides of a hinge do."""
+
 
 class FingerPoseConfig(GeneratorConfig):
     """The options of `finger_pose`."""
@@ -152,8 +155,8 @@ def _pushed(
     for joint in finger.joints:
         before[model.joint_names.index(joint)] = reference[joint]
     now, then = robot.surface_of(pushed), robot.at(before).surface_of(pushed)
-    yielded = np.einsum("ij,ij->i", now.points - then.points, now.normals) < 0.0
-    places: FloatArray = now.points[yielded]
+    outward = np.einsum("ij,ij->i", now.points - then.points, now.normals)
+    places: FloatArray = now.points[outward < -GAVE_WAY]
     return places
 
 

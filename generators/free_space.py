@@ -71,7 +71,13 @@ class FreeSpaceGenerator(Generator[FreeSpaceConfig]):
         if self.config.box is not None:
             corners = np.array(self.config.box)
             return corners.min(axis=0), corners.max(axis=0)
-        points = state.posed_robot(self.name).surface_of(self.config.links).points
+        if state.robot is None:
+            raise ConfigurationError(
+                f"'{self.name}' needs a `box` to look at, or the robot to look around: configure "
+                "`robot`, and see that its joints come and that `frames` join it to the hypothesis "
+                "space"
+            )
+        points = state.robot.surface_of(self.config.links).points
         if not len(points):
             raise ConfigurationError(f"the links of '{self.name}' have no surface to look around")
         return points.min(axis=0) - self.config.reach, points.max(axis=0) + self.config.reach
@@ -93,10 +99,11 @@ def seen_through(
         Shape (len(x), len(y), len(z)), bool.
     """
     returned = np.where(np.isfinite(image.depth), image.depth, 0.0)
+    furthest = returned.max(initial=0.0) - margin
     half = np.sqrt(0.75) * side  # of a voxel's diagonal
     spread = half * _pixels_a_radian(image)
     z = _over_voxels(to_camera[2], axes)
-    seen = (z >= half + spread / WINDOWS[-1]) & (z + margin < returned.max(initial=0.0))
+    seen: NDArray[np.bool_] = (z >= half + spread / WINDOWS[-1]) & (z < furthest)
     z = z[seen]
     columns, rows = (
         # what falls outside the image falls on its rim, which is never seen through
@@ -107,7 +114,7 @@ def seen_through(
     )
     free = np.zeros(len(z), np.bool_)
     far = np.inf
-    for window in WINDOWS:
+    for window in WINDOWS:  # from here to where the one before began, it is the first that covers
         near = half + spread / window
         here = np.flatnonzero((z >= near) & (z < far))
         if len(here):
@@ -147,13 +154,13 @@ def _least_about(
 
 def _centres(low: FloatArray, high: FloatArray, grid: Grid, name: str) -> list[FloatArray]:
     """Give where along x, y and z the centres of the voxels of a region lie [m]."""
-    first, last = grid.voxels(np.stack([low, high]))
-    count = np.prod((last - first + 1).astype(np.float64))
+    count = np.prod(np.ceil((high - low) / grid.voxel_size) + 1.0)
     if count > MOST_VOXELS:
         raise ConfigurationError(
             f"'{name}' would look at {count:.3g} voxels, more than {MOST_VOXELS:.0e}: make its "
             "region smaller, or the voxels larger"
         )
+    first, last = grid.voxels(np.stack([low, high]))
     return [grid.centres(np.arange(a, b + 1)) for a, b in zip(first, last, strict=True)]
 
 

@@ -3,6 +3,7 @@
 import json
 import re
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, get_args
 
@@ -11,10 +12,14 @@ import pytest
 import yaml
 from pydantic import BaseModel
 
+from contactfusion import Pipeline
 from contactfusion.integrator.config import IntegratorConfig
 from contactfusion.pipeline_config import PipelineConfig
 from contactfusion.plugins import installed_plugins
+from contactfusion.readings import JointState
+from contactfusion.robots.model import RobotModel
 from contactfusion.running import RunConfig, run_file
+from contactfusion.testing import example_reading
 
 ROOT = Path(__file__).resolve().parents[1]
 CONFIGURATION = ROOT / "docs" / "configuration.md"
@@ -63,10 +68,38 @@ def test_the_page_of_a_generator_names_every_option(name: str) -> None:
 @pytest.mark.parametrize("name", GENERATORS)
 def test_the_example_of_a_generator_is_a_configuration(name: str) -> None:
     (example, *_) = examples(page(name))
-    PipelineConfig(**example).frame_tree()
+    config = PipelineConfig(**example)
+    config.frame_tree()
+    if config.robot is not None:
+        finds_its_robot(config, RobotModel(config.robot))
+        return
     for options in example["generators"].values():
-        config = GENERATORS[options.pop("type")].Config(**options)
-        assert config.sensor in example["frames"]
+        built = GENERATORS[options.pop("type")].Config(**options)
+        assert built.sensor in example["frames"]
+
+
+def finds_its_robot(config: PipelineConfig, model: RobotModel) -> None:
+    """Every generator takes a reading: the links, joints and frames that it names are there."""
+    pipe = Pipeline(config)
+    frames = {*config.frame_tree().frames, *model.link_names}
+    rest = np.zeros(len(model.joint_names))
+    joints = JointState(
+        stamp=0.0, frame=model.root, names=model.joint_names, positions=rest, velocities=rest
+    )
+    pipe.receive(joints)
+    for generator in pipe.generators.values():
+        sensor = generator.config.sensor
+        assert sensor
+        if JointState in generator.readings:  # joints come in no frame of a sensor
+            pipe.receive(replace(joints, sensor=sensor))
+            continue
+        assert sensor in frames
+        reading = example_reading(generator.readings[0])
+        pipe.receive(replace(reading, stamp=0.0, frame=sensor, sensor=sensor))
+    sources = pipe.step(0.0).fusion.report.sources
+    assert {name: (source.accepted, source.invalid) for name, source in sources.items()} == (
+        dict.fromkeys(sources, (1, 0))
+    )
 
 
 @pytest.mark.parametrize("model", [PipelineConfig, IntegratorConfig, RunConfig])

@@ -9,13 +9,25 @@ import pytest
 
 from contactfusion import Grid, State
 from contactfusion.frames import FrameTree
+from contactfusion.generators.finger_pose import FingerPoseConfig
 from contactfusion.generators.force_torque import ForceTorqueConfig
+from contactfusion.generators.free_space import FreeSpaceConfig
+from contactfusion.generators.range import RangeConfig
+from contactfusion.generators.simulator import SimulatorConfig
 from contactfusion.generators.tactile import TactileConfig
 from contactfusion.generators.taxel_map import TaxelMap, TaxelMapConfig
 from contactfusion.plugins import Plugins, installed_plugins
-from contactfusion.readings import TactileImage, Wrench
+from contactfusion.readings import (
+    JointCommand,
+    ObjectPose,
+    PointCloud,
+    TactileImage,
+    Twist,
+    Wrench,
+)
 from contactfusion.shapes import BodyConfig
 from contactfusion.testing import EXAMPLES, check_generator, example_reading
+from tests import hands
 
 HOME = "contactfusion"
 """The distribution whose generators are checked here."""
@@ -39,6 +51,54 @@ def force_torque(folder: Path) -> Given:
         for index in range(EXAMPLES)
     ]
     return {"config": ForceTorqueConfig(sign="on_robot"), "readings": readings, "state": state}
+
+
+def finger_pose(folder: Path) -> Given:
+    """A hand on a slide that yields, as a finger does; at last it is told to go elsewhere."""
+    config = {"fingers": {"slide": {"joints": ("slide",), "links": ("hand",)}}}
+    readings = [
+        *(hands.joints(0.05 * index, 0.1 * index) for index in range(EXAMPLES)),
+        JointCommand(stamp=0.3, frame="base", names=("slide",), positions=np.array([0.5])),
+        hands.joints(0.3, 0.4),
+    ]
+    state = hands.state(hands.slide(folder), x=0.1)
+    return {"config": FingerPoseConfig.model_validate(config), "readings": readings, "state": state}
+
+
+def free_space(folder: Path) -> Given:
+    """A box between the camera and what it sees."""
+    return {"config": FreeSpaceConfig(box=((-0.05, -0.05, 0.2), (0.05, 0.05, 0.4)))}
+
+
+def motion(folder: Path) -> Given:
+    """A hand that slides on a base that drives."""
+    readings = [
+        *(hands.joints(0.05 * index, 0.1 * index) for index in range(EXAMPLES)),
+        hands.joints(0.15, 0.3, velocity=0.5),
+        example_reading(Twist),
+    ]
+    return {"readings": readings, "state": hands.state(hands.slide(folder), x=0.1)}
+
+
+def range_camera(folder: Path) -> Given:
+    """A hand near a cloud."""
+    points = np.random.default_rng(0).uniform(-0.03, 0.03, (EXAMPLES, 200, 3)) + [0.2, 0.0, 0.0]
+    readings = [
+        PointCloud(stamp=0.1 * index, frame="base", points=points[index])
+        for index in range(EXAMPLES)
+    ]
+    state = hands.state(hands.slide(folder), x=0.1)
+    config = RangeConfig(evidence="proximity", margin=0.0)
+    return {"config": config, "readings": readings, "state": state}
+
+
+def simulator(folder: Path) -> Given:
+    """A hand that is believed to touch a box, which is then told to be elsewhere."""
+    box = {"shapes": [{"shape": "box", "size": (0.1, 0.1, 0.1)}], "pose": {"parent": "base"}}
+    readings = [hands.joints(0.1, stamp=0.1 * index) for index in range(EXAMPLES)]
+    config = SimulatorConfig.model_validate({"objects": {"object": box}})
+    state = hands.state(hands.slide(folder), x=0.1)
+    return {"config": config, "readings": [*readings, example_reading(ObjectPose)], "state": state}
 
 
 def tactile(folder: Path) -> Given:
@@ -67,7 +127,12 @@ def nothing(folder: Path) -> Given:
 
 
 GIVEN: dict[str, Callable[[Path], Given]] = {
+    "finger_pose": finger_pose,
     "force_torque": force_torque,
+    "free_space": free_space,
+    "motion": motion,
+    "range": range_camera,
+    "simulator": simulator,
     "tactile": tactile,
     "taxel_map": taxel_map,
 }
