@@ -17,6 +17,8 @@ GOOD: dict[str, dict[str, Any]] = {
     "point_cloud": {"points": np.ones((5, 3))},
     "depth_image": {"depth": np.ones((3, 4)), "intrinsics": np.eye(3)},
     "joint_state": {"names": ("a", "b"), "positions": np.ones(2)},
+    "joint_command": {"names": ("a", "b"), "positions": np.ones(2)},
+    "object_pose": {"name": "box", "position": ONES, "orientation": TURN},
     "twist": {"linear": ONES, "angular": ONES},
     "odometry": {"child_frame": "base", "position": ONES, "orientation": TURN},
     "markers": {"names": ("a", "b"), "positions": np.ones((2, 3))},
@@ -59,6 +61,18 @@ def test_a_reading_needs_a_frame(kind: str) -> None:
 def test_a_reading_is_called_by_its_kind_and_sensor() -> None:
     assert made("wrench").label == "Wrench of 'it'"
     assert made("wrench", sensor="").label == "Wrench"
+
+
+def test_a_command_that_names_a_joint_twice_is_refused() -> None:
+    with pytest.raises(InvalidReadingError, match="JointCommand of 'it' names a joint twice"):
+        made("joint_command", names=("a", "a"))
+
+
+def test_an_object_has_a_name_and_a_turn() -> None:
+    with pytest.raises(InvalidReadingError, match="needs the name of its object"):
+        made("object_pose", name="")
+    with pytest.raises(InvalidReadingError, match="is no unit quaternion"):
+        made("object_pose", orientation=np.ones(4))
 
 
 def test_the_values_of_a_patch_come_in_one_row() -> None:
