@@ -10,8 +10,10 @@ import yaml
 
 from contactfusion.errors import ConfigurationError, ContactFusionError, RecordingError
 from contactfusion.readings import (
+    JointCommand,
     JointState,
     Markers,
+    ObjectPose,
     Odometry,
     Reading,
     Switch,
@@ -101,6 +103,16 @@ readings:
             {"type": "joint_state", "names": ["a", "b"], "columns": "2..7"},
             JointState,
             {"positions": [1, 2], "velocities": [3, 4], "efforts": [5, 6]},
+        ),
+        (
+            {"type": "joint_command", "names": ["a", "b"], "columns": [2, 3]},
+            JointCommand,
+            {"positions": [1, 2], "names": ("a", "b")},
+        ),
+        (
+            {"type": "object_pose", "name": "mug", "columns": [2, 3, 4, 15, 15, 15, 2]},
+            ObjectPose,
+            {"name": "mug", "position": [1, 2, 3], "orientation": [0, 0, 0, 1]},
         ),
         ({"type": "twist", "columns": "2..7"}, Twist, {"linear": [1, 2, 3], "angular": [4, 5, 6]}),
         (
