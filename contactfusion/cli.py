@@ -6,7 +6,7 @@ from typing import Annotated
 
 import typer
 
-from contactfusion.errors import ContactFusionError
+from contactfusion.errors import ConfigurationError, ContactFusionError
 
 app = typer.Typer(
     name="contactfusion",
@@ -62,11 +62,26 @@ def plugins(
 
 @app.command()
 def doctor(
+    robot: Annotated[
+        str | None, typer.Argument(help="Look over this ROBOT.yaml, not the installation.")
+    ] = None,
     warm: Annotated[bool, typer.Option(help="Compile the kernels now.")] = False,
+    out: Annotated[Path | None, typer.Option(help="Draw the robot: the PNG to write.")] = None,
+    recording: Annotated[
+        Path | None, typer.Option(help="Weigh what wrists carry: wrenches at rest, and joints.")
+    ] = None,
 ) -> None:
-    """Check the installation, and say the one command that mends each fault."""
+    """Check the installation, or a robot's description, and say what to mend."""
+    if robot is not None:
+        from contactfusion.robots.checkup import check_robot
+
+        if not check_robot(robot, out, recording):
+            raise typer.Exit(1)
+        return
     from contactfusion.doctor import check, compile_kernels
 
+    if out or recording:
+        raise ConfigurationError("name the ROBOT.yaml that --out and --recording are for")
     if warm:
         compile_kernels()
     elif not check():

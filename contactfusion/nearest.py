@@ -130,7 +130,8 @@ def _improve(
             continue  # the walk gains less than a cell
         while sample != last:  # walk over the surface while it comes nearer
             last = sample
-            for neighbour in neighbours[last]:
+            for column in range(neighbours.shape[1]):
+                neighbour = neighbours[int(last), column]
                 other = _square(samples, neighbour, place)
                 if other < square:
                     square, sample = other, neighbour

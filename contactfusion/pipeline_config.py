@@ -71,8 +71,7 @@ class PipelineConfig(Model):
             if isinstance(robot, str | Path):
                 return {**fields, "robot": read_robot(folder / robot)}
             if isinstance(robot, dict):
-                inline = RobotConfig(**{"folder": folder, **robot})
-                return {**fields, "robot": rooted(inline, folder)}
+                return {**fields, "robot": rooted(RobotConfig(**robot), folder)}
         except ConfigurationError as error:
             raise error.under("robot") from None
         return fields

@@ -10,8 +10,8 @@ more than y and y more than z, so a segment is an interval of keys, and a row of
 import numpy as np
 from numpy.typing import NDArray
 
-from contactfusion.jit import kernel
 from contactfusion.integrator.store import AXIS_BITS, AXIS_MASK, BEYOND, ONE, Int64Array
+from contactfusion.jit import kernel
 
 Int32Array = NDArray[np.int32]
 UintArray = NDArray[np.uintp]

@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from contactfusion.arrays import FloatArray
-from contactfusion.jit import kernel
 from contactfusion.integrator.store import BEYOND, Int64Array
+from contactfusion.jit import kernel
 
 REGULAR, SUPPORT, NULL, FORCE = 1, 2, 4, 8
 """Bits of the kinds of hypothesis that are alive in a voxel, and of regular ones with a force."""

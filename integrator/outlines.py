@@ -6,8 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from contactfusion.arrays import FloatArray
-from contactfusion.jit import kernel
 from contactfusion.integrator.store import AXIS_BITS, AXIS_MASK, AXIS_ORIGIN, ONE, Int64Array
+from contactfusion.jit import kernel
 
 Int32Array = NDArray[np.int32]
 

@@ -5,8 +5,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from contactfusion.jit import kernel
 from contactfusion.integrator.store import AXIS_BITS, AXIS_MASK, Columns, Int64Array
+from contactfusion.jit import kernel
 
 SMALL = 48
 """Up to this many rows, insertion sort is faster than counting digits."""

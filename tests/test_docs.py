@@ -16,13 +16,17 @@ from contactfusion import Pipeline
 from contactfusion.integrator.config import IntegratorConfig
 from contactfusion.pipeline_config import PipelineConfig
 from contactfusion.plugins import installed_plugins
-from contactfusion.readings import JointState
+from contactfusion.readings import JointState, TactileImage, Wrench
+from contactfusion.robots.checkup import camera_faults, finger_faults, patch_faults, wrist_faults
+from contactfusion.robots.description import RobotConfig
 from contactfusion.robots.model import RobotModel
+from contactfusion.robots.posed import PosedRobot
 from contactfusion.running import RunConfig, run_file
 from contactfusion.testing import example_reading
 
 ROOT = Path(__file__).resolve().parents[1]
 CONFIGURATION = ROOT / "docs" / "configuration.md"
+ROBOTS = ROOT / "docs" / "robots.md"
 GENERATORS = {
     name: cls
     for name, cls in installed_plugins().offers("generators").items()
@@ -39,12 +43,13 @@ def examples(path: Path) -> list[dict[str, Any]]:
     return [yaml.safe_load(block) for block in blocks]
 
 
-def fields(model: type[BaseModel]) -> Iterator[str]:
-    """Every field of a model, and of the models within."""
+def fields(model: type[BaseModel], elsewhere: type[BaseModel] | None = None) -> Iterator[str]:
+    """Every field of a model, and of the models within but for one that has a page of its own."""
     for name, info in model.model_fields.items():
         yield name
         for inner in models_in(info.annotation):
-            yield from fields(inner)
+            if inner is not elsewhere:
+                yield from fields(inner, elsewhere)
 
 
 def models_in(annotation: Any) -> Iterator[type[BaseModel]]:
@@ -54,10 +59,12 @@ def models_in(annotation: Any) -> Iterator[type[BaseModel]]:
         yield from models_in(argument)
 
 
-def unnamed(model: type[BaseModel], text: str) -> set[str]:
+def unnamed(
+    model: type[BaseModel], text: str, elsewhere: type[BaseModel] | None = None
+) -> set[str]:
     """The fields that a page does not name, in code or in an example."""
     code = " ".join(re.findall(r"^```.*?^```|`[^`\n]+`", text, re.MULTILINE | re.DOTALL))
-    return {name for name in fields(model) if not re.search(rf"\b{name}\b", code)}
+    return {name for name in fields(model, elsewhere) if not re.search(rf"\b{name}\b", code)}
 
 
 @pytest.mark.parametrize("name", GENERATORS)
@@ -104,13 +111,48 @@ def finds_its_robot(config: PipelineConfig, model: RobotModel) -> None:
 
 @pytest.mark.parametrize("model", [PipelineConfig, IntegratorConfig, RunConfig])
 def test_the_page_on_configuration_names_every_field(model: type[BaseModel]) -> None:
-    assert not unnamed(model, CONFIGURATION.read_text())
+    assert not unnamed(model, CONFIGURATION.read_text(), elsewhere=RobotConfig)
+
+
+def test_the_page_on_robots_names_every_field() -> None:
+    assert not unnamed(RobotConfig, ROBOTS.read_text())
+
+
+def test_the_example_of_the_page_on_robots_is_a_robot_without_faults() -> None:
+    (described, _) = examples(ROBOTS)
+    model = RobotModel(RobotConfig(**described))
+    assert set(described) == set(RobotConfig.model_fields) - {"folder", "links"}
+    robot = PosedRobot(model, model.limits.mean(axis=1), model.root, np.eye(4))
+    faults = [*patch_faults(model), *wrist_faults(model), *finger_faults(model)]
+    assert faults + list(camera_faults(robot)) == []
+
+
+def test_the_pipeline_of_the_page_on_robots_knows_its_robot(tmp_path: Path) -> None:
+    described, pipeline = examples(ROBOTS)
+    (tmp_path / "arm_hand.yaml").write_text(yaml.safe_dump(described))
+    config = PipelineConfig(**pipeline, folder=tmp_path)
+    assert config.robot is not None
+    pipe = Pipeline(config)
+    model = RobotModel(config.robot)
+    heard = [name for name in model.joint_names if name not in described["still"]]
+    rest = JointState(stamp=0.0, frame="base", names=tuple(heard), positions=np.zeros(len(heard)))
+    pipe.receive(rest)
+    push = {"force": np.array([0.0, 0.0, -20.0]), "torque": np.zeros(3)}
+    pipe.receive(Wrench(stamp=0.0, frame="wrist_sensor", sensor="wrist", **push))
+    pressed = np.zeros(15)
+    pressed[7] = 40.0
+    pipe.receive(TactileImage(stamp=0.0, frame="tip_1", sensor="tip_1", values=pressed))
+    report = pipe.step(0.0).fusion.report
+    assert {name: source.accepted for name, source in report.sources.items()} == {
+        "wrist": 1,
+        "tip_1": 1,
+    }
 
 
 def test_the_example_of_the_page_on_configuration_holds_every_field_of_the_integrator() -> None:
     (example,) = examples(CONFIGURATION)
     assert set(example["integrator"]) == set(IntegratorConfig.model_fields)
-    assert set(example) == set(RunConfig.model_fields) - {"folder"}
+    assert set(example) == set(RunConfig.model_fields) - {"folder", "robot"}
 
 
 def test_the_example_of_the_page_on_configuration_runs(tmp_path: Path) -> None:

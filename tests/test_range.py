@@ -46,9 +46,10 @@ def seen(
 
 def pushed(eye: RangeGenerator, robot: RobotModel, points: Any, steps: int = 8) -> HypothesisCloud:
     """Move the hand ahead by 1 cm a step; `points` gives what is seen, by where the hand is."""
-    for step in range(steps):
-        cloud = seen(eye, robot, 0.1 * step, 0.01 * step, points(0.01 * step))
-    return cloud
+    clouds = [
+        seen(eye, robot, 0.1 * step, 0.01 * step, points(0.01 * step)) for step in range(steps)
+    ]
+    return clouds[-1]
 
 
 def test_an_object_that_is_pushed_is_evidence_on_the_side_that_the_hand_moves_to(
@@ -83,9 +84,8 @@ def test_an_object_that_moves_behind_the_hand_is_not_touched(robot: RobotModel) 
 
 def test_a_hand_that_stands_touches_nothing(robot: RobotModel) -> None:
     eye = generator()
-    for step in range(8):
-        cloud = seen(eye, robot, 0.1 * step, 0.0, cube(0.11 + 0.01 * step))
-    assert not len(cloud)
+    clouds = [seen(eye, robot, 0.1 * step, 0.0, cube(0.11 + 0.01 * step)) for step in range(8)]
+    assert not len(clouds[-1])
 
 
 def test_proximity_is_support_and_needs_no_motion(robot: RobotModel) -> None:

@@ -12,10 +12,11 @@ from scipy.spatial import KDTree
 from scipy.spatial.transform import Rotation
 
 from contactfusion import Surface
+from contactfusion.arrays import FloatArray
 from contactfusion.errors import ConfigurationError
-from contactfusion.frames import pose_of
+from contactfusion.frames import Pose, pose_at, pose_of
 from contactfusion.shapes import BodyConfig, ShapeConfig, joined
-from contactfusion.surface import rectangle
+from contactfusion.surface import RigidPart, rectangle
 
 SHAPES: dict[str, dict[str, Any]] = {
     "box": {"size": (0.2, 0.1, 0.3)},
@@ -231,3 +232,130 @@ def test_a_surface_that_cannot_be_is_refused(fields: dict[str, Any], sentence: s
     good = {"points": np.zeros((1, 3)), "normals": np.array([[0.0, 0.0, 1.0]])}
     with pytest.raises(ConfigurationError, match=sentence):
         Surface("ball", **{**good, **fields})
+
+
+# Surfaces made of rigid parts
+
+triples = st.tuples(*[st.floats(-0.5, 0.5)] * 3)
+poses = st.builds(pose_at, triples, triples)
+parts_of = st.lists(st.tuples(st.sampled_from(["box", "cylinder", "sphere"]), poses), max_size=4)
+
+
+def part(kind: str, link: int) -> RigidPart:
+    sampled = shape(kind).sampled("body", 0.02)
+    return RigidPart(sampled.points, sampled.normals, np.full(len(sampled.points), link, np.int32))
+
+
+def assembled(bodies: list[tuple[str, Pose]]) -> Surface:
+    """One link a body."""
+    parts = [(part(kind, link), pose) for link, (kind, pose) in enumerate(bodies)]
+    return Surface.of_parts("base", parts, [f"link {n}" for n in range(len(bodies))])
+
+
+@settings(max_examples=30)
+@given(parts_of)
+def test_parts_stand_in_their_poses_one_after_the_other(bodies: list[tuple[str, Pose]]) -> None:
+    surface = assembled(bodies)
+    begin = 0
+    for link, (kind, pose) in enumerate(bodies):
+        own = part(kind, link)
+        rows = slice(begin, begin + len(own.points))
+        turn = pose[:3, :3]
+        assert np.allclose(surface.points[rows], own.points @ turn.T + pose[:3, 3], atol=1e-12)
+        assert np.allclose(surface.normals[rows], own.normals @ turn.T, atol=1e-12)
+        assert (surface.links[rows] == link).all()
+        begin = rows.stop
+    assert len(surface.points) == len(surface.normals) == len(surface.links) == begin
+    assert not any(a.flags.writeable for a in (surface.points, surface.normals, surface.links))
+
+
+@settings(max_examples=30)
+@given(parts_of, poses, poses)
+def test_a_moved_surface_has_all_its_parts_moved(
+    bodies: list[tuple[str, Pose]], first: Pose, then: Pose
+) -> None:
+    surface = assembled(bodies)
+    there = surface.moved(first, "world").moved(then, "map")
+    both = then @ first
+    assert there.frame == "map" and there.link_names == surface.link_names
+    assert np.array_equal(there.links, surface.links)
+    assert np.allclose(there.points, surface.points @ both[:3, :3].T + both[:3, 3], atol=1e-12)
+    assert np.allclose(there.normals, surface.normals @ both[:3, :3].T, atol=1e-12)
+
+
+@settings(max_examples=50)
+@given(parts_of, triples, poses, st.floats(0.0, 0.3))
+def test_all_that_is_near_a_line_is_kept(
+    bodies: list[tuple[str, Pose]], start: Any, turn: Pose, reach: float
+) -> None:
+    surface = assembled(bodies)
+    direction = turn[:3, 0]
+    near = surface.near_line(np.array(start), direction, reach)
+    assert near.frame == "base" and near.link_names == surface.link_names
+    across = np.linalg.norm(np.cross(surface.points - start, direction), axis=1)
+    kept = np.isin(surface.links, near.links)
+    assert np.array_equal(near.points, surface.points[kept])
+    assert kept[across <= reach].all()
+
+
+def test_parts_far_from_a_line_are_left_out() -> None:
+    bodies = [("sphere", pose_of((0.0, y, 0.0))) for y in (0.0, 0.25, 1.0)]
+    near = assembled(bodies).near_line(np.array([5.0, 0.0, 0.0]), np.array([-1.0, 0.0, 0.0]), 0.1)
+    assert set(near.links) == {0}
+    near = assembled(bodies).near_line(np.zeros(3), np.array([0.0, 1.0, 0.0]), 0.0)
+    assert set(near.links) == {0, 1, 2}
+
+
+def distances_to_all(surface: Surface, points: FloatArray) -> FloatArray:
+    """Look at every point of the surface, shape (m, n) [m]."""
+    return np.asarray(np.linalg.norm(surface.points - points[:, None], axis=2))
+
+
+@settings(max_examples=40)
+@given(parts_of, poses, st.integers(0, 99))
+def test_the_nearest_is_hardly_further_than_the_nearest_of_all(
+    bodies: list[tuple[str, Pose]], moved: Pose, seed: int
+) -> None:
+    surface = assembled(bodies).moved(moved, "world")
+    points = np.random.default_rng(seed).uniform(-0.8, 0.8, (60, 3))
+    distances, rows = surface.nearest(points)
+    if not bodies:
+        assert np.isinf(distances).all() and (rows == 0).all()
+        return
+    every = distances_to_all(surface, points)
+    assert np.allclose(distances, every[np.arange(len(points)), rows], rtol=0.0, atol=1e-9)
+    exact = every.min(axis=1)
+    assert (distances - exact <= np.maximum(0.1 * exact, 0.02)).all()
+    assert np.median(distances - exact) < 1e-9
+
+
+@settings(max_examples=40)
+@given(parts_of.filter(len), st.floats(0.01, 0.5), st.integers(0, 99))
+def test_nothing_is_found_beyond_the_reach(
+    bodies: list[tuple[str, Pose]], reach: float, seed: int
+) -> None:
+    surface = assembled(bodies)
+    points = np.random.default_rng(seed).uniform(-0.8, 0.8, (60, 3))
+    distances, rows = surface.nearest(points, reach)
+    found = np.isfinite(distances)
+    assert (distances[found] <= reach).all()
+    assert (rows[found] < len(surface.points)).all()
+    assert (rows[~found] == len(surface.points)).all()
+    assert not found[distances_to_all(surface, points).min(axis=1) > reach].any()
+
+
+@settings(max_examples=20)
+@given(parts_of.filter(len), poses)
+def test_a_point_of_the_surface_is_the_nearest_to_itself(
+    bodies: list[tuple[str, Pose]], moved: Pose
+) -> None:
+    surface = assembled(bodies).moved(moved, "world")
+    distances, _ = surface.nearest(surface.points)
+    assert np.mean(distances < 1e-9) > 0.97 and distances.max() < 0.02
+
+
+def test_each_point_of_a_joined_surface_is_found_in_its_link() -> None:
+    apart = [("sphere", pose_of((x, 0.0, 0.0))) for x in (-1.0, 0.0, 1.0)]
+    surface = assembled(apart)
+    _, rows = surface.nearest(np.array([[-1.2, 0, 0], [0.1, 0.3, 0], [0.9, 0, 0]]))
+    assert surface.links[rows].tolist() == [0, 1, 2]

@@ -94,16 +94,32 @@ class RobotConfig(Model):
         Raises:
             ConfigurationError: the Python package that should hold it is not installed.
         """
-        module, colon, name = self.urdf.partition(":")
-        if not colon:
-            return self.folder / self.urdf
         try:
-            spec = find_spec(module)
-        except ImportError:
-            spec = None
-        if spec is None or not spec.submodule_search_locations:
-            raise ConfigurationError(f"the Python package '{module}' is not installed", "urdf")
-        return Path(next(iter(spec.submodule_search_locations))) / name
+            return located(self.urdf, self.folder)
+        except ConfigurationError as error:
+            raise error.under("urdf") from None
+
+    def package_folders(self) -> tuple[Path, ...]:
+        """Give the folders of `packages`."""
+        return tuple(self.folder / package for package in self.packages)
+
+
+def located(name: str, folder: Path = Path()) -> Path:
+    """Give the file of a name: in a folder, or MODULE:FILE in an installed Python package.
+
+    Raises:
+        ConfigurationError: there is no such package.
+    """
+    module, colon, file = name.partition(":")
+    if not colon:
+        return folder / name
+    try:
+        spec = find_spec(module)
+    except (ImportError, ValueError):
+        spec = None
+    if spec is None or not spec.submodule_search_locations:
+        raise ConfigurationError(f"the Python package '{module}' is not installed")
+    return Path(next(iter(spec.submodule_search_locations))) / file
 
 
 def read_robot(path: Path) -> RobotConfig:
@@ -113,6 +129,6 @@ def read_robot(path: Path) -> RobotConfig:
         ConfigurationError: the file is missing, or a field of it is wrong.
     """
     try:
-        return rooted(RobotConfig(**{"folder": path.parent, **read_yaml(path)}), path.parent)
+        return rooted(RobotConfig(**read_yaml(path)), path.parent)
     except ConfigurationError as error:
         raise ConfigurationError(f"{path}: {error}") from None

@@ -8,8 +8,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from contactfusion.arrays import FloatArray
-from contactfusion.errors import ConfigurationError, RobotError, missing_extra, name_hint
-from contactfusion.frames import Pose, points_in
+from contactfusion.errors import (
+    ConfigurationError,
+    FrameError,
+    RobotError,
+    missing_extra,
+    name_hint,
+)
+from contactfusion.frames import FrameTree, Pose, points_in
 from contactfusion.readings import JointState
 from contactfusion.robots.description import RobotConfig
 from contactfusion.robots.solids import Solid
@@ -28,13 +34,14 @@ class RobotModel:
         config: the file, and where on the robot the sensors are.
 
     Raises:
-        RobotError: the URDF does not hold together, or a sensor is on a link that it lacks.
+        RobotError: the URDF does not hold together.
+        ConfigurationError: a sensor is on a link that the URDF lacks, or frames form a circle.
         DependencyError: pinocchio is not installed.
     """
 
     def __init__(self, config: RobotConfig) -> None:
         self.config = config
-        self.urdf: Urdf = read_urdf(config.path(), config.packages)
+        self.urdf: Urdf = read_urdf(config.path(), config.package_folders())
         self._pin, self._model = _kinematics(self.urdf)
         self._data: Any = self._model.createData()
         self.root = self.urdf.root
@@ -47,6 +54,7 @@ class RobotModel:
         }
         self._beyond: dict[str, tuple[str, ...]] = {}
         self._check_names()
+        self._frames = self._fixed_frames()
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Travel to another process as the configuration; there it is built once."""
@@ -57,7 +65,7 @@ class RobotModel:
         """The least and the greatest position of each joint, shape (n, 2) [rad, m]."""
         lower, upper = self._model.lowerPositionLimit, self._model.upperPositionLimit
         first = [joint.idx_q for joint in self._joints]
-        turning = np.array([joint.nq == 2 for joint in self._joints])
+        turning = np.array([joint.nq == 2 for joint in self._joints], np.bool_)
         limits = np.stack([lower[first], upper[first]], axis=1)
         limits[turning] = -np.inf, np.inf
         return limits
@@ -73,8 +81,8 @@ class RobotModel:
         """
         names = joints.names if joints else ()
         found, rows, positions = self._rows(names)
+        positions = positions.copy()
         if joints is not None:
-            positions = positions.copy()
             positions[found] = joints.positions[rows]
         return positions
 
@@ -161,6 +169,14 @@ class RobotModel:
             self.urdf.require_link(link)
         return links or self.link_names
 
+    def pose_on_link(self, frame: str) -> Pose:
+        """Give the pose of a frame of the description in the link that it is fixed to.
+
+        Raises:
+            RobotError: no link and no frame of the description has that name.
+        """
+        return self._frames.pose(self.link_of(frame), of=frame)
+
     def beyond(self, frame: str) -> tuple[str, ...]:
         """Give the links that hang on a sensor's frame, its own link among them.
 
@@ -182,7 +198,8 @@ class RobotModel:
                 links = np.full(len(points), self.link_names.index(name), np.int32)
                 parts[name] = RigidPart(points, normals, links)
         if not parts:
-            raise RobotError(f"{self.urdf.path}: no link has a <{self.config.shapes}> shape")
+            which = "no link" if self.config.links is None else "no link of `links`"
+            raise RobotError(f"{self.urdf.path}: {which} has a <{self.config.shapes}> shape")
         return parts
 
     @cached_property
@@ -244,6 +261,17 @@ class RobotModel:
             if name not in known:
                 hint = name_hint(name, known, f"{what}s")
                 raise ConfigurationError(f"unknown {what} '{name}': {hint}", path)
+
+    def _fixed_frames(self) -> FrameTree:
+        """Give the frames of the description in their links."""
+        frames = self.config.frames
+        for name in frames:
+            if name in self.urdf.links:
+                raise ConfigurationError("a link has this name already", f"frames.{name}")
+        try:
+            return FrameTree({name: (one.parent, one.pose()) for name, one in frames.items()})
+        except FrameError as error:
+            raise ConfigurationError(str(error), "frames") from None
 
 
 def _kinematics(urdf: Urdf) -> tuple[Any, Any]:

@@ -34,6 +34,14 @@ class PosedRobot:
         links = self.model.poses_at(self.positions)
         return {name: self.base @ pose for name, pose in links.items()}
 
+    def pose_of(self, frame: str) -> Pose:
+        """Give the pose of a link or of a frame of the description.
+
+        Raises:
+            RobotError: no link and no frame of the description has that name.
+        """
+        return self.poses[self.model.link_of(frame)] @ self.model.pose_on_link(frame)
+
     @cached_property
     def surface(self) -> Surface:
         """The surface of the whole robot."""

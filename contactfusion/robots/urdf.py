@@ -4,23 +4,24 @@ The kinematics are pinocchio's (`model.py`). It stops at the first fault with a 
 what users get wrong most often is looked for here: files, meshes, limits, parents.
 """
 
+import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from xml.etree import ElementTree
 from xml.etree.ElementTree import Element
 
-import numpy as np
-
-from contactfusion.arrays import FloatArray
 from contactfusion.errors import ConfigurationError, RobotError, name_hint
 from contactfusion.files import require_file
 from contactfusion.frames import Pose, pose_at
 from contactfusion.shapes import ShapeConfig
 
 Vector = tuple[float, float, float]
-NEED_LIMITS = ("revolute", "prismatic")
+SHAPES = ("box", "cylinder", "sphere", "mesh")
+JOINT_TYPES = ("revolute", "continuous", "prismatic", "fixed")
+"""Those of which one number tells the position, or none."""
 PACKAGE = "package://"
+XACRO = "ros.org/wiki/xacro"
 
 
 @dataclass(frozen=True)
@@ -120,38 +121,63 @@ def read_urdf(path: Path, packages: Sequence[Path] = ()) -> Urdf:
         RobotError: the file or a mesh is missing, it is no URDF, a joint has no limits, or the
             links do not form one tree.
     """
+    robot = _parsed(path)
+    folders = (*packages, path.parent, *path.resolve().parents)
+    links = {}
+    for name, element in _named(robot, "link", path).items():
+        try:
+            links[name] = _link(element, path, folders)
+        except ConfigurationError as error:
+            raise RobotError(f"{path}: link '{name}': {error}") from None
+    joints = _named(robot, "joint", path)
+    for name, element in joints.items():
+        try:
+            _check_joint(element, links)
+        except ConfigurationError as error:
+            raise RobotError(f"{path}: joint '{name}' {error}") from None
+    children = {name: _end(joint, "child") for name, joint in joints.items()}
+    return Urdf(path, links, _parents(joints, path, links), children)
+
+
+def _parsed(path: Path) -> Element:
     require_file(path, RobotError)
     try:
         robot = ElementTree.parse(path).getroot()
-    except ElementTree.ParseError as error:
+    except (ElementTree.ParseError, LookupError, ValueError) as error:
         raise RobotError(f"{path} is not XML: {error}") from None
+    except OSError as error:
+        raise RobotError(f"{path} can't be read: {error.strerror}") from None
     if robot.tag != "robot":
         raise RobotError(f"{path} is no URDF: its root is <{robot.tag}>, not <robot>")
-    folders = (*packages, path.parent, *path.resolve().parents)
-    links = {}
-    for element in robot.findall("link"):
+    if any(XACRO in element.tag for element in robot.iter()):
+        raise RobotError(f"{path} is no URDF yet: expand it with `xacro {path.name} > robot.urdf`")
+    if not robot.get("name"):
+        raise RobotError(f"{path}: the <robot> has no name")
+    return robot
+
+
+def _named(robot: Element, tag: str, path: Path) -> dict[str, Element]:
+    """Give the links or the joints by name, in the order of the file."""
+    named: dict[str, Element] = {}
+    for element in robot.findall(tag):
         name = element.get("name", "")
-        if name in links:
-            raise RobotError(f"{path}: two links are named '{name}'")
-        try:
-            links[name] = _link(element, path, folders)
-        except (ConfigurationError, ValueError) as error:
-            raise RobotError(f"{path}: link '{name}': {error}") from None
-    parents = _parents(robot, path, links)
-    children = {
-        joint.get("name", ""): child.get("link", "")
-        for joint in robot.findall("joint")
-        if (child := joint.find("child")) is not None
-    }
-    return Urdf(path, links, parents, children)
+        if not name:
+            raise RobotError(f"{path}: a {tag} has no name")
+        if name in named:
+            raise RobotError(f"{path}: two {tag}s are named '{name}'")
+        named[name] = element
+    return named
 
 
 def _link(element: Element, path: Path, folders: Sequence[Path]) -> Link:
-    mass, centre = element.find("inertial/mass"), element.find("inertial/origin")
+    inertia, centre = element.find("inertial/mass"), element.find("inertial/origin")
+    mass = _number(inertia, "value") if inertia is not None else 0.0
+    if mass < 0.0:
+        raise ConfigurationError(f"its mass is {mass:g} kg")
     return Link(
         visual=tuple(_shape(e, path, folders) for e in element.findall("visual")),
         collision=tuple(_shape(e, path, folders) for e in element.findall("collision")),
-        mass=float(mass.get("value", 0.0)) if mass is not None else 0.0,
+        mass=mass,
         centre_of_mass=_vector(centre, "xyz"),
     )
 
@@ -159,26 +185,23 @@ def _link(element: Element, path: Path, folders: Sequence[Path]) -> Link:
 def _shape(element: Element, path: Path, folders: Sequence[Path]) -> ShapeConfig | Mesh:
     origin = element.find("origin")
     xyz, rpy = _vector(origin, "xyz"), _vector(origin, "rpy")
-    shapes = list(element.find("geometry") or ())
-    if not shapes:
+    shape = element.find("geometry/*")
+    if shape is None:
         raise ConfigurationError(f"a <{element.tag}> has no geometry")
-    shape = shapes[0]
     match shape.tag:
         case "box":
-            return ShapeConfig(shape="box", size=_vector(shape, "size"), xyz=xyz, rpy=rpy)
+            return ShapeConfig(shape="box", size=_required(shape, "size"), xyz=xyz, rpy=rpy)
         case "cylinder":
-            radius, length = float(shape.attrib["radius"]), float(shape.attrib["length"])
+            radius, length = _number(shape, "radius"), _number(shape, "length")
             return ShapeConfig(shape="cylinder", radius=radius, length=length, xyz=xyz, rpy=rpy)
         case "sphere":
-            return ShapeConfig(
-                shape="sphere", radius=float(shape.attrib["radius"]), xyz=xyz, rpy=rpy
-            )
+            return ShapeConfig(shape="sphere", radius=_number(shape, "radius"), xyz=xyz, rpy=rpy)
         case "mesh":
-            name = shape.get("filename", "")
-            return Mesh(_found(name, path, folders), _vector(shape, "scale", 1.0), xyz, rpy)
+            file = _found(_text(shape, "filename"), path, folders)
+            return Mesh(file, _vector(shape, "scale", 1.0), xyz, rpy)
         case _:
-            kinds = "box, cylinder, sphere, mesh"
-            raise ConfigurationError(f"unknown shape <{shape.tag}>; there are: {kinds}")
+            hint = name_hint(shape.tag, SHAPES, "shapes")
+            raise ConfigurationError(f"unknown shape <{shape.tag}>: {hint}")
 
 
 def _found(name: str, path: Path, folders: Sequence[Path]) -> Path:
@@ -199,28 +222,56 @@ def _found(name: str, path: Path, folders: Sequence[Path]) -> Path:
     raise ConfigurationError(f"the mesh '{name}' is not to be found{hint}")
 
 
-def _parents(robot: Element, path: Path, links: Mapping[str, Link]) -> dict[str, str]:
+def _check_joint(joint: Element, links: Mapping[str, Link]) -> None:
+    """Make sure that a joint is what pinocchio can read; the sentence goes on after its name."""
+    kind = joint.get("type", "")
+    if kind not in JOINT_TYPES:
+        hint = name_hint(kind, JOINT_TYPES, "types")
+        raise ConfigurationError(f"may not have the type '{kind}': {hint}")
+    for end in ("parent", "child"):
+        if (link := _end(joint, end)) not in links:
+            hint = name_hint(link, links, "links")
+            raise ConfigurationError(f"has an unknown {end} '{link}': {hint}")
+    origin, axis, limit = joint.find("origin"), joint.find("axis"), joint.find("limit")
+    try:
+        _vector(origin, "xyz")
+        _vector(origin, "rpy")
+        if axis is not None and kind != "fixed" and not any(_required(axis, "xyz")):
+            raise ConfigurationError("its axis is zero")
+        if kind in ("revolute", "prismatic"):
+            if limit is None:
+                raise ConfigurationError("has no <limit>")
+            if _number(limit, "lower") > _number(limit, "upper"):
+                raise ConfigurationError("its lower limit lies over its upper one")
+        if limit is not None:
+            _number(limit, "effort")
+            _number(limit, "velocity")
+    except ConfigurationError as error:
+        raise ConfigurationError(f"is {kind}, but {error}") from None
+
+
+def _end(joint: Element, end: str) -> str:
+    """Give the link at one end of a joint."""
+    element = joint.find(end)
+    return element.get("link", "") if element is not None else ""
+
+
+def _parents(
+    joints: Mapping[str, Element], path: Path, links: Mapping[str, Link]
+) -> dict[str, str]:
     parents: dict[str, str] = {}
-    for joint in robot.findall("joint"):
-        name, kind = joint.get("name", ""), joint.get("type", "")
-        ends = []
-        for end in ("parent", "child"):
-            element = joint.find(end)
-            link = element.get("link", "") if element is not None else ""
-            if link not in links:
-                hint = name_hint(link, links, "links")
-                raise RobotError(f"{path}: joint '{name}' has an unknown {end} '{link}': {hint}")
-            ends.append(link)
-        limit = joint.find("limit")
-        if kind in NEED_LIMITS and (limit is None or not {"lower", "upper"} <= set(limit.keys())):
-            raise RobotError(f"{path}: joint '{name}' is {kind} but has no lower and upper limit")
-        if ends[1] in parents:
-            raise RobotError(f"{path}: link '{ends[1]}' hangs on two joints, '{name}' is one")
-        parents[ends[1]] = ends[0]
+    for name, joint in joints.items():
+        parent, child = _end(joint, "parent"), _end(joint, "child")
+        if child in parents:
+            raise RobotError(f"{path}: link '{child}' hangs on two joints, '{name}' is one")
+        parents[child] = parent
     roots = [link for link in links if link not in parents]
-    if len(roots) != 1:
-        names = ", ".join(roots) or "none"
-        raise RobotError(f"{path}: one link must hang on no other, these do not: {names}")
+    if not roots:
+        why = "its joints form a loop: every link hangs on another" if links else "it has no <link>"
+        raise RobotError(f"{path} is no tree of links: {why}")
+    if len(roots) > 1:
+        names = ", ".join(f"'{root}'" for root in roots)
+        raise RobotError(f"{path}: only one link may hang on no other, but these do: {names}")
     reached = {roots[0]}
     while new := {link for link, parent in parents.items() if parent in reached} - reached:
         reached |= new
@@ -230,11 +281,35 @@ def _parents(robot: Element, path: Path, links: Mapping[str, Link]) -> dict[str,
 
 
 def _vector(element: Element | None, key: str, default: float = 0.0) -> Vector:
-    text = element.get(key) if element is not None else None
-    if text is None:
+    if element is None or key not in element.keys():
         return (default, default, default)
-    numbers: FloatArray = np.array([float(word) for word in text.split()])
-    if numbers.shape != (3,):
-        raise ConfigurationError(f'{key}="{text}" is not three numbers')
-    x, y, z = numbers.tolist()
-    return (x, y, z)
+    return _required(element, key)
+
+
+def _required(element: Element, key: str) -> Vector:
+    text = _text(element, key)
+    try:
+        x, y, z = map(float, text.split())
+    except ValueError:
+        raise ConfigurationError(f'{key}="{text}" is not three numbers') from None
+    if not all(map(math.isfinite, (x, y, z))):
+        raise ConfigurationError(f'{key}="{text}" is not three finite numbers')
+    return x, y, z
+
+
+def _number(element: Element, key: str) -> float:
+    text = _text(element, key)
+    try:
+        number = float(text)
+    except ValueError:
+        raise ConfigurationError(f'{key}="{text}" is not a number') from None
+    if not math.isfinite(number):
+        raise ConfigurationError(f'{key}="{text}" is not finite')
+    return number
+
+
+def _text(element: Element, key: str) -> str:
+    text = element.get(key)
+    if not text:
+        raise ConfigurationError(f"the <{element.tag}> has no {key}")
+    return text

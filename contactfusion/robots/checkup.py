@@ -1,0 +1,195 @@
+"""Looks a ROBOT.yaml over: what it says, what cannot be right, what a recording says of it."""
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+
+from contactfusion.arrays import FloatArray
+from contactfusion.errors import ConfigurationError
+from contactfusion.frames import inverse, points_in
+from contactfusion.robots.description import located, read_robot
+from contactfusion.robots.model import RobotModel
+from contactfusion.robots.posed import PosedRobot
+from contactfusion.robots.solids import Solid
+from contactfusion.robots.weighing import heard, weigh
+
+NEAR = 0.01
+"""A patch lies no further from the surface of its link, and a camera's eye no deeper in it [m]."""
+FACING = 0.5
+"""The cosine of the angle between a patch's z and the normal of the surface is at least this."""
+
+
+def check_robot(name: str, out: Path | None = None, recording: Path | None = None) -> bool:
+    """Print what a description says of a robot, and warn about what cannot be right.
+
+    Args:
+        name: ROBOT.yaml, or MODULE:FILE for one in an installed Python package.
+        out: the picture to draw.
+        recording: wrenches of the wrists at rest in several poses, and joints.
+
+    Returns:
+        Whether there was nothing to warn about.
+
+    Raises:
+        ContactFusionError: the description, its URDF or the recording cannot be used.
+    """
+    path = located(name)
+    config = read_robot(path)
+    try:
+        model = RobotModel(config)
+    except ConfigurationError as error:
+        raise ConfigurationError(f"{path}: {error}") from None
+    robot = PosedRobot(model, middle(model), model.root, np.eye(4))
+    print(f"{path}: {len(model.link_names)} links, {len(model.joint_names)} joints")
+    _tell_links(model)
+    _tell_joints(robot)
+    _tell_sensors(robot)
+    faults = [*patch_faults(model), *wrist_faults(model), *camera_faults(robot)]
+    faults += finger_faults(model)
+    if out is not None:
+        from contactfusion.robots.picture import draw_robot
+
+        print(f"picture: {draw_robot(robot, out)}")
+    if recording is not None:
+        wrenches = heard(model, recording)
+        for wrist in config.wrists:
+            lines, wrong = weigh(model, wrist, wrenches)
+            print("\n".join(lines))
+            faults += wrong
+    for fault in faults:
+        print(f"warning: {fault}")
+    print("nothing to warn about" if not faults else f"{len(faults)} to put right")
+    return not faults
+
+
+def middle(model: RobotModel) -> FloatArray:
+    """Give the middle of the joints' limits, shape (n,) [rad, m].
+
+    A joint without ends is at 0, and one that is `still` where it stays.
+    """
+    positions: FloatArray = np.where(np.isfinite(model.limits), model.limits, 0.0).mean(axis=1)
+    for name, position in model.config.still.items():
+        positions[model.joint_names.index(name)] = position
+    return positions
+
+
+def patch_faults(model: RobotModel) -> Iterator[str]:
+    """Say which patches do not lie on their link, or do not face out of it."""
+    config = model.config
+    for name, patch in config.patches.items():
+        link, pose = model.link_of(patch.frame), model.pose_on_link(patch.frame)
+        if link not in model.parts:
+            yield f"patch '{name}' is on link '{link}', which has no surface"
+            continue
+        part = model.parts[link]
+        taxels = points_in(pose, patch.centres())
+        solid = Solid(getattr(model.urdf.links[link], config.shapes))
+        away = float(solid.distances(taxels).max())
+        if away > NEAR:
+            yield (
+                f"a taxel of patch '{name}' lies {away * 1000:.0f} mm from the surface of "
+                f"link '{link}'"
+            )
+            continue
+        # of a thin link the nearest point may lie on the other side, so that all near ones count
+        reach = np.asarray(part.tree.query(taxels)[0]) + config.spacing
+        facing = part.normals @ pose[:3, 2] >= FACING
+        faces = [facing[rows].any() for rows in part.tree.query_ball_point(taxels, reach)]
+        if np.mean(faces) < 0.5:
+            yield f"the z of patch '{name}' does not point out of link '{link}'"
+
+
+def wrist_faults(model: RobotModel) -> Iterator[str]:
+    """Say which wrists carry what has no mass."""
+    for name, wrist in model.config.wrists.items():
+        links = {link: model.urdf.links[link] for link in model.beyond(wrist.frame)}
+        for link, one in links.items():
+            if (one.collision or one.visual) and not one.mass:
+                yield f"link '{link}' hangs on wrist '{name}' and has a shape, but no mass"
+        if not any(one.mass for one in links.values()):
+            yield f"nothing that hangs on wrist '{name}' has a mass"
+
+
+def camera_faults(robot: PosedRobot) -> Iterator[str]:
+    """Say which cameras lie inside the robot."""
+    from scipy.spatial import KDTree
+
+    surface = robot.surface
+    tree = KDTree(surface.points)
+    for name, camera in robot.model.config.cameras.items():
+        eye = robot.pose_of(camera.frame)[:3, 3]
+        distance, row = tree.query(eye)
+        depth = min(distance, (surface.points[row] - eye) @ surface.normals[row])
+        if depth > NEAR:
+            link = surface.link_names[surface.links[row]]
+            yield f"camera '{name}' lies {depth * 1000:.0f} mm inside link '{link}'"
+
+
+def finger_faults(model: RobotModel) -> Iterator[str]:
+    """Say which links of fingers no joint of theirs moves."""
+    urdf = model.urdf
+    for name, finger in model.config.fingers.items():
+        moved = {one for joint in finger.joints for one in urdf.hanging_on(urdf.children[joint])}
+        for link in finger.links:
+            if link not in moved:
+                yield f"link '{link}' of finger '{name}' hangs on none of its joints"
+
+
+def _tell_links(model: RobotModel) -> None:
+    spheres = np.bincount(model.spheres.links, minlength=len(model.link_names))
+    width = max(map(len, model.link_names))
+    print(f"  {'link':{width}}  mass [kg]  points  spheres")
+    for name, count in zip(model.link_names, spheres, strict=True):
+        points = len(model.parts[name].points) if name in model.parts else 0
+        print(f"  {name:{width}}  {model.urdf.links[name].mass:9.3f}  {points:6}  {count:7}")
+    total = sum(link.mass for link in model.urdf.links.values())
+    points = sum(len(part.points) for part in model.parts.values())
+    print(f"  {'together':{width}}  {total:9.3f}  {points:6}  {spheres.sum():7}")
+    print(
+        f"spheres reach out of their links by {model.spheres.protrusion * 1000:.1f} mm at most, "
+        f"and leave {model.spheres.gap * 1000:.1f} mm bare at most"
+    )
+
+
+def _tell_joints(robot: PosedRobot) -> None:
+    model = robot.model
+    width = max((len(name) for name in model.joint_names), default=0)
+    for name, (low, high), at in zip(model.joint_names, model.limits, robot.positions, strict=True):
+        ends = f"{low:.3f} .. {high:.3f} [rad, m]" if np.isfinite(low) else "without ends"
+        still = f", stays at {at:.3f}" if name in model.config.still else ""
+        print(f"  joint {name:{width}}  {ends}{still}")
+
+
+def _tell_sensors(robot: PosedRobot) -> None:
+    """Tell where sensors are; it is what the eye checks first, so each is one line."""
+    config, model = robot.model.config, robot.model
+    print(f"in '{robot.frame}', with the joints at the middle of their limits [m]:")
+    for name, patch in config.patches.items():
+        pose = robot.pose_of(patch.frame)
+        print(
+            f"  patch {name}: on {model.link_of(patch.frame)} at {triple(pose[:3, 3])}, "
+            f"{len(patch.centres())} taxels, z along {triple(pose[:3, 2])}"
+        )
+    for name, camera in config.cameras.items():
+        pose = robot.pose_of(camera.frame)
+        print(
+            f"  camera {name}: on {model.link_of(camera.frame)} at {triple(pose[:3, 3])}, "
+            f"looks along {triple(pose[:3, 2])}"
+        )
+    for name, wrist in config.wrists.items():
+        pose = robot.pose_of(wrist.frame)
+        mass, centre = robot.load_on(wrist.frame)
+        centre = points_in(inverse(pose), centre[None])[0]
+        print(
+            f"  wrist {name}: on {model.link_of(wrist.frame)} at {triple(pose[:3, 3])}, "
+            f"{mass:.3f} kg hang on it, their centre at {triple(centre)} in its frame"
+        )
+    for name, finger in config.fingers.items():
+        print(f"  finger {name}: joints {', '.join(finger.joints)}")
+
+
+def triple(vector: FloatArray) -> str:
+    """Write three numbers down."""
+    rounded = np.round(vector, 3) + 0.0  # no -0
+    return "(" + ", ".join(f"{number:.3f}" for number in rounded) + ")"

@@ -1,0 +1,314 @@
+"""What `contactfusion doctor ROBOT.yaml` tells of a robot, and what it warns about."""
+
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import yaml
+
+from contactfusion import cli
+from contactfusion.errors import ContactFusionError
+from contactfusion.robots.checkup import (
+    camera_faults,
+    check_robot,
+    finger_faults,
+    middle,
+    patch_faults,
+    wrist_faults,
+)
+from contactfusion.robots.description import located
+from contactfusion.robots.model import RobotModel
+from contactfusion.robots.posed import PosedRobot
+from tests.urdfs import ARM_HAND, built, joint, link, real, written
+
+SHIPPED = "contactfusion.robots:arm_hand.yaml"
+GRID = {"rows": 2, "columns": 2, "pitch": (0.01, 0.01)}
+TURN = np.pi
+PLATE, BLOCK = '<box size="0.1 0.1 0.002"/>', '<box size="0.1 0.1 0.1"/>'
+
+
+def hand(folder: Path, *, shape: str = BLOCK, mass: float = 1.0, **fields: Any) -> RobotModel:
+    """Build a base with a hand of one shape, centred at its link, on a hinge 0.5 m above."""
+    return built(folder, *hand_links(shape, mass), **fields)
+
+
+def hand_links(shape: str = BLOCK, mass: float = 1.0) -> tuple[str, ...]:
+    return (
+        link("base", BLOCK),
+        link("hand", shape, mass=mass),
+        joint("hinge", "base", "hand", xyz="0 0 0.5"),
+    )
+
+
+def patch(xyz: tuple[float, float, float], rpy: tuple[float, float, float]) -> dict[str, Any]:
+    return {
+        "frames": {"skin": {"parent": "hand", "xyz": xyz, "rpy": rpy}},
+        "patches": {"skin": {"frame": "skin", "grid": GRID}},
+    }
+
+
+def camera(x: float, parent: str = "hand") -> dict[str, Any]:
+    return {
+        "frames": {"eye": {"parent": parent, "xyz": (x, 0.0, 0.0)}},
+        "cameras": {"eye": {"frame": "eye", "width": 64, "height": 48, "fov": 60.0}},
+    }
+
+
+def at_middle(model: RobotModel) -> PosedRobot:
+    return PosedRobot(model, middle(model), model.root, np.eye(4))
+
+
+@pytest.fixture(scope="module")
+def shipped(tmp_path_factory: pytest.TempPathFactory) -> str:
+    """What the command prints of the shipped robot, from another process; it draws it, too."""
+    command = [sys.executable, "-c", "from contactfusion.cli import main; main()", "doctor"]
+    folder = tmp_path_factory.mktemp("shipped")
+    done = subprocess.run(
+        [*command, SHIPPED, "--out", "arm.png"], cwd=folder, capture_output=True, text=True
+    )
+    assert done.returncode == 0 and done.stderr == ""
+    assert (folder / "arm.png").read_bytes().startswith(b"\x89PNG")
+    return done.stdout
+
+
+# What it tells
+
+
+def test_the_shipped_robot_has_nothing_to_warn_about(shipped: str) -> None:
+    assert shipped.startswith(f"{located(SHIPPED)}: 19 links, 15 joints\n")
+    assert shipped.endswith("picture: arm.png\nnothing to warn about\n")
+    assert "warning" not in shipped
+
+
+def test_every_link_is_told_with_its_mass_points_and_spheres(shipped: str) -> None:
+    model = real(ARM_HAND)
+    rows = {words[0]: words[1:] for line in shipped.splitlines() if len(words := line.split()) == 4}
+    for number, name in enumerate(model.link_names):
+        mass, points, spheres = rows[name]
+        assert float(mass) == pytest.approx(model.urdf.links[name].mass, abs=1e-3)
+        assert int(points) == len(model.parts[name].points)
+        assert int(spheres) == np.sum(model.spheres.links == number)
+    assert f"by {model.spheres.protrusion * 1000:.1f} mm at most" in shipped
+    assert f"leave {model.spheres.gap * 1000:.1f} mm bare" in shipped
+
+
+def test_every_joint_is_told_with_its_limits(shipped: str) -> None:
+    for name, (low, high) in zip(real(ARM_HAND).joint_names, real(ARM_HAND).limits, strict=True):
+        (line,) = [line for line in shipped.splitlines() if f"joint {name} " in line]
+        assert f"{low:.3f} .. {high:.3f}" in line
+
+
+def test_every_sensor_is_told_with_its_link_and_place(shipped: str) -> None:
+    lines = [line.strip() for line in shipped.splitlines()]
+    (wrist,) = [line for line in lines if line.startswith("wrist wrist:")]
+    assert "on wrist_sensor at (0.000, 0.000, 1.265), 1.140 kg hang on it" in wrist
+    assert "centre at (0.001, 0.000, 0.079) in its frame" in wrist
+    (palm,) = [line for line in lines if line.startswith("patch palm:")]
+    assert "on palm at (0.005, 0.000, 1.360), 16 taxels, z along (0.000, 0.000, 1.000)" in palm
+    (eye,) = [line for line in lines if line.startswith("camera forehead:")]
+    assert "on base at (-0.300, 0.000, 1.250), looks along (0.630, 0.000, -0.777)" in eye
+    assert sum(line.startswith("patch tip_") for line in lines) == 3
+    assert sum(line.startswith("finger finger_") for line in lines) == 3
+
+
+def test_the_middle_of_limits_knows_wheels_and_what_is_still(tmp_path: Path) -> None:
+    model = built(
+        tmp_path,
+        *map(link, "abcd"),
+        joint("wheel", "a", "b", "continuous", ""),
+        joint("hinge", "b", "c"),
+        joint("stuck", "c", "d"),
+        still={"stuck": 0.75},
+    )
+    assert middle(model).tolist() == [0.0, 0.5, 0.75]
+
+
+def test_wheels_and_what_is_still_are_told(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    written(
+        tmp_path,
+        link("a", BLOCK),
+        *map(link, "bc"),
+        joint("wheel", "a", "b", "continuous", ""),
+        joint("stuck", "b", "c"),
+    )
+    (tmp_path / "robot.yaml").write_text("urdf: robot.urdf\nstill: {stuck: 0.75}\n")
+    assert check_robot(str(tmp_path / "robot.yaml"))
+    said = capsys.readouterr().out
+    assert "joint wheel  without ends" in said
+    assert "joint stuck  -1.000 .. 2.000 [rad, m], stays at 0.750" in said
+
+
+# Patches
+
+
+@pytest.mark.parametrize(
+    ("xyz", "rpy", "fault"),
+    [
+        ((0.0, 0.0, 0.05), (0.0, 0.0, 0.0), ""),
+        ((0.0, 0.0, 0.055), (0.3, 0.0, 2.0), ""),
+        ((0.0, 0.0, 0.042), (0.0, 0.0, 0.0), ""),
+        ((0.0, 0.0, -0.05), (TURN, 0.0, 0.0), ""),
+        ((0.05, 0.0, 0.0), (0.0, TURN / 2, 0.0), ""),
+        ((0.0, 0.0, 0.05), (TURN, 0.0, 0.0), "does not point out"),
+        ((0.0, 0.0, 0.05), (TURN / 2, 0.0, 0.0), "does not point out"),
+        ((0.05, 0.0, 0.0), (0.0, 0.0, 0.0), "does not point out"),
+        ((0.0, 0.0, 0.065), (0.0, 0.0, 0.0), "lies 15 mm from the surface"),
+        ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0), "lies 45 mm from the surface"),
+        ((0.06, 0.0, 0.05), (0.0, 0.0, 0.0), "lies 15 mm from the surface"),
+    ],
+)
+def test_a_patch_lies_on_its_link_and_faces_out_of_it(
+    xyz: Any, rpy: Any, fault: str, tmp_path: Path
+) -> None:
+    said = list(patch_faults(hand(tmp_path, **patch(xyz, rpy))))
+    assert len(said) == bool(fault)
+    assert all(fault in one and "'skin'" in one and "'hand'" in one for one in said), said
+
+
+@pytest.mark.parametrize("side", [-1.0, 1.0])
+def test_a_patch_on_a_thin_plate_may_face_out_of_either_side(side: float, tmp_path: Path) -> None:
+    place = (0.0, 0.0, side * 0.001)
+    model = hand(tmp_path, shape=PLATE, **patch(place, (0.0 if side > 0 else TURN, 0.0, 0.0)))
+    assert not list(patch_faults(model))
+
+
+def test_a_patch_on_a_coarse_surface_is_measured_to_the_surface_itself(tmp_path: Path) -> None:
+    model = hand(tmp_path, spacing=0.05, **patch((0.0, 0.0, 0.05), (0.0, 0.0, 0.0)))
+    assert not list(patch_faults(model))
+
+
+def test_a_patch_around_a_corner_faces_out_with_most_of_it(tmp_path: Path) -> None:
+    fields = patch((0.0, 0.0, 0.05), (0.0, 0.0, 0.0))
+    over = {"places": [(0.0, 0.0, 0.0), (0.03, 0.0, 0.0), (0.05, 0.0, -0.03)], "size": (0.01, 0.01)}
+    fields["patches"] = {"skin": {"frame": "skin", **over}}
+    assert not list(patch_faults(hand(tmp_path, **fields)))
+
+
+def test_a_patch_on_a_link_without_a_surface_is_told(tmp_path: Path) -> None:
+    fields = patch((0.0, 0.0, 0.05), (0.0, 0.0, 0.0))
+    (said,) = patch_faults(hand(tmp_path, links=("base",), **fields))
+    assert said == "patch 'skin' is on link 'hand', which has no surface"
+
+
+# Wrists, cameras, fingers
+
+
+def test_a_link_with_a_shape_but_no_mass_on_a_wrist_is_told(tmp_path: Path) -> None:
+    elements = [*hand_links(), link("nail", BLOCK), joint("n", "hand", "nail", "fixed", "")]
+    wrists = {"wrist": {"frame": "hand", "sign": "on_robot"}}
+    (said,) = wrist_faults(built(tmp_path, *elements, wrists=wrists))
+    assert said == "link 'nail' hangs on wrist 'wrist' and has a shape, but no mass"
+
+
+def test_what_does_not_hang_on_a_wrist_needs_no_mass(tmp_path: Path) -> None:
+    wrists = {"wrist": {"frame": "hand", "sign": "on_robot"}}
+    assert not list(wrist_faults(hand(tmp_path, wrists=wrists)))  # the base has none
+
+
+def test_a_wrist_that_carries_nothing_is_told(tmp_path: Path) -> None:
+    elements = [*hand_links(), link("end"), joint("e", "hand", "end", "fixed", "")]
+    wrists = {"wrist": {"frame": "end", "sign": "on_robot"}}
+    (said,) = wrist_faults(built(tmp_path, *elements, wrists=wrists))
+    assert said == "nothing that hangs on wrist 'wrist' has a mass"
+
+
+@pytest.mark.parametrize(
+    ("x", "depth"), [(0.2, 0), (0.06, 0), (0.05, 0), (0.045, 0), (0.035, 15), (0.0, 50)]
+)
+def test_a_camera_deep_in_the_robot_is_told(x: float, depth: int, tmp_path: Path) -> None:
+    said = list(camera_faults(at_middle(hand(tmp_path, **camera(x)))))
+    assert said == ([f"camera 'eye' lies {depth} mm inside link 'hand'"] if depth else [])
+
+
+def test_a_camera_inside_another_link_is_told_by_that_link(tmp_path: Path) -> None:
+    fields = camera(0.0, "base")
+    fields["frames"]["eye"]["xyz"] = (0.0, 0.0, 0.5)
+    (said,) = camera_faults(at_middle(hand(tmp_path, **fields)))
+    assert said == "camera 'eye' lies 50 mm inside link 'hand'"
+
+
+def test_a_finger_whose_joints_do_not_move_it_is_told(tmp_path: Path) -> None:
+    fingers = {"thumb": {"joints": ("hinge",), "links": ("hand", "base")}}
+    (said,) = finger_faults(hand(tmp_path, fingers=fingers))
+    assert said == "link 'base' of finger 'thumb' hangs on none of its joints"
+
+
+# The command
+
+
+@pytest.fixture
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A folder with a robot whose patch looks the wrong way, and work in it."""
+    written(tmp_path, *hand_links())
+    fields = patch((0.0, 0.0, 0.05), (TURN, 0.0, 0.0))
+    plain = yaml.safe_load(
+        yaml.dump({"urdf": "robot.urdf", **fields}).replace("!!python/tuple", "")
+    )
+    (tmp_path / "robot.yaml").write_text(yaml.safe_dump(plain))
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+def ask(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], *arguments: str
+) -> tuple[int, str, str]:
+    """Call the command in this process: its status, and what it says."""
+    monkeypatch.setattr(sys, "argv", ["contactfusion", "doctor", *arguments])
+    capsys.readouterr()
+    status: Any = 0
+    try:
+        cli.main()
+    except SystemExit as end:
+        status = end.code
+    said = capsys.readouterr()
+    return int(status or 0), said.out, said.err
+
+
+def test_a_robot_with_a_fault_gives_status_one(
+    folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    status, out, err = ask(monkeypatch, capsys, "robot.yaml")
+    assert (status, err) == (1, "")
+    assert "warning: the z of patch 'skin' does not point out of link 'hand'\n" in out
+    assert out.endswith("1 to put right\n")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["robto.yaml"], ["robto.yaml", "did you mean 'robot.yaml'"]),
+        (["contactfusion.robots:arm_hnd.yaml"], ["did you mean 'arm_hand.yaml'"]),
+        (["no_such_package:robot.yaml"], ["the Python package 'no_such_package' is not installed"]),
+        (["broken.yaml"], ["broken.yaml", "patches.skin.frame", "did you mean 'hand'"]),
+        (["robot.yaml", "--recording", "lgo.yaml"], ["did you mean 'log.yaml'"]),
+        (["--out", "robot.png"], ["name the ROBOT.yaml"]),
+        (["--recording", "log.yaml"], ["name the ROBOT.yaml"]),
+        (["robot.yaml", "--out", "robot.urdf/a.png"], ["robot.urdf/a.png cannot be written"]),
+    ],
+)
+def test_what_cannot_be_used_is_one_sentence(
+    arguments: list[str],
+    words: list[str],
+    folder: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    broken = (folder / "robot.yaml").read_text().replace("frame: skin", "frame: hnad")
+    (folder / "broken.yaml").write_text(broken)
+    (folder / "log.yaml").write_text("type: log\n")
+    status, _, err = ask(monkeypatch, capsys, *arguments)
+    (line,) = err.splitlines()
+    assert status == 1 and line.startswith("contactfusion: ")
+    assert all(word in line for word in words), line
+
+
+def test_a_robot_that_cannot_be_touched_is_told(tmp_path: Path) -> None:
+    written(tmp_path, link("base"))
+    (tmp_path / "robot.yaml").write_text("urdf: robot.urdf\n")
+    with pytest.raises(ContactFusionError, match="no link has a <collision> shape"):
+        check_robot(str(tmp_path / "robot.yaml"))
