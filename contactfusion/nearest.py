@@ -118,20 +118,20 @@ def _improve(
         for axis in range(3):
             node = np.floor((place[axis] - low[axis] + PADDING) / CELL)
             at[axis] = int(min(max(node, 0.0), nodes.shape[axis] - 2.0))
-        sample, square, last = np.int32(-1), np.inf, np.int32(-2)
+        sample, square, last = -1, np.inf, -2
         for corner in range(8):  # of the cell that holds the place, or of the nearest one
             a, b, c = at[0] + (corner & 1), at[1] + (corner >> 1 & 1), at[2] + (corner >> 2)
-            if nodes[a, b, c] != sample:
-                other = _square(samples, nodes[a, b, c], place)
-                if other < square:
-                    square, sample = other, nodes[a, b, c]
+            candidate = int(nodes[int(a), int(b), int(c)])
+            other = _square(samples, candidate, place)
+            if other < square:
+                square, sample = other, candidate
         slack = distances[i] + CELL
         if square > slack * slack:
             continue  # the walk gains less than a cell
         while sample != last:  # walk over the surface while it comes nearer
             last = sample
             for column in range(neighbours.shape[1]):
-                neighbour = neighbours[int(last), column]
+                neighbour = int(neighbours[last, column])
                 other = _square(samples, neighbour, place)
                 if other < square:
                     square, sample = other, neighbour

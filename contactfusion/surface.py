@@ -144,7 +144,7 @@ class Surface:
     ) -> tuple[FloatArray, NDArray[np.intp]]:
         """Find the nearest point of the surface, or one that is hardly further.
 
-        Near the surface one in hundreds is up to 2 mm further than the nearest; see `nearest.py`.
+        Near the surface one in a hundred is a few mm further than the nearest; see `nearest.py`.
 
         Args:
             points: shape (m, 3) [m], in the surface's frame.
