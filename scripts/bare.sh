@@ -12,7 +12,8 @@ keep=no
 root=${1:-$(mktemp -d)}
 
 leave() {
-    umount "$root/proc" "$root/dev" 2>/dev/null || true
+    # lazily: a process that is just ending may still hold a device
+    umount --lazy "$root/proc" "$root/dev" 2>/dev/null || true
     [ "$keep" = yes ] || rm -rf --one-file-system "$root" "$root.log"
 }
 trap 'leave' EXIT
