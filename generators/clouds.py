@@ -6,8 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from contactfusion.arrays import FloatArray
-from contactfusion.errors import missing_extra
 from contactfusion.robots.posed import PosedRobot
+from contactfusion.robots.solids import loaded_open3d
 
 NEIGHBOURS = 20
 """So many neighbours at most make up the plane at a point."""
@@ -51,7 +51,7 @@ def moved_by(points: FloatArray, before: FloatArray, reach: float) -> float:
     Returns:
         The root mean square of the ways of its points [m]; 0 where nothing was near it then.
     """
-    open3d = _open3d()
+    open3d = loaded_open3d()
     if len(points) < LEAST or len(before) < LEAST:
         return 0.0
     registration, there = open3d.pipelines.registration, _cloud(before)
@@ -66,13 +66,5 @@ def moved_by(points: FloatArray, before: FloatArray, reach: float) -> float:
 
 
 def _cloud(points: FloatArray) -> Any:
-    open3d = _open3d()
+    open3d = loaded_open3d()
     return open3d.geometry.PointCloud(open3d.utility.Vector3dVector(points))
-
-
-def _open3d() -> Any:
-    try:
-        import open3d
-    except ImportError:
-        raise missing_extra("open3d", "robot") from None
-    return open3d

@@ -85,7 +85,7 @@ def made(kind: str, stamp: float = 0.0, sensor: str = "it", **fields: Any) -> An
 
 
 def skin(stamp: float, *values: float, sensor: str = "skin") -> TactileImage:
-    return made("tactile_image", stamp, sensor, values=np.array(values))  # type: ignore[no-any-return]
+    return TactileImage(stamp=stamp, frame="base", sensor=sensor, values=np.array(values))
 
 
 def configured(*entries: Any, **fields: Any) -> PipelineConfig:
@@ -218,7 +218,8 @@ def test_zeros_are_in_every_value_and_the_rest_stays(kind: str) -> None:
 
 
 def test_a_switch_of_zeros_is_open() -> None:
-    assert zeroed(made("switch")).closed is False  # type: ignore[attr-defined]
+    switch = zeroed(made("switch"))
+    assert isinstance(switch, Switch) and switch.closed is False
 
 
 def test_a_pose_of_zeros_is_the_identity_at_rest() -> None:

@@ -42,7 +42,7 @@ class Solid:
 
     def __init__(self, shapes: Sequence[ShapeConfig | Mesh]) -> None:
         self._shapes = [(shape, *_triangles(shape)) for shape in shapes]
-        open3d = _open3d()
+        open3d = loaded_open3d()
         self._scene: Any = open3d.t.geometry.RaycastingScene()
         for _, vertices, triangles in self._shapes:
             self._scene.add_triangles(
@@ -74,12 +74,12 @@ class Solid:
 
         Triangles inside the link count, too.
         """
-        query = _open3d().core.Tensor(np.ascontiguousarray(points, np.float32))
+        query = loaded_open3d().core.Tensor(np.ascontiguousarray(points, np.float32))
         return np.asarray(self._scene.compute_distance(query).numpy(), np.float64)
 
     def signed_distances(self, points: FloatArray) -> FloatArray:
         """Give distances to the surface, shape (n,) [m], negative inside; of closed shapes only."""
-        query = _open3d().core.Tensor(np.ascontiguousarray(points, np.float32))
+        query = loaded_open3d().core.Tensor(np.ascontiguousarray(points, np.float32))
         found = self._scene.compute_signed_distance(query, nsamples=3)
         return np.asarray(found.numpy(), np.float64)
 
@@ -95,14 +95,14 @@ class Solid:
         count = np.zeros(len(points))
         for direction in unit_vectors(RAYS):
             rays = np.concatenate([points, np.broadcast_to(direction, points.shape)], axis=1)
-            query = _open3d().core.Tensor(np.ascontiguousarray(rays, np.float32))
+            query = loaded_open3d().core.Tensor(np.ascontiguousarray(rays, np.float32))
             count += ~self._scene.test_occlusions(query).numpy()
         return count
 
 
 def _triangles(shape: ShapeConfig | Mesh) -> tuple[FloatArray, NDArray[np.intp]]:
     """Give vertices (v, 3) [m] in the link's frame, and triangles (t, 3) of their rows."""
-    open3d = _open3d()
+    open3d = loaded_open3d()
     create = open3d.geometry.TriangleMesh
     scale: tuple[float, ...] = (1.0, 1.0, 1.0)
     if isinstance(shape, Mesh):
@@ -120,7 +120,7 @@ def _triangles(shape: ShapeConfig | Mesh) -> tuple[FloatArray, NDArray[np.intp]]
 
 def _closed(shape: Mesh) -> Any:
     """Read a mesh, and close its holes: ends that are open where the next link begins."""
-    open3d = _open3d()
+    open3d = loaded_open3d()
     with open3d.utility.VerbosityContextManager(open3d.utility.VerbosityLevel.Error):
         mesh = open3d.io.read_triangle_mesh(str(shape.file))
         if not len(mesh.triangles):
@@ -161,7 +161,12 @@ def _on_triangles(
     return points[kept], normals
 
 
-def _open3d() -> Any:
+def loaded_open3d() -> Any:
+    """Give the library.
+
+    Raises:
+        DependencyError: it is not installed.
+    """
     try:
         import open3d
     except ImportError:
