@@ -22,6 +22,16 @@ def read_npz(path: Path, *names: str) -> list[NDArray[Any]]:
     Raises:
         ConfigurationError: the file is missing, is no npz file, or lacks an array.
     """
+    held = read_arrays(path, *names)
+    return [held[name] for name in names]
+
+
+def read_arrays(path: Path, *names: str) -> dict[str, NDArray[Any]]:
+    """Read all arrays by their names; those of `names` must be there.
+
+    Raises:
+        ConfigurationError: the file is missing, is no npz file, or lacks an array.
+    """
     require_file(path, ConfigurationError)
     try:
         with path.open("rb") as file, np.load(file) as arrays:
@@ -31,7 +41,7 @@ def read_npz(path: Path, *names: str) -> list[NDArray[Any]]:
     if missing := [name for name in names if name not in held]:
         holds = ", ".join(held) or "nothing"
         raise ConfigurationError(f"{path} lacks {' and '.join(missing)}; it holds {holds}")
-    return [held[name] for name in names]
+    return held
 
 
 def write_npz(path: str | Path, **arrays: ArrayLike) -> None:

@@ -27,11 +27,17 @@ from contactfusion.state import State
 
 Ask = Callable[[AnyGenerator, Reading, State], Sequence[HypothesisCloud]]
 """How a generator is asked; a runner with a clock puts its stop-watch here."""
+Tell = Callable[[HypothesisCloud], None]
+"""Who hears every cloud that the integrator accepted, in the space's frame."""
 
 
 def asked(generator: AnyGenerator, reading: Reading, state: State) -> Sequence[HypothesisCloud]:
     """Ask a generator for its clouds, and nothing else."""
     return generator.generate(reading, state)
+
+
+def nobody(cloud: HypothesisCloud) -> None:
+    """Hear a cloud, and do nothing."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,6 +66,7 @@ class Pipeline:
     Args:
         config: the configuration.
         ask: how a generator is asked for its clouds.
+        tell: who hears each cloud that the integrator accepted.
 
     Raises:
         ContactFusionError: a plug-in is not installed, or an option of one is wrong.
@@ -69,9 +76,11 @@ class Pipeline:
         self,
         config: PipelineConfig,
         ask: Ask = asked,
+        tell: Tell = nobody,
     ) -> None:
         self.config = config
         self._ask = ask
+        self._tell = tell
         self.integrator = Integrator(config.integrator.model_copy(update={"strict_sources": True}))
         self._grid = Grid(config.integrator.frame, config.integrator.voxel_size)
         self._robot = Robot(config, self._grid)
@@ -254,6 +263,7 @@ class Pipeline:
                 self.integrator.receive(cloud)
             except ContactFusionError:
                 continue  # the integrator has counted it
+            self._tell(cloud)
 
     def _in_space(self, cloud: HypothesisCloud) -> HypothesisCloud:
         """Bring a cloud into the frame of the hypothesis space."""

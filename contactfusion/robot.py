@@ -124,6 +124,6 @@ class Robot:
 def _model(config: PipelineConfig) -> "RobotModel | None":
     if config.robot is None:
         return None
-    from contactfusion.robots.model import RobotModel
+    from contactfusion.robots.model import shared_robot
 
-    return RobotModel(config.robot)
+    return shared_robot(config.robot)

@@ -70,6 +70,11 @@ class RobotModel:
         limits[turning] = -np.inf, np.inf
         return limits
 
+    @property
+    def efforts(self) -> FloatArray:
+        """The greatest torque or force of each joint, shape (n,) [N·m, N]."""
+        return np.array(self._model.effortLimit)
+
     def positions(self, joints: JointState | None) -> FloatArray:
         """Give the position of each of `joint_names`, shape (n,) [rad, m].
 
@@ -123,6 +128,21 @@ class RobotModel:
             self._pin.LOCAL_WORLD_ALIGNED,
         )
         return jacobian
+
+    def gravity_torques(self, positions: FloatArray) -> FloatArray:
+        """Give what the joints need to hold the robot up, shape (n,) [N·m, N].
+
+        The root link's z points up.
+        """
+        torques: FloatArray = self._pin.computeGeneralizedGravity(
+            self._model, self._data, self._configuration(positions)
+        )
+        return torques
+
+    def inertias(self, positions: FloatArray) -> FloatArray:
+        """Give what each joint has to move when all others yield, shape (n,) [kg·m², kg]."""
+        matrix = self._pin.crba(self._model, self._data, self._configuration(positions))
+        return 1.0 / np.diag(np.linalg.inv(matrix))
 
     def load_on(self, frame: str, poses: Mapping[str, Pose]) -> tuple[float, FloatArray]:
         """Give what hangs on a sensor: its mass [kg] and its centre of mass, shape (3,) [m].
@@ -192,7 +212,7 @@ class RobotModel:
         """The sampled surface of each link that has one, in the link's frame."""
         wanted = self.link_names if self.config.links is None else self.config.links
         parts = {}
-        for name, solid in self._solids(self.config.shapes).items():
+        for name, solid in self.solids.items():
             if name in wanted:
                 points, normals = solid.samples(self.config.spacing)
                 links = np.full(len(points), self.link_names.index(name), np.int32)
@@ -206,6 +226,11 @@ class RobotModel:
     def spheres(self) -> SphereModel:
         """Spheres in place of the collision shapes of the links."""
         return fit_spheres(self._solids("collision"), self.link_names, SPHERE_SPACING)
+
+    @cached_property
+    def solids(self) -> dict[str, Solid]:
+        """The links whose shapes make up the surface, in their frames."""
+        return self._solids(self.config.shapes)
 
     def _solids(self, shapes: str) -> dict[str, Solid]:
         links = {name: getattr(link, shapes) for name, link in self.urdf.links.items()}
@@ -284,6 +309,17 @@ def _kinematics(urdf: Urdf) -> tuple[Any, Any]:
         return library, library.buildModelFromUrdf(str(urdf.path))
     except (ValueError, RuntimeError) as error:
         raise RobotError(f"{urdf.path}: pinocchio cannot read it: {error}") from None
+
+
+def shared_robot(config: RobotConfig) -> RobotModel:
+    """Give the robot of a description, built once in a process: spheres take seconds to fit.
+
+    Raises:
+        RobotError: the URDF does not hold together.
+        ConfigurationError: a sensor is on a link that the URDF lacks, or frames form a circle.
+        DependencyError: pinocchio is not installed.
+    """
+    return _built(config.model_dump_json())
 
 
 @lru_cache(maxsize=4)

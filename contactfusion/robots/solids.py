@@ -42,17 +42,18 @@ class Solid:
 
     def __init__(self, shapes: Sequence[ShapeConfig | Mesh]) -> None:
         self._shapes = [(shape, *_triangles(shape)) for shape in shapes]
-        open3d = loaded_open3d()
-        self._scene: Any = open3d.t.geometry.RaycastingScene()
-        for _, vertices, triangles in self._shapes:
-            self._scene.add_triangles(
-                open3d.core.Tensor(np.ascontiguousarray(vertices, np.float32)),
-                open3d.core.Tensor(np.ascontiguousarray(triangles, np.uint32)),
-            )
+        self._scene: Any = _scene(self.meshes)
+        # where shapes overlap, a ray counts no insides and outsides: each is asked alone
+        self._insides = [_scene([mesh]) for mesh in self.meshes]
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Travel to another process as the shapes."""
         return Solid, (tuple(shape for shape, _, _ in self._shapes),)
+
+    @property
+    def meshes(self) -> list[tuple[FloatArray, NDArray[np.uint32]]]:
+        """The vertices (v, 3) [m] and the triangles (t, 3) of each shape."""
+        return [(vertices, triangles) for _, vertices, triangles in self._shapes]
 
     def samples(self, spacing: float) -> tuple[FloatArray, FloatArray]:
         """Give points about `spacing` [m] apart and outward normals, both of shape (n, 3)."""
@@ -78,10 +79,13 @@ class Solid:
         return np.asarray(self._scene.compute_distance(query).numpy(), np.float64)
 
     def signed_distances(self, points: FloatArray) -> FloatArray:
-        """Give distances to the surface, shape (n,) [m], negative inside; of closed shapes only."""
+        """Give distances to the surface, shape (n,) [m], negative inside; of closed shapes only.
+
+        Where shapes overlap, the depth is that in the one in which it is greatest.
+        """
         query = loaded_open3d().core.Tensor(np.ascontiguousarray(points, np.float32))
-        found = self._scene.compute_signed_distance(query, nsamples=3)
-        return np.asarray(found.numpy(), np.float64)
+        found = [one.compute_signed_distance(query, nsamples=3).numpy() for one in self._insides]
+        return np.asarray(np.min(found, axis=0), np.float64)
 
     def _seen(self, points: FloatArray, normals: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Keep what can be seen from outside, and turn its normals there."""
@@ -100,7 +104,7 @@ class Solid:
         return count
 
 
-def _triangles(shape: ShapeConfig | Mesh) -> tuple[FloatArray, NDArray[np.intp]]:
+def _triangles(shape: ShapeConfig | Mesh) -> tuple[FloatArray, NDArray[np.uint32]]:
     """Give vertices (v, 3) [m] in the link's frame, and triangles (t, 3) of their rows."""
     open3d = loaded_open3d()
     create = open3d.geometry.TriangleMesh
@@ -115,7 +119,17 @@ def _triangles(shape: ShapeConfig | Mesh) -> tuple[FloatArray, NDArray[np.intp]]
     else:
         mesh = create.create_sphere(shape.radius, ROUNDNESS // 2)
     vertices = points_in(shape.pose(), np.asarray(mesh.vertices) * scale)
-    return vertices, np.asarray(mesh.triangles, np.intp)
+    return vertices, np.asarray(mesh.triangles, np.uint32)
+
+
+def _scene(meshes: Sequence[tuple[FloatArray, NDArray[np.uint32]]]) -> Any:
+    """Put triangles where rays can find them."""
+    open3d = loaded_open3d()
+    scene = open3d.t.geometry.RaycastingScene()
+    for vertices, triangles in meshes:
+        corners = open3d.core.Tensor(np.ascontiguousarray(vertices, np.float32))
+        scene.add_triangles(corners, open3d.core.Tensor(np.ascontiguousarray(triangles)))
+    return scene
 
 
 def _closed(shape: Mesh) -> Any:
@@ -135,7 +149,7 @@ def _closed(shape: Mesh) -> Any:
 
 
 def _on_triangles(
-    vertices: FloatArray, triangles: NDArray[np.intp], spacing: float
+    vertices: FloatArray, triangles: NDArray[np.uint32], spacing: float
 ) -> tuple[FloatArray, FloatArray]:
     """Spread points evenly over triangles, with a fixed seed, and keep one a cell.
 

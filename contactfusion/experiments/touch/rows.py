@@ -1,0 +1,169 @@
+"""The rows of the table: which sources are fused, and what comes of it."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from contactfusion.experiments.touch.plan import Touch
+from contactfusion.experiments.touch.trial import Trial
+from contactfusion.hypotheses import HypothesisKind
+from contactfusion.integrator.fusion import Fusion
+from contactfusion.integrator.integrator import Integrator
+from contactfusion.pipeline_config import PipelineConfig
+
+NEAR = 0.03
+"""A contact this near a true one has detected it [m] (method §8)."""
+
+
+@dataclass(frozen=True)
+class Row:
+    """A row of the table.
+
+    Attributes:
+        name: what it is called.
+        modalities: what is fused.
+        ungated: whether what the range camera sees near the hand counts as evidence.
+    """
+
+    name: str
+    modalities: tuple[str, ...]
+    ungated: bool = False
+
+
+PAPER = ("tactile", "force", "range")
+ROWS = (
+    Row("tactile", ("tactile",)),
+    Row("force", ("force",)),
+    Row("range", ("range",), ungated=True),
+    Row("all", PAPER, ungated=True),
+    Row("all + simulator", (*PAPER, "simulator"), ungated=True),
+    Row("fingers", ("fingers",)),
+    Row("range, moving objects", ("moving",)),
+    Row("all, range as support", PAPER),
+    Row("all + simulator, range as support", (*PAPER, "simulator")),
+    Row("every generator", (*PAPER, "moving", "fingers", "motion", "simulator", "free space")),
+)
+"""The papers' five rows first; their range counts what is near as evidence."""
+SINGLE = ("tactile", "force", "range", "fingers")
+EVERYTHING = ROWS[-1]
+TYPES = {
+    "tactile": "tactile",
+    "force_torque": "force",
+    "finger_pose": "fingers",
+    "motion": "motion",
+    "simulator": "simulator",
+    "free_space": "free space",
+}
+
+
+@dataclass(frozen=True)
+class Method:
+    """How hypotheses are fused: a rule and a condensation."""
+
+    rule: str
+    condensation: str
+
+    def __str__(self) -> str:
+        return f"{self.rule}/{self.condensation}"
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What one touch gave under one row and method.
+
+    Attributes:
+        touch: which.
+        true_contacts: how many there were.
+        row: the name of the row.
+        method: how it was fused.
+        contacts: how many were reported.
+        detected: whether one of them is near a true one.
+        false: how many are near none.
+        error: from the most likely to the nearest true one [m]; NaN without either.
+        sigma: the dispersion of the most likely [m]; NaN without any.
+    """
+
+    touch: Touch
+    true_contacts: int
+    row: str
+    method: str
+    contacts: int
+    detected: bool
+    false: int
+    error: float
+    sigma: float
+
+
+def modality_of(config: PipelineConfig, source: str) -> str:
+    """Tell which modality a source belongs to."""
+    options = config.generators[source.split("/")[0]]
+    if options["type"] == "range":
+        return "range" if options.get("evidence") == "proximity" else "moving"
+    return TYPES.get(options["type"], str(options["type"]))
+
+
+def fused(
+    trial: Trial, row: Row, method: Method, config: PipelineConfig, *, without: str = ""
+) -> Fusion:
+    """Fuse what some modalities said.
+
+    Args:
+        trial: what every source said.
+        row: the modalities.
+        method: the rule and the condensation.
+        config: the pipeline that felt the touch.
+        without: a modality to leave out.
+    """
+    integrator = Integrator(
+        config.integrator.model_copy(
+            update={"rule": method.rule, "condensation": method.condensation}
+        )
+    )
+    for name, cloud in trial.clouds.items():
+        modality = modality_of(config, name)
+        if modality not in row.modalities or modality == without:
+            continue
+        if modality == "range" and row.ungated:
+            cloud = replace(cloud, kind=HypothesisKind.REGULAR)
+        integrator.plug(name, cloud.kind, replace=True)
+        integrator.receive(cloud)
+    return integrator.step(trial.stamp)
+
+
+def outcome(
+    trial: Trial, row: Row, method: Method, config: PipelineConfig, *, without: str = ""
+) -> Outcome:
+    """Compare what is fused with the truth; see `fused`."""
+    contacts = fused(trial, row, method, config, without=without).contacts
+    places = np.reshape([contact.position for contact in contacts], (-1, 3))
+    away = np.full(len(contacts), np.inf)
+    if len(trial.places):
+        away = np.linalg.norm(places[:, None] - trial.places, axis=2).min(axis=1)
+    known = bool(len(contacts) and len(trial.places))
+    return Outcome(
+        touch=trial.touch,
+        true_contacts=len(trial.places),
+        row=row.name + (f" without {without}" if without else ""),
+        method=str(method),
+        contacts=len(contacts),
+        detected=bool((away <= NEAR).any()),
+        false=int((away > NEAR).sum()),
+        error=float(away[0]) if known else np.nan,
+        sigma=contacts[0].dispersion if contacts else np.nan,
+    )
+
+
+def shared(trial: Trial, config: PipelineConfig, side: float) -> dict[tuple[str, str], bool]:
+    """Tell for each pair of modalities that both spoke whether they share a voxel."""
+    voxels: dict[str, set[tuple[int, ...]]] = {}
+    for name, cloud in trial.clouds.items():
+        if len(cloud) and cloud.kind != HypothesisKind.NULL:
+            cells = np.floor(cloud.positions * (1.0 / side)).astype(int)
+            modality = modality_of(config, name)
+            voxels.setdefault(modality, set()).update(map(tuple, cells.tolist()))
+    names = sorted(voxels)
+    return {
+        (one, other): bool(voxels[one] & voxels[other])
+        for i, one in enumerate(names)
+        for other in names[i + 1 :]
+    }

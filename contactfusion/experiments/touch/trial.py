@@ -1,0 +1,161 @@
+"""One touch of the experiment: what every source said in the end, and the truth."""
+
+import json
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from contactfusion.arrays import FloatArray
+from contactfusion.experiments.touch.plan import Plan, Touch
+from contactfusion.grid import Grid
+from contactfusion.hypotheses import HypothesisCloud, HypothesisKind
+from contactfusion.integrator.report import EventKind
+from contactfusion.npz_files import read_arrays, write_npz
+from contactfusion.pipeline import Pipeline
+from contactfusion.readings import JointState
+from contactfusion.robots.model import shared_robot
+from contactfusion.simulation.touch import TouchScene
+
+REQUIRED = ("positions", "likelihoods")
+OPTIONAL = ("forces", "spreads")
+
+
+@dataclass(frozen=True, eq=False)
+class Trial:
+    """One touch.
+
+    Attributes:
+        touch: which.
+        stamp: when it ended [s].
+        clouds: the last that each source said, in the space's frame, by its name.
+        places: shape (n, 3) [m], the true contacts, the strongest first; none in free air.
+        links: the link that each is on.
+        steady: whether the hand had settled.
+        joints: shape (k,), the robot's joints as they were read in the end [rad, m].
+        refused: why readings or clouds were refused, each reason once.
+    """
+
+    touch: Touch
+    stamp: float
+    clouds: Mapping[str, HypothesisCloud]
+    places: FloatArray
+    links: tuple[str, ...]
+    steady: bool
+    joints: FloatArray
+    refused: tuple[str, ...]
+
+
+def run_trial(plan: Plan, touch: Touch) -> Trial:
+    """Touch once, and let the generators feel it.
+
+    Raises:
+        RobotError: the arm reaches the object in no way that was tried.
+    """
+    config = plan.pipeline_of(touch.target)
+    assert config.robot is not None
+    robot = shared_robot(config.robot)
+    scene = TouchScene(plan.scene_of(touch), robot, touch.seed)
+    clouds: dict[str, HypothesisCloud] = {}
+    pipeline = Pipeline(
+        config.model_copy(update={"seed": touch.seed}),
+        tell=lambda cloud: clouds.update({cloud.source: cloud}),
+    )
+    stamp, joints = 0.0, np.zeros(len(robot.joint_names))
+    for reading in scene.readings():
+        pipeline.receive(reading)
+        stamp = reading.stamp
+        if isinstance(reading, JointState):
+            joints = robot.positions(reading)
+    events = pipeline.step(stamp).events
+    pipeline.close()
+    refused = dict.fromkeys(event.message for event in events if event.kind == EventKind.REFUSED)
+    contacts = scene.truth.contacts
+    return Trial(
+        touch,
+        stamp,
+        _worth_keeping(clouds, pipeline.state(stamp).grid),
+        contacts.places,
+        contacts.links,
+        scene.truth.steady,
+        joints,
+        tuple(refused),
+    )
+
+
+def save(trial: Trial, path: Path) -> None:
+    """Write a trial to an npz file."""
+    told = {
+        "touch": asdict(trial.touch),
+        "stamp": trial.stamp,
+        "links": trial.links,
+        "steady": trial.steady,
+        "refused": trial.refused,
+        "clouds": [
+            {
+                "source": cloud.source,
+                "kind": str(cloud.kind),
+                "stamp": cloud.stamp,
+                "frame": cloud.frame,
+                "single": cloud.single,
+                "notes": cloud.notes,
+            }
+            for cloud in trial.clouds.values()
+        ],
+    }
+    arrays: dict[str, Any] = {"places": trial.places, "joints": trial.joints}
+    for cloud in trial.clouds.values():
+        for name in (*REQUIRED, *OPTIONAL):
+            if getattr(cloud, name) is not None:
+                arrays[f"{cloud.source}/{name}"] = getattr(cloud, name)
+    write_npz(path, told=json.dumps(told), **arrays)
+
+
+def load(path: Path) -> Trial:
+    """Read a trial.
+
+    Raises:
+        ConfigurationError: the file is missing, or is no trial.
+    """
+    held = read_arrays(path, "told", "places", "joints")
+    told: dict[str, Any] = json.loads(str(held["told"]))
+    clouds = {}
+    for one in told["clouds"]:
+        arrays: dict[str, Any] = {
+            name: held.get(f"{one['source']}/{name}") for name in (*REQUIRED, *OPTIONAL)
+        }
+        clouds[one["source"]] = HypothesisCloud(**one, **arrays)
+    return Trial(
+        Touch(**told["touch"]),
+        told["stamp"],
+        clouds,
+        held["places"],
+        tuple(told["links"]),
+        told["steady"],
+        held["joints"],
+        tuple(told["refused"]),
+    )
+
+
+def _worth_keeping(clouds: Mapping[str, HypothesisCloud], grid: Grid) -> dict[str, HypothesisCloud]:
+    """Leave out Null voxels of which nobody else says anything: they change no contact."""
+    spoken = {
+        voxel
+        for cloud in clouds.values()
+        if cloud.kind != HypothesisKind.NULL
+        for voxel in map(tuple, grid.voxels(cloud.positions).tolist())
+    }
+    kept = {}
+    for name, cloud in clouds.items():
+        if cloud.kind == HypothesisKind.NULL:
+            voxels = map(tuple, grid.voxels(cloud.positions).tolist())
+            rows = np.array([voxel in spoken for voxel in voxels], np.bool_)
+            arrays: dict[str, Any] = {
+                array: None if getattr(cloud, array) is None else getattr(cloud, array)[rows]
+                for array in (*REQUIRED, *OPTIONAL)
+            }
+            cloud = replace(cloud, **arrays)
+        kept[name] = cloud
+    return kept

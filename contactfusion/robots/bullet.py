@@ -1,0 +1,88 @@
+"""A robot and solid bodies in a PyBullet world of their own."""
+
+import weakref
+from typing import Any
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from contactfusion.arrays import FloatArray
+from contactfusion.errors import missing_extra
+from contactfusion.frames import Pose, pose_of
+from contactfusion.robots.model import RobotModel
+from contactfusion.robots.urdf import Mesh
+from contactfusion.shapes import ShapeConfig
+
+
+class BulletWorld:
+    """One robot and bodies that stay where they are put, apart from every other such world.
+
+    Args:
+        robot: the robot; its root link stands at the origin until it is placed.
+        hollow: whether a mesh is taken as it is; otherwise its convex hull counts, which tells of
+            more than touches, never of less, and is faster.
+
+    Raises:
+        DependencyError: pybullet is not installed.
+    """
+
+    def __init__(self, robot: RobotModel, *, hollow: bool = False) -> None:
+        try:
+            import pybullet
+        except ImportError:
+            raise missing_extra("pybullet", "sim") from None
+        self.bullet: Any = pybullet
+        self.client = {"physicsClientId": pybullet.connect(pybullet.DIRECT)}
+        weakref.finalize(self, pybullet.disconnect, **self.client)
+        self._mesh_flags = {"flags": pybullet.GEOM_FORCE_CONCAVE_TRIMESH} if hollow else {}
+        self.robot: int = pybullet.loadURDF(str(robot.urdf.path), useFixedBase=True, **self.client)
+        rows = range(pybullet.getNumJoints(self.robot, **self.client))
+        infos = [pybullet.getJointInfo(self.robot, row, **self.client) for row in rows]
+        by_name = {info[1].decode(): row for row, info in zip(rows, infos, strict=True)}
+        self.joints = [by_name[name] for name in robot.joint_names]
+        """The row of each of the robot's `joint_names`."""
+        self.links = {row: info[12].decode() for row, info in zip(rows, infos, strict=True)}
+        """The link behind each row."""
+        self.links[-1] = robot.root
+        inertial = pybullet.getDynamicsInfo(self.robot, -1, **self.client)[3:5]
+        self._inertial = pose_of(inertial[0], Rotation.from_quat(inertial[1]).as_matrix())
+        self.place_robot(np.eye(4))
+
+    def place_robot(self, base: Pose) -> None:
+        """Put the robot's root link into a pose."""
+        self.place(self.robot, base @ self._inertial)
+
+    def place(self, body: int, pose: Pose) -> None:
+        """Put a body into a pose."""
+        turn = Rotation.from_matrix(pose[:3, :3]).as_quat()
+        place = self.bullet.resetBasePositionAndOrientation
+        place(body, pose[:3, 3], turn, **self.client)
+
+    def bend(self, positions: FloatArray) -> None:
+        """Put the joints where they shall be, at rest; shape (n,) [rad, m], by `joint_names`."""
+        for row, position in zip(self.joints, positions.tolist(), strict=True):
+            self.bullet.resetJointState(self.robot, row, position, **self.client)
+
+    def add(self, shape: ShapeConfig | Mesh) -> int:
+        """Add a body that nothing moves, at the origin; its number names it from then on."""
+        bullet, client = self.bullet, self.client
+        make = bullet.createCollisionShape
+        if isinstance(shape, Mesh):
+            file = str(shape.file)
+            scaled = {"meshScale": shape.scale, **self._mesh_flags}
+            made = make(bullet.GEOM_MESH, fileName=file, **scaled, **client)
+        elif shape.shape == "box":
+            edges = [edge / 2.0 for edge in shape.size or ()]
+            made = make(bullet.GEOM_BOX, halfExtents=edges, **client)
+        elif shape.shape == "cylinder":
+            size = {"radius": shape.radius, "height": shape.length}
+            made = make(bullet.GEOM_CYLINDER, **size, **client)
+        else:
+            made = make(bullet.GEOM_SPHERE, radius=shape.radius, **client)
+        body: int = bullet.createMultiBody(0.0, made, **client)
+        return body
+
+    def near(self, body: int, reach: float) -> set[str]:
+        """Give the links that lie within `reach` [m] of a body."""
+        found = self.bullet.getClosestPoints(self.robot, body, reach, **self.client)
+        return {self.links[point[3]] for point in found}

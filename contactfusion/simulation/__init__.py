@@ -1,0 +1,1 @@
+"""Simulated robots that give readings as real ones would, and the truth apart from them."""
