@@ -99,6 +99,48 @@ def experiment_recordings(
     run_recordings(data, out)
 
 
+@experiment.command("touch")
+def experiment_touch(
+    config: Annotated[
+        Path | None, typer.Option(help="A YAML file as for `run`, with a scene of type touch.")
+    ] = None,
+    objects: Annotated[
+        str, typer.Option(help="Objects of the scene, or URDF or mesh files; with commas between.")
+    ] = "",
+    directions: Annotated[int, typer.Option(min=1, help="How many directions to come from.")] = 15,
+    repeats: Annotated[int, typer.Option(min=1, help="How often from each.")] = 5,
+    rule: Annotated[
+        list[str] | None, typer.Option(help="RULE or RULE/CONDENSATION; several; default: all.")
+    ] = None,
+    noise: Annotated[str, typer.Option(help="none, prototype or full.")] = "prototype",
+    faults: Annotated[Path | None, typer.Option(help="A YAML file of faults.")] = None,
+    seed: Annotated[int, typer.Option(min=0, help="Of all chance.")] = 0,
+    workers: Annotated[int, typer.Option(min=1, help="How many processes.")] = 2,
+    draw: Annotated[
+        list[str] | None, typer.Option(help="Draw this touch, such as box-03-0; several.")
+    ] = None,
+    out: Out = Path("out/touch"),
+) -> None:
+    """Touch objects in simulation, compare contacts with the truth; goes on where it stopped."""
+    from contactfusion.experiments.touch.experiment import METHODS, Options, run_touch
+    from contactfusion.experiments.touch.plan import DEFAULT
+    from contactfusion.experiments.touch.rows import Method
+
+    options = Options(
+        config=config or DEFAULT,
+        objects=[name.strip() for name in objects.split(",") if name.strip()],
+        directions=directions,
+        repeats=repeats,
+        methods=[Method.named(name) for name in rule] if rule else METHODS,
+        noise=noise,
+        faults=faults,
+        seed=seed,
+        workers=workers,
+        draw=draw or (),
+    )
+    run_touch(options, out)
+
+
 def main() -> None:
     """Run the command line; an error is one sentence, never a traceback."""
     try:

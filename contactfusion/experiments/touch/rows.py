@@ -10,6 +10,7 @@ from contactfusion.hypotheses import HypothesisKind
 from contactfusion.integrator.fusion import Fusion
 from contactfusion.integrator.integrator import Integrator
 from contactfusion.pipeline_config import PipelineConfig
+from contactfusion.plugins import installed_plugins
 
 NEAR = 0.03
 """A contact this near a true one has detected it [m] (method §8)."""
@@ -62,6 +63,19 @@ class Method:
 
     rule: str
     condensation: str
+
+    @classmethod
+    def named(cls, name: str) -> "Method":
+        """Read RULE or RULE/CONDENSATION; the papers' condensation unless another is named.
+
+        Raises:
+            PluginError: no such rule or condensation is installed.
+        """
+        rule, _, condensation = name.partition("/")
+        method = cls(rule, condensation or "cluster_centroid")
+        installed_plugins().find("rules", method.rule)
+        installed_plugins().find("condensations", method.condensation)
+        return method
 
     def __str__(self) -> str:
         return f"{self.rule}/{self.condensation}"

@@ -10,6 +10,7 @@ import numpy as np
 
 from contactfusion.arrays import FloatArray
 from contactfusion.experiments.touch.plan import Plan, Touch
+from contactfusion.frames import points_in
 from contactfusion.grid import Grid
 from contactfusion.hypotheses import HypothesisCloud, HypothesisKind
 from contactfusion.integrator.report import EventKind
@@ -31,7 +32,8 @@ class Trial:
         touch: which.
         stamp: when it ended [s].
         clouds: the last that each source said, in the space's frame, by its name.
-        places: shape (n, 3) [m], the true contacts, the strongest first; none in free air.
+        places: shape (n, 3) [m], the true contacts in the space's frame, the strongest first; none
+            in free air.
         links: the link that each is on.
         steady: whether the hand had settled.
         joints: shape (k,), the robot's joints as they were read in the end [rad, m].
@@ -73,11 +75,12 @@ def run_trial(plan: Plan, touch: Touch) -> Trial:
     pipeline.close()
     refused = dict.fromkeys(event.message for event in events if event.kind == EventKind.REFUSED)
     contacts = scene.truth.contacts
+    pose = config.frame_tree().pose(config.integrator.frame, of=robot.root)
     return Trial(
         touch,
         stamp,
         _worth_keeping(clouds, pipeline.state(stamp).grid),
-        contacts.places,
+        points_in(pose, contacts.places),
         contacts.links,
         scene.truth.steady,
         joints,
