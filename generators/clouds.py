@@ -6,11 +6,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from contactfusion.arrays import FloatArray
+from contactfusion.frames import Pose
 from contactfusion.robots.posed import PosedRobot
 from contactfusion.robots.solids import loaded_open3d
 
 NEIGHBOURS = 20
 """So many neighbours at most make up the plane at a point."""
+SHOWN = 0.1
+"""A motion is seen when it moves the surface along its normals by this part of the mean square of
+the ways of its points."""
 LEAST = 10
 """Fewer points have no shape to compare."""
 
@@ -41,7 +45,8 @@ def moved_by(points: FloatArray, before: FloatArray, reach: float) -> float:
     """Measure how far an object has moved since a cloud was seen, by point-to-plane ICP.
 
     Points of a surface lie on the camera's raster, whatever the object does: point to point would
-    hold them there.
+    hold them there. But a plane may slide in itself, and a cylinder turn about its axis, without
+    that anything is seen of it, and there ICP follows noise: such motions do not count.
 
     Args:
         points: shape (n, 3) [m], of the object now.
@@ -60,8 +65,32 @@ def moved_by(points: FloatArray, before: FloatArray, reach: float) -> float:
     found = registration.registration_icp(_cloud(points), there, reach, np.eye(4), to_plane)
     if found.fitness == 0.0:
         return 0.0
+    now, then = np.asarray(found.correspondence_set).T
     back = np.asarray(found.transformation)
-    ways = points @ back[:3, :3].T + back[:3, 3] - points
+    return _seen_motion(points[now], np.asarray(there.normals)[then], back)
+
+
+def _seen_motion(points: FloatArray, normals: FloatArray, motion: Pose) -> float:
+    """Give the root mean square of the ways of points [m], without what nobody can see of them.
+
+    Args:
+        points: shape (n, 3) [m].
+        normals: shape (n, 3), of the surface there.
+        motion: small.
+    """
+    from scipy.spatial.transform import Rotation
+
+    centre = points.mean(axis=0)
+    levers = points - centre
+    size = np.sqrt(np.square(levers).sum(axis=1).mean())
+    turn = Rotation.from_matrix(motion[:3, :3]).as_rotvec()
+    shift = motion[:3, :3] @ centre + motion[:3, 3] - centre
+    # what turns and shifts, both as ways [m], do to the surface along its normals
+    along = np.concatenate([np.cross(levers / size, normals), normals], axis=1)
+    shown, directions = np.linalg.eigh(along.T @ along / len(points))
+    seen = directions[:, shown >= SHOWN]
+    turn_size, shift = np.split(seen @ seen.T @ np.concatenate([size * turn, shift]), 2)
+    ways = np.cross(turn_size / size, levers) + shift
     return float(np.sqrt(np.square(ways).sum(axis=1).mean()))
 
 

@@ -49,6 +49,8 @@ class ForceTorqueConfig(GeneratorConfig):
     patch: float = Field(default=0.0, ge=0)
     """For contacts that are no points but patches: standard deviation of the moment that torsional
     friction carries, per force [m]."""
+    noise: float = Field(default=0.003, ge=0)
+    """Standard deviation, by axis, of where the robot believes its surface to be [m]."""
     friction: float = Field(default=2.0, gt=0)
     """The largest tangential force of a contact, per normal force."""
     surface_tolerance: float = Field(default=0.01, gt=0)
@@ -200,8 +202,9 @@ class ForceTorqueGenerator(Generator[ForceTorqueConfig]):
         magnitude = np.linalg.norm(force)
         lever_squared = (np.square(levers).sum(axis=1) + (levers @ force / magnitude) ** 2) / 2.0
         noise = np.sqrt(self.config.torque_noise**2 + lever_squared * self.config.force_noise**2)
-        across: FloatArray = np.hypot(noise / magnitude, self.config.patch)
-        return across
+        across = np.hypot(noise / magnitude, self.config.patch)
+        spreads: FloatArray = np.hypot(across, self.config.noise)
+        return spreads
 
     def _on_surface(
         self, start: FloatArray, force: FloatArray, surface: Surface, grid: Grid

@@ -157,8 +157,9 @@ class RangeGenerator(Generator[RangeConfig]):
             places,
             scale**2 / (scale**2 + distances**2),
             frame=state.grid.frame,
-            # The contact lies between the object and the robot, somewhere along the distance.
-            spreads=np.hypot(self.config.noise, distances / np.sqrt(3.0)),
+            # the contact is no further than the robot, but what was near it is hidden or removed:
+            # in a ball of that radius, an axis has a mean square of d²/5
+            spreads=np.hypot(self.config.noise, distances / np.sqrt(5.0)),
         )
 
 

@@ -34,6 +34,9 @@ class TactileConfig(GeneratorConfig):
     """No contact under so many standard deviations of the noise."""
     p_max: float = Field(default=0.95, gt=0, le=1)
     """The largest likelihood; 1 would saturate a voxel for good."""
+    noise: float = Field(default=0.004, ge=0)
+    """Standard deviation, by axis, of where the robot believes the patch to be, and of how far a
+    push spreads in the skin, together [m]."""
     free: bool = False
     """Whether a healthy patch says where it feels nothing, as Null."""
     health_window: float = Field(default=2.0, gt=0)
@@ -88,7 +91,8 @@ class TactileGenerator(Generator[TactileConfig]):
         chosen = touched[taxels]
         largest = touch[touched].max(initial=0.0)
         likelihoods = np.minimum(touch[taxels[chosen]] / largest, self.config.p_max)
-        spread = np.hypot(*self.config.patch.edges()) / np.sqrt(24.0)
+        own = np.hypot(*self.config.patch.edges()) / np.sqrt(24.0)
+        spread = np.hypot(own, self.config.noise)
         clouds = [
             self.cloud(
                 reading,

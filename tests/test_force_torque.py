@@ -155,22 +155,25 @@ def test_under_the_gate_it_looked_and_found_nothing() -> None:
 
 def test_spreads_are_the_noise_of_the_torque_over_the_force() -> None:
     at_origin = BOX.moved(pose_of((0.0, 0.0, -0.02)), BOX.frame)
-    cloud = felt(touch(np.zeros(3), DOWN), robot(at_origin), force_noise=1e-6, min_force=1.0)
+    reading, state = touch(np.zeros(3), DOWN), robot(at_origin)
+    cloud = felt(reading, state, force_noise=1e-6, min_force=1.0, noise=0.0)
     assert cloud.spreads is not None
     np.testing.assert_allclose(cloud.spreads, 0.01 / 10.0, rtol=1e-3)
 
 
-def test_spreads_grow_with_the_lever_and_the_patch() -> None:
-    ft = generator(patch=0.003)
+def test_spreads_grow_with_the_lever_the_patch_and_the_doubt_about_the_surface() -> None:
+    ft = generator(patch=0.003, noise=0.004)
     levers = np.array([[0.3, 0.0, 0.0], [0.0, 0.0, 0.3]])  # across the force, and along it
     across, along = ft.spreads(DOWN, levers)
-    assert across == pytest.approx(np.sqrt(0.001**2 + (0.3 * 0.02) ** 2 / 2.0 + 0.003**2))
-    assert along == pytest.approx(np.sqrt(0.001**2 + (0.3 * 0.02) ** 2 + 0.003**2))
+    assert across == pytest.approx(
+        np.sqrt(0.001**2 + (0.3 * 0.02) ** 2 / 2.0 + 0.003**2 + 0.004**2)
+    )
+    assert along == pytest.approx(np.sqrt(0.001**2 + (0.3 * 0.02) ** 2 + 0.003**2 + 0.004**2))
 
 
 def test_one_and_two_sigma_hold_as_many_truths_as_they_should() -> None:
     rng = np.random.default_rng(2)
-    ft, state = generator(), robot()
+    ft, state = generator(noise=0.0), robot()
     offsets = []
     for _ in range(1000):
         place = np.array([*rng.uniform(-0.08, 0.08, 2), 0.02])

@@ -102,7 +102,7 @@ def test_likelihoods_fall_with_the_distance(robot: RobotModel) -> None:
     expected = 1e-4 / (1e-4 + distances**2)
     np.testing.assert_allclose(cloud.likelihoods, expected, rtol=0.03)
     assert cloud.spreads is not None
-    np.testing.assert_allclose(cloud.spreads, np.hypot(0.005, distances / np.sqrt(3.0)), rtol=0.03)
+    np.testing.assert_allclose(cloud.spreads, np.hypot(0.005, distances / np.sqrt(5.0)), rtol=0.03)
 
 
 def test_what_is_less_likely_than_a_hundredth_is_dropped(robot: RobotModel) -> None:
@@ -164,6 +164,20 @@ def test_icp_measures_the_way(way: float) -> None:
     rng = np.random.default_rng(1)
     again = cube(way) + rng.uniform(-0.0015, 0.0015, CUBE.shape)
     assert moved_by(again, cube(0.0), 0.02) == pytest.approx(way, abs=1e-3)
+
+
+def test_a_motion_that_nobody_can_see_is_none() -> None:
+    rng, angles = np.random.default_rng(0), np.linspace(0.0, np.pi, 40)
+    height, angle = np.meshgrid(np.linspace(0.0, 0.1, 25), angles)
+    for turned, risen in ((0.15, 0.0), (0.0, 0.01), (0.0, 0.0)):  # about its axis, along its axis
+        around = (angle + turned).ravel()
+        cylinder = np.stack(
+            [0.05 * np.cos(around), 0.05 * np.sin(around), height.ravel() + risen], axis=1
+        )
+        before = cylinder + 0.001 * rng.standard_normal(cylinder.shape)
+        now = cylinder[::2] + 0.001 * rng.standard_normal(cylinder[::2].shape)
+        assert moved_by(now, before, 0.02) < 0.002
+    assert moved_by(now + [0.0, 0.01, 0.0], before, 0.02) == pytest.approx(0.01, abs=0.001)
 
 
 def test_what_nothing_was_near_has_not_moved() -> None:

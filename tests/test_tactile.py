@@ -79,11 +79,14 @@ def test_taxels_may_rise_fall_or_do_either(touch: str, expected: set[float]) -> 
 
 
 def test_a_wide_taxel_gives_places_over_its_area_with_spreads_of_its_size() -> None:
-    cloud = felt(image(0.0, 9.0, 0.0, 0.0), WIDE)
+    cloud = felt(image(0.0, 9.0, 0.0, 0.0), WIDE, noise=0.0)
     assert len(np.unique(GRID.voxels(cloud.positions), axis=0)) == len(cloud) == 16
     assert np.abs(cloud.positions - [0.0, -0.01, 0.0]).max() <= 0.01
     assert cloud.spreads is not None
     np.testing.assert_allclose(cloud.spreads, 0.02 / np.sqrt(12.0))  # of a uniform square, by axis
+    unsure = felt(image(0.0, 9.0, 0.0, 0.0), WIDE, noise=0.004).spreads
+    assert unsure is not None
+    np.testing.assert_allclose(unsure, np.hypot(0.02 / np.sqrt(12.0), 0.004))
 
 
 def in_palm(generators: dict[str, Any], **config: Any) -> Pipeline:
