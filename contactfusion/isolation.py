@@ -111,10 +111,17 @@ class _LastStep:
 
 
 def _portable(state: State, name: str) -> State:
+    """Leave at home what is large and can be found again there."""
+    if state.robot is not None:
+        state = replace(state, surface=None)
     if state.fusion is None:
         return state
     last = _LastStep(state.fusion.contacts, state.evidence(without=name))
     return replace(state, fusion=cast("Fusion", last))
+
+
+def _unpacked(state: State) -> State:
+    return state if state.robot is None else replace(state, surface=state.robot.surface)
 
 
 def _serve(generator: Generator[Any], pipe: Connection) -> None:
@@ -129,7 +136,8 @@ def _serve(generator: Generator[Any], pipe: Connection) -> None:
             generator.reset()
             continue
         try:
-            answer: object = list(generator.generate(*given))
+            reading, state = given
+            answer: object = list(generator.generate(reading, _unpacked(state)))
         except Exception as error:  # the cycle must hear of it, whatever it is
             answer = f"{type(error).__name__}: {error}"
         pipe.send(answer)

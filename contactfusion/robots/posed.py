@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
@@ -27,6 +28,10 @@ class PosedRobot:
     positions: FloatArray
     frame: str
     base: Pose
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Travel to another process without what has been worked out."""
+        return PosedRobot, (self.model, self.positions, self.frame, self.base)
 
     @cached_property
     def poses(self) -> dict[str, Pose]:
