@@ -5,7 +5,7 @@ BIN := $(VENV)/bin
 READY := $(VENV)/.ready
 SOAK_SCENARIOS ?= 2000
 
-.PHONY: demo test lint soak bench bare show-recordings clean
+.PHONY: demo test lint soak bench bare show-recordings show-touch clean
 
 demo: $(READY)
 	$(BIN)/contactfusion demo --out out/demo
@@ -28,6 +28,18 @@ bench: $(READY)
 
 show-recordings: $(READY)
 	$(BIN)/contactfusion experiment recordings --out out/recordings
+
+# Touches that are made already are kept, so it goes on where it was stopped.
+TOUCH := $(BIN)/contactfusion experiment touch --seed 2014 --repeats 5
+FAULTS := stuck_taxel hand_eye dead_wrench silent_wrench
+
+show-touch: $(READY)
+	$(TOUCH) --out out/touch/prototype
+	$(TOUCH) --noise full --out out/touch/full
+	for fault in $(FAULTS); do \
+		$(TOUCH) --rule de_morgan --rule de_morgan/cluster_mass \
+			--faults examples/faults/$$fault.yaml --out out/touch/$$fault || exit 1; \
+	done
 
 bare:
 	sh scripts/bare.sh

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.interleave import Spread
+from benchmarks.interleave import Spread, interleave, timed
 from benchmarks.table import Row
 from contactfusion import Pipeline
 from contactfusion.experiments.touch.plan import DEFAULT, Plan, Touch, read_plan
@@ -19,6 +19,8 @@ from contactfusion.simulation.touch import TouchScene
 
 POINTS = 20_000
 """Of a cloud."""
+PLACES = 10_000
+"""Around the arm."""
 CYCLES = 100
 """Of a round; the camera gives a cloud in each."""
 
@@ -37,7 +39,22 @@ def rows(rounds: int) -> Iterator[Row]:
     yield Row(f"cycle of seven generators, {POINTS} points: p99", Spread.of(slowest), "ms", 60.0)
     medians = [1e3 * _wrench(pipeline, cycle) for _ in range(rounds)]
     yield Row("a wrench becomes hypotheses", Spread.of(medians), "ms", 1.0)
+    yield _nearest(rounds, pipeline)
     yield from _beside_clouds(rounds, config, cycle)
+
+
+def _nearest(rounds: int, pipeline: Pipeline) -> Row:
+    """Measure the search for the nearest surface points and links of places around the arm."""
+    surface = pipeline.state(0.0).surface
+    assert surface is not None
+    rng = np.random.default_rng(0)
+    chosen = surface.points[rng.integers(len(surface.points), size=PLACES)]
+    places = chosen + 0.05 * rng.standard_normal((PLACES, 3))
+    times = interleave(
+        {"ours": timed(lambda: surface.nearest(places))}, rounds=rounds, repeats={"ours": 10}
+    ).time("ours")
+    spread = Spread(*(1e3 * value for value in (times.median, times.low, times.high)))
+    return Row(f"nearest surface points of {PLACES:,} places", spread, "ms", 5.0)
 
 
 def _beside_clouds(rounds: int, config: PipelineConfig, cycle: list[Reading]) -> Iterator[Row]:

@@ -155,12 +155,16 @@ class Surface:
             that are nearest, shape (m,), there the number of points.
         """
         points = np.ascontiguousarray(points, np.float64)
-        total = sum(len(part.points) for part, _ in self._parts)
+        begins = np.cumsum([0, *(len(part.points) for part, _ in self._parts)])
+        total = int(begins[-1])
         distances, rows = np.full(len(points), reach), np.full(len(points), total, np.intp)
-        begin = 0
-        for part, pose in self._parts:
-            part.grid.improve(points, inverse(pose), begin, distances, rows)
-            begin += len(part.points)
+        # the parts in the midst of the points first: what they find rules the others out
+        middle = points.mean(axis=0) if len(points) else np.zeros(3)
+        centres, radii = self._balls
+        away = np.linalg.norm(centres - middle, axis=1) - radii
+        for number in np.argsort(away, kind="stable"):
+            part, pose = self._parts[number]
+            part.grid.improve(points, inverse(pose), int(begins[number]), distances, rows)
         distances[rows == total] = np.inf
         return distances, rows
 

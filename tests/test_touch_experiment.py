@@ -1,0 +1,374 @@
+"""`experiment touch`: its plan, what it makes of a touch, its tables, and how it goes on."""
+
+import csv
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from contactfusion.arrays import FloatArray
+from contactfusion.errors import ConfigurationError, PluginError, RecordingError
+from contactfusion.experiments.touch import tables
+from contactfusion.experiments.touch.experiment import Options, run_touch
+from contactfusion.experiments.touch.honesty import honesty, level_of
+from contactfusion.experiments.touch.plan import DEFAULT, SHORT, Plan, Touch, read_plan
+from contactfusion.experiments.touch.rows import (
+    EVERYTHING,
+    ROWS,
+    Method,
+    Outcome,
+    modality_of,
+    outcome,
+    shared,
+)
+from contactfusion.experiments.touch.trial import Trial, load, run_trial, save
+from contactfusion.hypotheses import HypothesisCloud, HypothesisKind
+
+DE_MORGAN = Method("de_morgan", "cluster_centroid")
+BY_NAME = {row.name: row for row in ROWS}
+PLACE = np.array([0.7, 0.0, 0.3])
+
+
+@pytest.fixture(scope="module")
+def plan() -> Plan:
+    return read_plan(DEFAULT, [], 15, "prototype", (), 3)[0]
+
+
+@pytest.fixture(scope="module")
+def felt(plan: Plan) -> Trial:
+    return run_trial(plan, touch())
+
+
+SMALL = Options(objects=("box",), directions=1, repeats=1, methods=(DE_MORGAN,), seed=5, workers=1)
+
+
+@pytest.fixture(scope="module")
+def out(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    out = tmp_path_factory.mktemp("touch")
+    run_touch(SMALL, out)
+    return out
+
+
+def touch(short: bool = False, target: str = "box", direction: int = 4) -> Touch:
+    return Touch(target, direction, 0, short, 11)
+
+
+def cloud(
+    source: str, places: object, likelihoods: object, *, single: bool = False, spread: float = 0.004
+) -> HypothesisCloud:
+    positions = np.reshape(np.asarray(places, np.float64), (-1, 3))
+    kind = HypothesisKind.SUPPORT if source in ("near", "believed") else HypothesisKind.REGULAR
+    return HypothesisCloud(
+        source=source,
+        kind=kind,
+        stamp=0.5,
+        frame="base",
+        positions=positions,
+        likelihoods=np.broadcast_to(np.asarray(likelihoods, np.float64), len(positions)),
+        spreads=np.full(len(positions), spread),
+        single=single,
+    )
+
+
+def trial(*clouds: HypothesisCloud, places: object = PLACE, short: bool = False) -> Trial:
+    truth = np.reshape(np.asarray(places, np.float64), (-1, 3))
+    said = {one.source: one for one in clouds}
+    links = ("palm",) * len(truth)
+    return Trial(touch(short), 0.5, said, truth, links, True, np.zeros(15), ())
+
+
+def judged(one: Trial, row: str, plan: Plan, method: Method = DE_MORGAN) -> Outcome:
+    return outcome(one, BY_NAME[row], method, plan.pipeline)
+
+
+class TestPlan:
+    def test_every_touch_has_a_twin_in_free_air_of_the_same_seed(self, plan: Plan) -> None:
+        touches = plan.touches(["box", "sprayer"], 2)
+        assert len(touches) == len({one.name for one in touches}) == 2 * 2 * 15 * 2
+        for one, twin in zip(touches[::2], touches[1::2], strict=True):
+            assert twin == replace(one, short=True)
+        assert len({one.seed for one in touches}) == len(touches) // 2
+
+    def test_a_touch_is_the_same_in_a_larger_experiment(self, plan: Plan) -> None:
+        assert set(plan.touches(["box"], 1)) < set(plan.touches(["cylinder", "box"], 3))
+
+    def test_directions_are_spread_over_what_the_arm_reaches(self, plan: Plan) -> None:
+        scenes = [plan.scene_of(touch(direction=number)) for number in range(15)]
+        middles = {(sum(one.azimuth) / 2.0, sum(one.elevation) / 2.0) for one in scenes}
+        assert len(middles) == 15
+        assert {azimuth for azimuth, _ in middles} == {100.0, 140.0, 180.0, 220.0, 260.0}
+        assert {elevation for _, elevation in middles} == {20.0, 45.0, 70.0}
+
+    def test_the_twin_stops_short(self, plan: Plan) -> None:
+        assert plan.scene_of(touch()).short == 0.0
+        assert plan.scene_of(touch(short=True)).short == SHORT
+
+    def test_the_simulator_believes_in_the_target_alone(self, plan: Plan) -> None:
+        (simulator,) = (
+            options
+            for options in plan.pipeline_of("sprayer").generators.values()
+            if options["type"] == "simulator"
+        )
+        assert list(simulator["objects"]) == ["sprayer"]
+
+    def test_a_mesh_stands_where_the_objects_stand(self, tmp_path: Path) -> None:
+        mesh = tmp_path / "wedge.obj"
+        mesh.write_text(
+            "v 0 0 1\nv 0.1 0 1\nv 0 0.1 1\nv 0 0 1.1\nf 1 3 2\nf 1 2 4\nf 2 3 4\nf 3 1 4\n"
+        )
+        plan, targets = read_plan(DEFAULT, [str(mesh), "box"], 15, "none", (), 0)
+        assert targets == ("wedge", "box")
+        x, y, z = plan.scene.objects["wedge"].pose.xyz
+        table = plan.scene.objects["box"].pose.xyz[2] - 0.1
+        assert (x, y) == (0.7, 0.0) and z == pytest.approx(table - 1.0)
+
+    def test_what_is_not_known_is_told(self, tmp_path: Path) -> None:
+        with pytest.raises(ConfigurationError, match="unknown object 'boxx'; did you mean 'box'"):
+            read_plan(DEFAULT, ["boxx"], 15, "none", (), 0)
+        with pytest.raises(RecordingError, match=r"no file 'cup\.stl'"):
+            read_plan(DEFAULT, [str(tmp_path / "cup.stl")], 15, "none", (), 0)
+        with pytest.raises(ConfigurationError, match="unknown noise 'ful'; did you mean 'full'"):
+            read_plan(DEFAULT, [], 15, "ful", (), 0)
+        with pytest.raises(PluginError, match="did you mean 'de_morgan'"):
+            Method.named("de_morgen")
+        assert Method.named("max") == Method("max", "cluster_centroid")
+        assert str(Method.named("max/cluster_mass")) == "max/cluster_mass"
+
+
+class TestOneTouch:
+    def test_every_generator_spoke(self, plan: Plan, felt: Trial) -> None:
+        spoke = {modality_of(plan.pipeline, name) for name in felt.clouds}
+        assert spoke == {*EVERYTHING.modalities}
+        assert felt.refused == ()
+
+    def test_the_force_finds_the_contact(self, plan: Plan, felt: Trial) -> None:
+        assert len(felt.places)
+        wrist = felt.clouds["wrist"].positions
+        assert np.linalg.norm(wrist - felt.places[0], axis=1).min() < 0.02
+
+    def test_null_is_kept_where_others_speak(self, plan: Plan, felt: Trial) -> None:
+        others = [c for c in felt.clouds.values() if c.kind != HypothesisKind.NULL]
+        side = plan.pipeline.integrator.voxel_size
+        spoken = {
+            tuple(voxel)
+            for one in others
+            for voxel in np.floor(one.positions / side).astype(int).tolist()
+        }
+        kept = np.floor(felt.clouds["air"].positions / side).astype(int).tolist()
+        assert {tuple(voxel) for voxel in kept} <= spoken
+
+    def test_a_file_holds_all_of_it(self, felt: Trial, tmp_path: Path) -> None:
+        save(felt, tmp_path / "one.npz")
+        back = load(tmp_path / "one.npz")
+        assert (back.touch, back.stamp, back.links) == (felt.touch, felt.stamp, felt.links)
+        np.testing.assert_array_equal(back.places, felt.places)
+        np.testing.assert_array_equal(back.joints, felt.joints)
+        assert back.clouds.keys() == felt.clouds.keys()
+        for name, one in felt.clouds.items():
+            other = back.clouds[name]
+            assert (one.kind, one.single, one.notes) == (other.kind, other.single, other.notes)
+            np.testing.assert_array_equal(one.positions, other.positions)
+            assert (one.forces is None) == (other.forces is None)
+
+    def test_the_same_touch_gives_the_same_bytes(
+        self, plan: Plan, felt: Trial, tmp_path: Path
+    ) -> None:
+        save(felt, tmp_path / "one.npz")
+        save(run_trial(plan, touch()), tmp_path / "two.npz")
+        assert (tmp_path / "one.npz").read_bytes() == (tmp_path / "two.npz").read_bytes()
+
+    def test_the_twin_touches_nothing(self, plan: Plan) -> None:
+        in_air = run_trial(plan, touch(short=True))
+        assert not len(in_air.places)
+        assert not len(in_air.clouds["wrist"])
+
+
+class TestOutcome:
+    def test_a_contact_within_three_centimetres_is_detected(self, plan: Plan) -> None:
+        near = trial(cloud("tip_1", PLACE + [0.029, 0.0, 0.0], 0.9))
+        far = trial(cloud("tip_1", PLACE + [0.036, 0.0, 0.0], 0.9))
+        for one, found in ((near, True), (far, False)):
+            result = judged(one, "tactile", plan)
+            assert (result.detected, result.false, result.contacts) == (found, not found, 1)
+            expected = np.linalg.norm(one.clouds["tip_1"].positions[0] - PLACE)
+            assert result.error == pytest.approx(expected, abs=0.0045)  # half a voxel's diagonal
+
+    def test_the_error_is_that_of_the_most_likely(self, plan: Plan) -> None:
+        places = [PLACE, PLACE + [0.1, 0.0, 0.0]]
+        result = judged(trial(cloud("tip_1", places, [0.5, 0.9])), "tactile", plan)
+        assert result.detected and result.false == 1
+        assert result.error == pytest.approx(0.1, abs=0.005)
+
+    def test_the_nearest_of_several_true_contacts_counts(self, plan: Plan) -> None:
+        truth = [PLACE + [0.1, 0.0, 0.0], PLACE]
+        result = judged(trial(cloud("tip_1", PLACE, 0.9), places=truth), "tactile", plan)
+        assert result.true_contacts == 2 and result.false == 0
+        assert result.error < 0.005
+
+    def test_in_free_air_every_contact_is_false(self, plan: Plan) -> None:
+        result = judged(trial(cloud("tip_1", PLACE, 0.9), places=(), short=True), "tactile", plan)
+        assert (result.contacts, result.false, result.detected) == (1, 1, False)
+        assert np.isnan(result.error)
+
+    def test_support_counts_only_with_evidence(self, plan: Plan) -> None:
+        weak = cloud("wrist", [PLACE + [0.1 * i, 0.0, 0.0] for i in range(20)], 0.05, single=True)
+        believed = cloud("believed", PLACE, 0.5)
+        assert judged(trial(weak, believed), "force", plan).contacts == 0
+        assert judged(trial(believed), "all + simulator", plan).contacts == 0
+        assert judged(trial(weak, believed), "all + simulator", plan).detected
+
+    def test_range_is_evidence_in_the_papers_rows_and_support_in_ours(self, plan: Plan) -> None:
+        seen = trial(cloud("near", PLACE, 0.9))
+        assert judged(seen, "range", plan).detected and judged(seen, "all", plan).detected
+        assert judged(seen, "all, range as support", plan).contacts == 0
+
+    def test_a_modality_can_be_left_out(self, plan: Plan) -> None:
+        both = trial(cloud("tip_1", PLACE, 0.9), cloud("wrist", PLACE + 0.1, 1.0, single=True))
+        assert judged(both, "all", plan).contacts == 2
+        fewer = outcome(both, BY_NAME["all"], DE_MORGAN, plan.pipeline, without="force")
+        assert fewer.contacts == 1 and fewer.detected
+        assert fewer.row == "all without force"
+
+    def test_modalities_that_share_a_voxel(self, plan: Plan) -> None:
+        one = trial(
+            cloud("tip_1", PLACE, 0.9), cloud("wrist", PLACE, 1.0), cloud("near", np.zeros(3), 0.5)
+        )
+        pairs = shared(one, plan.pipeline, 0.005)
+        assert pairs == {
+            ("force", "range"): False, ("force", "tactile"): True, ("range", "tactile"): False
+        }  # fmt: skip
+
+
+def outcomes(errors: FloatArray, row: str = "all", detected: float = 0.03) -> list[Outcome]:
+    """Touches with these errors, and as many in free air, of which every tenth alarms."""
+    made = []
+    for number, error in enumerate(errors.tolist()):
+        found = bool(error <= detected)
+        silent = np.isnan(error)
+        made += [
+            Outcome(Touch("box", number, 0, False, 0), 1, row, "m", int(not silent), found,
+                    int(not found and not silent), error, 0.01),
+            Outcome(Touch("box", number, 0, True, 0), 0, row, "m", int(number % 10 == 0), False,
+                    int(number % 10 == 0), np.nan, np.nan),
+        ]  # fmt: skip
+    return made
+
+
+class TestTables:
+    def test_figures_are_those_of_the_touches(self) -> None:
+        errors = np.concatenate([np.linspace(0.001, 0.029, 60), np.full(20, 0.05), [np.nan] * 20])
+        made = tables.measures_of(outcomes(errors), np.random.default_rng(0))
+        found = {one.metric: one for one in made}
+        assert found["detected"].value == pytest.approx(0.6)
+        assert found["detected"].low < 0.6 < found["detected"].high
+        assert found["any contact"].value == pytest.approx(0.8)
+        assert found["false alarms in free air"].value == pytest.approx(0.1)
+        assert found["false contacts a touch"].value == pytest.approx(0.2)
+        reported = errors[:80]
+        assert found["ε mean"].value == pytest.approx(reported.mean())
+        assert found["ε median"].value == pytest.approx(np.median(reported))
+        assert found["ε p90"].value == pytest.approx(np.quantile(reported, 0.9))
+        assert found["ε mean"].low < reported.mean() < found["ε mean"].high
+        assert "ε median of several contacts" not in found
+
+    def test_a_row_is_compared_with_a_modality_touch_by_touch(self) -> None:
+        rng = np.random.default_rng(1)
+        single = rng.uniform(0.0, 0.06, 60)
+        told = tables.paired(outcomes(single / 2.0), outcomes(single, "force"))
+        assert told["row"] == "all" and told["against"] == "force"
+        assert told["detected by the row only"] == (single > 0.03).sum()
+        assert told["detected by the modality only"] == 0
+        assert float(told["p of detection"]) < 1e-3 and float(told["p of ε"]) < 1e-6
+        same = tables.paired(outcomes(single), outcomes(single, "force"))
+        assert same["p of detection"] == same["p of ε"] == 1.0
+
+    def test_the_best_modality_detects_the_most(self) -> None:
+        rows = {"tactile": outcomes(np.full(9, 0.04)), "force": outcomes(np.full(9, 0.02))}
+        assert tables.best_single(rows) == "force"
+
+    def test_the_table_stands_beside_the_papers(self) -> None:
+        made = list(tables.measures_of(outcomes(np.full(10, 0.02)), np.random.default_rng(0)))
+        text = tables.table_text(made, ["all", "fingers"], "m")
+        assert "| all | 90.7, 4.31, 1.10 | 100 [72, 100] |" in text
+        assert "| fingers |  | - |" in text
+
+
+class TestHonesty:
+    def places(self, sigma: float) -> FloatArray:
+        drawn: FloatArray = sigma * np.random.default_rng(2).standard_normal((400, 3))
+        return drawn
+
+    def test_levels_of_honest_spreads_are_uniform(self) -> None:
+        rng, stated = np.random.default_rng(0), cloud("tip_1", np.zeros(3), 1.0, spread=0.01)
+        levels = np.array([level_of(stated, place, rng) for place in self.places(0.01)])
+        for asked in (0.25, 0.5, 0.68, 0.95):
+            assert (levels <= asked).mean() == pytest.approx(asked, abs=0.06)
+
+    def test_spreads_that_are_too_small_hold_too_few(self) -> None:
+        rng, stated = np.random.default_rng(0), cloud("tip_1", np.zeros(3), 1.0, spread=0.005)
+        levels = np.array([level_of(stated, place, rng) for place in self.places(0.01)])
+        assert (levels <= 0.95).mean() < 0.7
+
+    def test_likelihood_weighs(self) -> None:
+        rng = np.random.default_rng(0)
+        stated = cloud("wrist", [[0.0, 0.0, 0.0], [0.3, 0.0, 0.0]], [0.9, 0.1], single=True)
+        assert level_of(stated, np.zeros(3), rng) < 0.05
+        # of the likelier one, what is denser than a ninth of its midst: 0.9 · P(χ²₃ ≤ 2 ln 9)
+        there = level_of(stated, np.array([0.3, 0.0, 0.0]), rng)
+        assert there == pytest.approx(0.70, abs=0.05)
+
+    def test_contacts_that_null_rules_out_are_counted(self, plan: Plan) -> None:
+        null = replace(cloud("air", PLACE + 0.001, 1.0), kind=HypothesisKind.NULL)
+        made = honesty(
+            [trial(null), trial(replace(null, positions=null.positions + 0.1))],
+            plan.pipeline,
+            np.random.default_rng(0),
+        )
+        assert [(one.case, one.metric, one.value) for one in made] == [
+            ("free space", "true contacts ruled out", 0.5)
+        ]
+
+
+class TestExperiment:
+    def test_it_writes_a_row_a_touch_row_and_method(self, out: Path) -> None:
+        with (out / "results.csv").open() as file:
+            rows = list(csv.DictReader(file))
+        left_out = len(BY_NAME["all + simulator"].modalities) + len(EVERYTHING.modalities)
+        assert len(rows) == 2 * (len(ROWS) + left_out)
+        assert {row["touch"] for row in rows} == {"box-00-0", "box-00-0-short"}
+        summary = json.loads((out / "summary.json").read_text())
+        assert (summary["touches"], summary["in free air"], summary["missed"]) == (1, 1, 0)
+        assert "all + simulator" in (out / "table.md").read_text()
+        assert (out / "pictures" / "box-00-0_de_morgan_cluster_centroid.png").is_file()
+        assert (out / "touches_de_morgan_cluster_centroid.png").is_file()
+
+    def test_it_goes_on_where_it_was_stopped_and_ends_the_same(self, out: Path) -> None:
+        kept, lost = out / "trials" / "box-00-0.npz", out / "trials" / "box-00-0-short.npz"
+        before, made = kept.stat().st_mtime_ns, lost.read_bytes()
+        results = (out / "results.csv").read_bytes(), (out / "summary.json").read_bytes()
+        lost.unlink()
+        run_touch(SMALL, out)
+        assert kept.stat().st_mtime_ns == before and lost.read_bytes() == made
+        assert ((out / "results.csv").read_bytes(), (out / "summary.json").read_bytes()) == results
+
+    def test_a_folder_of_other_settings_is_refused(self, out: Path, tmp_path: Path) -> None:
+        with pytest.raises(ConfigurationError, match="touches of other noise"):
+            run_touch(replace(SMALL, noise="none"), out)
+        faults = tmp_path / "faults.yaml"
+        faults.write_text("faults: [{fault: silent, sensor: wrist}]\n")
+        with pytest.raises(ConfigurationError, match="touches of other faults"):
+            run_touch(replace(SMALL, faults=faults), out)
+
+    def test_a_touch_to_draw_must_be_one_of_them(self, tmp_path: Path) -> None:
+        with pytest.raises(ConfigurationError, match="unknown touch 'box-1'; did you mean"):
+            run_touch(replace(SMALL, draw=("box-1",)), tmp_path)
+
+    def test_a_silent_wrist_is_heard_no_more(self, out: Path, tmp_path: Path) -> None:
+        faults = tmp_path / "faults.yaml"
+        faults.write_text("faults: [{fault: silent, sensor: wrist}]\n")
+        run_touch(replace(SMALL, faults=faults), tmp_path / "out")
+        healthy, silent = (load(one / "trials" / "box-00-0.npz") for one in (out, tmp_path / "out"))
+        assert len(healthy.clouds["wrist"]) and "wrist" not in silent.clouds
+        np.testing.assert_array_equal(healthy.places, silent.places)
