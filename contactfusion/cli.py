@@ -34,16 +34,17 @@ def demo(out: Out = Path("out/demo")) -> None:
 
 @app.command()
 def run(
-    configuration: Annotated[Path, typer.Argument(help="A YAML file with a `recording`.")],
+    configuration: Annotated[Path, typer.Argument(help="A YAML file with `recording` or `scene`.")],
     set_: Annotated[
         list[str] | None, typer.Option("--set", help="Change a field, e.g. integrator.timeout=1.")
     ] = None,
     out: Out = Path("out/run"),
+    seed: Annotated[int | None, typer.Option(help="Of chance, in place of the file's.")] = None,
 ) -> None:
-    """Run a pipeline on a recording: contacts.csv and summary.json."""
+    """Run a pipeline on a recording or in a scene: contacts.csv and summary.json."""
     from contactfusion.running import run_file
 
-    run_file(configuration, set_ or [], out)
+    run_file(configuration, set_ or [], out, seed)
 
 
 @app.command()

@@ -41,6 +41,11 @@ def rooted(config: M, folder: Path) -> M:
             changes[name] = folder / value
         elif isinstance(value, Model):
             changes[name] = rooted(value, folder)
+        elif isinstance(value, dict):
+            changes[name] = {
+                key: rooted(one, folder) if isinstance(one, Model) else one
+                for key, one in value.items()
+            }
     return config.model_copy(update=changes)
 
 

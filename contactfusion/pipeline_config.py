@@ -11,7 +11,7 @@ from contactfusion.frame_config import FrameConfig
 from contactfusion.frames import FrameTree
 from contactfusion.integrator.config import IntegratorConfig
 from contactfusion.model import Model, rooted
-from contactfusion.robots.description import RobotConfig, read_robot
+from contactfusion.robots.description import RobotConfig, located, read_robot
 from contactfusion.shapes import BodyConfig
 
 
@@ -51,13 +51,14 @@ class PipelineConfig(Model):
     surface: BodyConfig | None = None
     """The surface of a robot that is one rigid body."""
     robot: RobotConfig | None = None
-    """A robot by URDF, or the name of a file that describes it."""
+    """A robot by URDF, or the name of a file that describes it; MODULE:FILE for one in an installed
+    Python package."""
     controller: dict[str, Any] | None = None
     """The `type` of the controller and its options."""
     faults: tuple[FaultConfig, ...] = ()
     """How sensors fail on purpose, in the order in which the faults act."""
     seed: int = Field(default=0, ge=0)
-    """Of the randomness of faults; the same seed gives the same faults."""
+    """Of the randomness of faults, and of a scene; the same seed gives the same."""
     folder: Path = Path()
     """Where relative file names start, those in options of plug-ins too; `contactfusion run` takes
     the folder of the configuration."""
@@ -69,7 +70,7 @@ class PipelineConfig(Model):
         robot, folder = fields.get("robot"), Path(fields.get("folder", ""))
         try:
             if isinstance(robot, str | Path):
-                return {**fields, "robot": read_robot(folder / robot)}
+                return {**fields, "robot": read_robot(located(str(robot), folder))}
             if isinstance(robot, dict):
                 return {**fields, "robot": rooted(RobotConfig(**robot), folder)}
         except ConfigurationError as error:

@@ -7,6 +7,7 @@ import numpy as np
 from pydantic import Field
 from scipy.spatial.transform import Rotation
 
+from contactfusion.arrays import FloatArray
 from contactfusion.errors import RobotError, name_hint
 from contactfusion.frames import Pose, pose_of
 from contactfusion.generator import Generator, GeneratorConfig
@@ -27,7 +28,8 @@ class SimulatorConfig(GeneratorConfig):
     links: tuple[str, ...] = ()
     """The links that may touch, such as those of the hand; none: the whole robot."""
     tolerance: float = Field(default=0.005, gt=0)
-    """The surface touches where it is this near an object, or inside [m]."""
+    """The surface touches where it is this near an object, or inside [m]: as much as the object may
+    be off, for it to be felt at all; what goes beyond goes into the spreads."""
     likelihood: float = Field(default=0.5, ge=0, le=1)
     """Of a predicted contact."""
     noise: float = Field(default=0.003, ge=0)
@@ -103,9 +105,15 @@ class SimulatorGenerator(Generator[SimulatorConfig]):
                 points[kept],
                 self.config.likelihood,
                 frame=state.grid.frame,
-                spreads=np.hypot(self.config.noise, own[kept]),
+                # what the tolerance covers by further places is not stated twice
+                spreads=np.hypot(self.config.noise, _rest(own[kept], self.config.tolerance)),
             ),
         )
+
+
+def _rest(deviations: FloatArray, covered: float) -> FloatArray:
+    """Give what is left of standard deviations of shape (n,) when so much is covered, both [m]."""
+    return np.asarray(np.sqrt(np.maximum(deviations**2 - covered**2, 0.0)))
 
 
 @hookimpl

@@ -20,13 +20,18 @@ from contactfusion.readings import JointState, TactileImage, Wrench
 from contactfusion.robots.checkup import camera_faults, finger_faults, patch_faults, wrist_faults
 from contactfusion.robots.description import RobotConfig
 from contactfusion.robots.model import RobotModel
+from contactfusion.robots.objects import ObjectConfig
 from contactfusion.robots.posed import PosedRobot
 from contactfusion.running import RunConfig, run_file
+from contactfusion.simulation.noise import NOISES, TouchNoise
+from contactfusion.simulation.touch_config import TouchConfig
 from contactfusion.testing import example_reading
+from contactfusion.yaml_files import read_yaml
 
 ROOT = Path(__file__).resolve().parents[1]
 CONFIGURATION = ROOT / "docs" / "configuration.md"
 ROBOTS = ROOT / "docs" / "robots.md"
+SCENES = ROOT / "docs" / "scenes.md"
 GENERATORS = {
     name: cls
     for name, cls in installed_plugins().offers("generators").items()
@@ -149,10 +154,32 @@ def test_the_pipeline_of_the_page_on_robots_knows_its_robot(tmp_path: Path) -> N
     }
 
 
+def test_the_page_on_scenes_names_every_field() -> None:
+    assert not unnamed(TouchConfig, SCENES.read_text(), elsewhere=ObjectConfig)
+
+
+def test_the_page_on_scenes_tells_the_noises_as_they_are() -> None:
+    rows = re.findall(r"^\| `(\w+)` \| (.+) \| (.+) \| (.+) \| .+ \|$", SCENES.read_text(), re.M)
+    told = {name: [yaml.safe_load(value) for value in values] for name, *values in rows}
+    noises = [TouchNoise.model_validate(name) for name in ("none", "prototype", "full")]
+    assert len(noises) == len(NOISES)
+    assert told == {
+        name: [getattr(noise, name) for noise in noises] for name in TouchNoise.model_fields
+    }
+
+
+def test_the_examples_of_the_page_on_scenes_are_those_that_run() -> None:
+    folder = ROOT / "examples" / "scenes"
+    assert examples(SCENES) == [
+        read_yaml(folder / "panda.yaml"),
+        read_yaml(folder / "panda_table.yaml"),
+    ]
+
+
 def test_the_example_of_the_page_on_configuration_holds_every_field_of_the_integrator() -> None:
     (example,) = examples(CONFIGURATION)
     assert set(example["integrator"]) == set(IntegratorConfig.model_fields)
-    assert set(example) == set(RunConfig.model_fields) - {"folder", "robot"}
+    assert set(example) == set(RunConfig.model_fields) - {"folder", "robot", "scene"}
 
 
 def test_the_example_of_the_page_on_configuration_runs(tmp_path: Path) -> None:

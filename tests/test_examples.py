@@ -8,6 +8,8 @@ import pytest
 
 ROOT = Path(__file__).parents[1]
 EXAMPLES = sorted((ROOT / "examples").glob("*.py"))
+BULLET = "pybullet build time"
+"""PyBullet says this wherever it is imported."""
 
 
 @pytest.mark.parametrize("example", EXAMPLES, ids=lambda path: path.stem)
@@ -20,7 +22,8 @@ def test_the_example_runs_and_leaves_its_results_where_it_was_told(
         capture_output=True,
         text=True,
     )
-    assert (done.returncode, done.stderr) == (0, "")
+    said = [line for line in done.stderr.splitlines() if not line.startswith(BULLET)]
+    assert (done.returncode, said) == (0, [])
     assert done.stdout
     assert {entry.name for entry in tmp_path.iterdir()} == {"results"}
     assert any((tmp_path / "results").iterdir())

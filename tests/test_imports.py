@@ -40,6 +40,7 @@ OUTER = (
     "recordings",
     "runner",
     "running",
+    "simulation",
     "testing",
 )
 """What stands outside and imports inward."""

@@ -26,6 +26,8 @@ class Robot(Model):
     """One leg."""
     others: tuple[Leg, ...] = ()
     """Further legs."""
+    named: dict[str, Leg] = {}
+    """Legs with names."""
     Weight: float = 1.0
     """[kg]."""
 
@@ -112,8 +114,9 @@ def test_the_threshold_may_be_one() -> None:
 
 
 def test_relative_files_start_at_the_folder_of_the_configuration_also_within() -> None:
-    robot = rooted(Robot(name="r", left=Leg(length=1.0)), Path("/robots"))
-    assert robot.left.shoe == Path("/robots/shoe.yaml")
+    leg = Leg(length=1.0)
+    robot = rooted(Robot(name="r", left=leg, named={"third": leg}), Path("/robots"))
+    assert robot.left.shoe == robot.named["third"].shoe == Path("/robots/shoe.yaml")
     absolute = Leg(length=1.0, shoe=Path("/shoes/a.yaml"))
     assert rooted(absolute, Path("/robots")).shoe == Path("/shoes/a.yaml")
 

@@ -178,6 +178,19 @@ def test_a_jacobian_knows_wheels_and_slides(mixed: RobotModel) -> None:
     assert np.allclose(jacobian[:, 2], [0, 0, 0, -np.sin(turn), np.cos(turn), 0])
 
 
+def test_the_jacobian_of_one_joint_is_a_table_too(tmp_path: Path) -> None:
+    hinge = joint("hinge", "base", "arm", axis="0 0 1")
+    model = built(tmp_path, link("base"), link("arm", BOX, mass=1.0), hinge)
+    assert model.jacobian("arm", np.zeros(1)).tolist() == [[0.0], [0.0], [0.0], [0.0], [0.0], [1.0]]
+
+
+def test_a_joint_that_moves_no_mass_is_told(tmp_path: Path) -> None:
+    hinge = joint("hinge", "base", "arm", axis="0 0 1")
+    model = built(tmp_path, link("base"), link("arm", BOX), hinge)
+    with pytest.raises(RobotError, match="joint 'hinge' moves no mass"):
+        model.inertias(np.zeros(1))
+
+
 def test_the_jacobian_of_an_unknown_link_is_refused(two_links: RobotModel) -> None:
     with pytest.raises(RobotError, match="unknown link 'uper': did you mean 'upper'"):
         two_links.jacobian("uper", np.zeros(2))
@@ -299,6 +312,69 @@ def test_a_frame_moves_with_its_link(two_links: RobotModel) -> None:
     robot = PosedRobot(two_links, np.array([0.0, np.pi / 2]), "world", BASE)
     assert np.allclose(robot.pose_of("eye"), BASE @ pose_at((1, 0.5, 0.1), (0, 0, np.pi / 2)))
     assert np.allclose(robot.pose_of("base"), BASE)
+
+
+# What moves it
+
+
+@pytest.fixture(scope="module")
+def pendulum(tmp_path_factory: pytest.TempPathFactory) -> RobotModel:
+    """A lift of 1 kg, and on it a weight of 3 kg on an arm of 0.5 m that lies level at 0."""
+    limits = [f'<limit lower="-3" upper="3" effort="{most}" velocity="1"/>' for most in (7, 9)]
+    return built(
+        tmp_path_factory.mktemp("pendulum"),
+        link("base"),
+        link("lift", BOX, mass=1.0),
+        link("weight", BOX, mass=3.0, at="0.5 0 0"),
+        joint("up", "base", "lift", "prismatic", limits[0], axis="0 0 1"),
+        joint("swing", "lift", "weight", inside=limits[1], axis="0 1 0"),
+    )
+
+
+@given(st.floats(-1, 1), st.floats(-3, 3))
+def test_a_weight_is_held_by_its_weight_and_its_lever(
+    pendulum: RobotModel, up: float, swing: float
+) -> None:
+    held = pendulum.gravity_torques(np.array([up, swing]))
+    assert np.allclose(held, 9.81 * np.array([4.0, -3.0 * 0.5 * np.cos(swing)]), atol=1e-9)
+
+
+@pytest.mark.parametrize("name", REAL)
+def test_gravity_torques_are_how_the_height_of_the_mass_changes(name: str) -> None:
+    model = real(name)
+    positions, step = random_joints(model, 3), 1e-5
+
+    def energy(positions: FloatArray) -> float:
+        mass, centre = model.load_on(model.root, model.poses_at(positions))
+        return float(9.81 * mass * centre[2])
+
+    slopes = [
+        (energy(positions + step * unit) - energy(positions - step * unit)) / (2 * step)
+        for unit in np.eye(len(positions))
+    ]
+    held = model.gravity_torques(positions)
+    assert np.abs(held).max() > 1.0 and np.allclose(held, slopes, atol=1e-5)
+
+
+def test_an_arm_in_a_level_plane_needs_no_torque(two_links: RobotModel) -> None:
+    assert np.allclose(two_links.gravity_torques(np.array([0.3, 0.4])), 0.0, atol=1e-12)
+
+
+@given(st.floats(-3, 3))
+def test_an_inertia_is_what_a_joint_moves_when_the_others_yield(
+    two_links: RobotModel, elbow: float
+) -> None:
+    # of links of 2 kg and 1 kg, each with 1 kg·m² about its centre at 0.5 m and 0.25 m
+    second = 1.0 + 0.25**2
+    both = 1.0 + 2.0 * 0.5**2 + 1.0 + (1.0 + 0.25**2 + 0.5 * np.cos(elbow))
+    shared = second + 0.25 * np.cos(elbow)
+    found = two_links.inertias(np.array([0.7, elbow]))
+    assert np.allclose(found, [both - shared**2 / second, second - shared**2 / both])
+
+
+def test_limits_of_effort_are_those_of_the_file(pendulum: RobotModel, mixed: RobotModel) -> None:
+    assert pendulum.efforts.tolist() == [7.0, 9.0]
+    assert mixed.efforts.tolist() == [np.inf, 1.0, 1.0]  # a wheel without limits has none
 
 
 # What is touched

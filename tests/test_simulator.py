@@ -86,7 +86,11 @@ def test_spreads_hold_the_doubt_about_the_object(robot: RobotModel) -> None:
     }
     cloud = predicted(generator(**vague), robot)
     assert cloud.spreads is not None
-    np.testing.assert_allclose(cloud.spreads, 0.03026, rtol=1e-3)
+    told = np.sqrt(0.004**2 + 0.03**2 - 0.005**2)  # of which the tolerance covers 5 mm
+    np.testing.assert_allclose(cloud.spreads, told)
+    covered = predicted(generator(**vague, tolerance=0.031), robot)
+    assert covered.spreads is not None
+    np.testing.assert_allclose(covered.spreads, 0.004)
 
 
 def test_a_doubtful_turn_moves_what_is_far_from_the_axis() -> None:

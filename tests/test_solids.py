@@ -107,6 +107,53 @@ def test_distances_are_those_to_the_nearest_primitive(shapes: list[ShapeConfig],
     assert np.abs(found[outside] - true[outside]).max(initial=0.0) < ROUND
 
 
+@settings(max_examples=25)
+@given(st.lists(primitives, min_size=1, max_size=3), st.integers(0, 1000))
+def test_signed_distances_are_negative_inside_and_where_shapes_overlap(
+    shapes: list[ShapeConfig], seed: int
+) -> None:
+    points = np.random.default_rng(seed).uniform(-0.12, 0.12, (300, 3))
+    true = outside_of_all(shapes, points)
+    found = Solid(shapes).signed_distances(points)
+    assert np.abs(found - true).max() < 3.0 * ROUND  # round primitives have corners
+
+
+def test_two_that_overlap_are_solid_in_the_overlap(tmp_path: Path) -> None:
+    middle = np.zeros((1, 3))
+    mesh = cubes(tmp_path / "cube.obj", 0.06)
+    cases: list[tuple[list[ShapeConfig | Mesh], float]] = [
+        ([cube(0.1), cube(0.06)], 0.05),
+        ([cube(0.06), cube(0.1)], 0.05),
+        ([cube(0.1)] * 2, 0.05),
+        ([cube(0.04), mesh], 0.03),
+        ([cube(0.04), cube(0.06), mesh, cube(0.1)], 0.05),
+    ]
+    for shapes, depth in cases:
+        assert Solid(shapes).signed_distances(middle) == pytest.approx([-depth])
+
+
+def test_each_shape_gives_its_triangles_where_it_is(tmp_path: Path) -> None:
+    there: dict[str, Any] = {"xyz": (0.1, 0.2, 0.3), "rpy": (0.4, 0.5, 0.6)}
+    box = ShapeConfig(shape="box", size=(0.1, 0.05, 0.02), **there)
+    ball = ShapeConfig(shape="sphere", radius=0.03, xyz=(0.0, 0.0, 0.5))
+    mesh = Mesh(cubes(tmp_path / "cube.obj", 1.0).file, (0.1, 0.05, -0.02), **there)
+    meshes = Solid([box, ball, mesh]).meshes
+    assert len(meshes) == 3
+    for shape, (vertices, triangles), count in zip(
+        [box, ball, box], meshes, (8, 0, 8), strict=True
+    ):
+        assert np.abs(outside_of(shape, vertices)).max() < 1e-9
+        assert len(vertices) == count or not count
+        assert set(triangles.ravel()) == set(range(len(vertices)))
+        corners = vertices[triangles]
+        across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+        area = np.linalg.norm(across, axis=1).sum() / 2.0
+        whole = (
+            4.0 * np.pi * 0.03**2 if shape is ball else 0.1 * 0.05 * 2 + 0.1 * 0.04 + 0.05 * 0.04
+        )
+        assert area == pytest.approx(whole, rel=0.01)
+
+
 def test_a_primitive_inside_another_is_not_sampled() -> None:
     points, _ = Solid([cube(0.1), cube(0.06)]).samples(SPACING)
     assert len(points) == len(Solid([cube(0.1)]).samples(SPACING)[0])

@@ -35,7 +35,11 @@ class BulletWorld:
         self.client = {"physicsClientId": pybullet.connect(pybullet.DIRECT)}
         weakref.finalize(self, pybullet.disconnect, **self.client)
         self._mesh_flags = {"flags": pybullet.GEOM_FORCE_CONCAVE_TRIMESH} if hollow else {}
-        self.robot: int = pybullet.loadURDF(str(robot.urdf.path), useFixedBase=True, **self.client)
+        # by default PyBullet would make inertias up from the shapes
+        flags = pybullet.URDF_USE_INERTIA_FROM_FILE
+        self.robot: int = pybullet.loadURDF(
+            str(robot.urdf.path), useFixedBase=True, flags=flags, **self.client
+        )
         rows = range(pybullet.getNumJoints(self.robot, **self.client))
         infos = [pybullet.getJointInfo(self.robot, row, **self.client) for row in rows]
         by_name = {info[1].decode(): row for row, info in zip(rows, infos, strict=True)}
@@ -44,6 +48,9 @@ class BulletWorld:
         self.links = {row: info[12].decode() for row, info in zip(rows, infos, strict=True)}
         """The link behind each row."""
         self.links[-1] = robot.root
+        for row, link in self.links.items():
+            if not robot.urdf.links[link].mass:  # PyBullet would take it for 1 kg
+                pybullet.changeDynamics(self.robot, row, mass=0.0, **self.client)
         inertial = pybullet.getDynamicsInfo(self.robot, -1, **self.client)[3:5]
         self._inertial = pose_of(inertial[0], Rotation.from_quat(inertial[1]).as_matrix())
         self.place_robot(np.eye(4))

@@ -120,14 +120,14 @@ class RobotModel:
             RobotError: there is no such link.
         """
         self.urdf.require_link(link)
-        jacobian: FloatArray = self._pin.computeFrameJacobian(
+        jacobian = self._pin.computeFrameJacobian(
             self._model,
             self._data,
             self._configuration(positions),
             self._body[link],
             self._pin.LOCAL_WORLD_ALIGNED,
         )
-        return jacobian
+        return np.reshape(jacobian, (6, -1))  # of one joint, it comes as a vector
 
     def gravity_torques(self, positions: FloatArray) -> FloatArray:
         """Give what the joints need to hold the robot up, shape (n,) [N·m, N].
@@ -140,8 +140,16 @@ class RobotModel:
         return torques
 
     def inertias(self, positions: FloatArray) -> FloatArray:
-        """Give what each joint has to move when all others yield, shape (n,) [kg·m², kg]."""
+        """Give what each joint has to move when all others yield, shape (n,) [kg·m², kg].
+
+        Raises:
+            RobotError: a joint moves no mass.
+        """
         matrix = self._pin.crba(self._model, self._data, self._configuration(positions))
+        massless = np.diag(matrix) <= 0.0
+        if massless.any():
+            name = self.joint_names[int(massless.argmax())]
+            raise RobotError(f"{self.urdf.path}: joint '{name}' moves no mass")
         return 1.0 / np.diag(np.linalg.inv(matrix))
 
     def load_on(self, frame: str, poses: Mapping[str, Pose]) -> tuple[float, FloatArray]:

@@ -33,6 +33,8 @@ class ObjectConfig(Model):
     """Standard deviation of the believed place, by axis [m]."""
     sigma_yaw: float = Field(default=0.087, ge=0)
     """Standard deviation of the believed turn about the vertical [rad]."""
+    folder: Path = Path()
+    """Where a relative `urdf` starts; the folder of the configuration."""
 
     @model_validator(mode="after")
     def _one_shape(self) -> Self:
@@ -61,7 +63,7 @@ class ObjectModel:
                 raise RobotError(f"there is no mesh {config.mesh}")
             self.shapes = (Mesh(config.mesh, (1.0, 1.0, 1.0), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)),)
         elif config.urdf is not None:
-            path = RobotConfig(urdf=config.urdf).path()
+            path = RobotConfig(urdf=config.urdf, folder=config.folder).path()
             shaped = {n: one for n, one in read_urdf(path).links.items() if one.collision}
             if len(shaped) != 1:
                 raise RobotError(

@@ -85,9 +85,10 @@ def way_to_touch(
     for vertices, triangles in target.solid.meshes:
         corners = points_in(target.config.pose.pose(), vertices).astype(np.float32)
         scene.add_triangles(open3d.core.Tensor(corners), open3d.core.Tensor(triangles))
-    points = np.concatenate(
-        [points_in(poses[name], part.points) for name, part in model.parts.items() if name in links]
+    placed = (
+        points_in(poses[name], part.points) for name, part in model.parts.items() if name in links
     )
+    points = np.concatenate([np.empty((0, 3)), *placed])  # a link may have no surface
     rays = np.concatenate([points, np.broadcast_to(ahead, points.shape)], axis=1)
     hits = scene.cast_rays(open3d.core.Tensor(rays.astype(np.float32)))["t_hit"].numpy()
     return float(hits.min(initial=np.inf))

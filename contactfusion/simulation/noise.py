@@ -38,7 +38,7 @@ class TouchNoise(Model):
     pressure: float = Field(default=0.0, ge=0)
     """Of each value of a taxel [N]."""
     finger_stiffness: float = Field(default=10.0, gt=0)
-    """How the joints of the hand yield [N·m/rad]."""
+    """How the joints of the hand yield [N·m/rad, N/m]."""
     belief: bool = True
     """Whether objects are believed where `sigma` and `sigma_yaw` put them; else where they are."""
 

@@ -28,6 +28,8 @@ WARNING = 0.03
 """A way reaches so far back that a touch and one that stops before it can be the same [m]."""
 AIMS, SEARCHES = 60, 5
 """So many ways are tried, and for each so many searches for joint positions."""
+LOOKS = 5
+"""At so many places of a way it is made sure that nothing stands there."""
 GUARD = 20
 """The hand stops by the mean over so many steps, never by one."""
 STAND = 0.15
@@ -127,8 +129,7 @@ class TouchScene:
         """Give the readings that are due after a step of the physics; in the end all."""
         stamp, period = step * STEP, {**EVERY, "sights": 1.0 / self.config.camera_rate}
         due = {name for name, each in period.items() if last or step % round(each / STEP) == 0}
-        if due & {"skins", "sights"}:
-            poses = self.robot.poses_at(arm.positions)
+        poses = self.robot.poses_at(arm.positions) if due & {"skins", "sights"} else {}
         if "joints" in due:
             yield sensors.joints(stamp, arm.positions, arm.velocities)
         if "skins" in due:
@@ -172,7 +173,7 @@ class TouchScene:
         """Tell whether nothing but the hand touches anything, and that only the target."""
         return not any(
             self._world.blocked(way.at(gone), self._hand, self.config.touched)
-            for gone in (way.ways[0], way.ways[-1])
+            for gone in np.linspace(way.ways[0], way.ways[-1], LOOKS)
         )
 
     def _stiffness(self) -> FloatArray:

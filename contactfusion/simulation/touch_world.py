@@ -5,9 +5,10 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy.cluster.hierarchy import fcluster, linkage
+from scipy.spatial.transform import Rotation
 
 from contactfusion.arrays import FloatArray
-from contactfusion.frames import inverse, vectors_in
+from contactfusion.frames import Pose, inverse, pose_of, vectors_in
 from contactfusion.robots.bullet import BulletWorld
 from contactfusion.robots.model import RobotModel
 from contactfusion.robots.objects import ObjectModel
@@ -55,8 +56,10 @@ class TouchWorld:
             for body, shape in zip(self._bodies[name], one.shapes, strict=True):
                 self._world.place(body, one.config.pose.pose() @ shape.pose())
                 self._bullet.changeDynamics(body, -1, lateralFriction=friction, **self._client)
+        # a touch is at one point, which bears no moment, whatever the URDF says
+        grip = {"lateralFriction": 1.0, "spinningFriction": 0.0, "rollingFriction": 0.0}
         for row in self._world.links:
-            self._bullet.changeDynamics(self._world.robot, row, lateralFriction=1.0, **self._client)
+            self._bullet.changeDynamics(self._world.robot, row, **grip, **self._client)
         # without this a wrench would be told about the link's centre of mass
         self._bullet.setPhysicsEngineParameter(
             jointFeedbackMode=self._bullet.JOINT_FEEDBACK_IN_JOINT_FRAME, **self._client
@@ -65,8 +68,14 @@ class TouchWorld:
         self._wrists = {
             name: rows[model.link_of(wrist.frame)] for name, wrist in model.config.wrists.items()
         }
-        for row in self._wrists.values():
+        self._feedback: dict[str, Pose] = {}
+        for name, row in self._wrists.items():
             self._bullet.enableJointForceTorqueSensor(self._world.robot, row, True, **self._client)
+            # it is told at the link's origin, but along the axes of the link's inertia
+            axes = self._bullet.getDynamicsInfo(self._world.robot, row, **self._client)[4]
+            back = inverse(model.pose_on_link(model.config.wrists[name].frame))
+            turn = Rotation.from_quat(axes).as_matrix()
+            self._feedback[name] = back @ pose_of((0.0, 0.0, 0.0), turn)
 
     def blocked(self, positions: FloatArray, hand: set[str], target: str) -> bool:
         """Tell whether the arm would touch the target, or any link another object.
@@ -94,7 +103,7 @@ class TouchWorld:
             state = self._bullet.getJointState(self._world.robot, row, **self._client)
             # PyBullet tells what the arm exerts on the link; the world exerts the reverse on it
             wrench = -np.array(state[2])
-            back = inverse(self._model.pose_on_link(self._model.config.wrists[name].frame))
+            back = self._feedback[name]
             force, torque = vectors_in(back, wrench.reshape(2, 3))
             wrenches[name] = np.concatenate([force, torque + np.cross(back[:3, 3], force)])
         return wrenches
@@ -121,8 +130,8 @@ class TouchWorld:
 def contacts_of(moments: Sequence[Touching]) -> Touching:
     """Join what was touched at several moments to contacts, the strongest first.
 
-    The physics tells of several points where a face or an edge lies on another: points of one link
-    that are near each other are one contact, at their mean weighted by force.
+    The physics tells of several points where a face or an edge lies on another: points that are
+    near each other are one contact, at their mean weighted by force.
     """
     places = np.concatenate([np.empty((0, 3)), *(one.places for one in moments)])
     forces = np.concatenate([np.empty((0, 3)), *(one.forces for one in moments)])

@@ -41,6 +41,8 @@ METHODS = (
     Method("dempster_shafer", "cluster_centroid"),
 )
 """What the table is made for; the first is the papers'."""
+WIDE = [row.name for row in ROWS if len(row.modalities) > 1]
+"""The rows that are compared with the best single modality."""
 WITHOUT = (next(row for row in ROWS if row.name == "all + simulator"), EVERYTHING)
 """The rows from which every modality is left out once."""
 
@@ -150,11 +152,12 @@ def _evaluate(plan: Plan, trials: Sequence[Trial], options: Options, out: Path) 
             outcomes += each
             measures += tables.measures_of(each, rng)
         best = tables.best_single(found)
-        for row in (row.name for row in ROWS if len(row.modalities) > 1):
+        for row in WIDE:
             tests.append({"method": str(method), **tables.paired(found[row], found[best])})
         names = list(found)
         tables_text.append(tables.table_text(measures, names, str(method)))
         tables_text.append(tables.table_text(measures, list(without), str(method)))
+        tables_text.append(tables.tests_text(tests[-len(WIDE) :]))
         stem = str(method).replace("/", "_")
         papers = {row.name: found[row.name] for row in ROWS[:5]}
         figures.draw_touches(papers, out / f"touches_{stem}.png")
@@ -163,6 +166,7 @@ def _evaluate(plan: Plan, trials: Sequence[Trial], options: Options, out: Path) 
     met = [shared(one, config, side) for one in trials if not one.touch.short]
     measures += tables.sharing(met)
     measures += honesty(trials, config, rng)
+    tables_text += [tables.shares_text(measures, "voxels"), tables.shares_text(measures, "spreads")]
     _write(trials, outcomes, measures, tests, tables_text, out)
     for name in options.draw or _first_of_each(trials):
         drawn = next(trial for trial in trials if trial.touch.name == name)

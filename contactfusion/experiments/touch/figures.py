@@ -31,6 +31,7 @@ def draw_touches(outcomes: Mapping[str, Sequence[Outcome]], path: Path) -> Path:
         path: the PNG to write.
     """
     figure = new_figure(13.0, 2.0 * len(outcomes) + 0.6)
+    targets: list[str] = []
     panels = figure.subplots(len(outcomes), 1, sharex=True, squeeze=False)[:, 0]
     for number, (axes, (row, found)) in enumerate(zip(panels, outcomes.items(), strict=True)):
         touches = [one for one in found if not one.touch.short and one.true_contacts]

@@ -13,6 +13,7 @@ from contactfusion.errors import ConfigurationError, RecordingError, name_hint
 from contactfusion.fault_config import Fault
 from contactfusion.files import require_file
 from contactfusion.frame_config import FrameConfig
+from contactfusion.model import rooted
 from contactfusion.pipeline_config import PipelineConfig
 from contactfusion.robots.objects import ObjectConfig, ObjectModel
 from contactfusion.simulation.touch_config import TouchConfig
@@ -145,9 +146,13 @@ def read_plan(
         ConfigurationError: the file, an object or the noise is not what it should be.
         RecordingError: the file of an object is not there.
     """
+    path = path.resolve()
     fields = read_yaml(path)
     described = fields.pop("scene", {})
-    scene = TouchConfig(**{**described, "noise": noise})
+    try:
+        scene = rooted(TouchConfig(**{**described, "noise": noise}), path.parent)
+    except ConfigurationError as error:
+        raise error.under("scene") from None
     targets = []
     known: dict[str, ObjectConfig] = dict(scene.objects)
     for name in objects:

@@ -194,3 +194,35 @@ def table_text(measures: Sequence[Measure], rows: Sequence[str], method: str) ->
         cells = [cell(row, metric, form) for _, metric, form in columns]
         lines.append(f"| {row} | {paper} | " + " | ".join(cells) + " |")
     return "\n".join(lines)
+
+
+def tests_text(tests: Sequence[Mapping[str, float | int | str]]) -> str:
+    """Give the comparisons of `paired` as Markdown."""
+    lines = [
+        "| row | against | detected by it only | by the other only | p | both report | ε median "
+        "difference cm | p |",
+        "|---|---|---|---|---|---|---|---|",
+    ]
+    for one in tests:
+        lines.append(
+            f"| {one['row']} | {one['against']} | {one['detected by the row only']} | "
+            f"{one['detected by the modality only']} | {float(one['p of detection']):.2g} | "
+            f"{one['both report']} | {float(one['median difference of ε']) * 100:.2f} | "
+            f"{float(one['p of ε']):.2g} |"
+        )
+    return "\n".join(lines)
+
+
+def shares_text(measures: Sequence[Measure], experiment: str) -> str:
+    """Give measures of proportions as Markdown, one line each.
+
+    Args:
+        measures: of any kind.
+        experiment: which of them.
+    """
+    lines = ["| | | % | touches |", "|---|---|---|---|"]
+    for one in measures:
+        if one.experiment == experiment:
+            shares = f"{one.value * 100:.0f} [{one.low * 100:.0f}, {one.high * 100:.0f}]"
+            lines.append(f"| {one.case} | {one.metric} | {shares} | {one.n} |")
+    return "\n".join(lines)

@@ -1,0 +1,55 @@
+"""One way to open every scene: by a description of what happens in it."""
+
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+from contactfusion.errors import ConfigurationError, RobotError, name_hint
+from contactfusion.model import rooted
+from contactfusion.robots.description import RobotConfig
+from contactfusion.robots.model import RobotModel, shared_robot
+from contactfusion.simulation.touch import TouchScene
+from contactfusion.simulation.touch_config import TouchConfig
+
+
+def _touch(
+    description: Mapping[str, Any], folder: Path, robot: RobotModel, seed: int
+) -> TouchScene:
+    try:
+        config = rooted(TouchConfig(**description), folder)
+    except ConfigurationError as error:
+        raise error.under("scene") from None
+    return TouchScene(config, robot, seed)
+
+
+TYPES: dict[str, Callable[[Mapping[str, Any], Path, RobotModel, int], TouchScene]] = {
+    "touch": _touch
+}
+"""What opens each type of scene, given its description, its folder, the robot and a seed."""
+
+
+def open_scene(
+    description: Mapping[str, Any], robot: RobotConfig, seed: int = 0, folder: Path = Path()
+) -> TouchScene:
+    """Open a scene.
+
+    Args:
+        description: its `type` (`touch`) and the fields of `TouchConfig`.
+        robot: the robot that acts in it.
+        seed: of all chance.
+        folder: where relative file names start.
+
+    Raises:
+        ConfigurationError: the description is wrong, or does not fit the robot; the path begins
+            with "scene".
+        DependencyError: pybullet, or what the robot needs, is not installed.
+    """
+    kind = description.get("type")
+    if kind not in TYPES:
+        hint = name_hint(str(kind), TYPES, "types of scene")
+        wrong = "this field is required" if kind is None else f"unknown type '{kind}'"
+        raise ConfigurationError(f"{wrong}; {hint}", "scene.type")
+    try:
+        return TYPES[kind](description, folder, shared_robot(robot), seed)
+    except RobotError as error:
+        raise ConfigurationError(str(error), "scene") from None

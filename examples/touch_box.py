@@ -1,0 +1,71 @@
+"""See it touch: a simulated hand touches a box, and what it feels becomes a contact.
+
+Run it with `python examples/touch_box.py [FOLDER]`; it needs the extra `sim`. The same in YAML:
+`contactfusion run examples/scenes/touch_box.yaml`.
+"""
+
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from contactfusion import IntegratorConfig, Pipeline, PipelineConfig
+from contactfusion.explain import explain
+from contactfusion.figures import draw_fusion
+from contactfusion.frame_config import FrameConfig
+from contactfusion.robots.description import located, read_robot
+from contactfusion.robots.model import RobotModel
+from contactfusion.robots.objects import ObjectConfig
+from contactfusion.shapes import ShapeConfig
+from contactfusion.simulation.touch import TouchScene
+from contactfusion.simulation.touch_config import TouchConfig
+
+out = Path(sys.argv[1] if len(sys.argv) > 1 else "out/touch_box")
+
+# The robot: a URDF, and where on it the sensors are. Yours is another ROBOT.yaml.
+robot = read_robot(located("contactfusion.robots:arm_hand.yaml"))
+box = ObjectConfig(
+    shapes=(ShapeConfig(shape="box", size=(0.08, 0.14, 0.2)),),
+    pose=FrameConfig(parent="base", xyz=(0.7, 0.0, 0.35)),
+)
+
+# The world: the palm goes ahead until something pushes the hand. Its sensors err as real ones do.
+scene = TouchScene(
+    TouchConfig(
+        objects={"box": box},
+        tool="palm",
+        posture={"arm_2": (0.6, 0.6), "arm_4": (1.2, 1.2), "finger_1_proximal_joint": (0.7, 0.7)},
+    ),
+    RobotModel(robot),
+    seed=9,
+)
+
+# The pipeline: what each sensor makes believe, and how beliefs are fused.
+skin: dict[str, Any] = {"type": "tactile", "baseline": {"noise": 0.02}}
+pipeline = Pipeline(
+    PipelineConfig(
+        robot=robot,
+        generators={
+            "tip_1": {**skin, "sensor": "tip_1", "patch": "tip_1"},
+            "tip_2": {**skin, "sensor": "tip_2", "patch": "tip_2"},
+            "tip_3": {**skin, "sensor": "tip_3", "patch": "tip_3"},
+            "wrist": {"type": "force_torque", "sensor": "wrist", "wrist": "wrist", "load": "robot"},
+            "believed": {"type": "simulator", "objects": {"box": box}},
+        },
+        integrator=IntegratorConfig(frame="base", condensation="cluster_mass"),
+    )
+)
+
+# Whatever gives readings can take the place of the scene: a recording, or the driver of a robot.
+*_, last = pipeline.run(scene.readings())
+print(explain(last.fusion))
+
+truth = scene.truth.contacts
+for place, link in zip(truth.places, truth.links, strict=True):
+    print(f"truth: {link} touched at {place.round(3)} m")
+    for contact in last.fusion.contacts:
+        print(f"  a contact is {np.linalg.norm(contact.position - place) * 1000:.0f} mm away")
+
+out.mkdir(parents=True, exist_ok=True)
+print(f"picture: {draw_fusion(last.fusion, out / 'contacts.png')}")

@@ -1,0 +1,233 @@
+"""Scenes by YAML: a pipeline runs on what a simulated robot feels, and is told the truth after."""
+
+import csv
+import json
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import yaml
+
+from contactfusion.arrays import FloatArray
+from contactfusion.contacts import Contact
+from contactfusion.errors import ConfigurationError
+from contactfusion.robots.description import read_robot
+from contactfusion.running import compared, run_file
+from contactfusion.simulation.opening import open_scene
+from contactfusion.simulation.touch_world import Touching
+from contactfusion.yaml_files import read_yaml
+
+ROOT = Path(__file__).parents[1]
+SCENES = ROOT / "examples" / "scenes"
+BOX = SCENES / "touch_box.yaml"
+PANDA = SCENES / "panda_table.yaml"
+NEAR = 0.03
+"""A contact so near a true one has found it [m]."""
+
+
+def told(folder: Path) -> dict[str, Any]:
+    summary: dict[str, Any] = json.loads((folder / "summary.json").read_text())
+    return summary
+
+
+def found(folder: Path) -> FloatArray:
+    """Give the places of the contacts of the last step that had any, shape (n, 3) [m]."""
+    rows = list(csv.DictReader((folder / "contacts.csv").read_text().splitlines()))
+    last = [row for row in rows if row["stamp"] == rows[-1]["stamp"]]
+    return np.array([[float(row[axis]) for axis in "xyz"] for row in last])
+
+
+def nearest(folder: Path) -> FloatArray:
+    """Give how far the nearest contact is from each true one, shape (n,) [m]."""
+    places = np.array(told(folder)["truth"]["places"])
+    ways: FloatArray = np.linalg.norm(found(folder)[:, None] - places, axis=2)
+    return np.asarray(ways.min(axis=0))
+
+
+# What works
+
+
+@pytest.mark.parametrize("name", ["touch_box", "touch_cylinder", "touch_sprayer", "panda_table"])
+def test_an_example_finds_where_it_really_touches(
+    name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    run_file(SCENES / f"{name}.yaml", [], tmp_path)
+    truth = told(tmp_path)["truth"]
+    assert len(truth["places"]) == len(truth["forces"]) == len(truth["links"]) > 0
+    assert (nearest(tmp_path) < NEAR).all()
+    said = capsys.readouterr().out
+    assert f"truth: {truth['links'][0]} touched at (" in said
+    assert f"; nearest contact {nearest(tmp_path)[0] * 1000:.0f} mm away" in said
+
+
+def test_every_example_of_a_scene_is_tried() -> None:
+    scenes = {path.stem for path in SCENES.glob("*.yaml") if "scene" in read_yaml(path)}
+    assert scenes == {"touch_box", "touch_cylinder", "touch_sprayer", "panda_table"}
+
+
+@pytest.mark.parametrize("seed", range(1, 6))
+def test_a_robot_by_configuration_alone_finds_its_contact(seed: int, tmp_path: Path) -> None:
+    run_file(PANDA, [], tmp_path, seed)
+    assert set(told(tmp_path)["truth"]["links"]) <= {"panda_leftfinger", "panda_rightfinger"}
+    assert (nearest(tmp_path) < NEAR).all()
+
+
+def test_a_seed_rules_the_scene_and_the_same_gives_the_same(tmp_path: Path) -> None:
+    run_file(BOX, [], tmp_path / "one", 7)
+    run_file(BOX, [], tmp_path / "same", 7)
+    run_file(BOX, ["seed=7"], tmp_path / "by file")
+    run_file(BOX, ["seed=7"], tmp_path / "other", 8)
+    for file in ("contacts.csv", "summary.json"):
+        one = (tmp_path / "one" / file).read_bytes()
+        assert one == (tmp_path / "same" / file).read_bytes()
+        assert one == (tmp_path / "by file" / file).read_bytes()
+        assert one != (tmp_path / "other" / file).read_bytes()
+
+
+def test_the_command_line_takes_a_seed(tmp_path: Path) -> None:
+    code = "from contactfusion.cli import main; main()"
+    done = subprocess.run(
+        [sys.executable, "-c", code, "run", str(PANDA), "--seed", "5", "--out", str(tmp_path)],
+        capture_output=True,
+        text=True,
+    )
+    assert done.returncode == 0 and "truth: panda_" in done.stdout
+    run_file(PANDA, [], tmp_path / "again", 5)
+    assert told(tmp_path)["truth"] == told(tmp_path / "again")["truth"]
+
+
+def test_a_hand_that_stops_short_touches_nothing_and_that_is_told(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    run_file(BOX, ["scene.short=0.02"], tmp_path)
+    assert told(tmp_path)["truth"] == {"frame": "base", "places": [], "forces": [], "links": []}
+    assert "truth: no contact, and none was there\n" in capsys.readouterr().out
+
+
+def test_the_truth_is_told_in_the_frame_of_the_contacts(tmp_path: Path) -> None:
+    run_file(BOX, [], tmp_path / "base")
+    moved = "frames.base={parent: world, xyz: [1.0, 0.0, 0.0], rpy: [0.0, 0.0, 1.5707963267948966]}"
+    run_file(BOX, ["integrator.frame=world", moved], tmp_path / "world")
+    (x, y, z), *_ = told(tmp_path / "base")["truth"]["places"]
+    truth = told(tmp_path / "world")["truth"]
+    assert truth["frame"] == "world"
+    np.testing.assert_allclose(truth["places"][0], [1.0 - y, x, z], atol=1e-9)
+    assert nearest(tmp_path / "world")[0] < NEAR
+
+
+def test_a_copy_works_in_any_folder_with_meshes_of_its_own(tmp_path: Path) -> None:
+    fields = read_yaml(BOX)
+    corners = [f"v {x} {y} {z}" for x in (-0.04, 0.04) for y in (-0.07, 0.07) for z in (-0.1, 0.1)]
+    faces = ["1 2 4 3", "5 7 8 6", "1 5 6 2", "3 4 8 7", "1 3 7 5", "2 6 8 4"]
+    lines = [*corners, *(f"f {face[:5]}\nf {face[0]} {face[4:]}" for face in faces)]
+    (tmp_path / "box.obj").write_text("\n".join(lines) + "\n")
+    box = {"mesh": "box.obj", "pose": {"parent": "base", "xyz": [0.7, 0.0, 0.35]}}
+    fields["scene"]["objects"] = fields["generators"]["believed"]["objects"] = {"box": box}
+    (tmp_path / "scene.yaml").write_text(yaml.safe_dump(fields))
+    run_file(tmp_path / "scene.yaml", [], tmp_path / "out")
+    assert (nearest(tmp_path / "out") < NEAR).all()
+
+
+# What is told of the truth
+
+
+def touched(*places: tuple[float, float, float]) -> Touching:
+    given = np.reshape(places, (-1, 3))
+    return Touching(given, np.zeros_like(given), ("tip",) * len(places))
+
+
+def contact(*place: float) -> Contact:
+    flat = {"covariance": np.eye(3), "extent": np.zeros((2, 3)), "force": np.zeros(3)}
+    return Contact(np.array(place), 0.9, 0.0, **flat, voxels=1, shares={}, stamp=0.0, frame="base")
+
+
+@pytest.mark.parametrize(
+    ("truth", "contacts", "sentences"),
+    [
+        (touched(), [], ["no contact, and none was there"]),
+        (touched(), [contact(0, 0, 0)], ["nothing was touched; contacts that are none: 1"]),
+        (
+            touched((0.0, 0.0, 0.5)),
+            [],
+            ["tip touched at (0.000, 0.000, 0.500) m; no contact was found"],
+        ),
+        (
+            touched((0.0, 0.0, 0.5), (1.0, 0.0, 0.5)),
+            [contact(0.0, 0.004, 0.5), contact(1.0, 0.0, 0.0)],
+            [
+                "tip touched at (0.000, 0.000, 0.500) m; nearest contact 4 mm away",
+                "tip touched at (1.000, 0.000, 0.500) m; nearest contact 500 mm away",
+            ],
+        ),
+    ],
+)
+def test_the_truth_is_one_sentence_for_each_true_contact(
+    truth: Touching, contacts: list[Contact], sentences: list[str]
+) -> None:
+    assert list(compared(truth, contacts)) == sentences
+
+
+# What does not work
+
+
+@pytest.mark.parametrize(
+    ("changes", "sentence"),
+    [
+        (["recording={type: log, file: a.csv}"], "scene: give a recording or a scene, not both"),
+        (["scene={}"], "recording: give a recording, or a scene"),
+        (["robot=null"], "robot: a scene needs a robot by URDF"),
+        (["robot=contactfusion.robts:arm_hand.yaml"], "robot: the Python package 'contactfusion.r"),
+        (["scene.type=tuoch"], "scene.type: unknown type 'tuoch'; did you mean 'touch'? The types"),
+        (["scene={tool: palm}"], "scene.type: this field is required; the types of scene are:"),
+        (["scene.tol=palm"], "scene.tol: unknown field; did you mean 'tool'?"),
+        (["scene.tool=plam"], "scene: …: unknown link 'plam': did you mean 'palm'?"),
+        (["scene.noise=ful"], "scene.noise: unknown noise 'ful'; did you mean 'full'?"),
+        (["scene.posture.arm_9=1.0"], "scene.posture.arm_9: unknown joint 'arm_9'"),
+        (["seed=-1"], "seed: input should be greater than or equal to 0"),
+    ],
+)
+def test_a_scene_that_is_wrong_is_one_sentence_that_names_the_field(
+    changes: list[str], sentence: str, tmp_path: Path
+) -> None:
+    with pytest.raises(ConfigurationError) as caught:
+        run_file(BOX, changes, tmp_path / "out")
+    said = str(caught.value)
+    begin, _, rest = sentence.partition("…")
+    assert said.startswith(f"{BOX}: {begin}") and rest in said and "\n" not in said
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_scene_can_be_opened_in_python() -> None:
+    scene = read_yaml(PANDA)["scene"]
+    opened = open_scene(scene, read_robot(SCENES / "panda.yaml"), seed=1)
+    *_, last = opened.readings()
+    assert last.stamp > 0.1 and len(opened.truth.contacts.places) > 0
+
+
+# What is not loaded
+
+
+def test_a_recording_needs_no_physics(tmp_path: Path) -> None:
+    (tmp_path / "wrist.csv").write_text("t,fx,fy,fz,tx,ty,tz\n0.0,0,0,-5,0,0,0\n")
+    wrench = {"type": "wrench", "frame": "tool", "columns": ["fx", "fy", "fz", "tx", "ty", "tz"]}
+    log = {"type": "log", "file": "wrist.csv", "time": {"column": "t"}}
+    described = {
+        "recording": {**log, "readings": {"wrist": wrench}},
+        "generators": {"wrist": {"type": "force_torque", "sign": "on_robot"}},
+        "surface": {"frame": "tool", "shapes": [{"shape": "sphere", "radius": 0.05}]},
+        "integrator": {"frame": "tool"},
+    }
+    (tmp_path / "run.yaml").write_text(yaml.safe_dump(described))
+    code = (
+        "import sys; from pathlib import Path; from contactfusion.running import run_file\n"
+        "run_file(Path('run.yaml'), [], Path('out'))\n"
+        "print({'pybullet', 'open3d', 'pinocchio'} & set(sys.modules))"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True
+    )
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.splitlines()[-1] == "set()"
