@@ -63,9 +63,10 @@ def moved_by(points: FloatArray, before: FloatArray, reach: float) -> float:
     there.estimate_normals(open3d.geometry.KDTreeSearchParamHybrid(reach, NEIGHBOURS))
     to_plane = registration.TransformationEstimationPointToPlane()
     found = registration.registration_icp(_cloud(points), there, reach, np.eye(4), to_plane)
-    if found.fitness == 0.0:
+    pairs = np.asarray(found.correspondence_set)
+    if len(pairs) < LEAST:
         return 0.0
-    now, then = np.asarray(found.correspondence_set).T
+    now, then = pairs.T
     back = np.asarray(found.transformation)
     return _seen_motion(points[now], np.asarray(there.normals)[then], back)
 

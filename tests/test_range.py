@@ -180,6 +180,12 @@ def test_a_motion_that_nobody_can_see_is_none() -> None:
     assert moved_by(now + [0.0, 0.01, 0.0], before, 0.02) == pytest.approx(0.01, abs=0.001)
 
 
+def test_of_what_hardly_anything_was_near_no_motion_is_told() -> None:
+    before = np.random.default_rng(0).uniform(0.0, 0.1, (50, 3))
+    now = np.concatenate([before[:1] + 0.001, before[1:] + [1.0, 0.0, 0.0]])
+    assert moved_by(now, before, 0.02) == 0.0
+
+
 def test_what_nothing_was_near_has_not_moved() -> None:
     assert moved_by(cube(0.0), cube(3.0), 0.02) == 0.0
     assert moved_by(cube(0.0), np.empty((0, 3)), 0.02) == 0.0
