@@ -37,6 +37,8 @@ def without_robot(points: FloatArray, robot: PosedRobot, margin: float) -> Float
 
 def clustered(points: FloatArray, gap: float, min_points: int) -> list[NDArray[np.intp]]:
     """Give the rows of each object: points that chains of steps up to `gap` [m] join."""
+    if not len(points):
+        return []  # of which Open3D would warn
     labels = np.asarray(_cloud(points).cluster_dbscan(gap, min_points))
     return [np.flatnonzero(labels == label) for label in range(labels.max(initial=-1) + 1)]
 

@@ -152,6 +152,11 @@ def test_points_within_the_margin_of_the_robot_are_removed(robot: RobotModel) ->
     assert kept[:, 0].tolist()[-1] == 0.08 and len(kept) <= 2
 
 
+def test_nothing_is_no_cluster_and_no_warning(capfd: pytest.CaptureFixture[str]) -> None:
+    assert clustered(np.empty((0, 3)), 0.02, 3) == []
+    assert capfd.readouterr() == ("", "")
+
+
 def test_clusters_are_chains_of_short_steps(tmp_path: Path) -> None:
     points = np.concatenate([cube(0.0), cube(0.2), np.array([[5.0, 5.0, 5.0]])])
     one, other = clustered(points, 0.02, 10)
