@@ -113,7 +113,9 @@ def experiment_touch(
     rule: Annotated[
         list[str] | None, typer.Option(help="RULE or RULE/CONDENSATION; several; default: all.")
     ] = None,
-    noise: Annotated[str, typer.Option(help="none, prototype or full.")] = "prototype",
+    noise: Annotated[
+        str | None, typer.Option(help="none, prototype or full; default: the scene's, prototype.")
+    ] = None,
     faults: Annotated[Path | None, typer.Option(help="A YAML file of faults.")] = None,
     seed: Annotated[int, typer.Option(min=0, help="Of all chance.")] = 0,
     workers: Annotated[int, typer.Option(min=1, help="How many processes.")] = 2,

@@ -22,6 +22,8 @@ from tests.urdfs import ARM_HAND, real
 BENT = {"arm_2": 0.6, "arm_4": 1.2, "arm_6": 1.2, "finger_1_distal_joint": 0.3}
 BEFORE, BEYOND = 0.05, 0.04
 BRICK = {"shapes": [{"shape": "box", "size": (0.1, 0.2, 0.4)}]}
+AWAY = FAR + np.linalg.norm([0.1, 0.2, 0.4]) / 2.0
+"""From the middle of the brick."""
 
 
 def bent() -> FloatArray:
@@ -172,7 +174,7 @@ def test_the_hand_comes_from_where_it_is_told(
     pose = aimed(config, brick(1.0, 2.0, 3.0), np.random.default_rng(0))
     assert np.allclose(pose[:3, 2], ahead) and np.allclose(pose[:3, 0], x)
     assert np.allclose(pose[:3, 1], np.cross(ahead, x))
-    assert np.allclose(pose[:3, 3], np.array([1, 2, 3]) - FAR * np.array(ahead))
+    assert np.allclose(pose[:3, 3], np.array([1, 2, 3]) - AWAY * np.array(ahead))
 
 
 def test_a_roll_turns_the_hand_about_its_way() -> None:
@@ -194,7 +196,7 @@ def test_the_hand_aims_beside_the_middle_and_past_its_way() -> None:
         assert np.linalg.det(pose[:3, :3]) == pytest.approx(1.0)
         angles.append(np.degrees(np.arccos(-pose[:3, 2] @ [-np.sqrt(0.75), 0.0, 0.5])))
         sides.append(np.degrees(np.arctan2(pose[1, 2], pose[0, 2])))
-        places.append(pose[:3, 3] + FAR * pose[:3, 2])
+        places.append(pose[:3, 3] + AWAY * pose[:3, 2])
     inside = points_in(inverse(target.config.pose.pose()), np.array(places))
     for farthest in (inside.max(axis=0), -inside.min(axis=0)):
         assert farthest == pytest.approx([0.025, 0.05, 0.1], rel=0.05)

@@ -2,6 +2,7 @@
 
 import csv
 import json
+import shutil
 from dataclasses import replace
 from pathlib import Path
 
@@ -9,22 +10,29 @@ import numpy as np
 import pytest
 
 from contactfusion.arrays import FloatArray
-from contactfusion.errors import ConfigurationError, PluginError, RecordingError
+from contactfusion.errors import ConfigurationError, PluginError, RecordingError, RobotError
 from contactfusion.experiments.touch import tables
 from contactfusion.experiments.touch.experiment import Options, run_touch
 from contactfusion.experiments.touch.honesty import honesty, level_of
 from contactfusion.experiments.touch.plan import DEFAULT, SHORT, Plan, Touch, read_plan
 from contactfusion.experiments.touch.rows import (
-    EVERYTHING,
+    ALL_AND_SIMULATOR,
     ROWS,
     Method,
     Outcome,
+    everything,
+    fused,
     modality_of,
     outcome,
     shared,
 )
 from contactfusion.experiments.touch.trial import Trial, load, run_trial, save
+from contactfusion.fault_config import Silent
 from contactfusion.hypotheses import HypothesisCloud, HypothesisKind
+from contactfusion.npz_files import write_npz
+from contactfusion.pipeline import Pipeline
+from contactfusion.robots.model import shared_robot
+from contactfusion.simulation.touch import TouchScene
 
 DE_MORGAN = Method("de_morgan", "cluster_centroid")
 BY_NAME = {row.name: row for row in ROWS}
@@ -124,6 +132,41 @@ class TestPlan:
         table = plan.scene.objects["box"].pose.xyz[2] - 0.1
         assert (x, y) == (0.7, 0.0) and z == pytest.approx(table - 1.0)
 
+    def test_no_two_objects_have_one_name(self, tmp_path: Path) -> None:
+        for folder in ("a", "b"):
+            (tmp_path / folder).mkdir()
+            (tmp_path / folder / "cup.obj").write_text(
+                "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\nf 2 3 4\nf 3 1 4\n"
+            )
+        cups = [str(tmp_path / folder / "cup.obj") for folder in ("a", "b")]
+        with pytest.raises(ConfigurationError, match="there is an object 'cup' already: rename"):
+            read_plan(DEFAULT, cups, 15, "none", (), 0)
+        with pytest.raises(ConfigurationError, match="'box' stands twice among the objects"):
+            read_plan(DEFAULT, ["box", "box"], 15, "none", (), 0)
+
+    def test_a_fault_that_would_tell_the_simulator_the_truth_is_refused(self) -> None:
+        silent = Silent(sensor="object_pose")
+        with pytest.raises(ConfigurationError, match=r"faults\.0\.sensor: without the believed"):
+            read_plan(DEFAULT, [], 15, "none", (silent,), 0)
+
+    @pytest.mark.parametrize(
+        ("text", "told"),
+        [
+            ("scene:\n", "scene: give a scene of type touch"),
+            ("scene: {type: touch, objects: {}}\n", "scene.*objects"),
+            ("{scene: {type: touch, tool: palm, objects: &o {box: {shapes: [{shape: sphere, "
+             "radius: 0.1}], pose: {parent: base}}}}}\n", "robot: a scene needs a robot by URDF"),
+        ],
+    )  # fmt: skip
+    def test_a_file_that_describes_no_touch_is_told(
+        self, tmp_path: Path, text: str, told: str
+    ) -> None:
+        path = tmp_path / "mine.yaml"
+        path.write_text(text)
+        with pytest.raises(ConfigurationError, match=told) as caught:
+            read_plan(path, [], 15, None, (), 0)
+        assert str(caught.value).startswith(f"{path}: ")
+
     def test_what_is_not_known_is_told(self, tmp_path: Path) -> None:
         with pytest.raises(ConfigurationError, match="unknown object 'boxx'; did you mean 'box'"):
             read_plan(DEFAULT, ["boxx"], 15, "none", (), 0)
@@ -140,13 +183,30 @@ class TestPlan:
 class TestOneTouch:
     def test_every_generator_spoke(self, plan: Plan, felt: Trial) -> None:
         spoke = {modality_of(plan.pipeline, name) for name in felt.clouds}
-        assert spoke == {*EVERYTHING.modalities}
+        assert spoke == {*everything(plan.pipeline).modalities}
         assert felt.refused == ()
 
     def test_the_force_finds_the_contact(self, plan: Plan, felt: Trial) -> None:
         assert len(felt.places)
         wrist = felt.clouds["wrist"].positions
         assert np.linalg.norm(wrist - felt.places[0], axis=1).min() < 0.02
+
+    def test_every_generator_fused_is_what_the_pipeline_fuses(self, plan: Plan) -> None:
+        pipeline = Pipeline(plan.pipeline_of("box"))
+        assert plan.pipeline.robot is not None
+        scene = TouchScene(plan.scene_of(touch()), shared_robot(plan.pipeline.robot), touch().seed)
+        stamp = 0.0
+        for reading in scene.readings():
+            pipeline.receive(reading)
+            stamp = reading.stamp
+        live = pipeline.step(stamp).fusion.contacts
+        later = fused(
+            run_trial(plan, touch()), everything(plan.pipeline), DE_MORGAN, plan.pipeline
+        ).contacts
+        assert len(live) == len(later) > 0
+        for one, other in zip(live, later, strict=True):
+            np.testing.assert_array_equal(one.position, other.position)
+            assert one.likelihood == other.likelihood
 
     def test_null_is_kept_where_others_speak(self, plan: Plan, felt: Trial) -> None:
         others = [c for c in felt.clouds.values() if c.kind != HypothesisKind.NULL]
@@ -157,6 +217,7 @@ class TestOneTouch:
             for voxel in np.floor(one.positions / side).astype(int).tolist()
         }
         kept = np.floor(felt.clouds["air"].positions / side).astype(int).tolist()
+        spoken |= {tuple(np.floor(place / side).astype(int).tolist()) for place in felt.places}
         assert {tuple(voxel) for voxel in kept} <= spoken
 
     def test_a_file_holds_all_of_it(self, felt: Trial, tmp_path: Path) -> None:
@@ -235,7 +296,7 @@ class TestOutcome:
         one = trial(
             cloud("tip_1", PLACE, 0.9), cloud("wrist", PLACE, 1.0), cloud("near", np.zeros(3), 0.5)
         )
-        pairs = shared(one, plan.pipeline, 0.005)
+        pairs = shared(one, plan.pipeline)
         assert pairs == {
             ("force", "range"): False, ("force", "tactile"): True, ("range", "tactile"): False
         }  # fmt: skip
@@ -259,7 +320,7 @@ def outcomes(errors: FloatArray, row: str = "all", detected: float = 0.03) -> li
 class TestTables:
     def test_figures_are_those_of_the_touches(self) -> None:
         errors = np.concatenate([np.linspace(0.001, 0.029, 60), np.full(20, 0.05), [np.nan] * 20])
-        made = tables.measures_of(outcomes(errors), np.random.default_rng(0))
+        made = tables.measures_of(outcomes(errors), 0)
         found = {one.metric: one for one in made}
         assert found["detected"].value == pytest.approx(0.6)
         assert found["detected"].low < 0.6 < found["detected"].high
@@ -289,7 +350,7 @@ class TestTables:
         assert tables.best_single(rows) == "force"
 
     def test_the_table_stands_beside_the_papers(self) -> None:
-        made = list(tables.measures_of(outcomes(np.full(10, 0.02)), np.random.default_rng(0)))
+        made = list(tables.measures_of(outcomes(np.full(10, 0.02)), 0))
         text = tables.table_text(made, ["all", "fingers"], "m")
         assert "| all | 90.7, 4.31, 1.10 | 100 [72, 100] |" in text
         assert "| fingers |  | - |" in text
@@ -332,11 +393,11 @@ class TestHonesty:
 
 
 class TestExperiment:
-    def test_it_writes_a_row_a_touch_row_and_method(self, out: Path) -> None:
+    def test_it_writes_a_row_a_touch_row_and_method(self, plan: Plan, out: Path) -> None:
         with (out / "results.csv").open() as file:
             rows = list(csv.DictReader(file))
-        left_out = len(BY_NAME["all + simulator"].modalities) + len(EVERYTHING.modalities)
-        assert len(rows) == 2 * (len(ROWS) + left_out)
+        every = len(everything(plan.pipeline).modalities)
+        assert len(rows) == 2 * (len(ROWS) + 1 + len(ALL_AND_SIMULATOR.modalities) + every)
         assert {row["touch"] for row in rows} == {"box-00-0", "box-00-0-short"}
         summary = json.loads((out / "summary.json").read_text())
         assert (summary["touches"], summary["in free air"], summary["missed"]) == (1, 1, 0)
@@ -360,6 +421,49 @@ class TestExperiment:
         faults.write_text("faults: [{fault: silent, sensor: wrist}]\n")
         with pytest.raises(ConfigurationError, match="touches of other faults"):
             run_touch(replace(SMALL, faults=faults), out)
+
+    def test_objects_may_be_added_but_not_changed(self, out: Path, tmp_path: Path) -> None:
+        copied = tmp_path / "copy"
+        shutil.copytree(out, copied)
+        run_touch(replace(SMALL, objects=("box", "cylinder")), copied)
+        assert (copied / "trials" / "cylinder-00-0.npz").is_file()
+        run_touch(SMALL, copied)  # the cylinder may stay
+        settings = json.loads((copied / "settings.json").read_text())
+        settings["objects"]["box"]["sigma"] = 0.03
+        (copied / "settings.json").write_text(json.dumps(settings))
+        with pytest.raises(ConfigurationError, match="touches of other box"):
+            run_touch(SMALL, copied)
+        (copied / "settings.json").write_text("{")
+        with pytest.raises(ConfigurationError, match=r"settings\.json is damaged"):
+            run_touch(SMALL, copied)
+        (copied / "settings.json").unlink()
+        with pytest.raises(ConfigurationError, match=r"holds touches, but no settings\.json"):
+            run_touch(SMALL, copied)
+
+    def test_a_file_that_is_no_touch_is_told(self, tmp_path: Path) -> None:
+        write_npz(tmp_path / "one.npz", told="{}", places=[], joints=[])
+        with pytest.raises(ConfigurationError, match=r"one\.npz is no touch of this experiment"):
+            load(tmp_path / "one.npz")
+
+    def test_a_fault_of_a_sensor_that_there_is_not_is_told(self, tmp_path: Path) -> None:
+        faults = tmp_path / "faults.yaml"
+        faults.write_text("faults: [{fault: silent, sensor: wirst}]\n")
+        with pytest.raises(RobotError, match=r"2 of 2 .*no reading of 'wirst' came; did you mean"):
+            run_touch(replace(SMALL, faults=faults), tmp_path / "out")
+
+    def test_touches_that_fail_are_told_and_the_others_kept(self, tmp_path: Path) -> None:
+        mesh = tmp_path / "thing.ply"
+        mesh.write_text(
+            "ply\nformat ascii 1.0\nelement vertex 4\nproperty float x\nproperty float y\n"
+            "property float z\nelement face 4\nproperty list uchar int vertex_indices\n"
+            "end_header\n0 0 0\n0.1 0 0\n0 0.1 0\n0 0 0.1\n"
+            "3 0 2 1\n3 0 1 3\n3 1 2 3\n3 2 0 3\n"
+        )
+        options = replace(SMALL, objects=("box", str(mesh)), draw=("thing-00-0", "box-00-0"))
+        with pytest.raises(RobotError, match=r"2 of 4 .*PyBullet cannot read it; it reads \.obj"):
+            run_touch(options, tmp_path / "out")
+        pictures = {path.name for path in (tmp_path / "out" / "pictures").iterdir()}
+        assert pictures == {"box-00-0_de_morgan_cluster_centroid.png"}
 
     def test_a_touch_to_draw_must_be_one_of_them(self, tmp_path: Path) -> None:
         with pytest.raises(ConfigurationError, match="unknown touch 'box-1'; did you mean"):

@@ -31,7 +31,11 @@ from contactfusion.simulation.touch_config import TouchConfig
 from tests.test_touch_world import RADIUS, WALL, poker
 from tests.urdfs import ARM_HAND, outside_of_all, real
 
-SCENE: dict[str, Any] = yaml.safe_load(DEFAULT.read_text())["scene"]
+SCENE: dict[str, Any] = {
+    **yaml.safe_load(DEFAULT.read_text())["scene"],
+    "azimuth": 180.0,
+    "elevation": 45.0,
+}
 GRAVITY = np.array([0.0, 0.0, -9.81])
 SHORT = 0.02
 BOX_0, BOX_1, CYLINDER_2, SPRAYER_2 = ("box", 0), ("box", 1), ("cylinder", 2), ("sprayer", 2)

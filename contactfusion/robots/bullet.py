@@ -7,7 +7,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from contactfusion.arrays import FloatArray
-from contactfusion.errors import missing_extra
+from contactfusion.errors import RobotError, missing_extra
 from contactfusion.frames import Pose, pose_of
 from contactfusion.robots.model import RobotModel
 from contactfusion.robots.urdf import Mesh
@@ -19,11 +19,12 @@ class BulletWorld:
 
     Args:
         robot: the robot; its root link stands at the origin until it is placed.
-        hollow: whether a mesh is taken as it is; otherwise its convex hull counts, which tells of
-            more than touches, never of less, and is faster.
+        hollow: whether the mesh of a body is taken as it is; otherwise, as always for the robot,
+            its convex hull counts, which tells of more than touches, never of less, and is faster.
 
     Raises:
         DependencyError: pybullet is not installed.
+        RobotError: PyBullet cannot load the robot.
     """
 
     def __init__(self, robot: RobotModel, *, hollow: bool = False) -> None:
@@ -37,9 +38,12 @@ class BulletWorld:
         self._mesh_flags = {"flags": pybullet.GEOM_FORCE_CONCAVE_TRIMESH} if hollow else {}
         # by default PyBullet would make inertias up from the shapes
         flags = pybullet.URDF_USE_INERTIA_FROM_FILE
-        self.robot: int = pybullet.loadURDF(
-            str(robot.urdf.path), useFixedBase=True, flags=flags, **self.client
-        )
+        try:
+            self.robot: int = pybullet.loadURDF(
+                str(robot.urdf.path), useFixedBase=True, flags=flags, **self.client
+            )
+        except pybullet.error as error:
+            raise RobotError(f"{robot.urdf.path}: PyBullet cannot load it: {error}") from None
         rows = range(pybullet.getNumJoints(self.robot, **self.client))
         infos = [pybullet.getJointInfo(self.robot, row, **self.client) for row in rows]
         by_name = {info[1].decode(): row for row, info in zip(rows, infos, strict=True)}
@@ -71,13 +75,21 @@ class BulletWorld:
             self.bullet.resetJointState(self.robot, row, position, **self.client)
 
     def add(self, shape: ShapeConfig | Mesh) -> int:
-        """Add a body that nothing moves, at the origin; its number names it from then on."""
+        """Add a body that nothing moves, at the origin; its number names it from then on.
+
+        Raises:
+            RobotError: PyBullet cannot read its mesh.
+        """
         bullet, client = self.bullet, self.client
         make = bullet.createCollisionShape
         if isinstance(shape, Mesh):
             file = str(shape.file)
             scaled = {"meshScale": shape.scale, **self._mesh_flags}
-            made = make(bullet.GEOM_MESH, fileName=file, **scaled, **client)
+            try:
+                made = make(bullet.GEOM_MESH, fileName=file, **scaled, **client)
+            except bullet.error:
+                known = ".obj, .stl and .dae"
+                raise RobotError(f"{file}: PyBullet cannot read it; it reads {known}") from None
         elif shape.shape == "box":
             edges = [edge / 2.0 for edge in shape.size or ()]
             made = make(bullet.GEOM_BOX, halfExtents=edges, **client)

@@ -13,7 +13,7 @@ from contactfusion.robots.solids import loaded_open3d
 from contactfusion.simulation.touch_config import TouchConfig
 
 FAR = 0.5
-"""The hand is sent ahead from so far away to find out where it touches first [m]."""
+"""The hand is sent ahead from so far outside the object to find out where it touches first [m]."""
 
 
 def aimed(config: TouchConfig, target: ObjectModel, rng: np.random.Generator) -> Pose:
@@ -44,7 +44,8 @@ def aimed(config: TouchConfig, target: ObjectModel, rng: np.random.Generator) ->
     place = points_in(target.config.pose.pose(), ((low + high) / 2.0 + beside)[None])[0]
     # the tilt turns the way, too: the hand goes where it looks
     turned = turned @ leaning.as_matrix()
-    return pose_of(place - FAR * turned[:, 2], turned)
+    away = FAR + float(np.linalg.norm(high - low)) / 2.0
+    return pose_of(place - away * turned[:, 2], turned)
 
 
 def drawn_posture(config: TouchConfig, model: RobotModel, rng: np.random.Generator) -> FloatArray:

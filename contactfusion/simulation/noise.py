@@ -26,7 +26,7 @@ class TouchNoise(Model):
     depth: float = Field(default=0.0, ge=0)
     """Of the depth of each pixel [m]."""
     flying: float = Field(default=0.0, ge=0, le=1)
-    """The part of the pixels that tell any depth between the nearest and the farthest around."""
+    """The part of the pixels that tell a depth up to 0.3 m before or behind what is there."""
     force: float = Field(default=0.0, ge=0)
     """Of each sample of force, by axis [N]."""
     torque: float = Field(default=0.0, ge=0)

@@ -45,11 +45,15 @@ def open_scene(
         DependencyError: pybullet, or what the robot needs, is not installed.
     """
     kind = description.get("type")
-    if kind not in TYPES:
+    if not isinstance(kind, str) or kind not in TYPES:
         hint = name_hint(str(kind), TYPES, "types of scene")
         wrong = "this field is required" if kind is None else f"unknown type '{kind}'"
         raise ConfigurationError(f"{wrong}; {hint}", "scene.type")
     try:
-        return TYPES[kind](description, folder, shared_robot(robot), seed)
+        model = shared_robot(robot)
+    except RobotError as error:
+        raise ConfigurationError(str(error), "robot") from None
+    try:
+        return TYPES[kind](description, folder, model, seed)
     except RobotError as error:
         raise ConfigurationError(str(error), "scene") from None

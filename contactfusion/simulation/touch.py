@@ -28,14 +28,14 @@ WARNING = 0.03
 """A way reaches so far back that a touch and one that stops before it can be the same [m]."""
 AIMS, SEARCHES = 60, 5
 """So many ways are tried, and for each so many searches for joint positions."""
-LOOKS = 5
-"""At so many places of a way it is made sure that nothing stands there."""
+CLEAR = 0.01
+"""So far before the first touch the hand is free for sure; surfaces are sampled points [m]."""
 GUARD = 20
 """The hand stops by the mean over so many steps, never by one."""
 STAND = 0.15
 """The hand stands at least so long before the touch ends [s]."""
 LONGEST = 2.0
-"""A hand that never settles ends then [s]."""
+"""A hand that has stopped once ends then, settled or not [s]."""
 SLOW = 0.01
 """A hand whose joints are slower has settled [rad/s, m/s]."""
 EVERY = {"joints": 0.05, "skins": 0.05, "wrenches": 0.01}
@@ -107,21 +107,23 @@ class TouchScene:
         )
         yield from sensors.believed({config.touched: self._target})
         pushes, moments = np.zeros(GUARD), [self._world.touching()]
-        step = stood = 0
+        step = stood = since = 0
         while True:
             yield from self._sensed(sensors, arm, step, moments[-1], last=False)
             step += 1
             yielding = pushes.mean() < config.press and gone < end
             gone = min(gone + config.speed * STEP, end) if yielding else gone
             stood = 0 if yielding else stood + 1
+            since += bool(since or stood)
             arm.step(way.at(gone))
             moments = [*moments[1 - round(UNION / STEP) :], self._world.touching()]
             pushes[step % GUARD] = np.linalg.norm(moments[-1].forces.sum(axis=0))
             settled = bool(np.abs(arm.velocities).max() < SLOW)
-            if (settled and stood * STEP >= STAND) or step * STEP >= LONGEST:
+            steady = settled and stood * STEP >= STAND
+            if steady or since * STEP >= LONGEST:
                 break
         yield from self._sensed(sensors, arm, step, moments[-1], last=True)
-        self._truth = Truth(contacts_of(moments), arm.positions, settled)
+        self._truth = Truth(contacts_of(moments), arm.positions, steady)
 
     def _sensed(
         self, sensors: TouchSensors, arm: SpringyArm, step: int, touching: Touching, *, last: bool
@@ -170,10 +172,11 @@ class TouchScene:
         )
 
     def _is_free(self, way: Approach) -> bool:
-        """Tell whether nothing but the hand touches anything, and that only the target."""
+        """Tell whether nothing touches anything, but in the end the hand the target."""
+        target = self.config.touched
         return not any(
-            self._world.blocked(way.at(gone), self._hand, self.config.touched)
-            for gone in np.linspace(way.ways[0], way.ways[-1], LOOKS)
+            self._world.blocked(way.at(gone), self._hand if gone > -CLEAR else set(), target)
+            for gone in (way.ways[0], -WARNING / 2.0, 0.0, BEYOND / 2.0, BEYOND)
         )
 
     def _stiffness(self) -> FloatArray:
@@ -188,6 +191,8 @@ def _check_names(config: TouchConfig, robot: RobotModel) -> None:
         if name not in robot.joint_names:
             hint = name_hint(name, robot.joint_names, "joints")
             raise ConfigurationError(f"unknown joint '{name}': {hint}", f"scene.posture.{name}")
+        if name in robot.config.still:
+            raise ConfigurationError(f"joint '{name}' is still", f"scene.posture.{name}")
     for part in ("objects", "surroundings"):
         for name, one in getattr(config, part).items():
             if one.pose.parent != robot.root:

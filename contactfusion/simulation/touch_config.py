@@ -2,7 +2,7 @@
 
 from typing import Annotated, Any, Literal
 
-from pydantic import BeforeValidator, Field, model_validator
+from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 
 from contactfusion.errors import ConfigurationError, name_hint
 from contactfusion.model import Model
@@ -17,7 +17,13 @@ def _range(value: Any) -> Any:
     return (value, value) if isinstance(value, int | float) else value
 
 
-AnyRange = Annotated[Range, BeforeValidator(_range)]
+def _ordered(value: Range) -> Range:
+    if value[1] < value[0]:
+        raise ValueError("give the least, then the greatest")
+    return value
+
+
+AnyRange = Annotated[Range, BeforeValidator(_range), AfterValidator(_ordered)]
 
 
 class TouchConfig(Model):
@@ -51,7 +57,7 @@ class TouchConfig(Model):
     """The hand may aim beside the middle of the object, by so much of its size."""
     posture: dict[str, AnyRange] = Field(default_factory=dict)
     """Where joints stand, or may stand: those of the hand for good, those of the arm where the
-    search for a way begins [rad, m]; the others are at 0."""
+    search for a way begins [rad, m]; the others are at 0, or where they are `still`."""
     short: float = Field(default=0.0, ge=0)
     """Stop so much before the first touch [m]; 0: touch."""
     speed: float = Field(default=0.05, gt=0)
@@ -59,10 +65,10 @@ class TouchConfig(Model):
     press: float = Field(default=6.0, gt=0)
     """The hand stops when it is pushed by so much [N]."""
     arm_stiffness: float = Field(default=400.0, gt=0)
-    """How the joints that lead the tool yield [N·m/rad]."""
+    """How the joints that lead the tool yield [N·m/rad, N/m]."""
     friction: float = Field(default=0.5, ge=0)
     """Between hand and object."""
-    camera_rate: float = Field(default=4.0, gt=0)
+    camera_rate: float = Field(default=4.0, gt=0, le=1000)
     """Of the images of each camera [Hz]."""
     noise: TouchNoise = Field(default_factory=lambda: TouchNoise.model_validate("prototype"))
     """How wrong the sensors are: `none`, `prototype`, `full`, or the fields of `TouchNoise`."""
@@ -74,10 +80,6 @@ class TouchConfig(Model):
             raise ConfigurationError(f"unknown object '{self.target}'; {hint}", "target")
         for name in self.objects.keys() & self.surroundings.keys():
             raise ConfigurationError("an object has this name already", f"surroundings.{name}")
-        for field in ("azimuth", "elevation", "roll"):
-            low, high = getattr(self, field)
-            if high < low:
-                raise ConfigurationError("give the least, then the greatest", field)
         return self
 
     @property

@@ -1,37 +1,23 @@
 """`experiment touch`: touches, each with a twin in free air, and what is made of them."""
 
-import csv
-import io
 import json
 import multiprocessing
 import sys
 import time
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
-from dataclasses import asdict, dataclass
+from concurrent.futures.process import BrokenProcessPool
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Any
-
-import numpy as np
 
 from contactfusion.errors import ConfigurationError, ContactFusionError, RobotError, name_hint
-from contactfusion.experiments.measures import Measure
-from contactfusion.experiments.touch import figures, tables
-from contactfusion.experiments.touch.honesty import honesty
+from contactfusion.experiments.touch.evaluation import evaluate
 from contactfusion.experiments.touch.plan import DEFAULT, Plan, Touch, read_plan
-from contactfusion.experiments.touch.rows import (
-    EVERYTHING,
-    ROWS,
-    Method,
-    Outcome,
-    outcome,
-    shared,
-)
-from contactfusion.experiments.touch.trial import Trial, load, run_trial, save
+from contactfusion.experiments.touch.rows import Method
+from contactfusion.experiments.touch.trial import load, run_trial, save
 from contactfusion.fault_config import read_faults
 from contactfusion.files import make_folder, write_whole
-from contactfusion.pipeline_config import PipelineConfig
 
 METHODS = (
     Method("de_morgan", "cluster_centroid"),
@@ -41,10 +27,6 @@ METHODS = (
     Method("dempster_shafer", "cluster_centroid"),
 )
 """What the table is made for; the first is the papers'."""
-WIDE = [row.name for row in ROWS if len(row.modalities) > 1]
-"""The rows that are compared with the best single modality."""
-WITHOUT = (next(row for row in ROWS if row.name == "all + simulator"), EVERYTHING)
-"""The rows from which every modality is left out once."""
 
 
 @dataclass(frozen=True)
@@ -57,11 +39,11 @@ class Options:
         directions: how many directions to come from.
         repeats: how often each.
         methods: how hypotheses are fused.
-        noise: of the sensors, by name.
+        noise: of the sensors, by name; None: the scene's.
         faults: a YAML file of faults, or None.
         seed: of all chance.
         workers: how many processes.
-        draw: touches to draw, by their names.
+        draw: touches to draw, by their names; none: one of each object.
     """
 
     config: Path = DEFAULT
@@ -69,7 +51,7 @@ class Options:
     directions: int = 15
     repeats: int = 5
     methods: Sequence[Method] = METHODS
-    noise: str = "prototype"
+    noise: str | None = None
     faults: Path | None = None
     seed: int = 0
     workers: int = 2
@@ -93,13 +75,13 @@ def run_touch(options: Options, out: Path) -> None:
         options.config, options.objects, options.directions, options.noise, faults, options.seed
     )
     touches = plan.touches(targets, options.repeats)
-    _check_drawn(options.draw, touches)
+    _require_known(options.draw, touches)
     make_folder(out / "trials")
-    _require_settings(plan, out)
+    _require_settings(plan, targets, out)
     failed = _touch_all(plan, touches, options.workers, out)
     trials = [load(path) for touch in touches if (path := _file(out, touch)).is_file()]
     if trials:
-        _evaluate(plan, trials, options, out)
+        evaluate(plan, trials, options.methods, options.draw, out)
     if failed:
         raise RobotError(f"{len(failed)} of {len(touches)} touches were not made: {failed[0]}")
 
@@ -119,14 +101,21 @@ def _touch_all(plan: Plan, touches: Sequence[Touch], workers: int, out: Path) ->
     return failed
 
 
-def _each(make: Any, touches: Sequence[Touch], workers: int) -> Iterator[str]:
-    """Make touches here, or in processes that share nothing with this one."""
+def _each(make: Callable[[Touch], str], touches: Sequence[Touch], workers: int) -> Iterator[str]:
+    """Make touches here, or in processes that share nothing with this one.
+
+    Raises:
+        RobotError: a process has ended.
+    """
     if workers == 1 or len(touches) < 2:
         yield from map(make, touches)
         return
     context = multiprocessing.get_context("spawn")
-    with ProcessPoolExecutor(workers, mp_context=context) as pool:
-        yield from pool.map(make, touches)
+    try:
+        with ProcessPoolExecutor(workers, mp_context=context) as pool:
+            yield from pool.map(make, touches)
+    except BrokenProcessPool:
+        raise RobotError("a process that made touches has ended; start again to go on") from None
 
 
 def _make(plan: Plan, out: Path, touch: Touch) -> str:
@@ -138,128 +127,37 @@ def _make(plan: Plan, out: Path, touch: Touch) -> str:
     return ""
 
 
-def _evaluate(plan: Plan, trials: Sequence[Trial], options: Options, out: Path) -> None:
-    """Fuse every touch by every row and method, and write what comes of it."""
-    config, rng = plan.pipeline, np.random.default_rng([options.seed, 1])
-    tests: list[dict[str, Any]] = []
-    outcomes: list[Outcome] = []
-    measures: list[Measure] = []
-    tables_text = []
-    for method in options.methods:
-        found = _outcomes(trials, config, method)
-        without = _left_out(trials, config, method)
-        for each in (*found.values(), *without.values()):
-            outcomes += each
-            measures += tables.measures_of(each, rng)
-        best = tables.best_single(found)
-        for row in WIDE:
-            tests.append({"method": str(method), **tables.paired(found[row], found[best])})
-        names = list(found)
-        tables_text.append(tables.table_text(measures, names, str(method)))
-        tables_text.append(tables.table_text(measures, list(without), str(method)))
-        tables_text.append(tables.tests_text(tests[-len(WIDE) :]))
-        stem = str(method).replace("/", "_")
-        papers = {row.name: found[row.name] for row in ROWS[:5]}
-        figures.draw_touches(papers, out / f"touches_{stem}.png")
-        figures.draw_rows(measures, [*names, *without], str(method), out / f"rows_{stem}.png")
-    side = config.integrator.voxel_size
-    met = [shared(one, config, side) for one in trials if not one.touch.short]
-    measures += tables.sharing(met)
-    measures += honesty(trials, config, rng)
-    tables_text += [tables.shares_text(measures, "voxels"), tables.shares_text(measures, "spreads")]
-    _write(trials, outcomes, measures, tests, tables_text, out)
-    for name in options.draw or _first_of_each(trials):
-        drawn = next(trial for trial in trials if trial.touch.name == name)
-        for method in options.methods[:2]:
-            stem = f"{name}_{str(method).replace('/', '_')}.png"
-            figures.draw_touch(drawn, config, method, out / "pictures" / stem)
-    print("\n\n".join(tables_text[:2]))
-    print(f"results: {out}/table.md, results.csv, summary.json, figures")
-
-
-def _outcomes(
-    trials: Sequence[Trial], config: PipelineConfig, method: Method
-) -> dict[str, list[Outcome]]:
-    return {row.name: [outcome(one, row, method, config) for one in trials] for row in ROWS}
-
-
-def _left_out(
-    trials: Sequence[Trial], config: PipelineConfig, method: Method
-) -> dict[str, list[Outcome]]:
-    """Fuse again without each modality."""
-    found: dict[str, list[Outcome]] = {}
-    for row in WITHOUT:
-        for modality in row.modalities:
-            fewer = [outcome(trial, row, method, config, without=modality) for trial in trials]
-            found[fewer[0].row] = fewer
-    return found
-
-
-def _write(
-    trials: Sequence[Trial],
-    outcomes: Sequence[Outcome],
-    measures: Sequence[Measure],
-    tests: Sequence[Mapping[str, Any]],
-    tables_text: Sequence[str],
-    out: Path,
-) -> None:
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    told = [field for field in Outcome.__dataclass_fields__ if field != "touch"]
-    writer.writerow(["touch", "object", "direction", "repeat", "short", *told])
-    for one in outcomes:
-        touch = one.touch
-        cells = [getattr(one, name) for name in told]
-        writer.writerow(
-            [touch.name, touch.target, touch.direction, touch.repeat, int(touch.short)]
-            + [f"{cell:.6g}" if isinstance(cell, float) else cell for cell in cells]
-        )
-    made = [one for one in trials if not one.touch.short]
-    refused = sorted({reason for one in trials for reason in one.refused})
-    summary = {
-        "touches": len(made),
-        "missed": sum(not len(one.places) for one in made),
-        "of several contacts": sum(len(one.places) > 1 for one in made),
-        "not settled": sum(not one.steady for one in made),
-        "in free air": len(trials) - len(made),
-        "refused": refused,
-        "measures": [asdict(one) for one in measures],
-        "tests": list(tests),
-    }
-    write_whole(out / "results.csv", text.getvalue())
-    write_whole(out / "summary.json", json.dumps(summary, indent=1, ensure_ascii=False) + "\n")
-    write_whole(out / "table.md", "\n\n".join(tables_text) + "\n")
-
-
-def _require_settings(plan: Plan, out: Path) -> None:
-    """Make sure that a folder holds touches of these settings only.
+def _require_settings(plan: Plan, targets: Sequence[str], out: Path) -> None:
+    """Make sure that a folder holds touches of these settings only; objects may be added.
 
     Raises:
-        ConfigurationError: it holds touches of others.
+        ConfigurationError: it holds touches of others, or of nobody knows what.
     """
-    path, settings = out / "settings.json", plan.settings()
-    if not path.is_file():
-        write_whole(path, json.dumps(settings, indent=1) + "\n")
-        return
-    held = json.loads(path.read_text())
-    other = [name for name in settings if held.get(name) != settings[name]]
-    if other:
-        raise ConfigurationError(
-            f"{out} holds touches of other {' and '.join(other)}: give another --out, or remove it"
-        )
+    path, settings = out / "settings.json", plan.settings(targets)
+    remedy = "give another --out, or remove it"
+    if path.is_file():
+        try:
+            held = json.loads(path.read_text())
+            objects = held.pop("objects")
+            added = {**objects, **settings["objects"]}
+        except (ValueError, KeyError, TypeError, AttributeError):
+            raise ConfigurationError(f"{path} is damaged: {remedy}") from None
+        other = [name for name in settings if name in held and held[name] != settings[name]]
+        other += [name for name in objects if added[name] != objects[name]]
+        if other or held.keys() != settings.keys() - {"objects"}:
+            others = " and ".join(other) or "settings"
+            raise ConfigurationError(f"{out} holds touches of other {others}: {remedy}")
+        settings["objects"] = added
+    elif any((out / "trials").iterdir()):
+        raise ConfigurationError(f"{out} holds touches, but no settings.json: {remedy}")
+    write_whole(path, json.dumps(settings, indent=1) + "\n")
 
 
-def _check_drawn(names: Sequence[str], touches: Sequence[Touch]) -> None:
+def _require_known(names: Sequence[str], touches: Sequence[Touch]) -> None:
     known = [touch.name for touch in touches]
     for name in names:
         if name not in known:
             raise ConfigurationError(f"unknown touch '{name}'; {name_hint(name, known, 'touches')}")
-
-
-def _first_of_each(trials: Sequence[Trial]) -> list[str]:
-    """Name one touch of each object."""
-    made = [one.touch for one in trials if not one.touch.short and len(one.places)]
-    return list({touch.target: touch.name for touch in reversed(made)}.values())
 
 
 def _file(out: Path, touch: Touch) -> Path:

@@ -9,7 +9,7 @@ import numpy as np
 
 from contactfusion.arrays import FloatArray
 from contactfusion.experiments.measures import Measure
-from contactfusion.experiments.touch.rows import EVERYTHING, Method, Outcome, fused, modality_of
+from contactfusion.experiments.touch.rows import Method, Outcome, everything, fused, modality_of
 from contactfusion.experiments.touch.trial import Trial
 from contactfusion.figures import COLOURS, new_figure
 from contactfusion.files import write_whole
@@ -19,6 +19,8 @@ from contactfusion.robots.posed import PosedRobot
 
 AROUND = 0.09
 """Pictures show so much around the contact [m]."""
+HIGHEST = 16.0
+"""Errors are drawn up to this [cm]."""
 SLICE = 0.04
 """And the surface of the robot so far before and behind it [m]."""
 
@@ -41,16 +43,18 @@ def draw_touches(outcomes: Mapping[str, Sequence[Outcome]], path: Path) -> Path:
         colour = COLOURS[number % len(COLOURS)]
         x = np.arange(len(touches))
         axes.errorbar(x, errors, sigmas, fmt="o", markersize=3.0, linewidth=0.8, color=colour)
+        beyond = errors > HIGHEST
+        axes.plot(x[beyond], np.full(beyond.sum(), HIGHEST), "^", markersize=5.0, color=colour)
         silent = x[np.isnan(errors)]
         axes.plot(silent, np.zeros(len(silent)), "|", color="#999999", markersize=6.0)
         axes.axhline(3.0, color="#999999", linewidth=0.6, linestyle="--")
         targets = [one.touch.target for one in touches]
         for border in (i for i in range(1, len(targets)) if targets[i] != targets[i - 1]):
             axes.axvline(border - 0.5, color="black", linewidth=0.6)
-        axes.set(ylabel="ε ± σ [cm]", ylim=(-0.5, 16.0))
+        axes.set(ylabel="ε ± σ [cm]", ylim=(-0.5, HIGHEST + 0.6))
         axes.set_title(f"{row}: {len(x) - len(silent)} of {len(x)} report", loc="left", fontsize=9)
     names = ", then ".join(dict.fromkeys(targets))
-    panels[-1].set_xlabel(f"touch: {names}; grey ticks report nothing")
+    panels[-1].set_xlabel(f"touch: {names}; grey ticks report nothing, triangles lie beyond")
     return _saved(figure, path)
 
 
@@ -106,7 +110,7 @@ def draw_touch(trial: Trial, config: PipelineConfig, method: Method, path: Path)
     model = shared_robot(config.robot)
     base = config.frame_tree().pose(config.integrator.frame, of=model.root)
     robot = PosedRobot(model, trial.joints, config.integrator.frame, base)
-    fusion = fused(trial, EVERYTHING, method, config)
+    fusion = fused(trial, everything(config), method, config)
     middle = _middle(trial, robot)
     figure = new_figure(13.5, 9.0)
     panels = figure.subplots(2, 3, sharex="row", sharey="row")
@@ -142,11 +146,12 @@ def _middle(trial: Trial, robot: PosedRobot) -> FloatArray:
 
 def _draw_said(axes: Any, trial: Trial, config: PipelineConfig, across: tuple[int, int]) -> None:
     """Draw hypotheses, larger where more likely within their cloud."""
-    colours = {name: COLOURS[i % len(COLOURS)] for i, name in enumerate(EVERYTHING.modalities)}
+    modalities = everything(config).modalities
+    colours = {name: COLOURS[i % len(COLOURS)] for i, name in enumerate(modalities)}
     labelled: set[str] = set()
     for name, cloud in trial.clouds.items():
         modality = modality_of(config, name)
-        if not len(cloud) or modality in ("motion", "free space"):
+        if not cloud.likelihoods.any() or modality in ("motion", "free space"):
             continue  # all of the hand, and all around it
         size = 4.0 + 40.0 * cloud.likelihoods / cloud.likelihoods.max()
         label = None if modality in labelled else f"{modality} ({cloud.kind})"

@@ -8,6 +8,7 @@ from contactfusion.arrays import FloatArray
 from contactfusion.experiments.measures import Measure, proportion
 from contactfusion.experiments.touch.rows import modality_of
 from contactfusion.experiments.touch.trial import Trial
+from contactfusion.grid import Grid
 from contactfusion.hypotheses import HypothesisCloud, HypothesisKind
 from contactfusion.pipeline_config import PipelineConfig
 
@@ -55,17 +56,17 @@ def honesty(
         config: the pipeline that felt them.
         rng: draws from what is stated.
     """
+    grid = Grid(config.integrator.frame, config.integrator.voxel_size)
     levels: dict[str, list[float]] = {}
     ruled_out: list[bool] = []
     for trial in trials:
-        if len(trial.places) != 1:
+        if len(trial.places) != 1 or trial.touch.short:
             continue
         for name, cloud in trial.clouds.items():
             if cloud.kind == HypothesisKind.NULL:
-                away = np.abs(cloud.positions - trial.places[0]).max(axis=1)
-                side = config.integrator.voxel_size
-                ruled_out.append(bool((away <= side / 2.0).any()))
-            elif len(cloud) and cloud.spreads is not None:
+                there = grid.voxels(cloud.positions) == grid.voxels(trial.places)
+                ruled_out.append(bool(there.all(axis=1).any()))
+            elif cloud.likelihoods.any() and cloud.spreads is not None:
                 level = level_of(cloud, trial.places[0], rng)
                 levels.setdefault(modality_of(config, name), []).append(level)
     measures = []

@@ -9,10 +9,12 @@ from zlib import crc32
 
 import numpy as np
 
+from contactfusion.arrays import FloatArray
 from contactfusion.errors import ConfigurationError, RecordingError, name_hint
-from contactfusion.fault_config import Fault
+from contactfusion.fault_config import Delay, Dropout, Fault, Silent
 from contactfusion.files import require_file
 from contactfusion.frame_config import FrameConfig
+from contactfusion.frames import points_in
 from contactfusion.model import rooted
 from contactfusion.pipeline_config import PipelineConfig
 from contactfusion.robots.objects import ObjectConfig, ObjectModel
@@ -20,12 +22,12 @@ from contactfusion.simulation.touch_config import TouchConfig
 from contactfusion.yaml_files import read_yaml
 
 DEFAULT = Path(__file__).with_name("touch.yaml")
-AZIMUTHS = 100.0, 260.0
-"""The hand comes from between these [degrees]: behind the object the arm cannot reach."""
-ELEVATIONS = 20.0, 45.0, 70.0
-"""And from so high [degrees]."""
+ELEVATIONS = 3
+"""Directions come from so many heights."""
 AROUND = 8.0
-"""Either may differ by so much, by chance [degrees]."""
+"""Azimuth and elevation may differ by so much, by chance [degrees]."""
+TRIALS = 1
+"""Counts up when trials change, so that old ones are not taken for new."""
 SHORT = 0.02
 """An approach in free air stops so much before the first touch [m]."""
 
@@ -59,7 +61,7 @@ class Plan:
     """An experiment.
 
     Attributes:
-        pipeline: what feels, without objects in the simulator generators.
+        pipeline: what feels; its simulators believe in each target alone, see `pipeline_of`.
         scene: what is touched, without target and direction.
         directions: how many directions there are.
         seed: of all chance.
@@ -82,12 +84,13 @@ class Plan:
 
     def scene_of(self, touch: Touch) -> TouchConfig:
         """Give the scene of one touch."""
-        columns = -(-self.directions // len(ELEVATIONS))
-        column, row = divmod(touch.direction, len(ELEVATIONS))
-        azimuth = float(np.linspace(*AZIMUTHS, columns)[column]) if columns > 1 else 180.0
+        columns = -(-self.directions // ELEVATIONS)
+        column, row = divmod(touch.direction, ELEVATIONS)
+        azimuth = float(_spread(self.scene.azimuth, columns)[column])
+        elevation = float(_spread(self.scene.elevation, ELEVATIONS)[row])
         around = {
             "azimuth": (azimuth - AROUND, azimuth + AROUND),
-            "elevation": (ELEVATIONS[row] - AROUND, ELEVATIONS[row] + AROUND),
+            "elevation": (elevation - AROUND, elevation + AROUND),
         }
         return self.scene.model_copy(
             update={"target": touch.target, "short": SHORT * touch.short, **around}
@@ -103,15 +106,17 @@ class Plan:
         }
         return self.pipeline.model_copy(update={"generators": generators})
 
-    def settings(self) -> dict[str, Any]:
+    def settings(self, targets: Sequence[str]) -> dict[str, Any]:
         """Tell what makes two trials of one name equal, for a folder that is gone on with."""
         told = {
+            "trials": TRIALS,
             "directions": self.directions,
             "seed": self.seed,
+            "pipeline": self.pipeline.model_dump(mode="json", exclude={"folder", "faults"}),
             "faults": [fault.model_dump(mode="json") for fault in self.pipeline.faults],
             "noise": self.scene.noise.model_dump(mode="json"),
-            "generators": self.pipeline.generators,
-            "scene": self.scene.model_dump(mode="json", exclude={"objects", "noise"}),
+            "scene": self.scene.model_dump(mode="json", exclude={"objects", "noise", "target"}),
+            "objects": {name: self.scene.objects[name].model_dump(mode="json") for name in targets},
         }
         settings: dict[str, Any] = json.loads(json.dumps(told, default=str))
         return settings
@@ -125,64 +130,108 @@ def read_plan(
     path: Path,
     objects: Sequence[str],
     directions: int,
-    noise: str,
+    noise: str | None,
     faults: Sequence[Fault],
     seed: int,
 ) -> tuple[Plan, tuple[str, ...]]:
     """Put an experiment together.
 
     Args:
-        path: a YAML file as for `run`, with a `scene` of type `touch`.
-        objects: names of objects of the scene, or files of others.
+        path: a YAML file as for `run`, with a `scene` of type `touch`; directions are spread over
+            the azimuths and elevations of the scene.
+        objects: names of objects of the scene, or files of others; none: those of the scene.
         directions: how many directions to come from.
-        noise: of the sensors, by name.
-        faults: how sensors fail.
+        noise: of the sensors, by name; None: the scene's.
+        faults: how sensors fail, besides those of the file.
         seed: of all chance.
 
     Returns:
         The plan, and the names of the objects.
 
     Raises:
-        ConfigurationError: the file, an object or the noise is not what it should be.
+        ConfigurationError: the file, an object, a fault or the noise is not what it should be.
         RecordingError: the file of an object is not there.
     """
     path = path.resolve()
     fields = read_yaml(path)
-    described = fields.pop("scene", {})
     try:
-        scene = rooted(TouchConfig(**{**described, "noise": noise}), path.parent)
+        scene = _scene(fields.pop("scene", None), path.parent, noise)
+        pipeline = PipelineConfig(**{"folder": path.parent, **fields})
+        pipeline = pipeline.model_copy(update={"faults": (*pipeline.faults, *faults)})
+        _check_pipeline(pipeline)
+    except ConfigurationError as error:
+        raise ConfigurationError(f"{path}: {error}") from None
+    known = dict(scene.objects)
+    targets = [_named(name, known, scene) for name in objects] or list(scene.objects)
+    twice = next((name for name in targets if targets.count(name) > 1), None)
+    if twice is not None:
+        raise ConfigurationError(f"'{twice}' stands twice among the objects")
+    scene = scene.model_copy(update={"objects": known})
+    return Plan(pipeline, scene, directions, seed), tuple(targets)
+
+
+def _scene(described: Any, folder: Path, noise: str | None) -> TouchConfig:
+    if not isinstance(described, dict):
+        raise ConfigurationError("give a scene of type touch", "scene")
+    try:
+        return rooted(TouchConfig(**{**described, **({"noise": noise} if noise else {})}), folder)
     except ConfigurationError as error:
         raise error.under("scene") from None
-    targets = []
-    known: dict[str, ObjectConfig] = dict(scene.objects)
-    for name in objects:
-        if name not in known and Path(name).suffix:
-            known[Path(name).stem] = _from_file(Path(name), scene)
-        elif name not in known:
-            hint = name_hint(name, known, "objects")
-            raise ConfigurationError(f"unknown object '{name}'; {hint}, or the name of a file")
-        targets.append(Path(name).stem if name not in scene.objects else name)
-    pipeline = PipelineConfig(**{"folder": path.parent, **fields, "faults": tuple(faults)})
-    scene = scene.model_copy(update={"objects": known})
-    return Plan(pipeline, scene, directions, seed), tuple(targets or scene.objects)
+
+
+def _check_pipeline(config: PipelineConfig) -> None:
+    """Make sure that touches can be felt, and honestly.
+
+    Raises:
+        ConfigurationError: there is no robot, a generator runs apart, or a fault would let a
+            simulator believe the truth.
+    """
+    if config.robot is None:
+        raise ConfigurationError("a scene needs a robot by URDF", "robot")
+    for name, options in config.generators.items():
+        if options.get("isolate"):
+            problem = "what runs in a process of its own may be late: results would differ"
+            raise ConfigurationError(problem, f"generators.{name}.isolate")
+    for number, fault in enumerate(config.faults):
+        if fault.sensor in (None, "object_pose") and isinstance(fault, Silent | Dropout | Delay):
+            problem = "without the believed poses of objects the simulator would know the true ones"
+            raise ConfigurationError(problem, f"faults.{number}.sensor")
+
+
+def _named(name: str, known: dict[str, ObjectConfig], scene: TouchConfig) -> str:
+    """Give the name of an object; one from a file is added to those known."""
+    if name in scene.objects:
+        return name
+    path = Path(name)
+    if not path.suffix:
+        hint = name_hint(name, known, "objects")
+        raise ConfigurationError(f"unknown object '{name}'; {hint}, or the name of a file")
+    if path.stem in known:
+        raise ConfigurationError(f"there is an object '{path.stem}' already: rename {name}")
+    known[path.stem] = _from_file(path, scene)
+    return path.stem
 
 
 def _from_file(path: Path, scene: TouchConfig) -> ObjectConfig:
     """Stand an object of a mesh or a URDF where the first object of the scene stands."""
     require_file(path, RecordingError)
-    pose = next(iter(scene.objects.values())).pose
+    first = next(iter(scene.objects.values()))
     how: Mapping[str, Any] = (
         {"urdf": str(path.resolve())} if path.suffix == ".urdf" else {"mesh": path.resolve()}
     )
-    config = ObjectConfig(**how, pose=FrameConfig(parent=pose.parent))
-    low = min(float(vertices[:, 2].min()) for vertices, _ in ObjectModel(config).solid.meshes)
-    top = _top_of(scene)
-    standing = FrameConfig(parent=pose.parent, xyz=(pose.xyz[0], pose.xyz[1], top - low))
-    return config.model_copy(update={"pose": standing})
+    config = ObjectConfig(**how, pose=FrameConfig(parent=first.pose.parent))
+    x, y, _ = first.pose.xyz
+    place = (x, y, _lowest(first) - _lowest(config))
+    return config.model_copy(update={"pose": FrameConfig(parent=first.pose.parent, xyz=place)})
 
 
-def _top_of(scene: TouchConfig) -> float:
-    """Give how high the first object of the scene stands [m]."""
-    first = next(iter(scene.objects.values()))
-    low = min(float(vertices[:, 2].min()) for vertices, _ in ObjectModel(first).solid.meshes)
-    return first.pose.xyz[2] + low
+def _lowest(config: ObjectConfig) -> float:
+    """Give how high an object's lowest point lies [m]."""
+    pose = config.pose.pose()
+    meshes = ObjectModel(config).solid.meshes
+    return min(float(points_in(pose, vertices)[:, 2].min()) for vertices, _ in meshes)
+
+
+def _spread(ends: tuple[float, float], count: int) -> FloatArray:
+    """Spread values over a range; a single one stands in its middle, shape (count,)."""
+    return np.linspace(*ends, count) if count > 1 else np.array([sum(ends) / 2.0])

@@ -6,6 +6,7 @@ import numpy as np
 
 from contactfusion.experiments.touch.plan import Touch
 from contactfusion.experiments.touch.trial import Trial
+from contactfusion.grid import Grid
 from contactfusion.hypotheses import HypothesisKind
 from contactfusion.integrator.fusion import Fusion
 from contactfusion.integrator.integrator import Integrator
@@ -42,11 +43,11 @@ ROWS = (
     Row("range, moving objects", ("moving",)),
     Row("all, range as support", PAPER),
     Row("all + simulator, range as support", (*PAPER, "simulator")),
-    Row("every generator", (*PAPER, "moving", "fingers", "motion", "simulator", "free space")),
 )
 """The papers' five rows first; their range counts what is near as evidence."""
+PAPERS = ROWS[:5]
+ALL_AND_SIMULATOR = ROWS[4]
 SINGLE = ("tactile", "force", "range", "fingers")
-EVERYTHING = ROWS[-1]
 TYPES = {
     "tactile": "tactile",
     "force_torque": "force",
@@ -116,6 +117,12 @@ def modality_of(config: PipelineConfig, source: str) -> str:
     return TYPES.get(options["type"], str(options["type"]))
 
 
+def everything(config: PipelineConfig) -> Row:
+    """Give the row of all modalities that are configured."""
+    modalities = dict.fromkeys(modality_of(config, name) for name in config.generators)
+    return Row("every generator", tuple(modalities))
+
+
 def fused(
     trial: Trial, row: Row, method: Method, config: PipelineConfig, *, without: str = ""
 ) -> Fusion:
@@ -139,7 +146,13 @@ def fused(
             continue
         if modality == "range" and row.ungated:
             cloud = replace(cloud, kind=HypothesisKind.REGULAR)
-        integrator.plug(name, cloud.kind, replace=True)
+        options = config.generators[name.split("/")[0]]
+        integrator.plug(
+            name,
+            cloud.kind,
+            timeout=options.get("timeout"),
+            replace=options.get("replace", True),
+        )
         integrator.receive(cloud)
     return integrator.step(trial.stamp)
 
@@ -167,14 +180,14 @@ def outcome(
     )
 
 
-def shared(trial: Trial, config: PipelineConfig, side: float) -> dict[tuple[str, str], bool]:
+def shared(trial: Trial, config: PipelineConfig) -> dict[tuple[str, str], bool]:
     """Tell for each pair of modalities that both spoke whether they share a voxel."""
+    grid = Grid(config.integrator.frame, config.integrator.voxel_size)
     voxels: dict[str, set[tuple[int, ...]]] = {}
     for name, cloud in trial.clouds.items():
         if len(cloud) and cloud.kind != HypothesisKind.NULL:
-            cells = np.floor(cloud.positions * (1.0 / side)).astype(int)
-            modality = modality_of(config, name)
-            voxels.setdefault(modality, set()).update(map(tuple, cells.tolist()))
+            cells = map(tuple, grid.voxels(cloud.positions).tolist())
+            voxels.setdefault(modality_of(config, name), set()).update(cells)
     names = sorted(voxels)
     return {
         (one, other): bool(voxels[one] & voxels[other])

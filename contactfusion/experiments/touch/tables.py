@@ -4,6 +4,7 @@ from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import partial
 from typing import Any
+from zlib import crc32
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,17 +31,18 @@ STATISTICS: dict[str, Callable[[FloatArray], Any]] = {
 }
 
 
-def measures_of(outcomes: Sequence[Outcome], rng: np.random.Generator) -> Iterator[Measure]:
+def measures_of(outcomes: Sequence[Outcome], seed: int) -> Iterator[Measure]:
     """Measure one row under one method.
 
     Args:
         outcomes: of all touches and of their twins in free air.
-        rng: draws for the intervals.
+        seed: of the intervals; each row and method has chance of its own.
     """
     row, method = outcomes[0].row, outcomes[0].method
     touches = [one for one in outcomes if not one.touch.short and one.true_contacts]
-    in_air = [one for one in outcomes if one.touch.short]
+    in_air = [one for one in outcomes if one.touch.short and not one.true_contacts]
     case = f"{row}, {method}"
+    rng = np.random.default_rng([seed, crc32(case.encode())])
 
     def share(metric: str, hits: Sequence[bool]) -> Iterator[Measure]:
         if hits:
@@ -88,7 +90,7 @@ def resampled(
 
 
 def best_single(outcomes: Mapping[str, Sequence[Outcome]]) -> str:
-    """Name the single modality that detects the most touches; by row, of one method."""
+    """Name the one of `SINGLE` that detects the most touches; by row, of one method."""
 
     def detected(row: str) -> int:
         return sum(one.detected for one in outcomes[row] if not one.touch.short)
@@ -96,7 +98,7 @@ def best_single(outcomes: Mapping[str, Sequence[Outcome]]) -> str:
     return max((row for row in SINGLE if row in outcomes), key=detected)
 
 
-def paired(better: Sequence[Outcome], single: Sequence[Outcome]) -> dict[str, float | int | str]:
+def paired(better: Sequence[Outcome], single: Sequence[Outcome]) -> dict[str, Any]:
     """Compare a row with a single modality touch by touch.
 
     Detection by McNemar's exact test on the touches that only one of the two detects, ε by
@@ -126,7 +128,7 @@ def paired(better: Sequence[Outcome], single: Sequence[Outcome]) -> dict[str, fl
         "both report": len(errors),
         "median difference of ε": float(np.median(errors[:, 0] - errors[:, 1]))
         if len(errors)
-        else float("nan"),
+        else None,
         "p of ε": float(wilcoxon(errors[:, 0], errors[:, 1]).pvalue) if unequal else 1.0,
     }
 
@@ -196,7 +198,7 @@ def table_text(measures: Sequence[Measure], rows: Sequence[str], method: str) ->
     return "\n".join(lines)
 
 
-def tests_text(tests: Sequence[Mapping[str, float | int | str]]) -> str:
+def tests_text(tests: Sequence[Mapping[str, Any]]) -> str:
     """Give the comparisons of `paired` as Markdown."""
     lines = [
         "| row | against | detected by it only | by the other only | p | both report | ε median "
@@ -204,10 +206,11 @@ def tests_text(tests: Sequence[Mapping[str, float | int | str]]) -> str:
         "|---|---|---|---|---|---|---|---|",
     ]
     for one in tests:
+        difference = one["median difference of ε"]
         lines.append(
             f"| {one['row']} | {one['against']} | {one['detected by the row only']} | "
             f"{one['detected by the modality only']} | {float(one['p of detection']):.2g} | "
-            f"{one['both report']} | {float(one['median difference of ε']) * 100:.2f} | "
+            f"{one['both report']} | {'-' if difference is None else f'{difference * 100:.2f}'} | "
             f"{float(one['p of ε']):.2g} |"
         )
     return "\n".join(lines)
@@ -220,7 +223,7 @@ def shares_text(measures: Sequence[Measure], experiment: str) -> str:
         measures: of any kind.
         experiment: which of them.
     """
-    lines = ["| | | % | touches |", "|---|---|---|---|"]
+    lines = ["| | | % | n |", "|---|---|---|---|"]
     for one in measures:
         if one.experiment == experiment:
             shares = f"{one.value * 100:.0f} [{one.low * 100:.0f}, {one.high * 100:.0f}]"

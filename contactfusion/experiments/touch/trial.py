@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from contactfusion.arrays import FloatArray
+from contactfusion.errors import ConfigurationError, name_hint
 from contactfusion.experiments.touch.plan import Plan, Touch
 from contactfusion.frames import points_in
 from contactfusion.grid import Grid
@@ -16,7 +17,7 @@ from contactfusion.hypotheses import HypothesisCloud, HypothesisKind
 from contactfusion.integrator.report import EventKind
 from contactfusion.npz_files import read_arrays, write_npz
 from contactfusion.pipeline import Pipeline
-from contactfusion.readings import JointState
+from contactfusion.readings import JointState, Reading
 from contactfusion.robots.model import shared_robot
 from contactfusion.simulation.touch import TouchScene
 
@@ -33,7 +34,7 @@ class Trial:
         stamp: when it ended [s].
         clouds: the last that each source said, in the space's frame, by its name.
         places: shape (n, 3) [m], the true contacts in the space's frame, the strongest first; none
-            in free air.
+            after a miss, or in free air.
         links: the link that each is on.
         steady: whether the hand had settled.
         joints: shape (k,), the robot's joints as they were read in the end [rad, m].
@@ -55,9 +56,10 @@ def run_trial(plan: Plan, touch: Touch) -> Trial:
 
     Raises:
         RobotError: the arm reaches the object in no way that was tried.
+        ConfigurationError: a generator or a fault is for a sensor that the robot has not.
     """
     config = plan.pipeline_of(touch.target)
-    assert config.robot is not None
+    assert config.robot is not None  # read_plan made sure of it
     robot = shared_robot(config.robot)
     scene = TouchScene(plan.scene_of(touch), robot, touch.seed)
     clouds: dict[str, HypothesisCloud] = {}
@@ -66,21 +68,27 @@ def run_trial(plan: Plan, touch: Touch) -> Trial:
         tell=lambda cloud: clouds.update({cloud.source: cloud}),
     )
     stamp, joints = 0.0, np.zeros(len(robot.joint_names))
+    heard: set[tuple[str, type[Reading]]] = set()
+    met: set[int] = set()
     for reading in scene.readings():
+        heard.add((reading.sensor, type(reading)))
+        met |= {row for row, fault in enumerate(config.faults) if fault.meets(reading)}
         pipeline.receive(reading)
         stamp = reading.stamp
         if isinstance(reading, JointState):
             joints = robot.positions(reading)
     events = pipeline.step(stamp).events
     pipeline.close()
+    _require_heard(pipeline, heard, met)
     refused = dict.fromkeys(event.message for event in events if event.kind == EventKind.REFUSED)
     contacts = scene.truth.contacts
     pose = config.frame_tree().pose(config.integrator.frame, of=robot.root)
+    places = points_in(pose, contacts.places)
     return Trial(
         touch,
         stamp,
-        _worth_keeping(clouds, pipeline.state(stamp).grid),
-        points_in(pose, contacts.places),
+        _worth_keeping(clouds, places, pipeline.state(stamp).grid),
+        places,
         contacts.links,
         scene.truth.steady,
         joints,
@@ -123,6 +131,13 @@ def load(path: Path) -> Trial:
         ConfigurationError: the file is missing, or is no trial.
     """
     held = read_arrays(path, "told", "places", "joints")
+    try:
+        return _told(held)
+    except (KeyError, TypeError, ValueError):
+        raise ConfigurationError(f"{path} is no touch of this experiment") from None
+
+
+def _told(held: Mapping[str, Any]) -> Trial:
     told: dict[str, Any] = json.loads(str(held["told"]))
     clouds = {}
     for one in told["clouds"]:
@@ -142,14 +157,39 @@ def load(path: Path) -> Trial:
     )
 
 
-def _worth_keeping(clouds: Mapping[str, HypothesisCloud], grid: Grid) -> dict[str, HypothesisCloud]:
-    """Leave out Null voxels of which nobody else says anything: they change no contact."""
-    spoken = {
-        voxel
-        for cloud in clouds.values()
-        if cloud.kind != HypothesisKind.NULL
-        for voxel in map(tuple, grid.voxels(cloud.positions).tolist())
-    }
+def _require_heard(
+    pipeline: Pipeline, heard: set[tuple[str, type[Reading]]], met: set[int]
+) -> None:
+    """Make sure that nothing waits for a sensor that there is not.
+
+    Raises:
+        ConfigurationError: something does.
+    """
+    sensors = {sensor for sensor, _ in heard if sensor}
+    for row, fault in enumerate(pipeline.config.faults):
+        if row not in met:
+            hint = name_hint(str(fault.sensor), sensors, "sensors")
+            problem = f"no reading of '{fault.sensor}' came; {hint}"
+            raise ConfigurationError(problem, f"faults.{row}.sensor")
+    for name, generator in pipeline.generators.items():
+        wanted = generator.config.sensor
+        if not any(
+            issubclass(kind, generator.readings) and wanted in (None, sensor)
+            for sensor, kind in heard
+        ):
+            hint = name_hint(str(wanted), sensors, "sensors")
+            problem = f"no reading of '{wanted}' came; {hint}"
+            raise ConfigurationError(problem, f"generators.{name}.sensor")
+
+
+def _worth_keeping(
+    clouds: Mapping[str, HypothesisCloud], places: FloatArray, grid: Grid
+) -> dict[str, HypothesisCloud]:
+    """Leave out Null voxels that hold no true contact, and of which nobody else says anything."""
+    spoken = set(map(tuple, grid.voxels(places).tolist()))
+    for cloud in clouds.values():
+        if cloud.kind != HypothesisKind.NULL:
+            spoken.update(map(tuple, grid.voxels(cloud.positions).tolist()))
     kept = {}
     for name, cloud in clouds.items():
         if cloud.kind == HypothesisKind.NULL:
