@@ -26,6 +26,8 @@ ELEVATIONS = 3
 """Directions come from so many heights."""
 AROUND = 8.0
 """Azimuth and elevation may differ by so much, by chance [degrees]."""
+REST: Any = {"folder": True, "faults": True, "integrator": True, "robot": {"folder": True}}
+"""Of a pipeline, what does not change a trial, or is told apart."""
 TRIALS = 1
 """Counts up when trials change, so that old ones are not taken for new."""
 SHORT = 0.02
@@ -112,7 +114,8 @@ class Plan:
             "trials": TRIALS,
             "directions": self.directions,
             "seed": self.seed,
-            "pipeline": self.pipeline.model_dump(mode="json", exclude={"folder", "faults"}),
+            "space": [self.pipeline.integrator.frame, self.pipeline.integrator.voxel_size],
+            "pipeline": self.pipeline.model_dump(mode="json", exclude=REST),
             "faults": [fault.model_dump(mode="json") for fault in self.pipeline.faults],
             "noise": self.scene.noise.model_dump(mode="json"),
             "scene": self.scene.model_dump(mode="json", exclude={"objects", "noise", "target"}),
