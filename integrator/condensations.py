@@ -12,6 +12,7 @@ from contactfusion.integrator import clusters, kernels
 from contactfusion.integrator.config import IntegratorConfig
 from contactfusion.integrator.contact_table import ContactTable
 from contactfusion.integrator.entries import Field
+from contactfusion.integrator.modes import Modes
 from contactfusion.integrator.store import Int64Array, unpack
 
 FAINTEST = 0.01
@@ -112,4 +113,5 @@ def contactfusion_condensations() -> Mapping[str, type[Condensation]]:
         "threshold": Threshold,
         "cluster_centroid": ClusterCentroid,
         "cluster_mass": ClusterMass,
+        "modes": Modes,
     }

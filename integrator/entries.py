@@ -163,6 +163,23 @@ class Entries:
 
 
 @dataclass(frozen=True, eq=False)
+class Belief:
+    """Where a contact may be, and whether there is one, as a rule sees it.
+
+    Attributes:
+        places: shape (c, 3) [m], in the grid's frame.
+        weights: shape (c,), the probability of each place if there is a contact; they sum to 1.
+        exists: the probability that there is a contact.
+        told: shape (k, c), what each source adds to the logarithm of each weight.
+    """
+
+    places: FloatArray
+    weights: FloatArray
+    exists: float
+    told: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
 class Field:
     """The fused likelihood of a contact, voxel by voxel.
 
@@ -170,8 +187,10 @@ class Field:
         entries: what it was made of.
         likelihoods: shape (m,), in the order of `entries.keys`.
         details: further arrays of shape (m,) that the rule reports, e.g. "conflict".
+        belief: of a rule that has one, where there may be a contact.
     """
 
     entries: Entries
     likelihoods: FloatArray
     details: Mapping[str, FloatArray] = field(default_factory=dict)
+    belief: Belief | None = None

@@ -1,6 +1,12 @@
 """The integrator: hypotheses in, contacts out, and why (F §III). This page tells the story."""
 
-from contactfusion.errors import ContactFusionError, SourceError, TimeError, name_hint
+from contactfusion.errors import (
+    ConfigurationError,
+    ContactFusionError,
+    SourceError,
+    TimeError,
+    name_hint,
+)
 from contactfusion.grid import Grid
 from contactfusion.hypotheses import HypothesisCloud, HypothesisKind, kind_of
 from contactfusion.integrator.config import IntegratorConfig
@@ -24,6 +30,7 @@ class Integrator:
 
     Raises:
         PluginError: no such rule or condensation is installed.
+        ConfigurationError: the condensation does not fit the rule.
     """
 
     def __init__(self, config: IntegratorConfig | None = None) -> None:
@@ -31,6 +38,13 @@ class Integrator:
         plugins = installed_plugins()
         self._rule = plugins.find("rules", self.config.rule)(self.config)
         self._condensation = plugins.find("condensations", self.config.condensation)(self.config)
+        wants = getattr(self._condensation, "needs_belief", False)
+        if wants and not getattr(self._rule, "gives_belief", False):
+            raise ConfigurationError(
+                f"'{self.config.condensation}' needs a rule that gives a belief, such as "
+                f"'posterior', not '{self.config.rule}'",
+                "condensation",
+            )
         self._grid = Grid(self.config.frame, self.config.voxel_size)
         self._space = Space(self._grid, self.config)
         self._inbox = Inbox(self._grid, to_nanoseconds(self.config.max_ahead))

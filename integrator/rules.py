@@ -11,6 +11,7 @@ from contactfusion.integrator import kernels
 from contactfusion.integrator.config import IntegratorConfig
 from contactfusion.integrator.entries import Entries, Field, Source
 from contactfusion.integrator.kernels import Likelihoods, Places
+from contactfusion.integrator.posterior import Posterior
 from contactfusion.integrator.store import Int64Array
 from contactfusion.surface import Surface
 
@@ -91,4 +92,5 @@ def contactfusion_rules() -> Mapping[str, type[Rule]]:
         "max": Largest,
         "log_odds": LogOdds,
         "dempster_shafer": DempsterShafer,
+        "posterior": Posterior,
     }

@@ -119,7 +119,7 @@ def test_the_options_of_a_plugin_are_told_with_defaults_and_meanings(ask: Ask) -
     assert all(word in answer.out for word in ("force_torque (generator)", "timeout", "meaning"))
 
 
-@pytest.mark.parametrize("name", ["de_morgan", "cluster_mass"])
+@pytest.mark.parametrize("name", ["de_morgan", "cluster_mass", "posterior", "modes"])
 def test_a_plugin_without_options_is_told_by_its_first_sentence(name: str, ask: Ask) -> None:
     answer = ask("plugins", name)
     assert answer.status == 0 and answer.out.startswith(f"{name} (")

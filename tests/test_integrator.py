@@ -673,7 +673,7 @@ def test_an_empty_integrator_gives_an_empty_step() -> None:
     assert (space.source_likelihoods.shape, space.sources) == ((0, 0), ())
 
 
-@pytest.mark.parametrize("rule", ["de_morgan", "max", "log_odds", "dempster_shafer"])
+@pytest.mark.parametrize("rule", ["de_morgan", "max", "log_odds", "dempster_shafer", "posterior"])
 @pytest.mark.parametrize("condensation", ["threshold", "cluster_centroid", "cluster_mass"])
 @pytest.mark.parametrize("expiry", ["source", "voxel"])
 def test_empty_clouds_give_an_empty_step(rule: str, condensation: str, expiry: str) -> None:

@@ -9,12 +9,18 @@ import numpy as np
 
 from contactfusion.arrays import FloatArray
 from contactfusion.experiments.measures import Measure
-from contactfusion.experiments.touch.rows import Method, Outcome, everything, fused, modality_of
+from contactfusion.experiments.touch.rows import (
+    Method,
+    Outcome,
+    believed_robot,
+    everything,
+    fused,
+    modality_of,
+)
 from contactfusion.experiments.touch.trial import Trial
 from contactfusion.figures import COLOURS, new_figure
 from contactfusion.files import write_whole
 from contactfusion.pipeline_config import PipelineConfig
-from contactfusion.robots.model import shared_robot
 from contactfusion.robots.posed import PosedRobot
 
 AROUND = 0.09
@@ -106,10 +112,7 @@ def draw_touch(trial: Trial, config: PipelineConfig, method: Method, path: Path)
         method: how all of it is fused.
         path: the PNG to write.
     """
-    assert config.robot is not None
-    model = shared_robot(config.robot)
-    base = config.frame_tree().pose(config.integrator.frame, of=model.root)
-    robot = PosedRobot(model, trial.joints, config.integrator.frame, base)
+    robot = believed_robot(trial, config)
     fusion = fused(trial, everything(config), method, config)
     middle = _middle(trial, robot)
     figure = new_figure(13.5, 9.0)

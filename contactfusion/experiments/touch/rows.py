@@ -12,6 +12,8 @@ from contactfusion.integrator.fusion import Fusion
 from contactfusion.integrator.integrator import Integrator
 from contactfusion.pipeline_config import PipelineConfig
 from contactfusion.plugins import installed_plugins
+from contactfusion.robots.model import shared_robot
+from contactfusion.robots.posed import PosedRobot
 
 NEAR = 0.03
 """A contact this near a true one has detected it [m] (method §8)."""
@@ -154,7 +156,15 @@ def fused(
             replace=options.get("replace", True),
         )
         integrator.receive(cloud)
-    return integrator.step(trial.stamp)
+    return integrator.step(trial.stamp, believed_robot(trial, config).surface)
+
+
+def believed_robot(trial: Trial, config: PipelineConfig) -> PosedRobot:
+    """Give the robot where its joints were read in the end, in the space's frame."""
+    assert config.robot is not None
+    model, frame = shared_robot(config.robot), config.integrator.frame
+    base = config.frame_tree().pose(frame, of=model.root)
+    return PosedRobot(model, trial.joints, frame, base)
 
 
 def outcome(

@@ -1,0 +1,114 @@
+"""The condensation `modes`: contacts are the modes of a belief (method §3)."""
+
+from collections.abc import Iterable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from contactfusion.arrays import FloatArray
+from contactfusion.contacts import Contact
+from contactfusion.integrator import fields, kernels
+from contactfusion.integrator.config import IntegratorConfig
+from contactfusion.integrator.entries import Belief, Field
+from contactfusion.time import to_seconds
+
+WIDTH = 0.008
+"""Modes are sought with a kernel of this width [m]."""
+BASIN = 3.0
+"""What lies within so many widths of a mode belongs to it."""
+MOST = 8
+"""No more modes are told than this."""
+STEPS = 20
+"""Of mean shift; it has come to rest long before."""
+
+
+class Modes:
+    """Each mode of a belief is a contact, if it is likely enough; its likelihood is P(contact)."""
+
+    needs_belief = True
+
+    def __init__(self, config: IntegratorConfig) -> None:
+        self._least, self._second = config.existence, config.mode_share
+
+    def condense(self, field: Field, verdicts: NDArray[np.uint8]) -> Iterable[Contact]:
+        """Give the densest mode if a contact exists, and further ones that weigh enough."""
+        belief = field.belief
+        if belief is None or belief.exists < self._least:
+            return ()
+        weights = belief.weights.copy()
+        found: list[Contact] = []
+        while len(found) < MOST and (not found or weights.sum() >= self._second):
+            mode, basin = _mode(belief.places, weights)
+            mass = float(weights[basin].sum())
+            if found and mass < self._second:
+                break
+            found.append(_contact(field, belief, mode, basin, mass))
+            weights[basin] = 0.0
+        return sorted(found, key=lambda contact: -round(contact.likelihood, 6))
+
+
+def _mode(places: FloatArray, weights: FloatArray) -> tuple[FloatArray, NDArray[np.bool_]]:
+    """Give the densest place, shape (3,) [m], and what belongs to it, shape (c,)."""
+    floor = 0.1 * float(weights.max())
+    densities = fields.densities(places, weights, WIDTH, floor)
+    place = places[np.round(densities / densities.max(), 9).argmax()]  # the first of equals
+    for _ in range(STEPS):
+        squared = ((places - place) ** 2).sum(axis=1) / WIDTH**2
+        near = weights * np.exp(-0.5 * squared) * (squared < fields.REACH**2)
+        shifted = near @ places / near.sum()
+        if np.abs(shifted - place).max() < 1e-6:
+            break
+        place = shifted
+    within = ((places - place) ** 2).sum(axis=1) <= (BASIN * WIDTH) ** 2
+    basin: NDArray[np.bool_] = within & (weights > 0.0)  # the rest belongs to an earlier mode
+    return place, basin
+
+
+def _contact(
+    field: Field, belief: Belief, mode: FloatArray, basin: NDArray[np.bool_], mass: float
+) -> Contact:
+    """Make a contact of a mode: its place is the mode, its covariance that of its basin."""
+    entries, side = field.entries, field.entries.grid.voxel_size
+    weights = belief.weights[basin] / belief.weights[basin].sum()
+    offsets = belief.places[basin] - mode
+    moments = (offsets * weights[:, None]).T @ offsets
+    longest = np.linalg.eigh(moments)[1][:, -1]
+    along = offsets @ longest
+    heavy = along[weights >= 0.1 * weights.max()]
+    extent = mode + np.outer([heavy.min(), heavy.max()], longest)
+    told = np.maximum(belief.told[:, basin] @ weights, 0.0)
+    counted = entries.counted
+    told = np.where(counted, told, 0.0)
+    total = float(told.sum()) or 1.0
+    shares = {
+        source.name: float(share) / total
+        for source, share, one in zip(entries.sources, told, counted, strict=True)
+        if one
+    }
+    forces = _force(field, mode)
+    covariance = moments + np.eye(3) * side**2 / 12.0
+    for array in (mode, covariance, extent, forces):
+        array.flags.writeable = False
+    return Contact(
+        position=mode,
+        likelihood=belief.exists * mass,
+        dispersion=float(np.sqrt(np.trace(moments))),
+        covariance=covariance,
+        extent=extent,
+        force=forces,
+        voxels=int(len(entries.grid.first_in_voxels(belief.places[basin]))),
+        shares=shares,
+        stamp=to_seconds(int(entries.columns.stamps.max())),
+        frame=entries.grid.frame,
+    )
+
+
+def _force(field: Field, mode: FloatArray) -> FloatArray:
+    """Give the force of the voxel nearest to a mode that has one, shape (3,) [N]; or NaN."""
+    entries = field.entries
+    rows = np.flatnonzero(entries.bits & kernels.FORCE)
+    if not len(rows):
+        return np.full(3, np.nan)
+    centres = entries.grid.centres(entries.voxels[rows])
+    nearest = int(((centres - mode) ** 2).sum(axis=1).argmin())
+    return np.asarray(entries.forces_in(rows[nearest : nearest + 1].astype(np.int64))[0])

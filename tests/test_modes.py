@@ -1,0 +1,256 @@
+"""The condensation `modes`: contacts are the modes of a belief (method §3)."""
+
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from contactfusion import Contact, Fusion, HypothesisCloud
+from contactfusion.arrays import FloatArray
+from tests.clouds import HERE, NULL, REGULAR, SIDE, SUPPORT, THERE, Voxel, centres, cloud
+from tests.clouds import fused as fused_by
+
+FLOOR = 0.02
+MIDDLE: Voxel = (1, 0, 0)
+
+
+def fused(*clouds: HypothesisCloud, **config: Any) -> Fusion:
+    fields = {"rule": "posterior", "condensation": "modes", "floor": FLOOR}
+    return fused_by(*clouds, **{**fields, **config})
+
+
+def contacts_of(likelihoods: dict[Voxel, float], **config: Any) -> tuple[Contact, ...]:
+    return fused(cloud("a", 0.0, likelihoods), **config).contacts
+
+
+def only(*clouds: HypothesisCloud, **config: Any) -> Contact:
+    (contact,) = fused(*clouds, **config).contacts
+    return contact
+
+
+def line(count: int, first: int = 0, p: float = 0.9) -> dict[Voxel, float]:
+    return {(first + x, 0, 0): p for x in range(count)}
+
+
+def places(contacts: tuple[Contact, ...]) -> FloatArray:
+    return np.array([contact.position for contact in contacts])
+
+
+# Whether
+
+
+def test_without_entries_there_is_no_contact() -> None:
+    assert fused().contacts == ()
+    assert fused(cloud("a", 0.0, {}), cloud("free", 0.0, {HERE: 1.0}, NULL)).contacts == ()
+
+
+def test_prediction_alone_is_no_contact() -> None:
+    assert fused(cloud("motion", 0.0, {HERE: 1.0}, SUPPORT)).contacts == ()
+
+
+@pytest.mark.parametrize(("existence", "count"), [(0.74, 1), (0.76, 0)])
+def test_a_contact_is_told_from_a_probability_of_existence(existence: float, count: int) -> None:
+    clouds = [cloud("a", 0.0, {HERE: 0.5}), cloud("b", 0.0, {HERE: 0.5})]
+    assert len(fused(*clouds, existence=existence).contacts) == count
+
+
+def test_one_contact_spread_over_twelve_voxels_is_found_with_all_its_probability() -> None:
+    twelve = {(x, y, 0): 0.9 / 12 for x in range(4) for y in range(3)}
+    contact = only(cloud("wrench", 0.0, twelve, single=True))
+    assert contact.likelihood == pytest.approx(0.9)
+    assert contact.position == pytest.approx(np.array([2.0, 1.5, 0.5]) * SIDE, abs=1e-5)
+
+
+def test_null_takes_a_contact_away_that_is_not_sure_and_leaves_one_that_is() -> None:
+    free = cloud("free", 0.0, {HERE: 1.0}, NULL)
+    assert fused(cloud("a", 0.0, {HERE: 0.9}), free).contacts == ()
+    assert only(cloud("a", 0.0, {HERE: 1.0}), free).likelihood == 1.0
+
+
+def test_null_moves_a_contact_away() -> None:
+    evidence = cloud("a", 0.0, line(3))
+    free = cloud("free", 0.0, {HERE: 1.0}, NULL)
+    assert only(evidence).position[0] == pytest.approx(1.5 * SIDE, abs=1e-5)
+    assert only(evidence, free).position[0] > 1.8 * SIDE
+
+
+# Where
+
+
+def test_two_sources_that_are_two_voxels_apart_meet_in_the_middle() -> None:
+    clouds = [cloud("a", 0.0, {HERE: 0.9}), cloud("b", 0.0, {(2, 0, 0): 0.9})]
+    contact = only(*clouds)
+    assert contact.position == pytest.approx(centres([MIDDLE])[0], abs=1e-5)
+    assert contact.likelihood == pytest.approx(0.99)
+
+
+def test_a_line_within_a_basin_is_one_contact_with_its_ends_in_its_middle() -> None:
+    for count in range(2, 10):
+        contact = only(cloud("skin", 0.0, line(count)))
+        assert contact.position == pytest.approx([count / 2 * SIDE, SIDE / 2, SIDE / 2], abs=5e-4)
+        ends = contact.extent[np.argsort(contact.extent[:, 0])]
+        assert ends == pytest.approx(centres([HERE, (count - 1, 0, 0)]), abs=1e-9)
+        assert contact.voxels == count and contact.likelihood == pytest.approx(0.9)
+
+
+def test_a_place_under_a_tenth_of_the_heaviest_is_no_end() -> None:
+    row = {**line(3), (4, 0, 0): 0.05}
+    contact = only(cloud("skin", 0.0, row))
+    assert contact.extent[:, 0].max() == pytest.approx(2.5 * SIDE) and contact.voxels == 4
+
+
+def test_two_distant_places_of_two_sources_are_two_contacts() -> None:
+    found = fused(cloud("a", 0.0, {HERE: 0.9}), cloud("b", 0.0, {THERE: 0.9})).contacts
+    assert places(found) == pytest.approx(centres([HERE, THERE]))
+    assert [contact.likelihood for contact in found] == pytest.approx([0.99 / 2] * 2)
+
+
+@pytest.mark.parametrize(("mode_share", "count"), [(0.15, 3), (0.25, 2), (0.35, 1)])
+def test_a_further_contact_needs_its_share_of_the_belief(mode_share: float, count: int) -> None:
+    rows = {HERE: 0.9, THERE: 0.53, (80, 0, 0): 0.33}  # weights near 51, 30 and 19 %
+    found = contacts_of(rows, mode_share=mode_share)
+    assert places(found) == pytest.approx(centres(rows)[:count])
+
+
+def test_no_more_than_eight_contacts_are_told() -> None:
+    many = {(30 * x, 0, 0): 0.9 for x in range(12)}
+    assert len(contacts_of(many, mode_share=0.01)) == 8
+
+
+def test_contacts_come_by_falling_likelihood_however_sharp_they_are() -> None:
+    wide = {(x, 40, 0): 0.8 for x in range(-4, 5)}
+    block = {(x, y, 0): 0.9 for x in range(2) for y in range(3)}
+    found = contacts_of({**wide, **block}, mode_share=0.2)
+    likelihoods = [contact.likelihood for contact in found]
+    assert len(found) == 2 and likelihoods == sorted(likelihoods, reverse=True)
+    assert found[0].voxels == 9 and sum(likelihoods) == pytest.approx(0.9)
+
+
+def test_equal_contacts_come_by_first_voxel() -> None:
+    rows = {(x, 0, 0): 0.9 for x in (60, 30, -30)}
+    found = contacts_of(rows, mode_share=0.2)
+    assert places(found) == pytest.approx(centres(sorted(rows)))
+
+
+def test_what_belongs_to_one_contact_belongs_to_no_other() -> None:
+    found = contacts_of(line(20))
+    assert len(found) == 2
+    total = sum(contact.voxels for contact in found)
+    assert total <= 20 and sum(c.likelihood for c in found) == pytest.approx(0.9 * total / 20)
+    low, high = sorted(tuple(sorted(c.extent[:, 0])) for c in found)
+    assert low[1] < high[0]
+
+
+# What a contact carries
+
+
+def test_the_covariance_is_that_of_the_belief_beside_that_of_a_voxel() -> None:
+    contact = only(cloud("a", 0.0, line(3)))
+    expected = (np.diag([2.0 / 3.0, 0.0, 0.0]) + np.eye(3) / 12.0) * SIDE**2
+    assert contact.covariance == pytest.approx(expected, abs=1e-10)
+    assert contact.dispersion == pytest.approx(math.sqrt(2.0 / 3.0) * SIDE, abs=1e-8)
+
+
+def test_the_covariance_of_one_voxel_is_that_of_a_cube() -> None:
+    contact = only(cloud("a", 0.0, {HERE: 0.9}))
+    assert contact.covariance == pytest.approx(np.eye(3) * SIDE**2 / 12.0)
+    assert contact.dispersion == 0.0
+    assert contact.extent == pytest.approx(centres([HERE, HERE]))
+
+
+def test_the_shares_are_what_each_source_adds_null_and_silence_apart() -> None:
+    contact = only(
+        cloud("a", 0.0, {HERE: 0.9}),
+        cloud("b", 0.0, {HERE: 0.9}),
+        cloud("far", 0.0, {THERE: 0.1}, SUPPORT),
+        cloud("free", 0.0, {THERE: 0.9}, NULL),
+        cloud("silent", 0.0, {}),
+    )
+    assert contact.shares == pytest.approx({"a": 0.5, "b": 0.5, "far": 0.0, "silent": 0.0})
+
+
+def test_a_source_has_its_share_in_its_own_contact_only() -> None:
+    clouds = [cloud("a", 0.0, {HERE: 0.9}), cloud("b", 0.0, {THERE: 0.9})]
+    first, second = fused(*clouds).contacts
+    assert first.shares == pytest.approx({"a": 1.0, "b": 0.0})
+    assert second.shares == pytest.approx({"a": 0.0, "b": 1.0})
+
+
+def test_the_force_is_that_of_the_nearest_voxel_that_has_one() -> None:
+    felt = [[1.0, 0.0, 0.0], [0.0, 2.0, 0.0]]
+    wrench = cloud("wrench", 0.0, {(3, 0, 0): 0.1, (9, 0, 0): 0.1}, forces=felt)
+    assert only(cloud("skin", 0.0, {HERE: 0.9}), wrench).force.tolist() == [1.0, 0.0, 0.0]
+
+
+def test_without_a_force_there_is_none() -> None:
+    pushed = cloud("motion", 0.0, {HERE: 0.9}, SUPPORT, forces=[[9.0, 9.0, 9.0]])
+    assert np.isnan(only(cloud("a", 0.0, {HERE: 0.9}), pushed).force).all()
+
+
+def test_the_stamp_is_that_of_the_newest_entry() -> None:
+    clouds = [cloud("a", 0.25, {HERE: 0.9}), cloud("b", 0.125, {HERE: 0.9})]
+    contact = only(*clouds, now=0.25)
+    assert (contact.stamp, contact.frame) == (0.25, "base")
+
+
+def test_a_contact_cannot_be_written() -> None:
+    contact = only(cloud("a", 0.0, line(2), forces=np.ones((2, 3))))
+    for array in (contact.position, contact.covariance, contact.extent, contact.force):
+        assert not array.flags.writeable
+
+
+# What holds for all clouds
+
+voxel = st.tuples(st.integers(-2, 2), st.integers(-1, 1), st.integers(0, 1))
+rows = st.dictionaries(
+    st.one_of(voxel, st.sampled_from([THERE, (0, -40, 0)])),
+    st.sampled_from((0.1, 0.3, 0.5, 0.9)),
+    min_size=1,
+    max_size=8,
+)
+few = settings(max_examples=40)
+
+
+@few
+@given(first=rows, second=rows, third=rows, kind=st.sampled_from([REGULAR, SUPPORT, NULL]))
+def test_contacts_share_the_belief_and_lie_among_its_places(
+    first: dict[Voxel, float],
+    second: dict[Voxel, float],
+    third: dict[Voxel, float],
+    kind: Any,
+) -> None:
+    clouds = [cloud("a", 0.0, first), cloud("b", 0.0, second), cloud("c", 0.0, third, kind)]
+    fusion = fused(*clouds, mode_share=0.05, existence=0.01)
+    belief = fusion.field.belief
+    assert belief is not None and fusion.contacts
+    assert sum(contact.likelihood for contact in fusion.contacts) <= belief.exists + 1e-9
+    low, high = belief.places.min(axis=0), belief.places.max(axis=0)
+    for contact in fusion.contacts:
+        assert (contact.position >= low - 1e-9).all() and (contact.position <= high + 1e-9).all()
+        assert np.linalg.eigvalsh(contact.covariance).min() >= SIDE**2 / 12.0 * (1.0 - 1e-9)
+        assert sum(contact.shares.values()) == pytest.approx(1.0)
+        assert min(contact.shares.values()) >= 0.0
+
+
+@few
+@given(
+    first=rows,
+    second=rows,
+    p=st.sampled_from((0.01, 0.3, 0.9)),
+    spread=st.sampled_from((0.0, 0.005)),
+)
+def test_more_evidence_at_the_place_of_a_contact_never_lowers_its_likelihood(
+    first: dict[Voxel, float], second: dict[Voxel, float], p: float, spread: float
+) -> None:
+    clouds = [cloud("a", 0.0, first), cloud("b", 0.0, second)]
+    before = fused(*clouds, existence=0.01)
+    belief, contact = before.field.belief, before.contacts[0]
+    assert belief is not None
+    nearest = belief.places[((belief.places - contact.position) ** 2).sum(axis=1).argmin()]
+    x, y, z = np.floor(nearest / SIDE).astype(int).tolist()
+    more = cloud("more", 0.0, {(x, y, z): p}, spreads=np.array([spread]))
+    after = fused(*clouds, more, existence=0.01).contacts[0]
+    assert after.likelihood >= contact.likelihood - 1e-9
