@@ -19,7 +19,7 @@ BASIN = 3.0
 MOST = 8
 """No more modes are told than this."""
 STEPS = 20
-"""Of mean shift; it has come to rest long before."""
+"""Of mean shift at most; along a line it may end before it has come to rest."""
 
 
 class Modes:
