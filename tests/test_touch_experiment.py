@@ -176,6 +176,8 @@ class TestPlan:
             read_plan(DEFAULT, [], 15, "ful", (), 0)
         with pytest.raises(PluginError, match="did you mean 'de_morgan'"):
             Method.named("de_morgen")
+        with pytest.raises(ConfigurationError, match="'modes' needs a rule that gives a belief"):
+            Method.named("de_morgan/modes")
         assert Method.named("max") == Method("max", "cluster_centroid")
         assert str(Method.named("max/cluster_mass")) == "max/cluster_mass"
 

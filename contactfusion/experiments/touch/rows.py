@@ -8,10 +8,10 @@ from contactfusion.experiments.touch.plan import Touch
 from contactfusion.experiments.touch.trial import Trial
 from contactfusion.grid import Grid
 from contactfusion.hypotheses import HypothesisKind
+from contactfusion.integrator.config import IntegratorConfig
 from contactfusion.integrator.fusion import Fusion
 from contactfusion.integrator.integrator import Integrator
 from contactfusion.pipeline_config import PipelineConfig
-from contactfusion.plugins import installed_plugins
 from contactfusion.robots.model import shared_robot
 from contactfusion.robots.posed import PosedRobot
 
@@ -73,11 +73,11 @@ class Method:
 
         Raises:
             PluginError: no such rule or condensation is installed.
+            ConfigurationError: the two do not fit each other.
         """
         rule, _, condensation = name.partition("/")
         method = cls(rule, condensation or "cluster_centroid")
-        installed_plugins().find("rules", method.rule)
-        installed_plugins().find("condensations", method.condensation)
+        Integrator(IntegratorConfig(rule=method.rule, condensation=method.condensation))
         return method
 
     def __str__(self) -> str:
