@@ -29,6 +29,9 @@ class GeneratorConfig(Model):
     """The silence after which it counts as inactive [s]; None: the integrator's."""
     replace: bool = True
     """Whether each of its clouds replaces all that it said before, as for a moving contact."""
+    sensitivity: float = Field(default=0.0, ge=0, lt=1)
+    """How probably it tells of a contact when there is one; from 0 on, its silence speaks against
+    contacts, where the rule listens to that (`posterior`)."""
     budget: float = Field(default=0.1, gt=0)
     """How long one reading may take [s] before it counts as an overrun."""
     isolate: bool = False

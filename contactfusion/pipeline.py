@@ -15,7 +15,7 @@ from contactfusion.errors import ContactFusionError, SourceError, name_hint
 from contactfusion.faults import Faults
 from contactfusion.frames import points_in, vectors_in
 from contactfusion.grid import Grid
-from contactfusion.hypotheses import HypothesisCloud
+from contactfusion.hypotheses import HypothesisCloud, HypothesisKind
 from contactfusion.integrator.fusion import Fusion
 from contactfusion.integrator.integrator import Integrator
 from contactfusion.integrator.report import Event
@@ -116,6 +116,7 @@ class Pipeline:
                 timeout=generator.config.timeout,
                 stale_after=generator.config.stale_after,
                 replace=generator.config.replace,
+                sensitivity=generator.config.sensitivity * (kind == HypothesisKind.REGULAR),
             )
         self.generators[name] = generator
 

@@ -32,7 +32,8 @@ class Condensation(Protocol):
 
         Args:
             field: the fused likelihoods.
-            verdicts: shape (m,), the code of each voxel's verdict.
+            verdicts: shape (m,), the code of each voxel's verdict; empty for a class that says
+                `needs_belief = True`.
         """
         ...
 

@@ -31,8 +31,10 @@ class IntegratorConfig(Model):
     """Clusters of fewer voxels are no contacts."""
     mass_threshold: float = Field(default=0.5, gt=0)
     """`cluster_mass`: the sum of likelihoods from which a cluster is a contact."""
-    floor: float = Field(default=0.02, gt=0, lt=1)
+    floor: float = Field(default=0.01, gt=0, lt=1)
     """`posterior`: what a source leaves to places that it does not believe in, of its highest."""
+    friction: float = Field(default=0.5, gt=0)
+    """`posterior`: the coefficient of friction of contacts whose force is known."""
     existence: float = Field(default=0.5, gt=0, le=1)
     """`modes`: there is a contact when it is at least so probable."""
     mode_share: float = Field(default=0.35, gt=0, le=1)

@@ -1,8 +1,8 @@
 """The live entries of the hypothesis space lined up by voxel, and the field made of them."""
 
 import itertools
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
@@ -25,10 +25,18 @@ KIND_BITS = {
 
 @dataclass(frozen=True, slots=True)
 class Source:
-    """One output of a plugged generator: its name and its kind."""
+    """One output of a plugged generator.
+
+    Attributes:
+        name: what it is called.
+        kind: what its hypotheses stand on.
+        misses: how probable its silence is while there is a contact; 1 unless it is known to look
+            and says that it found nothing.
+    """
 
     name: str
     kind: HypothesisKind
+    misses: float = 1.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,6 +111,11 @@ class Entries:
         """Tell which sources are of one of these kinds, shape (k,)."""
         return np.array([source.kind in kinds for source in self.sources], np.bool_)
 
+    @property
+    def counted_voxels(self) -> NDArray[np.bool_]:
+        """Which voxels hold more than null, shape (m,)."""
+        return (self.bits & (kernels.REGULAR | kernels.SUPPORT)).astype(np.bool_)
+
     @cached_property
     def counted(self) -> NDArray[np.bool_]:
         """Which sources take part in the fused likelihood: all but null, shape (k,)."""
@@ -117,6 +130,17 @@ class Entries:
     def voxels(self) -> Int64Array:
         """The voxels that have an entry, shape (m, 3)."""
         return unpack(self.keys)
+
+    @property
+    def positions(self) -> FloatArray:
+        """Where the hypotheses of each entry lie, shape (n, 3) [m].
+
+        Their mean, weighted by likelihood, for a rule that needs places; else the voxel's centre.
+        """
+        positions = self.grid.centres(unpack(self.columns.keys))
+        if len(self.columns.offsets):
+            positions += self.columns.offsets[:, :3] / self.columns.offsets[:, 3:]
+        return positions
 
     @property
     def likelihoods(self) -> NDArray[np.float32]:
@@ -179,18 +203,28 @@ class Belief:
     told: FloatArray
 
 
-@dataclass(frozen=True, eq=False)
 class Field:
     """The fused likelihood of a contact, voxel by voxel.
 
-    Attributes:
+    Args:
         entries: what it was made of.
-        likelihoods: shape (m,), in the order of `entries.keys`.
+        likelihoods: shape (m,), in the order of `entries.keys`; or what works them out when they
+            are first looked at.
         details: further arrays of shape (m,) that the rule reports, e.g. "conflict".
         belief: of a rule that has one, where there may be a contact.
     """
 
-    entries: Entries
-    likelihoods: FloatArray
-    details: Mapping[str, FloatArray] = field(default_factory=dict)
-    belief: Belief | None = None
+    def __init__(
+        self,
+        entries: Entries,
+        likelihoods: FloatArray | Callable[[], FloatArray],
+        details: Mapping[str, FloatArray] | None = None,
+        belief: Belief | None = None,
+    ) -> None:
+        self.entries, self.details, self.belief = entries, details or {}, belief
+        self._likelihoods = likelihoods
+
+    @cached_property
+    def likelihoods(self) -> FloatArray:
+        """The fused likelihoods, shape (m,), in the order of `entries.keys`."""
+        return self._likelihoods() if callable(self._likelihoods) else self._likelihoods

@@ -78,20 +78,25 @@ class Fusion:
 
     Attributes:
         field: the fused likelihoods.
-        verdict_codes: shape (m,), see `VERDICTS`.
+        threshold: from which likelihood on a voxel is a contact.
         contacts: the contacts, the most likely first.
         report: how the sources do.
     """
 
     field: Field
-    verdict_codes: NDArray[np.uint8]
+    threshold: float
     contacts: tuple[Contact, ...]
     report: Report
     _again: Callable[[Entries], "Fusion"]
 
     def __repr__(self) -> str:
-        count = len(self.verdict_codes)
+        count = len(self.field.entries.keys)
         return f"<Fusion of {len(self.contacts)} contacts from {count} voxels>"
+
+    @cached_property
+    def verdict_codes(self) -> NDArray[np.uint8]:
+        """The verdict on each voxel, shape (m,), see `VERDICTS`."""
+        return kernels.judge(self.field.likelihoods, self.field.entries.bits, self.threshold)
 
     @cached_property
     def space(self) -> HypothesisSpace:
@@ -148,10 +153,13 @@ def fuse(
 ) -> Fusion:
     """Fuse live entries, judge each voxel, and condense the contacts."""
     field = rule.fuse(entries, entries.sources, surface)
-    verdicts = kernels.judge(field.likelihoods, entries.bits, threshold)
+    if getattr(condensation, "needs_belief", False):  # it looks at places, not at voxels
+        verdicts = np.empty(0, np.uint8)
+    else:
+        verdicts = kernels.judge(field.likelihoods, entries.bits, threshold)
     contacts = tuple(condensation.condense(field, verdicts))
 
     def again(fewer: Entries) -> Fusion:
         return fuse(fewer, rule, condensation, threshold, surface, report)
 
-    return Fusion(field, verdicts, contacts, report, again)
+    return Fusion(field, threshold, contacts, report, again)

@@ -46,7 +46,8 @@ class Integrator:
                 "condensation",
             )
         self._grid = Grid(self.config.frame, self.config.voxel_size)
-        self._space = Space(self._grid, self.config)
+        places = getattr(self._rule, "needs_places", False)
+        self._space = Space(self._grid, self.config, places=places)
         self._inbox = Inbox(self._grid, to_nanoseconds(self.config.max_ahead))
         self._sources: dict[str, SourceRecord] = {}
         self._unplugged: set[str] = set()
@@ -60,6 +61,7 @@ class Integrator:
         timeout: float | None = None,
         stale_after: float | None = None,
         replace: bool = False,
+        sensitivity: float = 0.0,
     ) -> None:
         """Plug a source in, or change how it is plugged.
 
@@ -69,15 +71,23 @@ class Integrator:
             timeout: how long its entries live [s]; None: as configured.
             stale_after: the silence after which readiness no longer waits [s]; None: as configured.
             replace: whether each of its clouds replaces all that it had, as for a moving contact.
+            sensitivity: how probably it tells of a contact when there is one; an empty cloud
+                without notes then speaks against a contact, by rules that listen to it.
 
         Raises:
-            SourceError: it is plugged already, with another kind, or a time is not positive.
+            SourceError: it is plugged already, with another kind, a time is not positive, or the
+                sensitivity is none.
         """
         kind = kind_of(kind)
         lifetime = _lifetime("timeout", self.config.timeout if timeout is None else timeout)
         silence = _lifetime(
             "stale_after", self.config.stale_after if stale_after is None else stale_after
         )
+        if not 0.0 <= sensitivity < 1.0 or (sensitivity and kind != HypothesisKind.REGULAR):
+            raise SourceError(
+                f"the sensitivity of '{source}' is a probability under 1 of evidence, not "
+                f"{sensitivity} of {kind}"
+            )
         known = self._sources.get(source)
         if known and known.kind != kind:
             raise SourceError(
@@ -87,6 +97,7 @@ class Integrator:
             self.note(EventKind.PLUGGED, source, f"'{source}' was plugged in as {kind}")
         record = known or SourceRecord(source, kind)
         record.timeout, record.stale_after, record.replace = lifetime, silence, replace
+        record.sensitivity = sensitivity
         self._sources[source] = record
         self._unplugged.discard(source)
 

@@ -18,6 +18,8 @@ BASIN = 3.0
 """What lies within so many widths of a mode belongs to it."""
 MOST = 8
 """No more modes are told than this."""
+FAINT = 1e-4
+"""Places of less than this part of the heaviest do not make a mode."""
 STEPS = 20
 """Of mean shift at most; along a line it may end before it has come to rest."""
 
@@ -49,13 +51,26 @@ class Modes:
 
 def _mode(places: FloatArray, weights: FloatArray) -> tuple[FloatArray, NDArray[np.bool_]]:
     """Give the densest place, shape (3,) [m], and what belongs to it, shape (c,)."""
-    floor = 0.1 * float(weights.max())
-    densities = fields.densities(places, weights, WIDTH, floor)
-    place = places[np.round(densities / densities.max(), 9).argmax()]  # the first of equals
+    heavy = np.flatnonzero(weights >= 0.1 * weights.max())
+    densities = np.empty(len(heavy))
+    starts, some = places[heavy], np.flatnonzero(weights >= FAINT * weights.max())
+    fields.spread_out(
+        starts,
+        fields.deal(starts, fields.TILE),
+        places[some],
+        weights[some],
+        np.full(len(some), WIDTH**2),
+        True,
+        0.0,
+        densities,
+    )
+    place = starts[np.round(densities / densities.max(), 6).argmax()]  # the first of equals
+    near = ((places - place) ** 2).sum(axis=1) < (2.0 * fields.REACH * WIDTH) ** 2
+    around, heights = places[near], weights[near]
     for _ in range(STEPS):
-        squared = ((places - place) ** 2).sum(axis=1) / WIDTH**2
-        near = weights * np.exp(-0.5 * squared) * (squared < fields.REACH**2)
-        shifted = near @ places / near.sum()
+        squared = ((around - place) ** 2).sum(axis=1) / WIDTH**2
+        pull = heights * np.exp(-0.5 * squared) * (squared < fields.REACH**2)
+        shifted = pull @ around / pull.sum()
         if np.abs(shifted - place).max() < 1e-6:
             break
         place = shifted

@@ -8,57 +8,75 @@ spreads. The fields multiply; a floor keeps a source that is wrong from overruli
 
 import itertools
 from collections.abc import Sequence
+from functools import partial
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from contactfusion.arrays import FloatArray
 from contactfusion.hypotheses import HypothesisKind
-from contactfusion.integrator import fields, kernels
+from contactfusion.integrator import fields
 from contactfusion.integrator.config import IntegratorConfig
 from contactfusion.integrator.entries import Belief, Entries, Field, Source
 from contactfusion.surface import Surface
 
-AROUND = 0.02
-"""The surface is looked at in cells of this side with evidence, and in those next to them [m]."""
-NARROWEST = 1e-3
-"""No source knows a place better than this [m], and a voxel's own size besides."""
+NARROWEST = 4e-3
+"""No source knows a place better than this [m], about as far apart as the points of a surface."""
+TAIL = 0.1
+"""Spreads may be stated too small: a second Gaussian, so high and three times as wide, is added."""
+SOFT = 0.15
+"""The edge of the friction cone is so soft, in cosines of the angle to the normal."""
+
+
+class Claims(NamedTuple):
+    """What one source says.
+
+    Attributes:
+        kind: what it stands on.
+        single: whether it describes one contact somewhere.
+        positions: shape (n, 3) [m].
+        likelihoods: shape (n,).
+        variances: shape (n,) [m²], of the positions by axis.
+        force: shape (3,) [N], what the robot feels, of one that describes one contact; or None.
+    """
+
+    kind: HypothesisKind
+    single: bool
+    positions: FloatArray
+    likelihoods: FloatArray
+    variances: FloatArray
+    force: FloatArray | None
 
 
 class Posterior:
     """log w = Σ log(field + floor) tells where, 1 - Π(1 - P) over evidence whether (method §2)."""
 
     gives_belief = True
+    needs_places = True
 
     def __init__(self, config: IntegratorConfig) -> None:
         self._floor = config.floor
+        self._steepest = 1.0 / np.hypot(1.0, config.friction)
 
     def fuse(self, entries: Entries, sources: Sequence[Source], surface: Surface | None) -> Field:
-        """Fuse by a product of fields, over the surface near evidence, or over its voxels."""
-        centres = entries.grid.centres(entries.voxels)
-        evidence = centres[(entries.bits & kernels.REGULAR).astype(np.bool_)]
-        exists = existence(entries)
-        likelihoods = np.zeros(len(centres))
+        """Fuse by a product of fields, over the surface near evidence, or over its own places."""
+        claims = claimed(entries)
+        exists = existence(claims, sources)
         if exists == 0.0:
-            return Field(entries, likelihoods, belief=None)
-        places = _candidates(evidence, surface)
-        there = self._logarithms(entries, centres, places)
+            return Field(entries, np.zeros(len(entries.keys)))
+        places, normals, told = _over_places(claims, surface, self._floor)
+        there = self._logarithms(claims, told, normals)
         total = there.sum(axis=0)
-        highest = float(total.max())
-        weights = np.exp(total - highest)
-        exists = self._lowered(entries, exists, there)
-        counted = (entries.bits & (kernels.REGULAR | kernels.SUPPORT)).astype(np.bool_)
-        counted &= _within(centres, places, entries.grid.voxel_size)  # beyond, nothing is likely
-        told = self._logarithms(entries, centres, centres[counted]).sum(axis=0)
-        likelihoods[counted] = exists * np.exp(np.minimum(told - highest, 0.0))
-        spoken = np.diff(entries.begin)[:, None] > 0
+        weights = np.exp(total - total.max())
+        exists = self._lowered(claims, exists, there)
+        spoken = np.array([[len(one.positions) > 0] for one in claims])
         added = np.where(spoken, there - np.log(self._floor), 0.0)
         belief = Belief(places, weights / weights.sum(), exists, added)
-        return Field(entries, likelihoods, belief=belief)
+        return Field(entries, partial(_by_voxel, entries, belief), belief=belief)
 
-    def _lowered(self, entries: Entries, exists: float, there: FloatArray) -> float:
+    def _lowered(self, claims: Sequence[Claims], exists: float, there: FloatArray) -> float:
         """Lower the probability of a contact by what null takes from its places (Bayes)."""
-        null = entries.flags(HypothesisKind.NULL)
+        null = np.array([one.kind == HypothesisKind.NULL for one in claims])
         if not null.any():
             return exists
         free = there[~null].sum(axis=0)
@@ -66,80 +84,118 @@ class Posterior:
         kept = exists * float(left / np.exp(free - free.max()).sum())
         return kept / (1.0 - exists + kept)
 
-    def _logarithms(self, entries: Entries, centres: FloatArray, places: FloatArray) -> FloatArray:
+    def _logarithms(
+        self, claims: Sequence[Claims], told: FloatArray, normals: FloatArray | None
+    ) -> FloatArray:
         """Give log(field + floor) of each source at each place, shape (k, c).
 
-        A field is relative to its own highest value at these places, so that a source with many
-        hypotheses says no more than one with few. What is null there speaks against a contact by
-        as much as a floor: a likelihood, no veto.
+        A field is relative to its own highest value, so that a source with many hypotheses says no
+        more than one with few. What is null at a place speaks against a contact there by as much
+        as a floor: a likelihood, no veto. The force of one contact pushes into the surface, within
+        the cone of friction: that is a second field of its source, with a floor of its own.
         """
-        logarithms = np.full((len(entries.sources), len(places)), np.log(self._floor))
-        side = entries.grid.voxel_size
-        for row, (begin, end) in enumerate(itertools.pairwise(entries.begin)):
-            if begin == end:
-                logarithms[row] = 0.0  # it says nothing of any place
-                continue
-            columns = slice(int(begin), int(end))
-            positions = centres[entries.places[columns]]
-            given = entries.columns.likelihoods[columns]
-            spreads = np.maximum(entries.columns.spreads[columns], NARROWEST)
-            variances = np.square(spreads.astype(np.float64)) + side**2 / 12.0
-            single = bool(entries.columns.single[columns][0])
-            field = np.empty(len(places))
-            far = fields.REACH * np.sqrt(variances.max())
-            felt = _within(positions, places, far)  # from beyond, no place is reached
-            fields.spread_out(places, positions[felt], given[felt], variances[felt], single, field)
-            if entries.sources[row].kind == HypothesisKind.NULL:
+        logarithms = np.zeros_like(told)
+        for row, (one, field) in enumerate(zip(claims, told, strict=True)):
+            if one.kind == HypothesisKind.NULL:
                 logarithms[row] = np.log1p(-(1.0 - self._floor) * np.minimum(field, 1.0))
-            else:
+            elif len(one.positions):
                 highest = float(field.max(initial=np.finfo(np.float64).tiny))
                 logarithms[row] = np.log(field / highest + self._floor)
+                if one.force is not None and normals is not None:
+                    logarithms[row] += np.log(self._pushed(one.force, normals) + self._floor)
         return logarithms
 
+    def _pushed(self, force: FloatArray, normals: FloatArray) -> FloatArray:
+        """Tell how well a force fits the friction cone at each place, shape (c,), at most 1."""
+        cosines = normals @ (force / -np.linalg.norm(force))
+        beyond = np.maximum(self._steepest - cosines, 0.0) / SOFT
+        fits: FloatArray = np.exp(-0.5 * beyond**2)
+        return fits
 
-def existence(entries: Entries) -> float:
+
+def _by_voxel(entries: Entries, belief: Belief) -> FloatArray:
+    """Give each voxel the likelihood of the likeliest place within a side of its centre, (m,)."""
+    likelihoods, counted = np.zeros(len(entries.keys)), entries.counted_voxels
+    side, heights = entries.grid.voxel_size, belief.weights / belief.weights.max()
+    dealt = fields.deal(belief.places, 2.0 * side)
+    centres = entries.grid.centres(entries.voxels[counted])
+    near = fields.heaviest(centres, belief.places, dealt, heights, side)
+    likelihoods[counted] = belief.exists * near
+    return likelihoods
+
+
+def claimed(entries: Entries) -> list[Claims]:
+    """Give what each source says, the hypotheses where they were measured."""
+    positions, columns = entries.positions, entries.columns
+    claims = []
+    for source, ((begin, felt), (end, _)) in zip(
+        entries.sources, itertools.pairwise(entries.starts.tolist()), strict=True
+    ):
+        single = bool(end > begin and columns.single[begin])
+        given = columns.offsets[begin:end, 3] if single else columns.likelihoods[begin:end]
+        variances = np.square(np.maximum(columns.spreads[begin:end].astype(np.float64), NARROWEST))
+        likelihoods = given.astype(np.float64)
+        forces = columns.forces[felt : felt + end - begin] if single and felt >= 0 else None
+        force = None if forces is None else forces.sum(axis=0)[:3]
+        force = force if force is not None and force.any() else None
+        claims.append(
+            Claims(source.kind, single, positions[begin:end], likelihoods, variances, force)
+        )
+    return claims
+
+
+def existence(claims: Sequence[Claims], sources: Sequence[Source]) -> float:
     """Give the probability that there is a contact at all, by evidence alone.
 
-    1 - Π over Regular sources of 1 - Σp for one that describes a single contact, else 1 - max p.
+    e = 1 - Π(1 - P) over Regular sources, P = Σp for one that describes a single contact, else the
+    largest p. Sources that would have told of a contact and say nothing lower it by Bayes: with μ
+    the probability that all of them miss one, it becomes e μ / (1 - e + e μ).
     """
     missed = 1.0
-    for source, (begin, end) in zip(
-        entries.sources, itertools.pairwise(entries.begin), strict=True
-    ):
-        if source.kind == HypothesisKind.REGULAR and end > begin:
-            given = entries.columns.likelihoods[begin:end].astype(np.float64)
-            single = bool(entries.columns.single[begin])
-            missed *= 1.0 - min(float(given.sum() if single else given.max()), 1.0)
-    return 1.0 - missed
+    for one in claims:
+        if one.kind == HypothesisKind.REGULAR and len(one.positions):
+            total = one.likelihoods.sum() if one.single else one.likelihoods.max()
+            missed *= 1.0 - min(float(total), 1.0)
+    kept = (1.0 - missed) * float(np.prod([source.misses for source in sources]))
+    return kept / (missed + kept) if kept else 0.0
 
 
-def _within(points: FloatArray, places: FloatArray, reach: float) -> NDArray[np.bool_]:
-    """Tell which points lie in the box around places, widened by `reach` [m], shape (n,)."""
-    if not len(places):
-        return np.zeros(len(points), np.bool_)
-    low, high = places.min(axis=0) - reach, places.max(axis=0) + reach
-    inside: NDArray[np.bool_] = ((points >= low) & (points <= high)).all(axis=1)
-    return inside
+def _over_places(
+    claims: Sequence[Claims], surface: Surface | None, floor: float
+) -> tuple[FloatArray, FloatArray | None, FloatArray]:
+    """Give the places where a contact may be, and the field of each source over them.
 
+    They are the points of the surface of which some evidence says more than its floor; without
+    any, where evidence lies.
 
-def _candidates(evidence: FloatArray, surface: Surface | None) -> FloatArray:
-    """Give the places where the contact may be, shape (c, 3) [m].
-
-    Args:
-        evidence: shape (n, 3) [m], at least one.
-        surface: the robot's, or None.
+    Returns:
+        The places, shape (c, 3) [m], c > 0 when there is evidence; the normals of the surface
+        there, shape (c, 3), or None without it; the fields, shape (k, c).
     """
-    if surface is None or not len(surface.points):
-        return evidence
-    least = surface.points.min(axis=0) - 2.0 * AROUND
-    most = surface.points.max(axis=0) + 2.0 * AROUND
-    within = evidence[((evidence > least) & (evidence < most)).all(axis=1)]
-    if not len(within):  # a source that is wrong may be kilometres away
-        return evidence
-    low = (np.floor(within.min(axis=0) / AROUND) - 2.0) * AROUND
-    rows = np.floor((within - low) / AROUND).astype(np.int64)
-    cells = np.zeros(rows.max(axis=0) + 3, np.bool_)
-    for offset in itertools.product((-1, 0, 1), repeat=3):
-        cells[tuple((rows + offset).T)] = True
-    chosen: NDArray[np.bool_] = fields.near(surface.points, cells, low, AROUND)
-    return surface.points[chosen] if chosen.any() else evidence
+    evidence = [one.kind == HypothesisKind.REGULAR for one in claims]
+    if surface is not None and len(surface.points):
+        told = _fields(claims, surface.points, evidence)
+        highest = told.max(axis=1, keepdims=True)
+        reached = ((told > floor * highest) & (highest > 0.0)).any(axis=0)
+        if reached.any():
+            places = surface.points[reached]
+            others = [not one for one in evidence]
+            told = told[:, reached] + _fields(claims, places, others)
+            return places, surface.normals[reached], told
+    places = np.concatenate([one.positions for one in claims if one.kind == HypothesisKind.REGULAR])
+    return places, None, _fields(claims, places, [True] * len(claims))
+
+
+def _fields(
+    claims: Sequence[Claims], places: FloatArray, wanted: Sequence[bool]
+) -> FloatArray:
+    """Give the fields of some sources, shape (k, c); 0 for the others."""
+    told = np.zeros((len(claims), len(places)))
+    tiles = fields.deal(places, fields.TILE)
+    for one, field, is_wanted in zip(claims, told, wanted, strict=True):
+        if is_wanted:
+            tail = 0.0 if one.kind == HypothesisKind.NULL else TAIL
+            fields.spread_out(
+                places, tiles, one.positions, one.likelihoods, one.variances, one.single, tail, field
+            )
+    return told

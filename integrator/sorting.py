@@ -185,11 +185,11 @@ def sort_rows(rows: Columns, ranges: Int64Array) -> tuple[Columns, NDArray[np.ui
         ranges: shape (k, 3), where each group begins and ends; the groups cover all rows.
 
     Returns:
-        The rows in their new order, but for their forces, and which row each was, shape (n,).
+        The rows in their new order, but for forces and offsets, and which row each was, shape (n,).
     """
     n = len(rows.keys)
     order = np.empty(n, np.uint32)  # by numpy, which asks for huge pages; a kernel's would be small
     keys, scratch = np.empty(n, np.int64), np.empty(n, np.int64)
     _sort_groups(rows.keys, ranges, order, keys, scratch)
     likelihoods, stamps, spreads, single = (_reordered(column, order) for column in rows[1:5])
-    return Columns(keys, likelihoods, stamps, spreads, single, rows.forces), order
+    return Columns(keys, likelihoods, stamps, spreads, single, rows.forces, rows.offsets), order

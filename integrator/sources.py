@@ -21,6 +21,8 @@ class SourceRecord:
     timeout: int = 0
     stale_after: int = 0
     replace: bool = False
+    sensitivity: float = 0.0
+    found_nothing: bool = False
     stamps: deque[int] = field(default_factory=lambda: deque(maxlen=RATE_WINDOW))
     first_step: int | None = None
     active: bool = True
@@ -44,6 +46,7 @@ class SourceRecord:
         self.accepted += 1
         self.stamps.append(stamp)
         self.notes = cloud.notes
+        self.found_nothing = not len(cloud) and not cloud.notes
 
     def is_active(self, now: int) -> bool:
         """Whether the source has not been silent for too long.
@@ -53,10 +56,19 @@ class SourceRecord:
         since = self.stamps[-1] if self.stamps else self.first_step
         return since is None or now - since <= self.stale_after
 
+    def misses(self, now: int) -> float:
+        """Give how probable its silence is while there is a contact.
+
+        1 unless its newest cloud, not older than entries may be, says that it found nothing.
+        """
+        fresh = bool(self.stamps) and now - self.stamps[-1] <= self.timeout
+        return 1.0 - self.sensitivity if fresh and self.found_nothing else 1.0
+
     def forget(self) -> None:
         """Forget all stamps, as at the restart of a clock; the counts stay."""
         self.stamps.clear()
         self.first_step, self.active, self.notes = None, True, ()
+        self.found_nothing = False
 
     def report(self, now: int) -> SourceReport:
         """Tell how the source does."""

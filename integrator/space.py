@@ -27,13 +27,14 @@ class Space:
     Args:
         grid: the frame and voxel size.
         config: timeout and expiry.
+        places: whether entries keep the places of their hypotheses, or only the voxel.
     """
 
-    def __init__(self, grid: Grid, config: IntegratorConfig) -> None:
-        self._grid = grid
+    def __init__(self, grid: Grid, config: IntegratorConfig, *, places: bool) -> None:
+        self._grid, self._places = grid, places
         self._by_voxel = config.expiry == "voxel"
         self._voxel_timeout = to_nanoseconds(config.timeout)
-        self._columns = _room(0, 0)
+        self._columns = _room(0, 0, places=places)
         self._ranges: dict[str, Range] = {}
 
     def absorb(
@@ -52,13 +53,13 @@ class Space:
             replaced = record.replace and clouds
             groups.append(clouds[-1:] if replaced else clouds)
             kept.append(NOTHING if replaced else self._ranges.get(record.name, NOTHING))
-        rows, ranges = _stacked(groups)
-        out = _room(*_most(kept, ranges))
+        rows, ranges = self._stacked(groups)
+        out = _room(*_most(kept, ranges), places=self._places)
         old_range, row_range = _as_array(kept), _as_array(ranges)
         oldest = np.array([self._oldest(record, now) for record in records], np.int64)
         rows, order = sorting.sort_rows(rows, row_range)
         starts = store.merge(self._columns, old_range, rows, row_range, order, oldest, out)
-        sources = tuple(Source(record.name, record.kind) for record in records)
+        sources = tuple(Source(record.name, record.kind, record.misses(now)) for record in records)
         entries = self._lined_up(now, sources, out, starts)
         self._columns, starts = entries.columns, entries.starts.tolist()
         self._ranges = {
@@ -90,8 +91,36 @@ class Space:
                 entries = entries.in_voxels(alive)
         return entries
 
+    def _stacked(self, groups: Sequence[Sequence[Arrival]]) -> tuple[Columns, list[Range]]:
+        """Stack the rows of clouds that are grouped by source; give them and the groups' ranges."""
+        ranges, end, forces = [], 0, 0
+        for group in groups:
+            begin, end = end, end + sum(len(arrival.keys) for arrival in group)
+            forceful = any(arrival.cloud.forces is not None for arrival in group)
+            ranges.append((begin, end, forces if forceful else -1))
+            forces += end - begin if forceful else 0
+        stacked = _room(end, forces, places=self._places)
+        for group, (at, _, force_at) in zip(groups, ranges, strict=True):
+            for arrival in group:
+                cloud, rows = arrival.cloud, slice(at, at + len(arrival.keys))
+                stacked.keys[rows] = arrival.keys
+                stacked.likelihoods[rows] = cloud.likelihoods
+                stacked.stamps[rows] = arrival.stamp
+                stacked.spreads[rows] = 0.0 if cloud.spreads is None else cloud.spreads
+                stacked.single[rows] = cloud.single
+                if self._places:
+                    store.offset_from_centres(cloud.positions, self._grid.voxel_size, stacked.offsets[rows])
+                if force_at >= 0:
+                    force_rows = slice(force_at, force_at + len(arrival.keys))
+                    felt = cloud.forces is not None
+                    stacked.forces[force_rows, :3] = cloud.forces if felt else 0.0
+                    stacked.forces[force_rows, 3] = felt
+                    force_at = force_rows.stop
+                at = rows.stop
+        return stacked, ranges
 
-def _room(entries: int, forces: int) -> Columns:
+
+def _room(entries: int, forces: int, *, places: bool) -> Columns:
     return Columns(
         np.empty(entries, np.int64),
         np.empty(entries, np.float32),
@@ -99,6 +128,7 @@ def _room(entries: int, forces: int) -> Columns:
         np.empty(entries, np.float32),
         np.empty(entries, np.bool_),
         np.empty((forces, 4)),
+        np.empty((entries if places else 0, 4), np.float32),
     )
 
 
@@ -114,30 +144,3 @@ def _most(old: Sequence[Range], new: Sequence[Range]) -> tuple[int, int]:
 
 def _as_array(ranges: Sequence[Range]) -> Int64Array:
     return np.array(ranges, np.int64).reshape(-1, 3)
-
-
-def _stacked(groups: Sequence[Sequence[Arrival]]) -> tuple[Columns, list[Range]]:
-    """Stack the rows of clouds that are grouped by source; give them and the groups' ranges."""
-    ranges, end, forces = [], 0, 0
-    for group in groups:
-        begin, end = end, end + sum(len(arrival.keys) for arrival in group)
-        forceful = any(arrival.cloud.forces is not None for arrival in group)
-        ranges.append((begin, end, forces if forceful else -1))
-        forces += end - begin if forceful else 0
-    stacked = _room(end, forces)
-    for group, (at, _, force_at) in zip(groups, ranges, strict=True):
-        for arrival in group:
-            cloud, rows = arrival.cloud, slice(at, at + len(arrival.keys))
-            stacked.keys[rows] = arrival.keys
-            stacked.likelihoods[rows] = cloud.likelihoods
-            stacked.stamps[rows] = arrival.stamp
-            stacked.spreads[rows] = 0.0 if cloud.spreads is None else cloud.spreads
-            stacked.single[rows] = cloud.single
-            if force_at >= 0:
-                force_rows = slice(force_at, force_at + len(arrival.keys))
-                felt = cloud.forces is not None
-                stacked.forces[force_rows, :3] = cloud.forces if felt else 0.0
-                stacked.forces[force_rows, 3] = felt
-                force_at = force_rows.stop
-            at = rows.stop
-    return stacked, ranges

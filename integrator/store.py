@@ -38,6 +38,8 @@ class Columns(NamedTuple):
         single: shape (n,), whether the entry belongs to a cloud that describes one contact.
         forces: shape (f, 4) of sums Σpf [N], Σp for entries; Σp = 0 where there is no force.
             Incoming rows have f and 1, or zeros. Sources without any force have no rows here.
+        offsets: shape (n, 4) of sums Σp(x - c) [m], Σp over the hypotheses x of an entry, c the
+            centre of its voxel; incoming rows have x - c and 1. No rows where no rule asks.
     """
 
     keys: Int64Array
@@ -46,6 +48,7 @@ class Columns(NamedTuple):
     spreads: NDArray[np.float32]
     single: NDArray[np.bool_]
     forces: FloatArray
+    offsets: NDArray[np.float32]
 
     def picked(self, rows: Pick, force_rows: Pick) -> "Columns":
         """Give some of the rows; a slice shares memory, a mask copies."""
@@ -56,6 +59,7 @@ class Columns(NamedTuple):
             self.spreads[rows],
             self.single[rows],
             self.forces[force_rows],
+            self.offsets[rows] if len(self.offsets) else self.offsets,
         )
 
     def shrink(self, rows: int, force_rows: int) -> None:
@@ -63,6 +67,8 @@ class Columns(NamedTuple):
         for column in self[:5]:
             column.resize(rows, refcheck=False)
         self.forces.resize((force_rows, 4), refcheck=False)
+        if len(self.offsets):
+            self.offsets.resize((rows, 4), refcheck=False)
 
 
 @kernel
@@ -86,6 +92,22 @@ def rasterise(positions: FloatArray, inverse_side: float, keys: Int64Array) -> i
             key = (key << AXIS_BITS) | (int(index) + AXIS_ORIGIN)
         keys[row] = key
     return -1
+
+
+@kernel
+def offset_from_centres(positions: FloatArray, side: float, offsets: NDArray[np.float32]) -> None:
+    """Write how far places lie from the centres of their voxels.
+
+    Args:
+        positions: shape (n, 3) [m].
+        side: of a voxel [m].
+        offsets: shape (n, 4), is overwritten: x - c [m], and 1.
+    """
+    for row in range(len(positions)):
+        for axis in range(3):
+            place = positions[row, axis]
+            offsets[row, axis] = place - (np.floor(place * (1.0 / side)) + 0.5) * side
+        offsets[row, 3] = 1.0
 
 
 def unpack(keys: Int64Array) -> Int64Array:
@@ -117,7 +139,8 @@ def merge(
             `old.forces` or -1.
         rows: incoming rows grouped by source and sorted by key, stamps never falling within one.
         row_range: shape (k, 3), likewise for the incoming rows.
-        order: shape (n,), which row each was in the order of arrival, in which `rows.forces` is.
+        order: shape (n,), which row each was in the order of arrival, in which `rows.forces` and
+            `rows.offsets` are.
         oldest: shape (k,) [ns], the oldest stamp that still lives, by source.
         out: room for all old entries and all rows; `forces` likewise for sources with force.
 
@@ -125,10 +148,12 @@ def merge(
         Shape (k + 1, 2): where the entries of each source begin in `out`, and its first row in
         `out.forces` or -1; the last row holds both totals.
     """
-    keys, likelihoods, stamps, spreads, singles, forces = out  # attributes would count references
-    old_keys, old_likelihoods, old_stamps, old_spreads, old_singles, old_forces = old
-    row_keys, row_likelihoods, row_stamps, row_spreads, row_singles, row_forces = rows
-    sources = len(old_range)
+    # attributes would count references
+    keys, likelihoods, stamps, spreads, singles, forces, offsets = out
+    old_keys, old_likelihoods, old_stamps, old_spreads, old_singles, old_forces, old_offsets = old
+    row_keys, row_likelihoods, row_stamps, row_spreads, row_singles, row_forces, row_offsets = rows
+    sources, placed = len(old_range), len(offsets) > 0
+    offset = np.zeros(4)
     starts = np.empty((sources + 1, 2), np.int64)
     count, force_count = (
         np.uintp(0),
@@ -153,6 +178,9 @@ def merge(
                         forces[to_force + count, i] = (
                             old_forces[to_old + at, i] if old_force >= 0 else 0.0
                         )
+                if placed:
+                    for i in range(4):
+                        offsets[count, i] = old_offsets[at, i]
                 count += np.uintp(old_stamps[at] >= eldest)
                 at += ONE
             if next_row == last_row:
@@ -160,12 +188,15 @@ def merge(
             likelihood, stamp = np.float32(0.0), np.int64(0)
             spread, single = np.float32(0.0), False
             fx, fy, fz, weight = 0.0, 0.0, 0.0, 0.0
+            offset[:] = 0.0
             if at < end and old_keys[at] == key:
                 likelihood, stamp = old_likelihoods[at], old_stamps[at]
                 spread, single = old_spreads[at], old_singles[at]
                 if old_force >= 0:
                     force = old_forces[to_old + at]
                     fx, fy, fz, weight = force[0], force[1], force[2], force[3]
+                if placed:
+                    offset[:] = old_offsets[at]
                 at += ONE
             while next_row < last_row and row_keys[next_row] == key:
                 row = next_row
@@ -182,6 +213,10 @@ def merge(
                 elif p == likelihood:
                     spread = max(spread, row_spreads[row])
                     single = single or row_singles[row]
+                if placed:
+                    given = row_offsets[np.uintp(order[row])]
+                    for i in range(4):
+                        offset[i] = (0.0 if newer else offset[i]) + p * given[i]
                 if forceful:
                     force_row = to_row + order[row]
                     felt = row_force >= 0 and row_forces[force_row, 3] > 0.0
@@ -198,6 +233,9 @@ def merge(
             if forceful:
                 force = forces[to_force + count]
                 force[0], force[1], force[2], force[3] = fx, fy, fz, weight
+            if placed:
+                for i in range(4):
+                    offsets[count, i] = offset[i]
             count += np.uintp(likelihood > 0.0 and stamp >= eldest)
         if forceful:
             force_count = np.int64(to_force + count)
