@@ -108,6 +108,8 @@ class ForceTorqueGenerator(Generator[ForceTorqueConfig]):
                 f"'{self.name}' needs the surface of the robot to place contacts on: configure "
                 "`surface`, and the frames that join it to the hypothesis space"
             )
+        if self._is_dead(reading):
+            return (self.nothing(reading, notes=(Note.UNHEALTHY,)),)
         wrench = self.compensated(reading, state)
         if wrench is None:
             return ()
@@ -140,6 +142,11 @@ class ForceTorqueGenerator(Generator[ForceTorqueConfig]):
                 notes=notes,
             ),
         )
+
+    def _is_dead(self, reading: Wrench) -> bool:
+        """Whether a sensor that carries a load reads exact zeros: no load weighs so little."""
+        loaded = self.config.load == "robot" or self.config.compensation.mass > 0.0
+        return loaded and not (reading.force.any() or reading.torque.any())
 
     @property
     def least_force(self) -> float:
