@@ -28,16 +28,21 @@ bench: $(READY)
 
 show-recordings: $(READY)
 	$(BIN)/contactfusion experiment recordings --out out/recordings
+	$(BIN)/contactfusion experiment recordings --rule posterior/modes --out out/recordings_posterior
 
 # Touches that are made already are kept, so it goes on where it was stopped.
-TOUCH := $(BIN)/contactfusion experiment touch --seed 2014 --repeats 5
+TOUCH := $(BIN)/contactfusion experiment touch --seed 2014
+FURTHER := examples/objects/mug.urdf,examples/objects/bracket.urdf
 FAULTS := stuck_taxel hand_eye dead_wrench silent_wrench
 
 show-touch: $(READY)
-	$(TOUCH) --out out/touch/prototype
-	$(TOUCH) --noise full --out out/touch/full
+	for noise in prototype full; do \
+		$(TOUCH) --noise $$noise --spreads 0.5 --spreads 2 --out out/touch/$$noise && \
+		$(TOUCH) --noise $$noise --objects $(FURTHER) --repeats 8 --out out/touch/objects_$$noise \
+			|| exit 1; \
+	done
 	for fault in $(FAULTS); do \
-		$(TOUCH) --rule de_morgan --rule de_morgan/cluster_mass \
+		$(TOUCH) --rule de_morgan --rule posterior/modes \
 			--faults examples/faults/$$fault.yaml --out out/touch/$$fault || exit 1; \
 	done
 

@@ -92,12 +92,16 @@ def doctor(
 @experiment.command("recordings")
 def experiment_recordings(
     data: Annotated[Path | None, typer.Option(help="The folder of the real recordings.")] = None,
+    rule: Annotated[
+        str | None, typer.Option(help="RULE or RULE/CONDENSATION; default: each recording's own.")
+    ] = None,
     out: Out = Path("out/recordings"),
 ) -> None:
     """Locate contacts in real recordings whose truth is known."""
+    from contactfusion.experiments.methods import Method
     from contactfusion.experiments.recordings import run_recordings
 
-    run_recordings(data, out)
+    run_recordings(data, Method.named(rule) if rule else None, out)
 
 
 @experiment.command("touch")
@@ -113,6 +117,10 @@ def experiment_touch(
     rule: Annotated[
         list[str] | None, typer.Option(help="RULE or RULE/CONDENSATION; several; default: all.")
     ] = None,
+    spreads: Annotated[
+        list[float] | None,
+        typer.Option(help="Fuse once more with stated spreads multiplied by this; several."),
+    ] = None,
     noise: Annotated[
         str | None, typer.Option(help="none, prototype or full; default: the scene's, prototype.")
     ] = None,
@@ -125,9 +133,9 @@ def experiment_touch(
     out: Out = Path("out/touch"),
 ) -> None:
     """Touch objects in simulation, compare contacts with the truth; goes on where it stopped."""
+    from contactfusion.experiments.methods import Method
     from contactfusion.experiments.touch.experiment import METHODS, Options, run_touch
     from contactfusion.experiments.touch.plan import DEFAULT
-    from contactfusion.experiments.touch.rows import Method
 
     options = Options(
         config=config or DEFAULT,
@@ -135,6 +143,7 @@ def experiment_touch(
         directions=directions,
         repeats=repeats,
         methods=[Method.named(name) for name in rule] if rule else METHODS,
+        spreads=spreads or (),
         noise=noise,
         faults=faults,
         seed=seed,

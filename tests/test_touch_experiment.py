@@ -10,15 +10,16 @@ import numpy as np
 import pytest
 
 from contactfusion.arrays import FloatArray
-from contactfusion.errors import ConfigurationError, PluginError, RecordingError, RobotError
+from contactfusion.errors import ConfigurationError, RecordingError, RobotError
+from contactfusion.experiments.methods import Method
 from contactfusion.experiments.touch import tables
-from contactfusion.experiments.touch.experiment import Options, run_touch
+from contactfusion.experiments.touch.evaluation import DRAWN
+from contactfusion.experiments.touch.experiment import METHODS, Options, run_touch
 from contactfusion.experiments.touch.honesty import honesty, level_of
 from contactfusion.experiments.touch.plan import DEFAULT, SHORT, Plan, Touch, read_plan
 from contactfusion.experiments.touch.rows import (
     ALL_AND_SIMULATOR,
     ROWS,
-    Method,
     Outcome,
     everything,
     fused,
@@ -28,13 +29,17 @@ from contactfusion.experiments.touch.rows import (
 )
 from contactfusion.experiments.touch.trial import Trial, load, run_trial, save
 from contactfusion.fault_config import Silent
+from contactfusion.frames import points_in
 from contactfusion.hypotheses import HypothesisCloud, HypothesisKind
 from contactfusion.npz_files import write_npz
 from contactfusion.pipeline import Pipeline
 from contactfusion.robots.model import shared_robot
+from contactfusion.robots.objects import ObjectModel
 from contactfusion.simulation.touch import TouchScene
 
 DE_MORGAN = Method("de_morgan", "cluster_centroid")
+POSTERIOR = Method("posterior", "modes")
+EXAMPLES = Path(__file__).parents[1] / "examples"
 BY_NAME = {row.name: row for row in ROWS}
 PLACE = np.array([0.7, 0.0, 0.3])
 
@@ -132,6 +137,18 @@ class TestPlan:
         table = plan.scene.objects["box"].pose.xyz[2] - 0.1
         assert (x, y) == (0.7, 0.0) and z == pytest.approx(table - 1.0)
 
+    @pytest.mark.parametrize(("name", "height"), [("mug", 0.1), ("bracket", 0.2)])
+    def test_an_object_of_the_examples_stands_on_the_table(self, name: str, height: float) -> None:
+        path = EXAMPLES / "objects" / f"{name}.urdf"
+        plan, targets = read_plan(DEFAULT, [str(path)], 15, "none", (), 0)
+        assert targets == (name,)
+        pose = plan.scene.objects[name].pose
+        vertices = [v for v, _ in ObjectModel(plan.scene.objects[name]).solid.meshes]
+        levels = points_in(pose.pose(), np.concatenate(vertices))[:, 2]
+        table = plan.scene.surroundings["table"]
+        assert levels.min() == pytest.approx(table.pose.xyz[2] + 0.02)
+        assert np.ptp(levels) == pytest.approx(height)
+
     def test_no_two_objects_have_one_name(self, tmp_path: Path) -> None:
         for folder in ("a", "b"):
             (tmp_path / folder).mkdir()
@@ -174,12 +191,6 @@ class TestPlan:
             read_plan(DEFAULT, [str(tmp_path / "cup.stl")], 15, "none", (), 0)
         with pytest.raises(ConfigurationError, match="unknown noise 'ful'; did you mean 'full'"):
             read_plan(DEFAULT, [], 15, "ful", (), 0)
-        with pytest.raises(PluginError, match="did you mean 'de_morgan'"):
-            Method.named("de_morgen")
-        with pytest.raises(ConfigurationError, match="'modes' needs a rule that gives a belief"):
-            Method.named("de_morgan/modes")
-        assert Method.named("max") == Method("max", "cluster_centroid")
-        assert str(Method.named("max/cluster_mass")) == "max/cluster_mass"
 
 
 class TestOneTouch:
@@ -242,6 +253,14 @@ class TestOneTouch:
         save(run_trial(plan, touch()), tmp_path / "two.npz")
         assert (tmp_path / "one.npz").read_bytes() == (tmp_path / "two.npz").read_bytes()
 
+    @pytest.mark.parametrize("name", ["mug", "bracket"])
+    def test_an_object_of_the_examples_is_touched(self, name: str) -> None:
+        path = EXAMPLES / "objects" / f"{name}.urdf"
+        plan, _ = read_plan(DEFAULT, [str(path)], 15, "none", (), 0)
+        made, one = run_trial(plan, touch(target=name)), plan.scene.objects[name]
+        away = ObjectModel(one).distances(one.pose.pose(), made.places)
+        assert len(away) and np.abs(away).max() < 0.002
+
     def test_the_twin_touches_nothing(self, plan: Plan) -> None:
         in_air = run_trial(plan, touch(short=True))
         assert not len(in_air.places)
@@ -294,6 +313,19 @@ class TestOutcome:
         assert fewer.contacts == 1 and fewer.detected
         assert fewer.row == "all without force"
 
+    def test_spreads_are_multiplied_before_they_are_fused(self, plan: Plan) -> None:
+        def dispersion(spread: float, factor: float) -> float:
+            line = PLACE + np.outer(np.arange(8), [0.005, 0.0, 0.0])
+            likelihoods = [0.8, *[0.02] * 7]
+            force = cloud("wrist", line, likelihoods, single=True, spread=spread)
+            skin = replace(cloud("tip_1", PLACE, 0.9), spreads=None)  # says nothing, stays so
+            method = replace(POSTERIOR, spreads=factor)
+            fusion = fused(trial(skin, force), BY_NAME["all"], method, plan.pipeline)
+            return fusion.contacts[0].dispersion
+
+        assert dispersion(0.004, 2.0) == dispersion(0.008, 1.0)
+        assert dispersion(0.004, 2.0) > 1.2 * dispersion(0.004, 1.0)
+
     def test_modalities_that_share_a_voxel(self, plan: Plan) -> None:
         one = trial(
             cloud("tip_1", PLACE, 0.9), cloud("wrist", PLACE, 1.0), cloud("near", np.zeros(3), 0.5)
@@ -336,26 +368,18 @@ class TestTables:
         assert found["ε mean"].low < reported.mean() < found["ε mean"].high
         assert "ε median of several contacts" not in found
 
-    def test_a_row_is_compared_with_a_modality_touch_by_touch(self) -> None:
-        rng = np.random.default_rng(1)
-        single = rng.uniform(0.0, 0.06, 60)
-        told = tables.paired(outcomes(single / 2.0), outcomes(single, "force"))
-        assert told["row"] == "all" and told["against"] == "force"
-        assert told["detected by the row only"] == (single > 0.03).sum()
-        assert told["detected by the modality only"] == 0
-        assert float(told["p of detection"]) < 1e-3 and float(told["p of ε"]) < 1e-6
-        same = tables.paired(outcomes(single), outcomes(single, "force"))
-        assert same["p of detection"] == same["p of ε"] == 1.0
-
-    def test_the_best_modality_detects_the_most(self) -> None:
-        rows = {"tactile": outcomes(np.full(9, 0.04)), "force": outcomes(np.full(9, 0.02))}
-        assert tables.best_single(rows) == "force"
-
     def test_the_table_stands_beside_the_papers(self) -> None:
         made = list(tables.measures_of(outcomes(np.full(10, 0.02)), 0))
         text = tables.table_text(made, ["all", "fingers"], "m")
         assert "| all | 90.7, 4.31, 1.10 | 100 [72, 100] |" in text
         assert "| fingers |  | - |" in text
+
+    def test_touches_at_one_place_and_at_several_are_told_apart(self) -> None:
+        one = outcomes(np.full(10, 0.02))
+        several = [replace(each, true_contacts=2, error=0.07) for each in one if each.true_contacts]
+        text = tables.contacts_text(list(tables.measures_of([*one, *several[:4]], 0)), ["all"], "m")
+        told = "10 | 2.00 [2.00, 2.00] | 2.00 [2.00, 2.00]", "4 | 7.00 [7.00, 7.00] | 7.00 [7.00, "
+        assert f"| all | {told[0]} | {told[1]}" in text
 
 
 class TestHonesty:
@@ -415,6 +439,43 @@ class TestExperiment:
         run_touch(SMALL, out)
         assert kept.stat().st_mtime_ns == before and lost.read_bytes() == made
         assert ((out / "results.csv").read_bytes(), (out / "summary.json").read_bytes()) == results
+
+    def test_the_posterior_is_drawn_beside_the_papers_method(self) -> None:
+        assert METHODS[:DRAWN] == (DE_MORGAN, POSTERIOR)
+
+    def test_other_methods_and_spreads_only_fuse_again(self, out: Path, tmp_path: Path) -> None:
+        copied = tmp_path / "copy"
+        shutil.copytree(out, copied)
+        made = {path: path.stat().st_mtime_ns for path in (copied / "trials").iterdir()}
+        run_touch(replace(SMALL, methods=(DE_MORGAN, POSTERIOR), spreads=(2.0,)), copied)
+        assert {path: path.stat().st_mtime_ns for path in made} == made
+        text = (copied / "table.md").read_text()
+        headings = [line for line in text.splitlines() if line.startswith("## ")]
+        names = [str(DE_MORGAN), str(POSTERIOR), f"{POSTERIOR}, σ × 2"]
+        assert headings == [f"## {name}" for name in (*names, "by any method")]
+        assert all(f"| {name} | one contact: n | " in text for name in names)
+        assert (copied / "pictures" / "box-00-0_posterior_modes.png").is_file()
+        assert (copied / "rows_posterior_modes_spreads_2.png").is_file()
+
+    def test_it_compares_methods_and_what_the_simulator_adds(
+        self, plan: Plan, out: Path, tmp_path: Path
+    ) -> None:
+        copied = tmp_path / "copy"
+        shutil.copytree(out, copied)
+        run_touch(replace(SMALL, methods=(DE_MORGAN, POSTERIOR)), copied)
+        tests = json.loads((copied / "summary.json").read_text())["tests"]
+        compared = {
+            (one["row"], one["method"], one["against_row"], one["against_method"]) for one in tests
+        }
+        assert len(compared) == len(tests)
+        for method in map(str, (DE_MORGAN, POSTERIOR)):
+            assert ("all + simulator", method, "all", method) in compared
+        wide = [row.name for row in (*ROWS, everything(plan.pipeline)) if len(row.modalities) > 1]
+        between = {row for row, one, _, other in compared if one != other}
+        assert between == set(wide)
+        assert all(other == str(DE_MORGAN) for _, _, _, other in compared - {
+            (row, str(POSTERIOR), against, str(POSTERIOR)) for row, _, against, _ in compared
+        })  # fmt: skip
 
     def test_a_folder_of_other_settings_is_refused(self, out: Path, tmp_path: Path) -> None:
         with pytest.raises(ConfigurationError, match="touches of other noise"):

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from contactfusion.arrays import FloatArray
 from contactfusion.experiments.measures import Measure, bootstrap, p50, p90, proportion
+from contactfusion.experiments.methods import Method
 from contactfusion.figures import new_figure
 from contactfusion.generators.taxel_map import TaxelMap
 from contactfusion.integrator.config import IntegratorConfig
@@ -29,7 +30,7 @@ MIN_SIGNAL = 100.0
 """Under this length of the signal there is no contact; the lightest presses give 110."""
 
 
-def measure(folder: Path, out: Path) -> list[Measure]:
+def measure(folder: Path, out: Path, method: Method) -> list[Measure]:
     """Measure location errors under three ways of leaving out; draw them over the grid."""
     readings, places = read(folder / "spatial_20250316")
     rng = np.random.default_rng(0)
@@ -43,7 +44,7 @@ def measure(folder: Path, out: Path) -> list[Measure]:
     }
     measures: list[Measure] = []
     for way, fold in ways.items():
-        located, baseline, sigma = locate(readings, places, fold)
+        located, baseline, sigma = locate(readings, places, fold, method)
         asked = way == "grid points left out"
         measures += _errors(way, located, places, point, asked)
         if asked:
@@ -88,7 +89,7 @@ def read(folder: Path) -> tuple[list[TactileImage], FloatArray]:
 
 
 def locate(
-    readings: list[TactileImage], places: FloatArray, fold: NDArray[np.intp]
+    readings: list[TactileImage], places: FloatArray, fold: NDArray[np.intp], method: Method
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Locate every press by a map of the presses in the other folds.
 
@@ -106,7 +107,8 @@ def locate(
             learned = TaxelMap.fit(signals[rest], flat[rest])
             learned.save(Path(folder) / "map.npz")
             sigma[here] = learned.sigma
-            for row, place in zip(here, _run(readings, here, Path(folder)), strict=True):
+            run = _run(readings, here, Path(folder), method)
+            for row, place in zip(here, run, strict=True):
                 located[row] = place
             _, nearest = learned.tree.query(
                 signals[here] / np.linalg.norm(signals[here], axis=1, keepdims=True),
@@ -117,14 +119,14 @@ def locate(
 
 
 def _run(
-    readings: list[TactileImage], rows: NDArray[np.intp], folder: Path
+    readings: list[TactileImage], rows: NDArray[np.intp], folder: Path, method: Method
 ) -> Iterator[FloatArray]:
     pipeline = Pipeline(
         PipelineConfig(
             generators={
                 "pad": {"type": "taxel_map", "map": folder / "map.npz", "min_signal": MIN_SIGNAL}
             },
-            integrator=IntegratorConfig(frame="pad", voxel_size=VOXEL_SIZE),
+            integrator=method.applied(IntegratorConfig(frame="pad", voxel_size=VOXEL_SIZE)),
             cycle=CycleConfig(on="pad"),
         )
     )

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from contactfusion.arrays import FloatArray
 from contactfusion.experiments.measures import Measure, bootstrap, p50, p90, proportion
+from contactfusion.experiments.methods import Method
 from contactfusion.figures import COLOURS, new_figure
 from contactfusion.hypotheses import Note
 from contactfusion.integrator.config import IntegratorConfig
@@ -68,7 +69,7 @@ class Found:
     flagged: NDArray[np.bool_]
 
 
-def measure(folder: Path, out: Path) -> list[Measure]:
+def measure(folder: Path, out: Path, method: Method) -> list[Measure]:
     """Measure places and flags on the loaded plates; draw the paths of the contacts."""
     walk = read(folder)
     friction = {plate: torsional_friction(walk.wrenches[plate]) for plate in PLATES}
@@ -77,7 +78,7 @@ def measure(folder: Path, out: Path) -> list[Measure]:
         "plate_3": friction["plate_1"],
         CROWDED: float(np.sqrt(np.mean(np.square(list(friction.values()))))),
     }
-    found = {plate: locate(walk, plate, friction[plate]) for plate in (*PLATES, CROWDED)}
+    found = {plate: locate(walk, plate, friction[plate], method) for plate in (*PLATES, CROWDED)}
     measures, lateral, moments = [], [], []
     for plate in PLATES:
         along, across, length = foot_coordinates(walk, plate, found[plate])
@@ -121,7 +122,7 @@ def torsional_friction(wrenches: list[Wrench]) -> float:
     return float(np.sqrt(np.mean(np.square(along))))
 
 
-def locate(walk: Walk, plate: str, friction: float) -> Found:
+def locate(walk: Walk, plate: str, friction: float, method: Method) -> Found:
     """Run the pipeline on one plate."""
     corners = walk.recording.corners[plate]
     size = np.ptp(corners, axis=0)
@@ -135,8 +136,8 @@ def locate(walk: Walk, plate: str, friction: float) -> Found:
                 "surface_tolerance": 2.0 * VOXEL_SIZE,
             }
         },
-        integrator=IntegratorConfig(
-            frame="lab", voxel_size=VOXEL_SIZE, timeout=0.01, condensation="cluster_mass"
+        integrator=method.applied(
+            IntegratorConfig(frame="lab", voxel_size=VOXEL_SIZE, timeout=0.01)
         ),
         cycle=CycleConfig(on=plate),
         frames=walk.recording.frames(),

@@ -14,6 +14,7 @@ import numpy as np
 from contactfusion.arrays import FloatArray
 from contactfusion.errors import RecordingError
 from contactfusion.experiments.measures import CONFIDENCE, RESAMPLES, Measure, auc, proportion
+from contactfusion.experiments.methods import Method
 from contactfusion.figures import new_figure
 from contactfusion.frame_config import FrameConfig
 from contactfusion.generators.baselines import fit_baseline
@@ -49,7 +50,7 @@ class Trial:
     values: FloatArray
 
 
-def measure(folder: Path, out: Path) -> list[Measure]:
+def measure(folder: Path, out: Path, method: Method) -> list[Measure]:
     """Measure how well touch tells a full hand from an empty one; draw the scores."""
     trials = read(folder / "iCubGraspDataset")
     empty = [trial for trial in trials if trial.object == EMPTY]
@@ -64,7 +65,7 @@ def measure(folder: Path, out: Path) -> list[Measure]:
         scores = [score(trial, *baseline) for trial in full]
         nothing = [score(trial, *baseline) for trial in tested]
         measures += _areas(case, objects, full, tested, np.array(scores), np.array(nothing))
-    measures += _detections(objects, full, empty)
+    measures += _detections(full, empty, method)
     _draw(objects, full, *_left_out(full, empty), out / "icub_grasp.png")
     return measures
 
@@ -98,7 +99,7 @@ def score(trial: Trial, values: FloatArray, noise: FloatArray) -> float:
     return float(((values - last) / noise).max())
 
 
-def touched(trial: Trial, values: FloatArray, noise: FloatArray) -> bool:
+def touched(trial: Trial, values: FloatArray, noise: FloatArray, method: Method) -> bool:
     """Tell whether the pipeline reports a contact in most of the last frames."""
     generators = {
         finger: {
@@ -119,7 +120,7 @@ def touched(trial: Trial, values: FloatArray, noise: FloatArray) -> bool:
     }
     config = PipelineConfig(
         generators=generators,
-        integrator=IntegratorConfig(frame="hand"),
+        integrator=method.applied(IntegratorConfig(frame="hand")),
         frames=frames,
         cycle=CycleConfig(on=FINGERS[-1]),
     )
@@ -173,13 +174,13 @@ def _areas(
     ]  # fmt: skip
 
 
-def _detections(objects: list[str], full: list[Trial], empty: list[Trial]) -> list[Measure]:
+def _detections(full: list[Trial], empty: list[Trial], method: Method) -> list[Measure]:
     """Run the pipeline at its default floor of five standard deviations."""
     baseline = learned(empty)
-    found = np.array([touched(trial, *baseline) for trial in full])
+    found = np.array([touched(trial, *baseline, method) for trial in full])
     false = np.array(
         [
-            touched(trial, *learned([other for other in empty if other is not trial]))
+            touched(trial, *learned([other for other in empty if other is not trial]), method)
             for trial in empty
         ]
     )

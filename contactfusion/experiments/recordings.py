@@ -3,29 +3,38 @@
 import dataclasses
 import json
 import os
+from collections.abc import Callable
 from pathlib import Path
 
 from contactfusion.errors import RecordingError
 from contactfusion.experiments import eflesh, force_plates, hub, icub
 from contactfusion.experiments.measures import Measure, results_csv
+from contactfusion.experiments.methods import Method
 from contactfusion.files import make_folder, write_whole
 
 VARIABLE = "CONTACTFUSION_DATA"
 NEIGHBOUR = Path("../shared/data")
-EXPERIMENTS = {
-    "force_plates": force_plates.measure,
-    "eflesh": eflesh.measure,
-    "icub_grasp": icub.measure,
-    "hub": hub.measure,
+Experiment = Callable[[Path, Path], list[Measure]]
+"""Measures on recordings in one folder, and draws into another."""
+Fused = Callable[[Path, Path, Method], list[Measure]]
+"""The same by a method."""
+FUSED: dict[str, tuple[Fused, Method]] = {
+    "force_plates": (force_plates.measure, Method("de_morgan", "cluster_mass")),
+    "eflesh": (eflesh.measure, Method("de_morgan", "cluster_centroid")),
+    "icub_grasp": (icub.measure, Method("de_morgan", "cluster_centroid")),
 }
-"""What runs on which part of the recordings."""
+"""What runs on which part of the recordings, and how hypotheses are fused unless it is told."""
+UNFUSED: dict[str, Experiment] = {"hub": hub.measure}
+"""What runs without fusing anything; on the recordings of the force plates."""
 
 
-def run_recordings(data: Path | None, out: Path) -> None:
+def run_recordings(data: Path | None, method: Method | None, out: Path) -> None:
     """Measure on every recording; write results.csv, summary.json and a figure each.
 
     Args:
         data: the folder of the recordings; None: where `CONTACTFUSION_DATA` points.
+        method: how hypotheses are fused, and then only what fuses is measured; None: each recording
+            by its own method.
         out: the folder that takes the results.
 
     Raises:
@@ -34,12 +43,14 @@ def run_recordings(data: Path | None, out: Path) -> None:
     folder = data or data_folder()
     make_folder(out)
     measures: list[Measure] = []
-    for name, measure in EXPERIMENTS.items():
+    for name, measure in _experiments(method).items():
         print(f"{name} ...", flush=True)
-        part = folder / ("force_plates" if name == "hub" else name)
+        part = folder / ("force_plates" if name in UNFUSED else name)
         if not part.is_dir():
             raise RecordingError(f"there is no folder '{part}'; the recordings of {name} lie there")
         found = measure(part, out)
+        if method is not None:
+            found = [dataclasses.replace(one, case=f"{one.case}, {method}") for one in found]
         for one in found:
             print(f"  {one}")
         measures += found
@@ -48,6 +59,19 @@ def run_recordings(data: Path | None, out: Path) -> None:
     write_whole(out / "summary.json", json.dumps(summary, indent=2, ensure_ascii=False) + "\n")
     asked = [one for one in measures if one.met is not None]
     print(f"{sum(bool(one.met) for one in asked)} of {len(asked)} figures as asked; results: {out}")
+
+
+def _experiments(method: Method | None) -> dict[str, Experiment]:
+    """Give what is measured, by name, by one method or each by its own."""
+
+    def by(measure: Fused, own: Method) -> Experiment:
+        return lambda folder, out: measure(folder, out, method or own)
+
+    fused = {name: by(measure, own) for name, (measure, own) in FUSED.items()}
+    if method is None:
+        return {**fused, **UNFUSED}
+    print(f"{', '.join(UNFUSED)}: nothing is fused there, left out")
+    return fused
 
 
 def data_folder() -> Path:

@@ -11,14 +11,21 @@ from typing import Any
 import numpy as np
 
 from contactfusion.experiments.measures import Measure
+from contactfusion.experiments.methods import Method
 from contactfusion.experiments.touch import figures, tables
+from contactfusion.experiments.touch.comparisons import (
+    Comparison,
+    best_single,
+    compare,
+    comparisons_text,
+)
 from contactfusion.experiments.touch.honesty import honesty
 from contactfusion.experiments.touch.plan import Plan
 from contactfusion.experiments.touch.rows import (
+    ALL,
     ALL_AND_SIMULATOR,
     PAPERS,
     ROWS,
-    Method,
     Outcome,
     everything,
     outcome,
@@ -28,7 +35,10 @@ from contactfusion.experiments.touch.trial import Trial
 from contactfusion.files import write_whole
 
 DRAWN = 2
-"""Touches are drawn by so many methods, the first."""
+"""Touches are drawn, and tables printed, by so many methods, the first."""
+
+Found = dict[str, list[Outcome]]
+"""The outcomes of all touches by one method, by row."""
 
 
 @dataclass
@@ -38,13 +48,13 @@ class Results:
     Attributes:
         outcomes: one a touch, row and method.
         measures: of rows by methods, of shared voxels, of spreads.
-        tests: rows against the best single modality.
+        comparisons: rows against the best single modality, and against the first method.
         texts: tables as Markdown.
     """
 
     outcomes: list[Outcome] = field(default_factory=list)
     measures: list[Measure] = field(default_factory=list)
-    tests: list[dict[str, Any]] = field(default_factory=list)
+    comparisons: list[Comparison] = field(default_factory=list)
     texts: list[str] = field(default_factory=list)
 
 
@@ -61,12 +71,17 @@ def evaluate(
         out: the folder that takes the results.
     """
     results, config = Results(), plan.pipeline
+    first: Found = {}
     for method in methods:
-        _by_method(results, trials, method, plan, out)
+        results.texts.append(f"## {method}")
+        found = _by_method(results, trials, method, plan, out)
+        first = first or found
+        _compare(results, found, first, plan)
     touches = [one for one in trials if not one.touch.short]
     results.measures += tables.sharing([shared(one, config) for one in touches])
     results.measures += honesty(touches, config, np.random.default_rng([plan.seed, 1]))
-    results.texts += [tables.shares_text(results.measures, kind) for kind in ("voxels", "spreads")]
+    shares = [tables.shares_text(results.measures, kind) for kind in ("voxels", "spreads")]
+    results.texts += ["## by any method", *shares]
     write_whole(out / "results.csv", _csv(results.outcomes))
     summary = _summary(trials, results)
     write_whole(out / "summary.json", json.dumps(summary, indent=1, ensure_ascii=False) + "\n")
@@ -74,21 +89,23 @@ def evaluate(
     by_name = {one.touch.name: one for one in trials}
     for name in draw or _first_of_each(touches):
         for method in methods[:DRAWN] if name in by_name else ():
-            path = out / "pictures" / f"{name}_{_stem(method)}.png"
+            path = out / "pictures" / f"{name}_{method.stem}.png"
             figures.draw_touch(by_name[name], config, method, path)
-    print("\n\n".join(results.texts[:2]))
+    for method in methods[:DRAWN]:
+        rows = [row.name for row in (*ROWS, everything(config))]
+        print(tables.table_text(results.measures, rows, str(method)), end="\n\n")
     print(f"results: {out}/table.md, results.csv, summary.json, figures")
 
 
 def _by_method(
     results: Results, trials: Sequence[Trial], method: Method, plan: Plan, out: Path
-) -> None:
+) -> Found:
     """Fuse every touch by every row, and again without each modality of two rows."""
     config, every = plan.pipeline, everything(plan.pipeline)
     found = {
         row.name: [outcome(one, row, method, config) for one in trials] for row in (*ROWS, every)
     }
-    without: dict[str, list[Outcome]] = {}
+    without: Found = {}
     for row in (ALL_AND_SIMULATOR, every):
         for modality in row.modalities:
             fewer = [outcome(one, row, method, config, without=modality) for one in trials]
@@ -96,17 +113,27 @@ def _by_method(
     for each in (*found.values(), *without.values()):
         results.outcomes += each
         results.measures += tables.measures_of(each, plan.seed)
-    best = tables.best_single(found)
-    wide = [row.name for row in (*ROWS, every) if len(row.modalities) > 1]
-    tests = [tables.paired(found[row], found[best]) for row in wide]
-    results.tests += [{"method": str(method), **one} for one in tests]
-    for rows in (list(found), list(without)):
-        results.texts.append(tables.table_text(results.measures, rows, str(method)))
-    results.texts.append(tables.tests_text(tests))
-    stem, names = _stem(method), [*found, *without]
+    for text in (tables.table_text, tables.contacts_text):
+        results.texts.append(text(results.measures, list(found), str(method)))
+    results.texts.append(tables.table_text(results.measures, list(without), str(method)))
     papers = {row.name: found[row.name] for row in PAPERS}
-    figures.draw_touches(papers, out / f"touches_{stem}.png")
-    figures.draw_rows(results.measures, names, str(method), out / f"rows_{stem}.png")
+    figures.draw_touches(papers, out / f"touches_{method.stem}.png")
+    names = [*found, *without]
+    figures.draw_rows(results.measures, names, str(method), out / f"rows_{method.stem}.png")
+    return found
+
+
+def _compare(results: Results, found: Found, first: Found, plan: Plan) -> None:
+    """Compare rows with the best single modality, and with the same rows by the first method."""
+    wide = [row.name for row in (*ROWS, everything(plan.pipeline)) if len(row.modalities) > 1]
+    best = best_single(found)
+    pairs = [(found[row], found[best]) for row in wide]
+    pairs.append((found[ALL_AND_SIMULATOR.name], found[ALL.name]))
+    if found is not first:
+        pairs += [(found[row], first[row]) for row in wide]
+    comparisons = [compare(one, other, plan.seed) for one, other in pairs]
+    results.comparisons += comparisons
+    results.texts.append(comparisons_text(comparisons))
 
 
 def _csv(outcomes: Sequence[Outcome]) -> str:
@@ -143,7 +170,7 @@ def _summary(trials: Sequence[Trial], results: Results) -> dict[str, Any]:
         "touched though in free air": sum(bool(len(one.places)) for one in in_air),
         "refused": sorted({reason for one in trials for reason in one.refused}),
         "measures": [asdict(one) for one in results.measures],
-        "tests": results.tests,
+        "tests": [asdict(one) for one in results.comparisons],
     }
 
 
@@ -151,7 +178,3 @@ def _first_of_each(touches: Sequence[Trial]) -> list[str]:
     """Name one touch of each object."""
     made = [one.touch for one in touches if len(one.places)]
     return list({touch.target: touch.name for touch in reversed(made)}.values())
-
-
-def _stem(method: Method) -> str:
-    return str(method).replace("/", "_")

@@ -12,21 +12,22 @@ from functools import partial
 from pathlib import Path
 
 from contactfusion.errors import ConfigurationError, ContactFusionError, RobotError, name_hint
+from contactfusion.experiments.methods import Method, with_spreads
 from contactfusion.experiments.touch.evaluation import evaluate
 from contactfusion.experiments.touch.plan import DEFAULT, Plan, Touch, read_plan
-from contactfusion.experiments.touch.rows import Method
 from contactfusion.experiments.touch.trial import load, run_trial, save
 from contactfusion.fault_config import read_faults
 from contactfusion.files import make_folder, write_whole
 
 METHODS = (
     Method("de_morgan", "cluster_centroid"),
+    Method("posterior", "modes"),
     Method("de_morgan", "cluster_mass"),
     Method("max", "cluster_centroid"),
     Method("log_odds", "cluster_centroid"),
     Method("dempster_shafer", "cluster_centroid"),
 )
-"""What the table is made for; the first is the papers'."""
+"""What the table is made for; the first is the papers', the others are compared with it."""
 
 
 @dataclass(frozen=True)
@@ -39,6 +40,7 @@ class Options:
         directions: how many directions to come from.
         repeats: how often each.
         methods: how hypotheses are fused.
+        spreads: methods that look at spreads fuse once more with them multiplied by each of these.
         noise: of the sensors, by name; None: the scene's.
         faults: a YAML file of faults, or None.
         seed: of all chance.
@@ -51,6 +53,7 @@ class Options:
     directions: int = 15
     repeats: int = 5
     methods: Sequence[Method] = METHODS
+    spreads: Sequence[float] = ()
     noise: str | None = None
     faults: Path | None = None
     seed: int = 0
@@ -70,6 +73,7 @@ def run_touch(options: Options, out: Path) -> None:
         ConfigurationError: an option is wrong, or `out` holds touches of other options.
         RobotError: a touch could not be made; the others are kept.
     """
+    methods = with_spreads(options.methods, options.spreads)
     faults = read_faults(options.faults) if options.faults else ()
     plan, targets = read_plan(
         options.config, options.objects, options.directions, options.noise, faults, options.seed
@@ -81,7 +85,7 @@ def run_touch(options: Options, out: Path) -> None:
     failed = _touch_all(plan, touches, options.workers, out)
     trials = [load(path) for touch in touches if (path := _file(out, touch)).is_file()]
     if trials:
-        evaluate(plan, trials, options.methods, options.draw, out)
+        evaluate(plan, trials, methods, options.draw, out)
     if failed:
         raise RobotError(f"{len(failed)} of {len(touches)} touches were not made: {failed[0]}")
 

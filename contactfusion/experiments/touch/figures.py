@@ -9,8 +9,8 @@ import numpy as np
 
 from contactfusion.arrays import FloatArray
 from contactfusion.experiments.measures import Measure
+from contactfusion.experiments.methods import Method
 from contactfusion.experiments.touch.rows import (
-    Method,
     Outcome,
     believed_robot,
     everything,

@@ -8,11 +8,10 @@ from zlib import crc32
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import binomtest, wilcoxon
 
 from contactfusion.arrays import FloatArray
 from contactfusion.experiments.measures import CONFIDENCE, RESAMPLES, Measure, proportion
-from contactfusion.experiments.touch.rows import SINGLE, Outcome
+from contactfusion.experiments.touch.rows import Outcome
 
 PUBLISHED = {
     "tactile": (0.209, 0.0125, 0.0020),
@@ -22,13 +21,51 @@ PUBLISHED = {
     "all + simulator": (0.907, 0.0333, 0.0111),
 }
 """Detected, ε and σ [m] of F Table I."""
-
-
 STATISTICS: dict[str, Callable[[FloatArray], Any]] = {
     "mean": partial(np.mean, axis=-1),
     "median": partial(np.median, axis=-1),
     "p90": partial(np.quantile, q=0.9, axis=-1),
 }
+
+
+Column = tuple[str, str, Callable[[Measure], str]]
+"""A heading, a metric, and how it is told."""
+
+
+def _percent(one: Measure) -> str:
+    return f"{one.value * 100:.0f} [{one.low * 100:.0f}, {one.high * 100:.0f}]"
+
+
+def _number(one: Measure) -> str:
+    return f"{one.value:.2f} [{one.low:.2f}, {one.high:.2f}]"
+
+
+def _cm(one: Measure) -> str:
+    return f"{one.value * 100:.2f} [{one.low * 100:.2f}, {one.high * 100:.2f}]"
+
+
+def _count(one: Measure) -> str:
+    return str(one.n)
+
+
+COLUMNS: tuple[Column, ...] = (
+    ("detected %", "detected", _percent),
+    ("any %", "any contact", _percent),
+    ("ε mean cm", "ε mean", _cm),
+    ("median", "ε median", _cm),
+    ("p90", "ε p90", _cm),
+    ("σ cm", "σ mean", _cm),
+    ("false a touch", "false contacts a touch", _number),
+    ("alarms in air %", "false alarms in free air", _percent),
+)
+BY_CONTACTS: tuple[Column, ...] = (
+    ("one contact: n", "ε median of one contact", _count),
+    ("ε median cm", "ε median of one contact", _cm),
+    ("p90", "ε p90 of one contact", _cm),
+    ("several contacts: n", "ε median of several contacts", _count),
+    ("ε median cm", "ε median of several contacts", _cm),
+    ("p90", "ε p90 of several contacts", _cm),
+)
 
 
 def measures_of(outcomes: Sequence[Outcome], seed: int) -> Iterator[Measure]:
@@ -89,50 +126,6 @@ def resampled(
     return float(STATISTICS[statistic](values)), float(low), float(high)
 
 
-def best_single(outcomes: Mapping[str, Sequence[Outcome]]) -> str:
-    """Name the one of `SINGLE` that detects the most touches; by row, of one method."""
-
-    def detected(row: str) -> int:
-        return sum(one.detected for one in outcomes[row] if not one.touch.short)
-
-    return max((row for row in SINGLE if row in outcomes), key=detected)
-
-
-def paired(better: Sequence[Outcome], single: Sequence[Outcome]) -> dict[str, Any]:
-    """Compare a row with a single modality touch by touch.
-
-    Detection by McNemar's exact test on the touches that only one of the two detects, ε by
-    Wilcoxon's signed ranks on those in which both report a contact.
-
-    Args:
-        better: the outcomes of the row.
-        single: those of the modality, of the same touches in the same order.
-    """
-    pairs = [
-        (one, other)
-        for one, other in zip(better, single, strict=True)
-        if not one.touch.short and one.true_contacts
-    ]
-    only_one = sum(one.detected and not other.detected for one, other in pairs)
-    only_other = sum(other.detected and not one.detected for one, other in pairs)
-    errors = np.array([(one.error, other.error) for one, other in pairs]).reshape(-1, 2)
-    errors = errors[np.isfinite(errors).all(axis=1)]
-    differing = only_one + only_other
-    unequal = bool(len(errors)) and bool((errors[:, 0] != errors[:, 1]).any())
-    return {
-        "row": better[0].row,
-        "against": single[0].row,
-        "detected by the row only": only_one,
-        "detected by the modality only": only_other,
-        "p of detection": float(binomtest(only_one, differing).pvalue) if differing else 1.0,
-        "both report": len(errors),
-        "median difference of ε": float(np.median(errors[:, 0] - errors[:, 1]))
-        if len(errors)
-        else None,
-        "p of ε": float(wilcoxon(errors[:, 0], errors[:, 1]).pvalue) if unequal else 1.0,
-    }
-
-
 def sharing(shares: Sequence[Mapping[tuple[str, str], bool]]) -> list[Measure]:
     """Measure how often two modalities that both spoke share a voxel."""
     spoke: Counter[tuple[str, str]] = Counter()
@@ -159,61 +152,45 @@ def table_text(measures: Sequence[Measure], rows: Sequence[str], method: str) ->
         rows: which, in their order.
         method: which.
     """
+    cells = _cells(measures, rows, method, COLUMNS)
+    return _markdown(
+        [method, "paper: detected %, ε, σ cm", *(heading for heading, _, _ in COLUMNS)],
+        [[row, _published(row), *own] for row, own in zip(rows, cells, strict=True)],
+    )
+
+
+def contacts_text(measures: Sequence[Measure], rows: Sequence[str], method: str) -> str:
+    """Give ε of touches at one place and of those at several as Markdown; see `table_text`."""
+    cells = _cells(measures, rows, method, BY_CONTACTS)
+    return _markdown(
+        [method, *(heading for heading, _, _ in BY_CONTACTS)],
+        [[row, *own] for row, own in zip(rows, cells, strict=True)],
+    )
+
+
+def _cells(
+    measures: Sequence[Measure], rows: Sequence[str], method: str, columns: Sequence[Column]
+) -> list[list[str]]:
     found = {(one.case, one.metric): one for one in measures}
-
-    def cell(row: str, metric: str, form: Callable[[float], str]) -> str:
-        one = found.get((f"{row}, {method}", metric))
-        if one is None:
-            return "-"
-        return f"{form(one.value)} [{form(one.low)}, {form(one.high)}]"
-
-    def percent(value: float) -> str:
-        return f"{value * 100:.0f}"
-
-    def cm(value: float) -> str:
-        return f"{value * 100:.2f}"
-
-    def number(value: float) -> str:
-        return f"{value:.2f}"
-
-    columns: list[tuple[str, str, Callable[[float], str]]] = [
-        ("detected %", "detected", percent),
-        ("any %", "any contact", percent),
-        ("ε mean cm", "ε mean", cm),
-        ("median", "ε median", cm),
-        ("p90", "ε p90", cm),
-        ("σ cm", "σ mean", cm),
-        ("false a touch", "false contacts a touch", number),
-        ("alarms in air %", "false alarms in free air", percent),
-    ]
-    lines = [
-        f"| {method} | paper: detected %, ε, σ cm | " + " | ".join(c[0] for c in columns) + " |",
-        "|" + "---|" * (len(columns) + 2),
-    ]
+    cells = []
     for row in rows:
-        told = PUBLISHED.get(row)
-        paper = f"{told[0] * 100:.1f}, {told[1] * 100:.2f}, {told[2] * 100:.2f}" if told else ""
-        cells = [cell(row, metric, form) for _, metric, form in columns]
-        lines.append(f"| {row} | {paper} | " + " | ".join(cells) + " |")
-    return "\n".join(lines)
+        told = [(found.get((f"{row}, {method}", metric)), form) for _, metric, form in columns]
+        cells.append(["-" if one is None else form(one) for one, form in told])
+    return cells
 
 
-def tests_text(tests: Sequence[Mapping[str, Any]]) -> str:
-    """Give the comparisons of `paired` as Markdown."""
-    lines = [
-        "| row | against | detected by it only | by the other only | p | both report | ε median "
-        "difference cm | p |",
-        "|---|---|---|---|---|---|---|---|",
-    ]
-    for one in tests:
-        difference = one["median difference of ε"]
-        lines.append(
-            f"| {one['row']} | {one['against']} | {one['detected by the row only']} | "
-            f"{one['detected by the modality only']} | {float(one['p of detection']):.2g} | "
-            f"{one['both report']} | {'-' if difference is None else f'{difference * 100:.2f}'} | "
-            f"{float(one['p of ε']):.2g} |"
-        )
-    return "\n".join(lines)
+def _published(row: str) -> str:
+    told = PUBLISHED.get(row)
+    return f"{told[0] * 100:.1f}, {told[1] * 100:.2f}, {told[2] * 100:.2f}" if told else ""
+
+
+def _markdown(headings: Sequence[str], lines: Sequence[Sequence[str]]) -> str:
+    ruled = "|" + "---|" * len(headings)
+    return "\n".join([_line(headings), ruled, *map(_line, lines)])
+
+
+def _line(cells: Sequence[str]) -> str:
+    return "| " + " | ".join(cells) + " |"
 
 
 def shares_text(measures: Sequence[Measure], experiment: str) -> str:
@@ -226,6 +203,5 @@ def shares_text(measures: Sequence[Measure], experiment: str) -> str:
     lines = ["| | | % | n |", "|---|---|---|---|"]
     for one in measures:
         if one.experiment == experiment:
-            shares = f"{one.value * 100:.0f} [{one.low * 100:.0f}, {one.high * 100:.0f}]"
-            lines.append(f"| {one.case} | {one.metric} | {shares} | {one.n} |")
+            lines.append(f"| {one.case} | {one.metric} | {_percent(one)} | {one.n} |")
     return "\n".join(lines)

@@ -1,0 +1,81 @@
+"""Methods: how an experiment fuses hypotheses."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from contactfusion.errors import ConfigurationError
+from contactfusion.integrator.config import IntegratorConfig
+from contactfusion.integrator.integrator import Integrator
+from contactfusion.plugins import installed_plugins
+
+
+@dataclass(frozen=True)
+class Method:
+    """How hypotheses are fused: a rule and a condensation.
+
+    Attributes:
+        rule: the name of the rule.
+        condensation: the name of the condensation.
+        spreads: every stated spread is multiplied by it before; 1: as it is stated.
+    """
+
+    rule: str
+    condensation: str
+    spreads: float = 1.0
+
+    @classmethod
+    def named(cls, name: str) -> "Method":
+        """Read RULE or RULE/CONDENSATION; the papers' condensation unless another is named.
+
+        Raises:
+            PluginError: no such rule or condensation is installed.
+            ConfigurationError: the two do not fit each other.
+        """
+        rule, _, condensation = name.partition("/")
+        method = cls(rule, condensation or "cluster_centroid")
+        Integrator(method.applied(IntegratorConfig()))
+        return method
+
+    def applied(self, config: IntegratorConfig) -> IntegratorConfig:
+        """Give a configuration with this rule and condensation."""
+        return config.model_copy(update={"rule": self.rule, "condensation": self.condensation})
+
+    @property
+    def looks_at_spreads(self) -> bool:
+        """Whether its rule gives a belief; others take voxels one by one, whatever the spreads."""
+        rule = installed_plugins().find("rules", self.rule)
+        return bool(getattr(rule, "gives_belief", False))
+
+    @property
+    def stem(self) -> str:
+        """What its files are called after."""
+        factor = "" if self.spreads == 1.0 else f"_spreads_{self.spreads:g}"
+        return f"{self.rule}_{self.condensation}{factor}"
+
+    def __str__(self) -> str:
+        factor = "" if self.spreads == 1.0 else f", σ × {self.spreads:g}"
+        return f"{self.rule}/{self.condensation}{factor}"
+
+
+def with_spreads(methods: Sequence[Method], factors: Sequence[float]) -> list[Method]:
+    """Add those methods that look at spreads once more for each factor.
+
+    Args:
+        methods: how hypotheses are fused.
+        factors: what stated spreads are multiplied by.
+
+    Raises:
+        ConfigurationError: a factor is none, or no method looks at spreads.
+    """
+    for factor in factors:
+        if not 0.0 < factor < np.inf:
+            raise ConfigurationError(f"spreads are multiplied by more than 0, not by {factor:g}")
+    looking = [method for method in methods if method.looks_at_spreads]
+    if factors and not looking:
+        raise ConfigurationError(
+            "only a rule that gives a belief looks at spreads: add one, such as 'posterior/modes'"
+        )
+    further = [replace(method, spreads=factor) for factor in factors for method in looking]
+    return list(dict.fromkeys([*methods, *further]))

@@ -1,0 +1,57 @@
+"""Methods of experiments: their names, and spreads that are multiplied."""
+
+import pytest
+
+from contactfusion.errors import ConfigurationError, PluginError
+from contactfusion.experiments.methods import Method, with_spreads
+from contactfusion.integrator.config import IntegratorConfig
+
+DE_MORGAN = Method("de_morgan", "cluster_centroid")
+POSTERIOR = Method("posterior", "modes")
+
+
+def test_a_method_is_named_by_its_rule_and_its_condensation() -> None:
+    assert Method.named("max") == Method("max", "cluster_centroid")
+    assert Method.named("posterior/modes") == POSTERIOR
+    assert str(Method.named("max/cluster_mass")) == "max/cluster_mass"
+
+
+def test_what_is_not_there_and_what_does_not_fit_is_told() -> None:
+    with pytest.raises(PluginError, match="did you mean 'de_morgan'"):
+        Method.named("de_morgen")
+    with pytest.raises(ConfigurationError, match="'modes' needs a rule that gives a belief"):
+        Method.named("de_morgan/modes")
+
+
+def test_a_method_changes_rule_and_condensation_alone() -> None:
+    config = IntegratorConfig(frame="lab", voxel_size=0.002)
+    applied = POSTERIOR.applied(config)
+    assert (applied.rule, applied.condensation) == ("posterior", "modes")
+    assert applied == config.model_copy(update={"rule": "posterior", "condensation": "modes"})
+
+
+def test_a_factor_of_spreads_is_told_in_names() -> None:
+    half = Method("posterior", "modes", 0.5)
+    assert str(half) == "posterior/modes, σ × 0.5"
+    assert len({half.stem, POSTERIOR.stem, DE_MORGAN.stem}) == 3 and "/" not in half.stem
+
+
+def test_only_methods_that_look_at_spreads_fuse_once_more() -> None:
+    assert with_spreads([DE_MORGAN, POSTERIOR], []) == [DE_MORGAN, POSTERIOR]
+    assert with_spreads([DE_MORGAN, POSTERIOR], [0.5, 2.0, 1.0]) == [
+        DE_MORGAN,
+        POSTERIOR,
+        Method("posterior", "modes", 0.5),
+        Method("posterior", "modes", 2.0),
+    ]
+
+
+@pytest.mark.parametrize("factor", [0.0, -1.0, float("inf"), float("nan")])
+def test_a_factor_that_is_none_is_refused(factor: float) -> None:
+    with pytest.raises(ConfigurationError, match="multiplied by more than 0, not by"):
+        with_spreads([POSTERIOR], [factor])
+
+
+def test_a_factor_that_would_change_nothing_is_refused() -> None:
+    with pytest.raises(ConfigurationError, match="only a rule that gives a belief"):
+        with_spreads([DE_MORGAN], [2.0])
