@@ -248,6 +248,17 @@ def spread_out(
 
 
 @kernel
+def _cells(
+    point: FloatArray, dealt: Dealt, radius: float, first: Int64Array, last: Int64Array
+) -> None:
+    """Write the first and last cell along each axis that a ball around a point touches."""
+    for axis in range(3):
+        offset, most = point[axis] - dealt.low[axis], dealt.counts[axis] - 1.0
+        last[axis] = int(min(max(np.floor((offset + radius) / dealt.side), -1.0), most))
+        first[axis] = int(min(max(np.floor((offset - radius) / dealt.side), 0.0), most + 1.0))
+
+
+@kernel
 def heaviest(
     points: FloatArray, places: FloatArray, dealt: Dealt, weights: FloatArray, radius: float
 ) -> FloatArray:
@@ -261,21 +272,53 @@ def heaviest(
         radius: [m].
     """
     found = np.zeros(len(points))
-    rows, begins, low, counts, side = dealt
     first, last = np.empty(3, np.int64), np.empty(3, np.int64)
     for row in range(len(points)):
-        for axis in range(3):
-            offset = points[row, axis] - low[axis]
-            last[axis] = int(min(max(np.floor((offset + radius) / side), -1.0), counts[axis] - 1.0))
-            first[axis] = int(min(max(np.floor((offset - radius) / side), 0.0), 1.0 * counts[axis]))
+        _cells(points[row], dealt, radius, first, last)
         for i in range(first[0], last[0] + 1):
             for j in range(first[1], last[1] + 1):
-                column = (i * counts[1] + j) * counts[2]
-                for at in range(begins[column + first[2]], begins[column + last[2] + 1]):
-                    place = places[rows[at]]
-                    squared = 0.0
-                    for axis in range(3):
-                        squared += (place[axis] - points[row, axis]) ** 2
-                    if squared <= radius * radius:
-                        found[row] = max(found[row], weights[rows[at]])
+                column = (i * dealt.counts[1] + j) * dealt.counts[2]
+                begin, end = dealt.begins[column + first[2]], dealt.begins[column + last[2] + 1]
+                for at in range(begin, end):
+                    other = dealt.rows[at]
+                    if _squared(points[row], places[other]) <= radius * radius:
+                        found[row] = max(found[row], weights[other])
     return found
+
+
+@kernel
+def linked(points: FloatArray, dealt: Dealt, start: int, reach: float) -> NDArray[np.bool_]:
+    """Tell which points a chain of steps of at most `reach` joins to one of them, shape (n,).
+
+    Args:
+        points: shape (n, 3) [m].
+        dealt: the points by cells.
+        start: the row of that one.
+        reach: [m].
+    """
+    found = np.zeros(len(points), np.bool_)
+    waiting, count = np.empty(len(points), np.int64), 1
+    found[start], waiting[0] = True, start
+    first, last = np.empty(3, np.int64), np.empty(3, np.int64)
+    while count > 0:
+        count -= 1
+        row = waiting[count]
+        _cells(points[row], dealt, reach, first, last)
+        for i in range(first[0], last[0] + 1):
+            for j in range(first[1], last[1] + 1):
+                column = (i * dealt.counts[1] + j) * dealt.counts[2]
+                begin, end = dealt.begins[column + first[2]], dealt.begins[column + last[2] + 1]
+                for at in range(begin, end):
+                    other = dealt.rows[at]
+                    if not found[other] and _squared(points[row], points[other]) <= reach * reach:
+                        found[other], waiting[count] = True, other
+                        count += 1
+    return found
+
+
+@kernel
+def _squared(one: FloatArray, other: FloatArray) -> float:
+    total = 0.0
+    for axis in range(3):
+        total += (one[axis] - other[axis]) ** 2
+    return total

@@ -1,5 +1,6 @@
 """The condensation `modes`: contacts are the modes of a belief (method §3)."""
 
+import itertools
 from collections.abc import Iterable
 
 import numpy as np
@@ -9,13 +10,17 @@ from contactfusion.arrays import FloatArray
 from contactfusion.contacts import Contact
 from contactfusion.integrator import fields, kernels
 from contactfusion.integrator.config import IntegratorConfig
-from contactfusion.integrator.entries import Belief, Field
+from contactfusion.integrator.entries import Belief, Entries, Field
 from contactfusion.time import to_seconds
 
 WIDTH = 0.008
 """Modes are sought with a kernel of this width [m]."""
-BASIN = 3.0
-"""What lies within so many widths of a mode belongs to it."""
+HEAVY = 0.3
+"""Places of at least this part of the heaviest are the core of a contact."""
+LINK = 0.012
+"""Parts of a core that are further apart belong to different contacts [m]."""
+BASIN = 0.016
+"""What lies within so much of its core belongs to a contact [m]."""
 MOST = 8
 """No more modes are told than this."""
 FAINT = 1e-4
@@ -50,32 +55,32 @@ class Modes:
 
 
 def _mode(places: FloatArray, weights: FloatArray) -> tuple[FloatArray, NDArray[np.bool_]]:
-    """Give the densest place, shape (3,) [m], and what belongs to it, shape (c,)."""
-    heavy = np.flatnonzero(weights >= 0.1 * weights.max())
+    """Give the place of the densest contact, shape (3,) [m], and what belongs to it, shape (c,).
+
+    Heavy places that hang together are one contact, be it a point or a line; what is near them
+    belongs to it. It lies where mean shift leads from their mean: at the top of a point, in the
+    middle of a line.
+    """
+    heavy = np.flatnonzero(weights >= HEAVY * weights.max())
+    some = np.flatnonzero(weights >= FAINT * weights.max())
+    tops, dealt = places[heavy], fields.deal(places[heavy], fields.TILE)
     densities = np.empty(len(heavy))
-    starts, some = places[heavy], np.flatnonzero(weights >= FAINT * weights.max())
-    fields.spread_out(
-        starts,
-        fields.deal(starts, fields.TILE),
-        places[some],
-        weights[some],
-        np.full(len(some), WIDTH**2),
-        True,
-        0.0,
-        densities,
-    )
-    place = starts[np.round(densities / densities.max(), 6).argmax()]  # the first of equals
-    near = ((places - place) ** 2).sum(axis=1) < (2.0 * fields.REACH * WIDTH) ** 2
-    around, heights = places[near], weights[near]
+    widths = np.full(len(some), WIDTH**2)
+    fields.spread_out(tops, dealt, places[some], weights[some], widths, True, 0.0, densities)
+    densest = int(np.round(densities / densities.max(), 6).argmax())  # the first of equals
+    joined = fields.linked(tops, dealt, densest, LINK)
+    core, heights = tops[joined], weights[heavy][joined]
+    basin = fields.heaviest(places, core, fields.deal(core, fields.TILE), heights, BASIN) > 0.0
+    basin &= weights > 0.0  # the rest belongs to an earlier mode
+    place = heights @ core / heights.sum()
+    around, pulls = places[basin], weights[basin]
     for _ in range(STEPS):
         squared = ((around - place) ** 2).sum(axis=1) / WIDTH**2
-        pull = heights * np.exp(-0.5 * squared) * (squared < fields.REACH**2)
-        shifted = pull @ around / pull.sum()
+        near = pulls * np.exp(-0.5 * squared)
+        shifted = near @ around / near.sum()
         if np.abs(shifted - place).max() < 1e-6:
             break
         place = shifted
-    within = ((places - place) ** 2).sum(axis=1) <= (BASIN * WIDTH) ** 2
-    basin: NDArray[np.bool_] = within & (weights > 0.0)  # the rest belongs to an earlier mode
     return place, basin
 
 
@@ -89,7 +94,7 @@ def _contact(
     moments = (offsets * weights[:, None]).T @ offsets
     longest = np.linalg.eigh(moments)[1][:, -1]
     along = offsets @ longest
-    heavy = along[weights >= 0.1 * weights.max()]
+    heavy = along[weights >= HEAVY * weights.max()]
     extent = mode + np.outer([heavy.min(), heavy.max()], longest)
     told = np.maximum(belief.told[:, basin] @ weights, 0.0)
     counted = entries.counted
@@ -100,7 +105,7 @@ def _contact(
         for source, share, one in zip(entries.sources, told, counted, strict=True)
         if one
     }
-    forces = _force(field, mode)
+    forces = _force(field, mode, belief.places[basin])
     covariance = moments + np.eye(3) * side**2 / 12.0
     for array in (mode, covariance, extent, forces):
         array.flags.writeable = False
@@ -113,17 +118,35 @@ def _contact(
         force=forces,
         voxels=int(len(entries.grid.first_in_voxels(belief.places[basin]))),
         shares=shares,
-        stamp=to_seconds(int(entries.columns.stamps.max())),
+        stamp=to_seconds(_newest(entries, told)),
         frame=entries.grid.frame,
     )
 
 
-def _force(field: Field, mode: FloatArray) -> FloatArray:
-    """Give the force of the voxel nearest to a mode that has one, shape (3,) [N]; or NaN."""
+def _newest(entries: Entries, told: FloatArray) -> int:
+    """Give the newest stamp of the sources that have a part in a contact [ns]."""
+    parts = [
+        entries.columns.stamps[begin:end].max()
+        for part, (begin, end) in zip(told, itertools.pairwise(entries.begin), strict=True)
+        if part > 0.0 and end > begin
+    ]
+    return int(max(parts, default=entries.columns.stamps.max()))
+
+
+def _force(field: Field, mode: FloatArray, basin: FloatArray) -> FloatArray:
+    """Give the force of the voxel nearest to a mode, shape (3,) [N]; NaN when none is felt there.
+
+    Args:
+        field: what was fused.
+        mode: shape (3,) [m].
+        basin: shape (b, 3) [m], the places that belong to the mode.
+    """
     entries = field.entries
     rows = np.flatnonzero(entries.bits & kernels.FORCE)
     if not len(rows):
         return np.full(3, np.nan)
     centres = entries.grid.centres(entries.voxels[rows])
     nearest = int(((centres - mode) ** 2).sum(axis=1).argmin())
+    if ((basin - centres[nearest]) ** 2).sum(axis=1).min() > BASIN**2:
+        return np.full(3, np.nan)
     return np.asarray(entries.forces_in(rows[nearest : nearest + 1].astype(np.int64))[0])
