@@ -37,6 +37,9 @@ def rows(rounds: int) -> Iterator[Row]:
     cycle = _last_cycle(plan, touches[0])
     slowest = [1e3 * _slowest(pipeline, cycle) for _ in range(rounds)]
     yield Row(f"cycle of seven generators, {POINTS} points: p99", Spread.of(slowest), "ms", 60.0)
+    felt = Pipeline(_posterior(config))
+    steps = [1e3 * _slowest_step(felt, cycle) for _ in range(rounds + 1)][1:]
+    yield Row("  its fusion by posterior/modes, beside them: p99", Spread.of(steps), "ms", 15.0)
     medians = [1e3 * _wrench(pipeline, cycle) for _ in range(rounds)]
     yield Row("a wrench becomes hypotheses", Spread.of(medians), "ms", 1.0)
     yield _nearest(rounds, pipeline)
@@ -130,6 +133,27 @@ def _slowest(pipeline: Pipeline, cycle: list[Reading]) -> float:
             pipeline.receive(reading)
         pipeline.step(stamp)
         seconds.append(time.perf_counter() - start)
+    return float(np.percentile(seconds[1:], 99))
+
+
+def _posterior(config: PipelineConfig) -> PipelineConfig:
+    """Fuse by fields over the surface."""
+    rule = {"rule": "posterior", "condensation": "modes"}
+    return config.model_copy(update={"integrator": config.integrator.model_copy(update=rule)})
+
+
+def _slowest_step(pipeline: Pipeline, cycle: list[Reading]) -> float:
+    """Give the 99th percentile of the integrator's steps at 10 Hz [s]."""
+    pipeline.reset()
+    seconds = []
+    for number in range(CYCLES):
+        stamp = 0.1 * number
+        for reading in cycle:
+            pipeline.receive(replace(reading, stamp=stamp))
+        start = time.perf_counter()
+        fusion = pipeline.step(stamp).fusion
+        seconds.append(time.perf_counter() - start)
+        assert fusion.contacts
     return float(np.percentile(seconds[1:], 99))
 
 

@@ -15,7 +15,7 @@ LIVE_CYCLES = round(TIMEOUT / PERIOD) + 1  # an entry exactly at its timeout sti
 COUNTS = {"tactile": 100, "force_torque": 250, "range": 10_000, "motion": 5_000, "simulator": 1_000}
 
 _SPREADS = {"tactile": 2e-3, "force_torque": 1e-2, "range": 3e-3, "motion": 5e-3, "simulator": 2e-2}
-_ARM_LENGTH, _ARM_RADIUS = 0.8, 0.03  # m
+ARM_LENGTH, ARM_RADIUS = 0.8, 0.03  # m
 _RINGS, _PER_RING, _OBJECT_WIDTHS = 8, 3, (0.055, 0.075)  # widths in m
 _SPEED, _ORBIT = 0.046, 0.02  # m/s and m: everything circles, so every cycle sweeps as much space
 _RANGE_NOISE, _RANGE_REACH = 0.0025, 0.032  # m
@@ -70,7 +70,7 @@ def typical_cycles(
         ``count`` cycles, each one cloud per source; cycle k is stamped k · 10 ms.
     """
     pose = random_rotation(rng)
-    size = np.array([2.0 * _ARM_RADIUS, 2.0 * _ARM_RADIUS, _ARM_LENGTH])
+    size = np.array([2.0 * ARM_RADIUS, 2.0 * ARM_RADIUS, ARM_LENGTH])
     arm = Body("cylinder", size, np.zeros(3), pose)
     objects = _objects_along(rng, pose)
     cycles = [_cycle(rng, arm, objects, k * PERIOD) for k in range(count)]
@@ -108,10 +108,10 @@ def _objects_along(rng: np.random.Generator, pose: Floats) -> list[Body]:
     objects = []
     for i in range(_RINGS * _PER_RING):
         ring, place = divmod(i, _PER_RING)
-        along = ((ring + 0.5) / _RINGS - 0.5) * _ARM_LENGTH
+        along = ((ring + 0.5) / _RINGS - 0.5) * ARM_LENGTH
         angle = 2.0 * np.pi * place / _PER_RING + ring
         width = rng.uniform(*_OBJECT_WIDTHS)
-        away = _ARM_RADIUS + width / 2.0
+        away = ARM_RADIUS + width / 2.0
         centre = np.array([away * np.cos(angle), away * np.sin(angle), along])
         size = np.full(3, width)
         objects.append(Body(_SHAPES[i % 3], size, pose @ centre, random_rotation(rng)))
@@ -132,7 +132,7 @@ def _cycle(rng: np.random.Generator, arm: Body, objects: list[Body], stamp: floa
     likely = _RANGE_LAMBDA**2 / (_RANGE_LAMBDA**2 + distances**2)  # F Eq 5
     touching = seen[np.argsort(distances)[: COUNTS["simulator"]]]
     touched = arm.sample(rng, 4000)
-    contact = arm.rotation @ np.array([_ARM_RADIUS, 0.0, _ARM_LENGTH / 4.0])
+    contact = arm.rotation @ np.array([ARM_RADIUS, 0.0, ARM_LENGTH / 4.0])
     touched = touched[np.argsort(np.linalg.norm(touched - contact, axis=1))]
     skin = rng.permutation(touched[: COUNTS["tactile"]])
     wrist = rng.permutation(touched[: COUNTS["force_torque"]])
@@ -158,6 +158,6 @@ def _with_spreads(cloud: Cloud) -> Cloud:
 
 def _distance(arm: Body, points: Floats) -> Floats:
     local = points @ arm.rotation
-    radial = np.maximum(np.hypot(local[:, 0], local[:, 1]) - _ARM_RADIUS, 0.0)
-    axial = np.maximum(np.abs(local[:, 2]) - _ARM_LENGTH / 2.0, 0.0)
+    radial = np.maximum(np.hypot(local[:, 0], local[:, 1]) - ARM_RADIUS, 0.0)
+    axial = np.maximum(np.abs(local[:, 2]) - ARM_LENGTH / 2.0, 0.0)
     return np.hypot(radial, axial)

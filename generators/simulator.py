@@ -5,18 +5,15 @@ from typing import Any
 
 import numpy as np
 from pydantic import Field
-from scipy.spatial.transform import Rotation
 
 from contactfusion.arrays import FloatArray
-from contactfusion.errors import RobotError, name_hint
-from contactfusion.frames import Pose, pose_of
 from contactfusion.generator import Generator, GeneratorConfig
 from contactfusion.generators.believed_world import BelievedWorld
 from contactfusion.hooks import hookimpl
 from contactfusion.hypotheses import HypothesisCloud, HypothesisKind
 from contactfusion.readings import JointState, ObjectPose, Reading
 from contactfusion.robots.model import RobotModel
-from contactfusion.robots.objects import ObjectConfig, ObjectModel
+from contactfusion.robots.objects import BelievedObjects, ObjectConfig
 from contactfusion.state import State
 
 
@@ -50,9 +47,8 @@ class SimulatorGenerator(Generator[SimulatorConfig]):
 
     def __init__(self, name: str, config: SimulatorConfig) -> None:
         super().__init__(name, config)
-        self._models = {key: ObjectModel(one) for key, one in config.objects.items()}
+        self._objects = BelievedObjects(config.objects)
         self._world: BelievedWorld | None = None
-        self.reset()
 
     def __getstate__(self) -> dict[str, Any]:
         """Travel without the world; it is built anew."""
@@ -60,13 +56,11 @@ class SimulatorGenerator(Generator[SimulatorConfig]):
 
     def prepare(self, robot: RobotModel) -> None:
         """Build the world."""
-        self._world = BelievedWorld(robot, self._models)
+        self._world = BelievedWorld(robot, self._objects.models)
 
     def reset(self) -> None:
         """Believe again what is configured."""
-        self._told: dict[str, tuple[str, Pose]] = {
-            key: (one.pose.parent, one.pose.pose()) for key, one in self.config.objects.items()
-        }
+        self._objects.reset()
 
     def generate(self, reading: Reading, state: State) -> Sequence[HypothesisCloud]:
         """Give the surface that meets an object.
@@ -76,11 +70,7 @@ class SimulatorGenerator(Generator[SimulatorConfig]):
             RobotError: an object of that name is not configured, or no link of a name.
         """
         if isinstance(reading, ObjectPose):
-            if reading.name not in self._told:
-                hint = name_hint(reading.name, self._told, f"objects of '{self.name}'")
-                raise RobotError(f"unknown object '{reading.name}': {hint}")
-            turn = Rotation.from_quat(reading.orientation).as_matrix()
-            self._told[reading.name] = reading.frame, pose_of(reading.position, turn)
+            self._objects.tell(reading, self.name)
             return ()
         robot = state.posed_robot(self.name)
         if self._world is None:
@@ -88,15 +78,15 @@ class SimulatorGenerator(Generator[SimulatorConfig]):
         assert self._world is not None
         wanted = set(robot.model.known_links(self.config.links))
         places, spreads = [np.empty((0, 3))], [np.empty(0)]
-        for name, (frame, pose) in self._told.items():
-            there = state.frames.pose(state.grid.frame, of=frame) @ pose
+        for name, there in self._objects.poses(state.frames, state.grid.frame).items():
+            model = self._objects.models[name]
             near = self._world.near(robot, name, there, self.config.tolerance) & wanted
             if not near:
                 continue
             points = robot.surface_of(sorted(near)).points
-            points = points[self._models[name].distances(there, points) <= self.config.tolerance]
+            points = points[model.distances(there, points) <= self.config.tolerance]
             places.append(points)
-            spreads.append(self._models[name].spreads(there, points))
+            spreads.append(model.spreads(there, points))
         points, own = np.concatenate(places), np.concatenate(spreads)
         kept = state.grid.first_in_voxels(points)
         return (

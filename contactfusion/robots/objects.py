@@ -1,5 +1,6 @@
 """Objects that a robot may touch: their shapes, and where they are believed to be."""
 
+from collections.abc import Mapping
 from functools import cached_property
 from pathlib import Path
 from typing import Self
@@ -8,10 +9,11 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from contactfusion.arrays import FloatArray
-from contactfusion.errors import ConfigurationError, RobotError
+from contactfusion.errors import ConfigurationError, RobotError, name_hint
 from contactfusion.frame_config import FrameConfig
-from contactfusion.frames import Pose, inverse, points_in
+from contactfusion.frames import FrameTree, Pose, inverse, points_in, pose_of
 from contactfusion.model import Model
+from contactfusion.readings import ObjectPose
 from contactfusion.robots.description import RobotConfig
 from contactfusion.robots.solids import Solid
 from contactfusion.robots.urdf import Mesh, read_urdf
@@ -96,3 +98,54 @@ class ObjectModel:
         # a turn about z moves a point along one horizontal axis: its mean square over three axes
         turned = self.config.sigma_yaw * lever / np.sqrt(3.0)
         return np.asarray(np.hypot(self.config.sigma, turned))
+
+
+class BelievedObjects:
+    """Objects, and where each is believed to be: as configured, until a reading tells of it.
+
+    Args:
+        configs: the objects by name; their files are rooted already.
+
+    Raises:
+        RobotError: a file is missing, or a URDF has more than one link with a shape.
+    """
+
+    def __init__(self, configs: Mapping[str, ObjectConfig]) -> None:
+        self.models = {name: ObjectModel(one) for name, one in configs.items()}
+        self.reset()
+
+    def reset(self) -> None:
+        """Believe again what is configured."""
+        self._told: dict[str, tuple[str, Pose]] = {
+            name: (one.config.pose.parent, one.config.pose.pose())
+            for name, one in self.models.items()
+        }
+
+    def tell(self, reading: ObjectPose, asked_by: str) -> None:
+        """Believe an object to be where a reading has it.
+
+        Args:
+            reading: its name is the object's.
+            asked_by: the generator that believes it.
+
+        Raises:
+            RobotError: there is no object of that name.
+        """
+        from scipy.spatial.transform import Rotation
+
+        if reading.name not in self._told:
+            hint = name_hint(reading.name, self._told, f"objects of '{asked_by}'")
+            raise RobotError(f"unknown object '{reading.name}': {hint}")
+        turn = Rotation.from_quat(reading.orientation).as_matrix()
+        self._told[reading.name] = reading.frame, pose_of(reading.position, turn)
+
+    def poses(self, frames: FrameTree, frame: str) -> dict[str, Pose]:
+        """Give where each object is believed to be in one frame, by name.
+
+        Raises:
+            FrameError: nothing joins an object's frame to that frame.
+        """
+        return {
+            name: frames.pose(frame, of=parent) @ pose
+            for name, (parent, pose) in self._told.items()
+        }

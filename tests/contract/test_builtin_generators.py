@@ -10,6 +10,7 @@ import pytest
 from contactfusion import Grid, State
 from contactfusion.frames import FrameTree
 from contactfusion.generators.finger_pose import FingerPoseConfig
+from contactfusion.generators.first_touch import FirstTouchConfig
 from contactfusion.generators.force_torque import ForceTorqueConfig
 from contactfusion.generators.free_space import FreeSpaceConfig
 from contactfusion.generators.range import RangeConfig
@@ -63,6 +64,15 @@ def finger_pose(folder: Path) -> Given:
     ]
     state = hands.state(hands.slide(folder), x=0.1)
     return {"config": FingerPoseConfig.model_validate(config), "readings": readings, "state": state}
+
+
+def first_touch(folder: Path) -> Given:
+    """A hand beside a box, which is then told to be elsewhere."""
+    box = {"shapes": [{"shape": "box", "size": (0.1, 0.1, 0.1)}], "pose": {"parent": "base"}}
+    readings = [hands.joints(0.1, stamp=0.1 * index) for index in range(EXAMPLES)]
+    config = FirstTouchConfig.model_validate({"objects": {"object": box}})
+    state = hands.state(hands.slide(folder), x=0.11)
+    return {"config": config, "readings": [*readings, example_reading(ObjectPose)], "state": state}
 
 
 def free_space(folder: Path) -> Given:
@@ -128,6 +138,7 @@ def nothing(folder: Path) -> Given:
 
 GIVEN: dict[str, Callable[[Path], Given]] = {
     "finger_pose": finger_pose,
+    "first_touch": first_touch,
     "force_torque": force_torque,
     "free_space": free_space,
     "motion": motion,

@@ -30,6 +30,8 @@ REST: Any = {"folder": True, "faults": True, "integrator": True, "robot": {"fold
 """Of a pipeline, what does not change a trial, or is told apart."""
 TRIALS = 1
 """Counts up when trials change, so that old ones are not taken for new."""
+BELIEVING = ("simulator", "first_touch")
+"""The types of generator that believe in objects."""
 SHORT = 0.02
 """An approach in free air stops so much before the first touch [m]."""
 
@@ -63,7 +65,8 @@ class Plan:
     """An experiment.
 
     Attributes:
-        pipeline: what feels; its simulators believe in each target alone, see `pipeline_of`.
+        pipeline: what feels; what believes in objects does so in each target alone, see
+            `pipeline_of`.
         scene: what is touched, without target and direction.
         directions: how many directions there are.
         seed: of all chance.
@@ -99,10 +102,10 @@ class Plan:
         )
 
     def pipeline_of(self, target: str) -> PipelineConfig:
-        """Give the pipeline whose simulators believe in one object."""
+        """Give the pipeline in which one object is believed in."""
         generators = {
             name: {**options, "objects": {target: self.scene.objects[target]}}
-            if options["type"] == "simulator"
+            if options["type"] in BELIEVING
             else options
             for name, options in self.pipeline.generators.items()
         }

@@ -4,11 +4,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from contactfusion.experiments.methods import Method
 from contactfusion.experiments.touch.plan import Touch
 from contactfusion.experiments.touch.trial import Trial
 from contactfusion.grid import Grid
 from contactfusion.hypotheses import HypothesisKind
-from contactfusion.integrator.config import IntegratorConfig
 from contactfusion.integrator.fusion import Fusion
 from contactfusion.integrator.integrator import Integrator
 from contactfusion.pipeline_config import PipelineConfig
@@ -45,43 +45,21 @@ ROWS = (
     Row("range, moving objects", ("moving",)),
     Row("all, range as support", PAPER),
     Row("all + simulator, range as support", (*PAPER, "simulator")),
+    Row("all + first touch", (*PAPER, "first touch"), ungated=True),
 )
 """The papers' five rows first; their range counts what is near as evidence."""
 PAPERS = ROWS[:5]
-ALL_AND_SIMULATOR = ROWS[4]
+ALL, ALL_AND_SIMULATOR = ROWS[3:5]
 SINGLE = ("tactile", "force", "range", "fingers")
 TYPES = {
     "tactile": "tactile",
     "force_torque": "force",
     "finger_pose": "fingers",
+    "first_touch": "first touch",
     "motion": "motion",
     "simulator": "simulator",
     "free_space": "free space",
 }
-
-
-@dataclass(frozen=True)
-class Method:
-    """How hypotheses are fused: a rule and a condensation."""
-
-    rule: str
-    condensation: str
-
-    @classmethod
-    def named(cls, name: str) -> "Method":
-        """Read RULE or RULE/CONDENSATION; the papers' condensation unless another is named.
-
-        Raises:
-            PluginError: no such rule or condensation is installed.
-            ConfigurationError: the two do not fit each other.
-        """
-        rule, _, condensation = name.partition("/")
-        method = cls(rule, condensation or "cluster_centroid")
-        Integrator(IntegratorConfig(rule=method.rule, condensation=method.condensation))
-        return method
-
-    def __str__(self) -> str:
-        return f"{self.rule}/{self.condensation}"
 
 
 @dataclass(frozen=True)
@@ -120,8 +98,13 @@ def modality_of(config: PipelineConfig, source: str) -> str:
 
 
 def everything(config: PipelineConfig) -> Row:
-    """Give the row of all modalities that are configured."""
+    """Give the row of all modalities that are configured.
+
+    `first touch` and `simulator` stand on the same belief: of the two, the first.
+    """
     modalities = dict.fromkeys(modality_of(config, name) for name in config.generators)
+    if "first touch" in modalities:
+        modalities.pop("simulator", None)
     return Row("every generator", tuple(modalities))
 
 
@@ -133,27 +116,26 @@ def fused(
     Args:
         trial: what every source said.
         row: the modalities.
-        method: the rule and the condensation.
+        method: the rule, the condensation, and what spreads are multiplied by.
         config: the pipeline that felt the touch.
         without: a modality to leave out.
     """
-    integrator = Integrator(
-        config.integrator.model_copy(
-            update={"rule": method.rule, "condensation": method.condensation}
-        )
-    )
+    integrator = Integrator(method.applied(config.integrator))
     for name, cloud in trial.clouds.items():
         modality = modality_of(config, name)
         if modality not in row.modalities or modality == without:
             continue
         if modality == "range" and row.ungated:
             cloud = replace(cloud, kind=HypothesisKind.REGULAR)
+        if cloud.spreads is not None:
+            cloud = replace(cloud, spreads=cloud.spreads * method.spreads)
         options = config.generators[name.split("/")[0]]
         integrator.plug(
             name,
             cloud.kind,
             timeout=options.get("timeout"),
             replace=options.get("replace", True),
+            sensitivity=options.get("sensitivity", 0.0) * (cloud.kind == HypothesisKind.REGULAR),
         )
         integrator.receive(cloud)
     return integrator.step(trial.stamp, believed_robot(trial, config).surface)

@@ -1,0 +1,100 @@
+"""When to use which rule: five situations, each fused in three ways; docs/rules.md tells of them.
+
+Run it with `python examples/compare_rules.py [FOLDER]`; it needs the extra `plot`. Places in mm.
+"""
+
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from contactfusion import Fusion, HypothesisCloud, Integrator, IntegratorConfig
+from contactfusion.figures import COLOURS, new_figure
+from contactfusion.shapes import ShapeConfig, joined
+
+MASS = {"condensation": "cluster_mass", "mass_threshold": 0.4}
+MODES: dict[str, Any] = {"rule": "posterior", "condensation": "modes"}
+METHODS = {"De Morgan, cluster_centroid": {}, "De Morgan, cluster_mass": MASS, "posterior": MODES}
+VIEW = dict(aspect="equal", xlim=(-52, 52), ylim=(-42, 42), xlabel="x [mm]", ylabel="y [mm]")
+PALM = ShapeConfig(shape="rectangle", size=(0.1, 0.08)).sampled("hand", 0.004)
+FINGERS = joined([ShapeConfig(shape="cylinder", radius=0.012, length=0.06, xyz=(x, 0.0, 0.0))
+                  .sampled("hand", 0.004) for x in (-0.022, 0.022)])  # fmt: skip
+CIRCLE = np.array([(np.cos(a), np.sin(a)) for a in np.linspace(0.0, 2.0 * np.pi, 60)]).T
+
+
+def say(source: str, kind: Any, spread: float, p: Any, places: Any, **more: Any) -> HypothesisCloud:
+    """Give what a source says: places, how likely each is, and how far off they may be."""
+    at = np.array(places, np.float64).reshape(-1, 3) / 1e3
+    given, spreads = np.broadcast_to(p, len(at)), np.full(len(at), spread / 1e3)
+    return HypothesisCloud(source, kind, 1.0, "hand", at, given, spreads=spreads, **more)
+
+
+SKIN = say("skin", "regular", 4.0, (0.9, 0.5, 0.4), [(0, 1, 0), (5, 1, 0), (0, 6, 0)])
+ENDS = [(x + (144 - y * y) ** 0.5, y, z) for x in (-22, 22) for y in (-1, 4, 9) for z in (-2, 2)]
+PRESSES = np.array([(-35, -25, 0), (-20, 20, 0), (15, -10, 0), (35, 25, 0)])
+PATCH = np.array([(x, y, 0) for x in (-5, 0, 5) for y in (-5, 0, 5)])  # a place a voxel
+SITUATIONS: dict[str, tuple[str, Any, Any, Any]] = {
+    "apart": ("a skin and a camera never meet in a voxel", PALM, [(0, 3, 0)], [
+        SKIN, say("camera", "regular", 12.0, 0.4, PATCH + (18, 8, 0))]),
+    "line": ("a line of force meets two fingers", FINGERS, [(33.3, 4, 0)], [
+        say("force", "regular", 4.0, 0.9 / 12, ENDS, single=True, forces=[(-8, 0, 0)] * 12),
+        say("prediction", "support", 15.0, 0.4, PATCH + (42, 10, 0))]),
+    "stuck": ("a taxel is stuck, a camera and a wrist agree", PALM, [(20, 8, 0)], [
+        say("skin", "regular", 4.0, 0.95, [(-30, -20, 0)]),
+        say("camera", "regular", 12.0, 0.4, PATCH + (28, 14, 0)),
+        say("force", "regular", 6.0, 0.1, PATCH + (20, 10, 0), single=True)]),
+    "free": ("a camera that was moved sees free space at a touch", PALM, [(0, 3, 0)], [
+        SKIN, say("camera", "null", 4.0, 0.6, PATCH + (5, 2, 0))]),
+    "many": ("a skin is pressed in four places", PALM, PRESSES, [
+        say("skin", "regular", 4.0, 0.8, PRESSES[:, None] + PATCH / 2)]),
+}  # fmt: skip
+
+
+def fuse(name: str, how: str, sensitivity: float = 0.0, **config: Any) -> Fusion:
+    """Fuse a situation, and print how likely each contact is, and how far from a touch."""
+    _, surface, touches, clouds = SITUATIONS[name]
+    integrator = Integrator(IntegratorConfig(frame="hand", **config))
+    integrator.plug("other skin", sensitivity=sensitivity)
+    for cloud in (*clouds, say("other skin", "regular", 0.0, 0.0, [])):  # it feels nothing
+        integrator.receive(cloud)
+    fusion = integrator.step(1.0, surface)
+    told = [f"{c.likelihood:.2f} ({np.hypot(*(c.position * 1e3 - touches).T[:2]).min():.0f} mm off)"
+            for c in fusion.contacts]  # fmt: skip
+    print(f"  {how:28s} {', '.join(told) or 'no contact'}")
+    return fusion
+
+
+def draw(name: str, path: Path) -> None:
+    """Draw what each source says, and the voxels and contacts of each method, from above."""
+    _, surface, touches, clouds = SITUATIONS[name]
+    figure = new_figure(14.0, 4.2)
+    panels = figure.subplots(1, 4, subplot_kw=VIEW)
+    for colour, cloud in zip(COLOURS, clouds, strict=False):
+        label = f"{cloud.source}, {cloud.kind}, {cloud.spreads[0] * 1e3:.0f} mm"
+        panels[0].scatter(*cloud.positions[:, :2].T * 1e3, c=colour, s=9 + 70 * cloud.likelihoods,
+                          marker="x" if cloud.kind == "null" else "o", label=label)  # fmt: skip
+    for axes, (how, config) in zip(panels[1:], METHODS.items(), strict=True):
+        fusion = fuse(name, how, **config)
+        voxels = fusion.space.positions[:, :2] * 1e3
+        axes.scatter(*voxels.T, c=fusion.space.likelihoods, marker="s", vmin=0, vmax=1)
+        axes.plot(*voxels[fusion.space.verdicts == "nulled"].T, "x", c="#d55e00", label="ruled out")
+        for colour, c in zip(COLOURS[2:], fusion.contacts, strict=False):
+            ring = c.position[:2, None] + 2.0 * np.linalg.cholesky(c.covariance[:2, :2]) @ CIRCLE
+            axes.plot(*ring * 1e3, c=colour, label=f"contact, {c.likelihood:.2f}")
+    for axes, heading in zip(panels, ("what each source says", *METHODS), strict=True):
+        axes.scatter(*surface.points[:, :2].T * 1e3, s=1, c="#bbbbbb", zorder=0)
+        axes.plot(*np.transpose(touches)[:2], "k*", mfc="none", ms=13, label="touch")
+        axes.set_title(heading)
+        axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.24), ncols=2, fontsize="small")
+    figure.colorbar(panels[-1].collections[0], ax=panels, shrink=0.6, label="likelihood of a voxel")
+    figure.savefig(path, dpi=80, bbox_inches="tight")
+
+
+out = Path(sys.argv[1] if len(sys.argv) > 1 else "out/compare_rules")
+out.mkdir(parents=True, exist_ok=True)
+for name, (title, *_) in SITUATIONS.items():
+    print(title)
+    draw(name, out / f"rules_{name}.png")
+for name, option, value in (("line", "sensitivity", 0.9), ("many", "mode_share", 0.1)):
+    fuse(name, f"posterior, {option} {value}", **{option: value}, **MODES)
