@@ -15,16 +15,15 @@ from contactfusion.jit import kernel
 
 REACH = 4.0
 """A Gaussian ends after so many standard deviations."""
-WIDER = 3.0
-"""A tail is a second Gaussian, so much wider."""
-TILE = 0.024
+WIDER, FAR = 3.0, 9.0
+"""A tail is a second Gaussian, so much wider; it ends after so many deviations of the first."""
+TILE = 0.02
 """Places are worked on together in cells of this side [m], or wider ones."""
 COLUMN = 0.024
 """Hypotheses are looked up by cells of this side [m], or wider ones."""
 ROOM = 1 << 15
 """There are at most so many cells, and as many again for every eighth of a point."""
-LANES = 8
-"""As many places are worked on at once as fit into the widest vectors."""
+Singles = NDArray[np.float32]
 BIG, ZERO = np.float32(1e30), np.float32(0.0)
 
 
@@ -81,9 +80,9 @@ def deal(points: FloatArray, side: float) -> Dealt:
 
 
 @kernel
-def _gap(x: float, low: float, cell: int, side: float) -> float:
+def _gap(x: float, cell: int, side: float) -> float:
     """Give the distance of a coordinate from a cell [m]."""
-    return max(low + cell * side - x, x - low - (cell + 1) * side, 0.0)
+    return max(cell * side - x, x - (cell + 1) * side, 0.0)
 
 
 @kernel
@@ -107,6 +106,153 @@ def _tailed(away: np.float32, height: np.float32) -> np.float32:
     wide = _exp(away * np.float32(1.0 / 9.0))
     cubed = wide * wide * wide
     return cubed * cubed * cubed + height * wide
+
+
+class Spread(NamedTuple):
+    """Hypotheses by cells, made ready; lengths from the least corner, where floats are exact enough.
+
+    Attributes:
+        cells: the hypotheses by cells.
+        x: shape (n,) [m], cell by cell, as are all others.
+        y: shape (n,) [m].
+        z: shape (n,) [m].
+        halved: shape (n,), 1 / (2 variance) [1/m²].
+        logs: shape (n,), of the likelihoods.
+        furthest: a hypothesis says nothing from where its exponent reaches this.
+        flatter: the exponent of a tail, in parts of that of its Gaussian.
+        lift: what is added to it, for a tail is lower.
+    """
+
+    cells: Dealt
+    x: Singles
+    y: Singles
+    z: Singles
+    halved: Singles
+    logs: Singles
+    furthest: np.float32
+    flatter: np.float32
+    lift: np.float32
+
+
+@kernel
+def _ready(
+    positions: FloatArray, likelihoods: FloatArray, variances: FloatArray, tail: float
+) -> Spread:
+    n, ends = len(positions), FAR if tail > 0.0 else REACH
+    cells = deal(positions, max(COLUMN, ends * np.sqrt(variances.max()) / 4.0))
+    x, y, z = np.empty(n, np.float32), np.empty(n, np.float32), np.empty(n, np.float32)
+    halved, logs = np.empty(n, np.float32), np.empty(n, np.float32)
+    for at in range(n):
+        row = cells.rows[at]
+        x[at] = positions[row, 0] - cells.low[0]
+        y[at] = positions[row, 1] - cells.low[1]
+        z[at] = positions[row, 2] - cells.low[2]
+        halved[at], logs[at] = 0.5 / variances[row], np.log(likelihoods[row])
+    furthest, flatter = np.float32(0.5 * ends * ends), np.float32(1.0 / WIDER**2)
+    lift = np.float32(-np.log(tail)) if tail > 0.0 else BIG
+    return Spread(cells, x, y, z, halved, logs, furthest, flatter, lift)
+
+
+@kernel
+def _gather(
+    spread: Spread, middle: FloatArray, radius: float, found: Int64Array, squares: Singles
+) -> int:
+    """Write the hypotheses in a ball, and their squared distances from its middle [m²].
+
+    Returns:
+        How many there are.
+    """
+    low, counts, side = spread.cells.low, spread.cells.counts, spread.cells.side
+    begins, x, y, z = spread.cells.begins, spread.x, spread.y, spread.z
+    cx, cy, cz = middle[0] - low[0], middle[1] - low[1], middle[2] - low[2]
+    fx, fy, fz = np.float32(cx), np.float32(cy), np.float32(cz)
+    wide, count = np.float32(radius * radius), 0
+    first_i = max(int(np.floor((cx - radius) / side)), 0)
+    last_i = min(int(np.floor((cx + radius) / side)), counts[0] - 1)
+    first_j = max(int(np.floor((cy - radius) / side)), 0)
+    last_j = min(int(np.floor((cy + radius) / side)), counts[1] - 1)
+    for i in range(first_i, last_i + 1):
+        gap_x = _gap(cx, i, side)
+        for j in range(first_j, last_j + 1):
+            left = radius * radius - gap_x**2 - _gap(cy, j, side) ** 2
+            if left < 0.0:
+                continue
+            first = max(int(np.floor((cz - np.sqrt(left)) / side)), 0)
+            last = min(int(np.floor((cz + np.sqrt(left)) / side)), counts[2] - 1)
+            if first > last:
+                continue
+            column = (i * counts[1] + j) * counts[2]
+            for at in range(begins[column + first], begins[column + last + 1]):
+                dx, dy, dz = x[at] - fx, y[at] - fy, z[at] - fz
+                squared = dx * dx + dy * dy + dz * dz
+                found[count], squares[count] = at, squared  # written over unless it counts
+                count += squared <= wide
+    return count
+
+
+@kernel
+def _ceiling(spread: Spread, found: Int64Array, squares: Singles, around: np.float32) -> np.float32:
+    """Give an exponent that the strongest hypothesis has at most, anywhere `around` the middle."""
+    ceiling = BIG
+    for h in range(len(found)):
+        away = (np.sqrt(squares[h]) + around) ** 2 * spread.halved[found[h]]
+        if away < spread.furthest:
+            away = min(away, spread.flatter * away + spread.lift)
+            ceiling = min(ceiling, away - spread.logs[found[h]])
+    return ceiling
+
+
+@kernel
+def _strongest(
+    spread: Spread,
+    found: Int64Array,
+    squares: Singles,
+    around: np.float32,
+    ceiling: np.float32,
+    px: Singles,
+    py: Singles,
+    pz: Singles,
+    scores: Singles,
+) -> None:
+    """Lower each place's exponent to that of the strongest hypothesis there."""
+    furthest, flatter, lift = spread.furthest, spread.flatter, spread.lift
+    for h in range(len(found)):
+        at = found[h]
+        x, y, z = spread.x[at], spread.y[at], spread.z[at]
+        halved, log = spread.halved[at], spread.logs[at]
+        least = max(np.sqrt(squares[h]) - around, ZERO) ** 2 * halved
+        if min(least, flatter * least + lift) - log > ceiling:
+            continue
+        for a in range(len(scores)):
+            dx, dy, dz = px[a] - x, py[a] - y, pz[a] - z
+            away = (dx * dx + dy * dy + dz * dz) * halved
+            tailed = flatter * away + lift
+            score = tailed if tailed < away else away
+            score = score - log if away < furthest else BIG
+            scores[a] = score if score < scores[a] else scores[a]
+
+
+@kernel
+def _total(
+    spread: Spread,
+    found: Int64Array,
+    height: np.float32,
+    px: Singles,
+    py: Singles,
+    pz: Singles,
+    scores: Singles,
+) -> None:
+    """Add up what the hypotheses say at each place."""
+    furthest = spread.furthest
+    for h in range(len(found)):
+        at = found[h]
+        x, y, z = spread.x[at], spread.y[at], spread.z[at]
+        halved, likelihood = spread.halved[at], np.exp(spread.logs[at])
+        for a in range(len(scores)):
+            dx, dy, dz = px[a] - x, py[a] - y, pz[a] - z
+            away = (dx * dx + dy * dy + dz * dz) * halved
+            share = likelihood * _tailed(away, height)
+            scores[a] += share if away < furthest else ZERO
 
 
 @kernel
@@ -139,112 +285,60 @@ def spread_out(
     n = len(positions)
     if n == 0:
         return
-    widest = np.sqrt(variances.max())
-    stretch = WIDER if tail > 0.0 else 1.0
-    reach = REACH * stretch * widest
-    around = 0.5 * np.sqrt(3.0) * tiles.side
-    rows, begins, low, counts, side = deal(positions, max(COLUMN, reach / 4.0))
-    least, most = 0.5 / variances.max(), np.log(likelihoods.max())
-    furthest, margin = np.float32(0.5 * (REACH * stretch) ** 2), np.float32(around)
-    flatter, height = np.float32(1.0 / WIDER**2), np.float32(tail)
-    lift = np.float32(-np.log(tail)) if tail > 0.0 else BIG
-    bend = lift / (np.float32(1.0) - flatter)  # from here on the tail is the higher one
-    x, y, z = np.empty(n, np.float32), np.empty(n, np.float32), np.empty(n, np.float32)
-    halved, logs = np.empty(n, np.float32), np.empty(n, np.float32)
-    for at in range(n):  # from a corner nearby, single precision is enough
-        row = rows[at]
-        x[at], y[at] = positions[row, 0] - low[0], positions[row, 1] - low[1]
-        z[at] = positions[row, 2] - low[2]
-        halved[at], logs[at] = 0.5 / variances[row], np.log(likelihoods[row])
-    found, distances = np.empty(n + 1, np.int64), np.empty(n + 1, np.float32)
-    room = len(places) + LANES
-    px, py = np.zeros(room, np.float32), np.zeros(room, np.float32)
-    pz, scores = np.zeros(room, np.float32), np.zeros(room, np.float32)
+    spread = _ready(positions, likelihoods, variances, tail)
+    low, widest, most = spread.cells.low, np.sqrt(variances.max()), np.log(likelihoods.max())
+    reach = (FAR if tail > 0.0 else REACH) * widest
+    found, squares = np.empty(n + 1, np.int64), np.empty(n + 1, np.float32)
+    px, py = np.empty(len(places), np.float32), np.empty(len(places), np.float32)
+    pz, scores = np.empty(len(places), np.float32), np.empty(len(places), np.float32)
+    middle = np.empty(3)
     for tile in range(len(tiles.begins) - 1):
-        begin, m = tiles.begins[tile], tiles.begins[tile + 1] - tiles.begins[tile]
+        rows = tiles.rows[tiles.begins[tile] : tiles.begins[tile + 1]]
+        m = len(rows)
         if m == 0:
             continue
-        k = tile % tiles.counts[2]
-        j = tile // tiles.counts[2] % tiles.counts[1]
-        i = tile // tiles.counts[2] // tiles.counts[1]
-        cx = tiles.low[0] + (i + 0.5) * tiles.side - low[0]
-        cy = tiles.low[1] + (j + 0.5) * tiles.side - low[1]
-        cz = tiles.low[2] + (k + 0.5) * tiles.side - low[2]
-        count, bound = 0, BIG
-        within = reach if single or reach < 2.0 * around else max(widest, around)
-        while True:
-            wide = (within + around) ** 2
-            count, bound = 0, BIG
-            first_i = max(int(np.floor((cx - within - around) / side)), 0)
-            last_i = min(int(np.floor((cx + within + around) / side)), counts[0] - 1)
-            first_j = max(int(np.floor((cy - within - around) / side)), 0)
-            last_j = min(int(np.floor((cy + within + around) / side)), counts[1] - 1)
-            for i in range(first_i, last_i + 1):
-                gx = _gap(cx, 0.0, i, side)
-                for j in range(first_j, last_j + 1):
-                    gy = _gap(cy, 0.0, j, side)
-                    left = wide - gx * gx - gy * gy
-                    if left < 0.0:
-                        continue
-                    left = np.sqrt(left)
-                    first = max(int(np.floor((cz - left) / side)), 0)
-                    last = min(int(np.floor((cz + left) / side)), counts[2] - 1)
-                    if first > last:
-                        continue
-                    column = (i * counts[1] + j) * counts[2]
-                    fx, fy, fz = np.float32(cx), np.float32(cy), np.float32(cz)
-                    beyond = np.float32(wide)
-                    for at in range(begins[column + first], begins[column + last + 1]):
-                        dx, dy, dz = x[at] - fx, y[at] - fy, z[at] - fz
-                        squared = dx * dx + dy * dy + dz * dz
-                        found[count], distances[count] = at, squared  # free of branches
-                        count += squared <= beyond
-            if single:
-                break
-            for h in range(count):
-                at = found[h]
-                furthest_off = np.sqrt(distances[h]) + margin
-                upper = furthest_off * furthest_off * halved[at]
-                if upper < furthest:
-                    bound = min(bound, min(upper, flatter * upper + lift) - logs[at])
-            if within >= reach:
-                break
-            away = max(bound + most, 0.0)  # of the likeliest that could still be the strongest
-            away = away if away <= bend else (away - lift) / flatter
-            needed = np.sqrt(away / least) if bound < BIG else 2.0 * within
-            if needed <= within:
+        around = np.float32(_ball(places, rows, middle))
+        for a in range(m):
+            px[a], py[a] = places[rows[a], 0] - low[0], places[rows[a], 1] - low[1]
+            pz[a] = places[rows[a], 2] - low[2]
+        if single:
+            scores[:m] = ZERO
+            count = _gather(spread, middle, reach + around, found, squares)
+            _total(spread, found[:count], np.float32(tail), px[:m], py[:m], pz[:m], scores[:m])
+            for a in range(m):
+                field[rows[a]] = scores[a]
+            continue
+        within = reach if reach < 2.0 * around else max(widest, 1.0 * around)
+        while True:  # look further until nothing beyond can be the strongest
+            count = _gather(spread, middle, within + around, found, squares)
+            ceiling = _ceiling(spread, found[:count], squares, around)
+            needed = 2.0 * within
+            if ceiling < BIG:
+                away = max(ceiling + most, 0.0)
+                away = max(away, (away - spread.lift) / spread.flatter)
+                needed = np.sqrt(2.0 * away) * widest
+            if needed <= within or within >= reach:
                 break
             within = min(needed, reach)
+        scores[:m] = BIG
+        _strongest(
+            spread, found[:count], squares, around, ceiling, px[:m], py[:m], pz[:m], scores[:m]
+        )
         for a in range(m):
-            row = tiles.rows[begin + a]
-            px[a], py[a] = places[row, 0] - low[0], places[row, 1] - low[1]
-            pz[a] = places[row, 2] - low[2]
-            scores[a] = ZERO if single else BIG
-        lanes = (m + LANES - 1) // LANES * LANES  # whole vectors; what is in the rest is left there
-        for h in range(count):
-            at = found[h]
-            hx, hy, hz, half, log = x[at], y[at], z[at], halved[at], logs[at]
-            nearest = max(np.sqrt(distances[h]) - margin, ZERO)
-            away = nearest * nearest * half
-            if min(away, flatter * away + lift) - log > bound:
-                continue
-            if single:
-                likelihood = np.exp(log)
-                for a in range(lanes):
-                    dx, dy, dz = px[a] - hx, py[a] - hy, pz[a] - hz
-                    away = (dx * dx + dy * dy + dz * dz) * half
-                    share = likelihood * _tailed(away, height)
-                    scores[a] += share if away < furthest else ZERO
-            else:
-                for a in range(lanes):
-                    dx, dy, dz = px[a] - hx, py[a] - hy, pz[a] - hz
-                    away = (dx * dx + dy * dy + dz * dz) * half
-                    tailed = flatter * away + lift
-                    score = tailed if tailed < away else away
-                    score = score - log if away < furthest else BIG
-                    scores[a] = score if score < scores[a] else scores[a]
-        for a in range(m):
-            field[tiles.rows[begin + a]] = scores[a] if single else np.exp(-scores[a])
+            field[rows[a]] = np.exp(-scores[a])
+
+
+@kernel
+def _ball(places: FloatArray, rows: Int64Array, middle: FloatArray) -> float:
+    """Write the middle of some places [m], and give how far they lie from it [m]."""
+    middle[:] = 0.0
+    for row in rows:
+        for axis in range(3):
+            middle[axis] += places[row, axis] / len(rows)
+    furthest = 0.0
+    for row in rows:
+        furthest = max(furthest, _squared(places[row], middle))
+    return np.sqrt(furthest) + 1e-6
 
 
 @kernel
