@@ -87,7 +87,10 @@ def _gap(x: float, cell: int, side: float) -> float:
 
 @kernel
 def _exp(away: np.float32) -> np.float32:
-    """Give exp(-away) for 0 ≤ away ≤ 8 to 2e-5: the 64th power of a polynomial; runs on vectors."""
+    """Give exp(-away), to 2e-5 for 0 ≤ away ≤ 8: the 64th power of a polynomial.
+
+    It is free of branches and calls, so that it runs on vectors.
+    """
     u = away * np.float32(-1.0 / 64.0)
     e = np.float32(1.0) + u * (
         np.float32(1.0) + u * (np.float32(0.5) + u * (np.float32(1 / 6) + u * np.float32(1 / 24)))
@@ -109,10 +112,11 @@ def _tailed(away: np.float32, height: np.float32) -> np.float32:
 
 
 class Spread(NamedTuple):
-    """Hypotheses by cells, made ready; lengths from the least corner, where floats are exact enough.
+    """Hypotheses by cells, made ready; in single precision, from an origin among the places.
 
     Attributes:
         cells: the hypotheses by cells.
+        origin: shape (3,) [m].
         x: shape (n,) [m], cell by cell, as are all others.
         y: shape (n,) [m].
         z: shape (n,) [m].
@@ -124,6 +128,7 @@ class Spread(NamedTuple):
     """
 
     cells: Dealt
+    origin: FloatArray
     x: Singles
     y: Singles
     z: Singles
@@ -136,7 +141,11 @@ class Spread(NamedTuple):
 
 @kernel
 def _ready(
-    positions: FloatArray, likelihoods: FloatArray, variances: FloatArray, tail: float
+    positions: FloatArray,
+    likelihoods: FloatArray,
+    variances: FloatArray,
+    tail: float,
+    origin: FloatArray,
 ) -> Spread:
     n, ends = len(positions), FAR if tail > 0.0 else REACH
     cells = deal(positions, max(COLUMN, ends * np.sqrt(variances.max()) / 4.0))
@@ -144,13 +153,13 @@ def _ready(
     halved, logs = np.empty(n, np.float32), np.empty(n, np.float32)
     for at in range(n):
         row = cells.rows[at]
-        x[at] = positions[row, 0] - cells.low[0]
-        y[at] = positions[row, 1] - cells.low[1]
-        z[at] = positions[row, 2] - cells.low[2]
+        x[at] = positions[row, 0] - origin[0]
+        y[at] = positions[row, 1] - origin[1]
+        z[at] = positions[row, 2] - origin[2]
         halved[at], logs[at] = 0.5 / variances[row], np.log(likelihoods[row])
     furthest, flatter = np.float32(0.5 * ends * ends), np.float32(1.0 / WIDER**2)
     lift = np.float32(-np.log(tail)) if tail > 0.0 else BIG
-    return Spread(cells, x, y, z, halved, logs, furthest, flatter, lift)
+    return Spread(cells, origin, x, y, z, halved, logs, furthest, flatter, lift)
 
 
 @kernel
@@ -165,7 +174,9 @@ def _gather(
     low, counts, side = spread.cells.low, spread.cells.counts, spread.cells.side
     begins, x, y, z = spread.cells.begins, spread.x, spread.y, spread.z
     cx, cy, cz = middle[0] - low[0], middle[1] - low[1], middle[2] - low[2]
-    fx, fy, fz = np.float32(cx), np.float32(cy), np.float32(cz)
+    fx = np.float32(middle[0] - spread.origin[0])
+    fy = np.float32(middle[1] - spread.origin[1])
+    fz = np.float32(middle[2] - spread.origin[2])
     wide, count = np.float32(radius * radius), 0
     first_i = max(int(np.floor((cx - radius) / side)), 0)
     last_i = min(int(np.floor((cx + radius) / side)), counts[0] - 1)
@@ -285,8 +296,9 @@ def spread_out(
     n = len(positions)
     if n == 0:
         return
-    spread = _ready(positions, likelihoods, variances, tail)
-    low, widest, most = spread.cells.low, np.sqrt(variances.max()), np.log(likelihoods.max())
+    origin = places[len(places) // 2]
+    spread = _ready(positions, likelihoods, variances, tail, origin)
+    widest, most = np.sqrt(variances.max()), np.log(likelihoods.max())
     reach = (FAR if tail > 0.0 else REACH) * widest
     found, squares = np.empty(n + 1, np.int64), np.empty(n + 1, np.float32)
     px, py = np.empty(len(places), np.float32), np.empty(len(places), np.float32)
@@ -299,8 +311,8 @@ def spread_out(
             continue
         around = np.float32(_ball(places, rows, middle))
         for a in range(m):
-            px[a], py[a] = places[rows[a], 0] - low[0], places[rows[a], 1] - low[1]
-            pz[a] = places[rows[a], 2] - low[2]
+            px[a], py[a] = places[rows[a], 0] - origin[0], places[rows[a], 1] - origin[1]
+            pz[a] = places[rows[a], 2] - origin[2]
         if single:
             scores[:m] = ZERO
             count = _gather(spread, middle, reach + around, found, squares)
@@ -338,7 +350,7 @@ def _ball(places: FloatArray, rows: Int64Array, middle: FloatArray) -> float:
     furthest = 0.0
     for row in rows:
         furthest = max(furthest, _squared(places[row], middle))
-    return np.sqrt(furthest) + 1e-6
+    return float(np.sqrt(furthest)) + 1e-6
 
 
 @kernel

@@ -186,16 +186,13 @@ def _over_places(
     return places, None, _fields(claims, places, [True] * len(claims))
 
 
-def _fields(
-    claims: Sequence[Claims], places: FloatArray, wanted: Sequence[bool]
-) -> FloatArray:
+def _fields(claims: Sequence[Claims], places: FloatArray, wanted: Sequence[bool]) -> FloatArray:
     """Give the fields of some sources, shape (k, c); 0 for the others."""
     told = np.zeros((len(claims), len(places)))
     tiles = fields.deal(places, fields.TILE)
     for one, field, is_wanted in zip(claims, told, wanted, strict=True):
         if is_wanted:
+            given = (one.positions, one.likelihoods, one.variances, one.single)
             tail = 0.0 if one.kind == HypothesisKind.NULL else TAIL
-            fields.spread_out(
-                places, tiles, one.positions, one.likelihoods, one.variances, one.single, tail, field
-            )
+            fields.spread_out(places, tiles, *given, tail, field)
     return told

@@ -109,7 +109,8 @@ class Space:
                 stacked.spreads[rows] = 0.0 if cloud.spreads is None else cloud.spreads
                 stacked.single[rows] = cloud.single
                 if self._places:
-                    store.offset_from_centres(cloud.positions, self._grid.voxel_size, stacked.offsets[rows])
+                    side = self._grid.voxel_size
+                    store.offset_from_centres(cloud.positions, side, stacked.offsets[rows])
                 if force_at >= 0:
                     force_rows = slice(force_at, force_at + len(arrival.keys))
                     felt = cloud.forces is not None

@@ -304,6 +304,9 @@ def test_of_two_that_stand_on_one_belief_every_generator_means_the_first_touch()
     both = plan.pipeline
     alone = {name: one for name, one in both.generators.items() if one["type"] != "first_touch"}
     fewer = both.model_copy(update={"generators": alone})
-    for config, one, other in (both, "first touch", "simulator"), (fewer, "simulator", "first touch"):
+    for config, one, other in (
+        (both, "first touch", "simulator"),
+        (fewer, "simulator", "first touch"),
+    ):
         modalities = everything(config).modalities
         assert one in modalities and other not in modalities
