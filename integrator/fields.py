@@ -17,12 +17,8 @@ REACH = 4.0
 """A Gaussian ends after so many standard deviations."""
 WIDER, FAR = 3.0, 9.0
 """A tail is a second Gaussian, so much wider; it ends after so many deviations of the first."""
-TILE = 0.02
-"""Places are worked on together in cells of this side [m], or wider ones."""
-COLUMN = 0.024
-"""Hypotheses are looked up by cells of this side [m], or wider ones."""
-ROOM = 1 << 15
-"""There are at most so many cells, and as many again for every eighth of a point."""
+TILE = 0.04
+"""Places are worked on together in cells of this side [m]: enough of them to fill vectors."""
 Singles = NDArray[np.float32]
 BIG, ZERO = np.float32(1e30), np.float32(0.0)
 
@@ -310,34 +306,39 @@ def spread_out(
         if m == 0:
             continue
         around = np.float32(_ball(places, rows, middle))
-        for a in range(m):
-            px[a], py[a] = places[rows[a], 0] - origin[0], places[rows[a], 1] - origin[1]
-            pz[a] = places[rows[a], 2] - origin[2]
-        if single:
-            scores[:m] = ZERO
-            count = _gather(spread, middle, reach + around, found, squares)
-            _total(spread, found[:count], np.float32(tail), px[:m], py[:m], pz[:m], scores[:m])
-            for a in range(m):
-                field[rows[a]] = scores[a]
-            continue
-        within = reach if reach < 2.0 * around else max(widest, 1.0 * around)
+        within = reach if single or reach < 2.0 * around else max(widest, 1.0 * around)
+        ceiling = BIG
         while True:  # look further until nothing beyond can be the strongest
             count = _gather(spread, middle, within + around, found, squares)
+            if within >= reach:
+                break
             ceiling = _ceiling(spread, found[:count], squares, around)
             needed = 2.0 * within
             if ceiling < BIG:
                 away = max(ceiling + most, 0.0)
                 away = max(away, (away - spread.lift) / spread.flatter)
                 needed = np.sqrt(2.0 * away) * widest
-            if needed <= within or within >= reach:
+            if needed <= within:
                 break
             within = min(needed, reach)
-        scores[:m] = BIG
-        _strongest(
-            spread, found[:count], squares, around, ceiling, px[:m], py[:m], pz[:m], scores[:m]
-        )
+        if count == 0:
+            continue
         for a in range(m):
-            field[rows[a]] = np.exp(-scores[a])
+            px[a], py[a] = places[rows[a], 0] - origin[0], places[rows[a], 1] - origin[1]
+            pz[a] = places[rows[a], 2] - origin[2]
+        x, y, z, s = px[:m], py[:m], pz[:m], scores[:m]
+        if single:
+            s[:] = ZERO
+            _total(spread, found[:count], np.float32(tail), x, y, z, s)
+        else:
+            s[:] = BIG
+            ceiling = _ceiling(spread, found[:count], squares, around)
+            _strongest(spread, found[:count], squares, around, ceiling, x, y, z, s)
+        for a in range(m):
+            if single:
+                field[rows[a]] = s[a]
+            elif s[a] < BIG:
+                field[rows[a]] = np.exp(-s[a])
 
 
 @kernel
