@@ -19,6 +19,10 @@ WIDER, FAR = 3.0, 9.0
 """A tail is a second Gaussian, so much wider; it ends after so many deviations of the first."""
 TILE = 0.04
 """Places are worked on together in cells of this side [m]: enough of them to fill vectors."""
+COLUMN = 0.024
+"""Hypotheses are looked up by cells of this side [m], or wider ones."""
+ROOM = 1 << 15
+"""There are at most so many cells, and eight more a point; else cells are wider."""
 Singles = NDArray[np.float32]
 BIG, ZERO = np.float32(1e30), np.float32(0.0)
 
