@@ -37,7 +37,7 @@ class IntegratorConfig(Model):
     """`posterior`: the coefficient of friction of contacts whose force is known."""
     existence: float = Field(default=0.5, gt=0, le=1)
     """`modes`: there is a contact when it is at least so probable."""
-    mode_share: float = Field(default=0.4, gt=0, le=1)
+    mode_share: float = Field(default=0.42, gt=0, le=1)
     """`modes`: a second contact is told when it takes at least this part of the belief."""
     prior: float = Field(default=0.05, gt=0, lt=1)
     """`log_odds`, `dempster_shafer`: the probability of a contact without any evidence."""

@@ -19,7 +19,9 @@ HEAVY = 0.3
 """Places of at least this part of the heaviest are the core of a contact."""
 LINK = 0.012
 """Parts of a core that are further apart belong to different contacts [m]."""
-BASIN = 0.016
+LONG = 0.03
+"""A core that reaches further from its mean is a line [m]."""
+BASIN = 0.02
 """What lies within so much of its core belongs to a contact [m]."""
 MOST = 8
 """No more modes are told than this."""
@@ -58,8 +60,7 @@ def _mode(places: FloatArray, weights: FloatArray) -> tuple[FloatArray, NDArray[
     """Give the place of the densest contact, shape (3,) [m], and what belongs to it, shape (c,).
 
     Heavy places that hang together are one contact, be it a point or a line; what is near them
-    belongs to it. It lies where mean shift leads from their mean: at the top of a point, in the
-    middle of a line.
+    belongs to it. A point lies where mean shift leads from their mean, a line at their mean.
     """
     heavy = np.flatnonzero(weights >= HEAVY * weights.max())
     some = np.flatnonzero(weights >= FAINT * weights.max())
@@ -73,6 +74,8 @@ def _mode(places: FloatArray, weights: FloatArray) -> tuple[FloatArray, NDArray[
     basin = fields.heaviest(places, core, fields.deal(core, fields.TILE), heights, BASIN) > 0.0
     basin &= weights > 0.0  # the rest belongs to an earlier mode
     place = heights @ core / heights.sum()
+    if ((core - place) ** 2).sum(axis=1).max() > LONG**2:
+        return place, basin  # along a line mean shift would follow every unevenness
     around, pulls = places[basin], weights[basin]
     for _ in range(STEPS):
         squared = ((around - place) ** 2).sum(axis=1) / WIDTH**2

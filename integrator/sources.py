@@ -68,7 +68,6 @@ class SourceRecord:
         """Forget all stamps, as at the restart of a clock; the counts stay."""
         self.stamps.clear()
         self.first_step, self.active, self.notes = None, True, ()
-        self.found_nothing = False
 
     def report(self, now: int) -> SourceReport:
         """Tell how the source does."""

@@ -421,3 +421,75 @@ def test_the_contact_of_a_pipeline_is_where_the_force_acts() -> None:
 def test_a_wrench_that_is_not_finite_is_no_reading(bad: float) -> None:
     with pytest.raises(InvalidReadingError, match="force of Wrench is not finite"):
         touch(PLACE, np.array([0.0, bad, 0.0]))
+
+
+# A sensor that died
+
+LOAD: dict[str, Any] = {"compensation": {"mass": 1.0}}
+CARRIES_NOTHING: dict[str, Any] = {"compensation": {"force_bias": (3.0, 0.0, 0.0)}}
+ZEROS = Wrench(stamp=0.0, frame="base", force=np.zeros(3), torque=np.zeros(3))
+
+
+@pytest.mark.parametrize("options", [LOAD, {"load": "robot"}])
+def test_a_sensor_that_carries_a_load_and_reads_exact_zeros_is_unhealthy(
+    options: dict[str, Any],
+) -> None:
+    cloud = felt(ZEROS, **options)
+    assert not len(cloud) and cloud.notes == (Note.UNHEALTHY,)
+
+
+def test_a_sensor_that_carries_nothing_may_read_exact_zeros() -> None:
+    cloud = felt(ZEROS)
+    assert not len(cloud) and not cloud.notes
+    pulled = felt(ZEROS, **CARRIES_NOTHING, min_force=100.0)
+    assert not len(pulled) and not pulled.notes
+
+
+@pytest.mark.parametrize("channel", range(6))
+def test_the_least_of_six_channels_tells_that_a_sensor_lives(channel: int) -> None:
+    wrench = np.zeros(6)
+    wrench[channel] = 1e-12
+    alive = replace(ZEROS, force=wrench[:3], torque=wrench[3:])
+    assert felt(alive, **LOAD).notes != (Note.UNHEALTHY,)
+
+
+def test_the_zeros_of_a_dead_sensor_are_no_tare() -> None:
+    ft = generator(**LOAD, tare=0.1)
+    for stamp in np.arange(0.0, 0.5, 0.01).tolist():
+        (cloud,) = ft.generate(replace(ZEROS, stamp=stamp), robot())
+        assert cloud.notes == (Note.UNHEALTHY,)
+    assert ft.compensated(replace(ZEROS, stamp=0.5), robot()) is None
+
+
+def existence_after(reading: Wrench, **options: Any) -> float:
+    """Give the existence of a contact that the skin feels, after what a sensitive wrist read."""
+    rule = {"rule": "posterior", "condensation": "modes"}
+    wrist = {**WRIST, "sensitivity": 0.99, **options}
+    body = {"frame": "base", "shapes": [{"shape": "box", "size": (0.2, 0.2, 0.04)}]}
+    fields: dict[str, Any] = {
+        "generators": {"skin": SKIN, "wrist": wrist},
+        "surface": body,
+        "integrator": rule,
+    }
+    pipe = Pipeline(PipelineConfig(**fields))
+    pipe.receive(TactileImage(stamp=0.0, frame="base", values=np.array([100.0])))
+    pipe.receive(reading)
+    belief = pipe.step(0.0).fusion.field.belief
+    assert belief is not None
+    return belief.exists
+
+
+def test_a_dead_sensor_says_nothing_about_contacts_and_one_that_rests_does() -> None:
+    before = 0.95  # the most that a taxel is believed
+    lowered = before * 0.01 / (1.0 - before + before * 0.01)
+    weight = np.array([0.0, 0.0, -9.81])
+    assert existence_after(ZEROS, **LOAD) == pytest.approx(before)
+    assert existence_after(replace(ZEROS, force=weight), **LOAD) == pytest.approx(lowered, abs=1e-6)
+    assert existence_after(ZEROS) == pytest.approx(lowered, abs=1e-6)
+
+
+def test_a_wrench_that_cannot_be_explained_does_not_speak_against_a_contact() -> None:
+    missed = touch(np.array([0.15, 0.0, 0.0]), DOWN)
+    twisted = Wrench(stamp=0.0, frame="base", force=DOWN, torque=np.array([0.0, 0.0, 9.0]))
+    for reading in (missed, twisted):
+        assert existence_after(reading) == pytest.approx(0.95)

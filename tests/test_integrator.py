@@ -781,3 +781,161 @@ def test_two_million_points_are_fused_within_seconds() -> None:
     expected = np.unique(np.append((x * 1000 + y) * 1000 + z, 0))
     assert len(fusion.space.voxels) == len(expected)
     assert [contact.voxels for contact in fusion.contacts] == [1]
+
+
+# Silence of a source that would have told
+
+
+def told(sensitivity: float = 0.99, rule: str = "posterior", **plug: Any) -> Integrator:
+    """Give an integrator with a source `watch` of some sensitivity, and evidence of 0.95."""
+    one = integrator(rule=rule, timeout=0.5)
+    one.plug("watch", sensitivity=sensitivity, **plug)
+    one.receive(cloud("skin", 0.0, {HERE: 0.95}))
+    return one
+
+
+def existence(fusion: Fusion) -> float:
+    belief = fusion.field.belief
+    return 0.0 if belief is None else belief.exists
+
+
+LOWERED = 0.95 * 0.01 / (0.05 + 0.95 * 0.01)
+"""By Bayes: 0.95 that there is a contact, one that a sensitivity of 0.99 misses."""
+
+
+def test_silence_of_a_source_that_would_have_told_lowers_existence_by_bayes() -> None:
+    assert LOWERED == pytest.approx(0.15966, abs=1e-5)
+    one = told()
+    one.receive(cloud("watch", 0.0, {}))
+    assert existence(one.step(0.0)) == pytest.approx(LOWERED, abs=1e-6)
+
+
+@pytest.mark.parametrize(("sensitivity", "expected"), [(0.0, 0.95), (0.5, 0.475 / 0.525)])
+def test_silence_says_as_much_as_the_sensitivity(sensitivity: float, expected: float) -> None:
+    one = told(sensitivity)
+    one.receive(cloud("watch", 0.0, {}))
+    assert existence(one.step(0.0)) == pytest.approx(expected, abs=1e-6)
+
+
+def test_the_silence_of_two_counts_twice() -> None:
+    one = told(0.9)
+    one.plug("guard", sensitivity=0.8)
+    one.receive(cloud("watch", 0.0, {}))
+    one.receive(cloud("guard", 0.0, {}))
+    assert existence(one.step(0.0)) == pytest.approx(0.95 * 0.02 / (0.05 + 0.95 * 0.02), abs=1e-6)
+
+
+def test_silence_takes_nothing_from_what_is_certain_and_gives_nothing_to_what_is_not() -> None:
+    one = integrator(rule="posterior")
+    one.plug("watch", sensitivity=0.99)
+    one.receive(cloud("watch", 0.0, {}))
+    assert existence(one.step(0.0)) == 0.0
+    one.receive(cloud("skin", 0.1, {HERE: 1.0}))
+    assert existence(one.step(0.1)) == 1.0
+
+
+def test_a_source_that_never_spoke_has_not_looked() -> None:
+    assert existence(told().step(0.0)) == pytest.approx(0.95)
+
+
+def test_silence_with_a_note_takes_nothing_away() -> None:
+    one = told()
+    one.receive(cloud("watch", 0.0, {}, notes=("off the surface",)))
+    assert existence(one.step(0.0)) == pytest.approx(0.95)
+
+
+def test_a_source_that_tells_of_a_contact_is_not_silent_and_its_newest_cloud_counts() -> None:
+    one = told(replace=True)
+    one.receive(cloud("watch", 0.0, {HERE: 0.5}))
+    assert existence(one.step(0.0)) == pytest.approx(0.975)
+    one.receive(cloud("watch", 0.1, {}))
+    assert existence(one.step(0.1)) == pytest.approx(LOWERED, abs=1e-6)
+    one.receive(cloud("watch", 0.2, {HERE: 0.5}))
+    assert existence(one.step(0.2)) == pytest.approx(0.975)
+
+
+def test_silence_counts_until_exactly_the_timeout_of_its_source() -> None:
+    one = told(timeout=0.25)
+    one.receive(cloud("watch", 0.0, {}))
+    found = [existence(one.step(now)) for now in (0.0, 0.25, 0.250000001)]
+    assert found == pytest.approx([LOWERED, LOWERED, 0.95], abs=1e-6)
+
+
+def test_a_silence_that_is_held_back_or_late_does_not_count() -> None:
+    one = told()
+    one.receive(cloud("watch", 0.3, {}))
+    assert existence(one.step(0.0)) == pytest.approx(0.95)
+    one.receive(cloud("watch", 0.35, {HERE: 0.5}))
+    one.step(0.35)
+    one.receive(cloud("watch", 0.3, {}))
+    assert existence(one.step(0.4)) == pytest.approx(0.975)
+
+
+def test_after_a_reset_nobody_has_been_silent() -> None:
+    one = told()
+    one.receive(cloud("watch", 0.0, {}))
+    one.step(0.0)
+    one.reset()
+    one.receive(cloud("skin", 0.0, {HERE: 0.95}))
+    assert existence(one.step(0.0)) == pytest.approx(0.95)
+    one.receive(cloud("watch", 0.0, {}))
+    assert existence(one.step(0.0)) == pytest.approx(LOWERED, abs=1e-6), "the plug stays"
+
+
+def test_plugging_again_or_anew_changes_the_sensitivity() -> None:
+    one = told()
+    one.receive(cloud("watch", 0.0, {}))
+    one.plug("watch")
+    assert existence(one.step(0.0)) == pytest.approx(0.95)
+    one.unplug("watch")
+    one.plug("watch", sensitivity=0.99)
+    assert existence(one.step(0.0)) == pytest.approx(0.95), "its cloud was of an earlier plug"
+
+
+def test_without_a_source_its_silence_is_taken_back() -> None:
+    one = told()
+    one.receive(cloud("watch", 0.0, {}))
+    fusion = one.step(0.0)
+    assert existence(fusion.without("watch")) == pytest.approx(0.95)
+    assert existence(fusion.without("skin")) == 0.0
+    assert existence(fusion) == pytest.approx(LOWERED, abs=1e-6)
+
+
+def test_silence_moves_no_contact_and_adds_to_no_share() -> None:
+    found = []
+    for sensitivity in (0.0, 0.3):
+        one = integrator(rule="posterior", condensation="modes")
+        one.plug("watch", sensitivity=sensitivity)
+        one.receive(cloud("skin", 0.0, {HERE: 0.95, (1, 0, 0): 0.5}))
+        one.receive(cloud("watch", 0.0, {}))
+        found.append(one.step(0.0).contacts[0])
+    assert found[0].position.tolist() == found[1].position.tolist()
+    assert found[0].shares == found[1].shares == {"skin": 1.0, "watch": 0.0}
+    assert found[1].likelihood / found[0].likelihood == pytest.approx(
+        0.7 / (0.05 + 0.95 * 0.7), rel=1e-5
+    )
+
+
+@pytest.mark.parametrize("rule", ["de_morgan", "max", "log_odds", "dempster_shafer"])
+def test_rules_of_voxels_do_not_hear_silence(rule: str) -> None:
+    silent, deaf = told(rule=rule), told(0.0, rule=rule)
+    for one in (silent, deaf):
+        one.receive(cloud("watch", 0.0, {}))
+    assert contents(silent.step(0.0)) == contents(deaf.step(0.0))
+
+
+@pytest.mark.parametrize("kind", [SUPPORT, NULL])
+def test_only_evidence_has_a_sensitivity(kind: HypothesisKind) -> None:
+    one = integrator()
+    with pytest.raises(SourceError, match=f"sensitivity of 'a' .* not 0.5 of {kind}"):
+        one.plug("a", kind, sensitivity=0.5)
+    one.plug("a", kind, sensitivity=0.0)
+    assert one.step(0.0).report.sources["a"].kind == kind
+
+
+@pytest.mark.parametrize("sensitivity", [1.0, -0.01, 2.0, math.nan, math.inf])
+def test_a_sensitivity_is_a_probability_under_one(sensitivity: float) -> None:
+    one = integrator()
+    with pytest.raises(SourceError, match="the sensitivity of 'a' is a probability under 1"):
+        one.plug("a", sensitivity=sensitivity)
+    assert one.step(0.0).report.sources == {}

@@ -5,16 +5,18 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import Phase, given, settings
 from hypothesis import strategies as st
 
-from contactfusion import Contact, Fusion, HypothesisCloud
+from contactfusion import Contact, Fusion, HypothesisCloud, Integrator, IntegratorConfig
 from contactfusion.arrays import FloatArray
+from contactfusion.surface import Surface, rectangle
 from tests.clouds import HERE, NULL, REGULAR, SIDE, SUPPORT, THERE, Voxel, centres, cloud
 from tests.clouds import fused as fused_by
 
 FLOOR = 0.02
 MIDDLE: Voxel = (1, 0, 0)
+few = settings(max_examples=40)
 
 
 def fused(*clouds: HypothesisCloud, **config: Any) -> Fusion:
@@ -136,12 +138,146 @@ def test_equal_contacts_come_by_first_voxel() -> None:
 
 
 def test_what_belongs_to_one_contact_belongs_to_no_other() -> None:
-    found = contacts_of(line(20))
+    found = contacts_of({**line(20), **line(20, first=30)}, mode_share=0.3)
     assert len(found) == 2
-    total = sum(contact.voxels for contact in found)
-    assert total <= 20 and sum(c.likelihood for c in found) == pytest.approx(0.9 * total / 20)
+    assert [contact.voxels for contact in found] == [20, 20]
+    assert [contact.likelihood for contact in found] == pytest.approx([0.45, 0.45])
     low, high = sorted(tuple(sorted(c.extent[:, 0])) for c in found)
-    assert low[1] < high[0]
+    assert low == pytest.approx((0.5 * SIDE, 19.5 * SIDE))
+    assert high == pytest.approx((30.5 * SIDE, 49.5 * SIDE))
+
+
+# A line, and two places
+
+
+@pytest.mark.parametrize("count", [20, 21, 40])
+@pytest.mark.parametrize("axis", range(3))
+def test_a_line_of_voxels_is_one_contact_with_all_of_the_likelihood(count: int, axis: int) -> None:
+    x, y, z = (tuple(np.roll([1, 0, 0], axis) * i) for i in (0, 1, count - 1))
+    row: dict[Voxel, float] = {tuple(np.roll([i, 0, 0], axis).tolist()): 0.9 for i in range(count)}
+    contact = only(cloud("skin", 0.0, row))
+    ends = contact.extent[np.argsort(contact.extent[:, axis])]
+    assert ends == pytest.approx(centres([x, z]), abs=1e-9)
+    assert contact.position == pytest.approx(ends.mean(axis=0), abs=5e-4)
+    assert contact.likelihood == pytest.approx(0.9) and contact.voxels == count
+    assert contact.dispersion == pytest.approx(SIDE * math.sqrt((count**2 - 1) / 12.0), rel=0.01)
+
+
+X, Y, _ = np.eye(3)
+TABLE = rectangle("base", np.zeros(3), 0.15 * X, 0.15 * Y, 0.004)
+angles = st.floats(0.0, 2.0 * math.pi)
+lengths = st.floats(0.1, 0.2)
+middles = st.tuples(*[st.floats(-0.02, 0.02)] * 2)
+
+
+def drawn(along: FloatArray, length: float, middle: FloatArray, pitch: float) -> HypothesisCloud:
+    """Give a line of hypotheses so far apart."""
+    count = round(length / pitch) + 1
+    offsets = np.linspace(-length / 2.0, length / 2.0, count)
+    positions = middle + np.outer(offsets, along)
+    return measured("skin", positions, np.full(count, 0.9))
+
+
+def measured(
+    source: str, positions: FloatArray, likelihoods: FloatArray, spread: float = 0.004
+) -> HypothesisCloud:
+    spreads = np.full(len(positions), spread)
+    return HypothesisCloud(
+        source, REGULAR, 0.0, "base", positions, likelihoods, None, spreads=spreads
+    )
+
+
+def on(surface: Surface | None, *clouds: HypothesisCloud, **config: Any) -> tuple[Contact, ...]:
+    fields = {"rule": "posterior", "condensation": "modes", "floor": FLOOR, **config}
+    integrator = Integrator(IntegratorConfig(**fields))
+    for one in clouds:
+        integrator.receive(one)
+    return integrator.step(0.0, surface).contacts
+
+
+@few
+@given(angle=angles, length=lengths, middle=middles, pitch=st.floats(0.003, 0.006))
+def test_a_line_on_a_surface_is_one_contact_in_its_middle_in_any_direction(
+    angle: float, length: float, middle: tuple[float, float], pitch: float
+) -> None:
+    along = np.array([math.cos(angle), math.sin(angle), 0.0])
+    centre = np.array([*middle, 0.0])
+    (contact,) = on(TABLE, drawn(along, length, centre, pitch))
+    assert np.linalg.norm(contact.position - centre) < 0.004
+    assert 0.85 < contact.likelihood <= 0.9
+    reach = np.sort((contact.extent - centre) @ along)
+    assert reach == pytest.approx([-length / 2.0, length / 2.0], abs=0.008)
+
+
+directions = st.tuples(*[st.floats(-1.0, 1.0)] * 3).filter(lambda v: np.linalg.norm(v) > 0.1)
+
+
+@few
+@given(direction=directions, length=lengths, pitch=st.floats(0.003, 0.006))
+def test_a_line_without_a_surface_is_one_contact_with_its_ends_in_any_direction(
+    direction: tuple[float, float, float], length: float, pitch: float
+) -> None:
+    along = np.array(direction) / np.linalg.norm(direction)
+    (contact,) = on(None, drawn(along, length, np.zeros(3), pitch))
+    assert contact.likelihood == pytest.approx(0.9, abs=1e-6)
+    reach = np.sort(contact.extent @ along)
+    assert reach == pytest.approx([-length / 2.0, length / 2.0], abs=0.004)
+    off = contact.position - (contact.position @ along) * along
+    assert np.linalg.norm(off) < 0.002
+
+
+@settings(max_examples=100, phases=[Phase.generate])
+@given(direction=directions, length=lengths, pitch=st.floats(0.003, 0.006))
+def test_a_line_without_a_surface_is_one_contact_in_its_middle_in_any_direction(
+    direction: tuple[float, float, float], length: float, pitch: float
+) -> None:
+    along = np.array(direction) / np.linalg.norm(direction)
+    (contact,) = on(None, drawn(along, length, np.zeros(3), pitch))
+    assert np.linalg.norm(contact.position) < 0.005
+
+
+def blob(source: str, centre: FloatArray, p: float) -> HypothesisCloud:
+    """Give nine taxels around a place."""
+    x, y = np.meshgrid([-0.0045, 0.0, 0.0045], [-0.0045, 0.0, 0.0045])
+    offsets = np.stack([x.ravel(), y.ravel(), np.zeros(9)], axis=1)
+    return measured(source, centre + offsets, np.full(9, p))
+
+
+@few
+@given(angle=angles, middle=middles)
+def test_two_places_six_centimetres_apart_stay_two_when_each_has_its_share(
+    angle: float, middle: tuple[float, float]
+) -> None:
+    away = 0.03 * np.array([math.cos(angle), math.sin(angle), 0.0])
+    centre = np.array([*middle, 0.0])
+    clouds = [blob("left", centre - away, 0.8), blob("right", centre + away, 0.8)]
+    found = on(TABLE, *clouds, mode_share=0.4)
+    assert len(found) == 2
+    truths = np.array([centre - away, centre + away])
+    nearest = [int(np.linalg.norm(truths - c.position, axis=1).argmin()) for c in found]
+    assert sorted(nearest) == [0, 1]
+    for contact, one in zip(found, nearest, strict=True):
+        assert np.linalg.norm(contact.position - truths[one]) < 0.004
+        assert 0.4 * 0.96 <= contact.likelihood <= 0.6
+        name = ("left", "right")[one]
+        assert contact.shares[name] > 0.9
+
+
+def test_two_places_in_the_air_share_by_their_voxels() -> None:
+    square = [(x, y, 0) for x in range(3) for y in range(3)]
+    both: dict[Voxel, float] = {(x + far, y, z): 0.9 for x, y, z in square for far in (0, 12)}
+    found = contacts_of(both, mode_share=0.4)
+    assert places(found) == pytest.approx(centres([(1, 1, 0), (13, 1, 0)]), abs=1e-5)
+    assert [contact.likelihood for contact in found] == pytest.approx([0.45, 0.45])
+
+
+def test_of_two_places_one_that_has_less_than_its_share_is_no_contact() -> None:
+    away = np.array([0.03, 0.0, 0.0])
+    both = np.concatenate([blob("skin", side, 1.0).positions for side in (-away, away)])
+    uneven = measured("skin", both, np.repeat([0.9, 0.3], 9))
+    (contact,) = on(TABLE, uneven, mode_share=0.4)
+    assert contact.position == pytest.approx(-away, abs=0.003)
+    assert len(on(TABLE, uneven, mode_share=0.2)) == 2
 
 
 # What a contact carries
@@ -196,6 +332,70 @@ def test_the_stamp_is_that_of_the_newest_entry() -> None:
     assert (contact.stamp, contact.frame) == (0.25, "base")
 
 
+def test_a_force_that_was_felt_far_from_a_contact_is_not_its_own() -> None:
+    for away, felt in ((3, True), (5, False), (40, False)):  # 20 mm end at the fourth voxel
+        wrench = cloud("wrench", 0.0, {(away, 0, 0): 0.01}, forces=np.ones((1, 3)))
+        skin = cloud("skin", 0.0, {HERE: 0.9}), cloud("more", 0.0, {HERE: 0.9})
+        contact = fused(*skin, wrench).contacts[0]
+        assert contact.position == pytest.approx(centres([HERE])[0], abs=1e-3)
+        assert np.isfinite(contact.force).tolist() == [felt] * 3
+
+
+def test_each_of_two_contacts_has_the_force_that_was_felt_in_it() -> None:
+    push, pull = np.array([[0.0, 0.0, -5.0]]), np.array([[0.0, 4.0, 0.0]])
+    clouds = [
+        cloud("a", 0.0, {HERE: 0.9}, forces=push),
+        cloud("b", 0.0, {THERE: 0.9}, forces=pull),
+        cloud("c", 0.0, {(80, 0, 0): 0.9}),
+    ]
+    found = fused(*clouds, mode_share=0.2).contacts
+    assert [contact.force.tolist() for contact in found[:2]] == [push[0].tolist(), pull[0].tolist()]
+    assert np.isnan(found[2].force).all()
+
+
+def test_the_stamp_is_that_of_the_newest_source_that_has_a_part_in_the_contact() -> None:
+    clouds = [
+        cloud("a", 0.0, {HERE: 0.9}),
+        cloud("b", 0.25, {THERE: 0.9}),
+        cloud("free", 0.375, {HERE: 0.1}, NULL),
+        cloud("motion", 0.125, {HERE: 0.3}, SUPPORT),
+        cloud("silent", 0.375, {}),
+    ]
+    found = fused(*clouds, now=0.375, mode_share=0.01).contacts
+    stamps = {tuple(contact.position.round(4)): contact.stamp for contact in found}
+    assert stamps == {(0.0025, 0.0025, 0.0025): 0.125, (0.2025, 0.0025, 0.0025): 0.25}
+
+
+# What is worked out when somebody looks
+
+
+def test_modes_are_found_without_the_likelihoods_of_voxels() -> None:
+    fusion = fused(cloud("a", 0.0, {HERE: 0.9}))
+    assert fusion.contacts and "likelihoods" not in vars(fusion.field)
+    assert fusion.space.likelihoods.tolist() == pytest.approx([0.9])
+    assert "likelihoods" in vars(fusion.field)
+
+
+def test_modes_never_ask_for_them(monkeypatch: pytest.MonkeyPatch) -> None:
+    def fail(*_: object) -> FloatArray:
+        raise AssertionError("nobody looked")
+
+    monkeypatch.setattr("contactfusion.integrator.posterior._by_voxel", fail)
+    fusion = fused(cloud("a", 0.0, {HERE: 0.9}), cloud("motion", 0.0, {THERE: 0.9}, SUPPORT))
+    assert len(fusion.contacts) == 1 and len(fusion.without("motion").contacts) == 1
+    with pytest.raises(AssertionError, match="nobody looked"):
+        _ = fusion.space
+
+
+def test_looking_at_the_space_changes_no_contact() -> None:
+    clouds = [cloud("a", 0.0, line(3)), cloud("b", 0.0, {THERE: 0.3})]
+    looked, blind = fused(*clouds), fused(*clouds)
+    assert looked.space is looked.space
+    assert [c.position.tobytes() for c in looked.contacts] == [
+        c.position.tobytes() for c in blind.contacts
+    ]
+
+
 def test_a_contact_cannot_be_written() -> None:
     contact = only(cloud("a", 0.0, line(2), forces=np.ones((2, 3))))
     for array in (contact.position, contact.covariance, contact.extent, contact.force):
@@ -211,7 +411,6 @@ rows = st.dictionaries(
     min_size=1,
     max_size=8,
 )
-few = settings(max_examples=40)
 
 
 @few

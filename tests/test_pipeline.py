@@ -9,8 +9,9 @@ from scipy.spatial.transform import Rotation
 
 from contactfusion import Pipeline, PipelineConfig, Reading, Step
 from contactfusion.errors import ConfigurationError, PluginError, SourceError
+from contactfusion.hypotheses import HypothesisKind
 from contactfusion.integrator.report import EventKind
-from contactfusion.readings import JointState, Odometry
+from contactfusion.readings import JointState, Odometry, PointCloud
 from tests.toys import Echo, offer_toys, point, wrench
 
 FRONT = (0.1025, 0.0025, 0.0025)
@@ -266,3 +267,43 @@ def test_a_class_that_is_no_generator_is_refused() -> None:
 def test_a_cycle_has_exactly_one_policy(cycle: Any) -> None:
     with pytest.raises(ConfigurationError, match="cycle"):
         PipelineConfig(cycle=cycle)
+
+
+def watched(sensitivity: float) -> float:
+    """Give the existence after one source told of a contact and the other one found nothing."""
+    watch = {**ECHO, "sensor": "watch", "sensitivity": sensitivity}
+    eye = {**ECHO, "sensor": "eye"}
+    integrator = {"rule": "posterior", "condensation": "modes"}
+    pipe = pipeline(generators={"eye": eye, "watch": watch}, integrator=integrator)
+    pipe.receive(point(0.0, *LEFT, sensor="eye"))
+    nothing = PointCloud(stamp=0.0, frame="base", sensor="watch", points=np.empty((0, 3)))
+    pipe.receive(nothing)
+    step = pipe.step(0.0)
+    assert accepted(step) == {"eye": 1, "watch": 1}
+    belief = step.fusion.field.belief
+    assert belief is not None
+    return belief.exists
+
+
+def test_a_generator_that_would_have_told_and_says_nothing_lowers_existence() -> None:
+    assert watched(0.0) == pytest.approx(0.9)
+    assert watched(0.99) == pytest.approx(0.9 * 0.01 / (0.1 + 0.9 * 0.01), abs=1e-6)
+
+
+@pytest.mark.parametrize("sensitivity", [1.0, -0.5, 3.0])
+def test_the_sensitivity_of_a_generator_is_a_probability_under_one(sensitivity: float) -> None:
+    with pytest.raises(ConfigurationError, match=r"generators\.eye\.sensitivity"):
+        pipeline(generators={"eye": {**ECHO, "sensitivity": sensitivity}})
+
+
+def test_the_free_space_of_a_generator_has_no_part_in_its_sensitivity(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    kinds = {"": HypothesisKind.REGULAR, "free": HypothesisKind.NULL}
+    monkeypatch.setattr(Echo, "outputs", kinds)
+    pipe = pipeline(generators={"skin": {**ECHO, "sensitivity": 0.5}})
+    sources = pipe.step(0.0).fusion.report.sources
+    assert {name: source.kind for name, source in sources.items()} == {
+        "skin": HypothesisKind.REGULAR,
+        "skin/free": HypothesisKind.NULL,
+    }

@@ -17,9 +17,8 @@ def test_rows_are_sorted_stably_within_their_group(n: int, span: int) -> None:
     keys = (x << 2 * AXIS_BITS) | (y << AXIS_BITS) | z
     none = np.zeros(n, np.float32)
     likelihoods = rng.random(n, dtype=np.float32)
-    rows = Columns(
-        keys, likelihoods, np.arange(n), none, none > 0, np.empty((0, 4)), np.empty((0, 4), np.float32)
-    )
+    felt, offsets = np.empty((0, 4)), rng.random((n, 4), dtype=np.float32)
+    rows = Columns(keys, likelihoods, np.arange(n), none, none > 0, felt, offsets)
     middle = n // 3
     ordered, order = sort_rows(rows, np.array([[0, middle, -1], [middle, n, -1]]))
     halves = (keys[:middle].argsort(kind="stable"), middle + keys[middle:].argsort(kind="stable"))
@@ -29,3 +28,4 @@ def test_rows_are_sorted_stably_within_their_group(n: int, span: int) -> None:
     assert np.array_equal(ordered.likelihoods, likelihoods[wanted])
     assert np.array_equal(ordered.stamps, wanted)
     assert np.array_equal(ordered.spreads, none)
+    assert np.array_equal(ordered.offsets, offsets), "forces and offsets stay as they arrived"
