@@ -11,7 +11,7 @@ from typing import Any
 
 from contactfusion.assembly import AnyGenerator, built_controller, built_generator
 from contactfusion.controller import Command, Controller
-from contactfusion.errors import ContactFusionError, SourceError, name_hint
+from contactfusion.errors import ConfigurationError, ContactFusionError, SourceError, name_hint
 from contactfusion.faults import Faults
 from contactfusion.frames import points_in, vectors_in
 from contactfusion.grid import Grid
@@ -109,6 +109,13 @@ class Pipeline:
             generator = Isolated(generator)
         elif self._robot.model is not None:
             generator.prepare(self._robot.model)
+        evidence = [*generator.sources.values()].count(HypothesisKind.REGULAR)
+        if generator.config.sensitivity and evidence != 1:
+            raise ConfigurationError(
+                "is for a generator with one output of evidence, whose silence then says that it "
+                f"found nothing; '{name}' has {evidence}",
+                f"generators.{name}.sensitivity",
+            )
         for source, kind in generator.sources.items():
             self.integrator.plug(
                 source,

@@ -31,14 +31,14 @@ class IntegratorConfig(Model):
     """Clusters of fewer voxels are no contacts."""
     mass_threshold: float = Field(default=0.5, gt=0)
     """`cluster_mass`: the sum of likelihoods from which a cluster is a contact."""
-    floor: float = Field(default=0.01, gt=0, lt=1)
+    floor: float = Field(default=0.01, ge=1e-6, lt=1)
     """`posterior`: what a source leaves to places that it does not believe in, of its highest."""
     friction: float = Field(default=0.5, gt=0)
     """`posterior`: the coefficient of friction of contacts whose force is known."""
     existence: float = Field(default=0.5, gt=0, le=1)
     """`modes`: there is a contact when it is at least so probable."""
     mode_share: float = Field(default=0.42, gt=0, le=1)
-    """`modes`: a second contact is told when it takes at least this part of the belief."""
+    """`modes`: a further contact is told when it takes at least this part of the belief."""
     prior: float = Field(default=0.05, gt=0, lt=1)
     """`log_odds`, `dempster_shafer`: the probability of a contact without any evidence."""
     stale_after: float = Field(default=1.0, gt=0, le=1e9)

@@ -23,7 +23,7 @@ COLUMN = 0.024
 """Hypotheses are looked up by cells of this side [m], or wider ones."""
 ROOM = 1 << 15
 """There are at most so many cells, and eight more a point; else cells are wider."""
-Singles = NDArray[np.float32]
+Float32Array = NDArray[np.float32]
 BIG, ZERO = np.float32(1e30), np.float32(0.0)
 
 
@@ -106,7 +106,7 @@ def _exp(away: np.float32) -> np.float32:
 @kernel
 def _tailed(away: np.float32, height: np.float32) -> np.float32:
     """Give exp(-away) + height · exp(-away / 9): a Gaussian and one that is three times as wide."""
-    wide = _exp(away * np.float32(1.0 / 9.0))
+    wide = _exp(away * np.float32(1.0 / 9.0))  # WIDER squared
     cubed = wide * wide * wide
     return cubed * cubed * cubed + height * wide
 
@@ -129,11 +129,11 @@ class Spread(NamedTuple):
 
     cells: Dealt
     origin: FloatArray
-    x: Singles
-    y: Singles
-    z: Singles
-    halved: Singles
-    logs: Singles
+    x: Float32Array
+    y: Float32Array
+    z: Float32Array
+    halved: Float32Array
+    logs: Float32Array
     furthest: np.float32
     flatter: np.float32
     lift: np.float32
@@ -164,7 +164,7 @@ def _ready(
 
 @kernel
 def _gather(
-    spread: Spread, middle: FloatArray, radius: float, found: Int64Array, squares: Singles
+    spread: Spread, middle: FloatArray, radius: float, found: Int64Array, squares: Float32Array
 ) -> int:
     """Write the hypotheses in a ball, and their squared distances from its middle [m²].
 
@@ -202,7 +202,9 @@ def _gather(
 
 
 @kernel
-def _ceiling(spread: Spread, found: Int64Array, squares: Singles, around: np.float32) -> np.float32:
+def _ceiling(
+    spread: Spread, found: Int64Array, squares: Float32Array, around: np.float32
+) -> np.float32:
     """Give an exponent that the strongest hypothesis has at most, anywhere `around` the middle."""
     ceiling = BIG
     for h in range(len(found)):
@@ -217,13 +219,13 @@ def _ceiling(spread: Spread, found: Int64Array, squares: Singles, around: np.flo
 def _strongest(
     spread: Spread,
     found: Int64Array,
-    squares: Singles,
+    squares: Float32Array,
     around: np.float32,
     ceiling: np.float32,
-    px: Singles,
-    py: Singles,
-    pz: Singles,
-    scores: Singles,
+    px: Float32Array,
+    py: Float32Array,
+    pz: Float32Array,
+    scores: Float32Array,
 ) -> None:
     """Lower each place's exponent to that of the strongest hypothesis there."""
     furthest, flatter, lift = spread.furthest, spread.flatter, spread.lift
@@ -248,10 +250,10 @@ def _total(
     spread: Spread,
     found: Int64Array,
     height: np.float32,
-    px: Singles,
-    py: Singles,
-    pz: Singles,
-    scores: Singles,
+    px: Float32Array,
+    py: Float32Array,
+    pz: Float32Array,
+    scores: Float32Array,
 ) -> None:
     """Add up what the hypotheses say at each place."""
     furthest = spread.furthest

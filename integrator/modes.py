@@ -42,14 +42,14 @@ class Modes:
     def condense(self, field: Field, verdicts: NDArray[np.uint8]) -> Iterable[Contact]:
         """Give the densest mode if a contact exists, and further ones that weigh enough."""
         belief = field.belief
-        if belief is None or belief.exists < self._least:
+        if belief is None or belief.exists < self._least - kernels.EDGE:
             return ()
         weights = belief.weights.copy()
         found: list[Contact] = []
         while len(found) < MOST and (not found or weights.sum() >= self._second):
             mode, basin = _mode(belief.places, weights)
             mass = float(weights[basin].sum())
-            if found and mass < self._second:
+            if found and mass < self._second - kernels.EDGE:
                 break
             found.append(_contact(field, belief, mode, basin, mass))
             weights[basin] = 0.0

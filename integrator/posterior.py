@@ -75,11 +75,17 @@ class Posterior:
         return Field(entries, partial(_by_voxel, entries, belief), belief=belief)
 
     def _lowered(self, claims: Sequence[Claims], exists: float, there: FloatArray) -> float:
-        """Lower the probability of a contact by what null takes from its places (Bayes)."""
-        null = np.array([one.kind == HypothesisKind.NULL for one in claims])
+        """Lower the probability of a contact by what null takes from the places of evidence.
+
+        By Bayes; support has no say in whether there is a contact.
+        """
+        null, evidence = (
+            np.array([one.kind == kind for one in claims])
+            for kind in (HypothesisKind.NULL, HypothesisKind.REGULAR)
+        )
         if not null.any():
             return exists
-        free = there[~null].sum(axis=0)
+        free = there[evidence].sum(axis=0)
         left = np.exp(free + there[null].sum(axis=0) - free.max()).sum()
         kept = exists * float(left / np.exp(free - free.max()).sum())
         return kept / (1.0 - exists + kept)
@@ -107,7 +113,8 @@ class Posterior:
 
     def _pushed(self, force: FloatArray, normals: FloatArray) -> FloatArray:
         """Tell how well a force fits the friction cone at each place, shape (c,), at most 1."""
-        cosines = normals @ (force / -np.linalg.norm(force))
+        push = force / np.abs(force).max()
+        cosines = normals @ (push / -np.linalg.norm(push))
         beyond = np.maximum(self._steepest - cosines, 0.0) / SOFT
         fits: FloatArray = np.exp(-0.5 * beyond**2)
         return fits
@@ -135,9 +142,10 @@ def claimed(entries: Entries) -> list[Claims]:
         given = columns.offsets[begin:end, 3] if single else columns.likelihoods[begin:end]
         variances = np.square(np.maximum(columns.spreads[begin:end].astype(np.float64), NARROWEST))
         likelihoods = given.astype(np.float64)
-        forces = columns.forces[felt : felt + end - begin] if single and felt >= 0 else None
-        force = None if forces is None else forces.sum(axis=0)[:3]
-        force = force if force is not None and force.any() else None
+        force = None
+        if single and felt >= 0 and source.kind == HypothesisKind.REGULAR:
+            mean = columns.forces[felt : felt + end - begin, :3].sum(axis=0)
+            force = mean if mean.any() else None
         claims.append(
             Claims(source.kind, single, positions[begin:end], likelihoods, variances, force)
         )
@@ -151,12 +159,14 @@ def existence(claims: Sequence[Claims], sources: Sequence[Source]) -> float:
     largest p. Sources that would have told of a contact and say nothing lower it by Bayes: with μ
     the probability that all of them miss one, it becomes e μ / (1 - e + e μ).
     """
-    missed = 1.0
-    for one in claims:
-        if one.kind == HypothesisKind.REGULAR and len(one.positions):
+    missed = silent = 1.0
+    for one, source in zip(claims, sources, strict=True):
+        if not len(one.positions):
+            silent *= source.misses
+        elif one.kind == HypothesisKind.REGULAR:
             total = one.likelihoods.sum() if one.single else one.likelihoods.max()
             missed *= 1.0 - min(float(total), 1.0)
-    kept = (1.0 - missed) * float(np.prod([source.misses for source in sources]))
+    kept = (1.0 - missed) * silent
     return kept / (missed + kept) if kept else 0.0
 
 

@@ -19,7 +19,9 @@ from contactfusion.surface import Surface
 class Rule(Protocol):
     """A pure function over all live entries; built once from the integrator's configuration.
 
-    A rule is a class whose constructor takes the `IntegratorConfig`.
+    A rule is a class whose constructor takes the `IntegratorConfig`. One that says
+    `needs_places = True` finds the places of hypotheses in `Entries.positions`, not only voxels;
+    one that says `gives_belief = True` fits condensations that need a `Belief`.
     """
 
     def fuse(self, entries: Entries, sources: Sequence[Source], surface: Surface | None) -> Field:

@@ -46,7 +46,7 @@ class SourceRecord:
         self.accepted += 1
         self.stamps.append(stamp)
         self.notes = cloud.notes
-        self.found_nothing = not len(cloud) and not cloud.notes
+        self.found_nothing = not cloud.likelihoods.any() and not cloud.notes
 
     def is_active(self, now: int) -> bool:
         """Whether the source has not been silent for too long.
@@ -56,12 +56,16 @@ class SourceRecord:
         since = self.stamps[-1] if self.stamps else self.first_step
         return since is None or now - since <= self.stale_after
 
-    def misses(self, now: int) -> float:
+    def misses(self, now: int, lifetime: int) -> float:
         """Give how probable its silence is while there is a contact.
 
         1 unless its newest cloud, not older than entries may be, says that it found nothing.
+
+        Args:
+            now: [ns].
+            lifetime: how old its entries may be [ns].
         """
-        fresh = bool(self.stamps) and now - self.stamps[-1] <= self.timeout
+        fresh = bool(self.stamps) and now - self.stamps[-1] <= lifetime
         return 1.0 - self.sensitivity if fresh and self.found_nothing else 1.0
 
     def forget(self) -> None:

@@ -59,7 +59,9 @@ class Space:
         oldest = np.array([self._oldest(record, now) for record in records], np.int64)
         rows, order = sorting.sort_rows(rows, row_range)
         starts = store.merge(self._columns, old_range, rows, row_range, order, oldest, out)
-        sources = tuple(Source(record.name, record.kind, record.misses(now)) for record in records)
+        sources = tuple(
+            Source(record.name, record.kind, self._misses(record, now)) for record in records
+        )
         entries = self._lined_up(now, sources, out, starts)
         self._columns, starts = entries.columns, entries.starts.tolist()
         self._ranges = {
@@ -75,6 +77,9 @@ class Space:
     def clear(self) -> None:
         """Drop all entries."""
         self._ranges.clear()
+
+    def _misses(self, record: SourceRecord, now: int) -> float:
+        return record.misses(now, self._voxel_timeout if self._by_voxel else record.timeout)
 
     def _oldest(self, record: SourceRecord, now: int) -> int:
         return ALWAYS if self._by_voxel else now - record.timeout
