@@ -25,6 +25,8 @@ POINTS = 20_000
 """Of the robot's surface."""
 ON_ARM = 9_800
 """So many of them on the arm: they are 4 mm apart there, as in a model of a robot."""
+FOLLOWING = ("tactile", "force_torque")
+"""Sources that follow a contact: each cloud takes the place of the one before."""
 CYCLES = 20
 """Of a round, once the space is steady."""
 CONFIG = IntegratorConfig(
@@ -67,6 +69,8 @@ def _robot(rng: np.random.Generator, on_arm: int) -> Surface:
 def _lived(cycles: Sequence[Sequence[Cloud]], surface: Surface) -> list[float]:
     """Live all cycles; give the CPU time of each once the space is steady [s]."""
     integrator, seconds = Integrator(CONFIG), []
+    for source in FOLLOWING:
+        integrator.plug(source, replace=True)
     for cycle in cycles:
         start = time.process_time()
         for cloud in cycle:

@@ -844,6 +844,29 @@ def test_silence_with_a_note_takes_nothing_away() -> None:
     assert existence(one.step(0.0)) == pytest.approx(0.95)
 
 
+def test_a_source_whose_entries_live_is_not_silent() -> None:
+    one = told()
+    one.receive(cloud("watch", 0.0, {HERE: 0.5}))
+    one.step(0.0)
+    one.receive(cloud("watch", 0.1, {}))
+    assert existence(one.step(0.1)) == pytest.approx(0.975)
+
+
+def test_likelihoods_of_nothing_are_silence() -> None:
+    one = told()
+    one.receive(cloud("watch", 0.0, {HERE: 0.0}))
+    assert existence(one.step(0.0)) == pytest.approx(LOWERED, abs=1e-6)
+
+
+def test_where_voxels_keep_entries_silence_lasts_as_long_as_these() -> None:
+    for now, expected in ((0.4, LOWERED), (0.6, 0.95)):
+        one = integrator(rule="posterior", timeout=0.5, expiry="voxel")
+        one.plug("watch", sensitivity=0.99, timeout=5.0)
+        one.receive(cloud("watch", 0.0, {}))
+        one.receive(cloud("skin", now, {HERE: 0.95}))
+        assert existence(one.step(now)) == pytest.approx(expected, abs=1e-6)
+
+
 def test_a_source_that_tells_of_a_contact_is_not_silent_and_its_newest_cloud_counts() -> None:
     one = told(replace=True)
     one.receive(cloud("watch", 0.0, {HERE: 0.5}))

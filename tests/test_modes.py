@@ -59,6 +59,11 @@ def test_a_contact_is_told_from_a_probability_of_existence(existence: float, cou
     assert len(fused(*clouds, existence=existence).contacts) == count
 
 
+@pytest.mark.parametrize("p", [0.6, 0.7, 0.9, 0.95])
+def test_a_probability_that_is_the_least_is_enough_however_it_is_rounded(p: float) -> None:
+    assert len(contacts_of({HERE: p}, existence=p)) == 1
+
+
 def test_one_contact_spread_over_twelve_voxels_is_found_with_all_its_probability() -> None:
     twelve = {(x, y, 0): 0.9 / 12 for x in range(4) for y in range(3)}
     contact = only(cloud("wrench", 0.0, twelve, single=True))

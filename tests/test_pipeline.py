@@ -296,6 +296,19 @@ def test_the_sensitivity_of_a_generator_is_a_probability_under_one(sensitivity: 
         pipeline(generators={"eye": {**ECHO, "sensitivity": sensitivity}})
 
 
+@pytest.mark.parametrize(
+    ("outputs", "evidence"),
+    [({"": HypothesisKind.SUPPORT}, 0), (dict.fromkeys(("1", "2"), HypothesisKind.REGULAR), 2)],
+)
+def test_a_sensitivity_is_for_one_output_of_evidence(
+    outputs: dict[str, HypothesisKind], evidence: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(Echo, "outputs", outputs)
+    with pytest.raises(ConfigurationError, match=f"one output of evidence.*'eye' has {evidence}"):
+        pipeline(generators={"eye": {**ECHO, "sensitivity": 0.5}})
+    pipeline(generators={"eye": ECHO})
+
+
 def test_the_free_space_of_a_generator_has_no_part_in_its_sensitivity(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:

@@ -235,6 +235,15 @@ def test_null_at_one_of_two_places_takes_half_of_the_existence_and_moves_the_pla
     assert weights(evidence, free)[HERE] == pytest.approx(FLOOR / (1.0 + FLOOR))
 
 
+def test_support_has_no_say_in_whether_there_is_a_contact_beside_null_either() -> None:
+    evidence = cloud("a", {HERE: 0.9, THERE: 0.9})
+    free = cloud("free", {HERE: 0.9}, NULL)
+    for place in (HERE, THERE):
+        support = cloud("motion", {place: 0.5}, SUPPORT)
+        with_it, without_it = belief(evidence, free, support), belief(evidence, free)
+        assert with_it.exists == pytest.approx(without_it.exists)
+
+
 def test_null_that_is_half_sure_takes_half() -> None:
     evidence, free = cloud("a", {HERE: 0.5, THERE: 0.5}), cloud("free", {HERE: 0.5}, NULL)
     found = weights(evidence, free)
