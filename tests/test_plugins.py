@@ -243,7 +243,7 @@ def test_every_hook_is_documented_with_its_arguments_and_named_in_a_test(
 @pytest.mark.parametrize("field", GeneratorConfig.model_fields)
 def test_every_option_that_all_generators_have_is_documented_with_its_default(field: str) -> None:
     default: Any = GeneratorConfig.model_fields[field].default
-    told = {None: "none", True: "true", False: "false"}.get(default, str(default))
+    told = f"{default:g}" if isinstance(default, float) else str(default).lower()
     assert f"| `{field}` | {told} |" in (ROOT / "docs" / "plugins.md").read_text()
 
 
