@@ -13,7 +13,7 @@ from contactfusion.arrays import FloatArray
 from contactfusion.grid import Grid
 from contactfusion.hypotheses import HypothesisKind
 from contactfusion.integrator import kernels
-from contactfusion.integrator.store import Columns, Int64Array, unpack
+from contactfusion.integrator.store import Columns, Int64Array, mean_places, unpack
 from contactfusion.time import NANOSECONDS_PER_SECOND
 
 KIND_BITS = {
@@ -137,10 +137,8 @@ class Entries:
 
         Their mean, weighted by likelihood, for a rule that needs places; else the voxel's centre.
         """
-        positions = self.grid.centres(unpack(self.columns.keys))
-        if len(self.columns.offsets):
-            positions += self.columns.offsets[:, :3] / self.columns.offsets[:, 3:]
-        return positions
+        columns = self.columns
+        return mean_places(columns.keys, columns.offsets, self.grid.voxel_size)
 
     @property
     def likelihoods(self) -> NDArray[np.float32]:

@@ -23,6 +23,8 @@ COLUMN = 0.024
 """Hypotheses are looked up by cells of this side [m], or wider ones."""
 ROOM = 1 << 15
 """There are at most so many cells, and eight more a point; else cells are wider."""
+LANES = 32
+"""Innermost loops go over multiples of so many places: vectors are filled, none are left over."""
 Float32Array = NDArray[np.float32]
 BIG, ZERO = np.float32(1e30), np.float32(0.0)
 
@@ -303,8 +305,9 @@ def spread_out(
     widest, most = np.sqrt(variances.max()), np.log(likelihoods.max())
     reach = (FAR if tail > 0.0 else REACH) * widest
     found, squares = np.empty(n + 1, np.int64), np.empty(n + 1, np.float32)
-    px, py = np.empty(len(places), np.float32), np.empty(len(places), np.float32)
-    pz, scores = np.empty(len(places), np.float32), np.empty(len(places), np.float32)
+    room = len(places) + LANES
+    px, py = np.zeros(room, np.float32), np.zeros(room, np.float32)
+    pz, scores = np.zeros(room, np.float32), np.zeros(room, np.float32)
     middle = np.empty(3)
     for tile in range(len(tiles.begins) - 1):
         rows = tiles.rows[tiles.begins[tile] : tiles.begins[tile + 1]]
@@ -332,7 +335,8 @@ def spread_out(
         for a in range(m):
             px[a], py[a] = places[rows[a], 0] - origin[0], places[rows[a], 1] - origin[1]
             pz[a] = places[rows[a], 2] - origin[2]
-        x, y, z, s = px[:m], py[:m], pz[:m], scores[:m]
+        whole = (m + LANES - 1) // LANES * LANES
+        x, y, z, s = px[:whole], py[:whole], pz[:whole], scores[:whole]
         if single:
             s[:] = ZERO
             _total(spread, found[:count], np.float32(tail), x, y, z, s)

@@ -110,6 +110,25 @@ def offset_from_centres(positions: FloatArray, side: float, offsets: NDArray[np.
         offsets[row, 3] = 1.0
 
 
+@kernel
+def mean_places(keys: Int64Array, offsets: NDArray[np.float32], side: float) -> FloatArray:
+    """Give the mean place of the hypotheses of each entry, shape (n, 3) [m].
+
+    Args:
+        keys: shape (n,), packed voxels.
+        offsets: shape (n, 4) of sums Σp(x - c) [m], Σp; or without rows: then the voxels' centres.
+        side: of a voxel [m].
+    """
+    places = np.empty((len(keys), 3))
+    for row in range(len(keys)):
+        for axis in range(3):
+            index = ((keys[row] >> (AXIS_BITS * (2 - axis))) & AXIS_MASK) - AXIS_ORIGIN
+            places[row, axis] = (index + 0.5) * side
+            if len(offsets):
+                places[row, axis] += offsets[row, axis] / offsets[row, 3]
+    return places
+
+
 def unpack(keys: Int64Array) -> Int64Array:
     """Give the voxel indices of packed keys, shape (n, 3)."""
     shifts = np.array([2 * AXIS_BITS, AXIS_BITS, 0])
