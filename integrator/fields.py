@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from contactfusion.arrays import FloatArray
+from contactfusion.integrator.cells import Dealt, deal
 from contactfusion.integrator.store import Int64Array
 from contactfusion.jit import kernel
 
@@ -21,64 +22,10 @@ TILE = 0.04
 """Places are worked on together in cells of this side [m]: enough of them to fill vectors."""
 COLUMN = 0.024
 """Hypotheses are looked up by cells of this side [m], or wider ones."""
-ROOM = 1 << 15
-"""There are at most so many cells, and eight more a point; else cells are wider."""
 LANES = 32
 """Innermost loops go over multiples of so many places: vectors are filled, none are left over."""
 Float32Array = NDArray[np.float32]
 BIG, ZERO = np.float32(1e30), np.float32(0.0)
-
-
-class Dealt(NamedTuple):
-    """Points by the cells of a grid over them.
-
-    Attributes:
-        rows: shape (n,), the points cell by cell.
-        begins: shape (cells + 1,), where each cell begins in `rows`; z runs first, then y.
-        low: shape (3,) [m], the least corner of the grid.
-        counts: shape (3,), how many cells there are along each axis.
-        side: of a cell [m].
-    """
-
-    rows: Int64Array
-    begins: Int64Array
-    low: FloatArray
-    counts: Int64Array
-    side: float
-
-
-@kernel
-def deal(points: FloatArray, side: float) -> Dealt:
-    """Sort points by cells of `side` [m], or of wider ones where these would be too many.
-
-    Args:
-        points: shape (n, 3) [m], at least one.
-        side: of a cell [m].
-    """
-    n = len(points)
-    low, high = np.full(3, np.inf), np.full(3, -np.inf)
-    for row in range(n):
-        for axis in range(3):
-            low[axis] = min(low[axis], points[row, axis])
-            high[axis] = max(high[axis], points[row, axis])
-    while np.prod(np.floor((high - low) / side) + 1.0) > ROOM + 8 * n:
-        side *= 1.5
-    counts = (np.floor((high - low) / side) + 1.0).astype(np.int64)
-    cells, rows = np.empty(n, np.int64), np.empty(n, np.int64)
-    begins = np.zeros(counts[0] * counts[1] * counts[2] + 1, np.int64)
-    for row in range(n):
-        i = int((points[row, 0] - low[0]) / side)
-        j = int((points[row, 1] - low[1]) / side)
-        k = int((points[row, 2] - low[2]) / side)
-        cells[row] = (i * counts[1] + j) * counts[2] + k
-        begins[cells[row] + 1] += 1
-    for cell in range(len(begins) - 1):
-        begins[cell + 1] += begins[cell]
-    at = begins[:-1].copy()
-    for row in range(n):
-        rows[at[cells[row]]] = row
-        at[cells[row]] += 1
-    return Dealt(rows, begins, low, counts, side)
 
 
 @kernel
@@ -143,6 +90,7 @@ class Spread(NamedTuple):
 
 @kernel
 def _ready(
+    cells: Dealt,
     positions: FloatArray,
     likelihoods: FloatArray,
     variances: FloatArray,
@@ -150,7 +98,6 @@ def _ready(
     origin: FloatArray,
 ) -> Spread:
     n, ends = len(positions), FAR if tail > 0.0 else REACH
-    cells = deal(positions, max(COLUMN, ends * np.sqrt(variances.max()) / 4.0))
     x, y, z = np.empty(n, np.float32), np.empty(n, np.float32), np.empty(n, np.float32)
     halved, logs = np.empty(n, np.float32), np.empty(n, np.float32)
     for at in range(n):
@@ -271,6 +218,118 @@ def _total(
 
 
 @kernel
+def _ball(places: FloatArray, rows: Int64Array, middle: FloatArray) -> float:
+    """Write the middle of some places [m], and give how far they lie from it [m]."""
+    middle[:] = 0.0
+    for row in rows:
+        for axis in range(3):
+            middle[axis] += places[row, axis] / len(rows)
+    furthest = 0.0
+    for row in rows:
+        squared = 0.0
+        for axis in range(3):
+            squared += (places[row, axis] - middle[axis]) ** 2
+        furthest = max(furthest, squared)
+    return float(np.sqrt(furthest)) + 1e-6
+
+
+@kernel
+def _relevant(
+    spread: Spread,
+    middle: FloatArray,
+    around: np.float32,
+    widest: float,
+    most: float,
+    reach: float,
+    single: bool,
+    found: Int64Array,
+    squares: Float32Array,
+) -> int:
+    """Write the hypotheses that say something around a place, and their squared distances [m²].
+
+    Of several contacts the strongest counts: the search goes further until nothing beyond can be.
+
+    Args:
+        spread: the hypotheses.
+        middle: shape (3,) [m], of the places that matter.
+        around: how far these lie from it [m].
+        widest: the largest standard deviation [m].
+        most: the logarithm of the largest likelihood.
+        reach: how far a hypothesis says something [m].
+        single: whether they describe one contact.
+        found: shape (n,), is overwritten.
+        squares: shape (n,), is overwritten.
+
+    Returns:
+        How many there are.
+    """
+    within = reach
+    if not single and reach >= 2.0 * around:
+        within = max(widest, float(around))
+    while True:
+        count = _gather(spread, middle, within + float(around), found, squares)
+        if within >= reach:
+            return count
+        ceiling, needed = _ceiling(spread, found[:count], squares, around), 2.0 * within
+        if ceiling < BIG:
+            away = max(float(ceiling) + most, 0.0)
+            away = max(away, float((away - spread.lift) / spread.flatter))
+            needed = float(np.sqrt(2.0 * away)) * widest
+        if needed <= within:
+            return count
+        within = min(needed, reach)
+
+
+@kernel
+def _over_tiles(
+    places: FloatArray,
+    tiles: Dealt,
+    dealt: Dealt,
+    positions: FloatArray,
+    likelihoods: FloatArray,
+    variances: FloatArray,
+    single: bool,
+    tail: float,
+    field: FloatArray,
+) -> None:
+    """Spread hypotheses, dealt into cells, over places; arguments as `spread_out`."""
+    n, origin = len(positions), places[len(places) // 2]
+    spread = _ready(dealt, positions, likelihoods, variances, tail, origin)
+    widest, most = np.sqrt(variances.max()), np.log(likelihoods.max())
+    reach = (FAR if tail > 0.0 else REACH) * widest
+    found, squares = np.empty(n + 1, np.int64), np.empty(n + 1, np.float32)
+    room = len(places) + LANES
+    px, py = np.zeros(room, np.float32), np.zeros(room, np.float32)
+    pz, scores = np.zeros(room, np.float32), np.zeros(room, np.float32)
+    middle = np.empty(3)
+    for tile in range(len(tiles.begins) - 1):
+        rows = tiles.rows[tiles.begins[tile] : tiles.begins[tile + 1]]
+        m = len(rows)
+        if m == 0:
+            continue
+        around = np.float32(_ball(places, rows, middle))
+        count = _relevant(spread, middle, around, widest, most, reach, single, found, squares)
+        if count == 0:
+            continue
+        for a in range(m):
+            px[a], py[a] = places[rows[a], 0] - origin[0], places[rows[a], 1] - origin[1]
+            pz[a] = places[rows[a], 2] - origin[2]
+        whole = (m + LANES - 1) // LANES * LANES
+        x, y, z, s = px[:whole], py[:whole], pz[:whole], scores[:whole]
+        if single:
+            s[:] = ZERO
+            _total(spread, found[:count], np.float32(tail), x, y, z, s)
+        else:
+            s[:] = BIG
+            ceiling = _ceiling(spread, found[:count], squares, around)
+            _strongest(spread, found[:count], squares, around, ceiling, x, y, z, s)
+        for a in range(m):
+            if single:
+                field[rows[a]] = s[a]
+            elif s[a] < BIG:
+                field[rows[a]] = np.exp(-s[a])
+
+
 def spread_out(
     places: FloatArray,
     tiles: Dealt,
@@ -297,145 +356,9 @@ def spread_out(
         field: shape (c,), is overwritten; 0 where no hypothesis reaches.
     """
     field[:] = 0.0
-    n = len(positions)
-    if n == 0:
+    if not len(positions):
         return
-    origin = places[len(places) // 2]
-    spread = _ready(positions, likelihoods, variances, tail, origin)
-    widest, most = np.sqrt(variances.max()), np.log(likelihoods.max())
-    reach = (FAR if tail > 0.0 else REACH) * widest
-    found, squares = np.empty(n + 1, np.int64), np.empty(n + 1, np.float32)
-    room = len(places) + LANES
-    px, py = np.zeros(room, np.float32), np.zeros(room, np.float32)
-    pz, scores = np.zeros(room, np.float32), np.zeros(room, np.float32)
-    middle = np.empty(3)
-    for tile in range(len(tiles.begins) - 1):
-        rows = tiles.rows[tiles.begins[tile] : tiles.begins[tile + 1]]
-        m = len(rows)
-        if m == 0:
-            continue
-        around = np.float32(_ball(places, rows, middle))
-        within = reach if single or reach < 2.0 * around else max(widest, 1.0 * around)
-        ceiling = BIG
-        while True:  # look further until nothing beyond can be the strongest
-            count = _gather(spread, middle, within + around, found, squares)
-            if within >= reach:
-                break
-            ceiling = _ceiling(spread, found[:count], squares, around)
-            needed = 2.0 * within
-            if ceiling < BIG:
-                away = max(ceiling + most, 0.0)
-                away = max(away, (away - spread.lift) / spread.flatter)
-                needed = np.sqrt(2.0 * away) * widest
-            if needed <= within:
-                break
-            within = min(needed, reach)
-        if count == 0:
-            continue
-        for a in range(m):
-            px[a], py[a] = places[rows[a], 0] - origin[0], places[rows[a], 1] - origin[1]
-            pz[a] = places[rows[a], 2] - origin[2]
-        whole = (m + LANES - 1) // LANES * LANES
-        x, y, z, s = px[:whole], py[:whole], pz[:whole], scores[:whole]
-        if single:
-            s[:] = ZERO
-            _total(spread, found[:count], np.float32(tail), x, y, z, s)
-        else:
-            s[:] = BIG
-            ceiling = _ceiling(spread, found[:count], squares, around)
-            _strongest(spread, found[:count], squares, around, ceiling, x, y, z, s)
-        for a in range(m):
-            if single:
-                field[rows[a]] = s[a]
-            elif s[a] < BIG:
-                field[rows[a]] = np.exp(-s[a])
-
-
-@kernel
-def _ball(places: FloatArray, rows: Int64Array, middle: FloatArray) -> float:
-    """Write the middle of some places [m], and give how far they lie from it [m]."""
-    middle[:] = 0.0
-    for row in rows:
-        for axis in range(3):
-            middle[axis] += places[row, axis] / len(rows)
-    furthest = 0.0
-    for row in rows:
-        furthest = max(furthest, _squared(places[row], middle))
-    return float(np.sqrt(furthest)) + 1e-6
-
-
-@kernel
-def _cells(
-    point: FloatArray, dealt: Dealt, radius: float, first: Int64Array, last: Int64Array
-) -> None:
-    """Write the first and last cell along each axis that a ball around a point touches."""
-    for axis in range(3):
-        offset, most = point[axis] - dealt.low[axis], dealt.counts[axis] - 1.0
-        last[axis] = int(min(max(np.floor((offset + radius) / dealt.side), -1.0), most))
-        first[axis] = int(min(max(np.floor((offset - radius) / dealt.side), 0.0), most + 1.0))
-
-
-@kernel
-def heaviest(
-    points: FloatArray, places: FloatArray, dealt: Dealt, weights: FloatArray, radius: float
-) -> FloatArray:
-    """Give the largest weight of a place within `radius` of each point, 0 without any, shape (n,).
-
-    Args:
-        points: shape (n, 3) [m].
-        places: shape (c, 3) [m].
-        dealt: the places by cells.
-        weights: shape (c,).
-        radius: [m].
-    """
-    found = np.zeros(len(points))
-    first, last = np.empty(3, np.int64), np.empty(3, np.int64)
-    for row in range(len(points)):
-        _cells(points[row], dealt, radius, first, last)
-        for i in range(first[0], last[0] + 1):
-            for j in range(first[1], last[1] + 1):
-                column = (i * dealt.counts[1] + j) * dealt.counts[2]
-                begin, end = dealt.begins[column + first[2]], dealt.begins[column + last[2] + 1]
-                for at in range(begin, end):
-                    other = dealt.rows[at]
-                    if _squared(points[row], places[other]) <= radius * radius:
-                        found[row] = max(found[row], weights[other])
-    return found
-
-
-@kernel
-def linked(points: FloatArray, dealt: Dealt, start: int, reach: float) -> NDArray[np.bool_]:
-    """Tell which points a chain of steps of at most `reach` joins to one of them, shape (n,).
-
-    Args:
-        points: shape (n, 3) [m].
-        dealt: the points by cells.
-        start: the row of that one.
-        reach: [m].
-    """
-    found = np.zeros(len(points), np.bool_)
-    waiting, count = np.empty(len(points), np.int64), 1
-    found[start], waiting[0] = True, start
-    first, last = np.empty(3, np.int64), np.empty(3, np.int64)
-    while count > 0:
-        count -= 1
-        row = waiting[count]
-        _cells(points[row], dealt, reach, first, last)
-        for i in range(first[0], last[0] + 1):
-            for j in range(first[1], last[1] + 1):
-                column = (i * dealt.counts[1] + j) * dealt.counts[2]
-                begin, end = dealt.begins[column + first[2]], dealt.begins[column + last[2] + 1]
-                for at in range(begin, end):
-                    other = dealt.rows[at]
-                    if not found[other] and _squared(points[row], points[other]) <= reach * reach:
-                        found[other], waiting[count] = True, other
-                        count += 1
-    return found
-
-
-@kernel
-def _squared(one: FloatArray, other: FloatArray) -> float:
-    total = 0.0
-    for axis in range(3):
-        total += (one[axis] - other[axis]) ** 2
-    return total
+    reach = (FAR if tail > 0.0 else REACH) * float(np.sqrt(variances.max()))
+    dealt = deal(positions, max(COLUMN, reach / 4.0))
+    given = (positions, likelihoods, variances, single, tail)
+    _over_tiles(places, tiles, dealt, *given, field)

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from contactfusion.arrays import FloatArray
 from contactfusion.contacts import Contact
-from contactfusion.integrator import fields, kernels
+from contactfusion.integrator import cells, fields, kernels
 from contactfusion.integrator.config import IntegratorConfig
 from contactfusion.integrator.entries import Belief, Entries, Field
 from contactfusion.time import to_seconds
@@ -64,14 +64,14 @@ def _mode(places: FloatArray, weights: FloatArray) -> tuple[FloatArray, NDArray[
     """
     heavy = np.flatnonzero(weights >= HEAVY * weights.max())
     some = np.flatnonzero(weights >= FAINT * weights.max())
-    tops, dealt = places[heavy], fields.deal(places[heavy], fields.TILE)
+    tops, dealt = places[heavy], cells.deal(places[heavy], fields.TILE)
     densities = np.empty(len(heavy))
     widths = np.full(len(some), WIDTH**2)
     fields.spread_out(tops, dealt, places[some], weights[some], widths, True, 0.0, densities)
     densest = int(np.round(densities / densities.max(), 6).argmax())  # the first of equals
-    joined = fields.linked(tops, dealt, densest, LINK)
+    joined = cells.linked(tops, dealt, densest, LINK)
     core, heights = tops[joined], weights[heavy][joined]
-    basin = fields.heaviest(places, core, fields.deal(core, fields.TILE), heights, BASIN) > 0.0
+    basin = cells.heaviest(places, core, cells.deal(core, fields.TILE), heights, BASIN) > 0.0
     basin &= weights > 0.0  # the rest belongs to an earlier mode
     place = heights @ core / heights.sum()
     if ((core - place) ** 2).sum(axis=1).max() > LONG**2:
