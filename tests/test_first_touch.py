@@ -123,7 +123,8 @@ class TestTheCloud:
     def test_spreads_hold_the_noise_and_the_distance_of_samples(self, robot: RobotModel) -> None:
         for noise, spread in ((0.003, SPREAD), (0.0, 0.004)):
             cloud = touched(generator(noise=noise), robot)
-            np.testing.assert_allclose(cloud.spreads, spread)  # type: ignore[arg-type]
+            assert cloud.spreads is not None
+            np.testing.assert_allclose(cloud.spreads, spread)
 
     def test_the_hand_moves_to_the_ball(self, robot: RobotModel) -> None:
         one = generator(thing(0.4, sigma=0.02))
