@@ -7,13 +7,15 @@ from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
 from contactfusion.arrays import FloatArray
+from contactfusion.frames import Pose, inverse, points_in, pose_at
 from contactfusion.model import Model
 
 Edge = Annotated[float, Field(gt=0)]
+Vector = tuple[float, float, float]
 
 
 class TaxelGridConfig(Model):
-    """Taxels in rows and columns on the plane z = 0 of their frame, centred at its origin."""
+    """Taxels in rows and columns on a plane."""
 
     rows: int = Field(ge=1)
     """Along x."""
@@ -21,39 +23,67 @@ class TaxelGridConfig(Model):
     """Along y; values come row by row."""
     pitch: tuple[Edge, Edge]
     """The distance between neighbours along x and y [m]; also the size of a taxel."""
+    xyz: Vector = (0.0, 0.0, 0.0)
+    """The middle of the grid in the frame of the patch [m]."""
+    rpy: Vector = (0.0, 0.0, 0.0)
+    """Roll, pitch and yaw of the grid in the frame of the patch [rad]; taxels face its z."""
+
+    def pose(self) -> Pose:
+        """Give the pose of the grid in the frame of the patch."""
+        return pose_at(self.xyz, self.rpy)
 
     def places(self) -> FloatArray:
-        """Give the centres of the taxels, shape (rows · columns, 3) [m]."""
+        """Give the centres of the taxels on the grid's own plane, shape (rows · columns, 3) [m]."""
         x = (np.arange(self.rows, dtype=np.float64) - (self.rows - 1) / 2.0) * self.pitch[0]
         y = (np.arange(self.columns, dtype=np.float64) - (self.columns - 1) / 2.0) * self.pitch[1]
         return _on_plane(x, y)
 
 
 class PatchConfig(Model):
-    """A patch of taxels, as a grid or one by one, in the frame of its readings."""
+    """A patch of taxels, as a grid, as several, or one by one, in the frame of its readings."""
 
     grid: TaxelGridConfig | None = None
     """Taxels in rows and columns."""
-    places: tuple[tuple[float, float, float], ...] = ()
+    grids: tuple[TaxelGridConfig, ...] = ()
+    """Several grids, as on the faces of a body; values come grid by grid."""
+    places: tuple[Vector, ...] = ()
     """The centre of each taxel [m]."""
     size: tuple[Edge, Edge] | None = None
     """The edges of one taxel along x and y [m]; needed with `places`, else the grid's pitch."""
 
     @model_validator(mode="after")
     def _one_way(self) -> Self:
-        if (self.grid is not None) == bool(self.places):
-            raise ValueError("give a grid or places")
+        if (self.grid is not None) + bool(self.grids) + bool(self.places) != 1:
+            raise ValueError("give a grid or places, or several grids")
         if self.places and self.size is None:
             raise ValueError("places need the size of a taxel")
         return self
 
+    def sheets(self) -> list[tuple[Pose, FloatArray, tuple[float, float]]]:
+        """Give the planes that taxels lie on.
+
+        Returns:
+            For each plane its pose, the centres on it, shape (n, 3) [m], and the edges of a taxel
+            along its x and y [m].
+        """
+        grids = (self.grid,) if self.grid else self.grids
+        if grids:
+            return [(grid.pose(), grid.places(), self.size or grid.pitch) for grid in grids]
+        assert self.size is not None  # places need it
+        return [(np.eye(4), np.array(self.places), self.size)]
+
     def centres(self) -> FloatArray:
         """Give the centre of each taxel, shape (n, 3) [m]."""
-        return self.grid.places() if self.grid else np.array(self.places)
+        return np.concatenate([points_in(pose, centres) for pose, centres, _ in self.sheets()])
 
-    def edges(self) -> tuple[float, float]:
-        """Give the edges of one taxel along x and y [m]."""
-        return self.size or (self.grid.pitch if self.grid else (0.0, 0.0))
+    def spreads(self) -> FloatArray:
+        """Give the standard deviation, by axis, of a place somewhere on each taxel, (n,) [m]."""
+        return np.concatenate(
+            [
+                np.full(len(centres), np.hypot(*edges) / np.sqrt(24.0))
+                for _, centres, edges in self.sheets()
+            ]
+        )
 
     def covered(self, side: float) -> tuple[FloatArray, NDArray[np.intp]]:
         """Cover each taxel with places no further apart than a voxel.
@@ -64,31 +94,38 @@ class PatchConfig(Model):
         Returns:
             Places of shape (m, 3) [m], and the taxel that each belongs to, shape (m,).
         """
-        axes = []
-        for edge in self.edges():
-            cells = max(1, int(np.ceil(edge / side - 1e-9)))
-            axes.append(((2.0 * np.arange(cells) + 1.0) / cells - 1.0) * edge / 2.0)
-        offsets = _on_plane(*axes)
-        centres = self.centres()
-        places = (centres[:, None, :] + offsets).reshape(-1, 3)
-        return places, np.repeat(np.arange(len(centres), dtype=np.intp), len(offsets))
+        places, taxels, count = [], [], 0
+        for pose, centres, edges in self.sheets():
+            axes = []
+            for edge in edges:
+                cells = max(1, int(np.ceil(edge / side - 1e-9)))
+                axes.append(((2.0 * np.arange(cells) + 1.0) / cells - 1.0) * edge / 2.0)
+            offsets = _on_plane(*axes)
+            places.append(points_in(pose, (centres[:, None, :] + offsets).reshape(-1, 3)))
+            rows = np.arange(count, count + len(centres), dtype=np.intp)
+            taxels.append(np.repeat(rows, len(offsets)))
+            count += len(centres)
+        return np.concatenate(places), np.concatenate(taxels)
 
     def near(self, points: FloatArray, reach: float) -> NDArray[np.bool_]:
         """Tell which taxels have a point over their area, or closer to it than `reach` [m].
 
         Args:
             points: shape (m, 3) [m], in the frame of the patch.
-            reach: along each axis [m].
+            reach: along each axis of a taxel [m].
 
         Returns:
             Shape (n,).
         """
-        centres = self.centres()
-        half = np.array([*self.edges(), 0.0]) / 2.0 + reach
-        low, high = centres.min(axis=0) - half, centres.max(axis=0) + half
-        close = points[((points >= low) & (points <= high)).all(axis=1)]
-        inside = np.abs(close - centres[:, None, :]) <= half
-        return np.asarray(np.any(np.all(inside, axis=2), axis=1))
+        found = []
+        for pose, centres, edges in self.sheets():
+            there = points_in(inverse(pose), points)
+            half = np.array([*edges, 0.0]) / 2.0 + reach
+            low, high = centres.min(axis=0) - half, centres.max(axis=0) + half
+            close = there[((there >= low) & (there <= high)).all(axis=1)]
+            inside = np.abs(close - centres[:, None, :]) <= half
+            found.append(np.any(np.all(inside, axis=2), axis=1))
+        return np.concatenate(found)
 
 
 def _on_plane(x: FloatArray, y: FloatArray) -> FloatArray:

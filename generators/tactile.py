@@ -70,6 +70,7 @@ class TactileGenerator(Generator[TactileConfig]):
         if config.free:
             self.outputs = {"": HypothesisKind.REGULAR, "free": HypothesisKind.NULL}
         self._taxels = len(config.patch.centres())
+        self._spreads = np.hypot(config.patch.spreads(), config.noise)
         self._baseline, self._noise = config.baseline.load(self._taxels)
         self._covered: tuple[float, FloatArray, NDArray[np.intp]] | None = None
         self.reset()
@@ -91,14 +92,12 @@ class TactileGenerator(Generator[TactileConfig]):
         chosen = touched[taxels]
         largest = touch[touched].max(initial=0.0)
         likelihoods = np.minimum(touch[taxels[chosen]] / largest, self.config.p_max)
-        own = np.hypot(*self.config.patch.edges()) / np.sqrt(24.0)
-        spread = np.hypot(own, self.config.noise)
         clouds = [
             self.cloud(
                 reading,
                 places[chosen],
                 likelihoods,
-                spreads=np.full(len(likelihoods), spread),
+                spreads=self._spreads[taxels[chosen]],
             )
         ]
         if self.config.free:

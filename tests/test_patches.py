@@ -25,7 +25,7 @@ def test_a_grid_goes_row_by_row_around_the_origin() -> None:
 def test_places_are_centres_of_taxels_of_the_given_size() -> None:
     irregular = patch(places=[(0.0, 0.0, 0.0), (0.1, 0.2, 0.3)], size=(0.01, 0.02))
     np.testing.assert_array_equal(irregular.centres(), [[0.0, 0.0, 0.0], [0.1, 0.2, 0.3]])
-    assert irregular.edges() == (0.01, 0.02)
+    np.testing.assert_allclose(irregular.spreads(), np.hypot(0.01, 0.02) / np.sqrt(24.0))
 
 
 @pytest.mark.parametrize(
