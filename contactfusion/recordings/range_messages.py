@@ -1,0 +1,100 @@
+"""Clouds of points and depth images as ROS 2 messages."""
+
+from collections.abc import Iterator
+
+import numpy as np
+from numpy.typing import NDArray
+
+from contactfusion.arrays import FloatArray
+from contactfusion.readings import DepthImage, PointCloud
+from contactfusion.recordings.messages import Message, Posting, message
+
+FLOAT32 = 7
+"""What sensor_msgs/PointField calls a float32."""
+
+
+def point_cloud(reading: PointCloud, top: Message) -> Message:
+    """Give sensor_msgs/PointCloud2 with x, y and z as float32; no returns are kept.
+
+    Args:
+        reading: the cloud.
+        top: the header.
+    """
+    points = reading.points
+    fields = [
+        message("sensor_msgs/PointField", name=name, offset=4 * i, datatype=FLOAT32, count=1)
+        for i, name in enumerate("xyz")
+    ]
+    return message(
+        "sensor_msgs/PointCloud2",
+        header=top,
+        height=1,
+        width=len(points),
+        fields=fields,
+        is_bigendian=False,
+        point_step=12,
+        row_step=12 * len(points),
+        data=_float_bytes(points),
+        is_dense=bool(np.isfinite(points).all()),
+    )
+
+
+def depth_image(reading: DepthImage, topic: str, top: Message) -> Iterator[Posting]:
+    """Give sensor_msgs/Image in float32 metres, with its camera beside it.
+
+    Viewers look for the camera of .../depth on .../camera_info.
+
+    Args:
+        reading: the image; its colours and its mask become images of their own.
+        topic: below which all of them go.
+        top: the header of all of them.
+    """
+    height, width = reading.depth.shape
+    yield f"{topic}/depth", _image(_float_bytes(reading.depth), "32FC1", (height, width), top)
+    yield f"{topic}/camera_info", _camera_info(reading, top)
+    if reading.colour is not None:
+        yield f"{topic}/colour", _image(reading.colour.ravel(), "rgb8", (height, width), top)
+    if reading.mask is not None:
+        mask = np.where(reading.mask, np.uint8(255), np.uint8(0)).ravel()
+        yield f"{topic}/mask", _image(mask, "mono8", (height, width), top)
+
+
+def _image(data: NDArray[np.uint8], encoding: str, shape: tuple[int, int], top: Message) -> Message:
+    height, width = shape
+    return message(
+        "sensor_msgs/Image",
+        header=top,
+        height=height,
+        width=width,
+        encoding=encoding,
+        is_bigendian=0,
+        step=len(data) // height if height else 0,
+        data=data,
+    )
+
+
+def _camera_info(reading: DepthImage, top: Message) -> Message:
+    height, width = reading.depth.shape
+    whole = message(
+        "sensor_msgs/RegionOfInterest", x_offset=0, y_offset=0, height=0, width=0, do_rectify=False
+    )
+    return message(
+        "sensor_msgs/CameraInfo",
+        header=top,
+        height=height,
+        width=width,
+        distortion_model="plumb_bob",
+        d=np.zeros(5),
+        k=reading.intrinsics.ravel(),
+        r=np.eye(3).ravel(),
+        p=np.column_stack([reading.intrinsics, np.zeros(3)]).ravel(),
+        binning_x=0,
+        binning_y=0,
+        roi=whole,
+    )
+
+
+def _float_bytes(values: FloatArray) -> NDArray[np.uint8]:
+    """Give values as the bytes of float32; one too large becomes infinite, which is no return."""
+    with np.errstate(over="ignore"):
+        return values.astype("<f4").reshape(-1).view(np.uint8)
