@@ -6,28 +6,24 @@ import json
 import math
 import time
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import replace
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
 
-import numpy as np
 from pydantic import Field, model_validator
 
-from contactfusion.contacts import Contact
 from contactfusion.errors import ConfigurationError, FrameError, PluginError, name_hint
 from contactfusion.files import make_folder, write_whole
-from contactfusion.frames import points_in, vectors_in
 from contactfusion.pipeline import Pipeline, Step
 from contactfusion.pipeline_config import PipelineConfig
 from contactfusion.readings import READING_TYPES, Reading
 from contactfusion.recordings.opening import open_recording
 from contactfusion.recordings.recording import Recording
+from contactfusion.simulation.scene import heard
 from contactfusion.yaml_files import read_yaml, with_overrides
 
 if TYPE_CHECKING:
-    from contactfusion.simulation.touch import TouchScene
-    from contactfusion.simulation.touch_world import Touching
+    from contactfusion.simulation.scene import Scene
 
 
 class RunConfig(PipelineConfig):
@@ -50,7 +46,7 @@ class RunConfig(PipelineConfig):
 
 
 def run_file(path: Path, overrides: Sequence[str], out: Path, seed: int | None = None) -> None:
-    """Run what a YAML file describes; write contacts.csv and summary.json.
+    """Run what a YAML file describes; write contacts.csv, commands.csv and summary.json.
 
     Args:
         path: the file; relative names in it start at its folder.
@@ -73,47 +69,53 @@ def run_file(path: Path, overrides: Sequence[str], out: Path, seed: int | None =
     except (ConfigurationError, FrameError, PluginError) as error:
         raise ConfigurationError(f"{path}: {error}") from None
     make_folder(out)
-    heard: Counter[tuple[str, type[Reading]]] = Counter()
+    counts: Counter[tuple[str, type[Reading]]] = Counter()
+
+    def hear(reading: Reading) -> None:
+        counts[reading.sensor, type(reading)] += 1
+
     start = time.perf_counter()
     try:
-        steps = list(pipeline.run(_counted(source.readings(), heard)))
+        if isinstance(source, Recording):
+            steps = list(pipeline.run(heard(source.readings(), hear)))
+        else:
+            steps = list(source.run(pipeline, hear))
     finally:
         pipeline.close()
     took = time.perf_counter() - start
     write_whole(out / "contacts.csv", contacts_csv(steps))
     total = summary(steps)
     _tell(total, took)
+    results = [out / "contacts.csv", out / "summary.json"]
+    if pipeline.config.controller is not None:
+        results.insert(1, out / "commands.csv")
+        write_whole(results[1], commands_csv(steps))
     if scene and steps:
-        truth = true_contacts(scene, pipeline, steps[-1].stamp)
-        total["truth"] = {
-            "frame": config.integrator.frame,
-            "places": truth.places.tolist(),
-            "forces": truth.forces.tolist(),
-            "links": list(truth.links),
-        }
-        for line in compared(truth, steps[-1].fusion.contacts):
-            print(f"truth: {line}")
+        verdict = scene.verdict(pipeline, steps[-1])
+        total["truth"] = verdict.truth
+        for sentence in verdict.sentences:
+            print(f"truth: {sentence}")
     write_whole(out / "summary.json", json.dumps(total, indent=2) + "\n")
-    print(f"results: {out / 'contacts.csv'}, {out / 'summary.json'}")
-    if faults := list(unheard(pipeline, heard, steps)):
+    print(f"results: {', '.join(map(str, results))}")
+    if faults := list(unheard(pipeline, counts, steps)):
         more = f" (and {len(faults) - 1} more)" if len(faults) > 1 else ""
         raise ConfigurationError(f"{path}: {faults[0]}{more}")
 
 
 def unheard(
-    pipeline: Pipeline, heard: Mapping[tuple[str, type[Reading]], int], steps: Sequence[Step]
+    pipeline: Pipeline, counts: Mapping[tuple[str, type[Reading]], int], steps: Sequence[Step]
 ) -> Iterator[str]:
     """Say what the pipeline waited for in vain.
 
     Args:
         pipeline: after its run.
-        heard: how many readings came, by sensor and type.
+        counts: how many readings came, by sensor and type.
         steps: what it gave.
 
     Yields:
         A sentence for each thing that kept the job from being done.
     """
-    sensors = {sensor for sensor, _ in heard}
+    sensors = {sensor for sensor, _ in counts}
     on = pipeline.config.cycle.on
     if on is not None and not steps:
         hint = name_hint(on, sensors | set(READING_TYPES), "sensors and types")
@@ -121,7 +123,7 @@ def unheard(
     if not pipeline.config.generators:
         yield "generators: none are configured, so nothing can be found"
     for name, generator in pipeline.generators.items():
-        fit = [sensor for sensor, kind in heard if issubclass(kind, generator.readings)]
+        fit = [sensor for sensor, kind in counts if issubclass(kind, generator.readings)]
         wanted = generator.config.sensor
         if not fit:
             kinds = " or ".join(kind.__name__ for kind in generator.readings)
@@ -137,43 +139,7 @@ def unheard(
             yield f"every cloud of '{name}' was refused: {why}"
 
 
-def true_contacts(scene: "TouchScene", pipeline: Pipeline, stamp: float) -> "Touching":
-    """Give where the robot is really touched when its scene ends, in the space's frame.
-
-    Args:
-        scene: after its last reading.
-        pipeline: which took its readings.
-        stamp: when the scene ended [s].
-
-    Raises:
-        FrameError: nothing joins the robot's root link to the space.
-    """
-    truth, state = scene.truth.contacts, pipeline.state(stamp)
-    pose = state.frames.pose(state.grid.frame, of=scene.robot.root)
-    places, forces = points_in(pose, truth.places), vectors_in(pose, truth.forces)
-    return replace(truth, places=places, forces=forces)
-
-
-def compared(truth: "Touching", contacts: Sequence[Contact]) -> Iterator[str]:
-    """Say what really happened, and how near contacts came; one sentence for each true contact.
-
-    Args:
-        truth: in the frame of the contacts.
-        contacts: of the last step.
-    """
-    found = np.reshape([contact.position for contact in contacts], (-1, 3))
-    for place, link in zip(truth.places, truth.links, strict=True):
-        x, y, z = place
-        away = np.linalg.norm(found - place, axis=1).min(initial=np.inf) * 1000.0
-        near = f"nearest contact {away:.0f} mm away" if contacts else "no contact was found"
-        yield f"{link} touched at ({x:.3f}, {y:.3f}, {z:.3f}) m; {near}"
-    if not truth.links and contacts:
-        yield f"nothing was touched; contacts that are none: {len(contacts)}"
-    elif not truth.links:
-        yield "no contact, and none was there"
-
-
-def _scene(config: RunConfig) -> "TouchScene":
+def _scene(config: RunConfig) -> "Scene":
     # only here: a recording needs no physics
     from contactfusion.simulation.opening import open_scene
 
@@ -186,14 +152,6 @@ def _recording(config: RunConfig, folder: Path) -> Recording:
         return open_recording(config.recording, folder)
     except ConfigurationError as error:
         raise error.under("recording") from None
-
-
-def _counted(
-    readings: Iterable[Reading], heard: Counter[tuple[str, type[Reading]]]
-) -> Iterator[Reading]:
-    for reading in readings:
-        heard[reading.sensor, type(reading)] += 1
-        yield reading
 
 
 def contacts_csv(steps: Sequence[Step]) -> str:
@@ -214,6 +172,21 @@ def contacts_csv(steps: Sequence[Step]) -> str:
                 *contact.force,
             ]
             writer.writerow([f"{step.stamp:.6f}", *(f"{n:.6g}" for n in numbers), shares])
+    return text.getvalue()
+
+
+def commands_csv(steps: Sequence[Step]) -> str:
+    """Give one row a command: stamp, twist [m/s, rad/s], gripper, mode, reason."""
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(["stamp", "vx", "vy", "vz", "wx", "wy", "wz", "gripper", "mode", "reason"])
+    for step in steps:
+        if (command := step.command) is None:
+            continue
+        twist = command.twist
+        numbers = [*twist.linear, *twist.angular] if twist else [""] * 6
+        cells = [f"{n:.6g}" if isinstance(n, float) else n for n in (*numbers, command.gripper)]
+        writer.writerow([f"{step.stamp:.6f}", *cells, command.mode, command.reason])
     return text.getvalue()
 
 

@@ -14,9 +14,14 @@ import yaml
 from contactfusion.arrays import FloatArray
 from contactfusion.contacts import Contact
 from contactfusion.errors import ConfigurationError
+from contactfusion.integrator.config import IntegratorConfig
+from contactfusion.pipeline import Pipeline
+from contactfusion.pipeline_config import PipelineConfig
+from contactfusion.readings import Reading
 from contactfusion.robots.description import read_robot
-from contactfusion.running import compared, run_file
+from contactfusion.running import run_file
 from contactfusion.simulation.opening import open_scene
+from contactfusion.simulation.touch_verdict import compared
 from contactfusion.simulation.touch_world import Touching
 from contactfusion.yaml_files import read_yaml
 
@@ -65,7 +70,14 @@ def test_an_example_finds_where_it_really_touches(
 
 def test_every_example_of_a_scene_is_tried() -> None:
     scenes = {path.stem for path in SCENES.glob("*.yaml") if "scene" in read_yaml(path)}
-    assert scenes == {"touch_box", "touch_cylinder", "touch_sprayer", "panda_table"}
+    assert scenes == {
+        "panda_table",
+        "push_box",
+        "push_chair",
+        "touch_box",
+        "touch_cylinder",
+        "touch_sprayer",
+    }
 
 
 @pytest.mark.parametrize("seed", range(1, 6))
@@ -202,9 +214,66 @@ def test_a_scene_that_is_wrong_is_one_sentence_that_names_the_field(
 
 def test_a_scene_can_be_opened_in_python() -> None:
     scene = read_yaml(PANDA)["scene"]
-    opened = open_scene(scene, read_robot(SCENES / "panda.yaml"), seed=1)
-    *_, last = opened.readings()
-    assert last.stamp > 0.1 and len(opened.truth.contacts.places) > 0
+    robot, heard = read_robot(SCENES / "panda.yaml"), list[Reading]()
+    pipeline = Pipeline(
+        PipelineConfig(robot=robot, integrator=IntegratorConfig(frame="panda_link0"))
+    )
+    opened = open_scene(scene, robot, seed=1)
+    *_, last = opened.run(pipeline, heard.append)
+    assert last.stamp > 0.1 and last.stamp - heard[-1].stamp < 0.02
+    assert opened.verdict(pipeline, last).truth["places"]
+
+
+# A base that pushes
+
+
+def test_a_controller_pushes_in_a_scene(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    run_file(SCENES / "push_box.yaml", ["controller.target=[1,0]", "scene.target=[1,0]"], tmp_path)
+    truth = told(tmp_path)["truth"]
+    assert truth["success"] and truth["ending"] == "arrived" and truth["distance"] < 0.05
+    assert "truth: arrived after" in capsys.readouterr().out
+    commands = list(csv.DictReader((tmp_path / "commands.csv").read_text().splitlines()))
+    assert [row["mode"] for row in commands][:: len(commands) - 1] == ["approach", "arrived"]
+    assert commands[-1]["vx"] == "0" and "from the target" in commands[-1]["reason"]
+    assert len(commands) == told(tmp_path)["steps"]
+
+
+def test_the_same_seed_pushes_the_same_way(tmp_path: Path) -> None:
+    def pushed(seed: int, name: str) -> bytes:
+        near = ["controller.target=[0.4,0.1]", "scene.target=[0.4,0.1]", f"seed={seed}"]
+        run_file(SCENES / "push_chair.yaml", near, tmp_path / name)
+        return (tmp_path / name / "commands.csv").read_bytes()
+
+    assert pushed(1, "one") == pushed(1, "again") != pushed(2, "other")
+
+
+@pytest.mark.parametrize(
+    ("changes", "sentence"),
+    [
+        (["scene.target=[-0.3,0]"], "scene.target: the target (-0.3, 0.0) lies under the robot"),
+        (["scene.target=[7,0]"], "scene.target: (7.0, 0.0) is out of reach"),
+        (["scene.target=[.nan,0]"], "scene.target.0: input should be a finite number"),
+        (["scene.object=bax"], "scene.object: unknown object 'bax'; did you mean 'box'?"),
+        (["scene.friction=mu3"], "scene.friction: unknown friction 'mu3'; did you mean 'mu2'?"),
+        (["scene.offset=0.6"], "scene.offset: the object starts out of sight"),
+        (["scene.period=0.07"], "scene.period: the physics takes 240 steps a second"),
+        (["controller={type: reactive_pushin}"], "there is no controller 'reactive_pushin'"),
+        (["controller.parameters=tuend"], "controller.parameters: unknown set 'tuend'; did you"),
+    ],
+)
+def test_a_push_that_is_wrong_is_one_sentence(
+    changes: list[str], sentence: str, tmp_path: Path
+) -> None:
+    with pytest.raises(ConfigurationError) as caught:
+        run_file(SCENES / "push_box.yaml", changes, tmp_path / "out")
+    said = str(caught.value)
+    assert said.startswith(f"{SCENES / 'push_box.yaml'}: {sentence}") and "\n" not in said
+    assert not (tmp_path / "out").exists()
+
+
+def test_controller_and_scene_have_one_target(tmp_path: Path) -> None:
+    with pytest.raises(ConfigurationError, match=r"pushes to \(2, 2\), but the scene's target is"):
+        run_file(SCENES / "push_box.yaml", ["controller.target=[2,2]"], tmp_path)
 
 
 # What is not loaded

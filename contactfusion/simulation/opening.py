@@ -7,34 +7,41 @@ from typing import Any
 from contactfusion.errors import ConfigurationError, RobotError, name_hint
 from contactfusion.model import rooted
 from contactfusion.robots.description import RobotConfig
-from contactfusion.robots.model import RobotModel, shared_robot
+from contactfusion.robots.model import shared_robot
+from contactfusion.simulation.push import PushScene
+from contactfusion.simulation.push_config import PushConfig
+from contactfusion.simulation.pushing import Pushing
+from contactfusion.simulation.scene import Scene
 from contactfusion.simulation.touch import TouchScene
 from contactfusion.simulation.touch_config import TouchConfig
 
 
 def _touch(
-    description: Mapping[str, Any], folder: Path, robot: RobotModel, seed: int
+    description: Mapping[str, Any], folder: Path, robot: RobotConfig, seed: int
 ) -> TouchScene:
-    try:
-        config = rooted(TouchConfig(**description), folder)
-    except ConfigurationError as error:
-        raise error.under("scene") from None
-    return TouchScene(config, robot, seed)
+    config = rooted(TouchConfig(**description), folder)
+    return TouchScene(config, shared_robot(robot), seed)
 
 
-TYPES: dict[str, Callable[[Mapping[str, Any], Path, RobotModel, int], TouchScene]] = {
-    "touch": _touch
+def _push(description: Mapping[str, Any], folder: Path, robot: RobotConfig, seed: int) -> Pushing:
+    config = rooted(PushConfig(**description), folder)
+    return Pushing(PushScene(config, robot, seed))
+
+
+TYPES: dict[str, Callable[[Mapping[str, Any], Path, RobotConfig, int], Scene]] = {
+    "touch": _touch,
+    "push": _push,
 }
 """What opens each type of scene, given its description, its folder, the robot and a seed."""
 
 
 def open_scene(
     description: Mapping[str, Any], robot: RobotConfig, seed: int = 0, folder: Path = Path()
-) -> TouchScene:
+) -> Scene:
     """Open a scene.
 
     Args:
-        description: its `type` (`touch`) and the fields of `TouchConfig`.
+        description: its `type` and the fields of `TouchConfig` (`touch`) or `PushConfig` (`push`).
         robot: the robot that acts in it.
         seed: of all chance.
         folder: where relative file names start.
@@ -50,10 +57,12 @@ def open_scene(
         wrong = "this field is required" if kind is None else f"unknown type '{kind}'"
         raise ConfigurationError(f"{wrong}; {hint}", "scene.type")
     try:
-        model = shared_robot(robot)
+        shared_robot(robot)
     except RobotError as error:
         raise ConfigurationError(str(error), "robot") from None
     try:
-        return TYPES[kind](description, folder, model, seed)
+        return TYPES[kind](description, folder, robot, seed)
+    except ConfigurationError as error:
+        raise error.under("scene") from None
     except RobotError as error:
         raise ConfigurationError(str(error), "scene") from None

@@ -9,6 +9,7 @@ import numpy as np
 from contactfusion.arrays import FloatArray
 from contactfusion.errors import ConfigurationError, RobotError, name_hint
 from contactfusion.frames import Pose, inverse
+from contactfusion.pipeline import Pipeline, Step
 from contactfusion.readings import Reading
 from contactfusion.robots.model import RobotModel
 from contactfusion.robots.objects import ObjectModel
@@ -16,8 +17,10 @@ from contactfusion.robots.solids import Solid
 from contactfusion.simulation.aim import aimed, drawn_posture, way_to_touch
 from contactfusion.simulation.approach import Approach, led_by, straight, tries
 from contactfusion.simulation.arm import STEP, SpringyArm
+from contactfusion.simulation.scene import Hear, Scene, Verdict, heard
 from contactfusion.simulation.touch_config import TouchConfig
 from contactfusion.simulation.touch_sensors import TouchSensors
+from contactfusion.simulation.touch_verdict import touch_verdict
 from contactfusion.simulation.touch_world import Touching, TouchWorld, contacts_of
 
 LEAD = 0.012
@@ -59,7 +62,7 @@ class Truth:
     steady: bool
 
 
-class TouchScene:
+class TouchScene(Scene):
     """One touch; its readings can be had once.
 
     Args:
@@ -90,6 +93,14 @@ class TouchScene:
         if self._truth is None:
             raise RuntimeError("the truth of a touch is known when all readings are taken")
         return self._truth
+
+    def run(self, pipeline: Pipeline, hear: Hear) -> Iterator[Step]:
+        """Let a pipeline listen to the touch."""
+        return pipeline.run(heard(self.readings(), hear))
+
+    def verdict(self, pipeline: Pipeline, last: Step) -> Verdict:
+        """Tell where the hand is really touched in the end, and how near contacts came."""
+        return touch_verdict(self.truth.contacts, self.robot.root, pipeline, last)
 
     def readings(self) -> Iterator[Reading]:
         """Go ahead until the hand is pushed, stand until it has settled; give all readings.
@@ -190,14 +201,14 @@ def _check_names(config: TouchConfig, robot: RobotModel) -> None:
     for name in config.posture:
         if name not in robot.joint_names:
             hint = name_hint(name, robot.joint_names, "joints")
-            raise ConfigurationError(f"unknown joint '{name}': {hint}", f"scene.posture.{name}")
+            raise ConfigurationError(f"unknown joint '{name}': {hint}", f"posture.{name}")
         if name in robot.config.still:
-            raise ConfigurationError(f"joint '{name}' is still", f"scene.posture.{name}")
+            raise ConfigurationError(f"joint '{name}' is still", f"posture.{name}")
     for part in ("objects", "surroundings"):
         for name, one in getattr(config, part).items():
             if one.pose.parent != robot.root:
                 raise ConfigurationError(
                     f"the scene is placed in the robot's root link '{robot.root}', "
                     f"not in '{one.pose.parent}'",
-                    f"scene.{part}.{name}.pose.parent",
+                    f"{part}.{name}.pose.parent",
                 )

@@ -1,0 +1,188 @@
+"""The bodies of a push in PyBullet: floor, driven base, object."""
+
+import os
+import sys
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from contactfusion.errors import RobotError
+from contactfusion.robots.description import RobotConfig
+from contactfusion.robots.urdf import Mesh, read_urdf
+from contactfusion.simulation.push_objects import ObjectConfig, Part, UrdfObjectConfig
+
+ORIGIN_HEIGHT = 0.45
+"""Of the robot's frame above the floor [m]."""
+SLIDES, CHASSIS = 10.0, 130.0
+"""Masses of the two slides that carry the base, and of the base [kg]; motors hide them."""
+
+Client = Mapping[str, int]
+"""Names the physics among several, as PyBullet wants it."""
+
+
+class Base(NamedTuple):
+    """A base that is driven, and its pushing face.
+
+    Attributes:
+        body: in PyBullet.
+        front: where the pushing face lies in the robot's frame [m].
+        rear: where the base ends behind [m].
+        half_width: of the pushing face [m].
+    """
+
+    body: int
+    front: float
+    rear: float
+    half_width: float
+
+
+class Thing(NamedTuple):
+    """An object that can be pushed.
+
+    Attributes:
+        body: in PyBullet.
+        back: where PyBullet has the body's place, in the object's frame [m].
+    """
+
+    body: int
+    back: tuple[float, float, float]
+
+
+def add_floor(bullet: Any, client: Client, friction: float) -> None:
+    """Add the floor; PyBullet multiplies the frictions of two bodies, the object's is 1."""
+    plane = bullet.createCollisionShape(bullet.GEOM_PLANE, **client)
+    rub(bullet, client, bullet.createMultiBody(0.0, plane, **client), friction)
+
+
+def add_base(bullet: Any, client: Client, robot: RobotConfig, friction: float) -> Base:
+    """Put a base on two slides and a hinge, whose motors drive it without slip.
+
+    Raises:
+        RobotError: the base is not one box.
+    """
+    urdf = read_urdf(robot.path(), robot.package_folders())
+    shapes = [shape for link in urdf.links.values() for shape in link.collision]
+    if len(shapes) != 1 or isinstance(shapes[0], Mesh) or shapes[0].shape != "box":
+        raise RobotError(f"{urdf.path}: a base that pushes has one collision shape, a box")
+    xyz, size = shapes[0].xyz, np.array(shapes[0].size)
+    chassis = bullet.createCollisionShape(
+        bullet.GEOM_BOX, halfExtents=size / 2.0, collisionFramePosition=xyz, **client
+    )
+    body: int = bullet.createMultiBody(
+        0.0,
+        basePosition=(0.0, 0.0, ORIGIN_HEIGHT),
+        linkMasses=(SLIDES, SLIDES, CHASSIS),
+        linkCollisionShapeIndices=(-1, -1, chassis),
+        linkParentIndices=(0, 1, 2),
+        linkJointTypes=(bullet.JOINT_PRISMATIC, bullet.JOINT_PRISMATIC, bullet.JOINT_REVOLUTE),
+        linkJointAxis=((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)),
+        **_in_place(((0.0, 0.0, 0.0),) * 3),
+        **client,
+    )
+    rub(bullet, client, body, friction)
+    front = xyz[0] + float(size[0]) / 2.0
+    bullet.resetJointState(body, 0, -front, **client)
+    return Base(body, front, front - float(size[0]), float(size[1]) / 2.0)
+
+
+def add_object(bullet: Any, client: Client, config: ObjectConfig) -> Thing:
+    """Add an object at the origin.
+
+    Raises:
+        RobotError: PyBullet cannot load it.
+        ConfigurationError: its URDF is missing or wrong.
+    """
+    if isinstance(config, UrdfObjectConfig):
+        path = RobotConfig(urdf=config.urdf, folder=config.folder).path()
+        read_urdf(path)
+        try:
+            with quiet():
+                body: int = bullet.loadURDF(str(path), **client)
+        except bullet.error as error:
+            raise RobotError(f"{path}: PyBullet cannot load it: {error}") from None
+        back = bullet.getDynamicsInfo(body, -1, **client)[3]
+    else:
+        parts = config.parts()
+        body = _joined(bullet, client, parts)
+        x, y = parts[0].middle.tolist()
+        back = x, y, parts[0].bottom + parts[0].height / 2.0
+    rub(bullet, client, body, 1.0)
+    return Thing(body, back)
+
+
+def rub(bullet: Any, client: Client, body: int, friction: float) -> None:
+    """Give a body Coulomb friction, and take every other loss away."""
+    for row in range(-1, bullet.getNumJoints(body, **client)):
+        bullet.changeDynamics(
+            body, row, lateralFriction=friction, rollingFriction=0.0, spinningFriction=0.0,
+            restitution=0.0, linearDamping=0.0, angularDamping=0.0, jointDamping=0.0, **client,
+        )  # fmt: skip
+
+
+@contextmanager
+def quiet() -> Iterator[None]:
+    """Keep what PyBullet prints of itself out of the output."""
+    sys.stdout.flush()
+    sys.stderr.flush()
+    kept, nowhere = {stream: os.dup(stream) for stream in (1, 2)}, os.open(os.devnull, os.O_WRONLY)
+    for stream in kept:
+        os.dup2(nowhere, stream)
+    try:
+        yield
+    finally:
+        for stream, copy in kept.items():
+            os.dup2(copy, stream)
+            os.close(copy)
+        os.close(nowhere)
+
+
+def _joined(bullet: Any, client: Client, parts: Sequence[Part]) -> int:
+    """Put parts together: each a link of its own, so that each keeps its mass."""
+    middles = [(*part.middle, part.bottom + part.height / 2.0) for part in parts]
+    places = [tuple(np.subtract(middle, middles[0])) for middle in middles[1:]]
+    count = len(places)
+    body: int = bullet.createMultiBody(
+        parts[0].mass,
+        _shape(bullet, client, parts[0]),
+        linkMasses=[part.mass for part in parts[1:]],
+        linkCollisionShapeIndices=[_shape(bullet, client, part) for part in parts[1:]],
+        linkParentIndices=[0] * count,
+        linkJointTypes=[bullet.JOINT_FIXED] * count,
+        linkJointAxis=[(0.0, 0.0, 1.0)] * count,
+        **_in_place(places),
+        **client,
+    )
+    return body
+
+
+def _in_place(places: Sequence[tuple[float, ...]]) -> dict[str, Any]:
+    """Give the places of links that are neither turned nor seen."""
+    count = len(places)
+    return {
+        "linkPositions": places,
+        "linkOrientations": [(0.0, 0.0, 0.0, 1.0)] * count,
+        "linkInertialFramePositions": [(0.0, 0.0, 0.0)] * count,
+        "linkInertialFrameOrientations": [(0.0, 0.0, 0.0, 1.0)] * count,
+        "linkVisualShapeIndices": [-1] * count,
+    }
+
+
+def _shape(bullet: Any, client: Client, part: Part) -> int:
+    height = part.height
+    shape: int
+    if part.radius is not None:
+        shape = bullet.createCollisionShape(
+            bullet.GEOM_CYLINDER, radius=part.radius, height=height, **client
+        )
+        return shape
+    corners = part.outline - part.middle
+    high = corners.max(axis=0)
+    if len(corners) == 4 and np.isclose(np.abs(corners), high).all():
+        half = [*high, height / 2.0]
+        shape = bullet.createCollisionShape(bullet.GEOM_BOX, halfExtents=half, **client)
+        return shape
+    vertices = [(*corner, z) for z in (-height / 2.0, height / 2.0) for corner in corners]
+    shape = bullet.createCollisionShape(bullet.GEOM_MESH, vertices=vertices, **client)
+    return shape

@@ -1,0 +1,83 @@
+"""Where an object touches the face that a robot pushes with, told by contacts alone (O §III-A)."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from pydantic import Field
+
+from contactfusion.contacts import Contact
+from contactfusion.errors import ConfigurationError
+from contactfusion.model import Model
+
+NARROW = 0.05
+"""What spans less is a point, what spans more a line (O §III-A) [m]."""
+
+
+class FaceConfig(Model):
+    """The face that a robot pushes with, upright and square to the x of its frame."""
+
+    frame: str = "base"
+    """The robot's frame; contacts must be told in it."""
+    ahead: float = 0.30
+    """Where the face lies along x [m]."""
+    half_width: float = Field(default=0.30, gt=0)
+    """The face reaches so far to the left, and to the right [m]."""
+    tolerance: float = Field(default=0.03, gt=0)
+    """A contact so near to the face is on it [m]."""
+    blur: float = Field(default=0.125, gt=0)
+    """The sensor may make one point as wide as this: twice the width of a taxel, and a bit [m]."""
+
+
+@dataclass(frozen=True, slots=True)
+class FaceContact:
+    """Where the object touches the face.
+
+    Attributes:
+        lateral: l, the middle of the contact, to the left of the robot's middle [m].
+        kind: whether the object touches at a point or along a line.
+        right: the right end of the contact [m].
+        left: the left end of the contact [m].
+        likelihood: of the likeliest contact on the face.
+    """
+
+    lateral: float
+    kind: Literal["point", "line"]
+    right: float
+    left: float
+    likelihood: float
+
+
+def on_face(contacts: Sequence[Contact], face: FaceConfig) -> FaceContact | None:
+    """Say where the object touches the face; None when no contact is on it.
+
+    A contact wider than the sensor's blur is told by its two ends, any other by its place; over all
+    contacts on the face, the outermost of these count, as if only they touched (O §III-A).
+
+    Args:
+        contacts: of one step, in the face's frame.
+        face: the face.
+
+    Raises:
+        ConfigurationError: the contacts are told in another frame.
+    """
+    right, left, likelihood = np.inf, -np.inf, 0.0
+    for contact in contacts:
+        if contact.frame != face.frame:
+            raise ConfigurationError(
+                f"contacts come in '{contact.frame}', but the face lies in '{face.frame}'; "
+                "set `integrator.frame` to the robot's frame"
+            )
+        x, y = float(contact.position[0]), float(contact.position[1])
+        if abs(x - face.ahead) > face.tolerance or abs(y) > face.half_width + face.tolerance:
+            continue
+        # a line of even likelihood and of this width has this variance
+        half = float(np.sqrt(3.0 * contact.covariance[1, 1]))
+        half = half if 2.0 * half > face.blur else 0.0
+        right, left = min(right, y - half), max(left, y + half)
+        likelihood = max(likelihood, contact.likelihood)
+    if right > left:
+        return None
+    kind: Literal["point", "line"] = "line" if left - right > NARROW else "point"
+    return FaceContact((left + right) / 2.0, kind, right, left, likelihood)

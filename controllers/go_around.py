@@ -1,0 +1,81 @@
+"""How to get behind an object again: back off, circle around it, go ahead to the target."""
+
+import math
+
+from contactfusion.controllers.face import FaceConfig
+from contactfusion.controllers.pushing_law import heading_error, limited, place_of
+from contactfusion.controllers.pushing_parameters import EscapeParameters
+
+GAIN = 2.0
+"""Errors fall by this part a second [1/s]."""
+BEHIND, CENTRED = 0.05, 0.03
+"""Behind the object is where heading [rad] and place [m] are so near to what they shall be."""
+GRACE = 0.3
+"""The object may be so much further away than it is believed to be [m]."""
+
+
+class GoAround:
+    """Circles around where the object is believed to be, until it lies before the target.
+
+    Args:
+        parameters: speed and distances.
+        face: the face that pushes.
+        target: x and y in the world [m].
+        pose: of the robot, x, y [m] and yaw [rad] in the world.
+        lateral: l, where the object touches the face [m].
+    """
+
+    def __init__(
+        self,
+        parameters: EscapeParameters,
+        face: FaceConfig,
+        target: tuple[float, float],
+        pose: tuple[float, float, float],
+        lateral: float,
+    ) -> None:
+        self._parameters, self._face, self._target = parameters, face, target
+        self._middle = place_of((face.ahead + parameters.reach, lateral), pose)
+        self._phase = "back"
+
+    @property
+    def gives_up_contact(self) -> bool:
+        """Whether it still backs off, so that a touch means nothing."""
+        return self._phase == "back"
+
+    def velocity(self, pose: tuple[float, float, float]) -> tuple[float, float, float, str] | None:
+        """Give the next velocity, and what it is for.
+
+        Args:
+            pose: of the robot, x, y [m] and yaw [rad] in the world.
+
+        Returns:
+            Ahead, to the left [m/s], of turning [rad/s], and a word on why; None when the object is
+            not where it was believed to be.
+        """
+        p, (x, y, yaw) = self._parameters, pose
+        way = self._middle[0] - x, self._middle[1] - y
+        ahead = math.cos(yaw) * way[0] + math.sin(yaw) * way[1]
+        aside = math.cos(yaw) * way[1] - math.sin(yaw) * way[0]
+        radius = self._face.ahead + p.clearance + p.reach
+        error = heading_error(
+            (self._target[0] - self._middle[0], self._target[1] - self._middle[1]), yaw
+        )
+        if self._phase == "back" and ahead >= radius - BEHIND:
+            self._phase = "around"
+        if self._phase == "around" and abs(error) < BEHIND and abs(aside) < CENTRED:
+            self._phase = "ahead"
+        match self._phase:
+            case "back":
+                return -p.speed, 0.0, 0.0, "back off"
+            case "around":
+                turn = limited(GAIN * error, p.speed / radius)
+                return (
+                    limited(GAIN * (ahead - radius), p.speed),
+                    limited(GAIN * aside - turn * ahead, p.speed),
+                    turn,
+                    "go around",
+                )
+            case _ if ahead > self._face.ahead - GRACE:
+                return p.speed, 0.0, 0.0, "go ahead"
+            case _:
+                return None

@@ -1,0 +1,169 @@
+"""Reactive pushing: what to do next follows from where the object touches (O §II-B).
+
+Search and escape are ours; the set `paper` has neither.
+"""
+
+import math
+from collections.abc import Mapping
+
+from pydantic import Field
+
+from contactfusion.controllers.face import FaceContact
+from contactfusion.controllers.go_around import GoAround
+from contactfusion.controllers.pushing import (
+    ARRIVED,
+    Decision,
+    PlanarPose,
+    PushingConfig,
+    PushingController,
+)
+from contactfusion.controllers.pushing_law import (
+    adaptive_rate,
+    displacement,
+    heading_error,
+    limited,
+    place_of,
+    turn_rate,
+    velocities,
+)
+from contactfusion.controllers.pushing_parameters import NamedParameters, SearchParameters
+from contactfusion.controllers.search import Search
+from contactfusion.hooks import hookimpl
+
+
+class ReactivePushingConfig(PushingConfig):
+    """The options of `reactive_pushing`."""
+
+    parameters: NamedParameters = Field(default="tuned", validate_default=True)
+    """The name of a set, `tuned` or `paper`; or fields that change one, named by `like`."""
+
+
+class ReactivePushing(PushingController[ReactivePushingConfig]):
+    """Keeps the object before the middle of the face while it turns it to the target."""
+
+    Config = ReactivePushingConfig
+
+    def reset(self) -> None:
+        """Forget the contact and all progress."""
+        self._arrived: Decision | None = None
+        self._lateral = 0.0
+        self._touched: float | None = None
+        self._place = (math.nan, math.nan)
+        self._search: Search | None = None
+        self._realigning = False
+        self._nearest, self._progressed = math.inf, math.nan
+        self._escape: GoAround | None = None
+
+    def decide(self, touch: FaceContact | None, pose: PlanarPose, now: float) -> Decision:
+        """Push on; or look for the contact, escape from a cycle, or stop where it has arrived."""
+        if self._arrived is not None:
+            return self._arrived
+        lost_for = self._follow(touch, pose, now)
+        if lost_for is None:
+            return self._approach()
+        way = self._way(self._lateral if touch is None else touch.lateral, pose)
+        distance = math.hypot(*way)
+        if touch is not None and distance <= self.options.parameters.arrival:
+            reason = f"contact {distance:.3f} m from the target"
+            self._arrived = Decision(0.0, 0.0, 0.0, ARRIVED, reason)
+            return self._arrived
+        if decision := self._escaped(touch, pose, now, distance):
+            return decision
+        search = self.options.parameters.search
+        if search is not None and lost_for > search.patience:
+            return self._searched(search, pose, lost_for)
+        return self._push(pose, lost_for)
+
+    def _follow(self, touch: FaceContact | None, pose: PlanarPose, now: float) -> float | None:
+        """Take in where the object touches; give for how long it has not, None: not yet at all."""
+        if touch is None:
+            return None if self._touched is None else now - self._touched
+        smoothing = self.options.parameters.smoothing
+        if self._touched is None or smoothing == 0.0:
+            self._lateral = touch.lateral
+        else:
+            weight = 1.0 - math.exp(-(now - self._touched) / smoothing)
+            self._lateral += weight * (touch.lateral - self._lateral)
+        self._touched, self._search = now, None
+        self._place = place_of((self.options.face.ahead, touch.lateral), pose)
+        return 0.0
+
+    def _way(self, lateral: float, pose: PlanarPose) -> tuple[float, float]:
+        return displacement(self.options.target, pose, (self.options.face.ahead, lateral))
+
+    def _speed(self, distance: float) -> float:
+        p = self.options.parameters
+        return min(max(p.speed_gain * distance, p.slowest), p.fastest)
+
+    def _approach(self) -> Decision:
+        p = self.options.parameters
+        ahead = p.search.speed if p.search else p.fastest
+        return Decision(ahead, 0.0, 0.0, "approach", "no contact yet")
+
+    def _push(self, pose: PlanarPose, lost_for: float) -> Decision:
+        """Follow O Eq 1-4, or realign where the contact is near an edge."""
+        p, lateral = self.options.parameters, self._lateral
+        way = self._way(lateral, pose)
+        distance = math.hypot(*way)
+        speed, error = self._speed(distance), heading_error(way, pose[2])
+        realign = p.realign
+        if realign is not None:
+            edge = realign.leave if self._realigning else realign.enter
+            self._realigning = abs(lateral) > edge
+        if realign is not None and self._realigning:
+            rate = math.copysign(realign.rate, lateral)
+            fading = max(0.0, 1.0 - abs(lateral) / realign.enter)
+            share = fading if realign.turning is None else realign.turning
+            turn = share * turn_rate(speed, error, p.heading_gain, p.length)
+            ahead, aside = velocities(speed, rate)
+            mode, reason = "realign", f"contact {lateral:+.3f} m aside"
+        else:
+            far = distance > p.near
+            rate = adaptive_rate(lateral, p.eta, p.zeta, p.beta, p.k) if far else 0.0
+            ahead, aside = velocities(speed, rate)
+            turn = turn_rate(ahead, error, p.heading_gain, p.length)
+            mode, reason = "push", f"{distance:.2f} m left, contact {lateral:+.3f} m aside"
+        if lost_for > 0.0:
+            reason += f", lost {lost_for:.1f} s ago"
+        turn = limited(turn, p.fastest_turn * min(1.0, distance / p.settle if p.settle else 1.0))
+        return Decision(ahead, aside, turn, mode, reason)
+
+    def _searched(
+        self, parameters: SearchParameters, pose: PlanarPose, lost_for: float
+    ) -> Decision:
+        """Look for the contact around the place where it was last."""
+        if self._search is None:
+            side = math.copysign(1.0, self._lateral)
+            self._search = Search(parameters, self.options.face, self._place, side)
+        ahead, aside, doing = self._search.velocity(pose)
+        return Decision(ahead, aside, 0.0, "search", f"no contact for {lost_for:.1f} s, {doing}")
+
+    def _escaped(
+        self, touch: FaceContact | None, pose: PlanarPose, now: float, distance: float
+    ) -> Decision | None:
+        """Go around the object when pushing came no nearer for a while; None: push on."""
+        escape = self.options.parameters.escape
+        if escape is None:
+            return None
+        nearer = touch is not None and distance < self._nearest - escape.progress
+        if nearer or math.isnan(self._progressed):
+            self._nearest, self._progressed = distance, now
+        if self._escape is None and touch and now - self._progressed > escape.patience:
+            self._escape = GoAround(
+                escape, self.options.face, self.options.target, pose, touch.lateral
+            )
+        if self._escape is None:
+            return None
+        found = touch is not None and not self._escape.gives_up_contact
+        velocity = None if found else self._escape.velocity(pose)
+        if velocity is None:
+            self._escape, self._nearest, self._progressed = None, distance, now
+            return None
+        ahead, aside, turn, doing = velocity
+        return Decision(ahead, aside, turn, "escape", f"no progress, {doing}")
+
+
+@hookimpl
+def contactfusion_controllers() -> Mapping[str, type[ReactivePushing]]:
+    """Offer reactive pushing."""
+    return {"reactive_pushing": ReactivePushing}

@@ -1,0 +1,62 @@
+"""How to find a contact again that was lost: back off, stand before its place, go ahead."""
+
+import math
+
+from contactfusion.controllers.face import FaceConfig
+from contactfusion.controllers.pushing_parameters import SearchParameters
+
+ALIGNED = 0.02
+"""So near is near enough [m]."""
+
+
+class Search:
+    """Tries places one after the other: that of the last contact, then to its sides.
+
+    Args:
+        parameters: speed and distances.
+        face: the face that shall find the contact.
+        place: where the contact was last, x and y in the world [m].
+        side: 1.0 if it was to the left of the robot's middle, -1.0 if to the right.
+    """
+
+    def __init__(
+        self,
+        parameters: SearchParameters,
+        face: FaceConfig,
+        place: tuple[float, float],
+        side: float,
+    ) -> None:
+        self._parameters, self._face = parameters, face
+        self._place, self._side = place, side
+        self._tries, self._phase = 0, "back"
+
+    def velocity(self, pose: tuple[float, float, float]) -> tuple[float, float, str]:
+        """Give the next velocity: ahead, to the left [m/s], and what it is for.
+
+        Args:
+            pose: of the robot, x, y [m] and yaw [rad] in the world; it does not turn meanwhile.
+        """
+        p = self._parameters
+        x, y, yaw = pose
+        way = self._place[0] - x, self._place[1] - y
+        ahead = math.cos(yaw) * way[0] + math.sin(yaw) * way[1] - self._face.ahead
+        aside = math.cos(yaw) * way[1] - math.sin(yaw) * way[0] + self._shift()
+        if self._phase == "back" and ahead >= p.clearance:
+            self._phase = "aside"
+        if self._phase == "aside" and abs(aside) <= ALIGNED:
+            self._phase = "ahead"
+        if self._phase == "ahead" and ahead <= -p.beyond:
+            self._tries, self._phase = self._tries + 1, "back"
+        match self._phase:
+            case "back":
+                return -p.speed, 0.0, f"back, try {self._tries + 1}"
+            case "aside":
+                slowed = min(p.speed, max(abs(aside) * 5.0, 0.02))
+                return 0.0, math.copysign(slowed, aside), f"aside, try {self._tries + 1}"
+            case _:
+                return p.speed, 0.0, f"ahead, try {self._tries + 1}"
+
+    def _shift(self) -> float:
+        """Give how far this try goes beside the place, to the left [m]: 0, 1, -1, 2, -2 times."""
+        count = (self._tries + 1) // 2
+        return self._side * self._parameters.shift * (count if self._tries % 2 else -count)
