@@ -81,3 +81,22 @@ def on_face(contacts: Sequence[Contact], face: FaceConfig) -> FaceContact | None
         return None
     kind: Literal["point", "line"] = "line" if left - right > NARROW else "point"
     return FaceContact((left + right) / 2.0, kind, right, left, likelihood)
+
+
+def beside(contacts: Sequence[Contact], face: FaceConfig) -> float:
+    """Say on which side of the robot, behind its face, something touches.
+
+    Args:
+        contacts: of one step, in the face's frame.
+        face: the face.
+
+    Returns:
+        1.0 on the left, -1.0 on the right, 0.0 on neither or both.
+    """
+    sides = {
+        float(np.sign(contact.position[1]))
+        for contact in contacts
+        if contact.position[0] < face.ahead - face.tolerance
+        and abs(abs(contact.position[1]) - face.half_width) <= face.tolerance
+    }
+    return sides.pop() if len(sides) == 1 else 0.0

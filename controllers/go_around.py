@@ -10,6 +10,10 @@ GAIN = 2.0
 """Errors fall by this part a second [1/s]."""
 BEHIND, CENTRED = 0.05, 0.03
 """Behind the object is where heading [rad] and place [m] are so near to what they shall be."""
+SHARE = 0.7
+"""So much of the speed goes into circling; the rest keeps the object before the face."""
+MORE = 0.15
+"""Circle so much further away when something is touched on the way [m]."""
 GRACE = 0.3
 """The object may be so much further away than it is believed to be [m]."""
 
@@ -35,28 +39,29 @@ class GoAround:
     ) -> None:
         self._parameters, self._face, self._target = parameters, face, target
         self._middle = place_of((face.ahead + parameters.reach, lateral), pose)
-        self._phase = "back"
+        self._clearance, self._phase = parameters.clearance, "back"
 
-    @property
-    def gives_up_contact(self) -> bool:
-        """Whether it still backs off, so that a touch means nothing."""
-        return self._phase == "back"
-
-    def velocity(self, pose: tuple[float, float, float]) -> tuple[float, float, float, str] | None:
+    def velocity(
+        self, pose: tuple[float, float, float], touched: bool
+    ) -> tuple[float, float, float, str] | None:
         """Give the next velocity, and what it is for.
 
         Args:
             pose: of the robot, x, y [m] and yaw [rad] in the world.
+            touched: whether anything touches the robot.
 
         Returns:
-            Ahead, to the left [m/s], of turning [rad/s], and a word on why; None when the object is
-            not where it was believed to be.
+            Ahead, to the left [m/s], of turning [rad/s], and a word on why; None when it is done:
+            the face touches the object from behind, or has not met it where it was believed to be.
         """
         p, (x, y, yaw) = self._parameters, pose
         way = self._middle[0] - x, self._middle[1] - y
         ahead = math.cos(yaw) * way[0] + math.sin(yaw) * way[1]
         aside = math.cos(yaw) * way[1] - math.sin(yaw) * way[0]
-        radius = self._face.ahead + p.clearance + p.reach
+        if touched and self._phase == "around":  # the object is larger, or reaches back
+            self._clearance += MORE
+            self._phase = "back"
+        radius = self._face.ahead + self._clearance + p.reach
         error = heading_error(
             (self._target[0] - self._middle[0], self._target[1] - self._middle[1]), yaw
         )
@@ -68,14 +73,14 @@ class GoAround:
             case "back":
                 return -p.speed, 0.0, 0.0, "back off"
             case "around":
-                turn = limited(GAIN * error, p.speed / radius)
+                turn = limited(GAIN * error, SHARE * p.speed / radius)
                 return (
                     limited(GAIN * (ahead - radius), p.speed),
                     limited(GAIN * aside - turn * ahead, p.speed),
                     turn,
                     "go around",
                 )
-            case _ if ahead > self._face.ahead - GRACE:
+            case _ if ahead > self._face.ahead - GRACE and not touched:
                 return p.speed, 0.0, 0.0, "go ahead"
             case _:
                 return None

@@ -127,7 +127,9 @@ class ObjectPushing(PushingController[ConfigT]):
             sight: the believed object, and its goal.
         """
 
-    def decide(self, touch: FaceContact | None, pose: PlanarPose, now: float) -> Decision:
+    def decide(
+        self, touch: FaceContact | None, pose: PlanarPose, now: float, side: float = 0.0
+    ) -> Decision:
         """Go straight ahead to the first contact, then where `move` says; stop at arrival."""
         options = self.options
         if self._arrived is not None:

@@ -11,7 +11,7 @@ from pydantic import Field
 
 from contactfusion.contacts import Contact
 from contactfusion.controller import Command, Controller
-from contactfusion.controllers.face import FaceConfig, FaceContact, on_face
+from contactfusion.controllers.face import FaceConfig, FaceContact, beside, on_face
 from contactfusion.errors import ConfigurationError
 from contactfusion.model import Model
 from contactfusion.readings import Twist
@@ -69,13 +69,16 @@ class PushingController(Controller, Generic[ConfigT]):
         self.reset()
 
     @abstractmethod
-    def decide(self, touch: FaceContact | None, pose: PlanarPose, now: float) -> Decision:
+    def decide(
+        self, touch: FaceContact | None, pose: PlanarPose, now: float, side: float = 0.0
+    ) -> Decision:
         """Decide what to do next.
 
         Args:
             touch: where the object touches the face, or None.
             pose: of the robot.
             now: the stamp of the step [s].
+            side: 1.0 if something touches the robot's left side, -1.0 if its right, else 0.0.
         """
 
     def command(self, contacts: Sequence[Contact], state: State) -> Command:
@@ -88,10 +91,11 @@ class PushingController(Controller, Generic[ConfigT]):
             raise ConfigurationError("a controller that pushes needs odometry of the base")
         pose = state.base_pose
         place = float(pose[0, 3]), float(pose[1, 3]), math.atan2(pose[1, 0], pose[0, 0])
-        one = self.decide(on_face(contacts, self.options.face), place, state.now)
+        face = self.options.face
+        one = self.decide(on_face(contacts, face), place, state.now, beside(contacts, face))
         twist = Twist(
             stamp=state.now,
-            frame=self.options.face.frame,
+            frame=face.frame,
             linear=np.array([one.ahead, one.aside, 0.0]),
             angular=np.array([0.0, 0.0, one.turn]),
         )

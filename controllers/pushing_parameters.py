@@ -51,6 +51,8 @@ class EscapeParameters(Model):
     """Without progress for so long [s]."""
     progress: Positive
     """Coming nearer to the target than ever by so much is progress [m]."""
+    overshoot: Positive
+    """Or at once when, within `settle` of the target, it is so much further away than before [m]."""
     clearance: Positive
     """Back off until the place of the contact is so far ahead of the face [m]."""
     reach: float = Field(ge=0)
@@ -122,15 +124,17 @@ _TUNED = PushingParameters(
     zeta=0.0,
     beta=0.121,
     k=37.25,
-    near=0.25,
+    near=0.5,
     heading_gain=0.45,
     length=0.04,
     fastest_turn=0.439,
     realign=RealignmentParameters(enter=0.26, leave=0.11, rate=4.893, turning=0.127),
-    settle=1.2,
+    settle=2.0,
     smoothing=0.088,
     search=SearchParameters(patience=0.3, speed=0.25, clearance=0.15, beyond=0.3, shift=0.3),
-    escape=EscapeParameters(patience=8.0, progress=0.02, clearance=0.2, reach=0.25, speed=0.3),
+    escape=EscapeParameters(
+        patience=8.0, progress=0.02, overshoot=0.05, clearance=0.2, reach=0.25, speed=0.3
+    ),
     arrival=0.035,
 )
 _STILL: dict[str, Any] = {"eta": 0.0, "zeta": 0.0}

@@ -54,7 +54,9 @@ class ReactivePushing(PushingController[ReactivePushingConfig]):
         self._nearest, self._progressed = math.inf, math.nan
         self._escape: GoAround | None = None
 
-    def decide(self, touch: FaceContact | None, pose: PlanarPose, now: float) -> Decision:
+    def decide(
+        self, touch: FaceContact | None, pose: PlanarPose, now: float, side: float = 0.0
+    ) -> Decision:
         """Push on; or look for the contact, escape from a cycle, or stop where it has arrived."""
         if self._arrived is not None:
             return self._arrived
@@ -67,11 +69,11 @@ class ReactivePushing(PushingController[ReactivePushingConfig]):
             reason = f"contact {distance:.3f} m from the target"
             self._arrived = Decision(0.0, 0.0, 0.0, ARRIVED, reason)
             return self._arrived
-        if decision := self._escaped(touch, pose, now, distance):
+        if decision := self._escaped(touch, pose, now, distance, side):
             return decision
         search = self.options.parameters.search
         if search is not None and lost_for > search.patience:
-            return self._searched(search, pose, lost_for)
+            return self._searched(search, pose, lost_for, side)
         return self._push(pose, lost_for)
 
     def _follow(self, touch: FaceContact | None, pose: PlanarPose, now: float) -> float | None:
@@ -129,17 +131,22 @@ class ReactivePushing(PushingController[ReactivePushingConfig]):
         return Decision(ahead, aside, turn, mode, reason)
 
     def _searched(
-        self, parameters: SearchParameters, pose: PlanarPose, lost_for: float
+        self, parameters: SearchParameters, pose: PlanarPose, lost_for: float, side: float
     ) -> Decision:
         """Look for the contact around the place where it was last."""
         if self._search is None:
-            side = math.copysign(1.0, self._lateral)
-            self._search = Search(parameters, self.options.face, self._place, side)
-        ahead, aside, doing = self._search.velocity(pose)
+            last = math.copysign(1.0, self._lateral)
+            self._search = Search(parameters, self.options.face, self._place, last)
+        ahead, aside, doing = self._search.velocity(pose, side)
         return Decision(ahead, aside, 0.0, "search", f"no contact for {lost_for:.1f} s, {doing}")
 
     def _escaped(
-        self, touch: FaceContact | None, pose: PlanarPose, now: float, distance: float
+        self,
+        touch: FaceContact | None,
+        pose: PlanarPose,
+        now: float,
+        distance: float,
+        side: float,
     ) -> Decision | None:
         """Go around the object when pushing came no nearer for a while; None: push on."""
         escape = self.options.parameters.escape
@@ -148,14 +155,16 @@ class ReactivePushing(PushingController[ReactivePushingConfig]):
         nearer = touch is not None and distance < self._nearest - escape.progress
         if nearer or math.isnan(self._progressed):
             self._nearest, self._progressed = distance, now
-        if self._escape is None and touch and now - self._progressed > escape.patience:
+        near = self._nearest < self.options.parameters.settle
+        passed = near and distance > self._nearest + escape.overshoot
+        stuck = now - self._progressed > escape.patience
+        if self._escape is None and touch and (passed or stuck):
             self._escape = GoAround(
                 escape, self.options.face, self.options.target, pose, touch.lateral
             )
         if self._escape is None:
             return None
-        found = touch is not None and not self._escape.gives_up_contact
-        velocity = None if found else self._escape.velocity(pose)
+        velocity = self._escape.velocity(pose, touch is not None or side != 0.0)
         if velocity is None:
             self._escape, self._nearest, self._progressed = None, distance, now
             return None

@@ -3,10 +3,13 @@
 import math
 
 from contactfusion.controllers.face import FaceConfig
+from contactfusion.controllers.pushing_law import place_of
 from contactfusion.controllers.pushing_parameters import SearchParameters
 
 ALIGNED = 0.02
 """So near is near enough [m]."""
+MORE = 0.15
+"""Back off so much further when something touches a side [m]."""
 
 
 class Search:
@@ -29,19 +32,25 @@ class Search:
         self._parameters, self._face = parameters, face
         self._place, self._side = place, side
         self._tries, self._phase = 0, "back"
+        self._clearance = parameters.clearance
 
-    def velocity(self, pose: tuple[float, float, float]) -> tuple[float, float, str]:
+    def velocity(self, pose: tuple[float, float, float], beside: float) -> tuple[float, float, str]:
         """Give the next velocity: ahead, to the left [m/s], and what it is for.
 
         Args:
             pose: of the robot, x, y [m] and yaw [rad] in the world; it does not turn meanwhile.
+            beside: 1.0 if something touches the robot's left side, -1.0 if its right, else 0.0.
         """
         p = self._parameters
         x, y, yaw = pose
         way = self._place[0] - x, self._place[1] - y
         ahead = math.cos(yaw) * way[0] + math.sin(yaw) * way[1] - self._face.ahead
         aside = math.cos(yaw) * way[1] - math.sin(yaw) * way[0] + self._shift()
-        if self._phase == "back" and ahead >= p.clearance:
+        if beside and self._phase != "back":  # the object stands beside the robot, or reaches there
+            self._place = place_of((self._face.ahead, beside * self._face.half_width), pose)
+            self._clearance += MORE * (self._phase == "aside")
+            self._tries, self._phase = 0, "back"
+        if self._phase == "back" and ahead >= self._clearance and not beside:
             self._phase = "aside"
         if self._phase == "aside" and abs(aside) <= ALIGNED:
             self._phase = "ahead"

@@ -8,6 +8,9 @@ import pytest
 from contactfusion.errors import ConfigurationError
 from contactfusion.patches import PatchConfig
 
+ROW: dict[str, Any] = {"rows": 1, "columns": 3, "pitch": (0.1, 0.02)}
+QUARTER = np.pi / 2.0
+
 
 def patch(**fields: Any) -> PatchConfig:
     return PatchConfig(**fields)
@@ -37,6 +40,9 @@ def test_places_are_centres_of_taxels_of_the_given_size() -> None:
         ({"grid": {"rows": 0, "columns": 1, "pitch": (1, 1)}}, "grid.rows"),
         ({"grid": {"rows": 1, "columns": 1, "pitch": (1, 0)}}, "grid.pitch.1"),
         ({"places": [(0, 0, 0)], "size": (-1, 1)}, "size.0"),
+        ({"grids": []}, "give a grid or places"),
+        ({"grids": [ROW], "grid": ROW}, "give a grid or places, or several grids"),
+        ({"grids": [ROW, {**ROW, "pitch": (0, 1)}]}, "grids.1.pitch.0"),
     ],
 )
 def test_half_a_description_is_refused(fields: dict[str, Any], problem: str) -> None:
@@ -72,3 +78,68 @@ def test_near_is_over_the_area_or_closer_than_the_reach() -> None:
     assert row.near(points, 0.021).tolist() == [False, True, True]
     assert row.near(points + [0.0, 0.0, 0.002], 0.001).tolist() == [False, False, False]
     assert row.near(np.empty((0, 3)), 1.0).tolist() == [False, False, False]
+
+
+# Several grids: one ahead, upright; one on the left side, further down; one wider, flat on top
+
+
+def around() -> PatchConfig:
+    ahead = {**ROW, "xyz": (0.3, 0.0, 0.0), "rpy": (0.0, QUARTER, 0.0)}
+    left = {**ROW, "columns": 2, "xyz": (0.0, 0.2, -0.1), "rpy": (0.0, QUARTER, QUARTER)}
+    top = {"rows": 2, "columns": 1, "pitch": (0.2, 0.1), "xyz": (0.0, 0.0, 0.5)}
+    return patch(grids=[ahead, left, top])
+
+
+def test_several_grids_follow_each_other_each_where_it_is() -> None:
+    expected = [
+        [0.3, -0.02, 0.0],
+        [0.3, 0.0, 0.0],
+        [0.3, 0.02, 0.0],
+        [0.01, 0.2, -0.1],  # its columns go back along x
+        [-0.01, 0.2, -0.1],
+        [-0.1, 0.0, 0.5],
+        [0.1, 0.0, 0.5],
+    ]
+    np.testing.assert_allclose(around().centres(), expected, atol=1e-12)
+
+
+def test_one_grid_of_several_is_like_a_grid() -> None:
+    one, other = patch(grid=ROW), patch(grids=[ROW])
+    np.testing.assert_array_equal(one.centres(), other.centres())
+    np.testing.assert_array_equal(one.spreads(), other.spreads())
+
+
+def test_taxels_spread_by_the_grid_they_are_of() -> None:
+    widths = np.hypot([0.1] * 5 + [0.2] * 2, [0.02] * 5 + [0.1] * 2)
+    np.testing.assert_allclose(around().spreads(), widths / np.sqrt(24.0))
+
+
+def test_each_grid_is_covered_on_its_own_plane() -> None:
+    places, taxels = around().covered(0.05)
+    assert np.bincount(taxels).tolist() == [2] * 5 + [8] * 2
+    for taxel, centre in enumerate(around().centres()):
+        own = places[taxels == taxel]
+        np.testing.assert_allclose(own.mean(axis=0), centre, atol=1e-12)
+        flat = (0, 0, 0, 1, 1, 2, 2)[taxel]
+        np.testing.assert_allclose(own[:, flat], centre[flat], atol=1e-12)
+    np.testing.assert_allclose(np.unique(places[taxels == 0, 2].round(9)), [-0.025, 0.025])
+    np.testing.assert_allclose(np.unique(places[taxels == 6, 1].round(9)), [-0.025, 0.025])
+
+
+@pytest.mark.parametrize(
+    ("point", "taxels"),
+    [
+        ((0.3, 0.02, 0.049), [2]),  # high on the strip ahead
+        ((0.3, 0.02, 0.06), []),
+        ((0.31, 0.0, 0.0), []),  # before it
+        ((-0.01, 0.2, -0.149), [4]),  # low on the strip to the left
+        ((-0.01, 0.2, -0.04), []),
+        ((0.15, 0.049, 0.5), [6]),
+        ((0.0, 0.0, 0.501), [5, 6]),  # between both, and a bit above
+    ],
+)
+def test_near_is_near_to_a_taxel_of_any_grid(
+    point: tuple[float, float, float], taxels: list[int]
+) -> None:
+    near = around().near(np.array([point]), 0.002)
+    assert np.flatnonzero(near).tolist() == taxels

@@ -107,7 +107,7 @@ class PushScene:
         """Give what really happens now."""
         world = self._world
         base, thing = world.base_pose, world.object_pose
-        kind, contact = _touching(world.touches, world.steps)
+        kind, contact = touching(world.touches, world.steps)
         cos, sin = np.cos(base[2]), np.sin(base[2])
         there = (
             base[0] + cos * contact[0] - sin * contact[1],
@@ -128,7 +128,7 @@ class PushScene:
             )
 
 
-def _touching(touches: Touches, steps: int) -> tuple[str, tuple[float, float]]:
+def touching(touches: Touches, steps: int) -> tuple[str, tuple[float, float]]:
     """Say how and where the object touches, from all points of the last 50 ms (O §III-A)."""
     recent = touches.steps >= steps - UNION * RATE
     points: FloatArray = touches.points[recent, :2]

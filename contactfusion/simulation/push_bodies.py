@@ -20,6 +20,8 @@ SLIDES, CHASSIS = 10.0, 130.0
 
 Client = Mapping[str, int]
 """Names the physics among several, as PyBullet wants it."""
+Quaternion = tuple[float, float, float, float]
+"""x, y, z, w."""
 
 
 class Base(NamedTuple):
@@ -44,10 +46,12 @@ class Thing(NamedTuple):
     Attributes:
         body: in PyBullet.
         back: where PyBullet has the body's place, in the object's frame [m].
+        turn: how PyBullet has the body turned there, a quaternion x, y, z, w.
     """
 
     body: int
     back: tuple[float, float, float]
+    turn: Quaternion
 
 
 def add_floor(bullet: Any, client: Client, friction: float) -> None:
@@ -102,14 +106,26 @@ def add_object(bullet: Any, client: Client, config: ObjectConfig) -> Thing:
                 body: int = bullet.loadURDF(str(path), **client)
         except bullet.error as error:
             raise RobotError(f"{path}: PyBullet cannot load it: {error}") from None
-        back = bullet.getDynamicsInfo(body, -1, **client)[3]
+        back, turn = bullet.getDynamicsInfo(body, -1, **client)[3:5]
     else:
         parts = config.parts()
         body = _joined(bullet, client, parts)
         x, y = parts[0].middle.tolist()
-        back = x, y, parts[0].bottom + parts[0].height / 2.0
+        back, turn = (x, y, parts[0].bottom + parts[0].height / 2.0), (0.0, 0.0, 0.0, 1.0)
     rub(bullet, client, body, 1.0)
-    return Thing(body, back)
+    return Thing(body, back, turn)
+
+
+def turned(one: Quaternion, other: Quaternion) -> Quaternion:
+    """Turn as `other` does, then as `one` does."""
+    x, y, z, w = one
+    a, b, c, d = other
+    return (
+        w * a + x * d + y * c - z * b,
+        w * b + y * d + z * a - x * c,
+        w * c + z * d + x * b - y * a,
+        w * d - x * a - y * b - z * c,
+    )
 
 
 def rub(bullet: Any, client: Client, body: int, friction: float) -> None:

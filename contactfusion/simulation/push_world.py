@@ -16,6 +16,7 @@ from contactfusion.simulation.push_bodies import (
     add_floor,
     add_object,
     quiet,
+    turned,
 )
 from contactfusion.simulation.push_config import RATE, PushConfig
 
@@ -85,7 +86,7 @@ class PushWorld:
         self.base = add_base(pybullet, self._client, robot, config.friction.robot)
         """The base, and where its pushing face lies."""
         self._base = self.base.body
-        self._object, self._back = add_object(pybullet, self._client, config.object)
+        self._object, self._back, self._turn = add_object(pybullet, self._client, config.object)
         self._require_movable()
         self._place_object()
         self.touches = _gathered([])
@@ -152,7 +153,8 @@ class PushWorld:
     def object_pose(self) -> tuple[float, float, float]:
         """Where the object is: x, y [m] and yaw [rad] in `odom`."""
         place, turn = self._bullet.getBasePositionAndOrientation(self._object, **self._client)
-        x, y, z, w = turn
+        a, b, c, d = self._turn
+        x, y, z, w = turned(turn, (-a, -b, -c, d))
         yaw = math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
         cos, sin = math.cos(yaw), math.sin(yaw)
         back_x, back_y = self._back[0], self._back[1]
@@ -204,7 +206,7 @@ class PushWorld:
             x + cos * self._back[0] - sin * self._back[1],
             y + sin * self._back[0] + (cos * self._back[1]),
         )
-        turn = (0.0, 0.0, math.sin(yaw / 2.0), math.cos(yaw / 2.0))
+        turn = turned((0.0, 0.0, math.sin(yaw / 2.0), math.cos(yaw / 2.0)), self._turn)
         self._bullet.resetBasePositionAndOrientation(
             self._object, (*place, self._back[2]), turn, **self._client
         )

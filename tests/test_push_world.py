@@ -1,0 +1,355 @@
+"""The physics of a push: bodies move as they must, and the same way every time."""
+
+import hashlib
+import math
+import subprocess
+import sys
+from collections.abc import Sequence
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from contactfusion.arrays import FloatArray
+from contactfusion.errors import ConfigurationError, RobotError
+from contactfusion.robots.description import RobotConfig, located, read_robot
+from contactfusion.simulation.push import BASE
+from contactfusion.simulation.push_config import PushConfig
+from contactfusion.simulation.push_objects import OTHERS, PAPER, outlines, read_object
+from contactfusion.simulation.push_world import GRAVITY, PushWorld
+from tests.urdfs import link, written
+
+ROOT = Path(__file__).parents[1]
+KNOWN = [*PAPER, *OTHERS]
+FRONT, HALF_WIDTH = 0.3, 0.3
+PERIOD = 0.1
+FAR: dict[str, Any] = {"gap": 1.9, "object": "box"}
+"""Nothing is touched on the first metre."""
+
+
+@cache
+def base() -> RobotConfig:
+    return read_robot(located(BASE))
+
+
+def world(**fields: Any) -> PushWorld:
+    return PushWorld(PushConfig(**{"target": (1.0, 0.0), **fields}), base())
+
+
+def pushed(one: PushWorld, cycles: int, *velocity: float) -> PushWorld:
+    for _ in range(cycles):
+        one.drive(*velocity)
+    return one
+
+
+def moved(one: PushWorld, cycles: int, *velocity: float) -> FloatArray:
+    """Give by how much the object is moved and turned."""
+    before = one.object_pose
+    return np.subtract(pushed(one, cycles, *velocity).object_pose, before)
+
+
+def seen(one: PushWorld) -> FloatArray:
+    """Give the corners of the object as it stands, shape (n, 2) [m]."""
+    x, y, yaw = one.object_pose
+    turn = np.array([[math.cos(yaw), math.sin(yaw)], [-math.sin(yaw), math.cos(yaw)]])
+    return np.concatenate([piece @ turn + (x, y) for piece in outlines(one.config.object)])
+
+
+def tilt(one: PushWorld) -> float:
+    """Give how far the object is tipped [degrees]."""
+    place, turn = one._bullet.getBasePositionAndOrientation(one._object, **one._client)
+    assert place[2] > 0.0
+    return math.degrees(2.0 * math.asin(min(1.0, math.hypot(turn[0], turn[1]))))
+
+
+def force(one: PushWorld) -> float:
+    """Give the mean force of a steady push, once it is under way [N]."""
+    pushed(one, 15, 0.2, 0.0, 0.0)
+    felt = []
+    for _ in range(40):
+        one.drive(0.2, 0.0, 0.0)
+        felt.append(one.touches.forces.sum() / one.steps)
+    return float(np.mean(felt))
+
+
+# The base
+
+
+@pytest.mark.parametrize("velocity", [(0.2, 0.0, 0.0), (0.0, -0.3, 0.0), (0.2, -0.1, 0.4)])
+def test_the_base_moves_as_it_is_told(velocity: tuple[float, float, float]) -> None:
+    """From its second cycle on; in the first the motors have 150 kg to speed up, half a mm."""
+    one = pushed(world(**FAR), 1, *velocity)
+    ahead, aside, turn = velocity
+    for _ in range(10):
+        x, y, yaw = one.base_pose
+        one.drive(*velocity)
+        middle = yaw + turn * PERIOD / 2.0
+        cos, sin = math.cos(middle), math.sin(middle)
+        way = PERIOD * (cos * ahead - sin * aside), PERIOD * (sin * ahead + cos * aside)
+        assert one.base_pose == pytest.approx((x + way[0], y + way[1], yaw + PERIOD * turn))
+
+
+def test_the_base_starts_with_its_front_at_0_and_hardly_lags() -> None:
+    one = world(**FAR)
+    assert one.base_pose == pytest.approx((-FRONT, 0.0, 0.0))
+    pushed(one, 10, 0.3, 0.0, 0.0)
+    assert one.base_pose == pytest.approx((-FRONT + 0.3, 0.0, 0.0), abs=1e-3)
+
+
+def test_the_twist_is_told_along_the_robot() -> None:
+    one = pushed(world(**FAR), 8, 0.0, 0.0, 1.0)
+    assert one.base_twist == pytest.approx((0.0, 0.0, 1.0), abs=1e-9)
+    pushed(one, 3, 0.2, -0.1, 0.0)
+    assert one.base_pose[2] == pytest.approx(0.8)
+    assert one.base_twist == pytest.approx((0.2, -0.1, 0.0), abs=1e-9)
+    pushed(one, 1, 0.0, 0.0, 0.0)
+    assert one.base_twist == pytest.approx((0.0, 0.0, 0.0), abs=1e-9)
+
+
+def test_an_object_does_not_hold_the_base_up() -> None:
+    free, loaded = world(**FAR), world(object="cylinder", gap=0.0)
+    for one in (free, loaded):
+        pushed(one, 10, 0.2, 0.0, 0.0)
+    assert loaded.base_pose == pytest.approx(free.base_pose, abs=2e-4)
+    assert loaded.touches.forces.sum() / loaded.steps > 70.0
+
+
+# What is pushed
+
+
+@pytest.mark.parametrize("name", KNOWN)
+def test_what_is_not_touched_stays_where_it_is(name: str) -> None:
+    one = world(object=name, gap=0.5, yaw=20.0)
+    assert moved(one, 20, 0.0, 0.0, 0.0) == pytest.approx(np.zeros(3), abs=1e-3)
+    assert not len(one.touches.forces) and one.touches.points.shape == (0, 3)
+
+
+@pytest.mark.parametrize("name", KNOWN)
+def test_what_is_pushed_squarely_goes_straight_and_stays_upright(name: str) -> None:
+    one, tilts = world(object=name), []
+    for _ in range(5):
+        way = moved(one, 5, 0.2, 0.0, 0.0)
+        tilts.append(tilt(one))
+        assert way == pytest.approx([0.1, 0.0, 0.0], abs=4e-3)
+    assert max(tilts) < 2.0
+
+
+@pytest.mark.parametrize("ground", [0.3, 0.15])
+@pytest.mark.parametrize("name", PAPER)
+def test_a_steady_push_is_as_strong_as_friction(name: str, ground: float) -> None:
+    """F = µ m g; half the friction, half the force."""
+    one = world(object=name, friction={"ground": ground, "robot": 0.0})
+    assert force(one) == pytest.approx(ground * one.mass() * GRAVITY, rel=0.01)
+
+
+@pytest.mark.parametrize("friction", ["mu1", "mu2"])
+@pytest.mark.parametrize("name", KNOWN)
+def test_what_rubs_at_the_face_is_pressed_down_a_bit(name: str, friction: str) -> None:
+    """The face holds what would tip ahead by µ' F at most, so that F ≤ µ (m g + µ' F); by more
+    than half of that in fact."""
+    one = world(object=name, friction=friction)
+    rub = one.config.friction
+    least = rub.ground * one.mass() * GRAVITY
+    most = least / (1.0 - rub.ground * rub.robot)
+    assert (least + most) / 2.0 < force(one) < 1.01 * most
+
+
+@pytest.mark.parametrize(
+    ("name", "offset", "turns"),
+    [
+        ("box", 0.28, 0),  # the front ends 2 cm beyond its middle
+        ("box", 0.32, 1),  # and here 2 cm before
+        ("box", -0.32, -1),
+        ("nonuniform", 0.19, 0),  # its weight is 8.3 cm further to the left
+        ("nonuniform", 0.24, 1),
+        ("nonuniform", -0.36, 0),
+        ("nonuniform", -0.41, -1),
+    ],
+)
+def test_what_is_pushed_beside_its_weight_turns_around_it(
+    name: str, offset: float, turns: int
+) -> None:
+    turn = moved(world(object=name, offset=offset), 15, 0.2, 0.0, 0.0)[2]
+    if turns:
+        assert turn * turns > 0.05
+    else:
+        assert abs(turn) < 1e-3
+
+
+# Where it first touches
+
+
+@pytest.mark.parametrize("gap", [0.0, 0.001, 0.3])
+@pytest.mark.parametrize("seed", range(4))
+def test_a_box_first_touches_with_its_foremost_corner(seed: int, gap: float) -> None:
+    rng = np.random.default_rng(seed)
+    one = world(yaw=rng.uniform(5.0, 85.0), offset=rng.uniform(-0.25, 0.25), gap=gap)
+    corners = seen(one)
+    foremost = corners[corners[:, 0].argmin()]
+    assert abs(foremost[1]) < HALF_WIDTH
+    assert one.first_contact == pytest.approx((0.0, foremost[1]), abs=2e-3)
+    assert foremost[0] == pytest.approx(gap, abs=1e-3)
+    pushed(one, math.ceil((gap + 0.005) / 0.02), 0.2, 0.0, 0.0)
+    assert one.touches.points[0, 0] == pytest.approx(FRONT, abs=2e-3)
+    assert one.touches.points[0, 1] == pytest.approx(foremost[1], abs=3e-3)
+    assert one.touches.normals[0] == pytest.approx([-1.0, 0.0, 0.0], abs=1e-3)
+
+
+@pytest.mark.parametrize("offset", [-0.2, 0.0, 0.29])
+def test_a_cylinder_first_touches_at_its_middle(offset: float) -> None:
+    one = world(object="cylinder", offset=offset, gap=0.02)
+    assert one.first_contact == pytest.approx((0.0, offset), abs=2e-3)
+    assert one.object_pose == pytest.approx((0.25 + 0.02, offset, 0.0), abs=1e-3)
+
+
+def test_what_stands_at_the_edge_first_touches_there() -> None:
+    """The cylinder is met 10 cm beside its middle, which is 3 in 5 of √(25² - 10²) ahead."""
+    one = world(object="cylinder", offset=0.4, gap=0.0)
+    assert one.first_contact == pytest.approx((0.0, HALF_WIDTH), abs=2e-3)
+    assert one.object_pose[0] == pytest.approx(math.sqrt(0.25**2 - 0.1**2), abs=1e-3)
+
+
+def test_a_mirrored_start_is_mirrored() -> None:
+    one, other = world(yaw=25.0, offset=0.1), world(yaw=-25.0, offset=-0.1)
+    assert one.first_contact == pytest.approx((0.0, -other.first_contact[1]), abs=1e-6)
+    assert one.object_pose[0] == pytest.approx(other.object_pose[0], abs=1e-6)
+
+
+# The same every time
+
+
+TWICE = """
+from tests.test_push_world import journey, told
+print(told(journey()))
+print(told(journey()))
+"""
+
+
+def told(rows: FloatArray) -> str:
+    return hashlib.sha256(rows.tobytes()).hexdigest()
+
+
+def journey() -> FloatArray:
+    """Push something odd on a winding way; give all that happens."""
+    one = world(object="nonuniform", yaw=33.0, offset=0.1, friction="mu2")
+    rows: list[Sequence[float]] = []
+    for cycle in range(40):
+        one.drive(0.25, 0.1 * math.sin(cycle / 3.0), 0.3 * math.cos(cycle / 5.0))
+        rows.append([*one.base_pose, *one.object_pose, *one.base_twist])
+        rows += np.concatenate(
+            [one.touches.points, one.touches.normals, one.touches.forces[:, None],
+             one.touches.steps[:, None], np.zeros((len(one.touches.steps), 1))], axis=1
+        ).tolist()  # fmt: skip
+    return np.array(rows)
+
+
+def test_the_same_push_is_the_same_bit_by_bit_also_elsewhere_and_says_nothing() -> None:
+    """In this process, where another world lives, and in one that loads PyBullet first."""
+    other = pushed(world(object="cylinder"), 3, 0.2, 0.1, 0.1)
+    first = journey()
+    pushed(other, 2, 0.2, 0.1, 0.1)
+    assert first.tobytes() == journey().tobytes()
+    done = subprocess.run(
+        [sys.executable, "-c", TWICE], cwd=ROOT, capture_output=True, text=True, check=True
+    )
+    assert done.stdout == f"{told(first)}\n" * 2
+    assert done.stderr == ""
+
+
+# An object by URDF
+
+
+def boxed(folder: Path, mass: float = 8.0, turn: str = "0 0 0") -> dict[str, Any]:
+    """Write a box that stands on the floor, its weight 5 cm ahead and 2 cm to the left."""
+    inertia = '<inertia ixx="0.4" iyy="0.3" izz="0.2" ixy="0" ixz="0" iyz="0"/>'
+    inertial = f'<origin xyz="0.05 0.02 0.2" rpy="{turn}"/><mass value="{mass}"/>{inertia}'
+    shape = '<origin xyz="0 0 0.3"/><geometry><box size="0.4 0.5 0.6"/></geometry>'
+    body = f'<link name="b"><inertial>{inertial}</inertial><collision>{shape}</collision></link>'
+    return {"shape": "urdf", "urdf": str(written(folder, body))}
+
+
+@pytest.mark.parametrize("turn", ["0 0 0", "0 0 0.5", "1.5707963267948966 0 0"])
+def test_a_urdf_stands_on_the_floor_however_its_inertia_is_turned(
+    turn: str, tmp_path: Path
+) -> None:
+    one = world(object=boxed(tmp_path, turn=turn), yaw=90.0, offset=0.05, gap=0.01)
+    assert one.mass() == 8.0
+    assert one.object_pose == pytest.approx((0.25 + 0.01, 0.05, math.pi / 2.0), abs=1e-3)
+    assert moved(one, 15, 0.2, 0.0, 0.0) == pytest.approx([0.29, 0.0, 0.0], abs=3e-3)
+
+
+def test_what_is_lower_than_the_base_is_never_met() -> None:
+    """The mug of the examples has its origin at its middle; its upper half is 5 cm high."""
+    mug = read_object(ROOT / "examples" / "objects" / "mug.urdf")
+    with pytest.raises(ConfigurationError, match="^offset: the object starts out of sight"):
+        world(object=mug)
+
+
+# Bad input
+
+
+@pytest.mark.parametrize("offset", [0.51, -0.6, 3.0])
+def test_what_the_front_would_pass_is_out_of_sight(offset: float) -> None:
+    problem = "^offset: the object starts out of sight: the robot's front, 0.6 m wide, would pass"
+    with pytest.raises(ConfigurationError, match=problem):
+        world(offset=offset)
+    assert world(offset=math.copysign(0.49, offset)).first_contact[1] * offset > 0.0
+
+
+def test_what_is_too_heavy_is_told() -> None:
+    told = {"shape": "box", "size": (1, 1, 1), "mass": 250.5}
+    with pytest.raises(ConfigurationError, match="^object: 250.5 kg are too heavy: .* 250 kg at"):
+        world(object=told)
+
+
+def test_what_has_no_mass_is_told(tmp_path: Path) -> None:
+    with pytest.raises(ConfigurationError, match="^object: it has no mass"):
+        world(object=boxed(tmp_path, mass=0.0))
+
+
+@pytest.mark.parametrize(
+    ("text", "problem"),
+    [
+        (None, "there is no file 'robot.urdf' in"),
+        ("<robot", "robot.urdf"),
+        ('<robot name="r"></robot>', "robot.urdf"),
+        (
+            link("a", '<mesh filename="gone.obj"/>', 1.0),
+            "robot.urdf: link 'a': the mesh 'gone.obj'",
+        ),
+    ],
+)
+def test_a_urdf_that_does_not_load_is_told_in_a_sentence(
+    text: str | None, problem: str, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "robot.urdf"
+    if text is not None:
+        path.write_text(text if "robot" in text else f'<robot name="r">{text}</robot>')
+    with pytest.raises(RobotError, match=problem) as error:
+        world(object={"shape": "urdf", "urdf": str(path)})
+    assert "\n" not in str(error.value)
+    assert capfd.readouterr() == ("", "")
+
+
+@pytest.mark.parametrize(
+    "shapes",
+    [
+        [link("base", '<sphere radius="0.3"/>')],
+        [link("base")],
+        [link("base", '<box size="1 1 1"/>'), link("arm", '<box size="1 1 1"/>')],
+    ],
+)
+def test_a_base_is_one_box(shapes: list[str], tmp_path: Path) -> None:
+    joint = '<joint name="j" type="fixed"><parent link="base"/><child link="arm"/></joint>'
+    path = written(tmp_path, *shapes, joint if len(shapes) > 1 else "")
+    with pytest.raises(RobotError, match="robot.urdf: a base that pushes has one collision shape"):
+        PushWorld(PushConfig(target=(1.0, 0.0)), RobotConfig(urdf=str(path)))
+
+
+def test_a_world_prints_nothing(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    """Nor does PyBullet, which would warn of what has no inertia."""
+    path = written(tmp_path, link("light", '<box size="0.4 0.4 0.6"/>'))
+    pushed(world(object={"shape": "urdf", "urdf": str(path)}), 2, 0.2, 0.0, 0.0)
+    assert capfd.readouterr() == ("", "")
