@@ -5,7 +5,7 @@ BIN := $(VENV)/bin
 READY := $(VENV)/.ready
 SOAK_SCENARIOS ?= 2000
 
-.PHONY: demo test lint soak bench bare show-recordings show-touch clean
+.PHONY: demo test lint soak bench bare show-recordings show-touch show-push clean
 
 demo: $(READY)
 	$(BIN)/contactfusion demo --out out/demo
@@ -44,6 +44,27 @@ show-touch: $(READY)
 	for fault in $(FAULTS); do \
 		$(TOUCH) --rule de_morgan --rule posterior/modes \
 			--faults examples/faults/$$fault.yaml --out out/touch/$$fault || exit 1; \
+	done
+
+# Pushes that are made already are kept, too.
+PUSH := $(BIN)/contactfusion experiment push
+STRATEGIES := tuned paper paper_neither paper_lateral_only paper_realign_only \
+	tuned_neither tuned_lateral_only tuned_realign_only dipole_field inverse_model
+RANDOM := --controller tuned --starts random --seed 500
+
+show-push: $(READY)
+	$(PUSH) $(addprefix --controller ,$(STRATEGIES)) --targets grid \
+		--record box-mu1-grid-000 --record cylinder-mu1-grid-000 --out out/push/grid
+	$(PUSH) $(RANDOM) --targets random:500 --out out/push/random
+	$(PUSH) $(RANDOM) --targets random:150 --objects lshape,prism,light_cylinder \
+		--out out/push/others
+	for taxels in 24 48; do \
+		$(PUSH) --controller tuned --controller paper --targets grid --taxels $$taxels \
+			--out out/push/taxels_$$taxels || exit 1; \
+	done
+	for activation in 0 0.25 0.5 1 2; do \
+		$(PUSH) $(RANDOM) --targets random:50 --objects light_cylinder \
+			--activation $$activation --out out/push/activation_$$activation || exit 1; \
 	done
 
 bare:

@@ -20,6 +20,11 @@ experiment = typer.Typer(
     no_args_is_help=True,
 )  # fmt: skip
 app.add_typer(experiment)
+tune = typer.Typer(
+    name="tune", help="Search parameters in simulation, and confirm what was found.",
+    no_args_is_help=True,
+)  # fmt: skip
+app.add_typer(tune)
 
 Out = Annotated[Path, typer.Option(help="The folder that takes the results.")]
 
@@ -151,6 +156,87 @@ def experiment_touch(
         draw=draw or (),
     )
     run_touch(options, out)
+
+
+@experiment.command("push")
+def experiment_push(
+    sensing: Annotated[str, typer.Option(help="What feels the object.")] = "skin",
+    controller: Annotated[
+        list[str] | None,
+        typer.Option(help="Parameters of reactive_pushing, or a controller; several."),
+    ] = None,
+    objects: Annotated[str, typer.Option(help="Names; with commas between.")] = "",
+    friction: Annotated[str, typer.Option(help="Names; with commas between.")] = "mu1,mu2",
+    targets: Annotated[
+        str, typer.Option(help="grid, validation, new, random:N (N in all), or a YAML file.")
+    ] = "grid",
+    starts: Annotated[str, typer.Option(help="nominal or random.")] = "nominal",
+    object_: Annotated[
+        list[Path] | None, typer.Option("--object", help="A URDF or YAML file; several.")
+    ] = None,
+    taxels: Annotated[int, typer.Option(min=2, max=240, help="Of the skin's front.")] = 12,
+    activation: Annotated[
+        float, typer.Option(min=0.0, help="A taxel pressed by less tells nothing [N].")
+    ] = 1.0,
+    faults: Annotated[Path | None, typer.Option(help="A YAML file of faults.")] = None,
+    seed: Annotated[int, typer.Option(min=0, help="Of all chance.")] = 0,
+    workers: Annotated[int, typer.Option(min=1, help="How many processes.")] = 2,
+    record: Annotated[
+        list[str] | None, typer.Option(help="Film this trial, such as box-mu1-grid-007; several.")
+    ] = None,
+    out: Out = Path("out/push"),
+) -> None:
+    """Push objects to targets in simulation by what is felt; goes on where it stopped."""
+    from contactfusion.experiments.push.experiment import Options, run_push
+    from contactfusion.simulation.push_config import SkinConfig
+
+    options = Options(
+        sensing=sensing,
+        controllers=controller or ["tuned"],
+        objects=_listed(objects),
+        files=object_ or (),
+        frictions=_listed(friction),
+        targets=targets,
+        starts=starts,
+        taxels=taxels,
+        skin=SkinConfig(activation=activation),
+        faults=faults,
+        seed=seed,
+        workers=workers,
+        record=record or (),
+    )
+    run_push(options, out)
+
+
+@tune.command("push")
+def tune_push(
+    start: Annotated[str, typer.Option(help="The set of parameters to begin with.")] = "tuned",
+    trials: Annotated[int, typer.Option(min=6, help="Pushes of each set in a round.")] = 60,
+    rounds: Annotated[int, typer.Option(min=1, help="Rounds of 24 sets.")] = 10,
+    confirm: Annotated[
+        int, typer.Option(min=6, help="Pushes in PyBullet of each set that is confirmed.")
+    ] = 150,
+    check: Annotated[
+        bool, typer.Option(help="Compare the planar model's ranking with PyBullet's instead.")
+    ] = False,
+    seed: Annotated[int, typer.Option(min=0, help="Of all that is drawn.")] = 0,
+    workers: Annotated[int, typer.Option(min=1, help="How many processes.")] = 2,
+    out: Out = Path("out/tune"),
+) -> None:
+    """Search parameters of reactive pushing in a planar model; goes on where it stopped."""
+    if check:
+        from contactfusion.tuning.check import check_ranking
+
+        check_ranking(trials, seed, workers, out)
+        return
+    from contactfusion.tuning.push import Options
+    from contactfusion.tuning.push import tune_push as search
+
+    search(Options(seed, trials, rounds, confirm, start, workers), out)
+
+
+def _listed(names: str) -> list[str]:
+    return [name.strip() for name in names.split(",") if name.strip()]
 
 
 def main() -> None:

@@ -1,0 +1,64 @@
+"""What is pushed: objects by name and from files."""
+
+import hashlib
+from collections.abc import Collection, Sequence
+from pathlib import Path
+from typing import Any
+
+from contactfusion.errors import ConfigurationError, name_hint
+from contactfusion.simulation.push_objects import (
+    OTHERS,
+    PAPER,
+    ObjectConfig,
+    UrdfObjectConfig,
+    named_object,
+    read_object,
+)
+
+
+def objects_of(names: Sequence[str], files: Sequence[Path]) -> dict[str, ObjectConfig]:
+    """Give objects by name.
+
+    Args:
+        names: of known objects; none: those of the paper, unless there are files.
+        files: of further ones.
+
+    Raises:
+        ConfigurationError: a name is unknown or stands twice, or a file holds no object.
+    """
+    known = {**PAPER, **OTHERS}
+    names = names or ([] if files else list(PAPER))
+    require_known(names, known, "object", "objects")
+    if twice := next((name for name in names if names.count(name) > 1), None):
+        raise ConfigurationError(f"'{twice}' stands twice among the objects")
+    objects = {name: named_object(name) for name in names}
+    for path in files:
+        if path.stem in {*known, *objects}:
+            raise ConfigurationError(f"there is an object '{path.stem}' already: rename {path}")
+        objects[path.stem] = read_object(path)
+    return objects
+
+
+def object_settings(thing: ObjectConfig) -> Any:
+    """Give what makes up an object; of a file what is in it."""
+    if not isinstance(thing, UrdfObjectConfig):
+        return thing.model_dump(mode="json")
+    content = Path(thing.urdf).read_bytes()
+    return {"urdf": Path(thing.urdf).name, "sha256": hashlib.sha256(content).hexdigest()}
+
+
+def require_known(names: Sequence[str], known: Collection[str], one: str, many: str) -> None:
+    """Make sure that names are known.
+
+    Args:
+        names: to look for.
+        known: the names that there are.
+        one: what a name is for.
+        many: the plural of that.
+
+    Raises:
+        ConfigurationError: one is not.
+    """
+    for name in names:
+        if name not in known:
+            raise ConfigurationError(f"unknown {one} '{name}'; {name_hint(name, known, many)}")

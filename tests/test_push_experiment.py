@@ -1,0 +1,465 @@
+"""`experiment push`: its targets and plan, one push, and how it goes on."""
+
+import csv
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from contactfusion.controllers.pushing_parameters import SETS
+from contactfusion.errors import ConfigurationError, ContactFusionError, RobotError
+from contactfusion.experiments.push import experiment
+from contactfusion.experiments.push.experiment import Options, run_push
+from contactfusion.experiments.push.plan import Plan, read_plan
+from contactfusion.experiments.push.steering import controller_options
+from contactfusion.experiments.push.targets import GRID, NAMED, Targets, read_targets
+from contactfusion.experiments.push.trial import KINDS, load, run_trial, save
+from contactfusion.experiments.workers import Died
+from contactfusion.robots.description import PatchOnLink
+from contactfusion.simulation.push_config import SkinConfig
+from contactfusion.simulation.push_objects import named_object, outlines, read_object
+from contactfusion.simulation.push_skin import with_taxels
+
+ROOT = Path(__file__).parents[1]
+CONTACTFUSION = Path(sys.executable).with_name("contactfusion")
+NEAR = ((0.4, 0.0), (0.35, 0.1))
+TO_NEAR = Targets("near", NEAR)
+
+
+@pytest.fixture
+def targets(tmp_path: Path) -> str:
+    return target_file(tmp_path / "near.yaml", *NEAR)
+
+
+def target_file(path: Path, *places: tuple[float, float]) -> str:
+    path.write_text(f"targets: {[list(place) for place in places]}\n")
+    return str(path)
+
+
+def plan(targets: Targets = TO_NEAR, **changes: Any) -> Plan:
+    fields: dict[str, Any] = {
+        "sensing": "skin",
+        "objects": (),
+        "files": (),
+        "frictions": (),
+        "targets": targets,
+        "starts": "nominal",
+        "taxels": 12,
+        "skin": SkinConfig(),
+        "faults": (),
+        "seed": 3,
+    }
+    return read_plan(**{**fields, **changes})
+
+
+def small(targets: str, **changes: Any) -> Options:
+    one = Options(objects=("box",), frictions=("mu1",), targets=targets, seed=5, workers=1)
+    return replace(one, **changes)
+
+
+def content(out: Path) -> dict[str, bytes]:
+    """Read all results; how long it took is told apart."""
+    files = [path for path in out.rglob("*") if path.is_file() and path.name != "timing.json"]
+    return {str(path.relative_to(out)): path.read_bytes() for path in files}
+
+
+@pytest.fixture
+def here(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Push in this process: processes are slow to start."""
+
+    def each(
+        make: Callable[[Any], Any], tasks: Sequence[Any], workers: int
+    ) -> Iterator[tuple[Any, Any]]:
+        return ((task, make(task)) for task in tasks)
+
+    monkeypatch.setattr(experiment, "each", each)
+
+
+class TestTargets:
+    def test_the_named_sets_are_those_of_the_method_and_share_no_target(self) -> None:
+        assert {name: len(places) for name, places in NAMED.items()} == {
+            "grid": 24, "validation": 6, "new": 12
+        }  # fmt: skip
+        everywhere = [place for places in NAMED.values() for place in places]
+        assert len(set(everywhere)) == 24 + 6 + 12
+
+    def test_a_file_names_targets(self, targets: str) -> None:
+        assert read_targets(targets) == Targets("near", NEAR)
+
+    def test_random_targets_are_drawn_for_each_push(self) -> None:
+        assert read_targets("random:500") == Targets("random", None, 500)
+
+    @pytest.mark.parametrize(
+        ("told", "problem"),
+        [
+            ("gird", "did you mean 'grid'"),
+            ("random", "write random:N"),
+            ("random:0", "write random:N"),
+            ("random:x", "write random:N"),
+            ("missing.yaml", "no file 'missing.yaml'"),
+        ],
+    )
+    def test_what_is_no_set_of_targets_is_told(self, told: str, problem: str) -> None:
+        with pytest.raises(ConfigurationError, match=problem):
+            read_targets(told)
+
+    @pytest.mark.parametrize(
+        "text", ["targets: [[.nan, 1.0]]", "targets: [[1.0]]", "targets: []", "places: [[1, 1]]"]
+    )
+    def test_a_target_is_a_pair_of_finite_numbers(self, text: str, tmp_path: Path) -> None:
+        path = tmp_path / "odd.yaml"
+        path.write_text(text)
+        with pytest.raises(ConfigurationError, match=r"odd\.yaml: targets|odd\.yaml: places"):
+            read_targets(str(path))
+
+    def test_the_name_of_a_file_may_not_be_that_of_a_set(self, tmp_path: Path) -> None:
+        with pytest.raises(ConfigurationError, match="rename"):
+            read_targets(target_file(tmp_path / "grid.yaml", (1.0, 1.0)))
+
+
+class TestPlan:
+    def test_every_object_is_pushed_to_every_target_by_every_friction(self) -> None:
+        pushes = plan(Targets("grid", GRID)).pushes()
+        assert len({one.name for one in pushes}) == len(pushes) == 144
+        assert {one.target for one in pushes} == set(GRID)
+        assert {(one.offset, one.yaw) for one in pushes} == {(0.0, 0.0)}
+        assert len({one.seed for one in pushes}) == 144
+
+    def test_random_targets_are_dealt_evenly(self) -> None:
+        pushes = plan(Targets("random", None, 500)).pushes()
+        counts = [sum(one.object == thing for one in pushes) for thing in ("box", "nonuniform")]
+        assert len(pushes) == 500 and counts == [168, 166]
+
+    def test_random_targets_are_apart_from_contact_and_robot(self) -> None:
+        pushes = plan(Targets("random", None, 3000), starts="random").pushes()
+        places = np.array([one.target for one in pushes])
+        offsets = np.array([one.offset for one in pushes])
+        assert np.abs(places).max() <= 3.0 and np.abs(places).max() > 2.95
+        assert np.hypot(places[:, 0], places[:, 1] - offsets).min() >= 0.5
+        assert not ((places[:, 0] < 0) & (places[:, 0] > -0.72) & (abs(places[:, 1]) < 0.3)).any()
+
+    def test_random_starts_are_within_20_cm_and_45_degrees(self) -> None:
+        pushes = plan(Targets("grid", GRID), starts="random").pushes()
+        offsets, yaws = np.array([(one.offset, one.yaw) for one in pushes]).T
+        assert 0.17 < np.abs(offsets).max() <= 0.2 and 40.0 < np.abs(yaws).max() <= 45.0
+
+    def test_a_push_is_the_same_in_a_larger_experiment(self) -> None:
+        small = plan(Targets("random", None, 4), objects=["box"], frictions=["mu1"])
+        large = plan(Targets("random", None, 90), starts="nominal")
+        assert set(small.pushes()) < set(large.pushes())
+
+    def test_pushes_differ_by_seed_and_by_nothing_that_is_compared(self) -> None:
+        told = Targets("random", None, 12)
+        same = plan(told, taxels=48, skin=SkinConfig(activation=3.0)).pushes()
+        assert same == plan(told).pushes()
+        assert not set(plan(told, seed=4).pushes()) & set(same)
+
+    def test_the_face_blurs_as_much_as_the_taxels(self) -> None:
+        assert plan(taxels=12).face.blur == pytest.approx(0.125)
+        assert plan(taxels=48).face.blur == pytest.approx(0.125 / 4.0)
+
+    def test_scene_and_pipeline_have_the_same_taxels(self) -> None:
+        one = plan(taxels=24)
+        options = one.pipeline_of(one.pushes()[0], "tuned")
+        assert options.robot is not None and options.robot == one.robot
+        assert one.robot.patches["skin"].grids[0].columns == 24
+
+    def test_a_controller_is_a_set_of_parameters_or_a_plugin(self) -> None:
+        face = plan().face
+        told = controller_options("paper_neither", (1.0, 2.0), face)
+        assert (told["type"], told["parameters"]) == ("reactive_pushing", "paper_neither")
+        assert (
+            controller_options("reactive_pushing", (1.0, 2.0), face)["type"] == "reactive_pushing"
+        )
+
+    @pytest.mark.parametrize(
+        ("changes", "problem"),
+        [
+            ({"objects": ["bax"]}, "did you mean 'box'"),
+            ({"objects": ["box", "box"]}, "stands twice"),
+            ({"frictions": ["mu3"]}, "unknown friction 'mu3'"),
+            ({"sensing": "lidar"}, "unknown sensing 'lidar'"),
+            ({"starts": "odd"}, "unknown starts 'odd'"),
+            ({"files": [Path("thing.urdf")]}, "no file 'thing.urdf'"),
+        ],
+    )
+    def test_unknown_names_are_told(self, changes: dict[str, Any], problem: str) -> None:
+        with pytest.raises(ConfigurationError, match=problem):
+            plan(**changes)
+
+    def test_an_object_comes_from_a_file(self, tmp_path: Path) -> None:
+        (tmp_path / "crate.yaml").write_text("{shape: box, size: [0.3, 0.5, 0.4], mass: 9}")
+        made = plan(files=[tmp_path / "crate.yaml"])
+        assert list(made.objects) == ["crate"]
+        assert list(plan(objects=["box"], files=[tmp_path / "crate.yaml"]).objects) == [
+            "box", "crate"
+        ]  # fmt: skip
+
+
+class TestTaxels:
+    def patch(self, columns: int) -> PatchOnLink:
+        return plan(taxels=columns).robot.patches["skin"]
+
+    def test_strips_keep_their_length_and_share_one_pitch(self) -> None:
+        for columns in (6, 12, 24, 48):
+            front, *sides = self.patch(columns).grids
+            assert front.columns == columns
+            assert front.columns * front.pitch[1] == pytest.approx(0.6)
+            for side in sides:
+                assert side.pitch == front.pitch
+                assert side.columns * side.pitch[1] == pytest.approx(0.7, abs=front.pitch[1] / 2)
+
+    def test_as_many_as_there_are_changes_nothing(self) -> None:
+        patch = self.patch(12)
+        assert with_taxels(patch, 12).centres() == pytest.approx(patch.centres())
+
+
+class TestOutlines:
+    def test_a_box_has_four_corners(self) -> None:
+        (corners,) = outlines(named_object("box"))
+        assert np.abs(corners) == pytest.approx(np.full((4, 2), 0.2))
+
+    def test_a_urdf_is_seen_from_above(self) -> None:
+        pieces = outlines(read_object(ROOT / "examples" / "objects" / "bracket.urdf"))
+        low = np.min([piece.min(axis=0) for piece in pieces], axis=0)
+        high = np.max([piece.max(axis=0) for piece in pieces], axis=0)
+        assert low == pytest.approx([-0.06, -0.04]) and high == pytest.approx([0.06, 0.04])
+
+
+class TestTrial:
+    def test_the_same_push_gives_the_same_bytes(self, tmp_path: Path) -> None:
+        made = plan(objects=["cylinder"], starts="random")
+        for name in ("one", "other"):
+            save(run_trial(made, made.pushes()[0], "tuned")[0], tmp_path / name)
+        assert (tmp_path / "one").read_bytes() == (tmp_path / "other").read_bytes()
+
+    def test_a_track_is_what_happened(self, tmp_path: Path) -> None:
+        made = plan()
+        push = made.pushes()[0]
+        track, cost = run_trial(made, push, "tuned")
+        assert track.ending == "arrived" and track.modes[track.mode[-1]] == "arrived"
+        assert track.distance[-1] <= SETS["tuned"].arrival + 0.02
+        x, y, yaw = track.base[-1]
+        ahead, aside = track.contact[-1]
+        there = (x + np.cos(yaw) * ahead - np.sin(yaw) * aside,
+                 y + np.sin(yaw) * ahead + np.cos(yaw) * aside)  # fmt: skip
+        assert np.hypot(*np.subtract(push.target, there)) == pytest.approx(track.distance[-1])
+        touching = track.kind > 0
+        assert (touching == ~np.isnan(track.contact[:, 1])).all()
+        assert np.abs(track.lateral - track.contact[:, 1])[touching][5:].max() < 0.05
+        assert KINDS[track.estimate[0]] == "none" and np.isnan(track.lateral[0])
+        assert len(cost.fused) == len(track.stamp) and 0.0 < cost.fused.sum() < cost.cpu
+        assert cost.simulated == track.stamp[-1]
+        save(track, tmp_path / "track.npz")
+        again = load(tmp_path / "track.npz")
+        assert again.push == push and again.modes == track.modes
+        np.testing.assert_array_equal(again.command, track.command)
+
+    def test_a_file_that_is_no_track_is_told(self, tmp_path: Path) -> None:
+        np.savez(tmp_path / "odd.npz", told="{}")
+        with pytest.raises(ConfigurationError, match=r"odd\.npz lacks"):
+            load(tmp_path / "odd.npz")
+
+
+@pytest.mark.usefixtures("here")
+class TestExperiment:
+    def test_results_are_files(self, targets: str, tmp_path: Path) -> None:
+        out = tmp_path / "out"
+        run_push(small(targets, controllers=("tuned", "paper")), out)
+        assert {path.name for path in out.iterdir()} == {
+            "trials", "settings.json", "results.csv", "summary.json", "table.md", "timing.json",
+            "bars.png", "map_tuned.png", "map_paper.png", "paths_tuned.png", "paths_paper.png",
+        }  # fmt: skip
+        rows = list(csv.DictReader((out / "results.csv").read_text().splitlines()))
+        assert [(row["controller"], row["trial"]) for row in rows] == [
+            (name, f"box-mu1-near-{number:03d}") for name in ("tuned", "paper") for number in (0, 1)
+        ]
+        assert {row["success_true"] for row in rows[:2]} == {"1"}
+        summary = json.loads((out / "summary.json").read_text())
+        assert summary["controllers"]["tuned"]["all"]["success_true"]["share"] == 1.0
+        assert [one["against"] for one in summary["tests"]] == ["paper"]
+
+    def test_what_is_there_is_not_made_again(self, targets: str, tmp_path: Path) -> None:
+        out = tmp_path / "out"
+        run_push(small(targets), out)
+        held = content(out)
+        first, second = sorted((out / "trials" / "tuned").iterdir())
+        kept = first.stat().st_mtime_ns
+        second.unlink()
+        run_push(small(targets), out)
+        assert content(out) == held and first.stat().st_mtime_ns == kept
+
+    def test_a_folder_takes_more_controllers_objects_and_targets(
+        self, targets: str, tmp_path: Path
+    ) -> None:
+        out = tmp_path / "out"
+        run_push(small(targets), out)
+        held = content(out / "trials")
+        run_push(small(targets, controllers=("paper",), objects=("prism",)), out)
+        run_push(small(target_file(tmp_path / "others.yaml", (0.45, 0.0))), out)
+        assert len(content(out / "trials")) == 5
+        assert held.items() < content(out / "trials").items()
+
+    @pytest.mark.parametrize(
+        ("change", "told"),
+        [
+            ({"seed": 6}, "seed"),
+            ({"starts": "random"}, "starts"),
+            ({"taxels": 24}, "face and pipeline"),
+            ({"skin": SkinConfig(activation=2.0)}, "skin"),
+            ({"faults": ROOT / "examples" / "faults" / "stuck_taxel.yaml"}, "faults"),
+        ],
+    )
+    def test_the_folder_of_another_experiment_is_refused(
+        self, change: dict[str, Any], told: str, targets: str, tmp_path: Path,
+        monkeypatch: pytest.MonkeyPatch,
+    ) -> None:  # fmt: skip
+        out = tmp_path / "out"
+        options = small(targets)
+        made = plan(read_targets(targets), objects=["box"], frictions=["mu1"], seed=5)
+        (out / "trials").mkdir(parents=True)
+        (out / "settings.json").write_text(json.dumps(made.settings(["tuned"])))
+        monkeypatch.setattr(experiment, "_check", lambda *_: None)
+        with pytest.raises(ConfigurationError, match=f"holds pushes of other .*{told}"):
+            run_push(replace(options, **change), out)
+
+    def test_parameters_that_have_changed_are_another_experiment(
+        self, targets: str, tmp_path: Path
+    ) -> None:
+        out = tmp_path / "out"
+        run_push(small(targets), out)
+        settings = json.loads((out / "settings.json").read_text())
+        settings["controllers"]["tuned"]["parameters"]["eta"] = 1.5
+        (out / "settings.json").write_text(json.dumps(settings))
+        with pytest.raises(ConfigurationError, match="other controllers 'tuned'"):
+            run_push(small(targets), out)
+
+    def test_a_folder_of_nobody_knows_what_is_refused(self, targets: str, tmp_path: Path) -> None:
+        (tmp_path / "out" / "trials" / "tuned").mkdir(parents=True)
+        with pytest.raises(ConfigurationError, match=r"no settings\.json"):
+            run_push(small(targets), tmp_path / "out")
+        (tmp_path / "out" / "settings.json").write_text("[]")
+        with pytest.raises(ConfigurationError, match="damaged"):
+            run_push(small(targets), tmp_path / "out")
+
+    def test_a_push_whose_process_dies_twice_is_told_and_the_others_are_kept(
+        self, targets: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
+        capsys: pytest.CaptureFixture[str],
+    ) -> None:  # fmt: skip
+        def each(make: Any, tasks: Sequence[Any], workers: int) -> Iterator[tuple[Any, Any]]:
+            dies = tasks[0] if isinstance(tasks[0], tuple) and len(tasks) > 1 else None
+            return (
+                (one, Died("was killed by SIGSEGV") if one is dies else make(one)) for one in tasks
+            )
+
+        monkeypatch.setattr(experiment, "each", each)
+        with pytest.raises(RobotError, match="1 of 2 pushes were not made: tuned/box-mu1-near-000"):
+            run_push(small(targets), tmp_path / "out")
+        assert "1/1" in capsys.readouterr().out
+        summary = json.loads((tmp_path / "out" / "summary.json").read_text())
+        assert summary["controllers"]["tuned"]["all"]["n"] == 1
+        assert "killed by SIGSEGV, twice" in summary["not made"][0]
+
+    def test_a_controller_that_fails_costs_its_pushes(
+        self, targets: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        def broken(*_: Any) -> Any:
+            raise ZeroDivisionError("oh")
+
+        monkeypatch.setattr(experiment, "run_trial", broken)
+        with pytest.raises(RobotError, match="2 of 2 pushes .*ZeroDivisionError: oh"):
+            run_push(small(targets), tmp_path / "out")
+
+    @pytest.mark.parametrize(
+        ("places", "problem"),
+        [
+            ([(-0.3, 0.1)], "lies under the robot"),
+            ([(0.4, 0.0), (9.0, 0.0)], "out of reach"),
+        ],
+    )
+    def test_a_target_that_cannot_be_reached_is_told_before_anything_is_made(
+        self, places: list[tuple[float, float]], problem: str, tmp_path: Path
+    ) -> None:
+        with pytest.raises(ConfigurationError, match=problem):
+            run_push(small(target_file(tmp_path / "far.yaml", *places)), tmp_path / "out")
+        assert not (tmp_path / "out").exists()
+
+    @pytest.mark.parametrize(
+        ("text", "name", "problem"),
+        [
+            ("{shape: box, size: [1, 1, 1], mass: 300}", "heavy.yaml", "too heavy"),
+            ("<robot name='x'>", "broken.urdf", "broken.urdf"),
+            ("{shape: ball}", "odd.yaml", "odd.yaml"),
+        ],
+    )
+    def test_an_object_that_cannot_be_pushed_is_told(
+        self, text: str, name: str, problem: str, targets: str, tmp_path: Path
+    ) -> None:
+        (tmp_path / name).write_text(text)
+        options = small(targets, objects=(), files=[tmp_path / name])
+        with pytest.raises(ContactFusionError, match=problem):
+            run_push(options, tmp_path / "out")
+
+    def test_a_fault_of_no_sensor_is_told(self, targets: str, tmp_path: Path) -> None:
+        path = ROOT / "examples" / "faults" / "dead_wrench.yaml"
+        with pytest.raises(ConfigurationError, match="no reading of 'wrist' comes"):
+            run_push(small(targets, faults=path), tmp_path / "out")
+
+    @pytest.mark.parametrize(
+        ("changes", "problem"),
+        [
+            ({"controllers": ("tunde",)}, "did you mean 'tuned'"),
+            ({"controllers": ("tuned", "tuned")}, "stands twice"),
+            ({"record": ("box-mu1-near-007",)}, "unknown trial 'box-mu1-near-007'"),
+        ],
+    )
+    def test_unknown_names_are_told(
+        self, changes: dict[str, Any], problem: str, targets: str, tmp_path: Path
+    ) -> None:
+        with pytest.raises(ConfigurationError, match=problem):
+            run_push(small(targets, **changes), tmp_path / "out")
+
+    def test_a_push_is_filmed_and_recorded(self, targets: str, tmp_path: Path) -> None:
+        from PIL import Image
+
+        run_push(small(targets, record=("box-mu1-near-000",)), tmp_path / "out")
+        folder = tmp_path / "out" / "recordings" / "tuned"
+        with Image.open(folder / "box-mu1-near-000.gif") as film:
+            assert film.format == "GIF"
+            assert getattr(film, "n_frames", 0) > 20
+        assert (folder / "box-mu1-near-000.mcap").read_bytes().startswith(b"\x89MCAP")
+
+
+def test_killed_and_gone_on_with_it_gives_the_bytes_of_an_undisturbed_run(
+    targets: str, tmp_path: Path, request: pytest.FixtureRequest
+) -> None:
+    more = target_file(tmp_path / "near.yaml", *NEAR, (0.5, 0.0), (0.4, -0.1), (0.45, 0.1))
+    whole, killed = tmp_path / "whole", tmp_path / "killed"
+    command = [str(CONTACTFUSION), "experiment", "push", "--objects", "box", "--targets", more]
+    command += ["--friction", "mu1", "--seed", "5", "--out", str(killed), "--workers"]
+    running = subprocess.Popen([*command, "2"], stdout=subprocess.DEVNULL)
+    while not list(killed.glob("trials/*/*.npz")):
+        assert running.poll() is None
+        time.sleep(0.01)
+    os.kill(running.pid, signal.SIGKILL)
+    running.wait()
+    assert not (killed / "results.csv").exists()
+    subprocess.run([*command, "1"], check=True, stdout=subprocess.DEVNULL)
+    request.getfixturevalue("here")
+    run_push(small(more), whole)
+    assert content(killed) == content(whole)
+
+
+def test_zero_workers_are_refused(targets: str) -> None:
+    command = [str(CONTACTFUSION), "experiment", "push", "--workers", "0"]
+    done = subprocess.run(command, capture_output=True, text=True)
+    assert done.returncode != 0 and "workers" in done.stderr

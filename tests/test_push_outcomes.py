@@ -1,0 +1,249 @@
+"""What is made of pushes: measures, causes, tables, comparisons."""
+
+import csv
+import json
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from contactfusion.experiments.push import tables
+from contactfusion.experiments.push.causes import cause
+from contactfusion.experiments.push.comparisons import compare, comparisons_text
+from contactfusion.experiments.push.outcomes import Outcome, outcome, results_csv
+from contactfusion.experiments.push.plan import Push
+from contactfusion.experiments.push.trial import Track
+from contactfusion.simulation.pushing import Ending
+
+PUSH = Push("box", "mu1", "grid", 3, (2.0, 1.0), 0.0, 0.0, 7)
+MODES = ("push", "search", "escape", "realign", "arrived")
+
+
+def track(**changes: Any) -> Track:
+    """Eleven cycles, straight ahead at 1 m/s, from 1.04 m to 0.04 m before the target."""
+    n = 11
+    stamp = np.arange(n) / 10.0
+    fields: dict[str, Any] = {
+        "push": PUSH,
+        "controller": "tuned",
+        "ending": Ending.ARRIVED,
+        "within": 0.05,
+        "period": 0.1,
+        "modes": MODES,
+        "stamp": stamp,
+        "base": np.stack([stamp, np.zeros(n), np.zeros(n)], axis=1),
+        "object": np.zeros((n, 3)),
+        "kind": np.full(n, 2, np.uint8),
+        "contact": np.tile([0.3, 0.1], (n, 1)),
+        "distance": 1.04 - stamp,
+        "force": np.full(n, 20.0),
+        "lateral": np.full(n, 0.1),
+        "estimate": np.full(n, 2, np.uint8),
+        "mode": np.zeros(n, np.uint8),
+        "command": np.zeros((n, 3)),
+    }
+    return Track(**{**fields, **changes})
+
+
+def without(rows: Any, one: Track, *, felt: bool = False) -> Track:
+    """Take the contact from some cycles, in truth and unless felt in the estimate."""
+    kind, distance, contact = one.kind.copy(), one.distance.copy(), one.contact.copy()
+    kind[rows], distance[rows], contact[rows] = 0, np.nan, np.nan
+    changed = replace(one, kind=kind, distance=distance, contact=contact)
+    return changed if felt else unfelt(rows, changed)
+
+
+def unfelt(rows: Any, one: Track) -> Track:
+    estimate, lateral = one.estimate.copy(), one.lateral.copy()
+    estimate[rows], lateral[rows] = 0, np.nan
+    return replace(one, estimate=estimate, lateral=lateral)
+
+
+class TestOutcome:
+    def test_arrival_with_the_contact_at_the_target_is_a_true_success(self) -> None:
+        one = outcome(track(), "skin")
+        assert one.success_true and one.success_estimate and one.ever_true and one.cause == ""
+        assert one.time == 1.0 and one.path == pytest.approx(1.0)
+        assert one.final_distance == one.least_distance == pytest.approx(0.04)
+
+    def test_arrival_declared_too_early_is_one_by_estimate_only(self) -> None:
+        one = outcome(track(distance=1.06 - np.arange(11) / 10.0), "skin")
+        assert (one.success_true, one.success_estimate, one.ever_true) == (False, True, False)
+        assert one.cause == "arrived by estimate, 6.00 cm away in truth"
+
+    def test_arrival_without_true_contact_is_no_true_success(self) -> None:
+        one = outcome(without([10], track(), felt=True), "skin")
+        assert not one.success_true and one.cause.endswith("without contact in truth")
+        assert one.final_distance == pytest.approx(0.14)
+
+    def test_arrival_declared_after_it_has_left_again_is_no_true_success(self) -> None:
+        one = outcome(track(distance=np.abs(0.8 - np.arange(11) / 10.0)), "skin")
+        assert one.ever_true and one.success_estimate and not one.success_true
+
+    def test_to_have_been_there_is_not_to_arrive(self) -> None:
+        passing = np.abs(0.5 - np.arange(11) / 10.0)
+        one = outcome(track(distance=passing, ending=Ending.TIMEOUT), "skin")
+        assert one.ever_true and not one.success_true and not one.success_estimate
+        assert one.least_distance == 0.0 and one.final_distance == 0.5
+
+    def test_lateral_places_are_means_of_what_is_there(self) -> None:
+        one = outcome(unfelt([0, 1], track(lateral=np.linspace(-0.2, 0.2, 11))), "skin")
+        assert one.lateral_true == pytest.approx(0.1)
+        assert one.lateral_estimate == pytest.approx(np.abs(np.linspace(-0.2, 0.2, 11))[2:].mean())
+        errors = np.linspace(-0.2, 0.2, 11)[2:] - 0.1
+        assert one.location_rmse == pytest.approx(np.sqrt((errors**2).mean()))
+        assert one.type_accuracy == pytest.approx(9 / 11)
+
+    def test_a_contact_that_is_felt_but_not_there_has_no_error(self) -> None:
+        one = outcome(without([4, 5], track(lateral=np.full(11, 0.12)), felt=True), "skin")
+        assert one.location_rmse == pytest.approx(0.02)
+        assert one.type_accuracy == pytest.approx(9 / 11)
+
+    def test_turning_counts_until_the_contact_is_nearest(self) -> None:
+        yaw = np.array([0.0, 0.1, -0.1, 0.0, 0.0, 0.0, 3.0, 0.0, 0.0, 0.0, 0.0])
+        base = np.stack([np.zeros(11), np.zeros(11), yaw], axis=1)
+        distance = np.abs(0.5 - np.arange(11) / 10.0)
+        assert outcome(track(base=base, distance=distance), "skin").swept == pytest.approx(
+            0.4 / 0.5
+        )
+
+    def test_turning_across_the_wrap_is_small(self) -> None:
+        base = np.zeros((11, 3))
+        base[:, 2] = np.where(np.arange(11) % 2, np.pi - 0.01, -np.pi + 0.01)
+        assert outcome(track(base=base), "skin").swept == pytest.approx(10 * 0.02 / 1.0)
+
+    def test_searches_and_escapes_are_counted_where_they_begin(self) -> None:
+        mode = np.array([1, 1, 0, 1, 2, 2, 3, 3, 0, 2, 4], np.uint8)
+        one = outcome(track(mode=mode), "skin")
+        assert (one.searches, one.escapes) == (2, 2)
+        assert one.realigning == pytest.approx(2 / 11)
+
+    def test_time_without_contact_is_the_truths(self) -> None:
+        assert outcome(without([2, 3], track()), "skin").without_contact == pytest.approx(0.2)
+
+    def test_a_push_that_never_touches_has_no_places(self) -> None:
+        one = outcome(without(slice(None), track(ending=Ending.LOST)), "skin")
+        values = [one.final_distance, one.swept, one.lateral_true, one.location_rmse]
+        assert np.isnan(values).all() and one.cause == "never touched"
+
+    def test_a_row_tells_successes_as_0_or_1_and_nothing_for_no_value(self) -> None:
+        text = results_csv([outcome(without(slice(None), track()), "skin")])
+        (row,) = csv.DictReader(text.splitlines())
+        assert (row["success_true"], row["success_estimate"]) == ("0", "1")
+        assert (row["trial"], row["target_x"], row["swept"]) == ("box-mu1-grid-003", "2", "")
+
+
+class TestCause:
+    def test_a_contact_that_is_not_felt(self) -> None:
+        one = unfelt(slice(1, None), track(ending=Ending.TIMEOUT, force=np.full(11, 1.4)))
+        assert cause(one) == "felt nothing: presses with 1.4 N, under the activation"
+
+    def test_a_contact_that_is_hardly_felt(self) -> None:
+        one = unfelt(slice(1, 6), track(ending=Ending.TIMEOUT))
+        assert cause(one).endswith("at best 0.04 m away; only 55% of the contact felt")
+
+    def test_an_object_that_is_carried_away(self) -> None:
+        assert cause(track(ending=Ending.AWAY)).startswith("object carried out of the field")
+
+    def test_a_contact_that_is_lost_for_good(self) -> None:
+        aside = np.tile([0.3, 0.28], (11, 1))
+        one = without(slice(3, None), track(ending=Ending.LOST, contact=aside))
+        assert (
+            cause(one)
+            == "lost at the left edge after 0.2 s, never found again; at best 0.84 m away"
+        )
+
+    def test_a_contact_that_is_lost_again_and_again(self) -> None:
+        one = without([1, 3, 5, 7, 9, 10], track(ending=Ending.LOST))
+        assert cause(one) == "lost 5 times, last +10 cm aside; at best 0.24 m away"
+
+    def test_a_push_that_comes_no_nearer(self) -> None:
+        distance = np.array([0.9, 0.7, 0.5, 0.51, 0.49, 0.5, 0.5, 0.6, 0.6, 0.5, 0.5])
+        mode = np.array([0, 0, 0, 3, 3, 3, 3, 0, 0, 3, 3], np.uint8)
+        one = track(ending=Ending.TIMEOUT, distance=distance, mode=mode, stamp=np.arange(11.0) * 10)
+        assert cause(one) == "no progress for 80 s, mostly realign; at best 0.49 m away"
+
+
+def outcomes(won: list[bool], controller: str = "tuned", **changes: Any) -> list[Outcome]:
+    """One push to each target of the grid, with true success or without."""
+    made = outcome(track(controller=controller), "skin")
+    return [
+        replace(made, trial=f"box-mu1-grid-{number:03d}", success_true=hit, **changes)
+        for number, hit in enumerate(won)
+    ]
+
+
+class TestTables:
+    def test_the_table_stands_beside_the_papers(self) -> None:
+        found = {"tuned": outcomes([True] * 18 + [False] * 6)}
+        text = tables.success_text(found, "grid")
+        assert "| *paper, contact skin* | 23/24 | 23/24, 95.83 % |" in text
+        assert "| tuned, true | 18/24 | 18/24, 75.00 % [" in text
+        assert "| tuned, by estimate | 24/24 |" in text
+
+    def test_other_targets_and_objects_have_no_row_of_the_papers(self) -> None:
+        found = {"tuned": outcomes([True])}
+        assert "paper" not in tables.success_text(found, "new")
+        assert "paper" not in tables.success_text(
+            {"tuned": [replace(found["tuned"][0], object="lshape")]}, "grid"
+        )
+
+    def test_the_papers_figures_give_its_rate(self) -> None:
+        assert sum(tables.PAPER.values()) / (tables.EACH * len(tables.PAPER)) == pytest.approx(
+            0.8819, abs=5e-5
+        )
+
+    def test_a_summary_tells_all_and_each_object_and_friction(self) -> None:
+        made = [*outcomes([True, False, True, True]), *outcomes([False], friction="mu2")]
+        summary = tables.summary_of(made, 0)
+        assert list(summary) == ["all", "box mu1", "box mu2"]
+        whole = summary["all"]
+        assert whole["n"] == 5 and whole["success_true"]["share"] == pytest.approx(0.6)
+        assert whole["success_true"]["low"] < 0.6 < whole["success_true"]["high"]
+        assert whole["lateral_true"]["median"] == pytest.approx(0.1)
+
+    def test_a_measure_that_no_push_has_is_none_and_no_nan(self) -> None:
+        made = outcomes([False, False], swept=np.nan)
+        summary = tables.summary_of(made, 0)
+        assert summary["all"]["swept"]["median"] is None
+        json.dumps(summary, allow_nan=False)
+        assert "| - |" in tables.measures_text({"tuned": summary})
+
+    def test_failures_are_listed_with_their_causes(self) -> None:
+        made = outcomes([True, False], cause="never touched")
+        text = tables.failures_text({"tuned": made})
+        assert "1 of 2 without true success" in text
+        assert "- box-mu1-grid-001 to (2.00, 1.00): never touched" in text
+
+    def test_a_long_list_of_failures_is_cut(self) -> None:
+        text = tables.failures_text({"tuned": outcomes([False] * (tables.LISTED + 3))})
+        assert text.endswith("- and 3 more, in results.csv")
+        assert text.count("\n- ") == tables.LISTED + 1
+
+
+class TestComparisons:
+    def test_success_is_compared_push_by_push(self) -> None:
+        first = outcomes([True] * 8 + [False] * 2)
+        other = outcomes([True] * 2 + [False] * 7 + [True], "paper")
+        one = compare(first, other)
+        assert (one.pushes, one.first_only, one.other_only) == (10, 6, 1)
+        assert one.p_of_success == pytest.approx(2 * 8 / 2**7)
+
+    def test_measures_are_compared_where_both_succeed(self) -> None:
+        first = [replace(one, time=10.0 + n) for n, one in enumerate(outcomes([True] * 9))]
+        other = [replace(one, time=12.0 + 2.0 * n) for n, one in enumerate(outcomes([True] * 9))]
+        other[0] = replace(other[0], success_true=False, time=1000.0)
+        by_measure = {one.measure: one for one in compare(first, other).differences}
+        assert (by_measure["time"].pushes, by_measure["time"].median) == (8, -6.5)
+        assert by_measure["time"].p == pytest.approx(2 / 2**8)
+        assert by_measure["time"].stars == "**"
+        assert by_measure["swept"].p == 1.0 and by_measure["swept"].stars == "n.s."
+
+    def test_pushes_that_only_one_made_have_no_say(self) -> None:
+        assert compare(outcomes([True] * 3), outcomes([True] * 2)).pushes == 2
+
+    def test_without_a_common_success_there_is_nothing_to_compare(self) -> None:
+        one = compare(outcomes([True]), outcomes([False], "paper"))
+        assert {each.median for each in one.differences} == {None}
+        assert "| tuned | paper | 1 | 0 | 1 | 0 | - |" in comparisons_text([one])

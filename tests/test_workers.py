@@ -1,0 +1,52 @@
+"""Tasks in processes of their own: none harms another."""
+
+import os
+import signal
+from pathlib import Path
+
+import pytest
+
+from contactfusion.experiments.workers import Died, each
+
+
+@pytest.fixture(autouse=True)
+def _importable(monkeypatch: pytest.MonkeyPatch, pytestconfig: pytest.Config) -> None:
+    monkeypatch.syspath_prepend(str(pytestconfig.rootpath))  # the processes import this module
+
+
+def done(task: tuple[str, Path]) -> str:
+    """Do a task: die always, die the first time, or give the number of the process."""
+    what, folder = task
+    mark = folder / f"{what}_died"
+    if what == "dies" or (what == "dies_once" and not mark.exists()):
+        mark.touch()
+        os.kill(os.getpid(), signal.SIGKILL)
+    return str(os.getpid())
+
+
+def test_a_task_whose_process_dies_is_tried_again_and_costs_no_other(tmp_path: Path) -> None:
+    tasks = [(what, tmp_path) for what in ("a", "dies", "b", "dies_once", "c", "d")]
+    found = {task[0]: made for task, made in each(done, tasks, 2)}
+    assert found.keys() == {"a", "dies", "b", "dies_once", "c", "d"}
+    assert found["dies"] == Died("was killed by SIGKILL")
+    assert not any(isinstance(found[name], Died) for name in ("a", "b", "c", "d", "dies_once"))
+
+
+def test_nothing_is_done_in_this_process(tmp_path: Path) -> None:
+    ((_, made),) = each(done, [("a", tmp_path)], 3)
+    assert made != str(os.getpid())
+
+
+def test_no_more_processes_are_started_than_wanted(tmp_path: Path) -> None:
+    tasks = [("a", tmp_path), ("b", tmp_path), ("c", tmp_path)]
+    assert len({made for _, made in each(done, tasks, 1)}) == 1
+
+
+def test_processes_end_when_nobody_wants_more(tmp_path: Path) -> None:
+    results = each(done, [(str(number), tmp_path) for number in range(9)], 1)
+    _, process = next(results)
+    assert isinstance(process, str)
+    os.kill(int(process), 0)
+    results.close()  # type: ignore[attr-defined]
+    with pytest.raises(ProcessLookupError):
+        os.kill(int(process), 0)
