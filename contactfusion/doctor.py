@@ -86,7 +86,12 @@ def _touch_kernels() -> None:
     from contactfusion.integrator.config import IntegratorConfig
     from contactfusion.integrator.integrator import Integrator
     from contactfusion.nearest import NearestGrid
+    from contactfusion.simulation.planar import PlanarPush
+    from contactfusion.simulation.push_config import PushConfig
 
+    push = PlanarPush(PushConfig(target=(1.0, 0.0)))
+    push.drive(0.1, 0.0, 0.0)
+    assert push.contacts()
     places = np.random.default_rng(0).uniform(-0.1, 0.1, (100, 3))
     NearestGrid.of(places).improve(places, np.eye(4), 0, np.ones(100), np.zeros(100, np.intp))
     regular = HypothesisKind.REGULAR

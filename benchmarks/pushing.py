@@ -1,0 +1,47 @@
+"""Pushing: whole pushes felt by skin, the fused cycle among them, and pushes in the plane."""
+
+import time
+from collections.abc import Iterator
+
+import numpy as np
+
+from benchmarks.interleave import Spread
+from benchmarks.table import Row
+from contactfusion.controllers.pushing_parameters import SETS
+from contactfusion.experiments.push.plan import read_plan
+from contactfusion.experiments.push.targets import read_targets
+from contactfusion.experiments.push.trial import Cost, run_trial
+from contactfusion.simulation.push_config import SkinConfig
+from contactfusion.tuning.rating import random_pushes, rate_in_plane
+
+TARGETS, SEED = "random:12", 7
+"""Two pushes of each of the paper's objects and each friction."""
+IN_PLANE = 60
+"""Pushes in the plane of one round."""
+
+
+def rows(rounds: int) -> Iterator[Row]:
+    """Measure pushes by the set `tuned`, from random starts to random targets, in CPU time."""
+    targets = read_targets(TARGETS)
+    plan = read_plan("skin", [], [], [], targets, "random", 12, SkinConfig(), (), SEED)
+    pushes = plan.pushes()
+    run_trial(plan, pushes[0], "tuned")  # compiles
+    costs = [[run_trial(plan, push, "tuned")[1] for push in pushes] for _ in range(rounds)]
+    pushed = [60.0 / _cpu(some) * len(some) for some in costs]
+    yield Row("pushes felt by skin, a minute", Spread.of(pushed), "", 80.0, True)
+    cycles = [np.concatenate([one.fused for one in some]) for some in costs]
+    shares = [float(one.sum()) / _cpu(some) for one, some in zip(cycles, costs, strict=True)]
+    yield Row("  of it generators, fusion, controller", Spread.of(shares), "")
+    tails = [1e3 * float(np.quantile(one, 0.99)) for one in cycles]
+    yield Row("  a control cycle of these: p99", Spread.of(tails), "ms", 5.0)
+    plan, pushes = random_pushes(IN_PLANE, SEED)
+    rates = []
+    for _ in range(rounds + 1):
+        start = time.process_time()
+        rate_in_plane(plan, pushes, False, SETS["tuned"])
+        rates.append(IN_PLANE / (time.process_time() - start))
+    yield Row("pushes in the plane, a second", Spread.of(rates[1:]), "", 50.0, True)
+
+
+def _cpu(costs: list[Cost]) -> float:
+    return sum(one.cpu for one in costs)
