@@ -39,9 +39,9 @@ class SearchParameters(Model):
     clearance: Positive
     """Back off until the place of the last contact is so far ahead of the face [m]."""
     beyond: Positive
-    """Then go ahead until the face is so far beyond that place [m]."""
+    """Then go ahead until the face is so far beyond that place; each round further by as much [m]."""
     shift: Positive
-    """Each further try goes by this much more to one side, then to the other [m]."""
+    """A round of tries goes straight, then by so much to one side, and to the other [m]."""
 
 
 class EscapeParameters(Model):
@@ -51,8 +51,10 @@ class EscapeParameters(Model):
     """Without progress for so long [s]."""
     progress: Positive
     """Coming nearer to the target than ever by so much is progress [m]."""
+    within: float = Field(ge=0)
+    """Or at once when it was nearer to the target than this [m],"""
     overshoot: Positive
-    """Or at once when, within `settle` of the target, it is so much further away than before [m]."""
+    """and is so much further away again [m]."""
     clearance: Positive
     """Back off until the place of the contact is so far ahead of the face [m]."""
     reach: float = Field(ge=0)
@@ -133,7 +135,13 @@ _TUNED = PushingParameters(
     smoothing=0.088,
     search=SearchParameters(patience=0.3, speed=0.25, clearance=0.15, beyond=0.3, shift=0.3),
     escape=EscapeParameters(
-        patience=8.0, progress=0.02, overshoot=0.05, clearance=0.2, reach=0.25, speed=0.3
+        patience=8.0,
+        progress=0.02,
+        within=0.5,
+        overshoot=0.05,
+        clearance=0.2,
+        reach=0.25,
+        speed=0.3,
     ),
     arrival=0.035,
 )

@@ -155,8 +155,7 @@ class ReactivePushing(PushingController[ReactivePushingConfig]):
         nearer = touch is not None and distance < self._nearest - escape.progress
         if nearer or math.isnan(self._progressed):
             self._nearest, self._progressed = distance, now
-        near = self._nearest < self.options.parameters.settle
-        passed = near and distance > self._nearest + escape.overshoot
+        passed = self._nearest < escape.within and distance > self._nearest + escape.overshoot
         stuck = now - self._progressed > escape.patience
         if self._escape is None and touch and (passed or stuck):
             self._escape = GoAround(

@@ -8,6 +8,8 @@ from contactfusion.controllers.pushing_parameters import SearchParameters
 
 ALIGNED = 0.02
 """So near is near enough [m]."""
+SHIFTS = (0, 1, -1)
+"""Each round of tries goes straight, to the side of the loss, to the other side [shift]."""
 MORE = 0.15
 """Back off so much further when something touches a side [m]."""
 
@@ -54,7 +56,7 @@ class Search:
             self._phase = "aside"
         if self._phase == "aside" and abs(aside) <= ALIGNED:
             self._phase = "ahead"
-        if self._phase == "ahead" and ahead <= -p.beyond:
+        if self._phase == "ahead" and ahead <= -p.beyond * (1 + self._tries // len(SHIFTS)):
             self._tries, self._phase = self._tries + 1, "back"
         match self._phase:
             case "back":
@@ -66,6 +68,5 @@ class Search:
                 return p.speed, 0.0, f"ahead, try {self._tries + 1}"
 
     def _shift(self) -> float:
-        """Give how far this try goes beside the place, to the left [m]: 0, 1, -1, 2, -2 times."""
-        count = (self._tries + 1) // 2
-        return self._side * self._parameters.shift * (count if self._tries % 2 else -count)
+        """Give how far this try goes beside the place, to the left [m]."""
+        return self._side * self._parameters.shift * SHIFTS[self._tries % len(SHIFTS)]

@@ -308,15 +308,15 @@ def test_progress_is_coming_nearer_than_ever() -> None:
 
 
 def test_near_the_target_going_past_it_is_told_at_once() -> None:
-    """The object came nearer than `settle`, and is now further away than it may be."""
+    """The object came nearer than `within`, and is now further away than it may be."""
     assert ESCAPE is not None
-    nearest = 0.5 * TUNED.settle
+    nearest = 0.5 * ESCAPE.within
     more, less = 1.1 * ESCAPE.overshoot, 0.9 * ESCAPE.overshoot
     for away, mode in ((less, "push"), (more, "escape")):
         one = pusher("tuned", (0.3 + nearest, 0.0))
         one.decide(at(0.0), ORIGIN, 0.0)
         assert one.decide(at(0.0), (-away, 0.0, 0.0), PERIOD).mode == mode
-        far = pusher("tuned", (0.3 + 1.5 * TUNED.settle, 0.0))
+        far = pusher("tuned", (0.3 + 1.5 * ESCAPE.within, 0.0))
         far.decide(at(0.0), ORIGIN, 0.0)
         assert far.decide(at(0.0), (-away, 0.0, 0.0), PERIOD).mode == "push"
 

@@ -1,0 +1,71 @@
+"""Push a box to a place behind the robot, by what the robot's skin feels and nothing else.
+
+Run it with `python examples/push_box.py [FOLDER]`; it needs the extra `sim`. The same in YAML:
+`contactfusion run examples/scenes/push_box.yaml`.
+"""
+
+import sys
+from itertools import groupby
+from pathlib import Path
+
+import numpy as np
+
+from contactfusion import IntegratorConfig, Pipeline, PipelineConfig
+from contactfusion.figures import new_figure
+from contactfusion.files import make_folder
+from contactfusion.robots.description import located, read_robot
+from contactfusion.simulation.push import PushScene
+from contactfusion.simulation.push_config import PushConfig
+from contactfusion.simulation.pushing import pushed
+
+TARGET = (-1.0, 1.0)
+
+# The robot: an omnidirectional base with a skin. Yours is another URDF with one box that pushes.
+robot = read_robot(located("contactfusion.robots:mobile_base.yaml"))
+
+# The world: a box of 20 kg that the robot knows nothing of.
+scene = PushScene(PushConfig(target=TARGET, yaw=20.0), robot, seed=1)
+
+# What it feels becomes contacts in the robot's frame, and contacts become motion.
+pipeline = Pipeline(
+    PipelineConfig(
+        robot=robot,
+        generators={
+            "skin": {
+                "type": "tactile",
+                "sensor": "skin",
+                "patch": "skin",
+                "baseline": {"noise": 0.05},
+            }
+        },
+        integrator=IntegratorConfig(frame="base", voxel_size=0.0125, timeout=0.25),
+        controller={"type": "reactive_pushing", "target": TARGET},
+    )
+)
+
+cycles = list(pushed(scene, pipeline))
+last = cycles[-1]
+
+# Each command says in which state the controller is, and why.
+commands = [(cycle.truth.stamp, cycle.step.command) for cycle in cycles]
+for mode, some in groupby(commands, lambda pair: pair[1].mode if pair[1] else ""):
+    stamp, command = next(some)
+    print(f"{stamp:5.1f} s  {mode}: {command.reason if command else ''}")
+print(f"{last.ending} after {last.truth.stamp:.1f} s")
+print(f"truth: the box touches {last.truth.distance * 100:.1f} cm from the target")
+
+folder = Path(sys.argv[1] if len(sys.argv) > 1 else "out/push_box")
+make_folder(folder)
+figure = new_figure(6.0, 6.0)
+axes = figure.subplots()
+base = np.array([cycle.truth.base for cycle in cycles])
+box = np.array([cycle.truth.object for cycle in cycles])
+axes.plot(*base[:, :2].T, color="#0072b2", label="robot")
+axes.plot(*box[:, :2].T, color="#d55e00", label="box")
+axes.quiver(*base[::10, :2].T, np.cos(base[::10, 2]), np.sin(base[::10, 2]), color="#0072b2",
+            width=0.004)  # fmt: skip
+axes.plot(*TARGET, "x", color="#009e73", markersize=12, label="target of the contact")
+axes.set(xlabel="x [m]", ylabel="y [m]", aspect="equal", title="where robot and box went")
+axes.legend()
+figure.savefig(folder / "push_box.png", dpi=120)
+print(f"picture: {folder / 'push_box.png'}")
