@@ -16,7 +16,7 @@ from contactfusion.experiments.push.things import object_settings, objects_of, r
 from contactfusion.pipeline_config import PipelineConfig
 from contactfusion.robots.description import RobotConfig
 from contactfusion.simulation.push_config import PushConfig, SkinConfig
-from contactfusion.simulation.push_objects import FRICTIONS, ObjectConfig
+from contactfusion.simulation.push_objects import FRICTIONS, ObjectConfig, outlines
 from contactfusion.simulation.push_skin import with_taxels
 from contactfusion.yaml_files import read_yaml
 
@@ -30,6 +30,8 @@ FIELD, NEAREST = 3.0, 0.5
 first contact [m]."""
 CHASSIS = (-0.75, 0.33)
 """Nor are they drawn under the robot: between x = 0 and this x, and |y| up to this [m]."""
+FLAT = 1e-6
+"""Corners so far behind the foremost are as far ahead [m]."""
 BLUR = 2.5
 """One point may seem as wide as so many taxels."""
 REST: Any = {"folder": True, "faults": True, "robot": {"folder"}, "controller": True, "seed": True}
@@ -154,9 +156,18 @@ class Plan:
         if self.starts == "nominal":
             offset, yaw = 0.0, 0.0
         places = self.targets.places
-        target = places[number] if places else _drawn(rng, offset)
+        target = places[number] if places else _drawn(rng, self._first_contact(thing, offset, yaw))
         seed = int(sequence.generate_state(1)[0])
         return Push(thing, friction, self.targets.name, number, target, offset, yaw, seed)
+
+
+    def _first_contact(self, thing: str, offset: float, yaw: float) -> float:
+        """Give how far to the left of the robot's middle an object is touched first [m]."""
+        corners = np.concatenate(outlines(self.objects[thing]))
+        cos, sin = np.cos(np.radians(yaw)), np.sin(np.radians(yaw))
+        x, y = cos * corners[:, 0] - sin * corners[:, 1], sin * corners[:, 0] + cos * corners[:, 1]
+        foremost = float(y[x < x.min() + FLAT].mean()) + offset
+        return float(np.clip(foremost, -self.face.half_width, self.face.half_width))
 
 
 def read_plan(
@@ -211,10 +222,10 @@ def read_plan(
     )
 
 
-def _drawn(rng: np.random.Generator, offset: float) -> Place:
+def _drawn(rng: np.random.Generator, first_contact: float) -> Place:
     """Draw a target that is neither near the first contact nor under the robot."""
     while True:
         x, y = rng.uniform(-FIELD, FIELD, 2).tolist()
         under = CHASSIS[0] <= x <= 0.0 and abs(y) <= CHASSIS[1]
-        if np.hypot(x, y - offset) >= NEAREST and not under:
+        if np.hypot(x, y - first_contact) >= NEAREST and not under:
             return x, y
