@@ -39,7 +39,7 @@ class SearchParameters(Model):
     clearance: Positive
     """Back off until the place of the last contact is so far ahead of the face [m]."""
     beyond: Positive
-    """Then go ahead until the face is so far beyond that place; each round further by as much [m]."""
+    """Then go ahead until the face is so far beyond it; each round further by as much [m]."""
     shift: Positive
     """A round of tries goes straight, then by so much to one side, and to the other [m]."""
 
@@ -82,7 +82,7 @@ class PushingParameters(Model):
     """How steep the rate changes there [1/m]."""
     near: float = Field(ge=0)
     """d_th: nearer to the target than this there is no lateral motion [m]."""
-    heading_gain: float = Field(gt=0, lt=1)
+    heading_gain: float = Field(gt=0, le=1)
     """K_h; the heading's error times this is limited to below 90 degrees."""
     length: Positive
     """L, the smaller the sharper it turns [m]."""
@@ -102,6 +102,12 @@ class PushingParameters(Model):
     arrival: Positive
     """The contact has arrived when it is so near to the target [m]."""
 
+    @model_validator(mode="after")
+    def _speeds(self) -> Self:
+        if self.slowest > self.fastest:
+            raise ConfigurationError("may not be above `fastest`", "slowest")
+        return self
+
 
 _PAPER = PushingParameters(
     speed_gain=0.1,
@@ -112,7 +118,7 @@ _PAPER = PushingParameters(
     beta=0.12,
     k=60.0,
     near=0.50,
-    heading_gain=0.999,
+    heading_gain=1.0,
     length=0.2,
     fastest_turn=0.15,
     realign=RealignmentParameters(enter=0.24, leave=0.12, rate=10.0),
@@ -173,7 +179,7 @@ def _named(value: Any) -> Any:
     name = changes.pop("like", None)
     if name is None:
         return changes
-    if name not in SETS:
+    if not isinstance(name, str) or name not in SETS:
         raise ConfigurationError(f"unknown set '{name}'; {name_hint(str(name), SETS, 'sets')}")
     return {**SETS[name].model_dump(), **changes}
 

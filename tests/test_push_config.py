@@ -43,7 +43,7 @@ def test_a_period_is_whole_steps(steps: int) -> None:
 
 
 def test_a_target_is_a_metre_within_the_field() -> None:
-    assert config(target=(5.0, -5.0)).target == (5.0, -5.0)
+    assert config(target=(3.0, -4.0)).target == (3.0, -4.0)
     assert config(target=(6.0, 0.0), furthest=7.0).target == (6.0, 0.0)
 
 
@@ -77,3 +77,9 @@ def test_a_push_needs_a_target() -> None:
     fields: dict[str, Any] = {"offset": 0.1}
     with pytest.raises(ConfigurationError, match="^target: this field is required$"):
         PushConfig(**fields)
+
+
+def test_a_target_so_far_that_no_object_gets_there_is_refused() -> None:
+    with pytest.raises(ConfigurationError, match=r"target: \(4.9, 4.9\) is out of reach"):
+        config(target=(4.9, 4.9))
+    assert config(target=(3.0, -3.0)).target == (3.0, -3.0)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from gymnasium.utils.env_checker import check_env
 
-from contactfusion.errors import ConfigurationError
+from contactfusion.errors import ConfigurationError, InvalidReadingError
 from contactfusion.readings import Odometry, TactileImage
 from contactfusion.simulation.push_config import PushConfig
 from contactfusion.simulation.push_env import FASTEST, Observation, PushEnv
@@ -124,7 +124,7 @@ def test_without_contact_there_is_no_reward_and_no_arrival() -> None:
 
 
 @pytest.mark.parametrize(
-    ("fields", "cycles"), [({"longest": 0.5}, 5), ({"furthest": 1.5, "gap": 0.0}, 65)]
+    ("fields", "cycles"), [({"longest": 0.5}, 5), ({"furthest": 1.7, "gap": 0.0}, 75)]
 )
 def test_a_push_is_truncated_by_time_and_by_distance(fields: dict[str, Any], cycles: int) -> None:
     one = env(target=(-0.5, 0.4), **fields)
@@ -156,3 +156,10 @@ def test_options_change_one_push_only() -> None:
 def test_an_option_that_is_wrong_is_told(options: dict[str, Any], problem: str) -> None:
     with pytest.raises(ConfigurationError, match=problem):
         env().reset(seed=0, options=options)
+
+
+def test_a_twist_that_is_not_finite_is_refused() -> None:
+    one = env()
+    one.reset(seed=0)
+    with pytest.raises(InvalidReadingError, match="an action is a finite twist"):
+        one.step(np.array([0.1, np.nan, 0.0]))

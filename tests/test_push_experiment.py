@@ -19,7 +19,7 @@ from contactfusion.controllers.pushing_parameters import SETS
 from contactfusion.errors import ConfigurationError, ContactFusionError, RobotError
 from contactfusion.experiments.push import experiment
 from contactfusion.experiments.push.experiment import Options, run_push
-from contactfusion.experiments.push.plan import Plan, read_plan
+from contactfusion.experiments.push.plan import Plan, Push, read_plan
 from contactfusion.experiments.push.steering import controller_options
 from contactfusion.experiments.push.targets import GRID, NAMED, Targets, read_targets
 from contactfusion.experiments.push.trial import KINDS, load, run_trial, save
@@ -28,6 +28,7 @@ from contactfusion.robots.description import PatchOnLink
 from contactfusion.simulation.push_config import SkinConfig
 from contactfusion.simulation.push_objects import named_object, outlines, read_object
 from contactfusion.simulation.push_skin import with_taxels
+from contactfusion.simulation.push_world import PushWorld
 
 ROOT = Path(__file__).parents[1]
 CONTACTFUSION = Path(sys.executable).with_name("contactfusion")
@@ -70,6 +71,19 @@ def content(out: Path) -> dict[str, bytes]:
     """Read all results; how long it took is told apart."""
     files = [path for path in out.rglob("*") if path.is_file() and path.name != "timing.json"]
     return {str(path.relative_to(out)): path.read_bytes() for path in files}
+
+
+WALL = "<collision><geometry><mesh filename='wall.obj'/></geometry></collision>"
+
+
+def urdf_file(folder: Path, shape: str = "") -> Path:
+    """Write a URDF of one link, of 5 kg, without a collision shape unless given."""
+    (folder / "wall.obj").write_text("v 0 0 0\nv 0 1 0\nv 0 1 1\nf 1 2 3\n")
+    inertia = "<inertia ixx='1' iyy='1' izz='1' ixy='0' ixz='0' iyz='0'/>"
+    link = f"<link name='a'><inertial><mass value='5'/>{inertia}</inertial>{shape}</link>"
+    path = folder / "bare.urdf"
+    path.write_text(f"<robot name='bare'>{link}</robot>")
+    return path
 
 
 @pytest.fixture
@@ -142,10 +156,18 @@ class TestPlan:
     def test_random_targets_are_apart_from_contact_and_robot(self) -> None:
         pushes = plan(Targets("random", None, 3000), starts="random").pushes()
         places = np.array([one.target for one in pushes])
-        offsets = np.array([one.offset for one in pushes])
         assert np.abs(places).max() <= 3.0 and np.abs(places).max() > 2.95
-        assert np.hypot(places[:, 0], places[:, 1] - offsets).min() >= 0.5
         assert not ((places[:, 0] < 0) & (places[:, 0] > -0.72) & (abs(places[:, 1]) < 0.3)).any()
+        things = ["box", "nonuniform", "lshape"]
+        made = plan(Targets("random", None, 300), objects=things, starts="random")
+        checked = [made.push(thing, "mu1", number) for thing in things for number in range(5)]
+        first = [PushWorld(made.scene_of(one), made.robot).first_contact[1] for one in checked]
+        told = [made.first_contact(one.object, one.offset, one.yaw) for one in checked]
+        assert told == pytest.approx(first, abs=0.02)
+        assert np.abs(np.subtract(first, [one.offset for one in checked])).max() > 0.1
+        every = [made.first_contact(one.object, one.offset, one.yaw) for one in made.pushes()]
+        targets = np.array([one.target for one in made.pushes()])
+        assert np.hypot(targets[:, 0], targets[:, 1] - every).min() >= 0.5
 
     def test_random_starts_are_within_20_cm_and_45_degrees(self) -> None:
         pushes = plan(Targets("grid", GRID), starts="random").pushes()
@@ -187,6 +209,8 @@ class TestPlan:
             ({"objects": ["bax"]}, "did you mean 'box'"),
             ({"objects": ["box", "box"]}, "stands twice"),
             ({"frictions": ["mu3"]}, "unknown friction 'mu3'"),
+            ({"frictions": ["mu1", "mu1"]}, "'mu1' stands twice among the frictions"),
+            ({"seed": -1}, "seed: a seed is 0 or more, not -1"),
             ({"sensing": "lidar"}, "unknown sensing 'lidar'"),
             ({"starts": "odd"}, "unknown starts 'odd'"),
             ({"files": [Path("thing.urdf")]}, "no file 'thing.urdf'"),
@@ -233,6 +257,17 @@ class TestOutlines:
         low = np.min([piece.min(axis=0) for piece in pieces], axis=0)
         high = np.max([piece.max(axis=0) for piece in pieces], axis=0)
         assert low == pytest.approx([-0.06, -0.04]) and high == pytest.approx([0.06, 0.04])
+
+    @pytest.mark.parametrize(
+        ("shape", "problem"),
+        [("", "it has no collision shape"), (WALL, "a collision shape is flat seen from above")],
+    )
+    def test_a_urdf_that_cannot_be_seen_from_above_is_told(
+        self, shape: str, problem: str, tmp_path: Path
+    ) -> None:
+        path = urdf_file(tmp_path, shape)
+        with pytest.raises(RobotError, match=f"^{path}: {problem}$"):
+            outlines(read_object(path))
 
 
 class TestTrial:
@@ -308,6 +343,14 @@ class TestExperiment:
         run_push(small(target_file(tmp_path / "others.yaml", (0.45, 0.0))), out)
         assert len(content(out / "trials")) == 5
         assert held.items() < content(out / "trials").items()
+        rows = list(csv.DictReader((out / "results.csv").read_text().splitlines()))
+        assert [(row["controller"], row["trial"]) for row in rows] == [
+            ("tuned", "box-mu1-near-000"), ("tuned", "box-mu1-near-001"),
+            ("tuned", "box-mu1-others-000"),
+            ("paper", "prism-mu1-near-000"), ("paper", "prism-mu1-near-001"),
+        ]  # fmt: skip
+        summary = json.loads((out / "summary.json").read_text())
+        assert [one["against"] for one in summary["tests"]] == ["paper"]
 
     @pytest.mark.parametrize(
         ("change", "told"),
@@ -347,16 +390,43 @@ class TestExperiment:
         (tmp_path / "out" / "trials" / "tuned").mkdir(parents=True)
         with pytest.raises(ConfigurationError, match=r"no settings\.json"):
             run_push(small(targets), tmp_path / "out")
-        (tmp_path / "out" / "settings.json").write_text("[]")
-        with pytest.raises(ConfigurationError, match="damaged"):
-            run_push(small(targets), tmp_path / "out")
+        for text in ("[]", "{"):
+            (tmp_path / "out" / "settings.json").write_text(text)
+            with pytest.raises(ConfigurationError, match="damaged"):
+                run_push(small(targets), tmp_path / "out")
+
+    @pytest.mark.parametrize(
+        ("name", "text", "problem"),
+        [
+            ("settings.json", '{"seed": 5, "objects": {}}', "holds another experiment"),
+            ("settings.json", '{"seed": 5, "trials": 60, "sets": {}}', "holds another experiment"),
+            ("notes.txt", "mine", r"holds files, but no settings\.json"),
+        ],
+    )
+    def test_the_folder_of_somebody_else_is_refused_and_left_as_it_is(
+        self, name: str, text: str, problem: str, targets: str, tmp_path: Path,
+        monkeypatch: pytest.MonkeyPatch,
+    ) -> None:  # fmt: skip
+        out = tmp_path / "out"
+        out.mkdir()
+        (out / name).write_text(text)
+        monkeypatch.setattr(experiment, "_check", lambda *_: pytest.fail("set up a world"))
+        with pytest.raises(ConfigurationError, match=problem) as caught:
+            run_push(small(targets), out)
+        assert "remove" not in str(caught.value)
+        assert content(out) == {name: text.encode()} and len(list(out.iterdir())) == 1
+
+    def test_other_experiments_may_lie_in_folders_below(self, targets: str, tmp_path: Path) -> None:
+        run_push(small(targets), tmp_path / "out" / "first")
+        run_push(small(targets), tmp_path / "out")
+        assert (tmp_path / "out" / "table.md").is_file()
 
     def test_a_push_whose_process_dies_twice_is_told_and_the_others_are_kept(
         self, targets: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
         capsys: pytest.CaptureFixture[str],
     ) -> None:  # fmt: skip
         def each(make: Any, tasks: Sequence[Any], workers: int) -> Iterator[tuple[Any, Any]]:
-            dies = tasks[0] if isinstance(tasks[0], tuple) and len(tasks) > 1 else None
+            dies = tasks[0] if len(tasks) > 1 and isinstance(tasks[0], tuple) else None
             return (
                 (one, Died("was killed by SIGSEGV") if one is dies else make(one)) for one in tasks
             )
@@ -409,6 +479,26 @@ class TestExperiment:
         with pytest.raises(ContactFusionError, match=problem):
             run_push(options, tmp_path / "out")
 
+    @pytest.mark.parametrize("to", ["grid", "random:2"])
+    def test_a_urdf_without_a_collision_shape_is_told_before_anything_is_made(
+        self, to: str, tmp_path: Path
+    ) -> None:
+        options = small(to, objects=(), files=[urdf_file(tmp_path)])
+        with pytest.raises(ContactFusionError, match=r"bare\.urdf.*collision shape") as caught:
+            run_push(options, tmp_path / "out")
+        assert "\n" not in str(caught.value) and not (tmp_path / "out").exists()
+
+    def test_whatever_a_world_raises_is_told_before_anything_is_made(
+        self, targets: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        def broken(*_: Any) -> Any:
+            raise ZeroDivisionError("oh")
+
+        monkeypatch.setattr(experiment, "PushScene", broken)
+        with pytest.raises(ConfigurationError, match=r"box to .*: ZeroDivisionError: oh"):
+            run_push(small(targets), tmp_path / "out")
+        assert not (tmp_path / "out").exists()
+
     def test_a_fault_of_no_sensor_is_told(self, targets: str, tmp_path: Path) -> None:
         path = ROOT / "examples" / "faults" / "dead_wrench.yaml"
         with pytest.raises(ConfigurationError, match="no reading of 'wrist' comes"):
@@ -420,6 +510,9 @@ class TestExperiment:
             ({"controllers": ("tunde",)}, "did you mean 'tuned'"),
             ({"controllers": ("tuned", "tuned")}, "stands twice"),
             ({"record": ("box-mu1-near-007",)}, "unknown trial 'box-mu1-near-007'"),
+            ({"frictions": ("mu1", "mu1")}, "stands twice among the frictions"),
+            ({"workers": 0}, "workers: it takes 1 worker or more, not 0"),
+            ({"seed": -1}, "a seed is 0 or more, not -1"),
         ],
     )
     def test_unknown_names_are_told(
@@ -428,15 +521,61 @@ class TestExperiment:
         with pytest.raises(ConfigurationError, match=problem):
             run_push(small(targets, **changes), tmp_path / "out")
 
-    def test_a_push_is_filmed_and_recorded(self, targets: str, tmp_path: Path) -> None:
+    def test_a_push_is_filmed_and_recorded(
+        self, targets: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    ) -> None:
         from PIL import Image
 
-        run_push(small(targets, record=("box-mu1-near-000",)), tmp_path / "out")
+        names = ("box-mu1-near-000", "tuned/box-mu1-near-000")
+        run_push(small(targets, record=names), tmp_path / "out")
+        assert capsys.readouterr().out.count("recorded: ") == 1
         folder = tmp_path / "out" / "recordings" / "tuned"
         with Image.open(folder / "box-mu1-near-000.gif") as film:
             assert film.format == "GIF"
             assert getattr(film, "n_frames", 0) > 20
         assert (folder / "box-mu1-near-000.mcap").read_bytes().startswith(b"\x89MCAP")
+
+    def test_a_push_that_was_not_made_is_not_recorded_and_its_failure_is_told(
+        self, targets: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
+        capsys: pytest.CaptureFixture[str],
+    ) -> None:  # fmt: skip
+        def fails(made: Plan, push: Push, controller: str) -> Any:
+            if push.number == 0:
+                raise RobotError("oh")
+            return run_trial(made, push, controller)
+
+        monkeypatch.setattr(experiment, "run_trial", fails)
+        monkeypatch.setattr(experiment, "record", lambda *_: pytest.fail("recorded"))
+        with pytest.raises(RobotError, match="^1 of 2 pushes were not made: .*000: oh$"):
+            run_push(small(targets, record=("box-mu1-near-000",)), tmp_path / "out")
+        assert "not recorded: tuned/box-mu1-near-000" in capsys.readouterr().out
+        assert (tmp_path / "out" / "table.md").is_file()
+
+    def test_a_recording_that_fails_is_told_after_the_results(
+        self, targets: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        def broken(*_: Any) -> Any:
+            raise ZeroDivisionError("oh")
+
+        monkeypatch.setattr(experiment, "record", broken)
+        names = ("box-mu1-near-000", "box-mu1-near-001")
+        told = "^2 of 2 recordings were not made: tuned/box-mu1-near-000: ZeroDivisionError: oh$"
+        with pytest.raises(RobotError, match=told):
+            run_push(small(targets, record=names), tmp_path / "out")
+        assert (tmp_path / "out" / "table.md").is_file()
+
+    def test_a_recording_whose_process_dies_takes_no_results_with_it(
+        self, targets: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        def each(make: Any, tasks: Sequence[Any], workers: int) -> Iterator[tuple[Any, Any]]:
+            dies = getattr(make, "func", None) is experiment._record  # pyright: ignore[reportPrivateUsage]
+            died = Died("was killed by SIGSEGV")
+            return ((one, died if dies else make(one)) for one in tasks)
+
+        monkeypatch.setattr(experiment, "each", each)
+        with pytest.raises(RobotError, match="recordings .*000: its process was killed by SIGSEGV"):
+            run_push(small(targets, record=("box-mu1-near-000",)), tmp_path / "out")
+        assert (tmp_path / "out" / "table.md").is_file()
 
 
 def test_killed_and_gone_on_with_it_gives_the_bytes_of_an_undisturbed_run(

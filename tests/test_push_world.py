@@ -353,3 +353,16 @@ def test_a_world_prints_nothing(tmp_path: Path, capfd: pytest.CaptureFixture[str
     path = written(tmp_path, link("light", '<box size="0.4 0.4 0.6"/>'))
     pushed(world(object={"shape": "urdf", "urdf": str(path)}), 2, 0.2, 0.0, 0.0)
     assert capfd.readouterr() == ("", "")
+
+
+def test_a_window_needs_a_screen(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delenv("DISPLAY", raising=False)
+    with pytest.raises(ConfigurationError, match="window: there is no screen"):
+        world(window=True)
+
+
+def test_an_object_without_a_shape_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "ghost.urdf"
+    path.write_text('<robot name="ghost"><link name="body"/></robot>')
+    with pytest.raises(RobotError, match="ghost.urdf: it has no collision shape"):
+        world(object={"shape": "urdf", "urdf": str(path)})

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import pytest
 
+from contactfusion.errors import ConfigurationError
 from contactfusion.experiments.workers import Died, each
 
 
@@ -50,3 +51,9 @@ def test_processes_end_when_nobody_wants_more(tmp_path: Path) -> None:
     results.close()  # type: ignore[attr-defined]
     with pytest.raises(ProcessLookupError):
         os.kill(int(process), 0)
+
+
+@pytest.mark.parametrize("workers", [0, -1])
+def test_without_workers_nothing_is_done_and_nobody_waits(workers: int) -> None:
+    with pytest.raises(ConfigurationError, match=f"workers: .* 1 worker or more, not {workers}"):
+        each(str, [1], workers)

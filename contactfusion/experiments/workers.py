@@ -8,6 +8,8 @@ from dataclasses import dataclass
 from multiprocessing.connection import Connection, wait
 from typing import Generic, TypeVar, final
 
+from contactfusion.errors import ConfigurationError
+
 T = TypeVar("T")
 R = TypeVar("R")
 
@@ -32,7 +34,25 @@ def each(make: Callable[[T], R], tasks: Sequence[T], workers: int) -> Iterator[t
         make: does one task; it can be pickled, as tasks and results can.
         tasks: what to do; results come in the order in which they are ready.
         workers: how many processes.
+
+    Raises:
+        ConfigurationError: there are no workers.
     """
+    require_workers(workers)
+    return _each(make, tasks, workers)
+
+
+def require_workers(workers: int) -> None:
+    """Make sure that somebody works.
+
+    Raises:
+        ConfigurationError: there are no workers.
+    """
+    if workers < 1:
+        raise ConfigurationError(f"it takes 1 worker or more, not {workers}", "workers")
+
+
+def _each(make: Callable[[T], R], tasks: Sequence[T], workers: int) -> Iterator[tuple[T, R | Died]]:
     again = []
     for task, done in _shared(make, tasks, workers):
         if isinstance(done, Died):

@@ -95,12 +95,13 @@ def add_object(bullet: Any, client: Client, config: ObjectConfig) -> Thing:
     """Add an object at the origin.
 
     Raises:
-        RobotError: PyBullet cannot load it.
+        RobotError: PyBullet cannot load it, or it has no collision shape.
         ConfigurationError: its URDF is missing or wrong.
     """
     if isinstance(config, UrdfObjectConfig):
         path = RobotConfig(urdf=config.urdf, folder=config.folder).path()
-        read_urdf(path)
+        if not any(link.collision for link in read_urdf(path).links.values()):
+            raise RobotError(f"{path}: it has no collision shape, so nothing can touch it")
         try:
             with quiet():
                 body: int = bullet.loadURDF(str(path), **client)

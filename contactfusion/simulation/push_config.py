@@ -1,5 +1,6 @@
 """A push by configuration: what is pushed, from where, to where, and how well it is felt."""
 
+import math
 from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, Field, field_validator, model_validator
@@ -59,7 +60,7 @@ class PushConfig(Model):
     """`mu1`, `mu2`, or `ground` and `robot`."""
     target: tuple[Distance, Distance]
     """Where the contact shall come to [m]."""
-    offset: float = 0.0
+    offset: float = Field(default=0.0, ge=-5, le=5)
     """How far the object stands to the left of the robot's middle [m]."""
     yaw: float = Field(default=0.0, ge=-360, le=360)
     """How the object is turned [degrees]."""
@@ -69,6 +70,8 @@ class PushConfig(Model):
     """How well the skin feels."""
     period: float = Field(default=0.1, ge=0.05, le=1)
     """Between commands, and between readings: whole steps of the physics, 1/240 s each [s]."""
+    window: bool = False
+    """Show PyBullet's window; needs a screen."""
     longest: float = Field(default=300.0, gt=0)
     """The push ends after so long [s]."""
     longest_lost: float = Field(default=150.0, gt=0)
@@ -87,7 +90,7 @@ class PushConfig(Model):
 
     @model_validator(mode="after")
     def _reachable(self) -> "PushConfig":
-        reach = max(map(abs, self.target))
+        reach = math.hypot(*self.target)
         if reach > self.furthest - 1.0:
             raise ConfigurationError(
                 f"{self.target} is out of reach: a push ends when the object is further than "

@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from contactfusion.errors import missing_extra
+from contactfusion.errors import InvalidReadingError, missing_extra
 from contactfusion.readings import Odometry, TactileImage, Twist
 from contactfusion.robots.description import RobotConfig, located, read_robot
 from contactfusion.simulation.push import BASE, PushScene
@@ -19,7 +19,7 @@ except ImportError:
 
 FASTEST = np.array([0.5, 0.5, 1.0])
 """The greatest twist: ahead, to the left [m/s], about the vertical [rad/s]."""
-FURTHEST, STRONGEST = 100.0, 1e4
+FURTHEST, STRONGEST = 1000.0, 1e4
 """Bounds of places [m] and of what a taxel reads [N]."""
 
 Observation = dict[str, NDArray[np.float64]]
@@ -95,7 +95,12 @@ class PushEnv(gymnasium.Env[Any, NDArray[np.float64]]):
 
         Returns:
             Observation, reward, terminated, truncated, `info`.
+
+        Raises:
+            InvalidReadingError: the twist is not finite.
         """
+        if not np.isfinite(action).all():
+            raise InvalidReadingError(f"an action is a finite twist, not {action!r}")
         scene, config = self._scene, self._scene.config
         ahead, aside, turn = np.clip(action, -FASTEST, FASTEST).tolist()
         scene.drive(ahead, aside, turn)

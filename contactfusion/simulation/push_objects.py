@@ -6,10 +6,10 @@ from typing import Annotated, Any, Literal, Self
 
 import numpy as np
 from pydantic import BeforeValidator, Field, model_validator
-from scipy.spatial import ConvexHull
+from scipy.spatial import ConvexHull, QhullError
 
 from contactfusion.arrays import FloatArray
-from contactfusion.errors import ConfigurationError, name_hint
+from contactfusion.errors import ConfigurationError, RobotError, name_hint
 from contactfusion.files import require_file
 from contactfusion.frames import points_in
 from contactfusion.model import Model, rooted
@@ -17,6 +17,7 @@ from contactfusion.robots.description import RobotConfig
 from contactfusion.yaml_files import read_yaml
 
 Length = Annotated[float, Field(gt=0, le=10)]
+Place = Annotated[float, Field(ge=-5, le=5)]
 Mass = Annotated[float, Field(gt=0)]
 ROUND = 48
 """So many corners make up the outline of what is round."""
@@ -137,7 +138,7 @@ class PieceConfig(Model):
 
     piece: "BoxConfig | CylinderConfig | PrismConfig | LShapeConfig" = Field(discriminator="shape")
     """What it is."""
-    at: tuple[float, float] = (0.0, 0.0)
+    at: tuple[Place, Place] = (0.0, 0.0)
     """The middle of the piece in the object's frame [m]."""
     yaw: float = 0.0
     """How it is turned [degrees]."""
@@ -267,7 +268,7 @@ def outlines(config: "ObjectConfig") -> list[FloatArray]:
         Each of shape (n, 2) [m], counterclockwise, in the object's frame.
 
     Raises:
-        RobotError: a URDF cannot be read.
+        RobotError: a URDF cannot be read, has no collision shape, or one that is flat.
     """
     if not isinstance(config, UrdfObjectConfig):
         return [part.outline for part in config.parts()]
@@ -275,11 +276,17 @@ def outlines(config: "ObjectConfig") -> list[FloatArray]:
 
     model = RobotModel(RobotConfig(urdf=config.urdf, folder=config.folder))
     poses = model.poses_at(np.zeros(len(model.joint_names)))
-    return [
-        _hull(points_in(poses[link], vertices)[:, :2])
-        for link, solid in model.solids.items()
-        for vertices, _ in solid.meshes
-    ]
+    try:
+        found = [
+            _hull(points_in(poses[link], vertices)[:, :2])
+            for link, solid in model.solids.items()
+            for vertices, _ in solid.meshes
+        ]
+    except QhullError:
+        raise RobotError(f"{model.urdf.path}: a collision shape is flat seen from above") from None
+    if not found:
+        raise RobotError(f"{model.urdf.path}: it has no collision shape")
+    return found
 
 
 def _hull(points: FloatArray) -> FloatArray:

@@ -1,6 +1,7 @@
 """The physics of a push: a base that is driven, an object on the floor, and what touches where."""
 
 import math
+import os
 import weakref
 from dataclasses import dataclass
 from typing import Any
@@ -62,7 +63,8 @@ class PushWorld:
     Raises:
         DependencyError: pybullet is not installed.
         RobotError: PyBullet cannot load the base or the object.
-        ConfigurationError: the object is too heavy, or does not stand before the robot's front.
+        ConfigurationError: the object is too heavy, or does not stand before the robot's front; or
+            there is no screen for a window.
     """
 
     def __init__(self, config: PushConfig, robot: RobotConfig) -> None:
@@ -73,8 +75,12 @@ class PushWorld:
             raise missing_extra("pybullet", "sim") from None
         self.config = config
         self._bullet: Any = pybullet
+        if config.window and not os.environ.get("DISPLAY"):  # PyBullet would end the process
+            raise ConfigurationError(
+                "there is no screen to show it on: DISPLAY is not set", "window"
+            )
         with quiet():
-            client = pybullet.connect(pybullet.DIRECT)
+            client = pybullet.connect(pybullet.GUI if config.window else pybullet.DIRECT)
         self._client = {"physicsClientId": client}
         weakref.finalize(self, pybullet.disconnect, client)
         pybullet.setPhysicsEngineParameter(
@@ -182,10 +188,10 @@ class PushWorld:
         ahead, gap, near = FAR, FAR, (FAR, 0.0)
         for _ in range(ADVANCES):
             self._put(ahead, config.offset, yaw)
-            point = min(
-                self._bullet.getClosestPoints(self._base, self._object, 2.0 * FAR, **self._client),
-                key=lambda point: float(point[8]),
+            found = self._bullet.getClosestPoints(
+                self._base, self._object, 4.0 * FAR, **self._client
             )
+            point = min(found, key=lambda point: float(point[8]))
             gap, near = float(point[8]), point[6]
             if gap < CLOSE or near[0] < -BESIDE:
                 break

@@ -64,7 +64,7 @@ def pushed(
             pipeline.receive(reading)
         step, truth = pipeline.step(scene.stamp), scene.truth()
         twist = _twist(step)
-        lost += config.period * (truth.kind == "none")
+        lost += config.period * (truth.kind == "none" and scene.stamp > 0.0)
         ending = None
         if step.command is not None and step.command.mode == ARRIVED:
             ending = Ending.ARRIVED

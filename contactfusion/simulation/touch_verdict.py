@@ -37,7 +37,7 @@ def touch_verdict(touching: Touching, root: str, pipeline: Pipeline, last: Step)
     return Verdict(told, tuple(compared(truth, last.fusion.contacts)))
 
 
-def compared(truth: "Touching", contacts: Sequence[Contact]) -> Iterator[str]:
+def compared(truth: Touching, contacts: Sequence[Contact]) -> Iterator[str]:
     """Say what really happened, and how near contacts came; one sentence for each true contact.
 
     Args:

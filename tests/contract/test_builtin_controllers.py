@@ -273,5 +273,6 @@ def test_the_controller_of_the_page_pushes() -> None:
     exec(compile(code, str(PAGE), "exec"), module)
     cls = module["contactfusion_controllers"]()["hopeful"]
     one = cls(cls.Config(target=(1.0, 0.0)))
-    modes = [one.decide(touched(0.0, 0.0), (x, 0.0, 0.0), 0.0).mode for x in (0.0, 0.66)]
+    place = touched(0.0, 0.0)
+    modes = [one.decide(place, (x, 0.0, 0.0), 0.0, 0.0).mode for x in (0.0, 0.66)]
     assert modes == ["push", ARRIVED]

@@ -3,7 +3,7 @@
 import json
 import sys
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -16,8 +16,9 @@ from contactfusion.experiments.push.plan import Plan, Push, read_plan
 from contactfusion.experiments.push.recorded import record
 from contactfusion.experiments.push.steering import controller_options
 from contactfusion.experiments.push.targets import read_targets
+from contactfusion.experiments.push.things import require_once
 from contactfusion.experiments.push.trial import Cost, run_trial, save
-from contactfusion.experiments.workers import Died, each
+from contactfusion.experiments.workers import Died, each, require_workers
 from contactfusion.fault_config import read_faults
 from contactfusion.files import make_folder, write_whole
 from contactfusion.pipeline import Pipeline
@@ -76,10 +77,10 @@ def run_push(options: Options, out: Path) -> None:
 
     Raises:
         ConfigurationError: an option is wrong, or `out` holds pushes of other options.
-        RobotError: a push could not be made; the others are kept.
+        RobotError: a push or a recording could not be made; the others are kept.
     """
-    if twice := next((n for n in options.controllers if options.controllers.count(n) > 1), None):
-        raise ConfigurationError(f"'{twice}' stands twice among the controllers")
+    require_once(options.controllers, "controllers")
+    require_workers(options.workers)
     plan = read_plan(
         options.sensing,
         options.objects,
@@ -94,22 +95,31 @@ def run_push(options: Options, out: Path) -> None:
     )
     for name in options.controllers:
         controller_options(name, (0.0, 0.0), plan.face)
-    tasks = [(name, push) for name in options.controllers for push in plan.pushes()]
-    recorded = [_recorded(name, tasks) for name in options.record]
+    pushes = plan.pushes()
+    tasks = [(name, push) for name in options.controllers for push in pushes]
+    recorded = list(dict.fromkeys(_recorded(name, tasks) for name in options.record))
+    settings = plan.settings(options.controllers)
+    _joined(settings, out)
     missing = [task for task in tasks if not trial_file(out, *task).is_file()]
     if missing:
         _check(plan, tasks[0][0])
-    make_folder(out / "trials")
-    _require_settings(plan.settings(options.controllers), out)
+    make_folder(out)
+    settings = _joined(settings, out)
+    write_whole(out / "settings.json", json.dumps(settings, indent=1) + "\n")
     print(f"{len(tasks)} pushes; {len(missing)} to make", flush=True)
     failed = _push_all(plan, missing, options.workers, out)
-    made = [(task, path) for task in tasks if (path := trial_file(out, *task)).is_file()]
-    if made:
-        evaluate(plan, options.controllers, [path for _, path in made], failed, out)
-    for controller, push in recorded:
-        record(plan, push, controller, out / "recordings" / controller)
+    if any(list((out / "trials" / name).glob("*.npz")) for name in settings["controllers"]):
+        evaluate(plan, settings, failed, out)
+    unrecorded = _record_all(plan, recorded, out)
+    problems = []
     if failed:
-        raise RobotError(f"{len(failed)} of {len(tasks)} pushes were not made: {failed[0]}")
+        problems.append(f"{len(failed)} of {len(tasks)} pushes were not made: {failed[0]}")
+    if unrecorded:
+        problems.append(
+            f"{len(unrecorded)} of {len(recorded)} recordings were not made: {unrecorded[0]}"
+        )
+    if problems:
+        raise RobotError("; ".join(problems))
 
 
 def trial_file(out: Path, controller: str, push: Push) -> Path:
@@ -124,8 +134,7 @@ def _push_all(plan: Plan, missing: Sequence[Task], workers: int, out: Path) -> l
         if isinstance(made, Cost):
             costs.append(made)
         else:
-            how = f"its process {made.how}, twice" if isinstance(made, Died) else made
-            failed.append(f"{task[0]}/{task[1].name}: {how}")
+            failed.append(_failure(task, made))
         if sys.stderr.isatty() or done % 50 == 0:
             left = (time.monotonic() - start) / done * (len(missing) - done)
             end = "\r" if sys.stderr.isatty() else "\n"
@@ -146,6 +155,38 @@ def _make(plan: Plan, out: Path, task: Task) -> Cost | str:
     except Exception as error:  # a plug-in may raise anything, and no other push may suffer
         return f"{type(error).__name__}: {error}"
     return cost
+
+
+def _failure(task: Task, told: Died | str) -> str:
+    how = f"its process {told.how}, twice" if isinstance(told, Died) else told
+    return f"{task[0]}/{task[1].name}: {how}"
+
+
+def _record_all(plan: Plan, recorded: Sequence[Task], out: Path) -> list[str]:
+    """Make recordings of pushes that were made; give a sentence for each that fails."""
+    failed, tasks = [], []
+    for task in recorded:
+        if trial_file(out, *task).is_file():
+            tasks.append(task)
+        else:
+            print(f"not recorded: {task[0]}/{task[1].name}, which was not made")
+    for task, made in each(partial(_record, plan, out), tasks, 1):
+        if isinstance(made, tuple):
+            print(f"recorded: {made[0]} and {made[1]}")
+        else:
+            failed.append(_failure(task, made))
+    return failed
+
+
+def _record(plan: Plan, out: Path, task: Task) -> tuple[Path, Path] | str:
+    """Film and record one push; give both files, or why it failed."""
+    controller, push = task
+    try:
+        return record(plan, push, controller, out / "recordings" / controller)
+    except ContactFusionError as error:
+        return str(error)
+    except Exception as error:  # a plug-in may raise anything, and what there is must be told
+        return f"{type(error).__name__}: {error}"
 
 
 def _check(plan: Plan, controller: str) -> None:
@@ -173,6 +214,8 @@ def _problem(plan: Plan, controller: str, push: Push) -> str:
         Pipeline(plan.pipeline_of(push, controller))
     except ContactFusionError as error:
         return str(error)
+    except Exception as error:  # as in `_make`
+        return f"{type(error).__name__}: {error}"
     sensors = [reading.sensor for reading in readings]
     for row, fault in enumerate(plan.pipeline.faults):
         if not any(fault.meets(reading) for reading in readings):
@@ -194,29 +237,38 @@ def _recorded(told: str, tasks: Sequence[Task]) -> Task:
     return names[name]
 
 
-def _require_settings(settings: dict[str, Any], out: Path) -> None:
-    """Make sure that a folder holds pushes of these settings only; some may be added.
+def _joined(settings: Mapping[str, Any], out: Path) -> dict[str, Any]:
+    """Add settings to those of a folder; change nothing in it.
 
     Raises:
-        ConfigurationError: it holds pushes of others, or of nobody knows what.
+        ConfigurationError: it holds pushes of others, another experiment, or nobody knows what.
     """
-    path, remedy = out / "settings.json", "give another --out, or remove it"
-    if path.is_file():
-        try:
-            held = json.loads(path.read_text())
-            fixed = {name: one for name, one in held.items() if name not in ADDABLE}
-            other = [name for name in fixed if fixed[name] != settings[name]]
-            for group in ADDABLE:
-                added = {**held[group], **settings[group]}
-                changed = [name for name in held[group] if added[name] != held[group][name]]
-                other += [f"{group} '{name}'" for name in changed]
-                settings[group] = added
-            strange = held.keys() != settings.keys()
-        except (ValueError, KeyError, TypeError, AttributeError):
-            raise ConfigurationError(f"{path} is damaged: {remedy}") from None
-        if other or strange:
-            others = " and ".join(other) or "settings"
-            raise ConfigurationError(f"{out} holds pushes of other {others}: {remedy}")
-    elif any((out / "trials").iterdir()):
-        raise ConfigurationError(f"{out} holds pushes, but no settings.json: {remedy}")
-    write_whole(path, json.dumps(settings, indent=1) + "\n")
+    path, joined = out / "settings.json", dict(settings)
+    remedy = "give another --out, or remove it"
+    if not path.is_file():
+        if out.is_dir() and any(map(_is_held, out.iterdir())):
+            raise ConfigurationError(f"{out} holds files, but no settings.json: give another --out")
+        return joined
+    try:
+        held = json.loads(path.read_text())
+    except ValueError:
+        held = None
+    if not isinstance(held, dict):
+        raise ConfigurationError(f"{path} is damaged: {remedy}")
+    if held.keys() != settings.keys():
+        raise ConfigurationError(f"{out} holds another experiment: give another --out")
+    other = [name for name in settings if name not in ADDABLE and held[name] != settings[name]]
+    for group in ADDABLE:
+        if not isinstance(held[group], dict):
+            raise ConfigurationError(f"{path} is damaged: {remedy}")
+        joined[group] = {**held[group], **settings[group]}
+        changed = [name for name in held[group] if joined[group][name] != held[group][name]]
+        other += [f"{group} '{name}'" for name in changed]
+    if other:
+        raise ConfigurationError(f"{out} holds pushes of other {' and '.join(other)}: {remedy}")
+    return joined
+
+
+def _is_held(path: Path) -> bool:
+    """Say whether what lies in a folder is somebody's: other folders may hold other experiments."""
+    return path.name == "trials" or (path.is_file() and not path.name.startswith("."))

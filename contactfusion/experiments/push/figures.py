@@ -11,6 +11,7 @@ import numpy as np
 from contactfusion.arrays import FloatArray
 from contactfusion.experiments.push.comparisons import Comparison
 from contactfusion.experiments.push.outcomes import Outcome
+from contactfusion.experiments.push.plan import CHASSIS
 from contactfusion.experiments.push.trial import Track
 from contactfusion.figures import COLOURS, new_figure
 from contactfusion.files import write_whole
@@ -19,10 +20,10 @@ STRIDE = 5
 """Ways are drawn through every so many cycles."""
 LARGE = 40
 """Up to so many targets of a panel are drawn large."""
-REACH = 3.4
-"""Panels show at least this part of the floor [m]."""
-CHASSIS = np.array([[-0.72, -0.3], [0.0, -0.3], [0.0, 0.3], [-0.72, 0.3]])
-"""The robot at the start [m]."""
+REACH = (2.9, 3.4)
+"""Panels show at least this part of the floor: while targets are near, and else [m]."""
+FAR = 2.6
+"""Up to here targets are near [m]."""
 TRUE, DECLARED, FAILED = COLOURS[2], COLOURS[4], COLOURS[1]
 FRICTIONS = {"mu1": "µ1", "mu2": "µ2"}
 BARS: dict[str, tuple[str, float]] = {
@@ -71,7 +72,7 @@ def draw_map(outcomes: Sequence[Outcome], path: Path) -> Path:
         for number, friction in enumerate(frictions):
             shift = (number - (len(frictions) - 1) / 2.0) * 0.3 * large
             _mark([one for one in here if one.friction == friction], axes, shift, large, number)
-        _floor(axes, here)
+        _floor(axes, outcomes)
         won = sum(one.success_true for one in here)
         axes.set_title(f"{thing}: {won} of {len(here)} true successes")
     title = f"{outcomes[0].controller}; numbers: least true distance without true success [cm]"
@@ -106,7 +107,7 @@ def draw_ways(ways: Sequence[Way], path: Path) -> Path:
                 axes.plot(*way.object.T, color=colour, linewidth=0.9, zorder=2, alpha=0.8)
                 target = way.outcome.target_x, way.outcome.target_y
                 axes.plot(*target, "+", color=colour, markersize=7.0, zorder=3)
-            _floor(axes, [way.outcome for way in here])
+            _floor(axes, [way.outcome for way in ways])
             axes.set_title(f"{thing} {FRICTIONS.get(friction, friction)}")
     handles = [
         Line2D([], [], color=COLOURS[0], label="object, true success"),
@@ -206,11 +207,14 @@ def _dress(figure: Any, title: str, handles: Sequence[Any]) -> None:
 
 
 def _floor(axes: Any, outcomes: Sequence[Outcome]) -> None:
-    from matplotlib.patches import Polygon
+    """Draw robot and axes; every panel shows as much, for all outcomes, also one that has none."""
+    from matplotlib.patches import Rectangle
 
-    axes.add_patch(Polygon(CHASSIS, facecolor="#dddddd", edgecolor="#777777", zorder=0))
-    targets = np.array([(one.target_x, one.target_y) for one in outcomes])
-    reach = max(REACH if np.abs(targets).max() > 2.6 else 2.9, float(np.abs(targets).max()) + 0.3)
+    corner, (length, width) = (-CHASSIS[0], -CHASSIS[1] / 2.0), CHASSIS
+    robot = Rectangle(corner, length, width, facecolor="#dddddd", edgecolor="#777777", zorder=0)
+    axes.add_patch(robot)
+    furthest = max((max(abs(one.target_x), abs(one.target_y)) for one in outcomes), default=0.0)
+    reach = max(REACH[furthest > FAR], furthest + 0.3)
     axes.set(xlim=(-reach, reach), ylim=(-reach, reach), aspect="equal")
     axes.set_xlabel("x [m]", fontsize=8)
     axes.set_ylabel("y [m]", fontsize=8)

@@ -78,7 +78,7 @@ class Outcome:
 
 
 def outcome(track: Track, sensing: str) -> Outcome:
-    """Measure a push.
+    """Measure a push; its first row is before any cycle, and has no part in shares and durations.
 
     Args:
         track: of it.
@@ -109,12 +109,12 @@ def outcome(track: Track, sensing: str) -> Outcome:
         lateral_true=_mean(np.abs(track.contact[:, 1])),
         lateral_estimate=_mean(np.abs(track.lateral)),
         swept=swept(track),
-        without_contact=float((track.kind == 0).sum() * track.period),
-        type_accuracy=float((track.kind == track.estimate).mean()),
+        without_contact=float((track.kind[1:] == 0).sum() * track.period),
+        type_accuracy=_share((track.kind == track.estimate)[1:]),
         location_rmse=float(np.sqrt((errors**2).mean())) if len(errors) else np.nan,
         searches=beginnings(track, "search"),
         escapes=beginnings(track, "escape"),
-        realigning=float(_in_mode(track, "realign").mean()),
+        realigning=_share(_in_mode(track, "realign")[1:]),
         cause=cause(track),
     )
 
@@ -153,6 +153,10 @@ def results_csv(outcomes: Sequence[Outcome]) -> str:
 
 def _in_mode(track: Track, mode: str) -> NDArray[np.bool_]:
     return np.array([name == mode for name in track.modes])[track.mode]
+
+
+def _share(cycles: NDArray[np.bool_]) -> float:
+    return float(cycles.mean()) if len(cycles) else np.nan
 
 
 def _mean(values: FloatArray) -> float:

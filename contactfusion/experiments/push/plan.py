@@ -3,16 +3,24 @@
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 from zlib import crc32
 
 import numpy as np
 
+from contactfusion.arrays import FloatArray
 from contactfusion.controllers.face import FaceConfig
+from contactfusion.errors import ConfigurationError
 from contactfusion.experiments.push.steering import controller_options, controller_settings
 from contactfusion.experiments.push.targets import Place, Targets
-from contactfusion.experiments.push.things import object_settings, objects_of, require_known
+from contactfusion.experiments.push.things import (
+    object_settings,
+    objects_of,
+    require_known,
+    require_once,
+)
 from contactfusion.pipeline_config import PipelineConfig
 from contactfusion.robots.description import RobotConfig
 from contactfusion.simulation.push_config import PushConfig, SkinConfig
@@ -28,15 +36,17 @@ OFFSET, YAW = 0.2, 45.0
 FIELD, NEAREST = 3.0, 0.5
 """Random targets are drawn within this of the origin along x and y, further than this from the
 first contact [m]."""
-CHASSIS = (-0.75, 0.33)
-"""Nor are they drawn under the robot: between x = 0 and this x, and |y| up to this [m]."""
+CHASSIS = (0.72, 0.60)
+"""The robot's length and width; at the start its front stands at x = 0 [m]."""
+CLEARANCE = 0.03
+"""Nor are they drawn under the robot, or so near behind or beside it [m]."""
 FLAT = 1e-6
 """Corners so far behind the foremost are as far ahead [m]."""
 BLUR = 2.5
 """One point may seem as wide as so many taxels."""
 REST: Any = {"folder": True, "faults": True, "robot": {"folder"}, "controller": True, "seed": True}
 """Of a pipeline, what does not change a trial, or is told apart."""
-TRIALS = 1
+TRIALS = 2
 """Counts up when trials change, so that old ones are not taken for new."""
 
 
@@ -101,7 +111,7 @@ class Plan:
         pairs = [(thing, friction) for thing in self.objects for friction in self.frictions]
         places, trials = self.targets.places, self.targets.trials
         return [
-            self._push(*pair, number)
+            self.push(*pair, number)
             for row, pair in enumerate(pairs)
             for number in range(len(places) if places else -(-(trials - row) // len(pairs)))
         ]
@@ -148,7 +158,17 @@ class Plan:
         settings: dict[str, Any] = json.loads(json.dumps(told, default=str))
         return settings
 
-    def _push(self, thing: str, friction: str, number: int) -> Push:
+    def push(self, thing: str, friction: str, number: int) -> Push:
+        """Give one push; of others nothing changes it.
+
+        Args:
+            thing: the name of the object.
+            friction: its name.
+            number: within the set of targets.
+
+        Raises:
+            RobotError: the target is drawn, and the object is a URDF that cannot be seen.
+        """
         entropy = [self.seed, crc32(thing.encode()), crc32(friction.encode()), number]
         sequence = np.random.SeedSequence(entropy)
         rng = np.random.default_rng(sequence)
@@ -156,18 +176,31 @@ class Plan:
         if self.starts == "nominal":
             offset, yaw = 0.0, 0.0
         places = self.targets.places
-        target = places[number] if places else _drawn(rng, self._first_contact(thing, offset, yaw))
+        target = places[number] if places else _drawn(rng, self.first_contact(thing, offset, yaw))
         seed = int(sequence.generate_state(1)[0])
         return Push(thing, friction, self.targets.name, number, target, offset, yaw, seed)
 
+    def first_contact(self, thing: str, offset: float, yaw: float) -> float:
+        """Give how far to the left of the robot's middle an object is touched first [m].
 
-    def _first_contact(self, thing: str, offset: float, yaw: float) -> float:
-        """Give how far to the left of the robot's middle an object is touched first [m]."""
-        corners = np.concatenate(outlines(self.objects[thing]))
+        Args:
+            thing: the name of the object.
+            offset: of the object to the left [m].
+            yaw: of the object [degrees].
+
+        Raises:
+            RobotError: it is a URDF that cannot be seen.
+        """
+        corners = self._corners[thing]
         cos, sin = np.cos(np.radians(yaw)), np.sin(np.radians(yaw))
         x, y = cos * corners[:, 0] - sin * corners[:, 1], sin * corners[:, 0] + cos * corners[:, 1]
         foremost = float(y[x < x.min() + FLAT].mean()) + offset
         return float(np.clip(foremost, -self.face.half_width, self.face.half_width))
+
+    @cached_property
+    def _corners(self) -> dict[str, FloatArray]:
+        """Of each object seen from above, shape (n, 2) [m]: slow to find for a URDF."""
+        return {name: np.concatenate(outlines(one)) for name, one in self.objects.items()}
 
 
 def read_plan(
@@ -197,12 +230,16 @@ def read_plan(
         seed: of all chance.
 
     Raises:
-        ConfigurationError: a name is unknown or stands twice, or a file holds no object.
+        ConfigurationError: a name is unknown or stands twice, a file holds no object, or the seed
+            is less than 0.
     """
+    if seed < 0:
+        raise ConfigurationError(f"a seed is 0 or more, not {seed}", "seed")
     require_known([sensing], SENSINGS, "sensing", "sensings")
     require_known([starts], STARTS, "starts", "starts")
     frictions = frictions or list(FRICTIONS)
     require_known(frictions, FRICTIONS, "friction", "frictions")
+    require_once(frictions, "frictions")
     path = SENSINGS[sensing]
     pipeline = PipelineConfig(**{"folder": path.parent, **read_yaml(path)})
     assert pipeline.robot is not None
@@ -226,6 +263,7 @@ def _drawn(rng: np.random.Generator, first_contact: float) -> Place:
     """Draw a target that is neither near the first contact nor under the robot."""
     while True:
         x, y = rng.uniform(-FIELD, FIELD, 2).tolist()
-        under = CHASSIS[0] <= x <= 0.0 and abs(y) <= CHASSIS[1]
+        length, width = CHASSIS
+        under = -length - CLEARANCE <= x <= 0.0 and abs(y) <= width / 2.0 + CLEARANCE
         if np.hypot(x, y - first_contact) >= NEAREST and not under:
             return x, y

@@ -20,17 +20,20 @@ TRUTH = "truth"
 """Topics of what no sensor tells begin with this."""
 
 
-def record(plan: Plan, push: Push, controller: str, folder: Path) -> None:
+def record(plan: Plan, push: Push, controller: str, folder: Path) -> tuple[Path, Path]:
     """Push once more; write NAME.gif and NAME.mcap.
 
-    The recording holds what the sensors read, contacts and commands, and under "truth" the pose of
-    the object in `odom`.
+    The recording holds what the sensors read, before any faults, contacts and commands, and under
+    "truth" the pose of the object in `odom`.
 
     Args:
         plan: the experiment.
         push: which.
         controller: by name.
         folder: the folder that takes both.
+
+    Returns:
+        The film and the recording.
 
     Raises:
         DependencyError: rosbags or matplotlib is not installed.
@@ -45,9 +48,8 @@ def record(plan: Plan, push: Push, controller: str, folder: Path) -> None:
             writer.step(cycle.step)
     track = track_of(plan, push, controller, cycles)
     reasons = [cycle.step.command.reason if cycle.step.command else "" for cycle in cycles]
-    shapes = Shapes(_chassis(plan), outlines(plan.objects[push.object]), plan.face)
-    animation = film(track, reasons, shapes, folder / f"{push.name}.gif")
-    print(f"recorded: {animation} and {recording}")
+    shapes = Shapes(chassis(plan), outlines(plan.objects[push.object]), plan.face)
+    return film(track, reasons, shapes, folder / f"{push.name}.gif"), recording
 
 
 def _object(push: Push, truth: PushTruth) -> ObjectPose:
@@ -62,7 +64,7 @@ def _object(push: Push, truth: PushTruth) -> ObjectPose:
     )
 
 
-def _chassis(plan: Plan) -> FloatArray:
+def chassis(plan: Plan) -> FloatArray:
     """Give the corners of the robot seen from above, shape (4, 2) [m]."""
     urdf = read_urdf(plan.robot.path(), plan.robot.package_folders())
     box = next(

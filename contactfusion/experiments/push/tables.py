@@ -67,17 +67,18 @@ def summary_of(outcomes: Sequence[Outcome], seed: int) -> dict[str, Any]:
     return {name: _summary(name, part, seed) for name, part in parts.items()}
 
 
-def success_text(found: Mapping[str, Sequence[Outcome]], targets: str) -> str:
+def success_text(found: Mapping[str, Sequence[Outcome]], targets: str, starts: str) -> str:
     """Give the paper's table as Markdown, with three rows a controller.
 
     Args:
         found: outcomes by controller.
-        targets: the name of the set; beside the `grid` stands the paper's row.
+        targets: the name of the set.
+        starts: "nominal" or "random"; beside the `grid` from nominal starts stands the paper's row.
     """
     groups = groups_of([one for outcomes in found.values() for one in outcomes])
     headings = [f"{thing} {friction.replace('mu', 'µ')}" for thing, friction in groups]
     lines = [_line(["", *headings, "all"]), "|" + "---|" * (len(groups) + 2)]
-    if targets == "grid" and set(groups) <= set(PAPER):
+    if targets == "grid" and starts == "nominal" and set(groups) <= set(PAPER):
         theirs = [PAPER[group] for group in groups]
         cells = [f"{one}/{EACH}" for one in theirs]
         whole = _share(sum(theirs), EACH * len(theirs))
@@ -89,7 +90,7 @@ def success_text(found: Mapping[str, Sequence[Outcome]], targets: str) -> str:
                 hits = [
                     getattr(one, success) for one in outcomes if (one.object, one.friction) == group
                 ]
-                cells.append(f"{sum(hits)}/{len(hits)}")
+                cells.append(f"{sum(hits)}/{len(hits)}" if hits else "-")
             won = np.array([getattr(one, success) for one in outcomes])
             _, low, high = proportion(won)
             interval = f" [{low * 100:.1f}, {high * 100:.1f}]"

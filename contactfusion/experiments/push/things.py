@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from contactfusion.errors import ConfigurationError, name_hint
+from contactfusion.robots.description import RobotConfig
 from contactfusion.simulation.push_objects import (
     OTHERS,
     PAPER,
@@ -29,8 +30,7 @@ def objects_of(names: Sequence[str], files: Sequence[Path]) -> dict[str, ObjectC
     known = {**PAPER, **OTHERS}
     names = names or ([] if files else list(PAPER))
     require_known(names, known, "object", "objects")
-    if twice := next((name for name in names if names.count(name) > 1), None):
-        raise ConfigurationError(f"'{twice}' stands twice among the objects")
+    require_once(names, "objects")
     objects = {name: named_object(name) for name in names}
     for path in files:
         if path.stem in {*known, *objects}:
@@ -43,7 +43,7 @@ def object_settings(thing: ObjectConfig) -> Any:
     """Give what makes up an object; of a file what is in it."""
     if not isinstance(thing, UrdfObjectConfig):
         return thing.model_dump(mode="json")
-    content = Path(thing.urdf).read_bytes()
+    content = RobotConfig(urdf=thing.urdf, folder=thing.folder).path().read_bytes()
     return {"urdf": Path(thing.urdf).name, "sha256": hashlib.sha256(content).hexdigest()}
 
 
@@ -62,3 +62,17 @@ def require_known(names: Sequence[str], known: Collection[str], one: str, many: 
     for name in names:
         if name not in known:
             raise ConfigurationError(f"unknown {one} '{name}'; {name_hint(name, known, many)}")
+
+
+def require_once(names: Sequence[str], many: str) -> None:
+    """Make sure that no name stands twice.
+
+    Args:
+        names: to look at.
+        many: the plural of what they are for.
+
+    Raises:
+        ConfigurationError: one does.
+    """
+    if twice := next((name for name in names if names.count(name) > 1), None):
+        raise ConfigurationError(f"'{twice}' stands twice among the {many}")
