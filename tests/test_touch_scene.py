@@ -446,17 +446,17 @@ def test_ranges_may_be_numbers_and_the_first_object_is_the_target() -> None:
         (
             {"posture": {"arm_22": 0.0}},
             ConfigurationError,
-            r"scene\.posture\.arm_22: unknown joint 'arm_22': did you mean 'arm_2'",
+            r"posture\.arm_22: unknown joint 'arm_22': did you mean 'arm_2'",
         ),
         (
             {"objects": {"box": {**SCENE["objects"]["box"], "pose": {"parent": "world"}}}},
             ConfigurationError,
-            r"scene\.objects\.box\.pose\.parent: .* root link 'base', not in 'world'",
+            r"objects\.box\.pose\.parent: .* root link 'base', not in 'world'",
         ),
         (
             {"surroundings": {"table": {**SCENE["objects"]["box"], "pose": {"parent": "palm"}}}},
             ConfigurationError,
-            r"scene\.surroundings\.table\.pose\.parent: .* not in 'palm'",
+            r"surroundings\.table\.pose\.parent: .* not in 'palm'",
         ),
     ],
 )
