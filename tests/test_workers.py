@@ -48,7 +48,7 @@ def test_processes_end_when_nobody_wants_more(tmp_path: Path) -> None:
     _, process = next(results)
     assert isinstance(process, str)
     os.kill(int(process), 0)
-    results.close()  # type: ignore[attr-defined]
+    results.close()
     with pytest.raises(ProcessLookupError):
         os.kill(int(process), 0)
 

@@ -3,7 +3,7 @@
 import multiprocessing
 import signal
 from collections import deque
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Generator, Iterator, Sequence
 from dataclasses import dataclass
 from multiprocessing.connection import Connection, wait
 from typing import Generic, TypeVar, final
@@ -25,7 +25,9 @@ class Died:
     how: str
 
 
-def each(make: Callable[[T], R], tasks: Sequence[T], workers: int) -> Iterator[tuple[T, R | Died]]:
+def each(
+    make: Callable[[T], R], tasks: Sequence[T], workers: int
+) -> Generator[tuple[T, R | Died], None, None]:
     """Do tasks in processes that share nothing with this one, and give what comes of each.
 
     A task whose process ends is tried again when all others are done, alone.
@@ -52,7 +54,9 @@ def require_workers(workers: int) -> None:
         raise ConfigurationError(f"it takes 1 worker or more, not {workers}", "workers")
 
 
-def _each(make: Callable[[T], R], tasks: Sequence[T], workers: int) -> Iterator[tuple[T, R | Died]]:
+def _each(
+    make: Callable[[T], R], tasks: Sequence[T], workers: int
+) -> Generator[tuple[T, R | Died], None, None]:
     again = []
     for task, done in _shared(make, tasks, workers):
         if isinstance(done, Died):

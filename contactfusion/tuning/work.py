@@ -85,9 +85,7 @@ def rated_in_plane(
     done: dict[int, Rating] = {}
     pairs = ((task, rate(task)) for task in tasks) if workers == 1 else each(rate, tasks, workers)
     for (row, _), rating in pairs:
-        if isinstance(rating, Died):
-            raise RobotError(f"a process that pushed {rating.how}, twice; start again to go on")
-        done[row] = rating
+        done[row] = _alive(rating)
         progress.add(1)
     return [done[row] for row in range(len(sets))]
 
@@ -111,15 +109,19 @@ def rated_in_bullet(
     chunks = [(row, tuple(pushes[row : row + CHUNK])) for row in range(0, len(pushes), CHUNK)]
     done: dict[int, Rating] = {}
     for (row, chunk), rating in each(partial(_chunk, plan, parameters), chunks, workers):
-        if isinstance(rating, Died):
-            raise RobotError(f"a process that pushed {rating.how}, twice; start again to go on")
-        done[row] = rating
+        done[row] = _alive(rating)
         progress.add(len(chunk))
     ratings = [done[row] for row, _ in chunks]
     return Rating(
         tuple(one for rating in ratings for one in rating.success),
         tuple(one for rating in ratings for one in rating.time),
     )
+
+
+def _alive(rating: Rating | Died) -> Rating:
+    if isinstance(rating, Died):
+        raise RobotError(f"a process that pushed {rating.how}, twice; start again to go on")
+    return rating
 
 
 def kept_in_bullet(
