@@ -29,7 +29,7 @@ from contactfusion.simulation.planar import (
 from contactfusion.simulation.planar_skin import STRIPS
 from contactfusion.simulation.push import BASE
 from contactfusion.simulation.push_config import RATE, PushConfig, SkinConfig
-from contactfusion.simulation.push_objects import FRICTIONS
+from contactfusion.simulation.push_names import FRICTIONS
 from contactfusion.simulation.push_skin import PushSkin
 from contactfusion.simulation.push_world import PushWorld
 from contactfusion.simulation.pushing import Ending

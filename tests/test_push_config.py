@@ -1,12 +1,14 @@
 """What a push can be told, and what it refuses in a sentence."""
 
+import json
 from typing import Any
 
 import pytest
 
 from contactfusion.errors import ConfigurationError
 from contactfusion.simulation.push_config import PushConfig
-from contactfusion.simulation.push_objects import PAPER, BoxConfig, named_object
+from contactfusion.simulation.push_names import PAPER, named_object
+from contactfusion.simulation.push_shapes import BoxConfig
 
 
 def config(**fields: Any) -> PushConfig:
@@ -32,9 +34,12 @@ def test_fields_stand_for_themselves() -> None:
     assert (one.friction.ground, one.friction.robot) == (0.4, 0.0)
 
 
-def test_a_push_is_read_from_what_it_dumps() -> None:
-    one = config(object="lshape", friction="mu2", offset=0.1, yaw=-30.0)
+@pytest.mark.parametrize("name", ["lshape", "soft_cylinder", "ball_box"])
+def test_a_push_is_read_from_what_it_dumps(name: str) -> None:
+    shove = {"start": 1.0, "force": (9.0, 0.0)}
+    one = config(object=name, friction="mu2", offset=0.1, yaw=-30.0, disturbances=(shove,))
     assert PushConfig(**one.model_dump()) == one
+    assert PushConfig(**json.loads(one.model_dump_json())) == one
 
 
 @pytest.mark.parametrize("steps", [12, 24, 25, 240])
@@ -64,6 +69,18 @@ def test_a_target_is_a_metre_within_the_field() -> None:
         ({"gap": -0.1}, "^gap: .* greater than or equal to 0"),
         ({"skin": {"noise": 0.0}}, r"^skin\.noise: .* greater than 0"),
         ({"skin": {"activation": -1.0}}, r"^skin\.activation: "),
+        (
+            {"disturbances": ({"start": 2.0, "duration": -1.0, "force": (9.0, 0.0)},)},
+            r"^disturbances\.0\.duration: .* greater than or equal to 0.01, not -1",
+        ),
+        (
+            {"disturbances": ({"start": -2.0, "force": (9.0, 0.0)},)},
+            r"^disturbances\.0\.start: .* greater than or equal to 0, not -2",
+        ),
+        (
+            {"disturbances": ({"start": 2.0, "force": (9.0, float("nan"))},)},
+            r"^disturbances\.0\.force\.1: .* finite number, not nan",
+        ),
         ({"longst": 3.0}, "^longst: unknown field; did you mean 'longest'"),
     ],
 )

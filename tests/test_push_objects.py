@@ -8,20 +8,15 @@ import pytest
 
 from contactfusion.arrays import FloatArray
 from contactfusion.errors import ConfigurationError
+from contactfusion.simulation.push_names import OTHERS, PAPER, named_object, read_object
 from contactfusion.simulation.push_objects import (
-    OTHERS,
-    PAPER,
-    ROUND,
-    BoxConfig,
     CompoundConfig,
-    LShapeConfig,
+    HollowConfig,
     ObjectConfig,
-    PrismConfig,
     UrdfObjectConfig,
-    named_object,
-    outlines,
-    read_object,
 )
+from contactfusion.simulation.push_shapes import ROUND, BoxConfig, LShapeConfig, PrismConfig
+from contactfusion.simulation.push_surfaces import outlines
 
 ROOT = Path(__file__).parents[1]
 KNOWN = [*PAPER, *OTHERS]
@@ -32,6 +27,9 @@ MASSES = {
     "lshape": 3.0,
     "prism": 12.0,
     "light_cylinder": 0.8,
+    "real_box": 25.0,
+    "soft_cylinder": 0.8,
+    "ball_box": 6.0,
 }
 HEAVY_CORNER = 0.125 * 10.0 / 15.0
 """10 kg of 15 stand 12.5 cm ahead and to the left."""
@@ -43,6 +41,9 @@ AREAS = {
     "lshape": [0.80 * 0.15, 0.40 * 0.27],
     "prism": [0.3**2 * 1.5 * np.sqrt(3.0)],
     "light_cylinder": [0.5**2 * PARTS_OF_A_CIRCLE],
+    "real_box": [0.32 * 0.26],
+    "soft_cylinder": [0.5**2 * PARTS_OF_A_CIRCLE],
+    "ball_box": [0.4**2, 0.4**2, *2 * [0.4 * 0.015], *2 * [0.37 * 0.015]],
 }
 
 
@@ -137,6 +138,69 @@ def test_a_piece_turns_counterclockwise() -> None:
     (part,) = compound({"piece": box, "yaw": 30.0}).parts()
     long_edge = part.outline[1] - part.outline[0]
     assert long_edge == pytest.approx([0.4 * np.cos(np.pi / 6.0), 0.2])
+
+
+def hollow(**fields: Any) -> HollowConfig:
+    told = {"shape": "hollow", "size": (0.5, 0.4, 0.3), "wall": 0.02, "mass": 5.0}
+    return HollowConfig(**{**told, **fields})
+
+
+def test_a_hollow_box_is_as_large_as_told_and_has_the_room_that_its_walls_leave() -> None:
+    parts = hollow().parts()
+    corners = np.concatenate([part.outline for part in parts])
+    assert np.ptp(corners, axis=0) == pytest.approx([0.5, 0.4])
+    assert max(part.bottom + part.height for part in parts) == pytest.approx(0.3)
+    volume = sum(area(part.outline) * part.height for part in parts)
+    assert volume == pytest.approx(0.5 * 0.4 * 0.3 - 0.46 * 0.36 * 0.26)
+    for part in parts:  # of one stuff, however thick
+        assert part.mass / (area(part.outline) * part.height) == pytest.approx(5.0 / volume)
+
+
+@pytest.mark.parametrize(
+    ("fields", "problem"),
+    [
+        ({"wall": 0.15}, "^wall: walls of 0.15 m leave no room inside$"),
+        (
+            {"ball": {"mass": 1.0, "radius": 0.13}},
+            "^ball: a ball 0.26 m across does not fit: there are 0.26 m of room$",
+        ),
+        ({"ball": {"mass": 0.0, "radius": 0.1}}, r"^ball\.mass: .* greater than 0, not 0"),
+        ({"soft": {"stiffness": -5.0, "damping": 1.0}}, r"^soft\.stiffness: .* greater than 0"),
+        ({"soft": {"stiffness": 5.0, "damping": -1.0}}, r"^soft\.damping: .* greater than or"),
+        ({"soft": {"stiffness": 5.0}}, r"^soft\.damping: this field is required$"),
+        ({"disturbed": {"count": 0, "force": 9.0}}, r"^disturbed\.count: .* greater than or equal"),
+        ({"disturbed": {"count": 1, "force": -9.0}}, r"^disturbed\.force: .* greater than 0, not"),
+    ],
+)
+def test_what_cannot_be_of_a_hollow_box_is_told(fields: dict[str, Any], problem: str) -> None:
+    with pytest.raises(ConfigurationError, match=problem) as error:
+        hollow(**fields)
+    assert "\n" not in str(error.value)
+
+
+@pytest.mark.parametrize(
+    ("name", "told"),
+    [("soft", {"stiffness": 900.0, "damping": 9.0}), ("disturbed", {"count": 2, "force": 9.0})],
+)
+def test_a_piece_is_neither_soft_nor_disturbed_by_itself(name: str, told: dict[str, Any]) -> None:
+    box = {"shape": "box", "size": (1, 1, 1), "mass": 1.0}
+    with pytest.raises(ConfigurationError, match=f"piece.{name}: give `{name}` to the whole"):
+        compound({"piece": {**box, name: told}})
+    fields: dict[str, Any] = {"shape": "compound", "pieces": ({"piece": box},), name: told}
+    assert getattr(CompoundConfig(**fields), name).model_dump().items() >= told.items()
+
+
+def test_an_object_tells_of_softness_only_when_it_is_soft() -> None:
+    """Folders of an experiment hold what objects were; those from before go on."""
+    assert set(named_object("cylinder").model_dump()) == {"shape", "radius", "height", "mass"}
+    soft = named_object("soft_cylinder").model_dump()
+    assert soft["soft"] == {"stiffness": 1500.0, "damping": 30.0} and "disturbed" not in soft
+
+
+def test_the_real_l_shape_is_that_of_the_paper() -> None:
+    """80 x 15 and 40 x 27 cm, 45 cm high (O §V)."""
+    one = LShapeConfig(**OTHERS["lshape"])
+    assert (one.bar, one.leg, one.height, one.mass) == ((0.80, 0.15), (0.40, 0.27), 0.45, 3.0)
 
 
 def test_what_hangs_in_the_air_is_refused() -> None:

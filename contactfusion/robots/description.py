@@ -40,13 +40,41 @@ class CameraConfig(Model):
     """[pixels]."""
     fov: float = Field(gt=0, lt=180)
     """The horizontal field of view [degrees]."""
+    rate: float = Field(default=10.0, gt=0)
+    """Images a second [Hz]; a touch gives them at its own `camera_rate`."""
     reach: tuple[float, float] = (0.2, 4.0)
     """The least and the greatest distance that it sees [m]."""
 
     @model_validator(mode="after")
     def _ordered(self) -> Self:
-        if not 0.0 <= self.reach[0] < self.reach[1]:
-            raise ConfigurationError("give the least distance, then the greatest", "reach")
+        _require_ordered(self.reach)
+        return self
+
+
+class LidarConfig(Model):
+    """A spinning LiDAR: it spins about its z, from x to y; rings fan out along z."""
+
+    frame: str
+    """A link, or one of `frames`."""
+    rings: int = Field(default=32, ge=1)
+    """How many beams lie one above the other."""
+    fov: float = Field(default=90.0, gt=0, lt=180)
+    """Between the lowest and the highest ring [degrees]."""
+    columns: int = Field(default=1024, ge=1)
+    """Measurements in a full turn."""
+    window: tuple[float, float] = (-180.0, 180.0)
+    """It measures between these turns from its x only [degrees]."""
+    rate: float = Field(default=10.0, gt=0)
+    """Turns a second [Hz]."""
+    reach: tuple[float, float] = (0.3, 50.0)
+    """The least and the greatest distance at which it has returns [m]."""
+
+    @model_validator(mode="after")
+    def _ordered(self) -> Self:
+        _require_ordered(self.reach)
+        first, last = self.window
+        if not -360.0 <= first < last <= 360.0 or last - first > 360.0:
+            raise ConfigurationError("give the first turn, then the last, at most a turn", "window")
         return self
 
 
@@ -83,6 +111,8 @@ class RobotConfig(Model):
     """Force-torque sensors, by name."""
     cameras: dict[str, CameraConfig] = Field(default_factory=dict)
     """Range cameras, by name."""
+    lidars: dict[str, LidarConfig] = Field(default_factory=dict)
+    """Spinning LiDARs, by name."""
     fingers: dict[str, FingerConfig] = Field(default_factory=dict)
     """Compliant fingers, by name."""
     folder: Path = Path()
@@ -102,6 +132,11 @@ class RobotConfig(Model):
     def package_folders(self) -> tuple[Path, ...]:
         """Give the folders of `packages`."""
         return tuple(self.folder / package for package in self.packages)
+
+
+def _require_ordered(reach: tuple[float, float]) -> None:
+    if not 0.0 <= reach[0] < reach[1]:
+        raise ConfigurationError("give the least distance, then the greatest", "reach")
 
 
 def located(name: str, folder: Path = Path()) -> Path:

@@ -284,7 +284,7 @@ class RobotModel:
         named += [("links", name, tuple(links), "link") for name in config.links or ()]
         for name, frame in config.frames.items():
             named.append((f"frames.{name}.parent", frame.parent, frames, "frame"))
-        for kind in ("patches", "wrists", "cameras"):
+        for kind in ("patches", "wrists", "cameras", "lidars"):
             for name, sensor in getattr(config, kind).items():
                 named.append((f"{kind}.{name}.frame", sensor.frame, frames, "frame"))
         for name, finger in config.fingers.items():

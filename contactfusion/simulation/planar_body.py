@@ -8,7 +8,8 @@ from numpy.typing import NDArray
 from contactfusion.arrays import FloatArray
 from contactfusion.errors import ConfigurationError
 from contactfusion.simulation.push_config import RATE, FrictionConfig
-from contactfusion.simulation.push_objects import ObjectConfig, Part, UrdfObjectConfig
+from contactfusion.simulation.push_objects import ObjectConfig, UrdfObjectConfig
+from contactfusion.simulation.push_parts import Part
 
 CHASSIS = (0.05, 0.40)
 """The base of `mobile_base.urdf` pushes between these heights above the floor [m]."""

@@ -10,6 +10,7 @@ from contactfusion.readings import Odometry, Reading, TactileImage, Twist
 from contactfusion.robots.description import RobotConfig, located, read_robot
 from contactfusion.simulation.push_bodies import ORIGIN_HEIGHT
 from contactfusion.simulation.push_config import RATE, PushConfig
+from contactfusion.simulation.push_eyes import opened_eyes
 from contactfusion.simulation.push_skin import PushSkin
 from contactfusion.simulation.push_world import PushWorld, Touches
 
@@ -64,10 +65,11 @@ class PushScene:
             raise RobotError(f"a push needs a patch 'skin' on the robot: {hint}")
         self.config = config
         self._frame = robot.patches["skin"].frame
-        self._world = PushWorld(config, robot)
+        self._world = PushWorld(config, robot, seed)
         self._require_outside()
         self._skin = PushSkin(robot.patches["skin"], config.skin)
         self._rng = np.random.default_rng(seed)
+        self._eyes = opened_eyes(config, robot, seed)
         self._cycles = 0
 
     @property
@@ -76,7 +78,10 @@ class PushScene:
         return self._cycles * self.config.period
 
     def readings(self) -> list[Reading]:
-        """Give what the sensors read now: odometry, the twist of the base, the skin's image."""
+        """Give what the sensors read now.
+
+        Odometry, the twist of the base, the skin's image, and what the eyes see whose turn it is.
+        """
         x, y, yaw = self._world.base_pose
         ahead, aside, turn = self._world.base_twist
         linear, angular = np.array([ahead, aside, 0.0]), np.array([0.0, 0.0, turn])
@@ -96,6 +101,7 @@ class PushScene:
                 stamp=self.stamp, frame=self._frame, sensor="wheels", linear=linear, angular=angular
             ),
             TactileImage(stamp=self.stamp, frame=self._frame, sensor="skin", values=values),
+            *self._seen(),
         ]
 
     def drive(self, ahead: float, aside: float, turn: float) -> None:
@@ -116,6 +122,12 @@ class PushScene:
         distance = float(np.hypot(*np.subtract(self.config.target, there)))
         force = float(world.touches.forces.sum()) / world.steps
         return PushTruth(self.stamp, base, thing, kind, contact, distance, force)
+
+    def _seen(self) -> list[Reading]:
+        base, thing = self._world.base_pose, self._world.object_pose
+        return [
+            eye.reading(self.stamp, base, thing) for eye in self._eyes if eye.due(self.stamp)
+        ]
 
     def _require_outside(self) -> None:
         x, y = self.config.target

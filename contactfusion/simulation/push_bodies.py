@@ -1,4 +1,4 @@
-"""The bodies of a push in PyBullet: floor, driven base, object."""
+"""The bodies of a push in PyBullet: floor and driven base, and what all bodies need."""
 
 import os
 import sys
@@ -11,12 +11,15 @@ import numpy as np
 from contactfusion.errors import RobotError
 from contactfusion.robots.description import RobotConfig
 from contactfusion.robots.urdf import Mesh, read_urdf
-from contactfusion.simulation.push_objects import ObjectConfig, Part, UrdfObjectConfig
 
 ORIGIN_HEIGHT = 0.45
 """Of the robot's frame above the floor [m]."""
 SLIDES, CHASSIS = 10.0, 130.0
 """Masses of the two slides that carry the base, and of the base [kg]; motors hide them."""
+CHASSIS_LINK = 2
+"""What of the base touches, the last of its links."""
+GRAVITY = 9.81
+"""[m/s²]."""
 
 Client = Mapping[str, int]
 """Names the physics among several, as PyBullet wants it."""
@@ -38,20 +41,6 @@ class Base(NamedTuple):
     front: float
     rear: float
     half_width: float
-
-
-class Thing(NamedTuple):
-    """An object that can be pushed.
-
-    Attributes:
-        body: in PyBullet.
-        back: where PyBullet has the body's place, in the object's frame [m].
-        turn: how PyBullet has the body turned there, a quaternion x, y, z, w.
-    """
-
-    body: int
-    back: tuple[float, float, float]
-    turn: Quaternion
 
 
 def add_floor(bullet: Any, client: Client, friction: float) -> None:
@@ -82,51 +71,13 @@ def add_base(bullet: Any, client: Client, robot: RobotConfig, friction: float) -
         linkParentIndices=(0, 1, 2),
         linkJointTypes=(bullet.JOINT_PRISMATIC, bullet.JOINT_PRISMATIC, bullet.JOINT_REVOLUTE),
         linkJointAxis=((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)),
-        **_in_place(((0.0, 0.0, 0.0),) * 3),
+        **in_place(((0.0, 0.0, 0.0),) * 3),
         **client,
     )
     rub(bullet, client, body, friction)
     front = xyz[0] + float(size[0]) / 2.0
     bullet.resetJointState(body, 0, -front, **client)
     return Base(body, front, front - float(size[0]), float(size[1]) / 2.0)
-
-
-def add_object(bullet: Any, client: Client, config: ObjectConfig) -> Thing:
-    """Add an object at the origin.
-
-    Raises:
-        RobotError: PyBullet cannot load it, or it has no collision shape.
-        ConfigurationError: its URDF is missing or wrong.
-    """
-    if isinstance(config, UrdfObjectConfig):
-        path = RobotConfig(urdf=config.urdf, folder=config.folder).path()
-        if not any(link.collision for link in read_urdf(path).links.values()):
-            raise RobotError(f"{path}: it has no collision shape, so nothing can touch it")
-        try:
-            with quiet():
-                body: int = bullet.loadURDF(str(path), **client)
-        except bullet.error as error:
-            raise RobotError(f"{path}: PyBullet cannot load it: {error}") from None
-        back, turn = bullet.getDynamicsInfo(body, -1, **client)[3:5]
-    else:
-        parts = config.parts()
-        body = _joined(bullet, client, parts)
-        x, y = parts[0].middle.tolist()
-        back, turn = (x, y, parts[0].bottom + parts[0].height / 2.0), (0.0, 0.0, 0.0, 1.0)
-    rub(bullet, client, body, 1.0)
-    return Thing(body, back, turn)
-
-
-def turned(one: Quaternion, other: Quaternion) -> Quaternion:
-    """Turn as `other` does, then as `one` does."""
-    x, y, z, w = one
-    a, b, c, d = other
-    return (
-        w * a + x * d + y * c - z * b,
-        w * b + y * d + z * a - x * c,
-        w * c + z * d + x * b - y * a,
-        w * d - x * a - y * b - z * c,
-    )
 
 
 def rub(bullet: Any, client: Client, body: int, friction: float) -> None:
@@ -155,26 +106,7 @@ def quiet() -> Iterator[None]:
         os.close(nowhere)
 
 
-def _joined(bullet: Any, client: Client, parts: Sequence[Part]) -> int:
-    """Put parts together: each a link of its own, so that each keeps its mass."""
-    middles = [(*part.middle, part.bottom + part.height / 2.0) for part in parts]
-    places = [tuple(np.subtract(middle, middles[0])) for middle in middles[1:]]
-    count = len(places)
-    body: int = bullet.createMultiBody(
-        parts[0].mass,
-        _shape(bullet, client, parts[0]),
-        linkMasses=[part.mass for part in parts[1:]],
-        linkCollisionShapeIndices=[_shape(bullet, client, part) for part in parts[1:]],
-        linkParentIndices=[0] * count,
-        linkJointTypes=[bullet.JOINT_FIXED] * count,
-        linkJointAxis=[(0.0, 0.0, 1.0)] * count,
-        **_in_place(places),
-        **client,
-    )
-    return body
-
-
-def _in_place(places: Sequence[tuple[float, ...]]) -> dict[str, Any]:
+def in_place(places: Sequence[tuple[float, ...]]) -> dict[str, Any]:
     """Give the places of links that are neither turned nor seen."""
     count = len(places)
     return {
@@ -184,22 +116,3 @@ def _in_place(places: Sequence[tuple[float, ...]]) -> dict[str, Any]:
         "linkInertialFrameOrientations": [(0.0, 0.0, 0.0, 1.0)] * count,
         "linkVisualShapeIndices": [-1] * count,
     }
-
-
-def _shape(bullet: Any, client: Client, part: Part) -> int:
-    height = part.height
-    shape: int
-    if part.radius is not None:
-        shape = bullet.createCollisionShape(
-            bullet.GEOM_CYLINDER, radius=part.radius, height=height, **client
-        )
-        return shape
-    corners = part.outline - part.middle
-    high = corners.max(axis=0)
-    if len(corners) == 4 and np.isclose(np.abs(corners), high).all():
-        half = [*high, height / 2.0]
-        shape = bullet.createCollisionShape(bullet.GEOM_BOX, halfExtents=half, **client)
-        return shape
-    vertices = [(*corner, z) for z in (-height / 2.0, height / 2.0) for corner in corners]
-    shape = bullet.createCollisionShape(bullet.GEOM_MESH, vertices=vertices, **client)
-    return shape

@@ -7,7 +7,9 @@ from pydantic import BeforeValidator, Field, field_validator, model_validator
 
 from contactfusion.errors import ConfigurationError, name_hint
 from contactfusion.model import Model
-from contactfusion.simulation.push_objects import FRICTIONS, PAPER, AnyObject
+from contactfusion.simulation.push_disturbances import DisturbanceConfig
+from contactfusion.simulation.push_names import FRICTIONS, PAPER, AnyObject
+from contactfusion.simulation.push_shapes import SoftConfig
 
 RATE = 240
 """Steps of the physics a second."""
@@ -35,12 +37,60 @@ def _friction(value: Any) -> Any:
 
 
 class SkinConfig(Model):
-    """How well the skin feels."""
+    """The skin: its pad, and how well it feels."""
+
+    pad: SoftConfig | None = Field(
+        default_factory=lambda: SoftConfig(stiffness=10_000.0, damping=400.0)
+    )
+    """How it gives way, over the whole height of the front; None: it is hard. Two hard faces rattle:
+    of a flat contact now one end touches and now the other."""
 
     activation: float = Field(default=1.0, ge=0)
     """A taxel that is pressed by less on average over a cycle tells nothing [N]."""
     noise: float = Field(default=0.05, gt=0)
     """Standard deviation of each value [N]."""
+
+
+class LidarNoise(Model):
+    """How wrong LiDARs are, as recordings of real ones show it."""
+
+    range: float = Field(default=0.0035, ge=0)
+    """Standard deviation of a range [m]."""
+    dropout: float = Field(default=0.014, ge=0, le=0.5)
+    """The part of all measurements that have no return though something is there."""
+    jumps: float = Field(default=0.008, ge=0, le=0.5)
+    """The part of all measurements whose range jumps."""
+    jump: float = Field(default=0.3, ge=0)
+    """By so much at most, either way [m]."""
+
+
+class CameraNoise(Model):
+    """How wrong depth cameras are; the defaults are those of a RealSense D435i."""
+
+    disparity: float = Field(default=0.08, ge=0)
+    """Standard deviation of what each pixel is shifted between left and right imager [pixels]."""
+    baseline: float = Field(default=0.05, gt=0)
+    """Between the imagers [m]."""
+    focal: float = Field(default=615.0, gt=0)
+    """Of the imagers [pixels]; smaller images are thinned from theirs. A depth z is off by
+    z² disparity / (focal baseline)."""
+    unit: float = Field(default=0.001, gt=0)
+    """Depths are whole multiples of this [m]."""
+    holes: float = Field(default=0.01, ge=0, le=0.5)
+    """The part of all pixels that have no depth."""
+    edges: float = Field(default=0.5, ge=0, le=1)
+    """The part of those beside a step in depth that have none."""
+    colour: float = Field(default=6.0, ge=0)
+    """Standard deviation of red, green and blue, of 255."""
+
+
+class MisplacedConfig(Model):
+    """How far off a sensor truly is from where its frame says, in directions that chance draws."""
+
+    mm: float = Field(default=0.0, ge=0, le=1000)
+    """[mm]."""
+    degrees: float = Field(default=0.0, ge=0, le=90)
+    """About an axis through the sensor [degrees]."""
 
 
 class PushConfig(Model):
@@ -52,8 +102,7 @@ class PushConfig(Model):
     type: Literal["push"] = "push"
     """The kind of scene."""
     object: AnyObject = Field(default_factory=lambda: PAPER["box"], validate_default=True)
-    """What is pushed: `box`, `cylinder`, `nonuniform`, `lshape`, `prism`, `light_cylinder`, or the
-    fields of one."""
+    """What is pushed, by name, such as `box` or `soft_cylinder`, or the fields of one."""
     friction: Annotated[FrictionConfig, BeforeValidator(_friction)] = Field(
         default="mu1", validate_default=True
     )
@@ -66,8 +115,19 @@ class PushConfig(Model):
     """How the object is turned [degrees]."""
     gap: float = Field(default=0.001, ge=0, le=2)
     """Between the robot's front and the object [m]."""
+    disturbances: tuple[DisturbanceConfig, ...] = ()
+    """How somebody else shoves the object, besides what the object itself says."""
     skin: SkinConfig = Field(default_factory=SkinConfig)
-    """How well the skin feels."""
+    """The skin: its pad, and how well it feels."""
+    sees: tuple[str, ...] = ()
+    """The LiDARs and cameras of the robot that are switched on, by name."""
+    lidar_noise: LidarNoise = Field(default_factory=LidarNoise)
+    """How wrong LiDARs are."""
+    camera_noise: CameraNoise = Field(default_factory=CameraNoise)
+    """How wrong cameras are."""
+    misplaced: dict[str, MisplacedConfig] = Field(default_factory=dict)
+    """How far LiDARs and cameras that are switched on truly are from where the robot's description
+    has them, by name."""
     period: float = Field(default=0.1, ge=0.05, le=1)
     """Between commands, and between readings: whole steps of the physics, 1/240 s each [s]."""
     window: bool = False

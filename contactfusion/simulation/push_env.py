@@ -119,7 +119,7 @@ class PushEnv(gymnasium.Env[Any, NDArray[np.float64]]):
     def _observed(self) -> tuple[Observation, dict[str, Any]]:
         """Read the sensors, and note the truth."""
         self.readings, self.truth = self._scene.readings(), self._scene.truth()
-        odometry, twist, image = self.readings
+        odometry, twist, image, *_ = self.readings
         assert isinstance(odometry, Odometry)
         assert isinstance(twist, Twist)
         assert isinstance(image, TactileImage)

@@ -11,29 +11,16 @@ import numpy as np
 from contactfusion.arrays import FloatArray
 from contactfusion.errors import ConfigurationError, missing_extra
 from contactfusion.robots.description import RobotConfig
-from contactfusion.simulation.push_bodies import (
-    ORIGIN_HEIGHT,
-    add_base,
-    add_floor,
-    add_object,
-    quiet,
-    turned,
-)
+from contactfusion.simulation.push_bodies import GRAVITY, ORIGIN_HEIGHT, add_base, add_floor, quiet
 from contactfusion.simulation.push_config import RATE, PushConfig
+from contactfusion.simulation.push_disturbances import DisturbanceConfig, drawn
+from contactfusion.simulation.push_placing import require_movable, stood
+from contactfusion.simulation.push_thing import add_object, soften, turned
 
 ITERATIONS = 20
 """Of the solver, each step."""
 STRONGEST = 5000.0
 """Force and torque of the drive's motors [N, N·m]."""
-FAR = 5.0
-"""No object is so large [m]."""
-ADVANCES, CLOSE, BESIDE = 1000, 1e-5, 0.01
-"""An object is moved up to the front in so many steps at most, until it is so near, or so far past
-the front [m]."""
-HEAVIEST = 250.0
-"""More the base cannot push, nor carry: its payload [kg]."""
-GRAVITY = 9.81
-"""[m/s²]."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,15 +46,16 @@ class PushWorld:
     Args:
         config: the push.
         robot: the base; its collision shapes push.
+        seed: of the shoves that chance draws.
 
     Raises:
         DependencyError: pybullet is not installed.
         RobotError: PyBullet cannot load the base or the object.
-        ConfigurationError: the object is too heavy, or does not stand before the robot's front; or
-            there is no screen for a window.
+        ConfigurationError: the object is too heavy or too soft, or does not stand before the
+            robot's front; or there is no screen for a window.
     """
 
-    def __init__(self, config: PushConfig, robot: RobotConfig) -> None:
+    def __init__(self, config: PushConfig, robot: RobotConfig, seed: int = 0) -> None:
         try:
             with quiet():
                 import pybullet
@@ -92,9 +80,17 @@ class PushWorld:
         self.base = add_base(pybullet, self._client, robot, config.friction.robot)
         """The base, and where its pushing face lies."""
         self._base = self.base.body
-        self._object, self._back, self._turn = add_object(pybullet, self._client, config.object)
-        self._require_movable()
-        self._place_object()
+        self._thing = add_object(pybullet, self._client, config.object)
+        self._object, self._back, self._turn = self._thing[:3]
+        require_movable(config, self.mass())
+        pad, soft, disturbed = config.skin.pad, config.object.soft, config.object.disturbed
+        if between := pad.on(soft) if pad and soft else pad or soft:
+            soften(pybullet, self._client, self._base, between)
+        self.first_contact = stood(pybullet, self._client, config, self.base, self._thing)
+        """Where front and object will first meet on a straight way, in `odom` [m]."""
+        shoves = config.disturbances + (drawn(disturbed, seed) if disturbed else ())
+        self._shoves = [(*_steps_of(one), one) for one in shoves]
+        self._passed = 0
         self.touches = _gathered([])
         """What touched in the last cycle."""
 
@@ -119,6 +115,7 @@ class PushWorld:
         )
         rows: list[tuple[float, ...]] = []
         for step in range(self.steps):
+            self._shove()
             bullet.stepSimulation(**client)
             found = bullet.getContactPoints(self._base, self._object, **client)
             if not found:
@@ -167,57 +164,33 @@ class PushWorld:
         return place[0] - cos * back_x + sin * back_y, place[1] - sin * back_x - cos * back_y, yaw
 
     def mass(self) -> float:
-        """Give the mass of the object [kg]."""
-        rows = range(-1, self._bullet.getNumJoints(self._object, **self._client))
-        return float(
-            sum(self._bullet.getDynamicsInfo(self._object, row, **self._client)[0] for row in rows)
-        )
+        """Give the mass of the object, with what is in it [kg]."""
+        bullet, client, thing = self._bullet, self._client, self._thing
+        rows = [(thing.body, row) for row in range(-1, bullet.getNumJoints(thing.body, **client))]
+        rows += [] if thing.ball is None else [(thing.ball, -1)]
+        return float(sum(bullet.getDynamicsInfo(*row, **client)[0] for row in rows))
 
-    def _require_movable(self) -> None:
-        mass = self.mass()
-        if mass > HEAVIEST:
-            raise ConfigurationError(
-                f"{mass:g} kg are too heavy: the base moves {HEAVIEST:g} kg at most", "object"
-            )
-        if mass <= 0.0:
-            raise ConfigurationError("it has no mass, so nothing moves it", "object")
-
-    def _place_object(self) -> None:
-        """Stand the object before the front, as far away as the gap says."""
-        config, yaw = self.config, math.radians(self.config.yaw)
-        ahead, gap, near = FAR, FAR, (FAR, 0.0)
-        for _ in range(ADVANCES):
-            self._put(ahead, config.offset, yaw)
-            found = self._bullet.getClosestPoints(
-                self._base, self._object, 4.0 * FAR, **self._client
-            )
-            point = min(found, key=lambda point: float(point[8]))
-            gap, near = float(point[8]), point[6]
-            if gap < CLOSE or near[0] < -BESIDE:
-                break
-            ahead -= gap  # nothing is nearer, so nothing can be hit on the way
-        if gap >= CLOSE:
-            raise ConfigurationError(
-                f"the object starts out of sight: the robot's front, "
-                f"{2 * self.base.half_width:g} m wide, would pass it",
-                "offset",
-            )
-        self._put(ahead - gap + config.gap, config.offset, yaw)
-        self.first_contact = (0.0, float(near[1]))
-        """Where front and object will first meet on a straight way, in `odom` [m]."""
-
-    def _put(self, x: float, y: float, yaw: float) -> None:
-        cos, sin = math.cos(yaw), math.sin(yaw)
-        place = (
-            x + cos * self._back[0] - sin * self._back[1],
-            y + sin * self._back[0] + (cos * self._back[1]),
-        )
-        turn = turned((0.0, 0.0, math.sin(yaw / 2.0), math.cos(yaw / 2.0)), self._turn)
-        self._bullet.resetBasePositionAndOrientation(
-            self._object, (*place, self._back[2]), turn, **self._client
-        )
+    def _shove(self) -> None:
+        """Apply what presses from outside in the next step."""
+        for begin, end, one in self._shoves:
+            if begin <= self._passed < end:
+                self._bullet.applyExternalForce(
+                    self._object,
+                    -1,
+                    (*one.force, 0.0),
+                    (*self.object_pose[:2], one.height),
+                    self._bullet.WORLD_FRAME,
+                    **self._client,
+                )
+        self._passed += 1
 
 
 def _gathered(rows: list[tuple[float, ...]]) -> Touches:
     table = np.array(rows, np.float64).reshape(-1, 8)
     return Touches(table[:, 0], table[:, 1:4], table[:, 4:7], table[:, 7])
+
+
+def _steps_of(shove: DisturbanceConfig) -> tuple[int, int]:
+    """Give the first step of a shove, and the first after it."""
+    begin = round(shove.start * RATE)
+    return begin, begin + round(shove.duration * RATE)

@@ -22,8 +22,18 @@ NEW: tuple[Place, ...] = (
     (2.5, 0.5), (2.5, -1.5), (1.5, 2.5), (1.5, -0.5), (0.5, -2.5), (0.5, 1.5),
     (-0.5, 2.5), (-0.5, -1.5), (-1.5, 0.5), (-1.5, -2.5), (-2.5, 1.5), (-2.5, -0.5),
 )  # fmt: skip
-"""Twelve that are in none of the others [m]."""
-NAMED = {"grid": GRID, "validation": VALIDATION, "new": NEW}
+"""Twelve that are in neither of these [m]."""
+REAL: tuple[Place, ...] = tuple((x, y) for x in (-2.0, 0.0, 2.0) for y in (-2.0, 2.0))
+"""Those of the real robots (O §V), also in the grid [m]."""
+REAL_NEAR: tuple[Place, ...] = tuple((x, y) for x in (-1.5, 0.0, 1.5) for y in (-1.5, 1.5))
+"""Those for the L-shape there [m]."""
+NAMED = {
+    "grid": GRID,
+    "validation": VALIDATION,
+    "new": NEW,
+    "real": REAL,
+    "real_near": REAL_NEAR,
+}
 RANDOM = "random"
 
 
@@ -48,7 +58,7 @@ class _TargetFile(Model):
 
 
 def read_targets(told: str) -> Targets:
-    """Give the targets of `grid`, `validation`, `new`, `random:N`, or a YAML file.
+    """Give the targets of a named set, of `random:N`, or of a YAML file.
 
     Raises:
         ConfigurationError: it is none of these, or a target is no pair of finite numbers.
