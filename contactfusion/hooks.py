@@ -10,6 +10,7 @@ if TYPE_CHECKING:
     from contactfusion.generator import Generator
     from contactfusion.integrator.condensations import Condensation
     from contactfusion.integrator.rules import Rule
+    from contactfusion.segmenter import Segmenter
 
 GROUP = "contactfusion"
 """The group of entry points, and the prefix of all hooks."""
@@ -43,6 +44,6 @@ def contactfusion_condensations() -> "Mapping[str, type[Condensation]]":
 
 
 @hookspec
-def contactfusion_segmenters() -> Mapping[str, type[Any]]:
+def contactfusion_segmenters() -> "Mapping[str, type[Segmenter[Any]]]":
     """Offer segmenters: which pixels of an image belong to the object."""
     return {}

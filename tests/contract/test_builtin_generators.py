@@ -13,7 +13,9 @@ from contactfusion.generators.finger_pose import FingerPoseConfig
 from contactfusion.generators.first_touch import FirstTouchConfig
 from contactfusion.generators.force_torque import ForceTorqueConfig
 from contactfusion.generators.free_space import FreeSpaceConfig
+from contactfusion.generators.learned import LearnedConfig
 from contactfusion.generators.range import RangeConfig
+from contactfusion.generators.rgbd_cpm import RgbdCpmConfig
 from contactfusion.generators.simulator import SimulatorConfig
 from contactfusion.generators.tactile import TactileConfig
 from contactfusion.generators.taxel_map import TaxelMap, TaxelMapConfig
@@ -28,7 +30,8 @@ from contactfusion.readings import (
 )
 from contactfusion.shapes import BodyConfig
 from contactfusion.testing import EXAMPLES, check_generator, example_reading
-from tests import hands
+from tests import hands, pictures
+from tests.test_rgbd_cpm import sure_of_a_point
 
 HOME = "contactfusion"
 """The distribution whose generators are checked here."""
@@ -102,6 +105,34 @@ def range_camera(folder: Path) -> Given:
     return {"config": config, "readings": readings, "state": state}
 
 
+def lidar_cpm(folder: Path) -> Given:
+    """A wall before the face, and networks that are sure of a contact."""
+    return {"config": LearnedConfig(weights=sure_of_a_point(folder))}
+
+
+def lidar_rule(folder: Path) -> Given:
+    """A wall that comes to the face."""
+    y = np.linspace(-0.2, 0.2, 40)
+    readings = [
+        PointCloud(
+            stamp=0.1 * index,
+            frame="base",
+            points=np.stack([0.31 + 0.05 * (EXAMPLES - 1 - index) + 0.0 * y, y, 0.0 * y], axis=1),
+        )
+        for index in range(EXAMPLES)
+    ]
+    return {"readings": readings}
+
+
+def rgbd_cpm(folder: Path) -> Given:
+    """A box that comes to the face, and networks that are sure of a contact."""
+    readings = [
+        pictures.picture(near=0.35 - 0.02 * index, stamp=0.1 * index) for index in range(EXAMPLES)
+    ]
+    config = RgbdCpmConfig(weights=sure_of_a_point(folder))
+    return {"config": config, "readings": readings, "state": pictures.state()}
+
+
 def simulator(folder: Path) -> Given:
     """A hand that is believed to touch a box, which is then told to be elsewhere."""
     box = {"shapes": [{"shape": "box", "size": (0.1, 0.1, 0.1)}], "pose": {"parent": "base"}}
@@ -141,8 +172,11 @@ GIVEN: dict[str, Callable[[Path], Given]] = {
     "first_touch": first_touch,
     "force_torque": force_torque,
     "free_space": free_space,
+    "lidar_cpm": lidar_cpm,
+    "lidar_rule": lidar_rule,
     "motion": motion,
     "range": range_camera,
+    "rgbd_cpm": rgbd_cpm,
     "simulator": simulator,
     "tactile": tactile,
     "taxel_map": taxel_map,

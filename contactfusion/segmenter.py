@@ -1,0 +1,98 @@
+"""The contract of segmenters: an image in, the pixels of the object that is pushed out."""
+
+from abc import ABC, abstractmethod
+from typing import Annotated, Any, ClassVar, Generic, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import BeforeValidator, Field, SerializeAsAny
+
+from contactfusion.errors import ConfigurationError, PluginError
+from contactfusion.frames import Pose
+from contactfusion.model import Model
+from contactfusion.plugins import installed_plugins
+from contactfusion.readings import DepthImage
+
+Mask = NDArray[np.bool_]
+
+
+class SegmenterConfig(Model):
+    """What every segmenter can be told; each adds its own fields."""
+
+    type: str = Field(min_length=1)
+    """Which segmenter, by name."""
+
+
+SegmenterConfigT = TypeVar("SegmenterConfigT", bound=SegmenterConfig)
+
+
+class Segmenter(ABC, Generic[SegmenterConfigT]):
+    """Finds one object in the images of one camera, and follows it.
+
+    A subclass names its `Config` and implements `segment`. Its module ends with a hook that offers
+    it:
+
+        @hookimpl
+        def contactfusion_segmenters():
+            return {"clusters": ClustersSegmenter}
+
+    It draws no random numbers: equal images give equal masks.
+
+    Args:
+        config: the options, an instance of `Config`.
+    """
+
+    Config: ClassVar[type[SegmenterConfig]] = SegmenterConfig
+    """The type of the options."""
+
+    def __init__(self, config: SegmenterConfigT) -> None:
+        self.config = config
+
+    @abstractmethod
+    def segment(self, image: DepthImage, pose: Pose) -> Mask | None:
+        """Tell which pixels are the object's.
+
+        Args:
+            image: later than the one before.
+            pose: of the camera in the robot's frame, whose x points ahead and whose z points up.
+
+        Returns:
+            Shape (h, w); None when the object is lost. A mask without a pixel says that there is no
+            object.
+        """
+
+    def reset(self) -> None:
+        """Forget what was remembered of earlier images."""
+        return None
+
+
+def built_segmenter(config: SegmenterConfig) -> Segmenter[Any]:
+    """Build a segmenter.
+
+    Raises:
+        PluginError: no segmenter of that type is installed.
+        DependencyError: it needs a package that is not installed.
+    """
+    return _found(config.type)(config)
+
+
+def _found(name: str) -> type[Segmenter[Any]]:
+    cls: type[Segmenter[Any]] = installed_plugins().find("segmenters", name)
+    if not issubclass(cls, Segmenter):
+        raise PluginError(f"the plug-in class {cls.__name__} of '{name}' is no Segmenter")
+    return cls
+
+
+def _configured(value: Any) -> Any:
+    """Take the options of a segmenter, or its name alone, for its configuration."""
+    options = {"type": value} if isinstance(value, str) else value
+    if not isinstance(options, dict):
+        return value
+    name = options.get("type")
+    if not isinstance(name, str):
+        raise ConfigurationError("say which segmenter by its `type`")
+    return _found(name).Config(**options)
+
+
+AnySegmenter = Annotated[SerializeAsAny[SegmenterConfig], BeforeValidator(_configured)]
+"""The options of any segmenter, with its `type`; its name alone takes its defaults."""

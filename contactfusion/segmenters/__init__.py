@@ -1,0 +1,1 @@
+"""Segmenters: which pixels of an image belong to the object that is pushed."""

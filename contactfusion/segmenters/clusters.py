@@ -1,0 +1,174 @@
+"""The object as what stands on the floor before the face: by depth, without learned weights."""
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field
+
+from contactfusion.frames import Pose, vectors_in
+from contactfusion.generators.proximity import BoxConfig
+from contactfusion.hooks import hookimpl
+from contactfusion.readings import DepthImage
+from contactfusion.segmenter import Mask, Segmenter, SegmenterConfig
+from contactfusion.segmenters.paint import Paint, learned_paint
+from contactfusion.vision import back_projected, loaded_opencv, returns
+
+CELL = 0.01
+"""Of the view from above [m]."""
+BEFORE, BEHIND, ASIDE = 2.0, 0.8, 1.4
+"""It reaches so far ahead of the face, behind it, and to either side [m]."""
+KEPT = 0.3
+"""An object is lost when less of where it was is covered by what stands on the floor now."""
+NARROW = 160
+"""Holes next to the object are filled a pixel wide in images of this width, wider in larger."""
+
+Ground = NDArray[np.int32]
+
+
+class ClustersConfig(SegmenterConfig):
+    """The options of `clusters`."""
+
+    type: str = "clusters"
+    """Which segmenter, by name."""
+    floor: float = -0.45
+    """The height of the floor in the robot's frame [m]."""
+    clearance: float = Field(default=0.05, ge=0)
+    """What is no further above the floor is floor [m]."""
+    face: float = 0.30
+    """The x of the robot's face; at the start the nearest thing to it is the object [m]."""
+    width: float = Field(default=0.60, gt=0)
+    """Of the face [m]."""
+    robot: tuple[BoxConfig, ...] = (BoxConfig(x=(-1.0, 0.31), y=(-0.35, 0.35), z=(-0.45, -0.02)),)
+    """Where the camera sees the robot itself, in the robot's frame."""
+    gap: float = Field(default=0.03, gt=0, le=0.5)
+    """Things that stand nearer to each other, seen from above, are one [m]."""
+    least: float = Field(default=0.003, ge=0)
+    """A thing that covers less, seen from above, is none [m²]."""
+
+
+class ClustersSegmenter(Segmenter[ClustersConfig]):
+    """What stands on the floor, the robot left out, falls into clusters as seen from above.
+
+    At the start the cluster nearest to the face is the object; from then on it is the one that
+    covers most of where the object was. Pixels without depth beside it are the object's when their
+    colour is more its than the rest's; GrabCut tells which colours these are, when it is found.
+    """
+
+    Config = ClustersConfig
+
+    def __init__(self, config: ClustersConfig) -> None:
+        super().__init__(config)
+        loaded_opencv()
+        self._view: tuple[bytes, NDArray[np.float32]] | None = None
+        x, y = (CELL * (np.arange(n) + 0.5) for n in _GRID)
+        ahead = np.maximum(x - BEHIND, 0.0)
+        aside = np.maximum(np.abs(y - ASIDE) - config.width / 2.0, 0.0)
+        self._distance = np.hypot(ahead[:, None], aside)
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget the object."""
+        self._last: Mask | None = None
+        self._paint: Paint | None = None
+
+    def segment(self, image: DepthImage, pose: Pose) -> Mask | None:
+        """Give the object; None when nothing stands where it was, or nowhere at the start."""
+        depth = returns(image.depth).astype(np.float32)
+        pixels, cells = self._standing(image, depth, pose)
+        ground = self._ground(cells)
+        labels = np.zeros(depth.shape, np.int32)
+        labels.flat[pixels] = ground.flat[cells]
+        label = self._nearest(ground) if self._last is None else _covering(labels, self._last)
+        if label == 0:
+            self.reset()
+            return None
+        mask = labels == label
+        if self._last is None and image.colour is not None:
+            self._paint = learned_paint(image.colour, mask)
+        self._last = self._filled(mask, depth, image.colour)
+        return self._last
+
+    def _standing(
+        self, image: DepthImage, depth: NDArray[np.float32], pose: Pose
+    ) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+        """Give the pixels of what is neither floor nor robot, and the cells of the ground below."""
+        ways, config = self._ways(image, pose), self.config
+        height = depth * ways[2] + np.float32(pose[2, 3])
+        above = (depth > 0.0) & (height > config.floor + config.clearance)
+        pixels = np.flatnonzero(above)
+        z, far = height.ravel()[pixels], depth.ravel()[pixels]
+        x, y = (
+            far * way.ravel()[pixels] + np.float32(start)
+            for way, start in zip(ways[:2], pose[:2, 3], strict=True)
+        )
+        points = np.stack([x, y, z]).T
+        kept = (np.abs(y) < ASIDE) & (x > config.face - BEHIND) & (x < config.face + BEFORE)
+        for box in config.robot:
+            kept &= ~box.holds(points)
+        rows = ((x[kept] - (config.face - BEHIND)) / CELL).astype(np.intp)
+        columns = ((y[kept] + ASIDE) / CELL).astype(np.intp)
+        rows, columns = np.minimum(rows, _GRID[0] - 1), np.minimum(columns, _GRID[1] - 1)
+        return pixels[kept], rows * _GRID[1] + columns
+
+    def _ways(self, image: DepthImage, pose: Pose) -> NDArray[np.float32]:
+        """Give the way of each pixel for a depth of 1 m in the robot's frame, shape (3, h, w)."""
+        key = b"".join(a.tobytes() for a in (image.intrinsics, pose, np.array(image.depth.shape)))
+        if self._view is None or self._view[0] != key:
+            rows, columns = np.indices(image.depth.shape)
+            ahead = back_projected(rows, columns, np.ones(image.depth.shape), image.intrinsics)
+            ways = vectors_in(pose, ahead.reshape(-1, 3)).T.astype(np.float32)
+            self._view = key, np.ascontiguousarray(ways).reshape(3, *image.depth.shape)
+        return self._view[1]
+
+    def _ground(self, cells: NDArray[np.intp]) -> Ground:
+        """Give the cluster of each cell of the ground from 1 on, 0 where nothing stands."""
+        cv2 = loaded_opencv()
+        occupied = np.zeros(_GRID, np.uint8)
+        occupied.flat[cells] = 1
+        reach = round(self.config.gap / CELL)
+        joined = cv2.dilate(occupied, np.ones((reach, reach), np.uint8))
+        labels: Ground = cv2.connectedComponents(joined)[1] * occupied
+        sizes = np.bincount(labels.ravel())
+        labels[sizes[labels] * CELL**2 < self.config.least] = 0
+        return labels
+
+    def _nearest(self, ground: Ground) -> int:
+        """Give the cluster that is nearest to the face, 0 if there is none."""
+        return int(ground.flat[np.argmin(np.where(ground > 0, self._distance, np.inf))])
+
+    def _filled(
+        self, mask: Mask, depth: NDArray[np.float32], colour: NDArray[np.uint8] | None
+    ) -> Mask:
+        """Add pixels beside the object that have no depth and its colour, or it mostly around."""
+        cv2 = loaded_opencv()
+        side = 2 * max(1, round(mask.shape[1] / NARROW)) + 1
+        share = cv2.blur(mask.astype(np.float32), (side, side))
+        holes = np.flatnonzero((depth == 0.0) & (share > 0.0))
+        if self._paint is None or colour is None:
+            own = share.ravel()[holes] > 0.5
+        else:
+            own = self._paint.covers(colour.reshape(-1, 3)[holes])
+        filled = mask.copy()
+        filled.flat[holes[own]] = True
+        return filled
+
+
+_GRID = round((BEFORE + BEHIND) / CELL), round(2.0 * ASIDE / CELL)
+
+
+def _covering(labels: Ground, last: Mask) -> int:
+    """Give the cluster that covers most of where the object was, 0 if it is too little."""
+    if labels.shape != last.shape:
+        return 0
+    counts = np.bincount(labels[last])
+    counts[0] = 0
+    label = int(np.argmax(counts))
+    return label if counts[label] >= KEPT * np.count_nonzero(last) else 0
+
+
+@hookimpl
+def contactfusion_segmenters() -> Mapping[str, type[Segmenter[Any]]]:
+    """Offer the segmenter."""
+    return {"clusters": ClustersSegmenter}

@@ -1,0 +1,36 @@
+"""Contacts on the face of a base from LiDAR scans, by two LSTM networks (O §II-C, II-D)."""
+
+from collections.abc import Mapping, Sequence
+
+from contactfusion.frames import points_in
+from contactfusion.generator import Generator
+from contactfusion.generators.learned import LearnedConfig, LearnedFace
+from contactfusion.generators.proximity import without
+from contactfusion.hooks import hookimpl
+from contactfusion.hypotheses import HypothesisCloud
+from contactfusion.readings import PointCloud, Reading
+from contactfusion.state import State
+
+
+class LidarCpmGenerator(LearnedFace[LearnedConfig]):
+    """Regular, multi contact: what the last two seconds of scans say of the face."""
+
+    Config = LearnedConfig
+    readings = (PointCloud,)
+
+    def generate(self, reading: Reading, state: State) -> Sequence[HypothesisCloud]:
+        """Give the contact on the face.
+
+        Raises:
+            FrameError: nothing joins the LiDAR's frame to the robot's.
+        """
+        assert isinstance(reading, PointCloud)
+        pose = state.frames.pose(self.config.frame, of=reading.frame)
+        points = without(points_in(pose, reading.points), self.config.robot)
+        return self.perceived(reading, state, self.proximity.lengths_of_cloud(points))
+
+
+@hookimpl
+def contactfusion_generators() -> Mapping[str, type[Generator[LearnedConfig]]]:
+    """Offer the generator."""
+    return {"lidar_cpm": LidarCpmGenerator}

@@ -1,0 +1,73 @@
+"""Contacts on the face of a base from one LiDAR scan, by a rule that needs no training."""
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from pydantic import Field
+
+from contactfusion.arrays import FloatArray
+from contactfusion.frames import points_in
+from contactfusion.generator import Generator
+from contactfusion.generators.perceived import (
+    NEAR,
+    FaceGenerator,
+    Kind,
+    PerceivedConfig,
+    Percept,
+    nearest_strips,
+)
+from contactfusion.generators.proximity import ProximityConfig, without
+from contactfusion.hooks import hookimpl
+from contactfusion.hypotheses import HypothesisCloud
+from contactfusion.readings import PointCloud, Reading
+from contactfusion.state import State
+
+
+class LidarRuleConfig(PerceivedConfig):
+    """The options of `lidar_rule`."""
+
+    proximity: ProximityConfig = Field(default_factory=lambda: ProximityConfig(occupied=2))
+    """The region before the face, and its cells."""
+    touch: float = Field(default=0.01, gt=0)
+    """An object whose proximity is less touches [m]."""
+    near: float = Field(default=NEAR, ge=0)
+    """Strips that are further than the nearest by no more than this touch, too [m]."""
+
+
+class LidarRuleGenerator(FaceGenerator[LidarRuleConfig]):
+    """Regular, multi contact: strips as near as the nearest touch, and l̂ is their middle."""
+
+    Config = LidarRuleConfig
+    readings = (PointCloud,)
+
+    def generate(self, reading: Reading, state: State) -> Sequence[HypothesisCloud]:
+        """Give the contact on the face.
+
+        Raises:
+            FrameError: nothing joins the LiDAR's frame to the robot's.
+        """
+        assert isinstance(reading, PointCloud)
+        pose = state.frames.pose(self.config.frame, of=reading.frame)
+        points = without(points_in(pose, reading.points), self.config.robot)
+        proximity = self.config.proximity
+        lengths = proximity.lengths_of_cloud(points)
+        percept = self._percept(lengths)
+        return (self.face_cloud(reading, state, percept, lengths, proximity),)
+
+    def _percept(self, lengths: FloatArray) -> Percept:
+        first, last = nearest_strips(lengths, self.config.near)
+        proximity = self.config.proximity
+        bounds = proximity.bounds()
+        lateral = float(bounds[first] + bounds[last + 1]) / 2.0
+        if lengths.min() >= self.config.touch:
+            kind = Kind.NONE
+        else:
+            kind = Kind.LINE if last - first > 1 else Kind.POINT
+        sigma = proximity.cell[1] / np.sqrt(12.0)
+        return Percept(kind, lateral, float(kind != Kind.NONE), sigma)
+
+
+@hookimpl
+def contactfusion_generators() -> Mapping[str, type[Generator[LidarRuleConfig]]]:
+    """Offer the rule."""
+    return {"lidar_rule": LidarRuleGenerator}

@@ -1,0 +1,192 @@
+"""A contact on the face of a base, as eyes perceive it: a place, a kind, a likelihood (O §II-D)."""
+
+from abc import abstractmethod
+from collections import deque
+from collections.abc import Sequence
+from dataclasses import dataclass
+from enum import StrEnum
+
+import numpy as np
+from pydantic import Field
+
+from contactfusion.arrays import FloatArray
+from contactfusion.generator import ConfigT, Generator, GeneratorConfig
+from contactfusion.generators.proximity import BoxConfig, ProximityConfig, Span
+from contactfusion.hypotheses import HypothesisCloud, HypothesisKind
+from contactfusion.readings import Reading
+from contactfusion.state import State
+
+LEAST_LINE = 0.05
+"""A line spans at least as much (O §III-A) [m]."""
+NEAR = 0.005
+"""Strips as near as the nearest, or further by no more than this, touch, too [m]."""
+
+
+ROBOT = (BoxConfig(x=(0.20, 0.305), y=(-0.32, 0.32), z=(-0.45, -0.035)),)
+"""Where the base of the package is, seen with the noise of a LiDAR, in its frame [m]."""
+
+NOTHING_NEAR = "nothing in the region"
+"""Noted of a cloud; when it is so all the time, the sensor's frame may stand in the wrong place."""
+ROUNDING = 1e-9
+"""A length so nearly that of an empty strip is one [m]."""
+
+
+class Kind(StrEnum):
+    """How an object touches."""
+
+    NONE = "none"
+    POINT = "point"
+    LINE = "line"
+
+
+KINDS = tuple(Kind)
+
+
+@dataclass(frozen=True, slots=True)
+class Percept:
+    """What eyes make of a contact.
+
+    Attributes:
+        kind: how the object touches.
+        lateral: l̂, the middle of the contact, to the left of the robot's middle [m].
+        likelihood: that it touches at all.
+        sigma: standard deviation of l̂ [m].
+    """
+
+    kind: Kind
+    lateral: float
+    likelihood: float
+    sigma: float
+
+
+class PerceivedConfig(GeneratorConfig):
+    """What all who perceive contacts on a face can be told."""
+
+    frame: str = "base"
+    """The robot's frame, x ahead; its face is upright and square to x."""
+    height: Span = (-0.40, -0.05)
+    """The face reaches from and to this height in the robot's frame [m]."""
+    robot: tuple[BoxConfig, ...] = ROBOT
+    """Where the sensor sees the robot itself, in the robot's frame; nothing there counts."""
+    p_max: float = Field(default=0.95, gt=0, le=1)
+    """The largest likelihood."""
+    p_min: float = Field(default=0.5, ge=0, le=1)
+    """Under this likelihood no contact is told."""
+
+
+class FaceGenerator(Generator[ConfigT]):
+    """Regular, multi contact: a contact on the face, as a column or a strip of voxels."""
+
+    outputs = {"": HypothesisKind.REGULAR}
+
+    def face_cloud(
+        self,
+        reading: Reading,
+        state: State,
+        percept: Percept,
+        lengths: FloatArray,
+        proximity: ProximityConfig,
+    ) -> HypothesisCloud:
+        """Put a contact on the face; there is none before an empty region, whatever is perceived.
+
+        A point is a column of voxels at l̂ over the face's height; a line reaches as far to either
+        side of l̂ as the strips that are as near as the nearest.
+
+        Args:
+            reading: what it follows from.
+            state: of the robot.
+            percept: the contact.
+            lengths: shape (S,), the proximity of each strip [m].
+            proximity: what the strips are.
+        """
+        config = self.config
+        assert isinstance(config, PerceivedConfig)
+        if np.all(lengths >= proximity.empty - ROUNDING):
+            return self.nothing(reading, notes=(NOTHING_NEAR,))
+        likelihood = min(percept.likelihood, config.p_max)
+        if percept.kind == Kind.NONE or likelihood < config.p_min:
+            return self.nothing(reading)
+        side = state.grid.voxel_size
+        right, left = proximity.region.y
+        middle = float(np.clip(percept.lateral, right, left))
+        half = 0.0
+        if percept.kind == Kind.LINE:
+            half = min(half_length(lengths, proximity), left - middle, middle - right)
+        y = _spaced(middle - half, middle + half, side)
+        z = _spaced(config.height[0] + side / 2.0, config.height[1] - side / 2.0, side)
+        places = np.empty((len(y) * len(z), 3))
+        places[:, 0] = proximity.region.x[0]
+        places[:, 1], places[:, 2] = np.repeat(y, len(z)), np.tile(z, len(y))
+        spreads = np.full(len(places), percept.sigma)
+        return self.cloud(reading, places, likelihood, frame=config.frame, spreads=spreads)
+
+    @abstractmethod
+    def generate(self, reading: Reading, state: State) -> Sequence[HypothesisCloud]:
+        """Give the contact on the face."""
+
+
+def half_length(lengths: FloatArray, proximity: ProximityConfig) -> float:
+    """Give half of what the nearest strips span, at least half of the shortest line [m]."""
+    first, last = nearest_strips(lengths, NEAR)
+    return max((last - first) * proximity.cell[1], LEAST_LINE) / 2.0
+
+
+def nearest_strips(lengths: FloatArray, near: float) -> tuple[int, int]:
+    """Give the outermost strips, from right to left, that are as near as the nearest.
+
+    Args:
+        lengths: shape (S,) [m].
+        near: they may be further by so much [m].
+    """
+    found = np.flatnonzero(lengths <= lengths.min() + near)
+    return int(found[0]), int(found[-1])
+
+
+class Memory:
+    """The last descriptors, brought to a fixed rate.
+
+    Args:
+        count: how many make a window.
+        period: between two of a window [s].
+        gap: a longer silence makes it forget all before [s].
+    """
+
+    def __init__(self, count: int, period: float, gap: float) -> None:
+        self._ages = period * np.arange(count - 1, -1, -1)
+        self._gap = gap
+        self._held: deque[tuple[float, FloatArray]] = deque()
+
+    def window(self, stamp: float, lengths: FloatArray) -> FloatArray | None:
+        """Add a descriptor, and give the window that ends with it.
+
+        Where one is missing, the nearest in time is repeated.
+
+        Args:
+            stamp: of it [s].
+            lengths: shape (S,) [m].
+
+        Returns:
+            Shape (count, S) [m], the oldest first; None when the descriptor is not newer than the
+            last.
+        """
+        held = self._held
+        if held and stamp <= held[-1][0]:
+            return None
+        if held and stamp - held[-1][0] > self._gap:
+            held.clear()
+        held.append((stamp, lengths))
+        while held[0][0] < stamp - self._ages[0] - self._gap:
+            held.popleft()
+        stamps = np.array([one for one, _ in held])
+        asked = stamp - self._ages
+        nearest = np.searchsorted((stamps[1:] + stamps[:-1]) / 2.0, asked)
+        return np.stack([one for _, one in held])[nearest]
+
+    def clear(self) -> None:
+        """Forget all."""
+        self._held.clear()
+
+
+def _spaced(first: float, last: float, side: float) -> FloatArray:
+    """Give places from first to last, no further apart than a voxel."""
+    return np.linspace(first, last, int(np.ceil((last - first) / side - 1e-9)) + 1)

@@ -1,0 +1,173 @@
+"""Contacts that a depth camera sees, by networks whose weights the tests write."""
+
+import sys
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from contactfusion import Pipeline
+from contactfusion.arrays import FloatArray
+from contactfusion.errors import (
+    ConfigurationError,
+    DependencyError,
+    InvalidReadingError,
+    PluginError,
+)
+from contactfusion.generators.rgbd_cpm import RgbdCpmConfig, RgbdCpmGenerator
+from contactfusion.hypotheses import HypothesisCloud, Note
+from contactfusion.pipeline_config import PipelineConfig
+from contactfusion.readings import DepthImage
+from tests.pictures import picture, state
+from tests.test_networks import some_weights, write
+
+SIDE = 0.005
+
+
+def sure_of_a_point(folder: Path) -> Path:
+    """Networks that always tell of a point in the middle of what they know."""
+    weights = {name: np.zeros_like(tensor) for name, tensor in some_weights().items()}
+    weights["type.readout.bias"] = np.array([0.0, 3.0, 1.0], np.float32)
+    weights["location.readout.bias"] = np.array([0.5], np.float32)
+    return write(folder, weights)
+
+
+def generator(folder: Path, **options: Any) -> RgbdCpmGenerator:
+    fields = {"segmenter": "truth", **options}
+    return RgbdCpmGenerator("eye", RgbdCpmConfig(weights=sure_of_a_point(folder), **fields))
+
+
+@pytest.fixture
+def lengths(monkeypatch: pytest.MonkeyPatch) -> list[FloatArray]:
+    """Give what comes to the networks, image by image."""
+    seen: list[FloatArray] = []
+    whole = RgbdCpmGenerator.perceived
+
+    def perceived(self: Any, reading: Any, robot: Any, found: FloatArray) -> Any:
+        seen.append(found)
+        return whole(self, reading, robot, found)
+
+    monkeypatch.setattr(RgbdCpmGenerator, "perceived", perceived)
+    return seen
+
+
+def said(one: RgbdCpmGenerator, image: DepthImage) -> Sequence[HypothesisCloud]:
+    return one.generate(image, state())
+
+
+def test_a_point_is_a_column_on_the_face(tmp_path: Path) -> None:
+    (cloud,) = said(generator(tmp_path), picture())
+    # the middle of -0.25 and 0.35 m, which the card of the networks names
+    assert cloud.frame == "base" and cloud.positions[:, 1] == pytest.approx(0.05)
+    assert cloud.positions[:, 0] == pytest.approx(0.30)
+    assert cloud.positions[:, 2].min() == pytest.approx(-0.40 + SIDE / 2.0)
+    assert cloud.positions[:, 2].max() == pytest.approx(-0.05 - SIDE / 2.0)
+    certain = (np.exp(3.0) + np.e) / (1.0 + np.exp(3.0) + np.e)
+    assert cloud.likelihoods == pytest.approx(min(certain, 0.95))
+    assert cloud.spreads is not None and cloud.spreads == pytest.approx(0.02)
+
+
+@pytest.mark.parametrize("segmenter", ["truth", "clusters"])
+@pytest.mark.parametrize("ends", ["edge", "surface"])
+def test_lengths_are_those_of_the_edges(
+    segmenter: str, ends: str, lengths: list[FloatArray], tmp_path: Path
+) -> None:
+    one = generator(tmp_path, segmenter=segmenter, ends=ends)
+    said(one, picture(0.3505, (-0.2, 0.2), width=640))
+    pixel = 0.75 / (320.0 / np.tan(np.radians(27.5)))
+    edge = 0.3505 - 0.31 + pixel / 2.0
+    expected = edge if ends == "edge" else (edge + 0.05) / 2.0
+    assert lengths[0][2:10] == pytest.approx(np.full(8, expected), abs=pixel / 2.0 + 1e-9)
+    assert lengths[0][[0, 1, 10, 11]] == pytest.approx(np.full(4, 0.31))
+
+
+@pytest.mark.parametrize(
+    ("near", "margin", "length"),
+    [
+        (0.290, 0.015, 0.01),
+        (0.290, 0.005, 0.54 - 0.31),  # only its other end is left, 0.25 m behind
+        (0.280, 0.015, 0.53 - 0.31),
+        (0.302, 0.015, 0.008),
+    ],
+)
+def test_what_is_a_little_behind_the_face_is_on_it(
+    near: float, margin: float, length: float, lengths: list[FloatArray], tmp_path: Path
+) -> None:
+    one = generator(tmp_path, margin=margin, ends="edge")
+    said(one, picture(near, (-0.2, 0.2), width=640))
+    assert lengths[0][3:9] == pytest.approx(np.full(6, length), abs=0.003)
+
+
+def test_the_robot_itself_is_no_edge(lengths: list[FloatArray], tmp_path: Path) -> None:
+    said(generator(tmp_path, margin=0.0), picture(0.302, (-0.2, 0.2), top=-0.06, width=640))
+    assert lengths[0][4] > 0.15  # of its front edge nothing is left
+
+
+def test_a_lost_object_gives_no_cloud_and_an_empty_mask_a_scene(
+    lengths: list[FloatArray], tmp_path: Path
+) -> None:
+    gone = picture(near=5.0)
+    assert said(generator(tmp_path, segmenter="clusters"), gone) == ()
+    assert not lengths
+    (cloud,) = said(generator(tmp_path), gone)
+    assert lengths[0] == pytest.approx(np.full(12, 0.31))
+    assert len(cloud)  # these networks are sure of a contact whatever they see
+
+
+@pytest.mark.parametrize("nothing", [0.0, np.nan])
+def test_an_image_without_depth_is_told_as_unhealthy(nothing: float, tmp_path: Path) -> None:
+    image = picture()
+    blind = replace(image, depth=np.full(image.depth.shape, nothing))
+    (cloud,) = said(generator(tmp_path), blind)
+    assert len(cloud) == 0 and cloud.notes == (Note.UNHEALTHY,)
+
+
+def test_a_reset_forgets_the_object(tmp_path: Path) -> None:
+    one = generator(tmp_path, segmenter="clusters")
+    assert said(one, picture(sides=(-0.3, -0.1)))
+    jumped = picture(sides=(0.1, 0.3), stamp=0.1)
+    assert said(one, jumped) == ()
+    one.reset()
+    assert said(one, picture(sides=(-0.3, -0.1)))
+    one.reset()
+    assert said(one, jumped)
+
+
+def test_an_image_without_a_mask_is_refused_with_one_sentence(tmp_path: Path) -> None:
+    with pytest.raises(InvalidReadingError, match="DepthImage of 'camera' has no mask"):
+        said(generator(tmp_path), replace(picture(), mask=None))
+
+
+def test_wrong_options_are_told(tmp_path: Path) -> None:
+    with pytest.raises(ConfigurationError, match="segmenter.gab: unknown field; did you mean"):
+        generator(tmp_path, segmenter={"type": "clusters", "gab": 0.1})
+    with pytest.raises(PluginError, match="there is no segmenter 'sam3'; did you mean 'sam2'"):
+        generator(tmp_path, segmenter="sam3")
+
+
+def test_without_opencv_it_says_how_to_get_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(sys.modules, "cv2", None)
+    with pytest.raises(DependencyError, match="opencv is not installed"):
+        generator(tmp_path)
+
+
+def test_in_a_pipeline_it_is_a_source(tmp_path: Path) -> None:
+    options: dict[str, Any] = {
+        "type": "rgbd_cpm",
+        "weights": str(sure_of_a_point(tmp_path)),
+        "sensor": "camera",
+    }
+    frames: dict[str, Any] = {
+        "camera": {"parent": "base", "xyz": [0.4, 0.0, 1.1], "rpy": [np.pi, 0.0, -np.pi / 2]}
+    }
+    pipeline = Pipeline(PipelineConfig(generators={"eye": options}, frames=frames))
+    for index in range(5):
+        pipeline.receive(picture(stamp=0.1 * index))
+    fusion = pipeline.step(0.4).fusion
+    assert fusion.report.sources["eye"].accepted == 5
+    assert fusion.contacts[0].position[:2] == pytest.approx([0.3, 0.05], abs=SIDE)
