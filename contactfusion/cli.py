@@ -25,14 +25,18 @@ tune = typer.Typer(
     no_args_is_help=True,
 )  # fmt: skip
 app.add_typer(tune)
+train = typer.Typer(
+    name="train", help="Train networks in simulation, from nothing.", no_args_is_help=True,
+)  # fmt: skip
+app.add_typer(train)
 
 Out = Annotated[Path, typer.Option(help="The folder that takes the results.")]
 
 
 @app.command()
 def demo(out: Out = Path("out/demo")) -> None:
-    """Fuse three sources that disagree: contacts with their reasons, and a picture."""
-    from contactfusion.demo import show
+    """Push a box with skin and LiDAR; the skin dies half-way: a page, a film, a recording."""
+    from contactfusion.demo.run import show
 
     show(out)
 
@@ -76,6 +80,9 @@ def doctor(
     recording: Annotated[
         Path | None, typer.Option(help="Weigh what wrists carry: wrenches at rest, and joints.")
     ] = None,
+    ouster: Annotated[
+        bool, typer.Option(help="Make the environment that converts Ouster files.")
+    ] = False,
 ) -> None:
     """Check the installation, or a robot's description, and say what to mend."""
     if robot is not None:
@@ -88,10 +95,31 @@ def doctor(
 
     if out or recording:
         raise ConfigurationError("name the ROBOT.yaml that --out and --recording are for")
-    if warm:
+    if ouster:
+        from contactfusion.recordings.ouster import make_environment
+
+        make_environment()
+    elif warm:
         compile_kernels()
     elif not check():
         raise typer.Exit(1)
+
+
+@app.command()
+def convert(
+    source: Annotated[Path, typer.Argument(help="An Ouster .pcap, .osf, or bag of packets.")],
+    out: Annotated[Path, typer.Argument(help="The MCAP file to write.")],
+    every_nth_row: Annotated[
+        int, typer.Option(min=1, help="Keep these rings only, from the first on.")
+    ] = 1,
+    meta: Annotated[
+        Path | None, typer.Option(help="The sensor's .json, when it is not beside the file.")
+    ] = None,
+) -> None:
+    """Convert an Ouster file to MCAP: one PointCloud2 a scan; first run `doctor --ouster`."""
+    from contactfusion.recordings import ouster
+
+    print(ouster.convert(source, out, every_nth_row, meta))
 
 
 @experiment.command("recordings")
@@ -160,10 +188,25 @@ def experiment_touch(
 
 @experiment.command("push")
 def experiment_push(
-    sensing: Annotated[str, typer.Option(help="What feels the object.")] = "skin",
+    sensing: Annotated[
+        list[str] | None,
+        typer.Option(help="What feels the object: skin, lidar, rgbd, rule, fused, …; several."),
+    ] = None,
     controller: Annotated[
         list[str] | None,
         typer.Option(help="Parameters of reactive_pushing, or a controller; several."),
+    ] = None,
+    rule: Annotated[
+        list[str] | None,
+        typer.Option(help="RULE or RULE/CONDENSATION, for every sensing; several."),
+    ] = None,
+    without: Annotated[
+        list[str] | None, typer.Option(help="Leave out this source, such as motion; several.")
+    ] = None,
+    lidar: Annotated[str, typer.Option(help="Use this LiDAR of the robot.")] = "",
+    camera: Annotated[str, typer.Option(help="Use this camera of the robot.")] = "",
+    weights: Annotated[
+        Path | None, typer.Option(help="Use these contact networks (.safetensors).")
     ] = None,
     objects: Annotated[str, typer.Option(help="Names; with commas between.")] = "",
     friction: Annotated[str, typer.Option(help="Names; with commas between.")] = "mu1,mu2",
@@ -178,7 +221,7 @@ def experiment_push(
     activation: Annotated[
         float, typer.Option(min=0.0, help="A taxel pressed by less tells nothing [N].")
     ] = 1.0,
-    faults: Annotated[Path | None, typer.Option(help="A YAML file of faults.")] = None,
+    faults: Annotated[Path | None, typer.Option(help="A YAML file of how sensors fail.")] = None,
     seed: Annotated[int, typer.Option(min=0, help="Of all chance.")] = 0,
     workers: Annotated[int, typer.Option(min=1, help="How many processes.")] = 2,
     record: Annotated[
@@ -191,8 +234,13 @@ def experiment_push(
     from contactfusion.simulation.push_config import SkinConfig
 
     options = Options(
-        sensing=sensing,
+        sensings=sensing or ["skin"],
         controllers=controller or ["tuned"],
+        rules=rule or (),
+        without=without or (),
+        lidar=lidar,
+        camera=camera,
+        weights=weights,
         objects=_listed(objects),
         files=object_ or (),
         frictions=_listed(friction),
@@ -233,6 +281,29 @@ def tune_push(
     from contactfusion.tuning.push import tune_push as search
 
     search(Options(seed, trials, rounds, confirm, start, workers), out)
+
+
+@train.command("cpm")
+def train_cpm(
+    rounds: Annotated[
+        int, typer.Option(min=0, help="How often the networks drive, and learn from it.")
+    ] = 3,
+    varied: Annotated[int, typer.Option(min=0, help="Pushes beside the paper's 156 + 36.")] = 240,
+    driven: Annotated[int, typer.Option(min=6, help="Pushes of each round.")] = 96,
+    tested: Annotated[int, typer.Option(min=6, help="Pushes of the test, each LiDAR.")] = 60,
+    epochs: Annotated[int, typer.Option(min=1, help="Of the last round.")] = 200,
+    early: Annotated[int, typer.Option(min=1, help="Of the rounds before.")] = 50,
+    stride: Annotated[int, typer.Option(min=1, help="An epoch sees every so-manieth window.")] = 4,
+    seed: Annotated[int, typer.Option(min=0, help="Of all chance.")] = 0,
+    workers: Annotated[int, typer.Option(min=1, help="How many processes.")] = 2,
+    out: Out = Path("out/cpm"),
+) -> None:
+    """Train the networks that perceive contact; goes on where it stopped."""
+    from contactfusion.learning.cpm import Options
+    from contactfusion.learning.cpm import train_cpm as train_networks
+
+    options = Options(rounds, varied, driven, tested, epochs, early, stride, seed, workers)
+    train_networks(options, out)
 
 
 def _listed(names: str) -> list[str]:

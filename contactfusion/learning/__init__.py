@@ -1,0 +1,1 @@
+"""Trains the networks that perceive contact from labelled trials."""

@@ -1,0 +1,232 @@
+"""`train cpm`: collects pushes, trains the contact networks, lets them drive, and tests them."""
+
+import json
+import sys
+import time
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import asdict, dataclass
+from functools import partial
+from pathlib import Path
+from typing import TypeVar, get_args
+
+from contactfusion.errors import ConfigurationError, ContactFusionError
+from contactfusion.experiments.workers import Died, each, require_workers
+from contactfusion.files import make_folder, write_whole
+from contactfusion.generators.lstm import Weights
+from contactfusion.learning import training
+from contactfusion.learning.collecting import PROXIMITY, live
+from contactfusion.learning.curves import draw_curves
+from contactfusion.learning.lessons import MOUNTINGS, Lesson, driven_lessons, first_lessons
+from contactfusion.learning.networks import Name
+from contactfusion.learning.shipping import write_networks
+from contactfusion.learning.testing import tested
+from contactfusion.learning.training import Trained, train
+from contactfusion.learning.trials import LabelledTrial, load, save
+from contactfusion.learning.windows import Dataset
+
+NAMES: tuple[Name, ...] = get_args(Name)
+RATE = 10.0
+"""Of the cycles [Hz]."""
+COLLECTION = 1
+"""Counts up when lessons change, so that old ones are not taken for new."""
+EVERY = 10
+"""The loss is told after so many epochs."""
+
+
+T = TypeVar("T")
+R = TypeVar("R")
+Round = dict[Name, Trained]
+"""Both networks of a round."""
+
+
+@dataclass(frozen=True)
+class Failure:
+    """What a process gives in place of a result.
+
+    Attributes:
+        why: in a sentence.
+    """
+
+    why: str
+
+
+@dataclass(frozen=True)
+class Options:
+    """What the training can be told.
+
+    Attributes:
+        rounds: how often the networks drive, and learn from what came of it.
+        varied: pushes beside the paper's 156 + 36, driven by skin.
+        driven: pushes of each round that the networks drive.
+        tested: pushes of the test from each mounting.
+        epochs: of the last training.
+        early: epochs of the trainings before, each of which begins with the weights of the last.
+        stride: an epoch sees every so-manieth window.
+        seed: of all chance.
+        workers: how many processes.
+    """
+
+    rounds: int = 3
+    varied: int = 240
+    driven: int = 96
+    tested: int = 60
+    epochs: int = 200
+    early: int = 50
+    stride: int = 4
+    seed: int = 0
+    workers: int = 2
+
+
+def train_cpm(options: Options, out: Path) -> None:
+    """Train the contact networks from nothing; goes on where it was stopped.
+
+    In round 0 the skin drives; in each later round the networks of the one before drive, and what
+    they get into is learned with its true labels (DAgger). The networks of a round begin with the
+    weights of the last; the last round is trained for all epochs.
+
+    Args:
+        options: how much of everything.
+        out: the folder that takes the trials, checkpoints, learning curves, the tests, and
+            `cpm.safetensors` with its card `cpm.json`.
+
+    Raises:
+        ConfigurationError: an option is wrong, or `out` holds a training of other options.
+        ContactFusionError: a push could not be made, or a training diverged.
+        DependencyError: torch, pybullet or open3d is not installed.
+    """
+    require_workers(options.workers)
+    _claim(options, out)
+    trials: list[LabelledTrial] = []
+    trained: list[Round] = []
+    weights = None
+    for turn in range(options.rounds + 1):
+        last = turn == options.rounds
+        print(f"round {turn} of {options.rounds}", flush=True)
+        trials += _collected(_lessons(turn, options), weights, options.workers, out / "trials")
+        data, folder = Dataset.of(trials), out / f"round_{turn}"
+        how = training.Options(
+            seed=options.seed,
+            epochs=options.epochs if last else options.early,
+            stride=options.stride,
+        )
+        before = trained[-1] if trained else None
+        trained.append(_trained(data, how, before, options.workers, folder))
+        weights = folder / "cpm.safetensors"
+        write = partial(
+            write_networks, location=trained[-1]["location"], kind=trained[-1]["type"],
+            data=data, proximity=PROXIMITY, rate=RATE, told=_told(trials, options),
+        )  # fmt: skip
+        card = write(weights)
+        _say(", ".join(f"{name} {value:.4g}" for name, value in card.figures.items()))
+    histories = {str(name): [one[name].history for one in trained] for name in NAMES}
+    print(f"learning curves: {draw_curves(histories, out / 'curves.png')}", flush=True)
+    assert weights is not None
+    figures = tested(weights, options.tested, options.seed, options.workers, out / "test")
+    write(out / "cpm.safetensors", figures=figures)
+    print(f"networks: {out / 'cpm.safetensors'}, their card: {out / 'cpm.json'}")
+
+
+def _lessons(turn: int, options: Options) -> list[Lesson]:
+    if turn == 0:
+        return first_lessons(options.varied, options.seed)
+    return driven_lessons(options.driven, turn, MOUNTINGS, options.seed)
+
+
+def _collected(
+    lessons: Sequence[Lesson], weights: Path | None, workers: int, folder: Path
+) -> list[LabelledTrial]:
+    """Live the lessons that are not kept yet, and give the trials of all."""
+    missing = [lesson for lesson in lessons if not _file(folder, lesson).is_file()]
+    start, work = time.monotonic(), partial(_live, weights, folder)
+    for done, _ in enumerate(_sound(each(work, missing, workers)), 1):
+        if done % EVERY == 0 or done == len(missing):
+            left = (time.monotonic() - start) / done * (len(missing) - done)
+            _say(f"{done} of {len(missing)} pushes, {left:.0f} s left")
+    return [load(_file(folder, lesson)) for lesson in lessons]
+
+
+def _live(weights: Path | None, folder: Path, lesson: Lesson) -> Failure | None:
+    try:
+        save(live(lesson, weights), _file(folder, lesson))
+    except ContactFusionError as error:
+        return Failure(f"{lesson.name}: {error}")
+    return None
+
+
+def _trained(
+    data: Dataset, how: training.Options, before: Round | None, workers: int, folder: Path
+) -> Round:
+    """Train both networks, each in a process, on from those of the round before."""
+    make_folder(folder)
+    tasks = [(name, before[name].weights if before else None) for name in NAMES]
+    work = partial(_train, data, how, folder)
+    return {one.name: one for _, one in _sound(each(work, tasks, workers))}
+
+
+def _train(
+    data: Dataset, how: training.Options, folder: Path, task: tuple[Name, Weights | None]
+) -> Trained | Failure:
+    name, warm = task
+
+    def told(epoch: int, learned: float, validated: float, left: float) -> None:
+        if epoch % EVERY == 0:
+            _say(
+                f"{name}: epoch {epoch} of {how.epochs}, loss {learned:.5f}, "
+                f"validation {validated:.5f}, {left:.0f} s left"
+            )
+
+    try:
+        return train(name, data, how, folder, warm, told)
+    except ContactFusionError as error:
+        return Failure(str(error))
+
+
+def _sound(results: Iterable[tuple[T, R | Failure | Died]]) -> Iterator[tuple[T, R]]:
+    """Give results on, until one is a failure."""
+    for task, made in results:
+        if isinstance(made, Died):
+            raise ContactFusionError(
+                f"the process of a task {made.how}, twice; start again to go on"
+            )
+        if isinstance(made, Failure):
+            raise ContactFusionError(made.why)
+        yield task, made
+
+
+def _file(folder: Path, lesson: Lesson) -> Path:
+    return folder / f"{lesson.name}.npz"
+
+
+def _say(line: str) -> None:
+    print(f"  {line}", file=sys.stderr, flush=True)
+
+
+def _claim(options: Options, out: Path) -> None:
+    """Take a folder that is empty, or that holds a training of the same options."""
+    told = {"collection": COLLECTION, **asdict(options)}
+    del told["workers"]
+    path = out / "settings.json"
+    if path.is_file():
+        try:
+            held = json.loads(path.read_text())
+        except ValueError:
+            held = None
+        if held != told:
+            raise ConfigurationError(
+                f"{out} holds another training: give another --out, or remove it"
+            )
+        return
+    if out.is_dir() and any(out.iterdir()):
+        raise ConfigurationError(f"{out} holds files, but no training: give another --out")
+    make_folder(out)
+    write_whole(path, json.dumps(told, indent=1) + "\n")
+
+
+def _told(trials: Sequence[LabelledTrial], options: Options) -> str:
+    """Say what networks were trained on."""
+    cycles = sum(len(trial.stamp) for trial in trials)
+    return (
+        f"{len(trials)} simulated pushes, {cycles} cycles, each seen from {len(MOUNTINGS)} places: "
+        f"the 156 + 36 of the paper and {options.varied} varied ones by skin, then "
+        f"{options.driven} by networks in each of {options.rounds} rounds; seed {options.seed}"
+    )
