@@ -5,6 +5,7 @@ import time
 from importlib.metadata import PackageNotFoundError, requires, version
 
 from contactfusion.plugins import installed_plugins
+from contactfusion.recordings import ouster
 
 EXTRAS = {
     "plot": ("matplotlib",),
@@ -42,6 +43,8 @@ def check() -> bool:
         missing = [name for name in packages if _version(name) is None]
         state = f"not installed: pip install 'contactfusion[{extra}]'" if missing else "installed"
         print(f"  extra {extra}: {state}")
+    converts = f"can be converted: {ouster.CONVERT}"
+    print(f"  Ouster files {converts if ouster.is_ready() else f'need: {ouster.COMMAND}'}")
     return _check_plugins() and _check_kernels() and sound
 
 

@@ -7,7 +7,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from contactfusion.errors import RecordingError
-from contactfusion.experiments import eflesh, force_plates, hub, icub
+from contactfusion.experiments import eflesh, force_plates, hub, icub, ouster
 from contactfusion.experiments.measures import Measure, results_csv
 from contactfusion.experiments.methods import Method
 from contactfusion.files import make_folder, write_whole
@@ -24,8 +24,10 @@ FUSED: dict[str, tuple[Fused, Method]] = {
     "icub_grasp": (icub.measure, Method("de_morgan", "cluster_centroid")),
 }
 """What runs on which part of the recordings, and how hypotheses are fused unless it is told."""
-UNFUSED: dict[str, Experiment] = {"hub": hub.measure}
-"""What runs without fusing anything; on the recordings of the force plates."""
+UNFUSED: dict[str, Experiment] = {"hub": hub.measure, "ouster": ouster.measure}
+"""What runs without fusing anything."""
+FOLDERS = {"hub": "force_plates"}
+"""Where recordings lie that are not in a folder of their own."""
 
 
 def run_recordings(data: Path | None, method: Method | None, out: Path) -> None:
@@ -45,7 +47,7 @@ def run_recordings(data: Path | None, method: Method | None, out: Path) -> None:
     measures: list[Measure] = []
     for name, measure in _experiments(method).items():
         print(f"{name} ...", flush=True)
-        part = folder / ("force_plates" if name in UNFUSED else name)
+        part = folder / FOLDERS.get(name, name)
         if not part.is_dir():
             raise RecordingError(f"there is no folder '{part}'; the recordings of {name} lie there")
         found = measure(part, out)

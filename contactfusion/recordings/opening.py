@@ -9,6 +9,7 @@ from contactfusion.files import require_file
 from contactfusion.recordings.c3d import C3DConfig, C3DRecording
 from contactfusion.recordings.icub import IcubConfig, IcubRecording
 from contactfusion.recordings.log import LogConfig, LogFile, LogRecording
+from contactfusion.recordings.mcap_reading import McapConfig, McapRecording
 from contactfusion.recordings.recording import Recording
 from contactfusion.yaml_files import read_yaml
 
@@ -29,13 +30,18 @@ def _icub(options: dict[str, Any], folder: Path) -> Recording:
     return IcubRecording(IcubConfig(**options), folder)
 
 
+def _mcap(options: dict[str, Any], folder: Path) -> Recording:
+    return McapRecording(McapConfig(**options), folder)
+
+
 TYPES: dict[str, Callable[[dict[str, Any], Path], Recording]] = {
     "log": _log,
     "c3d": _c3d,
     "icub": _icub,
+    "mcap": _mcap,
 }
 """What opens each type of recording, given the rest of its description and its folder."""
-SUFFIXES = {".c3d": "c3d", ".zip": "c3d", ".txt": "icub"}
+SUFFIXES = {".c3d": "c3d", ".zip": "c3d", ".txt": "icub", ".mcap": "mcap"}
 """The types of recording that need no description, by the suffix of the file."""
 
 
@@ -43,9 +49,10 @@ def open_recording(what: str | Path | Mapping[str, Any], folder: Path = Path()) 
     """Open a recording.
 
     Args:
-        what: a recording (`.c3d`, a `.zip` that holds one, an iCub trial `.txt`), a YAML file with
-            the description of one, or that description as a mapping: its `type` (`log`, `c3d` or
-            `icub`) and the fields of `LogFile` or `LogConfig`, `C3DConfig` or `IcubConfig`.
+        what: a recording (`.c3d`, a `.zip` that holds one, an iCub trial `.txt`, an `.mcap`), a
+            YAML file with the description of one, or that description as a mapping: its `type`
+            (`log`, `c3d`, `icub` or `mcap`) and the fields of `LogFile` or `LogConfig`,
+            `C3DConfig`, `IcubConfig` or `McapConfig`.
         folder: where relative file names start; in a YAML file they start at its own folder.
 
     Raises:
