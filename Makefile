@@ -5,7 +5,7 @@ BIN := $(VENV)/bin
 READY := $(VENV)/.ready
 SOAK_SCENARIOS ?= 2000
 
-.PHONY: demo test lint soak bench bare show-recordings show-touch show-push clean
+.PHONY: demo test lint soak bench bare show-recordings show-touch show-push show-sensing train clean
 
 demo: $(READY)
 	$(BIN)/contactfusion demo --out out/demo
@@ -66,6 +66,49 @@ show-push: $(READY)
 		$(PUSH) $(RANDOM) --targets random:50 --objects light_cylinder \
 			--activation $$activation --out out/push/activation_$$activation || exit 1; \
 	done
+
+# What a base without a working skin reaches; about 3 h on two cores, pushes that are made are kept.
+EYES := --starts random --seed 600
+FAILING := skin_silent skin_zeros lidar_silent lidar_dropout camera_misplaced everything
+UNSEEN := --objects lshape,prism,light_cylinder --object examples/objects/chair.yaml
+
+show-sensing: $(READY)
+	@echo "about 3 hours on two cores; started again, it goes on where it was stopped"
+	for targets in new grid; do \
+		$(PUSH) --sensing skin --sensing lidar --sensing rule --targets $$targets \
+			--out out/sensing/$$targets || exit 1; \
+	done
+	for lidar in lidar lidar_side lidar_tilted; do \
+		$(PUSH) --sensing lidar --sensing rule --lidar $$lidar $(EYES) --targets random:300 \
+			--out out/sensing/$$lidar || exit 1; \
+	done
+	$(PUSH) --sensing rgbd --targets new --out out/sensing/rgbd
+	$(PUSH) --sensing rgbd --camera camera_large --friction mu1 --targets new \
+		--out out/sensing/rgbd_large
+	$(PUSH) --sensing fused --sensing fused_camera --sensing skin --sensing lidar $(EYES) \
+		--targets random:100 --out out/sensing/fused
+	for fault in $(FAILING); do \
+		$(PUSH) --sensing fused --sensing fused_camera --sensing skin --sensing lidar --sensing rgbd \
+			$(EYES) --targets random:100 --faults examples/faults/push_$$fault.yaml \
+			--out out/sensing/fused_$$fault || exit 1; \
+	done
+	for without in motion skin/free; do \
+		$(PUSH) --sensing fused --without $$without $(EYES) --targets random:100 \
+			--out out/sensing/without_$$(basename $$without) || exit 1; \
+	done
+	$(PUSH) --sensing fused --rule de_morgan --rule posterior/modes $(EYES) --targets random:100 \
+		--out out/sensing/rules
+	$(PUSH) --sensing skin --sensing lidar --sensing rgbd --sensing fused $(EYES) $(UNSEEN) \
+		--targets random:160 --out out/sensing/unseen
+	for sensing in lidar rgbd; do \
+		$(PUSH) --sensing $$sensing --objects real_box,soft_cylinder,ball_box --targets real \
+			--out out/sensing/real_$$sensing && \
+		$(PUSH) --sensing $$sensing --objects lshape --targets real_near \
+			--out out/sensing/real_near_$$sensing || exit 1; \
+	done
+
+train: $(READY)
+	$(BIN)/contactfusion train cpm --out out/cpm
 
 bare:
 	sh scripts/bare.sh

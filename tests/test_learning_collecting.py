@@ -62,11 +62,9 @@ def lesson(**fields: Any) -> Lesson:
 
 def made_again(one: Lesson, driven: list[Driven]) -> tuple[list[PushTruth], FloatArray]:
     """Make the same motions once more; give what is true, and the lengths, shape (n, k, S) [m]."""
-    config = PushConfig(
-        object=one.object, friction=one.friction, target=one.target, offset=one.offset,
-        yaw=one.yaw, sees=MOUNTINGS,
-    )  # fmt: skip
-    scene = PushScene(config, seed=one.seed)
+    names = ("object", "friction", "target", "offset", "yaw")
+    fields: dict[str, Any] = {name: getattr(one, name) for name in names}
+    scene = PushScene(PushConfig(**fields, sees=MOUNTINGS), seed=one.seed)
     truths, rows = [], []
     for cycle in range(len(driven) + 1):
         clouds = {read.sensor: read for read in scene.readings() if isinstance(read, PointCloud)}

@@ -72,6 +72,13 @@ def test_an_observation_is_what_sensors_read_and_the_target() -> None:
     assert observed["twist"] == pytest.approx(np.array([0.2, 0.0, 0.25]), abs=5e-3)
 
 
+def test_eyes_add_to_the_readings_and_change_no_observation() -> None:
+    seeing, blind = env(sees=("lidar",)), env()
+    assert same(seeing.reset(seed=3)[0], blind.reset(seed=3)[0])
+    assert same(after(seeing, 3, *AHEAD), after(blind, 3, *AHEAD))
+    assert [one.sensor for one in seeing.readings] == ["odometry", "wheels", "skin", "lidar"]
+
+
 def test_yaw_is_told_within_half_a_turn_and_twists_are_limited() -> None:
     one = env(gap=1.0)
     one.reset(seed=0)

@@ -17,7 +17,7 @@ import pytest
 
 from contactfusion.controllers.pushing_parameters import SETS
 from contactfusion.errors import ConfigurationError, ContactFusionError, RobotError
-from contactfusion.experiments.push import experiment
+from contactfusion.experiments.push import checks, experiment
 from contactfusion.experiments.push.experiment import Options, run_push
 from contactfusion.experiments.push.plan import Plan, Push, read_plan
 from contactfusion.experiments.push.steering import controller_options
@@ -26,8 +26,9 @@ from contactfusion.experiments.push.trial import KINDS, load, run_trial, save
 from contactfusion.experiments.workers import Died
 from contactfusion.robots.description import PatchOnLink
 from contactfusion.simulation.push_config import SkinConfig
-from contactfusion.simulation.push_objects import named_object, outlines, read_object
+from contactfusion.simulation.push_names import named_object, read_object
 from contactfusion.simulation.push_skin import with_taxels
+from contactfusion.simulation.push_surfaces import outlines
 from contactfusion.simulation.push_world import PushWorld
 
 ROOT = Path(__file__).parents[1]
@@ -95,16 +96,20 @@ def here(monkeypatch: pytest.MonkeyPatch) -> None:
     ) -> Iterator[tuple[Any, Any]]:
         return ((task, make(task)) for task in tasks)
 
-    monkeypatch.setattr(experiment, "each", each)
+    for module in (experiment, checks):
+        monkeypatch.setattr(module, "each", each)
 
 
 class TestTargets:
     def test_the_named_sets_are_those_of_the_method_and_share_no_target(self) -> None:
-        assert {name: len(places) for name, places in NAMED.items()} == {
-            "grid": 24, "validation": 6, "new": 12
-        }  # fmt: skip
-        everywhere = [place for places in NAMED.values() for place in places]
-        assert len(set(everywhere)) == 24 + 6 + 12
+        sets = [NAMED[name] for name in ("grid", "validation", "new")]
+        assert [len(places) for places in sets] == [24, 6, 12]
+        assert len({place for places in sets for place in places}) == 24 + 6 + 12
+
+    @pytest.mark.parametrize(("name", "far"), [("real", 2.0), ("real_near", 1.5)])
+    def test_the_real_robots_pushed_to_six_targets(self, name: str, far: float) -> None:
+        assert set(NAMED[name]) == {(x, y) for x in (-far, 0.0, far) for y in (-far, far)}
+        assert len(NAMED[name]) == 6
 
     def test_a_file_names_targets(self, targets: str) -> None:
         assert read_targets(targets) == Targets("near", NEAR)
@@ -211,7 +216,7 @@ class TestPlan:
             ({"frictions": ["mu3"]}, "unknown friction 'mu3'"),
             ({"frictions": ["mu1", "mu1"]}, "'mu1' stands twice among the frictions"),
             ({"seed": -1}, "seed: a seed is 0 or more, not -1"),
-            ({"sensing": "lidar"}, "unknown sensing 'lidar'"),
+            ({"sensing": "lidra"}, "unknown sensing 'lidra'; did you mean 'lidar'"),
             ({"starts": "odd"}, "unknown starts 'odd'"),
             ({"files": [Path("thing.urdf")]}, "no file 'thing.urdf'"),
         ],
@@ -312,7 +317,8 @@ class TestExperiment:
         run_push(small(targets, controllers=("tuned", "paper")), out)
         assert {path.name for path in out.iterdir()} == {
             "trials", "settings.json", "results.csv", "summary.json", "table.md", "timing.json",
-            "bars.png", "map_tuned.png", "map_paper.png", "paths_tuned.png", "paths_paper.png",
+            "bars.png", "map_skin_tuned.png", "map_skin_paper.png", "paths_skin_tuned.png",
+            "paths_skin_paper.png",
         }  # fmt: skip
         rows = list(csv.DictReader((out / "results.csv").read_text().splitlines()))
         assert [(row["controller"], row["trial"]) for row in rows] == [
@@ -320,14 +326,14 @@ class TestExperiment:
         ]
         assert {row["success_true"] for row in rows[:2]} == {"1"}
         summary = json.loads((out / "summary.json").read_text())
-        assert summary["controllers"]["tuned"]["all"]["success_true"]["share"] == 1.0
-        assert [one["against"] for one in summary["tests"]] == ["paper"]
+        assert summary["reached"]["skin/tuned"]["all"]["success_true"]["share"] == 1.0
+        assert [one["against"] for one in summary["tests"]] == ["skin/paper"]
 
     def test_what_is_there_is_not_made_again(self, targets: str, tmp_path: Path) -> None:
         out = tmp_path / "out"
         run_push(small(targets), out)
         held = content(out)
-        first, second = sorted((out / "trials" / "tuned").iterdir())
+        first, second = sorted((out / "trials" / "skin" / "tuned").iterdir())
         kept = first.stat().st_mtime_ns
         second.unlink()
         run_push(small(targets), out)
@@ -350,14 +356,14 @@ class TestExperiment:
             ("paper", "prism-mu1-near-000"), ("paper", "prism-mu1-near-001"),
         ]  # fmt: skip
         summary = json.loads((out / "summary.json").read_text())
-        assert [one["against"] for one in summary["tests"]] == ["paper"]
+        assert [one["against"] for one in summary["tests"]] == ["skin/paper"]
 
     @pytest.mark.parametrize(
         ("change", "told"),
         [
             ({"seed": 6}, "seed"),
             ({"starts": "random"}, "starts"),
-            ({"taxels": 24}, "face and pipeline"),
+            ({"taxels": 24}, "sensings 'skin'"),
             ({"skin": SkinConfig(activation=2.0)}, "skin"),
             ({"faults": ROOT / "examples" / "faults" / "stuck_taxel.yaml"}, "faults"),
         ],
@@ -371,7 +377,7 @@ class TestExperiment:
         made = plan(read_targets(targets), objects=["box"], frictions=["mu1"], seed=5)
         (out / "trials").mkdir(parents=True)
         (out / "settings.json").write_text(json.dumps(made.settings(["tuned"])))
-        monkeypatch.setattr(experiment, "_check", lambda *_: None)
+        monkeypatch.setattr(experiment, "check", lambda *_: None)
         with pytest.raises(ConfigurationError, match=f"holds pushes of other .*{told}"):
             run_push(replace(options, **change), out)
 
@@ -410,7 +416,7 @@ class TestExperiment:
         out = tmp_path / "out"
         out.mkdir()
         (out / name).write_text(text)
-        monkeypatch.setattr(experiment, "_check", lambda *_: pytest.fail("set up a world"))
+        monkeypatch.setattr(experiment, "check", lambda *_: pytest.fail("set up a world"))
         with pytest.raises(ConfigurationError, match=problem) as caught:
             run_push(small(targets), out)
         assert "remove" not in str(caught.value)
@@ -432,11 +438,13 @@ class TestExperiment:
             )
 
         monkeypatch.setattr(experiment, "each", each)
-        with pytest.raises(RobotError, match="1 of 2 pushes were not made: tuned/box-mu1-near-000"):
+        with pytest.raises(
+            RobotError, match="1 of 2 pushes were not made: skin/tuned/box-mu1-near-000"
+        ):
             run_push(small(targets), tmp_path / "out")
         assert "1/1" in capsys.readouterr().out
         summary = json.loads((tmp_path / "out" / "summary.json").read_text())
-        assert summary["controllers"]["tuned"]["all"]["n"] == 1
+        assert summary["reached"]["skin/tuned"]["all"]["n"] == 1
         assert "killed by SIGSEGV, twice" in summary["not made"][0]
 
     def test_a_controller_that_fails_costs_its_pushes(
@@ -494,7 +502,7 @@ class TestExperiment:
         def broken(*_: Any) -> Any:
             raise ZeroDivisionError("oh")
 
-        monkeypatch.setattr(experiment, "PushScene", broken)
+        monkeypatch.setattr(checks, "PushScene", broken)
         with pytest.raises(ConfigurationError, match=r"box to .*: ZeroDivisionError: oh"):
             run_push(small(targets), tmp_path / "out")
         assert not (tmp_path / "out").exists()
@@ -529,7 +537,7 @@ class TestExperiment:
         names = ("box-mu1-near-000", "tuned/box-mu1-near-000")
         run_push(small(targets, record=names), tmp_path / "out")
         assert capsys.readouterr().out.count("recorded: ") == 1
-        folder = tmp_path / "out" / "recordings" / "tuned"
+        folder = tmp_path / "out" / "recordings" / "skin" / "tuned"
         with Image.open(folder / "box-mu1-near-000.gif") as film:
             assert film.format == "GIF"
             assert getattr(film, "n_frames", 0) > 20
@@ -548,7 +556,7 @@ class TestExperiment:
         monkeypatch.setattr(experiment, "record", lambda *_: pytest.fail("recorded"))
         with pytest.raises(RobotError, match="^1 of 2 pushes were not made: .*000: oh$"):
             run_push(small(targets, record=("box-mu1-near-000",)), tmp_path / "out")
-        assert "not recorded: tuned/box-mu1-near-000" in capsys.readouterr().out
+        assert "not recorded: skin/tuned/box-mu1-near-000" in capsys.readouterr().out
         assert (tmp_path / "out" / "table.md").is_file()
 
     def test_a_recording_that_fails_is_told_after_the_results(
@@ -559,7 +567,9 @@ class TestExperiment:
 
         monkeypatch.setattr(experiment, "record", broken)
         names = ("box-mu1-near-000", "box-mu1-near-001")
-        told = "^2 of 2 recordings were not made: tuned/box-mu1-near-000: ZeroDivisionError: oh$"
+        told = (
+            "^2 of 2 recordings were not made: skin/tuned/box-mu1-near-000: ZeroDivisionError: oh$"
+        )
         with pytest.raises(RobotError, match=told):
             run_push(small(targets, record=names), tmp_path / "out")
         assert (tmp_path / "out" / "table.md").is_file()
@@ -586,7 +596,7 @@ def test_killed_and_gone_on_with_it_gives_the_bytes_of_an_undisturbed_run(
     command = [str(CONTACTFUSION), "experiment", "push", "--objects", "box", "--targets", more]
     command += ["--friction", "mu1", "--seed", "5", "--out", str(killed), "--workers"]
     running = subprocess.Popen([*command, "2"], stdout=subprocess.DEVNULL)
-    while not list(killed.glob("trials/*/*.npz")):
+    while not list(killed.glob("trials/*/*/*.npz")):
         assert running.poll() is None
         time.sleep(0.01)
     os.kill(running.pid, signal.SIGKILL)

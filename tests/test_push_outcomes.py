@@ -12,9 +12,12 @@ import pytest
 from contactfusion.errors import ConfigurationError
 from contactfusion.experiments.push import figures, tables
 from contactfusion.experiments.push.causes import cause
-from contactfusion.experiments.push.comparisons import compare, comparisons_text
+from contactfusion.experiments.push.comparisons import compare, compare_all, comparisons_text
 from contactfusion.experiments.push.evaluation import as_json, evaluate
+from contactfusion.experiments.push.folder import trial_file
 from contactfusion.experiments.push.outcomes import Outcome, outcome, results_csv
+from contactfusion.experiments.push.paper import GROUPS, PAPER, Reached
+from contactfusion.experiments.push.perception import perception
 from contactfusion.experiments.push.plan import CHASSIS, Plan, Push, read_plan
 from contactfusion.experiments.push.recorded import chassis
 from contactfusion.experiments.push.targets import Targets, read_targets
@@ -33,11 +36,13 @@ def track(**changes: Any) -> Track:
     stamp = np.arange(n) / 10.0
     fields: dict[str, Any] = {
         "push": PUSH,
+        "sensing": "skin",
         "controller": "tuned",
         "ending": Ending.ARRIVED,
         "within": 0.05,
         "period": 0.1,
         "modes": MODES,
+        "sources": {"lidar": "regular", "motion": "support", "skin": "regular"},
         "stamp": stamp,
         "base": np.stack([stamp, np.zeros(n), np.zeros(n)], axis=1),
         "object": np.zeros((n, 3)),
@@ -47,6 +52,7 @@ def track(**changes: Any) -> Track:
         "force": np.full(n, 20.0),
         "lateral": np.full(n, 0.1),
         "estimate": np.full(n, 2, np.uint8),
+        "shares": np.tile([0.5, 0.0, 0.5], (n, 1)),
         "mode": np.zeros(n, np.uint8),
         "command": np.zeros((n, 3)),
     }
@@ -69,41 +75,55 @@ def unfelt(rows: Any, one: Track) -> Track:
 
 class TestOutcome:
     def test_arrival_with_the_contact_at_the_target_is_a_true_success(self) -> None:
-        one = outcome(track(), "skin")
+        one = outcome(track())
         assert one.success_true and one.success_estimate and one.ever_true and one.cause == ""
         assert one.time == 1.0 and one.path == pytest.approx(1.0)
         assert one.final_distance == one.least_distance == pytest.approx(0.04)
 
     def test_arrival_declared_too_early_is_one_by_estimate_only(self) -> None:
-        one = outcome(track(distance=1.06 - np.arange(11) / 10.0), "skin")
+        one = outcome(track(distance=1.06 - np.arange(11) / 10.0))
         assert (one.success_true, one.success_estimate, one.ever_true) == (False, True, False)
         assert one.cause == "arrived by estimate, 6.00 cm away in truth"
 
     def test_arrival_without_true_contact_is_no_true_success(self) -> None:
-        one = outcome(without([10], track(), felt=True), "skin")
+        one = outcome(without([10], track(), felt=True))
         assert not one.success_true and one.cause.endswith("without contact in truth")
         assert one.final_distance == pytest.approx(0.14)
 
     def test_arrival_declared_after_it_has_left_again_is_no_true_success(self) -> None:
-        one = outcome(track(distance=np.abs(0.8 - np.arange(11) / 10.0)), "skin")
+        one = outcome(track(distance=np.abs(0.8 - np.arange(11) / 10.0)))
         assert one.ever_true and one.success_estimate and not one.success_true
 
     def test_to_have_been_there_is_not_to_arrive(self) -> None:
         passing = np.abs(0.5 - np.arange(11) / 10.0)
-        one = outcome(track(distance=passing, ending=Ending.TIMEOUT), "skin")
+        one = outcome(track(distance=passing, ending=Ending.TIMEOUT))
         assert one.ever_true and not one.success_true and not one.success_estimate
         assert one.least_distance == 0.0 and one.final_distance == 0.5
 
     def test_lateral_places_are_means_of_what_is_there(self) -> None:
-        one = outcome(unfelt([0, 1], track(lateral=np.linspace(-0.2, 0.2, 11))), "skin")
+        one = outcome(unfelt([0, 1], track(lateral=np.linspace(-0.2, 0.2, 11))))
         assert one.lateral_true == pytest.approx(0.1)
         assert one.lateral_estimate == pytest.approx(np.abs(np.linspace(-0.2, 0.2, 11))[2:].mean())
         errors = np.linspace(-0.2, 0.2, 11)[2:] - 0.1
         assert one.location_rmse == pytest.approx(np.sqrt((errors**2).mean()))
         assert one.type_accuracy == pytest.approx(9 / 10)
 
+    def test_whether_there_is_a_contact_may_be_right_where_its_kind_is_not(self) -> None:
+        kinds = np.array([2, 1, 1, 1, 2, 2, 2, 2, 2, 0, 0], np.uint8)
+        one = outcome(track(estimate=kinds))
+        assert (one.type_accuracy, one.contact_accuracy) == (5 / 10, 8 / 10)
+
+    def test_sources_count_where_they_have_a_share_and_there_is_a_contact(self) -> None:
+        shares = np.zeros((11, 3))
+        shares[1:9] = [0.5, 0.0, 0.5]
+        shares[3:6] = [0.0, 0.2, 0.8]
+        shares[6] = [1.0, 0.0, 0.0]
+        one = outcome(without([8], track(shares=shares), felt=True))
+        assert one.sources_two == pytest.approx(6 / 9)
+        assert one.evidence_two == pytest.approx(3 / 9)
+
     def test_a_contact_that_is_felt_but_not_there_has_no_error(self) -> None:
-        one = outcome(without([4, 5], track(lateral=np.full(11, 0.12)), felt=True), "skin")
+        one = outcome(without([4, 5], track(lateral=np.full(11, 0.12)), felt=True))
         assert one.location_rmse == pytest.approx(0.02)
         assert one.type_accuracy == pytest.approx(8 / 10)
 
@@ -111,41 +131,39 @@ class TestOutcome:
         yaw = np.array([0.0, 0.1, -0.1, 0.0, 0.0, 0.0, 3.0, 0.0, 0.0, 0.0, 0.0])
         base = np.stack([np.zeros(11), np.zeros(11), yaw], axis=1)
         distance = np.abs(0.5 - np.arange(11) / 10.0)
-        assert outcome(track(base=base, distance=distance), "skin").swept == pytest.approx(
-            0.4 / 0.5
-        )
+        assert outcome(track(base=base, distance=distance)).swept == pytest.approx(0.4 / 0.5)
 
     def test_turning_across_the_wrap_is_small(self) -> None:
         base = np.zeros((11, 3))
         base[:, 2] = np.where(np.arange(11) % 2, np.pi - 0.01, -np.pi + 0.01)
-        assert outcome(track(base=base), "skin").swept == pytest.approx(10 * 0.02 / 1.0)
+        assert outcome(track(base=base)).swept == pytest.approx(10 * 0.02 / 1.0)
 
     def test_searches_and_escapes_are_counted_where_they_begin(self) -> None:
         mode = np.array([1, 1, 0, 1, 2, 2, 3, 3, 0, 2, 4], np.uint8)
-        one = outcome(track(mode=mode), "skin")
+        one = outcome(track(mode=mode))
         assert (one.searches, one.escapes) == (2, 2)
         assert one.realigning == pytest.approx(2 / 10)
 
     def test_time_without_contact_is_the_truths(self) -> None:
-        assert outcome(without([2, 3], track()), "skin").without_contact == pytest.approx(0.2)
+        assert outcome(without([2, 3], track())).without_contact == pytest.approx(0.2)
 
     def test_the_row_before_any_cycle_has_no_part_in_shares(self) -> None:
         mode = np.array([3] + [0] * 10, np.uint8)
-        one = outcome(without([0], track(mode=mode, estimate=np.full(11, 2, np.uint8))), "skin")
+        one = outcome(without([0], track(mode=mode, estimate=np.full(11, 2, np.uint8))))
         assert (one.without_contact, one.type_accuracy, one.realigning) == (0.0, 1.0, 0.0)
 
     def test_a_push_that_ends_before_any_cycle_has_no_shares(self) -> None:
         arrays = {name: getattr(track(), name)[:1] for name in ARRAYS}
-        one = outcome(track(**arrays), "skin")
+        one = outcome(track(**arrays))
         assert np.isnan([one.type_accuracy, one.realigning]).all()
 
     def test_a_push_that_never_touches_has_no_places(self) -> None:
-        one = outcome(without(slice(None), track(ending=Ending.LOST)), "skin")
+        one = outcome(without(slice(None), track(ending=Ending.LOST)))
         values = [one.final_distance, one.swept, one.lateral_true, one.location_rmse]
         assert np.isnan(values).all() and one.cause == "never touched"
 
     def test_a_row_tells_successes_as_0_or_1_and_nothing_for_no_value(self) -> None:
-        text = results_csv([outcome(without(slice(None), track()), "skin")])
+        text = results_csv([outcome(without(slice(None), track()))])
         (row,) = csv.DictReader(text.splitlines())
         assert (row["success_true"], row["success_estimate"]) == ("0", "1")
         assert (row["trial"], row["target_x"], row["swept"]) == ("box-mu1-grid-003", "2", "")
@@ -184,7 +202,7 @@ class TestCause:
 
 def outcomes(won: list[bool], controller: str = "tuned", **changes: Any) -> list[Outcome]:
     """One push to each target of the grid, with true success or without."""
-    made = outcome(track(controller=controller), "skin")
+    made = outcome(track(controller=controller))
     return [
         replace(made, trial=f"box-mu1-grid-{number:03d}", success_true=hit, **changes)
         for number, hit in enumerate(won)
@@ -193,34 +211,57 @@ def outcomes(won: list[bool], controller: str = "tuned", **changes: Any) -> list
 
 class TestTables:
     def test_the_table_stands_beside_the_papers(self) -> None:
-        found = {"tuned": outcomes([True] * 18 + [False] * 6)}
+        found = {"skin/tuned": outcomes([True] * 18 + [False] * 6)}
         text = tables.success_text(found, "grid", "nominal")
         assert "| *paper, contact skin* | 23/24 | 23/24, 95.83 % |" in text
-        assert "| tuned, true | 18/24 | 18/24, 75.00 % [" in text
-        assert "| tuned, by estimate | 24/24 |" in text
+        assert "| skin/tuned, true | 18/24 | 18/24, 75.00 % [" in text
+        assert "| skin/tuned, by estimate | 24/24 |" in text
 
     def test_other_targets_and_objects_have_no_row_of_the_papers(self) -> None:
-        found = {"tuned": outcomes([True])}
+        found = {"skin/tuned": outcomes([True])}
         assert "paper" in tables.success_text(found, "grid", "nominal")
-        assert "paper" not in tables.success_text(found, "new", "nominal")
+        assert "paper" not in tables.success_text(found, "validation", "nominal")
         assert "paper" not in tables.success_text(found, "grid", "random")
         assert "paper" not in tables.success_text(
-            {"tuned": [replace(found["tuned"][0], object="lshape")]}, "grid", "nominal"
+            {"skin/tuned": [replace(found["skin/tuned"][0], object="lshape")]}, "grid", "nominal"
         )
 
     def test_a_controller_that_lacks_an_object_has_no_share_of_it(self) -> None:
         found = {
-            "tuned": outcomes([True]) + outcomes([True], object="prism"),
-            "paper": outcomes([False], "paper"),
+            "skin/tuned": outcomes([True]) + outcomes([True], object="prism"),
+            "skin/paper": outcomes([False], "paper"),
         }
         text = tables.success_text(found, "grid", "nominal")
-        assert "| tuned, true | 1/1 | 1/1 | 2/2" in text
-        assert "| paper, true | 0/1 | - | 0/1" in text
+        assert "| skin/tuned, true | 1/1 | 1/1 | 2/2" in text
+        assert "| skin/paper, true | 0/1 | - | 0/1" in text
 
-    def test_the_papers_figures_give_its_rate(self) -> None:
-        assert sum(tables.PAPER.values()) / (tables.EACH * len(tables.PAPER)) == pytest.approx(
-            0.8819, abs=5e-5
-        )
+    def test_other_targets_have_other_rows_of_the_papers(self) -> None:
+        found = {"rule/tuned": outcomes([True])}
+        new = tables.success_text(found, "new", "nominal")
+        assert "| *paper, LiDAR* | 12/12 | 12/12, 100.00 % |" in new
+        assert "skin*" not in new and "RGB-D" not in new
+        whole = [
+            replace(found["rule/tuned"][0], object=thing, friction=friction)
+            for thing, friction in GROUPS
+        ]
+        new = tables.success_text({"rule/tuned": whole}, "new", "nominal")
+        assert "| *paper, LiDAR* | 12/12 | 12/12 | 11/12 | 11/12 | 11/12 | 12/12 | 69/72" in new
+        assert "| *paper, RGB-D* | - | - | - | - | - | - | 62/72, 86.11 % |" in new
+
+    def test_perception_stands_beside_the_papers(self) -> None:
+        estimate = np.array([2, 1, 1, 1, 2, 2, 2, 2, 2, 0, 0], np.uint8)
+        found = {"rule/tuned": perception([track(lateral=np.full(11, 0.12), estimate=estimate)], 0)}
+        text = tables.perception_text(found, "grid", "nominal")
+        assert "| *paper, LiDAR* | 4.15 | 89.4 | - |" in text
+        assert "| rule/tuned | 2.00 [2.00, 2.00] | 50.0 [50.0, 50.0] | 80.0 [" in text
+        assert "92.8 |" in tables.perception_text(found, "new", "nominal")
+        assert "paper" not in tables.perception_text(found, "grid", "random")
+
+    @pytest.mark.parametrize("row", PAPER)
+    def test_the_papers_figures_give_its_rate(self, row: Reached) -> None:
+        n = row.each * len(GROUPS)
+        hits = sum(row.hits) if row.hits else round(row.share * n)
+        assert hits / n == pytest.approx(row.share, abs=5e-5)
 
     def test_a_summary_tells_all_and_each_object_and_friction(self) -> None:
         made = [*outcomes([True, False, True, True]), *outcomes([False], friction="mu2")]
@@ -236,7 +277,7 @@ class TestTables:
         summary = tables.summary_of(made, 0)
         assert summary["all"]["swept"]["median"] is None
         json.dumps(summary, allow_nan=False)
-        assert "| - |" in tables.measures_text({"tuned": summary})
+        assert "| - |" in tables.measures_text({"skin/tuned": summary})
 
     def test_failures_are_listed_with_their_causes(self) -> None:
         made = outcomes([True, False], cause="never touched")
@@ -268,13 +309,23 @@ class TestComparisons:
         assert by_measure["time"].stars == "**"
         assert by_measure["swept"].p == 1.0 and by_measure["swept"].stars == "n.s."
 
+    def test_each_is_compared_with_the_first_that_differs_in_one_thing(self) -> None:
+        pairs = [(s, c) for s in ("skin", "rule") for c in ("tuned", "paper")] + [("fused", "own")]
+        found = {f"{s}/{c}": outcomes([True], c, sensing=s) for s, c in pairs}
+        assert [(one.first, one.against) for one in compare_all(found)] == [
+            ("skin/tuned", "skin/paper"),
+            ("skin/tuned", "rule/tuned"),
+            ("skin/paper", "rule/paper"),
+            ("skin/tuned", "fused/own"),
+        ]
+
     def test_pushes_that_only_one_made_have_no_say(self) -> None:
         assert compare(outcomes([True] * 3), outcomes([True] * 2)).pushes == 2
 
     def test_without_a_common_success_there_is_nothing_to_compare(self) -> None:
         one = compare(outcomes([True]), outcomes([False], "paper"))
         assert {each.median for each in one.differences} == {None}
-        assert "| tuned | paper | 1 | 0 | 1 | 0 | - |" in comparisons_text([one])
+        assert "| skin/tuned | skin/paper | 1 | 0 | 1 | 0 | - |" in comparisons_text([one])
 
 
 def planned(targets: Targets, objects: tuple[str, ...] = (), starts: str = "nominal") -> Plan:
@@ -284,8 +335,8 @@ def planned(targets: Targets, objects: tuple[str, ...] = (), starts: str = "nomi
 def pushed(plan: Plan, controller: str, out: Path) -> None:
     """Write a track of every push."""
     for push in plan.pushes():
-        one = track(push=push, controller=controller)
-        save(one, out / "trials" / controller / f"{push.name}.npz")
+        one = track(push=push, sensing=plan.sensing.label, controller=controller)
+        save(one, trial_file(out, plan.sensing.label, controller, push))
 
 
 class TestEvaluation:
@@ -310,11 +361,11 @@ class TestEvaluation:
         ]  # fmt: skip
         summary = json.loads((tmp_path / "summary.json").read_text())
         assert summary["targets"] == ["new", "random", "grid"]
-        assert [(one["controller"], one["against"], one["pushes"]) for one in summary["tests"]] == [
-            ("paper", "tuned", 48)
+        assert [(one["first"], one["against"], one["pushes"]) for one in summary["tests"]] == [
+            ("skin/paper", "skin/tuned", 48)
         ]
         table = (tmp_path / "table.md").read_text()
-        assert table.count("*paper, contact skin*") == 1 and "| paper, true | 12/12 |" in table
+        assert table.count("*paper, contact skin*") == 1 and "| skin/paper, true | 12/12 |" in table
 
     @pytest.mark.parametrize(
         "change",
@@ -333,7 +384,7 @@ class TestEvaluation:
     ) -> None:
         made = planned(Targets("near", ((0.4, 0.0),)), ("box",))
         push = replace(made.pushes()[0], **change)
-        path = tmp_path / "trials" / "tuned" / f"{push.name}.npz"
+        path = trial_file(tmp_path, "skin", "tuned", push)
         save(track(push=push), path)
         with pytest.raises(ConfigurationError, match=f"^{path} holds another push than"):
             evaluate(made, made.settings(["tuned"]), [], tmp_path)
@@ -341,7 +392,7 @@ class TestEvaluation:
     def test_a_push_that_is_not_its_files_is_refused(self, tmp_path: Path) -> None:
         made = planned(Targets("random", None, 2), ("box",), "random")
         pushed(made, "tuned", tmp_path)
-        folder = tmp_path / "trials" / "tuned"
+        folder = tmp_path / "trials" / "skin" / "tuned"
         evaluate(made, made.settings(["tuned"]), [], tmp_path)
         (folder / "box-mu1-random-000.npz").rename(folder / "box-mu2-random-000.npz")
         with pytest.raises(ConfigurationError, match=r"box-mu2-random-000\.npz holds another"):
@@ -352,7 +403,7 @@ class TestEvaluation:
         pushed(made, "tuned", tmp_path)
         evaluate(made, made.settings(["tuned"]), [], tmp_path)
         names = {path.name for path in tmp_path.glob("*.png")}
-        assert names == {"map_tuned.png", "paths_tuned.png", "bars.png"}
+        assert names == {"map_skin_tuned.png", "paths_skin_tuned.png", "bars.png"}
 
     def test_panels_reach_as_far_as_all_targets_and_one_without_any_does_not_fail(self) -> None:
         axes = new_figure(3.0, 3.0).subplots()
@@ -373,7 +424,7 @@ class TestEvaluation:
         for controller in ("tuned", "paper"):
             pushed(made, controller, tmp_path)
         monkeypatch.setattr(
-            "contactfusion.experiments.push.evaluation.compare",
+            "contactfusion.experiments.push.comparisons.compare",
             lambda *both: replace(compare(*both), p_of_success=float("nan")),
         )
         evaluate(made, made.settings(["tuned", "paper"]), [], tmp_path)

@@ -15,7 +15,7 @@ from contactfusion.controllers.reactive_pushing import ReactivePushingConfig
 from contactfusion.errors import ConfigurationError
 from contactfusion.experiments.push.plan import Plan, Push
 from contactfusion.simulation.push_config import PushConfig
-from contactfusion.simulation.push_objects import PAPER
+from contactfusion.simulation.push_names import PAPER
 from contactfusion.tuning import push, rating, work
 from contactfusion.tuning.check import check_ranking, check_sets, correlation
 from contactfusion.tuning.push import Options, tune_push

@@ -1,6 +1,6 @@
-"""Controllers against each other, push by push."""
+"""Sensings and controllers against each other, push by push."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -37,11 +37,11 @@ class Difference:
 
 @dataclass(frozen=True)
 class Comparison:
-    """The first controller against another.
+    """One sensing and controller against another.
 
     Attributes:
-        controller: the first.
-        against: the other.
+        first: SENSING/CONTROLLER.
+        against: the other likewise.
         pushes: that both made.
         first_only: true successes of the first alone.
         other_only: true successes of the other alone.
@@ -49,7 +49,7 @@ class Comparison:
         differences: of the measures `COMPARED`.
     """
 
-    controller: str
+    first: str
     against: str
     pushes: int
     first_only: int
@@ -58,8 +58,28 @@ class Comparison:
     differences: tuple[Difference, ...]
 
 
+def compare_all(found: Mapping[str, Sequence[Outcome]]) -> list[Comparison]:
+    """Compare each sensing and controller but the first with one before it.
+
+    That is the first with the same controller; without one, the first with the same sensing;
+    without that, too, the first of all.
+
+    Args:
+        found: outcomes by sensing and controller.
+    """
+    comparisons, before = [], list[Sequence[Outcome]]()
+    for outcomes in found.values():
+        other = outcomes[0]
+        alike = [one for one in before if one[0].controller == other.controller]
+        alike += [one for one in before if one[0].sensing == other.sensing]
+        if before:
+            comparisons.append(compare([*alike, before[0]][0], outcomes))
+        before.append(outcomes)
+    return comparisons
+
+
 def compare(first: Sequence[Outcome], other: Sequence[Outcome]) -> Comparison:
-    """Compare two controllers on the pushes that both made."""
+    """Compare two sensings or controllers on the pushes that both made."""
     by_name = {one.trial: one for one in other}
     pairs = [(one, by_name[one.trial]) for one in first if one.trial in by_name]
     first_only = sum(one.success_true > another.success_true for one, another in pairs)
@@ -67,8 +87,8 @@ def compare(first: Sequence[Outcome], other: Sequence[Outcome]) -> Comparison:
     differing = first_only + other_only
     both = [pair for pair in pairs if pair[0].success_true and pair[1].success_true]
     return Comparison(
-        first[0].controller,
-        other[0].controller,
+        first[0].label,
+        other[0].label,
         len(pairs),
         first_only,
         other_only,
@@ -93,7 +113,7 @@ def comparisons_text(comparisons: Sequence[Comparison]) -> str:
         "|" + "---|" * 14,
     ]
     for one in comparisons:
-        cells = [one.controller, one.against, f"{one.first_only}", f"{one.other_only}"]
+        cells = [one.first, one.against, f"{one.first_only}", f"{one.other_only}"]
         cells += [f"{one.p_of_success:.2g}", f"{one.differences[0].pushes}"]
         for each, (scale, form) in zip(
             one.differences,

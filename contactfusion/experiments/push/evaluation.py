@@ -2,73 +2,67 @@
 
 import json
 import math
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import asdict, replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from contactfusion.errors import ConfigurationError
 from contactfusion.experiments.push import figures, tables
-from contactfusion.experiments.push.comparisons import compare, comparisons_text
-from contactfusion.experiments.push.outcomes import Outcome, outcome, results_csv
+from contactfusion.experiments.push.comparisons import compare_all, comparisons_text
+from contactfusion.experiments.push.gathering import Made, gathered
+from contactfusion.experiments.push.outcomes import results_csv
+from contactfusion.experiments.push.perception import perception
 from contactfusion.experiments.push.plan import Plan
-from contactfusion.experiments.push.targets import Targets
-from contactfusion.experiments.push.trial import Track, load
 from contactfusion.files import write_whole
-from contactfusion.simulation.push_objects import FRICTIONS
 
-Order = tuple[int, int, int, int]
-"""Of a push among all: its targets, object and friction, and its number."""
-Found = dict[str, list[Outcome]]
-"""Outcomes by controller."""
+Found = dict[str, list[Made]]
+"""Pushes by SENSING/CONTROLLER."""
 
 
 def evaluate(plan: Plan, settings: Mapping[str, Any], failed: Sequence[str], out: Path) -> None:
     """Measure every push that a folder holds; write tables, files and figures.
 
     Args:
-        plan: of the pushes made last.
-        settings: of the folder: its controllers, of which the others are compared with the first,
-            its objects and its sets of targets.
+        plan: of pushes made last.
+        settings: of the folder: its sensings and controllers, of which the others are compared with
+            the first, its objects and its sets of targets.
         failed: a sentence for each push that could not be made.
         out: the folder with the pushes, which takes the results.
 
     Raises:
         ConfigurationError: a file holds none of these pushes, or another than its name says.
     """
-    sets = {name: _targets(name, places) for name, places in settings["targets"].items()}
-    plans = {name: replace(plan, targets=targets) for name, targets in sets.items()}
-    found: Found = {}
-    ways: dict[str, list[figures.Way]] = {}
-    by_targets: dict[str, Found] = {name: {} for name in plans}
-    for controller in settings["controllers"]:
-        measured = []
-        for path, track in _tracks(out, controller):
-            order = _order(track, path, plans, list(settings["objects"]))
-            one = outcome(track, plan.sensing)
-            measured.append((order, track.push.targets, one, figures.Way.of(track, one)))
-        for _, targets, one, way in sorted(measured, key=lambda row: row[0]):
-            found.setdefault(controller, []).append(one)
-            ways.setdefault(controller, []).append(way)
-            by_targets[targets].setdefault(controller, []).append(one)
-    by_targets = {name: part for name, part in by_targets.items() if part}
-    summaries = {name: tables.summary_of(outcomes, plan.seed) for name, outcomes in found.items()}
-    first, *others = found.values()
-    comparisons = [compare(first, other) for other in others]
+    made = gathered(plan, settings, out)
+    by_targets = _by_targets(made, settings["targets"])
+    found = {label: [one.outcome for one in part] for label, part in made.items()}
+    summaries = {label: tables.summary_of(part, plan.seed) for label, part in found.items()}
+    perceived = {
+        name: {
+            label: perception([one.track for one in pushes], plan.seed)
+            for label, pushes in part.items()
+        }
+        for name, part in by_targets.items()
+    }
+    comparisons = compare_all(found)
     summary = {
-        "sensing": plan.sensing,
         "targets": list(by_targets),
         "starts": plan.starts,
-        "controllers": summaries,
+        "reached": summaries,
+        "perceived": {
+            name: {label: asdict(one) for label, one in part.items()}
+            for name, part in perceived.items()
+        },
         "tests": [asdict(one) for one in comparisons],
         "not made": list(failed),
     }
-    success = "\n\n".join(
-        f"Targets `{name}`:\n\n{tables.success_text(part, name, plan.starts)}"
+    succeeded = {
+        name: {label: [one.outcome for one in pushes] for label, pushes in part.items()}
         for name, part in by_targets.items()
-    )
-    measures = tables.measures_text(summaries)
-    texts = ["## Success", success, "## Measures", measures]
+    }
+    success = _for_each(succeeded, tables.success_text, plan.starts)
+    texts = ["## Success", success]
+    texts += ["## Perception", _for_each(perceived, tables.perception_text, plan.starts)]
+    texts += ["## Measures", tables.measures_text(summaries)]
     if comparisons:
         texts += ["## Compared push by push", comparisons_text(comparisons)]
     texts += ["## Failures", tables.failures_text(found)]
@@ -77,9 +71,11 @@ def evaluate(plan: Plan, settings: Mapping[str, Any], failed: Sequence[str], out
     write_whole(out / "results.csv", results_csv([one for part in found.values() for one in part]))
     write_whole(out / "summary.json", as_json(summary))
     write_whole(out / "table.md", "\n\n".join(texts) + "\n")
-    for name, outcomes in found.items():
-        figures.draw_map(outcomes, out / f"map_{name}.png")
-        figures.draw_ways(ways[name], out / f"paths_{name}.png")
+    for label, part in made.items():
+        stem = label.replace("/", "_")
+        figures.draw_map(found[label], out / f"map_{stem}.png")
+        ways = [figures.Way.of(one.track, one.outcome) for one in part]
+        figures.draw_ways(ways, out / f"paths_{stem}.png")
     figures.draw_bars(found, comparisons, out / "bars.png")
     print(success, end="\n\n")
     print(f"results: {out}/table.md, results.csv, summary.json, figures")
@@ -98,46 +94,18 @@ def _finite(told: Any) -> Any:
     return None if isinstance(told, float) and not math.isfinite(told) else told
 
 
-def _targets(name: str, places: Any) -> Targets:
-    return Targets(name, tuple((x, y) for x, y in places) if isinstance(places, list) else None)
+def _by_targets(made: Found, sets: Mapping[str, Any]) -> dict[str, Found]:
+    """Deal pushes out to the sets of targets that have any, in their order."""
+    dealt: dict[str, Found] = {name: {} for name in sets}
+    for label, part in made.items():
+        for one in part:
+            dealt[one.track.push.targets].setdefault(label, []).append(one)
+    return {name: part for name, part in dealt.items() if part}
 
 
-def _tracks(out: Path, controller: str) -> Iterator[tuple[Path, Track]]:
-    for path in sorted((out / "trials" / controller).glob("*.npz")):
-        track = load(path)
-        if (track.controller, track.push.name) != (controller, path.stem):
-            raise _stranger(path)
-        yield path, track
-
-
-def _order(track: Track, path: Path, plans: Mapping[str, Plan], objects: Sequence[str]) -> Order:
-    """Give the place of a push among all, after a look at whether it is the plan's.
-
-    Raises:
-        ConfigurationError: the plan has none of its name, or another one.
-    """
-    push = track.push
-    try:
-        rows = (
-            list(plans).index(push.targets),
-            objects.index(push.object),
-            list(FRICTIONS).index(push.friction),
-            push.number,
-        )
-        plan = plans[push.targets]
-        if plan.targets.places or push.object in plan.objects:  # else where it is touched is gone
-            planned = plan.push(push.object, push.friction, push.number)
-        else:
-            planned = push
-    except (ValueError, IndexError):
-        raise _stranger(path) from None
-    if planned != push:
-        raise _stranger(path)
-    return rows
-
-
-def _stranger(path: Path) -> ConfigurationError:
-    return ConfigurationError(
-        f"{path} holds another push than this experiment's of its name: remove it, or give "
-        "another --out"
+def _for_each(
+    by_targets: Mapping[str, Any], text: Callable[[Any, str, str], str], starts: str
+) -> str:
+    return "\n\n".join(
+        f"Targets `{name}`:\n\n{text(part, name, starts)}" for name, part in by_targets.items()
     )

@@ -4,31 +4,34 @@ import json
 import sys
 import time
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
+from itertools import product
 from pathlib import Path
-from typing import Any
 
 from contactfusion.errors import ConfigurationError, ContactFusionError, RobotError, name_hint
+from contactfusion.experiments.push.checks import check
 from contactfusion.experiments.push.costs import tell_costs
 from contactfusion.experiments.push.evaluation import evaluate
+from contactfusion.experiments.push.failing import read_failing
+from contactfusion.experiments.push.folder import joined, settings_of, trial_file
 from contactfusion.experiments.push.plan import Plan, Push, read_plan
 from contactfusion.experiments.push.recorded import record
+from contactfusion.experiments.push.sensings import Change, Sensing
 from contactfusion.experiments.push.steering import controller_options
 from contactfusion.experiments.push.targets import read_targets
 from contactfusion.experiments.push.things import require_once
-from contactfusion.experiments.push.trial import Cost, run_trial, save
+from contactfusion.experiments.push.threads import one_thread_each
+from contactfusion.experiments.push.trial import run_trial, save
+from contactfusion.experiments.push.watches import Cost
 from contactfusion.experiments.workers import Died, each, require_workers
-from contactfusion.fault_config import read_faults
 from contactfusion.files import make_folder, write_whole
-from contactfusion.pipeline import Pipeline
-from contactfusion.simulation.push import PushScene
 from contactfusion.simulation.push_config import SkinConfig
 
-Task = tuple[str, Push]
-"""A controller, and a push."""
-ADDABLE = ("controllers", "objects", "targets")
-"""Of these a folder may take more."""
+Task = tuple[str, str, Push]
+"""What feels, by its label; a controller; and a push."""
+Plans = Mapping[str, Plan]
+"""By the label of what feels."""
 
 
 @dataclass(frozen=True)
@@ -36,9 +39,14 @@ class Options:
     """What the experiment can be told.
 
     Attributes:
-        sensing: what feels the object, by name.
+        sensings: what feels the object, by name; the others are compared with the first.
         controllers: names of sets of parameters, or of installed controllers; the others are
             compared with the first.
+        rules: how it is fused, RULE or RULE/CONDENSATION; none: as the file of a sensing says.
+        without: sources that nobody listens to.
+        lidar: the LiDAR that takes the place of any other.
+        camera: the camera likewise.
+        weights: of contact networks; None: those of the package.
         objects: names; none: those of the paper, unless there are files.
         files: of further objects, URDF or YAML.
         frictions: names; none: both.
@@ -46,14 +54,19 @@ class Options:
         starts: `nominal` or `random`.
         taxels: of the front.
         skin: how well the skin feels.
-        faults: a YAML file of faults, or None.
+        faults: a YAML file of how sensors fail, or None.
         seed: of all chance.
         workers: how many processes.
-        record: trials to film and record: NAME, or CONTROLLER/NAME.
+        record: trials to film and record: NAME, CONTROLLER/NAME or SENSING/CONTROLLER/NAME.
     """
 
-    sensing: str = "skin"
+    sensings: Sequence[str] = ("skin",)
     controllers: Sequence[str] = ("tuned",)
+    rules: Sequence[str] = ()
+    without: Sequence[str] = ()
+    lidar: str = ""
+    camera: str = ""
+    weights: Path | None = None
     objects: Sequence[str] = ()
     files: Sequence[Path] = ()
     frictions: Sequence[str] = ()
@@ -81,36 +94,29 @@ def run_push(options: Options, out: Path) -> None:
     """
     require_once(options.controllers, "controllers")
     require_workers(options.workers)
-    plan = read_plan(
-        options.sensing,
-        options.objects,
-        options.files,
-        options.frictions,
-        read_targets(options.targets),
-        options.starts,
-        options.taxels,
-        options.skin,
-        read_faults(options.faults) if options.faults else (),
-        options.seed,
-    )
+    plans = read_plans(options)
+    first, *_ = plans.values()
     for name in options.controllers:
-        controller_options(name, (0.0, 0.0), plan.face)
-    pushes = plan.pushes()
-    tasks = [(name, push) for name in options.controllers for push in pushes]
+        controller_options(name, (0.0, 0.0), first.face)
+    pushes = first.pushes()
+    tasks = [
+        (label, name, push) for label in plans for name in options.controllers for push in pushes
+    ]
     recorded = list(dict.fromkeys(_recorded(name, tasks) for name in options.record))
-    settings = plan.settings(options.controllers)
-    _joined(settings, out)
+    settings = settings_of(plans, options.controllers)
+    joined(settings, out)
     missing = [task for task in tasks if not trial_file(out, *task).is_file()]
     if missing:
-        _check(plan, tasks[0][0])
+        check(plans, options.controllers[0])
     make_folder(out)
-    settings = _joined(settings, out)
+    settings = joined(settings, out)
     write_whole(out / "settings.json", json.dumps(settings, indent=1) + "\n")
     print(f"{len(tasks)} pushes; {len(missing)} to make", flush=True)
-    failed = _push_all(plan, missing, options.workers, out)
-    if any(list((out / "trials" / name).glob("*.npz")) for name in settings["controllers"]):
-        evaluate(plan, settings, failed, out)
-    unrecorded = _record_all(plan, recorded, out)
+    with one_thread_each():
+        failed = _push_all(plans, missing, options.workers, out)
+    if any(out.glob("trials/*/*/*.npz")):
+        evaluate(first, settings, failed, out)
+    unrecorded = _record_all(plans, recorded, out)
     problems = []
     if failed:
         problems.append(f"{len(failed)} of {len(tasks)} pushes were not made: {failed[0]}")
@@ -122,17 +128,56 @@ def run_push(options: Options, out: Path) -> None:
         raise RobotError("; ".join(problems))
 
 
-def trial_file(out: Path, controller: str, push: Push) -> Path:
-    """Give the file of a trial."""
-    return out / "trials" / controller / f"{push.name}.npz"
+def read_plans(options: Options) -> dict[str, Plan]:
+    """Give a plan for each sensing by each rule, by the label of what feels.
+
+    Raises:
+        ContactFusionError: an option is wrong.
+    """
+    require_once(options.sensings, "sensings")
+    require_once(options.rules, "rules")
+    require_once(options.without, "sources that are left out")
+    faults, misplaced = read_failing(options.faults) if options.faults else ((), {})
+    change = Change("", tuple(options.without), options.lidar, options.camera, options.weights)
+    targets, plans = read_targets(options.targets), {}
+    for sensing, rule in product(options.sensings, options.rules or [""]):
+        plan = read_plan(
+            sensing,
+            options.objects,
+            options.files,
+            options.frictions,
+            targets,
+            options.starts,
+            options.taxels,
+            options.skin,
+            faults,
+            options.seed,
+            replace(change, rule=rule),
+            misplaced,
+        )
+        plans[plan.sensing.label] = plan
+    _require_use(options, [plan.sensing for plan in plans.values()])
+    return plans
 
 
-def _push_all(plan: Plan, missing: Sequence[Task], workers: int, out: Path) -> list[str]:
+def _require_use(options: Options, sensings: Sequence[Sensing]) -> None:
+    """Make sure that nothing is chosen that no sensing uses."""
+    used = {name for sensing in sensings for name in sensing.sees}
+    for name in filter(None, (options.lidar, options.camera)):
+        if name not in used:
+            told = " nor ".join(sensing.label for sensing in sensings)
+            raise ConfigurationError(f"'{name}' was chosen, but {told} does not use it")
+    if options.weights and not any(sensing.networks for sensing in sensings):
+        told = " nor ".join(sensing.label for sensing in sensings)
+        raise ConfigurationError(f"{options.weights} was given, but {told} has no networks")
+
+
+def _push_all(plans: Plans, missing: Sequence[Task], workers: int, out: Path) -> list[str]:
     """Make pushes; give a sentence for each that fails."""
-    failed, costs, start = [], [], time.monotonic()
-    for done, (task, made) in enumerate(each(partial(_make, plan, out), missing, workers), 1):
+    failed, costs, start = [], dict[str, list[Cost]](), time.monotonic()
+    for done, (task, made) in enumerate(each(partial(_make, plans, out), missing, workers), 1):
         if isinstance(made, Cost):
-            costs.append(made)
+            costs.setdefault(task[0], []).append(made)
         else:
             failed.append(_failure(task, made))
         if sys.stderr.isatty() or done % 50 == 0:
@@ -144,12 +189,12 @@ def _push_all(plan: Plan, missing: Sequence[Task], workers: int, out: Path) -> l
     return failed
 
 
-def _make(plan: Plan, out: Path, task: Task) -> Cost | str:
+def _make(plans: Plans, out: Path, task: Task) -> Cost | str:
     """Make one push; give what it took, or why it failed."""
-    controller, push = task
+    label, controller, push = task
     try:
-        track, cost = run_trial(plan, push, controller)
-        save(track, trial_file(out, controller, push))
+        track, cost = run_trial(plans[label], push, controller)
+        save(track, trial_file(out, *task))
     except ContactFusionError as error:
         return str(error)
     except Exception as error:  # a plug-in may raise anything, and no other push may suffer
@@ -159,18 +204,23 @@ def _make(plan: Plan, out: Path, task: Task) -> Cost | str:
 
 def _failure(task: Task, told: Died | str) -> str:
     how = f"its process {told.how}, twice" if isinstance(told, Died) else told
-    return f"{task[0]}/{task[1].name}: {how}"
+    return f"{_name(task)}: {how}"
 
 
-def _record_all(plan: Plan, recorded: Sequence[Task], out: Path) -> list[str]:
+def _name(task: Task) -> str:
+    label, controller, push = task
+    return f"{label}/{controller}/{push.name}"
+
+
+def _record_all(plans: Plans, recorded: Sequence[Task], out: Path) -> list[str]:
     """Make recordings of pushes that were made; give a sentence for each that fails."""
     failed, tasks = [], []
     for task in recorded:
         if trial_file(out, *task).is_file():
             tasks.append(task)
         else:
-            print(f"not recorded: {task[0]}/{task[1].name}, which was not made")
-    for task, made in each(partial(_record, plan, out), tasks, 1):
+            print(f"not recorded: {_name(task)}, which was not made")
+    for task, made in each(partial(_record, plans, out), tasks, 1):
         if isinstance(made, tuple):
             print(f"recorded: {made[0]} and {made[1]}")
         else:
@@ -178,97 +228,25 @@ def _record_all(plan: Plan, recorded: Sequence[Task], out: Path) -> list[str]:
     return failed
 
 
-def _record(plan: Plan, out: Path, task: Task) -> tuple[Path, Path] | str:
+def _record(plans: Plans, out: Path, task: Task) -> tuple[Path, Path] | str:
     """Film and record one push; give both files, or why it failed."""
-    controller, push = task
+    label, controller, push = task
     try:
-        return record(plan, push, controller, out / "recordings" / controller)
+        return record(plans[label], push, controller, out / "recordings" / label / controller)
     except ContactFusionError as error:
         return str(error)
     except Exception as error:  # a plug-in may raise anything, and what there is must be told
         return f"{type(error).__name__}: {error}"
 
 
-def _check(plan: Plan, controller: str) -> None:
-    """Set up one push to each target and one of each object, apart: PyBullet may crash.
-
-    Raises:
-        ConfigurationError: a target cannot be reached, an object not be pushed, or a fault is for
-            a sensor that there is not.
-    """
-    pushes = plan.pushes()
-    chosen = {push.object: push for push in reversed(pushes)}
-    if plan.targets.places:
-        chosen |= {str(push.target): push for push in reversed(pushes)}
-    for push, problem in each(partial(_problem, plan, controller), list(chosen.values()), 1):
-        if isinstance(problem, Died):
-            problem = f"a world with it cannot be set up: the process {problem.how}"
-        if problem:
-            raise ConfigurationError(f"{push.object} to {push.target}: {problem}")
-
-
-def _problem(plan: Plan, controller: str, push: Push) -> str:
-    """Give what stands against a push, or nothing."""
-    try:
-        readings = PushScene(plan.scene_of(push), plan.robot).readings()
-        Pipeline(plan.pipeline_of(push, controller))
-    except ContactFusionError as error:
-        return str(error)
-    except Exception as error:  # as in `_make`
-        return f"{type(error).__name__}: {error}"
-    sensors = [reading.sensor for reading in readings]
-    for row, fault in enumerate(plan.pipeline.faults):
-        if not any(fault.meets(reading) for reading in readings):
-            hint = name_hint(str(fault.sensor), sensors, "sensors")
-            return f"faults.{row}.sensor: no reading of '{fault.sensor}' comes; {hint}"
-    return ""
-
-
 def _recorded(told: str, tasks: Sequence[Task]) -> Task:
-    """Find a trial by NAME or CONTROLLER/NAME; without a controller it is the first's."""
-    names = {f"{controller}/{push.name}": (controller, push) for controller, push in tasks}
-    name = told if "/" in told else f"{tasks[0][0]}/{told}"
-    if name not in names:
+    """Find a trial by the end of its name; of several it is the first."""
+    names = {_name(task): task for task in tasks}
+    name = next((name for name in names if f"/{name}".endswith(f"/{told}")), None)
+    if name is None:
         raise ConfigurationError(
-            f"unknown trial '{told}'; {name_hint(name, names, 'trials')}"
+            f"unknown trial '{told}'; {name_hint(told, names, 'trials')}"
             if len(names) <= 30
             else f"there is no trial '{told}' in this experiment; one is '{next(iter(names))}'"
         )
     return names[name]
-
-
-def _joined(settings: Mapping[str, Any], out: Path) -> dict[str, Any]:
-    """Add settings to those of a folder; change nothing in it.
-
-    Raises:
-        ConfigurationError: it holds pushes of others, another experiment, or nobody knows what.
-    """
-    path, joined = out / "settings.json", dict(settings)
-    remedy = "give another --out, or remove it"
-    if not path.is_file():
-        if out.is_dir() and any(map(_is_held, out.iterdir())):
-            raise ConfigurationError(f"{out} holds files, but no settings.json: give another --out")
-        return joined
-    try:
-        held = json.loads(path.read_text())
-    except ValueError:
-        held = None
-    if not isinstance(held, dict):
-        raise ConfigurationError(f"{path} is damaged: {remedy}")
-    if held.keys() != settings.keys():
-        raise ConfigurationError(f"{out} holds another experiment: give another --out")
-    other = [name for name in settings if name not in ADDABLE and held[name] != settings[name]]
-    for group in ADDABLE:
-        if not isinstance(held[group], dict):
-            raise ConfigurationError(f"{path} is damaged: {remedy}")
-        joined[group] = {**held[group], **settings[group]}
-        changed = [name for name in held[group] if joined[group][name] != held[group][name]]
-        other += [f"{group} '{name}'" for name in changed]
-    if other:
-        raise ConfigurationError(f"{out} holds pushes of other {' and '.join(other)}: {remedy}")
-    return joined
-
-
-def _is_held(path: Path) -> bool:
-    """Say whether what lies in a folder is somebody's: other folders may hold other experiments."""
-    return path.name == "trials" or (path.is_file() and not path.name.startswith("."))

@@ -59,7 +59,7 @@ def draw_map(outcomes: Sequence[Outcome], path: Path) -> Path:
     """Draw what became of the pushes to each target, one panel an object (as O Fig 3).
 
     Args:
-        outcomes: of one controller.
+        outcomes: of one sensing and controller.
         path: the PNG to write.
     """
     things = list(dict.fromkeys(one.object for one in outcomes))
@@ -75,7 +75,7 @@ def draw_map(outcomes: Sequence[Outcome], path: Path) -> Path:
         _floor(axes, outcomes)
         won = sum(one.success_true for one in here)
         axes.set_title(f"{thing}: {won} of {len(here)} true successes")
-    title = f"{outcomes[0].controller}; numbers: least true distance without true success [cm]"
+    title = f"{outcomes[0].label}; numbers: least true distance without true success [cm]"
     _dress(figure, title, _map_legend(frictions))
     return _saved(figure, path)
 
@@ -84,7 +84,7 @@ def draw_ways(ways: Sequence[Way], path: Path) -> Path:
     """Draw the ways of robot and object, one panel an object and friction.
 
     Args:
-        ways: of one controller.
+        ways: of one sensing and controller.
         path: the PNG to write.
     """
     from matplotlib.lines import Line2D
@@ -115,18 +115,18 @@ def draw_ways(ways: Sequence[Way], path: Path) -> Path:
         Line2D([], [], color="#bbbbbb", label="robot's frame"),
         Line2D([], [], color="black", marker="+", linestyle="", label="target"),
     ]
-    _dress(figure, ways[0].outcome.controller, handles)
+    _dress(figure, ways[0].outcome.label, handles)
     return _saved(figure, path)
 
 
 def draw_bars(
     found: Mapping[str, Sequence[Outcome]], comparisons: Sequence[Comparison], path: Path
 ) -> Path:
-    """Draw means with standard errors by controller (as O Fig 4), stars by Wilcoxon's test.
+    """Draw means with standard errors (as O Fig 4), stars by Wilcoxon's test.
 
     Args:
-        found: outcomes by controller.
-        comparisons: of the first controller with each other.
+        found: outcomes by sensing and controller.
+        comparisons: of each but the first with one before it.
         path: the PNG to write.
     """
     names = list(found)
@@ -154,8 +154,8 @@ def draw_bars(
         axes.set_axisbelow(True)
     panels[0].set_yticks(places, names)
     figure.supxlabel(
-        f"mean and standard error over all pushes; against {names[0]}, where both truly succeed: "
-        "*** p < 0.001, ** p < 0.01, * p < 0.05"
+        "mean and standard error over all pushes; against the first with the same controller, or "
+        "else the same sensing, where both truly succeed: *** p < 0.001, ** p < 0.01, * p < 0.05"
         if comparisons
         else "mean and standard error over all pushes",
         fontsize=8,

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from contactfusion.arrays import FloatArray
 from contactfusion.experiments.push.causes import cause
 from contactfusion.experiments.push.trial import Track
+from contactfusion.hypotheses import HypothesisKind
 from contactfusion.simulation.pushing import Ending
 
 
@@ -41,7 +42,11 @@ class Outcome:
         swept: Σ|Δθ| / (t_min - t_start), until the true contact was nearest (O Eq 12) [rad/s].
         without_contact: [s].
         type_accuracy: how often none, point or line was told right.
+        contact_accuracy: how often it was told right whether there is a contact.
         location_rmse: of the estimated l, in cycles in which both are there [m].
+        sources_two: of the cycles with a true contact, in how many two sources or more have a share
+            in the contact that is told.
+        evidence_two: the same of sources of evidence alone, without support.
         searches: how often the controller began to search.
         escapes: how often it began to escape.
         realigning: share of the time.
@@ -70,19 +75,26 @@ class Outcome:
     swept: float
     without_contact: float
     type_accuracy: float
+    contact_accuracy: float
     location_rmse: float
+    sources_two: float
+    evidence_two: float
     searches: int
     escapes: int
     realigning: float
     cause: str
 
+    @property
+    def label(self) -> str:
+        """What felt and what steered."""
+        return f"{self.sensing}/{self.controller}"
 
-def outcome(track: Track, sensing: str) -> Outcome:
+
+def outcome(track: Track) -> Outcome:
     """Measure a push; its first row is before any cycle, and has no part in shares and durations.
 
     Args:
         track: of it.
-        sensing: what felt the object.
     """
     push, distances = track.push, track.distance[~np.isnan(track.distance)]
     declared = track.ending == Ending.ARRIVED
@@ -91,7 +103,7 @@ def outcome(track: Track, sensing: str) -> Outcome:
     return Outcome(
         trial=push.name,
         controller=track.controller,
-        sensing=sensing,
+        sensing=track.sensing,
         object=push.object,
         friction=push.friction,
         target_x=push.target[0],
@@ -111,7 +123,10 @@ def outcome(track: Track, sensing: str) -> Outcome:
         swept=swept(track),
         without_contact=float((track.kind[1:] == 0).sum() * track.period),
         type_accuracy=_share((track.kind == track.estimate)[1:]),
+        contact_accuracy=_share(((track.kind > 0) == (track.estimate > 0))[1:]),
         location_rmse=float(np.sqrt((errors**2).mean())) if len(errors) else np.nan,
+        sources_two=_share(_sharing(track, list(track.sources.values())) >= 2),
+        evidence_two=_share(_sharing(track, [HypothesisKind.REGULAR]) >= 2),
         searches=beginnings(track, "search"),
         escapes=beginnings(track, "escape"),
         realigning=_share(_in_mode(track, "realign")[1:]),
@@ -149,6 +164,14 @@ def results_csv(outcomes: Sequence[Outcome]) -> str:
     for one in outcomes:
         writer.writerow([_cell(getattr(one, name)) for name in names])
     return text.getvalue()
+
+
+def _sharing(track: Track, kinds: Sequence[str]) -> NDArray[np.intp]:
+    """Count the sources of some kinds that have a share, in each cycle with a true contact."""
+    counted = np.array([kind in kinds for kind in track.sources.values()], np.bool_)
+    touching = track.kind[1:] > 0
+    sharing: NDArray[np.intp] = (track.shares[1:, counted][touching] > 0.0).sum(axis=1)
+    return sharing
 
 
 def _in_mode(track: Track, mode: str) -> NDArray[np.bool_]:

@@ -13,6 +13,8 @@ import numpy as np
 from contactfusion.arrays import FloatArray
 from contactfusion.controllers.face import FaceConfig
 from contactfusion.errors import ConfigurationError
+from contactfusion.experiments.push.failing import RandomFault, drawn
+from contactfusion.experiments.push.sensings import Change, Sensing, read_sensing
 from contactfusion.experiments.push.steering import controller_options, controller_settings
 from contactfusion.experiments.push.targets import Place, Targets
 from contactfusion.experiments.push.things import (
@@ -24,12 +26,10 @@ from contactfusion.experiments.push.things import (
 from contactfusion.pipeline_config import PipelineConfig
 from contactfusion.robots.description import RobotConfig
 from contactfusion.simulation.push_config import PushConfig, SkinConfig
-from contactfusion.simulation.push_objects import FRICTIONS, ObjectConfig, outlines
-from contactfusion.simulation.push_skin import with_taxels
-from contactfusion.yaml_files import read_yaml
+from contactfusion.simulation.push_names import FRICTIONS
+from contactfusion.simulation.push_objects import ObjectConfig
+from contactfusion.simulation.push_surfaces import outlines
 
-SENSINGS = {"skin": Path(__file__).with_name("skin.yaml")}
-"""What the object is felt with: the pipeline of each."""
 STARTS = ("nominal", "random")
 OFFSET, YAW = 0.2, 45.0
 """Random starts are drawn within these, either way [m, degrees]."""
@@ -42,11 +42,7 @@ CLEARANCE = 0.03
 """Nor are they drawn under the robot, or so near behind or beside it [m]."""
 FLAT = 1e-6
 """Corners so far behind the foremost are as far ahead [m]."""
-BLUR = 2.5
-"""One point may seem as wide as so many taxels."""
-REST: Any = {"folder": True, "faults": True, "robot": {"folder"}, "controller": True, "seed": True}
-"""Of a pipeline, what does not change a trial, or is told apart."""
-TRIALS = 2
+TRIALS = 3
 """Counts up when trials change, so that old ones are not taken for new."""
 
 
@@ -82,28 +78,28 @@ class Push:
 
 @dataclass(frozen=True)
 class Plan:
-    """An experiment.
+    """All pushes of an experiment that are felt in one way.
 
     Attributes:
-        sensing: the name of what feels.
-        pipeline: what feels, without a controller.
+        sensing: what feels.
         objects: what is pushed, by name.
         frictions: their names.
         targets: where to.
         starts: "nominal" or "random".
         skin: how well the skin feels.
-        face: what pushes.
+        faults: how sensors fail.
+        misplaced: how far sensors are from where they are believed to be, by name.
         seed: of all chance.
     """
 
-    sensing: str
-    pipeline: PipelineConfig
+    sensing: Sensing
     objects: Mapping[str, ObjectConfig]
     frictions: Sequence[str]
     targets: Targets
     starts: str
     skin: SkinConfig
-    face: FaceConfig
+    faults: Sequence[RandomFault]
+    misplaced: Mapping[str, Any]
     seed: int
 
     def pushes(self) -> list[Push]:
@@ -125,32 +121,48 @@ class Plan:
             "offset": push.offset,
             "yaw": push.yaw,
             "skin": self.skin,
+            "sees": self.sensing.sees,
+            "misplaced": {
+                name: how for name, how in self.misplaced.items() if name in self.sensing.sees
+            },
         }
         return PushConfig(**fields)
 
     def pipeline_of(self, push: Push, controller: str) -> PipelineConfig:
         """Give the pipeline that steers a push."""
-        options = controller_options(controller, push.target, self.face)
-        return self.pipeline.model_copy(update={"controller": options, "seed": push.seed})
+        update = {
+            "controller": controller_options(controller, push.target, self.face),
+            "faults": drawn(self.faults, push.seed),
+            "seed": push.seed,
+        }
+        return self.pipeline.model_copy(update=update)
+
+    @property
+    def pipeline(self) -> PipelineConfig:
+        """What feels, without a controller."""
+        return self.sensing.pipeline
+
+    @property
+    def face(self) -> FaceConfig:
+        """What pushes."""
+        return self.sensing.face
 
     @property
     def robot(self) -> RobotConfig:
         """The base."""
-        assert self.pipeline.robot is not None  # read_plan made sure of it
-        return self.pipeline.robot
+        return self.sensing.robot
 
     def settings(self, controllers: Sequence[str]) -> dict[str, Any]:
         """Tell what makes two trials of one name equal, for a folder that is gone on with."""
         places = self.targets.places
         told = {
             "trials": TRIALS,
-            "sensing": self.sensing,
             "seed": self.seed,
             "starts": self.starts,
             "skin": self.skin.model_dump(mode="json"),
-            "face": self.face.model_dump(mode="json"),
-            "pipeline": self.pipeline.model_dump(mode="json", exclude=REST),
-            "faults": [fault.model_dump(mode="json") for fault in self.pipeline.faults],
+            "faults": [fault.told for fault in self.faults],
+            "misplaced": self.misplaced,
+            "sensings": {self.sensing.label: self.sensing.settings()},
             "controllers": {name: controller_settings(name, self.face) for name in controllers},
             "objects": {name: object_settings(one) for name, one in self.objects.items()},
             "targets": {self.targets.name: places or "by chance"},
@@ -212,8 +224,10 @@ def read_plan(
     starts: str,
     taxels: int,
     skin: SkinConfig,
-    faults: Sequence[Any],
+    faults: Sequence[RandomFault],
     seed: int,
+    change: Change | None = None,
+    misplaced: Mapping[str, Any] | None = None,
 ) -> Plan:
     """Put an experiment together.
 
@@ -228,33 +242,28 @@ def read_plan(
         skin: how well the skin feels.
         faults: how sensors fail.
         seed: of all chance.
+        change: what differs from the file of the sensing.
+        misplaced: how far sensors are from where they are believed to be, by name.
 
     Raises:
-        ConfigurationError: a name is unknown or stands twice, a file holds no object, or the seed
-            is less than 0.
+        ContactFusionError: a name is unknown or stands twice, a file holds no object, the seed is
+            less than 0, or what feels is not installed.
     """
     if seed < 0:
         raise ConfigurationError(f"a seed is 0 or more, not {seed}", "seed")
-    require_known([sensing], SENSINGS, "sensing", "sensings")
     require_known([starts], STARTS, "starts", "starts")
     frictions = frictions or list(FRICTIONS)
     require_known(frictions, FRICTIONS, "friction", "frictions")
     require_once(frictions, "frictions")
-    path = SENSINGS[sensing]
-    pipeline = PipelineConfig(**{"folder": path.parent, **read_yaml(path)})
-    assert pipeline.robot is not None
-    patches = pipeline.robot.patches
-    divided = with_taxels(patches["skin"], taxels)
-    robot = pipeline.robot.model_copy(update={"patches": {**patches, "skin": divided}})
     return Plan(
-        sensing=sensing,
-        pipeline=pipeline.model_copy(update={"robot": robot, "faults": tuple(faults)}),
+        sensing=read_sensing(sensing, taxels, change or Change()),
         objects=objects_of(objects, files),
         frictions=frictions,
         targets=targets,
         starts=starts,
         skin=skin,
-        face=FaceConfig(blur=BLUR * divided.grids[0].pitch[1]),
+        faults=faults,
+        misplaced=misplaced or {},
         seed=seed,
     )
 

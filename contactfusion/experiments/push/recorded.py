@@ -14,7 +14,7 @@ from contactfusion.recordings.mcap import McapWriter
 from contactfusion.robots.urdf import read_urdf
 from contactfusion.shapes import ShapeConfig
 from contactfusion.simulation.push import PushTruth
-from contactfusion.simulation.push_objects import outlines
+from contactfusion.simulation.push_surfaces import outlines
 
 TRUTH = "truth"
 """Topics of what no sensor tells begin with this."""
@@ -38,7 +38,8 @@ def record(plan: Plan, push: Push, controller: str, folder: Path) -> tuple[Path,
     Raises:
         DependencyError: rosbags or matplotlib is not installed.
     """
-    cycles = list(push_cycles(plan, push, Pipeline(plan.pipeline_of(push, controller))))
+    pipeline = Pipeline(plan.pipeline_of(push, controller), plan.sensing.ask)
+    cycles = list(push_cycles(plan, push, pipeline))
     recording = folder / f"{push.name}.mcap"
     with McapWriter(recording) as writer:
         for cycle in cycles:

@@ -7,14 +7,8 @@ from typing import Any
 
 from contactfusion.errors import ConfigurationError, name_hint
 from contactfusion.robots.description import RobotConfig
-from contactfusion.simulation.push_objects import (
-    OTHERS,
-    PAPER,
-    ObjectConfig,
-    UrdfObjectConfig,
-    named_object,
-    read_object,
-)
+from contactfusion.simulation.push_names import OTHERS, PAPER, named_object, read_object
+from contactfusion.simulation.push_objects import ObjectConfig, UrdfObjectConfig
 
 
 def objects_of(names: Sequence[str], files: Sequence[Path]) -> dict[str, ObjectConfig]:

@@ -1,0 +1,352 @@
+"""`train cpm`: a whole training, small enough for a test, that repeats itself and goes on."""
+
+import json
+import pickle
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import fields, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from contactfusion.errors import ConfigurationError, ContactFusionError
+from contactfusion.experiments.workers import Died, each
+from contactfusion.generators.networks import ContactNetworks, read_networks
+from contactfusion.learning import collecting, cpm, training
+from contactfusion.learning.cpm import Options, train_cpm
+from contactfusion.learning.lessons import Detour, Lesson, Split
+from contactfusion.learning.trials import LabelledTrial, load
+from tests.test_cli import Ask, ask, one_sentence
+
+__all__ = ["ask"]  # a fixture
+OPTIONS = [field.name for field in fields(Options)]
+TINY = Options(rounds=1, varied=0, driven=1, tested=6, epochs=2, early=1, stride=1, workers=1)
+FIGURES = {"lidar_lidar_success_true": 0.75}
+OFFSETS: dict[Split, float] = {"training": -0.1, "validation": 0.05}
+FIRST = [
+    Lesson(f"{split}-{thing}", split, 0, thing, "mu1", (2.0, 0.0), offset=offset)
+    for split, offset in OFFSETS.items()
+    for thing in ("box", "cylinder")
+]
+THEN = [Lesson("training-driven", "training", 1, "box", "mu2", (2.0, 0.0), driver="lidar_side")]
+FILES = {
+    "settings.json", "cpm.safetensors", "cpm.json", "curves.png",
+    *(f"trials/{lesson.name}.npz" for lesson in (*FIRST, *THEN)),
+    *(f"round_{turn}/{name}" for turn in (0, 1)
+      for name in ("location.npz", "type.npz", "cpm.safetensors", "cpm.json")),
+}  # fmt: skip
+
+
+def each_here(make: Callable[[Any], Any], tasks: Sequence[Any], workers: int) -> Iterator[Any]:
+    """Do tasks one by one in this process, with all that they would be given in another."""
+    for task in tasks:
+        there, given = pickle.loads(pickle.dumps((make, task)))
+        yield task, pickle.loads(pickle.dumps(there(given)))
+
+
+def make_small(patch: pytest.MonkeyPatch) -> None:
+    """Make few and short pushes, no test, and no processes."""
+    patch.setattr(cpm, "each", each_here)
+    patch.setattr(cpm, "first_lessons", lambda varied, seed: FIRST)
+    patch.setattr(cpm, "driven_lessons", lambda count, turn, mountings, seed: THEN)
+    patch.setattr(cpm, "tested", lambda *told: FIGURES)
+    patch.setattr(collecting, "LONGEST", 1.0)
+
+
+@pytest.fixture(autouse=True)
+def small(monkeypatch: pytest.MonkeyPatch) -> None:
+    make_small(monkeypatch)
+
+
+@pytest.fixture
+def lived(monkeypatch: pytest.MonkeyPatch) -> list[str]:
+    """Give the lessons that are lived, and the weights that drive."""
+    noted: list[str] = []
+
+    def live(lesson: Lesson, weights: Path | None) -> LabelledTrial:
+        driver = "skin" if weights is None else "/".join(weights.parts[-2:])
+        noted.append(f"{lesson.name} by {driver}")
+        return collecting.live(lesson, weights)
+
+    monkeypatch.setattr(cpm, "live", live)
+    return noted
+
+
+def content(out: Path) -> dict[str, bytes]:
+    """Give the bytes of all files."""
+    files = (path for path in out.rglob("*") if path.is_file())
+    return {path.relative_to(out).as_posix(): path.read_bytes() for path in files}
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory: pytest.TempPathFactory) -> dict[str, bytes]:
+    """Give the files of a training from beginning to end."""
+    out = tmp_path_factory.mktemp("whole") / "cpm"
+    with pytest.MonkeyPatch.context() as patch:
+        make_small(patch)
+        train_cpm(TINY, out)
+    return content(out)
+
+
+def laid_out(files: dict[str, bytes], out: Path) -> Path:
+    for name, held in files.items():
+        (out / name).parent.mkdir(parents=True, exist_ok=True)
+        (out / name).write_bytes(held)
+    return out
+
+
+# What comes of it
+
+
+def test_all_is_there_that_is_promised(whole: dict[str, bytes]) -> None:
+    assert set(whole) == FILES
+    assert whole["curves.png"].startswith(b"\x89PNG")
+
+
+def test_the_card_says_what_was_learned(whole: dict[str, bytes], tmp_path: Path) -> None:
+    card, weights = read_networks(laid_out(whole, tmp_path) / "cpm.safetensors")
+    assert set(weights) == {"location", "type"}
+    cycles = 5 * 11  # pushes of a second, at 10 Hz, with the first and the last
+    assert card.data == (
+        f"5 simulated pushes, {cycles} cycles, each seen from 3 places: the 156 + 36 of the paper "
+        "and 0 varied ones by skin, then 1 by networks in each of 1 rounds; seed 0"
+    )
+    assert (card.window, card.rate, card.proximity) == (20, 10.0, collecting.PROXIMITY)
+    assert card.figures["lidar_lidar_success_true"] == 0.75
+    assert 0.0 <= card.figures["validation_type_accuracy"] <= 1.0
+    assert card.figures["validation_location_rmse_m"] > 0.0
+    assert card.seeds == {"location": 0, "type": 0}
+
+
+def test_the_networks_that_are_written_are_those_of_the_last_round(
+    whole: dict[str, bytes], tmp_path: Path
+) -> None:
+    assert whole["cpm.safetensors"] == whole["round_1/cpm.safetensors"]
+    assert whole["cpm.safetensors"] != whole["round_0/cpm.safetensors"]
+    before, card = json.loads(whole["round_1/cpm.json"]), json.loads(whole["cpm.json"])
+    assert card == before | {"figures": before["figures"] | FIGURES}
+    window = np.full((20, 12), 0.31)
+    found = ContactNetworks.load(laid_out(whole, tmp_path) / "cpm.safetensors").perceive(window)
+    assert found.probabilities.sum() == pytest.approx(1.0)
+
+
+def test_each_round_learns_from_all_pushes_so_far(whole: dict[str, bytes], tmp_path: Path) -> None:
+    out = laid_out(whole, tmp_path)
+    cards = [read_networks(out / f"round_{turn}" / "cpm.safetensors")[0] for turn in (0, 1)]
+    assert [card.data.split(",")[0] for card in cards] == [
+        "4 simulated pushes", "5 simulated pushes",
+    ]  # fmt: skip
+    trial = load(out / "trials" / "training-driven.npz")
+    assert (trial.round, trial.split) == (1, "training")
+
+
+def test_networks_drive_after_the_first_round(lived: list[str], tmp_path: Path) -> None:
+    train_cpm(TINY, tmp_path / "cpm")
+    assert lived == [
+        "training-box by skin",
+        "training-cylinder by skin",
+        "validation-box by skin",
+        "validation-cylinder by skin",
+        "training-driven by round_0/cpm.safetensors",
+    ]
+
+
+def test_the_last_round_is_the_longest_and_goes_on_from_the_one_before(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    trainings: list[tuple[str, str, int, bool]] = []
+    kept = training.train
+
+    def train(name: Any, data: Any, how: Any, folder: Path, warm: Any, told: Any) -> Any:
+        trainings.append((folder.name, name, how.epochs, warm is not None))
+        return kept(name, data, how, folder, warm, told)
+
+    monkeypatch.setattr(cpm, "train", train)
+    train_cpm(TINY, tmp_path / "cpm")
+    assert trainings == [
+        ("round_0", "location", 1, False),
+        ("round_0", "type", 1, False),
+        ("round_1", "location", 2, True),
+        ("round_1", "type", 2, True),
+    ]
+
+
+def test_without_further_rounds_the_skin_is_the_only_driver(
+    lived: list[str], tmp_path: Path
+) -> None:
+    train_cpm(replace(TINY, rounds=0), tmp_path / "cpm")
+    assert len(lived) == 4 and all("skin" in told for told in lived)
+    assert not (tmp_path / "cpm" / "round_1").exists()
+
+
+# It repeats itself, and goes on
+
+
+def test_the_same_options_give_the_same_bytes(whole: dict[str, bytes], tmp_path: Path) -> None:
+    train_cpm(replace(TINY, workers=3), tmp_path / "cpm")
+    assert content(tmp_path / "cpm") == whole
+
+
+def test_a_second_call_does_nothing_new(
+    whole: dict[str, bytes], lived: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def never(*_: Any) -> Any:
+        raise AssertionError("an epoch was made again")
+
+    monkeypatch.setattr(training, "_learn", never)
+    train_cpm(TINY, laid_out(whole, tmp_path))
+    assert not lived
+    assert content(tmp_path) == whole
+
+
+@pytest.mark.parametrize(
+    ("lost", "again"),
+    [
+        (["cpm.safetensors"], []),
+        (["trials/training-cylinder.npz", "cpm.safetensors"], ["training-cylinder by skin"]),
+        (
+            ["trials/training-driven.npz", "cpm.json", "curves.png"],
+            ["training-driven by round_0/cpm.safetensors"],
+        ),
+        (["round_1/location.npz", "round_0/cpm.json"], []),
+        (["round_0/type.npz"], []),
+    ],
+)
+def test_what_is_lost_is_made_again_to_the_byte(
+    lost: list[str], again: list[str], whole: dict[str, bytes], lived: list[str], tmp_path: Path
+) -> None:
+    out = laid_out(whole, tmp_path)
+    for name in lost:
+        (out / name).unlink()
+    train_cpm(TINY, out)
+    assert lived == again
+    assert content(out) == whole
+
+
+def test_a_training_that_was_stopped_among_its_pushes_goes_on(
+    whole: dict[str, bytes], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def stopping(make: Any, tasks: Sequence[Any], workers: int) -> Iterator[Any]:
+        for count, done in enumerate(each_here(make, tasks, workers)):
+            if count == 2:
+                raise KeyboardInterrupt
+            yield done
+
+    with monkeypatch.context() as patch:
+        patch.setattr(cpm, "each", stopping)
+        with pytest.raises(KeyboardInterrupt):
+            train_cpm(TINY, tmp_path / "cpm")
+    assert len(list((tmp_path / "cpm" / "trials").iterdir())) == 3
+    train_cpm(TINY, tmp_path / "cpm")
+    assert content(tmp_path / "cpm") == whole
+
+
+def test_processes_of_their_own_give_the_same_bytes(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    flung = (Detour(0.0, 60.0, (2.0, 0.0, 0.0)),)  # out of the field in three seconds
+    brief = [replace(lesson, offset=0.01 * row, detours=flung) for row, lesson in enumerate(FIRST)]
+    monkeypatch.setattr(cpm, "first_lessons", lambda *_: brief)
+    monkeypatch.setattr(collecting, "LONGEST", 60.0)
+    options = replace(TINY, rounds=0, epochs=1)
+    train_cpm(options, tmp_path / "here")
+    monkeypatch.setattr(cpm, "each", each)
+    train_cpm(options, tmp_path / "there")
+    assert content(tmp_path / "there") == content(tmp_path / "here")
+
+
+# What is wrong
+
+
+@pytest.mark.parametrize("field", ["rounds", "varied", "driven", "tested", "epochs", "early",
+                                   "stride", "seed"])  # fmt: skip
+def test_a_folder_of_other_options_is_refused(
+    field: str, whole: dict[str, bytes], tmp_path: Path
+) -> None:
+    other = replace(TINY, **{field: getattr(TINY, field) + 1})
+    with pytest.raises(ConfigurationError) as told:
+        train_cpm(other, laid_out(whole, tmp_path))
+    sentence = f"{tmp_path} holds another training: give another --out, or remove it"
+    assert str(told.value) == sentence
+    assert content(tmp_path) == whole
+
+
+def test_a_folder_with_other_files_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "thesis.txt").write_text("mine")
+    with pytest.raises(ConfigurationError) as told:
+        train_cpm(TINY, tmp_path)
+    assert str(told.value) == f"{tmp_path} holds files, but no training: give another --out"
+    assert content(tmp_path) == {"thesis.txt": b"mine"}
+
+
+@pytest.mark.parametrize("held", [b"{", b"[]", b"\xff\xfe", b'{"collection": 0}'])
+def test_settings_that_are_not_ours_are_refused(held: bytes, tmp_path: Path) -> None:
+    (tmp_path / "settings.json").write_bytes(held)
+    with pytest.raises(ConfigurationError, match="holds another training"):
+        train_cpm(TINY, tmp_path)
+
+
+def test_a_push_that_cannot_be_made_is_told_by_its_name(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(cpm, "first_lessons", lambda *_: [replace(FIRST[0], object="bax")])
+    with pytest.raises(ContactFusionError, match=r"^training-box: .*'bax'; did you mean 'box'"):
+        train_cpm(TINY, tmp_path / "cpm")
+
+
+def test_a_process_that_dies_twice_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def dying(make: Any, tasks: Sequence[Any], workers: int) -> Iterator[Any]:
+        yield tasks[0], Died("was killed by SIGKILL")
+
+    monkeypatch.setattr(cpm, "each", dying)
+    with pytest.raises(ContactFusionError, match="was killed by SIGKILL, twice; start again"):
+        train_cpm(TINY, tmp_path / "cpm")
+
+
+def test_a_checkpoint_of_another_training_is_told(whole: dict[str, bytes], tmp_path: Path) -> None:
+    out = laid_out(whole, tmp_path)
+    (out / "round_1" / "type.npz").write_bytes(whole["round_0/type.npz"])
+    with pytest.raises(ContactFusionError, match=r"round_1/type.npz is the checkpoint of a"):
+        train_cpm(TINY, out)
+
+
+def test_a_damaged_trial_is_told(whole: dict[str, bytes], tmp_path: Path) -> None:
+    out = laid_out(whole, tmp_path)
+    (out / "trials" / "training-box.npz").write_bytes(b"PK")
+    with pytest.raises(ConfigurationError, match=r"training-box.npz is no npz file of numbers"):
+        train_cpm(TINY, out)
+
+
+def test_somebody_must_work(tmp_path: Path) -> None:
+    with pytest.raises(ConfigurationError, match="workers: it takes 1 worker or more, not 0"):
+        train_cpm(replace(TINY, workers=0), tmp_path / "cpm")
+    assert not (tmp_path / "cpm").exists()
+
+
+# The command
+
+
+def test_the_command_tells_its_options(ask: Ask) -> None:
+    answer = ask("train", "cpm", "--help")
+    assert answer.status == 0
+    for option in OPTIONS:
+        assert f"--{option}" in answer.out
+
+
+def test_the_command_gives_each_option_its_place(
+    ask: Ask, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    heard: list[tuple[Options, Path]] = []
+    monkeypatch.setattr(cpm, "train_cpm", lambda *told: heard.append(told))
+    numbers = {name: 20 + row for row, name in enumerate(OPTIONS)}
+    told = [part for name, number in numbers.items() for part in (f"--{name}", str(number))]
+    assert ask("train", "cpm", *told, "--out", str(tmp_path)).status == 0
+    assert ask("train", "cpm").status == 0
+    assert heard == [(Options(**numbers), tmp_path), (Options(), Path("out/cpm"))]
+
+
+def test_the_command_says_in_one_sentence_what_is_wrong(ask: Ask, tmp_path: Path) -> None:
+    (tmp_path / "thesis.txt").write_text("mine")
+    sentence = one_sentence(ask("train", "cpm", "--out", str(tmp_path)))
+    assert "holds files, but no training: give another --out" in sentence
