@@ -10,7 +10,8 @@ from benchmarks.table import Row
 from contactfusion.controllers.pushing_parameters import SETS
 from contactfusion.experiments.push.plan import read_plan
 from contactfusion.experiments.push.targets import read_targets
-from contactfusion.experiments.push.trial import Cost, run_trial
+from contactfusion.experiments.push.trial import run_trial
+from contactfusion.experiments.push.watches import Cost
 from contactfusion.simulation.push_config import SkinConfig
 from contactfusion.tuning.rating import random_pushes, rate_in_plane
 
