@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation, Slerp
 
 from contactfusion.arrays import FloatArray
 from contactfusion.frames import Pose, pose_of
-from contactfusion.readings import JointState, Odometry, Reading
+from contactfusion.readings import JointState, Odometry, Reading, Twist
 
 R = TypeVar("R", bound=Reading)
 LENGTH = 4096
@@ -18,14 +18,16 @@ LENGTH = 4096
 
 
 class History:
-    """Remembers joints and odometry, and interpolates them; never extrapolates.
+    """Remembers joints, odometry and twists of the base, and interpolates; never extrapolates.
 
-    A stamp before the oldest or after the newest reading gets that reading.
+    A stamp before the oldest or after the newest reading gets that reading. Twists go on where
+    odometry falls silent: the base has gone as they say since its last reading.
     """
 
     def __init__(self) -> None:
         self._joints: dict[tuple[str, ...], deque[JointState]] = {}
         self._odometry: deque[Odometry] = deque(maxlen=LENGTH)
+        self._twists: deque[Twist] = deque(maxlen=LENGTH)
 
     def add(self, reading: Reading) -> None:
         """Remember a reading, unless it is older than the newest of its type."""
@@ -33,11 +35,16 @@ class History:
             _append(self._joints.setdefault(reading.names, deque(maxlen=LENGTH)), reading)
         elif isinstance(reading, Odometry):
             _append(self._odometry, reading)
+            while self._twists and self._twists[0].stamp <= reading.stamp:
+                self._twists.popleft()
+        elif isinstance(reading, Twist):
+            _append(self._twists, reading)
 
     def clear(self) -> None:
         """Forget all readings."""
         self._joints.clear()
         self._odometry.clear()
+        self._twists.clear()
 
     def joints(self, stamp: float) -> JointState | None:
         """Give the joints at a stamp [s]: positions in between, the rest of the nearer reading.
@@ -49,7 +56,11 @@ class History:
         return _together(parts) if parts else None
 
     def base_pose(self, stamp: float) -> tuple[str, str, Pose] | None:
-        """Give (parent frame, child frame, pose) of the base at a stamp [s]."""
+        """Give (parent frame, child frame, pose) of the base at a stamp [s].
+
+        After the newest odometry it is moved on by the twists of its frame that came since; each
+        held since the one before it.
+        """
         around = _around(self._odometry, stamp)
         if around is None:
             return None
@@ -58,11 +69,26 @@ class History:
             before = after = before if part < 0.5 else after
         if part == 0.0:
             turn = Rotation.from_quat(before.orientation)
-            return before.frame, before.child_frame, pose_of(before.position, turn.as_matrix())
+            pose = pose_of(before.position, turn.as_matrix())
+            return before.frame, before.child_frame, self._moved_on(before, pose, stamp)
         position = (1.0 - part) * before.position + part * after.position
         turns = Rotation.from_quat(np.stack([before.orientation, after.orientation]))
         pose = pose_of(position, Slerp([0.0, 1.0], turns)(part).as_matrix())
         return after.frame, after.child_frame, pose
+
+    def _moved_on(self, last: Odometry, pose: Pose, stamp: float) -> Pose:
+        """Move a pose on by twists, when nothing newer tells of it."""
+        if last is not self._odometry[-1]:
+            return pose
+        before = last.stamp
+        for twist in self._twists:
+            if before < twist.stamp <= stamp and twist.frame == last.child_frame:
+                period = twist.stamp - before
+                turn = Rotation.from_rotvec(period * twist.angular).as_matrix()
+                half = Rotation.from_rotvec(period / 2.0 * twist.angular).as_matrix()
+                pose = pose @ pose_of(half @ (period * twist.linear), turn)
+                before = twist.stamp
+        return pose
 
 
 def _between(readings: deque[JointState], stamp: float) -> JointState:

@@ -19,6 +19,8 @@ from contactfusion.state import State
 
 PlanarPose = tuple[float, float, float]
 """x, y [m] and yaw [rad] in the odometry's frame."""
+PATIENCE = 1.0
+"""It waits so long for odometry [s]."""
 ARRIVED = "arrived"
 """The mode of a controller that has declared arrival; it holds still from then on."""
 
@@ -66,6 +68,7 @@ class PushingController(Controller, Generic[ConfigT]):
     def __init__(self, config: ConfigT) -> None:
         super().__init__(config)
         self.options = config
+        self._waits_since = math.inf
         self.reset()
 
     @abstractmethod
@@ -84,11 +87,20 @@ class PushingController(Controller, Generic[ConfigT]):
     def command(self, contacts: Sequence[Contact], state: State) -> Command:
         """Give the twist that follows from the contacts of one step.
 
+        Without odometry it waits, for the first reading may be lost.
+
         Raises:
-            ConfigurationError: there is no odometry, or contacts come in another frame.
+            ConfigurationError: no odometry comes, or contacts come in another frame.
         """
         if state.base_pose is None:
-            raise ConfigurationError("a controller that pushes needs odometry of the base")
+            self._waits_since = min(self._waits_since, state.now)
+            if state.now - self._waits_since > PATIENCE:
+                raise ConfigurationError("a controller that pushes needs odometry of the base")
+            still = Twist(
+                stamp=state.now, frame=self.options.face.frame,
+                linear=np.zeros(3), angular=np.zeros(3),
+            )  # fmt: skip
+            return Command(twist=still, mode="wait", reason="no odometry yet")
         pose = state.base_pose
         place = float(pose[0, 3]), float(pose[1, 3]), math.atan2(pose[1, 0], pose[0, 0])
         face = self.options.face

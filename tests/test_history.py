@@ -5,7 +5,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from contactfusion.history import LENGTH, History
-from contactfusion.readings import JointState, Odometry, Wrench
+from contactfusion.readings import JointState, Odometry, Twist, Wrench
 
 
 def joints(stamp: float, *angles: float, names: tuple[str, ...] = ("a", "b")) -> JointState:
@@ -28,7 +28,16 @@ def odometry(stamp: float, x: float, turn: float = 0.0, child: str = "base") -> 
     )
 
 
-def history(*readings: JointState | Odometry) -> History:
+def twist(stamp: float, ahead: float, turn: float = 0.0, frame: str = "base") -> Twist:
+    return Twist(
+        stamp=stamp,
+        frame=frame,
+        linear=np.array([ahead, 0.0, 0.0]),
+        angular=np.array([0.0, 0.0, turn]),
+    )
+
+
+def history(*readings: JointState | Odometry | Twist) -> History:
     remembered = History()
     for reading in readings:
         remembered.add(reading)
@@ -89,6 +98,31 @@ def test_nothing_is_extrapolated(stamp: float) -> None:
     end = min(max(stamp, 0.0), 1.0)
     assert angles(remembered, stamp) == [end, end]
     assert pose(remembered, stamp)[2] == pytest.approx(end)
+
+
+def test_where_odometry_falls_silent_twists_go_on() -> None:
+    remembered = history(odometry(0.0, 1.0), twist(0.0, 9.0), twist(0.1, 2.0), twist(0.2, 1.0))
+    assert pose(remembered, 0.1)[2:] == pytest.approx((1.2, 0.0))
+    assert pose(remembered, 0.3)[2:] == pytest.approx((1.3, 0.0))
+
+
+def test_twists_go_on_in_the_direction_in_which_the_base_has_turned() -> None:
+    steps = [twist(0.01 * step, 1.0, np.pi / 2.0) for step in range(1, 101)]
+    remembered = history(odometry(0.0, 0.0), *steps)
+    base = remembered.base_pose(1.0)
+    assert base is not None
+    assert base[2][:2, 3] == pytest.approx([2.0 / np.pi, 2.0 / np.pi], abs=1e-4)
+    assert pose(remembered, 1.0)[3] == pytest.approx(np.pi / 2.0)
+
+
+def test_odometry_that_comes_again_counts_alone() -> None:
+    remembered = history(odometry(0.0, 0.0), twist(0.1, 5.0), odometry(0.2, 0.3), twist(0.2, 5.0))
+    assert pose(remembered, 0.2)[2] == pytest.approx(0.3)
+
+
+def test_twists_of_another_frame_move_nothing() -> None:
+    remembered = history(odometry(0.0, 0.0), twist(0.1, 5.0, frame="gripper"))
+    assert pose(remembered, 0.1)[2] == pytest.approx(0.0)
 
 
 def test_an_older_reading_than_the_newest_is_ignored() -> None:

@@ -1,5 +1,6 @@
 """Contacts that a LiDAR sees, by networks whose weights the tests write."""
 
+import re
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -24,6 +25,7 @@ from tests.test_networks import Tensors, some_card, some_weights, write
 SIDE = 0.0125
 POSE: Pose = pose_at((0.295, 0.0, 0.80), (-np.pi / 2.0, np.pi / 2.0, 0.0))
 """Of the LiDAR in the base's frame."""
+ROOT = Path(__file__).parents[1]
 STATE = State(now=0.0, grid=Grid("base", SIDE), frames=FrameTree({"lidar": ("base", POSE)}))
 NOTHING = np.empty((0, 3))
 EMPTY = ProximityConfig().empty
@@ -294,6 +296,22 @@ def test_wrong_options_are_told(options: dict[str, Any], sentence: str) -> None:
 
 
 # In a pipeline
+
+
+@pytest.mark.parametrize("page", ["lidar_cpm", "lidar_rule"])
+def test_the_example_of_its_page_feels_what_is_pushed(
+    page: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    lateral = 0.1  # of the object on both pages
+    text = (ROOT / "docs" / "generators" / f"{page}.md").read_text()
+    (code,) = re.findall(r"^```python\n(.*?)^```", text, re.MULTILINE | re.DOTALL)
+    networks = write(tmp_path, says(point=3.0, lateral=lateral))
+    monkeypatch.setattr("contactfusion.generators.learned.shipped", lambda: networks)
+    names: dict[str, Any] = {}
+    exec(code, names)
+    (contact,) = names["contacts"]
+    assert contact.position[:2] == pytest.approx([0.3, lateral], abs=0.02)
+    assert names["scene"].truth().contact[1] == pytest.approx(lateral, abs=0.02)
 
 
 @pytest.mark.parametrize("kind", ["lidar_cpm", "lidar_rule"])

@@ -78,8 +78,8 @@ def arrived(noise: float = 0.05, seed: int = 0) -> Done:
     return done(scene(seed, target=target, skin={"noise": noise}), pipeline(target))
 
 
-def silent(sensor: str) -> dict[str, Any]:
-    return {"faults": [{"fault": "silent", "sensor": sensor}]}
+def silent(sensor: str, **when: float) -> dict[str, Any]:
+    return {"faults": [{"fault": "silent", "sensor": sensor, **when}]}
 
 
 # Readings
@@ -307,6 +307,12 @@ def test_a_push_ends_when_the_object_is_too_far_away() -> None:
 def test_without_a_controller_nobody_pushes() -> None:
     with pytest.raises(ConfigurationError, match="^controller: a push needs a controller$"):
         done(scene(), pipeline(controller=None))
+
+
+def test_without_odometry_the_wheels_lead_to_the_target() -> None:
+    push = done(scene(), pipeline(**silent("odometry", start=1.0)))
+    assert push.last.ending == Ending.ARRIVED
+    assert push.last.truth.distance <= 0.05
 
 
 def test_a_controller_that_fails_ends_the_push_with_a_sentence() -> None:

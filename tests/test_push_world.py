@@ -207,9 +207,11 @@ def test_a_flat_face_rattles_less_on_a_pad_than_on_a_hard_front() -> None:
 
 def test_a_pad_gives_way_as_its_stiffness_says() -> None:
     """74 N of a cylinder's friction press 10 kN/m in by 7 mm."""
-    hard, padded = (world(object="cylinder", skin={"pad": pad}) for pad in (None, PAD))
-    ahead = [one.base_pose[0] - one.object_pose[0] for one in (pushed(hard, 30, 0.1, 0.0, 0.0),
-                                                               pushed(padded, 30, 0.1, 0.0, 0.0))]  # fmt: skip
+    ahead = []
+    for pad in (None, PAD):
+        one = pushed(world(object="cylinder", skin={"pad": pad}), 30, 0.1, 0.0, 0.0)
+        ahead.append(one.base_pose[0] - one.object_pose[0])
+    padded = world(object="cylinder", skin={"pad": PAD})
     assert ahead[1] - ahead[0] == pytest.approx(force(padded) / 10_000.0, rel=0.3)
 
 

@@ -125,9 +125,7 @@ class PushScene:
 
     def _seen(self) -> list[Reading]:
         base, thing = self._world.base_pose, self._world.object_pose
-        return [
-            eye.reading(self.stamp, base, thing) for eye in self._eyes if eye.due(self.stamp)
-        ]
+        return [eye.reading(self.stamp, base, thing) for eye in self._eyes if eye.due(self.stamp)]
 
     def _require_outside(self) -> None:
         x, y = self.config.target

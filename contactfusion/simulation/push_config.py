@@ -42,8 +42,8 @@ class SkinConfig(Model):
     pad: SoftConfig | None = Field(
         default_factory=lambda: SoftConfig(stiffness=10_000.0, damping=400.0)
     )
-    """How it gives way, over the whole height of the front; None: it is hard. Two hard faces rattle:
-    of a flat contact now one end touches and now the other."""
+    """How it gives way, over the whole height of the front; None: it is hard. Two hard faces
+    rattle: of a flat contact now one end touches and now the other."""
 
     activation: float = Field(default=1.0, ge=0)
     """A taxel that is pressed by less on average over a cycle tells nothing [N]."""

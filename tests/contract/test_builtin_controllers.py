@@ -226,7 +226,7 @@ def test_what_sticks_to_the_middle_of_the_face_gets_to_a_target_ahead(
 
 
 @each_pusher
-def test_missing_odometry_is_told_in_a_sentence(name: str, options: dict[str, Any]) -> None:
+def test_odometry_is_waited_for_then_missed_in_a_sentence(name: str, options: dict[str, Any]) -> None:
     pipeline = Pipeline(
         PipelineConfig.model_validate(
             {
@@ -235,7 +235,11 @@ def test_missing_odometry_is_told_in_a_sentence(name: str, options: dict[str, An
             }
         )
     )
-    command = pipeline.step(0.0).command
+    waiting = pipeline.step(0.0).command
+    assert waiting is not None and waiting.twist is not None
+    assert (waiting.mode, waiting.reason) == ("wait", "no odometry yet")
+    assert not np.any([waiting.twist.linear, waiting.twist.angular])
+    command = pipeline.step(1.1).command
     assert command is not None
     assert command.twist is None
     assert command.mode == "fault"
@@ -264,7 +268,7 @@ def test_the_examples_of_the_page_are_configurations() -> None:
         fields = {"integrator": {"frame": "base", "voxel_size": 0.0125}, **yaml.safe_load(example)}
         command = Pipeline(PipelineConfig.model_validate(fields)).step(0.0).command
         assert command is not None
-        assert command.reason.endswith("needs odometry of the base")
+        assert command.reason == "no odometry yet"
 
 
 def test_the_controller_of_the_page_pushes() -> None:
