@@ -288,8 +288,8 @@ def train_cpm(
     rounds: Annotated[
         int, typer.Option(min=0, help="How often the networks drive, and learn from it.")
     ] = 3,
-    varied: Annotated[int, typer.Option(min=0, help="Pushes beside the paper's 156 + 36.")] = 240,
-    driven: Annotated[int, typer.Option(min=6, help="Pushes of each round.")] = 96,
+    varied: Annotated[int, typer.Option(min=0, help="Pushes beside the paper's 156 + 36.")] = 280,
+    driven: Annotated[int, typer.Option(min=7, help="Pushes of each round.")] = 140,
     tested: Annotated[int, typer.Option(min=6, help="Pushes of the test, each LiDAR.")] = 60,
     epochs: Annotated[int, typer.Option(min=1, help="Of the last round.")] = 200,
     early: Annotated[int, typer.Option(min=1, help="Of the rounds before.")] = 50,

@@ -52,7 +52,8 @@ class LidarRuleGenerator(FaceGenerator[LidarRuleConfig]):
         proximity = self.config.proximity
         lengths = proximity.lengths_of_cloud(points)
         percept = self._percept(lengths)
-        return (self.face_cloud(reading, state, percept, lengths, proximity),)
+        near = self.config.near
+        return (self.face_cloud(reading, state, percept, lengths, proximity, near),)
 
     def _percept(self, lengths: FloatArray) -> Percept:
         first, last = nearest_strips(lengths, self.config.near)

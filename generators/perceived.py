@@ -86,6 +86,7 @@ class FaceGenerator(Generator[ConfigT]):
         percept: Percept,
         lengths: FloatArray,
         proximity: ProximityConfig,
+        near: float = NEAR,
     ) -> HypothesisCloud:
         """Put a contact on the face; there is none before an empty region, whatever is perceived.
 
@@ -98,6 +99,7 @@ class FaceGenerator(Generator[ConfigT]):
             percept: the contact.
             lengths: shape (S,), the proximity of each strip [m].
             proximity: what the strips are.
+            near: strips of a line may be further than the nearest by so much [m].
         """
         config = self.config
         assert isinstance(config, PerceivedConfig)
@@ -111,7 +113,7 @@ class FaceGenerator(Generator[ConfigT]):
         middle = float(np.clip(percept.lateral, right, left))
         half = 0.0
         if percept.kind == Kind.LINE:
-            half = min(half_length(lengths, proximity), left - middle, middle - right)
+            half = min(half_length(lengths, proximity, near), left - middle, middle - right)
         y = _spaced(middle - half, middle + half, side)
         z = _spaced(config.height[0] + side / 2.0, config.height[1] - side / 2.0, side)
         places = np.empty((len(y) * len(z), 3))
@@ -125,9 +127,9 @@ class FaceGenerator(Generator[ConfigT]):
         """Give the contact on the face."""
 
 
-def half_length(lengths: FloatArray, proximity: ProximityConfig) -> float:
+def half_length(lengths: FloatArray, proximity: ProximityConfig, near: float) -> float:
     """Give half of what the nearest strips span, at least half of the shortest line [m]."""
-    first, last = nearest_strips(lengths, NEAR)
+    first, last = nearest_strips(lengths, near)
     return max((last - first) * proximity.cell[1], LEAST_LINE) / 2.0
 
 

@@ -71,7 +71,7 @@ def test_the_type_is_learned_better_than_by_its_commonest(tmp_path: Path) -> Non
 
 
 def test_the_weights_are_those_of_the_lowest_validation_loss(tmp_path: Path) -> None:
-    wild = Options(epochs=8, batch=64, rate=0.05, schedule="constant")
+    wild = Options(epochs=8, batch=64, rate=0.03, schedule="constant")
     trained = train("location", DATA, wild, tmp_path)
     assert trained.best < wild.epochs  # so fast that the last epoch is not the best
     part = replace(DATA.validation, starts=DATA.validation.starts[DATA.validation.touching])

@@ -5,17 +5,19 @@ import pickle
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import fields, replace
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
 
 from contactfusion.errors import ConfigurationError, ContactFusionError
+from contactfusion.experiments.push import experiment
 from contactfusion.experiments.workers import Died, each
 from contactfusion.generators.networks import ContactNetworks, read_networks
-from contactfusion.learning import collecting, cpm, training
+from contactfusion.learning import collecting, cpm, lessons, testing, training
 from contactfusion.learning.cpm import Options, train_cpm
-from contactfusion.learning.lessons import Detour, Lesson, Split
+from contactfusion.learning.lessons import MOUNTINGS, Detour, Lesson, Split
 from contactfusion.learning.trials import LabelledTrial, load
 from tests.test_cli import Ask, ask, one_sentence
 
@@ -322,6 +324,57 @@ def test_somebody_must_work(tmp_path: Path) -> None:
     with pytest.raises(ConfigurationError, match="workers: it takes 1 worker or more, not 0"):
         train_cpm(replace(TINY, workers=0), tmp_path / "cpm")
     assert not (tmp_path / "cpm").exists()
+
+
+# The test
+
+
+def test_networks_and_rule_are_tested_from_each_mounting(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    asked: list[tuple[experiment.Options, Path]] = []
+
+    def run_push(options: experiment.Options, out: Path) -> None:
+        asked.append((options, out))
+        for sensing in options.sensings:
+            for row in range(4):
+                path = out / "trials" / sensing / "tuned" / f"{sensing}-{row}.npz"
+                path.parent.mkdir(parents=True, exist_ok=True)
+                path.touch()
+
+    def success(name: str) -> SimpleNamespace:  # the rule misses one of four
+        return SimpleNamespace(success_true=name != "rule-2")
+
+    found = SimpleNamespace(
+        location_rmse=(0.02, 0.01, 0.03), type_accuracy=(0.9, 0.8, 1.0),
+        contact_accuracy=(0.95, 0.9, 1.0),
+    )  # fmt: skip
+    monkeypatch.setattr(testing, "run_push", run_push)
+    monkeypatch.setattr(testing, "load", lambda path: path.stem)
+    monkeypatch.setattr(testing, "outcome", success)
+    monkeypatch.setattr(testing, "perception", lambda tracks, seed: found)
+    weights = tmp_path / "cpm.safetensors"
+    figures = testing.tested(weights, 4, 3, 2, tmp_path)
+    assert [(options.lidar, out) for options, out in asked] == [
+        (name, tmp_path / name) for name in MOUNTINGS
+    ]
+    for options, _ in asked:
+        assert (options.weights, options.targets, options.starts) == (weights, "random:4", "random")
+        assert options.seed == testing.SEED + 3
+    shares = {name: share for name, share in figures.items() if name.endswith("success_true")}
+    assert shares == {
+        f"{name}_{sensing}_success_true": share
+        for name in MOUNTINGS for sensing, share in (("lidar", 1.0), ("rule", 0.75))
+    }  # fmt: skip
+    assert figures["lidar_side_rule_location_rmse_m"] == 0.02
+    assert figures["lidar_tilted_lidar_type_accuracy"] == 0.9
+    assert len(figures) == 3 * 2 * 4
+
+
+def test_no_lesson_has_the_seed_of_a_test() -> None:
+    seeds = {lesson.seed for lesson in lessons.first_lessons(240, 0)}
+    seeds |= {one.seed for one in lessons.driven_lessons(96, 1, MOUNTINGS, 0)}
+    assert max(seeds) < testing.SEED
 
 
 # The command

@@ -27,7 +27,7 @@ from contactfusion.learning.windows import Dataset
 NAMES: tuple[Name, ...] = get_args(Name)
 RATE = 10.0
 """Of the cycles [Hz]."""
-COLLECTION = 1
+COLLECTION = 2
 """Counts up when lessons change, so that old ones are not taken for new."""
 EVERY = 10
 """The loss is told after so many epochs."""
@@ -67,8 +67,8 @@ class Options:
     """
 
     rounds: int = 3
-    varied: int = 240
-    driven: int = 96
+    varied: int = 280
+    driven: int = 140
     tested: int = 60
     epochs: int = 200
     early: int = 50

@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, Literal
+from zlib import crc32
 
 import numpy as np
 
@@ -16,10 +17,16 @@ SKIN = "skin"
 """The driver that feels the truth's own skin."""
 WITHOUT = 12
 """So many pushes of the paper's never touch (O §III-B)."""
+HELD = 7
+"""Every so-manieth varied push is for validation; drivers and frictions alternate by 2, 3 and 5."""
 FIELD, NEAREST = 3.0, 0.6
 """Varied targets lie within this along x and y, and not so near to the start [m]."""
 OFFSET, YAW = 0.2, 45.0
 """How far varied objects stand to either side [m], and how they are turned [degrees]."""
+AS_IN_PAPER = 0.6
+"""The share of varied pushes with one of the paper's objects; others have some of their kind."""
+MOST_SEEDS = 7_000_000
+"""Lessons have seeds below this, tests from here on."""
 VARIED_DRIVERS = ("tuned", "tuned", "tuned_neither", "paper", "tuned_realign_only")
 """Who steers varied pushes by skin."""
 
@@ -97,14 +104,16 @@ def first_lessons(varied: int, seed: int) -> list[Lesson]:
             for friction in FRICTIONS:
                 for row, target in enumerate(places):
                     name = f"{split}-{thing}-{friction}-{row:02d}"
-                    lessons.append(Lesson(name, split, 0, thing, friction, target))
+                    chance = _seed(seed, name)
+                    lessons.append(Lesson(name, split, 0, thing, friction, target, seed=chance))
     for row in range(WITHOUT):
         rng = np.random.default_rng([seed, 1, row])
         thing = list(PAPER)[row % len(PAPER)]
         away = Detour(0.0, 15.0, (-float(rng.uniform(0.05, 0.3)), *_aside(rng)))
         name = f"training-without-{row:02d}"
+        chance = _seed(seed, name)
         lessons.append(
-            Lesson(name, "training", 0, thing, "mu1", (2.0, 0.0), detours=(away,), seed=row)
+            Lesson(name, "training", 0, thing, "mu1", (2.0, 0.0), detours=(away,), seed=chance)
         )
     lessons += [_varied(row, 0, SKIN, seed) for row in range(varied)]
     return lessons
@@ -117,7 +126,7 @@ def driven_lessons(count: int, turn: int, mountings: Sequence[str], seed: int) -
 
 def _varied(row: int, turn: int, driver: str, seed: int) -> Lesson:
     rng = np.random.default_rng([seed, 2, turn, row])
-    split: Split = "validation" if row % 6 == 5 else "training"
+    split: Split = "validation" if row % HELD == HELD - 1 else "training"
     detours, stamp = [], 0.0
     for _ in range(rng.integers(0, 4)):
         stamp += float(rng.uniform(1.5, 12.0))
@@ -125,17 +134,23 @@ def _varied(row: int, turn: int, driver: str, seed: int) -> Lesson:
         detours.append(Detour(stamp, end, (float(rng.uniform(-0.3, 0.1)), *_aside(rng))))
         stamp = end
     controller = VARIED_DRIVERS[row % len(VARIED_DRIVERS)] if driver == SKIN else "tuned"
+    name = f"{split}-varied-{turn}-{row:03d}"
     return Lesson(
-        f"{split}-varied-{turn}-{row:03d}", split, turn, _object(rng), list(FRICTIONS)[row % 2],
-        _target(rng), float(rng.uniform(-OFFSET, OFFSET)), float(rng.uniform(-YAW, YAW)), driver,
-        controller, tuple(detours), row,
+        name, split, turn, _object(rng), list(FRICTIONS)[row % 2], _target(rng),
+        float(rng.uniform(-OFFSET, OFFSET)), float(rng.uniform(-YAW, YAW)), driver, controller,
+        tuple(detours), _seed(seed, name),
     )  # fmt: skip
+
+
+def _seed(seed: int, name: str) -> int:
+    """Give the seed of all that is left to chance in a lesson."""
+    return crc32(f"{seed} {name}".encode()) % MOST_SEEDS
 
 
 def _object(rng: np.random.Generator) -> Any:
     """Draw one of the paper's objects, or one like them of another size."""
     name = list(PAPER)[rng.integers(len(PAPER))]
-    if rng.random() < 0.4:
+    if rng.random() < AS_IN_PAPER:
         return name
     height, mass = float(rng.uniform(0.45, 0.85)), float(rng.uniform(5.0, 30.0))
     if rng.random() < 0.4:

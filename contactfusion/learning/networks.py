@@ -15,6 +15,9 @@ from contactfusion.learning.windows import WINDOW, Windows
 
 Name = Literal["location", "type"]
 """Of a network."""
+KEENNESS = 6.0
+"""The first weights of the lengths are so many times larger than torch's: what tells of contact are
+the first centimetres of a length, the first tenth of the range to which it is scaled."""
 CHUNK = 4096
 """So many windows are predicted at a time."""
 
@@ -33,8 +36,9 @@ class ContactNetwork(torch.nn.Module):
         self.lstm = torch.nn.LSTM(columns, UNITS, num_layers=LAYERS, batch_first=True)
         self.readout = torch.nn.Linear(UNITS, OUTPUTS[name])
         bound = UNITS**-0.5
-        for parameter in self.parameters():
-            torch.nn.init.uniform_(parameter, -bound, bound, generator=generator)
+        for tensor, parameter in self.named_parameters():
+            widest = KEENNESS * bound if tensor == "lstm.weight_ih_l0" else bound
+            torch.nn.init.uniform_(parameter, -widest, widest, generator=generator)
 
     def forward(self, windows: torch.Tensor) -> torch.Tensor:
         """Give the outputs, shape (b, outputs), for scaled windows, shape (b, WINDOW, S)."""

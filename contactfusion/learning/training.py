@@ -20,6 +20,8 @@ from contactfusion.learning.networks import CHUNK, Name, gathered, scaled_rows
 from contactfusion.learning.windows import Dataset, Windows
 from contactfusion.model import Model
 
+RISE = 0.3
+"""The part of the epochs in which the rate of one cycle rises."""
 Told = Callable[[int, float, float, float], None]
 """Hears after each epoch: its number from 1, training and validation loss, seconds left."""
 
@@ -32,10 +34,11 @@ class Options(Model):
     epochs: int = Field(default=200, ge=1)
     batch: int = Field(default=256, ge=1)
     """Windows for one step of Adam."""
-    rate: float = Field(default=1e-3, gt=0)
-    """Of learning, in the first epoch."""
-    schedule: Literal["constant", "cosine"] = "cosine"
-    """How the rate goes on: as it is, or along half a cosine down to 0."""
+    rate: float = Field(default=6e-3, gt=0)
+    """Of learning, the greatest. The paper has 1e-3 throughout; with it the networks err by a
+    third more after as many epochs."""
+    schedule: Literal["constant", "one_cycle"] = "one_cycle"
+    """How the rate goes: as it is, or up along half a cosine and then down to 0."""
     stride: int = Field(default=1, ge=1)
     """An epoch sees every so-manieth window, the next one those beside them."""
     mirrored: bool = True
@@ -198,7 +201,9 @@ def _loss(learner: Learner, share: _Share, stride: int) -> float:
 def _rate(options: Options, epoch: int) -> float:
     if options.schedule == "constant":
         return options.rate
-    return options.rate * 0.5 * (1.0 + math.cos(math.pi * epoch / options.epochs))
+    part = (epoch + 0.5) / options.epochs
+    way = part / RISE if part < RISE else (1.0 - part) / (1.0 - RISE)
+    return options.rate * 0.5 * (1.0 - math.cos(math.pi * way))
 
 
 def _settings(

@@ -226,7 +226,9 @@ def test_what_sticks_to_the_middle_of_the_face_gets_to_a_target_ahead(
 
 
 @each_pusher
-def test_odometry_is_waited_for_then_missed_in_a_sentence(name: str, options: dict[str, Any]) -> None:
+def test_odometry_is_waited_for_then_missed_in_a_sentence(
+    name: str, options: dict[str, Any]
+) -> None:
     pipeline = Pipeline(
         PipelineConfig.model_validate(
             {
