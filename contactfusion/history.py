@@ -27,7 +27,7 @@ class History:
     def __init__(self) -> None:
         self._joints: dict[tuple[str, ...], deque[JointState]] = {}
         self._odometry: deque[Odometry] = deque(maxlen=LENGTH)
-        self._twists: deque[Twist] = deque(maxlen=LENGTH)
+        self._gone: deque[tuple[float, Pose]] = deque(maxlen=LENGTH)
 
     def add(self, reading: Reading) -> None:
         """Remember a reading, unless it is older than the newest of its type."""
@@ -35,16 +35,16 @@ class History:
             _append(self._joints.setdefault(reading.names, deque(maxlen=LENGTH)), reading)
         elif isinstance(reading, Odometry):
             _append(self._odometry, reading)
-            while self._twists and self._twists[0].stamp <= reading.stamp:
-                self._twists.popleft()
+            if self._odometry[-1] is reading:
+                self._gone.clear()
         elif isinstance(reading, Twist):
-            _append(self._twists, reading)
+            self._go_on(reading)
 
     def clear(self) -> None:
         """Forget all readings."""
         self._joints.clear()
         self._odometry.clear()
-        self._twists.clear()
+        self._gone.clear()
 
     def joints(self, stamp: float) -> JointState | None:
         """Give the joints at a stamp [s]: positions in between, the rest of the nearer reading.
@@ -68,27 +68,32 @@ class History:
         if (before.frame, before.child_frame) != (after.frame, after.child_frame):
             before = after = before if part < 0.5 else after
         if part == 0.0:
-            turn = Rotation.from_quat(before.orientation)
-            pose = pose_of(before.position, turn.as_matrix())
-            return before.frame, before.child_frame, self._moved_on(before, pose, stamp)
+            gone = self._gone if before is self._odometry[-1] else ()
+            pose = next((pose for when, pose in reversed(gone) if when <= stamp), _pose(before))
+            return before.frame, before.child_frame, pose
         position = (1.0 - part) * before.position + part * after.position
         turns = Rotation.from_quat(np.stack([before.orientation, after.orientation]))
         pose = pose_of(position, Slerp([0.0, 1.0], turns)(part).as_matrix())
         return after.frame, after.child_frame, pose
 
-    def _moved_on(self, last: Odometry, pose: Pose, stamp: float) -> Pose:
-        """Move a pose on by twists, when nothing newer tells of it."""
-        if last is not self._odometry[-1]:
-            return pose
-        before = last.stamp
-        for twist in self._twists:
-            if before < twist.stamp <= stamp and twist.frame == last.child_frame:
-                period = twist.stamp - before
-                turn = Rotation.from_rotvec(period * twist.angular).as_matrix()
-                half = Rotation.from_rotvec(period / 2.0 * twist.angular).as_matrix()
-                pose = pose @ pose_of(half @ (period * twist.linear), turn)
-                before = twist.stamp
-        return pose
+    def _go_on(self, twist: Twist) -> None:
+        """Move the base on from where it was last, by a twist that has held since."""
+        if not self._odometry or twist.frame != self._odometry[-1].child_frame:
+            return
+        last = self._odometry[-1]
+        before, pose = self._gone[-1] if self._gone else (last.stamp, _pose(last))
+        period = twist.stamp - before
+        if period > 0.0:
+            turn, half = (
+                Rotation.from_rotvec(part * period * twist.angular).as_matrix()
+                for part in (1.0, 0.5)
+            )
+            pose = pose @ pose_of(half @ (period * twist.linear), turn)
+            self._gone.append((twist.stamp, pose))
+
+
+def _pose(odometry: Odometry) -> Pose:
+    return pose_of(odometry.position, Rotation.from_quat(odometry.orientation).as_matrix())
 
 
 def _between(readings: deque[JointState], stamp: float) -> JointState:

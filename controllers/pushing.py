@@ -101,6 +101,7 @@ class PushingController(Controller, Generic[ConfigT]):
                 linear=np.zeros(3), angular=np.zeros(3),
             )  # fmt: skip
             return Command(twist=still, mode="wait", reason="no odometry yet")
+        self._waits_since = math.inf
         pose = state.base_pose
         place = float(pose[0, 3]), float(pose[1, 3]), math.atan2(pose[1, 0], pose[0, 0])
         face = self.options.face

@@ -39,9 +39,6 @@ class Kind(StrEnum):
     LINE = "line"
 
 
-KINDS = tuple(Kind)
-
-
 @dataclass(frozen=True, slots=True)
 class Percept:
     """What eyes make of a contact.

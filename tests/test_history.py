@@ -120,6 +120,13 @@ def test_odometry_that_comes_again_counts_alone() -> None:
     assert pose(remembered, 0.2)[2] == pytest.approx(0.3)
 
 
+def test_twists_of_a_long_silence_are_forgotten_from_the_oldest_on() -> None:
+    remembered = history(odometry(0.0, 0.0))
+    for step in range(1, LENGTH + 101):
+        remembered.add(twist(0.01 * step, 1.0))
+    assert pose(remembered, 100.0)[2] == pytest.approx(0.01 * (LENGTH + 100))
+
+
 def test_twists_of_another_frame_move_nothing() -> None:
     remembered = history(odometry(0.0, 0.0), twist(0.1, 5.0, frame="gripper"))
     assert pose(remembered, 0.1)[2] == pytest.approx(0.0)

@@ -15,6 +15,7 @@ from contactfusion.controllers.face import FaceConfig, on_face
 from contactfusion.controllers.pushing import ARRIVED
 from contactfusion.errors import ConfigurationError, RobotError
 from contactfusion.experiments.push import experiment
+from contactfusion.history import History
 from contactfusion.pipeline_config import PipelineConfig
 from contactfusion.readings import Odometry, TactileImage, Twist
 from contactfusion.simulation.push import PushScene
@@ -313,6 +314,21 @@ def test_without_odometry_the_wheels_lead_to_the_target() -> None:
     push = done(scene(), pipeline(**silent("odometry", start=1.0)))
     assert push.last.ending == Ending.ARRIVED
     assert push.last.truth.distance <= 0.05
+
+
+def test_what_the_wheels_tell_adds_up_to_the_way() -> None:
+    one, told = scene(gap=1.5), History()
+    for reading in one.readings()[:2]:
+        told.add(reading)
+    for step in range(100):
+        one.drive(0.2, 0.1, 0.4 if step < 60 else -0.2)
+        (wheels,) = (reading for reading in one.readings() if isinstance(reading, Twist))
+        told.add(wheels)
+    base = told.base_pose(one.stamp)
+    assert base is not None
+    x, y, yaw = one.truth().base
+    assert base[2][:2, 3] == pytest.approx([x, y], abs=1e-3)
+    assert np.arctan2(base[2][1, 0], base[2][0, 0]) == pytest.approx(math.remainder(yaw, math.tau))
 
 
 def test_a_controller_that_fails_ends_the_push_with_a_sentence() -> None:

@@ -15,7 +15,7 @@ from contactfusion.errors import ConfigurationError, ContactFusionError
 from contactfusion.experiments.push import experiment
 from contactfusion.experiments.workers import Died, each
 from contactfusion.generators.networks import ContactNetworks, read_networks
-from contactfusion.learning import collecting, cpm, lessons, testing, training
+from contactfusion.learning import collecting, cpm, testing, training
 from contactfusion.learning.cpm import Options, train_cpm
 from contactfusion.learning.lessons import MOUNTINGS, Detour, Lesson, Split
 from contactfusion.learning.trials import LabelledTrial, load
@@ -369,12 +369,6 @@ def test_networks_and_rule_are_tested_from_each_mounting(
     assert figures["lidar_side_rule_location_rmse_m"] == 0.02
     assert figures["lidar_tilted_lidar_type_accuracy"] == 0.9
     assert len(figures) == 3 * 2 * 4
-
-
-def test_no_lesson_has_the_seed_of_a_test() -> None:
-    seeds = {lesson.seed for lesson in lessons.first_lessons(240, 0)}
-    seeds |= {one.seed for one in lessons.driven_lessons(96, 1, MOUNTINGS, 0)}
-    assert max(seeds) < testing.SEED
 
 
 # The command

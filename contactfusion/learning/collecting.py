@@ -31,6 +31,8 @@ SLOWEST, FASTEST = (0.05, -0.1, -0.3), (0.3, 0.1, 0.3)
 """How it then moves is drawn between these: ahead and aside [m/s], turn [rad/s]."""
 PROXIMITY = ProximityConfig(occupied=2)
 """How proximity lengths are made."""
+BEHIND = 0.05
+"""What touches so far behind the face touches a side of the base [m]."""
 TAXELS = 12
 """Of the front of the skin."""
 
@@ -57,6 +59,7 @@ def live(lesson: Lesson, weights: Path | None) -> LabelledTrial:
     """
     moments = list(_moments(lesson, weights))
     truths = [moment.truth for moment in moments]
+    touches = [_touch(truth) for truth in truths]
     return LabelledTrial(
         name=lesson.name,
         split=lesson.split,
@@ -64,9 +67,17 @@ def live(lesson: Lesson, weights: Path | None) -> LabelledTrial:
         mountings=MOUNTINGS,
         stamp=np.array([truth.stamp for truth in truths]),
         descriptors=np.stack([moment.descriptors for moment in moments], axis=1),
-        kind=np.array([KINDS.index(truth.kind) for truth in truths], np.uint8),
-        lateral=np.array([truth.contact[1] for truth in truths]),
+        kind=np.array([KINDS.index(kind) for kind, _ in touches], np.uint8),
+        lateral=np.array([lateral for _, lateral in touches]),
     )
+
+
+def _touch(truth: PushTruth) -> tuple[str, float]:
+    """Say how and where an object touches the face; beside or behind it nothing can be seen."""
+    ahead, lateral = truth.contact
+    if ahead < PROXIMITY.region.x[0] - BEHIND:
+        return "none", np.nan
+    return truth.kind, lateral
 
 
 def _moments(lesson: Lesson, weights: Path | None) -> Iterator[Moment]:

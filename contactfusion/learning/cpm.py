@@ -121,6 +121,7 @@ def train_cpm(options: Options, out: Path) -> None:
     histories = {str(name): [one[name].history for one in trained] for name in NAMES}
     print(f"learning curves: {draw_curves(histories, out / 'curves.png')}", flush=True)
     assert weights is not None
+    write(out / "cpm.safetensors")  # whatever becomes of the test
     figures = tested(weights, options.tested, options.seed, options.workers, out / "test")
     write(out / "cpm.safetensors", figures=figures)
     print(f"networks: {out / 'cpm.safetensors'}, their card: {out / 'cpm.json'}")
@@ -150,6 +151,8 @@ def _live(weights: Path | None, folder: Path, lesson: Lesson) -> Failure | None:
         save(live(lesson, weights), _file(folder, lesson))
     except ContactFusionError as error:
         return Failure(f"{lesson.name}: {error}")
+    except Exception as error:  # a plug-in may raise anything, and the push must be named
+        return Failure(f"{lesson.name}: {type(error).__name__}: {error}")
     return None
 
 

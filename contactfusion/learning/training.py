@@ -106,9 +106,7 @@ def train(
             learned = _learn(learner, training, options, epoch)
             validated = _loss(learner, validation, options.stride)
             if not math.isfinite(learned + validated):
-                raise ContactFusionError(
-                    f"the training of {name} diverged in epoch {epoch + 1}: lower the rate"
-                )
+                raise ContactFusionError(f"the training of {name} diverged in epoch {epoch + 1}")
             learner.note(learned, validated)
             learner.save(path, settings)
             if told:

@@ -159,7 +159,11 @@ def _loaded(config: Sam2Config) -> Any:
     except (OSError, ValueError) as error:
         why = str(error).strip().splitlines()[0]
         raise ConfigurationError(f"SAM 2 cannot be loaded: {why}", "weights") from None
-    return model.eval().to(config.device)
+    try:
+        return model.eval().to(config.device)
+    except (AssertionError, RuntimeError) as error:
+        why = str(error).strip().splitlines()[0]
+        raise ConfigurationError(f"SAM 2 cannot run there: {why}", "device") from None
 
 
 @hookimpl

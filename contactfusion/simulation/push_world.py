@@ -90,7 +90,7 @@ class PushWorld:
         """Where front and object will first meet on a straight way, in `odom` [m]."""
         shoves = config.disturbances + (drawn(disturbed, seed) if disturbed else ())
         self._shoves = [(*_steps_of(one), one) for one in shoves]
-        self._passed = 0
+        self._passed, self._heading = 0, 0.0
         self.touches = _gathered([])
         """What touched in the last cycle."""
 
@@ -103,8 +103,9 @@ class PushWorld:
             omega: about the vertical [rad/s].
         """
         bullet, client = self._bullet, self._client
-        heading = self.base_pose[2] + omega * self.config.period / 2.0
-        cos, sin = math.cos(heading), math.sin(heading)
+        # halfway through the cycle; the velocity stays the same in the world
+        self._heading = self.base_pose[2] + omega * self.config.period / 2.0
+        cos, sin = math.cos(self._heading), math.sin(self._heading)
         bullet.setJointMotorControlArray(
             self._base,
             (0, 1, 2),
@@ -147,9 +148,9 @@ class PushWorld:
 
     @property
     def base_twist(self) -> tuple[float, float, float]:
-        """How the base moves: ahead, to the left [m/s], about the vertical [rad/s]."""
+        """How the base moved in the last cycle: ahead, to the left [m/s], its turn [rad/s]."""
         x, y, yaw = self._bullet.getJointStates(self._base, (0, 1, 2), **self._client)
-        cos, sin = math.cos(yaw[0]), math.sin(yaw[0])
+        cos, sin = math.cos(self._heading), math.sin(self._heading)
         return cos * x[1] + sin * y[1], cos * y[1] - sin * x[1], yaw[1]
 
     @property

@@ -163,13 +163,14 @@ def read_plans(options: Options) -> dict[str, Plan]:
 def _require_use(options: Options, sensings: Sequence[Sensing]) -> None:
     """Make sure that nothing is chosen that no sensing uses."""
     used = {name for sensing in sensings for name in sensing.sees}
+    told = " and ".join(sensing.label for sensing in sensings)
     for name in filter(None, (options.lidar, options.camera)):
         if name not in used:
-            told = " nor ".join(sensing.label for sensing in sensings)
-            raise ConfigurationError(f"'{name}' was chosen, but {told} does not use it")
+            raise ConfigurationError(f"'{name}' was chosen, but what feels here is {told}")
     if options.weights and not any(sensing.networks for sensing in sensings):
-        told = " nor ".join(sensing.label for sensing in sensings)
-        raise ConfigurationError(f"{options.weights} was given, but {told} has no networks")
+        raise ConfigurationError(
+            f"{options.weights} was given, but there are no networks in {told}"
+        )
 
 
 def _push_all(plans: Plans, missing: Sequence[Task], workers: int, out: Path) -> list[str]:

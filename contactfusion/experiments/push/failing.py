@@ -13,6 +13,7 @@ from pydantic import Field
 from contactfusion.errors import ConfigurationError
 from contactfusion.fault_config import Fault, FaultFile
 from contactfusion.model import Model
+from contactfusion.simulation.push_config import MisplacedConfig
 from contactfusion.yaml_files import read_yaml
 
 TIMES = ("start", "end")
@@ -58,11 +59,11 @@ def drawn(faults: Sequence[RandomFault], seed: int) -> tuple[Fault, ...]:
 class _FailingFile(Model):
     faults: tuple[Any, ...] = ()
     """In the order in which they act."""
-    misplaced: dict[str, dict[str, Any]] = Field(default_factory=dict)
+    misplaced: dict[str, MisplacedConfig] = Field(default_factory=dict)
     """By the name of a sensor: how far it is from where it is believed to be."""
 
 
-def read_failing(path: Path) -> tuple[tuple[RandomFault, ...], dict[str, dict[str, Any]]]:
+def read_failing(path: Path) -> tuple[tuple[RandomFault, ...], dict[str, MisplacedConfig]]:
     """Read faults, and which sensors are misplaced.
 
     Raises:

@@ -34,10 +34,18 @@ def perception(tracks: Sequence[Track], seed: int) -> Perception:
     """
     counts = np.array([_counted(track) for track in tracks])
     rows = np.random.default_rng(seed).integers(len(tracks), size=(RESAMPLES, len(tracks)))
-    drawn = [_measured(counts[row].sum(axis=0)) for row in rows]
+    drawn = np.array([_measured(counts[row].sum(axis=0)) for row in rows])
     found = _measured(counts.sum(axis=0))
-    edges = np.nanquantile(drawn, [(1.0 - CONFIDENCE) / 2.0, (1.0 + CONFIDENCE) / 2.0], axis=0)
-    return Perception(*(map(tuple, np.stack([found, *edges], axis=1).tolist())))
+    return Perception(*(_interval(one, some) for one, some in zip(found, drawn.T, strict=True)))
+
+
+def _interval(found: float, drawn: FloatArray) -> tuple[float, float, float]:
+    """Give a figure with its interval; all are NaN where nothing was located."""
+    there = drawn[np.isfinite(drawn)]
+    if not len(there):
+        return found, np.nan, np.nan
+    low, high = np.quantile(there, [(1.0 - CONFIDENCE) / 2.0, (1.0 + CONFIDENCE) / 2.0])
+    return float(found), float(low), float(high)
 
 
 def _counted(track: Track) -> FloatArray:

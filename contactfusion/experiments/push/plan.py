@@ -25,7 +25,7 @@ from contactfusion.experiments.push.things import (
 )
 from contactfusion.pipeline_config import PipelineConfig
 from contactfusion.robots.description import RobotConfig
-from contactfusion.simulation.push_config import PushConfig, SkinConfig
+from contactfusion.simulation.push_config import MisplacedConfig, PushConfig, SkinConfig
 from contactfusion.simulation.push_names import FRICTIONS
 from contactfusion.simulation.push_objects import ObjectConfig
 from contactfusion.simulation.push_surfaces import outlines
@@ -99,7 +99,7 @@ class Plan:
     starts: str
     skin: SkinConfig
     faults: Sequence[RandomFault]
-    misplaced: Mapping[str, Any]
+    misplaced: Mapping[str, MisplacedConfig]
     seed: int
 
     def pushes(self) -> list[Push]:
@@ -123,7 +123,9 @@ class Plan:
             "skin": self.skin,
             "sees": self.sensing.sees,
             "misplaced": {
-                name: how for name, how in self.misplaced.items() if name in self.sensing.sees
+                name: how.model_dump()
+                for name, how in self.misplaced.items()
+                if name in self.sensing.sees
             },
         }
         return PushConfig(**fields)
@@ -161,7 +163,7 @@ class Plan:
             "starts": self.starts,
             "skin": self.skin.model_dump(mode="json"),
             "faults": [fault.told for fault in self.faults],
-            "misplaced": self.misplaced,
+            "misplaced": {name: how.model_dump() for name, how in self.misplaced.items()},
             "sensings": {self.sensing.label: self.sensing.settings()},
             "controllers": {name: controller_settings(name, self.face) for name in controllers},
             "objects": {name: object_settings(one) for name, one in self.objects.items()},
@@ -227,7 +229,7 @@ def read_plan(
     faults: Sequence[RandomFault],
     seed: int,
     change: Change | None = None,
-    misplaced: Mapping[str, Any] | None = None,
+    misplaced: Mapping[str, MisplacedConfig] | None = None,
 ) -> Plan:
     """Put an experiment together.
 

@@ -12,8 +12,7 @@ from contactfusion.controllers.face import NARROW, FaceConfig
 from contactfusion.errors import ConfigurationError, name_hint
 from contactfusion.experiments.methods import Method
 from contactfusion.experiments.push.things import require_known
-from contactfusion.files import require_file
-from contactfusion.generators.networks import shipped
+from contactfusion.generators.networks import read_networks, shipped
 from contactfusion.hypotheses import HypothesisCloud, HypothesisKind
 from contactfusion.pipeline import Ask, asked
 from contactfusion.pipeline_config import PipelineConfig
@@ -142,7 +141,7 @@ def read_sensing(name: str, taxels: int, change: Change) -> Sensing:
             changed["sensor"] = chosen
         if "weights" in installed_plugins().find("generators", options["type"]).Config.model_fields:
             weights = change.weights or shipped()
-            require_file(weights, ConfigurationError)
+            read_networks(weights)  # once, before any push
             changed["weights"] = str(weights.absolute())
             networks[generator] = hashlib.sha256(weights.read_bytes()).hexdigest()
         generators[generator] = changed
