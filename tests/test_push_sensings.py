@@ -181,8 +181,8 @@ class TestPlans:
         [
             ({"sensings": ("skin", "skin")}, "'skin' stands twice among the sensings"),
             ({"rules": ("max", "max")}, "'max' stands twice among the rules"),
-            ({"lidar": "lidar_side"}, "'lidar_side' was chosen, but skin does not use it"),
-            ({"weights": Path("no.safetensors")}, "was given, but skin has no networks"),
+            ({"lidar": "lidar_side"}, "'lidar_side' was chosen, but what feels here is skin"),
+            ({"weights": Path("no.safetensors")}, "was given, but there are no networks in skin"),
         ],
     )
     def test_what_nobody_uses_is_told(
