@@ -3,7 +3,7 @@
 import json
 import sys
 import time
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from functools import partial
 from pathlib import Path
@@ -37,6 +37,10 @@ T = TypeVar("T")
 R = TypeVar("R")
 Round = dict[Name, Trained]
 """Both networks of a round."""
+Task = tuple[Name, Weights | None]
+"""A network to train, and its first weights."""
+FILE = "cpm.safetensors"
+"""The networks, in the folder of a round and in that of the whole."""
 
 
 @dataclass(frozen=True)
@@ -97,34 +101,39 @@ def train_cpm(options: Options, out: Path) -> None:
     require_workers(options.workers)
     _claim(options, out)
     trials: list[LabelledTrial] = []
-    trained: list[Round] = []
-    weights = None
+    rounds: list[tuple[Dataset, Round]] = []
+    networks = None
     for turn in range(options.rounds + 1):
-        last = turn == options.rounds
         print(f"round {turn} of {options.rounds}", flush=True)
-        trials += _collected(_lessons(turn, options), weights, options.workers, out / "trials")
+        trials += _collected(_lessons(turn, options), networks, options.workers, out / "trials")
         data, folder = Dataset.of(trials), out / f"round_{turn}"
         how = training.Options(
             seed=options.seed,
-            epochs=options.epochs if last else options.early,
+            epochs=options.epochs if turn == options.rounds else options.early,
             stride=options.stride,
         )
-        before = trained[-1] if trained else None
-        trained.append(_trained(data, how, before, options.workers, folder))
-        weights = folder / "cpm.safetensors"
-        write = partial(
-            write_networks, location=trained[-1]["location"], kind=trained[-1]["type"],
-            data=data, proximity=PROXIMITY, rate=RATE, told=_told(trials, options),
-        )  # fmt: skip
-        card = write(weights)
-        _say(", ".join(f"{name} {value:.4g}" for name, value in card.figures.items()))
-    histories = {str(name): [one[name].history for one in trained] for name in NAMES}
+        before = rounds[-1][1] if rounds else None
+        trained = _trained(data, how, before, options.workers, folder)
+        rounds.append((data, trained))
+        networks = _write(folder / FILE, data, trained, _told(trials, options), {})
+    histories = {str(name): [one[name].history for _, one in rounds] for name in NAMES}
     print(f"learning curves: {draw_curves(histories, out / 'curves.png')}", flush=True)
-    assert weights is not None
-    write(out / "cpm.safetensors")  # whatever becomes of the test
-    figures = tested(weights, options.tested, options.seed, options.workers, out / "test")
-    write(out / "cpm.safetensors", figures=figures)
-    print(f"networks: {out / 'cpm.safetensors'}, their card: {out / 'cpm.json'}")
+    data, trained = rounds[-1]
+    shipped = _write(out / FILE, data, trained, _told(trials, options), {})
+    figures = tested(shipped, options.tested, options.seed, options.workers, out / "test")
+    _write(shipped, data, trained, _told(trials, options), figures)
+    print(f"networks: {shipped}, their card: {shipped.with_suffix('.json')}")
+
+
+def _write(
+    path: Path, data: Dataset, trained: Round, told: str, figures: Mapping[str, float]
+) -> Path:
+    """Write the networks of a round with their card; give the path."""
+    card = write_networks(
+        path, trained["location"], trained["type"], data, PROXIMITY, RATE, told, figures
+    )
+    _say(", ".join(f"{name} {value:.4g}" for name, value in card.figures.items()))
+    return path
 
 
 def _lessons(turn: int, options: Options) -> list[Lesson]:
@@ -161,14 +170,12 @@ def _trained(
 ) -> Round:
     """Train both networks, each in a process, on from those of the round before."""
     make_folder(folder)
-    tasks = [(name, before[name].weights if before else None) for name in NAMES]
+    tasks: list[Task] = [(name, before[name].weights if before else None) for name in NAMES]
     work = partial(_train, data, how, folder)
     return {one.name: one for _, one in _sound(each(work, tasks, workers))}
 
 
-def _train(
-    data: Dataset, how: training.Options, folder: Path, task: tuple[Name, Weights | None]
-) -> Trained | Failure:
+def _train(data: Dataset, how: training.Options, folder: Path, task: Task) -> Trained | Failure:
     name, warm = task
 
     def told(epoch: int, learned: float, validated: float, left: float) -> None:
