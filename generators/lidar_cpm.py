@@ -2,10 +2,9 @@
 
 from collections.abc import Mapping, Sequence
 
-from contactfusion.frames import points_in
 from contactfusion.generator import Generator
 from contactfusion.generators.learned import LearnedConfig, LearnedFace
-from contactfusion.generators.proximity import without
+from contactfusion.generators.perceived import points_before
 from contactfusion.hooks import hookimpl
 from contactfusion.hypotheses import HypothesisCloud
 from contactfusion.readings import PointCloud, Reading
@@ -25,8 +24,7 @@ class LidarCpmGenerator(LearnedFace[LearnedConfig]):
             FrameError: nothing joins the LiDAR's frame to the robot's.
         """
         assert isinstance(reading, PointCloud)
-        pose = state.frames.pose(self.config.frame, of=reading.frame)
-        points = without(points_in(pose, reading.points), self.config.robot)
+        points = points_before(reading, state, self.config)
         return self.perceived(reading, state, self.proximity.lengths_of_cloud(points))
 
 

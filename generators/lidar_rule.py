@@ -6,7 +6,6 @@ import numpy as np
 from pydantic import Field
 
 from contactfusion.arrays import FloatArray
-from contactfusion.frames import points_in
 from contactfusion.generator import Generator
 from contactfusion.generators.perceived import (
     NEAR,
@@ -15,8 +14,9 @@ from contactfusion.generators.perceived import (
     PerceivedConfig,
     Percept,
     nearest_strips,
+    points_before,
 )
-from contactfusion.generators.proximity import ProximityConfig, without
+from contactfusion.generators.proximity import ProximityConfig
 from contactfusion.hooks import hookimpl
 from contactfusion.hypotheses import HypothesisCloud
 from contactfusion.readings import PointCloud, Reading
@@ -47,8 +47,7 @@ class LidarRuleGenerator(FaceGenerator[LidarRuleConfig]):
             FrameError: nothing joins the LiDAR's frame to the robot's.
         """
         assert isinstance(reading, PointCloud)
-        pose = state.frames.pose(self.config.frame, of=reading.frame)
-        points = without(points_in(pose, reading.points), self.config.robot)
+        points = points_before(reading, state, self.config)
         proximity = self.config.proximity
         lengths = proximity.lengths_of_cloud(points)
         percept = self._percept(lengths)

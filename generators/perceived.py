@@ -10,10 +10,11 @@ import numpy as np
 from pydantic import Field
 
 from contactfusion.arrays import FloatArray
+from contactfusion.frames import points_in
 from contactfusion.generator import ConfigT, Generator, GeneratorConfig
-from contactfusion.generators.proximity import BoxConfig, ProximityConfig, Span
+from contactfusion.generators.proximity import BoxConfig, ProximityConfig, Span, without
 from contactfusion.hypotheses import HypothesisCloud, HypothesisKind
-from contactfusion.readings import Reading
+from contactfusion.readings import PointCloud, Reading
 from contactfusion.state import State
 
 LEAST_LINE = 0.05
@@ -122,6 +123,16 @@ class FaceGenerator(Generator[ConfigT]):
     @abstractmethod
     def generate(self, reading: Reading, state: State) -> Sequence[HypothesisCloud]:
         """Give the contact on the face."""
+
+
+def points_before(reading: PointCloud, state: State, config: PerceivedConfig) -> FloatArray:
+    """Give what a LiDAR sees but the robot itself, shape (n, 3) [m], in the robot's frame.
+
+    Raises:
+        FrameError: nothing joins the LiDAR's frame to the robot's.
+    """
+    pose = state.frames.pose(config.frame, of=reading.frame)
+    return without(points_in(pose, reading.points), config.robot)
 
 
 def half_length(lengths: FloatArray, proximity: ProximityConfig, near: float) -> float:

@@ -20,7 +20,6 @@ from contactfusion.demo.run import show
 from contactfusion.demo.scene import DIES, scene_fields
 from contactfusion.demo.telling import told
 from contactfusion.errors import ConfigurationError, ContactFusionError, DependencyError
-from contactfusion.generators.networks import shipped
 from contactfusion.recordings import messages
 from contactfusion.running import run_file
 
@@ -231,7 +230,6 @@ def test_a_box_that_does_not_arrive_is_told_and_is_a_failure(
     assert "and the robot does not arrive</h1>" in page and "nan" not in page
 
 
-@pytest.mark.skipif(not shipped().is_file(), reason="the networks are not trained yet")
 def test_with_the_networks_of_the_package_the_base_arrives_too(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -17,6 +17,7 @@ from contactfusion.errors import (
     InvalidReadingError,
     PluginError,
 )
+from contactfusion.generators.perceived import NOTHING_NEAR
 from contactfusion.generators.rgbd_cpm import RgbdCpmConfig, RgbdCpmGenerator
 from contactfusion.hypotheses import HypothesisCloud, Note
 from contactfusion.pipeline_config import PipelineConfig
@@ -114,7 +115,8 @@ def test_a_lost_object_gives_no_cloud_and_an_empty_mask_a_scene(
     assert not lengths
     (cloud,) = said(generator(tmp_path), gone)
     assert lengths[0] == pytest.approx(np.full(12, 0.31))
-    assert len(cloud)  # these networks are sure of a contact whatever they see
+    # these networks are sure of a contact whatever they see, but there is nothing to touch
+    assert not len(cloud) and cloud.notes == (NOTHING_NEAR,)
 
 
 @pytest.mark.parametrize("nothing", [0.0, np.nan])
