@@ -15,7 +15,7 @@ from contactfusion.errors import ConfigurationError, ContactFusionError
 from contactfusion.experiments.push import experiment
 from contactfusion.experiments.workers import Died, each
 from contactfusion.generators.networks import ContactNetworks, read_networks
-from contactfusion.learning import collecting, cpm, testing, training
+from contactfusion.learning import collecting, cpm, rounds, testing, training
 from contactfusion.learning.cpm import Options, train_cpm
 from contactfusion.learning.lessons import MOUNTINGS, Detour, Lesson, Split
 from contactfusion.learning.trials import LabelledTrial, load
@@ -49,7 +49,7 @@ def each_here(make: Callable[[Any], Any], tasks: Sequence[Any], workers: int) ->
 
 def make_small(patch: pytest.MonkeyPatch) -> None:
     """Make few and short pushes, no test, and no processes."""
-    patch.setattr(cpm, "each", each_here)
+    patch.setattr(rounds, "each", each_here)
     patch.setattr(cpm, "first_lessons", lambda varied, seed: FIRST)
     patch.setattr(cpm, "driven_lessons", lambda count, turn, mountings, seed: THEN)
     patch.setattr(cpm, "tested", lambda *told: FIGURES)
@@ -71,7 +71,7 @@ def lived(monkeypatch: pytest.MonkeyPatch) -> list[str]:
         noted.append(f"{lesson.name} by {driver}")
         return collecting.live(lesson, weights)
 
-    monkeypatch.setattr(cpm, "live", live)
+    monkeypatch.setattr(rounds, "live", live)
     return noted
 
 
@@ -164,7 +164,7 @@ def test_the_last_round_is_the_longest_and_goes_on_from_the_one_before(
         trainings.append((folder.name, name, how.epochs, warm is not None))
         return kept(name, data, how, folder, warm, told)
 
-    monkeypatch.setattr(cpm, "train", train)
+    monkeypatch.setattr(rounds, "train", train)
     train_cpm(TINY, tmp_path / "cpm")
     assert trainings == [
         ("round_0", "location", 1, False),
@@ -236,7 +236,7 @@ def test_a_training_that_was_stopped_among_its_pushes_goes_on(
             yield done
 
     with monkeypatch.context() as patch:
-        patch.setattr(cpm, "each", stopping)
+        patch.setattr(rounds, "each", stopping)
         with pytest.raises(KeyboardInterrupt):
             train_cpm(TINY, tmp_path / "cpm")
     assert len(list((tmp_path / "cpm" / "trials").iterdir())) == 3
@@ -253,7 +253,7 @@ def test_processes_of_their_own_give_the_same_bytes(
     monkeypatch.setattr(collecting, "LONGEST", 60.0)
     options = replace(TINY, rounds=0, epochs=1)
     train_cpm(options, tmp_path / "here")
-    monkeypatch.setattr(cpm, "each", each)
+    monkeypatch.setattr(rounds, "each", each)
     train_cpm(options, tmp_path / "there")
     assert content(tmp_path / "there") == content(tmp_path / "here")
 
@@ -301,7 +301,7 @@ def test_a_process_that_dies_twice_is_told(tmp_path: Path, monkeypatch: pytest.M
     def dying(make: Any, tasks: Sequence[Any], workers: int) -> Iterator[Any]:
         yield tasks[0], Died("was killed by SIGKILL")
 
-    monkeypatch.setattr(cpm, "each", dying)
+    monkeypatch.setattr(rounds, "each", dying)
     with pytest.raises(ContactFusionError, match="was killed by SIGKILL, twice; start again"):
         train_cpm(TINY, tmp_path / "cpm")
 

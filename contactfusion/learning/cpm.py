@@ -1,57 +1,29 @@
 """`train cpm`: collects pushes, trains the contact networks, lets them drive, and tests them."""
 
 import json
-import sys
-import time
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
-from functools import partial
 from pathlib import Path
-from typing import TypeVar, get_args
 
-from contactfusion.errors import ConfigurationError, ContactFusionError
-from contactfusion.experiments.workers import Died, each, require_workers
+from contactfusion.errors import ConfigurationError
+from contactfusion.experiments.workers import require_workers
 from contactfusion.files import make_folder, write_whole
-from contactfusion.generators.lstm import Weights
 from contactfusion.learning import training
-from contactfusion.learning.collecting import PROXIMITY, live
+from contactfusion.learning.collecting import PROXIMITY
 from contactfusion.learning.curves import draw_curves
 from contactfusion.learning.lessons import MOUNTINGS, Lesson, driven_lessons, first_lessons
-from contactfusion.learning.networks import Name
+from contactfusion.learning.rounds import NAMES, Round, collected, say, trained_round
 from contactfusion.learning.shipping import write_networks
 from contactfusion.learning.testing import tested
-from contactfusion.learning.training import Trained, train
-from contactfusion.learning.trials import LabelledTrial, load, save
+from contactfusion.learning.trials import LabelledTrial
 from contactfusion.learning.windows import Dataset
 
-NAMES: tuple[Name, ...] = get_args(Name)
 RATE = 10.0
 """Of the cycles [Hz]."""
 COLLECTION = 2
 """Counts up when lessons change, so that old ones are not taken for new."""
-EVERY = 10
-"""The loss is told after so many epochs."""
-
-
-T = TypeVar("T")
-R = TypeVar("R")
-Round = dict[Name, Trained]
-"""Both networks of a round."""
-Task = tuple[Name, Weights | None]
-"""A network to train, and its first weights."""
 FILE = "cpm.safetensors"
 """The networks, in the folder of a round and in that of the whole."""
-
-
-@dataclass(frozen=True)
-class Failure:
-    """What a process gives in place of a result.
-
-    Attributes:
-        why: in a sentence.
-    """
-
-    why: str
 
 
 @dataclass(frozen=True)
@@ -105,7 +77,7 @@ def train_cpm(options: Options, out: Path) -> None:
     networks = None
     for turn in range(options.rounds + 1):
         print(f"round {turn} of {options.rounds}", flush=True)
-        trials += _collected(_lessons(turn, options), networks, options.workers, out / "trials")
+        trials += collected(_lessons(turn, options), networks, options.workers, out / "trials")
         data, folder = Dataset.of(trials), out / f"round_{turn}"
         how = training.Options(
             seed=options.seed,
@@ -113,7 +85,7 @@ def train_cpm(options: Options, out: Path) -> None:
             stride=options.stride,
         )
         before = rounds[-1][1] if rounds else None
-        trained = _trained(data, how, before, options.workers, folder)
+        trained = trained_round(data, how, before, options.workers, folder)
         rounds.append((data, trained))
         networks = _write(folder / FILE, data, trained, _told(trials, options), {})
     histories = {str(name): [one[name].history for _, one in rounds] for name in NAMES}
@@ -132,7 +104,7 @@ def _write(
     card = write_networks(
         path, trained["location"], trained["type"], data, PROXIMITY, RATE, told, figures
     )
-    _say(", ".join(f"{name} {value:.4g}" for name, value in card.figures.items()))
+    say(", ".join(f"{name} {value:.4g}" for name, value in card.figures.items()))
     return path
 
 
@@ -140,75 +112,6 @@ def _lessons(turn: int, options: Options) -> list[Lesson]:
     if turn == 0:
         return first_lessons(options.varied, options.seed)
     return driven_lessons(options.driven, turn, MOUNTINGS, options.seed)
-
-
-def _collected(
-    lessons: Sequence[Lesson], weights: Path | None, workers: int, folder: Path
-) -> list[LabelledTrial]:
-    """Live the lessons that are not kept yet, and give the trials of all."""
-    missing = [lesson for lesson in lessons if not _file(folder, lesson).is_file()]
-    start, work = time.monotonic(), partial(_live, weights, folder)
-    for done, _ in enumerate(_sound(each(work, missing, workers)), 1):
-        if done % EVERY == 0 or done == len(missing):
-            left = (time.monotonic() - start) / done * (len(missing) - done)
-            _say(f"{done} of {len(missing)} pushes, {left:.0f} s left")
-    return [load(_file(folder, lesson)) for lesson in lessons]
-
-
-def _live(weights: Path | None, folder: Path, lesson: Lesson) -> Failure | None:
-    try:
-        save(live(lesson, weights), _file(folder, lesson))
-    except ContactFusionError as error:
-        return Failure(f"{lesson.name}: {error}")
-    except Exception as error:  # a plug-in may raise anything, and the push must be named
-        return Failure(f"{lesson.name}: {type(error).__name__}: {error}")
-    return None
-
-
-def _trained(
-    data: Dataset, how: training.Options, before: Round | None, workers: int, folder: Path
-) -> Round:
-    """Train both networks, each in a process, on from those of the round before."""
-    make_folder(folder)
-    tasks: list[Task] = [(name, before[name].weights if before else None) for name in NAMES]
-    work = partial(_train, data, how, folder)
-    return {one.name: one for _, one in _sound(each(work, tasks, workers))}
-
-
-def _train(data: Dataset, how: training.Options, folder: Path, task: Task) -> Trained | Failure:
-    name, warm = task
-
-    def told(epoch: int, learned: float, validated: float, left: float) -> None:
-        if epoch % EVERY == 0:
-            _say(
-                f"{name}: epoch {epoch} of {how.epochs}, loss {learned:.5f}, "
-                f"validation {validated:.5f}, {left:.0f} s left"
-            )
-
-    try:
-        return train(name, data, how, folder, warm, told)
-    except ContactFusionError as error:
-        return Failure(str(error))
-
-
-def _sound(results: Iterable[tuple[T, R | Failure | Died]]) -> Iterator[tuple[T, R]]:
-    """Give results on, until one is a failure."""
-    for task, made in results:
-        if isinstance(made, Died):
-            raise ContactFusionError(
-                f"the process of a task {made.how}, twice; start again to go on"
-            )
-        if isinstance(made, Failure):
-            raise ContactFusionError(made.why)
-        yield task, made
-
-
-def _file(folder: Path, lesson: Lesson) -> Path:
-    return folder / f"{lesson.name}.npz"
-
-
-def _say(line: str) -> None:
-    print(f"  {line}", file=sys.stderr, flush=True)
 
 
 def _claim(options: Options, out: Path) -> None:
