@@ -29,7 +29,7 @@ class RgbdCpmConfig(LearnedConfig):
     """Where a strip's vector ends. `edge`: at the object's nearest edge (O Eq 15). `surface`: at
     the middle between that edge and the end of its cell, as a LiDAR, which the networks were
     trained on, sees a surface that begins there."""
-    margin: float = Field(default=0.015, ge=0)
+    margin: float = Field(default=0.06, ge=0)
     """Edges that lie no further behind the face are taken to lie on it [m]: as much as the camera
     and its place may err."""
     canny: Thresholds = (50.0, 150.0)
