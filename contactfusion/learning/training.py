@@ -35,8 +35,8 @@ class Options(Model):
     batch: int = Field(default=256, ge=1)
     """Windows for one step of Adam."""
     rate: float = Field(default=6e-3, gt=0)
-    """Of learning, the greatest. The paper has 1e-3 throughout; with it the networks err by a
-    third more after as many epochs."""
+    """Of learning, the greatest. The paper has 1e-3 throughout: the location then erred by 4.25 cm
+    on validation in place of 3.96, after 30 epochs of every twelfth window, with one seed."""
     schedule: Literal["constant", "one_cycle"] = "one_cycle"
     """How the rate goes: as it is, or up along half a cosine and then down to 0."""
     stride: int = Field(default=1, ge=1)

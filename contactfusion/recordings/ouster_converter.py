@@ -72,6 +72,7 @@ def convert(source: Path, out: Path, every_nth_row: int = 1, meta: Path | None =
 
 def _scans(source: Path, meta: Path | None) -> Iterator[tuple[Any, Any]]:
     """Give each scan, and what turns it into points in the frame of the sensor."""
+    # only the environment in which this runs has it
     from ouster.sdk import open_source  # type: ignore[import-not-found]
     from ouster.sdk.core import XYZLut  # type: ignore[import-not-found]
 

@@ -47,6 +47,7 @@ def points_of(cloud: Message) -> FloatArray:
         if len(cloud.data) < needed:
             raise ValueError(f"there are {len(cloud.data)}, and it takes {needed}")
         steps = (cloud.row_step, cloud.point_step)
+        # numpy's types know no array over bytes with a record's layout
         grid = np.ndarray((height, width), np.dtype(layout), cloud.data, strides=steps)  # type: ignore[call-overload]
     except (TypeError, ValueError) as error:
         raise RecordingError(
