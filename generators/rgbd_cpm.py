@@ -11,7 +11,8 @@ from contactfusion.frames import points_in
 from contactfusion.generator import Generator
 from contactfusion.generators.edges import Thresholds, edge_points
 from contactfusion.generators.learned import LearnedConfig, LearnedFace
-from contactfusion.generators.proximity import without
+from contactfusion.generators.own_body import OwnBody
+from contactfusion.generators.proximity import BoxConfig, without
 from contactfusion.hooks import hookimpl
 from contactfusion.hypotheses import HypothesisCloud, Note
 from contactfusion.readings import DepthImage, Reading
@@ -32,6 +33,9 @@ class RgbdCpmConfig(LearnedConfig):
     margin: float = Field(default=0.06, ge=0)
     """Edges that lie no further behind the face are taken to lie on it [m]: as much as the camera
     and its place may err."""
+    body: BoxConfig | None = None
+    """The body that carries the camera, in the robot's frame: its upper side and the edges of that
+    mend the camera's pose. None: the pose is trusted."""
     canny: Thresholds = (50.0, 150.0)
     """The lower and the upper threshold of Canny's edges, of brightness in 0..255."""
 
@@ -46,6 +50,7 @@ class RgbdCpmGenerator(LearnedFace[RgbdCpmConfig]):
         super().__init__(name, config)
         loaded_opencv()
         self._segmenter = built_segmenter(config.segmenter)
+        self._body = OwnBody(config.body) if config.body else None
         self._lengths = {
             "edge": self.proximity.lengths_of_edges,
             "surface": self.proximity.lengths_of_surface_edges,
@@ -55,6 +60,8 @@ class RgbdCpmGenerator(LearnedFace[RgbdCpmConfig]):
         """Forget what was seen, and which object was followed."""
         super().reset()
         self._segmenter.reset()
+        if self._body:
+            self._body.reset()
 
     def generate(self, reading: Reading, state: State) -> Sequence[HypothesisCloud]:
         """Give the contact on the face; no cloud while the object is lost.
@@ -68,6 +75,8 @@ class RgbdCpmGenerator(LearnedFace[RgbdCpmConfig]):
         if not depth.any():
             return (self.nothing(reading, notes=(Note.UNHEALTHY,)),)
         pose = state.frames.pose(self.config.frame, of=reading.frame)
+        if self._body:
+            pose = self._body.mended(depth, reading.intrinsics, pose)
         mask = self._segmenter.segment(reading, pose)
         if mask is None:
             return ()

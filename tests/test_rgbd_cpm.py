@@ -18,12 +18,14 @@ from contactfusion.errors import (
     PluginError,
 )
 from contactfusion.generators.perceived import NOTHING_NEAR
+from contactfusion.generators.proximity import BoxConfig
 from contactfusion.generators.rgbd_cpm import RgbdCpmConfig, RgbdCpmGenerator
 from contactfusion.hypotheses import HypothesisCloud, Note
 from contactfusion.pipeline_config import PipelineConfig
 from contactfusion.readings import DepthImage
-from tests.pictures import picture, state
+from tests.pictures import POSE, picture, state
 from tests.test_networks import some_weights, write
+from tests.test_own_body import BASE, depth, moved
 
 SIDE = 0.005
 
@@ -105,6 +107,34 @@ def test_what_is_a_little_behind_the_face_is_on_it(
 def test_the_robot_itself_is_no_edge(lengths: list[FloatArray], tmp_path: Path) -> None:
     said(generator(tmp_path, margin=0.0), picture(0.302, (-0.2, 0.2), top=-0.06, width=640))
     assert lengths[0][4] > 0.15  # of its front edge nothing is left
+
+
+def test_a_camera_that_stands_elsewhere_is_mended_by_the_body_beneath_it(
+    lengths: list[FloatArray], tmp_path: Path
+) -> None:
+    # it truly stands 2 cm further back: the box touches, but seems to be 2 cm ahead
+    true = moved((0.0, 0.02, 0.0), (0.0, 0.0, 0.0))
+    box = BoxConfig(x=(0.301, 0.50), y=(-0.1, 0.1), z=(-0.45, 0.05))
+    seen = depth(true, BASE, box, width=640)
+    mask = seen < depth(true, BASE, width=640)
+    image = replace(picture(width=640), depth=seen, colour=None, mask=mask)
+    for body in (None, BASE):
+        one = generator(tmp_path, body=body)
+        for index in range(10):
+            said(one, replace(image, stamp=0.1 * index))
+    trusted, mended = lengths[9], lengths[19]
+    assert trusted[5:7] == pytest.approx([0.0225, 0.0225], abs=0.005)
+    assert mended[5:7] == pytest.approx([0.0, 0.0], abs=0.005)
+
+
+def test_a_reset_forgets_where_the_body_was(lengths: list[FloatArray], tmp_path: Path) -> None:
+    box = BoxConfig(x=(0.35, 0.55), y=(-0.1, 0.1), z=(-0.45, -0.30))
+    askew = depth(moved((0.0, 0.02, 0.0), (0.0, 0.0, 0.0)), BASE, box)
+    one = generator(tmp_path, segmenter="clusters", body=BASE)
+    for seen in (askew, depth(POSE, BASE, box)):
+        said(one, replace(picture(), depth=seen, colour=None))
+        one.reset()
+    assert lengths[1][5:7] == pytest.approx(lengths[0][5:7], abs=0.006)
 
 
 def test_a_lost_object_gives_no_cloud_and_an_empty_mask_a_scene(
