@@ -97,8 +97,8 @@ show-sensing: $(READY)
 		$(PUSH) --sensing fused --without $$without $(EYES) --targets random:100 \
 			--out out/sensing/without_$$(basename $$without) || exit 1; \
 	done
-	$(PUSH) --sensing fused --rule de_morgan --rule posterior/modes $(EYES) --targets random:100 \
-		--out out/sensing/rules
+	$(PUSH) --sensing fused --rule de_morgan --rule posterior --rule posterior/modes $(EYES) \
+		--targets random:100 --out out/sensing/rules
 	$(PUSH) --sensing skin --sensing lidar --sensing rgbd --sensing fused $(EYES) $(UNSEEN) \
 		--targets random:160 --out out/sensing/unseen
 	for sensing in lidar rgbd; do \
