@@ -288,10 +288,10 @@ def train_cpm(
     rounds: Annotated[
         int, typer.Option(min=0, help="How often the networks drive, and learn from it.")
     ] = 3,
-    varied: Annotated[int, typer.Option(min=0, help="Pushes beside the paper's 156 + 36.")] = 280,
-    driven: Annotated[int, typer.Option(min=7, help="Pushes of each round.")] = 140,
+    varied: Annotated[int, typer.Option(min=0, help="Pushes beside the paper's 156 + 36.")] = 360,
+    driven: Annotated[int, typer.Option(min=7, help="Pushes of each round.")] = 160,
     tested: Annotated[int, typer.Option(min=6, help="Pushes of the test, each LiDAR.")] = 60,
-    epochs: Annotated[int, typer.Option(min=1, help="Of the last round.")] = 200,
+    epochs: Annotated[int, typer.Option(min=1, help="Of the last round.")] = 150,
     early: Annotated[int, typer.Option(min=1, help="Of the rounds before.")] = 50,
     stride: Annotated[int, typer.Option(min=1, help="An epoch sees every so-manieth window.")] = 4,
     seed: Annotated[int, typer.Option(min=0, help="Of all chance.")] = 0,

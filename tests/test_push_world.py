@@ -234,6 +234,17 @@ def test_a_box_first_touches_with_its_foremost_corner(seed: int, gap: float) -> 
     assert one.touches.normals[0] == pytest.approx([-1.0, 0.0, 0.0], abs=1e-3)
 
 
+@pytest.mark.parametrize("side", [-1.0, 1.0])
+def test_a_cylinder_that_rolls_along_the_front_presses_straight_into_it(side: float) -> None:
+    """No point of contact stays behind on the robot while its normal turns."""
+    one = world(object="cylinder", gap=0.0, offset=side * 0.084, skin={"pad": PAD})
+    for _ in range(45):
+        one.drive(0.15, side * 0.26, -side * 0.33)
+        on_face = np.abs(one.touches.points[:, 1]) < HALF_WIDTH - 0.02
+        pressed = on_face & (one.touches.forces > 1.0)
+        assert np.all(one.touches.normals[pressed, 0] < -0.95)
+
+
 @pytest.mark.parametrize("offset", [-0.2, 0.0, 0.29])
 def test_a_cylinder_first_touches_at_its_middle(offset: float) -> None:
     one = world(object="cylinder", offset=offset, gap=0.02)

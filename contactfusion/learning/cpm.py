@@ -20,7 +20,7 @@ from contactfusion.learning.windows import Dataset
 
 RATE = 10.0
 """Of the cycles [Hz]."""
-COLLECTION = 2
+COLLECTION = 3
 """Counts up when lessons change, so that old ones are not taken for new."""
 FILE = "cpm.safetensors"
 """The networks, in the folder of a round and in that of the whole."""
@@ -43,10 +43,10 @@ class Options:
     """
 
     rounds: int = 3
-    varied: int = 280
-    driven: int = 140
+    varied: int = 360
+    driven: int = 160
     tested: int = 60
-    epochs: int = 200
+    epochs: int = 150
     early: int = 50
     stride: int = 4
     seed: int = 0
