@@ -166,13 +166,14 @@ def test_an_object_stands_where_pybullet_has_it(thing: str, offset: float, yaw: 
 @pytest.mark.parametrize("thing", ["box", "cylinder", "nonuniform"])
 @pytest.mark.parametrize("friction", FRICTIONS)
 def test_a_push_moves_an_object_as_pybullet_does(thing: str, friction: str) -> None:
+    """Half a metre in a bend; PyBullet lets objects creep along the face though friction holds."""
     config = scene(object=thing, friction=friction, offset=0.05, yaw=15.0)
     plane, world = PlanarPush(config), PushWorld(config, read_robot(located(BASE)))
     for _ in range(25):
         for one in (plane, world):
             one.drive(0.2, 0.0, 0.15)
     error = np.subtract(plane.object_pose, world.object_pose)
-    assert np.hypot(*error[:2]) < 0.05
+    assert np.hypot(*error[:2]) < 0.06
     assert abs(error[2]) < 0.2
 
 

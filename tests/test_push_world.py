@@ -234,6 +234,20 @@ def test_a_box_first_touches_with_its_foremost_corner(seed: int, gap: float) -> 
     assert one.touches.normals[0] == pytest.approx([-1.0, 0.0, 0.0], abs=1e-3)
 
 
+def test_what_another_world_of_the_process_sets_changes_nothing() -> None:
+    """Bullet has one threshold for all worlds."""
+    import pybullet
+
+    ways = []
+    for breaking in (0.02, 0.002):
+        one, other = world(object="box", skin={"pad": PAD}), world()
+        for _ in range(10):
+            pybullet.setPhysicsEngineParameter(contactBreakingThreshold=breaking, **other._client)
+            one.drive(0.2, 0.0, 0.1)
+        ways.append(one.object_pose)
+    assert ways[0] == ways[1]
+
+
 @pytest.mark.parametrize("side", [-1.0, 1.0])
 def test_a_cylinder_that_rolls_along_the_front_presses_straight_into_it(side: float) -> None:
     """No point of contact stays behind on the robot while its normal turns."""

@@ -111,6 +111,18 @@ def test_the_command_line_takes_a_seed(tmp_path: Path) -> None:
     assert told(tmp_path)["truth"] == told(tmp_path / "again")["truth"]
 
 
+def test_what_another_world_of_the_process_sets_changes_nothing(tmp_path: Path) -> None:
+    """Bullet has one threshold for all worlds."""
+    import pybullet
+
+    other = {"physicsClientId": pybullet.connect(pybullet.DIRECT)}
+    for breaking in (0.02, 0.002):
+        pybullet.setPhysicsEngineParameter(contactBreakingThreshold=breaking, **other)
+        run_file(PANDA, [], tmp_path / str(breaking), 5)
+    pybullet.disconnect(**other)
+    assert told(tmp_path / "0.02")["truth"] == told(tmp_path / "0.002")["truth"]
+
+
 def test_a_hand_that_stops_short_touches_nothing_and_that_is_told(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

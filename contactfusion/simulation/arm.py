@@ -8,6 +8,9 @@ from contactfusion.robots.model import RobotModel
 
 STEP = 0.001
 """Of the physics [s]."""
+BREAKING = 0.02
+"""Bullet keeps a point of contact until it has slid or parted by this [m]. This is what it does of
+its own, but it is one number for all worlds of a process, and another may have changed it."""
 STIFFEST = 400.0
 """No joint may swing faster than this by itself [rad/s]: the physics could not follow."""
 
@@ -58,6 +61,7 @@ class SpringyArm:
         bullet.setJointMotorControlArray(
             world.robot, world.joints, bullet.TORQUE_CONTROL, forces=torques, **client
         )
+        bullet.setPhysicsEngineParameter(contactBreakingThreshold=BREAKING, **client)
         bullet.stepSimulation(**client)
         states = bullet.getJointStates(world.robot, world.joints, **client)
         self.positions = np.array([state[0] for state in states])

@@ -76,9 +76,8 @@ class PushWorld:
         self._client = {"physicsClientId": client}
         weakref.finalize(self, pybullet.disconnect, client)
         pybullet.setPhysicsEngineParameter(
-            deterministicOverlappingPairs=1, numSolverIterations=ITERATIONS,
-            contactBreakingThreshold=BREAKING, **self._client,
-        )  # fmt: skip
+            deterministicOverlappingPairs=1, numSolverIterations=ITERATIONS, **self._client
+        )
         pybullet.setTimeStep(1.0 / RATE, **self._client)
         pybullet.setGravity(0.0, 0.0, -GRAVITY, **self._client)
         add_floor(pybullet, self._client, config.friction.ground)
@@ -108,6 +107,8 @@ class PushWorld:
             omega: about the vertical [rad/s].
         """
         bullet, client = self._bullet, self._client
+        # one number for all worlds of a process, and another may have changed it
+        bullet.setPhysicsEngineParameter(contactBreakingThreshold=BREAKING, **client)
         # halfway through the cycle; the velocity stays the same in the world
         self._heading = self.base_pose[2] + omega * self.config.period / 2.0
         cos, sin = math.cos(self._heading), math.sin(self._heading)
