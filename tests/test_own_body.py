@@ -47,8 +47,9 @@ def off(pose: Pose, true: Pose) -> FloatArray:
     return worst
 
 
-def mended(body: OwnBody, image: FloatArray) -> Pose:
-    return body.mended(image, intrinsics(*image.shape[::-1]), POSE)
+def mended(body: OwnBody, *images: FloatArray) -> Pose:
+    """Give the pose after the last of these images."""
+    return [body.mended(one, intrinsics(*one.shape[::-1]), POSE) for one in images][-1]
 
 
 ASKEW = [
@@ -69,46 +70,40 @@ def test_the_face_is_put_where_it_is(
 ) -> None:
     body, true = OwnBody(BASE), moved(xyz, degrees)
     assert off(POSE, true).max() > 0.01
-    for _ in range(10):
-        pose = mended(body, depth(true, BASE, width=width))
+    pose = mended(body, *10 * [depth(true, BASE, width=width)])
     assert off(pose, true).max() < FOUND
 
 
 def test_noise_and_missing_depth_do_no_harm() -> None:
     rng, true = np.random.default_rng(7), moved(*ASKEW[-1])
     body, clean = OwnBody(BASE), depth(true, BASE)
-    for _ in range(20):
-        noisy = clean + 0.004 * rng.standard_normal(clean.shape)
-        pose = mended(body, np.where(rng.random(clean.shape) < 0.1, 0.0, noisy))
+    noisy = clean + 0.004 * rng.standard_normal((20, *clean.shape))
+    pose = mended(body, *np.where(rng.random(noisy.shape) < 0.1, 0.0, noisy))
     assert off(pose, true).max() < FOUND
 
 
 def test_a_camera_in_its_place_stays_there() -> None:
     body = OwnBody(BASE)
-    for _ in range(20):
-        pose = mended(body, depth(POSE, BASE, BESIDE))
+    pose = mended(body, *20 * [depth(POSE, BASE, BESIDE)])
     assert off(pose, POSE).max() < 0.003
 
 
 def test_what_hides_part_of_the_front_does_not_move_it() -> None:
     body, true = OwnBody(BASE), moved((0.0, 0.02, 0.0), (1.5, 0.0, 0.0))
-    for _ in range(10):
-        pose = mended(body, depth(true, BASE, BESIDE))
+    pose = mended(body, *10 * [depth(true, BASE, BESIDE)])
     assert off(pose, true).max() < FOUND
 
 
 def test_behind_a_hidden_front_all_but_the_way_ahead_is_mended() -> None:
     # the camera's y points back, its x to the right
     body, true = OwnBody(BASE), moved((0.015, 0.015, 0.01), (1.0, 1.0, 0.0))
-    for _ in range(10):
-        pose = mended(body, depth(true, BASE, TALL))
+    pose = mended(body, *10 * [depth(true, BASE, TALL)])
     ahead, aside, up = off(pose, true)
     assert ahead == pytest.approx(0.015, abs=FOUND)
     assert aside < FOUND and up < FOUND
     assert body.sigma[0] == pytest.approx(0.02)
     # once it is free, the way ahead is found as well
-    for _ in range(10):
-        pose = mended(body, depth(true, BASE))
+    pose = mended(body, *10 * [depth(true, BASE)])
     assert off(pose, true).max() < FOUND
 
 
@@ -121,8 +116,7 @@ def test_without_a_body_in_view_the_pose_is_trusted(boxes: tuple[BoxConfig, ...]
 
 def test_once_all_is_known_the_pose_is_kept_until_a_reset() -> None:
     body, true = OwnBody(BASE), moved(*ASKEW[-1])
-    for _ in range(60):
-        kept = mended(body, depth(true, BASE))
+    kept = mended(body, *60 * [depth(true, BASE)])
     assert np.all(body.sigma <= SETTLED)
     assert np.array_equal(mended(body, depth(POSE, BASE)), kept)
     body.reset()
