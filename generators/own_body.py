@@ -17,7 +17,7 @@ OWN = 0.015
 STRIP = 0.05
 """Edges are looked at in strips of this width [m]."""
 LEAST = 12
-"""So many pixels of a strip have to be seen."""
+"""So many pixels of a strip have to be seen, and of the upper side its square."""
 PIXELS = 20_000
 """Larger images are thinned to about so many pixels."""
 PRIOR = np.array([0.02, 0.02, 0.02])
