@@ -67,14 +67,14 @@ show-push: $(READY)
 			--activation $$activation --out out/push/activation_$$activation || exit 1; \
 	done
 
-# What a base without a working skin reaches; about 3 h on two cores, pushes that are made are kept.
+# What a base without a working skin reaches; about 2 h on two cores, pushes that are made are kept.
 EYES := --starts random --seed 600
 FAILING := skin_silent skin_zeros lidar_silent lidar_dropout camera_misplaced odometry_silent \
 	everything
 UNSEEN := --objects lshape,prism,light_cylinder --object examples/objects/chair.yaml
 
 show-sensing: $(READY)
-	@echo "about 3 hours on two cores; started again, it goes on where it was stopped"
+	@echo "about 2 hours on two cores; started again, it goes on where it was stopped"
 	for targets in new grid; do \
 		$(PUSH) --sensing skin --sensing lidar --sensing rule --targets $$targets \
 			--out out/sensing/$$targets || exit 1; \
@@ -99,14 +99,14 @@ show-sensing: $(READY)
 	done
 	$(PUSH) --sensing fused --rule de_morgan --rule posterior --rule posterior/modes $(EYES) \
 		--targets random:100 --out out/sensing/rules
-	$(PUSH) --sensing skin --sensing lidar --sensing rgbd --sensing fused $(EYES) $(UNSEEN) \
-		--targets random:160 --out out/sensing/unseen
 	for sensing in lidar rgbd; do \
 		$(PUSH) --sensing $$sensing --objects real_box,soft_cylinder,ball_box --targets real \
 			--out out/sensing/real_$$sensing && \
 		$(PUSH) --sensing $$sensing --objects lshape --targets real_near \
 			--out out/sensing/real_near_$$sensing || exit 1; \
 	done
+	$(PUSH) --sensing skin --sensing lidar --sensing rgbd --sensing fused $(EYES) $(UNSEEN) \
+		--targets random:160 --out out/sensing/unseen
 
 train: $(READY)
 	$(BIN)/contactfusion train cpm --out out/cpm
