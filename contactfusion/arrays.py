@@ -7,6 +7,8 @@ import numpy as np
 from numpy.typing import ArrayLike, DTypeLike, NDArray
 
 FloatArray = NDArray[np.float64]
+SHORT = 8192
+"""A product of arrays of so many numbers is never shared among threads."""
 
 
 def frozen_array(
@@ -45,8 +47,7 @@ def frozen_array(
             wanted = ", ".join("n" if want is None else str(want) for want in shape)
             wanted = f"({wanted},)" if len(shape) == 1 else f"({wanted})"
             raise error(f"{name} have shape {array.shape}, not {wanted}")
-    # A sum of squares that is finite is one of finite numbers, and takes a fifth of the time.
-    if finite and not math.isfinite(np.vdot(array, array)) and not np.isfinite(array).all():
+    if finite and not _is_finite(array):
         place = np.argwhere(~np.isfinite(array))[0]
         raise error(f"row {place[0]} of the {name} is not finite: {array[place[0]]}")
     flags = array.flags
@@ -54,6 +55,14 @@ def frozen_array(
         array = np.array(array, order="C")
         array.flags.writeable = False
     return array
+
+
+def _is_finite(array: NDArray[Any]) -> bool:
+    # A sum of squares that is finite is one of finite numbers, and takes a fifth of the time;
+    # of a long array the library would share it among threads, which takes longer.
+    if array.size <= SHORT and math.isfinite(np.vdot(array, array)):
+        return True
+    return bool(np.isfinite(array).all())
 
 
 def _fits(have: tuple[int, ...], want: tuple[int | None, ...]) -> bool:

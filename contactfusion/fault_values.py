@@ -21,6 +21,7 @@ from contactfusion.readings import (
     Reading,
     Switch,
     TactileImage,
+    Transform,
     Twist,
     Wrench,
 )
@@ -33,6 +34,7 @@ AMOUNTS: dict[type[Reading], tuple[tuple[int, ...], str]] = {
     Twist: ((6,), "6 numbers: linear x, y, z [m/s], angular x, y, z [rad/s]"),
     Odometry: ((3, 6), POSE_AMOUNT),
     ObjectPose: ((3, 6), POSE_AMOUNT),
+    Transform: ((3, 6), POSE_AMOUNT),
     PointCloud: ((1, 3), "1 or 3 numbers: x, y, z [m]"),
     Markers: ((1, 3), "1 or 3 numbers: x, y, z [m]"),
     DepthImage: ((1,), "1 number: depth [m]"),
@@ -70,7 +72,7 @@ def zeroed(reading: Reading) -> Reading:
                 linear=None if reading.linear is None else np.zeros(3),
                 angular=None if reading.angular is None else np.zeros(3),
             )
-        case ObjectPose():
+        case ObjectPose() | Transform():
             return replace(reading, position=np.zeros(3), orientation=np.array(NO_TURN))
         case PointCloud():
             return replace(reading, points=np.zeros_like(reading.points))
@@ -126,7 +128,7 @@ def changes(reading: Reading, amount: Sequence[float], elements: Elements = None
     match reading:
         case Wrench() | Twist():
             return numbers
-        case Odometry() | ObjectPose():
+        case Odometry() | ObjectPose() | Transform():
             return np.pad(numbers, (0, 6 - len(numbers)))
         case PointCloud():
             return np.broadcast_to(numbers, reading.points.shape)
@@ -172,7 +174,7 @@ def added(reading: Reading, change: FloatArray) -> Reading:
             row_of = dict(zip(_element_arrays(reading), change, strict=True))
             arrays = _arrays(reading)
             return _with_arrays(reading, {name: arrays[name] + row_of[name] for name in arrays})
-        case Odometry() | ObjectPose():
+        case Odometry() | ObjectPose() | Transform():
             orientation = _turned(reading.orientation, change[3:])
             return replace(reading, position=reading.position + change[:3], orientation=orientation)
         case PointCloud():
@@ -209,7 +211,7 @@ def moved(reading: Reading, pose: Pose) -> Reading:
             return replace(
                 reading, linear=turn @ reading.linear + np.cross(shift, angular), angular=angular
             )
-        case Odometry() | ObjectPose():
+        case Odometry() | ObjectPose() | Transform():
             from scipy.spatial.transform import Rotation
 
             turned = Rotation.from_matrix(turn) * Rotation.from_quat(reading.orientation)

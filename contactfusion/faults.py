@@ -9,7 +9,14 @@ import numpy as np
 
 from contactfusion.errors import ConfigurationError
 from contactfusion.fault_config import Fault, read_faults
-from contactfusion.readings import JointCommand, JointState, ObjectPose, Odometry, Reading
+from contactfusion.readings import (
+    JointCommand,
+    JointState,
+    ObjectPose,
+    Odometry,
+    Reading,
+    Transform,
+)
 from contactfusion.time import to_nanoseconds
 
 __all__ = ["Faults", "read_faults"]
@@ -105,7 +112,7 @@ def _stream(reading: Reading) -> Stream:
     match reading:
         case JointState() | JointCommand():
             whose = reading.names
-        case Odometry():
+        case Odometry() | Transform():
             whose = (reading.child_frame,)
         case ObjectPose():
             whose = (reading.name,)

@@ -1,6 +1,7 @@
 """Frames: a tree of poses, and what one frame is in another."""
 
 from collections.abc import Mapping, Sequence
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -10,6 +11,25 @@ from contactfusion.errors import FrameError, name_hint
 
 Pose = FloatArray
 """A rigid transform as a homogeneous matrix, shape (4, 4): it takes a frame to its parent."""
+Parent = tuple[str, Pose]
+"""The parent of a frame, and the frame's pose there."""
+
+
+class Above(Protocol):
+    """Frames beside those of a tree, whose poses are worked out only when a chain leads there."""
+
+    @property
+    def frames(self) -> frozenset[str]:
+        """All of them."""
+        ...
+
+    def parent_of(self, frame: str) -> Parent | None:
+        """Give the parent of a frame and its pose there; None for a root, or an unknown frame.
+
+        Raises:
+            FrameError: the pose is not known at this time.
+        """
+        ...
 
 
 def pose_of(xyz: ArrayLike, rotation: ArrayLike | None = None) -> Pose:
@@ -39,20 +59,22 @@ class FrameTree:
 
     Args:
         parents: for each child frame its parent and its pose there (child to parent).
+        above: further frames; where both tell of a child frame, `parents` counts.
 
     Raises:
-        FrameError: the frames form a circle.
+        FrameError: the frames of `parents` form a circle.
     """
 
-    def __init__(self, parents: Mapping[str, tuple[str, Pose]]) -> None:
+    def __init__(self, parents: Mapping[str, Parent], above: Above | None = None) -> None:
         self._parents = dict(parents)
+        self._above = above
         self._cache: dict[tuple[str, str], Pose] = {}
         sound: set[str] = set()
         for frame in self._parents:
             chain: list[str] = []
             while frame in self._parents and frame not in sound:
                 if frame in chain:
-                    raise FrameError(f"the frames form a circle: {' -> '.join([*chain, frame])}")
+                    raise _circle([*chain, frame])
                 chain.append(frame)
                 frame = self._parents[frame][0]
             sound.update(chain)
@@ -60,11 +82,16 @@ class FrameTree:
     @property
     def frames(self) -> frozenset[str]:
         """All frames of the tree."""
-        return frozenset(self._parents) | {parent for parent, _ in self._parents.values()}
+        told = frozenset(self._parents) | {parent for parent, _ in self._parents.values()}
+        return told if self._above is None else told | self._above.frames
 
-    def extended(self, parents: Mapping[str, tuple[str, Pose]]) -> "FrameTree":
+    def under(self, above: Above) -> "FrameTree":
+        """Give the tree with further frames, such as those that a recording tells."""
+        return FrameTree(self._parents, above)
+
+    def extended(self, parents: Mapping[str, Parent]) -> "FrameTree":
         """Give the tree with further frames, or with new poses for some."""
-        return FrameTree({**self._parents, **parents})
+        return FrameTree({**self._parents, **parents}, self._above)
 
     def pose(self, frame: str, of: str) -> Pose:
         """Give the pose of frame `of` in `frame`: it takes coordinates of `of` to `frame`.
@@ -78,6 +105,10 @@ class FrameTree:
             pose.flags.writeable = False
             self._cache[key] = pose
         return self._cache[key]
+
+    def root(self, of: str) -> str:
+        """Give the frame that a frame hangs under at the very top; an unknown one is its own."""
+        return next(reversed(self._chain(of)))
 
     def _pose(self, frame: str, of: str) -> Pose:
         if frame == of:
@@ -100,11 +131,23 @@ class FrameTree:
         """Give, from the frame up to its root, each ancestor with the frame's pose in it."""
         pose = pose_of((0.0, 0.0, 0.0))
         chain = {frame: pose}
-        while frame in self._parents:
-            frame, step = self._parents[frame]
+        while parent := self._parent_of(frame):
+            frame, step = parent
+            if frame in chain:
+                raise _circle([*chain, frame])
             pose = step @ pose
             chain[frame] = pose
         return chain
+
+    def _parent_of(self, frame: str) -> Parent | None:
+        parent = self._parents.get(frame)
+        if parent is None and self._above is not None:
+            parent = self._above.parent_of(frame)
+        return parent
+
+
+def _circle(chain: Sequence[str]) -> FrameError:
+    return FrameError(f"the frames form a circle: {' -> '.join(chain)}")
 
 
 def points_in(pose: Pose, points: FloatArray) -> FloatArray:

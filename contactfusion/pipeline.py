@@ -5,13 +5,20 @@ clock of its own; time comes in with readings and steps.
 """
 
 import functools
+from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
 from contactfusion.assembly import AnyGenerator, built_controller, built_generator
 from contactfusion.controller import Command, Controller
-from contactfusion.errors import ConfigurationError, ContactFusionError, SourceError, name_hint
+from contactfusion.errors import (
+    ConfigurationError,
+    ContactFusionError,
+    FrameError,
+    SourceError,
+    name_hint,
+)
 from contactfusion.faults import Faults
 from contactfusion.frames import points_in, vectors_in
 from contactfusion.grid import Grid
@@ -21,7 +28,7 @@ from contactfusion.integrator.integrator import Integrator
 from contactfusion.integrator.report import Event
 from contactfusion.isolation import Isolated
 from contactfusion.pipeline_config import PipelineConfig
-from contactfusion.readings import READING_TYPES, Reading
+from contactfusion.readings import READING_TYPES, Reading, Transform
 from contactfusion.robot import Robot
 from contactfusion.state import State
 
@@ -91,6 +98,8 @@ class Pipeline:
         self._controller = built_controller(config)
         self._faults = Faults(config.faults, config.seed)
         self._fusion: Fusion | None = None
+        self.unplaced: Counter[str] = Counter()
+        """How often clouds of each generator were refused as no transform placed them."""
 
     def plug(self, name: str, options: dict[str, Any]) -> None:
         """Plug a generator in, also while running.
@@ -183,7 +192,10 @@ class Pipeline:
         return Step(now, self._fusion, command)
 
     def run(self, readings: Iterable[Reading]) -> Iterator[Step]:
-        """Receive readings in their order, and step as the cycle policy says."""
+        """Receive readings in their order, and step as the cycle policy says.
+
+        Transforms may come ahead of the readings that need them: they move no clock.
+        """
         cycle = self.config.cycle
         if cycle.every is not None:
             return self._run_every(cycle.every, readings)
@@ -199,6 +211,7 @@ class Pipeline:
         self._robot.clear()
         self._faults.reset()
         self._fusion = None
+        self.unplaced.clear()
         for generator in self.generators.values():
             generator.reset()
         if self._controller:
@@ -213,6 +226,9 @@ class Pipeline:
     def _run_every(self, period: float, readings: Iterable[Reading]) -> Iterator[Step]:
         start, count, newest = None, 1, 0.0
         for reading in readings:
+            if isinstance(reading, Transform):
+                self.receive(reading)
+                continue
             start = reading.stamp if start is None else start
             newest = max(newest, reading.stamp)
             while reading.stamp > start + count * period:
@@ -226,6 +242,9 @@ class Pipeline:
         wanted = READING_TYPES.get(on) if on else None
         now = -float("inf")
         for reading in readings:
+            if isinstance(reading, Transform):
+                self.receive(reading)
+                continue
             now = max(now, reading.stamp)
             arrived = self._arrived(reading)
             if on is None:
@@ -251,6 +270,7 @@ class Pipeline:
                     raise TypeError(f"it gave {type(cloud).__name__}, not a HypothesisCloud")
         except Exception as error:  # a plug-in may raise anything, and no other source may suffer
             reason = f"'{generator.name}' raised {type(error).__name__}: {error}"
+            self.unplaced[generator.name] += isinstance(error, FrameError)
             for source in generator.sources:
                 self.integrator.refuse(source, reason)
             return
@@ -265,6 +285,7 @@ class Pipeline:
                     continue
                 cloud = self._in_space(cloud)
             except ContactFusionError as error:
+                self.unplaced[generator.name] += isinstance(error, FrameError)
                 self.integrator.refuse(cloud.source, str(error))
                 continue
             try:

@@ -237,6 +237,31 @@ class Odometry(Reading):
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
+class Transform(Reading):
+    """The pose of a frame in its parent `frame`, as /tf and /tf_static of ROS tell it.
+
+    Attributes:
+        child_frame: the frame whose pose it is.
+        position: shape (3,) [m], of the child frame's origin in `frame`.
+        orientation: shape (4,), unit quaternion (x, y, z, w), child frame to `frame`.
+        static: whether it holds at all times.
+    """
+
+    child_frame: str
+    position: FloatArray
+    orientation: FloatArray
+    static: bool = False
+
+    def _check(self) -> None:
+        if not self.child_frame:
+            raise InvalidReadingError(f"{self.label} needs the name of its child frame")
+        if self.child_frame == self.frame:
+            raise InvalidReadingError(f"{self.label} gives the pose of '{self.frame}' in itself")
+        self._freeze("position", 3)
+        self._freeze_turn()
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
 class ObjectPose(Reading):
     """Where an object is believed to be, in `frame`.
 
@@ -284,6 +309,7 @@ READING_TYPES: dict[str, type[Reading]] = {
     "joint_command": JointCommand,
     "twist": Twist,
     "odometry": Odometry,
+    "transform": Transform,
     "object_pose": ObjectPose,
     "markers": Markers,
 }

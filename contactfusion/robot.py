@@ -10,9 +10,10 @@ from contactfusion.grid import Grid
 from contactfusion.history import History
 from contactfusion.integrator.fusion import Fusion
 from contactfusion.pipeline_config import PipelineConfig
-from contactfusion.readings import JointState, Reading
+from contactfusion.readings import JointState, Odometry, Reading, Transform, Twist
 from contactfusion.state import State
 from contactfusion.surface import Surface
+from contactfusion.transforms import Transforms
 
 if TYPE_CHECKING:
     from contactfusion.robots.model import RobotModel
@@ -34,16 +35,23 @@ class Robot:
         self.model = _model(config)
         """The robot of the URDF, or None."""
         self._history = History()
+        self._transforms = Transforms()
         self._known: State | None = None
 
     def add(self, reading: Reading) -> None:
-        """Remember a reading of joints or odometry; any other tells nothing of the robot."""
-        self._history.add(reading)
+        """Remember what a reading tells of the robot: joints, odometry, twists and transforms."""
+        if isinstance(reading, Transform):
+            self._transforms.add(reading)
+        elif isinstance(reading, JointState | Odometry | Twist):
+            self._history.add(reading)
+        else:
+            return
         self._known = None
 
     def clear(self) -> None:
         """Forget all readings."""
         self._history.clear()
+        self._transforms.clear()
         self._known = None
 
     def state(self, stamp: float, fusion: Fusion | None) -> State:
@@ -59,15 +67,23 @@ class Robot:
             return ""
         if self.model is None:
             assert self._body is not None
-            return f"no transform joins the surface's frame '{self._body.frame}' to the space"
+            whose, frame = "surface", self._body.frame
+        else:
+            whose, frame = "robot", self.model.root
+            try:
+                self.model.positions(state.joints)
+            except RobotError as error:
+                return str(error)
         try:
-            self.model.positions(state.joints)
-        except RobotError as error:
-            return str(error)
-        return f"no transform joins the robot's frame '{self.model.root}' to the space"
+            state.frames.pose(self._grid.frame, of=frame)
+        except FrameError as error:
+            return f"no transform joins the {whose}'s frame '{frame}' to the space: {error}"
+        return ""
 
     def _at(self, stamp: float) -> State:
         frames, joints = self._fixed, self._history.joints(stamp)
+        if told := self._transforms.at(stamp):
+            frames = frames.under(told)
         base = self._history.base_pose(stamp)
         if base:
             parent, child, pose = base

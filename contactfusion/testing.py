@@ -27,6 +27,7 @@ from contactfusion.readings import (
     Reading,
     Switch,
     TactileImage,
+    Transform,
     Twist,
     Wrench,
 )
@@ -340,6 +341,13 @@ def _examples(stamp: float, scale: float) -> Iterator[Reading]:
         child_frame="base",
         position=np.array([scale, 0.0, 0.0]),
         orientation=np.array([0.0, 0.0, np.sin(scale / 2.0), np.cos(scale / 2.0)]),
+    )
+    yield Transform(
+        stamp=stamp,
+        frame="base",
+        child_frame="sensor",
+        position=np.array([scale, 0.0, 0.0]),
+        orientation=np.array([0.0, 0.0, 0.0, 1.0]),
     )
     yield ObjectPose(
         stamp=stamp,

@@ -59,6 +59,7 @@ VALUES: dict[str, dict[str, Any]] = {
         "linear": [1.0, 0.0, 0.0],
         "angular": [0.0, 0.0, 1.0],
     },
+    "transform": {"child_frame": "eye", "position": [1.0, 2.0, 3.0], "orientation": QUARTER},
     "object_pose": {"name": "mug", "position": [1.0, 2.0, 3.0], "orientation": QUARTER},
     "markers": {"names": ("p", "q"), "positions": np.array([[1.0, 0.0, 0.0], [np.nan] * 3])},
 }
@@ -71,12 +72,13 @@ AMOUNTS: dict[str, list[float]] = {
     "joint_command": [1.0, 1.0],
     "twist": [1.0] * 6,
     "object_pose": [1.0] * 6,
+    "transform": [1.0] * 6,
     "odometry": [1.0] * 6,
     "markers": [1.0, 1.0, 1.0],
 }
-SPECIAL = {"switch", "odometry", "object_pose", "depth_image"}
+SPECIAL = {"switch", "odometry", "transform", "object_pose", "depth_image"}
 """Not all their values are zero when a driver sends zeros."""
-MOVABLE = ("wrench", "twist", "odometry", "object_pose", "point_cloud", "markers")
+MOVABLE = ("wrench", "twist", "odometry", "transform", "object_pose", "point_cloud", "markers")
 
 
 def made(kind: str, stamp: float = 0.0, sensor: str = "it", **fields: Any) -> Any:
@@ -585,6 +587,7 @@ def test_a_fault_of_nothing_changes_nothing(kind: str, entry: dict[str, Any]) ->
     readings = [made(kind, stamp) for stamp in (0.0, 0.5, 2.0)]
     if entry["fault"] == "calibration" and kind in (
         "odometry",
+        "transform",
         "object_pose",
     ):  # a quaternion is made unit again
         (pose, *_) = after(entry, readings)

@@ -173,7 +173,7 @@ def test_the_surface_moves_with_the_robot_and_is_missed_by_name_before_it_is_pla
     pipe.receive(point(0.0, *LEFT, frame="odom"))
     step = pipe.step(0.0)
     assert len(step.fusion.contacts) == 1
-    assert ("surface", "'base'") in [(e.source, e.message.split()[-4]) for e in step.events]
+    assert any(e.source == "surface" and "'base'" in e.message for e in step.events)
     pipe.receive(driven(0.1, 5.0))
     surface = pipe.state(0.1).surface
     assert surface is not None and surface.frame == "odom"

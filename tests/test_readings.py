@@ -21,6 +21,7 @@ GOOD: dict[str, dict[str, Any]] = {
     "object_pose": {"name": "box", "position": ONES, "orientation": TURN},
     "twist": {"linear": ONES, "angular": ONES},
     "odometry": {"child_frame": "base", "position": ONES, "orientation": TURN},
+    "transform": {"child_frame": "eye", "position": ONES, "orientation": TURN},
     "markers": {"names": ("a", "b"), "positions": np.ones((2, 3))},
 }
 
@@ -111,6 +112,8 @@ def test_no_points_are_a_scene_with_nothing_in_it() -> None:
         ("odometry", {"orientation": TURN * 0.9}, "no unit quaternion: its norm is 0.9"),
         ("odometry", {"orientation": np.zeros(4)}, "no unit quaternion: its norm is 0"),
         ("odometry", {"linear": np.ones(2)}, "linear of Odometry"),
+        ("transform", {"child_frame": ""}, "needs the name of its child frame"),
+        ("transform", {"child_frame": "base"}, "gives the pose of 'base' in itself"),
         ("markers", {"names": ("a",)}, r"positions of Markers of 'it' have shape \(2, 3\)"),
     ],
 )
