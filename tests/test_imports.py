@@ -13,7 +13,7 @@ import pytest
 import contactfusion
 
 ROOT = Path(__file__).parents[1]
-HEAVY = ("matplotlib", "numba", "open3d", "pybullet", "scipy.spatial", "sklearn", "torch")
+HEAVY = ("matplotlib", "numba", "open3d", "pybullet", "rerun", "scipy.spatial", "sklearn", "torch")
 DATA = (
     "arrays",
     "contacts",
@@ -33,11 +33,15 @@ OUTER = (
     "cli",
     "demo",
     "doctor",
+    "doctoring",
     "experiments",
     "explain",
+    "explaining",
     "figures",
     "listing",
+    "recording_scene",
     "recordings",
+    "run_results",
     "runner",
     "running",
     "simulation",

@@ -15,8 +15,8 @@ from contactfusion.experiments.proximity_loops import by_loops
 from contactfusion.generators.proximity import ProximityConfig
 from contactfusion.readings import PointCloud
 from contactfusion.recordings import ouster, ouster_converter
-from contactfusion.recordings.mcap_reading import McapConfig, McapRecording
 from contactfusion.recordings.ouster_converter import ConversionError
+from contactfusion.recordings.ros import RosConfig, RosRecording
 from tests.real_data import real_data
 
 EPOCH = 1_651_329_893_557_452_800
@@ -67,7 +67,7 @@ def ready() -> None:
 
 
 def clouds(path: Path) -> list[PointCloud]:
-    readings = McapRecording(McapConfig(file=path)).readings()
+    readings = RosRecording(RosConfig(file=path)).readings()
     return [one for one in readings if isinstance(one, PointCloud)]
 
 
@@ -84,7 +84,7 @@ def test_a_scan_becomes_an_organised_cloud_with_nan_for_no_return(
     first, second = clouds(out)
     assert (first.frame, first.sensor) == ("os_sensor", "ouster/points")
     assert (first.stamp, second.stamp) == (0.0, 0.1)
-    assert McapRecording(McapConfig(file=out)).epoch_ns == EPOCH
+    assert RosRecording(RosConfig(file=out)).epoch_ns == EPOCH
     seen = scans[0].ranges > 0
     grid = first.points.reshape(3, 4, 3)
     assert np.isnan(grid[~seen]).all()

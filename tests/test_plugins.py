@@ -144,6 +144,21 @@ BROKEN = {
 }
 
 
+@pytest.mark.parametrize(
+    ("lacks", "extra"), [("torch", "learn"), ("rerun.blueprint", "view"), ("pyarrow", "parquet")]
+)
+def test_a_plugin_that_lacks_an_extra_says_how_to_install_it(
+    lacks: str, extra: str, write: Writer, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for module in (lacks, lacks.partition(".")[0]):
+        monkeypatch.setitem(sys.modules, module, None)
+    plugins = Plugins(points=[write("lacking", f"import {lacks}")])
+    plugins.offers("generators")
+    why = plugins.failures["lacking"]
+    assert why.startswith("ModuleNotFoundError: ") and lacks.partition(".")[0] in why
+    assert why.endswith(f"; install it with: pip install 'contactfusion[{extra}]'")
+
+
 @pytest.mark.parametrize(("source", "cause"), BROKEN.values(), ids=BROKEN)
 def test_a_broken_plugin_is_listed_with_its_cause_and_takes_no_other_down(
     source: str, cause: str, write: Writer

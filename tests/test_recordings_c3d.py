@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from contactfusion.errors import DependencyError, RecordingError
-from contactfusion.readings import Markers, Wrench
+from contactfusion.readings import Markers, Transform, Wrench
 from contactfusion.recordings.c3d import C3DRecording
 from contactfusion.recordings.opening import open_recording
 from tests.real_data import real_data
@@ -119,9 +119,24 @@ def test_markers_are_in_metres_lost_ones_nan_and_angles_left_out(
     np.testing.assert_array_equal(np.isnan(markers[2].positions), [[False] * 3, [True] * 3])
 
 
-def test_of_one_stamp_markers_come_first(tmp_path: Path) -> None:
+def test_first_it_says_where_plates_stand_and_of_one_stamp_markers_come_first(
+    tmp_path: Path,
+) -> None:
     kinds = [type(one) for one in opened(c3d_file(tmp_path)).readings()]
-    assert kinds[:12] == [Markers, *[Wrench] * 10, Markers]
+    assert kinds[:13] == [Transform, Markers, *[Wrench] * 10, Markers]
+
+
+def test_the_frame_of_a_plate_is_told_as_a_static_transform(tmp_path: Path) -> None:
+    recording = opened(c3d_file(tmp_path))
+    (told,) = of_type(recording, Transform)
+    assert (told.frame, told.child_frame, told.static) == ("lab", "plate_0", True)
+    assert tuple(told.position) == recording.frames()["plate_0"].xyz
+
+
+def test_topics_name_every_sensor_and_its_kind(tmp_path: Path) -> None:
+    recording = opened(c3d_file(tmp_path))
+    measured = {one.sensor: type(one) for one in recording.readings() if one.sensor != "tf_static"}
+    assert recording.topics == measured
 
 
 def test_the_clock_is_that_of_the_original_trial(tmp_path: Path) -> None:

@@ -31,7 +31,9 @@ def refusal(path: Path) -> str:
 
 
 def test_each_frame_gives_the_joints_and_then_five_fingers(tmp_path: Path) -> None:
-    readings = list(open_recording(trial(tmp_path, *frame(0.0), *frame(1.0))).readings())
+    recording = open_recording(trial(tmp_path, *frame(0.0), *frame(1.0)))
+    readings = list(recording.readings())
+    assert recording.topics == {reading.sensor: type(reading) for reading in readings}
     assert [reading.sensor for reading in readings] == ["hand", *FINGERS] * 2
     assert [reading.stamp for reading in readings] == [0.0] * 6 + [0.1] * 6
     joints, thumb, little = readings[6], readings[1], readings[11]

@@ -80,6 +80,7 @@ readings:
     recording = open_recording(tmp_path / "wrist.yaml")
     first, second = readings(recording)
     assert recording.epoch_ns == 1_000_000_000
+    assert recording.topics == {"wrist": Wrench}
     assert isinstance(second, Wrench)
     assert (first.stamp, second.stamp) == (0.0, 0.004)
     assert (second.sensor, second.frame) == ("wrist", "wrist_frame")

@@ -1,14 +1,16 @@
 """MCAP files: what is written is read back by rosbags and by mcap-ros2-support."""
 
 import math
+import resource
 import sys
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+import yaml
 
 from contactfusion import Fusion
 from contactfusion.arrays import FloatArray
@@ -27,16 +29,20 @@ from contactfusion.readings import (
     Reading,
     Switch,
     TactileImage,
+    Transform,
     Twist,
     Wrench,
 )
 from contactfusion.recordings.mcap import McapWriter
 from contactfusion.recordings.messages import typestore
 from tests.clouds import HERE, THERE, cloud, fused
-
-rosbag2 = pytest.importorskip("rosbags.rosbag2")
-mcap_reader = pytest.importorskip("mcap.reader")
-mcap_ros2 = pytest.importorskip("mcap_ros2.decoder")
+from tests.mcap_files import (
+    Recorded,
+    channel_metadata,
+    read_by_mcap_ros2,
+    read_by_rosbags,
+    rosbag2,
+)
 
 EPOCH = 1_700_000_000_123_456_789
 AT: dict[str, Any] = {"stamp": 0.25, "frame": "base"}
@@ -44,52 +50,7 @@ ONE, TWO = np.array([1.0, 2.0, 3.0]), np.array([-0.1, 0.2, -0.3])
 TURN = np.array([0.0, 0.0, np.sin(0.2), np.cos(0.2)])
 
 
-@dataclass(frozen=True)
-class Read:
-    """One message of a file: when it was logged [ns], of which type it is, and its fields."""
-
-    stamp: int
-    kind: str
-    fields: Any
-
-
-Recorded = dict[str, list[Read]]
-"""The messages of a file by topic."""
 Written = Callable[..., Recorded]
-
-
-def plain(value: Any) -> Any:
-    """Give a message as dictionaries, lists and numbers, whichever reader it is from."""
-    if isinstance(value, str | bool | int | float):
-        return value
-    if isinstance(value, np.ndarray):
-        return value.tolist()
-    if isinstance(value, bytes | memoryview | Sequence):
-        return [plain(one) for one in value]
-    names = getattr(type(value), "__slots__", None) or vars(value)
-    return {name: plain(getattr(value, name)) for name in names if name != "__msgtype__"}
-
-
-def read_by_rosbags(path: Path) -> Recorded:
-    found: Recorded = {}
-    with rosbag2.Reader(path) as reader:
-        for channel, stamp, raw in reader.messages():
-            message = typestore().deserialize_cdr(raw, channel.msgtype)
-            one = Read(stamp, channel.msgtype, plain(message))
-            found.setdefault(channel.topic, []).append(one)
-    return found
-
-
-def read_by_mcap_ros2(path: Path) -> Recorded:
-    """Read with nothing but the definitions that stand in the file."""
-    found: Recorded = {}
-    with path.open("rb") as file:
-        reader = mcap_reader.make_reader(file, decoder_factories=[mcap_ros2.DecoderFactory()])
-        assert reader.get_header().profile == "ros2"
-        for schema, channel, message, decoded in reader.iter_decoded_messages():
-            one = Read(message.log_time, schema.name, plain(decoded))
-            found.setdefault(channel.topic, []).append(one)
-    return found
 
 
 @pytest.fixture(params=[read_by_rosbags, read_by_mcap_ros2])
@@ -291,6 +252,88 @@ def test_the_pose_of_an_object(written: Written, sensor: str, prefix: str, topic
     assert numbers(pose["orientation"]) == TURN.tolist()
 
 
+def transform(child: str = "hand", **others: Any) -> Transform:
+    return Transform(**AT, child_frame=child, position=ONE, orientation=TURN, **others)
+
+
+@pytest.mark.parametrize(
+    ("static", "prefix", "topic"),
+    [
+        (False, "", "/tf"),
+        (True, "", "/tf_static"),
+        (False, "truth", "/truth/tf"),
+        (True, "truth", "/truth/tf_static"),
+    ],
+)
+def test_a_transform(written: Written, static: bool, prefix: str, topic: str) -> None:
+    found = written(transform(static=static, sensor="tf"), prefix=prefix)
+    assert found.keys() == {topic}
+    (message,) = found[topic]
+    assert (message.stamp, message.kind) == (EPOCH + 250_000_000, "tf2_msgs/msg/TFMessage")
+    (pose,) = message.fields["transforms"]
+    assert (pose["header"]["frame_id"], pose["child_frame_id"]) == ("base", "hand")
+    assert pose["header"]["stamp"] == {"sec": 1_700_000_000, "nanosec": 373_456_789}
+    assert numbers(pose["transform"]["translation"]) == ONE.tolist()
+    assert numbers(pose["transform"]["rotation"]) == TURN.tolist()
+
+
+def test_frames_that_stand_still_are_one_message(tmp_path: Path) -> None:
+    with McapWriter(tmp_path / "a.mcap", EPOCH) as writer:
+        writer.static([transform("eye"), transform("ear")], 0.5)
+        writer.static([])
+    (message,) = read_by_rosbags(tmp_path / "a.mcap")["/tf_static"]
+    assert message.stamp == EPOCH + 500_000_000
+    assert [pose["child_frame_id"] for pose in message.fields["transforms"]] == ["eye", "ear"]
+    stamps = [pose["header"]["stamp"]["nanosec"] for pose in message.fields["transforms"]]
+    assert stamps == [623_456_789, 623_456_789]
+
+
+def test_the_description_of_a_robot(tmp_path: Path) -> None:
+    with McapWriter(tmp_path / "a.mcap", EPOCH) as writer:
+        writer.robot_description("<robot name='µ'/>")
+    (message,) = read_by_mcap_ros2(tmp_path / "a.mcap")["/robot_description"]
+    assert (message.stamp, message.kind) == (EPOCH, "std_msgs/msg/String")
+    assert message.fields["data"] == "<robot name='µ'/>"
+
+
+def test_what_is_told_once_is_kept_for_those_who_come_late(tmp_path: Path) -> None:
+    """`ros2 bag play` offers a topic as its channel's metadata say, in numbers of rmw."""
+    with McapWriter(tmp_path / "a.mcap") as writer:
+        writer.static([transform("eye")])
+        writer.robot_description("<robot/>")
+        writer.reading(transform("ear", static=True), prefix="truth")
+        writer.reading(odometry())
+    offered = {
+        topic: yaml.safe_load(metadata["offered_qos_profiles"])
+        for topic, metadata in channel_metadata(tmp_path / "a.mcap").items()
+    }
+    assert offered.pop("/tf") is offered.pop("/odometry") is None
+    assert offered.keys() == {"/tf_static", "/robot_description", "/truth/tf_static"}
+    for (quality,) in offered.values():
+        assert quality["durability"] == 1, "transient_local"
+        assert quality["reliability"] == 1, "reliable"
+        assert (quality["history"], quality["depth"]) == (1, 100), "keep_last"
+        assert quality["deadline"] == {"sec": 9223372036, "nsec": 854775807}, "endless"
+    with rosbag2.Reader(tmp_path / "a.mcap") as bag:
+        lasting = [one.topic for one in bag.connections if one.ext.offered_qos_profiles]
+    assert sorted(lasting) == ["/robot_description", "/tf_static", "/truth/tf_static"]
+
+
+def test_contacts_that_no_step_gave(tmp_path: Path) -> None:
+    contacts = touching().contacts
+    with McapWriter(tmp_path / "a.mcap", EPOCH) as writer:
+        writer.contacts(contacts, "base", 0.25, "truth")
+        writer.contacts((), "base", 0.5, "truth")
+    found = read_by_rosbags(tmp_path / "a.mcap")
+    assert found.keys() == {"/truth/contacts", "/truth/contacts/markers"}
+    full, empty = found["/truth/contacts"]
+    assert full.fields["header"]["frame_id"] == "base"
+    assert [numbers(one["position"]) for one in full.fields["contacts"]] == [
+        one.position.tolist() for one in contacts
+    ]
+    assert empty.fields["contacts"] == [] and empty.stamp == EPOCH + 500_000_000
+
+
 def test_markers_some_of_them_lost(written: Written) -> None:
     places = np.array([ONE, np.full(3, np.nan)])
     found = written(Markers(**AT, names=("heel", "toe"), positions=places))
@@ -302,7 +345,9 @@ def test_markers_some_of_them_lost(written: Written) -> None:
 def test_contacts(written: Written) -> None:
     wanted = touching().contacts
     assert len(wanted) == 2
-    sent = only(written(commanded()), "/contacts", "contactfusion_msgs/msg/ContactArray")
+    sent = only(
+        written(commanded()), "/contactfusion/contacts", "contactfusion_msgs/msg/ContactArray"
+    )
     for contact, one in zip(wanted, sent["contacts"], strict=True):
         assert one["stamp"] == {"sec": 1_700_000_000, "nanosec": 373_456_789}
         assert numbers(one["position"]) == contact.position.tolist()
@@ -320,7 +365,7 @@ def test_contacts_are_drawn_after_those_of_before_are_deleted(
     written: Written,
 ) -> None:
     wanted = touching().contacts
-    (sent,) = written(commanded())["/contacts/markers"]
+    (sent,) = written(commanded())["/contactfusion/contacts/markers"]
     assert sent.kind == "visualization_msgs/msg/MarkerArray"
     first, *others = sent.fields["markers"]
     assert first["action"] == 3
@@ -337,21 +382,27 @@ def test_contacts_are_drawn_after_those_of_before_are_deleted(
         assert min(sphere["color"]["a"], text["color"]["a"]) > 0.0
 
 
+VIEWS = ("contacts/markers", "contacts/voxels")
+
+
 def test_a_step_without_contacts_says_so(written: Written) -> None:
     found = written(Step(0.25, fused(now=0.25), None))
-    assert found.keys() == {"/contacts", "/contacts/markers"}
-    assert only(found, "/contacts", "contactfusion_msgs/msg/ContactArray")["contacts"] == []
-    (markers,) = found["/contacts/markers"]
+    assert set(found) == {f"/contactfusion/{name}" for name in ("contacts", *VIEWS)}
+    assert (
+        only(found, "/contactfusion/contacts", "contactfusion_msgs/msg/ContactArray")["contacts"]
+        == []
+    )
+    (markers,) = found["/contactfusion/contacts/markers"]
     assert len(markers.fields["markers"]) == 1
 
 
 def test_a_command_with_a_twist(written: Written) -> None:
     twist = Twist(**AT, linear=ONE, angular=TWO)
     found = written(commanded(Command(twist=twist, gripper=0.5, mode="push", reason="a touch")))
-    command = only(found, "/command", "contactfusion_msgs/msg/Command")
+    command = only(found, "/contactfusion/command", "contactfusion_msgs/msg/Command")
     assert (command["gripper"], command["mode"], command["reason"]) == (0.5, "push", "a touch")
     assert (command["joint_names"], command["joint_velocities"]) == ([], [])
-    sent = only(found, "/cmd_vel", "geometry_msgs/msg/TwistStamped")["twist"]
+    sent = only(found, "/contactfusion/cmd_vel", "geometry_msgs/msg/TwistStamped")["twist"]
     assert command["twist"] == sent
     assert numbers(sent["linear"]) == ONE.tolist()
     assert numbers(sent["angular"]) == TWO.tolist()
@@ -359,8 +410,8 @@ def test_a_command_with_a_twist(written: Written) -> None:
 
 def test_a_command_to_joints(written: Written) -> None:
     found = written(commanded(Command(joint_velocities={"elbow": 0.5, "wrist": -1.0})))
-    assert "/cmd_vel" not in found
-    (command,) = found["/command"]
+    assert "/contactfusion/cmd_vel" not in found
+    (command,) = found["/contactfusion/command"]
     assert command.fields["joint_names"] == ["elbow", "wrist"]
     assert command.fields["joint_velocities"] == [0.5, -1.0]
     assert math.isnan(command.fields["gripper"])
@@ -418,6 +469,40 @@ def test_an_exception_leaves_the_file_of_before(tmp_path: Path) -> None:
     assert list(tmp_path.iterdir()) == [path]
 
 
+@contextmanager
+def disk_of(size: int) -> Iterator[None]:
+    """Let no file grow beyond a size [bytes], as on a disk that is full then."""
+    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (size, limits[1]))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+
+
+@pytest.mark.parametrize("clouds", [1, 60], ids=["at the end", "while it writes"])
+@pytest.mark.parametrize("older", [False, True])
+def test_a_full_disk_is_one_sentence_and_leaves_what_was_there(
+    clouds: int, older: bool, tmp_path: Path
+) -> None:
+    path = tmp_path / "a.mcap"
+    if older:
+        write(path, odometry())
+    before = {entry: entry.read_bytes() for entry in tmp_path.iterdir()}
+    noise = np.random.default_rng(0).standard_normal((8000, 3))
+    scan = PointCloud(**AT, sensor="lidar", points=noise)
+    with disk_of(50_000), pytest.raises(RecordingError) as caught:
+        write(path, *[scan] * clouds)
+    assert str(caught.value) == f"{path} can't be written: File too large; nothing of it was kept"
+    assert {entry: entry.read_bytes() for entry in tmp_path.iterdir()} == before
+
+
+def test_an_error_of_whoever_writes_is_not_taken_for_the_disks(tmp_path: Path) -> None:
+    with pytest.raises(FileNotFoundError), McapWriter(tmp_path / "a.mcap"):
+        raise FileNotFoundError("of a log that is read meanwhile")
+    assert list(tmp_path.iterdir()) == []
+
+
 def refusal(path: Path, *items: Reading | Step, epoch: int = 0) -> str:
     with pytest.raises(RecordingError) as caught:
         write(path / "a.mcap", *items, epoch=epoch)
@@ -441,8 +526,8 @@ def test_two_sensors_never_share_a_topic(tmp_path: Path) -> None:
 
 
 def test_a_sensor_does_not_write_where_steps_do(tmp_path: Path) -> None:
-    twist = Twist(**AT, sensor="cmd_vel", linear=ONE, angular=TWO)
-    assert "can't be recorded on /cmd_vel, which steps write" in refusal(tmp_path, twist)
+    twist = Twist(**AT, sensor="contactfusion/cmd_vel", linear=ONE, angular=TWO)
+    assert "can't be recorded on /contactfusion/cmd_vel, as what begins" in refusal(tmp_path, twist)
 
 
 @pytest.mark.parametrize("stamp", [-0.001, 2.0**31])
@@ -485,3 +570,28 @@ def test_without_rosbags_it_says_what_to_install(
     assert str(caught.value) == (
         "rosbags is not installed; install it with: pip install 'contactfusion[record]'"
     )
+
+
+def test_the_voxels_of_a_step_as_a_cloud_with_likelihoods_and_verdicts(written: Written) -> None:
+    step = commanded()
+    cloud = only(written(step), "/contactfusion/contacts/voxels", "sensor_msgs/msg/PointCloud2")
+    points = np.frombuffer(bytes(cloud["data"]), np.uint8).reshape(-1, cloud["point_step"])
+    numbers_ = points[:, :16].copy().view("<f4")
+    space = step.fusion.space
+    assert len(points) == len(space.voxels) > 0
+    np.testing.assert_allclose(numbers_[:, :3], space.positions, atol=1e-6)
+    np.testing.assert_allclose(numbers_[:, 3], space.likelihoods, atol=1e-6)
+    words = ["support_only", "below_threshold", "contact", "nulled"]
+    assert [words[code] for code in points[:, 16]] == space.verdicts.tolist()
+    assert [field["name"] for field in cloud["fields"]] == ["x", "y", "z", "likelihood", "verdict"]
+    assert [field["offset"] for field in cloud["fields"]] == [0, 4, 8, 12, 16]
+
+
+def test_steps_without_voxels_are_drawn_once(tmp_path: Path) -> None:
+    empty, full = Step(0.25, fused(now=0.25), None), commanded()
+    with McapWriter(tmp_path / "a.mcap", EPOCH) as writer:
+        for step in (empty, empty, full, empty, empty):
+            writer.step(step)
+    found = read_by_rosbags(tmp_path / "a.mcap")
+    assert len(found["/contactfusion/contacts"]) == 5
+    assert [len(found[f"/contactfusion/{name}"]) for name in VIEWS] == [3, 3]

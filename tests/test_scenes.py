@@ -74,6 +74,8 @@ def test_every_example_of_a_scene_is_tried() -> None:
         "panda_table",
         "push_box",
         "push_chair",
+        "push_five",
+        "push_fused",
         "touch_box",
         "touch_cylinder",
         "touch_sprayer",
@@ -248,6 +250,16 @@ def test_a_controller_pushes_in_a_scene(tmp_path: Path, capsys: pytest.CaptureFi
     assert [row["mode"] for row in commands][:: len(commands) - 1] == ["approach", "arrived"]
     assert commands[-1]["vx"] == "0" and "from the target" in commands[-1]["reason"]
     assert len(commands) == told(tmp_path)["steps"]
+
+
+@pytest.mark.parametrize("name", ["push_fused", "push_five"])
+def test_several_sensors_push_together(name: str, tmp_path: Path) -> None:
+    short = ["controller.target=[0.6,0.1]", "scene.target=[0.6,0.1]", "scene.yaw=0"]
+    run_file(SCENES / f"{name}.yaml", short, tmp_path)
+    assert told(tmp_path)["truth"]["success"]
+    sources = told(tmp_path)["sources"]
+    assert len(sources) == (5 if name == "push_five" else 4)
+    assert all(one["accepted"] and not one["invalid"] for one in sources.values())
 
 
 def test_the_same_seed_pushes_the_same_way(tmp_path: Path) -> None:

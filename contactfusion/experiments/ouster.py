@@ -19,8 +19,8 @@ from contactfusion.experiments.strips_figure import draw_strips
 from contactfusion.frames import points_in, pose_at
 from contactfusion.generators.proximity import ProximityConfig
 from contactfusion.readings import PointCloud
-from contactfusion.recordings.mcap_reading import McapConfig, McapRecording
 from contactfusion.recordings.ouster import COMMAND, convert, is_ready
+from contactfusion.recordings.ros import RosConfig, RosRecording
 
 NAME = "ouster"
 REPEATS = 21
@@ -112,7 +112,7 @@ def _scans(folder: Path, out: Path, recording: Scanned, every_nth_row: int) -> l
     if not made.exists() or made.stat().st_mtime < source.stat().st_mtime:
         convert(source, made, every_nth_row)
     pose = pose_at(recording.xyz, (0.0, 0.0, np.radians(recording.yaw)))
-    readings = McapRecording(McapConfig(file=made)).readings()
+    readings = RosRecording(RosConfig(file=made)).readings()
     clouds = [reading.points for reading in readings if isinstance(reading, PointCloud)]
     return [points_in(pose, points[np.isfinite(points).all(axis=1)]) for points in clouds]
 

@@ -4,7 +4,7 @@ import struct
 import tempfile
 import zipfile
 import zlib
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
@@ -19,7 +19,7 @@ from contactfusion.errors import RecordingError, missing_extra
 from contactfusion.files import require_file
 from contactfusion.frame_config import FrameConfig
 from contactfusion.model import Model
-from contactfusion.readings import Markers, Reading, Wrench
+from contactfusion.readings import Markers, Reading, Transform, Wrench
 from contactfusion.recordings.recording import Recording
 from contactfusion.recordings.series import Series, even_stamps, merged
 from contactfusion.time import to_nanoseconds
@@ -94,12 +94,15 @@ class C3DRecording(Recording):
         self.events = _events(parameters, start)
         """What was marked in the recording, in order of time."""
         self._series = []
+        topics: dict[str, type[Reading]] = {}
+        self.topics: Mapping[str, type[Reading]] = topics
         metres = _metres(path, parameters)
         names = _marker_names(parameters)
         positions = content["data"]["points"][:3, list(names)].transpose(2, 1, 0) * metres
         if positions.size:
             make = partial(_markers, tuple(names.values()))
             self._series.append(_sampled(path, positions, rate, start, make))
+            topics["markers"] = Markers
         rate = float(content["header"]["analogs"]["frame_rate"])
         for index, plate in enumerate(content["data"].get("platform", ())):
             name = f"plate_{index}"
@@ -107,10 +110,24 @@ class C3DRecording(Recording):
             torque_scale = _torque_scale(path, parameters, index, plate)
             reaction = np.hstack([plate["force"].T, plate["moment"].T * torque_scale])
             self._series.append(_sampled(path, -reaction, rate, start, partial(_wrench, name)))
+            topics[name] = Wrench
 
     def readings(self) -> Iterator[Reading]:
-        """Give the readings in order of their stamps; of one stamp, markers come first."""
-        return merged(self._series, self.epoch_ns)
+        """Give the readings in order of their stamps; of one stamp, markers come first.
+
+        Before all, a static transform says of each plate where it stands in the lab frame.
+        """
+        for name, frame in self.frames().items():
+            yield Transform(
+                stamp=0.0,
+                frame=frame.parent,
+                child_frame=name,
+                sensor="tf_static",
+                position=np.array(frame.xyz),
+                orientation=np.array([0.0, 0.0, 0.0, 1.0]),
+                static=True,
+            )
+        yield from merged(self._series, self.epoch_ns)
 
     def frames(self) -> dict[str, FrameConfig]:
         """Give where the frame of each plate stands in the lab frame."""

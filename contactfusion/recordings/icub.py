@@ -4,7 +4,7 @@ The set is H. Soh, Y. Su, Y. Demiris, "Online spatio-temporal Gaussian process e
 application to tactile classification", IROS 2012.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from functools import partial
 from pathlib import Path
 from typing import Any, final
@@ -77,6 +77,10 @@ class IcubRecording(Recording):
         }
         joints = np.radians(frames[:, : len(JOINTS)])
         self._series = [Series(values=joints, make=_joint_state, **shared)]
+        self.topics: Mapping[str, type[Reading]] = {
+            "hand": JointState,
+            **dict.fromkeys(FINGERS, TactileImage),
+        }
         for finger, taxels in zip(FINGERS, np.split(frames[:, 14:], 5, axis=1), strict=True):
             make = partial(_tactile_image, finger)
             self._series.append(Series(values=taxels, make=make, **shared))

@@ -33,7 +33,7 @@ from pydantic import Field, model_validator
 from contactfusion.arrays import FloatArray
 from contactfusion.errors import RecordingError
 from contactfusion.model import Model
-from contactfusion.readings import Reading
+from contactfusion.readings import READING_TYPES, Reading
 from contactfusion.recordings.log_readings import AnyColumns, ColumnsConfig
 from contactfusion.recordings.recording import Recording
 from contactfusion.recordings.series import Series, StampArray, even_stamps, first_stamp, merged
@@ -116,6 +116,11 @@ class LogRecording(Recording):
         """What was left out or put in order, in sentences."""
         self._series = [one for file in files for one in self._read(file, folder)]
         self.epoch_ns = first_stamp(self._series)
+        self.topics = {
+            sensor: READING_TYPES[columns.type]
+            for file in files
+            for sensor, columns in file.readings.items()
+        }
         for note in self.notes:
             log.warning(note)
 

@@ -1,36 +1,58 @@
 """MCAP: readings, contacts and commands in one file that ROS 2 tools read (extra `record`)."""
 
-import os
-from collections.abc import Iterator
-from contextlib import AbstractContextManager, contextmanager
+from collections.abc import Sequence
+from contextlib import AbstractContextManager
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from types import TracebackType
-from typing import TYPE_CHECKING, Final, Self, final
+from typing import TYPE_CHECKING, Any, Self, final
 
+from contactfusion.contacts import Contact
 from contactfusion.errors import RecordingError
-from contactfusion.files import make_folder
 from contactfusion.pipeline import Step
-from contactfusion.readings import Reading
-from contactfusion.recordings.messages import Message, recorded_stamp, typestore
-from contactfusion.recordings.reading_messages import reading_messages, ros_name, topic_of
-from contactfusion.recordings.step_messages import STEP_TOPICS, step_messages
+from contactfusion.readings import Reading, Transform
+from contactfusion.recordings.mcap_file import bag_that_becomes, latched, telling
+from contactfusion.recordings.messages import (
+    Message,
+    defined,
+    header,
+    message,
+    recorded_stamp,
+    type_hash,
+    typestore,
+)
+from contactfusion.recordings.reading_messages import (
+    MOVING,
+    STATIC,
+    reading_messages,
+    ros_name,
+    topic_of,
+    transforms,
+)
+from contactfusion.recordings.step_messages import (
+    OURS,
+    contact_message,
+    marker_message,
+    step_messages,
+)
 
 if TYPE_CHECKING:
     from rosbags.interfaces import Connection
     from rosbags.rosbag2 import Writer
 
-VERSION: Final = 8
-"""Of the metadata of rosbag2: the newest that ROS 2 Iron reads, too."""
-BAG = "recording"
-"""What the file is called within itself: two of equal content are equal, whatever their names."""
+    from contactfusion.recordings.ros_messages import RawMessage
+
+DESCRIPTION = "robot_description"
+"""The topic of ROS for the URDF of a robot."""
+LATCHED = (STATIC, DESCRIPTION, "configuration")
+"""Topics that end with these words are told once, and hold from then on."""
 
 
 @final
 class McapWriter:
     """Writes a recording as one MCAP file: profile ros2, CDR, message definitions inside.
 
-    Use as a context manager: the file appears whole at its end, or not at all after an exception.
+    Use as a context manager: the file appears whole at its end, or not at all after an exception;
+    then one that was there before stays.
     The same input gives the same bytes, with one version of rosbags and of zstd. A message is
     logged at the stamp of what it tells; stamps need not rise.
 
@@ -53,10 +75,16 @@ class McapWriter:
         self._bag: Writer | None = None
 
     def __enter__(self) -> Self:
-        """Begin the file, under a name of its own."""
+        """Begin the file, under a name of its own.
+
+        Raises:
+            RecordingError: the disk does not take it.
+        """
         self._channels.clear()
-        self._file = _bag_that_becomes(self._path)
-        self._bag = self._file.__enter__()
+        self._drawn = True  # a viewer may show what another recording drew
+        self._file = bag_that_becomes(self._path)
+        with telling(self._path):
+            self._bag = self._file.__enter__()
         return self
 
     def __exit__(
@@ -65,10 +93,15 @@ class McapWriter:
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
-        """Give the file its name, or remove what there is of it."""
+        """Give the file its name, or remove what there is of it.
+
+        Raises:
+            RecordingError: the disk does not take it.
+        """
         assert self._file
         self._bag = None
-        self._file.__exit__(kind, error, trace)
+        with telling(self._path):
+            self._file.__exit__(kind, error, trace)
 
     def reading(self, reading: Reading, prefix: str = "") -> None:
         """Write a reading, on the topic of its sensor; odometry goes to /tf, too.
@@ -78,61 +111,131 @@ class McapWriter:
             prefix: what the topic begins with, e.g. "truth"; what has one does not go to /tf.
 
         Raises:
-            RecordingError: there is no message for it, its topic is taken by something else, or
-                its stamp lies where ROS has none.
+            RecordingError: there is no message for it, its topic is taken by something else, its
+                stamp lies where ROS has none, or the disk does not take it.
         """
         topic = topic_of(reading, prefix)
-        if topic in STEP_TOPICS:
+        if topic.startswith(OURS):
             raise RecordingError(
-                f"{reading.label} can't be recorded on {topic}, which steps write; "
-                f"call the sensor otherwise"
+                f"{reading.label} can't be recorded on {topic}, as what begins with {OURS} is "
+                f"written by steps; call the sensor otherwise"
             )
         stamp = recorded_stamp(reading.stamp, self._epoch_ns)
-        for place, message in reading_messages(reading, topic, stamp):
-            if place != "/tf" or not prefix:
-                self._write(place, message, stamp)
+        for place, told in reading_messages(reading, topic, stamp):
+            if place != f"/{MOVING}" or not prefix:
+                self._write(place, told, stamp)
 
     def step(self, step: Step) -> None:
         """Write the contacts and the command of a step.
 
-        Contacts go to /contacts, and to /contacts/markers as spheres with their likelihoods, for
-        viewers; a command goes to /command, and its twist to /cmd_vel.
+        Below /contactfusion, contacts go to /contacts, and for viewers to /contacts/markers as
+        spheres with their likelihoods and to /contacts/voxels as a cloud, but for a step without
+        voxels after one without; a command goes to /command, and its twist to /cmd_vel.
 
         Raises:
             RecordingError: a stamp lies where ROS has none.
         """
         stamp = recorded_stamp(step.stamp, self._epoch_ns)
-        for topic, message in step_messages(step, self._epoch_ns):
-            self._write(topic, message, stamp)
+        drawn, self._drawn = self._drawn, bool(len(step.fusion.field.entries.keys))
+        for topic, told in step_messages(step, self._epoch_ns, drawn or self._drawn):
+            self._write(topic, told, stamp)
 
-    def _write(self, topic: str, message: Message, stamp: int) -> None:
-        if self._bag is None:
-            raise RecordingError("a McapWriter writes within its with statement only")
-        kind = message.__msgtype__
-        channel = self._channels.get(topic)
+    def static(self, frames: Sequence[Transform], stamp: float = 0.0) -> None:
+        """Write where frames stand for good, as one message on /tf_static.
+
+        Args:
+            frames: the poses of frames in their parents.
+            stamp: from when on they are known [s].
+
+        Raises:
+            RecordingError: the stamp lies where ROS has none, or the disk does not take it.
+        """
+        if frames:
+            when = recorded_stamp(stamp, self._epoch_ns)
+            self._write(f"/{STATIC}", transforms(frames, when), when)
+
+    def robot_description(self, urdf: str, stamp: float = 0.0) -> None:
+        """Write a robot's URDF, the text itself, on /robot_description.
+
+        Raises:
+            RecordingError: the stamp [s] lies where ROS has none, or the disk does not take it.
+        """
+        when = recorded_stamp(stamp, self._epoch_ns)
+        self._write(f"/{DESCRIPTION}", message("std_msgs/String", data=urdf), when)
+
+    def text(self, topic: str, text: str, stamp: float = 0.0) -> None:
+        """Write a text, as std_msgs/String; who comes late to the topic hears it, too.
+
+        Raises:
+            RecordingError: the stamp [s] lies where ROS has none, or the disk does not take it.
+        """
+        when = recorded_stamp(stamp, self._epoch_ns)
+        self._write(topic, message("std_msgs/String", data=text), when)
+
+    def copy(self, raw: "RawMessage") -> None:
+        """Write a message of another recording as it is.
+
+        Raises:
+            RecordingError: the file it comes from does not define its type, its topic is taken by
+                something else, or the disk does not take it.
+        """
+        channel = self._channels.get(raw.topic)
         if channel is None:
-            name = ros_name(topic)
-            if any(other.topic == name for other in self._channels.values()):
-                raise RecordingError(f"'{topic}' and another topic would both be {name} in ROS")
-            channel = self._bag.add_connection(name, kind, typestore=self._store)
-            self._channels[topic] = channel
+            definition = raw.definition or defined(raw.msgtype)
+            channel = self._opened(
+                raw.topic,
+                raw.msgtype,
+                msgdef=definition,
+                rihs01=type_hash(raw.msgtype, definition),
+            )
+        self._put(channel, raw.msgtype, raw.log_stamp_ns, raw.cdr)
+
+    def contacts(
+        self, contacts: tuple[Contact, ...], frame: str, stamp: float, prefix: str
+    ) -> None:
+        """Write contacts that no step gave, such as the true ones; topics are as for a step.
+
+        Args:
+            contacts: all of one instant.
+            frame: theirs.
+            stamp: that instant [s].
+            prefix: what the topics begin with, e.g. "truth".
+
+        Raises:
+            RecordingError: a stamp lies where ROS has none, or the disk does not take it.
+        """
+        when = recorded_stamp(stamp, self._epoch_ns)
+        below = f"/{prefix.strip('/')}/"
+        top = header(when, frame)
+        self._write(*contact_message(contacts, top, self._epoch_ns, below), when)
+        self._write(*marker_message(contacts, top, below), when)
+
+    def _write(self, topic: str, told: Message, stamp: int) -> None:
+        kind = told.__msgtype__
+        channel = self._channels.get(topic) or self._opened(topic, kind, typestore=self._store)
+        self._put(channel, kind, stamp, self._store.serialize_cdr(told, kind))
+
+    def _opened(self, topic: str, kind: str, **definition: Any) -> "Connection":
+        """Begin a topic; the definition of its type is a typestore, or text and hash."""
+        name = ros_name(topic)
+        if any(other.topic == name for other in self._channels.values()):
+            raise RecordingError(f"'{topic}' and another topic would both be {name} in ROS")
+        quality = [latched()] if name.split("/")[-1] in LATCHED else []
+        channel = self._open.add_connection(name, kind, offered_qos_profiles=quality, **definition)
+        self._channels[topic] = channel
+        return channel
+
+    def _put(self, channel: "Connection", kind: str, stamp: int, cdr: bytes | memoryview) -> None:
         if channel.msgtype != kind:
             raise RecordingError(
-                f"the topic {topic} holds {channel.msgtype}, and can't hold {kind}; "
+                f"the topic {channel.topic} holds {channel.msgtype}, and can't hold {kind}; "
                 f"call one of the two sensors otherwise"
             )
-        self._bag.write(channel, stamp, self._store.serialize_cdr(message, kind))
+        with telling(self._path):
+            self._open.write(channel, stamp, cdr)
 
-
-@contextmanager
-def _bag_that_becomes(path: Path) -> Iterator["Writer"]:
-    """Give a bag of rosbags, which is a folder, and take the one MCAP file out of it at the end."""
-    from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
-
-    make_folder(path.parent)
-    with TemporaryDirectory(prefix=f".{path.name}.", dir=path.parent) as folder:
-        bag = Writer(Path(folder) / BAG, version=VERSION, storage_plugin=StoragePlugin.MCAP)
-        bag.set_compression(CompressionMode.STORAGE, CompressionFormat.ZSTD)
-        with bag:
-            yield bag
-        os.replace(bag.path / f"{BAG}.mcap", path)
+    @property
+    def _open(self) -> "Writer":
+        if self._bag is None:
+            raise RecordingError("a McapWriter writes within its with statement only")
+        return self._bag

@@ -45,6 +45,38 @@ def typestore() -> "Typestore":
     return store
 
 
+def defined(msgtype: str) -> str:
+    """Give the definition of a type, with those that it is made of.
+
+    Args:
+        msgtype: as ROS 2 calls it, e.g. "sensor_msgs/msg/Imu".
+
+    Raises:
+        RecordingError: neither ROS 2 nor this project has it.
+    """
+    if msgtype not in typestore().types:
+        raise RecordingError(f"nothing defines the type {msgtype}")
+    return typestore().generate_msgdef(msgtype, ros_version=2)[0]
+
+
+@cache
+def type_hash(msgtype: str, definition: str) -> str:
+    """Give the hash by which ROS 2 knows a type.
+
+    Raises:
+        RecordingError: its definition can't be parsed.
+    """
+    from rosbags.typesys import Stores, TypesysError, get_types_from_msg, get_typestore
+
+    store = get_typestore(Stores.EMPTY)
+    try:
+        store.register(get_types_from_msg(definition, msgtype))
+        return store.hash_rihs01(msgtype)
+    except (TypesysError, KeyError) as error:
+        reason = str(error).splitlines()[0]
+        raise RecordingError(f"the definition of {msgtype} can't be parsed: {reason}") from None
+
+
 def message(kind: str, **fields: object) -> Message:
     """Give a message.
 

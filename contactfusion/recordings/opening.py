@@ -2,15 +2,19 @@
 
 from collections.abc import Callable, Mapping
 from pathlib import Path
+from shutil import rmtree
+from tempfile import mkdtemp
 from typing import Any
+from weakref import finalize
 
 from contactfusion.errors import ConfigurationError, RecordingError, name_hint
 from contactfusion.files import require_file
 from contactfusion.recordings.c3d import C3DConfig, C3DRecording
 from contactfusion.recordings.icub import IcubConfig, IcubRecording
 from contactfusion.recordings.log import LogConfig, LogFile, LogRecording
-from contactfusion.recordings.mcap_reading import McapConfig, McapRecording
+from contactfusion.recordings.ouster import convert
 from contactfusion.recordings.recording import Recording
+from contactfusion.recordings.ros import RosConfig, RosRecording
 from contactfusion.yaml_files import read_yaml
 
 DESCRIBED = (".csv", ".tsv", ".dat", ".npy", ".npz")
@@ -30,35 +34,61 @@ def _icub(options: dict[str, Any], folder: Path) -> Recording:
     return IcubRecording(IcubConfig(**options), folder)
 
 
-def _mcap(options: dict[str, Any], folder: Path) -> Recording:
-    return McapRecording(McapConfig(**options), folder)
+def _ros(options: dict[str, Any], folder: Path) -> Recording:
+    return RosRecording(RosConfig(**options), folder)
+
+
+def _ouster(options: dict[str, Any], folder: Path) -> Recording:
+    """Convert to MCAP in a folder that is removed when nobody holds the recording any more."""
+    made = Path(mkdtemp(prefix="contactfusion-"))
+    try:
+        convert(folder / options["file"], made / "scans.mcap")
+        recording = RosRecording(RosConfig(file=made / "scans.mcap"))
+    except BaseException:
+        rmtree(made)
+        raise
+    finalize(recording, rmtree, made)
+    return recording
 
 
 TYPES: dict[str, Callable[[dict[str, Any], Path], Recording]] = {
     "log": _log,
     "c3d": _c3d,
     "icub": _icub,
-    "mcap": _mcap,
+    "ros": _ros,
+    "mcap": _ros,
 }
 """What opens each type of recording, given the rest of its description and its folder."""
-SUFFIXES = {".c3d": "c3d", ".zip": "c3d", ".txt": "icub", ".mcap": "mcap"}
-"""The types of recording that need no description, by the suffix of the file."""
+SUFFIXES: dict[str, Callable[[dict[str, Any], Path], Recording]] = {
+    ".c3d": _c3d,
+    ".zip": _c3d,
+    ".txt": _icub,
+    ".bag": _ros,
+    ".active": _ros,
+    ".db3": _ros,
+    ".mcap": _ros,
+    ".pcap": _ouster,
+    ".osf": _ouster,
+}
+"""What opens a recording that needs no description, by the suffix of the file."""
 
 
 def open_recording(what: str | Path | Mapping[str, Any], folder: Path = Path()) -> Recording:
     """Open a recording.
 
     Args:
-        what: a recording (`.c3d`, a `.zip` that holds one, an iCub trial `.txt`, an `.mcap`), a
-            YAML file with the description of one, or that description as a mapping: its `type`
-            (`log`, `c3d`, `icub` or `mcap`) and the fields of `LogFile` or `LogConfig`,
-            `C3DConfig`, `IcubConfig` or `McapConfig`.
+        what: a recording (`.c3d`, a `.zip` that holds one, an iCub trial `.txt`, of ROS `.bag`,
+            `.db3`, `.mcap` or a folder of them, of Ouster `.pcap` or `.osf`), a YAML file with the
+            description of one, or that description as a mapping: its `type` (`log`, `c3d`, `icub`
+            or `ros`) and the fields of `LogFile` or `LogConfig`, `C3DConfig`, `IcubConfig` or
+            `RosConfig`.
         folder: where relative file names start; in a YAML file they start at its own folder.
 
     Raises:
         ConfigurationError: the description is wrong.
         RecordingError: the file is missing, cut off, not what it says it is, or of no known type.
-        DependencyError: the package that reads it is not installed.
+        DependencyError: the package that reads it is not installed, or for a file of Ouster's the
+            environment that converts it is not there.
     """
     if isinstance(what, Mapping):
         return _described(what, folder)
@@ -69,9 +99,11 @@ def open_recording(what: str | Path | Mapping[str, Any], folder: Path = Path()) 
             return _described(description, path.parent)
         except ConfigurationError as error:
             raise ConfigurationError(f"{path}: {error}") from None
+    if path.is_dir():
+        return _ros({"file": path}, Path())
     require_file(path, RecordingError)
     if path.suffix in SUFFIXES:
-        return TYPES[SUFFIXES[path.suffix]]({"file": path}, Path())
+        return SUFFIXES[path.suffix]({"file": path}, Path())
     if path.suffix in DESCRIBED:
         raise RecordingError(
             f"{path} needs a description of its columns: open a YAML file with 'type: log' and "

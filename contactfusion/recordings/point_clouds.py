@@ -1,5 +1,7 @@
 """The points in a sensor_msgs/PointCloud2, however its bytes are laid out."""
 
+from typing import Any
+
 import numpy as np
 
 from contactfusion.arrays import FloatArray
@@ -17,12 +19,11 @@ def points_of(cloud: Message) -> FloatArray:
         cloud: a sensor_msgs/PointCloud2; its fields may come in any order, with gaps between.
 
     Returns:
-        Shape (height * width, 3) [m].
+        Shape (height * width, 3) [m], read-only.
 
     Raises:
         RecordingError: there is no x, y or z in floats, or its bytes are not as many as it says.
     """
-    order = ">" if cloud.is_bigendian else "<"
     fields = {field.name: field for field in cloud.fields}
     for name in "xyz":
         if name not in fields:
@@ -33,25 +34,47 @@ def points_of(cloud: Message) -> FloatArray:
                 f"'{name}' of the cloud is neither float32 nor float64: "
                 f"its type is {fields[name].datatype}"
             )
-    layout = {
-        "names": list("xyz"),
-        "formats": [order + FLOATS[fields[name].datatype] for name in "xyz"],
-        "offsets": [fields[name].offset for name in "xyz"],
-        "itemsize": cloud.point_step,
-    }
+    height, width = (cloud.height, cloud.width) if _holds(cloud) else (0, 0)
+    points = np.empty((height * width, 3))
+    if len(points):
+        grid = points.reshape(height, width, 3)
+        for axis, name in enumerate("xyz"):
+            grid[:, :, axis] = _column(cloud, fields[name])
+    points.flags.writeable = False
+    return points
+
+
+def _holds(cloud: Message) -> bool:
+    """Tell whether there are any points.
+
+    Raises:
+        RecordingError: there are, and the bytes do not hold them.
+    """
     height, width = cloud.height, cloud.width
-    needed = (height - 1) * cloud.row_step + width * cloud.point_step if height and width else 0
-    try:
-        if height > 1 and cloud.row_step < width * cloud.point_step:
-            raise ValueError("the rows overlap")
-        if len(cloud.data) < needed:
-            raise ValueError(f"there are {len(cloud.data)}, and it takes {needed}")
-        steps = (cloud.row_step, cloud.point_step)
-        # numpy's types know no array over bytes with a record's layout
-        grid = np.ndarray((height, width), np.dtype(layout), cloud.data, strides=steps)  # type: ignore[call-overload]
-    except (TypeError, ValueError) as error:
+    if not (height and width):
+        return False
+    row, size = width * cloud.point_step, len(cloud.data)
+    needed = (height - 1) * cloud.row_step + row
+    wrong = ""
+    if height > 1 and cloud.row_step < row:
+        wrong = "the rows overlap"
+    elif size < needed:
+        wrong = f"there are {size}, and it takes {needed}"
+    if wrong:
         raise RecordingError(
-            f"the bytes of the cloud are no {height} rows of {width} points: {error}"
-        ) from None
-    points = np.stack([grid[name].ravel() for name in "xyz"], axis=1)
-    return points.astype(np.float64)
+            f"the bytes of the cloud are no {height} rows of {width} points: {wrong}"
+        )
+    return True
+
+
+def _column(cloud: Message, field: Any) -> Any:
+    """Give the values of a field as they lie in the bytes, shape (height, width)."""
+    kind = np.dtype((">" if cloud.is_bigendian else "<") + FLOATS[field.datatype])
+    shape = (cloud.height, cloud.width)
+    if field.offset + kind.itemsize > cloud.point_step:
+        raise RecordingError(
+            f"the bytes of the cloud are no {shape[0]} rows of {shape[1]} points: "
+            f"'{field.name}' lies beyond the {cloud.point_step} bytes of a point"
+        )
+    steps = (cloud.row_step, cloud.point_step)
+    return np.ndarray(shape, kind, cloud.data, field.offset, steps)

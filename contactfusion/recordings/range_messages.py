@@ -6,11 +6,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from contactfusion.arrays import FloatArray
+from contactfusion.integrator.fusion import Fusion
+from contactfusion.integrator.store import unpack
 from contactfusion.readings import DepthImage, PointCloud
 from contactfusion.recordings.messages import Message, Posting, message
 
-FLOAT32 = 7
-"""What sensor_msgs/PointField calls a float32."""
+UINT8, FLOAT32 = 2, 7
+"""What sensor_msgs/PointField calls them."""
+VOXEL = np.dtype([("place", "<f4", 3), ("likelihood", "<f4"), ("verdict", "u1"), ("", "V3")])
+"""A voxel in a cloud, four bytes for each field."""
 
 
 def point_cloud(reading: PointCloud, top: Message) -> Message:
@@ -36,6 +40,41 @@ def point_cloud(reading: PointCloud, top: Message) -> Message:
         row_step=12 * len(points),
         data=_float_bytes(points),
         is_dense=bool(np.isfinite(points).all()),
+    )
+
+
+def voxel_cloud(fusion: Fusion, top: Message) -> Message:
+    """Give sensor_msgs/PointCloud2 of all voxels with a live hypothesis, for viewers.
+
+    Its fields are x, y, z [m] and `likelihood` as float32, and `verdict` as uint8: 0 support only,
+    1 below the threshold, 2 contact, 3 nulled.
+
+    Args:
+        fusion: of one step.
+        top: the header, in the frame of the space.
+    """
+    entries = fusion.field.entries
+    points = np.zeros(len(entries.keys), VOXEL)
+    points["place"] = entries.grid.centres(unpack(entries.keys))
+    points["likelihood"] = fusion.field.likelihoods
+    points["verdict"] = fusion.verdict_codes
+    names = [*"xyz", "likelihood", "verdict"]
+    kinds = [*[FLOAT32] * 4, UINT8]
+    fields = [
+        message("sensor_msgs/PointField", name=name, offset=4 * i, datatype=kind, count=1)
+        for i, (name, kind) in enumerate(zip(names, kinds, strict=True))
+    ]
+    return message(
+        "sensor_msgs/PointCloud2",
+        header=top,
+        height=1,
+        width=len(points),
+        fields=fields,
+        is_bigendian=False,
+        point_step=VOXEL.itemsize,
+        row_step=points.nbytes,
+        data=points.view(np.uint8),
+        is_dense=True,
     )
 
 

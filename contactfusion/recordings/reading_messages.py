@@ -1,7 +1,7 @@
 """Readings as ROS 2 messages: standard ones, or our own where there is none."""
 
 import re
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 
 import numpy as np
 
@@ -18,6 +18,7 @@ from contactfusion.readings import (
     Reading,
     Switch,
     TactileImage,
+    Transform,
     Twist,
     Wrench,
 )
@@ -34,6 +35,9 @@ from contactfusion.recordings.messages import (
     vector,
 )
 from contactfusion.recordings.range_messages import depth_image, point_cloud
+
+MOVING, STATIC = "tf", "tf_static"
+"""The topics of ROS for the poses of frames: of those that move, and of those that never do."""
 
 
 def reading_messages(reading: Reading, topic: str, stamp: int) -> Iterator[Posting]:
@@ -53,13 +57,23 @@ def reading_messages(reading: Reading, topic: str, stamp: int) -> Iterator[Posti
             yield from depth_image(reading, topic, top)
         case Odometry():
             yield topic, _odometry(reading, top)
-            yield "/tf", _transform(reading, top)
+            yield f"/{MOVING}", message("tf2_msgs/TFMessage", transforms=[_stamped(reading, top)])
+        case Transform():
+            yield topic, transforms([reading], stamp)
         case _:
             yield topic, _message(reading, top)
 
 
+def transforms(readings: Iterable[Transform], stamp: int) -> Message:
+    """Give tf2_msgs/TFMessage of the poses of frames, at one stamp [ns]."""
+    stamped = [_stamped(reading, header(stamp, reading.frame)) for reading in readings]
+    return message("tf2_msgs/TFMessage", transforms=stamped)
+
+
 def topic_of(reading: Reading, prefix: str = "") -> str:
-    """Give the topic of a reading: its sensor, or what kind it is; the pose of an object by name.
+    """Give the topic of a reading: its sensor, or what kind it is.
+
+    The pose of an object goes by its name; that of a frame goes where ROS looks for it.
 
     Args:
         reading: the reading.
@@ -67,6 +81,8 @@ def topic_of(reading: Reading, prefix: str = "") -> str:
     """
     if isinstance(reading, ObjectPose):
         parts = [prefix, reading.sensor or ("" if prefix else "object_pose"), reading.name]
+    elif isinstance(reading, Transform):
+        parts = [prefix, STATIC if reading.static else MOVING]
     else:
         parts = [prefix, reading.sensor or _kind(reading)]
     return "/" + "/".join(word for part in parts for word in part.split("/") if word)
@@ -155,16 +171,16 @@ def _odometry(reading: Odometry, top: Message) -> Message:
     )
 
 
-def _transform(reading: Odometry, top: Message) -> Message:
+def _stamped(reading: Odometry | Transform, top: Message) -> Message:
+    """Give geometry_msgs/TransformStamped of the child frame in its parent."""
     placed = message(
         "geometry_msgs/Transform",
         translation=vector(reading.position),
         rotation=quaternion(reading.orientation),
     )
-    stamped = message(
+    return message(
         "geometry_msgs/TransformStamped",
         header=top,
         child_frame_id=reading.child_frame,
         transform=placed,
     )
-    return message("tf2_msgs/TFMessage", transforms=[stamped])

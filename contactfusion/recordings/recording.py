@@ -1,7 +1,7 @@
 """The one interface of everything that holds readings."""
 
 from abc import ABC, abstractmethod
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 
 from contactfusion.readings import Reading
 
@@ -12,9 +12,11 @@ class Recording(ABC):
     Attributes:
         epoch_ns: the stamp of the first reading in the recording's own clock [ns]; readings count
             their seconds from there, so that float stamps lose nothing.
+        topics: what it holds: for the name of each sensor the kind of its readings.
     """
 
     epoch_ns: int = 0
+    topics: Mapping[str, type[Reading]] = {}
 
     @abstractmethod
     def readings(self) -> Iterator[Reading]:

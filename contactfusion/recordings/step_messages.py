@@ -22,8 +22,10 @@ from contactfusion.recordings.messages import (
     twist,
     vector,
 )
+from contactfusion.recordings.range_messages import voxel_cloud
 
-STEP_TOPICS = ("/contacts", "/contacts/markers", "/command", "/cmd_vel")
+OURS = "/contactfusion/"
+"""What a topic begins with that this project writes, and that no sensor tells."""
 SMALLEST = 0.02
 """The smallest diameter of a sphere that is still seen beside a robot [m]."""
 TEXT_HEIGHT = 0.03
@@ -33,25 +35,51 @@ ADD, DELETE_ALL, SPHERE, TEXT = 0, 3, 2, 9
 UPRIGHT = np.array([0.0, 0.0, 0.0, 1.0])
 
 
-def step_messages(step: Step, epoch_ns: int) -> Iterator[Posting]:
+def step_messages(step: Step, epoch_ns: int, pictures: bool = True) -> Iterator[Posting]:
     """Give the messages of a step, each with its topic.
 
     Args:
         step: the step.
         epoch_ns: the moment from which stamps count [ns].
+        pictures: whether to draw the contacts and the voxels.
 
     Raises:
         RecordingError: a stamp lies where ROS has none.
     """
     stamp = recorded_stamp(step.stamp, epoch_ns)
-    contacts = step.fusion.contacts
     top = header(stamp, step.fusion.field.entries.grid.frame)
-    listed = [_contact(contact, epoch_ns) for contact in contacts]
-    yield "/contacts", message("contactfusion_msgs/ContactArray", header=top, contacts=listed)
-    markers = list(_markers(contacts, top))
-    yield "/contacts/markers", message("visualization_msgs/MarkerArray", markers=markers)
+    yield contact_message(step.fusion.contacts, top, epoch_ns, OURS)
+    if pictures:
+        yield marker_message(step.fusion.contacts, top, OURS)
+        yield f"{OURS}contacts/voxels", voxel_cloud(step.fusion, top)
     if step.command is not None:
         yield from _command(step.command, stamp)
+
+
+def contact_message(
+    contacts: tuple[Contact, ...], top: Message, epoch_ns: int, below: str
+) -> Posting:
+    """Give contacts as a list, with its topic.
+
+    Args:
+        contacts: all of one instant.
+        top: the header: that instant, and the frame of the contacts.
+        epoch_ns: the moment from which their own stamps count [ns].
+        below: what the topic begins with, from slash to slash.
+
+    Raises:
+        RecordingError: a stamp lies where ROS has none.
+    """
+    listed = [_contact(contact, epoch_ns) for contact in contacts]
+    return f"{below}contacts", message(
+        "contactfusion_msgs/ContactArray", header=top, contacts=listed
+    )
+
+
+def marker_message(contacts: tuple[Contact, ...], top: Message, below: str) -> Posting:
+    """Give contacts as a picture, with its topic; what was drawn before goes."""
+    markers = list(_markers(contacts, top))
+    return f"{below}contacts/markers", message("visualization_msgs/MarkerArray", markers=markers)
 
 
 def _contact(contact: Contact, epoch_ns: int) -> Message:
@@ -85,9 +113,9 @@ def _command(command: Command, stamp: int) -> Iterator[Posting]:
         mode=command.mode,
         reason=command.reason,
     )
-    yield "/command", told
+    yield f"{OURS}command", told
     if velocity:
-        yield "/cmd_vel", message("geometry_msgs/TwistStamped", header=top, twist=moving)
+        yield f"{OURS}cmd_vel", message("geometry_msgs/TwistStamped", header=top, twist=moving)
 
 
 def _markers(contacts: tuple[Contact, ...], top: Message) -> Iterator[Message]:

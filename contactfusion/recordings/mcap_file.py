@@ -1,0 +1,80 @@
+"""The file behind a recording: a bag of rosbags that becomes one MCAP file, whole or not at all."""
+
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import TYPE_CHECKING, Final
+
+from contactfusion.errors import RecordingError
+from contactfusion.files import make_folder
+
+if TYPE_CHECKING:
+    from rosbags.interfaces import Qos
+    from rosbags.rosbag2 import Writer
+
+VERSION: Final = 8
+"""Of the metadata of rosbag2: the newest that ROS 2 Iron reads, too."""
+BAG = "recording"
+"""What the file is called within itself: two of equal content are equal, whatever their names."""
+KEPT = 100
+"""So many messages of a topic are kept for those who come late."""
+NEVER = 9223372036, 854775807
+"""What ROS 2 calls an endless time [s, ns]."""
+
+
+@contextmanager
+def bag_that_becomes(path: Path) -> Iterator["Writer"]:
+    """Give a bag of rosbags, which is a folder, and take the one MCAP file out of it at the end."""
+    from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
+
+    make_folder(path.parent)
+    with TemporaryDirectory(prefix=f".{path.name}.", dir=path.parent) as folder:
+        bag = Writer(Path(folder) / BAG, version=VERSION, storage_plugin=StoragePlugin.MCAP)
+        bag.set_compression(CompressionMode.STORAGE, CompressionFormat.ZSTD)
+        with bag:
+            yield bag
+        os.replace(bag.path / f"{BAG}.mcap", path)
+
+
+@contextmanager
+def telling(path: Path) -> Iterator[None]:
+    """Say in one sentence why a file can't be written, such as that the disk is full.
+
+    Raises:
+        RecordingError: in place of the system's error.
+    """
+    try:
+        yield
+    except OSError as error:
+        why = error.strerror or str(error)
+        raise RecordingError(f"{path} can't be written: {why}; nothing of it was kept") from None
+
+
+def latched() -> "Qos":
+    """Give the quality of service of what is told once: `ros2 bag play` tells it late comers, too.
+
+    It is that of /tf_static and /robot_description in ROS 2: reliable and transient_local.
+    """
+    from rosbags.interfaces import (
+        Qos,
+        QosDurability,
+        QosHistory,
+        QosLiveliness,
+        QosReliability,
+        QosTime,
+    )
+
+    never = QosTime(*NEVER)
+    return Qos(
+        history=QosHistory.KEEP_LAST,
+        depth=KEPT,
+        reliability=QosReliability.RELIABLE,
+        durability=QosDurability.TRANSIENT_LOCAL,
+        deadline=never,
+        lifespan=never,
+        liveliness=QosLiveliness.AUTOMATIC,
+        liveliness_lease_duration=never,
+        avoid_ros_namespace_conventions=False,
+    )

@@ -1,0 +1,188 @@
+"""Recordings of ROS: bags of ROS 1, rosbag2 and MCAP, bare or in folders (extra `record`)."""
+
+from collections.abc import Iterator, Mapping
+from contextlib import suppress
+from pathlib import Path
+from typing import final
+
+from pydantic import Field
+
+from contactfusion.errors import InvalidReadingError, RecordingError
+from contactfusion.model import Model
+from contactfusion.readings import Reading
+from contactfusion.recordings.log import LONGEST_FALL
+from contactfusion.recordings.messages import Message
+from contactfusion.recordings.recording import Recording
+from contactfusion.recordings.ros_contents import contents_of, topics_of
+from contactfusion.recordings.ros_files import Bag, is_ros
+from contactfusion.recordings.ros_messages import RawMessage, Tap, messages
+from contactfusion.recordings.ros_order import Entry, Heard, Sorter, TopicTally
+from contactfusion.recordings.ros_topics import Topic, listeners
+from contactfusion.time import LONGEST_SECONDS, NANOSECONDS_PER_SECOND, to_nanoseconds
+
+__all__ = [
+    "RawMessage",
+    "RosConfig",
+    "RosRecording",
+    "Tap",
+    "Topic",
+    "TopicTally",
+    "is_ros",
+]
+
+
+class RosConfig(Model):
+    """A recording of ROS."""
+
+    file: Path
+    """A `.bag`, `.db3` or `.mcap`, a folder of rosbag2, or a folder of such files."""
+    sensors: dict[str, str] = Field(default_factory=dict)
+    """Topics by the names of their sensors, and no others are read but for transforms; when empty,
+    all that can be read are. Then a sensor is called like its topic without the first slash, or
+    like the topic above for `/<sensor>/depth` of a camera and `/<sensor>/<object>` of a pose."""
+    start: float = Field(default=0.0, ge=0, le=LONGEST_SECONDS)
+    """What was logged earlier is left out, but for static transforms [s after the first]."""
+    duration: float | None = Field(default=None, gt=0, le=LONGEST_SECONDS)
+    """What was logged so long after `start`, or later, is left out [s]; None: nothing is."""
+
+
+@final
+class RosRecording(Recording):
+    """The readings of a recording of ROS 1 or 2.
+
+    The stamp and the frame of a reading are those of its header; stamps count from the first of the
+    whole recording, also when only a part of it is read. Headers that are up to a second
+    out of order are sorted; a message is only held for so long, so long files need no more memory.
+
+    Args:
+        config: the file, the topics, and the time.
+        folder: where a relative file name starts.
+        tap: hears every message of the file within the time, also those that are no readings, each
+            time that the readings are read.
+
+    Raises:
+        DependencyError: rosbags is not installed.
+        RecordingError: the file is missing or can't be read, or a topic is not there or can't be.
+    """
+
+    def __init__(self, config: RosConfig, folder: Path = Path(), tap: Tap | None = None) -> None:
+        self._path, self._config, self._tap = folder / config.file, config, tap
+        self._folder = folder
+        self._whole: RosRecording | None = None
+        """That of which this is a part: as long as it lives, so does a file made for it."""
+        self.tally: dict[str, TopicTally] = {}
+        """By topic what was heard of it, while readings are read."""
+        with Bag(self._path) as bag:
+            self.contents: dict[str, Topic] = contents_of(bag)
+            """All its topics by name."""
+            self.sensors = topics_of(self._path, self.contents, config.sensors)
+            """The topics of each sensor, transforms among them."""
+            self.epoch_ns = self._begin_ns = self._first_stamp(bag, None)
+            if config.start:
+                self._begin_ns = self._first_stamp(bag, self._window(bag)[0])
+        self.topics: Mapping[str, type[Reading]] = {
+            sensor: kind
+            for sensor, topics in self.sensors.items()
+            if (kind := self.contents[topics[-1]].kind)
+        }
+
+    @property
+    def sources(self) -> Mapping[str, str]:
+        """The topic of each sensor; of one that has several, the first."""
+        return {sensor: topics[0] for sensor, topics in self.sensors.items()}
+
+    def part(
+        self, sensors: Mapping[str, str], start: float, duration: float | None, tap: Tap | None
+    ) -> "RosRecording":
+        """Give the same recording with other choices, see `RosConfig`."""
+        choice = {"sensors": dict(sensors), "start": start, "duration": duration}
+        made = RosRecording(self._config.model_copy(update=choice), self._folder, tap)
+        made._whole = self
+        return made
+
+    def readings(self) -> Iterator[Reading]:
+        """Give the readings in order of their stamps; of one stamp, as they lie in the file.
+
+        Raises:
+            RecordingError: once all readings before it are given, a clock that jumps, or the end of
+                a file that is cut off or damaged.
+        """
+        self.tally = {topic: TopicTally() for topic in self.contents}
+        topics = self._heard(self.tally)
+        sorter = Sorter(self.epoch_ns, self._begin_ns)
+        problem: RecordingError | None = None
+        with Bag(self._path) as bag:
+            for said in self._static_before(bag, topics):
+                _put(sorter, *said)
+            try:
+                start, stop = self._window(bag)
+                found = messages(bag, topics, start, stop, self.tally, self._tap)
+                for said in found:
+                    _put(sorter, *said)
+                    for entry in sorter.due():
+                        yield from self._made(entry)
+            except RecordingError as error:
+                problem = error
+        for entry in sorter.rest():
+            yield from self._made(entry)
+        if problem:
+            raise RecordingError(_in(self._path, problem))
+
+    def _heard(self, tally: Mapping[str, TopicTally]) -> dict[str, Heard]:
+        """Give what hears the topics that are read, by topic."""
+        found = listeners(self.sensors, self.contents)
+        return {topic: Heard(topic, one, tally[topic], {}) for topic, one in found.items()}
+
+    def _made(self, entry: Entry) -> Iterator[Reading]:
+        """Make the reading of an entry, or count why there is none."""
+        stamp, _, heard, part = entry
+        try:
+            reading = heard.listener.reading(part, (stamp - self.epoch_ns) / NANOSECONDS_PER_SECOND)
+        except InvalidReadingError as error:
+            heard.tally.refuse(error)
+        except RecordingError as error:
+            heard.tally.cannot_read(error)
+        else:
+            heard.tally.readings += 1
+            yield reading
+
+    def _static_before(
+        self, bag: Bag, topics: Mapping[str, Heard]
+    ) -> Iterator[tuple[Heard, int, Message]]:
+        """Give messages of static transforms that were logged before the time that is read."""
+        start, _ = self._window(bag)
+        static = {name: one for name, one in topics.items() if one.listener.is_static}
+        if start is not None and static:
+            with suppress(RecordingError):  # it comes up again later
+                yield from messages(bag, static, stop_ns=start, tap=self._tap, taps_all=False)
+
+    def _window(self, bag: Bag) -> tuple[int | None, int | None]:
+        """Give the stamps of the log between which messages are read [ns]; None: no bound."""
+        start, duration = to_nanoseconds(self._config.start), self._config.duration
+        begin = bag.first_ns + start
+        end = None if duration is None else begin + to_nanoseconds(duration)
+        return begin if start else None, end
+
+    def _first_stamp(self, bag: Bag, start_ns: int | None) -> int:
+        """Give the lowest stamp within a second of the first one since a moment in the log [ns]."""
+        stamps: list[int] = []
+        unused = {topic: TopicTally() for topic in self.contents}
+        topics = {topic: one for topic, one in self._heard(unused).items()
+                  if not one.listener.is_static}  # fmt: skip
+        with suppress(RecordingError):
+            for heard, _, message in messages(bag, topics, start_ns):
+                stamps += [one.stamp for one in heard.listener.hear(message) if one.stamp]
+                # what comes later than this can't have an earlier stamp than what came
+                if stamps and stamps[-1] > stamps[0] + LONGEST_FALL:
+                    break
+        return min((one for one in stamps if one >= stamps[0] - LONGEST_FALL), default=0)
+
+
+def _put(sorter: Sorter, heard: Heard, logged: int, message: Message) -> None:
+    for part in heard.listener.hear(message):
+        sorter.put(heard, part, logged)
+
+
+def _in(path: Path, problem: RecordingError) -> str:
+    """Give a problem with the name of its file."""
+    return str(problem) if str(path) in str(problem) else f"{path}, {problem}"

@@ -1,0 +1,166 @@
+"""What a recording of ROS holds, and which of it is read as which sensor."""
+
+from collections.abc import Mapping
+from itertools import groupby
+from pathlib import Path
+
+from contactfusion.errors import RecordingError, name_hint
+from contactfusion.readings import DepthImage, ObjectPose, Reading, Transform
+from contactfusion.recordings.messages import typestore
+from contactfusion.recordings.ouster import CONVERT
+from contactfusion.recordings.ros_channels import Channel
+from contactfusion.recordings.ros_files import Bag
+from contactfusion.recordings.ros_images import DEPTHS, INFO
+from contactfusion.recordings.ros_readings import (
+    CAMERA_INFO,
+    IMAGE,
+    MAKERS,
+    POSE,
+    READABLE,
+    TRANSFORMS,
+)
+from contactfusion.recordings.ros_topics import Topic, last, parent
+from contactfusion.recordings.step_messages import OURS
+
+TRUTH = "/truth/"
+"""What a topic begins with that tells what no sensor knows."""
+DEPTH = "depth"
+"""The last part of the topic of a depth image that has the topic of its camera above it."""
+PACKETS = "/PacketMsg"
+"""The types of Ouster's raw packets end with this."""
+SEVERAL = " and "
+"""What stands between the types of a topic that has several."""
+
+
+def contents_of(bag: Bag) -> dict[str, Topic]:
+    """Give all topics of a bag that is open, by name."""
+    by_topic = sorted(bag.channels, key=lambda one: one.topic)
+    groups = {name: list(group) for name, group in groupby(by_topic, key=lambda one: one.topic)}
+    types = {
+        name: SEVERAL.join(sorted({one.msgtype for one in group})) for name, group in groups.items()
+    }
+    return {
+        name: Topic(
+            name,
+            types[name],
+            sum(one.count for one in group),
+            None if name.startswith(OURS) else _kind(bag, name, group, types),
+            len({one.publisher for one in group}),
+        )
+        for name, group in groups.items()
+    }
+
+
+def topics_of(
+    path: Path, contents: Mapping[str, Topic], wanted: Mapping[str, str]
+) -> dict[str, tuple[str, ...]]:
+    """Give the topics to read by the names of their sensors, transforms among them.
+
+    Args:
+        path: the recording, for sentences.
+        contents: all its topics.
+        wanted: topics by sensor, or what sensors are called without; when empty, all that can be
+            read, but for what a simulation tells of the truth.
+
+    Raises:
+        RecordingError: a topic is not there, can't be read, or is wanted twice; or there is none
+            that can be.
+    """
+    usual: dict[str, tuple[str, ...]] = {}
+    for name, topic in contents.items():
+        if topic.kind and not name.startswith(TRUTH):
+            usual[_sensor(topic)] = (*usual.get(_sensor(topic), ()), name)
+    if not wanted:
+        _require_something(path, contents)
+        return usual
+    found: dict[str, tuple[str, ...]] = {}
+    taken: dict[str, str] = {}
+    for sensor, name in wanted.items():
+        is_topic = name in contents or name.removeprefix("/") not in usual
+        found[sensor] = (name,) if is_topic else usual[name.removeprefix("/")]
+        for one in found[sensor]:
+            _require_readable(path, contents, one)
+            if taken.setdefault(one, sensor) != sensor:
+                raise RecordingError(f"'{taken[one]}' and '{sensor}' are both {one}; name it once")
+    for sensor, names in usual.items():
+        if contents[names[0]].kind is Transform and names[0] not in taken:
+            found[names[0] if sensor in found else sensor] = names
+    return found
+
+
+def _kind(
+    bag: Bag, name: str, group: list[Channel], types: Mapping[str, str]
+) -> type[Reading] | None:
+    """Give what readings the messages of a topic give."""
+    msgtype = types[name]
+    if not all(one.standard for one in group):
+        return None
+    if msgtype in MAKERS:
+        return MAKERS[msgtype][0]
+    if msgtype == POSE:
+        return ObjectPose
+    if msgtype == TRANSFORMS:
+        return Transform
+    beside = types.get(f"{parent(name)}/{INFO}")
+    if msgtype == IMAGE and beside == CAMERA_INFO and _holds_depth(bag, group):
+        return DepthImage
+    return None
+
+
+def _holds_depth(bag: Bag, group: list[Channel]) -> bool:
+    """Tell whether the first image is one of depth."""
+    try:
+        for channel, _, raw in bag.messages(group):
+            image = typestore().deserialize_cdr(channel.cdr(raw), channel.msgtype)
+            return getattr(image, "encoding", "") in DEPTHS
+    except Exception:  # of many kinds; what is wrong is told when it is read
+        return False
+    return False
+
+
+def _sensor(topic: Topic) -> str:
+    """Give what a topic's sensor is called unless the configuration names it."""
+    above = parent(topic.name).removeprefix("/")
+    if above and (
+        topic.kind is ObjectPose or (topic.kind is DepthImage and last(topic.name) == "depth")
+    ):
+        return above
+    return topic.name.removeprefix("/")
+
+
+def _require_readable(path: Path, contents: Mapping[str, Topic], name: str) -> None:
+    if name not in contents:
+        hint = name_hint(name, contents, "topics")
+        raise RecordingError(f"{path} has no topic '{name}'; {hint}")
+    topic = contents[name]
+    if SEVERAL in topic.msgtype:
+        raise RecordingError(f"{path}: {name} holds messages of two types, {topic.msgtype}")
+    if topic.kind is None:
+        raise RecordingError(
+            f"{path}: {name} holds {topic.msgtype}{_why(topic)}; "
+            f"what can be read: {', '.join(READABLE)}"
+        )
+
+
+def _why(topic: Topic) -> str:
+    """Say why a topic can't be read whose type can."""
+    if topic.msgtype == IMAGE:
+        return f", and it is no image of depth, or has no {INFO} beside it"
+    if topic.name.startswith(OURS) and topic.msgtype in READABLE:
+        return ", which contactfusion wrote of what it did"
+    return ", but what the file calls so is something else" if topic.msgtype in READABLE else ""
+
+
+def _require_something(path: Path, contents: Mapping[str, Topic]) -> None:
+    for name, topic in contents.items():
+        types = topic.msgtype.split(SEVERAL)
+        if len(types) > 1 and any(one in READABLE for one in types):
+            _require_readable(path, contents, name)
+    if any(topic.kind for topic in contents.values()):
+        return
+    if any(topic.msgtype.endswith(PACKETS) for topic in contents.values()):
+        raise RecordingError(f"{path} holds raw packets of Ouster's; convert it by: {CONVERT}")
+    held = ", ".join(f"{name} ({one.msgtype})" for name, one in contents.items()) or "nothing"
+    raise RecordingError(
+        f"{path} holds nothing that can be read, which is {', '.join(READABLE)}; it holds: {held}"
+    )

@@ -1,0 +1,145 @@
+"""Definitions of messages as files hold them: which are standard, and how ROS 1 becomes CDR."""
+
+from collections.abc import Iterator
+from functools import lru_cache
+from typing import TYPE_CHECKING, Any
+
+from contactfusion.errors import RecordingError
+from contactfusion.recordings.messages import typestore
+
+if TYPE_CHECKING:
+    from rosbags.interfaces import MessageDefinition
+    from rosbags.typesys.store import Typestore
+
+Types = dict[str, Any]
+"""By the names of types: their constants and their fields, as rosbags holds them."""
+HEADER = "std_msgs/msg/Header"
+SAME_IN_BOTH = ("builtin_interfaces/msg/Time", "builtin_interfaces/msg/Duration")
+"""Types that ROS 1 has no definition of, as they are built in."""
+RENAMED = {"tf/msg/tfMessage": "tf2_msgs/msg/TFMessage"}
+"""Types of ROS 1 that ROS 2 calls otherwise."""
+RULE = 80 * "=" + "\n"
+"""What stands between the parts of a definition."""
+
+
+@lru_cache(maxsize=256)
+def types_in(definition: "MessageDefinition", msgtype: str) -> Types:
+    """Give the types that a definition defines; those of ROS 2 when there is no definition.
+
+    Args:
+        definition: in .msg or .idl, with those that it is made of.
+        msgtype: what it defines.
+
+    Raises:
+        RecordingError: it can't be parsed.
+    """
+    from rosbags.interfaces import MessageDefinitionFormat
+    from rosbags.typesys import TypesysError, get_types_from_msg
+
+    if definition.format == MessageDefinitionFormat.NONE or not definition.data.strip():
+        return typestore().fielddefs
+    try:
+        if definition.format == MessageDefinitionFormat.MSG:
+            return get_types_from_msg(definition.data, msgtype)
+        return _types_in_idl(definition.data)
+    except TypesysError as error:
+        reason = str(error).splitlines()[0]
+        raise RecordingError(f"the definition of {msgtype} can't be parsed: {reason}") from None
+
+
+def is_standard(msgtype: str, types: Types) -> bool:
+    """Tell whether a type, and all that it is made of, is what ROS 2 or this project means by it.
+
+    Args:
+        msgtype: the type.
+        types: what a file says of types.
+    """
+    known = typestore().fielddefs
+    if types is known:
+        return msgtype in known
+    if msgtype not in types or msgtype not in known:
+        return msgtype in SAME_IN_BOTH
+    fields, wanted = _fields(msgtype, types), _fields(msgtype, known)
+    return fields == wanted and all(is_standard(name, types) for name in _named(fields))
+
+
+def cdr_of_ros1(
+    raw: bytes, definition: "MessageDefinition", msgtype: str, *, standard: bool
+) -> memoryview:
+    """Give the CDR of a message of ROS 1; the number in headers is lost, as ROS 2 has none.
+
+    Args:
+        raw: the message as a bag holds it.
+        definition: that of its type.
+        msgtype: its type.
+        standard: whether the type is a standard one.
+
+    Raises:
+        RecordingError: the definition does not hold together.
+    """
+    store = typestore() if standard else _store(definition, msgtype)
+    return store.ros1_to_cdr(raw, msgtype)
+
+
+def ros2_text(definition: "MessageDefinition", msgtype: str, *, ros1: bool) -> str:
+    """Give a definition as ROS 2 writes it in .msg; nothing when nobody knows it.
+
+    Args:
+        definition: as it stands in the file.
+        msgtype: the type.
+        ros1: whether the file is one of ROS 1.
+    """
+    from rosbags.interfaces import MessageDefinitionFormat
+    from rosbags.typesys import TypesysError
+
+    if definition.format == MessageDefinitionFormat.MSG and definition.data and not ros1:
+        return definition.data
+    try:
+        standard = is_standard(msgtype, types_in(definition, msgtype))
+        store = typestore() if standard else _store(definition, msgtype)
+        return store.generate_msgdef(msgtype, ros_version=2)[0]
+    except (RecordingError, TypesysError):
+        return ""
+
+
+def _types_in_idl(text: str) -> Types:
+    from rosbags.typesys import get_types_from_idl
+
+    if not text.startswith(f"{RULE}IDL: "):
+        return get_types_from_idl(text)
+    types: Types = {}
+    for part in text.split(RULE)[1:]:
+        types.update(get_types_from_idl(part.split("\n", 1)[1]))
+    return types
+
+
+@lru_cache(maxsize=256)
+def _store(definition: "MessageDefinition", msgtype: str) -> "Typestore":
+    """Give a store of the types of a definition, with the header of ROS 2."""
+    from rosbags.typesys import Stores, get_typestore
+
+    types = types_in(definition, msgtype)
+    store = get_typestore(Stores.EMPTY)
+    mine = {name: fields for name, fields in types.items() if name not in SAME_IN_BOTH}
+    store.register({**mine, HEADER: typestore().fielddefs[HEADER]})
+    try:
+        store.get_msgdef(msgtype)
+    except Exception as error:  # of many kinds
+        raise RecordingError(f"the definition of {msgtype} is not whole: {error}") from None
+    return store
+
+
+def _fields(msgtype: str, types: Types) -> list[tuple[str, Any]]:
+    """Give names and kinds of the fields; ROS 1 has upper case, and a number in its header."""
+    fields = [(name.lower(), kind) for name, kind in types[msgtype][1]]
+    return [field for field in fields if msgtype != HEADER or field[0] != "seq"]
+
+
+def _named(fields: list[tuple[str, Any]]) -> Iterator[str]:
+    """Give the types that fields are made of, but for numbers and strings."""
+    from rosbags.interfaces import Nodetype
+
+    for _, (node, of) in fields:
+        kind, name = of[0] if node in (Nodetype.ARRAY, Nodetype.SEQUENCE) else (node, of)
+        if kind == Nodetype.NAME:
+            yield name

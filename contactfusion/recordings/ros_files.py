@@ -1,0 +1,199 @@
+"""Bags of ROS 1 and 2 and MCAP files as one: their channels and messages (extra `record`)."""
+
+from collections import Counter
+from collections.abc import Collection, Iterator
+from contextlib import ExitStack, suppress
+from dataclasses import dataclass, field
+from heapq import merge
+from os import SEEK_END
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Self, final
+
+from contactfusion.errors import RecordingError
+from contactfusion.files import require_file
+from contactfusion.recordings.messages import typestore
+from contactfusion.recordings.ros_channels import Channel, channel_of
+from contactfusion.recordings.ros_damage import (
+    BAG_MAGIC,
+    MCAP_MAGIC,
+    ScannedMcap,
+    mended_by,
+    scanned_bag,
+)
+
+ROS1 = (".bag", ".active")
+"""What bags of ROS 1 end with; `.bag.active` is one whose recorder was killed."""
+ROS2 = (".mcap", ".db3")
+Logged = tuple[Channel, int, bytes]
+"""A message: its channel, when it was logged [ns], and its bytes as they lie in the file."""
+
+
+@dataclass(eq=False)
+class _File:
+    """One file that is open: its reader, of rosbags, its channels, and what is wrong with it."""
+
+    path: Path
+    reader: Any
+    is_cut: bool
+    channels: dict[int, Channel] = field(default_factory=dict)
+    problem: str = ""
+
+    def __post_init__(self) -> None:
+        """Name its channels."""
+        ros1 = _is_ros1(self.path)
+        alike: Counter[str] = Counter()
+        for one in self.reader.connections:
+            alike[one.topic] += 1
+            self.channels[one.id] = channel_of(one, alike[one.topic], ros1=ros1)
+
+    @property
+    def count(self) -> int:
+        """How many messages it holds."""
+        return sum(one.count for one in self.channels.values())
+
+
+@final
+class Bag:
+    """One recording of ROS, be it one file or a folder of several; use as a context manager.
+
+    Args:
+        path: a `.bag`, `.db3` or `.mcap`, a folder of rosbag2, or one of files without metadata.
+
+    Raises:
+        DependencyError: rosbags is not installed.
+        RecordingError: there is no such file, or nothing in it can be read.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self.channels: list[Channel] = []
+        """What it holds."""
+        self.first_ns = 0
+        """When its first message was logged [ns]."""
+        self._files: list[_File] = []
+        self._stack = ExitStack()
+
+    def __enter__(self) -> Self:
+        """Open all files."""
+        typestore()
+        with ExitStack() as stack:
+            for path in _files_in(self.path):
+                file = _opened(path)
+                stack.callback(file.reader.close)
+                self._files.append(file)
+            self._stack = stack.pop_all()
+        self.channels = [one for file in self._files for one in file.channels.values()]
+        self.first_ns = min(
+            (file.reader.start_time for file in self._files if file.count), default=0
+        )
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        """Close all files."""
+        self._stack.close()
+
+    def messages(
+        self, channels: Collection[Channel], start_ns: int | None = None, stop_ns: int | None = None
+    ) -> Iterator[Logged]:
+        """Give messages in the order in which they were logged.
+
+        Args:
+            channels: some of this bag.
+            start_ns: only what was logged then or later [ns].
+            stop_ns: only what was logged earlier [ns].
+
+        Raises:
+            RecordingError: at the end, when a file is cut off or damaged.
+        """
+        parts = [self._messages(file, channels, start_ns, stop_ns) for file in self._files]
+        yield from parts[0] if len(parts) == 1 else merge(*parts, key=lambda one: one[1])
+        for problem in filter(None, (file.problem for file in self._files)):
+            raise RecordingError(problem)
+
+    def _messages(
+        self, file: _File, channels: Collection[Channel], start: int | None, stop: int | None
+    ) -> Iterator[Logged]:
+        table = file.channels
+        wanted = [one for one in file.reader.connections if table[one.id] in channels]
+        if not wanted:
+            return
+        given = 0
+        mend = mended_by(file.path)
+        file.problem = (
+            f"{file.path} is cut off after {file.count} messages; mend it by: {mend}"
+            if file.is_cut
+            else ""
+        )
+        try:
+            for given, (connection, stamp, raw) in enumerate(  # noqa: B007
+                file.reader.messages(wanted, start, stop), 1
+            ):
+                yield table[connection.id], stamp, raw
+        except Exception as error:  # rosbags meets damage with errors of many kinds
+            file.problem = file.problem or (
+                f"{file.path} is damaged after {given} messages ({error}); mend it by: {mend}"
+            )
+
+
+def is_ros(path: Path) -> bool:
+    """Tell whether a path is that of a recording of ROS, or of a folder."""
+    return path.suffix in (*ROS1, *ROS2) or path.is_dir()
+
+
+def _is_ros1(path: Path) -> bool:
+    return path.suffix in ROS1 and path.is_file()
+
+
+def _files_in(path: Path) -> list[Path]:
+    """Give what rosbags opens: a file, a folder of rosbag2, or each file of another folder."""
+    if not path.is_dir():
+        require_file(path, RecordingError)
+        return [path]
+    if (path / "metadata.yaml").is_file():
+        return [path]
+    files = sorted(one for one in path.iterdir() if one.suffix in (*ROS1, *ROS2))
+    if not files:
+        raise RecordingError(f"there is no {', '.join((*ROS1, *ROS2))} in the folder {path}")
+    return files
+
+
+def _opened(path: Path) -> _File:
+    from rosbags.rosbag1 import Reader as Bag1
+    from rosbags.rosbag2 import Reader as Bag2
+
+    try:
+        reader = Bag1(path) if _is_ros1(path) else Bag2(path)
+        reader.open()
+        return _File(path, reader, is_cut=False)
+    except Exception as error:  # of many kinds
+        file = _scanned(path)
+        if file is None:
+            raise RecordingError(f"{path} can't be read: {error}") from None
+        if not file.count:
+            file.reader.close()
+            raise RecordingError(
+                f"{path} can't be read: it is cut off before its first message; "
+                f"what may mend it: {mended_by(path)}"
+            ) from None
+        return file
+
+
+def _scanned(path: Path) -> _File | None:
+    """Give a file that lacks its end, or nothing when it is none of which a part can be read."""
+    if path.is_dir():
+        return None
+    with suppress(OSError), path.open("rb") as file:
+        begins = file.read(len(BAG_MAGIC))
+        file.seek(-len(MCAP_MAGIC), SEEK_END)
+        ends = file.read()
+        if path.suffix == ".mcap" and begins.startswith(MCAP_MAGIC) and ends != MCAP_MAGIC:
+            return _File(path, ScannedMcap(path), is_cut=True)
+        if path.suffix in ROS1 and begins == BAG_MAGIC:
+            return _File(path, scanned_bag(path), is_cut=True)
+    return None
