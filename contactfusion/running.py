@@ -1,12 +1,10 @@
 """Runs a pipeline on a recording or in a scene, as one YAML file describes both."""
 
-import csv
-import io
 import json
-import math
 import time
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
 
@@ -14,12 +12,14 @@ from pydantic import Field, model_validator
 
 from contactfusion.errors import ConfigurationError, FrameError, PluginError, name_hint
 from contactfusion.files import make_folder, write_whole
-from contactfusion.pipeline import Pipeline, Step
+from contactfusion.pipeline import Pipeline
 from contactfusion.pipeline_config import PipelineConfig
 from contactfusion.readings import READING_TYPES, Reading
 from contactfusion.recordings.opening import open_recording
 from contactfusion.recordings.recording import Recording
+from contactfusion.run_results import commands_csv, contacts_csv, summary, tell
 from contactfusion.simulation.scene import heard
+from contactfusion.step_summary import Summary
 from contactfusion.yaml_files import read_yaml, with_overrides
 
 if TYPE_CHECKING:
@@ -58,16 +58,12 @@ def run_file(path: Path, overrides: Sequence[str], out: Path, seed: int | None =
         ContactFusionError: the file, a plug-in, the recording or the scene is not what it should
             be.
     """
-    fields = with_overrides(read_yaml(path), overrides)
-    if seed is not None:
-        fields["seed"] = seed
-    try:
-        config = RunConfig(**{"folder": path.parent, **fields})
-        scene = _scene(config) if config.scene else None
+    fields = run_fields(path, overrides, seed)
+    with naming(path):
+        config = RunConfig(**fields)
+        scene = opened_scene(config) if config.scene else None
         source = scene or _recording(config, path.parent)
         pipeline = Pipeline(config)
-    except (ConfigurationError, FrameError, PluginError) as error:
-        raise ConfigurationError(f"{path}: {error}") from None
     make_folder(out)
     counts: Counter[tuple[str, type[Reading]]] = Counter()
 
@@ -85,7 +81,7 @@ def run_file(path: Path, overrides: Sequence[str], out: Path, seed: int | None =
     took = time.perf_counter() - start
     write_whole(out / "contacts.csv", contacts_csv(steps))
     total = summary(steps)
-    _tell(total, took)
+    tell(total, took)
     results = [out / "contacts.csv", out / "summary.json"]
     if pipeline.config.controller is not None:
         results.insert(1, out / "commands.csv")
@@ -97,27 +93,69 @@ def run_file(path: Path, overrides: Sequence[str], out: Path, seed: int | None =
             print(f"truth: {sentence}")
     write_whole(out / "summary.json", json.dumps(total, indent=2) + "\n")
     print(f"results: {', '.join(map(str, results))}")
-    if faults := list(unheard(pipeline, counts, steps)):
+    if faults := list(unheard(pipeline, counts, Summary.of(steps))):
         more = f" (and {len(faults) - 1} more)" if len(faults) > 1 else ""
         raise ConfigurationError(f"{path}: {faults[0]}{more}")
 
 
+def run_fields(path: Path, overrides: Sequence[str], seed: int | None = None) -> dict[str, Any]:
+    """Read the fields of `RunConfig` from a YAML file.
+
+    Args:
+        path: the file; relative names in it start at its folder.
+        overrides: fields to change, as "a.b=c".
+        seed: in place of the file's; None: that of the file.
+
+    Raises:
+        ConfigurationError: the file is missing or no YAML, or a change is none.
+    """
+    fields = {"folder": path.parent, **with_overrides(read_yaml(path), overrides)}
+    return fields if seed is None else {**fields, "seed": seed}
+
+
+@contextmanager
+def naming(path: Path) -> Iterator[None]:
+    """Name the file in what is said of a wrong configuration.
+
+    Raises:
+        ConfigurationError: in place of the error that does not name it.
+    """
+    try:
+        yield
+    except (ConfigurationError, FrameError, PluginError) as error:
+        raise ConfigurationError(f"{path}: {error}") from None
+
+
+def opened_scene(config: RunConfig) -> "Scene":
+    """Open the scene of a configuration.
+
+    Raises:
+        ConfigurationError: the description of the scene or of the robot is wrong.
+        DependencyError: pybullet, or what the robot needs, is not installed.
+    """
+    # only here: a recording needs no physics
+    from contactfusion.simulation.opening import open_scene
+
+    assert config.robot is not None
+    return open_scene(config.scene, config.robot, config.seed, config.folder)
+
+
 def unheard(
-    pipeline: Pipeline, counts: Mapping[tuple[str, type[Reading]], int], steps: Sequence[Step]
+    pipeline: Pipeline, counts: Mapping[tuple[str, type[Reading]], int], gave: Summary
 ) -> Iterator[str]:
     """Say what the pipeline waited for in vain.
 
     Args:
         pipeline: after its run.
         counts: how many readings came, by sensor and type.
-        steps: what it gave.
+        gave: what its steps amounted to.
 
     Yields:
         A sentence for each thing that kept the job from being done.
     """
     sensors = {sensor for sensor, _ in counts}
     on = pipeline.config.cycle.on
-    if on is not None and not steps:
+    if on is not None and not gave.steps:
         hint = name_hint(on, sensors | set(READING_TYPES), "sensors and types")
         yield f"cycle.on: no reading of '{on}' came; {hint}"
     if not pipeline.config.generators:
@@ -131,20 +169,9 @@ def unheard(
         elif wanted is not None and wanted not in fit:
             hint = name_hint(wanted, fit, "sensors")
             yield f"generators.{name}.sensor: no reading of '{wanted}' came; {hint}"
-    last = steps[-1].fusion.report.sources if steps else {}
-    for name, source in last.items():
+    for name, source in gave.report.sources.items() if gave.report else ():
         if source.invalid and not source.accepted:
-            events = (event for step in steps for event in step.events)
-            why = next(e.message for e in events if e.source == name and e.kind == "refused")
-            yield f"every cloud of '{name}' was refused: {why}"
-
-
-def _scene(config: RunConfig) -> "Scene":
-    # only here: a recording needs no physics
-    from contactfusion.simulation.opening import open_scene
-
-    assert config.robot is not None
-    return open_scene(config.scene, config.robot, config.seed, config.folder)
+            yield f"every cloud of '{name}' was refused: {gave.refusal(name)}"
 
 
 def _recording(config: RunConfig, folder: Path) -> Recording:
@@ -152,81 +179,3 @@ def _recording(config: RunConfig, folder: Path) -> Recording:
         return open_recording(config.recording, folder)
     except ConfigurationError as error:
         raise error.under("recording") from None
-
-
-def contacts_csv(steps: Sequence[Step]) -> str:
-    """Give one row a contact: stamp, place [m], likelihood, dispersion [m], force [N], shares."""
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(
-        ["stamp", "x", "y", "z", "likelihood", "dispersion", "voxels", "fx", "fy", "fz", "shares"]
-    )
-    for step in steps:
-        for contact in step.fusion.contacts:
-            shares = " ".join(f"{name}:{share:.4f}" for name, share in contact.shares.items())
-            numbers = [
-                *contact.position,
-                contact.likelihood,
-                contact.dispersion,
-                contact.voxels,
-                *contact.force,
-            ]
-            writer.writerow([f"{step.stamp:.6f}", *(f"{n:.6g}" for n in numbers), shares])
-    return text.getvalue()
-
-
-def commands_csv(steps: Sequence[Step]) -> str:
-    """Give one row a command: stamp, twist [m/s, rad/s], gripper, mode, reason."""
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(["stamp", "vx", "vy", "vz", "wx", "wy", "wz", "gripper", "mode", "reason"])
-    for step in steps:
-        if (command := step.command) is None:
-            continue
-        twist = command.twist
-        numbers = [*twist.linear, *twist.angular] if twist else [""] * 6
-        cells = [f"{n:.6g}" if isinstance(n, float) else n for n in (*numbers, command.gripper)]
-        writer.writerow([f"{step.stamp:.6f}", *cells, command.mode, command.reason])
-    return text.getvalue()
-
-
-def summary(steps: Sequence[Step]) -> dict[str, Any]:
-    """Count steps and contacts, and tell how each source did."""
-    last = steps[-1].fusion.report.sources if steps else {}
-    return {
-        "steps": len(steps),
-        "steps_with_contact": sum(bool(step.fusion.contacts) for step in steps),
-        "contacts": sum(len(step.fusion.contacts) for step in steps),
-        "sources": {
-            name: {
-                "kind": str(source.kind),
-                "rate": None if math.isnan(source.rate) else source.rate,
-                "accepted": source.accepted,
-                "late": source.late,
-                "early": source.early,
-                "invalid": source.invalid,
-            }
-            for name, source in last.items()
-        },
-        "events": [
-            {"stamp": step.stamp, "kind": str(event.kind), "message": event.message}
-            for step in steps
-            for event in step.events
-        ],
-    }
-
-
-def _tell(total: Mapping[str, Any], took: float) -> None:
-    print(
-        f"{total['steps']} steps in {took:.1f} s, {total['steps_with_contact']} with contact, "
-        f"{total['contacts']} contacts"
-    )
-    for name, source in total["sources"].items():
-        rate = "no rate" if source["rate"] is None else f"{source['rate']:.4g} Hz"
-        print(
-            f"  {name} ({source['kind']}): {source['accepted']} clouds, {rate}, "
-            f"{source['late']} late, {source['early']} early, {source['invalid']} refused"
-        )
-    refused = [event for event in total["events"] if event["kind"] == "refused"]
-    if refused:
-        print(f"  first refusal: {refused[0]['message']}")

@@ -17,7 +17,7 @@ from contactfusion.errors import ContactFusionError, DependencyError
 from contactfusion.figures import new_figure
 from contactfusion.files import make_folder, write_whole
 from contactfusion.recordings.mcap import McapWriter
-from contactfusion.running import commands_csv, contacts_csv
+from contactfusion.run_results import commands_csv, contacts_csv
 
 
 def show(out: Path, lidar: str = LEARNED) -> None:

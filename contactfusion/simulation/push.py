@@ -3,19 +3,25 @@
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from contactfusion.arrays import FloatArray
 from contactfusion.errors import ConfigurationError, RobotError, name_hint
+from contactfusion.frames import pose_at
 from contactfusion.readings import Odometry, Reading, TactileImage, Twist
 from contactfusion.robots.description import RobotConfig, located, read_robot
+from contactfusion.simulation.facts import standing, true_contact
 from contactfusion.simulation.push_bodies import ORIGIN_HEIGHT
 from contactfusion.simulation.push_config import RATE, PushConfig
 from contactfusion.simulation.push_eyes import opened_eyes
 from contactfusion.simulation.push_skin import PushSkin
 from contactfusion.simulation.push_world import PushWorld, Touches
+from contactfusion.simulation.scene import Facts
 
 BASE = "contactfusion.robots:mobile_base.yaml"
 """The base that pushes, unless another is given."""
+OBJECT = "object"
+"""What the truth calls the object, whichever it is."""
 UNION = 0.05
 """The truth is all that is touched in the last so many seconds (method §6) [s]."""
 NARROW = 0.05
@@ -123,6 +129,19 @@ class PushScene:
         force = float(world.touches.forces.sum()) / world.steps
         return PushTruth(self.stamp, base, thing, kind, contact, distance, force)
 
+    def facts(self) -> Facts:
+        """Tell the true contact, in the robot's frame, and where the object stands in `odom`."""
+        truth, touches = self.truth(), self._world.touches
+        x, y, yaw = truth.object
+        objects = standing(self.stamp, "odom", {OBJECT: pose_at((x, y, 0.0), (0.0, 0.0, yaw))})
+        if truth.kind == "none":
+            return Facts(self.stamp, self._frame, (), objects)
+        points = touches.points[_recent(touches, self._world.steps)]
+        place = np.array([*truth.contact, points[:, 2].mean()])
+        force = touches.forces @ touches.normals / self._world.steps
+        contact = true_contact(self.stamp, self._frame, place, force, points[_ends(points)])
+        return Facts(self.stamp, self._frame, (contact,), objects)
+
     def _seen(self) -> list[Reading]:
         base, thing = self._world.base_pose, self._world.object_pose
         return [eye.reading(self.stamp, base, thing) for eye in self._eyes if eye.due(self.stamp)]
@@ -140,14 +159,24 @@ class PushScene:
 
 def touching(touches: Touches, steps: int) -> tuple[str, tuple[float, float]]:
     """Say how and where the object touches, from all points of the last 50 ms (O §III-A)."""
-    recent = touches.steps >= steps - UNION * RATE
-    points: FloatArray = touches.points[recent, :2]
+    points: FloatArray = touches.points[_recent(touches, steps), :2]
     if not len(points):
         return "none", (np.nan, np.nan)
     spans = np.ptp(points, axis=0)
     if np.hypot(*spans) < NARROW:
         middle = points.mean(axis=0)
         return "point", (float(middle[0]), float(middle[1]))
-    order = np.argsort(points[:, np.argmax(spans)], kind="stable")
-    middle = (points[order[0]] + points[order[-1]]) / 2.0
+    middle = points[_ends(points)].mean(axis=0)
     return "line", (float(middle[0]), float(middle[1]))
+
+
+def _recent(touches: Touches, steps: int) -> NDArray[np.bool_]:
+    """Tell which of the points are of the last 50 ms of a cycle."""
+    recent: NDArray[np.bool_] = touches.steps >= steps - UNION * RATE
+    return recent
+
+
+def _ends(points: FloatArray) -> NDArray[np.intp]:
+    """Give the rows of the two points that lie furthest apart along x or y, shape (2,)."""
+    along = points[:, np.argmax(np.ptp(points[:, :2], axis=0))]
+    return np.argsort(along, kind="stable")[[0, -1]]

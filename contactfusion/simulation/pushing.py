@@ -10,7 +10,7 @@ from contactfusion.errors import ConfigurationError
 from contactfusion.pipeline import Pipeline, Step
 from contactfusion.readings import Reading, Twist
 from contactfusion.simulation.push import PushScene, PushTruth
-from contactfusion.simulation.scene import Hear, Scene, Verdict
+from contactfusion.simulation.scene import Facts, Hear, Scene, Verdict
 
 
 class Ending(StrEnum):
@@ -117,6 +117,10 @@ class Pushing(Scene):
         for cycle in pushed(self._scene, pipeline, hear):
             self._last = cycle
             yield cycle.step
+
+    def facts(self) -> Facts:
+        """Tell the true contact, and where the object stands."""
+        return self._scene.facts()
 
     def verdict(self, pipeline: Pipeline, last: Step) -> Verdict:
         """Tell how the push ended, and where the object truly touches then."""

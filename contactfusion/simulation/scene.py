@@ -5,8 +5,9 @@ from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from typing import Any
 
+from contactfusion.contacts import Contact
 from contactfusion.pipeline import Pipeline, Step
-from contactfusion.readings import Reading
+from contactfusion.readings import ObjectPose, Reading
 
 Hear = Callable[[Reading], None]
 """Who hears every reading before the pipeline does."""
@@ -25,6 +26,23 @@ class Verdict:
     sentences: tuple[str, ...]
 
 
+@dataclass(frozen=True, eq=False)
+class Facts:
+    """What is true in a scene at one instant, and no sensor tells.
+
+    Attributes:
+        stamp: [s].
+        frame: of the contacts.
+        contacts: where the robot is touched; each of likelihood 1.
+        objects: where the objects stand, by name.
+    """
+
+    stamp: float
+    frame: str
+    contacts: tuple[Contact, ...]
+    objects: tuple[ObjectPose, ...]
+
+
 class Scene(ABC):
     """A scene can be run once."""
 
@@ -35,6 +53,10 @@ class Scene(ABC):
         Raises:
             ContactFusionError: the scene cannot be played, or the pipeline does not fit it.
         """
+
+    @abstractmethod
+    def facts(self) -> Facts:
+        """Tell what is true now; while the scene runs, and when it is over."""
 
     @abstractmethod
     def verdict(self, pipeline: Pipeline, last: Step) -> Verdict:

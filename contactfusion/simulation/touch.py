@@ -17,7 +17,8 @@ from contactfusion.robots.solids import Solid
 from contactfusion.simulation.aim import aimed, drawn_posture, way_to_touch
 from contactfusion.simulation.approach import Approach, led_by, straight, tries
 from contactfusion.simulation.arm import STEP, SpringyArm
-from contactfusion.simulation.scene import Hear, Scene, Verdict, heard
+from contactfusion.simulation.facts import standing, true_contact
+from contactfusion.simulation.scene import Facts, Hear, Scene, Verdict, heard
 from contactfusion.simulation.touch_config import TouchConfig
 from contactfusion.simulation.touch_sensors import TouchSensors
 from contactfusion.simulation.touch_verdict import touch_verdict
@@ -86,6 +87,7 @@ class TouchScene(Scene):
         self._objects = {config.touched: self._target, **around}
         self._world = TouchWorld(robot, self._objects, config.friction)
         self._truth: Truth | None = None
+        self._stamp, self._moments = 0.0, list[Touching]()
 
     @property
     def truth(self) -> Truth:
@@ -97,6 +99,17 @@ class TouchScene(Scene):
     def run(self, pipeline: Pipeline, hear: Hear) -> Iterator[Step]:
         """Let a pipeline listen to the touch."""
         return pipeline.run(heard(self.readings(), hear))
+
+    def facts(self) -> Facts:
+        """Tell where the hand is touched in these 50 ms, and where all objects truly stand."""
+        stamp, root = self._stamp, self.robot.root
+        poses = {name: one.config.pose.pose() for name, one in self._objects.items()}
+        now = contacts_of(self._moments)
+        contacts = tuple(
+            true_contact(stamp, root, place, force)
+            for place, force in zip(now.places, now.forces, strict=True)
+        )
+        return Facts(stamp, root, contacts, standing(stamp, root, poses))
 
     def verdict(self, pipeline: Pipeline, last: Step) -> Verdict:
         """Tell where the hand is really touched in the end, and how near contacts came."""
@@ -117,36 +130,37 @@ class TouchScene(Scene):
             self.robot, config.tool, self._leading, way.at(end), config.noise, self._rng
         )
         yield from sensors.believed({config.touched: self._target})
-        pushes, moments = np.zeros(GUARD), [self._world.touching()]
+        pushes, self._moments = np.zeros(GUARD), [self._world.touching()]
         step = stood = since = 0
         while True:
-            yield from self._sensed(sensors, arm, step, moments[-1], last=False)
+            yield from self._sensed(sensors, arm, step, last=False)
             step += 1
             yielding = pushes.mean() < config.press and gone < end
             gone = min(gone + config.speed * STEP, end) if yielding else gone
             stood = 0 if yielding else stood + 1
             since += bool(since or stood)
             arm.step(way.at(gone))
-            moments = [*moments[1 - round(UNION / STEP) :], self._world.touching()]
-            pushes[step % GUARD] = np.linalg.norm(moments[-1].forces.sum(axis=0))
+            self._moments = [*self._moments[1 - round(UNION / STEP) :], self._world.touching()]
+            pushes[step % GUARD] = np.linalg.norm(self._moments[-1].forces.sum(axis=0))
             settled = bool(np.abs(arm.velocities).max() < SLOW)
             steady = settled and stood * STEP >= STAND
             if steady or since * STEP >= LONGEST:
                 break
-        yield from self._sensed(sensors, arm, step, moments[-1], last=True)
-        self._truth = Truth(contacts_of(moments), arm.positions, steady)
+        yield from self._sensed(sensors, arm, step, last=True)
+        self._truth = Truth(contacts_of(self._moments), arm.positions, steady)
 
     def _sensed(
-        self, sensors: TouchSensors, arm: SpringyArm, step: int, touching: Touching, *, last: bool
+        self, sensors: TouchSensors, arm: SpringyArm, step: int, *, last: bool
     ) -> Iterator[Reading]:
         """Give the readings that are due after a step of the physics; in the end all."""
-        stamp, period = step * STEP, {**EVERY, "sights": 1.0 / self.config.camera_rate}
+        stamp = self._stamp = step * STEP
+        period = {**EVERY, "sights": 1.0 / self.config.camera_rate}
         due = {name for name, each in period.items() if last or step % round(each / STEP) == 0}
         poses = self.robot.poses_at(arm.positions) if due & {"skins", "sights"} else {}
         if "joints" in due:
             yield sensors.joints(stamp, arm.positions, arm.velocities)
         if "skins" in due:
-            yield from sensors.skins(stamp, poses, touching)
+            yield from sensors.skins(stamp, poses, self._moments[-1])
         if "wrenches" in due and step:
             yield from sensors.wrenches(stamp, self._world.felt())
         if "sights" in due:

@@ -1,0 +1,394 @@
+"""Recordings of scenes: what the sensors read, the truth beside it, nothing of ours."""
+
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import yaml
+
+from contactfusion.arrays import FloatArray
+from contactfusion.errors import ConfigurationError, ContactFusionError, RecordingError
+from contactfusion.frames import FrameTree, Pose, pose_of
+from contactfusion.pipeline import Pipeline
+from contactfusion.readings import JointState, Reading, TactileImage, Wrench
+from contactfusion.recording_scene import EPOCH_NS, TRUTH, record_scene
+from contactfusion.recordings.opening import open_recording
+from contactfusion.robots.description import located, read_robot
+from contactfusion.robots.model import shared_robot
+from contactfusion.running import RunConfig, opened_scene, run_fields
+from contactfusion.simulation.push import PushScene
+from contactfusion.yaml_files import read_yaml
+from tests.mcap_files import Read, Recorded, channel_metadata, read_by_rosbags
+
+SCENES = Path(__file__).parents[1] / "examples" / "scenes"
+BOX, PANDA, PUSH = (SCENES / f"{name}.yaml" for name in ("touch_box", "panda_table", "push_box"))
+NEAR = ["controller.target=[0.4,0.1]", "scene.target=[0.4,0.1]"]
+"""A push of a few seconds."""
+MAIN = [sys.executable, "-c", "from contactfusion.cli import main; main()"]
+
+
+@pytest.fixture(scope="module")
+def touch(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("touch") / "touch.mcap"
+    record_scene(BOX, [], path)
+    return path
+
+
+@pytest.fixture(scope="module")
+def push(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("push") / "push.mcap"
+    record_scene(PUSH, NEAR, path)
+    return path
+
+
+def heard(path: Path, overrides: Sequence[str] = ()) -> tuple[list[Reading], dict[str, Any]]:
+    """Give all readings of a scene that is not recorded, and its truth."""
+    config = RunConfig(**run_fields(path, overrides))
+    readings = list[Reading]()
+    scene, pipeline = opened_scene(config), Pipeline(config)
+    *_, last = scene.run(pipeline, readings.append)
+    return readings, scene.verdict(pipeline, last).truth
+
+
+def xyz(fields: Any) -> list[float]:
+    return [fields[axis] for axis in "xyz"]
+
+
+def seconds(message: Read) -> float:
+    return (message.stamp - EPOCH_NS) / 1e9
+
+
+def places(message: Read) -> FloatArray:
+    return np.reshape([xyz(one["position"]) for one in message.fields["contacts"]], (-1, 3))
+
+
+def told_frames(found: Recorded, topic: str) -> dict[str, tuple[str, Pose]]:
+    """Give for each child frame of the messages of a topic its parent and its pose there."""
+    from scipy.spatial.transform import Rotation
+
+    return {
+        one["child_frame_id"]: (
+            one["header"]["frame_id"],
+            pose_of(
+                xyz(one["transform"]["translation"]),
+                Rotation.from_quat(list(one["transform"]["rotation"].values())).as_matrix(),
+            ),
+        )
+        for message in found[topic]
+        for one in message.fields["transforms"]
+    }
+
+
+# What is recorded
+
+
+def test_a_touch_is_recorded_reading_by_reading(touch: Path) -> None:
+    found, (readings, _) = read_by_rosbags(touch), heard(BOX)
+    wrenches = [one for one in readings if isinstance(one, Wrench)]
+    assert [xyz(one.fields["wrench"]["force"]) for one in found["/wrist"]] == [
+        one.force.tolist() for one in wrenches
+    ]
+    assert [seconds(one) for one in found["/wrist"]] == pytest.approx(
+        [one.stamp for one in wrenches], abs=1e-9
+    )
+    joints = [one for one in readings if isinstance(one, JointState)]
+    assert [one.fields["position"] for one in found["/joints"]] == [
+        one.positions.tolist() for one in joints
+    ]
+    for skin in ("tip_1", "tip_2", "tip_3", "palm"):
+        images = [one for one in readings if isinstance(one, TactileImage) and one.sensor == skin]
+        assert [one.fields["values"] for one in found[f"/{skin}"]] == [
+            one.values.tolist() for one in images
+        ]
+    assert len(found["/forehead"]) == len(found["/forehead/depth"]) > 2
+    assert len(found["/object_pose/box"]) == 1
+
+
+def test_nothing_of_ours_is_recorded(touch: Path, push: Path) -> None:
+    for path in (touch, push):
+        topics = read_by_rosbags(path).keys()
+        assert not [name for name in topics if name.split("/")[1] in ("contacts", "command")]
+        assert "/cmd_vel" not in topics
+
+
+def test_the_truth_of_a_touch_stands_beside_it(touch: Path) -> None:
+    found, (_, truth) = read_by_rosbags(touch), heard(BOX)
+    first, last = found["/truth/contacts"][0], found["/truth/contacts"][-1]
+    assert seconds(last) == seconds(found["/wrist"][-1])
+    assert first.fields["contacts"] == [] and seconds(first) == 0.0
+    assert last.fields["header"]["frame_id"] == truth["frame"] == "base"
+    np.testing.assert_allclose(places(last), truth["places"])
+    forces = [xyz(one["force"]) for one in last.fields["contacts"]]
+    np.testing.assert_allclose(forces, truth["forces"])
+    assert {one["likelihood"] for one in last.fields["contacts"]} == {1.0}
+    box = found["/truth/box"][0].fields
+    assert box["header"]["frame_id"] == "base"
+    assert xyz(box["pose"]["position"]) == [0.7, 0.0, 0.35]
+    believed = found["/object_pose/box"][0].fields["pose"]["position"]
+    assert xyz(believed) != [0.7, 0.0, 0.35]
+    assert "/truth/table" in found
+
+
+def test_the_truth_of_a_push_stands_beside_it(push: Path) -> None:
+    found, (_, truth) = read_by_rosbags(push), heard(PUSH, NEAR)
+    assert truth["success"]
+    stamps = [seconds(one) for one in found["/truth/object"]]
+    assert stamps == [seconds(one) for one in found["/skin"]]
+    last = found["/truth/object"][-1].fields
+    assert last["header"]["frame_id"] == "odom"
+    assert xyz(last["pose"]["position"])[:2] == pytest.approx(truth["object"][:2])
+    (contact,) = found["/truth/contacts"][-1].fields["contacts"]
+    assert found["/truth/contacts"][-1].fields["header"]["frame_id"] == "base"
+    x, y, yaw = truth["base"]
+    ahead, aside, height = xyz(contact["position"])
+    there = [
+        x + np.cos(yaw) * ahead - np.sin(yaw) * aside,
+        y + np.sin(yaw) * ahead + np.cos(yaw) * aside,
+    ]
+    assert np.hypot(*np.subtract(there, (0.4, 0.1))) == pytest.approx(truth["distance"])
+    assert -0.41 < height < -0.04, "on the front"
+    assert contact["force"]["x"] < -1.0, "the object pushes back"
+    (one, other), middle = (xyz(end) for end in contact["extent"]), xyz(contact["position"])
+    assert one[1] != other[1]
+    np.testing.assert_allclose(np.mean([one, other], axis=0)[:2], middle[:2])
+
+
+def test_without_contact_the_truth_is_an_empty_list(push: Path) -> None:
+    first = read_by_rosbags(push)["/truth/contacts"][0]
+    assert first.fields["contacts"] == [] and seconds(first) == 0.0
+
+
+def test_readings_are_recorded_before_faults(push: Path, tmp_path: Path) -> None:
+    """Once the skin is dead the push goes another way; the recording still has what it read."""
+    dead = "faults=[{fault: silent, sensor: skin, start: 1.0}]"
+    path = tmp_path / "dead.mcap"
+    record_scene(PUSH, [*NEAR, dead, "scene.longest=3"], path)
+    found, whole = read_by_rosbags(path), read_by_rosbags(push)
+    assert [seconds(one) for one in found["/skin"]] == [seconds(one) for one in found["/wheels"]]
+    early = slice(0, 11)
+    for topic in ("/skin", "/odometry"):
+        assert [one.fields for one in found[topic][early]] == [
+            one.fields for one in whole[topic][early]
+        ]
+    assert found["/odometry"][25].fields != whole["/odometry"][25].fields, "the loop is closed"
+
+
+# What a replay needs
+
+
+def test_where_sensors_are_can_be_reconstructed(push: Path) -> None:
+    found = read_by_rosbags(push)
+    assert len(found["/tf_static"]) == 1 and seconds(found["/tf_static"][0]) == 0.0
+    robot = read_robot(located("contactfusion.robots:mobile_base.yaml"))
+    static = told_frames(found, "/tf_static")
+    assert static.keys() == robot.frames.keys()
+    tree = FrameTree({**static, **told_frames(found, "/tf")})
+    model, (x, y, yaw) = shared_robot(robot), (0.0, 0.0, 0.0)
+    base = found["/odometry"][-1].fields["pose"]["pose"]
+    (x, y, height), yaw = xyz(base["position"]), 2.0 * np.arcsin(base["orientation"]["z"])
+    turn = np.array([[np.cos(yaw), -np.sin(yaw), 0], [np.sin(yaw), np.cos(yaw), 0], [0, 0, 1]])
+    for lidar in robot.lidars.values():
+        wanted = pose_of((x, y, height), turn) @ model.pose_on_link(lidar.frame)
+        np.testing.assert_allclose(tree.pose("odom", of=lidar.frame), wanted, atol=1e-12)
+
+
+def test_a_replay_finds_the_contacts_that_the_run_found(push: Path) -> None:
+    fields = run_fields(PUSH, NEAR)
+    scene, pipeline = opened_scene(RunConfig(**fields)), Pipeline(RunConfig(**fields))
+    wanted = {step.stamp: step.fusion.contacts for step in scene.run(pipeline, lambda _: None)}
+    assert sum(map(len, wanted.values())) > 10
+    replay = Pipeline(RunConfig(**{**fields, "controller": None}))
+    readings = [one for one in open_recording(push).readings() if one.sensor != TRUTH]
+    for stamp, contacts in wanted.items():
+        while readings and readings[0].stamp < stamp + 1e-6:
+            replay.receive(readings.pop(0))
+        found = replay.step(stamp).fusion.contacts
+        assert len(found) == len(contacts)
+        for one, other in zip(found, contacts, strict=True):
+            np.testing.assert_allclose(one.position, other.position, atol=1e-9)
+            assert one.likelihood == pytest.approx(other.likelihood)
+
+
+def test_frames_of_the_file_are_told_with_those_of_the_robot(tmp_path: Path) -> None:
+    moved = "frames.base={parent: world, xyz: [1.0, 0.0, 0.0], rpy: [0.0, 0.0, 0.5]}"
+    record_scene(BOX, [moved, "integrator.frame=world"], tmp_path / "a.mcap", duration=0.0)
+    static = told_frames(read_by_rosbags(tmp_path / "a.mcap"), "/tf_static")
+    assert static.keys() == {"base", "tip_1", "tip_2", "tip_3", "palm_skin", "forehead"}
+    assert static["base"][0] == "world" and static["base"][1][0, 3] == 1.0
+
+
+def test_the_robot_can_be_drawn(touch: Path) -> None:
+    (told,) = read_by_rosbags(touch)["/robot_description"]
+    urdf = located("contactfusion.robots:arm_hand.urdf").read_text()
+    assert told.fields["data"] == urdf and seconds(told) == 0.0
+    metadata = channel_metadata(touch)
+    for topic in ("/robot_description", "/tf_static"):
+        assert yaml.safe_load(metadata[topic]["offered_qos_profiles"])[0]["durability"] == 1
+
+
+def test_a_robot_without_frames_of_its_own_tells_none(tmp_path: Path) -> None:
+    record_scene(PANDA, [], tmp_path / "panda.mcap", duration=0.0)
+    found = read_by_rosbags(tmp_path / "panda.mcap")
+    assert "/robot_description" in found and "/tf_static" not in found
+
+
+# Seeds, sizes, times
+
+
+@pytest.mark.parametrize("scene", [BOX, PUSH])
+def test_the_same_seed_gives_the_same_bytes(scene: Path, tmp_path: Path) -> None:
+    changes = NEAR if scene is PUSH else []
+    for name, seed in (("one", 7), ("same", 7), ("other", 8)):
+        record_scene(scene, changes, tmp_path / f"{name}.mcap", seed, 2.0)
+    record_scene(scene, [*changes, "seed=7"], tmp_path / "file.mcap", duration=2.0)
+    one, same, other, file = (
+        (tmp_path / f"{name}.mcap").read_bytes() for name in ("one", "same", "other", "file")
+    )
+    assert one == same == file != other
+
+
+def test_the_eyes_of_a_push_give_the_same_bytes(tmp_path: Path) -> None:
+    for name in ("one", "same"):
+        record_scene(SCENES / "push_five.yaml", [], tmp_path / f"{name}.mcap", duration=0.5)
+    one = tmp_path / "one.mcap"
+    assert one.read_bytes() == (tmp_path / "same.mcap").read_bytes()
+    assert {"/skin", "/lidar", "/camera/depth", "/wheels", "/odometry"} <= set(read_by_rosbags(one))
+
+
+def test_recordings_are_small(touch: Path, push: Path) -> None:
+    assert touch.stat().st_size < 2_000_000
+    assert push.stat().st_size < 200_000
+
+
+@pytest.mark.parametrize("scene", [BOX, PUSH])
+def test_a_duration_ends_it(
+    scene: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    record_scene(scene, [], tmp_path / "a.mcap", duration=0.3)
+    found = read_by_rosbags(tmp_path / "a.mcap")
+    stamps = [seconds(one) for messages in found.values() for one in messages]
+    assert max(stamps) == pytest.approx(0.3)
+    assert max(seconds(one) for one in found["/truth/contacts"]) == pytest.approx(0.3)
+    said = capsys.readouterr().out
+    assert " in 0.30 s, " in said and "truth:" not in said, "it did not come to its end"
+
+
+def test_it_says_what_was_recorded_and_what_is_true(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "new" / "a.mcap"
+    record_scene(PANDA, [], path)
+    first, second = capsys.readouterr().out.splitlines()
+    assert first.startswith(f"{path}: ") and " readings on 3 topics in 0." in first
+    assert first.endswith(f", {path.stat().st_size / 1000:.0f} kB")
+    assert second.startswith("truth: panda_")
+
+
+# The command line
+
+
+def test_the_command_records_under_the_name_of_the_scene(tmp_path: Path) -> None:
+    done = subprocess.run(
+        [*MAIN, "record", str(PUSH), "--seed", "3", "--set", "scene.longest=1"],
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+    )
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.startswith("out/push_box.mcap: 33 readings on 3 topics in 1.00 s, ")
+    record_scene(PUSH, ["scene.longest=1"], tmp_path / "same.mcap", 3)
+    recorded = tmp_path / "out" / "push_box.mcap"
+    assert recorded.read_bytes() == (tmp_path / "same.mcap").read_bytes()
+
+
+def test_ctrl_c_leaves_nothing_half_written(tmp_path: Path) -> None:
+    path = tmp_path / "a.mcap"
+    path.write_text("of old")
+    long = [*MAIN, "record", str(SCENES / "push_five.yaml"), "--out", str(path)]
+    # whoever runs tests in the background has Ctrl+C ignored, and children inherit that
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    with subprocess.Popen(long, stderr=subprocess.PIPE, text=True) as recording:
+        signal.signal(signal.SIGINT, before)
+        for _ in range(600):
+            if len(list(tmp_path.iterdir())) > 1 or recording.poll() is not None:
+                break
+            time.sleep(0.1)
+        time.sleep(0.5)
+        recording.send_signal(signal.SIGINT)
+        assert recording.wait(30) == 130
+        assert recording.stderr is not None and "Traceback" not in recording.stderr.read()
+    assert path.read_text() == "of old" and list(tmp_path.iterdir()) == [path]
+
+
+# What does not work
+
+
+@pytest.mark.parametrize(
+    ("scene", "changes", "sentence"),
+    [
+        (BOX, ["scene={}"], "scene: only a scene can be recorded, and here is none"),
+        (BOX, ["recording={type: log}"], "scene: give a recording or a scene, not both"),
+        (BOX, ["scene.tol=palm"], "scene.tol: unknown field; did you mean 'tool'?"),
+        (BOX, ["robot=null"], "robot: a scene needs a robot by URDF"),
+        (PUSH, ["controller=null"], "controller: a push needs a controller"),
+        (PUSH, ["controller.target=[2,2]"], "controller.target: the controller pushes to (2, 2)"),
+    ],
+)
+def test_a_scene_that_is_wrong_is_one_sentence_and_writes_nothing(
+    scene: Path, changes: list[str], sentence: str, tmp_path: Path
+) -> None:
+    with pytest.raises(ConfigurationError) as caught:
+        record_scene(scene, changes, tmp_path / "a.mcap")
+    said = str(caught.value)
+    assert said.startswith(f"{scene}: {sentence}") and "\n" not in said
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_file_that_plays_a_recording_can_not_be_recorded(tmp_path: Path) -> None:
+    fields = {key: value for key, value in read_yaml(PUSH).items() if key != "scene"}
+    (tmp_path / "run.yaml").write_text(yaml.safe_dump(fields | {"recording": {"type": "log"}}))
+    with pytest.raises(ConfigurationError, match=r"run.yaml: scene: only a scene can be recorded"):
+        record_scene(tmp_path / "run.yaml", [], tmp_path / "a.mcap")
+
+
+def test_a_name_that_no_replay_would_open_is_refused_at_once(tmp_path: Path) -> None:
+    with pytest.raises(ConfigurationError, match=r"--out: '.*bag' .* let it end in .mcap"):
+        record_scene(PUSH, [], tmp_path / "bag")
+    with pytest.raises(ContactFusionError, match="is a folder"):
+        (tmp_path / "a.mcap").mkdir()
+        record_scene(PUSH, [], tmp_path / "a.mcap")
+
+
+def test_a_full_disk_is_one_sentence(tmp_path: Path) -> None:
+    import resource
+
+    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (10_000, limits[1]))
+    try:
+        with pytest.raises(RecordingError, match="a.mcap can't be written: File too large"):
+            record_scene(PUSH, ["scene.longest=2"], tmp_path / "a.mcap")
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_scene_that_fails_on_the_way_leaves_the_file_of_before(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def readings(scene: PushScene) -> Iterator[Reading]:
+        if scene.stamp > 0.5:
+            raise KeyboardInterrupt
+        return iter(())
+
+    monkeypatch.setattr(PushScene, "readings", readings)
+    path = tmp_path / "a.mcap"
+    path.write_text("of old")
+    with pytest.raises(KeyboardInterrupt):
+        record_scene(PUSH, [], path)
+    assert path.read_text() == "of old" and list(tmp_path.iterdir()) == [path]
