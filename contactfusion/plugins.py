@@ -12,6 +12,7 @@ import pluggy
 
 from contactfusion import hooks
 from contactfusion.errors import PluginError, name_hint
+from contactfusion.extras import extra_of, installs
 from contactfusion.hooks import GROUP
 
 KINDS = ("generators", "controllers", "rules", "condensations", "segmenters")
@@ -19,6 +20,8 @@ KINDS = ("generators", "controllers", "rules", "condensations", "segmenters")
 
 HOME = "contactfusion"
 """The distribution whose names are taken first."""
+NOBODY = "no distribution"
+"""What stands for the distribution of an entry point that has none."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -114,6 +117,8 @@ class Plugins:
                 self._register(name, module)
         except PluginError as error:
             self._fail(name, str(error), error)
+        except ModuleNotFoundError as error:
+            self._fail(name, _lacking(error), error)
         except (Exception, SystemExit) as error:  # no stranger's module may take others down
             self._fail(name, f"{type(error).__name__}: {error}", error)
 
@@ -165,4 +170,10 @@ def _owner(point: EntryPoint) -> str:
 
 
 def _distribution(point: EntryPoint) -> str:
-    return f"{point.dist.name} {point.dist.version}" if point.dist else "no distribution"
+    return f"{point.dist.name} {point.dist.version}" if point.dist else NOBODY
+
+
+def _lacking(error: ModuleNotFoundError) -> str:
+    """Say which module a plug-in lacks, and how to install it when it is one of an extra."""
+    told, extra = f"{type(error).__name__}: {error}", extra_of(error.name or "")
+    return f"{told}; install it with: {installs(extra)}" if extra else told

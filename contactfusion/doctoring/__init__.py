@@ -1,0 +1,1 @@
+"""What the doctor looks at: packages, system libraries, plug-ins, networks, compiled kernels."""

@@ -1,0 +1,161 @@
+"""The compiled kernels: where their machine code is kept, and whether it is there."""
+
+import os
+import sys
+import tempfile
+from collections.abc import Iterator
+from importlib import import_module
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+from contactfusion.doctoring.finding import Finding
+
+MODULES = (
+    "contactfusion.generators.lstm",
+    "contactfusion.generators.sliding",
+    "contactfusion.integrator.cells",
+    "contactfusion.integrator.clusters",
+    "contactfusion.integrator.fields",
+    "contactfusion.integrator.kernels",
+    "contactfusion.integrator.outlines",
+    "contactfusion.integrator.sorting",
+    "contactfusion.integrator.store",
+    "contactfusion.nearest",
+    "contactfusion.simulation.planar_kernels",
+    "contactfusion.simulation.planar_skin",
+)
+"""All that hold kernels."""
+WARM = "contactfusion doctor --warm"
+"""What compiles them."""
+
+
+def kernel_finding() -> Finding:
+    """Look whether the kernels can be kept, and are; nothing is compiled."""
+    kernels = [kernel for name in MODULES for kernel in called(import_module(name))]
+    folders = {kernel.stats.cache_path for kernel in kernels}
+    if not all(folder and _can_be_written(Path(folder)) for folder in folders):
+        return Finding(
+            "kernels cannot be kept on disk, and are compiled again by every process",
+            f"export NUMBA_CACHE_DIR={_any_folder()}",
+            core=True,
+        )
+    where = _named(sorted(folders))
+    missing = sum(not is_kept(kernel) for kernel in kernels)
+    if missing:
+        return Finding(f"{missing} of {len(kernels)} kernels are not compiled in {where}", WARM)
+    return Finding(f"{len(kernels)} kernels are compiled, in {where}")
+
+
+def called(module: ModuleType) -> Iterator[Any]:
+    """Give the kernels of a module that are not only called by other kernels, which hold them."""
+    from numba.extending import is_jitted
+
+    kernels: dict[str, Any] = {
+        name: thing
+        for name, thing in vars(module).items()
+        if is_jitted(thing) and thing.py_func.__module__ == module.__name__
+    }
+    within = {name for one in kernels.values() for name in one.py_func.__code__.co_names}
+    return (kernel for name, kernel in kernels.items() if name not in within)
+
+
+def is_kept(kernel: Any) -> bool:
+    """Tell whether the machine code of a kernel is on disk, and not older than its source."""
+    code = kernel.py_func.__code__
+    source = Path(code.co_filename)
+    version = f"py{sys.version_info.major}{sys.version_info.minor}{sys.abiflags}"
+    name = f"{source.stem}.{kernel.py_func.__qualname__}-{code.co_firstlineno}.{version}.nbi"
+    index = Path(kernel.stats.cache_path) / name
+    return index.is_file() and index.stat().st_mtime >= source.stat().st_mtime
+
+
+def touch_kernels() -> None:
+    """Call every kernel, so that it is compiled: a small cycle through every rule and the rest."""
+    import numpy as np
+
+    places = np.random.default_rng(0).uniform(-0.1, 0.1, (100, 3))
+    _fuse(places)
+    _push()
+    _perceive()
+    _slide(places)
+
+
+def _fuse(places: Any) -> None:
+    import numpy as np
+
+    from contactfusion.hypotheses import HypothesisCloud, HypothesisKind
+    from contactfusion.integrator.config import IntegratorConfig
+    from contactfusion.integrator.integrator import Integrator
+    from contactfusion.nearest import NearestGrid
+
+    NearestGrid.of(places).improve(places, np.eye(4), 0, np.ones(100), np.zeros(100, np.intp))
+    likelihoods, spreads = np.linspace(0.1, 0.9, 100), np.linspace(0.001, 0.01, 100)
+    for rule in ("de_morgan", "max", "log_odds", "dempster_shafer", "posterior"):
+        condensation = "modes" if rule == "posterior" else "cluster_mass"
+        integrator = Integrator(
+            IntegratorConfig(rule=rule, expiry="voxel", condensation=condensation)
+        )
+        for source, stamp in (("a", 0.0), ("b", 0.0), ("a", 0.1)):
+            integrator.receive(
+                HypothesisCloud(
+                    source=source,
+                    kind=HypothesisKind.REGULAR,
+                    stamp=stamp,
+                    frame="base",
+                    positions=places,
+                    likelihoods=likelihoods,
+                    forces=places,
+                    spreads=spreads,
+                )
+            )
+            assert len(integrator.step(stamp).space.voxels)
+
+
+def _push() -> None:
+    from contactfusion.simulation.planar import PlanarPush
+    from contactfusion.simulation.push_config import PushConfig
+
+    push = PlanarPush(PushConfig(target=(1.0, 0.0)))
+    push.drive(0.1, 0.0, 0.0)
+    assert push.contacts()
+
+
+def _perceive() -> None:
+    import numpy as np
+
+    from contactfusion.generators.lstm import Network, tensor_shapes
+
+    shapes = tensor_shapes(columns=1, outputs=1)
+    weights = {name: np.zeros(shape, np.float32) for name, shape in shapes.items()}
+    Network.of(weights).outputs(np.zeros((1, 1)))
+
+
+def _slide(places: Any) -> None:
+    import numpy as np
+
+    from contactfusion.generators.sliding import DistanceGrid, Tufts, first_touches
+
+    corner, nodes = np.full(3, -0.1), np.zeros((3, 3, 3), np.float32)
+    grid = DistanceGrid(corner, -corner, corner, 0.1, nodes, 0.2)
+    grid.distances(places)
+    up = np.array([0.0, 0.0, 1.0])
+    first_touches(grid, Tufts.of(places), np.zeros((1, 3)), np.eye(3)[None], up, 0.1, 0.0)
+
+
+def _can_be_written(folder: Path) -> bool:
+    """Tell whether files can be put into a folder, which may have to be made."""
+    while not folder.exists() and folder != folder.parent:
+        folder = folder.parent
+    return folder.is_dir() and os.access(folder, os.W_OK)
+
+
+def _any_folder() -> Path:
+    """Give a folder that can take the cache."""
+    home = Path.home() / ".cache"
+    return (home if _can_be_written(home) else Path(tempfile.gettempdir())) / "contactfusion"
+
+
+def _named(folders: list[str]) -> str:
+    more = f" and {len(folders) - 1} more folders" if len(folders) > 1 else ""
+    return f"{folders[0]}{more}"

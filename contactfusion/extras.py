@@ -1,0 +1,30 @@
+"""The extras of contactfusion: which package each brings, and the command that installs one."""
+
+EXTRAS: dict[str, dict[str, str]] = {
+    "plot": {"matplotlib": "matplotlib"},
+    "robot": {"pin": "pinocchio", "open3d": "open3d"},
+    "sim": {"pybullet": "pybullet", "gymnasium": "gymnasium"},
+    "learn": {"torch": "torch", "safetensors": "safetensors"},
+    "vision": {"opencv-python-headless": "cv2", "open3d": "open3d"},
+    "sam": {"transformers": "transformers"},
+    "record": {"rosbags": "rosbags", "pytransform3d": "pytransform3d"},
+    "parquet": {"pyarrow": "pyarrow"},
+    "view": {"rerun-sdk": "rerun"},
+    "ros2": {"cyclonedds": "cyclonedds"},
+    "zenoh": {"eclipse-zenoh": "zenoh"},
+    "c3d": {"ezc3d": "ezc3d"},
+    "cluster": {"distributed": "distributed"},
+    "calibrate": {"scikit-learn": "sklearn"},
+}
+"""For each extra the packages that it is for, and the module that each package brings."""
+
+
+def installs(extra: str) -> str:
+    """Give the command that installs an extra."""
+    return f"pip install 'contactfusion[{extra}]'"
+
+
+def extra_of(module: str) -> str | None:
+    """Give the extra that brings a module, such as "learn" for "torch.nn"; None: none does."""
+    top = module.partition(".")[0]
+    return next((extra for extra, packages in EXTRAS.items() if top in packages.values()), None)
