@@ -1,10 +1,14 @@
-"""Why a contact was reported, and why a voxel was not."""
+"""Why a contact was reported, and why a voxel was not: in short, of one fusion alone.
+
+`contactfusion.explaining` tells more, of a moment in a recording.
+"""
 
 from collections import Counter
 
 import numpy as np
 
 from contactfusion.contacts import Contact
+from contactfusion.explaining.remains import reach_of, without
 from contactfusion.integrator.fusion import Fusion
 
 REASONS = {
@@ -37,15 +41,10 @@ def explain(fusion: Fusion) -> str:
 
 def _without(fusion: Fusion, contact: Contact, source: str) -> str:
     """Tell what becomes of a contact without one source."""
-    rest = fusion.without(source).contacts
-    if not rest:
+    reach = reach_of(contact, fusion.field.entries.grid.voxel_size)
+    rest = without(fusion, source, contact.position, reach)
+    if rest.contact:
+        return f"likelihood {rest.likelihood:.2f}, {rest.moved * 1000:.1f} mm from where it is now"
+    if np.isnan(rest.moved):
         return "no contact remains"
-    away = [float(np.linalg.norm(other.position - contact.position)) for other in rest]
-    nearest = int(np.argmin(away))
-    reach = max(3.0 * contact.dispersion, 2.0 * fusion.field.entries.grid.voxel_size)
-    if away[nearest] > reach:
-        return f"no contact remains here; the nearest is {away[nearest] * 100:.1f} cm away"
-    return (
-        f"likelihood {rest[nearest].likelihood:.2f}, "
-        f"{away[nearest] * 1000:.1f} mm from where it is now"
-    )
+    return f"no contact remains here; the nearest is {rest.moved * 100:.1f} cm away"

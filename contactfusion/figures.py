@@ -13,6 +13,13 @@ if TYPE_CHECKING:
 
 AXES = "xyz"
 COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#f0e442", "#000000")
+VERDICT_STYLES = {
+    "contact": ("s", "#009e73"),
+    "below_threshold": ("s", "#bbbbbb"),
+    "support_only": ("^", "#56b4e9"),
+    "nulled": ("x", "#d55e00"),
+}
+"""The marker and the colour of voxels, by verdict."""
 
 
 def new_figure(width: float, height: float) -> "Figure":
@@ -91,13 +98,7 @@ def _draw_source(axes: Any, fusion: Fusion, number: int, source: str, across: An
 
 def _draw_verdicts(axes: Any, fusion: Fusion, across: Any) -> None:
     space = fusion.space
-    styles = {
-        "contact": ("s", "#009e73"),
-        "below_threshold": ("s", "#bbbbbb"),
-        "support_only": ("^", "#56b4e9"),
-        "nulled": ("x", "#d55e00"),
-    }
-    for verdict, (marker, colour) in styles.items():
+    for verdict, (marker, colour) in VERDICT_STYLES.items():
         here = space.verdicts == verdict
         if here.any():
             x, y = (space.positions[here][:, across] * 1000.0).T

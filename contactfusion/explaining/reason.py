@@ -1,0 +1,43 @@
+"""What speaks for or against a contact, or keeps a source from speaking."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from enum import StrEnum
+
+
+class Why(StrEnum):
+    """Why there is a contact, or none; why a source says nothing."""
+
+    CONTACT = "contact"
+    NULLED = "nulled"
+    BELOW_THRESHOLD = "below_threshold"
+    SUPPORT_ONLY = "support_only"
+    TOO_FEW_VOXELS = "too_few_voxels"
+    TOO_LITTLE_MASS = "too_little_mass"
+    IMPROBABLE = "improbable"
+    SMALL_SHARE = "small_share"
+    NOTHING = "nothing"
+    EXPIRED = "expired"
+    WITHDRAWN = "withdrawn"
+    NEVER_CAME = "never_came"
+    SILENT = "silent"
+    FOUND_NOTHING = "found_nothing"
+    ELSEWHERE = "elsewhere"
+
+
+@dataclass(frozen=True, slots=True)
+class Reason:
+    """One thing that speaks for or against a contact.
+
+    Attributes:
+        why: its kind, for programs.
+        sentence: for people, without a full stop.
+        source: whose doing it is; "" when it is that of several.
+        values: its numbers by name: likelihoods, shares and masses have no unit, and names that end
+            in `_s` or `_m` say theirs.
+    """
+
+    why: Why
+    sentence: str
+    source: str = ""
+    values: Mapping[str, float] = field(default_factory=dict)

@@ -1,0 +1,166 @@
+"""An account as text that is read in ten seconds."""
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+
+from contactfusion.explaining.account import (
+    Account,
+    ContactAccount,
+    PlaceAccount,
+    Said,
+    SourceAccount,
+    Without,
+)
+from contactfusion.explaining.reason import Reason, Why
+from contactfusion.explaining.words import counted, millimetres, place_words
+from contactfusion.hypotheses import HypothesisKind
+
+KINDS = {
+    HypothesisKind.REGULAR: "evidence",
+    HypothesisKind.SUPPORT: "support",
+    HypothesisKind.NULL: "null",
+}
+USUAL = (Why.ELSEWHERE, Why.FOUND_NOTHING)
+"""Sources with nothing to say for these reasons share a line."""
+
+
+def told(account: Account) -> str:
+    """Tell an account: first the contacts, then where there is none, then troubled sources."""
+    total = len(account.contacts) + account.untold
+    lines = [
+        f"{account.stamp:.3f} s: {counted(total, 'contact') if total else 'no contact'} in "
+        f"'{account.frame}' ({account.rule}, {account.condensation}, {_limits(account)})"
+    ]
+    for number, contact in enumerate(account.contacts, 1):
+        lines += ["", *_contact(number, contact)]
+    if account.untold:
+        lines += ["", f"and {counted(account.untold, 'further contact')}, less likely"]
+    for place in account.places:
+        lines += ["", *_place(place)]
+    lines += ["", *_sources(account.sources)]
+    return "\n".join(lines)
+
+
+def _limits(account: Account) -> str:
+    tolerance = f"tolerance {millimetres(account.tolerance)}"
+    if account.condensation == "modes":
+        return tolerance
+    return f"threshold {account.threshold:g}, {tolerance}"
+
+
+def _contact(number: int, contact: ContactAccount) -> Iterator[str]:
+    force = math.hypot(*contact.force)
+    felt = "" if math.isnan(force) else f", {force:.1f} N"
+    yield (
+        f"contact {number} at {place_words(contact.position)}, likelihood "
+        f"{contact.likelihood:.2f}, ± {millimetres(contact.dispersion)}, "
+        f"{counted(contact.voxels, 'voxel')}{felt}"
+    )
+    if contact.combination:
+        yield f"  {contact.combination}"
+    yield from _spoken(contact.said, contact.without, True, contact.likelihood)
+    yield from _missing(contact.missing)
+
+
+def _place(place: PlaceAccount) -> Iterator[str]:
+    here = place.reasons[0].why == Why.CONTACT
+    words = "asked for:" if here else "no contact at"
+    yield f"{words} {place_words(place.position)}: {place.reasons[0].sentence}"
+    for reason in place.reasons[1:]:
+        yield f"  also: {reason.sentence}"
+    if not math.isnan(place.last_contact):
+        yield f"  the last contact here was told {place.last_contact:.2f} s ago"
+    if place.combination and not here:
+        yield f"  {place.combination}"
+    yield from _spoken(place.said, place.without, here, place.likelihood)
+    shown = [one for one in place.missing if one.sentence != place.reasons[0].sentence]
+    yield from _missing(shown)
+
+
+def _spoken(
+    said: Sequence[Said], without: Sequence[Without], there: bool, likelihood: float
+) -> Iterator[str]:
+    """Give a line for each source that says something."""
+    rest: Mapping[str, Without] = {one.source: one for one in without}
+    for one in said:
+        words = [_likelihood(one)]
+        if not math.isnan(one.share):
+            words.append(f"share {one.share:.0%}")
+        if not math.isnan(one.fit):
+            words.append(_fit(one))
+        remains = _remains(rest[one.source], there, likelihood)
+        yield f"  {one.source} ({KINDS[one.kind]}): {', '.join(words)}{remains}"
+
+
+def _likelihood(said: Said) -> str:
+    if not said.voxels:
+        return "no hypothesis this near"
+    spread = f" ± {millimetres(said.spread)}" if said.spread else ""
+    many = f" in {said.voxels} voxels" if said.voxels > 1 else ""
+    most = "up to " if said.voxels > 1 else ""
+    return f"{most}{said.likelihood:.2f}{spread}{many}, {said.age:.2f} s old"
+
+
+def _fit(said: Said) -> str:
+    if said.kind == HypothesisKind.NULL:
+        return f"leaves {said.fit:.0%} of the belief here"
+    return f"fits {said.fit:.0%} as well as its best place"
+
+
+def _remains(without: Without, there: bool, likelihood: float) -> str:
+    """Say what would be without a source.
+
+    Args:
+        without: that source.
+        there: whether there is a contact with it.
+        likelihood: of that contact.
+    """
+    if without.contact:
+        if there and without.moved < 5e-5 and abs(without.likelihood - likelihood) < 0.005:
+            return "; without it: the same"
+        moved = f", {millimetres(without.moved)} from here" if without.moved >= 5e-5 else ""
+        return f"; without it: a contact of likelihood {without.likelihood:.2f}{moved}"
+    if not there:
+        return ""
+    if math.isnan(without.moved):
+        return "; without it: no contact"
+    return f"; without it: none here, the nearest is {millimetres(without.moved)} away"
+
+
+def _missing(missing: Sequence[Reason]) -> Iterator[str]:
+    """Give a line for each source that is missing, and one for all that look elsewhere."""
+    usual = [one for one in missing if one.why in USUAL]
+    for one in missing:
+        if one not in usual or len(usual) == 1:
+            yield f"  {one.sentence}"
+    if len(usual) > 1:
+        yield f"  nothing here from {', '.join(one.source for one in usual)}"
+
+
+def _sources(sources: Sequence[SourceAccount]) -> Iterator[str]:
+    """Tell how the sources do: each troubled one in a line of its own."""
+    sound = [one.age for one in sources if not _troubles(one)]
+    for one in sources:
+        if troubles := _troubles(one):
+            yield f"{one.source}: {'; '.join(troubles)}"
+    if sound:
+        every = "every" if len(sound) == len(sources) else "every other"
+        yield f"the newest cloud of {every} source is at most {max(sound):.2f} s old"
+
+
+def _troubles(source: SourceAccount) -> list[str]:
+    """Say what is wrong with a source, in words."""
+    troubles = []
+    if math.isnan(source.age):
+        troubles.append("never came")
+    elif not source.active or source.age > source.timeout:
+        stale = "" if source.active else ", stale"
+        troubles.append(
+            f"silent for {source.age:.2f} s{stale}; its hypotheses live {source.timeout:g} s"
+        )
+    counts = {"late": source.late, "early": source.early, "refused": source.refused}
+    if told := [f"{count} {what}" for what, count in counts.items() if count]:
+        troubles.append(f"clouds {', '.join(told)} so far")
+    troubles += source.events
+    troubles += [f"remarks: {note}" for note in source.notes]
+    return troubles

@@ -1,0 +1,58 @@
+"""Rounds of clouds, and the account of what they lead to."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any
+
+from contactfusion import HypothesisCloud, HypothesisKind, Integrator, IntegratorConfig
+from contactfusion.explaining.account import Account
+from contactfusion.explaining.accounting import account_of
+from contactfusion.explaining.moment import Moment, moment_at
+from contactfusion.explaining.settings import Settings
+from contactfusion.pipeline import Step
+from tests.clouds import NULL, REGULAR, SUPPORT
+
+Round = tuple[float, Sequence[HypothesisCloud]]
+PLUGS: Mapping[str, HypothesisKind] = {
+    "free": NULL,
+    "lidar": REGULAR,
+    "motion": SUPPORT,
+    "skin": REGULAR,
+}
+
+
+def stepped(
+    *rounds: Round,
+    plugs: Mapping[str, HypothesisKind] = PLUGS,
+    timeouts: Mapping[str, float] | None = None,
+    **config: Any,
+) -> Iterator[Step]:
+    """Step after each round of clouds; sources replace what they said, as generators do."""
+    integrator = Integrator(IntegratorConfig(**config))
+    for source, kind in plugs.items():
+        timeout = (timeouts or {}).get(source)
+        integrator.plug(source, kind, timeout=timeout, replace=True)
+    for now, clouds in rounds:
+        for cloud in clouds:
+            integrator.receive(cloud)
+        yield Step(now, integrator.step(now), None)
+
+
+def moment(*rounds: Round, **options: Any) -> Moment:
+    """Give the last step, and what was before."""
+    return moment_at(stepped(*rounds, **options), rounds[-1][0], reach=0.01)
+
+
+def settings(timeouts: Mapping[str, float] | None = None, **config: Any) -> Settings:
+    return Settings(IntegratorConfig(**config), timeouts or {})
+
+
+def account(
+    *rounds: Round,
+    at: Sequence[float] | None = None,
+    plugs: Mapping[str, HypothesisKind] = PLUGS,
+    timeouts: Mapping[str, float] | None = None,
+    **config: Any,
+) -> Account:
+    """Give the account of the last step."""
+    then = moment(*rounds, plugs=plugs, timeouts=timeouts, **config)
+    return account_of(then, settings(timeouts, **config), at)
