@@ -1,0 +1,161 @@
+"""Draws what sensors said, where they were at that time."""
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from contactfusion.arrays import FloatArray
+from contactfusion.frames import Pose, pose_of
+from contactfusion.readings import (
+    DepthImage,
+    Markers,
+    ObjectPose,
+    PointCloud,
+    Reading,
+    Switch,
+    TactileImage,
+    Wrench,
+)
+from contactfusion.viewing.colours import CLOUD, CONTACT, TORQUE, WRENCH
+from contactfusion.viewing.library import entity, loaded_rerun
+from contactfusion.viewing.marks import METRES_PER_NEWTON
+from contactfusion.viewing.places import Places
+from contactfusion.viewing.recorder import Recorder
+from contactfusion.viewing.taxels import Taxels
+
+METRES_PER_NEWTON_METRE = 0.1
+"""The length of an arrow of torque."""
+MOST_POINTS = 10_000
+"""Larger clouds are thinned evenly."""
+WIDEST = 320
+"""Wider depth images are thinned to whole steps of pixels."""
+DOT = 1.2
+"""The radius of a point of a cloud, whatever its distance [points of the screen]."""
+FURTHEST = 65.535
+"""The greatest depth that fits in 16 bits of millimetres [m]."""
+
+
+class Sensors:
+    """Draws readings of clouds, depth images, taxels, wrenches, switches, markers and objects.
+
+    Args:
+        taxels: draws patches.
+    """
+
+    def __init__(self, taxels: Taxels) -> None:
+        self._taxels = taxels
+        self._lost: set[str] = set()
+        self.cameras: dict[str, str] = {}
+        """The path of each camera's image, by the name of the camera."""
+
+    def draw(self, recorder: Recorder, reading: Reading, places: Places) -> None:
+        """Draw a reading; any other kind shows in other ways, or not at all."""
+        name = reading.sensor or reading.frame
+        path = entity("world", "sensors", name)
+        if not isinstance(reading, DRAWN):
+            return
+        pose = places.find(reading.frame)
+        if pose is None:
+            self._say_lost(recorder, reading, places.world)
+            return
+        recorder.place(path, reading.stamp, pose)
+        match reading:
+            case PointCloud():
+                recorder.draw(path, reading.stamp, _cloud(reading.points))
+            case DepthImage():
+                self.cameras[name] = f"{path}/image"
+                _draw_image(recorder, reading, path)
+            case Wrench():
+                recorder.draw(path, reading.stamp, _arrows(reading))
+            case TactileImage():
+                self._taxels.draw(recorder, reading, path)
+            case Switch():
+                recorder.draw(path, reading.stamp, _lamp(reading))
+            case Markers():
+                recorder.draw(path, reading.stamp, _markers(reading))
+            case ObjectPose():
+                self._draw_object(recorder, reading, pose)
+
+    def _draw_object(self, recorder: Recorder, reading: ObjectPose, pose: Pose) -> None:
+        from scipy.spatial.transform import Rotation
+
+        rotation = Rotation.from_quat(reading.orientation).as_matrix()
+        path = entity("world", "objects", reading.name)
+        recorder.place(path, reading.stamp, pose @ pose_of(reading.position, rotation))
+        axes = loaded_rerun().Arrows3D(
+            vectors=0.1 * np.eye(3), colors=255 * np.eye(3, dtype=np.uint8)
+        )
+        recorder.draw(path, reading.stamp, axes)
+        name = loaded_rerun().Points3D(
+            [[0.0, 0.0, 0.1]], colors=CLOUD, radii=1e-4, labels=[reading.name], show_labels=True
+        )
+        recorder.draw(f"{path}/name", reading.stamp, name)
+
+    def _say_lost(self, recorder: Recorder, reading: Reading, world: str) -> None:
+        """Say once for each frame that what comes in it cannot be drawn."""
+        if reading.frame not in self._lost:
+            self._lost.add(reading.frame)
+            text = f"{reading.label} is not drawn: nothing joins '{reading.frame}' to '{world}'"
+            recorder.say("events/viewer", reading.stamp, "WARN", text)
+
+
+DRAWN = (PointCloud, DepthImage, Wrench, TactileImage, Switch, Markers, ObjectPose)
+
+
+def _cloud(points: FloatArray) -> Any:
+    rerun = loaded_rerun()
+    seen = _thinned(points[np.isfinite(points).all(axis=1)])
+    return rerun.Points3D(seen, colors=CLOUD, radii=rerun.Radius.ui_points(DOT))
+
+
+def _thinned(rows: NDArray[Any]) -> NDArray[Any]:
+    return rows[:: -(-len(rows) // MOST_POINTS) or 1]
+
+
+def _draw_image(recorder: Recorder, reading: DepthImage, path: str) -> None:
+    """Draw the points of a depth image, and beneath its camera's path what the camera sees."""
+    rerun = loaded_rerun()
+    step = -(-reading.depth.shape[1] // WIDEST)
+    depth = np.nan_to_num(reading.depth[::step, ::step], posinf=0.0, neginf=0.0)
+    colour = None if reading.colour is None else reading.colour[::step, ::step]
+    height, width = depth.shape
+    intrinsics = np.diag([1.0 / step, 1.0 / step, 1.0]) @ reading.intrinsics
+    eye = rerun.Pinhole(
+        image_from_camera=intrinsics, resolution=[width, height], image_plane_distance=0.1
+    )
+    recorder.draw(f"{path}/image", reading.stamp, eye)
+    seen = (depth > 0.0) & (depth < FURTHEST)
+    millimetres = np.rint(np.where(seen, 1000.0 * depth, 0.0)).astype(np.uint16)
+    image = rerun.DepthImage(millimetres, meter=1000.0, colormap="viridis")
+    recorder.draw(f"{path}/image", reading.stamp, image if colour is None else rerun.Image(colour))
+    points = _thinned(_seen_points(depth, intrinsics)[seen])
+    colours = CLOUD if colour is None else _thinned(colour[seen])
+    cloud = rerun.Points3D(points, colors=colours, radii=rerun.Radius.ui_points(DOT))
+    recorder.draw(path, reading.stamp, cloud)
+
+
+def _seen_points(depth: FloatArray, intrinsics: FloatArray) -> FloatArray:
+    """Give the point that each pixel sees, shape (h, w, 3) [m], in the frame of the camera."""
+    rows, columns = np.indices(depth.shape)
+    pixels = np.stack([columns, rows, np.ones_like(rows)], axis=-1)
+    points: FloatArray = depth[..., None] * (pixels @ np.linalg.inv(intrinsics).T)
+    return points
+
+
+def _arrows(reading: Wrench) -> Any:
+    vectors = [METRES_PER_NEWTON * reading.force, METRES_PER_NEWTON_METRE * reading.torque]
+    return loaded_rerun().Arrows3D(vectors=vectors, colors=[WRENCH, TORQUE])
+
+
+def _lamp(reading: Switch) -> Any:
+    colour = CONTACT if reading.closed else CLOUD
+    return loaded_rerun().Points3D([[0.0, 0.0, 0.0]], colors=colour, radii=0.02)
+
+
+def _markers(reading: Markers) -> Any:
+    seen = np.flatnonzero(np.isfinite(reading.positions).all(axis=1))
+    names = [reading.names[row] for row in seen]
+    return loaded_rerun().Points3D(
+        reading.positions[seen], colors=CLOUD, radii=0.007, labels=names, show_labels=False
+    )
