@@ -36,13 +36,23 @@ def built_generator(
     """
     given = {key: value for key, value in options.items() if key != "type"}
     given |= _described(given, robot, f"generators.{name}")
-    cls: type[AnyGenerator] = installed_plugins().find("generators", options["type"])
-    _refuse_stranger(cls, Generator, options["type"])
+    cls = generator_class(options["type"])
     config = _configured(cls.Config, given, f"generators.{name}", folder)
     try:
         return cls(name, config)
     except ConfigurationError as error:
         raise error.under(f"generators.{name}") from None
+
+
+def generator_class(name: str) -> type[AnyGenerator]:
+    """Give the class of a type of generators.
+
+    Raises:
+        PluginError: no such type is installed, or it is no generator.
+    """
+    cls: type[AnyGenerator] = installed_plugins().find("generators", name)
+    _refuse_stranger(cls, Generator, name)
+    return cls
 
 
 def built_controller(config: PipelineConfig) -> Controller | None:

@@ -1,5 +1,6 @@
 """The command line. Heavy modules are imported by the command that needs them."""
 
+import os
 import sys
 from pathlib import Path
 from typing import Annotated
@@ -54,6 +55,133 @@ def run(
     from contactfusion.running import run_file
 
     run_file(configuration, set_ or [], out, seed)
+
+
+@app.command()
+def record(
+    configuration: Annotated[Path, typer.Argument(help="A YAML file with `scene`.")],
+    set_: Annotated[
+        list[str] | None, typer.Option("--set", help="Change a field, e.g. scene.camera_rate=1.")
+    ] = None,
+    out: Annotated[
+        Path | None, typer.Option(help="The MCAP file; default: out/NAME.mcap, named as the scene.")
+    ] = None,
+    duration: Annotated[
+        float | None, typer.Option(min=0.0, help="End after so many seconds; default: all of it.")
+    ] = None,
+    seed: Annotated[int | None, typer.Option(help="Of chance, in place of the file's.")] = None,
+) -> None:
+    """Record what the sensors of a scene read, and the truth, as MCAP."""
+    from contactfusion.recording_scene import record_scene
+
+    file = out or Path("out") / f"{configuration.stem}.mcap"
+    record_scene(configuration, set_ or [], file, seed, duration)
+
+
+@app.command()
+def replay(
+    configuration: Annotated[Path, typer.Argument(help="A YAML file of a pipeline.")],
+    recording: Annotated[
+        Path, typer.Argument(help="A bag, an MCAP, a folder of them, C3D, a YAML that describes.")
+    ],
+    out: Annotated[
+        Path | None,
+        typer.Option(help="Takes the contacts: .mcap (with all topics), .csv, .parquet"),
+    ] = None,
+    topic: Annotated[
+        list[str] | None, typer.Option(help="ROLE=/NAME: which topic feeds a generator; several.")
+    ] = None,
+    set_: Annotated[
+        list[str] | None, typer.Option("--set", help="Change a field, e.g. integrator.timeout=1.")
+    ] = None,
+    start: Annotated[float, typer.Option(min=0.0, help="Begin so many seconds late.")] = 0.0,
+    duration: Annotated[float | None, typer.Option(help="Play so many seconds.")] = None,
+    rate: Annotated[
+        float | None,
+        typer.Option(help="So many times as fast as recorded; default: at full speed."),
+    ] = None,
+    view: Annotated[bool, typer.Option("--view", help="Look at it when it is played.")] = False,
+) -> None:
+    """Find contacts in a recording, and tell what came and what is missing."""
+    from contactfusion.replaying.replay import Options
+    from contactfusion.replaying.replay import replay as play
+    from contactfusion.replaying.session import Window
+
+    window = Window(start, duration)
+    options = Options(configuration, recording, set_ or [], _roles(topic), window, rate, out)
+    if view:
+        from contactfusion.replaying.watching import replay_and_show
+
+        replay_and_show(options)
+    else:
+        play(options)
+
+
+Configured = Annotated[
+    Path | None,
+    typer.Option("--config", help="A YAML file; default: what `replay` left in the recording."),
+]
+Topics = Annotated[
+    list[str] | None, typer.Option(help="ROLE=/NAME: which topic feeds a generator; several.")
+]
+Changed = Annotated[
+    list[str] | None, typer.Option("--set", help="Change a field, e.g. integrator.timeout=1.")
+]
+
+
+@app.command()
+def explain(
+    recording: Annotated[Path, typer.Argument(help="A recording.")],
+    time: Annotated[float, typer.Option(help="When, in seconds from its beginning.")],
+    at: Annotated[str, typer.Option(help="Where, as x,y,z in metres; default: everywhere.")] = "",
+    config: Configured = None,
+    topic: Topics = None,
+    set_: Changed = None,
+    json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
+    picture: Annotated[Path | None, typer.Option(help="Draw it: the PNG to write.")] = None,
+) -> None:
+    """Tell why there is a contact, or why there is none."""
+    from contactfusion.replaying.asking import Source, explain_recording
+
+    source = Source(recording, config, _roles(topic), set_ or [])
+    explain_recording(source, time, _place(at), json, picture)
+
+
+@app.command()
+def ablate(
+    recording: Annotated[Path, typer.Argument(help="A recording.")],
+    config: Configured = None,
+    topic: Topics = None,
+    set_: Changed = None,
+    out: Out = Path("out/ablate"),
+) -> None:
+    """Tell what contacts would be without each source, over a whole recording."""
+    from contactfusion.replaying.asking import Source, ablate_recording
+
+    ablate_recording(Source(recording, config, _roles(topic), set_ or []), out)
+
+
+@app.command()
+def view(
+    recording: Annotated[Path, typer.Argument(help="A recording, or an .rrd that was saved.")],
+    config: Configured = None,
+    topic: Topics = None,
+    set_: Changed = None,
+    screenshot: Annotated[
+        Path | None, typer.Option(help="Take a picture, without a screen: the PNG to write.")
+    ] = None,
+    at: Annotated[float | None, typer.Option(help="The picture's time; default: the end.")] = None,
+    web: Annotated[bool, typer.Option("--web", help="In a browser of this machine.")] = False,
+    save: Annotated[
+        Path | None, typer.Option(help="Keep what is drawn: the .rrd to write.")
+    ] = None,
+) -> None:
+    """Look at a recording, its contacts and their reasons, in 3D."""
+    from contactfusion.replaying.asking import Source
+    from contactfusion.replaying.watching import view_recording
+
+    source = Source(recording, config, _roles(topic), set_ or [])
+    view_recording(source, save, screenshot, at, web)
 
 
 @app.command()
@@ -219,7 +347,7 @@ def experiment_push(
     ] = None,
     taxels: Annotated[int, typer.Option(min=2, max=240, help="Of the skin's front.")] = 12,
     activation: Annotated[
-        float, typer.Option(min=0.0, help="A taxel pressed by less tells nothing [N].")
+        float, typer.Option(min=0.0, help="A taxel pressed by less tells nothing, in N.")
     ] = 1.0,
     faults: Annotated[Path | None, typer.Option(help="A YAML file of how sensors fail.")] = None,
     seed: Annotated[int, typer.Option(min=0, help="Of all chance.")] = 0,
@@ -283,6 +411,31 @@ def tune_push(
     search(Options(seed, trials, rounds, confirm, start, workers), out)
 
 
+@tune.command("fusion")
+def tune_fusion(
+    recording: Annotated[Path, typer.Argument(help="A recording.")],
+    labels: Annotated[
+        Path, typer.Option(help="A CSV of true contacts: start, end, x, y, z (s, m).")
+    ],
+    config: Configured = None,
+    topic: Topics = None,
+    set_: Changed = None,
+    vary: Annotated[
+        list[str] | None,
+        typer.Option(help="FIELD=VALUE,VALUE,…; several; default: threshold, timeout and others."),
+    ] = None,
+    within: Annotated[
+        float, typer.Option(min=0.0, help="So near to a label a contact is right, in metres.")
+    ] = 0.03,
+    out: Out = Path("out/tune_fusion"),
+) -> None:
+    """Find the values that find labelled contacts best; goes on where it stopped."""
+    from contactfusion.replaying.asking import Source, tune_recording
+
+    source = Source(recording, config, _roles(topic), set_ or [])
+    tune_recording(source, labels, vary or [], within, out)
+
+
 @train.command("cpm")
 def train_cpm(
     rounds: Annotated[
@@ -306,12 +459,32 @@ def train_cpm(
     train_networks(options, out)
 
 
+def _assigned(text: str, option: str, form: str) -> tuple[str, str]:
+    name, equals, value = text.partition("=")
+    if not (name and equals and value):
+        raise ConfigurationError(f"{option} takes {form}, not '{text}'")
+    return name, value
+
+
+def _roles(topics: list[str] | None) -> dict[str, str]:
+    return dict(_assigned(one, "--topic", "ROLE=/NAME") for one in topics or [])
+
+
+def _place(text: str) -> tuple[float, ...] | None:
+    try:
+        return tuple(float(part) for part in text.split(",")) if text else None
+    except ValueError:
+        raise ConfigurationError(f"--at takes x,y,z in metres, not '{text}'") from None
+
+
 def _listed(names: str) -> list[str]:
     return [name.strip() for name in names.split(",") if name.strip()]
 
 
 def main() -> None:
     """Run the command line; an error is one sentence, never a traceback."""
+    # products here are small: threads of the linear algebra would only wait for each other
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     try:
         app()
     except ContactFusionError as error:

@@ -1,0 +1,1 @@
+"""Replay: a configuration on a recording, its contacts beside what was recorded."""

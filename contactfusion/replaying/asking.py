@@ -1,0 +1,145 @@
+"""Questions to a recording: why is there a contact, who is worth what, which values do best."""
+
+from collections.abc import Mapping, Sequence
+from contextlib import closing
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import final
+
+from contactfusion.files import write_whole
+from contactfusion.pipeline import Pipeline
+from contactfusion.replaying.configuration import Setting, setting_of_file, setting_of_recording
+from contactfusion.replaying.session import Session
+
+
+@final
+@dataclass(frozen=True)
+class Source:
+    """A recording, and the configuration that listens to it.
+
+    Attributes:
+        recording: the file or folder.
+        configuration: a YAML file; None: the one that a replay left in the recording.
+        topics: topics by role.
+        overrides: fields of the configuration to change, as "a.b=c".
+    """
+
+    recording: Path
+    configuration: Path | None = None
+    topics: Mapping[str, str] = field(default_factory=dict)
+    overrides: Sequence[str] = ()
+
+    def setting(self) -> Setting:
+        """Read the configuration.
+
+        Raises:
+            ContactFusionError: there is none, or it is not what it should be.
+        """
+        if self.configuration is None:
+            return setting_of_recording(self.recording, self.overrides)
+        return setting_of_file(self.configuration, self.overrides)
+
+    def session(self, watched: bool = False) -> Session:
+        """Open the recording.
+
+        Args:
+            watched: whether to play what no generator listens to, too.
+
+        Raises:
+            ContactFusionError: it, or the configuration, is not what it should be.
+        """
+        return Session(self.setting(), self.recording, self.topics, watched=watched)
+
+
+def explain_recording(
+    source: Source,
+    time: float,
+    at: tuple[float, ...] | None,
+    as_json: bool,
+    picture: Path | None,
+) -> None:
+    """Print why there are contacts at a time, and why there are none where there might be.
+
+    Args:
+        source: what is explained.
+        time: [s] from the beginning of the recording.
+        at: the place that is asked for, x, y, z [m]; None: all contacts, and where one was near.
+        as_json: whether to print JSON.
+        picture: takes a picture; None: none does.
+
+    Raises:
+        ContactFusionError: the time lies outside the recording, or nothing is near the place.
+    """
+    from contactfusion.explaining import account, text
+    from contactfusion.explaining.accounting import account_of
+    from contactfusion.explaining.moment import moment_at
+    from contactfusion.explaining.settings import Settings
+
+    with closing(source.session()) as session:
+        settings = Settings.of(session.pipeline)
+        moment = moment_at(session.steps(), time, settings.tolerance)
+        told = account_of(moment, settings, at)
+    print(account.as_json(told) if as_json else text.told(told))
+    if picture is not None:
+        from contactfusion.explaining.picture import picture as drawn
+
+        write_whole(picture, drawn(told, moment.step.fusion))
+
+
+def ablate_recording(source: Source, out: Path) -> None:
+    """Print and write what contacts would be without each source, over a whole recording.
+
+    Args:
+        source: what is played.
+        out: the folder that takes ablation.csv, ablation.json and a picture.
+
+    Raises:
+        ContactFusionError: there is no step, or source is not what it should be.
+    """
+    from contactfusion.explaining.ablation import ablated
+    from contactfusion.explaining.ablation_report import table, write_ablation
+
+    with closing(source.session()) as session:
+        worths = ablated(session.steps())
+    paths = write_ablation(worths, out)
+    print(table(worths))
+    print(f"results: {', '.join(map(str, paths))}")
+
+
+def tune_recording(
+    source: Source, labels: Path, vary: Sequence[str], within: float, out: Path
+) -> None:
+    """Print and write which values find labelled contacts best; goes on where it stopped.
+
+    Args:
+        source: what is played.
+        labels: a CSV of when and where there truly were contacts.
+        vary: fields and their values, as "a.b=1,2,3"; empty: the usual ones.
+        within: a contact that is nearer to a label counts [m].
+        out: the folder that takes the results.
+
+    Raises:
+        ContactFusionError: a field, the labels, or source is not what it should be.
+    """
+    from contactfusion.tuning.fusion import tune_fusion
+    from contactfusion.tuning.fusion_report import table, write_tuning
+    from contactfusion.tuning.fusion_runs import fingerprint
+
+    with closing(source.session()) as session:
+
+        def pipeline(overrides: Sequence[str]) -> Pipeline:
+            setting = session.setting.changed(overrides)
+            return Pipeline(setting.config(session.fed(setting)))
+
+        tuned = tune_fusion(
+            pipeline,
+            session.readings,
+            labels,
+            out,
+            vary=vary,
+            within=within,
+            inputs=fingerprint(source.recording),
+        )
+    paths = write_tuning(tuned, out)
+    print(table(tuned))
+    print(f"results: {', '.join(map(str, paths))}")

@@ -1,0 +1,114 @@
+"""The configuration of a replay: from a file, or from the recording that a replay wrote."""
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from os.path import relpath
+from pathlib import Path
+from typing import Any, Final, final
+
+from contactfusion.errors import ConfigurationError, FrameError, PluginError, RecordingError
+from contactfusion.files import require_file
+from contactfusion.pipeline_config import PipelineConfig
+from contactfusion.recordings.step_messages import OURS
+from contactfusion.yaml_files import read_yaml, with_overrides
+
+TOPIC: Final = f"{OURS}configuration"
+"""Where a replay keeps its configuration, as std_msgs/String."""
+NOT_OURS = ("recording", "scene")
+"""Fields of a file for `run` that a replay has no use for."""
+
+
+@final
+@dataclass(frozen=True)
+class Setting:
+    """The fields of a pipeline's configuration, and where they come from.
+
+    Attributes:
+        fields: of `PipelineConfig`.
+        folder: where relative file names in them start.
+        told: topics by role, as an earlier replay was told.
+        origin: the file, for sentences.
+    """
+
+    fields: Mapping[str, Any]
+    folder: Path
+    told: Mapping[str, str]
+    origin: Path
+
+    def config(self, generators: Mapping[str, Any] | None = None) -> PipelineConfig:
+        """Give the configuration, with other options of its generators.
+
+        Raises:
+            ConfigurationError: a field is wrong; the sentence names the file.
+        """
+        fields = {"folder": self.folder, **self.fields}
+        if generators is not None:
+            fields["generators"] = generators
+        try:
+            return PipelineConfig(**fields)
+        except (ConfigurationError, FrameError, PluginError) as error:
+            raise ConfigurationError(f"{self.origin}: {error}") from None
+
+    def changed(self, overrides: Sequence[str]) -> "Setting":
+        """Give the setting with fields changed as by "a.b=c"."""
+        fields = with_overrides(dict(self.fields), overrides)
+        return Setting(fields, self.folder, self.told, self.origin)
+
+    def text(self, beside: Path) -> str:
+        """Give it as the text that a recording keeps.
+
+        Args:
+            beside: the folder of the recording, from which the folder of the files is told.
+        """
+        folder = relpath(self.folder.resolve(), beside.resolve())
+        kept = {"folder": folder, "topics": dict(self.told), "configuration": dict(self.fields)}
+        return json.dumps(kept, indent=1, sort_keys=True, default=str)
+
+
+def setting_of_file(path: Path, overrides: Sequence[str] = ()) -> Setting:
+    """Read a configuration, or a file for `run`, of which recording and scene are left out.
+
+    Raises:
+        ConfigurationError: the file is not what it should be.
+    """
+    fields = with_overrides(read_yaml(path), overrides)
+    kept = {name: value for name, value in fields.items() if name not in NOT_OURS}
+    return Setting(kept, path.parent, {}, path)
+
+
+def setting_of_recording(path: Path, overrides: Sequence[str] = ()) -> Setting:
+    """Read the configuration that a replay left in its recording.
+
+    Raises:
+        RecordingError: there is none.
+        DependencyError: rosbags is not installed.
+    """
+    require_file(path, RecordingError)
+    text = _kept_text(path) if path.suffix == ".mcap" else None
+    if text is None:
+        raise RecordingError(
+            f"{path} holds no configuration, as `contactfusion replay CONFIG {path.name} --out "
+            f"FILE.mcap` keeps one: replay it first, or name one with --config"
+        )
+    kept = json.loads(text)
+    folder = path.parent / kept["folder"]
+    setting = Setting(kept["configuration"], folder, kept["topics"], path)
+    return setting.changed(overrides)
+
+
+def _kept_text(path: Path) -> str | None:
+    from contactfusion.recordings.messages import typestore
+
+    store = typestore()
+    from rosbags.rosbag2 import Reader
+
+    try:
+        with Reader(path) as bag:
+            here = [one for one in bag.connections if one.topic == TOPIC]
+            for connection, _, raw in bag.messages(here) if here else ():
+                message: Any = store.deserialize_cdr(raw, connection.msgtype)
+                return str(message.data)
+    except Exception as error:  # rosbags meets damage with errors of many kinds
+        raise RecordingError(f"{path} can't be read: {error}") from None
+    return None

@@ -1,0 +1,173 @@
+"""Which topic of a recording feeds which generator: by name, by kind, or as one is told."""
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import Any, final
+
+from contactfusion.assembly import generator_class
+from contactfusion.errors import ConfigurationError, name_hint
+from contactfusion.readings import (
+    DepthImage,
+    JointCommand,
+    JointState,
+    Markers,
+    ObjectPose,
+    Odometry,
+    PointCloud,
+    Reading,
+    Switch,
+    TactileImage,
+    Twist,
+    Wrench,
+)
+
+Kinds = tuple[type[Reading], ...]
+SENSED: Kinds = (Wrench, TactileImage, Switch, PointCloud, DepthImage, Markers)
+"""What one sensor measures: a generator takes it of one topic."""
+CONTEXT: Kinds = (JointState, JointCommand, ObjectPose)
+"""What several topics may tell together; all of them are read."""
+ALONE: dict[str, type[Reading]] = {"odometry": Odometry, "twist": Twist}
+"""What only one topic may tell, by its role."""
+
+
+@final
+@dataclass(frozen=True)
+class Inputs:
+    """What is read of a recording, and by whom.
+
+    Attributes:
+        sensors: the topics that are read, by the names of their sensors.
+        generators: the options of all generators by name, with the `sensor` of each.
+        missing: what generators need and the recording does not hold, in sentences.
+    """
+
+    sensors: Mapping[str, str]
+    generators: Mapping[str, dict[str, Any]]
+    missing: tuple[str, ...]
+
+
+def find_inputs(
+    topics: Mapping[str, type[Reading]],
+    generators: Mapping[str, Mapping[str, Any]],
+    told: Mapping[str, str],
+    watched: bool = False,
+) -> Inputs:
+    """Find the topic for each generator.
+
+    A generator's role is its `sensor`, or its own name when it has none. It takes the topic that
+    one is told for its role, or else the topic called like its sensor, or else the only one of its
+    kinds. Joints, commands of joints and poses of objects are all read; of odometry, and of twists
+    where a generator takes them, one topic is.
+
+    Args:
+        topics: the kind of reading of each topic.
+        generators: the `type` and the options of each by name.
+        told: topics by role.
+        watched: whether to read what sensors measure for nobody, too, so that it can be looked at.
+
+    Raises:
+        ConfigurationError: a role or a topic is unknown, does not fit, or several fit.
+        PluginError: a type of generator is not installed.
+    """
+    finding = _Finding(topics, {role: topic.removeprefix("/") for role, topic in told.items()})
+    wanted = {name: _kinds(options) for name, options in generators.items()}
+    fed = {
+        name: finding.feed(name, dict(options), wanted[name])
+        for name, options in generators.items()
+    }
+    finding.context(tuple(kind for kinds in wanted.values() for kind in kinds))
+    finding.refuse_strangers()
+    if watched:
+        finding.read(SENSED)
+    sensors = {sensor: topic for topic, sensor in finding.sensors.items()}
+    return Inputs(sensors, fed, tuple(finding.missing))
+
+
+def _kinds(options: Mapping[str, Any]) -> Kinds:
+    return generator_class(str(options["type"])).readings
+
+
+class _Finding:
+    def __init__(self, topics: Mapping[str, type[Reading]], told: Mapping[str, str]) -> None:
+        self.topics, self.told = topics, told
+        self.sensors: dict[str, str] = {}
+        """The name of the sensor of each topic that is read."""
+        self.missing: list[str] = []
+        self.roles: list[str] = [*ALONE]
+
+    def feed(self, name: str, options: dict[str, Any], kinds: Kinds) -> dict[str, Any]:
+        """Give the options of a generator with its sensor."""
+        sensor = options.get("sensor")
+        role = sensor or name
+        self.roles.append(role)
+        if sensor is None and not set(kinds) & set(SENSED) and role not in self.told:
+            return options  # it takes all context there is
+        topic = self._topic(role, kinds)
+        if topic is None:
+            self.missing.append(f"generators.{name}: the recording holds no {_named(kinds)}")
+            return options
+        sensor = sensor or self.sensors.get(topic, topic)
+        if self.sensors.setdefault(topic, sensor) != sensor:
+            raise ConfigurationError(
+                f"/{topic} feeds '{self.sensors[topic]}' already, and can't be '{sensor}', too: "
+                f"give both generators the same sensor",
+                f"generators.{name}.sensor",
+            )
+        return {**options, "sensor": sensor}
+
+    def context(self, wanted: Kinds) -> None:
+        """Read what tells of robot and world."""
+        for role, kind in ALONE.items():
+            if role in self.told or kind in wanted or kind is Odometry:
+                topic = self._topic(role, (kind,))
+                if topic is not None:
+                    self.sensors.setdefault(topic, topic)
+        self.read(CONTEXT)
+
+    def read(self, kinds: Kinds) -> None:
+        """Read all topics of some kinds, under their own names where nobody wants them."""
+        for topic in self._of(kinds):
+            self.sensors.setdefault(topic, topic)
+
+    def refuse_strangers(self) -> None:
+        """Make sure that nothing was told of a role that there is not."""
+        for role in self.told:
+            if role not in self.roles:
+                hint = name_hint(role, self.roles, "roles")
+                raise ConfigurationError(f"--topic: unknown role '{role}'; {hint}")
+
+    def _topic(self, role: str, kinds: Kinds) -> str | None:
+        if role in self.told:
+            return self._as_told(role, kinds)
+        if issubclass(self.topics.get(role, Reading), kinds):
+            return role
+        fit = list(self._of(kinds))
+        if len(fit) > 1:
+            listing = ", ".join(f"/{topic}" for topic in fit)
+            raise ConfigurationError(
+                f"'{role}' takes {_named(kinds)}, and several topics hold it: {listing}; "
+                f"choose one: --topic {role}=/{fit[0]}"
+            )
+        return fit[0] if fit else None
+
+    def _as_told(self, role: str, kinds: Kinds) -> str:
+        topic = self.told[role]
+        if topic not in self.topics:
+            known = [f"/{name}" for name, kind in self.topics.items() if issubclass(kind, kinds)]
+            hint = name_hint(f"/{topic}", known, "topics that fit")
+            raise ConfigurationError(f"--topic {role}: no readings come of '/{topic}'; {hint}")
+        if not issubclass(self.topics[topic], kinds):
+            raise ConfigurationError(
+                f"--topic {role}: /{topic} holds {self.topics[topic].__name__}, "
+                f"and '{role}' takes {_named(kinds)}"
+            )
+        return topic
+
+    def _of(self, kinds: Kinds) -> Iterator[str]:
+        for topic, kind in self.topics.items():
+            if issubclass(kind, kinds):
+                yield topic
+
+
+def _named(kinds: Kinds) -> str:
+    return " or ".join(kind.__name__ for kind in kinds)

@@ -1,0 +1,178 @@
+"""Where the contacts of a replay go: MCAP with all that was recorded, CSV, or Parquet."""
+
+import csv
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, contextmanager
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, final
+
+from contactfusion.contact_rows import COLUMNS, contact_rows
+from contactfusion.errors import RecordingError, missing_extra
+from contactfusion.files import whole_file
+from contactfusion.pipeline import Step
+from contactfusion.readings import Reading
+from contactfusion.recordings.mcap import McapWriter
+from contactfusion.recordings.mcap_file import telling
+from contactfusion.recordings.messages import recorded_stamp
+from contactfusion.recordings.ros import RawMessage
+from contactfusion.recordings.step_messages import OURS
+from contactfusion.replaying.configuration import TOPIC
+
+if TYPE_CHECKING:
+    import pyarrow
+
+ROWS_AT_ONCE = 10_000
+"""So many contacts make a group of rows of a Parquet file."""
+
+
+def _ignore(what: Any) -> None:
+    """Take something, and do nothing."""
+
+
+@final
+@dataclass(frozen=True)
+class Output:
+    """Who takes what a replay gives.
+
+    Attributes:
+        step: takes contacts and command.
+        message: takes each message of a ROS recording as it is.
+        reading: takes each reading of any other recording.
+    """
+
+    step: Callable[[Step], None] = _ignore
+    message: Callable[[RawMessage], None] = _ignore
+    reading: Callable[[Reading], None] = _ignore
+
+
+@dataclass(frozen=True)
+class About:
+    """What a file tells of the replay that wrote it.
+
+    Attributes:
+        epoch_ns: the moment from which stamps count [ns].
+        configuration: how it was made.
+        copies: whether messages come as they are, so that readings are not written.
+    """
+
+    epoch_ns: int
+    configuration: str
+    copies: bool
+
+
+def open_output(path: Path, about: About) -> AbstractContextManager[Output]:
+    """Begin the file that takes a replay; it appears whole at the end of the `with`.
+
+    Args:
+        path: the file; its suffix says what kind: .mcap, .csv or .parquet.
+        about: what it tells of the replay.
+
+    Raises:
+        RecordingError: the suffix is another, or the file can't be written.
+        DependencyError: a package is not installed.
+    """
+    kinds = {".mcap": _mcap, ".csv": _csv, ".parquet": _parquet}
+    if path.suffix not in kinds:
+        raise RecordingError(
+            f"{path}: contacts are written to {', '.join(kinds)}, not to '{path.suffix}'"
+        )
+    return kinds[path.suffix](path, about)
+
+
+@contextmanager
+def _mcap(path: Path, about: About) -> Iterator[Output]:
+    """All that was recorded, contacts and command below /contactfusion, and the configuration."""
+    with McapWriter(path, about.epoch_ns) as writer:
+        writer.text(TOPIC, about.configuration)
+        if about.copies:
+            yield Output(writer.step, message=partial(_copy, writer))
+        else:
+            yield Output(writer.step, reading=writer.reading)
+
+
+def _copy(writer: McapWriter, message: RawMessage) -> None:
+    if not message.topic.startswith(OURS):  # of an earlier replay; this one tells anew
+        writer.copy(message)
+
+
+@contextmanager
+def _csv(path: Path, about: About) -> Iterator[Output]:
+    """One row a contact, as `contacts.csv` of a run."""
+    with (
+        telling(path),
+        whole_file(path) as temporary,
+        temporary.open("w", encoding="utf-8", newline="") as file,
+    ):
+        table = csv.writer(file, lineterminator="\n")
+        table.writerow(COLUMNS)
+        yield Output(lambda step: table.writerows(contact_rows(step)))
+
+
+@contextmanager
+def _parquet(path: Path, about: About) -> Iterator[Output]:
+    """One row a contact: numbers as they are, and the share of each source by name."""
+    try:
+        from pyarrow import parquet
+    except ImportError:
+        raise missing_extra("pyarrow", "parquet") from None
+    schema = _schema()
+    rows: list[dict[str, Any]] = []
+
+    with (
+        telling(path),
+        whole_file(path) as temporary,
+        parquet.ParquetWriter(temporary, schema) as table,
+    ):
+
+        def write() -> None:
+            table.write_table(_table(rows, schema))
+            rows.clear()
+
+        def step(one: Step) -> None:
+            rows.extend(_parquet_rows(one, about.epoch_ns))
+            if len(rows) >= ROWS_AT_ONCE:
+                write()
+
+        yield Output(step)
+        write()
+
+
+def _schema() -> "pyarrow.Schema":
+    import pyarrow as pa
+
+    numbers = ("x", "y", "z", "likelihood", "dispersion", "fx", "fy", "fz")
+    return pa.schema(
+        [
+            ("time_ns", pa.int64()),
+            ("stamp", pa.float64()),
+            *((name, pa.float64()) for name in numbers),
+            ("voxels", pa.int64()),
+            ("covariance", pa.list_(pa.float64(), 9)),
+            ("shares", pa.map_(pa.string(), pa.float64())),
+        ]
+    )
+
+
+def _table(rows: list[dict[str, Any]], schema: "pyarrow.Schema") -> "pyarrow.Table":
+    import pyarrow as pa
+
+    return pa.Table.from_pylist(rows, schema)
+
+
+def _parquet_rows(step: Step, epoch_ns: int) -> Iterator[dict[str, Any]]:
+    for contact in step.fusion.contacts:
+        places = zip("xyz", contact.position.tolist(), strict=True)
+        forces = zip(("fx", "fy", "fz"), contact.force.tolist(), strict=True)
+        yield {
+            "time_ns": recorded_stamp(step.stamp, epoch_ns),
+            "stamp": step.stamp,
+            **dict(places),
+            "likelihood": float(contact.likelihood),
+            "dispersion": float(contact.dispersion),
+            **dict(forces),
+            "voxels": int(contact.voxels),
+            "covariance": contact.covariance.ravel().tolist(),
+            "shares": list(contact.shares.items()),
+        }

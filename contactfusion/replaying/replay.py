@@ -1,0 +1,163 @@
+"""`contactfusion replay`: contacts on a recording, and a table of what came and what did not."""
+
+import time
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import AbstractContextManager, ExitStack
+from dataclasses import dataclass
+from pathlib import Path
+from typing import final
+
+from contactfusion.errors import ConfigurationError, RecordingError
+from contactfusion.readings import Reading
+from contactfusion.recordings.ros import RawMessage, RosRecording
+from contactfusion.replaying.configuration import setting_of_file
+from contactfusion.replaying.outputs import About, Output, open_output
+from contactfusion.replaying.session import WHOLE, Session, Window
+from contactfusion.replaying.tally import Tally
+from contactfusion.running import unheard
+from contactfusion.step_summary import Summary
+
+Watch = Callable[[Session], AbstractContextManager[Output]]
+"""Gives who else sees readings and steps, such as a viewer."""
+
+
+@final
+@dataclass(frozen=True)
+class Options:
+    """What is played, and how.
+
+    Attributes:
+        configuration: a YAML file.
+        recording: what is played.
+        overrides: fields of the configuration to change, as "a.b=c".
+        topics: topics by role.
+        window: the part that is played.
+        rate: so many times as fast as it was recorded; None: as fast as it goes.
+        out: the file that takes the contacts; None: none does.
+    """
+
+    configuration: Path
+    recording: Path
+    overrides: Sequence[str] = ()
+    topics: Mapping[str, str] | None = None
+    window: Window = WHOLE
+    rate: float | None = None
+    out: Path | None = None
+
+
+def replay(options: Options, watch: Watch | None = None) -> None:
+    """Play a recording to a pipeline, keep its contacts, and tell what came.
+
+    What was found before the recording broke off, or before one interrupts, is kept.
+
+    Args:
+        options: what is played, and how.
+        watch: gives who else sees readings and steps.
+
+    Raises:
+        ContactFusionError: configuration, recording or output are not what they should be, or
+            something that the configuration needs never came.
+        KeyboardInterrupt: somebody interrupted; what was found until then is kept.
+    """
+    setting = setting_of_file(options.configuration, options.overrides)
+    outputs: list[Output] = []
+
+    def copy(message: RawMessage) -> None:
+        for output in outputs:
+            output.message(message)
+
+    wants_all = options.out is not None and options.out.suffix == ".mcap"
+    tap = copy if wants_all else None
+    session = Session(
+        setting, options.recording, options.topics, options.window, tap, watched=watch is not None
+    )
+    tally, summary = Tally(), Summary()
+    pace = _pace(options.rate)
+
+    def hear(reading: Reading) -> None:
+        pace(reading.stamp)
+        tally.add(reading)
+        for output in outputs:
+            output.reading(reading)
+
+    broken: RecordingError | KeyboardInterrupt | None = None
+    began = time.perf_counter()
+    with ExitStack() as stack:
+        stack.callback(session.close)
+        if options.out is not None:
+            outputs.append(stack.enter_context(_output(session, options.out)))
+        if watch is not None:
+            outputs.append(stack.enter_context(watch(session)))
+        try:
+            for step in session.steps(hear):
+                summary.add(step)
+                for output in outputs:
+                    output.step(step)
+        except (RecordingError, KeyboardInterrupt) as error:
+            broken = error
+    _tell(session, tally, summary, time.perf_counter() - began)
+    if options.out is not None:
+        print(f"results: {options.out}")
+    if broken is not None:
+        raise broken
+    _refuse_silence(options.configuration, session, tally, summary)
+
+
+def _output(session: Session, out: Path) -> AbstractContextManager[Output]:
+    text = session.setting.text(beside=out.parent)
+    copies = isinstance(session.recording, RosRecording)
+    return open_output(out, About(session.recording.epoch_ns, text, copies))
+
+
+def _pace(rate: float | None) -> Callable[[float], None]:
+    """Give what waits until a stamp is due."""
+    began: list[float] = []
+
+    def wait(stamp: float) -> None:
+        assert rate is not None
+        if not began:
+            began.append(time.perf_counter() - stamp / rate)
+        time.sleep(max(0.0, began[0] + stamp / rate - time.perf_counter()))
+
+    return wait if rate is not None else lambda stamp: None
+
+
+def _tell(session: Session, tally: Tally, summary: Summary, took: float) -> None:
+    recording = session.recording
+    for line in tally.table(_troubles(recording) if isinstance(recording, RosRecording) else {}):
+        print(line)
+    for missing in session.inputs.missing:
+        print(f"missing: {missing}")
+    for name, count in session.pipeline.unplaced.items():
+        if count:
+            print(f"missing transforms: {count} clouds of '{name}' were refused")
+    for line in summary.lines():
+        print(line)
+    span = tally.span
+    speed = f", {span / took:.1f} times real time" if took > 0.0 else ""
+    print(f"{span:.1f} s of recording in {took:.1f} s{speed}")
+
+
+def _troubles(recording: RosRecording) -> dict[str, str]:
+    """Say by sensor what its reader met."""
+    troubles = {}
+    for sensor, topic in recording.sources.items():
+        heard, publishers = recording.tally[topic], recording.contents[topic].publishers
+        said = [f"{publishers} publishers"] if publishers > 1 else []
+        if heard.out_of_order:
+            said.append(f"{heard.out_of_order} out of order")
+        if heard.unreadable:
+            said.append(f"{heard.unreadable} unreadable: {heard.why_unreadable}")
+        if heard.refused:
+            said.append(f"{heard.refused} refused: {heard.why_refused}")
+        troubles[sensor] = ", ".join(said)
+    return troubles
+
+
+def _refuse_silence(path: Path, session: Session, tally: Tally, summary: Summary) -> None:
+    """Make sure that all came that the configuration waits for."""
+    silent = list(unheard(session.pipeline, tally.kinds, summary))
+    faults = list(session.inputs.missing) or silent
+    if faults:
+        more = f" (and {len(faults) - 1} more)" if len(faults) > 1 else ""
+        raise ConfigurationError(f"{path}: {faults[0]}{more}")

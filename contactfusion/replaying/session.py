@@ -1,0 +1,165 @@
+"""One replay: a pipeline on a recording, from its beginning, as often as one likes."""
+
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, final
+
+from contactfusion.errors import ConfigurationError, FrameError, PluginError, RecordingError
+from contactfusion.pipeline import Pipeline, Step
+from contactfusion.readings import Reading, Transform
+from contactfusion.recordings.opening import open_recording
+from contactfusion.recordings.recording import Recording
+from contactfusion.recordings.ros import RosRecording, Tap
+from contactfusion.replaying.configuration import Setting
+from contactfusion.replaying.inputs import Inputs, find_inputs
+
+AHEAD = 1.0
+"""Transforms come so much earlier than what needs them [s], as they are told late and seldom."""
+Hear = Callable[[Reading], None]
+
+
+def nobody(reading: Reading) -> None:
+    """Hear a reading, and do nothing."""
+
+
+@dataclass(frozen=True)
+class Window:
+    """The part of a recording that is played.
+
+    Attributes:
+        start: after its beginning [s].
+        duration: how long [s]; None: to its end.
+    """
+
+    start: float = 0.0
+    duration: float | None = None
+
+
+WHOLE = Window()
+
+
+@final
+class Session:
+    """A pipeline and the recording that it listens to.
+
+    Args:
+        setting: the configuration.
+        path: the recording.
+        told: topics by role, as on the command line; they go before those of the setting.
+        window: the part that is played.
+        tap: who hears every message of a ROS recording as it is.
+        watched: whether to play what no generator listens to, too, so that it can be looked at.
+
+    Raises:
+        ContactFusionError: the configuration or the recording is not what it should be, or topics
+            and generators can't be matched.
+    """
+
+    def __init__(
+        self,
+        setting: Setting,
+        path: Path,
+        told: Mapping[str, str] | None = None,
+        window: Window = WHOLE,
+        tap: Tap | None = None,
+        watched: bool = False,
+    ) -> None:
+        self.setting = replace(setting, told={**setting.told, **(told or {})})
+        recording, self.inputs = _opened(self.setting, path, window, tap, watched)
+        self.recording: Recording = recording
+        try:
+            self.pipeline = Pipeline(self.setting.config(self.inputs.generators))
+        except (ConfigurationError, FrameError, PluginError) as error:
+            raise ConfigurationError(f"{setting.origin}: {error}") from None
+
+    def fed(self, setting: Setting) -> Mapping[str, Any]:
+        """Give the generators of a setting like this one, each with the sensor that feeds it."""
+        generators = setting.config().generators
+        sensors = {name: options.get("sensor") for name, options in self.inputs.generators.items()}
+        return {
+            name: {**options, "sensor": sensors[name]} if sensors.get(name) else options
+            for name, options in generators.items()
+        }
+
+    def readings(self) -> Iterator[Reading]:
+        """Give the readings that the pipeline hears, in their order; transforms come ahead."""
+        return transforms_ahead(self.recording.readings())
+
+    def steps(self, hear: Hear = nobody) -> Iterator[Step]:
+        """Play from the beginning.
+
+        Args:
+            hear: who hears every reading before the pipeline does.
+        """
+        self.pipeline.reset()
+        return self.pipeline.run(_heard(self.readings(), hear))
+
+    def close(self) -> None:
+        """End what the pipeline runs beside itself."""
+        self.pipeline.close()
+
+
+def transforms_ahead(readings: Iterable[Reading]) -> Iterator[Reading]:
+    """Give transforms a second before what else is measured then: late ones are in time.
+
+    Live, a pipeline would wait for the transforms that a cloud needs; here they are known.
+    """
+    held: deque[Reading] = deque()
+    broken: RecordingError | None = None
+    try:
+        for reading in readings:
+            if isinstance(reading, Transform):
+                yield reading
+            else:
+                held.append(reading)
+            while held and held[0].stamp < reading.stamp - AHEAD:
+                yield held.popleft()
+    except RecordingError as error:  # what came before it counts
+        broken = error
+    yield from held
+    if broken:
+        raise broken
+
+
+def _opened(
+    setting: Setting, path: Path, window: Window, tap: Tap | None, watched: bool
+) -> tuple[Recording, Inputs]:
+    whole = open_recording(path)
+    sources = whole.sources if isinstance(whole, RosRecording) else {}
+    sensors = {topic: sensor for sensor, topic in sources.items()}
+    told = {role: sensors.get(topic, topic) for role, topic in setting.told.items()}
+    inputs = find_inputs(whole.topics, setting.config().generators, told, watched)
+    if isinstance(whole, RosRecording):
+        topics = {name: sources[sensor] for name, sensor in inputs.sensors.items()}
+        return whole.part(topics, window.start, window.duration, tap), inputs
+    return _Part(whole, inputs.sensors, window), inputs
+
+
+@final
+class _Part(Recording):
+    """The wanted sensors of a recording under the names that are wanted, for a while."""
+
+    def __init__(self, whole: Recording, sensors: Mapping[str, str], window: Window) -> None:
+        self._whole, self._window = whole, window
+        self._names = {topic: sensor for sensor, topic in sensors.items()}
+        self.epoch_ns, self.topics = whole.epoch_ns, whole.topics
+
+    def readings(self) -> Iterator[Reading]:
+        begin, span = self._window.start, self._window.duration
+        for reading in self._whole.readings():
+            if span is not None and reading.stamp > begin + span:
+                return
+            if isinstance(reading, Transform):
+                yield reading
+                continue
+            name = self._names.get(reading.sensor)
+            if reading.stamp >= begin and name is not None:
+                yield reading if name == reading.sensor else replace(reading, sensor=name)
+
+
+def _heard(readings: Iterable[Reading], hear: Hear) -> Iterator[Reading]:
+    for reading in readings:
+        hear(reading)
+        yield reading

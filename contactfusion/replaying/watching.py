@@ -1,0 +1,72 @@
+"""A replay to look at: what came, what was found, and why, in rerun's viewer."""
+
+from collections.abc import Iterator
+from contextlib import closing, contextmanager
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+from contactfusion.errors import ConfigurationError
+from contactfusion.replaying.asking import Source
+from contactfusion.replaying.outputs import Output
+from contactfusion.replaying.replay import Options, replay
+from contactfusion.replaying.session import Session
+from contactfusion.viewing import pictures, showing
+from contactfusion.viewing.viewer import Viewer
+
+DRAWN = ".rrd"
+"""The suffix of what is drawn already."""
+
+
+@contextmanager
+def drawing(session: Session, rrd: Path) -> Iterator[Output]:
+    """Give what draws a replay into a file of rerun."""
+    with Viewer(session.pipeline.config, rrd) as viewer:
+        yield Output(
+            step=lambda step: viewer.step(step, session.pipeline.state(step.stamp)),
+            reading=viewer.reading,
+        )
+
+
+def view_recording(
+    source: Source,
+    save: Path | None,
+    screenshot: Path | None,
+    at: float | None,
+    web: bool,
+) -> None:
+    """Draw a recording and what is found in it, and show that.
+
+    Args:
+        source: what is played; a `.rrd` is shown as it is.
+        save: takes what is drawn (.rrd); None: it is thrown away afterwards.
+        screenshot: takes a picture; then no window opens.
+        at: the time of the picture [s]; None: the end.
+        web: show it in a browser of this machine.
+
+    Raises:
+        ContactFusionError: something is not what it should be, or there is no screen.
+    """
+    if at is not None and screenshot is None:
+        raise ConfigurationError("--at is the time of a picture: name its file with --screenshot")
+    with TemporaryDirectory() as folder:
+        rrd = source.recording
+        if rrd.suffix != DRAWN:
+            rrd = save or Path(folder) / f"{source.recording.stem}{DRAWN}"
+            with closing(source.session(watched=True)) as session, drawing(session, rrd) as output:
+                for step in session.steps(output.reading):
+                    output.step(step)
+        if screenshot is not None:
+            pictures.screenshot(rrd, screenshot, at)
+            print(f"results: {screenshot}")
+        elif save is not None and not web:
+            print(f"results: {save}")
+        else:
+            showing.show(rrd, web)
+
+
+def replay_and_show(options: Options) -> None:
+    """Replay, and show what came of it at the end."""
+    with TemporaryDirectory() as folder:
+        rrd = Path(folder) / f"{options.recording.stem}{DRAWN}"
+        replay(options, watch=lambda session: drawing(session, rrd))
+        showing.show(rrd)

@@ -1,0 +1,237 @@
+"""Replays: a recording in, contacts out, and everything that can be wrong with either."""
+
+import csv
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from mcap.reader import make_reader
+from mcap_ros2.decoder import DecoderFactory
+from pyarrow import parquet
+
+from contactfusion.errors import ConfigurationError, RecordingError
+from contactfusion.readings import Reading, Transform
+from contactfusion.recordings.mcap import McapWriter
+from contactfusion.recordings.ros import RawMessage, RosConfig, RosRecording
+from contactfusion.replaying.configuration import setting_of_file, setting_of_recording
+from contactfusion.replaying.replay import Options, replay
+from contactfusion.replaying.session import Session, Window
+from tests.toys import offer_toys, point, wrench
+
+EPOCH = 1_700_000_000_000_000_000
+PLACE = (0.1025, 0.0025, 0.0025)
+CONFIG = """
+generators:
+  eye: {type: echo, sensor: eye}
+  hand: {type: feeler}
+integrator: {frame: base}
+cycle: {every: 0.1}
+"""
+
+
+@pytest.fixture(autouse=True)
+def _toys(monkeypatch: pytest.MonkeyPatch) -> None:
+    offer_toys(monkeypatch)
+
+
+def touching(seconds: float = 1.0, frame: str = "base") -> Iterable[Reading]:
+    for stamp in np.arange(0.0, seconds + 1e-9, 0.05).tolist():
+        yield point(stamp, *PLACE, sensor="eye", frame=frame)
+        yield wrench(stamp, *PLACE, sensor="wrist")
+
+
+def recorded(path: Path, readings: Iterable[Reading]) -> Path:
+    with McapWriter(path, EPOCH) as writer:
+        for reading in readings:
+            writer.reading(reading)
+    return path
+
+
+@pytest.fixture
+def config(tmp_path: Path) -> Path:
+    path = tmp_path / "robot.yaml"
+    path.write_text(CONFIG)
+    return path
+
+
+@pytest.fixture
+def recording(tmp_path: Path) -> Path:
+    return recorded(tmp_path / "drive.mcap", touching())
+
+
+def messages(path: Path) -> dict[str, list[Any]]:
+    """Read with a reader that is not ours."""
+    found: dict[str, list[Any]] = {}
+    with path.open("rb") as file:
+        reader = make_reader(file, decoder_factories=[DecoderFactory()])
+        for _, channel, _, message in reader.iter_decoded_messages():
+            found.setdefault(channel.topic, []).append(message)
+    return found
+
+
+def rows(path: Path) -> list[dict[str, str]]:
+    with path.open(newline="") as file:
+        return list(csv.DictReader(file))
+
+
+def test_a_recording_keeps_its_topics_and_gets_contacts(config: Path, recording: Path) -> None:
+    out = config.with_name("out.mcap")
+    replay(Options(config, recording, out=out))
+    before, after = messages(recording), messages(out)
+    assert {topic: len(sent) for topic, sent in before.items()} == {"/eye": 21, "/wrist": 21}
+    for topic, sent in before.items():
+        assert [str(one) for one in after[topic]] == [str(one) for one in sent]
+    contacts = after["/contactfusion/contacts"]
+    assert len(contacts) == 10
+    where = contacts[3].contacts[0].position
+    assert (where.x, where.y, where.z) == pytest.approx(PLACE)
+    assert "/contactfusion/contacts/markers" in after
+    cloud = after["/contactfusion/contacts/voxels"][3]
+    assert [field.name for field in cloud.fields] == ["x", "y", "z", "likelihood", "verdict"]
+
+
+def test_a_replay_of_what_a_replay_wrote_gives_the_same(config: Path, recording: Path) -> None:
+    first, second = config.with_name("first.mcap"), config.with_name("second.mcap")
+    replay(Options(config, recording, out=first))
+    replay(Options(config, first, out=second))
+    assert second.read_bytes() == first.read_bytes()
+
+
+def test_rows_are_those_of_a_run_and_parquet_holds_the_same(config: Path, recording: Path) -> None:
+    table, columns = config.with_name("out.csv"), config.with_name("out.parquet")
+    replay(Options(config, recording, out=table))
+    replay(Options(config, recording, out=columns))
+    found, held = rows(table), parquet.read_table(columns).to_pylist()
+    assert len(found) == len(held) == 10
+    assert [float(row["x"]) for row in found] == pytest.approx([row["x"] for row in held])
+    assert held[0]["time_ns"] == EPOCH + 100_000_000
+    assert dict(held[0]["shares"]).keys() == {"eye", "hand"}
+
+
+def test_the_configuration_stays_with_the_contacts(config: Path, recording: Path) -> None:
+    out = config.parent / "results" / "out.mcap"
+    replay(Options(config, recording, ["integrator.threshold=0.2"], {"hand": "/wrist"}, out=out))
+    setting = setting_of_recording(out)
+    assert setting.config().integrator.threshold == 0.2
+    assert setting.told == {"hand": "/wrist"}
+    assert setting.folder.resolve() == config.parent.resolve()
+    steps = list(Session(setting, out).steps())
+    assert sum(len(step.fusion.contacts) for step in steps) == 10
+
+
+def test_a_recording_without_a_configuration_asks_for_one(recording: Path) -> None:
+    with pytest.raises(RecordingError, match=r"drive.mcap holds no configuration, .*--config"):
+        setting_of_recording(recording)
+
+
+def test_recording_and_scene_of_a_file_for_run_are_left_out(tmp_path: Path) -> None:
+    path = tmp_path / "run.yaml"
+    path.write_text(CONFIG + "recording: {type: log, file: nothing.csv}\n")
+    assert set(setting_of_file(path).fields) == {"generators", "integrator", "cycle"}
+
+
+def test_a_part_can_be_played_by_the_clock_of_the_whole(config: Path, recording: Path) -> None:
+    out = config.with_name("out.csv")
+    replay(Options(config, recording, window=Window(0.5, 0.3), out=out))
+    stamps = [float(row["stamp"]) for row in rows(out)]
+    assert stamps[0] >= 0.5 and stamps[-1] <= 0.9
+
+
+def test_what_is_missing_is_said_and_the_rest_is_kept(
+    config: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    blind = recorded(tmp_path / "blind.mcap", [one for one in touching() if one.sensor == "wrist"])
+    out = tmp_path / "out.csv"
+    with pytest.raises(ConfigurationError, match="generators.eye: the recording holds no PointCl"):
+        replay(Options(config, blind, out=out))
+    assert "missing: generators.eye: the recording holds no PointCloud" in capsys.readouterr().out
+    assert len(rows(out)) == 10
+
+
+def test_the_table_tells_rates_and_gaps(
+    config: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    gap = [one for one in touching(4.0) if not 2.0 < one.stamp < 2.5 or one.sensor == "wrist"]
+    replay(Options(config, recorded(tmp_path / "gap.mcap", gap)))
+    lines = capsys.readouterr().out.splitlines()
+    eye = next(line.split() for line in lines if line.startswith("eye "))
+    wrist = next(line.split() for line in lines if line.startswith("wrist "))
+    assert eye == ["eye", "PointCloud", "72", "17.75", "9", "0.500"]
+    assert wrist == ["wrist", "Wrench", "81", "20", "0", "0.050"]
+
+
+def moving(stamp: float, x: float) -> Transform:
+    return Transform(
+        stamp=stamp,
+        frame="base",
+        child_frame="camera",
+        sensor="tf",
+        position=np.array([x, 0.0, 0.0]),
+        orientation=np.array([0.0, 0.0, 0.0, 1.0]),
+    )
+
+
+def test_late_and_seldom_transforms_place_what_was_seen_between(
+    config: Path, tmp_path: Path
+) -> None:
+    readings = [*touching(2.0, frame="camera"), *(moving(0.5 * i, i) for i in range(5))]
+    path = recorded(tmp_path / "moving.mcap", sorted(readings, key=lambda one: one.stamp))
+    steps = list(Session(setting_of_file(config), path).steps())
+    places = {
+        round(s.stamp, 2): s.fusion.contacts[0].position[0] for s in steps if s.fusion.contacts
+    }
+    assert places[0.2] == pytest.approx(PLACE[0] + 0.4, abs=0.11)
+
+
+def test_missing_transforms_are_counted(
+    config: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    readings = [moving(0.0, 0.0), moving(0.5, 0.0), *touching(2.0, frame="camera")]
+    path = recorded(tmp_path / "short.mcap", sorted(readings, key=lambda one: one.stamp))
+    replay(Options(config, path))
+    told = capsys.readouterr().out
+    assert "missing transforms: 30 clouds of 'eye' were refused" in told
+    assert "'camera' in 'base' is not known at 0.550 s: there is one from 0.000 to 0.500 s" in told
+
+
+def test_results_until_the_recording_breaks_off_are_kept(config: Path, tmp_path: Path) -> None:
+    path = recorded(tmp_path / "whole.mcap", touching(4.0))
+    heard: list[RawMessage] = []
+    list(RosRecording(RosConfig(file=path), tap=heard.append).readings())
+    early = next(one for one in heard if one.topic == "/eye")
+    path = tmp_path / "jump.mcap"
+    with McapWriter(path) as writer:
+        for one in heard:
+            writer.copy(one)
+        writer.copy(early._replace(log_stamp_ns=heard[-1].log_stamp_ns + 1))
+    out = tmp_path / "out.mcap"
+    with pytest.raises(RecordingError, match="/eye"):
+        replay(Options(config, path, out=out))
+    assert len(messages(out)["/contactfusion/contacts"]) >= 39
+
+
+def test_an_unknown_suffix_is_refused_before_anything_is_played(
+    config: Path, recording: Path
+) -> None:
+    with pytest.raises(RecordingError, match=r"to \.mcap, \.csv, \.parquet, not to '\.txt'"):
+        replay(Options(config, recording, out=config.with_name("out.txt")))
+
+
+def test_a_folder_of_results_is_made_and_an_interrupt_keeps_what_was_found(
+    config: Path, recording: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    out = config.parent / "new" / "out.csv"
+    played = Session.steps
+
+    def interrupted(self: Session, *args: Any) -> Any:
+        for number, step in enumerate(played(self, *args)):
+            if number == 5:
+                raise KeyboardInterrupt
+            yield step
+
+    monkeypatch.setattr(Session, "steps", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        replay(Options(config, recording, out=out))
+    assert len(rows(out)) == 5
