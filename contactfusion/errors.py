@@ -53,6 +53,10 @@ class RecordingError(ContactFusionError):
     """A recording is missing, truncated, or not what it says it is."""
 
 
+class WritingError(ContactFusionError):
+    """A file can't be written, as when the disk is full."""
+
+
 class RobotError(ContactFusionError, ValueError):
     """The description of a robot does not hold together, or does not fit its readings."""
 

@@ -1,6 +1,8 @@
 """MCAP files as tests read them: by rosbags, and by mcap-ros2-support."""
 
-from collections.abc import Sequence
+import resource
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -67,3 +69,14 @@ def channel_metadata(path: Path) -> dict[str, dict[str, str]]:
     with path.open("rb") as file:
         summary = mcap_reader.make_reader(file).get_summary()
     return {channel.topic: channel.metadata for channel in summary.channels.values()}
+
+
+@contextmanager
+def disk_of(size: int) -> Iterator[None]:
+    """Let no file grow beyond a size [bytes], as on a disk that is full then."""
+    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (size, limits[1]))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limits)

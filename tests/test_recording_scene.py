@@ -13,7 +13,7 @@ import pytest
 import yaml
 
 from contactfusion.arrays import FloatArray
-from contactfusion.errors import ConfigurationError, ContactFusionError, RecordingError
+from contactfusion.errors import ConfigurationError, ContactFusionError, WritingError
 from contactfusion.frames import FrameTree, Pose, pose_of
 from contactfusion.pipeline import Pipeline
 from contactfusion.readings import JointState, Reading, TactileImage, Wrench
@@ -371,7 +371,7 @@ def test_a_full_disk_is_one_sentence(tmp_path: Path) -> None:
     limits = resource.getrlimit(resource.RLIMIT_FSIZE)
     resource.setrlimit(resource.RLIMIT_FSIZE, (10_000, limits[1]))
     try:
-        with pytest.raises(RecordingError, match="a.mcap can't be written: File too large"):
+        with pytest.raises(WritingError, match="a.mcap can't be written: File too large"):
             record_scene(PUSH, ["scene.longest=2"], tmp_path / "a.mcap")
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, limits)

@@ -1,10 +1,8 @@
 """MCAP files: what is written is read back by rosbags and by mcap-ros2-support."""
 
 import math
-import resource
 import sys
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +13,12 @@ import yaml
 from contactfusion import Fusion
 from contactfusion.arrays import FloatArray
 from contactfusion.controller import Command
-from contactfusion.errors import ContactFusionError, DependencyError, RecordingError
+from contactfusion.errors import (
+    ContactFusionError,
+    DependencyError,
+    RecordingError,
+    WritingError,
+)
 from contactfusion.pipeline import Step
 from contactfusion.readings import (
     READING_TYPES,
@@ -39,6 +42,7 @@ from tests.clouds import HERE, THERE, cloud, fused
 from tests.mcap_files import (
     Recorded,
     channel_metadata,
+    disk_of,
     read_by_mcap_ros2,
     read_by_rosbags,
     rosbag2,
@@ -469,17 +473,6 @@ def test_an_exception_leaves_the_file_of_before(tmp_path: Path) -> None:
     assert list(tmp_path.iterdir()) == [path]
 
 
-@contextmanager
-def disk_of(size: int) -> Iterator[None]:
-    """Let no file grow beyond a size [bytes], as on a disk that is full then."""
-    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
-    resource.setrlimit(resource.RLIMIT_FSIZE, (size, limits[1]))
-    try:
-        yield
-    finally:
-        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
-
-
 @pytest.mark.parametrize("clouds", [1, 60], ids=["at the end", "while it writes"])
 @pytest.mark.parametrize("older", [False, True])
 def test_a_full_disk_is_one_sentence_and_leaves_what_was_there(
@@ -491,7 +484,7 @@ def test_a_full_disk_is_one_sentence_and_leaves_what_was_there(
     before = {entry: entry.read_bytes() for entry in tmp_path.iterdir()}
     noise = np.random.default_rng(0).standard_normal((8000, 3))
     scan = PointCloud(**AT, sensor="lidar", points=noise)
-    with disk_of(50_000), pytest.raises(RecordingError) as caught:
+    with disk_of(50_000), pytest.raises(WritingError) as caught:
         write(path, *[scan] * clouds)
     assert str(caught.value) == f"{path} can't be written: File too large; nothing of it was kept"
     assert {entry: entry.read_bytes() for entry in tmp_path.iterdir()} == before

@@ -78,7 +78,7 @@ class McapWriter:
         """Begin the file, under a name of its own.
 
         Raises:
-            RecordingError: the disk does not take it.
+            WritingError: the disk does not take it.
         """
         self._channels.clear()
         self._drawn = True  # a viewer may show what another recording drew
@@ -96,7 +96,7 @@ class McapWriter:
         """Give the file its name, or remove what there is of it.
 
         Raises:
-            RecordingError: the disk does not take it.
+            WritingError: the disk does not take it.
         """
         assert self._file
         self._bag = None
@@ -111,8 +111,9 @@ class McapWriter:
             prefix: what the topic begins with, e.g. "truth"; what has one does not go to /tf.
 
         Raises:
-            RecordingError: there is no message for it, its topic is taken by something else, its
-                stamp lies where ROS has none, or the disk does not take it.
+            RecordingError: there is no message for it, its topic is taken by something else, or its
+                stamp lies where ROS has none.
+            WritingError: the disk does not take it.
         """
         topic = topic_of(reading, prefix)
         if topic.startswith(OURS):
@@ -148,7 +149,8 @@ class McapWriter:
             stamp: from when on they are known [s].
 
         Raises:
-            RecordingError: the stamp lies where ROS has none, or the disk does not take it.
+            RecordingError: the stamp lies where ROS has none.
+            WritingError: the disk does not take it.
         """
         if frames:
             when = recorded_stamp(stamp, self._epoch_ns)
@@ -158,7 +160,8 @@ class McapWriter:
         """Write a robot's URDF, the text itself, on /robot_description.
 
         Raises:
-            RecordingError: the stamp [s] lies where ROS has none, or the disk does not take it.
+            RecordingError: the stamp [s] lies where ROS has none.
+            WritingError: the disk does not take it.
         """
         when = recorded_stamp(stamp, self._epoch_ns)
         self._write(f"/{DESCRIPTION}", message("std_msgs/String", data=urdf), when)
@@ -167,7 +170,8 @@ class McapWriter:
         """Write a text, as std_msgs/String; who comes late to the topic hears it, too.
 
         Raises:
-            RecordingError: the stamp [s] lies where ROS has none, or the disk does not take it.
+            RecordingError: the stamp [s] lies where ROS has none.
+            WritingError: the disk does not take it.
         """
         when = recorded_stamp(stamp, self._epoch_ns)
         self._write(topic, message("std_msgs/String", data=text), when)
@@ -176,8 +180,9 @@ class McapWriter:
         """Write a message of another recording as it is.
 
         Raises:
-            RecordingError: the file it comes from does not define its type, its topic is taken by
-                something else, or the disk does not take it.
+            RecordingError: its file does not define its type, or its topic is taken by something
+                else.
+            WritingError: the disk does not take it.
         """
         channel = self._channels.get(raw.topic)
         if channel is None:
@@ -202,7 +207,8 @@ class McapWriter:
             prefix: what the topics begin with, e.g. "truth".
 
         Raises:
-            RecordingError: a stamp lies where ROS has none, or the disk does not take it.
+            RecordingError: a stamp lies where ROS has none.
+            WritingError: the disk does not take it.
         """
         when = recorded_stamp(stamp, self._epoch_ns)
         below = f"/{prefix.strip('/')}/"

@@ -7,7 +7,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Final
 
-from contactfusion.errors import RecordingError
+from contactfusion.errors import WritingError
 from contactfusion.files import make_folder
 
 if TYPE_CHECKING:
@@ -43,13 +43,13 @@ def telling(path: Path) -> Iterator[None]:
     """Say in one sentence why a file can't be written, such as that the disk is full.
 
     Raises:
-        RecordingError: in place of the system's error.
+        WritingError: in place of the system's error.
     """
     try:
         yield
     except OSError as error:
         why = error.strerror or str(error)
-        raise RecordingError(f"{path} can't be written: {why}; nothing of it was kept") from None
+        raise WritingError(f"{path} can't be written: {why}; nothing of it was kept") from None
 
 
 def latched() -> "Qos":

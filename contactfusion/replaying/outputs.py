@@ -70,7 +70,8 @@ def open_output(path: Path, about: About) -> AbstractContextManager[Output]:
         about: what it tells of the replay.
 
     Raises:
-        RecordingError: the suffix is another, or the file can't be written.
+        RecordingError: the suffix is another.
+        WritingError: the file can't be written; nothing of it is kept.
         DependencyError: a package is not installed.
     """
     kinds = {".mcap": _mcap, ".csv": _csv, ".parquet": _parquet}
