@@ -5,7 +5,7 @@ BIN := $(VENV)/bin
 READY := $(VENV)/.ready
 SOAK_SCENARIOS ?= 2000
 
-.PHONY: demo test lint soak bench bare show-recordings show-touch show-push show-sensing train clean
+.PHONY: demo test lint soak bench bare show-recordings show-touch show-push show-sensing show-replay train clean
 
 demo: $(READY)
 	$(BIN)/contactfusion demo --out out/demo
@@ -107,6 +107,29 @@ show-sensing: $(READY)
 	done
 	$(PUSH) --sensing skin --sensing lidar --sensing rgbd --sensing fused $(EYES) $(UNSEEN) \
 		--targets random:160 --out out/sensing/unseen
+
+# Recordings in, contacts out: real ones, equal bytes, pictures, and the memory that 5 GB take.
+DATA := $(or $(CONTACTFUSION_DATA),../shared/data)
+PLAY := $(BIN)/contactfusion replay
+VIEW := $(BIN)/contactfusion view
+
+show-replay: $(READY)
+	@echo "about 15 minutes; the bag of a Husky lacks inputs, and its replay says which"
+	-$(PLAY) examples/scenes/push_fused.yaml $(DATA)/husky_bag/test1.bag --out out/replay/husky.mcap
+	$(BIN)/contactfusion record examples/scenes/push_five.yaml --out out/replay/five.mcap
+	for name in first second; do \
+		$(PLAY) examples/scenes/push_five.yaml out/replay/five.mcap \
+			--out out/replay/$$name.mcap || exit 1; \
+	done
+	cmp out/replay/first.mcap out/replay/second.mcap
+	$(BIN)/contactfusion explain out/replay/first.mcap --time 8
+	$(BIN)/contactfusion ablate out/replay/first.mcap --out out/replay/ablate
+	$(VIEW) out/replay/first.mcap --screenshot out/replay/five.png --at 8
+	$(VIEW) $(DATA)/force_plates/walk.c3d.zip --config examples/replay/force_plates.yaml \
+		--screenshot out/replay/walk.png --at 0.75
+	$(VIEW) $(DATA)/ouster/OS-0-128_v3.0.1_1024x10_20241017_141645.osf \
+		--config examples/replay/near_lidar.yaml --screenshot out/replay/near.png
+	$(BIN)/python -m benchmarks.long_recording --gigabytes 5 --folder out/replay/long
 
 train: $(READY)
 	$(BIN)/contactfusion train cpm --out out/cpm
