@@ -5,9 +5,10 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation, Slerp
 
 from contactfusion.errors import FrameError, InvalidReadingError
+from contactfusion.frame_config import FrameConfig
 from contactfusion.frames import FrameTree
 from contactfusion.pipeline import Pipeline
-from contactfusion.pipeline_config import PipelineConfig
+from contactfusion.pipeline_config import CycleConfig, PipelineConfig
 from contactfusion.readings import Odometry, Transform, Wrench
 from contactfusion.transforms import LENGTH, Transforms
 
@@ -121,7 +122,8 @@ def wrench(stamp: float) -> Wrench:
 
 
 def test_configured_frames_go_before_odometry_and_odometry_before_transforms() -> None:
-    pipe = Pipeline(PipelineConfig(frames={"tool": {"parent": "base", "xyz": (0.0, 0.0, 1.0)}}))  # type: ignore[dict-item]
+    tool = FrameConfig(parent="base", xyz=(0.0, 0.0, 1.0))
+    pipe = Pipeline(PipelineConfig(frames={"tool": tool}))
     pipe.receive(transform(0.0, 5.0, child="tool", frame="base"))
     pipe.receive(transform(0.0, 7.0, child="base", frame="odom"))
     pipe.receive(
@@ -139,6 +141,6 @@ def test_configured_frames_go_before_odometry_and_odometry_before_transforms() -
 
 
 def test_transforms_move_no_clock() -> None:
-    config = PipelineConfig(cycle={"every": 0.1})  # type: ignore[arg-type]
+    config = PipelineConfig(cycle=CycleConfig(every=0.1))
     readings = [transform(0.0), wrench(0.0), transform(5.0), wrench(0.25)]
     assert [step.stamp for step in Pipeline(config).run(readings)] == pytest.approx([0.1, 0.2, 0.3])

@@ -7,6 +7,7 @@ Each line of MESSAGES is a topic, a type, a stamp [ns since 1970] and the fields
 import json
 import sys
 
+# these are where the system's Python looks, and never in our environment
 import genpy  # type: ignore[import-not-found]
 import rosbag  # type: ignore[import-not-found]
 from roslib.message import get_message_class  # type: ignore[import-not-found]

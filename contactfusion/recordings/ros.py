@@ -14,7 +14,7 @@ from contactfusion.recordings.log import LONGEST_FALL
 from contactfusion.recordings.messages import Message
 from contactfusion.recordings.recording import Recording
 from contactfusion.recordings.ros_contents import contents_of, topics_of
-from contactfusion.recordings.ros_files import Bag, is_ros
+from contactfusion.recordings.ros_files import Bag
 from contactfusion.recordings.ros_messages import RawMessage, Tap, messages
 from contactfusion.recordings.ros_order import Entry, Heard, Sorter, TopicTally
 from contactfusion.recordings.ros_topics import Topic, listeners
@@ -27,7 +27,6 @@ __all__ = [
     "Tap",
     "Topic",
     "TopicTally",
-    "is_ros",
 ]
 
 

@@ -131,19 +131,13 @@ class Bag:
             else ""
         )
         try:
-            for given, (connection, stamp, raw) in enumerate(  # noqa: B007
-                file.reader.messages(wanted, start, stop), 1
-            ):
+            for connection, stamp, raw in file.reader.messages(wanted, start, stop):
+                given += 1
                 yield table[connection.id], stamp, raw
         except Exception as error:  # rosbags meets damage with errors of many kinds
             file.problem = file.problem or (
                 f"{file.path} is damaged after {given} messages ({error}); mend it by: {mend}"
             )
-
-
-def is_ros(path: Path) -> bool:
-    """Tell whether a path is that of a recording of ROS, or of a folder."""
-    return path.suffix in (*ROS1, *ROS2) or path.is_dir()
 
 
 def _is_ros1(path: Path) -> bool:
