@@ -107,6 +107,20 @@ class PatchConfig(Model):
             count += len(centres)
         return np.concatenate(places), np.concatenate(taxels)
 
+
+class TaxelAreas:
+    """The areas of a patch's taxels, to ask what lies over them.
+
+    Args:
+        patch: the taxels.
+    """
+
+    def __init__(self, patch: PatchConfig) -> None:
+        self._planes = [
+            (inverse(pose), centres.T[:, :, None], np.array([*edges, 0.0]) / 2.0)
+            for pose, centres, edges in patch.sheets()
+        ]
+
     def near(self, points: FloatArray, reach: float) -> NDArray[np.bool_]:
         """Tell which taxels have a point over their area, or closer to it than `reach` [m].
 
@@ -115,16 +129,14 @@ class PatchConfig(Model):
             reach: along each axis of a taxel [m].
 
         Returns:
-            Shape (n,).
+            Shape (n,), for the n taxels of the patch.
         """
         found = []
-        for pose, centres, edges in self.sheets():
-            there = points_in(inverse(pose), points)
-            half = np.array([*edges, 0.0]) / 2.0 + reach
-            low, high = centres.min(axis=0) - half, centres.max(axis=0) + half
-            close = there[((there >= low) & (there <= high)).all(axis=1)]
-            inside = np.abs(close - centres[:, None, :]) <= half
-            found.append(np.any(np.all(inside, axis=2), axis=1))
+        for way, centres, halves in self._planes:
+            inside = np.ones((centres.shape[1], len(points)), np.bool_)
+            for there, centre, half in zip(points_in(way, points).T, centres, halves, strict=True):
+                inside &= np.abs(there - centre) <= half + reach
+            found.append(inside.any(axis=1))
         return np.concatenate(found)
 
 

@@ -15,7 +15,7 @@ from contactfusion.generators.baselines import BaselineConfig
 from contactfusion.generators.health import Health
 from contactfusion.hooks import hookimpl
 from contactfusion.hypotheses import HypothesisCloud, HypothesisKind, Note
-from contactfusion.patches import PatchConfig
+from contactfusion.patches import PatchConfig, TaxelAreas
 from contactfusion.readings import Reading, TactileImage
 from contactfusion.state import State
 
@@ -70,6 +70,7 @@ class TactileGenerator(Generator[TactileConfig]):
         if config.free:
             self.outputs = {"": HypothesisKind.REGULAR, "free": HypothesisKind.NULL}
         self._taxels = len(config.patch.centres())
+        self._areas = TaxelAreas(config.patch)
         self._spreads = np.hypot(config.patch.spreads(), config.noise)
         self._baseline, self._noise = config.baseline.load(self._taxels)
         self._covered: tuple[float, FloatArray, NDArray[np.intp]] | None = None
@@ -128,7 +129,7 @@ class TactileGenerator(Generator[TactileConfig]):
         self, reading: TactileImage, state: State, touched: NDArray[np.bool_]
     ) -> HypothesisCloud:
         """Say where nothing touches, unless the patch may be dead or another source objects."""
-        stamp, side, near = reading.stamp, state.grid.voxel_size, self.config.patch.near
+        stamp, side, near = reading.stamp, state.grid.voxel_size, self._areas.near
         others = state.evidence(without=self.name)
         if len(others):
             others = points_in(state.frames.pose(reading.frame, of=state.grid.frame), others)

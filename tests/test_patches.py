@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from contactfusion.errors import ConfigurationError
-from contactfusion.patches import PatchConfig
+from contactfusion.patches import PatchConfig, TaxelAreas
 
 ROW: dict[str, Any] = {"rows": 1, "columns": 3, "pitch": (0.1, 0.02)}
 QUARTER = np.pi / 2.0
@@ -73,11 +73,11 @@ def test_neighbours_are_covered_without_a_seam() -> None:
 def test_near_is_over_the_area_or_closer_than_the_reach() -> None:
     row = grid(1, 3, 0.02, 0.02)
     points = np.array([[0.0, 0.0305, 0.0]])  # half a millimetre beyond the last taxel
-    assert row.near(points, 0.001).tolist() == [False, False, True]
-    assert row.near(points, 0.0001).tolist() == [False, False, False]
-    assert row.near(points, 0.021).tolist() == [False, True, True]
-    assert row.near(points + [0.0, 0.0, 0.002], 0.001).tolist() == [False, False, False]
-    assert row.near(np.empty((0, 3)), 1.0).tolist() == [False, False, False]
+    assert TaxelAreas(row).near(points, 0.001).tolist() == [False, False, True]
+    assert TaxelAreas(row).near(points, 0.0001).tolist() == [False, False, False]
+    assert TaxelAreas(row).near(points, 0.021).tolist() == [False, True, True]
+    assert TaxelAreas(row).near(points + [0.0, 0.0, 0.002], 0.001).tolist() == [False, False, False]
+    assert TaxelAreas(row).near(np.empty((0, 3)), 1.0).tolist() == [False, False, False]
 
 
 # Several grids: one ahead, upright; one on the left side, further down; one wider, flat on top
@@ -141,5 +141,5 @@ def test_each_grid_is_covered_on_its_own_plane() -> None:
 def test_near_is_near_to_a_taxel_of_any_grid(
     point: tuple[float, float, float], taxels: list[int]
 ) -> None:
-    near = around().near(np.array([point]), 0.002)
+    near = TaxelAreas(around()).near(np.array([point]), 0.002)
     assert np.flatnonzero(near).tolist() == taxels

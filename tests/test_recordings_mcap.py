@@ -19,6 +19,7 @@ from contactfusion.errors import (
     RecordingError,
     WritingError,
 )
+from contactfusion.hypotheses import HypothesisKind
 from contactfusion.pipeline import Step
 from contactfusion.readings import (
     READING_TYPES,
@@ -566,18 +567,21 @@ def test_without_rosbags_it_says_what_to_install(
 
 
 def test_the_voxels_of_a_step_as_a_cloud_with_likelihoods_and_verdicts(written: Written) -> None:
-    step = commanded()
-    cloud = only(written(step), "/contactfusion/contacts/voxels", "sensor_msgs/msg/PointCloud2")
-    points = np.frombuffer(bytes(cloud["data"]), np.uint8).reshape(-1, cloud["point_step"])
+    motion = cloud("motion", 0.25, {(9, 9, 9): 0.3}, kind=HypothesisKind.SUPPORT)
+    touches = cloud("skin", 0.2, {HERE: 0.8, THERE: 0.4})
+    step = Step(0.25, fused(touches, motion, now=0.25), None)
+    found = only(written(step), "/contactfusion/contacts/voxels", "sensor_msgs/msg/PointCloud2")
+    points = np.frombuffer(bytes(found["data"]), np.uint8).reshape(-1, found["point_step"])
     numbers_ = points[:, :16].copy().view("<f4")
     space = step.fusion.space
-    assert len(points) == len(space.voxels) > 0
-    np.testing.assert_allclose(numbers_[:, :3], space.positions, atol=1e-6)
-    np.testing.assert_allclose(numbers_[:, 3], space.likelihoods, atol=1e-6)
+    told = space.verdicts != "support_only"
+    assert 0 < len(points) == np.count_nonzero(told) < len(told)
+    np.testing.assert_allclose(numbers_[:, :3], space.positions[told], atol=1e-6)
+    np.testing.assert_allclose(numbers_[:, 3], space.likelihoods[told], atol=1e-6)
     words = ["support_only", "below_threshold", "contact", "nulled"]
-    assert [words[code] for code in points[:, 16]] == space.verdicts.tolist()
-    assert [field["name"] for field in cloud["fields"]] == ["x", "y", "z", "likelihood", "verdict"]
-    assert [field["offset"] for field in cloud["fields"]] == [0, 4, 8, 12, 16]
+    assert [words[code] for code in points[:, 16]] == space.verdicts[told].tolist()
+    assert [field["name"] for field in found["fields"]] == ["x", "y", "z", "likelihood", "verdict"]
+    assert [field["offset"] for field in found["fields"]] == [0, 4, 8, 12, 16]
 
 
 def test_steps_without_voxels_are_drawn_once(tmp_path: Path) -> None:

@@ -20,6 +20,7 @@ from contactfusion.recordings.messages import (
     type_hash,
     typestore,
 )
+from contactfusion.recordings.range_messages import is_drawn
 from contactfusion.recordings.reading_messages import (
     MOVING,
     STATIC,
@@ -130,14 +131,16 @@ class McapWriter:
         """Write the contacts and the command of a step.
 
         Below /contactfusion, contacts go to /contacts, and for viewers to /contacts/markers as
-        spheres with their likelihoods and to /contacts/voxels as a cloud, but for a step without
-        voxels after one without; a command goes to /command, and its twist to /cmd_vel.
+        spheres with their likelihoods and to /contacts/voxels as a cloud, without those that are
+        only predicted; of steps with nothing to draw only the first is drawn. A command goes to
+        /command, and its twist to /cmd_vel.
 
         Raises:
             RecordingError: a stamp lies where ROS has none.
         """
         stamp = recorded_stamp(step.stamp, self._epoch_ns)
-        drawn, self._drawn = self._drawn, bool(len(step.fusion.field.entries.keys))
+        fusion, drawn = step.fusion, self._drawn
+        self._drawn = bool(fusion.contacts) or bool(is_drawn(fusion).any())
         for topic, told in step_messages(step, self._epoch_ns, drawn or self._drawn):
             self._write(topic, told, stamp)
 

@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from contactfusion.arrays import FloatArray
 from contactfusion.integrator.fusion import Fusion
+from contactfusion.integrator.kernels import SUPPORT_ONLY
 from contactfusion.integrator.store import unpack
 from contactfusion.readings import DepthImage, PointCloud
 from contactfusion.recordings.messages import Message, Posting, message
@@ -43,21 +44,29 @@ def point_cloud(reading: PointCloud, top: Message) -> Message:
     )
 
 
-def voxel_cloud(fusion: Fusion, top: Message) -> Message:
-    """Give sensor_msgs/PointCloud2 of all voxels with a live hypothesis, for viewers.
+def is_drawn(fusion: Fusion) -> NDArray[np.bool_]:
+    """Tell which voxels a cloud of them holds: all but those that are predicted only."""
+    drawn: NDArray[np.bool_] = fusion.verdict_codes != SUPPORT_ONLY
+    return drawn
 
-    Its fields are x, y, z [m] and `likelihood` as float32, and `verdict` as uint8: 0 support only,
-    1 below the threshold, 2 contact, 3 nulled.
+
+def voxel_cloud(fusion: Fusion, top: Message) -> Message:
+    """Give sensor_msgs/PointCloud2 of all voxels with a live hypothesis but Support, for viewers.
+
+    A prediction alone is left out: that of a robot's motion covers all of it at each step. The
+    fields are x, y, z [m] and `likelihood` as float32, and `verdict` as uint8: 1 below the
+    threshold, 2 contact, 3 nulled.
 
     Args:
         fusion: of one step.
         top: the header, in the frame of the space.
     """
-    entries = fusion.field.entries
-    points = np.zeros(len(entries.keys), VOXEL)
-    points["place"] = entries.grid.centres(unpack(entries.keys))
-    points["likelihood"] = fusion.field.likelihoods
-    points["verdict"] = fusion.verdict_codes
+    entries, verdicts = fusion.field.entries, fusion.verdict_codes
+    rows = np.flatnonzero(is_drawn(fusion))
+    points = np.zeros(len(rows), VOXEL)
+    points["place"] = entries.grid.centres(unpack(entries.keys[rows]))
+    points["likelihood"] = fusion.field.likelihoods[rows]
+    points["verdict"] = verdicts[rows]
     names = [*"xyz", "likelihood", "verdict"]
     kinds = [*[FLOAT32] * 4, UINT8]
     fields = [

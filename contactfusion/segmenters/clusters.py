@@ -79,7 +79,7 @@ class ClustersSegmenter(Segmenter[ClustersConfig]):
         pixels, cells = self._standing(image, depth, pose)
         ground = self._ground(cells)
         labels = np.zeros(depth.shape, np.int32)
-        labels.flat[pixels] = ground.flat[cells]
+        labels.reshape(-1)[pixels] = ground.reshape(-1)[cells]
         label = self._nearest(ground) if self._last is None else _covering(labels, self._last)
         if label == 0:
             self.reset()
@@ -126,17 +126,21 @@ class ClustersSegmenter(Segmenter[ClustersConfig]):
         """Give the cluster of each cell of the ground from 1 on, 0 where nothing stands."""
         cv2 = loaded_opencv()
         occupied = np.zeros(_GRID, np.uint8)
-        occupied.flat[cells] = 1
+        occupied.reshape(-1)[cells] = 1
         reach = round(self.config.gap / CELL)
         joined = cv2.dilate(occupied, np.ones((reach, reach), np.uint8))
-        labels: Ground = cv2.connectedComponents(joined)[1] * occupied
-        sizes = np.bincount(labels.ravel())
-        labels[sizes[labels] * CELL**2 < self.config.least] = 0
+        count, components = cv2.connectedComponents(joined)
+        places = np.flatnonzero(occupied)
+        found = components.reshape(-1)[places]
+        sizes = np.bincount(found, minlength=count)
+        large = np.where(sizes * CELL**2 < self.config.least, 0, np.arange(count))
+        labels: Ground = np.zeros(_GRID, np.int32)
+        labels.reshape(-1)[places] = large[found]
         return labels
 
     def _nearest(self, ground: Ground) -> int:
         """Give the cluster that is nearest to the face, 0 if there is none."""
-        return int(ground.flat[np.argmin(np.where(ground > 0, self._distance, np.inf))])
+        return int(ground.reshape(-1)[np.argmin(np.where(ground > 0, self._distance, np.inf))])
 
     def _filled(
         self, mask: Mask, depth: NDArray[np.float32], colour: NDArray[np.uint8] | None
@@ -151,7 +155,7 @@ class ClustersSegmenter(Segmenter[ClustersConfig]):
         else:
             own = self._paint.covers(colour.reshape(-1, 3)[holes])
         filled = mask.copy()
-        filled.flat[holes[own]] = True
+        filled.reshape(-1)[holes[own]] = True
         return filled
 
 
