@@ -2,6 +2,7 @@
 
 import contextlib
 import multiprocessing
+from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from multiprocessing.connection import Connection
@@ -22,20 +23,24 @@ if TYPE_CHECKING:
 class Isolated(Generator[GeneratorConfig]):
     """Stands for a generator that runs elsewhere.
 
-    A reading that comes while the generator is busy takes the place of the one that waits, so it
-    always works on the newest. Its clouds come with the step after it is done.
+    Nobody waits for it on a live robot: a reading that comes while the generator is busy takes the
+    place of the one that waits, so it always works on the newest, and its clouds come with the step
+    after it is done. Where there is no clock, every reading is worked on, and each step waits for
+    those before it, so that equal input gives equal contacts.
 
     Args:
         inner: the generator that goes to a process of its own.
+        live: whether nobody waits for it.
     """
 
-    def __init__(self, inner: Generator[Any]) -> None:
+    def __init__(self, inner: Generator[Any], live: bool) -> None:
         super().__init__(inner.name, inner.config)
         # what a class declares for all its instances, this one borrows from another class
         self.readings = inner.readings  # type: ignore[misc]
         self.outputs = inner.outputs
         self._inner = inner
-        self._waiting: tuple[Reading, State] | None = None
+        self._live = live
+        self._waiting = deque[tuple[Reading, State]](maxlen=1 if live else None)
         self._busy = True  # until it says that it has started: a pipe that nobody reads may block
         self._outdated = False
         context = multiprocessing.get_context("spawn")
@@ -54,31 +59,39 @@ class Isolated(Generator[GeneratorConfig]):
             theirs.close()
 
     def generate(self, reading: Reading, state: State) -> Sequence[HypothesisCloud]:
-        """Hand the reading over and give what has been finished."""
-        self._waiting = reading, _portable(state, self.name)
-        return self.collect()
+        """Hand the reading over; live, give what has been finished."""
+        self._waiting.append((reading, _portable(state, self.name)))
+        return self.collect(wait=False) if self._live or not self._busy else ()
 
-    def collect(self) -> Sequence[HypothesisCloud]:
-        """Give the clouds that have been finished, and start on what waits.
+    @property
+    def owes(self) -> bool:
+        """Whether a step has to wait for it."""
+        return not self._live and bool(self._busy or self._waiting)
+
+    def collect(self, wait: bool) -> Sequence[HypothesisCloud]:
+        """Give the clouds of a reading that has been finished, and start on what waits.
+
+        Args:
+            wait: whether to wait until one is.
 
         Raises:
             PluginError: the generator raised, or its process ended.
         """
         clouds: Sequence[HypothesisCloud] = ()
         try:
-            if self._busy and self._pipe.poll():
+            if self._busy and (wait or self._pipe.poll()):
                 self._busy, outdated, self._outdated = False, self._outdated, False
                 result = self._pipe.recv()
                 if not outdated:
                     if isinstance(result, str):
                         raise PluginError(result)
                     clouds = result
-            if self._waiting is not None and not self._busy:
-                given, self._waiting = self._waiting, None
-                self._pipe.send(given)
+            if self._waiting and not self._busy:
+                self._pipe.send(self._waiting.popleft())
                 self._busy = True
         except (EOFError, OSError):
-            self._waiting, self._busy = None, False
+            self._busy = False
+            self._waiting.clear()
             self._process.join(timeout=0.05)  # its pipe closes just before it is gone
             how = f"exit code {self._process.exitcode}"
             raise PluginError(f"the process of '{self.name}' has ended ({how})") from None
@@ -86,7 +99,8 @@ class Isolated(Generator[GeneratorConfig]):
 
     def reset(self) -> None:
         """Forget what waits and what is being worked on; a process that ended stays silent."""
-        self._waiting, self._outdated = None, self._busy
+        self._outdated = self._busy
+        self._waiting.clear()
         with contextlib.suppress(OSError):
             self._pipe.send(None)
 

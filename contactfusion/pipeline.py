@@ -74,6 +74,7 @@ class Pipeline:
         config: the configuration.
         ask: how a generator is asked for its clouds.
         tell: who hears each cloud that the integrator accepted.
+        live: whether no step waits for generators in processes of their own.
 
     Raises:
         ContactFusionError: a plug-in is not installed, or an option of one is wrong.
@@ -84,8 +85,10 @@ class Pipeline:
         config: PipelineConfig,
         ask: Ask = asked,
         tell: Tell = nobody,
+        live: bool = False,
     ) -> None:
         self.config = config
+        self._live = live
         self._ask = ask
         self._tell = tell
         self.integrator = Integrator(config.integrator.model_copy(update={"strict_sources": True}))
@@ -115,7 +118,7 @@ class Pipeline:
             raise SourceError(f"the generator '{name}' is plugged already; unplug it first")
         generator = built_generator(name, options, self.config.folder, self.config.robot)
         if generator.config.isolate:
-            generator = Isolated(generator)
+            generator = Isolated(generator, self._live)
         elif self._robot.model is not None:
             generator.prepare(self._robot.model)
         evidence = [*generator.sources.values()].count(HypothesisKind.REGULAR)
@@ -180,7 +183,9 @@ class Pipeline:
         """Fuse all that is alive at `now` [s], and let the controller act on the contacts."""
         for generator in list(self.generators.values()):
             if isinstance(generator, Isolated):
-                self._deliver(generator, generator.collect)
+                self._deliver(generator, functools.partial(generator.collect, wait=False))
+                while generator.owes:
+                    self._deliver(generator, functools.partial(generator.collect, wait=True))
         state = self.state(now)
         if lost := self._robot.lost(state):
             self.integrator.refuse("surface", lost)

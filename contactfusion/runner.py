@@ -26,7 +26,7 @@ class Runner:
     def __init__(self, config: PipelineConfig, clock: Callable[[], float]) -> None:
         self._clock = clock
         self._overruns: Counter[str] = Counter()
-        self.pipeline = Pipeline(config, ask=self._timed)
+        self.pipeline = Pipeline(config, ask=self._timed, live=True)
 
     def receive(self, reading: Reading) -> None:
         """Give a reading to the pipeline; then unplug who was too slow too often."""

@@ -4,7 +4,7 @@ import math
 from bisect import bisect_right
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import final
+from typing import Any, final
 
 import numpy as np
 
@@ -35,6 +35,18 @@ class _Series:
         self.transforms.append(transform)
         if len(self.stamps) >= 2 * LENGTH:
             del self.stamps[:LENGTH], self.transforms[:LENGTH]
+
+    def around(self, stamp: float) -> "_Series":
+        """Give the first and the last pose, and the two next to a stamp: no other counts then."""
+        after = bisect_right(self.stamps, stamp)
+        count = len(self.stamps)
+        rows = sorted({0, after - 1, after, count - 1} & {*range(count)})
+        return _Series(
+            self.parent,
+            self.static,
+            [self.stamps[row] for row in rows],
+            [self.transforms[row] for row in rows],
+        )
 
     def pose(self, stamp: float) -> Pose:
         """Give the pose at a stamp that lies between the first and the last."""
@@ -94,6 +106,11 @@ class TransformsAt:
     """All frames that a transform has named."""
     stamp: float
     """[s]"""
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Travel to another process with what is known at the stamp, without all that was told."""
+        near = {name: series.around(self.stamp) for name, series in self._series.items()}
+        return TransformsAt, (near, self.frames, self.stamp)
 
     def parent_of(self, frame: str) -> Parent | None:
         """Give the parent of a frame and its pose there; None for one that no transform places.

@@ -56,6 +56,7 @@ class OwnBody:
         self._mending: Pose = np.eye(4)
         self._images = 0
         self._known = np.diag(PRIOR**-2.0)
+        self._settled = False
 
     @property
     def sigma(self) -> FloatArray:
@@ -71,7 +72,7 @@ class OwnBody:
             intrinsics: the camera matrix, shape (3, 3) [pixels].
             pose: of the camera in the robot's frame, as it is said to be.
         """
-        if np.any(self.sigma > SETTLED):
+        if not self._settled:
             every = max(1, round((depth.size / PIXELS) ** 0.5))
             thinned = depth[::every, ::every]
             rows, columns = np.nonzero(thinned)
@@ -100,6 +101,7 @@ class OwnBody:
             mending = turn @ level @ mending
         self._mending, self._known = mending, known
         self._images += 1
+        self._settled = bool(np.all(self.sigma <= SETTLED))
 
     def _plane(self, points: FloatArray) -> FloatArray | None:
         """Fit the upper side: how much too high it seems at the frame's axis, and its slopes."""

@@ -27,8 +27,8 @@ def _toys(monkeypatch: pytest.MonkeyPatch, pytestconfig: pytest.Config) -> None:
     monkeypatch.syspath_prepend(str(pytestconfig.rootpath))  # a process of its own imports toys
 
 
-def pipeline(**other: dict[str, Any]) -> Pipeline:
-    return Pipeline(PipelineConfig(generators={"healthy": HEALTHY, **other}))
+def pipeline(live: bool = False, **other: dict[str, Any]) -> Pipeline:
+    return Pipeline(PipelineConfig(generators={"healthy": HEALTHY, **other}), live=live)
 
 
 def told_of_healthy(step: Step) -> tuple[object, ...]:
@@ -155,9 +155,12 @@ def test_one_that_raises_late_has_overrun_as_well() -> None:
     assert [event.source for event in overruns(runner)] == ["naughty"]
 
 
+REMOTE = {"type": "remote", "isolate": True, "timeout": 1e6}
+
+
 @pytest.fixture
 def isolated() -> Iterator[Pipeline]:
-    pipe = pipeline(remote={"type": "remote", "isolate": True, "timeout": 1e6})
+    pipe = pipeline(live=True, remote=REMOTE)
     yield pipe
     pipe.close()
 
@@ -258,6 +261,17 @@ def test_what_an_isolated_generator_was_doing_at_a_reset_is_never_heard(
     far = max(step.fusion.contacts, key=lambda contact: contact.position[0])
     assert far.stamp == pytest.approx(0.01)
     assert step.fusion.report.sources["remote"].accepted == 2
+
+
+def test_without_a_clock_each_step_waits_for_all_readings_before_it() -> None:
+    pipe = pipeline(remote=REMOTE)
+    for ask in ("now", "now", "now"):
+        pipe.receive(point(0.0, 1.0, 1.0, 1.0, sensor=ask))
+    assert _heard(pipe.step(0.1)) == 3
+    pipe.receive(point(0.2, 1.0, 1.0, 1.0, sensor="die"))
+    (message,) = refusals(pipe.step(0.2))
+    assert "the process of 'remote' has ended (exit code 3)" in message
+    pipe.close()
 
 
 def test_one_that_cannot_travel_cannot_be_isolated() -> None:

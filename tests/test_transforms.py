@@ -1,3 +1,6 @@
+import pickle
+import re
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -69,6 +72,27 @@ def test_outside_its_time_a_transform_is_an_error_that_says_what_there_is(stamp:
     sentence = rf"'base' in 'map' is not known at {stamp} s: there is one from 1.000 to 2.000 s"
     with pytest.raises(FrameError, match=sentence):
         frames.pose("map", of="base")
+
+
+@pytest.mark.parametrize("stamp", [0.0, 1.0, 1.7, 2.0, 40.0, 50.0])
+def test_to_another_process_goes_only_what_counts_at_the_stamp(stamp: float) -> None:
+    told = known(*(transform(float(n + 1), float(n * n)) for n in range(40)))
+    told.add(transform(0.0, 3.0, child="eye", frame="base", static=True))
+    here = told.at(stamp)
+    packed = pickle.dumps(here)
+    assert len(packed) < 3000
+    there = pickle.loads(packed)
+    for child in ("base", "eye"):
+        try:
+            expected = here.parent_of(child) if here else None
+        except FrameError as error:
+            with pytest.raises(FrameError, match=re.escape(str(error))):
+                there.parent_of(child)
+        else:
+            assert expected is not None
+            frame, pose = there.parent_of(child)
+            assert frame == expected[0]
+            np.testing.assert_array_equal(pose, expected[1])
 
 
 def test_a_static_transform_holds_at_all_times_and_the_newest_counts() -> None:

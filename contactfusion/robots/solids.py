@@ -6,6 +6,7 @@ the side from which more of them do.
 """
 
 from collections.abc import Sequence
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -41,32 +42,40 @@ class Solid:
     """
 
     def __init__(self, shapes: Sequence[ShapeConfig | Mesh]) -> None:
-        self._shapes = [(shape, *_triangles(shape)) for shape in shapes]
-        self._scene: Any = _scene(self.meshes)
-        # where shapes overlap, a ray counts no insides and outsides: each is asked alone
-        self._insides = [_scene([mesh]) for mesh in self.meshes]
+        self._shapes = tuple(shapes)
+        if any(isinstance(shape, Mesh) for shape in shapes):
+            _ = self.meshes  # a file that can't be read is told at once
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Travel to another process as the shapes."""
-        return Solid, (tuple(shape for shape, _, _ in self._shapes),)
+        return Solid, (self._shapes,)
 
-    @property
+    @cached_property
     def meshes(self) -> list[tuple[FloatArray, NDArray[np.uint32]]]:
         """The vertices (v, 3) [m] and the triangles (t, 3) of each shape."""
-        return [(vertices, triangles) for _, vertices, triangles in self._shapes]
+        return [_triangles(shape) for shape in self._shapes]
+
+    @cached_property
+    def _scene(self) -> Any:
+        return _scene(self.meshes)
+
+    @cached_property
+    def _insides(self) -> list[Any]:
+        # where shapes overlap, a ray counts no insides and outsides: each is asked alone
+        return [_scene([mesh]) for mesh in self.meshes]
 
     def samples(self, spacing: float) -> tuple[FloatArray, FloatArray]:
         """Give points about `spacing` [m] apart and outward normals, both of shape (n, 3)."""
         points, normals = [], []
-        for shape, vertices, triangles in self._shapes:
+        for number, shape in enumerate(self._shapes):
             if isinstance(shape, Mesh):
-                places, directions = _on_triangles(vertices, triangles, spacing)
+                places, directions = _on_triangles(*self.meshes[number], spacing)
             else:
                 surface = shape.sampled("link", spacing)
                 places, directions = surface.points, surface.normals
             points.append(places)
             normals.append(directions)
-        if len(self._shapes) == 1 and isinstance(self._shapes[0][0], ShapeConfig):
+        if len(self._shapes) == 1 and isinstance(self._shapes[0], ShapeConfig):
             return points[0], normals[0]  # nothing hides a primitive from itself
         return self._seen(np.concatenate(points), np.concatenate(normals))
 
