@@ -21,6 +21,7 @@ from contactfusion.demo.scene import DIES, scene_fields
 from contactfusion.demo.telling import told
 from contactfusion.errors import ConfigurationError, ContactFusionError, DependencyError
 from contactfusion.recordings import messages
+from contactfusion.replaying.configuration import setting_of_recording
 from contactfusion.running import run_file
 
 RULE = "lidar_rule"
@@ -159,6 +160,13 @@ def test_the_recording_holds_what_arrived_and_nothing_of_a_dead_skin(shown: Show
     found = "contacts", "command"
     for topic in ("/lidar", "/wheels", "/odometry", *(f"/contactfusion/{name}" for name in found)):
         assert stamps[topic] == pytest.approx(last)
+
+
+def test_the_recording_knows_how_it_was_fused_and_loses_nothing_twice(shown: Shown) -> None:
+    pytest.importorskip("rosbags")
+    config = setting_of_recording(shown[0] / "demo.mcap").config()
+    assert set(config.generators) == {"skin", "lidar", "motion"}
+    assert not config.faults
 
 
 def test_lines_tell_time_contact_and_the_death(shown: Shown) -> None:

@@ -1,7 +1,7 @@
 """The demo: a base pushes a box to a target behind it; its skin dies, its LiDAR goes on."""
 
 import json
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from pathlib import Path
 
 from rich.console import Console
@@ -9,7 +9,7 @@ from rich.console import Console
 from contactfusion.demo.account import Story, sentences, summary
 from contactfusion.demo.figures import distance_figure, lateral_figure, shares_figure
 from contactfusion.demo.film import film
-from contactfusion.demo.moments import Moment, push_moments
+from contactfusion.demo.moments import push_moments
 from contactfusion.demo.page import page
 from contactfusion.demo.scene import LEARNED, as_yaml, by_skin_alone, scene_fields
 from contactfusion.demo.telling import told
@@ -17,6 +17,7 @@ from contactfusion.errors import ContactFusionError, DependencyError
 from contactfusion.figures import new_figure
 from contactfusion.files import make_folder, write_whole
 from contactfusion.recordings.mcap import McapWriter
+from contactfusion.replaying.configuration import NOT_OURS, TOPIC, Setting
 from contactfusion.run_results import commands_csv, contacts_csv
 
 
@@ -73,7 +74,7 @@ def write(story: Story, out: Path, console: Console) -> Iterator[str]:
         write_whole(out / name, content)
     size = film(story, out / "film.gif", out / "death.png")
     try:
-        record(story.moments, out / "demo.mcap")
+        record(story, out / "demo.mcap")
         written.append("demo.mcap")
     except DependencyError as error:
         _say(console, f"no recording: {error}")
@@ -81,14 +82,16 @@ def write(story: Story, out: Path, console: Console) -> Iterator[str]:
     yield from [*written, "index.html"]
 
 
-def record(moments: Sequence[Moment], path: Path) -> None:
-    """Write what arrived from the sensors, contacts and commands as a ROS 2 recording.
+def record(story: Story, path: Path) -> None:
+    """Write what arrived from the sensors, contacts, commands and configuration, as ROS 2 does.
 
     Raises:
         DependencyError: rosbags is not installed.
     """
+    had = {name: value for name, value in story.fields.items() if name not in (*NOT_OURS, "faults")}
     with McapWriter(path) as writer:
-        for moment in moments:
+        writer.text(TOPIC, Setting(had, path.parent, {}, path).text(beside=path.parent))
+        for moment in story.moments:
             for reading in moment.readings:
                 writer.reading(reading)
             writer.step(moment.step)
