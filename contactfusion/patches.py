@@ -8,6 +8,7 @@ from pydantic import Field, model_validator
 
 from contactfusion.arrays import FloatArray
 from contactfusion.frames import Pose, inverse, points_in, pose_at
+from contactfusion.jit import kernel
 from contactfusion.model import Model
 
 Edge = Annotated[float, Field(gt=0)]
@@ -117,7 +118,7 @@ class TaxelAreas:
 
     def __init__(self, patch: PatchConfig) -> None:
         self._planes = [
-            (inverse(pose), centres.T[:, :, None], np.array([*edges, 0.0]) / 2.0)
+            (inverse(pose), centres, np.array([*edges, 0.0]) / 2.0)
             for pose, centres, edges in patch.sheets()
         ]
 
@@ -131,13 +132,27 @@ class TaxelAreas:
         Returns:
             Shape (n,), for the n taxels of the patch.
         """
-        found = []
-        for way, centres, halves in self._planes:
-            inside = np.ones((centres.shape[1], len(points)), np.bool_)
-            for there, centre, half in zip(points_in(way, points).T, centres, halves, strict=True):
-                inside &= np.abs(there - centre) <= half + reach
-            found.append(inside.any(axis=1))
-        return np.concatenate(found)
+        return np.concatenate(
+            [
+                _any_within(points_in(way, points), centres, half + reach)
+                for way, centres, half in self._planes
+            ]
+        )
+
+
+@kernel
+def _any_within(points: FloatArray, centres: FloatArray, half: FloatArray) -> NDArray[np.bool_]:
+    """Tell around which centres (n, 3) a box of half edges (3,) holds one of the points (m, 3)."""
+    found = np.zeros(len(centres), np.bool_)
+    for row in range(len(centres)):
+        for point in range(len(points)):
+            inside = True
+            for axis in range(3):
+                inside &= np.abs(points[point, axis] - centres[row, axis]) <= half[axis]
+            if inside:
+                found[row] = True
+                break
+    return found
 
 
 def _on_plane(x: FloatArray, y: FloatArray) -> FloatArray:

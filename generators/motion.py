@@ -3,13 +3,16 @@
 from collections.abc import Mapping, Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 from pydantic import Field
 
+from contactfusion.arrays import FloatArray
 from contactfusion.errors import ConfigurationError
 from contactfusion.frames import Pose, pose_of
 from contactfusion.generator import Generator, GeneratorConfig
 from contactfusion.hooks import hookimpl
 from contactfusion.hypotheses import HypothesisCloud, HypothesisKind
+from contactfusion.jit import kernel
 from contactfusion.readings import JointState, Reading, Twist
 from contactfusion.state import State
 from contactfusion.surface import Surface
@@ -71,8 +74,7 @@ class MotionGenerator(Generator[MotionConfig]):
             ahead = robot.at(robot.positions + speeds * self.config.ahead)
             now, there = (one.surface_of(self.config.links) for one in (robot, ahead))
         kept = state.grid.first_in_voxels(there.points)
-        places = there.points[kept]
-        way = np.linalg.norm(places - now.points[kept], axis=1)
+        places, way = _moved(now.points, there.points, kept)
         return (
             self.cloud(
                 reading,
@@ -119,6 +121,28 @@ class MotionGenerator(Generator[MotionConfig]):
         there = state.frames.pose(state.grid.frame, of=reading.frame)
         back = state.frames.pose(reading.frame, of=state.grid.frame)
         return there @ step @ back
+
+
+@kernel
+def _moved(
+    now: FloatArray, there: FloatArray, rows: NDArray[np.intp]
+) -> tuple[FloatArray, FloatArray]:
+    """Give where some of the points will be, shape (k, 3), and how far they go, shape (k,) [m].
+
+    Args:
+        now: shape (n, 3) [m], where they are.
+        there: shape (n, 3) [m], where they will be.
+        rows: shape (k,), of those that count.
+    """
+    places, ways = np.empty((len(rows), 3)), np.empty(len(rows))
+    for number in range(len(rows)):
+        row = rows[number]
+        square = 0.0
+        for axis in range(3):
+            places[number, axis] = there[row, axis]
+            square += (there[row, axis] - now[row, axis]) ** 2
+        ways[number] = np.sqrt(square)
+    return places, ways
 
 
 @hookimpl

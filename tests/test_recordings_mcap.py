@@ -568,14 +568,15 @@ def test_without_rosbags_it_says_what_to_install(
 
 def test_the_voxels_of_a_step_as_a_cloud_with_likelihoods_and_verdicts(written: Written) -> None:
     motion = cloud("motion", 0.25, {(9, 9, 9): 0.3}, kind=HypothesisKind.SUPPORT)
+    free = cloud("free", 0.25, {THERE: 1.0, (9, 9, 0): 1.0}, kind=HypothesisKind.NULL)
     touches = cloud("skin", 0.2, {HERE: 0.8, THERE: 0.4})
-    step = Step(0.25, fused(touches, motion, now=0.25), None)
+    step = Step(0.25, fused(touches, motion, free, now=0.25), None)
     found = only(written(step), "/contactfusion/contacts/voxels", "sensor_msgs/msg/PointCloud2")
     points = np.frombuffer(bytes(found["data"]), np.uint8).reshape(-1, found["point_step"])
     numbers_ = points[:, :16].copy().view("<f4")
     space = step.fusion.space
-    told = space.verdicts != "support_only"
-    assert 0 < len(points) == np.count_nonzero(told) < len(told)
+    told = ~np.isnan(space.source_likelihoods[:, space.sources.index("skin")])
+    assert len(points) == np.count_nonzero(told) == 2 < len(told)
     np.testing.assert_allclose(numbers_[:, :3], space.positions[told], atol=1e-6)
     np.testing.assert_allclose(numbers_[:, 3], space.likelihoods[told], atol=1e-6)
     words = ["support_only", "below_threshold", "contact", "nulled"]

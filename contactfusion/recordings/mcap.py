@@ -131,9 +131,9 @@ class McapWriter:
         """Write the contacts and the command of a step.
 
         Below /contactfusion, contacts go to /contacts, and for viewers to /contacts/markers as
-        spheres with their likelihoods and to /contacts/voxels as a cloud, without those that are
-        only predicted; of steps with nothing to draw only the first is drawn. A command goes to
-        /command, and its twist to /cmd_vel.
+        spheres with their likelihoods and to /contacts/voxels as a cloud of those with evidence; of
+        steps with nothing to draw only the first is drawn. A command goes to /command, and its
+        twist to /cmd_vel.
 
         Raises:
             RecordingError: a stamp lies where ROS has none.

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from contactfusion.arrays import FloatArray
 from contactfusion.integrator.fusion import Fusion
-from contactfusion.integrator.kernels import SUPPORT_ONLY
+from contactfusion.integrator.kernels import REGULAR
 from contactfusion.integrator.store import unpack
 from contactfusion.readings import DepthImage, PointCloud
 from contactfusion.recordings.messages import Message, Posting, message
@@ -45,17 +45,17 @@ def point_cloud(reading: PointCloud, top: Message) -> Message:
 
 
 def is_drawn(fusion: Fusion) -> NDArray[np.bool_]:
-    """Tell which voxels a cloud of them holds: all but those that are predicted only."""
-    drawn: NDArray[np.bool_] = fusion.verdict_codes != SUPPORT_ONLY
+    """Tell which voxels a cloud of them holds: those with evidence, nulled or not."""
+    drawn: NDArray[np.bool_] = (fusion.field.entries.bits & REGULAR) > 0
     return drawn
 
 
 def voxel_cloud(fusion: Fusion, top: Message) -> Message:
-    """Give sensor_msgs/PointCloud2 of all voxels with a live hypothesis but Support, for viewers.
+    """Give sensor_msgs/PointCloud2 of all voxels with evidence, for viewers.
 
-    A prediction alone is left out: that of a robot's motion covers all of it at each step. The
-    fields are x, y, z [m] and `likelihood` as float32, and `verdict` as uint8: 1 below the
-    threshold, 2 contact, 3 nulled.
+    What is only predicted, or only ruled out, is left out: the robot's motion and a healthy skin
+    cover all of it at each step. The fields are x, y, z [m] and `likelihood` as float32, and
+    `verdict` as uint8: 1 below the threshold, 2 contact, 3 nulled.
 
     Args:
         fusion: of one step.
