@@ -129,6 +129,7 @@ show-replay: $(READY)
 		--screenshot out/replay/walk.png --at 0.75
 	$(VIEW) $(DATA)/ouster/OS-0-128_v3.0.1_1024x10_20241017_141645.osf \
 		--config examples/replay/near_lidar.yaml --screenshot out/replay/near.png
+	$(BIN)/python -m benchmarks.replay_speed --folder out/replay/speed
 	$(BIN)/python -m benchmarks.long_recording --gigabytes 5 --folder out/replay/long
 
 train: $(READY)

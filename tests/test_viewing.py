@@ -17,7 +17,7 @@ from contactfusion import Fusion, Pipeline
 from contactfusion.arrays import FloatArray
 from contactfusion.controller import Command
 from contactfusion.errors import ContactFusionError, DependencyError
-from contactfusion.frames import FrameTree, pose_of
+from contactfusion.frames import FrameTree, points_in, pose_at, pose_of
 from contactfusion.pipeline import Step
 from contactfusion.pipeline_config import PipelineConfig
 from contactfusion.readings import (
@@ -33,7 +33,8 @@ from contactfusion.readings import (
     Twist,
     Wrench,
 )
-from contactfusion.viewing.colours import ROBOT, ramp
+from contactfusion.viewing.colours import ROBOT, VOXELS, ramp
+from contactfusion.viewing.extent import FIELD_OF_VIEW, Extent
 from contactfusion.viewing.library import program, quiet_environment
 from contactfusion.viewing.pictures import screenshot
 from contactfusion.viewing.showing import show
@@ -147,7 +148,7 @@ class TestTheFile:
             "/world/robot/base",
             "/world/sensors/skin",
             "/world/space/contacts",
-            "/world/space/forces",
+            "/world/space/centres",
             "/world/space/voxels/contact",
             "/contacts/likelihood",
             "/shares/skin",
@@ -184,6 +185,11 @@ class TestTheFile:
     def test_the_contact_is_the_origin_of_the_near_view(self, drive: Contents) -> None:
         place = drive.last("/world/focus", "Transform3D:translation")
         np.testing.assert_allclose(place, [[1.19, 0.01, 0.005]], atol=1e-6)
+
+    def test_before_the_first_contact_is_looked_at_where_it_will_be(self, drive: Contents) -> None:
+        first, then, *_ = drive.rows("/world/focus", "Transform3D:translation")
+        assert (first[0], then[0]) == pytest.approx((0.1, 0.6))
+        np.testing.assert_allclose(first[1], [[0.79, 0.01, 0.005]], atol=1e-6)
 
     def test_time_lines_have_a_point_for_each_step(
         self, drive: Contents, steps: list[Step]
@@ -282,8 +288,12 @@ class TestSensors:
         assert seen.values("/world/sensors/camera/image", "Pinhole:resolution") == [[[2.0, 2.0]]]
 
     def test_a_wrench_is_two_arrows(self, seen: Contents) -> None:
-        vectors = seen.last("/world/sensors/wrist", "Arrows3D:vectors")
-        np.testing.assert_allclose(vectors, [[0.0, 0.0, -0.2], [0.1, 0.0, 0.0]], atol=1e-7)
+        # arrows are at most 0.32 m long: 10 cm are 7 N, as 6 N would be too few, or 0.4 N·m
+        for kind, arrow in (("force", [0.0, 0.0, -2.0 / 7.0]), ("torque", [0.25, 0.0, 0.0])):
+            (vectors,) = seen.values(f"/world/sensors/wrist/{kind}", "Arrows3D:vectors")
+            np.testing.assert_allclose(vectors, [arrow], atol=1e-6)
+            (origins,) = seen.values(f"/world/sensors/wrist/{kind}", "Arrows3D:origins")
+            assert origins == [[0.0, 0.0, 0.0]]
 
     def test_an_object_stands_where_it_is_said_to_be(self, seen: Contents) -> None:
         place = seen.last("/world/objects/box", "Transform3D:translation")
@@ -293,8 +303,8 @@ class TestSensors:
     def test_what_cannot_be_drawn_is_told(self, seen: Contents) -> None:
         told = sorted(text for (text,) in seen.values("/events/viewer", "TextLog:text"))
         assert told == [
-            "PointCloud of 'far' is not drawn: nothing joins 'moon' to 'base'",
-            "TactileImage of 'glove' is not drawn: no patch says where its taxels are",
+            "0.00 s: PointCloud of 'far' is not drawn: nothing joins 'moon' to 'base'",
+            "0.00 s: TactileImage of 'glove' is not drawn: no patch says where its taxels are",
         ]
 
     def test_a_reading_waits_for_the_step_that_is_not_before_it(self, tmp_path: Path) -> None:
@@ -346,9 +356,18 @@ class TestBeliefs:
             ("nulled", 0.0475),
         ):
             path = f"/world/space/voxels/{verdict}"
-            first, last = seen.values(path, "Points3D:positions")
+            first, last = seen.values(path, "Boxes3D:centers")
             np.testing.assert_allclose(first, [[x, 0.0025, 0.0025]], atol=1e-6)
             assert last == []
+
+    def test_the_likelier_a_voxel_the_less_is_seen_through_it(self, tmp_path: Path) -> None:
+        fusion = fused(cloud("skin", 0.0, {HERE: 0.9, (1, 0, 0): 0.3}))
+        colours = drawn(tmp_path / "a.rrd", fusion).values(
+            "/world/space/voxels/contact", "Boxes3D:colors"
+        )[0]
+        likely, unlikely = (colour & 255 for colour in colours)
+        assert 255 > likely > unlikely + 30 > 60
+        assert {colour >> 8 for colour in colours} == {packed(VOXELS["contact"]) >> 8}
 
     def test_the_unlikely_is_as_bright_as_the_likely_is_not(self) -> None:
         brightness = ramp(np.linspace(0.0, 1.0, 11)).astype(float) @ [0.2, 0.7, 0.1]
@@ -360,12 +379,22 @@ class TestBeliefs:
         first, last = seen.values("/world/space/contacts", "Ellipsoids3D:half_sizes")
         assert (len(first), len(last)) == (1, 0)
 
-    def test_a_force_is_a_centimetre_a_newton(self, tmp_path: Path) -> None:
-        pushed = cloud("skin", 0.0, {HERE: 0.9}, forces=np.array([[0.0, 3.0, 4.0]]))
-        seen = drawn(tmp_path / "a.rrd", fused(pushed))
-        first, _ = seen.values("/world/space/forces", "Arrows3D:vectors")
-        np.testing.assert_allclose(first, [[0.0, 0.03, 0.04]], atol=1e-6)
-        assert seen.values("/world/space/forces", "Arrows3D:labels") == [["5.0 N"], []]
+    @pytest.mark.parametrize("newtons", [1e-3, 1.0, 1000.0])
+    def test_a_force_ends_at_its_contact_and_is_well_seen(
+        self, tmp_path: Path, newtons: float
+    ) -> None:
+        force = newtons * np.array([[0.0, 3.0, 4.0]])
+        fusion = fused(cloud("skin", 0.0, {HERE: 0.9}, forces=force))
+        seen = drawn(tmp_path / "a.rrd", fusion)
+        vectors, gone = seen.values("/world/space/forces", "Arrows3D:vectors")
+        origins, _ = seen.values("/world/space/forces", "Arrows3D:origins")
+        assert gone == []
+        # 5 N are at most 32 voxels long, so that 10 cm are 4 N at least
+        np.testing.assert_allclose(vectors, [[0.0, 0.075, 0.1]], atol=1e-6)
+        tip = np.add(origins, vectors)
+        np.testing.assert_allclose(tip, [fusion.contacts[0].position], atol=1e-6)
+        told = f"0.90, {5.0 * newtons:.3g} N: skin 100%"
+        assert seen.values("/world/space/labels", "Points3D:labels")[0] == [told]
 
     def test_a_command_is_an_arrow_with_its_reason(self, tmp_path: Path) -> None:
         twist = Twist(
@@ -373,11 +402,86 @@ class TestBeliefs:
         )
         command = Command(twist=twist, mode="push", reason="0.5 m left")
         seen = drawn(tmp_path / "a.rrd", fused(), command)
-        assert seen.values("/world/command", "Arrows3D:labels")[0] == ["push: 0.5 m left"]
-        (arrow,) = seen.values("/world/command", "Arrows3D:vectors")[0]
+        reason = "/world/command/reason"
+        assert seen.values(reason, "Points3D:labels")[0] == ["push: 0.5 m left"]
+        (arrow,) = seen.values("/world/command/arrows", "Arrows3D:vectors")[0]
         np.testing.assert_allclose(arrow, [0.2, 0.0, 0.0], atol=1e-6)
         assert seen.values("/states/controller", "StateChange:state") == [["push"]]
-        assert seen.values("/events/controller", "TextLog:text") == [["push: 0.5 m left"]]
+        assert seen.values("/events/controller", "TextLog:text") == [["0.00 s: push: 0.5 m left"]]
+
+
+def test_the_modes_of_a_controller_have_colours_that_stay(tmp_path: Path) -> None:
+    config = PipelineConfig()
+    pipeline = Pipeline(config)
+    with Viewer(config, tmp_path / "a.rrd") as viewer:
+        for stamp, mode in enumerate(["push", "", "push", "back"]):
+            command = Command(mode=mode)
+            viewer.step(Step(float(stamp), fused(), command), pipeline.state(float(stamp)))
+    seen = Contents(tmp_path / "a.rrd")
+    modes = seen.values("/states/controller", "StateConfiguration:values")
+    colours = seen.values("/states/controller", "StateConfiguration:colors")
+    assert modes[-1] == ["push", "no mode", "back"]
+    assert all(colours[-1][: len(earlier)] == earlier for earlier in colours)
+    assert len(set(colours[-1])) == 3
+
+
+def test_a_command_starts_above_the_robot(tmp_path: Path) -> None:
+    ahead = Twist(stamp=0.0, frame="base", linear=np.array([0.1, 0.0, 0.0]), angular=np.zeros(3))
+    config = PipelineConfig(**CONFIG)
+    pipeline = Pipeline(config)
+    with Viewer(config, tmp_path / "a.rrd") as viewer:
+        viewer.step(Step(0.0, fused(), Command(twist=ahead)), pipeline.state(0.0))
+    seen = Contents(tmp_path / "a.rrd")
+    (origins,) = seen.values("/world/command/arrows", "Arrows3D:origins")
+    np.testing.assert_allclose(origins, [[0.0, 0.0, 0.1]], atol=1e-3)
+
+
+class TestExtent:
+    BODY = np.array([[x, y, z] for x in (-0.4, 0.4) for y in (-0.3, 0.3) for z in (0.0, 0.4)])
+    NOTHING = np.empty((0, 3))
+
+    def seen_from(self, extent: Extent, points: FloatArray, aspect: float) -> FloatArray:
+        """Give how far from the middle points are in the picture; at its edges are -1 and 1."""
+        eye = extent.scene_eye
+        right = np.cross([0.0, 0.0, 1.0], eye)
+        right /= np.linalg.norm(right)
+        axes = np.stack([right, np.cross(eye, right), eye])
+        across, up, towards = axes @ (points - np.mean(extent.box, axis=0)).T
+        depth = np.tan(FIELD_OF_VIEW / 2.0) * (extent.distance(aspect) - towards)
+        picture: FloatArray = np.stack([across / depth / aspect, up / depth], axis=1)
+        return picture
+
+    @pytest.mark.parametrize("far", [1.0, 10.0, 1000.0])
+    def test_far_points_make_room_around_a_robot_that_stays_well_seen(self, far: float) -> None:
+        extent = Extent()
+        ring = far * np.array([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [-1.0, 0.0, 0.0]])
+        extent.include(self.BODY, self.NOTHING, ring, np.eye(4))
+        picture = self.seen_from(extent, self.BODY, 1.2)
+        assert 0.3 < abs(picture).max() < 0.7
+
+    def test_contacts_lie_within_the_picture(self) -> None:
+        extent = Extent()
+        contacts = np.array([[2.0, 1.0, 0.3], [0.4, 0.0, 0.2]])
+        extent.include(self.BODY, contacts, self.NOTHING, np.eye(4))
+        assert abs(self.seen_from(extent, contacts, 2.2)).max() < 1.0
+
+    def test_what_is_seen_without_a_robot_is_looked_at_where_most_of_it_is(self) -> None:
+        extent = Extent()
+        seen = np.concatenate([np.random.default_rng(1).normal(5.0, 0.1, (99, 3)), [[900.0] * 3]])
+        extent.include(self.NOTHING, self.NOTHING, seen, np.eye(4))
+        np.testing.assert_allclose(np.mean(extent.box, axis=0), 5.0, atol=0.1)
+        assert extent.distance(1.0) < 2.0
+
+    def test_a_contact_is_seen_from_where_it_is_on_the_robot_however_that_turns(self) -> None:
+        eyes = []
+        for turned in np.radians([0.0, 180.0]):
+            extent = Extent()
+            pose = pose_at([0.0, 0.0, 0.0], [0.0, 0.0, turned])
+            contacts = points_in(pose, np.array([[0.4, 0.0, 0.2]]))
+            extent.include(points_in(pose, self.BODY), contacts, self.NOTHING, pose)
+            eyes.append((extent.contact_eye, extent.scene_eye))
+        np.testing.assert_allclose(eyes[0][0], eyes[1][0], atol=1e-9)
+        np.testing.assert_allclose(eyes[0][1][:2], -eyes[1][1][:2], atol=1e-9)
 
 
 def test_the_links_of_a_robot_are_drawn_once_and_moved_by_its_joints(tmp_path: Path) -> None:
@@ -474,7 +578,7 @@ class TestShowing:
             try:
                 assert server.stdout is not None
                 address = server.stdout.readline().split()[1]
-                assert address.startswith("http://127.0.0.1:")
+                assert address.startswith("http://127.0.0.1:") and address.endswith("&theme=dark")
                 with answered(address) as page:
                     assert b"Rerun Viewer" in page.read()
                     policy = page.headers["Content-Security-Policy"]

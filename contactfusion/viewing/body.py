@@ -42,6 +42,10 @@ class Body:
             corners.append(points_in(pose, self._boxes[frame]))
         return np.concatenate(corners)
 
+    def top(self, frame: str) -> float:
+        """Give how high a link, or the surface, is in its frame [m]; 0 if nothing is drawn."""
+        return float(self._boxes[frame][:, 2].max()) if frame in self._boxes else 0.0
+
     def _poses(self, state: State, places: Places) -> dict[str, FloatArray]:
         """Give the poses of the links that have shapes, or of the rigid surface."""
         if self._surface is not None:
@@ -49,10 +53,11 @@ class Body:
             return {} if pose is None else {self._surface.frame: pose}
         if state.robot is None:
             return {}
-        space = places.space(state.grid.frame)
         links = state.robot.model.urdf.links
         drawn = {name for name, link in links.items() if link.visual or link.collision}
-        return {name: space @ pose for name, pose in state.robot.poses.items() if name in drawn}
+        return {
+            name: places.space @ pose for name, pose in state.robot.poses.items() if name in drawn
+        }
 
     def _draw_shapes(self, recorder: Recorder, state: State, path: str, frame: str) -> FloatArray:
         """Draw the shapes of a link in its frame; give the corners of a box around them."""

@@ -7,8 +7,10 @@ from contactfusion.arrays import FloatArray
 
 Colours = NDArray[np.uint8]
 """Shape (n, 3) or (n, 4): RGB or RGBA in 0..255."""
+Colour = tuple[int, int, int]
+"""RGB in 0..255."""
 RAMP = np.array([[156, 79, 217], [226, 84, 134], [251, 148, 70], [246, 236, 66]], np.float64)
-"""From unlikely to certain: violet, pink, orange, yellow, each lighter than the one before."""
+"""From little to much: violet, pink, orange, yellow, each lighter than the one before."""
 BACKGROUND = (13, 16, 17)
 ROBOT = (150, 158, 170)
 CLOUD = (205, 214, 224)
@@ -18,8 +20,14 @@ WRENCH = (120, 190, 255)
 TORQUE = (120, 120, 255)
 COMMAND = (255, 170, 60)
 TURN = (255, 110, 60)
-SUPPORT = (86, 180, 233)
-NULLED = (130, 130, 140)
+MARKER = (255, 255, 255)
+VOXELS = {
+    "contact": (255, 140, 60),
+    "below_threshold": (170, 90, 235),
+    "support_only": (86, 180, 233),
+    "nulled": (150, 150, 160),
+}
+"""By verdict."""
 LINES = (
     (86, 180, 233),
     (230, 159, 0),

@@ -1,4 +1,4 @@
-"""What voxels, contacts and commands look like."""
+"""What voxels and contacts look like."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -7,35 +7,26 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from contactfusion.contacts import Contact
-from contactfusion.controller import Command
-from contactfusion.frames import Pose, vectors_in
 from contactfusion.integrator.fusion import HypothesisSpace
-from contactfusion.viewing.colours import (
-    COMMAND,
-    CONTACT,
-    FORCE,
-    NULLED,
-    SUPPORT,
-    TURN,
-    Colours,
-    ramp,
-)
+from contactfusion.viewing.colours import CONTACT, VOXELS
 from contactfusion.viewing.library import loaded_rerun
 
-METRES_PER_NEWTON = 0.01
-"""The length of an arrow of force."""
-METRES_PER_SPEED = 2.0
-"""The length of a command's arrow: where its speed leads to in so many seconds."""
 SIGMAS = 2.0
 """Contacts are drawn as ellipsoids of so many standard deviations."""
-VOXEL_RADII = {"contact": 0.3, "below_threshold": 0.16, "support_only": 0.16, "nulled": 0.1}
-"""Dots for voxels, in sides of a voxel: between them contacts are seen."""
+EDGES = {"contact": 0.9, "below_threshold": 0.6, "support_only": 0.5, "nulled": 0.25}
+"""The edges of the boxes for voxels, in sides of a voxel: between them contacts are seen."""
+FAINTEST, DENSEST = 40.0, 140.0
+"""How opaque the boxes of voxels of likelihood 0 and 1 are, of 255."""
+BENEATH = 2.0
+"""What is told of a contact stands so far beneath it, in sides of a voxel."""
+DOT = 3.5
+"""The radius of the dot in a contact, whatever its distance [points of the screen]."""
 MOST_VOXELS = 5000
 """More voxels of one verdict are thinned evenly."""
 
 
 def voxels(space: HypothesisSpace, verdict: str, side: float) -> Any:
-    """Draw the voxels of one verdict as dots, in the frame of the space.
+    """Draw the voxels of one verdict, the likelier the less translucent, in the frame of the space.
 
     Args:
         space: the hypothesis space.
@@ -44,21 +35,16 @@ def voxels(space: HypothesisSpace, verdict: str, side: float) -> Any:
     """
     here = np.flatnonzero(space.verdicts == verdict)
     here = here[:: -(-len(here) // MOST_VOXELS) or 1]
-    return loaded_rerun().Points3D(
-        space.positions[here],
-        colors=_voxel_colours(space, verdict)[here],
-        radii=VOXEL_RADII[verdict] * side,
+    likelihoods = np.nan_to_num(space.likelihoods[here])
+    colours = np.empty((len(here), 4), np.uint8)
+    colours[:, :3] = VOXELS[verdict]
+    colours[:, 3] = FAINTEST + (DENSEST - FAINTEST) * likelihoods
+    return loaded_rerun().Boxes3D(
+        centers=space.positions[here],
+        half_sizes=np.full((len(here), 3), EDGES[verdict] * side / 2.0),
+        colors=colours,
+        fill_mode="solid",
     )
-
-
-def _voxel_colours(space: HypothesisSpace, verdict: str) -> Colours:
-    """Give colours by likelihood; support and nulled voxels have a hue of their own."""
-    hues = {"support_only": SUPPORT, "nulled": NULLED}
-    if verdict not in hues:
-        return ramp(space.likelihoods)
-    bright = 0.5 + 0.5 * np.nan_to_num(space.likelihoods)[:, None]
-    colours: Colours = (bright * np.array(hues[verdict])).astype(np.uint8)
-    return colours
 
 
 def ellipsoids(contacts: Sequence[Contact]) -> Any:
@@ -73,17 +59,29 @@ def ellipsoids(contacts: Sequence[Contact]) -> Any:
         half_sizes=SIGMAS * np.sqrt(variances.clip(min=0.0)),
         quaternions=Rotation.from_matrix(axes).as_quat(),
         colors=CONTACT,
-        fill_mode="majorwireframe",
+        fill_mode=rerun.components.FillMode.TransparentFillMajorWireframe,
         line_radii=rerun.Radius.ui_points(1.5),
     )
 
 
-def labels(contacts: Sequence[Contact]) -> Any:
-    """Tell above each contact its likelihood, and which sources gave it."""
-    tops = [np.sqrt(contact.covariance[2, 2]) for contact in contacts]
+def centres(contacts: Sequence[Contact]) -> Any:
+    """Draw where contacts are as dots that are seen from afar."""
+    rerun = loaded_rerun()
+    places = np.array([contact.position for contact in contacts]).reshape(-1, 3)
+    return rerun.Points3D(places, colors=CONTACT, radii=rerun.Radius.ui_points(DOT))
+
+
+def labels(contacts: Sequence[Contact], side: float) -> Any:
+    """Tell beneath each contact its likelihood, its force, and which sources gave it.
+
+    Args:
+        contacts: of a step.
+        side: of a voxel [m].
+    """
+    deep = [SIGMAS * np.sqrt(contact.covariance[2, 2]) + BENEATH * side for contact in contacts]
     places = np.array([contact.position for contact in contacts]).reshape(-1, 3)
     return loaded_rerun().Points3D(
-        places + np.outer(SIGMAS * np.array(tops), [0.0, 0.0, 1.0]),
+        places - np.outer(deep, [0.0, 0.0, 1.0]),
         colors=CONTACT,
         radii=1e-4,
         labels=[_label(contact) for contact in contacts],
@@ -91,40 +89,9 @@ def labels(contacts: Sequence[Contact]) -> Any:
     )
 
 
-def forces(contacts: Sequence[Contact]) -> Any:
-    """Draw the forces of contacts on the robot, where they are known."""
-    felt = [contact for contact in contacts if np.isfinite(contact.force).all()]
-    vectors = np.array([contact.force for contact in felt]).reshape(-1, 3)
-    return loaded_rerun().Arrows3D(
-        origins=np.array([contact.position for contact in felt]).reshape(-1, 3),
-        vectors=METRES_PER_NEWTON * vectors,
-        colors=FORCE,
-        labels=[f"{np.linalg.norm(vector):.1f} N" for vector in vectors],
-    )
-
-
-def command_arrows(command: Command | None, pose: Pose | None) -> Any:
-    """Draw a command's velocity, and its turn as an arrow along the axis.
-
-    Args:
-        command: what is commanded; None draws nothing.
-        pose: of the frame of its twist; None draws nothing.
-    """
-    rerun = loaded_rerun()
-    if command is None or command.twist is None or pose is None:
-        return rerun.Arrows3D(vectors=np.empty((0, 3)))
-    vectors = vectors_in(pose, np.stack([command.twist.linear, command.twist.angular]))
-    moving = np.linalg.norm(vectors, axis=1) > 0.0
-    labels = np.array([f"{command.mode}: {command.reason}", "turn"])
-    return rerun.Arrows3D(
-        origins=np.repeat(pose[None, :3, 3], int(moving.sum()), axis=0),
-        vectors=METRES_PER_SPEED * vectors[moving],
-        colors=np.array([COMMAND, TURN])[moving],
-        labels=labels[moving].tolist(),
-    )
-
-
 def _label(contact: Contact) -> str:
     shares = sorted(contact.shares.items(), key=lambda item: -item[1])
     told = ", ".join(f"{name} {share:.0%}" for name, share in shares if share >= 0.005)
-    return f"{contact.likelihood:.2f}: {told}"
+    force = float(np.linalg.norm(contact.force))
+    felt = f", {force:.3g} N" if np.isfinite(force) else ""
+    return f"{contact.likelihood:.2f}{felt}: {told}"

@@ -85,7 +85,7 @@ class Recorder:
 
     def say(self, path: str, stamp: float, level: str, text: str) -> None:
         """Add a line to a log; the level is INFO or WARN."""
-        self.draw(path, stamp, loaded_rerun().TextLog(text, level=level))
+        self.draw(path, stamp, loaded_rerun().TextLog(f"{stamp:.2f} s: {text}", level=level))
 
     def send(self, path: str, stamps: FloatArray, columns: Any) -> None:
         """Write what a path looked like at many stamps, shape (n,) [s], at once."""

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from contactfusion.arrays import FloatArray
-from contactfusion.frames import Pose, pose_of
+from contactfusion.frames import Pose, points_in, pose_of
 from contactfusion.readings import (
     DepthImage,
     Markers,
@@ -17,21 +17,21 @@ from contactfusion.readings import (
     TactileImage,
     Wrench,
 )
-from contactfusion.viewing.colours import CLOUD, CONTACT, TORQUE, WRENCH
+from contactfusion.viewing.arrows import Arrows, Sheaf
+from contactfusion.viewing.colours import CLOUD, CONTACT, MARKER, TORQUE, WRENCH
 from contactfusion.viewing.library import entity, loaded_rerun
-from contactfusion.viewing.marks import METRES_PER_NEWTON
 from contactfusion.viewing.places import Places
 from contactfusion.viewing.recorder import Recorder
 from contactfusion.viewing.taxels import Taxels
 
-METRES_PER_NEWTON_METRE = 0.1
-"""The length of an arrow of torque."""
 MOST_POINTS = 10_000
 """Larger clouds are thinned evenly."""
 WIDEST = 320
 """Wider depth images are thinned to whole steps of pixels."""
 DOT = 1.2
 """The radius of a point of a cloud, whatever its distance [points of the screen]."""
+MARKER_DOT = 3.0
+"""The same of a marker."""
 FURTHEST = 65.535
 """The greatest depth that fits in 16 bits of millimetres [m]."""
 
@@ -41,41 +41,53 @@ class Sensors:
 
     Args:
         taxels: draws patches.
+        forces: draws forces.
+        torques: draws torques.
     """
 
-    def __init__(self, taxels: Taxels) -> None:
-        self._taxels = taxels
+    def __init__(self, taxels: Taxels, forces: Arrows, torques: Arrows) -> None:
+        self._taxels, self._forces, self._torques = taxels, forces, torques
         self._lost: set[str] = set()
         self.cameras: dict[str, str] = {}
         """The path of each camera's image, by the name of the camera."""
 
-    def draw(self, recorder: Recorder, reading: Reading, places: Places) -> None:
-        """Draw a reading; any other kind shows in other ways, or not at all."""
+    def draw(self, recorder: Recorder, reading: Reading, places: Places) -> FloatArray:
+        """Draw a reading of one of the kinds in `DRAWN`.
+
+        Returns:
+            The points that it saw, in the world, shape (n, 3) [m].
+        """
+        seen = np.empty((0, 3))
         name = reading.sensor or reading.frame
         path = entity("world", "sensors", name)
-        if not isinstance(reading, DRAWN):
-            return
         pose = places.find(reading.frame)
         if pose is None:
             self._say_lost(recorder, reading, places.world)
-            return
+            return seen
         recorder.place(path, reading.stamp, pose)
         match reading:
             case PointCloud():
-                recorder.draw(path, reading.stamp, _cloud(reading.points))
+                seen = _thinned(reading.points[np.isfinite(reading.points).all(axis=1)])
+                recorder.draw(path, reading.stamp, _cloud(seen, CLOUD))
             case DepthImage():
                 self.cameras[name] = f"{path}/image"
-                _draw_image(recorder, reading, path)
-            case Wrench():
-                recorder.draw(path, reading.stamp, _arrows(reading))
+                seen = _draw_image(recorder, reading, path)
+            case Wrench(force=force, torque=torque):
+                force_sheaf = Sheaf(reading.stamp, force[None])
+                self._forces.draw(recorder, f"{path}/force", WRENCH, force_sheaf)
+                torque_sheaf = Sheaf(reading.stamp, torque[None])
+                self._torques.draw(recorder, f"{path}/torque", TORQUE, torque_sheaf)
             case TactileImage():
                 self._taxels.draw(recorder, reading, path)
             case Switch():
                 recorder.draw(path, reading.stamp, _lamp(reading))
             case Markers():
-                recorder.draw(path, reading.stamp, _markers(reading))
+                rows = np.flatnonzero(np.isfinite(reading.positions).all(axis=1))
+                seen = reading.positions[rows]
+                recorder.draw(path, reading.stamp, _markers(reading, rows))
             case ObjectPose():
                 self._draw_object(recorder, reading, pose)
+        return points_in(pose, seen)
 
     def _draw_object(self, recorder: Recorder, reading: ObjectPose, pose: Pose) -> None:
         from scipy.spatial.transform import Rotation
@@ -103,17 +115,16 @@ class Sensors:
 DRAWN = (PointCloud, DepthImage, Wrench, TactileImage, Switch, Markers, ObjectPose)
 
 
-def _cloud(points: FloatArray) -> Any:
+def _cloud(points: FloatArray, colours: Any) -> Any:
     rerun = loaded_rerun()
-    seen = _thinned(points[np.isfinite(points).all(axis=1)])
-    return rerun.Points3D(seen, colors=CLOUD, radii=rerun.Radius.ui_points(DOT))
+    return rerun.Points3D(points, colors=colours, radii=rerun.Radius.ui_points(DOT))
 
 
 def _thinned(rows: NDArray[Any]) -> NDArray[Any]:
     return rows[:: -(-len(rows) // MOST_POINTS) or 1]
 
 
-def _draw_image(recorder: Recorder, reading: DepthImage, path: str) -> None:
+def _draw_image(recorder: Recorder, reading: DepthImage, path: str) -> FloatArray:
     """Draw the points of a depth image, and beneath its camera's path what the camera sees."""
     rerun = loaded_rerun()
     step = -(-reading.depth.shape[1] // WIDEST)
@@ -131,8 +142,8 @@ def _draw_image(recorder: Recorder, reading: DepthImage, path: str) -> None:
     recorder.draw(f"{path}/image", reading.stamp, image if colour is None else rerun.Image(colour))
     points = _thinned(_seen_points(depth, intrinsics)[seen])
     colours = CLOUD if colour is None else _thinned(colour[seen])
-    cloud = rerun.Points3D(points, colors=colours, radii=rerun.Radius.ui_points(DOT))
-    recorder.draw(path, reading.stamp, cloud)
+    recorder.draw(path, reading.stamp, _cloud(points, colours))
+    return points
 
 
 def _seen_points(depth: FloatArray, intrinsics: FloatArray) -> FloatArray:
@@ -143,19 +154,18 @@ def _seen_points(depth: FloatArray, intrinsics: FloatArray) -> FloatArray:
     return points
 
 
-def _arrows(reading: Wrench) -> Any:
-    vectors = [METRES_PER_NEWTON * reading.force, METRES_PER_NEWTON_METRE * reading.torque]
-    return loaded_rerun().Arrows3D(vectors=vectors, colors=[WRENCH, TORQUE])
-
-
 def _lamp(reading: Switch) -> Any:
     colour = CONTACT if reading.closed else CLOUD
     return loaded_rerun().Points3D([[0.0, 0.0, 0.0]], colors=colour, radii=0.02)
 
 
-def _markers(reading: Markers) -> Any:
-    seen = np.flatnonzero(np.isfinite(reading.positions).all(axis=1))
-    names = [reading.names[row] for row in seen]
-    return loaded_rerun().Points3D(
-        reading.positions[seen], colors=CLOUD, radii=0.007, labels=names, show_labels=False
+def _markers(reading: Markers, rows: NDArray[np.intp]) -> Any:
+    names = [reading.names[row] for row in rows]
+    rerun = loaded_rerun()
+    return rerun.Points3D(
+        reading.positions[rows],
+        colors=MARKER,
+        radii=rerun.Radius.ui_points(MARKER_DOT),
+        labels=names,
+        show_labels=False,
     )

@@ -32,7 +32,8 @@ def serve(rrd: Path) -> None:
     environment = {**quiet_environment(), "RUST_LOG": "error"}
     with subprocess.Popen(command, env=environment) as process, _guarded(page) as server:
         source = quote(f"rerun+http://{HOST}:{data}/proxy", safe="")
-        print(f"open http://{HOST}:{server.server_port}/?url={source} - Ctrl+C ends", flush=True)
+        address = f"http://{HOST}:{server.server_port}/?url={source}&theme=dark"
+        print(f"open {address} - Ctrl+C ends", flush=True)
         try:
             while process.poll() is None:
                 server.handle_request()
