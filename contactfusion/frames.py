@@ -152,7 +152,8 @@ def _circle(chain: Sequence[str]) -> FrameError:
 
 def points_in(pose: Pose, points: FloatArray) -> FloatArray:
     """Take points of shape (n, 3) [m] to the frame that the pose is given in."""
-    moved: FloatArray = points @ pose[:3, :3].T + pose[:3, 3]
+    moved: FloatArray = points @ pose[:3, :3].T
+    moved += pose[:3, 3]
     return moved
 
 

@@ -28,7 +28,6 @@ class History:
         self._joints: dict[tuple[str, ...], deque[JointState]] = {}
         self._odometry: deque[Odometry] = deque(maxlen=LENGTH)
         self._gone: deque[tuple[float, Pose]] = deque(maxlen=LENGTH)
-        self._placed: tuple[Odometry, Pose] | None = None
 
     def add(self, reading: Reading) -> None:
         """Remember a reading, unless it is older than the newest of its type."""
@@ -46,7 +45,6 @@ class History:
         self._joints.clear()
         self._odometry.clear()
         self._gone.clear()
-        self._placed = None
 
     def joints(self, stamp: float) -> JointState | None:
         """Give the joints at a stamp [s]: positions in between, the rest of the nearer reading.
@@ -72,7 +70,7 @@ class History:
         if part == 0.0:
             gone = self._gone if before is self._odometry[-1] else ()
             pose = next((pose for when, pose in reversed(gone) if when <= stamp), None)
-            return before.frame, before.child_frame, self._pose(before) if pose is None else pose
+            return before.frame, before.child_frame, before.pose if pose is None else pose
         position = (1.0 - part) * before.position + part * after.position
         turns = Rotation.from_quat(np.stack([before.orientation, after.orientation]))
         pose = pose_of(position, Slerp([0.0, 1.0], turns)(part).as_matrix())
@@ -83,7 +81,7 @@ class History:
         if not self._odometry or twist.frame != self._odometry[-1].child_frame:
             return
         last = self._odometry[-1]
-        before, pose = self._gone[-1] if self._gone else (last.stamp, self._pose(last))
+        before, pose = self._gone[-1] if self._gone else (last.stamp, last.pose)
         period = twist.stamp - before
         if period > 0.0:
             turn, half = (
@@ -92,13 +90,6 @@ class History:
             )
             pose = pose @ pose_of(half @ (period * twist.linear), turn)
             self._gone.append((twist.stamp, pose))
-
-    def _pose(self, odometry: Odometry) -> Pose:
-        """Give the pose that an odometry tells; that of the last one asked for is kept."""
-        if self._placed is None or self._placed[0] is not odometry:
-            turn = Rotation.from_quat(odometry.orientation).as_matrix()
-            self._placed = odometry, pose_of(odometry.position, turn)
-        return self._placed[1]
 
 
 def _between(readings: deque[JointState], stamp: float) -> JointState:

@@ -1,6 +1,7 @@
 """Readings: one sample of one sensor, with stamp, frame and units."""
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -8,6 +9,7 @@ from numpy.typing import NDArray
 
 from contactfusion.arrays import FloatArray, finite_number, frozen_array
 from contactfusion.errors import InvalidReadingError
+from contactfusion.frames import Pose, pose_of
 from contactfusion.time import LONGEST_SECONDS
 
 
@@ -234,6 +236,13 @@ class Odometry(Reading):
         for name in ("linear", "angular"):
             if getattr(self, name) is not None:
                 self._freeze(name, 3)
+
+    @cached_property
+    def pose(self) -> Pose:
+        """The pose of the child frame in `frame`."""
+        from scipy.spatial.transform import Rotation
+
+        return pose_of(self.position, Rotation.from_quat(self.orientation).as_matrix())
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -14,6 +14,7 @@ from contactfusion.readings import JointCommand, JointState, Reading
 from contactfusion.robots.description import FingerConfig
 from contactfusion.robots.posed import PosedRobot
 from contactfusion.state import State
+from contactfusion.thinning import first_in_voxels
 
 GAVE_WAY = 1e-6
 """A point that moved less against its normal [m] did so by rounding, as the sides of a hinge do."""
@@ -105,7 +106,7 @@ class FingerPoseGenerator(Generator[FingerPoseConfig]):
         if not moved:
             return self.nothing(reading, output=name)
         places = _pushed(robot, reference, finger, moved)
-        places = places[state.grid.first_in_voxels(places)]
+        places = places[first_in_voxels(places, state.grid)]
         if not len(places):
             return self.nothing(reading, output=name, notes=(Note.OFF_SURFACE,))
         return self.cloud(

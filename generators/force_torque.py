@@ -24,6 +24,7 @@ from contactfusion.readings import Reading, Wrench
 from contactfusion.robots.description import WristConfig
 from contactfusion.state import State
 from contactfusion.surface import Surface
+from contactfusion.thinning import first_in_voxels
 
 STEADY = 2.0
 """At rest, samples scatter by less than so many standard deviations of the noise."""
@@ -244,7 +245,7 @@ class ForceTorqueGenerator(Generator[ForceTorqueConfig]):
         nearest = distances.argmin(axis=1)
         found = pushed[nearest] & (distances[np.arange(len(places)), nearest] <= reach)
         kept: FloatArray = places[found]
-        return kept[grid.first_in_voxels(kept)]
+        return kept[first_in_voxels(kept, grid)]
 
     def _tared(self, stamp: float, wrench: FloatArray, touched: bool) -> FloatArray | None:
         """Give the mean over the rest, when it has lasted long enough.

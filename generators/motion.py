@@ -16,6 +16,7 @@ from contactfusion.jit import kernel
 from contactfusion.readings import JointState, Reading, Twist
 from contactfusion.state import State
 from contactfusion.surface import Surface
+from contactfusion.thinning import first_in_voxels
 
 
 class MotionConfig(GeneratorConfig):
@@ -73,8 +74,8 @@ class MotionGenerator(Generator[MotionConfig]):
             speeds = np.array([self._speeds.get(name, 0.0) for name in names])
             ahead = robot.at(robot.positions + speeds * self.config.ahead)
             now, there = (one.surface_of(self.config.links) for one in (robot, ahead))
-        kept = state.grid.first_in_voxels(there.points)
-        places, way = _moved(now.points, there.points, kept)
+        kept = first_in_voxels(there.points, state.grid)
+        places, way = moved(now.points, there.points, kept)
         return (
             self.cloud(
                 reading,
@@ -124,7 +125,7 @@ class MotionGenerator(Generator[MotionConfig]):
 
 
 @kernel
-def _moved(
+def moved(
     now: FloatArray, there: FloatArray, rows: NDArray[np.intp]
 ) -> tuple[FloatArray, FloatArray]:
     """Give where some of the points will be, shape (k, 3), and how far they go, shape (k,) [m].

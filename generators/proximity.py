@@ -9,6 +9,7 @@ from pydantic import AfterValidator, Field, model_validator
 
 from contactfusion.arrays import FloatArray
 from contactfusion.errors import ConfigurationError
+from contactfusion.jit import kernel
 from contactfusion.model import Model
 
 ROUNDING = 1e-9
@@ -36,12 +37,19 @@ class BoxConfig(Model):
 
     def holds(self, points: FloatArray) -> NDArray[np.bool_]:
         """Tell which points lie inside, shape (n,); those that are not finite do not."""
-        x, y, z = points.T
-        inside: NDArray[np.bool_] = (
-            (x > self.x[0]) & (x < self.x[1]) & (y > self.y[0])
-            & (y < self.y[1]) & (z > self.z[0]) & (z < self.z[1])
-        )  # fmt: skip
-        return inside
+        bounds = np.array((self.x, self.y, self.z), points.dtype)
+        return _between(np.ascontiguousarray(points), bounds)
+
+
+@kernel
+def _between(points: FloatArray, bounds: FloatArray) -> NDArray[np.bool_]:
+    """Tell which points (n, 3) lie between bounds (3, 2)."""
+    inside = np.ones(len(points), np.bool_)
+    for row in range(len(points)):
+        for axis in range(3):
+            place = points[row, axis]
+            inside[row] &= (place > bounds[axis, 0]) & (place < bounds[axis, 1])
+    return inside
 
 
 class ProximityConfig(Model):

@@ -19,6 +19,7 @@ from contactfusion.readings import PointCloud, Reading
 from contactfusion.robots.model import RobotModel
 from contactfusion.robots.posed import PosedRobot
 from contactfusion.state import State
+from contactfusion.thinning import first_in_voxels
 
 FAINTEST = 0.01
 """Less likely places are dropped (method §5)."""
@@ -120,7 +121,7 @@ class RangeGenerator(Generator[RangeConfig]):
         pose = state.frames.pose(state.grid.frame, of=reading.frame)
         points = points_in(pose, reading.points[np.isfinite(reading.points).all(axis=1)])
         points = points[_within(points, hand, self.config.around + WIDER)]
-        points = points[Grid(state.grid.frame, self.config.resolution).first_in_voxels(points)]
+        points = points[first_in_voxels(points, Grid(state.grid.frame, self.config.resolution))]
         return without_robot(points, robot, self.config.margin)
 
     def _moving(self, sight: Sight, near: NDArray[np.bool_]) -> NDArray[np.bool_]:

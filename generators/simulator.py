@@ -15,6 +15,7 @@ from contactfusion.readings import JointState, ObjectPose, Reading
 from contactfusion.robots.model import RobotModel
 from contactfusion.robots.objects import BelievedObjects, ObjectConfig
 from contactfusion.state import State
+from contactfusion.thinning import first_in_voxels
 
 
 class SimulatorConfig(GeneratorConfig):
@@ -88,7 +89,7 @@ class SimulatorGenerator(Generator[SimulatorConfig]):
             places.append(points)
             spreads.append(model.spreads(there, points))
         points, own = np.concatenate(places), np.concatenate(spreads)
-        kept = state.grid.first_in_voxels(points)
+        kept = first_in_voxels(points, state.grid)
         return (
             self.cloud(
                 reading,

@@ -11,6 +11,7 @@ from contactfusion.contacts import Contact
 from contactfusion.integrator import cells, fields, kernels
 from contactfusion.integrator.config import IntegratorConfig
 from contactfusion.integrator.entries import Belief, Entries, Field
+from contactfusion.thinning import first_in_voxels
 from contactfusion.time import to_seconds
 
 WIDTH = 0.008
@@ -119,7 +120,7 @@ def _contact(
         covariance=covariance,
         extent=extent,
         force=forces,
-        voxels=int(len(entries.grid.first_in_voxels(belief.places[basin]))),
+        voxels=int(len(first_in_voxels(belief.places[basin], entries.grid))),
         shares=shares,
         stamp=to_seconds(_newest(entries, told)),
         frame=entries.grid.frame,

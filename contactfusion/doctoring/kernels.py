@@ -13,6 +13,8 @@ from contactfusion.doctoring.finding import Finding
 
 MODULES = (
     "contactfusion.generators.lstm",
+    "contactfusion.generators.motion",
+    "contactfusion.generators.proximity",
     "contactfusion.generators.sliding",
     "contactfusion.integrator.cells",
     "contactfusion.integrator.clusters",
@@ -22,8 +24,10 @@ MODULES = (
     "contactfusion.integrator.sorting",
     "contactfusion.integrator.store",
     "contactfusion.nearest",
+    "contactfusion.patches",
     "contactfusion.simulation.planar_kernels",
     "contactfusion.simulation.planar_skin",
+    "contactfusion.thinning",
 )
 """All that hold kernels."""
 WARM = "contactfusion doctor --warm"
@@ -78,6 +82,7 @@ def touch_kernels() -> None:
     _fuse(places)
     _push()
     _perceive()
+    _thin(places)
     _slide(places)
 
 
@@ -129,6 +134,22 @@ def _perceive() -> None:
     shapes = tensor_shapes(columns=1, outputs=1)
     weights = {name: np.zeros(shape, np.float32) for name, shape in shapes.items()}
     Network.of(weights).outputs(np.zeros((1, 1)))
+
+
+def _thin(places: Any) -> None:
+    import numpy as np
+
+    from contactfusion.generators.motion import moved
+    from contactfusion.generators.proximity import BoxConfig
+    from contactfusion.grid import Grid
+    from contactfusion.patches import PatchConfig, TaxelAreas
+    from contactfusion.thinning import first_in_voxels
+
+    moved(places, places, first_in_voxels(places, Grid("base", 0.1)))
+    box = BoxConfig(x=(-0.1, 0.1), y=(-0.1, 0.1), z=(-0.1, 0.1))
+    box.holds(places)
+    box.holds(places.astype(np.float32))
+    TaxelAreas(PatchConfig(places=((0.0, 0.0, 0.0),), size=(0.1, 0.1))).near(places, 0.0)
 
 
 def _slide(places: Any) -> None:

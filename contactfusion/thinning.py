@@ -1,0 +1,70 @@
+"""One place a voxel: thins clouds out to what the integrator tells apart."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from contactfusion.arrays import FloatArray
+from contactfusion.grid import Grid
+from contactfusion.jit import kernel
+
+DENSE = 64
+"""Up to so many voxels for each place a table of all of them is faster than sorting."""
+
+
+def first_in_voxels(positions: FloatArray, grid: Grid) -> NDArray[np.intp]:
+    """Give the rows of the first place in each voxel that has one, ascending.
+
+    Args:
+        positions: shape (n, 3) [m], in the grid's frame.
+        grid: the voxels.
+    """
+    positions = np.ascontiguousarray(positions, np.float64)
+    if not len(positions):
+        return np.zeros(0, np.intp)
+    keys, count = _numbered(positions, 1.0 / grid.voxel_size)
+    if count > DENSE * len(keys):
+        return np.sort(np.unique(keys, return_index=True)[1])
+    return _first_rows(keys, count)
+
+
+@kernel
+def _numbered(positions: FloatArray, scale: float) -> tuple[NDArray[np.int64], int]:
+    """Number the voxels of the box around some places, and give the number of each place's.
+
+    Args:
+        positions: shape (n, 3) [m], at least one.
+        scale: 1 / side [1/m].
+
+    Returns:
+        Shape (n,), and how many voxels the box has.
+    """
+    low = np.floor(positions[0] * scale)
+    high = low.copy()
+    for row in range(len(positions)):
+        for axis in range(3):
+            cell = np.floor(positions[row, axis] * scale)
+            low[axis] = min(low[axis], cell)
+            high[axis] = max(high[axis], cell)
+    sizes = (high - low).astype(np.int64) + 1
+    keys = np.empty(len(positions), np.int64)
+    for row in range(len(positions)):
+        key = np.int64(0)
+        for axis in range(3):
+            cell = np.floor(positions[row, axis] * scale) - low[axis]
+            key = key * sizes[axis] + np.int64(cell)
+        keys[row] = key
+    return keys, sizes[0] * sizes[1] * sizes[2]
+
+
+@kernel
+def _first_rows(keys: NDArray[np.int64], count: int) -> NDArray[np.intp]:
+    """Give the rows whose key no earlier row has, for keys below `count`."""
+    seen = np.zeros(count, np.bool_)
+    rows = np.empty(len(keys), np.intp)
+    found = 0
+    for row in range(len(keys)):
+        if not seen[keys[row]]:
+            seen[keys[row]] = True
+            rows[found] = row
+            found += 1
+    return rows[:found]
