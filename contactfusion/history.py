@@ -84,10 +84,8 @@ class History:
         before, pose = self._gone[-1] if self._gone else (last.stamp, last.pose)
         period = twist.stamp - before
         if period > 0.0:
-            turn, half = (
-                Rotation.from_rotvec(part * period * twist.angular).as_matrix()
-                for part in (1.0, 0.5)
-            )
+            turns = np.outer((1.0, 0.5), period * twist.angular)
+            turn, half = Rotation.from_rotvec(turns).as_matrix()
             pose = pose @ pose_of(half @ (period * twist.linear), turn)
             self._gone.append((twist.stamp, pose))
 
