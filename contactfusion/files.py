@@ -7,7 +7,7 @@ from contextlib import contextmanager
 from difflib import get_close_matches
 from pathlib import Path
 
-from contactfusion.errors import ContactFusionError
+from contactfusion.errors import ContactFusionError, WritingError
 
 
 def write_whole(path: str | Path, content: str | bytes) -> None:
@@ -18,11 +18,14 @@ def write_whole(path: str | Path, content: str | bytes) -> None:
         content: text, written as UTF-8, or bytes.
     """
     path = Path(path)
-    path.parent.mkdir(parents=True, exist_ok=True)
+    make_folder(path.parent)
     temporary = path.with_name(f".{path.name}.{secrets.token_hex(4)}")
     try:
         temporary.write_bytes(content.encode() if isinstance(content, str) else content)
         os.replace(temporary, path)
+    except OSError as error:
+        why = error.strerror or str(error)
+        raise WritingError(f"{path} can't be written: {why}; nothing of it was kept") from None
     finally:
         temporary.unlink(missing_ok=True)
 

@@ -38,8 +38,9 @@ def points_of(cloud: Message) -> FloatArray:
     points = np.empty((height * width, 3))
     if len(points):
         grid = points.reshape(height, width, 3)
-        for axis, name in enumerate("xyz"):
-            grid[:, :, axis] = _column(cloud, fields[name])
+        with np.errstate(invalid="ignore"):  # NaN that signals is no return, as any other is
+            for axis, name in enumerate("xyz"):
+                grid[:, :, axis] = _column(cloud, fields[name])
     points.flags.writeable = False
     return points
 

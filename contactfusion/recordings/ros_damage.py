@@ -10,11 +10,12 @@ from io import BytesIO
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, final
 
+from contactfusion.recordings.ros_mcap import MCAP_MAGIC, Schemas
+
 if TYPE_CHECKING:
     from rosbags.interfaces import Connection
     from rosbags.rosbag1 import Reader
 
-MCAP_MAGIC = b"\x89MCAP0\r\n"
 BAG_MAGIC = b"#ROSBAG V2.0\n"
 CHUNK, CONNECTION, MESSAGE = 5, 7, 2
 """Records of a ROS 1 bag."""
@@ -45,6 +46,7 @@ class ScannedMcap:
         from rosbags.rosbag2.storage_mcap import McapReader
 
         self._reader = McapReader(path)
+        self._reader.schemas = Schemas()
         self._reader.bio = path.open("rb")
         self._reader.data_start = len(MCAP_MAGIC)
         self._reader.data_end = path.stat().st_size

@@ -13,14 +13,10 @@ from typing import Any, Self, final
 from contactfusion.errors import RecordingError
 from contactfusion.files import require_file
 from contactfusion.recordings.messages import typestore
+from contactfusion.recordings.ros_backwards import read_bag_as_it_lies, read_mcap_as_it_lies
 from contactfusion.recordings.ros_channels import Channel, channel_of
-from contactfusion.recordings.ros_damage import (
-    BAG_MAGIC,
-    MCAP_MAGIC,
-    ScannedMcap,
-    mended_by,
-    scanned_bag,
-)
+from contactfusion.recordings.ros_damage import BAG_MAGIC, ScannedMcap, mended_by, scanned_bag
+from contactfusion.recordings.ros_mcap import MCAP_MAGIC, ROS1_IN_MCAP, AnyMcap
 
 ROS1 = (".bag", ".active")
 """What bags of ROS 1 end with; `.bag.active` is one whose recorder was killed."""
@@ -41,10 +37,10 @@ class _File:
 
     def __post_init__(self) -> None:
         """Name its channels."""
-        ros1 = _is_ros1(self.path)
         alike: Counter[str] = Counter()
         for one in self.reader.connections:
             alike[one.topic] += 1
+            ros1 = _is_ros1(self.path) or one.ext.serialization_format == ROS1_IN_MCAP
             self.channels[one.id] = channel_of(one, alike[one.topic], ros1=ros1)
 
     @property
@@ -72,6 +68,8 @@ class Bag:
         self.first_ns = 0
         """When its first message was logged [ns]."""
         self._files: list[_File] = []
+        self._lost: list[str] = []
+        """What is wrong with files of which nothing can be read."""
         self._stack = ExitStack()
 
     def __enter__(self) -> Self:
@@ -79,9 +77,15 @@ class Bag:
         typestore()
         with ExitStack() as stack:
             for path in _files_in(self.path):
-                file = _opened(path)
+                try:
+                    file = _opened(path)
+                except RecordingError as error:  # of several files, the others are read
+                    self._lost.append(str(error))
+                    continue
                 stack.callback(file.reader.close)
                 self._files.append(file)
+            if not self._files:
+                raise RecordingError(self._lost[0])
             self._stack = stack.pop_all()
         self.channels = [one for file in self._files for one in file.channels.values()]
         self.first_ns = min(
@@ -113,7 +117,7 @@ class Bag:
         """
         parts = [self._messages(file, channels, start_ns, stop_ns) for file in self._files]
         yield from parts[0] if len(parts) == 1 else merge(*parts, key=lambda one: one[1])
-        for problem in filter(None, (file.problem for file in self._files)):
+        for problem in filter(None, (*(file.problem for file in self._files), *self._lost)):
             raise RecordingError(problem)
 
     def _messages(
@@ -149,7 +153,8 @@ def _files_in(path: Path) -> list[Path]:
     if not path.is_dir():
         require_file(path, RecordingError)
         return [path]
-    if (path / "metadata.yaml").is_file():
+    whole = not any(_lacks_its_end(one) for one in path.glob("*.mcap"))
+    if (path / "metadata.yaml").is_file() and whole:
         return [path]
     files = sorted(one for one in path.iterdir() if one.suffix in (*ROS1, *ROS2))
     if not files:
@@ -164,12 +169,13 @@ def _opened(path: Path) -> _File:
     try:
         reader = Bag1(path) if _is_ros1(path) else Bag2(path)
         reader.open()
+        _heed_order(reader)
         return _File(path, reader, is_cut=False)
     except Exception as error:  # of many kinds
-        file = _scanned(path)
+        file = _of_others(path) or _scanned(path)
         if file is None:
             raise RecordingError(f"{path} can't be read: {error}") from None
-        if not file.count:
+        if file.is_cut and not file.count:
             file.reader.close()
             raise RecordingError(
                 f"{path} can't be read: it is cut off before its first message; "
@@ -178,16 +184,50 @@ def _opened(path: Path) -> _File:
         return file
 
 
+def _heed_order(reader: Any) -> None:
+    """See to it that what was recorded after a clock was set back does not come before."""
+    from rosbags.rosbag1 import Reader as Bag1
+    from rosbags.rosbag2.storage_mcap import McapReader
+
+    if isinstance(reader, Bag1):
+        read_bag_as_it_lies(reader)
+        return
+    for storage in getattr(reader.storage, "storages", (reader.storage,)):
+        if isinstance(storage, McapReader):
+            read_mcap_as_it_lies(storage)
+
+
+def _of_others(path: Path) -> _File | None:
+    """Give an MCAP file that is whole, but not of ROS 2 alone."""
+    if path.suffix == ".mcap" and path.is_file() and not _lacks_its_end(path):
+        with suppress(Exception):  # of many kinds: then it is none
+            return _File(path, AnyMcap(path), is_cut=False)
+    return None
+
+
 def _scanned(path: Path) -> _File | None:
     """Give a file that lacks its end, or nothing when it is none of which a part can be read."""
-    if path.is_dir():
-        return None
-    with suppress(OSError), path.open("rb") as file:
-        begins = file.read(len(BAG_MAGIC))
-        file.seek(-len(MCAP_MAGIC), SEEK_END)
-        ends = file.read()
-        if path.suffix == ".mcap" and begins.startswith(MCAP_MAGIC) and ends != MCAP_MAGIC:
-            return _File(path, ScannedMcap(path), is_cut=True)
-        if path.suffix in ROS1 and begins == BAG_MAGIC:
-            return _File(path, scanned_bag(path), is_cut=True)
+    if _lacks_its_end(path) and _begins(path, MCAP_MAGIC):
+        return _File(path, ScannedMcap(path), is_cut=True)
+    if path.suffix in ROS1 and _begins(path, BAG_MAGIC):
+        reader = scanned_bag(path)
+        read_bag_as_it_lies(reader)
+        return _File(path, reader, is_cut=True)
     return None
+
+
+def _lacks_its_end(path: Path) -> bool:
+    """Tell whether this is the beginning of an MCAP file, or nothing of one."""
+    if path.suffix != ".mcap" or not path.is_file():
+        return False
+    with suppress(OSError), path.open("rb") as file:
+        begins = file.read(len(MCAP_MAGIC))
+        file.seek(-min(len(MCAP_MAGIC), path.stat().st_size), SEEK_END)
+        return begins in (MCAP_MAGIC, b"") and file.read() != MCAP_MAGIC
+    return False
+
+
+def _begins(path: Path, magic: bytes) -> bool:
+    with suppress(OSError), path.open("rb") as file:
+        return file.read(len(magic)) == magic
+    return False

@@ -13,6 +13,10 @@ from contactfusion.time import NANOSECONDS_PER_SECOND
 
 LONGEST_LEAP = 3600 * NANOSECONDS_PER_SECOND
 """A clock that gets so far ahead of the log from one message to the next was set [ns]."""
+LONGEST_PAUSE = 24 * LONGEST_LEAP
+"""Where the log itself leaps so far its clock was set, too: nobody waits for so long [ns]."""
+LONGEST_WAY = LONGEST_FALL // 2
+"""What was measured before a clock was set is in the log so soon after it [ns]."""
 
 
 @dataclass(slots=True)
@@ -82,6 +86,23 @@ class Heard:
     clocks: dict[str, tuple[int, int]]
 
 
+@dataclass(frozen=True, slots=True)
+class _Leap:
+    """A clock that got more than a second ahead of the log, for which there may be reasons.
+
+    Attributes:
+        heard: the topic.
+        before: the latest stamp of all topics before it [ns].
+        after: that to which it leapt [ns].
+        logged: when it did [ns].
+    """
+
+    heard: Heard
+    before: int
+    after: int
+    logged: int
+
+
 Entry = tuple[int, int, Heard, Part]
 """The stamp [ns], the number, the topic, and the part."""
 
@@ -100,6 +121,8 @@ class Sorter:
         self._logged: int | None = None  # when the latest was
         self._held: list[Entry] = []
         self._count = 0
+        self._leap: _Leap | None = None
+        """The last one."""
 
     def put(self, heard: Heard, part: Part, logged: int) -> None:
         """Take a part that was logged at a stamp [ns].
@@ -123,17 +146,17 @@ class Sorter:
                 tally.refuse(jump)
                 return
             if jump:
-                raise RecordingError(jump)
+                raise RecordingError(self._leapt(heard, stamp) or jump)
         elif step < 0:
             tally.out_of_order += 1
         heard.clocks[part.clock] = stamp, logged
         if stamp < self._latest - LONGEST_FALL:
+            self._blame_leap(heard, stamp, logged, before)
             late = (self._latest - stamp) / NANOSECONDS_PER_SECOND
             tally.refuse(f"it came {late:.3g} s after later stamps")
             return
         tally.heard((stamp - self._epoch) / NANOSECONDS_PER_SECOND)
-        if stamp >= self._latest:
-            self._latest, self._logged = stamp, logged
+        self._advance(heard, stamp, logged)
         self._push(stamp, heard, part)
 
     def due(self) -> Iterator[Entry]:
@@ -151,23 +174,74 @@ class Sorter:
         self._count += 1
         heapq.heappush(self._held, (stamp, self._count, heard, part))
 
+    def _advance(self, heard: Heard, stamp: int, logged: int) -> None:
+        """Note that it is as late as a stamp [ns]."""
+        is_transform = heard.listener.kind is Transform
+        if stamp < self._latest:
+            return
+        passed = 0 if self._logged is None else max(0, logged - self._logged)
+        if is_transform:  # some are told for times to come, and nothing else is late for that
+            stamp = min(stamp, self._latest + passed)
+        elif self._logged is not None and stamp - self._latest - passed > LONGEST_FALL:
+            self._leap = _Leap(heard, self._latest, stamp, logged)
+        self._latest, self._logged = stamp, logged
+
+    def _blame_leap(
+        self, heard: Heard, stamp: int, logged: int, before: tuple[int, int] | None
+    ) -> None:
+        """Tell that one clock leapt ahead, when another goes on by the log as if nothing had been.
+
+        Raises:
+            RecordingError: so it is; what that clock told since then is forgotten.
+        """
+        leap = self._leap
+        if leap is None or before is None or heard is leap.heard:
+            return
+        goes_on = abs(stamp - before[0] - (logged - before[1])) <= LONGEST_FALL
+        is_between = leap.before - LONGEST_FALL <= stamp < leap.after
+        if goes_on and is_between and logged - leap.logged >= LONGEST_WAY:
+            raise RecordingError(self._leapt(leap.heard, stamp))
+
+    def _leapt(self, heard: Heard, stamp: int) -> str:
+        """Say that a clock leapt ahead, if it did, and forget what it told since then."""
+        leap = self._leap
+        if leap is None or heard is not leap.heard or stamp >= leap.after:
+            return ""
+        self._held = [entry for entry in self._held if entry[0] < leap.after]
+        heapq.heapify(self._held)
+        apart, at = _long(leap.after - leap.before), self._seconds(leap.before)
+        return f"{heard.topic}: its clock jumps ahead by {apart} at {at} s"
+
     def _jump(self, heard: Heard, stamp: int, logged: int, before: tuple[int, int] | None) -> str:
         """Say by how much a clock jumped, and when; nothing when the log tells of a pause."""
         if before is None:
             passed = 0 if self._logged is None else logged - self._logged
             apart = stamp - self._latest - passed
-            if abs(apart) <= LONGEST_LEAP:
-                return ""
-            return (
-                f"{heard.topic}: its clock is {_long(apart)} {_side(apart)} the others'; "
-                f"name by 'sensors' which topics to read"
-            )
+            if abs(apart) > LONGEST_LEAP:
+                return (
+                    f"{heard.topic}: its clock is {_long(apart)} {_side(apart)} the others', as if "
+                    f"it counted from being switched on; name by 'sensors' which topics to read"
+                )
+            return self._pause(stamp)
         jumped = stamp - before[0]
         if 0 < jumped <= logged - before[1] + LONGEST_LEAP:
-            return ""
-        at = (before[0] - self._epoch) / NANOSECONDS_PER_SECOND
+            return self._pause(stamp)
         way = "ahead" if jumped > 0 else "back"
-        return f"{heard.topic}: its clock jumps {way} by {_long(jumped)} at {at:.3f} s"
+        at = self._seconds(before[0])
+        return f"{heard.topic}: its clock jumps {way} by {_long(jumped)} at {at} s"
+
+    def _pause(self, stamp: int) -> str:
+        """Say that headers and log leap together, as where the clock of all was set."""
+        pause = stamp - self._latest
+        if pause <= LONGEST_PAUSE:
+            return ""
+        return (
+            f"all clocks leap ahead by {_long(pause)} at {self._seconds(self._latest)} s, as where "
+            f"they were set, or recording paused; what comes then is read by a later start"
+        )
+
+    def _seconds(self, stamp: int) -> str:
+        return f"{(stamp - self._epoch) / NANOSECONDS_PER_SECOND:.3f}"
 
 
 def _side(apart: int) -> str:

@@ -15,7 +15,7 @@ from contactfusion.pipeline import Step
 from contactfusion.readings import Reading
 from contactfusion.recordings.mcap import McapWriter
 from contactfusion.recordings.mcap_file import telling
-from contactfusion.recordings.messages import recorded_stamp
+from contactfusion.recordings.messages import recorded_stamp, typestore
 from contactfusion.recordings.ros import RawMessage
 from contactfusion.recordings.step_messages import OURS
 from contactfusion.replaying.configuration import TOPIC
@@ -94,7 +94,9 @@ def _mcap(path: Path, about: About) -> Iterator[Output]:
 
 
 def _copy(writer: McapWriter, message: RawMessage) -> None:
-    if not message.topic.startswith(OURS):  # of an earlier replay; this one tells anew
+    if message.topic.startswith(OURS):  # of an earlier replay; this one tells anew
+        return
+    if message.definition or message.msgtype in typestore().types:  # else nobody could read it
         writer.copy(message)
 
 

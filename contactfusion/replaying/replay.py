@@ -59,6 +59,7 @@ def replay(options: Options, watch: Watch | None = None) -> None:
             something that the configuration needs never came.
         KeyboardInterrupt: somebody interrupted; what was found until then is kept.
     """
+    _refuse_itself(options)
     setting = setting_of_file(options.configuration, options.overrides)
     outputs: list[Output] = []
 
@@ -101,6 +102,17 @@ def replay(options: Options, watch: Watch | None = None) -> None:
     if broken is not None:
         raise broken
     _refuse_silence(options.configuration, session, tally, summary)
+
+
+def _refuse_itself(options: Options) -> None:
+    """Make sure that the recording is not what is written over."""
+    if options.out is None:
+        return
+    out, recording = options.out.resolve(), options.recording.resolve()
+    if out == recording or (recording.is_dir() and recording in out.parents):
+        raise ConfigurationError(
+            f"--out: {options.out} would replace the recording that is played; name another file"
+        )
 
 
 def _output(session: Session, out: Path) -> AbstractContextManager[Output]:
@@ -157,7 +169,14 @@ def _troubles(recording: RosRecording) -> dict[str, str]:
 def _refuse_silence(path: Path, session: Session, tally: Tally, summary: Summary) -> None:
     """Make sure that all came that the configuration waits for."""
     silent = list(unheard(session.pipeline, tally.kinds, summary))
-    faults = list(session.inputs.missing) or silent
+    troubles = _troubles(session.recording) if isinstance(session.recording, RosRecording) else {}
+    came = {sensor for sensor, _ in tally.kinds}
+    lost = [
+        f"of '{name}' nothing could be used: {said}"
+        for name, said in troubles.items()
+        if said and name not in came
+    ]
+    faults = list(session.inputs.missing) or [*lost, *silent]
     if faults:
         more = f" (and {len(faults) - 1} more)" if len(faults) > 1 else ""
         raise ConfigurationError(f"{path}: {faults[0]}{more}")

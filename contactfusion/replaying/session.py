@@ -94,7 +94,17 @@ class Session:
             hear: who hears every reading before the pipeline does.
         """
         self.pipeline.reset()
-        return self.pipeline.run(_heard(self.readings(), hear))
+        broken: list[RecordingError] = []
+
+        def whole() -> Iterator[Reading]:
+            try:
+                yield from _heard(self.readings(), hear)
+            except RecordingError as error:  # the step that is due is made all the same
+                broken.append(error)
+
+        yield from self.pipeline.run(whole())
+        if broken:
+            raise broken[0]
 
     def close(self) -> None:
         """End what the pipeline runs beside itself."""

@@ -116,6 +116,9 @@ class Tally:
             rate = "-" if math.isnan(stream.rate) else f"{stream.rate:.4g}"
             counts = f"{stream.readings}", rate, f"{stream.dropped}", f"{stream.longest:.3f}"
             rows.append((name, stream.kind, *counts, troubles.get(name, "")))
+        for name in sorted(set(troubles) - set(self.streams)):
+            if troubles[name]:
+                rows.append((name, "-", "0", "-", "-", "-", troubles[name]))
         widths = [max(len(row[column]) for row in rows) for column in range(len(rows[0]) - 1)]
         for row in rows:
             cells = [
