@@ -1,6 +1,7 @@
 """The command line. Heavy modules are imported by the command that needs them."""
 
 import os
+import signal
 import sys
 from pathlib import Path
 from typing import Annotated
@@ -95,10 +96,10 @@ def replay(
         list[str] | None, typer.Option("--set", help="Change a field, e.g. integrator.timeout=1.")
     ] = None,
     start: Annotated[float, typer.Option(min=0.0, help="Begin so many seconds late.")] = 0.0,
-    duration: Annotated[float | None, typer.Option(help="Play so many seconds.")] = None,
+    duration: Annotated[float | None, typer.Option(min=0.0, help="Play so many seconds.")] = None,
     rate: Annotated[
         float | None,
-        typer.Option(help="So many times as fast as recorded; default: at full speed."),
+        typer.Option(min=1e-3, help="So many times as fast as recorded; default: at full speed."),
     ] = None,
     view: Annotated[bool, typer.Option("--view", help="Look at it when it is played.")] = False,
 ) -> None:
@@ -485,6 +486,7 @@ def main() -> None:
     """Run the command line; an error is one sentence, never a traceback."""
     # products here are small: threads of the linear algebra would only wait for each other
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    signal.signal(signal.SIGTERM, signal.default_int_handler)  # as Ctrl-C: what is whole is kept
     try:
         app()
     except ContactFusionError as error:

@@ -5,6 +5,7 @@ clock of its own; time comes in with readings and steps.
 """
 
 import functools
+import math
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -32,6 +33,8 @@ from contactfusion.readings import READING_TYPES, Reading, Transform
 from contactfusion.robot import Robot
 from contactfusion.state import State
 
+PAUSE = 60.0
+"""When nothing is read for longer, no step is made until the one before the next reading [s]."""
 Ask = Callable[[AnyGenerator, Reading, State], Sequence[HypothesisCloud]]
 """How a generator is asked; a runner with a clock puts its stop-watch here."""
 Tell = Callable[[HypothesisCloud], None]
@@ -234,11 +237,14 @@ class Pipeline:
             if isinstance(reading, Transform):
                 self.receive(reading)
                 continue
-            start = reading.stamp if start is None else start
-            newest = max(newest, reading.stamp)
+            if start is None:
+                start = newest = reading.stamp
             while reading.stamp > start + count * period:
                 yield self.step(start + count * period)
                 count += 1
+                if start + count * period > newest + PAUSE:  # go on with the step before it
+                    count = max(count, math.ceil((reading.stamp - start) / period) - 1)
+            newest = max(newest, reading.stamp)
             self.receive(reading)
         if start is not None:
             yield self.step(max(start + count * period, newest))

@@ -19,7 +19,9 @@ from contactfusion.recordings.opening import open_recording
 from contactfusion.recordings.reading_messages import reading_messages
 from contactfusion.recordings.ros import RosConfig, RosRecording
 from contactfusion.recordings.ros_order import LONGEST_LEAP, LONGEST_PAUSE
+from contactfusion.replaying.asking import Source, ablate_recording, explain_recording
 from contactfusion.replaying.replay import Options, replay
+from contactfusion.replaying.session import Window
 from tests.mcap_files import disk_of, read_by_mcap_ros2
 from tests.ros_bags import EPOCH, FORMATS, SECOND, Said, Write, ros1, text, transforms, wrench
 from tests.toys import offer_toys, point
@@ -222,7 +224,9 @@ def test_of_split_files_one_that_is_empty_takes_nothing_from_the_others(
 # Unknown types
 
 
-def test_channels_that_no_ros_wrote_are_passed_over(tmp_path: Path) -> None:
+def test_channels_that_no_ros_wrote_are_passed_over(
+    config: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     kind = wrench().__msgtype__
     definition = typestore().generate_msgdef(kind, ros_version=2)[0]
     channels = {
@@ -237,6 +241,11 @@ def test_channels_that_no_ros_wrote_are_passed_over(tmp_path: Path) -> None:
         recording = RosRecording(RosConfig(file=path))
         assert [one.sensor for one in recording.readings()] == ["wrist"]
         assert recording.contents["/log"].msgtype == "foxglove.Log as jsonschema"
+    config.write_text(CONFIG.replace("eye: {type: echo, sensor: eye}", ""))
+    replay(Options(config, path, out=tmp_path / "out.mcap"))
+    told = capsys.readouterr().out
+    assert "not copied: /log, as nothing defines foxglove.Log as jsonschema" in told
+    assert "/wrist" in read_by_mcap_ros2(tmp_path / "out.mcap")
     path.write_bytes(path.read_bytes()[:-50])
     assert [one.sensor for one in read(path)[0]] == ["wrist"]
 
@@ -485,18 +494,65 @@ def test_clouds_of_big_endian_floats_are_where_they_were(
     assert len(wanted) == 20 and float(wanted[5][1]) == pytest.approx(PLACE[0])
 
 
+def test_a_sensor_of_which_less_than_half_can_be_used_is_an_error(
+    config: Path, write: Write, tmp_path: Path
+) -> None:
+    said = drive(2.0)
+    for name, logged, one in said:
+        if name == "/eye" and logged >= 0.5 * SECOND:
+            one.fields = one.fields[:2]
+    steps, problem = played(config, write(tmp_path / "bag", said))
+    assert steps == 20
+    assert f"{config}: of 'eye' only 10 readings could be used: 30 unreadable: " in problem
+
+
+def test_a_start_after_the_end_is_named_and_an_older_file_stays(
+    config: Path, write: Write, tmp_path: Path
+) -> None:
+    path, out = write(tmp_path / "bag", drive(1.0)), tmp_path / "out.mcap"
+    out.write_text("of old")
+    late = Options(config, path, window=Window(start=100.0), out=out)
+    with pytest.raises(ContactFusionError, match="--start: .* holds nothing after 100 s"):
+        replay(late)
+    assert out.read_text() == "of old"
+
+
+def test_questions_to_a_recording_that_is_cut_off_are_answered_before_that_is_told(
+    config: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    whole = FORMATS["mcap"](tmp_path / "bag", drive(2.0))
+    path = tmp_path / "cut.mcap"
+    path.write_bytes(whole.read_bytes()[:-2000])
+    source = Source(path, config)
+    with pytest.raises(RecordingError, match="is cut off after"):
+        ablate_recording(source, tmp_path / "ablation")
+    assert (tmp_path / "ablation" / "ablation.csv").is_file()
+    with pytest.raises(RecordingError, match="is cut off after"):
+        explain_recording(source, 60.0, None, as_json=False, picture=None)
+    capsys.readouterr()
+    explain_recording(source, 0.5, None, as_json=False, picture=None)
+    assert "0.500 s: 1 contact" in capsys.readouterr().out
+
+
 # A full disk
 
 
 @pytest.mark.parametrize("suffix", [".mcap", ".csv", ".parquet"])
-def test_on_a_full_disk_an_older_file_stays_and_nothing_else(
-    config: Path, write: Write, tmp_path: Path, suffix: str
+def test_on_a_full_disk_an_older_file_stays_and_what_was_written_is_kept_beside_it(
+    config: Path, write: Write, tmp_path: Path, suffix: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     path = write(tmp_path, drive(15.0))
     out = tmp_path / "results" / f"out{suffix}"
+    cut = out.with_suffix(f".cut{suffix}")
     out.parent.mkdir()
     out.write_text("of old")
-    with disk_of(2_000), pytest.raises(WritingError, match=f"out{suffix} can't be written: "):
+    kept = "" if suffix == ".parquet" else f"what was written until then is {cut}"
+    with disk_of(2_000), pytest.raises(WritingError, match=f"can't be written: .*{kept}"):
         replay(Options(config, path, out=out))
-    assert [one.name for one in out.parent.iterdir()] == [out.name]
     assert out.read_text() == "of old"
+    assert set(out.parent.iterdir()) == {out} | ({cut} if kept else set())
+    assert " steps, " in capsys.readouterr().out
+    if suffix == ".csv":
+        whole = out.parent / "whole.csv"
+        replay(Options(config, path, out=whole))
+        assert whole.read_text().startswith(cut.read_text()) and len(cut.read_text()) > 1000

@@ -114,6 +114,12 @@ def test_no_readings_no_steps() -> None:
         assert list(pipeline(generators={"eye": ECHO}, cycle=cycle).run([])) == []
 
 
+def test_a_long_pause_is_passed_over_until_the_step_before_the_next_reading() -> None:
+    pipe = pipeline(generators={"eye": ECHO}, cycle={"every": 0.5})
+    stamps = [step.stamp for step in pipe.run([point(0.0), point(90_000.2)])]
+    assert stamps[:3] == [0.5, 1.0, 1.5] and stamps[119:] == [60.0, 90_000.0, 90_000.5]
+
+
 def test_a_kilohertz_wrench_and_a_slow_cloud_both_count_in_every_step() -> None:
     pipe = pipeline(generators={"eye": ECHO, "wrist": FEELER}, cycle={"every": 0.01})
     steps = list(pipe.run(interleaved(1.0)))

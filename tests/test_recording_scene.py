@@ -307,7 +307,8 @@ def test_the_command_records_under_the_name_of_the_scene(tmp_path: Path) -> None
     assert recorded.read_bytes() == (tmp_path / "same.mcap").read_bytes()
 
 
-def test_ctrl_c_leaves_nothing_half_written(tmp_path: Path) -> None:
+@pytest.mark.parametrize("sign", [signal.SIGINT, signal.SIGTERM])
+def test_ctrl_c_and_kill_leave_nothing_half_written(sign: signal.Signals, tmp_path: Path) -> None:
     path = tmp_path / "a.mcap"
     path.write_text("of old")
     long = [*MAIN, "record", str(SCENES / "push_five.yaml"), "--out", str(path)]
@@ -320,7 +321,7 @@ def test_ctrl_c_leaves_nothing_half_written(tmp_path: Path) -> None:
                 break
             time.sleep(0.1)
         time.sleep(0.5)
-        recording.send_signal(signal.SIGINT)
+        recording.send_signal(sign)
         assert recording.wait(30) == 130
         assert recording.stderr is not None and "Traceback" not in recording.stderr.read()
     assert path.read_text() == "of old" and list(tmp_path.iterdir()) == [path]

@@ -39,6 +39,8 @@ from contactfusion.readings import (
 )
 from contactfusion.recordings.mcap import McapWriter
 from contactfusion.recordings.messages import typestore
+from contactfusion.recordings.ros import RosConfig, RosRecording
+from contactfusion.recordings.ros_mcap import MCAP_MAGIC
 from tests.clouds import HERE, THERE, cloud, fused
 from tests.mcap_files import (
     Recorded,
@@ -476,7 +478,7 @@ def test_an_exception_leaves_the_file_of_before(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("clouds", [1, 60], ids=["at the end", "while it writes"])
 @pytest.mark.parametrize("older", [False, True])
-def test_a_full_disk_is_one_sentence_and_leaves_what_was_there(
+def test_a_full_disk_is_one_sentence_and_what_was_written_is_kept_beside_what_was_there(
     clouds: int, older: bool, tmp_path: Path
 ) -> None:
     path = tmp_path / "a.mcap"
@@ -487,8 +489,27 @@ def test_a_full_disk_is_one_sentence_and_leaves_what_was_there(
     scan = PointCloud(**AT, sensor="lidar", points=noise)
     with disk_of(50_000), pytest.raises(WritingError) as caught:
         write(path, *[scan] * clouds)
-    assert str(caught.value) == f"{path} can't be written: File too large; nothing of it was kept"
-    assert {entry: entry.read_bytes() for entry in tmp_path.iterdir()} == before
+    cut = tmp_path / "a.cut.mcap"
+    why = f"{path} can't be written: File too large"
+    assert str(caught.value) == f"{why}; what was written until then is {cut}"
+    after = {entry: entry.read_bytes() for entry in tmp_path.iterdir()}
+    assert after.pop(cut).startswith(MCAP_MAGIC) and after == before
+
+
+def test_what_a_full_disk_took_can_be_read(tmp_path: Path) -> None:
+    noise = np.random.default_rng(0).standard_normal((60, 8000, 3))
+    scans = [
+        PointCloud(stamp=n / 10.0, frame="base", sensor="lidar", points=points)
+        for n, points in enumerate(noise)
+    ]
+    with disk_of(2_500_000), pytest.raises(WritingError):
+        write(tmp_path / "a.mcap", *scans)
+    recording = RosRecording(RosConfig(file=tmp_path / "a.cut.mcap"))
+    read = []
+    with pytest.raises(RecordingError, match="is cut off after"):
+        for one in recording.readings():
+            read.append(one.stamp)  # noqa: PERF402 - what comes before the error counts
+    assert 10 < len(read) < 30
 
 
 def test_an_error_of_whoever_writes_is_not_taken_for_the_disks(tmp_path: Path) -> None:

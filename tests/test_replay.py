@@ -11,14 +11,13 @@ from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
 from pyarrow import parquet
 
-from contactfusion.errors import ConfigurationError, RecordingError, WritingError
+from contactfusion.errors import ConfigurationError, RecordingError
 from contactfusion.readings import Reading, Transform
 from contactfusion.recordings.mcap import McapWriter
 from contactfusion.recordings.ros import RawMessage, RosConfig, RosRecording
 from contactfusion.replaying.configuration import setting_of_file, setting_of_recording
 from contactfusion.replaying.replay import Options, replay
 from contactfusion.replaying.session import Session, Window
-from tests.mcap_files import disk_of
 from tests.toys import offer_toys, point, wrench
 
 EPOCH = 1_700_000_000_000_000_000
@@ -236,14 +235,3 @@ def test_a_folder_of_results_is_made_and_an_interrupt_keeps_what_was_found(
     with pytest.raises(KeyboardInterrupt):
         replay(Options(config, recording, out=out))
     assert len(rows(out)) == 5
-
-
-@pytest.mark.parametrize("name", ["out.mcap", "out.csv", "out.parquet"])
-def test_a_full_disk_is_told_and_an_older_file_stays(config: Path, name: str) -> None:
-    recording = recorded(config.with_name("long.mcap"), touching(60.0))
-    out = config.with_name(name)
-    out.write_text("of old")
-    before = set(config.parent.iterdir())
-    with disk_of(5_000), pytest.raises(WritingError, match=f"{name} can't be written: "):
-        replay(Options(config, recording, out=out))
-    assert out.read_text() == "of old" and set(config.parent.iterdir()) == before

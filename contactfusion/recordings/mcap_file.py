@@ -2,7 +2,7 @@
 
 import os
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Final
@@ -26,16 +26,44 @@ NEVER = 9223372036, 854775807
 
 @contextmanager
 def bag_that_becomes(path: Path) -> Iterator["Writer"]:
-    """Give a bag of rosbags, which is a folder, and take the one MCAP file out of it at the end."""
+    """Give a bag of rosbags, which is a folder, and take the one MCAP file out of it at the end.
+
+    Raises:
+        WritingError: the disk takes no more; what it took is kept beside the file.
+    """
     from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
 
     make_folder(path.parent)
     with TemporaryDirectory(prefix=f".{path.name}.", dir=path.parent) as folder:
         bag = Writer(Path(folder) / BAG, version=VERSION, storage_plugin=StoragePlugin.MCAP)
         bag.set_compression(CompressionMode.STORAGE, CompressionFormat.ZSTD)
-        with bag:
-            yield bag
-        os.replace(bag.path / f"{BAG}.mcap", path)
+        written = bag.path / f"{BAG}.mcap"
+        with kept_when_cut(written, path), ExitStack() as stack:
+            yield stack.enter_context(bag)
+            with telling(path):
+                stack.close()
+        os.replace(written, path)
+
+
+@contextmanager
+def kept_when_cut(written: Path, path: Path) -> Iterator[None]:
+    """Keep what the disk took of a file before it was full, under a name that says so.
+
+    Args:
+        written: the file, as it is called while it is written.
+        path: as it would be called.
+
+    Raises:
+        WritingError: the one that was met, with the name of what is kept.
+    """
+    try:
+        yield
+    except WritingError as error:
+        if not written.is_file() or not written.stat().st_size:
+            raise WritingError(f"{error}; nothing of it was kept") from None
+        kept = path.with_suffix(f".cut{path.suffix}")
+        os.replace(written, kept)
+        raise WritingError(f"{error}; what was written until then is {kept}") from None
 
 
 @contextmanager
@@ -48,8 +76,7 @@ def telling(path: Path) -> Iterator[None]:
     try:
         yield
     except OSError as error:
-        why = error.strerror or str(error)
-        raise WritingError(f"{path} can't be written: {why}; nothing of it was kept") from None
+        raise WritingError(f"{path} can't be written: {error.strerror or error}") from None
 
 
 def latched() -> "Qos":

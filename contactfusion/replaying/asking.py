@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import final
 
+from contactfusion.errors import TimeError
 from contactfusion.files import write_whole
 from contactfusion.pipeline import Pipeline
 from contactfusion.replaying.configuration import Setting, setting_of_file, setting_of_recording
@@ -77,13 +78,18 @@ def explain_recording(
 
     with closing(source.session()) as session:
         settings = Settings.of(session.pipeline)
-        moment = moment_at(session.steps(), time, settings.tolerance)
+        try:
+            moment = moment_at(session.steps(), time, settings.tolerance)
+        except TimeError:
+            session.complain()  # when it broke off before that time
+            raise
         told = account_of(moment, settings, at)
     print(account.as_json(told) if as_json else text.told(told))
     if picture is not None:
         from contactfusion.explaining.picture import picture as drawn
 
         write_whole(picture, drawn(told, moment.step.fusion))
+    session.complain()
 
 
 def ablate_recording(source: Source, out: Path) -> None:
@@ -104,6 +110,7 @@ def ablate_recording(source: Source, out: Path) -> None:
     paths = write_ablation(worths, out)
     print(table(worths))
     print(f"results: {', '.join(map(str, paths))}")
+    session.complain()
 
 
 def tune_recording(
@@ -143,3 +150,4 @@ def tune_recording(
     paths = write_tuning(tuned, out)
     print(table(tuned))
     print(f"results: {', '.join(map(str, paths))}")
+    session.complain()

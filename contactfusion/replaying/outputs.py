@@ -3,7 +3,7 @@
 import csv
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, final
@@ -14,7 +14,7 @@ from contactfusion.files import whole_file
 from contactfusion.pipeline import Step
 from contactfusion.readings import Reading
 from contactfusion.recordings.mcap import McapWriter
-from contactfusion.recordings.mcap_file import telling
+from contactfusion.recordings.mcap_file import kept_when_cut, telling
 from contactfusion.recordings.messages import recorded_stamp, typestore
 from contactfusion.recordings.ros import RawMessage
 from contactfusion.recordings.step_messages import OURS
@@ -55,11 +55,13 @@ class About:
         epoch_ns: the moment from which stamps count [ns].
         configuration: how it was made.
         copies: whether messages come as they are, so that readings are not written.
+        passed_over: the types by topic of messages that are not copied, as nothing defines them.
     """
 
     epoch_ns: int
     configuration: str
     copies: bool
+    passed_over: dict[str, str] = field(default_factory=dict)
 
 
 def open_output(path: Path, about: About) -> AbstractContextManager[Output]:
@@ -88,24 +90,27 @@ def _mcap(path: Path, about: About) -> Iterator[Output]:
     with McapWriter(path, about.epoch_ns) as writer:
         writer.text(TOPIC, about.configuration)
         if about.copies:
-            yield Output(writer.step, message=partial(_copy, writer))
+            yield Output(writer.step, message=partial(_copy, writer, about.passed_over))
         else:
             yield Output(writer.step, reading=writer.reading)
 
 
-def _copy(writer: McapWriter, message: RawMessage) -> None:
+def _copy(writer: McapWriter, passed_over: dict[str, str], message: RawMessage) -> None:
     if message.topic.startswith(OURS):  # of an earlier replay; this one tells anew
         return
-    if message.definition or message.msgtype in typestore().types:  # else nobody could read it
+    if message.definition or message.msgtype in typestore().types:
         writer.copy(message)
+    else:  # nobody could read it
+        passed_over[message.topic] = message.msgtype
 
 
 @contextmanager
 def _csv(path: Path, about: About) -> Iterator[Output]:
     """One row a contact, as `contacts.csv` of a run."""
     with (
-        telling(path),
         whole_file(path) as temporary,
+        kept_when_cut(temporary, path),
+        telling(path),
         temporary.open("w", encoding="utf-8", newline="") as file,
     ):
         table = csv.writer(file, lineterminator="\n")

@@ -1,13 +1,13 @@
 """`contactfusion replay`: contacts on a recording, and a table of what came and what did not."""
 
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, ExitStack
 from dataclasses import dataclass
 from pathlib import Path
 from typing import final
 
-from contactfusion.errors import ConfigurationError, RecordingError
+from contactfusion.errors import ConfigurationError, WritingError
 from contactfusion.readings import Reading
 from contactfusion.recordings.ros import RawMessage, RosRecording
 from contactfusion.replaying.configuration import setting_of_file
@@ -81,26 +81,35 @@ def replay(options: Options, watch: Watch | None = None) -> None:
         for output in outputs:
             output.reading(reading)
 
-    broken: RecordingError | KeyboardInterrupt | None = None
+    stopped: WritingError | KeyboardInterrupt | None = None
+    about: About | None = None
     began = time.perf_counter()
-    with ExitStack() as stack:
-        stack.callback(session.close)
-        if options.out is not None:
-            outputs.append(stack.enter_context(_output(session, options.out)))
-        if watch is not None:
-            outputs.append(stack.enter_context(watch(session)))
-        try:
-            for step in session.steps(hear):
-                summary.add(step)
-                for output in outputs:
-                    output.step(step)
-        except (RecordingError, KeyboardInterrupt) as error:
-            broken = error
+    try:
+        with ExitStack() as stack:
+            stack.callback(session.close)
+            if options.out is not None:
+                about = _about(session, options.out)
+                outputs.append(stack.enter_context(open_output(options.out, about)))
+            if watch is not None:
+                outputs.append(stack.enter_context(watch(session)))
+            try:
+                for step in session.steps(hear):
+                    summary.add(step)
+                    for output in outputs:
+                        output.step(step)
+            except KeyboardInterrupt as interrupt:
+                stopped = interrupt
+            _refuse_emptiness(options, tally)
+    except WritingError as error:
+        stopped = error
     _tell(session, tally, summary, time.perf_counter() - began)
-    if options.out is not None:
+    for topic, kind in about.passed_over.items() if about else ():
+        print(f"not copied: {topic}, as nothing defines {kind}")
+    if options.out is not None and not isinstance(stopped, WritingError):
         print(f"results: {options.out}")
-    if broken is not None:
-        raise broken
+    if stopped is not None:
+        raise stopped
+    session.complain()
     _refuse_silence(options.configuration, session, tally, summary)
 
 
@@ -115,10 +124,18 @@ def _refuse_itself(options: Options) -> None:
         )
 
 
-def _output(session: Session, out: Path) -> AbstractContextManager[Output]:
+def _refuse_emptiness(options: Options, tally: Tally) -> None:
+    """Make sure that something came after the start, before an older file is replaced."""
+    if options.window.start and not tally.streams:
+        raise ConfigurationError(
+            f"--start: of what is played, {options.recording} holds nothing after "
+            f"{options.window.start:g} s"
+        )
+
+
+def _about(session: Session, out: Path) -> About:
     text = session.setting.text(beside=out.parent)
-    copies = isinstance(session.recording, RosRecording)
-    return open_output(out, About(session.recording.epoch_ns, text, copies))
+    return About(session.recording.epoch_ns, text, isinstance(session.recording, RosRecording))
 
 
 def _pace(rate: float | None) -> Callable[[float], None]:
@@ -167,16 +184,20 @@ def _troubles(recording: RosRecording) -> dict[str, str]:
 
 
 def _refuse_silence(path: Path, session: Session, tally: Tally, summary: Summary) -> None:
-    """Make sure that all came that the configuration waits for."""
+    """Make sure that all came that the configuration waits for, and that most of it was of use."""
+    lost = list(_lost(session.recording)) if isinstance(session.recording, RosRecording) else []
     silent = list(unheard(session.pipeline, tally.kinds, summary))
-    troubles = _troubles(session.recording) if isinstance(session.recording, RosRecording) else {}
-    came = {sensor for sensor, _ in tally.kinds}
-    lost = [
-        f"of '{name}' nothing could be used: {said}"
-        for name, said in troubles.items()
-        if said and name not in came
-    ]
     faults = list(session.inputs.missing) or [*lost, *silent]
     if faults:
         more = f" (and {len(faults) - 1} more)" if len(faults) > 1 else ""
         raise ConfigurationError(f"{path}: {faults[0]}{more}")
+
+
+def _lost(recording: RosRecording) -> Iterator[str]:
+    """Say of which sensors less than half could be used."""
+    troubles = _troubles(recording)
+    for sensor, topic in recording.sources.items():
+        heard = recording.tally[topic]
+        if heard.refused + heard.unreadable > heard.readings:
+            some = f"only {heard.readings} readings" if heard.readings else "nothing"
+            yield f"of '{sensor}' {some} could be used: {troubles[sensor]}"

@@ -69,6 +69,7 @@ class Session:
         self.setting = replace(setting, told={**setting.told, **(told or {})})
         recording, self.inputs = _opened(self.setting, path, window, tap, watched)
         self.recording: Recording = recording
+        self._broken: RecordingError | None = None
         try:
             self.pipeline = Pipeline(self.setting.config(self.inputs.generators))
         except (ConfigurationError, FrameError, PluginError) as error:
@@ -84,8 +85,24 @@ class Session:
         }
 
     def readings(self) -> Iterator[Reading]:
-        """Give the readings that the pipeline hears, in their order; transforms come ahead."""
-        return transforms_ahead(self.recording.readings())
+        """Give the readings that the pipeline hears, in their order; transforms come ahead.
+
+        A recording that breaks off ends there, and `complain` says why.
+        """
+        self._broken = None
+        try:
+            yield from transforms_ahead(self.recording.readings())
+        except RecordingError as error:
+            self._broken = error
+
+    def complain(self) -> None:
+        """Say why the recording broke off, once what came of it until then is kept.
+
+        Raises:
+            RecordingError: it did.
+        """
+        if self._broken:
+            raise self._broken
 
     def steps(self, hear: Hear = nobody) -> Iterator[Step]:
         """Play from the beginning.
@@ -94,17 +111,7 @@ class Session:
             hear: who hears every reading before the pipeline does.
         """
         self.pipeline.reset()
-        broken: list[RecordingError] = []
-
-        def whole() -> Iterator[Reading]:
-            try:
-                yield from _heard(self.readings(), hear)
-            except RecordingError as error:  # the step that is due is made all the same
-                broken.append(error)
-
-        yield from self.pipeline.run(whole())
-        if broken:
-            raise broken[0]
+        return self.pipeline.run(_heard(self.readings(), hear))
 
     def close(self) -> None:
         """End what the pipeline runs beside itself."""
@@ -140,7 +147,10 @@ def _opened(
     sources = whole.sources if isinstance(whole, RosRecording) else {}
     sensors = {topic: sensor for sensor, topic in sources.items()}
     told = {role: sensors.get(topic, topic) for role, topic in setting.told.items()}
-    inputs = find_inputs(whole.topics, setting.config().generators, told, watched)
+    try:
+        inputs = find_inputs(whole.topics, setting.config().generators, told, watched)
+    except PluginError as error:
+        raise ConfigurationError(f"{setting.origin}: {error}") from None
     if isinstance(whole, RosRecording):
         topics = {name: sources[sensor] for name, sensor in inputs.sensors.items()}
         return whole.part(topics, window.start, window.duration, tap), inputs

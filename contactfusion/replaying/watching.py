@@ -49,10 +49,11 @@ def view_recording(
     if at is not None and screenshot is None:
         raise ConfigurationError("--at is the time of a picture: name its file with --screenshot")
     with TemporaryDirectory() as folder:
-        rrd = source.recording
+        rrd, session = source.recording, None
         if rrd.suffix != DRAWN:
             rrd = save or Path(folder) / f"{source.recording.stem}{DRAWN}"
-            with closing(source.session(watched=True)) as session, drawing(session, rrd) as output:
+            session = source.session(watched=True)
+            with closing(session), drawing(session, rrd) as output:
                 for step in session.steps(output.reading):
                     output.step(step)
         if screenshot is not None:
@@ -62,6 +63,8 @@ def view_recording(
             print(f"results: {save}")
         else:
             showing.show(rrd, web)
+    if session is not None:
+        session.complain()
 
 
 def replay_and_show(options: Options) -> None:
