@@ -241,7 +241,11 @@ def test_channels_that_no_ros_wrote_are_passed_over(
         recording = RosRecording(RosConfig(file=path))
         assert [one.sensor for one in recording.readings()] == ["wrist"]
         assert recording.contents["/log"].msgtype == "foxglove.Log as jsonschema"
-    config.write_text(CONFIG.replace("eye: {type: echo, sensor: eye}", ""))
+    config.write_text(
+        CONFIG.replace("  eye: {type: echo, sensor: eye}", "").replace(
+            "frame: base", "frame: wrist"
+        )
+    )
     replay(Options(config, path, out=tmp_path / "out.mcap"))
     told = capsys.readouterr().out
     assert "not copied: /log, as nothing defines foxglove.Log as jsonschema" in told
