@@ -50,6 +50,7 @@ def layout(extent: Extent, side: float, cameras: Mapping[str, str], lanes: int, 
 def _time_lines(lanes: int) -> Any:
     """Show how sources and controller do, and what happened."""
     import rerun.blueprint as rrb
+    from rerun.blueprint.encodings import TimelineColumn
 
     return rrb.Vertical(
         rrb.StateTimelineView(origin="/states", name="sources and controller"),
@@ -65,7 +66,7 @@ def _time_lines(lanes: int) -> Any:
             name="events",
             columns=rrb.TextLogColumns(
                 # its column of times is too narrow: events tell theirs
-                timeline_columns=[rrb.encodings.TimelineColumn(TIMELINE, visible=False)],
+                timeline_columns=[TimelineColumn(TIMELINE, visible=False)],
                 text_log_columns=["loglevel", "body"],
             ),
         ),
