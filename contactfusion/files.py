@@ -16,6 +16,10 @@ def write_whole(path: str | Path, content: str | bytes) -> None:
     Args:
         path: the file; its folder is made when it does not exist.
         content: text, written as UTF-8, or bytes.
+
+    Raises:
+        WritingError: the disk does not take it; an older file stays.
+        ContactFusionError: its folder cannot be made.
     """
     path = Path(path)
     make_folder(path.parent)

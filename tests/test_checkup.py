@@ -288,7 +288,7 @@ def test_a_robot_with_a_fault_gives_status_one(
         (["robot.yaml", "--recording", "lgo.yaml"], ["did you mean 'log.yaml'"]),
         (["--out", "robot.png"], ["name the ROBOT.yaml"]),
         (["--recording", "log.yaml"], ["name the ROBOT.yaml"]),
-        (["robot.yaml", "--out", "robot.urdf/a.png"], ["robot.urdf/a.png cannot be written"]),
+        (["robot.yaml", "--out", "robot.urdf/a.png"], ["the folder robot.urdf cannot be made"]),
     ],
 )
 def test_what_cannot_be_used_is_one_sentence(

@@ -376,7 +376,7 @@ def test_a_full_disk_is_one_sentence(tmp_path: Path) -> None:
             record_scene(PUSH, ["scene.longest=2"], tmp_path / "a.mcap")
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, limits)
-    assert not list(tmp_path.iterdir())
+    assert list(tmp_path.iterdir()) == [tmp_path / "a.cut.mcap"]
 
 
 def test_a_scene_that_fails_on_the_way_leaves_the_file_of_before(

@@ -53,6 +53,7 @@ def test_equal_robots_give_equal_pictures(tmp_path: Path) -> None:
 def test_a_picture_that_cannot_be_written_is_told(tmp_path: Path) -> None:
     (tmp_path / "taken").write_text("a file")
     model = built(tmp_path, link("a", BOX))
-    for path in (tmp_path, tmp_path / "taken" / "a.png"):
-        with pytest.raises(ContactFusionError, match="cannot be written"):
-            draw_robot(posed(model), path)
+    with pytest.raises(ContactFusionError, match="can't be written: Is a directory"):
+        draw_robot(posed(model), tmp_path)
+    with pytest.raises(ContactFusionError, match="taken cannot be made: File exists"):
+        draw_robot(posed(model), tmp_path / "taken" / "a.png")

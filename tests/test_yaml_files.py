@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from contactfusion.errors import ConfigurationError
+from contactfusion.errors import ConfigurationError, WritingError
 from contactfusion.files import write_whole
 from contactfusion.yaml_files import read_yaml, with_overrides
 
@@ -136,7 +136,7 @@ def test_a_failed_write_leaves_the_old_file(
         raise OSError("no space left")
 
     monkeypatch.setattr("os.replace", full)
-    with pytest.raises(OSError, match="no space left"):
+    with pytest.raises(WritingError, match="results.csv can't be written: no space left"):
         write_whole(path, "new")
     assert path.read_text() == "old"
     assert list(tmp_path.iterdir()) == [path]

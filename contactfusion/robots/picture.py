@@ -7,7 +7,6 @@ from typing import Any
 import numpy as np
 
 from contactfusion.arrays import FloatArray
-from contactfusion.errors import ContactFusionError
 from contactfusion.figures import new_figure
 from contactfusion.files import write_whole
 from contactfusion.frames import Pose, points_in
@@ -37,7 +36,7 @@ def draw_robot(robot: PosedRobot, path: Path) -> Path:
 
     Raises:
         DependencyError: matplotlib is not installed.
-        ContactFusionError: the picture cannot be written.
+        ContactFusionError: the picture, or its folder, can't be written.
     """
     config, points = robot.model.config, robot.surface.points
     eyes = [robot.pose_of(camera.frame)[None, :3, 3] for camera in config.cameras.values()]
@@ -144,8 +143,5 @@ def _colours(robot: PosedRobot) -> dict[str, tuple[float, ...]]:
 def _saved(figure: Any, path: Path) -> Path:
     content = io.BytesIO()
     figure.savefig(content, dpi=110, format="png")
-    try:
-        write_whole(path, content.getvalue())
-    except OSError as error:
-        raise ContactFusionError(f"{path} cannot be written: {error.strerror}") from None
+    write_whole(path, content.getvalue())
     return path

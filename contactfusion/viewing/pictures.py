@@ -43,10 +43,7 @@ def screenshot(rrd: Path, png: Path, at: float | None = None) -> None:
         moment = end if at is None else at
         _patiently(lambda: client.set_time(TIMELINE, duration=moment, play_state="paused"))
         picture = _settled(client)
-    try:
-        write_whole(png, picture)
-    except OSError as error:
-        raise ContactFusionError(f"{png} cannot be written: {error.strerror}") from None
+    write_whole(png, picture)
 
 
 def _settled(client: Any) -> bytes:
