@@ -31,8 +31,9 @@ class SpringyArm:
         self._world, self._model = world, model
         bullet, client, rows = world.bullet, world.client, world.joints
         inertias = model.inertias(positions)
-        self._stiffness = np.minimum(stiffness, inertias * STIFFEST**2)
-        self._damping = 2.0 * np.sqrt(self._stiffness * inertias)
+        self.stiffness = np.minimum(stiffness, inertias * STIFFEST**2)
+        """How each joint yields, shape (n,) [N·m/rad, N/m]."""
+        self._damping = 2.0 * np.sqrt(self.stiffness * inertias)
         self._most = model.efforts
         world.bend(positions)
         count = len(rows)
@@ -52,7 +53,7 @@ class SpringyArm:
         """Let one step of physics pass; `wanted`, shape (n,), is where joints shall be [rad, m]."""
         bullet, client, world = self._world.bullet, self._world.client, self._world
         torques = (
-            self._stiffness * (wanted - self.positions)
+            self.stiffness * (wanted - self.positions)
             + self._damping * ((wanted - self._wanted) / STEP - self.velocities)
             + self._model.gravity_torques(self.positions)
         )

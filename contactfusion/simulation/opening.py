@@ -8,6 +8,9 @@ from contactfusion.errors import ConfigurationError, RobotError, name_hint
 from contactfusion.model import rooted
 from contactfusion.robots.description import RobotConfig
 from contactfusion.robots.model import shared_robot
+from contactfusion.simulation.grasp import GraspScene
+from contactfusion.simulation.grasp_config import GraspConfig
+from contactfusion.simulation.grasping import Grasping
 from contactfusion.simulation.push import PushScene
 from contactfusion.simulation.push_config import PushConfig
 from contactfusion.simulation.pushing import Pushing
@@ -28,9 +31,15 @@ def _push(description: Mapping[str, Any], folder: Path, robot: RobotConfig, seed
     return Pushing(PushScene(config, robot, seed))
 
 
+def _grasp(description: Mapping[str, Any], folder: Path, robot: RobotConfig, seed: int) -> Grasping:
+    config = rooted(GraspConfig(**description), folder)
+    return Grasping(GraspScene(config, shared_robot(robot), seed))
+
+
 TYPES: dict[str, Callable[[Mapping[str, Any], Path, RobotConfig, int], Scene]] = {
     "touch": _touch,
     "push": _push,
+    "grasp": _grasp,
 }
 """What opens each type of scene, given its description, its folder, the robot and a seed."""
 
@@ -41,7 +50,8 @@ def open_scene(
     """Open a scene.
 
     Args:
-        description: its `type` and the fields of `TouchConfig` (`touch`) or `PushConfig` (`push`).
+        description: its `type` and the fields of `TouchConfig` (`touch`), `PushConfig` (`push`) or
+            `GraspConfig` (`grasp`).
         robot: the robot that acts in it.
         seed: of all chance.
         folder: where relative file names start.

@@ -48,7 +48,8 @@ class TouchWorld:
         self, model: RobotModel, objects: Mapping[str, ObjectModel], friction: float
     ) -> None:
         self._model = model
-        self._world = BulletWorld(model, hollow=True)
+        self._world = self.physics = BulletWorld(model, hollow=True)
+        """The robot and all bodies."""
         self._bullet, self._client = self._world.bullet, self._world.client
         self._bodies: dict[str, list[int]] = {}
         for name, one in objects.items():
@@ -76,6 +77,10 @@ class TouchWorld:
             back = inverse(model.pose_on_link(model.config.wrists[name].frame))
             turn = Rotation.from_quat(axes).as_matrix()
             self._feedback[name] = back @ pose_of((0.0, 0.0, 0.0), turn)
+
+    def adopt(self, name: str, body: int) -> None:
+        """Count a further body of `physics`, such as one that moves, among the objects."""
+        self._bodies[name] = [body]
 
     def blocked(self, positions: FloatArray, hand: set[str], target: str) -> bool:
         """Tell whether the arm would touch the target, or any link another object.
