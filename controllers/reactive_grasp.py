@@ -1,0 +1,257 @@
+"""Reactive grasp: go ahead until touched, correct by the place of the touch, close, lift (F §VI-B).
+
+The paper's hand goes towards a bottle that is not quite before it, is told by fused contacts where
+it has touched it, and corrects itself; the states and their numbers are ours.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+
+import numpy as np
+
+from contactfusion.arrays import FloatArray
+from contactfusion.contacts import Contact
+from contactfusion.controller import Command, Controller
+from contactfusion.controllers.grasp_contact import HandContact, typical
+from contactfusion.controllers.grasp_move import FROZEN, Move
+from contactfusion.controllers.grasp_parameters import ENDS, GraspMode, ReactiveGraspConfig
+from contactfusion.controllers.grasp_sense import Sense, sensed
+from contactfusion.hooks import hookimpl
+from contactfusion.readings import Twist
+from contactfusion.state import State
+
+STILL_CLOSED = 0.1
+"""A joint of the fingers that rests after more than this part of its way has not opened."""
+LEVEL = 0.7
+"""A push whose part along y is greater comes from below or above."""
+NARROW = 0.005
+"""Nothing lies between places that are nearer to each other [m]."""
+RECENT = 0.3
+"""Contacts are of one touch for so long [s]."""
+
+
+class ReactiveGrasp(Controller):
+    """Grasps what stands about ahead of the hand; it sees contacts and joints, never the world."""
+
+    Config = ReactiveGraspConfig
+
+    def __init__(self, config: ReactiveGraspConfig) -> None:
+        super().__init__(config)
+        self.options = config
+        self._states: dict[str, Callable[[Sense, Move], None]] = {
+            GraspMode.OPEN: self._open,
+            GraspMode.APPROACH: self._approach,
+            GraspMode.BACK: self._back,
+            GraspMode.ASIDE: self._aside,
+            GraspMode.ENTER: self._enter,
+            GraspMode.CLOSE: self._close,
+            GraspMode.LIFT: self._lift,
+            GraspMode.HOLD: self._hold,
+            GraspMode.RETREAT: self._retreat,
+        }
+        self.reset()
+
+    def reset(self) -> None:
+        """Begin again, with the gripper still as it is."""
+        self._mode, self._reason = GraspMode.WAIT, "no joints yet"
+        self._began: float | None = None
+        self._move: Move | None = None
+        self._gripper: float | None = None
+        self._start = np.zeros(3)
+        self._shift, self._held = np.zeros(3), np.zeros(0)
+        self._touches = list[tuple[float, HandContact]]()
+        self._between = -np.inf, np.inf
+        self._corrections, self._attempt = 0, 1
+        self._end = GraspMode.MISSED
+
+    def command(self, contacts: Sequence[Contact], state: State) -> Command:
+        """Give the velocity of the tool and the gripper's opening that follow from the contacts.
+
+        Raises:
+            FrameError: the frame of the tool is not known.
+            ConfigurationError: a joint of the gripper is not told.
+        """
+        options, now = self.options, state.now
+        self._began = now if self._began is None else self._began
+        if state.joints is None:
+            if now - self._began > options.patience:
+                self._mode, self._reason = GraspMode.BLIND, "nobody tells where the joints are"
+            return self._told(now, np.zeros(3))
+        sense = sensed(contacts, state.joints, state, options)
+        if self._move is None:
+            self._start = sense.place
+            move = self._go(GraspMode.OPEN, "it begins", sense, gripper=0.0)
+        else:
+            move = self._move
+        move.follow(sense)
+        if move.is_blind:
+            self._go(GraspMode.BLIND, f"joints tell the same for {FROZEN:g} s", sense)
+        if now - self._began > options.longest and self._mode not in (*ENDS, GraspMode.RETREAT):
+            self._fail(GraspMode.TIMEOUT, f"not done after {options.longest:g} s", sense)
+        if self._mode in self._states:
+            self._states[self._mode](sense, self._moving)
+        return self._told(now, self._moving.velocity(sense))
+
+    def _open(self, sense: Sense, move: Move) -> None:
+        going = move.goal is not None and not (move.is_there or move.is_blocked)
+        if going or not move.fingers_rest:
+            return
+        if (sense.closed > STILL_CLOSED).any():
+            name = list(self.options.gripper)[int(sense.closed.argmax())]
+            self._fail(GraspMode.STUCK, f"'{name}' does not open", sense)
+            return
+        self._approach_from(sense, f"attempt {self._attempt}")
+
+    def _approach(self, sense: Sense, move: Move) -> None:
+        feels = self.options.corrections > 0 and sense.now - move.began >= self.options.settle
+        if feels and sense.touch is not None:
+            self._touches.append((sense.now, sense.touch))
+        recent = [touch for when, touch in self._touches if sense.now - when < RECENT]
+        if len(recent) >= self.options.confirm:
+            self._touched(sense, typical(recent))
+        elif move.is_there:
+            self._go(GraspMode.CLOSE, "at the end of the way", sense, gripper=1.0)
+        elif move.is_blocked:
+            self._fail(GraspMode.BLOCKED, "the hand comes no further", sense)
+
+    def _touched(self, sense: Sense, touch: HandContact) -> None:
+        """Decide by the place of a contact: close, go in, or correct."""
+        options, (aside, _, ahead) = self.options, touch.place
+        felt = f"touched {100.0 * aside:+.1f} cm aside, {100.0 * ahead:.1f} ahead"
+        felt += f" ({', '.join(touch.sources)})"
+        middle, _, depth = touch.middle(options.hand.radius).tolist()
+        vertical = abs(touch.push[1]) > LEVEL
+        if not vertical and abs(middle) <= options.inside:
+            goal = sense.place + max(depth - options.depth, 0.0) * sense.ahead
+            self._go(GraspMode.ENTER, f"{felt}: between the fingers", sense, goal)
+            return
+        if vertical:
+            self._shift = np.array([0.0, np.copysign(options.raised, touch.push[1]), 0.0])
+        else:
+            self._shift = np.array([self._aside_by(sense, middle), 0.0, 0.0])
+        if self._corrections < options.corrections:
+            self._corrections += 1
+            goal = sense.place - options.back * sense.ahead
+            self._go(GraspMode.BACK, felt, sense, goal)
+        elif vertical:
+            self._fail(GraspMode.OBSTRUCTED, f"{felt}, by what is below or above", sense)
+        else:
+            self._go(GraspMode.CLOSE, f"{felt}; no correction left", sense, gripper=1.0)
+
+    def _aside_by(self, sense: Sense, middle: float) -> float:
+        """Give how far aside the hand goes [m].
+
+        What was touched on one side here, and on the other there, lies between the two, and is
+        wider than it was taken for: the hand does not go beyond, but half-way.
+        """
+        shift = float(np.clip(middle, -self.options.aside, self.options.aside))
+        here = float(sense.place @ sense.tool[:3, 0])
+        low, high = (here, self._between[1]) if shift > 0.0 else (self._between[0], here)
+        if high - low < NARROW:  # it has been pushed aside meanwhile
+            low, high = (here, np.inf) if shift > 0.0 else (-np.inf, here)
+        self._between = low, high
+        beyond = not low < here + shift < high
+        return (low + high) / 2.0 - here if beyond else shift
+
+    def _enter(self, sense: Sense, move: Move) -> None:
+        if move.is_there or move.is_blocked:
+            self._go(GraspMode.CLOSE, self._reason, sense, gripper=1.0)
+
+    def _back(self, sense: Sense, move: Move) -> None:
+        if move.is_there or move.is_blocked:
+            goal = sense.place + sense.tool[:3, :3] @ self._shift
+            aside, up, _ = 100.0 * self._shift
+            way = f"{up:+.1f} cm up" if up else f"{aside:+.1f} cm aside"
+            self._go(GraspMode.ASIDE, f"correction {self._corrections}: {way}", sense, goal)
+
+    def _aside(self, sense: Sense, move: Move) -> None:
+        if move.is_there or move.is_blocked:
+            self._approach_from(sense, f"after correction {self._corrections}")
+
+    def _close(self, sense: Sense, move: Move) -> None:
+        if not move.fingers_rest and sense.now - move.began < self.options.closing:
+            return
+        if (sense.closed >= self.options.empty).all():
+            self._miss(sense)
+            return
+        self._held = sense.closed
+        goal = sense.place + self.options.lift * sense.tool[:3, 1]
+        self._go(GraspMode.LIFT, f"fingers rest {sense.closed.mean():.0%} closed", sense, goal)
+
+    def _miss(self, sense: Sense) -> None:
+        """Try again, or give up; what the hand has missed it may have pushed ahead."""
+        reason = "the fingers closed on nothing"
+        if self._attempt == self.options.attempts:
+            self._fail(GraspMode.MISSED, reason, sense)
+            return
+        self._attempt += 1
+        goal = sense.place - 2.0 * self.options.back * sense.ahead
+        self._go(GraspMode.OPEN, reason, sense, goal, gripper=0.0)
+
+    def _lift(self, sense: Sense, move: Move) -> None:
+        if self._slipped(sense):
+            return
+        if move.is_there:
+            self._go(GraspMode.HOLD, "high enough", sense)
+        elif move.is_blocked:
+            self._fail(GraspMode.BLOCKED, "the hand comes no higher", sense)
+
+    def _hold(self, sense: Sense, move: Move) -> None:
+        if not self._slipped(sense) and sense.now - move.began >= self.options.hold:
+            self._go(GraspMode.LIFTED, f"held for {self.options.hold:g} s", sense)
+
+    def _retreat(self, sense: Sense, move: Move) -> None:
+        """Open first, for the fingers would drag along what is between them; then go back."""
+        if move.goal is None:
+            if move.fingers_rest or sense.now - move.began > self.options.closing:
+                goal = sense.place - ((sense.place - self._start) @ sense.ahead) * sense.ahead
+                self._move = Move(sense.now, goal, self.options)
+        elif move.is_there or move.is_blocked:
+            self._go(self._end, self._reason, sense)
+
+    def _approach_from(self, sense: Sense, reason: str) -> None:
+        reach = self.options.reach + (self._attempt - 1) * self.options.back
+        left = reach - float((sense.place - self._start) @ sense.ahead)
+        goal = sense.place + max(left, 0.0) * sense.ahead
+        self._touches.clear()
+        self._go(GraspMode.APPROACH, reason, sense, goal)
+
+    def _fail(self, end: GraspMode, reason: str, sense: Sense) -> None:
+        self._end = end
+        self._go(GraspMode.RETREAT, reason, sense, gripper=0.0)
+
+    def _slipped(self, sense: Sense) -> bool:
+        slipped = bool((sense.closed - self._held > self.options.slip).any())
+        if slipped:
+            self._fail(GraspMode.DROPPED, "the fingers closed further", sense)
+        return slipped
+
+    def _go(
+        self,
+        mode: GraspMode,
+        reason: str,
+        sense: Sense,
+        goal: FloatArray | None = None,
+        gripper: float | None = None,
+    ) -> Move:
+        """Go into a state, with the hand to move to a goal, or to stand."""
+        self._mode, self._reason = mode, reason
+        self._gripper = self._gripper if gripper is None else gripper
+        self._move = Move(sense.now, goal, self.options)
+        return self._move
+
+    @property
+    def _moving(self) -> Move:
+        assert self._move is not None
+        return self._move
+
+    def _told(self, now: float, velocity: FloatArray) -> Command:
+        twist = Twist(stamp=now, frame=self.options.tool, linear=velocity, angular=np.zeros(3))
+        return Command(
+            twist=twist, gripper=self._gripper, mode=str(self._mode), reason=self._reason
+        )
+
+
+@hookimpl
+def contactfusion_controllers() -> Mapping[str, type[ReactiveGrasp]]:
+    """Offer reactive grasping."""
+    return {"reactive_grasp": ReactiveGrasp}
