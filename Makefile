@@ -5,7 +5,7 @@ BIN := $(VENV)/bin
 READY := $(VENV)/.ready
 SOAK_SCENARIOS ?= 2000
 
-.PHONY: demo test lint soak bench bare show-recordings show-touch show-push show-sensing show-replay train clean
+.PHONY: demo test lint soak bench bare show-recordings show-touch show-push show-sensing show-replay show-grasp train clean
 
 demo: $(READY)
 	$(BIN)/contactfusion demo --out out/demo
@@ -131,6 +131,19 @@ show-replay: $(READY)
 		--config examples/replay/near_lidar.yaml --screenshot out/replay/near.png
 	$(BIN)/python -m benchmarks.replay_speed --folder out/replay/speed
 	$(BIN)/python -m benchmarks.long_recording --gigabytes 5 --folder out/replay/long
+
+# Grasps that are made already are kept, so it goes on where it was stopped.
+GRASP := $(BIN)/contactfusion experiment grasp --seed 5000
+FELT := --sources force_torque+motion --sources all --sources none
+
+show-grasp: $(READY)
+	@echo "about 2 hours"
+	$(GRASP) --repeats 200 --record bottle-000 --out out/grasp/bottle
+	$(GRASP) --repeats 100 --objects mug,carton $(FELT) --out out/grasp/objects
+	for fault in dead_wrench zero_skin; do \
+		$(GRASP) --repeats 100 $(FELT) --sources tactile --faults examples/faults/$$fault.yaml \
+			--out out/grasp/$$fault || exit 1; \
+	done
 
 train: $(READY)
 	$(BIN)/contactfusion train cpm --out out/cpm

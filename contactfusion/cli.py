@@ -385,6 +385,53 @@ def experiment_push(
     run_push(options, out)
 
 
+@experiment.command("grasp")
+def experiment_grasp(
+    config: Annotated[
+        Path | None, typer.Option(help="A YAML file with a scene of type grasp, and objects.")
+    ] = None,
+    objects: Annotated[
+        str, typer.Option(help="Objects of the file; with commas between; default: the first.")
+    ] = "",
+    repeats: Annotated[int, typer.Option(min=1, help="How often each is grasped.")] = 20,
+    sources: Annotated[
+        list[str] | None,
+        typer.Option(help="Names or types of generators, as wrist+motion; none; all; several."),
+    ] = None,
+    rule: Annotated[
+        list[str] | None, typer.Option(help="RULE or RULE/CONDENSATION; several.")
+    ] = None,
+    noise: Annotated[
+        str | None, typer.Option(help="none, prototype or full; default: the scene's, prototype.")
+    ] = None,
+    faults: Annotated[Path | None, typer.Option(help="A YAML file of faults.")] = None,
+    seed: Annotated[int, typer.Option(min=0, help="Of all chance.")] = 0,
+    workers: Annotated[int, typer.Option(min=1, help="How many processes.")] = 2,
+    record: Annotated[
+        list[str] | None, typer.Option(help="Film this grasp, such as bottle-003; several.")
+    ] = None,
+    out: Out = Path("out/grasp"),
+) -> None:
+    """Grasp objects in simulation by what the hand feels; goes on where it stopped."""
+    from contactfusion.experiments.grasp.experiment import Options, run_grasp
+    from contactfusion.experiments.grasp.plan import DEFAULT
+    from contactfusion.experiments.methods import Method
+
+    options = Options(
+        config=config or DEFAULT,
+        objects=_listed(objects),
+        repeats=repeats,
+        sources=sources or (),
+        rules=[Method.named(name) for name in rule or ()],
+        noise=noise,
+        faults=faults,
+        seed=seed,
+        workers=workers,
+        record=record or (),
+    )
+    run_grasp(options, out)
+
+
 @tune.command("push")
 def tune_push(
     start: Annotated[str, typer.Option(help="The set of parameters to begin with.")] = "tuned",

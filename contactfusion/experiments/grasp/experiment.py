@@ -1,0 +1,228 @@
+"""`experiment grasp`: the same grasps by several sources and rules, and what comes of them."""
+
+import json
+import sys
+import time
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import partial
+from itertools import product
+from pathlib import Path
+from typing import Any
+
+from contactfusion.errors import ConfigurationError, ContactFusionError, RobotError, name_hint
+from contactfusion.experiments.grasp import figures, tables
+from contactfusion.experiments.grasp.film import film
+from contactfusion.experiments.grasp.plan import DEFAULT, NONE, Column, Grasp, Plan, read_plan
+from contactfusion.experiments.grasp.trial import Row, load, results_csv, run_trial, save
+from contactfusion.experiments.methods import Method
+from contactfusion.experiments.push.evaluation import as_json
+from contactfusion.experiments.push.things import require_once
+from contactfusion.experiments.push.threads import one_thread_each
+from contactfusion.experiments.workers import Died, each, require_workers
+from contactfusion.fault_config import read_faults
+from contactfusion.files import make_folder, write_whole
+
+DE_MORGAN, POSTERIOR = Method("de_morgan", "cluster_centroid"), Method("posterior", "modes")
+COLUMNS = (
+    Column("force_torque+motion", DE_MORGAN),
+    Column(NONE, DE_MORGAN),
+    Column("tactile", DE_MORGAN),
+    Column("force_torque", DE_MORGAN),
+    Column("all", DE_MORGAN),
+    Column("all", POSTERIOR),
+)
+"""What the table is made for; the first is the paper's, the others are compared with it."""
+ADDABLE = ("columns", "objects")
+"""Of these a folder may take more."""
+Task = tuple[Column, Grasp]
+
+
+@dataclass(frozen=True)
+class Options:
+    """What the experiment can be told.
+
+    Attributes:
+        config: a YAML file as for `run`, with a scene of type `grasp`, and `objects`.
+        objects: names of these objects; none: the first.
+        repeats: how often each object is grasped.
+        sources: by what the hand feels: names or types of generators with "+" between them, `none`
+            (it goes ahead and closes) or `all`.
+        rules: how that is fused.
+        noise: of the sensors, by name; None: the scene's.
+        faults: a YAML file of faults, or None.
+        seed: of all chance.
+        workers: how many processes.
+        record: grasps to film: COLUMN/NAME, or NAME for the first column.
+    """
+
+    config: Path = DEFAULT
+    objects: Sequence[str] = ()
+    repeats: int = 20
+    sources: Sequence[str] = ()
+    rules: Sequence[Method] = ()
+    noise: str | None = None
+    faults: Path | None = None
+    seed: int = 0
+    workers: int = 2
+    record: Sequence[str] = ()
+
+
+def run_grasp(options: Options, out: Path) -> None:
+    """Grasp, measure, write tables and figures; goes on where it was stopped.
+
+    Args:
+        options: what is grasped, and by what it is felt.
+        out: the folder that takes the results: a file a grasp and column, results.csv,
+            summary.json, table.md, figures.
+
+    Raises:
+        ConfigurationError: an option is wrong, or `out` holds grasps of other options.
+        RobotError: a grasp could not be made; the others are kept.
+    """
+    require_workers(options.workers)
+    if options.repeats < 1:
+        raise ConfigurationError(f"it takes 1 grasp or more, not {options.repeats}", "repeats")
+    require_once(options.objects, "objects")
+    columns = columns_of(options.sources, options.rules)
+    faults = read_faults(options.faults) if options.faults else ()
+    plan = read_plan(options.config, options.objects, faults, options.noise, options.seed)
+    settings = _joined(plan.settings(columns), out)
+    grasps = plan.grasps(list(plan.scenes), options.repeats)
+    tasks = [(column, grasp) for grasp in grasps for column in columns]
+    recorded = [_recorded(name, tasks) for name in options.record]
+    missing = [task for task in tasks if not trial_file(out, *task).is_file()]
+    make_folder(out)
+    write_whole(out / "settings.json", json.dumps(settings, indent=1) + "\n")
+    print(f"{len(tasks)} grasps; {len(missing)} to make", flush=True)
+    with one_thread_each():
+        failed = _grasp_all(plan, missing, options.workers, out)
+    found = {
+        column.name: [
+            load(path) for grasp in grasps if (path := trial_file(out, column, grasp)).is_file()
+        ]
+        for column in columns
+    }
+    found = {name: rows for name, rows in found.items() if rows}
+    if found:
+        evaluate(found, failed, plan.seed, out)
+    for column, grasp in recorded:
+        print(f"film: {film(plan, column, grasp, out / 'films' / column.name)}")
+    if failed:
+        raise RobotError(f"{len(failed)} of {len(tasks)} grasps were not made: {failed[0]}")
+
+
+def columns_of(sources: Sequence[str], rules: Sequence[Method]) -> Sequence[Column]:
+    """Give the columns of the table: all sources by all rules; without any, `COLUMNS`."""
+    if not sources and not rules:
+        return COLUMNS
+    chosen = sources or list(dict.fromkeys(column.sources for column in COLUMNS))
+    pairs = [
+        Column(source, rule if source != NONE else DE_MORGAN)
+        for source, rule in product(chosen, rules or [DE_MORGAN])
+    ]
+    return list(dict.fromkeys(pairs))
+
+
+def trial_file(out: Path, column: Column, grasp: Grasp) -> Path:
+    """Give the file of a trial."""
+    return out / "trials" / column.name / f"{grasp.name}.json"
+
+
+def evaluate(
+    found: Mapping[str, Sequence[Row]], failed: Sequence[str], seed: int, out: Path
+) -> None:
+    """Write tables, files and figures.
+
+    Args:
+        found: grasps by column, of which the others are compared with the first.
+        failed: a sentence for each grasp that could not be made.
+        seed: of the bootstrap.
+        out: the folder that takes the results.
+    """
+    summaries = {name: tables.summary_of(rows, seed) for name, rows in found.items()}
+    compared = tables.comparisons_of(found)
+    success = tables.success_text(found, summaries)
+    texts = ["## Success", success]
+    if compared:
+        texts += ["## Compared grasp by grasp", tables.comparisons_text(compared)]
+    texts += ["## Failures", tables.failures_text(found)]
+    if failed:
+        texts += ["## Not made", "\n".join(f"- {one}" for one in failed)]
+    summary: dict[str, Any] = {"reached": summaries, "tests": compared, "not made": list(failed)}
+    write_whole(out / "results.csv", results_csv([row for rows in found.values() for row in rows]))
+    write_whole(out / "summary.json", as_json(summary))
+    write_whole(out / "table.md", "\n\n".join(texts) + "\n")
+    figures.draw_success(summaries, out / "success.png")
+    figures.draw_places(found, out / "places.png")
+    print(success, end="\n\n")
+    print(f"results: {out}/table.md, results.csv, summary.json, success.png, places.png")
+
+
+def _grasp_all(plan: Plan, missing: Sequence[Task], workers: int, out: Path) -> list[str]:
+    """Make grasps; give a sentence for each that fails."""
+    failed, start = [], time.monotonic()
+    for done, (task, made) in enumerate(each(partial(_make, plan, out), missing, workers), 1):
+        if made is not None:
+            how = f"its process {made.how}, twice" if isinstance(made, Died) else made
+            failed.append(f"{_name(task)}: {how}")
+        if sys.stderr.isatty() or done % 20 == 0:
+            left = (time.monotonic() - start) / done * (len(missing) - done)
+            end = "\r" if sys.stderr.isatty() else "\n"
+            print(f"  {done} of {len(missing)}, {left:.0f} s left ", end=end, file=sys.stderr)
+    return failed
+
+
+def _make(plan: Plan, out: Path, task: Task) -> str | None:
+    """Make one grasp; say why it failed, if it did."""
+    try:
+        save(run_trial(plan, *task), trial_file(out, *task))
+    except ContactFusionError as error:
+        return str(error)
+    except Exception as error:  # a plug-in may raise anything, and no other grasp may suffer
+        return f"{type(error).__name__}: {error}"
+    return None
+
+
+def _name(task: Task) -> str:
+    column, grasp = task
+    return f"{column.name}/{grasp.name}"
+
+
+def _recorded(told: str, tasks: Sequence[Task]) -> Task:
+    """Find a grasp by the end of its name; of several it is the first."""
+    names = {_name(task): task for task in tasks}
+    name = next((name for name in names if f"/{name}".endswith(f"/{told}")), None)
+    if name is None:
+        short = list(dict.fromkeys(grasp.name for _, grasp in tasks))
+        hint = name_hint(told, short, "grasps") if len(short) <= 30 else f"one is '{short[0]}'"
+        raise ConfigurationError(f"unknown grasp '{told}': {hint}", "record")
+    return names[name]
+
+
+def _joined(settings: Mapping[str, Any], out: Path) -> dict[str, Any]:
+    """Add settings to those of a folder; change nothing in it.
+
+    Raises:
+        ConfigurationError: it holds grasps of others, another experiment, or nobody knows what.
+    """
+    path, remedy = out / "settings.json", "give another --out, or remove it"
+    if not path.is_file():
+        if out.is_dir() and any(out.iterdir()):
+            raise ConfigurationError(f"{out} holds files, but no settings.json: give another --out")
+        return dict(settings)
+    try:
+        held = json.loads(path.read_text())
+        together = {
+            name: {**held[name], **settings[name]} if name in ADDABLE else settings[name]
+            for name in settings
+        }
+    except (ValueError, KeyError, TypeError):
+        raise ConfigurationError(f"{path} is of another experiment: {remedy}") from None
+    other = [name for name in settings if name not in ADDABLE and held[name] != settings[name]]
+    for group in ADDABLE:
+        changed = [name for name in held[group] if together[group][name] != held[group][name]]
+        other += [f"{group} '{name}'" for name in changed]
+    if other:
+        raise ConfigurationError(f"{out} holds grasps of other {' and '.join(other)}: {remedy}")
+    return together

@@ -1,0 +1,212 @@
+"""Which grasps make up the experiment, and by what each is felt."""
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+from zlib import crc32
+
+import numpy as np
+
+from contactfusion.errors import ConfigurationError, name_hint
+from contactfusion.experiments.methods import Method
+from contactfusion.fault_config import Fault
+from contactfusion.model import rooted
+from contactfusion.pipeline_config import PipelineConfig
+from contactfusion.plugins import installed_plugins
+from contactfusion.readings import DepthImage, PointCloud
+from contactfusion.simulation.grasp_config import GraspConfig
+from contactfusion.yaml_files import read_yaml
+
+DEFAULT = Path(__file__).with_name("grasp.yaml")
+NONE, ALL = "none", "all"
+"""The names of no sources, with which the hand goes ahead and closes, and of all."""
+TRIALS = 1
+"""Counts up when trials change, so that old ones are not taken for new."""
+
+
+@dataclass(frozen=True)
+class Column:
+    """By what a hand feels, and how that is fused.
+
+    Attributes:
+        sources: names or types of generators with "+" between them, `none` or `all`.
+        method: the rule and the condensation.
+    """
+
+    sources: str
+    method: Method
+
+    @property
+    def name(self) -> str:
+        """What to call it, and its folder."""
+        return self.sources if self.sources == NONE else f"{self.sources}-{self.method.stem}"
+
+
+@dataclass(frozen=True)
+class Grasp:
+    """One grasp of the experiment; of all columns the same.
+
+    Attributes:
+        thing: the name of the object.
+        repeat: counted from 0.
+        seed: of all that is left to chance.
+    """
+
+    thing: str
+    repeat: int
+    seed: int
+
+    @property
+    def name(self) -> str:
+        """What to call it, and its file."""
+        return f"{self.thing}-{self.repeat:03d}"
+
+
+@dataclass(frozen=True)
+class Plan:
+    """An experiment.
+
+    Attributes:
+        pipeline: everybody who may feel, and the controller.
+        scenes: the scene of each object, by its name.
+        seed: of all chance.
+    """
+
+    pipeline: PipelineConfig
+    scenes: Mapping[str, GraspConfig]
+    seed: int
+
+    def grasps(self, things: Sequence[str], repeats: int) -> list[Grasp]:
+        """List all grasps; of further repeats they do not change."""
+        return [
+            Grasp(thing, repeat, self._seed(thing, repeat))
+            for repeat in range(repeats)
+            for thing in things
+        ]
+
+    def pipeline_of(self, column: Column, seed: int = 0) -> PipelineConfig:
+        """Give the pipeline of a column.
+
+        Args:
+            column: by what it feels.
+            seed: of the chance in faults.
+
+        Raises:
+            ConfigurationError: one of its sources is unknown.
+        """
+        known, controller = self.pipeline.generators, dict(self.pipeline.controller or {})
+        if column.sources == NONE:
+            controller |= {"corrections": 0, "attempts": 1}
+        chosen = chosen_sources(column.sources, known)
+        update = {
+            "generators": {name: known[name] for name in chosen},
+            "integrator": column.method.applied(self.pipeline.integrator),
+            "controller": controller,
+            "seed": seed,
+        }
+        return self.pipeline.model_copy(update=update)
+
+    def scene_of(self, column: Column, grasp: Grasp) -> GraspConfig:
+        """Give the scene of a grasp; cameras that nobody looks through are off."""
+        scene, known = self.scenes[grasp.thing], self.pipeline.generators
+        plugins = installed_plugins()
+        readings = {
+            reading
+            for name in chosen_sources(column.sources, known)
+            for reading in plugins.find("generators", known[name]["type"]).readings
+        }
+        looks = readings & {PointCloud, DepthImage}
+        return scene if looks else scene.model_copy(update={"camera_rate": 0.0})
+
+    def settings(self, columns: Sequence[Column]) -> dict[str, Any]:
+        """Tell what makes two trials of one name equal, for a folder that is gone on with."""
+        told = {
+            "trials": TRIALS,
+            "seed": self.seed,
+            "faults": [fault.model_dump(mode="json") for fault in self.pipeline.faults],
+            "columns": {
+                one.name: self.pipeline_of(one).model_dump(
+                    mode="json", include={"generators", "integrator", "controller"}
+                )
+                for one in columns
+            },
+            "objects": {
+                name: scene.model_dump(mode="json", exclude={"object": {"folder"}})
+                for name, scene in self.scenes.items()
+            },
+        }
+        settings: dict[str, Any] = json.loads(json.dumps(told, default=str))
+        return settings
+
+    def _seed(self, thing: str, repeat: int) -> int:
+        entropy = [self.seed, crc32(thing.encode()), repeat]
+        return int(np.random.SeedSequence(entropy).generate_state(1)[0])
+
+
+def chosen_sources(sources: str, known: Mapping[str, Mapping[str, Any]]) -> list[str]:
+    """Give the generators that sources name, in their order in the file.
+
+    Args:
+        sources: names or types with "+" between them, `none` or `all`.
+        known: the options of all generators, by name.
+
+    Raises:
+        ConfigurationError: there is no such generator, nor any of such a type.
+    """
+    if sources in (NONE, ALL):
+        return list(known) if sources == ALL else []
+    parts = sources.split("+")
+    names = {*known, *(options["type"] for options in known.values()), NONE, ALL}
+    for part in parts:
+        if part not in names - {NONE, ALL}:
+            hint = name_hint(part, names, "generators and their types")
+            raise ConfigurationError(f"unknown source '{part}': {hint}", "sources")
+    return [name for name, options in known.items() if {name, options["type"]} & {*parts}]
+
+
+def read_plan(
+    path: Path, things: Sequence[str], faults: Sequence[Fault], noise: str | None, seed: int
+) -> Plan:
+    """Put an experiment together.
+
+    Args:
+        path: a YAML file as for `run`, with a scene of type `grasp`, and in `objects` by name what
+            each object changes of the scene.
+        things: names of these objects; none: the first.
+        faults: how sensors fail, besides those of the file.
+        noise: of the sensors, by name; None: the scene's.
+        seed: of all chance.
+
+    Raises:
+        ConfigurationError: the file, an object or the noise is not what it should be.
+    """
+    path = path.resolve()
+    fields = read_yaml(path)
+    scene, objects = fields.pop("scene", None), fields.pop("objects", None)
+    try:
+        if not isinstance(scene, dict) or not isinstance(objects, dict) or not objects:
+            raise ConfigurationError("give a scene of type grasp, and objects by name", "objects")
+        known: dict[str, Any] = objects
+        for name in things:
+            if name not in known:
+                hint = name_hint(name, known, "objects")
+                raise ConfigurationError(f"unknown object '{name}': {hint}", "objects")
+        pipeline = PipelineConfig(**{"folder": path.parent, **fields})
+        if pipeline.robot is None:
+            raise ConfigurationError("a scene needs a robot by URDF", "robot")
+        if pipeline.controller is None:
+            raise ConfigurationError("a grasp needs a controller", "controller")
+        given = {"noise": noise} if noise else {}
+        scenes = {}
+        for name in things or [next(iter(known))]:
+            try:
+                config = GraspConfig(**{**scene, **known[name], **given})
+            except ConfigurationError as error:
+                raise error.under(f"objects.{name}") from None
+            scenes[name] = rooted(config, path.parent)
+    except ConfigurationError as error:
+        raise ConfigurationError(f"{path}: {error}") from None
+    pipeline = pipeline.model_copy(update={"faults": (*pipeline.faults, *faults)})
+    return Plan(pipeline, scenes, seed)

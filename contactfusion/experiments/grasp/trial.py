@@ -1,0 +1,142 @@
+"""One grasp of the experiment: what came of it, as one row."""
+
+import csv
+import io
+import json
+from collections.abc import Iterator, Sequence
+from dataclasses import asdict, dataclass, fields
+from pathlib import Path
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from contactfusion.errors import ConfigurationError
+from contactfusion.experiments.grasp.plan import Column, Grasp, Plan
+from contactfusion.files import write_whole
+from contactfusion.pipeline import Pipeline
+from contactfusion.robots.model import shared_robot
+from contactfusion.simulation.grasp import GraspScene
+from contactfusion.simulation.grasping import GraspCycle, grasped, result_of
+
+
+@dataclass(frozen=True)
+class Row:
+    """What came of one grasp.
+
+    Attributes:
+        trial: its name.
+        column: by what it was felt.
+        object: by name.
+        seed: of the grasp.
+        offset: how far beside the hand's way the object stood, to the left [m].
+        yaw: how far it was turned [degrees].
+        success: the object was lifted, and held to the end.
+        ending: of the controller, or "timeout".
+        reason: why, in its words.
+        height: how much higher the object was in the end [m].
+        moved: how far it had been moved before the gripper closed for the last time [m].
+        fallen: whether it has fallen over.
+        corrections: how often the hand went back.
+        time: it took [s].
+        force: the greatest that pushed the robot before the gripper closed: the sum over all that
+            touched it [N].
+    """
+
+    trial: str
+    column: str
+    object: str
+    seed: int
+    offset: float
+    yaw: float
+    success: bool
+    ending: str
+    reason: str
+    height: float
+    moved: float
+    fallen: bool
+    corrections: int
+    time: float
+    force: float
+
+
+def cycles_of(plan: Plan, column: Column, grasp: Grasp) -> Iterator[GraspCycle]:
+    """Let a column make a grasp.
+
+    Raises:
+        ContactFusionError: the scene cannot be set up, or the controller failed.
+    """
+    config = plan.pipeline_of(column, grasp.seed)
+    assert config.robot is not None
+    scene = GraspScene(plan.scene_of(column, grasp), shared_robot(config.robot), grasp.seed)
+    return grasped(scene, Pipeline(config))
+
+
+def run_trial(plan: Plan, column: Column, grasp: Grasp) -> Row:
+    """Grasp once.
+
+    Raises:
+        ContactFusionError: the scene cannot be set up, or the controller failed.
+    """
+    return row_of(plan, column, grasp, list(cycles_of(plan, column, grasp)))
+
+
+def row_of(plan: Plan, column: Column, grasp: Grasp, cycles: Sequence[GraspCycle]) -> Row:
+    """Measure a grasp of which all cycles are there."""
+    scene, first, last = plan.scenes[grasp.thing], cycles[0].truth, cycles[-1]
+    believed = scene.object.pose.pose()
+    turned = Rotation.from_matrix(first.object[:3, :3] @ believed[:3, :3].T).as_euler("zyx")
+    result = result_of(cycles, scene.lifted, scene.held)
+    told = [cycle.step.command.mode if cycle.step.command else "" for cycle in cycles]
+    before = told.index("close") if "close" in told else len(told)
+    return Row(
+        trial=grasp.name,
+        column=column.name,
+        object=grasp.thing,
+        seed=grasp.seed,
+        offset=float((first.object - believed)[:3, 3] @ first.tool[:3, 0]),
+        yaw=float(np.degrees(turned[0])),
+        success=result.success,
+        ending=last.ending,
+        reason=last.step.command.reason if last.step.command else "",
+        height=result.height,
+        moved=result.moved,
+        fallen=result.fallen,
+        corrections=result.corrections,
+        time=result.time,
+        force=max((cycle.truth.force for cycle in cycles[:before]), default=0.0),
+    )
+
+
+def save(row: Row, path: Path) -> None:
+    """Write a row to a JSON file."""
+    write_whole(path, json.dumps(asdict(row), indent=1) + "\n")
+
+
+def load(path: Path) -> Row:
+    """Read a row.
+
+    Raises:
+        ConfigurationError: the file holds no grasp of this experiment.
+    """
+    try:
+        return Row(**json.loads(path.read_text()))
+    except (ValueError, TypeError):
+        raise ConfigurationError(f"{path} is no grasp of this experiment") from None
+
+
+def results_csv(rows: Sequence[Row]) -> str:
+    """Give one line a grasp."""
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    names = [field.name for field in fields(Row)]
+    writer.writerow(names)
+    for row in rows:
+        cells = [getattr(row, name) for name in names]
+        writer.writerow(
+            [
+                f"{cell:.6g}" if isinstance(cell, float) else int(cell)
+                if isinstance(cell, bool) else cell
+                for cell in cells
+            ]
+        )  # fmt: skip
+    return text.getvalue()

@@ -1,0 +1,148 @@
+"""Whatever goes wrong, a grasp ends in a named state, with the arm safe."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from contactfusion.experiments.grasp.plan import Column
+from contactfusion.experiments.methods import Method
+from contactfusion.fault_config import FaultFile
+from contactfusion.simulation.grasp import GraspScene
+from contactfusion.simulation.grasping import GraspCycle, result_of
+from tests.test_grasp_scene import PAPERS, PLAN, played, scene
+
+ALL = Column("all", Method("de_morgan", "cluster_centroid"))
+TABLE = {"parent": "base", "xyz": [0.8, 0.0, 0.23]}
+SAFE = 60.0
+"""Nothing may be pressed harder at the end [N]."""
+
+
+def faults(**fields: Any) -> dict[str, Any]:
+    told: dict[str, Any] = {"faults": [fields]}
+    return {"faults": FaultFile(**told).faults}
+
+
+def once(**fields: Any) -> dict[str, Any]:
+    """The controller of all, but that it closes on nothing only once."""
+    return {"controller": {**(PLAN.pipeline.controller or {}), "attempts": 1, **fields}}
+
+
+def ended(one: GraspScene, cycles: list[GraspCycle]) -> str:
+    """Give how it ended; the hand stands still then, open or with the object in it, and clear of
+    the table."""
+    last, before = cycles[-1], cycles[-8]
+    command = last.step.command
+    assert command is not None and command.twist is not None and command.reason
+    assert not command.twist.linear.any() and not command.twist.angular.any()
+    assert np.linalg.norm((last.truth.tool - before.truth.tool)[:3, 3]) < 0.02
+    assert command.gripper == (1.0 if last.ending == "lifted" else 0.0)
+    if last.ending != "lifted":
+        assert last.truth.force < SAFE
+    assert last.truth.tool[2, 3] > 0.28
+    return last.ending
+
+
+def success(one: GraspScene, cycles: list[GraspCycle]) -> bool:
+    return result_of(cycles, one.config.lifted, one.config.held).success
+
+
+def elsewhere(*xyz: float) -> dict[str, Any]:
+    urdf = "contactfusion.experiments.grasp:bottle.urdf"
+    return {"urdf": urdf, "pose": {"parent": "base", "xyz": list(xyz)}}
+
+
+def test_a_bottle_that_stands_where_the_arm_ends_is_not_reached() -> None:
+    wide = {"table": {"shapes": [{"shape": "box", "size": [0.9, 0.9, 0.04]}], "pose": TABLE}}
+    one = scene(object=elsewhere(1.14, 0.0, 0.25), surroundings=wide)
+    cycles = played(one, PAPERS)
+    assert ended(one, cycles) == "blocked"
+    assert cycles[-1].step.command is not None
+    assert cycles[-1].step.command.reason == "the hand comes no further"
+    assert np.abs(cycles[-1].truth.joints).max() < 3.1
+
+
+def test_a_bottle_that_is_not_there_is_missed() -> None:
+    one = scene(offset=0.3)
+    assert ended(one, played(one, PAPERS, **once())) == "missed"
+
+
+def test_what_touches_from_below_makes_the_hand_go_up() -> None:
+    """The table rises a little before the bottle, and the hand goes level."""
+    pose = {"parent": "base", "xyz": [0.6725, 0.0, 0.2753], "rpy": [0.0, -0.25, 0.0]}
+    ramp = {"shapes": [{"shape": "box", "size": [0.16, 0.3, 0.02]}], "pose": pose}
+    table = {"shapes": [{"shape": "box", "size": [0.5, 0.9, 0.04]}], "pose": TABLE}
+    one = scene(surroundings={"table": table, "ramp": ramp})
+    cycles = played(one, PAPERS)
+    reasons = [cycle.step.command.reason for cycle in cycles if cycle.step.command]
+    assert any("cm up" in reason for reason in reasons)
+    assert ended(one, cycles) == "lifted"
+
+
+@pytest.mark.parametrize("column", [PAPERS, ALL], ids=["paper", "all"])
+def test_a_wrench_that_is_saturated_ends_in_a_named_state(column: Column) -> None:
+    """It carries 11 N, and tells 3."""
+    one = scene(offset=0.04, wrench_range=(3.0, 0.2))
+    cycles = played(one, column, **once(corrections=2))
+    assert ended(one, cycles) in ("lifted", "missed", "obstructed")
+
+
+def test_a_wrench_that_is_dead_leaves_the_grasp_to_the_others() -> None:
+    one = scene(offset=0.02)
+    cycles = played(one, ALL, **faults(fault="zeros", sensor="wrist"))
+    assert ended(one, cycles) == "lifted"
+    assert success(one, cycles)
+
+
+def test_a_wrench_that_falls_silent_leaves_the_grasp_blind_but_safe() -> None:
+    one = scene(offset=0.05)
+    cycles = played(one, PAPERS, **once(), **faults(fault="silent", sensor="wrist"))
+    assert ended(one, cycles) in ("lifted", "missed", "dropped")
+
+
+def test_a_tactile_patch_that_reads_zeros_changes_little() -> None:
+    one = scene(offset=0.045)
+    cycles = played(one, ALL, **faults(fault="zeros", sensor="tip_1"))
+    assert ended(one, cycles) == "lifted"
+    assert success(one, cycles)
+
+
+def test_a_finger_that_is_stuck_is_named_before_anything_is_touched() -> None:
+    one = scene(stuck={"finger_1_proximal_joint": 0.4})
+    cycles = played(one, PAPERS)
+    assert ended(one, cycles) == "stuck"
+    assert cycles[-1].step.command is not None
+    assert cycles[-1].step.command.reason == "'finger_1_proximal_joint' does not open"
+    assert max(cycle.truth.force for cycle in cycles) == 0.0
+
+
+def test_what_falls_over_when_it_is_touched_is_missed() -> None:
+    tall = {
+        "shapes": [{"shape": "cylinder", "radius": 0.02, "length": 0.26}],
+        "pose": {"parent": "base", "xyz": [0.8, 0.0, 0.381]},
+    }
+    fields: dict[str, Any] = {"object": tall, "mass": 0.2, "table_friction": 0.59, "height": 0.03}
+    one = scene(thing="carton", offset=0.045, **fields)
+    cycles = played(one, PAPERS, **once())
+    touched = next(row for row, cycle in enumerate(cycles) if cycle.truth.touched)
+    assert cycles[touched].truth.object[2, 2] > 0.99
+    assert ended(one, cycles) == "missed"
+    result = result_of(cycles, one.config.lifted, one.config.held)
+    assert result.fallen and not result.success
+
+
+def test_joints_that_fall_silent_stop_the_hand() -> None:
+    one = scene(offset=0.0)
+    cycles = played(one, PAPERS, **faults(fault="silent", sensor="joints", start=2.0))
+    last = cycles[-1]
+    assert last.step.command is not None and last.step.command.twist is not None
+    assert not last.step.command.twist.linear.any()
+    assert last.ending == "blind"
+    assert last.truth.stamp < 5.0
+
+
+def test_joints_that_never_come_leave_the_hand_where_it_is() -> None:
+    one = scene(offset=0.0)
+    cycles = played(one, PAPERS, **faults(fault="silent", sensor="joints"))
+    assert cycles[-1].ending == "blind"
+    assert np.linalg.norm((cycles[-1].truth.tool - cycles[0].truth.tool)[:3, 3]) < 0.005

@@ -1,0 +1,321 @@
+"""`experiment grasp`: the same grasps by several columns, kept, gone on with, and told."""
+
+import csv
+import json
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import yaml
+from typer.testing import CliRunner
+
+from contactfusion.cli import app
+from contactfusion.errors import ConfigurationError, RobotError
+from contactfusion.experiments.grasp import experiment, tables
+from contactfusion.experiments.grasp.experiment import COLUMNS, Options, columns_of, run_grasp
+from contactfusion.experiments.grasp.plan import (
+    DEFAULT,
+    NONE,
+    Column,
+    Grasp,
+    Plan,
+    chosen_sources,
+    read_plan,
+)
+from contactfusion.experiments.grasp.trial import Row, load, results_csv, run_trial, save
+from contactfusion.experiments.methods import Method
+from contactfusion.fault_config import FaultFile
+from contactfusion.files import make_folder
+
+DE_MORGAN = Method("de_morgan", "cluster_centroid")
+OPEN_LOOP = Column(NONE, DE_MORGAN)
+ROW = Row(
+    trial="bottle-000",
+    column="none",
+    object="bottle",
+    seed=1,
+    offset=0.01,
+    yaw=3.0,
+    success=True,
+    ending="lifted",
+    reason="held for 2.5 s",
+    height=0.12,
+    moved=0.02,
+    fallen=False,
+    corrections=1,
+    time=12.0,
+    force=2.0,
+)
+
+
+def plan(**fields: Any) -> Plan:
+    told = {"things": ["bottle"], "faults": (), "noise": None, "seed": 0, **fields}
+    return read_plan(DEFAULT, **told)
+
+
+def rows(column: str, *successes: bool) -> list[Row]:
+    return [
+        replace(ROW, trial=f"bottle-{number:03d}", column=column, success=success)
+        for number, success in enumerate(successes)
+    ]
+
+
+def without_physics(monkeypatch: pytest.MonkeyPatch, done: list[str] | None = None) -> None:
+    """Let every grasp be made at once; its success follows from its number."""
+
+    def made(plan: Plan, column: Column, grasp: Grasp) -> Row:
+        if done is not None:
+            done.append(f"{column.name}/{grasp.name}")
+        success = column.sources != NONE or grasp.repeat % 2 == 0
+        return replace(
+            ROW, trial=grasp.name, column=column.name, object=grasp.thing, success=success
+        )
+
+    def each(make: Any, tasks: Any, workers: int) -> Any:
+        return ((task, make(task)) for task in tasks)
+
+    monkeypatch.setattr(experiment, "run_trial", made)
+    monkeypatch.setattr(experiment, "each", each)
+
+
+# What makes it up
+
+
+def test_a_grasp_is_the_same_for_all_columns_and_however_many_there_are() -> None:
+    few, many = (plan().grasps(["bottle"], repeats) for repeats in (2, 5))
+    assert many[:2] == few
+    assert len({grasp.seed for grasp in many}) == 5
+    assert plan(seed=1).grasps(["bottle"], 1)[0].seed != few[0].seed
+
+
+def test_sources_are_chosen_by_name_or_type() -> None:
+    known = plan().pipeline.generators
+    assert chosen_sources("tactile", known) == ["tip_1", "tip_2", "tip_3", "palm"]
+    assert chosen_sources("force_torque+motion", known) == ["wrist", "motion"]
+    assert chosen_sources("palm+wrist", known) == ["palm", "wrist"]
+    assert chosen_sources("none", known) == []
+    assert chosen_sources("all", known) == list(known)
+    with pytest.raises(ConfigurationError, match="unknown source 'writs': did you mean 'wrist'"):
+        chosen_sources("motion+writs", known)
+
+
+def test_without_sources_the_hand_goes_ahead_and_closes_once() -> None:
+    config = plan().pipeline_of(OPEN_LOOP)
+    assert config.generators == {}
+    assert config.controller is not None
+    assert (config.controller["corrections"], config.controller["attempts"]) == (0, 1)
+
+
+def test_columns_are_all_sources_by_all_rules() -> None:
+    posterior = Method("posterior", "modes")
+    assert columns_of([], []) == COLUMNS
+    names = [column.name for column in columns_of(["tactile", "none"], [DE_MORGAN, posterior])]
+    assert names == ["tactile-de_morgan_cluster_centroid", "tactile-posterior_modes", "none"]
+    assert columns_of([], [posterior])[0].method == posterior
+
+
+def test_every_column_of_the_table_is_a_pipeline() -> None:
+    for column in COLUMNS:
+        config = plan().pipeline_of(column, seed=4)
+        assert config.integrator.rule == column.method.rule
+        assert config.seed == 4
+
+
+def test_cameras_are_on_where_anybody_looks_through_them() -> None:
+    told = plan()
+    (grasp,) = told.grasps(["bottle"], 1)
+    rates = [told.scene_of(column, grasp).camera_rate for column in COLUMNS]
+    assert rates == [0.0, 0.0, 0.0, 0.0, 4.0, 4.0]
+
+
+def test_each_object_changes_the_scene() -> None:
+    scenes = plan(things=["bottle", "mug", "carton"], noise="none").scenes
+    assert scenes["bottle"].object.urdf == "contactfusion.experiments.grasp:bottle.urdf"
+    assert scenes["carton"].mass == 0.5
+    assert scenes["mug"].noise.force == 0.0
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        ({"objects": {}}, "objects: give a scene of type grasp, and objects by name"),
+        ({"scene": None}, "objects: give a scene of type grasp"),
+        ({"controller": None}, "controller: a grasp needs a controller"),
+        ({"robot": None}, "robot: a scene needs a robot by URDF"),
+        ({"objects": {"bottle": {"masss": 1}}}, "objects.bottle.masss: unknown field.*'mass'"),
+        ({"integratr": {}}, "integratr.*did you mean 'integrator'"),
+    ],
+)
+def test_a_wrong_file_is_told_in_a_sentence(
+    change: dict[str, Any], said: str, tmp_path: Path
+) -> None:
+    fields = {**yaml.safe_load(DEFAULT.read_text()), **change}
+    file = tmp_path / "my.yaml"
+    fields["robot"] = fields["robot"] and "contactfusion.robots:arm_hand.yaml"
+    file.write_text(yaml.safe_dump(fields))
+    with pytest.raises(ConfigurationError, match=f"my.yaml: {said}"):
+        read_plan(file, [], (), None, 0)
+
+
+def test_an_unknown_object_is_told_with_the_nearest() -> None:
+    with pytest.raises(ConfigurationError, match="unknown object 'botle': did you mean 'bottle'"):
+        plan(things=["botle"])
+
+
+# One grasp
+
+
+def test_a_grasp_is_measured_and_its_row_kept(tmp_path: Path) -> None:
+    told = plan()
+    (grasp,) = told.grasps(["bottle"], 1)
+    row = run_trial(told, OPEN_LOOP, grasp)
+    assert (row.trial, row.column, row.seed) == ("bottle-000", "none", grasp.seed)
+    assert abs(row.offset) <= 0.05 + 0.003 and abs(row.yaw) <= 30.0 + 0.1
+    assert row.ending in ("lifted", "missed", "dropped") and row.reason
+    assert 5.0 < row.time < 30.0 and row.force > 0.0
+    save(row, tmp_path / "row.json")
+    assert load(tmp_path / "row.json") == row
+
+
+def test_a_damaged_row_is_told_in_a_sentence(tmp_path: Path) -> None:
+    (tmp_path / "row.json").write_text('{"trial": 1')
+    with pytest.raises(ConfigurationError, match="row.json is no grasp of this experiment"):
+        load(tmp_path / "row.json")
+
+
+# The whole
+
+
+def test_all_columns_make_all_grasps_and_leave_tables_and_figures(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    without_physics(monkeypatch)
+    run_grasp(Options(repeats=4), tmp_path)
+    names = {path.name for path in tmp_path.iterdir()}
+    assert names == {
+        "trials", "settings.json", "results.csv", "summary.json", "table.md", "success.png",
+        "places.png",
+    }  # fmt: skip
+    told = list(csv.DictReader((tmp_path / "results.csv").read_text().splitlines()))
+    assert len(told) == 4 * len(COLUMNS)
+    summary = json.loads((tmp_path / "summary.json").read_text())
+    assert summary["reached"]["none"]["all"]["success"]["hits"] == 2
+    assert summary["tests"][0]["only the other"] == 2
+    said = capsys.readouterr().out
+    assert "| none | 2/4 | 50.0 % [15.0, 85.0]" in said
+    assert "none: 2 of 4" in (tmp_path / "table.md").read_text()
+
+
+def test_it_goes_on_where_it_stopped(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    done: list[str] = []
+    without_physics(monkeypatch, done)
+    run_grasp(Options(repeats=2, sources=["none"]), tmp_path)
+    run_grasp(Options(repeats=3, sources=["none", "tactile"]), tmp_path)
+    assert done == [
+        "none/bottle-000", "none/bottle-001",
+        "tactile-de_morgan_cluster_centroid/bottle-000",
+        "tactile-de_morgan_cluster_centroid/bottle-001",
+        "none/bottle-002",
+        "tactile-de_morgan_cluster_centroid/bottle-002",
+    ]  # fmt: skip
+
+
+def test_a_folder_of_other_settings_is_left_alone(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    without_physics(monkeypatch)
+    run_grasp(Options(repeats=1), tmp_path / "one")
+    with pytest.raises(ConfigurationError, match="holds grasps of other seed: give another --out"):
+        run_grasp(Options(repeats=1, seed=1), tmp_path / "one")
+    with pytest.raises(ConfigurationError, match="other objects 'bottle'"):
+        run_grasp(Options(repeats=1, noise="full"), tmp_path / "one")
+    (tmp_path / "one" / "settings.json").write_text("{")
+    with pytest.raises(ConfigurationError, match="settings.json is of another experiment"):
+        run_grasp(Options(repeats=1), tmp_path / "one")
+    make_folder(tmp_path / "two")
+    (tmp_path / "two" / "mine.txt").write_text("mine")
+    with pytest.raises(ConfigurationError, match="holds files, but no settings.json"):
+        run_grasp(Options(repeats=1), tmp_path / "two")
+
+
+def test_a_grasp_that_cannot_be_made_is_told_and_the_others_are_kept(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    without_physics(monkeypatch)
+
+    def sometimes(plan: Plan, column: Column, grasp: Grasp) -> Row:
+        if grasp.repeat == 1:
+            raise RobotError("no way")
+        return replace(ROW, trial=grasp.name, column=column.name)
+
+    monkeypatch.setattr(experiment, "run_trial", sometimes)
+    with pytest.raises(RobotError, match="1 of 2 grasps were not made: none/bottle-001: no way"):
+        run_grasp(Options(repeats=2, sources=["none"]), tmp_path)
+    assert "none/bottle-001: no way" in (tmp_path / "table.md").read_text()
+    assert len(list(tmp_path.glob("trials/none/*.json"))) == 1
+
+
+@pytest.mark.parametrize(
+    ("fields", "said"),
+    [
+        ({"repeats": 0}, "repeats: it takes 1 grasp or more"),
+        ({"workers": 0}, "workers: it takes 1 worker or more"),
+        ({"objects": ["bottle", "bottle"]}, "bottle"),
+        ({"sources": ["skin"]}, "unknown source 'skin'"),
+        ({"record": ["bottle-9"]}, "unknown grasp 'bottle-9'.*did you mean 'bottle-0"),
+    ],
+)
+def test_a_wrong_option_is_told_before_anything_is_made(
+    fields: dict[str, Any], said: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    done: list[str] = []
+    without_physics(monkeypatch, done)
+    with pytest.raises(ConfigurationError, match=said):
+        run_grasp(Options(**fields), tmp_path / "out")
+    assert done == [] and not (tmp_path / "out").exists()
+
+
+def test_faults_reach_the_pipeline_and_the_settings(tmp_path: Path) -> None:
+    fault: dict[str, Any] = {"faults": [{"fault": "zeros", "sensor": "tip_1"}]}
+    told = plan(faults=FaultFile(**fault).faults)
+    assert told.pipeline_of(COLUMNS[-1]).faults[0].sensor == "tip_1"
+    assert told.settings(COLUMNS) != plan().settings(COLUMNS)
+
+
+def test_the_command_line_runs_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    without_physics(monkeypatch)
+    options = ["--repeats", "2", "--sources", "wrist+motion", "--rule", "posterior/modes"]
+    done = CliRunner().invoke(app, ["experiment", "grasp", *options, "--out", str(tmp_path)])
+    assert done.exit_code == 0, done.output
+    assert (tmp_path / "trials" / "wrist+motion-posterior_modes" / "bottle-001.json").is_file()
+
+
+# Tables
+
+
+def test_successes_have_wilson_intervals_and_measures_bootstrap_ones() -> None:
+    told = tables.summary_of(rows("a", *[True] * 8, *[False] * 2), seed=0)["all"]
+    assert told["success"]["share"] == 0.8
+    assert told["success"]["low"] == pytest.approx(0.490, abs=0.001)
+    assert told["moved"] == pytest.approx({"mean": 0.02, "low": 0.02, "high": 0.02})
+    assert told["endings"] == {"lifted": 10}
+
+
+def test_columns_are_compared_with_the_first_grasp_by_grasp() -> None:
+    found = {"a": rows("a", True, True, True), "b": rows("b", True, False, False)}
+    (one,) = tables.comparisons_of(found)
+    assert (one["only it"], one["only the other"], one["p"]) == (0, 2, 0.5)
+
+
+def test_results_are_one_line_a_grasp() -> None:
+    header, line = results_csv([ROW]).splitlines()
+    assert header.startswith("trial,column,object,seed,offset,yaw,success,ending")
+    assert line.startswith("bottle-000,none,bottle,1,0.01,3,1,lifted,held for 2.5 s")
+
+
+def test_the_figures_of_a_column_do_not_hang_on_the_others() -> None:
+    alone = tables.summary_of(rows("a", True, False), seed=0)
+    assert alone == tables.summary_of(rows("a", True, False), seed=0)
+    assert np.isfinite(alone["all"]["time"]["high"])

@@ -1,0 +1,351 @@
+"""A grasp as its sensors tell it, the truth apart from it, and the closed loop of both."""
+
+import json
+import re
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from contactfusion.controller import Command
+from contactfusion.controllers.grasp_parameters import GraspMode, ReactiveGraspConfig
+from contactfusion.errors import ConfigurationError, RobotError
+from contactfusion.experiments.grasp.plan import DEFAULT, NONE, Column, read_plan
+from contactfusion.experiments.methods import Method
+from contactfusion.pipeline import Pipeline
+from contactfusion.readings import JointCommand, JointState, TactileImage, Twist, Wrench
+from contactfusion.robots.model import RobotModel, shared_robot
+from contactfusion.running import run_file
+from contactfusion.simulation.grasp import OBJECT, GraspScene
+from contactfusion.simulation.grasp_config import GraspConfig
+from contactfusion.simulation.grasping import GraspCycle, grasped, result_of
+from contactfusion.simulation.opening import open_scene
+from tests.test_docs import unnamed
+
+ROOT = Path(__file__).resolve().parents[1]
+SCENES = ROOT / "examples" / "scenes"
+PAPERS = Column("force_torque+motion", Method("de_morgan", "cluster_centroid"))
+OPEN_LOOP = Column(NONE, PAPERS.method)
+PLAN = read_plan(DEFAULT, ["bottle", "mug", "carton"], (), None, 0)
+
+
+def robot() -> RobotModel:
+    assert PLAN.pipeline.robot is not None
+    return shared_robot(PLAN.pipeline.robot)
+
+
+def config(thing: str = "bottle", **fields: Any) -> GraspConfig:
+    """A scene without cameras, in which nothing is left to chance but the noise."""
+    told = PLAN.scenes[thing].model_dump()
+    fixed = {"azimuth": 180.0, "offset": 0.0, "yaw": 0.0, "camera_rate": 0.0}
+    return GraspConfig(**{**told, **fixed, **fields})
+
+
+def scene(seed: int = 1, thing: str = "bottle", **fields: Any) -> GraspScene:
+    return GraspScene(config(thing, **fields), robot(), seed)
+
+
+def moved(one: GraspScene, seconds: float, *velocity: float, gripper: float | None = None) -> None:
+    """Move the tool by a velocity in its own frame."""
+    for _ in range(round(seconds / one.config.period)):
+        linear = np.array(velocity or (0.0, 0.0, 0.0))
+        twist = Twist(stamp=one.stamp, frame="palm", linear=linear, angular=np.zeros(3))
+        one.obey(Command(twist=twist, gripper=gripper))
+
+
+def played(one: GraspScene, column: Column, **pipeline: Any) -> list[GraspCycle]:
+    chosen = PLAN.pipeline_of(column).model_copy(update=pipeline)
+    return list(grasped(one, Pipeline(chosen)))
+
+
+def success(one: GraspScene, cycles: list[GraspCycle]) -> bool:
+    return result_of(cycles, one.config.lifted, one.config.held).success
+
+
+@cache
+def lifted_bottle() -> tuple[GraspScene, list[GraspCycle]]:
+    one = scene(offset=0.045)
+    return one, played(one, PAPERS)
+
+
+# The world
+
+
+def test_at_the_start_the_object_stands_on_the_table_where_the_scene_says() -> None:
+    truth = scene(offset=0.03, yaw=20.0).truth()
+    assert truth.object[:3, 3] == pytest.approx([0.8, 0.03, 0.25], abs=0.003)
+    assert np.arctan2(truth.object[1, 0], truth.object[0, 0]) == pytest.approx(
+        np.radians(20.0), abs=1e-3
+    )
+    assert not truth.touched and truth.force == 0.0
+
+
+def test_the_hand_begins_level_and_so_far_before_where_the_object_should_be() -> None:
+    truth = scene(azimuth=160.0).truth()
+    ahead = truth.object[:3, 3] - truth.tool[:3, 3]
+    assert truth.tool[:3, 1] == pytest.approx([0.0, 0.0, 1.0], abs=0.01)
+    assert float(ahead @ truth.tool[:3, 2]) == pytest.approx(0.28, abs=0.003)
+    assert np.degrees(np.arctan2(-truth.tool[1, 2], -truth.tool[0, 2])) == pytest.approx(160, abs=1)
+
+
+def test_offsets_are_to_the_left_as_the_hand_goes() -> None:
+    truth = scene(azimuth=200.0, offset=0.05).truth()
+    there = np.linalg.inv(truth.tool) @ truth.object
+    assert there[0, 3] == pytest.approx(0.05, abs=0.003)
+
+
+def test_the_object_has_the_mass_of_its_urdf_or_what_the_scene_says() -> None:
+    bottle, carton = scene(), scene(thing="carton")
+    for one, mass in ((bottle, 0.45), (carton, 0.5)):
+        world = one._world
+        assert world._bullet.getDynamicsInfo(world._body, -1, **world._client)[0] == mass
+
+
+def test_what_is_off_the_table_falls_to_the_floor() -> None:
+    one = scene(offset=0.6)
+    moved(one, 1.5)
+    assert -0.1 < one.truth().object[2, 3] < 0.2
+
+
+def test_the_tool_goes_as_it_is_told_and_does_not_turn() -> None:
+    one = scene()
+    before = one.truth().tool
+    moved(one, 2.0, 0.02, 0.01, 0.0)
+    moved(one, 0.5)
+    after = one.truth().tool
+    assert before[:3, :3].T @ (after - before)[:3, 3] == pytest.approx([0.04, 0.02, 0], abs=0.004)
+    assert after[:3, :3] == pytest.approx(before[:3, :3], abs=0.01)
+
+
+def test_a_twist_may_be_told_along_the_axes_of_the_root_link() -> None:
+    one = scene()
+    before = one.truth().tool[2, 3]
+    for _ in range(20):
+        up = Twist(stamp=0.0, frame="base", linear=np.array([0, 0, 0.05]), angular=np.zeros(3))
+        one.obey(Command(twist=up))
+    assert one.truth().tool[2, 3] - before == pytest.approx(0.045, abs=0.008)
+
+
+def test_joints_go_at_the_speed_that_they_are_told() -> None:
+    one = scene()
+    row = robot().joint_names.index("arm_1")
+    before = one.truth().joints[row]
+    for _ in range(10):
+        one.obey(Command(joint_velocities={"arm_1": 0.2}))
+    assert one.truth().joints[row] - before == pytest.approx(0.1, abs=0.02)
+
+
+def twist(frame: str) -> Command:
+    return Command(twist=Twist(stamp=0, frame=frame, linear=np.zeros(3), angular=np.zeros(3)))
+
+
+@pytest.mark.parametrize(
+    ("command", "said"),
+    [
+        (twist("wrist_sensor"), "a twist is given in 'palm' or 'base', not in 'wrist_sensor'"),
+        (Command(joint_velocities={"arm_9": 0.1}), "unknown joint 'arm_9': did you mean 'arm_"),
+        (Command(joint_velocities={"finger_1_distal_joint": 0.1}), "the gripper leads joint"),
+    ],
+)
+def test_a_command_that_does_not_fit_is_told_in_a_sentence(command: Command, said: str) -> None:
+    with pytest.raises(ConfigurationError, match=said):
+        one_scene().obey(command)
+
+
+@cache
+def one_scene() -> GraspScene:
+    return scene()
+
+
+def test_the_gripper_closes_and_opens() -> None:
+    one = scene()
+    row = robot().joint_names.index("finger_1_proximal_joint")
+    ends = []
+    for gripper in (0.0, 1.0):
+        moved(one, 2.5, 0.0, 0.0, 0.0, gripper=gripper)
+        ends.append(float(one.truth().joints[row]))
+    assert ends == pytest.approx([-0.15, 1.3], abs=0.03)
+
+
+def test_the_hand_presses_with_limited_force_against_what_does_not_give_way() -> None:
+    one = scene(thing="carton", mass=60.0, table_friction=0.59)
+    moved(one, 1.0, 0.0, 0.0, 0.0, gripper=0.0)
+    moved(one, 5.0, 0.0, 0.0, 0.06)
+    assert 5.0 < one.truth().force < 250.0
+
+
+# What is read
+
+
+def test_sensors_tell_joints_skins_and_wrists_and_which_way_the_gripper_goes() -> None:
+    one = scene()
+    moved(one, 0.1, 0.0, 0.0, 0.0, gripper=0.0)
+    readings = one.readings()
+    kinds = {type(reading) for reading in readings}
+    assert kinds == {JointState, TactileImage, Wrench, JointCommand}
+    assert [reading.stamp for reading in readings] == sorted(one.stamp for one in readings)
+    assert sum(isinstance(reading, Wrench) for reading in readings) == 10
+
+
+def test_a_gripper_that_is_told_the_same_again_commands_nothing_new() -> None:
+    one = scene()
+    moved(one, 0.1, 0.0, 0.0, 0.0, gripper=0.0)
+    assert sum(isinstance(reading, JointCommand) for reading in one.readings()) == 1
+
+
+def test_cameras_see_when_they_are_on() -> None:
+    one = scene(camera_rate=10.0)
+    one.readings()
+    moved(one, 0.1)
+    assert {reading.sensor for reading in one.readings()} >= {"forehead"}
+
+
+def test_a_wrist_tells_no_more_than_its_range() -> None:
+    one = scene(wrench_range=(2.0, 0.1))
+    moved(one, 0.1)
+    wrenches = [reading for reading in one.readings() if isinstance(reading, Wrench)]
+    assert max(np.abs(wrench.force).max() for wrench in wrenches) == 2.0
+    assert max(np.abs(wrench.torque).max() for wrench in wrenches) == 0.1
+
+
+def test_the_same_seed_gives_the_same_grasp_and_another_another() -> None:
+    ways = []
+    for seed in (3, 3, 4):
+        one = scene(seed, offset=(-0.05, 0.05))
+        moved(one, 0.5, 0.0, 0.0, 0.05)
+        joints = [reading for reading in one.readings() if isinstance(reading, JointState)]
+        ways.append((one.truth().object.tolist(), joints[-1].positions.tolist()))
+    assert ways[0] == ways[1] != ways[2]
+
+
+# The closed loop
+
+
+def test_open_loop_a_bottle_right_ahead_is_lifted_and_held() -> None:
+    one = scene()
+    cycles = played(one, OPEN_LOOP)
+    assert cycles[-1].ending == "lifted"
+    assert success(one, cycles)
+
+
+def test_open_loop_a_bottle_far_aside_is_not() -> None:
+    one = scene(offset=0.05)
+    assert not success(one, played(one, OPEN_LOOP))
+
+
+def test_wrist_and_motion_find_the_bottle_aside_correct_the_hand_and_lift_it() -> None:
+    one, cycles = lifted_bottle()
+    result = result_of(cycles, one.config.lifted, one.config.held)
+    assert cycles[-1].ending == "lifted"
+    assert result.success and not result.fallen
+    assert result.corrections >= 1
+    assert result.height > 0.1
+    (back, *_) = [
+        cycle for cycle in cycles if cycle.step.command and cycle.step.command.mode == "back"
+    ]
+    assert back.step.command is not None and "wrist" in back.step.command.reason
+
+
+@pytest.mark.parametrize("thing", ["mug", "carton"])
+def test_other_objects_are_lifted_too(thing: str) -> None:
+    one = scene(thing=thing, offset=0.02, yaw=10.0)
+    assert success(one, played(one, PAPERS))
+
+
+def test_the_truth_tells_where_the_object_stands_and_what_touches_the_hand() -> None:
+    one, _ = lifted_bottle()
+    facts = one.facts()
+    assert [thing.name for thing in facts.objects] == [OBJECT]
+    assert facts.objects[0].position[2] > 0.35
+    assert len(facts.contacts) >= 2
+
+
+def test_what_was_held_at_the_end_only_for_a_moment_is_no_success() -> None:
+    one, cycles = lifted_bottle()
+    assert result_of(cycles, 0.1, 2.0).success
+    assert not result_of(cycles, 0.1, 5.0).success
+    assert not result_of(cycles, 0.2, 2.0).success
+
+
+def test_without_a_controller_nothing_is_grasped() -> None:
+    with pytest.raises(ConfigurationError, match="a grasp needs a controller"):
+        played(scene(), PAPERS, controller=None)
+
+
+# By configuration
+
+
+def test_a_scene_file_is_run_and_its_truth_told(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    run_file(SCENES / "grasp_bottle.yaml", ["scene.offset=0.04"], tmp_path, seed=2)
+    truth = json.loads((tmp_path / "summary.json").read_text())["truth"]
+    assert truth["ending"] == "lifted" and truth["success"]
+    assert "lifted after" in capsys.readouterr().out
+    commands = (tmp_path / "commands.csv").read_text()
+    assert all(f",{mode}," in commands for mode in ("open", "approach", "close", "lift", "hold"))
+
+
+@pytest.mark.parametrize(
+    ("fields", "said"),
+    [
+        ({"tool": "plam"}, "unknown link 'plam'.*did you mean 'palm'"),
+        ({"posture": {"arm_22": 0.0}}, "posture.arm_22.*did you mean 'arm_2'"),
+        ({"gripper": {"finger_9": (0.0, 1.0)}}, "gripper.finger_9.*unknown joint"),
+        ({"stuck": {"finger_9": 0.0}}, "stuck.finger_9.*only joints of the gripper"),
+        ({"wrench_range": (0.0, 1.0)}, "wrench_range.*greater than 0"),
+        ({"offset": (0.05, -0.05)}, "offset.*the least, then the greatest"),
+        ({"offsett": 0.0}, "offsett.*did you mean 'offset'"),
+    ],
+)
+def test_a_wrong_field_is_told_in_a_sentence(fields: dict[str, Any], said: str) -> None:
+    with pytest.raises((ConfigurationError, RobotError), match=said):
+        scene(**fields)
+
+
+def test_a_urdf_without_a_mass_needs_one() -> None:
+    thing = {
+        "urdf": str(ROOT / "examples/objects/mug.urdf"),
+        "pose": {"parent": "base", "xyz": [0.8, 0.0, 0.301]},
+    }
+    with pytest.raises(RobotError, match="has no mass.*give the scene's `mass`"):
+        scene(object=thing)
+
+
+def test_shapes_without_a_mass_are_refused() -> None:
+    with pytest.raises(ConfigurationError, match="mass.*needs its mass"):
+        config("carton", mass=None)
+
+
+def test_an_object_out_of_reach_is_told_in_a_sentence() -> None:
+    far = {"urdf": "contactfusion.experiments.grasp:bottle.urdf"}
+    far_away: dict[str, Any] = {**far, "pose": {"parent": "base", "xyz": [1.6, 0.0, 0.25]}}
+    with pytest.raises(RobotError, match="does not reach where the grasp begins.*out of its reach"):
+        scene(object=far_away)
+
+
+def test_a_hand_that_would_begin_in_the_table_is_told_in_a_sentence() -> None:
+    with pytest.raises(RobotError, match="would touch something where the grasp begins"):
+        scene(height=0.0)
+
+
+def test_the_type_of_a_scene_is_known() -> None:
+    assert PLAN.pipeline.robot is not None
+    with pytest.raises(ConfigurationError, match="scene.object: this field is required"):
+        open_scene({"type": "grasp", "tool": "palm", "gripper": {}}, PLAN.pipeline.robot)
+
+
+def test_a_mug_by_its_urdf_is_grasped_by_all_that_is_felt(tmp_path: Path) -> None:
+    run_file(SCENES / "grasp_mug.yaml", ["scene.offset=0.02"], tmp_path, seed=1)
+    truth = json.loads((tmp_path / "summary.json").read_text())["truth"]
+    assert truth["ending"] == "lifted" and truth["success"]
+
+
+def test_the_page_on_grasps_names_every_field_option_and_state() -> None:
+    page = (ROOT / "docs" / "grasp.md").read_text()
+    code = set(re.findall(r"\w+", " ".join(re.findall(r"`[^`\n]+`", page))))
+    assert not set(GraspConfig.model_fields) - code
+    assert not unnamed(ReactiveGraspConfig, page)
+    assert not {str(mode) for mode in GraspMode} - code
