@@ -2,7 +2,9 @@
 
 import csv
 import json
+from contextlib import closing
 from dataclasses import replace
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
@@ -24,10 +26,17 @@ from contactfusion.experiments.grasp.plan import (
     chosen_sources,
     read_plan,
 )
+from contactfusion.experiments.grasp.recorded import recorded
 from contactfusion.experiments.grasp.trial import Row, load, results_csv, run_trial, save
 from contactfusion.experiments.methods import Method
 from contactfusion.fault_config import FaultFile
 from contactfusion.files import make_folder
+from contactfusion.pipeline import Pipeline
+from contactfusion.replaying.configuration import setting_of_recording
+from contactfusion.replaying.session import Session
+from contactfusion.robots.model import shared_robot
+from contactfusion.simulation.grasp import GraspScene
+from contactfusion.simulation.grasping import grasped
 
 DE_MORGAN = Method("de_morgan", "cluster_centroid")
 OPEN_LOOP = Column(NONE, DE_MORGAN)
@@ -319,3 +328,21 @@ def test_the_figures_of_a_column_do_not_hang_on_the_others() -> None:
     alone = tables.summary_of(rows("a", True, False), seed=0)
     assert alone == tables.summary_of(rows("a", True, False), seed=0)
     assert np.isfinite(alone["all"]["time"]["high"])
+
+
+def test_a_grasp_that_is_recorded_can_be_replayed_and_explained(tmp_path: Path) -> None:
+    told, (column, *_) = plan(), COLUMNS
+    (grasp,) = told.grasps(["bottle"], 1)
+    config = told.pipeline_of(column, grasp.seed)
+    assert config.robot is not None
+    scene = GraspScene(told.scene_of(column, grasp), shared_robot(config.robot), grasp.seed)
+    path = tmp_path / "grasp.mcap"
+    some = islice(grasped(scene, Pipeline(config)), 12)
+    steps = [cycle.step for cycle in recorded(told, column, grasp, scene, some, path)]
+    setting = setting_of_recording(path)
+    assert set(setting.config().generators) == {"wrist", "motion"}
+    with closing(Session(setting, path)) as session:
+        again = list(session.steps())
+    assert [step.stamp for step in again[:10]] == pytest.approx([one.stamp for one in steps[1:11]])
+    modes = [step.command.mode if step.command else "" for step in steps]
+    assert [step.command.mode if step.command else "" for step in again[:10]] == modes[1:11]

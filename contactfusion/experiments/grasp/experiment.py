@@ -107,7 +107,8 @@ def run_grasp(options: Options, out: Path) -> None:
     if found:
         evaluate(found, failed, plan.seed, out)
     for column, grasp in recorded:
-        print(f"film: {film(plan, column, grasp, out / 'films' / column.name)}")
+        gif, recording = film(plan, column, grasp, out / "films" / column.name)
+        print(f"film: {gif}; recording: {recording}")
     if failed:
         raise RobotError(f"{len(failed)} of {len(tasks)} grasps were not made: {failed[0]}")
 

@@ -8,6 +8,7 @@ import numpy as np
 
 from contactfusion.errors import missing_extra
 from contactfusion.experiments.grasp.plan import Column, Grasp, Plan
+from contactfusion.experiments.grasp.recorded import recorded
 from contactfusion.figures import COLOURS
 from contactfusion.files import write_whole
 from contactfusion.pipeline import Pipeline
@@ -27,17 +28,20 @@ COUNT = 64
 """Of colours: a small file."""
 
 
-def film(plan: Plan, column: Column, grasp: Grasp, folder: Path) -> Path:
-    """Make a grasp once more; write it as an animated GIF, NAME.gif.
+def film(plan: Plan, column: Column, grasp: Grasp, folder: Path) -> tuple[Path, Path]:
+    """Make a grasp once more; write it as an animated GIF, NAME.gif, and as NAME.mcap.
 
     Args:
         plan: the experiment.
         column: by what it is felt.
         grasp: which.
-        folder: the folder that takes it.
+        folder: the folder that takes both.
+
+    Returns:
+        The film and the recording.
 
     Raises:
-        DependencyError: matplotlib, with which pillow comes, is not installed.
+        DependencyError: rosbags, or matplotlib, with which pillow comes, is not installed.
         ContactFusionError: the scene cannot be set up, or the controller failed.
     """
     try:
@@ -49,8 +53,9 @@ def film(plan: Plan, column: Column, grasp: Grasp, folder: Path) -> Path:
     scene = GraspScene(plan.scene_of(column, grasp), shared_robot(config.robot), grasp.seed)
     middle = scene.config.object.pose.pose()[:3, 3] + [0.0, 0.0, 0.1]
     eye = Eye(tuple(middle + SIDE), tuple(middle))
-    frames, due = [], 0.0
-    for cycle in grasped(scene, Pipeline(config)):
+    frames, due, recording = [], 0.0, folder / f"{grasp.name}.mcap"
+    cycles = grasped(scene, Pipeline(config))
+    for cycle in recorded(plan, column, grasp, scene, cycles, recording):
         if cycle.truth.stamp >= due or cycle.ending:
             due += EVERY
             frames.append(_frame(scene, eye, cycle))
@@ -66,7 +71,7 @@ def film(plan: Plan, column: Column, grasp: Grasp, folder: Path) -> Path:
     )
     path = folder / f"{grasp.name}.gif"
     write_whole(path, content.getvalue())
-    return path
+    return path, recording
 
 
 def _frame(scene: GraspScene, eye: Eye, cycle: GraspCycle) -> Any:
