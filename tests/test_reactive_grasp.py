@@ -94,7 +94,10 @@ def test_what_is_between_the_fingers_is_gone_to_until_it_is_deep_enough(
     ahead: float, way: float
 ) -> None:
     """The middle of what touches from ahead lies 3.2 cm further on."""
-    touch = lambda hand: [hand.touched((0.01, 0.0, ahead), (0.0, 0.0, -1.0))]  # noqa: E731
+
+    def touch(hand: ToyHand) -> list[Contact]:
+        return [hand.touched((0.01, 0.0, ahead), (0.0, 0.0, -1.0))]
+
     hand = ToyHand(controller(depth=0.135), touch)
     hand.until("enter")
     begun = hand.pose[0, 3]
