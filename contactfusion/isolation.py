@@ -6,6 +6,7 @@ from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from multiprocessing.connection import Connection
+from multiprocessing.reduction import ForkingPickler
 from typing import TYPE_CHECKING, Any, cast
 
 from contactfusion.arrays import FloatArray
@@ -18,6 +19,8 @@ from contactfusion.state import State
 
 if TYPE_CHECKING:
     from contactfusion.integrator.fusion import Fusion
+Packed = Any
+"""A reading and the state at its stamp, as bytes in a buffer."""
 
 
 class Isolated(Generator[GeneratorConfig]):
@@ -40,7 +43,7 @@ class Isolated(Generator[GeneratorConfig]):
         self.outputs = inner.outputs
         self._inner = inner
         self._live = live
-        self._waiting = deque[tuple[Reading, State]](maxlen=1 if live else None)
+        self._waiting = deque[Packed](maxlen=1 if live else None)
         self._busy = True  # until it says that it has started: a pipe that nobody reads may block
         self._outdated = False
         context = multiprocessing.get_context("spawn")
@@ -60,7 +63,8 @@ class Isolated(Generator[GeneratorConfig]):
 
     def generate(self, reading: Reading, state: State) -> Sequence[HypothesisCloud]:
         """Hand the reading over; live, give what has been finished."""
-        self._waiting.append((reading, _portable(state, self.name)))
+        given = reading, _portable(state, self.name)
+        self._waiting.append(ForkingPickler.dumps(given))  # the state as it is now
         return self.collect(wait=False) if self._live or not self._busy else ()
 
     @property
@@ -87,7 +91,7 @@ class Isolated(Generator[GeneratorConfig]):
                         raise PluginError(result)
                     clouds = result
             if self._waiting and not self._busy:
-                self._pipe.send(self._waiting.popleft())
+                self._pipe.send_bytes(self._waiting.popleft())
                 self._busy = True
         except (EOFError, OSError):
             self._busy = False

@@ -243,7 +243,11 @@ class Pipeline:
                 yield self.step(start + count * period)
                 count += 1
                 if start + count * period > newest + PAUSE:  # go on with the step before it
-                    count = max(count, math.ceil((reading.stamp - start) / period) - 1)
+                    last = (
+                        math.ceil((reading.stamp - start) / period) - 2
+                    )  # or one more, by rounding
+                    last += start + (last + 1) * period < reading.stamp
+                    count = max(count, last)
             newest = max(newest, reading.stamp)
             self.receive(reading)
         if start is not None:

@@ -7,6 +7,7 @@ from contactfusion.arrays import FloatArray
 from contactfusion.grid import Grid
 from contactfusion.jit import kernel
 
+COUNTABLE = 2.0**62
 DENSE = 64
 """Up to so many voxels for each place a table of all of them is faster than sorting."""
 
@@ -22,13 +23,14 @@ def first_in_voxels(positions: FloatArray, grid: Grid) -> NDArray[np.intp]:
     if not len(positions):
         return np.zeros(0, np.intp)
     keys, count = _numbered(positions, 1.0 / grid.voxel_size)
-    if count > DENSE * len(keys):
-        return np.sort(np.unique(keys, return_index=True)[1])
-    return _first_rows(keys, count)
+    if not count <= DENSE * len(keys):  # nor where a place is not finite
+        voxels = grid.voxels(positions)
+        return np.sort(np.unique(voxels, axis=0, return_index=True)[1])
+    return _first_rows(keys, int(count))
 
 
 @kernel
-def _numbered(positions: FloatArray, scale: float) -> tuple[NDArray[np.int64], int]:
+def _numbered(positions: FloatArray, scale: float) -> tuple[NDArray[np.int64], float]:
     """Number the voxels of the box around some places, and give the number of each place's.
 
     Args:
@@ -36,24 +38,30 @@ def _numbered(positions: FloatArray, scale: float) -> tuple[NDArray[np.int64], i
         scale: 1 / side [1/m].
 
     Returns:
-        Shape (n,), and how many voxels the box has.
+        Shape (n,), and how many voxels the box has; infinity, and no numbers, where a place is not
+        finite or there are more than a number can count.
     """
     low = np.floor(positions[0] * scale)
     high = low.copy()
+    finite = True
     for row in range(len(positions)):
         for axis in range(3):
             cell = np.floor(positions[row, axis] * scale)
+            finite &= np.isfinite(cell)
             low[axis] = min(low[axis], cell)
             high[axis] = max(high[axis], cell)
-    sizes = (high - low).astype(np.int64) + 1
     keys = np.empty(len(positions), np.int64)
+    count = (high[0] - low[0] + 1.0) * (high[1] - low[1] + 1.0) * (high[2] - low[2] + 1.0)
+    if not finite or not count < COUNTABLE:
+        return keys, np.inf
+    sizes = (high - low).astype(np.int64) + 1
     for row in range(len(positions)):
         key = np.int64(0)
         for axis in range(3):
             cell = np.floor(positions[row, axis] * scale) - low[axis]
             key = key * sizes[axis] + np.int64(cell)
         keys[row] = key
-    return keys, sizes[0] * sizes[1] * sizes[2]
+    return keys, count
 
 
 @kernel

@@ -14,6 +14,8 @@ from contactfusion.surface import Surface
 
 IMPLAUSIBLE = 2.5
 """No object is further aside than so many standard deviations."""
+BEHIND = 0.03
+"""Contacts are compared by places so far behind them, so that pushes count, too [m]."""
 
 
 class HandConfig(Model):
@@ -91,10 +93,10 @@ def on_hand(
 
 
 def typical(touches: Sequence[HandContact]) -> HandContact:
-    """Give what several contacts of one touch have in common: medians, by axis."""
-    place = np.median([touch.place for touch in touches], axis=0)
-    push = np.median([touch.push for touch in touches], axis=0)
-    return HandContact(place, push / np.linalg.norm(push), touches[-1].sources)
+    """Give that of several contacts whose middle is nearest to those of the others."""
+    places = np.array([touch.place - touch.push * BEHIND for touch in touches])
+    apart = np.linalg.norm(places[:, None] - places, axis=2).sum(axis=1)
+    return touches[int(apart.argmin())]
 
 
 def _push(contact: Contact, surface: Surface | None) -> FloatArray | None:

@@ -59,12 +59,16 @@ def sensed(
 
     Raises:
         FrameError: the frame of the tool is not known.
-        ConfigurationError: a joint of the gripper is not told.
+        ConfigurationError: a joint of the gripper is not told, or no velocities are.
     """
     for name in options.gripper:
         if name not in joints.names:
             hint = name_hint(name, joints.names, "joints")
             raise ConfigurationError(f"unknown joint '{name}': {hint}", f"gripper.{name}")
+    if joints.velocities is None:
+        raise ConfigurationError(
+            "the joints tell no velocities, by which one knows that the fingers rest", "gripper"
+        )
     rows = [joints.names.index(name) for name in options.gripper]
     opened, closed = np.array(list(options.gripper.values())).T
     tool = state.frames.pose(state.grid.frame, of=options.tool)
@@ -73,6 +77,6 @@ def sensed(
         tool=tool,
         joints=joints.positions,
         closed=(joints.positions[rows] - opened) / (closed - opened),
-        speeds=np.zeros(len(rows)) if joints.velocities is None else joints.velocities[rows],
+        speeds=joints.velocities[rows],
         touch=on_hand(contacts, tool, state.surface, options.hand),
     )

@@ -26,7 +26,9 @@ LEVEL = 0.7
 NARROW = 0.005
 """Nothing lies between places that are nearer to each other [m]."""
 RECENT = 0.3
-"""Contacts are of one touch for so long [s]."""
+"""A contact that comes so long after the last is of another touch [s]."""
+ENDED_SOON = (*ENDS, GraspMode.RETREAT, GraspMode.LIFT, GraspMode.HOLD)
+"""States that a time limit does not end: what is held would be dropped."""
 
 
 class ReactiveGrasp(Controller):
@@ -71,6 +73,8 @@ class ReactiveGrasp(Controller):
             ConfigurationError: a joint of the gripper is not told.
         """
         options, now = self.options, state.now
+        if self._mode in ENDS:
+            return self._told(now, np.zeros(3))
         self._began = now if self._began is None else self._began
         if state.joints is None:
             if now - self._began > options.patience:
@@ -85,7 +89,7 @@ class ReactiveGrasp(Controller):
         move.follow(sense)
         if move.is_blind:
             self._go(GraspMode.BLIND, f"joints tell the same for {FROZEN:g} s", sense)
-        if now - self._began > options.longest and self._mode not in (*ENDS, GraspMode.RETREAT):
+        if now - self._began > options.longest and self._mode not in ENDED_SOON:
             self._fail(GraspMode.TIMEOUT, f"not done after {options.longest:g} s", sense)
         if self._mode in self._states:
             self._states[self._mode](sense, self._moving)
@@ -104,10 +108,11 @@ class ReactiveGrasp(Controller):
     def _approach(self, sense: Sense, move: Move) -> None:
         feels = self.options.corrections > 0 and sense.now - move.began >= self.options.settle
         if feels and sense.touch is not None:
+            if self._touches and sense.now - self._touches[-1][0] > RECENT:
+                self._touches.clear()
             self._touches.append((sense.now, sense.touch))
-        recent = [touch for when, touch in self._touches if sense.now - when < RECENT]
-        if len(recent) >= self.options.confirm:
-            self._touched(sense, typical(recent))
+        if len(self._touches) >= self.options.confirm:
+            self._touched(sense, typical([touch for _, touch in self._touches]))
         elif move.is_there:
             self._go(GraspMode.CLOSE, "at the end of the way", sense, gripper=1.0)
         elif move.is_blocked:
@@ -184,6 +189,7 @@ class ReactiveGrasp(Controller):
             self._fail(GraspMode.MISSED, reason, sense)
             return
         self._attempt += 1
+        self._between = -np.inf, np.inf  # the fingers may have moved it
         goal = sense.place - 2.0 * self.options.back * sense.ahead
         self._go(GraspMode.OPEN, reason, sense, goal, gripper=0.0)
 

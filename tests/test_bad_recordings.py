@@ -391,6 +391,21 @@ def test_what_lags_after_a_leap_for_reasons_of_its_own_is_late_and_no_more(
     assert recording.tally["/slow"].refused == 4
 
 
+@pytest.mark.parametrize("late", [0.3, 1.3, 3.0])
+def test_a_sensor_whose_headers_are_late_blames_nobody(
+    write: Write, tmp_path: Path, late: float
+) -> None:
+    said = []
+    for topic, logged, one in drive(4.0):
+        lag = late if topic == "/wrist" else 0.02
+        stamp = EPOCH + logged - round(lag * SECOND) + 4 * SECOND
+        one.header.stamp.sec, one.header.stamp.nanosec = divmod(stamp, SECOND)
+        said.append((topic, logged, one))
+    said.sort(key=lambda it: (it[1], it[0] != "/wrist"))  # what is late comes first
+    found, problem = read(write(tmp_path / "bag", said))
+    assert problem == "" and sum(one.sensor == "eye" for one in found) == 80
+
+
 def test_transforms_of_times_to_come_make_nothing_late(write: Write, tmp_path: Path) -> None:
     said = drive()
     ahead = 2 * SECOND  # as localisation tells them, so that nobody has to wait
@@ -536,6 +551,17 @@ def test_questions_to_a_recording_that_is_cut_off_are_answered_before_that_is_to
     capsys.readouterr()
     explain_recording(source, 0.5, None, as_json=False, picture=None)
     assert "0.500 s: 1 contact" in capsys.readouterr().out
+
+
+def test_a_replay_of_what_a_broken_clock_left_is_no_longer_broken(
+    config: Path, write: Write, tmp_path: Path
+) -> None:
+    path = write(tmp_path / "bag", moved(drive(2.0), 0, -7200 * SECOND, 1.0))
+    first = played(config, path)
+    assert first[0] == 10 and "jumps back" in first[1]
+    again = config.with_name("again.mcap")
+    replay(Options(config, config.with_name("out.mcap"), out=again))
+    assert len(read_by_mcap_ros2(again)["/contactfusion/contacts"]) == 10
 
 
 # A full disk

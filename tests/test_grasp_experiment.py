@@ -110,11 +110,12 @@ def test_sources_are_chosen_by_name_or_type() -> None:
         chosen_sources("motion+writs", known)
 
 
-def test_without_sources_the_hand_goes_ahead_and_closes_once() -> None:
+def test_without_sources_the_hand_goes_to_where_the_object_should_be_and_closes() -> None:
     config = plan().pipeline_of(OPEN_LOOP)
     assert config.generators == {}
     assert config.controller is not None
-    assert (config.controller["corrections"], config.controller["attempts"]) == (0, 1)
+    assert config.controller["corrections"] == 0 and "attempts" not in config.controller
+    assert config.controller["reach"] == pytest.approx(0.28 - 0.135)
 
 
 def test_columns_are_all_sources_by_all_rules() -> None:

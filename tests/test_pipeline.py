@@ -120,6 +120,19 @@ def test_a_long_pause_is_passed_over_until_the_step_before_the_next_reading() ->
     assert stamps[:3] == [0.5, 1.0, 1.5] and stamps[119:] == [60.0, 90_000.0, 90_000.5]
 
 
+@pytest.mark.parametrize("period", [0.05, 0.1, 0.3])
+def test_after_a_pause_steps_are_those_that_there_would_have_been(period: float) -> None:
+    for begin in np.arange(1000.0, 1001.0, 0.05).tolist():
+        readings = [point(begin), point(begin + 64.9), point(begin + 65.3)]
+        pipe = pipeline(generators={"eye": ECHO}, cycle={"every": period})
+        stamps = [step.stamp for step in pipe.run(readings)]
+        count = round((stamps[-1] - begin) / period)
+        all_ = [begin + n * period for n in range(1, count + 1)]
+        assert set(stamps) <= set(all_)
+        late = [stamp for stamp in all_ if stamp >= begin + 64.9 - period]
+        assert [stamp for stamp in stamps if stamp >= begin + 64.9 - period] == late
+
+
 def test_a_kilohertz_wrench_and_a_slow_cloud_both_count_in_every_step() -> None:
     pipe = pipeline(generators={"eye": ECHO, "wrist": FEELER}, cycle={"every": 0.01})
     steps = list(pipe.run(interleaved(1.0)))

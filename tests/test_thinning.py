@@ -31,3 +31,12 @@ def test_voxels_are_those_of_the_grid(x: float, same: bool) -> None:
 def test_rows_of_any_layout_are_taken() -> None:
     places = np.zeros((3, 4)).T[:, :3] + np.arange(4)[:, None]
     assert first_in_voxels(places, Grid("base", SIDE)).tolist() == [0, 1, 2, 3]
+
+
+@pytest.mark.parametrize("wrong", [np.inf, -np.inf, 1e300, 2.0**21 * SIDE])
+def test_places_that_no_table_can_hold_are_no_end_of_the_process(wrong: float) -> None:
+    places = np.zeros((1000, 3))
+    places[500], places[700] = wrong, [-2.0 * SIDE * 2**20, 0.0, 4.0]
+    with np.errstate(invalid="ignore"):
+        rows = first_in_voxels(places, Grid("base", SIDE))
+    assert rows[0] == 0 and set(rows.tolist()) <= {0, 500, 700}

@@ -3,6 +3,7 @@
 import os
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
+from itertools import count
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Final
@@ -61,9 +62,15 @@ def kept_when_cut(written: Path, path: Path) -> Iterator[None]:
     except WritingError as error:
         if not written.is_file() or not written.stat().st_size:
             raise WritingError(f"{error}; nothing of it was kept") from None
-        kept = path.with_suffix(f".cut{path.suffix}")
+        kept = next(name for name in _names_of_cuts(path) if not name.exists())
         os.replace(written, kept)
         raise WritingError(f"{error}; what was written until then is {kept}") from None
+
+
+def _names_of_cuts(path: Path) -> Iterator[Path]:
+    yield path.with_suffix(f".cut{path.suffix}")
+    for number in count(2):
+        yield path.with_suffix(f".cut{number}{path.suffix}")
 
 
 @contextmanager

@@ -64,12 +64,11 @@ def messages(
         cdr = _tried(channel.cdr, raw, count)
         if cdr is None:
             continue
-        if tap:
+        message = _tried(decode, cdr, count) if heard else None
+        if heard and message is not None:
+            yield heard, logged, message
+        if tap:  # not of what ended the reading, such as a clock that jumped
             tap(RawMessage(*told[channel], logged, bytes(cdr)))
-        if heard:
-            message = _tried(decode, cdr, count)
-            if message is not None:
-                yield heard, logged, message
 
 
 def _decoder(channel: Channel) -> Callable[[Any], Message]:

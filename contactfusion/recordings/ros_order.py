@@ -156,7 +156,7 @@ class Sorter:
             tally.refuse(f"it came {late:.3g} s after later stamps")
             return
         tally.heard((stamp - self._epoch) / NANOSECONDS_PER_SECOND)
-        self._advance(heard, stamp, logged)
+        self._advance(heard, stamp, logged, before)
         self._push(stamp, heard, part)
 
     def due(self) -> Iterator[Entry]:
@@ -174,15 +174,21 @@ class Sorter:
         self._count += 1
         heapq.heappush(self._held, (stamp, self._count, heard, part))
 
-    def _advance(self, heard: Heard, stamp: int, logged: int) -> None:
-        """Note that it is as late as a stamp [ns]."""
+    def _advance(
+        self, heard: Heard, stamp: int, logged: int, before: tuple[int, int] | None
+    ) -> None:
+        """Note that it is as late as a stamp [ns], and a clock that got ahead of itself and all."""
         is_transform = heard.listener.kind is Transform
         if stamp < self._latest:
             return
         passed = 0 if self._logged is None else max(0, logged - self._logged)
         if is_transform:  # some are told for times to come, and nothing else is late for that
             stamp = min(stamp, self._latest + passed)
-        elif self._logged is not None and stamp - self._latest - passed > LONGEST_FALL:
+        elif (
+            before is not None
+            and stamp - before[0] - (logged - before[1]) > LONGEST_FALL
+            and stamp - self._latest - passed > LONGEST_FALL
+        ):
             self._leap = _Leap(heard, self._latest, stamp, logged)
         self._latest, self._logged = stamp, logged
 

@@ -108,6 +108,7 @@ def _copy(writer: McapWriter, passed_over: dict[str, str], message: RawMessage) 
 def _csv(path: Path, about: About) -> Iterator[Output]:
     """One row a contact, as `contacts.csv` of a run."""
     with (
+        telling(path),
         whole_file(path) as temporary,
         kept_when_cut(temporary, path),
         telling(path),

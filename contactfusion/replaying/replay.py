@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import final
 
 from contactfusion.errors import ConfigurationError, WritingError
-from contactfusion.readings import Reading
+from contactfusion.readings import Reading, Transform
 from contactfusion.recordings.ros import RawMessage, RosRecording
 from contactfusion.replaying.configuration import setting_of_file
 from contactfusion.replaying.outputs import About, Output, open_output
@@ -99,7 +99,10 @@ def replay(options: Options, watch: Watch | None = None) -> None:
                         output.step(step)
             except KeyboardInterrupt as interrupt:
                 stopped = interrupt
-            _refuse_emptiness(options, tally)
+            if not _came(tally):
+                if stopped is not None:
+                    raise stopped
+                _refuse_emptiness(options, session)
     except WritingError as error:
         stopped = error
     _tell(session, tally, summary, time.perf_counter() - began)
@@ -124,9 +127,15 @@ def _refuse_itself(options: Options) -> None:
         )
 
 
-def _refuse_emptiness(options: Options, tally: Tally) -> None:
+def _came(tally: Tally) -> bool:
+    """Tell whether anything came but transforms."""
+    return any(kind is not Transform for _, kind in tally.kinds)
+
+
+def _refuse_emptiness(options: Options, session: Session) -> None:
     """Make sure that something came after the start, before an older file is replaced."""
-    if options.window.start and not tally.streams:
+    session.complain()
+    if options.window.start:
         raise ConfigurationError(
             f"--start: of what is played, {options.recording} holds nothing after "
             f"{options.window.start:g} s"
@@ -198,6 +207,8 @@ def _lost(recording: RosRecording) -> Iterator[str]:
     troubles = _troubles(recording)
     for sensor, topic in recording.sources.items():
         heard = recording.tally[topic]
+        if recording.topics.get(sensor) is Transform:
+            continue  # who needs them is told of clouds that have no place
         if heard.refused + heard.unreadable > heard.readings:
             some = f"only {heard.readings} readings" if heard.readings else "nothing"
             yield f"of '{sensor}' {some} could be used: {troubles[sensor]}"

@@ -43,6 +43,7 @@ class GraspTruth:
         tool: the pose of the tool there.
         joints: shape (n,), where the joints are [rad, m].
         touched: whether the robot touches the object.
+        supported: whether anything else does, such as the table.
         force: of all that touches the robot, the sum of magnitudes [N].
     """
 
@@ -51,6 +52,7 @@ class GraspTruth:
     tool: Pose
     joints: FloatArray
     touched: bool
+    supported: bool
     force: float
 
 
@@ -153,6 +155,7 @@ class GraspScene:
             tool=self.robot.poses_at(joints)[self.config.tool],
             joints=joints,
             touched=self._world.touches_object(),
+            supported=self._world.supports_object(),
             force=float(np.linalg.norm(touching.forces, axis=1).sum()),
         )
 

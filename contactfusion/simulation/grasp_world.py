@@ -54,6 +54,9 @@ class GraspWorld:
         self._bullet, self._client = self._physics.bullet, self._physics.client
         floor = self._bullet.createCollisionShape(self._bullet.GEOM_PLANE, **self._client)
         self._bullet.createMultiBody(0.0, floor, **self._client)  # for what falls off the table
+        bullet, client = self._bullet, self._client
+        bodies = [bullet.getBodyUniqueId(n, **client) for n in range(bullet.getNumBodies(**client))]
+        self._ground = [body for body in bodies if body != self._physics.robot]
         self._body = add_movable(self._physics, thing, mass)
         self._touch.adopt("object", self._body)
         grip = {"spinningFriction": SPINNING, "rollingFriction": ROLLING}
@@ -95,7 +98,14 @@ class GraspWorld:
 
     def touches_object(self) -> bool:
         """Tell whether the robot touches the object."""
-        points = self._bullet.getContactPoints(self._physics.robot, self._body, **self._client)
+        return self._touches(self._physics.robot)
+
+    def supports_object(self) -> bool:
+        """Tell whether the floor or what stands around touches the object."""
+        return any(self._touches(body) for body in self._ground)
+
+    def _touches(self, body: int) -> bool:
+        points = self._bullet.getContactPoints(body, self._body, **self._client)
         return any(point[9] >= FAINT for point in points)
 
     def seen(self, eye: Eye, places: FloatArray) -> tuple[NDArray[np.uint8], FloatArray]:

@@ -77,7 +77,8 @@ class GraspResult:
     """What came of a grasp.
 
     Attributes:
-        success: the object was high enough for long enough, up to the end.
+        success: the object was high enough for long enough, up to the end, and touched nothing but
+            the robot.
         height: how much higher it was in the end [m].
         moved: how far it had been moved level when the gripper began to close for the last time, or
             in the end if it never did [m].
@@ -109,8 +110,9 @@ def result_of(cycles: Sequence[GraspCycle], lifted: float, held: float) -> Grasp
     late = stamps >= last.stamp - held
     closing = [row for row in range(1, len(modes)) if modes[row] == "close" != modes[row - 1]]
     before = cycles[closing[-1]].truth if closing else last
+    high = (heights[late] >= lifted) & ~np.array([cycle.truth.supported for cycle in cycles])[late]
     return GraspResult(
-        success=bool(last.stamp >= held and (heights[late] >= lifted).all() and last.touched),
+        success=bool(last.stamp >= held and high.all() and last.touched),
         height=float(heights[-1]),
         moved=float(np.linalg.norm((before.object - first.object)[:2, 3])),
         fallen=float(first.object[:3, 2] @ last.object[:3, 2]) < math.cos(FALLEN),

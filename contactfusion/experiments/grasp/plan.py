@@ -3,12 +3,14 @@
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from hashlib import sha256
 from pathlib import Path
 from typing import Any
 from zlib import crc32
 
 import numpy as np
 
+from contactfusion.controllers.grasp_parameters import ReactiveGraspConfig
 from contactfusion.errors import ConfigurationError, name_hint
 from contactfusion.experiments.methods import Method
 from contactfusion.fault_config import Fault
@@ -16,14 +18,22 @@ from contactfusion.model import rooted
 from contactfusion.pipeline_config import PipelineConfig
 from contactfusion.plugins import installed_plugins
 from contactfusion.readings import DepthImage, PointCloud
+from contactfusion.robots.description import RobotConfig
 from contactfusion.simulation.grasp_config import GraspConfig
 from contactfusion.yaml_files import read_yaml
 
 DEFAULT = Path(__file__).with_name("grasp.yaml")
 NONE, ALL = "none", "all"
 """The names of no sources, with which the hand goes ahead and closes, and of all."""
-TRIALS = 1
+TRIALS = 2
 """Counts up when trials change, so that old ones are not taken for new."""
+UNTOLD: Any = {"object": {"folder"}, "surroundings": {"__all__": {"folder"}}}
+"""Where a checkout stands makes no other grasp."""
+OTHERWISE_TOLD: Any = {
+    "generators": True, "integrator": True, "controller": True, "faults": True, "seed": True,
+    "folder": True, "robot": {"folder"},
+}  # fmt: skip
+"""What settings tell column by column, or what makes no other grasp."""
 
 
 @dataclass(frozen=True)
@@ -98,7 +108,7 @@ class Plan:
         """
         known, controller = self.pipeline.generators, dict(self.pipeline.controller or {})
         if column.sources == NONE:
-            controller |= {"corrections": 0, "attempts": 1}
+            controller |= self._open_loop()
         chosen = chosen_sources(column.sources, known)
         update = {
             "generators": {name: known[name] for name in chosen},
@@ -107,6 +117,15 @@ class Plan:
             "seed": seed,
         }
         return self.pipeline.model_copy(update=update)
+
+    def _open_loop(self) -> dict[str, Any]:
+        """Give what a hand does that heeds no contact: it closes where the object should stand."""
+        told = {
+            name: one for name, one in (self.pipeline.controller or {}).items() if name != "type"
+        }
+        depth = ReactiveGraspConfig(**told).depth
+        nearest = min(scene.distance for scene in self.scenes.values())
+        return {"corrections": 0, "reach": nearest - depth}
 
     def scene_of(self, column: Column, grasp: Grasp) -> GraspConfig:
         """Give the scene of a grasp; cameras that nobody looks through are off."""
@@ -133,9 +152,10 @@ class Plan:
                 for one in columns
             },
             "objects": {
-                name: scene.model_dump(mode="json", exclude={"object": {"folder"}})
+                name: {**scene.model_dump(mode="json", exclude=UNTOLD), "file": _digest(scene)}
                 for name, scene in self.scenes.items()
             },
+            "pipeline": self.pipeline.model_dump(mode="json", exclude=OTHERWISE_TOLD),
         }
         settings: dict[str, Any] = json.loads(json.dumps(told, default=str))
         return settings
@@ -143,6 +163,14 @@ class Plan:
     def _seed(self, thing: str, repeat: int) -> int:
         entropy = [self.seed, crc32(thing.encode()), repeat]
         return int(np.random.SeedSequence(entropy).generate_state(1)[0])
+
+
+def _digest(scene: GraspConfig) -> str:
+    """Give the SHA-256 of the URDF of an object; empty when it has none."""
+    if scene.object.urdf is None:
+        return ""
+    path = RobotConfig(urdf=scene.object.urdf, folder=scene.object.folder).path()
+    return sha256(path.read_bytes()).hexdigest() if path.is_file() else ""
 
 
 def chosen_sources(sources: str, known: Mapping[str, Mapping[str, Any]]) -> list[str]:
