@@ -14,8 +14,8 @@ from contactfusion.surface import Surface
 
 IMPLAUSIBLE = 2.5
 """No object is further aside than so many standard deviations."""
-BEHIND = 0.03
-"""Contacts are compared by places so far behind them, so that pushes count, too [m]."""
+APART = 0.5
+"""Unit vectors whose median is shorter have no direction in common."""
 
 
 class HandConfig(Model):
@@ -93,10 +93,18 @@ def on_hand(
 
 
 def typical(touches: Sequence[HandContact]) -> HandContact:
-    """Give that of several contacts whose middle is nearest to those of the others."""
-    places = np.array([touch.place - touch.push * BEHIND for touch in touches])
-    apart = np.linalg.norm(places[:, None] - places, axis=2).sum(axis=1)
-    return touches[int(apart.argmin())]
+    """Give what several contacts of one touch have in common: medians, by axis.
+
+    Where pushes have no direction in common, that of the contact nearest to the median counts.
+    """
+    place = np.median([touch.place for touch in touches], axis=0)
+    push = np.median([touch.push for touch in touches], axis=0)
+    size = float(np.linalg.norm(push))
+    if size < APART:
+        away = [float(np.linalg.norm(touch.place - place)) for touch in touches]
+        push = touches[int(np.argmin(away))].push
+        size = 1.0
+    return HandContact(place, push / size, touches[-1].sources)
 
 
 def _push(contact: Contact, surface: Surface | None) -> FloatArray | None:

@@ -89,6 +89,16 @@ def test_the_hand_goes_back_by_as_much_as_it_is_told_before_it_goes_aside() -> N
     assert touched - hand.pose[0, 3] == pytest.approx(0.06, abs=0.006)
 
 
+def test_pushes_without_a_common_direction_count_by_the_nearest_to_the_middle() -> None:
+    ways = np.eye(3)
+    touches = [
+        HandContact(np.array([x, 0.0, 0.1]), way, ("wrist",))
+        for x, way in zip((0.0, 0.01, 0.05), ways, strict=True)
+    ]
+    found = typical(touches)
+    assert found.place.tolist() == [0.01, 0.0, 0.1] and found.push.tolist() == ways[1].tolist()
+
+
 @pytest.mark.parametrize(("ahead", "way"), [(0.07, 0.0), (0.153, 0.05), (0.183, 0.08)])
 def test_what_is_between_the_fingers_is_gone_to_until_it_is_deep_enough(
     ahead: float, way: float
