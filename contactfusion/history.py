@@ -50,7 +50,8 @@ class History:
         """Give the joints at a stamp [s]: positions in between, the rest of the nearer reading.
 
         Readings of different joints, as of an arm and of its hand, are put together; of a joint
-        that several name, the one that was heard of first counts.
+        that several name, the one that was heard of first counts. The stamp is that of the newest
+        reading where it is older, and of several the oldest: so one knows who has fallen silent.
         """
         parts = [_between(readings, stamp) for readings in self._joints.values()]
         return _together(parts) if parts else None
@@ -97,7 +98,7 @@ def _between(readings: deque[JointState], stamp: float) -> JointState:
     before, after, part = around
     nearer = before if part < 0.5 else after
     positions = (1.0 - part) * before.positions + part * after.positions
-    return replace(nearer, stamp=stamp, positions=positions)
+    return replace(nearer, stamp=min(stamp, readings[-1].stamp), positions=positions)
 
 
 def _together(parts: Sequence[JointState]) -> JointState:
@@ -119,7 +120,7 @@ def _together(parts: Sequence[JointState]) -> JointState:
         if all(getattr(part, field) is not None for part in parts)
     }
     return JointState(
-        stamp=first.stamp,
+        stamp=min(part.stamp for part in parts),
         frame=first.frame,
         sensor=first.sensor,
         names=names,

@@ -27,7 +27,7 @@ class State:
         now: the stamp of the reading, or of the step [s].
         grid: the frame and voxel size of the hypothesis space.
         frames: the poses of all frames.
-        joints: the joints, interpolated, or None.
+        joints: the joints, interpolated, or None; with an older stamp where they are silent since.
         base_pose: the base in the odometry's frame, or None.
         surface: the robot's surface in the grid's frame, or None.
         robot: the robot of the URDF in its pose, in the grid's frame, or None.

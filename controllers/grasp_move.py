@@ -14,8 +14,6 @@ PROGRESS = 0.002
 """A hand that comes nearer by less makes no progress [m]."""
 SLOWING = 4.0
 """The hand is so much slower for each metre that is left [1/s]."""
-FROZEN = 0.5
-"""Joints of an arm that is told to move, and that tell the same for so long, are old [s]."""
 QUIET = 0.2
 """Fingers have stopped when they rest for so long [s]."""
 
@@ -34,8 +32,7 @@ class Move:
     def __init__(self, now: float, goal: FloatArray | None, options: ReactiveGraspConfig) -> None:
         self.began, self.goal, self._options = now, goal, options
         self._left, self._nearest = np.inf, np.inf
-        self._now = self._nearer = self._moved = self._changed = now
-        self._joints = np.zeros(0)
+        self._now = self._nearer = self._moved = now
 
     def follow(self, sense: Sense) -> None:
         """Take in how far the hand has come, and whether its fingers rest."""
@@ -47,8 +44,6 @@ class Move:
         self._left = float(np.linalg.norm(self.goal - sense.place))
         if self._left < self._nearest - PROGRESS:
             self._nearest, self._nearer = self._left, now
-        if not np.array_equal(sense.joints, self._joints):
-            self._joints, self._changed = sense.joints, now
 
     @property
     def is_there(self) -> bool:
@@ -59,11 +54,6 @@ class Move:
     def is_blocked(self) -> bool:
         """Whether it comes no nearer."""
         return self.goal is not None and self._now - self._nearer > self._options.patience
-
-    @property
-    def is_blind(self) -> bool:
-        """Whether it is told to move, and not a single joint changes by the least."""
-        return self.goal is not None and self._now - self._changed > FROZEN
 
     @property
     def fingers_rest(self) -> bool:

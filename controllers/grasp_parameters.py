@@ -50,7 +50,7 @@ class GraspMode(StrEnum):
     TIMEOUT = "timeout"
     """It took too long."""
     BLIND = "blind"
-    """Where the joints are is not told."""
+    """The joints are silent: the hand stops where it is."""
 
 
 ENDS = tuple(GraspMode)[tuple(GraspMode).index(GraspMode.LIFTED) :]

@@ -22,7 +22,6 @@ class Sense:
     Attributes:
         now: [s].
         tool: the pose of the tool in the frame of the hypothesis space.
-        joints: shape (n,), what all joints tell [rad, m].
         closed: shape (k,), how far each joint of the gripper is closed, from 0 to 1.
         speeds: shape (k,), of these [rad/s, m/s].
         touch: the contact on the hand, or None.
@@ -30,7 +29,6 @@ class Sense:
 
     now: float
     tool: Pose
-    joints: FloatArray
     closed: FloatArray
     speeds: FloatArray
     touch: HandContact | None
@@ -75,7 +73,6 @@ def sensed(
     return Sense(
         now=state.now,
         tool=tool,
-        joints=joints.positions,
         closed=(joints.positions[rows] - opened) / (closed - opened),
         speeds=joints.velocities[rows],
         touch=on_hand(contacts, tool, state.surface, options.hand),

@@ -12,7 +12,7 @@ from contactfusion.arrays import FloatArray
 from contactfusion.contacts import Contact
 from contactfusion.controller import Command, Controller
 from contactfusion.controllers.grasp_contact import HandContact, typical
-from contactfusion.controllers.grasp_move import FROZEN, Move
+from contactfusion.controllers.grasp_move import Move
 from contactfusion.controllers.grasp_parameters import ENDS, GraspMode, ReactiveGraspConfig
 from contactfusion.controllers.grasp_sense import Sense, sensed
 from contactfusion.hooks import hookimpl
@@ -27,6 +27,8 @@ NARROW = 0.005
 """Nothing lies between places that are nearer to each other [m]."""
 RECENT = 0.3
 """A contact that comes so long after the last is of another touch [s]."""
+SILENT = 0.5
+"""Joints that have told nothing for so long are silent [s]."""
 ENDED_SOON = (*ENDS, GraspMode.RETREAT, GraspMode.LIFT, GraspMode.HOLD)
 """States that a time limit does not end: what is held would be dropped."""
 
@@ -76,8 +78,10 @@ class ReactiveGrasp(Controller):
         if self._mode in ENDS:
             return self._told(now, np.zeros(3))
         self._began = now if self._began is None else self._began
-        if state.joints is None:
-            if now - self._began > options.patience:
+        if state.joints is None or now - state.joints.stamp > SILENT:
+            if state.joints is not None:
+                self._mode, self._reason = GraspMode.BLIND, f"joints are silent for {SILENT:g} s"
+            elif now - self._began > options.patience:
                 self._mode, self._reason = GraspMode.BLIND, "nobody tells where the joints are"
             return self._told(now, np.zeros(3))
         sense = sensed(contacts, state.joints, state, options)
@@ -87,8 +91,6 @@ class ReactiveGrasp(Controller):
         else:
             move = self._move
         move.follow(sense)
-        if move.is_blind:
-            self._go(GraspMode.BLIND, f"joints tell the same for {FROZEN:g} s", sense)
         if now - self._began > options.longest and self._mode not in ENDED_SOON:
             self._fail(GraspMode.TIMEOUT, f"not done after {options.longest:g} s", sense)
         if self._mode in self._states:
@@ -198,8 +200,8 @@ class ReactiveGrasp(Controller):
             return
         if move.is_there:
             self._go(GraspMode.HOLD, "high enough", sense)
-        elif move.is_blocked:
-            self._fail(GraspMode.BLOCKED, "the hand comes no higher", sense)
+        elif move.is_blocked:  # it keeps what it holds, which would fall
+            self._go(GraspMode.BLOCKED, "the hand comes no higher", sense)
 
     def _hold(self, sense: Sense, move: Move) -> None:
         if not self._slipped(sense) and sense.now - move.began >= self.options.hold:

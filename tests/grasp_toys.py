@@ -63,8 +63,8 @@ class ToyHand:
         """Whether something keeps the hand from moving so, in its own frame."""
         self.surface: Surface | None = None
         self.deaf = False
-        self.frozen: FloatArray | None = None
-        """What joints tell for ever; None: where they are."""
+        self.silent = np.inf
+        """From here on joints tell nothing [s]."""
         self.told: list[Command] = []
         self.way = [self.pose[:3, 3].copy()]
 
@@ -87,12 +87,11 @@ class ToyHand:
         return contact(self.at(*place), force)
 
     def state(self) -> State:
-        arm = 1e-9 * len(self.told)  # encoders flicker
         joints = JointState(
-            stamp=self.now,
+            stamp=min(self.now, self.silent),
             frame="base",
             names=(*JOINTS, "arm"),
-            positions=self.frozen if self.frozen is not None else np.append(self.closed, arm),
+            positions=np.append(self.closed, 0.0),
             velocities=np.append(self.speeds, 0.0),
         )
         return State(

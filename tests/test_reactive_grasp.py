@@ -268,13 +268,32 @@ def test_without_joints_it_waits_then_stands_still_blind() -> None:
     assert command.twist is not None and not command.twist.linear.any()
 
 
-def test_joints_that_tell_the_same_for_ever_stop_the_hand() -> None:
-    hand = ToyHand(controller())
+def test_joints_that_fall_silent_stop_the_hand_in_every_state() -> None:
+    for mode in ("open", "approach", "close", "lift", "hold"):
+        hand = holding(ToyHand(controller()))
+        hand.until(mode)
+        hand.silent = hand.now
+        command = hand.until(*ENDS)
+        assert (command.mode, command.reason) == ("blind", "joints are silent for 0.5 s"), mode
+        assert command.twist is not None and not command.twist.linear.any()
+        assert hand.now - hand.silent < 0.7
+
+
+def test_joints_that_tell_the_same_for_ever_are_those_of_a_hand_that_is_blocked() -> None:
+    """Encoders that count in steps tell the same when something is in the way."""
+    hand = ToyHand(controller(), lambda hand: [])
     hand.until("approach")
-    hand.frozen = np.append(hand.closed, 0.0)
+    hand.stopped = lambda hand, velocity: True
+    assert hand.until("retreat").reason == "the hand comes no further"
+    assert hand.until(*ENDS).mode == GraspMode.BLOCKED
+
+
+def test_what_is_held_is_kept_when_the_hand_comes_no_higher() -> None:
+    hand = holding(ToyHand(controller()))
+    hand.stopped = lambda hand, velocity: hand.mode == GraspMode.LIFT
     command = hand.until(*ENDS)
-    assert (command.mode, command.reason) == ("blind", "joints tell the same for 0.5 s")
-    assert command.twist is not None and not command.twist.linear.any()
+    assert (command.mode, command.reason) == ("blocked", "the hand comes no higher")
+    assert command.gripper == 1.0
 
 
 def test_a_hand_that_hears_of_its_joints_late_begins_then() -> None:

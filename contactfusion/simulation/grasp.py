@@ -44,7 +44,8 @@ class GraspTruth:
         joints: shape (n,), where the joints are [rad, m].
         touched: whether the robot touches the object.
         supported: whether anything else does, such as the table.
-        force: of all that touches the robot, the sum of magnitudes [N].
+        force: of all that has touched the robot since the last instant that was asked for, the
+            greatest sum of magnitudes [N].
     """
 
     stamp: float
@@ -93,12 +94,14 @@ class GraspScene:
         self._driver = GraspDriver(
             robot, config.tool, config.gripper, config.grip, self._arm.stiffness, start
         )
-        self._sensors = TouchSensors(robot, config.tool, leading, start, config.noise, rng)
+        (eyes,) = rng.spawn(1)  # who looks changes nothing of what others feel
+        self._sensors = TouchSensors(robot, config.tool, leading, start, config.noise, rng, eyes)
         self._began = start
         for _ in range(round(SETTLING / STEP)):
             self._arm.step(start)
         self._steps, self._waiting = 0, list[Reading]()
         self._told: float | None = None
+        self._pressed = 0.0
         self._looked = -np.inf
 
     @property
@@ -145,10 +148,12 @@ class GraspScene:
             self._steps += 1
             if self._steps % WRENCHES == 0:
                 self._waiting += self._felt()
+                self._pressed = max(self._pressed, self._force())
 
     def truth(self) -> GraspTruth:
         """Give what really happens now."""
-        joints, touching = self._arm.positions, self._world.touching()
+        joints = self._arm.positions
+        pressed, self._pressed = max(self._pressed, self._force()), 0.0
         return GraspTruth(
             stamp=self.stamp,
             object=self._world.object_pose,
@@ -156,7 +161,7 @@ class GraspScene:
             joints=joints,
             touched=self._world.touches_object(),
             supported=self._world.supports_object(),
-            force=float(np.linalg.norm(touching.forces, axis=1).sum()),
+            force=pressed,
         )
 
     def facts(self) -> Facts:
@@ -172,6 +177,9 @@ class GraspScene:
     def seen(self, eye: Eye, places: FloatArray) -> tuple[NDArray[np.uint8], FloatArray]:
         """Give a picture, shape (height, width, 3), and where places (n, 3) [m] are in it."""
         return self._world.seen(eye, places)
+
+    def _force(self) -> float:
+        return float(np.linalg.norm(self._world.touching().forces, axis=1).sum())
 
     def _felt(self) -> Iterator[Wrench]:
         """Read the wrists, which tell no more than their range."""

@@ -101,7 +101,7 @@ class GraspDriver:
             row = self._model.joint_names.index(name)
             if row in self._rows:
                 raise ConfigurationError(f"the gripper leads joint '{name}'", "controller")
-            self._joints[row] = speed
+            self._joints[row] = min(max(speed, -FASTEST), FASTEST)
         if command.gripper is not None:
             part = min(max(command.gripper, 0.0), 1.0)
             self.fingers = (1.0 - part) * self._open + part * self._closed

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from contactfusion.controllers.grasp_parameters import ENDS
+from contactfusion.controllers.grasp_parameters import ENDS, GraspMode
 from contactfusion.errors import ConfigurationError
 from contactfusion.pipeline import Pipeline, Step
 from contactfusion.readings import Reading
@@ -15,6 +15,8 @@ from contactfusion.simulation.scene import Facts, Hear, Scene, Verdict
 
 TIMEOUT = "timeout"
 """How a grasp ends whose controller comes to no end."""
+WAYS = (GraspMode.APPROACH, GraspMode.BACK, GraspMode.ASIDE, GraspMode.ENTER)
+"""In these the hand is on its way to the object."""
 FALLEN = math.radians(45.0)
 """An object whose z leans over by more has fallen."""
 
@@ -82,9 +84,11 @@ class GraspResult:
         height: how much higher it was in the end [m].
         moved: how far it had been moved level when the gripper began to close for the last time, or
             in the end if it never did [m].
-        fallen: whether it has fallen over.
+        fallen: whether it has fallen over, and lies there.
         corrections: how often the hand went back.
         time: it took [s].
+        force: the greatest that pushed the robot on its way, from the first approach on, but while
+            it closed, and after it: the sum over all that touched it [N].
     """
 
     success: bool
@@ -93,6 +97,7 @@ class GraspResult:
     fallen: bool
     corrections: int
     time: float
+    force: float
 
 
 def result_of(cycles: Sequence[GraspCycle], lifted: float, held: float) -> GraspResult:
@@ -110,14 +115,18 @@ def result_of(cycles: Sequence[GraspCycle], lifted: float, held: float) -> Grasp
     late = stamps >= last.stamp - held
     closing = [row for row in range(1, len(modes)) if modes[row] == "close" != modes[row - 1]]
     before = cycles[closing[-1]].truth if closing else last
+    # what has been felt up to a cycle was felt in the mode before it
+    on_the_way = [cycle for mode, cycle in zip(modes, cycles[1:], strict=False) if mode in WAYS]
+    turned = first.object[:3, 2] @ last.object[:3, 2]
     high = (heights[late] >= lifted) & ~np.array([cycle.truth.supported for cycle in cycles])[late]
     return GraspResult(
         success=bool(last.stamp >= held and high.all() and last.touched),
         height=float(heights[-1]),
         moved=float(np.linalg.norm((before.object - first.object)[:2, 3])),
-        fallen=float(first.object[:3, 2] @ last.object[:3, 2]) < math.cos(FALLEN),
+        fallen=last.supported and float(turned) < math.cos(FALLEN),
         corrections=sum(a != b == "back" for a, b in zip(modes, modes[1:], strict=False)),
         time=last.stamp,
+        force=max((cycle.truth.force for cycle in on_the_way), default=0.0),
     )
 
 

@@ -39,6 +39,7 @@ class TouchSensors:
         positions: shape (n,), about where the joints will be [rad, m].
         noise: how wrong the sensors are.
         rng: draws all errors.
+        eyes: draws those of each image; None: `rng`, too.
     """
 
     def __init__(
@@ -49,8 +50,10 @@ class TouchSensors:
         positions: FloatArray,
         noise: TouchNoise,
         rng: np.random.Generator,
+        eyes: np.random.Generator | None = None,
     ) -> None:
         self._model, self._noise, self._rng = model, noise, rng
+        self._eyes = rng if eyes is None else eyes
         # the arm's encoders are wrong in such a way that the hand seems to be elsewhere
         twist = rng.standard_normal(6) * np.repeat(
             [noise.wrist_place, np.radians(noise.wrist_turn)], 3
@@ -163,7 +166,7 @@ class TouchSensors:
 
     def _seen_with_noise(self, depth: FloatArray) -> FloatArray:
         seen = depth > 0.0
-        noisy = depth + self._noise.depth * self._rng.standard_normal(depth.shape)
-        flying = self._rng.random(depth.shape) < self._noise.flying
-        noisy[flying] += self._rng.uniform(-FLYING, FLYING, np.count_nonzero(flying))
+        noisy = depth + self._noise.depth * self._eyes.standard_normal(depth.shape)
+        flying = self._eyes.random(depth.shape) < self._noise.flying
+        noisy[flying] += self._eyes.uniform(-FLYING, FLYING, np.count_nonzero(flying))
         return np.where(seen, noisy, 0.0)

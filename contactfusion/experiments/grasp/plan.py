@@ -25,7 +25,7 @@ from contactfusion.yaml_files import read_yaml
 DEFAULT = Path(__file__).with_name("grasp.yaml")
 NONE, ALL = "none", "all"
 """The names of no sources, with which the hand goes ahead and closes, and of all."""
-TRIALS = 2
+TRIALS = 3
 """Counts up when trials change, so that old ones are not taken for new."""
 UNTOLD: Any = {"object": {"folder"}, "surroundings": {"__all__": {"folder"}}}
 """Where a checkout stands makes no other grasp."""
@@ -188,7 +188,9 @@ def chosen_sources(sources: str, known: Mapping[str, Mapping[str, Any]]) -> list
     parts = sources.split("+")
     names = {*known, *(options["type"] for options in known.values()), NONE, ALL}
     for part in parts:
-        if part not in names - {NONE, ALL}:
+        if part in (NONE, ALL):
+            raise ConfigurationError(f"'{part}' stands alone, not in '{sources}'", "sources")
+        if part not in names:
             hint = name_hint(part, names, "generators and their types")
             raise ConfigurationError(f"unknown source '{part}': {hint}", "sources")
     return [name for name, options in known.items() if {name, options["type"]} & {*parts}]

@@ -35,10 +35,10 @@ class Row:
         reason: why, in its words.
         height: how much higher the object was in the end [m].
         moved: how far it had been moved before the gripper closed for the last time [m].
-        fallen: whether it has fallen over.
+        fallen: whether it has fallen over, and lies there.
         corrections: how often the hand went back.
         time: it took [s].
-        force: the greatest that pushed the robot before the gripper closed: the sum over all that
+        force: the greatest that pushed the robot on its way to the object: the sum over all that
             touched it [N].
     """
 
@@ -86,8 +86,6 @@ def row_of(plan: Plan, column: Column, grasp: Grasp, cycles: Sequence[GraspCycle
     believed = scene.object.pose.pose()
     turned = Rotation.from_matrix(first.object[:3, :3] @ believed[:3, :3].T).as_euler("zyx")
     result = result_of(cycles, scene.lifted, scene.held)
-    told = [cycle.step.command.mode if cycle.step.command else "" for cycle in cycles]
-    before = told.index("close") if "close" in told else len(told)
     return Row(
         trial=grasp.name,
         column=column.name,
@@ -103,7 +101,7 @@ def row_of(plan: Plan, column: Column, grasp: Grasp, cycles: Sequence[GraspCycle
         fallen=result.fallen,
         corrections=result.corrections,
         time=result.time,
-        force=max((cycle.truth.force for cycle in cycles[:before]), default=0.0),
+        force=result.force,
     )
 
 
