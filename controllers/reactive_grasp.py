@@ -11,6 +11,7 @@ import numpy as np
 from contactfusion.arrays import FloatArray
 from contactfusion.contacts import Contact
 from contactfusion.controller import Command, Controller
+from contactfusion.controllers.grasp_between import Between
 from contactfusion.controllers.grasp_contact import HandContact, typical
 from contactfusion.controllers.grasp_move import Move
 from contactfusion.controllers.grasp_parameters import ENDS, GraspMode, ReactiveGraspConfig
@@ -23,8 +24,6 @@ STILL_CLOSED = 0.1
 """A joint of the fingers that rests after more than this part of its way has not opened."""
 LEVEL = 0.7
 """A push whose part along y is greater comes from below or above."""
-NARROW = 0.005
-"""Nothing lies between places that are nearer to each other [m]."""
 RECENT = 0.3
 """A contact that comes so long after the last is of another touch [s]."""
 SILENT = 0.5
@@ -63,7 +62,7 @@ class ReactiveGrasp(Controller):
         self._start = np.zeros(3)
         self._shift, self._held = np.zeros(3), np.zeros(0)
         self._touches = list[tuple[float, HandContact]]()
-        self._between = -np.inf, np.inf
+        self._between = Between()
         self._corrections, self._attempt = 0, 1
         self._end = GraspMode.MISSED
 
@@ -134,7 +133,9 @@ class ReactiveGrasp(Controller):
         if vertical:
             self._shift = np.array([0.0, np.copysign(options.raised, touch.push[1]), 0.0])
         else:
-            self._shift = np.array([self._aside_by(sense, middle), 0.0, 0.0])
+            wanted = float(np.clip(middle, -options.aside, options.aside))
+            here = float(sense.place @ sense.tool[:3, 0])
+            self._shift = np.array([self._between.shift(here, wanted), 0.0, 0.0])
         if self._corrections < options.corrections:
             self._corrections += 1
             goal = sense.place - options.back * sense.ahead
@@ -143,21 +144,6 @@ class ReactiveGrasp(Controller):
             self._fail(GraspMode.OBSTRUCTED, f"{felt}, by what is below or above", sense)
         else:
             self._go(GraspMode.CLOSE, f"{felt}; no correction left", sense, gripper=1.0)
-
-    def _aside_by(self, sense: Sense, middle: float) -> float:
-        """Give how far aside the hand goes [m].
-
-        What was touched on one side here, and on the other there, lies between the two, and is
-        wider than it was taken for: the hand does not go beyond, but half-way.
-        """
-        shift = float(np.clip(middle, -self.options.aside, self.options.aside))
-        here = float(sense.place @ sense.tool[:3, 0])
-        low, high = (here, self._between[1]) if shift > 0.0 else (self._between[0], here)
-        if high - low < NARROW:  # it has been pushed aside meanwhile
-            low, high = (here, np.inf) if shift > 0.0 else (-np.inf, here)
-        self._between = low, high
-        beyond = not low < here + shift < high
-        return (low + high) / 2.0 - here if beyond else shift
 
     def _enter(self, sense: Sense, move: Move) -> None:
         if move.is_there or move.is_blocked:
@@ -191,7 +177,7 @@ class ReactiveGrasp(Controller):
             self._fail(GraspMode.MISSED, reason, sense)
             return
         self._attempt += 1
-        self._between = -np.inf, np.inf  # the fingers may have moved it
+        self._between.forget()  # the fingers may have moved it
         goal = sense.place - 2.0 * self.options.back * sense.ahead
         self._go(GraspMode.OPEN, reason, sense, goal, gripper=0.0)
 

@@ -242,7 +242,7 @@ def test_a_folder_of_other_settings_is_left_alone(
     with pytest.raises(ConfigurationError, match="other objects 'bottle'"):
         run_grasp(Options(repeats=1, noise="full"), tmp_path / "one")
     (tmp_path / "one" / "settings.json").write_text("{")
-    with pytest.raises(ConfigurationError, match="settings.json is of another experiment"):
+    with pytest.raises(ConfigurationError, match="settings.json is damaged"):
         run_grasp(Options(repeats=1), tmp_path / "one")
     make_folder(tmp_path / "two")
     (tmp_path / "two" / "mine.txt").write_text("mine")
@@ -274,7 +274,7 @@ def test_a_grasp_that_cannot_be_made_is_told_and_the_others_are_kept(
         ({"workers": 0}, "workers: it takes 1 worker or more"),
         ({"objects": ["bottle", "bottle"]}, "bottle"),
         ({"sources": ["skin"]}, "unknown source 'skin'"),
-        ({"record": ["bottle-9"]}, "unknown grasp 'bottle-9'.*did you mean 'bottle-0"),
+        ({"record": ["bottle-9"]}, "unknown trial 'bottle-9'.*did you mean 'bottle-0"),
     ],
 )
 def test_a_wrong_option_is_told_before_anything_is_made(
@@ -325,10 +325,30 @@ def test_results_are_one_line_a_grasp() -> None:
     assert line.startswith("bottle-000,none,bottle,1,0.01,3,1,lifted,held for 2.5 s")
 
 
-def test_the_figures_of_a_column_do_not_hang_on_the_others() -> None:
-    alone = tables.summary_of(rows("a", True, False), seed=0)
-    assert alone == tables.summary_of(rows("a", True, False), seed=0)
-    assert np.isfinite(alone["all"]["time"]["high"])
+def test_the_figures_of_a_column_do_not_hang_on_the_others(tmp_path: Path) -> None:
+    def reached(folder: str, *columns: str) -> Any:
+        times = np.random.default_rng(0).uniform(10.0, 20.0, 20)
+        found = {
+            column: [
+                replace(row, time=float(time))
+                for row, time in zip(rows(column, *[True] * 20), times, strict=True)
+            ]
+            for column in columns
+        }
+        experiment.evaluate(found, (), 3, tmp_path / folder)
+        return json.loads((tmp_path / folder / "summary.json").read_text())["reached"]
+
+    alone, others = reached("alone", "b"), reached("others", "a", "b", "c")
+    assert alone["b"] == others["b"]
+    assert others["a"]["all"]["time"]["low"] != others["b"]["all"]["time"]["low"]
+
+
+def test_p_values_count_less_the_more_columns_are_compared() -> None:
+    found = {name: rows(name, *[name == "a"] * 6) for name in "abc"}
+    first, second = tables.comparisons_of(found)
+    assert first["p"] == second["p"] == 0.03125
+    assert first["p (Holm)"] == second["p (Holm)"] == 0.0625
+    assert "| b | a | 6 | 0 | 6 | 0.031 | 0.062 |" in tables.comparisons_text([first, second])
 
 
 def test_a_grasp_that_is_recorded_can_be_replayed_and_explained(tmp_path: Path) -> None:

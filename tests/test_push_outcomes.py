@@ -10,10 +10,11 @@ import numpy as np
 import pytest
 
 from contactfusion.errors import ConfigurationError
+from contactfusion.experiments.folder import as_json
 from contactfusion.experiments.push import figures, tables
 from contactfusion.experiments.push.causes import cause
 from contactfusion.experiments.push.comparisons import compare, compare_all, comparisons_text
-from contactfusion.experiments.push.evaluation import as_json, evaluate
+from contactfusion.experiments.push.evaluation import evaluate
 from contactfusion.experiments.push.folder import trial_file
 from contactfusion.experiments.push.outcomes import Outcome, outcome, results_csv
 from contactfusion.experiments.push.paper import GROUPS, PAPER, Reached

@@ -16,9 +16,9 @@ from contactfusion.experiments.push.costs import costs_of, tell_costs
 from contactfusion.experiments.push.experiment import Options, read_plans, run_push
 from contactfusion.experiments.push.plan import Plan
 from contactfusion.experiments.push.sensings import SENSINGS, Change, Sensing, read_sensing
-from contactfusion.experiments.push.threads import POOLS, one_thread_each
 from contactfusion.experiments.push.trial import load, push_cycles, run_trial
 from contactfusion.experiments.push.watches import Cost
+from contactfusion.experiments.threads import POOLS, one_thread_each
 from contactfusion.hypotheses import HypothesisKind
 from contactfusion.pipeline import Pipeline
 from contactfusion.simulation.pushing import Cycle

@@ -495,13 +495,13 @@ class TestExperiment:
         settings = json.loads((copied / "settings.json").read_text())
         settings["objects"]["box"]["sigma"] = 0.03
         (copied / "settings.json").write_text(json.dumps(settings))
-        with pytest.raises(ConfigurationError, match="touches of other box"):
+        with pytest.raises(ConfigurationError, match="touches of other objects 'box'"):
             run_touch(SMALL, copied)
         (copied / "settings.json").write_text("{")
         with pytest.raises(ConfigurationError, match=r"settings\.json is damaged"):
             run_touch(SMALL, copied)
         (copied / "settings.json").unlink()
-        with pytest.raises(ConfigurationError, match=r"holds touches, but no settings\.json"):
+        with pytest.raises(ConfigurationError, match=r"holds files, but no settings\.json"):
             run_touch(SMALL, copied)
 
     def test_a_file_that_is_no_touch_is_told(self, tmp_path: Path) -> None:

@@ -4,7 +4,7 @@ import csv
 import io
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -96,6 +96,43 @@ def bootstrap(
     tail = (1.0 - CONFIDENCE) / 2.0
     low, high = np.quantile(drawn, [tail, 1.0 - tail])
     return statistic(values), float(low), float(high)
+
+
+def resampled(
+    values: FloatArray, statistic: Callable[..., Any], rng: np.random.Generator
+) -> tuple[float, float, float]:
+    """Give a statistic with its bootstrap interval; values are independent.
+
+    Args:
+        values: shape (n,).
+        statistic: of the last axis of an array; takes `axis`.
+        rng: draws the values.
+    """
+    drawn = values[rng.integers(len(values), size=(RESAMPLES, len(values)))]
+    tail = (1.0 - CONFIDENCE) / 2.0
+    low, high = np.quantile(statistic(drawn, axis=-1), [tail, 1.0 - tail])
+    return float(statistic(values, axis=-1)), float(low), float(high)
+
+
+def mcnemar(only_one: int, only_other: int) -> float:
+    """Give the p-value of McNemar's exact test.
+
+    Args:
+        only_one: in so many pairs only the first has succeeded.
+        only_other: in so many only the second.
+    """
+    differing = only_one + only_other
+    return float(binomtest(only_one, differing).pvalue) if differing else 1.0
+
+
+def holm(values: Sequence[float]) -> list[float]:
+    """Give p-values of several tests as they count when all are made together (Holm 1979)."""
+    order = sorted(range(len(values)), key=values.__getitem__)
+    corrected, least = list(values), 0.0
+    for rank, number in enumerate(order):
+        least = max(least, min((len(values) - rank) * values[number], 1.0))
+        corrected[number] = least
+    return corrected
 
 
 def auc(positive: FloatArray, negative: FloatArray) -> float:

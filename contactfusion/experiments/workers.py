@@ -2,16 +2,20 @@
 
 import multiprocessing
 import signal
+import sys
+import time
 from collections import deque
-from collections.abc import Callable, Generator, Iterator, Sequence
+from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from multiprocessing.connection import Connection, wait
 from typing import Generic, TypeVar, final
 
-from contactfusion.errors import ConfigurationError
+from contactfusion.errors import ConfigurationError, ContactFusionError
 
 T = TypeVar("T")
 R = TypeVar("R")
+TOLD = 50
+"""Where nobody looks, every so many tasks are told."""
 
 
 @dataclass(frozen=True)
@@ -52,6 +56,33 @@ def require_workers(workers: int) -> None:
     """
     if workers < 1:
         raise ConfigurationError(f"it takes 1 worker or more, not {workers}", "workers")
+
+
+def progress(done: Iterable[T], count: int) -> Iterator[T]:
+    """Give what is done, and tell how long the rest will take.
+
+    Args:
+        done: one by one.
+        count: of all.
+    """
+    start = time.monotonic()
+    for number, one in enumerate(done, 1):
+        yield one
+        if sys.stderr.isatty() or number % TOLD == 0:
+            left = (time.monotonic() - start) / number * (count - number)
+            end = "\r" if sys.stderr.isatty() else "\n"
+            print(f"  {number} of {count}, {left:.0f} s left ", end=end, file=sys.stderr)
+
+
+def reason_of(error: Exception) -> str:
+    """Say why a task failed: the sentence of an error of ours, or the kind of any other."""
+    told = str(error)
+    return told if isinstance(error, ContactFusionError) else f"{type(error).__name__}: {told}"
+
+
+def failure(name: str, told: Died | str) -> str:
+    """Say which task failed, and why."""
+    return f"{name}: its process {told.how}, twice" if isinstance(told, Died) else f"{name}: {told}"
 
 
 def _each(

@@ -1,8 +1,6 @@
 """`experiment grasp`: the same grasps by several sources and rules, and what comes of them."""
 
 import json
-import sys
-import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
@@ -10,16 +8,16 @@ from itertools import product
 from pathlib import Path
 from typing import Any
 
-from contactfusion.errors import ConfigurationError, ContactFusionError, RobotError, name_hint
+from contactfusion.errors import ConfigurationError, RobotError
+from contactfusion.experiments.choices import require_once, trial_called
+from contactfusion.experiments.folder import as_json, joined
 from contactfusion.experiments.grasp import figures, tables
 from contactfusion.experiments.grasp.film import film
 from contactfusion.experiments.grasp.plan import DEFAULT, NONE, Column, Grasp, Plan, read_plan
 from contactfusion.experiments.grasp.trial import Row, load, results_csv, run_trial, save
 from contactfusion.experiments.methods import Method
-from contactfusion.experiments.push.evaluation import as_json
-from contactfusion.experiments.push.things import require_once
-from contactfusion.experiments.push.threads import one_thread_each
-from contactfusion.experiments.workers import Died, each, require_workers
+from contactfusion.experiments.threads import one_thread_each
+from contactfusion.experiments.workers import each, failure, progress, reason_of, require_workers
 from contactfusion.fault_config import read_faults
 from contactfusion.files import make_folder, write_whole
 
@@ -87,10 +85,11 @@ def run_grasp(options: Options, out: Path) -> None:
     columns = columns_of(options.sources, options.rules)
     faults = read_faults(options.faults) if options.faults else ()
     plan = read_plan(options.config, options.objects, faults, options.noise, options.seed)
-    settings = _joined(plan.settings(columns), out)
+    settings = joined(plan.settings(columns), out, ADDABLE, "grasps")
     grasps = plan.grasps(list(plan.scenes), options.repeats)
     tasks = [(column, grasp) for grasp in grasps for column in columns]
-    recorded = [_recorded(name, tasks) for name in options.record]
+    by_name = {_name(task): task for task in tasks}
+    recorded = list(dict.fromkeys(trial_called(name, by_name) for name in options.record))
     missing = [task for task in tasks if not trial_file(out, *task).is_file()]
     make_folder(out)
     write_whole(out / "settings.json", json.dumps(settings, indent=1) + "\n")
@@ -162,68 +161,19 @@ def evaluate(
 
 def _grasp_all(plan: Plan, missing: Sequence[Task], workers: int, out: Path) -> list[str]:
     """Make grasps; give a sentence for each that fails."""
-    failed, start = [], time.monotonic()
-    for done, (task, made) in enumerate(each(partial(_make, plan, out), missing, workers), 1):
-        if made is not None:
-            how = f"its process {made.how}, twice" if isinstance(made, Died) else made
-            failed.append(f"{_name(task)}: {how}")
-        if sys.stderr.isatty() or done % 20 == 0:
-            left = (time.monotonic() - start) / done * (len(missing) - done)
-            end = "\r" if sys.stderr.isatty() else "\n"
-            print(f"  {done} of {len(missing)}, {left:.0f} s left ", end=end, file=sys.stderr)
-    return failed
+    made = each(partial(_make, plan, out), missing, workers)
+    return [failure(_name(task), one) for task, one in progress(made, len(missing)) if one]
 
 
-def _make(plan: Plan, out: Path, task: Task) -> str | None:
-    """Make one grasp; say why it failed, if it did."""
+def _make(plan: Plan, out: Path, task: Task) -> str:
+    """Make one grasp; give why it failed, or nothing."""
     try:
         save(run_trial(plan, *task), trial_file(out, *task))
-    except ContactFusionError as error:
-        return str(error)
     except Exception as error:  # a plug-in may raise anything, and no other grasp may suffer
-        return f"{type(error).__name__}: {error}"
-    return None
+        return reason_of(error)
+    return ""
 
 
 def _name(task: Task) -> str:
     column, grasp = task
     return f"{column.name}/{grasp.name}"
-
-
-def _recorded(told: str, tasks: Sequence[Task]) -> Task:
-    """Find a grasp by the end of its name; of several it is the first."""
-    names = {_name(task): task for task in tasks}
-    name = next((name for name in names if f"/{name}".endswith(f"/{told}")), None)
-    if name is None:
-        short = list(dict.fromkeys(grasp.name for _, grasp in tasks))
-        hint = name_hint(told, short, "grasps") if len(short) <= 30 else f"one is '{short[0]}'"
-        raise ConfigurationError(f"unknown grasp '{told}': {hint}", "record")
-    return names[name]
-
-
-def _joined(settings: Mapping[str, Any], out: Path) -> dict[str, Any]:
-    """Add settings to those of a folder; change nothing in it.
-
-    Raises:
-        ConfigurationError: it holds grasps of others, another experiment, or nobody knows what.
-    """
-    path, remedy = out / "settings.json", "give another --out, or remove it"
-    if not path.is_file():
-        if out.is_dir() and any(out.iterdir()):
-            raise ConfigurationError(f"{out} holds files, but no settings.json: give another --out")
-        return dict(settings)
-    try:
-        held = json.loads(path.read_text())
-        together = {
-            name: {**held[name], **settings[name]} if name in ADDABLE else settings[name]
-            for name in settings
-        }
-    except (ValueError, KeyError, TypeError):
-        raise ConfigurationError(f"{path} is of another experiment: {remedy}") from None
-    other = [name for name in settings if name not in ADDABLE and held[name] != settings[name]]
-    for group in ADDABLE:
-        changed = [name for name in held[group] if together[group][name] != held[group][name]]
-        other += [f"{group} '{name}'" for name in changed]
-    if other:
-        raise ConfigurationError(f"{out} holds grasps of other {' and '.join(other)}: {remedy}")
-    return together

@@ -9,13 +9,12 @@ import numpy as np
 from contactfusion.errors import missing_extra
 from contactfusion.experiments.grasp.plan import Column, Grasp, Plan
 from contactfusion.experiments.grasp.recorded import recorded
+from contactfusion.experiments.grasp.trial import begun
 from contactfusion.figures import COLOURS
 from contactfusion.files import write_whole
-from contactfusion.pipeline import Pipeline
-from contactfusion.robots.model import shared_robot
 from contactfusion.simulation.grasp import GraspScene
 from contactfusion.simulation.grasp_picture import Eye
-from contactfusion.simulation.grasping import GraspCycle, grasped
+from contactfusion.simulation.grasping import GraspCycle
 
 EVERY = 0.15
 """Of the grasp between two frames [s]."""
@@ -48,13 +47,10 @@ def film(plan: Plan, column: Column, grasp: Grasp, folder: Path) -> tuple[Path, 
         from PIL import Image
     except ImportError:
         raise missing_extra("matplotlib", "plot") from None
-    config = plan.pipeline_of(column, grasp.seed)
-    assert config.robot is not None
-    scene = GraspScene(plan.scene_of(column, grasp), shared_robot(config.robot), grasp.seed)
+    scene, cycles = begun(plan, column, grasp)
     middle = scene.config.object.pose.pose()[:3, 3] + [0.0, 0.0, 0.1]
     eye = Eye(tuple(middle + SIDE), tuple(middle))
     frames, due, recording = [], 0.0, folder / f"{grasp.name}.mcap"
-    cycles = grasped(scene, Pipeline(config))
     for cycle in recorded(plan, column, grasp, scene, cycles, recording):
         if cycle.truth.stamp >= due or cycle.ending:
             due += EVERY

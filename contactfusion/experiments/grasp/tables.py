@@ -5,11 +5,9 @@ from typing import Any
 from zlib import crc32
 
 import numpy as np
-from scipy.stats import binomtest
 
-from contactfusion.arrays import FloatArray
 from contactfusion.experiments.grasp.trial import Row
-from contactfusion.experiments.measures import CONFIDENCE, RESAMPLES, proportion
+from contactfusion.experiments.measures import holm, mcnemar, proportion, resampled
 
 MEASURES: dict[str, tuple[str, float, str]] = {
     "moved": ("moved before cm", 100.0, ".1f"),
@@ -69,14 +67,16 @@ def success_text(found: Found, summaries: Mapping[str, Mapping[str, Any]]) -> st
 
 
 def comparisons_of(found: Found) -> list[dict[str, Any]]:
-    """Compare each column with the first, grasp by grasp, by McNemar's exact test."""
+    """Compare each column with the first, grasp by grasp, by McNemar's exact test.
+
+    Every p-value is told twice: by itself, and as it counts among all of them.
+    """
     (first, ours), *others = found.items()
     by_name = {row.trial: row.success for row in ours}
-    compared = []
+    compared = list[dict[str, Any]]()
     for column, rows in others:
         pairs = [(by_name[row.trial], row.success) for row in rows if row.trial in by_name]
         only, other = pairs.count((True, False)), pairs.count((False, True))
-        p = float(binomtest(only, only + other).pvalue) if only + other else 1.0
         compared.append(
             {
                 "column": column,
@@ -84,18 +84,19 @@ def comparisons_of(found: Found) -> list[dict[str, Any]]:
                 "grasps": len(pairs),
                 "only it": other,
                 "only the other": only,
-                "p": p,
+                "p": mcnemar(only, other),
             }
         )
-    return compared
+    corrected = holm([one["p"] for one in compared])
+    return [{**one, "p (Holm)": p} for one, p in zip(compared, corrected, strict=True)]
 
 
 def comparisons_text(compared: Sequence[Mapping[str, Any]]) -> str:
     """Give comparisons as Markdown."""
-    names = ["column", "against", "grasps", "only it", "only the other", "p"]
+    names = ["column", "against", "grasps", "only it", "only the other", "p", "p (Holm)"]
     lines = [_line(names), "|" + "---|" * len(names)]
     lines += [
-        _line([f"{one[name]:.2g}" if name == "p" else str(one[name]) for name in names])
+        _line([f"{one[name]:.2g}" if name.startswith("p") else str(one[name]) for name in names])
         for one in compared
     ]
     return "\n".join(lines)
@@ -132,15 +133,10 @@ def _summary(name: str, rows: Sequence[Row], seed: int) -> dict[str, Any]:
     for measure in MEASURES:
         values = np.array([getattr(row, measure) for row in rows], np.float64)
         entropy = f"{rows[0].column}, {name}, {measure}"
-        told[measure] = _mean(values, np.random.default_rng([seed, crc32(entropy.encode())]))
+        rng = np.random.default_rng([seed, crc32(entropy.encode())])
+        mean, low, high = resampled(values, np.mean, rng)
+        told[measure] = {"mean": mean, "low": low, "high": high}
     return told
-
-
-def _mean(values: FloatArray, rng: np.random.Generator) -> dict[str, float]:
-    drawn = values[rng.integers(len(values), size=(RESAMPLES, len(values)))].mean(axis=1)
-    tail = (1.0 - CONFIDENCE) / 2.0
-    low, high = np.quantile(drawn, [tail, 1.0 - tail]).tolist()
-    return {"mean": float(values.mean()), "low": low, "high": high}
 
 
 def _line(cells: Sequence[str]) -> str:

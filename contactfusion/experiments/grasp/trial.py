@@ -59,8 +59,8 @@ class Row:
     force: float
 
 
-def cycles_of(plan: Plan, column: Column, grasp: Grasp) -> Iterator[GraspCycle]:
-    """Let a column make a grasp.
+def begun(plan: Plan, column: Column, grasp: Grasp) -> tuple[GraspScene, Iterator[GraspCycle]]:
+    """Give the scene of a grasp at its start, and the cycles in which a column makes it.
 
     Raises:
         ContactFusionError: the scene cannot be set up, or the controller failed.
@@ -68,7 +68,7 @@ def cycles_of(plan: Plan, column: Column, grasp: Grasp) -> Iterator[GraspCycle]:
     config = plan.pipeline_of(column, grasp.seed)
     assert config.robot is not None
     scene = GraspScene(plan.scene_of(column, grasp), shared_robot(config.robot), grasp.seed)
-    return grasped(scene, Pipeline(config))
+    return scene, grasped(scene, Pipeline(config))
 
 
 def run_trial(plan: Plan, column: Column, grasp: Grasp) -> Row:
@@ -77,7 +77,8 @@ def run_trial(plan: Plan, column: Column, grasp: Grasp) -> Row:
     Raises:
         ContactFusionError: the scene cannot be set up, or the controller failed.
     """
-    return row_of(plan, column, grasp, list(cycles_of(plan, column, grasp)))
+    _, cycles = begun(plan, column, grasp)
+    return row_of(plan, column, grasp, list(cycles))
 
 
 def row_of(plan: Plan, column: Column, grasp: Grasp, cycles: Sequence[GraspCycle]) -> Row:

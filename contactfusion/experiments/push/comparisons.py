@@ -4,8 +4,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.stats import binomtest, wilcoxon
+from scipy.stats import wilcoxon
 
+from contactfusion.experiments.measures import mcnemar
 from contactfusion.experiments.push.outcomes import Outcome
 
 COMPARED = ("lateral_true", "lateral_estimate", "swept", "time")
@@ -84,7 +85,6 @@ def compare(first: Sequence[Outcome], other: Sequence[Outcome]) -> Comparison:
     pairs = [(one, by_name[one.trial]) for one in first if one.trial in by_name]
     first_only = sum(one.success_true > another.success_true for one, another in pairs)
     other_only = sum(one.success_true < another.success_true for one, another in pairs)
-    differing = first_only + other_only
     both = [pair for pair in pairs if pair[0].success_true and pair[1].success_true]
     return Comparison(
         first[0].label,
@@ -92,7 +92,7 @@ def compare(first: Sequence[Outcome], other: Sequence[Outcome]) -> Comparison:
         len(pairs),
         first_only,
         other_only,
-        float(binomtest(first_only, differing).pvalue) if differing else 1.0,
+        mcnemar(first_only, other_only),
         tuple(_difference(both, measure) for measure in COMPARED),
     )
 

@@ -1,12 +1,11 @@
 """What comes of all pushes: measures, tables, comparisons and figures."""
 
-import json
-import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
+from contactfusion.experiments.folder import as_json
 from contactfusion.experiments.push import figures, tables
 from contactfusion.experiments.push.comparisons import compare_all, comparisons_text
 from contactfusion.experiments.push.gathering import Made, gathered
@@ -79,19 +78,6 @@ def evaluate(plan: Plan, settings: Mapping[str, Any], failed: Sequence[str], out
     figures.draw_bars(found, comparisons, out / "bars.png")
     print(success, end="\n\n")
     print(f"results: {out}/table.md, results.csv, summary.json, figures")
-
-
-def as_json(told: object) -> str:
-    """Give JSON that any program reads: no NaN, nothing infinite, but null."""
-    return json.dumps(_finite(told), indent=1, ensure_ascii=False, allow_nan=False) + "\n"
-
-
-def _finite(told: Any) -> Any:
-    if isinstance(told, Mapping):
-        return {name: _finite(one) for name, one in told.items()}
-    if isinstance(told, (list, tuple)):
-        return [_finite(one) for one in told]
-    return None if isinstance(told, float) and not math.isfinite(told) else told
 
 
 def _by_targets(made: Found, sets: Mapping[str, Any]) -> dict[str, Found]:

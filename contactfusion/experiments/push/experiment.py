@@ -1,30 +1,29 @@
 """`experiment push`: pushes by several controllers, and what comes of them."""
 
 import json
-import sys
-import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import product
 from pathlib import Path
 
-from contactfusion.errors import ConfigurationError, ContactFusionError, RobotError, name_hint
+from contactfusion.errors import ConfigurationError, RobotError
+from contactfusion.experiments.choices import require_once, trial_called
+from contactfusion.experiments.folder import joined
 from contactfusion.experiments.push.checks import check
 from contactfusion.experiments.push.costs import tell_costs
 from contactfusion.experiments.push.evaluation import evaluate
 from contactfusion.experiments.push.failing import read_failing
-from contactfusion.experiments.push.folder import joined, settings_of, trial_file
+from contactfusion.experiments.push.folder import ADDABLE, settings_of, trial_file
 from contactfusion.experiments.push.plan import Plan, Push, read_plan
 from contactfusion.experiments.push.recorded import record
 from contactfusion.experiments.push.sensings import Change, Sensing
 from contactfusion.experiments.push.steering import controller_options
 from contactfusion.experiments.push.targets import read_targets
-from contactfusion.experiments.push.things import require_once
-from contactfusion.experiments.push.threads import one_thread_each
 from contactfusion.experiments.push.trial import run_trial, save
 from contactfusion.experiments.push.watches import Cost
-from contactfusion.experiments.workers import Died, each, require_workers
+from contactfusion.experiments.threads import one_thread_each
+from contactfusion.experiments.workers import each, failure, progress, reason_of, require_workers
 from contactfusion.files import make_folder, write_whole
 from contactfusion.simulation.push_config import SkinConfig
 
@@ -102,14 +101,15 @@ def run_push(options: Options, out: Path) -> None:
     tasks = [
         (label, name, push) for label in plans for name in options.controllers for push in pushes
     ]
-    recorded = list(dict.fromkeys(_recorded(name, tasks) for name in options.record))
+    by_name = {_name(task): task for task in tasks}
+    recorded = list(dict.fromkeys(trial_called(name, by_name) for name in options.record))
     settings = settings_of(plans, options.controllers)
-    joined(settings, out)
+    joined(settings, out, ADDABLE, "pushes")
     missing = [task for task in tasks if not trial_file(out, *task).is_file()]
     if missing:
         check(plans, options.controllers[0])
     make_folder(out)
-    settings = joined(settings, out)
+    settings = joined(settings, out, ADDABLE, "pushes")
     write_whole(out / "settings.json", json.dumps(settings, indent=1) + "\n")
     print(f"{len(tasks)} pushes; {len(missing)} to make", flush=True)
     with one_thread_each():
@@ -175,16 +175,13 @@ def _require_use(options: Options, sensings: Sequence[Sensing]) -> None:
 
 def _push_all(plans: Plans, missing: Sequence[Task], workers: int, out: Path) -> list[str]:
     """Make pushes; give a sentence for each that fails."""
-    failed, costs, start = [], dict[str, list[Cost]](), time.monotonic()
-    for done, (task, made) in enumerate(each(partial(_make, plans, out), missing, workers), 1):
-        if isinstance(made, Cost):
-            costs.setdefault(task[0], []).append(made)
+    failed, costs = [], dict[str, list[Cost]]()
+    made = each(partial(_make, plans, out), missing, workers)
+    for task, one in progress(made, len(missing)):
+        if isinstance(one, Cost):
+            costs.setdefault(task[0], []).append(one)
         else:
-            failed.append(_failure(task, made))
-        if sys.stderr.isatty() or done % 50 == 0:
-            left = (time.monotonic() - start) / done * (len(missing) - done)
-            end = "\r" if sys.stderr.isatty() else "\n"
-            print(f"  {done} of {len(missing)}, {left:.0f} s left ", end=end, file=sys.stderr)
+            failed.append(failure(_name(task), one))
     if costs:
         tell_costs(costs, out)
     return failed
@@ -196,16 +193,9 @@ def _make(plans: Plans, out: Path, task: Task) -> Cost | str:
     try:
         track, cost = run_trial(plans[label], push, controller)
         save(track, trial_file(out, *task))
-    except ContactFusionError as error:
-        return str(error)
     except Exception as error:  # a plug-in may raise anything, and no other push may suffer
-        return f"{type(error).__name__}: {error}"
+        return reason_of(error)
     return cost
-
-
-def _failure(task: Task, told: Died | str) -> str:
-    how = f"its process {told.how}, twice" if isinstance(told, Died) else told
-    return f"{_name(task)}: {how}"
 
 
 def _name(task: Task) -> str:
@@ -225,7 +215,7 @@ def _record_all(plans: Plans, recorded: Sequence[Task], out: Path) -> list[str]:
         if isinstance(made, tuple):
             print(f"recorded: {made[0]} and {made[1]}")
         else:
-            failed.append(_failure(task, made))
+            failed.append(failure(_name(task), made))
     return failed
 
 
@@ -234,20 +224,5 @@ def _record(plans: Plans, out: Path, task: Task) -> tuple[Path, Path] | str:
     label, controller, push = task
     try:
         return record(plans[label], push, controller, out / "recordings" / label / controller)
-    except ContactFusionError as error:
-        return str(error)
     except Exception as error:  # a plug-in may raise anything, and what there is must be told
-        return f"{type(error).__name__}: {error}"
-
-
-def _recorded(told: str, tasks: Sequence[Task]) -> Task:
-    """Find a trial by the end of its name; of several it is the first."""
-    names = {_name(task): task for task in tasks}
-    name = next((name for name in names if f"/{name}".endswith(f"/{told}")), None)
-    if name is None:
-        raise ConfigurationError(
-            f"unknown trial '{told}'; {name_hint(told, names, 'trials')}"
-            if len(names) <= 30
-            else f"there is no trial '{told}' in this experiment; one is '{next(iter(names))}'"
-        )
-    return names[name]
+        return reason_of(error)

@@ -13,16 +13,12 @@ import numpy as np
 from contactfusion.arrays import FloatArray
 from contactfusion.controllers.face import FaceConfig
 from contactfusion.errors import ConfigurationError
+from contactfusion.experiments.choices import require_known, require_once
 from contactfusion.experiments.push.failing import RandomFault, drawn
 from contactfusion.experiments.push.sensings import Change, Sensing, read_sensing
 from contactfusion.experiments.push.steering import controller_options, controller_settings
 from contactfusion.experiments.push.targets import Place, Targets
-from contactfusion.experiments.push.things import (
-    object_settings,
-    objects_of,
-    require_known,
-    require_once,
-)
+from contactfusion.experiments.push.things import object_settings, objects_of
 from contactfusion.pipeline_config import PipelineConfig
 from contactfusion.robots.description import RobotConfig
 from contactfusion.simulation.push_config import MisplacedConfig, PushConfig, SkinConfig

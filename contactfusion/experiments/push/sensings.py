@@ -10,8 +10,8 @@ from typing import Any
 from contactfusion.assembly import AnyGenerator, built_generator
 from contactfusion.controllers.face import NARROW, FaceConfig
 from contactfusion.errors import ConfigurationError, name_hint
+from contactfusion.experiments.choices import require_known
 from contactfusion.experiments.methods import Method
-from contactfusion.experiments.push.things import require_known
 from contactfusion.generators.networks import read_networks, shipped
 from contactfusion.hypotheses import HypothesisCloud, HypothesisKind
 from contactfusion.pipeline import Ask, asked

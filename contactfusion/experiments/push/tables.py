@@ -7,7 +7,7 @@ from zlib import crc32
 import numpy as np
 
 from contactfusion.arrays import FloatArray
-from contactfusion.experiments.measures import CONFIDENCE, RESAMPLES, proportion
+from contactfusion.experiments.measures import proportion, resampled
 from contactfusion.experiments.push.outcomes import Outcome
 from contactfusion.experiments.push.paper import GROUPS, PAPER, START, Group, Reached
 from contactfusion.experiments.push.perception import Perception
@@ -166,10 +166,7 @@ def _summary(name: str, outcomes: Sequence[Outcome], seed: int) -> dict[str, Any
 def _median(values: FloatArray, rng: np.random.Generator) -> dict[str, float | int | None]:
     if not len(values):
         return {"n": 0, "mean": None, "median": None, "low": None, "high": None}
-    drawn = np.median(values[rng.integers(len(values), size=(RESAMPLES, len(values)))], axis=1)
-    tail = (1.0 - CONFIDENCE) / 2.0
-    low, high = np.quantile(drawn, [tail, 1.0 - tail]).tolist()
-    mean, median = float(values.mean()), float(np.median(values))
+    mean, (median, low, high) = float(values.mean()), resampled(values, np.median, rng)
     return {"n": len(values), "mean": mean, "median": median, "low": low, "high": high}
 
 

@@ -1,11 +1,12 @@
 """What is pushed: objects by name and from files."""
 
 import hashlib
-from collections.abc import Collection, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from contactfusion.errors import ConfigurationError, name_hint
+from contactfusion.errors import ConfigurationError
+from contactfusion.experiments.choices import require_known, require_once
 from contactfusion.robots.description import RobotConfig
 from contactfusion.simulation.push_names import OTHERS, PAPER, named_object, read_object
 from contactfusion.simulation.push_objects import ObjectConfig, UrdfObjectConfig
@@ -39,34 +40,3 @@ def object_settings(thing: ObjectConfig) -> Any:
         return thing.model_dump(mode="json")
     content = RobotConfig(urdf=thing.urdf, folder=thing.folder).path().read_bytes()
     return {"urdf": Path(thing.urdf).name, "sha256": hashlib.sha256(content).hexdigest()}
-
-
-def require_known(names: Sequence[str], known: Collection[str], one: str, many: str) -> None:
-    """Make sure that names are known.
-
-    Args:
-        names: to look for.
-        known: the names that there are.
-        one: what a name is for.
-        many: the plural of that.
-
-    Raises:
-        ConfigurationError: one is not.
-    """
-    for name in names:
-        if name not in known:
-            raise ConfigurationError(f"unknown {one} '{name}'; {name_hint(name, known, many)}")
-
-
-def require_once(names: Sequence[str], many: str) -> None:
-    """Make sure that no name stands twice.
-
-    Args:
-        names: to look at.
-        many: the plural of what they are for.
-
-    Raises:
-        ConfigurationError: one does.
-    """
-    if twice := next((name for name in names if names.count(name) > 1), None):
-        raise ConfigurationError(f"'{twice}' stands twice among the {many}")

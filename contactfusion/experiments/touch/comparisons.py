@@ -5,10 +5,10 @@ from dataclasses import dataclass
 from zlib import crc32
 
 import numpy as np
-from scipy.stats import binomtest, wilcoxon
+from scipy.stats import wilcoxon
 
 from contactfusion.arrays import FloatArray
-from contactfusion.experiments.measures import CONFIDENCE, RESAMPLES
+from contactfusion.experiments.measures import CONFIDENCE, RESAMPLES, mcnemar
 from contactfusion.experiments.touch.rows import SINGLE, Outcome
 
 
@@ -64,7 +64,6 @@ def compare(found: Sequence[Outcome], other: Sequence[Outcome], seed: int) -> Co
     ]
     only_it = sum(one.detected and not another.detected for one, another in pairs)
     only_other = sum(another.detected and not one.detected for one, another in pairs)
-    differing = only_it + only_other
     errors = np.array([(one.error, another.error) for one, another in pairs]).reshape(-1, 2)
     errors = errors[np.isfinite(errors).all(axis=1)]
     differences = errors[:, 0] - errors[:, 1]
@@ -75,7 +74,7 @@ def compare(found: Sequence[Outcome], other: Sequence[Outcome], seed: int) -> Co
         len(pairs),
         only_it,
         only_other,
-        float(binomtest(only_it, differing).pvalue) if differing else 1.0,
+        mcnemar(only_it, only_other),
         len(errors),
         float(np.median(differences)) if len(errors) else None,
         float(wilcoxon(differences).pvalue) if differences.any() else 1.0,

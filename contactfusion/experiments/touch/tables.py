@@ -9,8 +9,7 @@ from zlib import crc32
 import numpy as np
 from numpy.typing import NDArray
 
-from contactfusion.arrays import FloatArray
-from contactfusion.experiments.measures import CONFIDENCE, RESAMPLES, Measure, proportion
+from contactfusion.experiments.measures import Measure, proportion, resampled
 from contactfusion.experiments.touch.rows import Outcome
 
 PUBLISHED = {
@@ -21,10 +20,10 @@ PUBLISHED = {
     "all + simulator": (0.907, 0.0333, 0.0111),
 }
 """Detected, ε and σ [m] of F Table I."""
-STATISTICS: dict[str, Callable[[FloatArray], Any]] = {
-    "mean": partial(np.mean, axis=-1),
-    "median": partial(np.median, axis=-1),
-    "p90": partial(np.quantile, q=0.9, axis=-1),
+STATISTICS: dict[str, Callable[..., Any]] = {
+    "mean": np.mean,
+    "median": np.median,
+    "p90": partial(np.quantile, q=0.9),
 }
 
 
@@ -91,7 +90,7 @@ def measures_of(outcomes: Sequence[Outcome], seed: int) -> Iterator[Measure]:
     yield from share("false alarms in free air", [one.contacts > 0 for one in in_air])
     if touches:
         false = np.array([one.false for one in touches], np.float64)
-        figures = resampled(false, "mean", rng)
+        figures = resampled(false, np.mean, rng)
         yield Measure("touch", case, "false contacts a touch", *figures, "", len(false))
     kinds: dict[str, Sequence[Outcome]] = {
         "": touches,
@@ -100,30 +99,14 @@ def measures_of(outcomes: Sequence[Outcome], seed: int) -> Iterator[Measure]:
     }
     for kind, chosen in kinds.items():
         errors = np.array([one.error for one in chosen if np.isfinite(one.error)])
-        for name in STATISTICS:
+        for name, statistic in STATISTICS.items():
             if len(errors) and (not kind or name != "mean"):
-                figures = resampled(errors, name, rng)
+                figures = resampled(errors, statistic, rng)
                 yield Measure("touch", case, f"ε {name}{kind}", *figures, "m", len(errors))
     sigmas = np.array([one.sigma for one in touches if np.isfinite(one.sigma)])
     if len(sigmas):
-        figures = resampled(sigmas, "mean", rng)
+        figures = resampled(sigmas, np.mean, rng)
         yield Measure("touch", case, "σ mean", *figures, "m", len(sigmas))
-
-
-def resampled(
-    values: FloatArray, statistic: str, rng: np.random.Generator
-) -> tuple[float, float, float]:
-    """Give a statistic with its bootstrap interval; touches are independent.
-
-    Args:
-        values: shape (n,), one a touch.
-        statistic: one of `STATISTICS`.
-        rng: draws the touches.
-    """
-    drawn = values[rng.integers(len(values), size=(RESAMPLES, len(values)))]
-    tail = (1.0 - CONFIDENCE) / 2.0
-    low, high = np.quantile(STATISTICS[statistic](drawn), [tail, 1.0 - tail])
-    return float(STATISTICS[statistic](values)), float(low), float(high)
 
 
 def sharing(shares: Sequence[Mapping[tuple[str, str], bool]]) -> list[Measure]:
