@@ -18,7 +18,7 @@ from contactfusion.recordings.messages import typestore
 from contactfusion.recordings.opening import open_recording
 from contactfusion.recordings.reading_messages import reading_messages
 from contactfusion.recordings.ros import RosConfig, RosRecording
-from contactfusion.recordings.ros_order import LONGEST_LEAP, LONGEST_PAUSE
+from contactfusion.recordings.ros.order import LONGEST_LEAP, LONGEST_PAUSE
 from contactfusion.replaying.asking import Source, ablate_recording, explain_recording
 from contactfusion.replaying.replay import Options, replay
 from contactfusion.replaying.session import Window

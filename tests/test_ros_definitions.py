@@ -5,8 +5,8 @@ from typing import Any
 import pytest
 
 from contactfusion.errors import RecordingError
-from contactfusion.recordings.ros_definitions import is_standard, ros2_text, types_in
-from contactfusion.recordings.ros_readings import CAMERA_INFO, IMAGE, MAKERS, POSE, TRANSFORMS
+from contactfusion.recordings.ros.definitions import is_standard, ros2_text, types_in
+from contactfusion.recordings.ros.readings import CAMERA_INFO, IMAGE, MAKERS, POSE, TRANSFORMS
 
 interfaces = pytest.importorskip("rosbags.interfaces")
 typesys = pytest.importorskip("rosbags.typesys")

@@ -40,7 +40,7 @@ if TYPE_CHECKING:
     from rosbags.interfaces import Connection
     from rosbags.rosbag2 import Writer
 
-    from contactfusion.recordings.ros_messages import RawMessage
+    from contactfusion.recordings.ros.messages import RawMessage
 
 DESCRIPTION = "robot_description"
 """The topic of ROS for the URDF of a robot."""

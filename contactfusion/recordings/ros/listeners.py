@@ -6,8 +6,8 @@ from typing import NamedTuple, final
 
 from contactfusion.readings import DepthImage, Reading, Transform
 from contactfusion.recordings.messages import Message
-from contactfusion.recordings.ros_images import Beside
-from contactfusion.recordings.ros_readings import Maker, stamp_of, transform
+from contactfusion.recordings.ros.images import Beside
+from contactfusion.recordings.ros.readings import Maker, stamp_of, transform
 
 
 class Part(NamedTuple):

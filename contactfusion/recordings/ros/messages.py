@@ -4,9 +4,9 @@ from collections.abc import Callable, Iterator, Mapping
 from typing import Any, NamedTuple
 
 from contactfusion.recordings.messages import Message, typestore
-from contactfusion.recordings.ros_channels import Channel
-from contactfusion.recordings.ros_files import Bag
-from contactfusion.recordings.ros_order import Heard, TopicTally
+from contactfusion.recordings.ros.channels import Channel
+from contactfusion.recordings.ros.files import Bag
+from contactfusion.recordings.ros.order import Heard, TopicTally
 
 
 class RawMessage(NamedTuple):

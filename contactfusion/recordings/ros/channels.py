@@ -6,7 +6,7 @@ from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from contactfusion.errors import RecordingError
-from contactfusion.recordings.ros_definitions import (
+from contactfusion.recordings.ros.definitions import (
     RENAMED,
     cdr_of_ros1,
     is_standard,

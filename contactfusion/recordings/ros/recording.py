@@ -13,21 +13,12 @@ from contactfusion.readings import Reading
 from contactfusion.recordings.log import LONGEST_FALL
 from contactfusion.recordings.messages import Message
 from contactfusion.recordings.recording import Recording
-from contactfusion.recordings.ros_contents import contents_of, topics_of
-from contactfusion.recordings.ros_files import Bag
-from contactfusion.recordings.ros_messages import RawMessage, Tap, messages
-from contactfusion.recordings.ros_order import Entry, Heard, Sorter, TopicTally
-from contactfusion.recordings.ros_topics import Topic, listeners
+from contactfusion.recordings.ros.contents import contents_of, topics_of
+from contactfusion.recordings.ros.files import Bag
+from contactfusion.recordings.ros.messages import Tap, messages
+from contactfusion.recordings.ros.order import Entry, Heard, Sorter, TopicTally
+from contactfusion.recordings.ros.topics import Topic, listeners
 from contactfusion.time import LONGEST_SECONDS, NANOSECONDS_PER_SECOND, to_nanoseconds
-
-__all__ = [
-    "RawMessage",
-    "RosConfig",
-    "RosRecording",
-    "Tap",
-    "Topic",
-    "TopicTally",
-]
 
 
 class RosConfig(Model):

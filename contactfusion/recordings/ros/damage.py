@@ -10,7 +10,7 @@ from io import BytesIO
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, final
 
-from contactfusion.recordings.ros_mcap import MCAP_MAGIC, Schemas
+from contactfusion.recordings.ros.mcap import MCAP_MAGIC, Schemas
 
 if TYPE_CHECKING:
     from rosbags.interfaces import Connection

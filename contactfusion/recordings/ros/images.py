@@ -10,7 +10,7 @@ from contactfusion.errors import RecordingError
 from contactfusion.readings import DepthImage
 from contactfusion.recordings.log import LONGEST_FALL
 from contactfusion.recordings.messages import Message
-from contactfusion.recordings.ros_readings import At
+from contactfusion.recordings.ros.readings import At
 
 DEPTHS = {"32FC1": ("f4", 1.0), "16UC1": ("u2", 1e-3), "mono16": ("u2", 1e-3)}
 """By encoding: the type of a pixel, and its unit [m]."""

@@ -4,7 +4,7 @@ from os import SEEK_END
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, final
 
-from contactfusion.recordings.ros_backwards import read_mcap_as_it_lies
+from contactfusion.recordings.ros.backwards import read_mcap_as_it_lies
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

@@ -8,10 +8,10 @@ from contactfusion.errors import RecordingError, name_hint
 from contactfusion.readings import DepthImage, ObjectPose, Reading, Transform
 from contactfusion.recordings.messages import typestore
 from contactfusion.recordings.ouster import CONVERT
-from contactfusion.recordings.ros_channels import Channel
-from contactfusion.recordings.ros_files import Bag
-from contactfusion.recordings.ros_images import DEPTHS, INFO
-from contactfusion.recordings.ros_readings import (
+from contactfusion.recordings.ros.channels import Channel
+from contactfusion.recordings.ros.files import Bag
+from contactfusion.recordings.ros.images import DEPTHS, INFO
+from contactfusion.recordings.ros.readings import (
     CAMERA_INFO,
     IMAGE,
     MAKERS,
@@ -19,7 +19,7 @@ from contactfusion.recordings.ros_readings import (
     READABLE,
     TRANSFORMS,
 )
-from contactfusion.recordings.ros_topics import Topic, last, parent
+from contactfusion.recordings.ros.topics import Topic, last, parent
 from contactfusion.recordings.step_messages import OURS
 
 TRUTH = "/truth/"

@@ -4,9 +4,9 @@ from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 
 from contactfusion.readings import DepthImage, ObjectPose, Reading, Transform
-from contactfusion.recordings.ros_images import COLOUR, INFO, MASK
-from contactfusion.recordings.ros_listeners import Camera, Listener, Side, Stamped, Transforms
-from contactfusion.recordings.ros_readings import CAMERA_INFO, IMAGE, MAKERS, POSE, object_pose
+from contactfusion.recordings.ros.images import COLOUR, INFO, MASK
+from contactfusion.recordings.ros.listeners import Camera, Listener, Side, Stamped, Transforms
+from contactfusion.recordings.ros.readings import CAMERA_INFO, IMAGE, MAKERS, POSE, object_pose
 
 STATIC = "tf_static"
 """The last part of topics whose transforms hold at all times."""
