@@ -17,7 +17,6 @@ from contactfusion.readings import JointState
 from contactfusion.state import State
 from contactfusion.surface import Surface
 
-PERIOD = 0.05
 JOINTS = ("left", "right")
 FASTEST = 2.0
 """Of the fingers, in parts of their way [1/s]."""
@@ -51,8 +50,10 @@ def contact(place: FloatArray, force: FloatArray | None = None, likelihood: floa
 class ToyHand:
     """A hand at a pose, with two fingers, that does what its controller commands."""
 
-    def __init__(self, one: ReactiveGrasp, touches: Touches = lambda hand: []) -> None:
-        self.controller, self.touches = one, touches
+    def __init__(
+        self, one: ReactiveGrasp, touches: Touches = lambda hand: [], period: float = 0.05
+    ) -> None:
+        self.controller, self.touches, self.period = one, touches, period
         self.pose: Pose = pose_of((0.5, 0.0, 0.3), LOOKING_ALONG_X)
         self.closed = np.array([0.3, 0.3])
         self.speeds = np.zeros(2)
@@ -65,12 +66,13 @@ class ToyHand:
         self.deaf = False
         self.silent = np.inf
         """From here on joints tell nothing [s]."""
+        self.tells_speeds = True
         self.told: list[Command] = []
         self.way = [self.pose[:3, 3].copy()]
 
     @property
     def now(self) -> float:
-        return len(self.told) * PERIOD
+        return len(self.told) * self.period
 
     @property
     def mode(self) -> str:
@@ -92,7 +94,7 @@ class ToyHand:
             frame="base",
             names=(*JOINTS, "arm"),
             positions=np.append(self.closed, 0.0),
-            velocities=np.append(self.speeds, 0.0),
+            velocities=np.append(self.speeds, 0.0) if self.tells_speeds else None,
         )
         return State(
             now=self.now,
@@ -109,11 +111,12 @@ class ToyHand:
         velocity = command.twist.linear
         if not self.stopped(self, velocity):
             self.pose = self.pose.copy()
-            self.pose[:3, 3] += PERIOD * self.pose[:3, :3] @ velocity
+            self.pose[:3, 3] += self.period * self.pose[:3, :3] @ velocity
         goal = self.closed if command.gripper is None else np.full(2, command.gripper)
-        way = np.clip(goal - self.closed, -FASTEST * PERIOD, FASTEST * PERIOD)
+        most = FASTEST * self.period
+        way = np.clip(goal - self.closed, -most, most)
         there = np.where(self.jammed, self.closed, np.minimum(self.closed + way, self.most))
-        self.speeds, self.closed = (there - self.closed) / PERIOD, there
+        self.speeds, self.closed = (there - self.closed) / self.period, there
         self.way.append(self.pose[:3, 3].copy())
         return command
 

@@ -16,6 +16,8 @@ ALL = Column("all", Method("de_morgan", "cluster_centroid"))
 TABLE = {"parent": "base", "xyz": [0.8, 0.0, 0.23]}
 SAFE = 60.0
 """Nothing may be pressed harder at the end [N]."""
+SHOVING = 10.0
+"""A bottle that slides on the table, where 1.3 N move it, is not pushed harder [N]."""
 
 
 def faults(**fields: Any) -> dict[str, Any]:
@@ -41,6 +43,13 @@ def ended(one: GraspScene, cycles: list[GraspCycle]) -> str:
         assert last.truth.force < SAFE
     assert last.truth.tool[2, 3] > 0.28
     return last.ending
+
+
+def came_back(cycles: list[GraspCycle]) -> bool:
+    """Whether the hand is as far back as where it began, and as little aside."""
+    first, last = cycles[0].truth.tool, cycles[-1].truth.tool
+    aside, _, ahead = first[:3, :3].T @ (last - first)[:3, 3]
+    return bool(max(abs(aside), abs(ahead)) < 0.01)
 
 
 def success(one: GraspScene, cycles: list[GraspCycle]) -> bool:
@@ -80,11 +89,16 @@ def test_what_touches_from_below_makes_the_hand_go_up() -> None:
 
 
 @pytest.mark.parametrize("column", [PAPERS, ALL], ids=["paper", "all"])
-def test_a_wrench_that_is_saturated_ends_in_a_named_state(column: Column) -> None:
-    """It carries 11 N, and tells 3."""
+def test_a_saturated_wrench_seems_a_push_from_below_and_the_hand_touches_nothing(
+    column: Column,
+) -> None:
+    """It carries 11 N, and tells 3: the weight that is missing seems to be borne from below."""
     one = scene(offset=0.04, wrench_range=(3.0, 0.2))
     cycles = played(one, column, **once(corrections=2))
-    assert ended(one, cycles) in ("lifted", "missed", "obstructed")
+    assert ended(one, cycles) == "obstructed"
+    assert result_of(cycles, one.config.lifted, one.config.held).corrections == 2
+    assert max(cycle.truth.force for cycle in cycles) == 0.0
+    assert came_back(cycles)
 
 
 def test_a_wrench_that_is_dead_leaves_the_grasp_to_the_others() -> None:
@@ -94,10 +108,15 @@ def test_a_wrench_that_is_dead_leaves_the_grasp_to_the_others() -> None:
     assert success(one, cycles)
 
 
-def test_a_wrench_that_falls_silent_leaves_the_grasp_blind_but_safe() -> None:
+def test_without_its_wrench_the_hand_shoves_the_bottle_before_it_misses_it_and_comes_back() -> None:
     one = scene(offset=0.05)
     cycles = played(one, PAPERS, **once(), **faults(fault="silent", sensor="wrist"))
-    assert ended(one, cycles) in ("lifted", "missed", "dropped")
+    assert ended(one, cycles) == "missed"
+    result = result_of(cycles, one.config.lifted, one.config.held)
+    assert result.corrections == 0 and not result.fallen
+    assert 0.1 < result.moved < 0.2
+    assert 1.0 < max(cycle.truth.force for cycle in cycles) < SHOVING
+    assert cycles[-1].truth.force == 0.0 and came_back(cycles)
 
 
 def test_a_tactile_patch_that_reads_zeros_changes_little() -> None:

@@ -2,24 +2,32 @@
 
 import json
 import re
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
+from contactfusion.arrays import FloatArray
 from contactfusion.controller import Command
 from contactfusion.controllers.grasp_parameters import GraspMode, ReactiveGraspConfig
 from contactfusion.errors import ConfigurationError, RobotError
 from contactfusion.experiments.grasp.plan import DEFAULT, NONE, Column, read_plan
 from contactfusion.experiments.methods import Method
-from contactfusion.pipeline import Pipeline
+from contactfusion.frames import pose_of
+from contactfusion.integrator.config import IntegratorConfig
+from contactfusion.pipeline import Pipeline, Step
+from contactfusion.pipeline_config import PipelineConfig
 from contactfusion.readings import JointCommand, JointState, TactileImage, Twist, Wrench
 from contactfusion.robots.model import RobotModel, shared_robot
 from contactfusion.running import run_file
-from contactfusion.simulation.grasp import OBJECT, GraspScene
+from contactfusion.simulation.arm import STEP
+from contactfusion.simulation.grasp import OBJECT, GraspScene, GraspTruth
 from contactfusion.simulation.grasp_config import GraspConfig
+from contactfusion.simulation.grasp_driver import FASTEST, GraspDriver
 from contactfusion.simulation.grasping import GraspCycle, grasped, result_of
 from contactfusion.simulation.opening import open_scene
 from tests.test_docs import unnamed
@@ -58,6 +66,43 @@ def moved(one: GraspScene, seconds: float, *velocity: float, gripper: float | No
 def played(one: GraspScene, column: Column, **pipeline: Any) -> list[GraspCycle]:
     chosen = PLAN.pipeline_of(column).model_copy(update=pipeline)
     return list(grasped(one, Pipeline(chosen)))
+
+
+@cache
+def still() -> Step:
+    """A step in which nothing is felt."""
+    return Pipeline(PipelineConfig(integrator=IntegratorConfig(frame="base"))).step(0.0)
+
+
+def moment(stamp: float, mode: str, height: float = 0.0) -> GraspCycle:
+    """A cycle of which only mode and truth are told: a bottle, so much higher than it stood."""
+    truth = GraspTruth(
+        stamp=stamp,
+        object=pose_of((0.8, 0.0, 0.25 + height), np.eye(3)),
+        tool=np.eye(4),
+        joints=np.zeros(1),
+        touched=True,
+        supported=height == 0.0,
+        force=0.0,
+    )
+    step = replace(still(), stamp=stamp, command=Command(mode=mode))
+    return GraspCycle([], step, truth, "")
+
+
+def lift_up() -> list[GraspCycle]:
+    """A bottle is approached, from 3 s on lifted, and from 4 to 7 s held."""
+    modes = ["open"] * 2 + ["approach"] * 2 + ["close"] * 2 + ["lift"] * 2 + ["hold"] * 7
+    return [
+        moment(0.5 * row, mode, 0.13 * float(np.clip(0.5 * row - 3.0, 0.0, 1.0)))
+        for row, mode in enumerate(modes)
+    ]
+
+
+def otherwise(cycles: list[GraspCycle], row: int, **truth: Any) -> list[GraspCycle]:
+    """The same, but for what is true in one cycle."""
+    others = list(cycles)
+    others[row] = replace(cycles[row], truth=replace(cycles[row].truth, **truth))
+    return others
 
 
 def success(one: GraspScene, cycles: list[GraspCycle]) -> bool:
@@ -169,11 +214,51 @@ def test_the_gripper_closes_and_opens() -> None:
     assert ends == pytest.approx([-0.15, 1.3], abs=0.03)
 
 
+def led(command: Command, seconds: float, **start: float) -> FloatArray:
+    """Give how fast an arm is led at most that follows a command exactly, by joint [rad/s]."""
+    names, one = robot().joint_names, config()
+    wanted = one_scene().truth().joints.copy()
+    for name, position in start.items():
+        wanted[names.index(name)] = position
+    stiffness = np.full(len(names), 400.0)
+    driver = GraspDriver(robot(), "palm", one.gripper, one.grip, stiffness, wanted)
+    driver.obey(command)
+    ways = [wanted, *(driver.advance(driver.wanted) for _ in range(round(seconds / STEP)))]
+    arm = [row for row, name in enumerate(names) if name.startswith("arm_")]
+    fastest: FloatArray = np.abs(np.diff(ways, axis=0)).max(axis=0)[arm] / STEP
+    return fastest
+
+
+@pytest.mark.parametrize("speed", [30.0, -30.0])
+def test_no_joint_is_faster_than_it_may_be_however_fast_it_is_told(speed: float) -> None:
+    fastest = led(Command(joint_velocities={"arm_1": speed, "arm_2": 0.5}), 0.1)
+    assert fastest == pytest.approx([FASTEST, 0.5, *[0.0] * (len(fastest) - 2)], abs=1e-6)
+
+
+def test_no_joint_is_faster_to_follow_a_tool_when_the_arm_is_almost_stretched_out() -> None:
+    ahead = Twist(stamp=0, frame="palm", linear=np.array([0, 0, 0.15]), angular=np.zeros(3))
+    assert led(Command(twist=ahead), 0.15, arm_4=-0.1).max() == pytest.approx(FASTEST)
+    assert led(Command(twist=ahead), 0.15).max() < 0.2
+    both = Command(twist=ahead, joint_velocities={f"arm_{row}": 1.0 for row in range(1, 8)})
+    assert led(both, 0.15, arm_4=-0.1).max() == pytest.approx(FASTEST)
+
+
 def test_the_hand_presses_with_limited_force_against_what_does_not_give_way() -> None:
     one = scene(thing="carton", mass=60.0, table_friction=0.59)
     moved(one, 1.0, 0.0, 0.0, 0.0, gripper=0.0)
     moved(one, 5.0, 0.0, 0.0, 0.06)
     assert 5.0 < one.truth().force < 250.0
+
+
+def test_a_push_between_two_questions_is_told_once() -> None:
+    """The hand runs into the bottle and goes back before anybody asks."""
+    one = scene(distance=0.24, offset=0.035)
+    assert one.truth().force == 0.0
+    moved(one, 0.4, 0.0, 0.0, 0.1)
+    moved(one, 0.7, 0.0, 0.0, -0.1)
+    after, later = one.truth(), one.truth()
+    assert not after.touched and after.force > 1.0
+    assert later.force == 0.0
 
 
 # What is read
@@ -208,6 +293,29 @@ def test_a_wrist_tells_no_more_than_its_range() -> None:
     wrenches = [reading for reading in one.readings() if isinstance(reading, Wrench)]
     assert max(np.abs(wrench.force).max() for wrench in wrenches) == 2.0
     assert max(np.abs(wrench.torque).max() for wrench in wrenches) == 0.1
+
+
+def test_who_looks_changes_nothing_of_what_wrists_joints_and_skins_read() -> None:
+    heard = []
+    for rate in (0.0, 20.0):
+        one = scene(3, offset=(-0.05, 0.05), camera_rate=rate)
+        felt, seen = list[list[float]](), 0
+        for _ in range(3):
+            for reading in one.readings():
+                match reading:
+                    case Wrench():
+                        felt.append([*reading.force, *reading.torque])
+                    case TactileImage():
+                        felt.append(reading.values.tolist())
+                    case JointState():
+                        felt.append(reading.positions.tolist())
+                    case _:
+                        seen += 1
+            moved(one, 0.05)
+        heard.append((felt, seen > 0))
+    (blind, none), (looking, some) = heard
+    assert blind == looking
+    assert (none, some) == (False, True)
 
 
 def test_the_same_seed_gives_the_same_grasp_and_another_another() -> None:
@@ -269,9 +377,68 @@ def test_what_was_held_at_the_end_only_for_a_moment_is_no_success() -> None:
     assert not result_of(cycles, 0.2, 2.0).success
 
 
+@pytest.mark.parametrize("period", [0.02, 0.1])
+def test_a_hand_that_is_led_more_or_less_often_corrects_itself_and_lifts(period: float) -> None:
+    one = scene(offset=0.045, period=period)
+    cycles = played(one, PAPERS)
+    assert cycles[-1].ending == "lifted"
+    result = result_of(cycles, one.config.lifted, one.config.held)
+    assert result.success and result.corrections >= 1
+    assert cycles[1].truth.stamp == pytest.approx(period)
+
+
 def test_without_a_controller_nothing_is_grasped() -> None:
     with pytest.raises(ConfigurationError, match="a grasp needs a controller"):
         played(scene(), PAPERS, controller=None)
+
+
+# What came of it
+
+
+def test_what_only_the_hand_holds_up_for_two_seconds_is_a_success() -> None:
+    result = result_of(lift_up(), 0.1, 2.0)
+    assert result.success and not result.fallen
+    assert (result.time, result.height) == pytest.approx((7.0, 0.13))
+
+
+def test_what_lies_on_something_else_in_the_last_seconds_is_no_success() -> None:
+    cycles = lift_up()
+    assert not result_of(otherwise(cycles, 12, supported=True), 0.1, 2.0).success
+    assert not result_of(otherwise(cycles, -1, supported=True), 0.1, 2.0).success
+    assert result_of(otherwise(cycles, 9, supported=True), 0.1, 2.0).success
+
+
+def test_what_the_hand_does_not_touch_in_the_end_is_no_success_however_high() -> None:
+    cycles = lift_up()
+    assert not result_of(otherwise(cycles, -1, touched=False), 0.1, 2.0).success
+
+
+@pytest.mark.parametrize(
+    ("lean", "supported", "fallen"),
+    [(60.0, False, False), (60.0, True, True), (90.0, True, True), (30.0, True, False)],
+)
+def test_fallen_is_what_lies_and_not_what_leans_in_the_hand(
+    lean: float, supported: bool, fallen: bool
+) -> None:
+    turn = Rotation.from_euler("zx", [120.0, lean], degrees=True).as_matrix()
+    leaning = pose_of((0.8, 0.0, 0.3), turn)
+    cycles = otherwise(lift_up(), -1, object=leaning, supported=supported)
+    assert result_of(cycles, 0.1, 2.0).fallen == fallen
+
+
+@pytest.mark.parametrize(
+    ("mode", "force"),
+    [
+        *((mode, 7.0) for mode in ("approach", "back", "aside", "enter")),
+        *((mode, 3.0) for mode in ("open", "close", "lift", "hold", "retreat")),
+    ],
+)
+def test_a_push_counts_when_it_was_felt_on_the_way_to_the_object(mode: str, force: float) -> None:
+    """What a cycle tells was felt in the mode that was commanded before."""
+    modes = ["approach", mode, "lifted"]
+    cycles = [moment(0.0, "open"), *(moment(0.1, one) for one in modes)]
+    pushed = otherwise(otherwise(cycles, 2, force=3.0), 3, force=7.0)
+    assert result_of(pushed, 0.1, 2.0).force == force
 
 
 # By configuration

@@ -15,7 +15,7 @@ from contactfusion.pipeline import Pipeline
 from contactfusion.pipeline_config import PipelineConfig
 from contactfusion.plugins import installed_plugins
 from contactfusion.surface import Surface
-from tests.grasp_toys import PERIOD, ToyHand, contact, controller
+from tests.grasp_toys import ToyHand, contact, controller
 
 TIP = 0.19
 """How far ahead of the tool fingertips are [m]."""
@@ -62,6 +62,18 @@ def test_a_touch_beside_the_middle_makes_the_hand_go_back_aside_and_ahead_again(
     assert hand.modes()[:5] == ["open", "approach", "back", "aside", "approach"]
     assert hand.mode == GraspMode.LIFTED
     assert hand.pose[1, 3] == pytest.approx(aside, abs=0.015)
+
+
+@pytest.mark.parametrize("period", [0.02, 0.1])
+def test_however_often_it_is_asked_it_lifts_with_one_correction(period: float) -> None:
+    hand = holding(ToyHand(controller(), bottle(0.05), period))
+    hand.until(*ENDS)
+    corrected = ["back", "aside", "approach"]
+    assert hand.modes() == [
+        *("open", "approach", *corrected, "enter", "close", "lift", "hold", "lifted")
+    ]
+    assert hand.pose[:3, 3] == pytest.approx([0.655, 0.058, 0.43], abs=0.01)
+    assert 12.0 < hand.now < 16.0
 
 
 def test_what_is_touched_on_one_side_then_on_the_other_lies_between() -> None:
@@ -149,7 +161,7 @@ def test_what_is_felt_while_the_hand_begins_to_move_is_its_own_jerk() -> None:
     hand.until("approach")
     hand.until("back")
     began = next(row for row, told in enumerate(hand.told) if told.mode == "approach")
-    assert (len(hand.told) - began) * PERIOD > 0.4
+    assert (len(hand.told) - began) * hand.period > 0.4
 
 
 def test_each_state_says_why_it_was_entered() -> None:
@@ -259,6 +271,19 @@ def test_what_takes_too_long_is_given_up() -> None:
     assert hand.now < 15.0
 
 
+@pytest.mark.parametrize("when", ["lift", "hold"])
+def test_what_is_held_when_the_time_runs_out_is_not_let_go(when: str) -> None:
+    """The time is over a second after the hand has begun to lift, or to hold."""
+    timely = holding(ToyHand(controller()))
+    timely.until(when)
+    hand = holding(ToyHand(controller(longest=timely.now + 1.0)))
+    assert hand.until(*ENDS).mode == GraspMode.LIFTED
+    assert hand.told[-1].gripper == 1.0
+    assert hand.modes() == ["open", "approach", "close", "lift", "hold", "lifted"]
+    assert hand.now > timely.now + 2.0
+    assert hand.pose[2, 3] == pytest.approx(0.3 + 0.13, abs=0.003)
+
+
 def test_without_joints_it_waits_then_stands_still_blind() -> None:
     hand = ToyHand(controller(patience=1.0))
     hand.deaf = True
@@ -339,6 +364,14 @@ def test_a_mirrored_world_gives_a_mirrored_way() -> None:
 def test_a_joint_that_nobody_tells_is_named_with_the_nearest() -> None:
     hand = ToyHand(controller(gripper={"lefft": (0.0, 1.0)}))
     with pytest.raises(ConfigurationError, match=r"gripper.lefft.*did you mean 'left'"):
+        hand.step()
+
+
+def test_joints_without_velocities_are_told_in_a_sentence() -> None:
+    hand = ToyHand(controller())
+    hand.tells_speeds = False
+    said = "gripper: the joints tell no velocities, by which one knows that the fingers rest"
+    with pytest.raises(ConfigurationError, match=said):
         hand.step()
 
 

@@ -45,7 +45,7 @@ class GraspTruth:
         touched: whether the robot touches the object.
         supported: whether anything else does, such as the table.
         force: of all that has touched the robot since the last instant that was asked for, the
-            greatest sum of magnitudes [N].
+            greatest sum of magnitudes; looked at 100 times a second [N].
     """
 
     stamp: float

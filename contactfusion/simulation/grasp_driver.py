@@ -116,7 +116,9 @@ class GraspDriver:
             Where they shall be, shape (n,) [rad, m].
         """
         if self._steps % EVERY == 0:
-            self._speeds = self._joints + self._led(positions, EVERY * STEP)
+            self._speeds = self._led(positions, EVERY * STEP)
+            if self._joints.any():
+                self._speeds = np.clip(self._joints + self._speeds, -FASTEST, FASTEST)
         self._steps += 1
         wanted = self.wanted + self._speeds * STEP
         there = self.wanted[self._rows]
