@@ -17,7 +17,7 @@ from contactfusion.controllers.grasp_parameters import GraspMode, ReactiveGraspC
 from contactfusion.errors import ConfigurationError, RobotError
 from contactfusion.experiments.grasp.plan import DEFAULT, NONE, Column, read_plan
 from contactfusion.experiments.methods import Method
-from contactfusion.frames import pose_of
+from contactfusion.frames import inverse, pose_of
 from contactfusion.integrator.config import IntegratorConfig
 from contactfusion.pipeline import Pipeline, Step
 from contactfusion.pipeline_config import PipelineConfig
@@ -241,6 +241,16 @@ def test_no_joint_is_faster_to_follow_a_tool_when_the_arm_is_almost_stretched_ou
     assert led(Command(twist=ahead), 0.15).max() < 0.2
     both = Command(twist=ahead, joint_velocities={f"arm_{row}": 1.0 for row in range(1, 8)})
     assert led(both, 0.15, arm_4=-0.1).max() == pytest.approx(FASTEST)
+
+
+def test_at_the_limits_of_its_joints_the_hand_stays_on_its_way() -> None:
+    """Going back, the elbow soon bends no further: the hand waits there, and does not go round."""
+    one = scene(azimuth=180.0)
+    start = one.truth().tool
+    moved(one, 1.5, 0.0, 0.0, -0.05)
+    away = (inverse(start) @ one.truth().tool)[:3, 3]
+    assert -0.02 < away[2] < -0.005
+    assert np.abs(away[:2]).max() < 0.01
 
 
 def test_the_hand_presses_with_limited_force_against_what_does_not_give_way() -> None:

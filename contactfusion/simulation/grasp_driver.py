@@ -30,6 +30,8 @@ GAIN = 10.0
 BEHIND = np.array([0.02, 0.02, 0.02, 0.1, 0.1, 0.1])
 """The tool's goal waits when the arm is so far behind it, as at the end of its reach, or when
 something is in its way: that limits its force [m, then rad]."""
+BENT = BEHIND / 5.0
+"""It waits, too, when joints at their limits keep the tool so far off its way: it would go round."""
 
 
 class GraspDriver:
@@ -139,10 +141,9 @@ class GraspDriver:
         goal = self._goal.copy()
         goal[:3, 3] += self._twist[:3] * period
         goal[:3, :3] = Rotation.from_rotvec(self._twist[3:] * period).as_matrix() @ goal[:3, :3]
-        ahead, before = (
-            float(np.abs(_way(really, one) / BEHIND).max()) for one in (goal, self._goal)
-        )
-        if ahead < max(before, 1.0):
+        if _comes_along(really, self._goal, goal, BEHIND) and _comes_along(
+            there, self._goal, goal, BENT
+        ):
             self._goal = goal
         error = _way(there, self._goal)
         jacobian = self._model.jacobian(self._tool, self.wanted) * self._leading
@@ -150,6 +151,12 @@ class GraspDriver:
         speeds = jacobian.T @ np.linalg.solve(squared, self._twist + GAIN * error)
         led: FloatArray = speeds * min(1.0, FASTEST / max(float(np.abs(speeds).max()), 1e-12))
         return led
+
+
+def _comes_along(tool: Pose, goal: Pose, further: Pose, most: FloatArray) -> bool:
+    """Tell whether a tool is near enough to a goal that goes on, or nearer to it than before."""
+    before, after = (float(np.abs(_way(tool, one) / most).max()) for one in (goal, further))
+    return after < max(before, 1.0)
 
 
 def _way(start: Pose, end: Pose) -> FloatArray:
