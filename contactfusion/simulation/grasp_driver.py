@@ -31,7 +31,7 @@ BEHIND = np.array([0.02, 0.02, 0.02, 0.1, 0.1, 0.1])
 """The tool's goal waits when the arm is so far behind it, as at the end of its reach, or when
 something is in its way: that limits its force [m, then rad]."""
 BENT = BEHIND / 5.0
-"""It waits, too, when joints at their limits keep the tool so far off its way: it would go round."""
+"""It waits, too, when joints at their limits keep the tool so far off: it would go round."""
 
 
 class GraspDriver:
