@@ -28,7 +28,7 @@ RECENT = 0.3
 """A contact that comes so long after the last is of another touch [s]."""
 SILENT = 0.5
 """Joints that have told nothing for so long are silent [s]."""
-ENDED_SOON = (*ENDS, GraspMode.RETREAT, GraspMode.LIFT, GraspMode.HOLD)
+ENDED_SOON = (*ENDS, GraspMode.RETREAT, GraspMode.LIFT, GraspMode.LOWER, GraspMode.HOLD)
 """States that a time limit does not end: what is held would be dropped."""
 
 
@@ -48,6 +48,7 @@ class ReactiveGrasp(Controller):
             GraspMode.ENTER: self._enter,
             GraspMode.CLOSE: self._close,
             GraspMode.LIFT: self._lift,
+            GraspMode.LOWER: self._lower,
             GraspMode.HOLD: self._hold,
             GraspMode.RETREAT: self._retreat,
         }
@@ -61,6 +62,7 @@ class ReactiveGrasp(Controller):
         self._gripper: float | None = None
         self._start = np.zeros(3)
         self._shift, self._held = np.zeros(3), np.zeros(0)
+        self._taken = np.zeros(3)
         self._touches = list[tuple[float, HandContact]]()
         self._between = Between()
         self._corrections, self._attempt = 0, 1
@@ -166,7 +168,7 @@ class ReactiveGrasp(Controller):
         if (sense.closed >= self.options.empty).all():
             self._miss(sense)
             return
-        self._held = sense.closed
+        self._held, self._taken = sense.closed, sense.place
         goal = sense.place + self.options.lift * sense.tool[:3, 1]
         self._go(GraspMode.LIFT, f"fingers rest {sense.closed.mean():.0%} closed", sense, goal)
 
@@ -186,8 +188,12 @@ class ReactiveGrasp(Controller):
             return
         if move.is_there:
             self._go(GraspMode.HOLD, "high enough", sense)
-        elif move.is_blocked:  # it keeps what it holds, which would fall
-            self._go(GraspMode.BLOCKED, "the hand comes no higher", sense)
+        elif move.is_blocked:  # what it holds would fall from here
+            self._go(GraspMode.LOWER, "the hand comes no higher", sense, self._taken)
+
+    def _lower(self, sense: Sense, move: Move) -> None:
+        if move.is_there or move.is_blocked:
+            self._fail(GraspMode.BLOCKED, self._reason, sense)
 
     def _hold(self, sense: Sense, move: Move) -> None:
         if not self._slipped(sense) and sense.now - move.began >= self.options.hold:

@@ -313,12 +313,16 @@ def test_joints_that_tell_the_same_for_ever_are_those_of_a_hand_that_is_blocked(
     assert hand.until(*ENDS).mode == GraspMode.BLOCKED
 
 
-def test_what_is_held_is_kept_when_the_hand_comes_no_higher() -> None:
+def test_what_comes_no_higher_is_put_down_before_it_is_let_go() -> None:
     hand = holding(ToyHand(controller()))
-    hand.stopped = lambda hand, velocity: hand.mode == GraspMode.LIFT
-    command = hand.until(*ENDS)
-    assert (command.mode, command.reason) == ("blocked", "the hand comes no higher")
-    assert command.gripper == 1.0
+    hand.until("lift")
+    low = hand.pose[2, 3]
+    hand.stopped = lambda hand, velocity: velocity[1] > 0.0 and hand.pose[2, 3] > low + 0.05
+    assert hand.until("lower").gripper == 1.0
+    command = hand.until("retreat")
+    assert (command.gripper, command.reason) == (0.0, "the hand comes no higher")
+    assert hand.pose[2, 3] < low + 0.005
+    assert hand.until(*ENDS).mode == GraspMode.BLOCKED
 
 
 def test_a_hand_that_hears_of_its_joints_late_begins_then() -> None:
