@@ -36,7 +36,7 @@ class GraspMode(StrEnum):
     HOLD = "hold"
     """It stands, for as long as a grasp has to hold."""
     RETREAT = "retreat"
-    """The grasp has failed: the gripper opens, and the hand goes straight back to whence it came."""
+    """The grasp has failed: the gripper opens, and the hand goes straight back, as it came."""
     LIFTED = "lifted"
     """The object is held."""
     MISSED = "missed"
