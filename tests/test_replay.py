@@ -1,6 +1,7 @@
 """Replays: a recording in, contacts out, and everything that can be wrong with either."""
 
 import csv
+from collections import Counter
 from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
@@ -12,7 +13,7 @@ from mcap_ros2.decoder import DecoderFactory
 from pyarrow import parquet
 
 from contactfusion.errors import ConfigurationError, RecordingError
-from contactfusion.readings import Reading, Transform
+from contactfusion.readings import DepthImage, ObjectPose, Reading, Transform
 from contactfusion.recordings.mcap import McapWriter
 from contactfusion.recordings.ros import RawMessage, RosConfig, RosRecording
 from contactfusion.replaying.configuration import setting_of_file, setting_of_recording
@@ -21,6 +22,7 @@ from contactfusion.replaying.session import Session, Window
 from tests.toys import offer_toys, point, wrench
 
 EPOCH = 1_700_000_000_000_000_000
+K = np.array([[1.0, 0.0, 1.0], [0.0, 1.0, 1.0], [0.0, 0.0, 1.0]])
 PLACE = (0.1025, 0.0025, 0.0025)
 CONFIG = """
 generators:
@@ -90,6 +92,42 @@ def test_a_recording_keeps_its_topics_and_gets_contacts(config: Path, recording:
     assert "/contactfusion/contacts/markers" in after
     cloud = after["/contactfusion/contacts/voxels"][3]
     assert [field.name for field in cloud.fields] == ["x", "y", "z", "likelihood", "verdict"]
+
+
+def test_all_that_one_sensor_tells_is_heard_clouds_images_and_objects(
+    config: Path, tmp_path: Path
+) -> None:
+    """A camera that tells clouds and images, and a tracker of two objects."""
+    seen: list[Reading] = []
+    for stamp in (0.0, 0.1, 0.2):
+        seen.append(point(stamp, *PLACE, sensor="eye"))
+        seen.append(
+            DepthImage(stamp=stamp, frame="base", sensor="eye", depth=np.ones((2, 3)), intrinsics=K)
+        )
+        seen += [
+            ObjectPose(stamp=stamp, frame="base", sensor="tracker", name=name, position=np.zeros(3),
+                       orientation=np.array([0.0, 0.0, 0.0, 1.0]))
+            for name in ("box", "cup")
+        ]  # fmt: skip
+    path = recorded(tmp_path / "seen.mcap", seen)
+    session = Session(setting_of_file(config), path, watched=True)
+    heard = [(type(one), one.sensor) for one in session.readings()]
+    assert Counter(heard) == Counter((type(one), one.sensor) for one in seen)
+
+
+def test_of_a_camera_that_tells_clouds_too_the_images_feed_who_takes_images(
+    tmp_path: Path,
+) -> None:
+    image = DepthImage(stamp=0.0, frame="base", sensor="eye", depth=np.ones((2, 3)), intrinsics=K)
+    path = recorded(tmp_path / "seen.mcap", [point(0.0, *PLACE, sensor="eye"), image])
+    for sensor in ("", ", sensor: eye"):
+        (tmp_path / "robot.yaml").write_text(
+            "generators: {look: {type: looker" + sensor + "}}\nintegrator: {frame: base}\n"
+        )
+        session = Session(setting_of_file(tmp_path / "robot.yaml"), path)
+        (one,) = session.readings()
+        assert isinstance(one, DepthImage)
+        assert one.sensor == session.inputs.generators["look"]["sensor"]
 
 
 def test_a_replay_of_what_a_replay_wrote_gives_the_same(config: Path, recording: Path) -> None:

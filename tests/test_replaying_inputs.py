@@ -38,7 +38,7 @@ def test_the_only_topic_of_its_kind_feeds_a_generator() -> None:
 
 def test_a_sensor_gets_the_name_that_its_generator_listens_to() -> None:
     inputs = found({"array": TactileImage}, finger=SKIN)
-    assert inputs.sensors == {"skin": "array"}
+    assert inputs.sensors == {"array": "skin"}
 
 
 def test_a_topic_called_like_the_sensor_goes_before_others_of_its_kind() -> None:
@@ -118,4 +118,4 @@ def test_a_generator_of_context_alone_takes_all_there_is() -> None:
 def test_what_nobody_listens_to_can_be_looked_at() -> None:
     topics = {"ft": Wrench, "left": PointCloud, "right": PointCloud, "cmd_vel": Twist}
     inputs = find_inputs(topics, {"wrist": {**WRIST, "sensor": "wrist"}}, {}, watched=True)
-    assert inputs.sensors == {"wrist": "ft", "left": "left", "right": "right"}
+    assert inputs.sensors == {"ft": "wrist", "left": "left", "right": "right"}

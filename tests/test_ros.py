@@ -596,7 +596,7 @@ def test_a_file_of_ouster_is_converted_for_as_long_as_it_is_read(
     recording = open_recording(tmp_path / "a.pcap")
     assert isinstance(recording, RosRecording)
     assert len(list(recording.readings())) == 1
-    part = recording.part({"ft": "/wrist"}, 0.0, None, None)
+    part = recording.part({"ft": ["/wrist"]}, 0.0, None, None)
     del recording
     assert [one.sensor for one in part.readings()] == ["ft"]
     assert made[0].is_file()

@@ -15,7 +15,7 @@ from contactfusion.generator import Generator, GeneratorConfig
 from contactfusion.hooks import GROUP, hookimpl
 from contactfusion.hypotheses import HypothesisCloud, HypothesisKind
 from contactfusion.plugins import Plugins
-from contactfusion.readings import PointCloud, Reading, Wrench
+from contactfusion.readings import DepthImage, PointCloud, Reading, Wrench
 from contactfusion.state import State
 
 
@@ -54,6 +54,15 @@ class Echo(Generator[GeneratorConfig]):
 
     def reset(self) -> None:
         self.states.clear()
+
+
+class Looker(Generator[GeneratorConfig]):
+    """Takes images, and sees nothing in them."""
+
+    readings = (DepthImage,)
+
+    def generate(self, reading: Reading, state: State) -> Sequence[HypothesisCloud]:
+        return ()
 
 
 class Feeler(Generator[GeneratorConfig]):
@@ -181,7 +190,7 @@ class Pilot(Controller):
 
 @hookimpl
 def contactfusion_generators() -> Mapping[str, Any]:
-    kinds = (Echo, Feeler, Naughty, Slow, Remote, Unpicklable)
+    kinds = (Echo, Looker, Feeler, Naughty, Slow, Remote, Unpicklable)
     return {"stranger": int, **{kind.__name__.lower(): kind for kind in kinds}}
 
 

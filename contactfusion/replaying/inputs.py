@@ -36,7 +36,7 @@ class Inputs:
     """What is read of a recording, and by whom.
 
     Attributes:
-        sensors: the topics that are read, by the names of their sensors.
+        sensors: the name of the sensor of each topic that is read.
         generators: the options of all generators by name, with the `sensor` of each.
         missing: what generators need and the recording does not hold, in sentences.
     """
@@ -79,8 +79,7 @@ def find_inputs(
     finding.refuse_strangers()
     if watched:
         finding.read(SENSED)
-    sensors = {sensor: topic for topic, sensor in finding.sensors.items()}
-    return Inputs(sensors, fed, tuple(finding.missing))
+    return Inputs(finding.sensors, fed, tuple(finding.missing))
 
 
 def _kinds(options: Mapping[str, Any]) -> Kinds:

@@ -144,17 +144,32 @@ def _opened(
     setting: Setting, path: Path, window: Window, tap: Tap | None, watched: bool
 ) -> tuple[Recording, Inputs]:
     whole = open_recording(path)
-    sources = whole.sources if isinstance(whole, RosRecording) else {}
-    sensors = {topic: sensor for sensor, topic in sources.items()}
-    told = {role: sensors.get(topic, topic) for role, topic in setting.told.items()}
+    if not isinstance(whole, RosRecording):
+        inputs = _inputs(setting, whole.topics, setting.told, watched)
+        return _Part(whole, inputs.sensors, window), inputs
+    streams = whole.streams
+    names = {topic: name for name, stream in streams.items() for topic in stream.topics}
+    told = {role: names.get(topic, topic) for role, topic in setting.told.items()}
+    kinds = {name: stream.kind for name, stream in streams.items()}
+    inputs = _inputs(setting, kinds, told, watched)
+    heard = dict[str, tuple[str, ...]]()
+    asked = {options.get("sensor") for options in inputs.generators.values()}
+    for name, wanted in inputs.sensors.items():
+        sensor = wanted if wanted != name or name in asked else streams[name].sensor
+        heard[sensor] = (*heard.get(sensor, ()), *streams[name].topics)
+    return whole.part(heard, window.start, window.duration, tap), inputs
+
+
+def _inputs(
+    setting: Setting,
+    topics: Mapping[str, type[Reading]],
+    told: Mapping[str, str],
+    watched: bool,
+) -> Inputs:
     try:
-        inputs = find_inputs(whole.topics, setting.config().generators, told, watched)
+        return find_inputs(topics, setting.config().generators, told, watched)
     except PluginError as error:
         raise ConfigurationError(f"{setting.origin}: {error}") from None
-    if isinstance(whole, RosRecording):
-        topics = {name: sources[sensor] for name, sensor in inputs.sensors.items()}
-        return whole.part(topics, window.start, window.duration, tap), inputs
-    return _Part(whole, inputs.sensors, window), inputs
 
 
 @final
@@ -163,7 +178,7 @@ class _Part(Recording):
 
     def __init__(self, whole: Recording, sensors: Mapping[str, str], window: Window) -> None:
         self._whole, self._window = whole, window
-        self._names = {topic: sensor for sensor, topic in sensors.items()}
+        self._names = sensors
         self.epoch_ns, self.topics = whole.epoch_ns, whole.topics
 
     def readings(self) -> Iterator[Reading]:

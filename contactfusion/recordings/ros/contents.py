@@ -1,6 +1,6 @@
 """What a recording of ROS holds, and which of it is read as which sensor."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from itertools import groupby
 from pathlib import Path
 
@@ -52,7 +52,7 @@ def contents_of(bag: Bag) -> dict[str, Topic]:
 
 
 def topics_of(
-    path: Path, contents: Mapping[str, Topic], wanted: Mapping[str, str]
+    path: Path, contents: Mapping[str, Topic], wanted: Mapping[str, Sequence[str]]
 ) -> dict[str, tuple[str, ...]]:
     """Give the topics to read by the names of their sensors, transforms among them.
 
@@ -75,9 +75,8 @@ def topics_of(
         return usual
     found: dict[str, tuple[str, ...]] = {}
     taken: dict[str, str] = {}
-    for sensor, name in wanted.items():
-        is_topic = name in contents or name.removeprefix("/") not in usual
-        found[sensor] = (name,) if is_topic else usual[name.removeprefix("/")]
+    for sensor, group in wanted.items():
+        found[sensor] = tuple(topic for name in group for topic in _meant(name, contents, usual))
         for one in found[sensor]:
             _require_readable(path, contents, one)
             if taken.setdefault(one, sensor) != sensor:
@@ -86,6 +85,14 @@ def topics_of(
         if contents[names[0]].kind is Transform and names[0] not in taken:
             found[names[0] if sensor in found else sensor] = names
     return found
+
+
+def _meant(
+    name: str, contents: Mapping[str, Topic], usual: Mapping[str, tuple[str, ...]]
+) -> tuple[str, ...]:
+    """Give the topics that a name means: a topic, or all of what is usually called so."""
+    is_topic = name in contents or name.removeprefix("/") not in usual
+    return (name,) if is_topic else usual[name.removeprefix("/")]
 
 
 def _kind(

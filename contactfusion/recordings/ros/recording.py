@@ -1,6 +1,6 @@
 """Recordings of ROS: bags of ROS 1, rosbag2 and MCAP, bare or in folders (extra `record`)."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
 from typing import final
@@ -17,7 +17,7 @@ from contactfusion.recordings.ros.contents import contents_of, topics_of
 from contactfusion.recordings.ros.files import Bag
 from contactfusion.recordings.ros.messages import Tap, messages
 from contactfusion.recordings.ros.order import Entry, Heard, Sorter, TopicTally
-from contactfusion.recordings.ros.topics import Topic, listeners
+from contactfusion.recordings.ros.topics import Stream, Topic, listeners
 from contactfusion.time import LONGEST_SECONDS, NANOSECONDS_PER_SECOND, to_nanoseconds
 
 
@@ -49,13 +49,22 @@ class RosRecording(Recording):
         folder: where a relative file name starts.
         tap: hears every message of the file within the time, also those that are no readings, each
             time that the readings are read.
+        sensors: topics by the names of sensors, in place of those of the configuration.
 
     Raises:
         DependencyError: rosbags is not installed.
         RecordingError: the file is missing or can't be read, or a topic is not there or can't be.
     """
 
-    def __init__(self, config: RosConfig, folder: Path = Path(), tap: Tap | None = None) -> None:
+    def __init__(
+        self,
+        config: RosConfig,
+        folder: Path = Path(),
+        tap: Tap | None = None,
+        sensors: Mapping[str, Sequence[str]] | None = None,
+    ) -> None:
+        if sensors is None:
+            sensors = {sensor: (topic,) for sensor, topic in config.sensors.items()}
         self._path, self._config, self._tap = folder / config.file, config, tap
         self._folder = folder
         self._whole: RosRecording | None = None
@@ -65,7 +74,7 @@ class RosRecording(Recording):
         with Bag(self._path) as bag:
             self.contents: dict[str, Topic] = contents_of(bag)
             """All its topics by name."""
-            self.sensors = topics_of(self._path, self.contents, config.sensors)
+            self.sensors = topics_of(self._path, self.contents, sensors)
             """The topics of each sensor, transforms among them."""
             self.epoch_ns = self._begin_ns = self._first_stamp(bag, None)
             if config.start:
@@ -81,12 +90,34 @@ class RosRecording(Recording):
         """The topic of each sensor; of one that has several, the first."""
         return {sensor: topics[0] for sensor, topics in self.sensors.items()}
 
+    @property
+    def streams(self) -> Mapping[str, Stream]:
+        """Topics of one sensor and kind, by the name of the sensor.
+
+        Where topics of other kinds are of the same sensor, as the images of a camera that tells
+        clouds, too, they stand under their own names.
+        """
+        found: dict[str, Stream] = {}
+        for sensor, topics in self.sensors.items():
+            for topic in topics:
+                kind = self.contents[topic].kind
+                assert kind is not None
+                told = found.setdefault(sensor, Stream(sensor, kind, ()))
+                name = sensor if told.kind is kind else topic.removeprefix("/")
+                before = found[name].topics if name in found else ()
+                found[name] = Stream(sensor, kind, (*before, topic))
+        return found
+
     def part(
-        self, sensors: Mapping[str, str], start: float, duration: float | None, tap: Tap | None
+        self,
+        sensors: Mapping[str, Sequence[str]],
+        start: float,
+        duration: float | None,
+        tap: Tap | None,
     ) -> "RosRecording":
         """Give the same recording with other choices, see `RosConfig`."""
-        choice = {"sensors": dict(sensors), "start": start, "duration": duration}
-        made = RosRecording(self._config.model_copy(update=choice), self._folder, tap)
+        choice = {"start": start, "duration": duration}
+        made = RosRecording(self._config.model_copy(update=choice), self._folder, tap, sensors)
         made._whole = self
         return made
 

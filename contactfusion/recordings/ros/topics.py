@@ -2,6 +2,7 @@
 
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass
+from typing import NamedTuple
 
 from contactfusion.readings import DepthImage, ObjectPose, Reading, Transform
 from contactfusion.recordings.ros.images import COLOUR, INFO, MASK
@@ -29,6 +30,14 @@ class Topic:
     count: int
     kind: type[Reading] | None
     publishers: int
+
+
+class Stream(NamedTuple):
+    """Topics of one sensor that hold readings of one kind."""
+
+    sensor: str
+    kind: type[Reading]
+    topics: tuple[str, ...]
 
 
 def listeners(
