@@ -4,10 +4,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from contactfusion.arrays import FloatArray
 from contactfusion.contacts import Contact
+from contactfusion.errors import ConfigurationError
 from contactfusion.frames import Pose, inverse, points_in, vectors_in
 from contactfusion.model import Model
 from contactfusion.surface import Surface
@@ -30,6 +31,16 @@ class HandConfig(Model):
     """About that of objects: so far behind the place where it is touched lies its middle [m]."""
     sigma: float = Field(default=0.03, gt=0)
     """Standard deviation of how far aside the middle of the object is [m]."""
+
+    @model_validator(mode="after")
+    def _ordered(self) -> "HandConfig":
+        for axis, low, high in zip("xyz", *self.box, strict=True):
+            if low >= high:
+                raise ConfigurationError(
+                    f"give the least, then the greatest: of {axis} these are {low:g} and {high:g}",
+                    "box",
+                )
+        return self
 
 
 @dataclass(frozen=True, eq=False)

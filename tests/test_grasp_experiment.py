@@ -2,8 +2,9 @@
 
 import csv
 import json
+import re
 from contextlib import closing
-from dataclasses import replace
+from dataclasses import asdict, replace
 from itertools import islice
 from pathlib import Path
 from typing import Any
@@ -16,6 +17,7 @@ from typer.testing import CliRunner
 from contactfusion.cli import app
 from contactfusion.errors import ConfigurationError, RobotError
 from contactfusion.experiments.grasp import experiment, tables
+from contactfusion.experiments.grasp import film as filming
 from contactfusion.experiments.grasp.experiment import COLUMNS, Options, columns_of, run_grasp
 from contactfusion.experiments.grasp.plan import (
     DEFAULT,
@@ -24,12 +26,12 @@ from contactfusion.experiments.grasp.plan import (
     Grasp,
     Plan,
     chosen_sources,
-    read_plan,
 )
+from contactfusion.experiments.grasp.reading import check_columns, read_plan
 from contactfusion.experiments.grasp.recorded import recorded
 from contactfusion.experiments.grasp.trial import Row, load, results_csv, run_trial, save
 from contactfusion.experiments.methods import Method
-from contactfusion.fault_config import FaultFile
+from contactfusion.fault_config import Fault, FaultFile
 from contactfusion.files import make_folder
 from contactfusion.pipeline import Pipeline
 from contactfusion.replaying.configuration import setting_of_recording
@@ -40,6 +42,7 @@ from contactfusion.simulation.grasping import grasped
 
 DE_MORGAN = Method("de_morgan", "cluster_centroid")
 OPEN_LOOP = Column(NONE, DE_MORGAN)
+FILE: dict[str, Any] = yaml.safe_load(DEFAULT.read_text())
 ROW = Row(
     trial="bottle-000",
     column="none",
@@ -58,10 +61,29 @@ ROW = Row(
     force=2.0,
 )
 
+OTHER = {"type": "dipole_field", "target": [1.0, 0.0]}
+
 
 def plan(**fields: Any) -> Plan:
     told = {"things": ["bottle"], "faults": (), "noise": None, "seed": 0, **fields}
     return read_plan(DEFAULT, **told)
+
+
+def my_file(folder: Path, **change: Any) -> Path:
+    """The packaged file, changed."""
+    fields = {**FILE, "robot": "contactfusion.robots:arm_hand.yaml", **change}
+    file = folder / "my.yaml"
+    file.write_text(yaml.safe_dump(fields))
+    return file
+
+
+def in_scene(**fields: Any) -> dict[str, Any]:
+    return {"scene": {**FILE["scene"], **fields}}
+
+
+def bottle(**fields: Any) -> dict[str, Any]:
+    thing = FILE["objects"]["bottle"]
+    return {"objects": {"bottle": {**thing, "object": {**thing["object"], **fields}}}}
 
 
 def rows(column: str, *successes: bool) -> list[Row]:
@@ -79,7 +101,12 @@ def without_physics(monkeypatch: pytest.MonkeyPatch, done: list[str] | None = No
             done.append(f"{column.name}/{grasp.name}")
         success = column.sources != NONE or grasp.repeat % 2 == 0
         return replace(
-            ROW, trial=grasp.name, column=column.name, object=grasp.thing, success=success
+            ROW,
+            trial=grasp.name,
+            column=column.name,
+            object=grasp.thing,
+            seed=grasp.seed,
+            success=success,
         )
 
     def each(make: Any, tasks: Any, workers: int) -> Any:
@@ -108,6 +135,19 @@ def test_sources_are_chosen_by_name_or_type() -> None:
     assert chosen_sources("all", known) == list(known)
     with pytest.raises(ConfigurationError, match="unknown source 'writs': did you mean 'wrist'"):
         chosen_sources("motion+writs", known)
+    with pytest.raises(ConfigurationError, match="'tactile' stands twice in 'tactile\\+tactile'"):
+        chosen_sources("tactile+tactile", known)
+
+
+@pytest.mark.parametrize(
+    ("one", "other"),
+    [("force_torque+motion", "motion+force_torque"), ("tactile", "tip_1+tactile")],
+)
+def test_a_column_that_is_the_same_as_another_is_refused(one: str, other: str) -> None:
+    columns = [Column(sources, DE_MORGAN) for sources in (one, other)]
+    with pytest.raises(ConfigurationError) as caught:
+        check_columns(plan(), columns, DEFAULT)
+    assert str(caught.value) == f"sources: '{other}' is the same as '{one}'"
 
 
 def test_without_sources_the_hand_goes_to_where_the_object_should_be_and_closes() -> None:
@@ -156,17 +196,60 @@ def test_each_object_changes_the_scene() -> None:
         ({"robot": None}, "robot: a scene needs a robot by URDF"),
         ({"objects": {"bottle": {"masss": 1}}}, "objects.bottle.masss: unknown field.*'mass'"),
         ({"integratr": {}}, "integratr.*did you mean 'integrator'"),
+        ({"objects": {"bottle": None}}, "objects.bottle: give by field what it changes.*not None"),
+        ({"objects": {"bottle": [1]}}, r"objects.bottle: give by field.*not \[1\]"),
+        *(
+            ({"objects": {"bottle": {}, name: {}}}, rf"objects\.{re.escape(name)}: .*no slash")
+            for name in ("../mug", "my\\mug", ".mug")
+        ),
+        ({"controller": {"type": "reactive_grap"}}, "controller.type: .*did you mean 'reactive_gr"),
+        ({"controller": {**FILE["controller"], "toll": 1}}, "controller.toll: unknown field.*tool"),
+        (in_scene(tool="plam"), "objects.bottle.tool: .*unknown link 'plam'.*did you mean 'palm'"),
+        (in_scene(posture={"arm_22": 0.0}), "objects.bottle.posture.arm_22: unknown joint"),
+        (bottle(pose={"parent": "palm"}), "objects.bottle.object.pose.parent: .*not in 'palm'"),
+        (bottle(urdf="botle.urdf"), "objects.bottle.object: .*botle.urdf"),
+        (bottle(urdf="no.such:bottle.urdf"), "objects.bottle.object.urdf: .*'no.such'"),
     ],
 )
 def test_a_wrong_file_is_told_in_a_sentence(
     change: dict[str, Any], said: str, tmp_path: Path
 ) -> None:
-    fields = {**yaml.safe_load(DEFAULT.read_text()), **change}
-    file = tmp_path / "my.yaml"
-    fields["robot"] = fields["robot"] and "contactfusion.robots:arm_hand.yaml"
-    file.write_text(yaml.safe_dump(fields))
     with pytest.raises(ConfigurationError, match=f"my.yaml: {said}"):
-        read_plan(file, [], (), None, 0)
+        read_plan(my_file(tmp_path, **change), [], (), None, 0)
+
+
+@pytest.mark.parametrize(
+    ("sources", "change", "said"),
+    [
+        (
+            "none",
+            {"controller": OTHER},
+            "sources: open loop, 'none', is for rea",
+        ),
+        ("none", {"controller": {**FILE["controller"], "depth": 0.5}}, "controller.reach: .*great"),
+        ("palm", {"generators": {"palm": {"type": "tactle"}}}, "generators.palm.type: .*'tactile'"),
+        (
+            "wrist",
+            {"generators": {"wrist": {"type": "force_torque", "wrist": "writs"}}},
+            "generators.wrist.wrist",
+        ),
+    ],
+)
+def test_what_a_column_cannot_be_made_of_is_told_before_anything_is_made(
+    sources: str, change: dict[str, Any], said: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    done: list[str] = []
+    without_physics(monkeypatch, done)
+    options = Options(config=my_file(tmp_path, **change), sources=[sources])
+    with pytest.raises(ConfigurationError, match=f"my.yaml: {said}"):
+        run_grasp(options, tmp_path / "out")
+    assert done == [] and not (tmp_path / "out").exists()
+
+
+def test_a_generator_that_no_column_uses_may_be_wrong(tmp_path: Path) -> None:
+    generators = {**FILE["generators"], "eye": {"type": "not_installed"}}
+    told = read_plan(my_file(tmp_path, generators=generators), [], (), None, 0)
+    check_columns(told, [Column("wrist", DE_MORGAN)], DEFAULT)
 
 
 def test_an_unknown_object_is_told_with_the_nearest() -> None:
@@ -186,13 +269,52 @@ def test_a_grasp_is_measured_and_its_row_kept(tmp_path: Path) -> None:
     assert row.ending in ("lifted", "missed", "dropped") and row.reason
     assert 5.0 < row.time < 30.0 and row.force > 0.0
     save(row, tmp_path / "row.json")
-    assert load(tmp_path / "row.json") == row
+    assert load(tmp_path / "row.json", OPEN_LOOP, grasp) == row
 
 
-def test_a_damaged_row_is_told_in_a_sentence(tmp_path: Path) -> None:
-    (tmp_path / "row.json").write_text('{"trial": 1')
-    with pytest.raises(ConfigurationError, match="row.json is no grasp of this experiment"):
-        load(tmp_path / "row.json")
+@pytest.mark.parametrize(
+    "text",
+    [
+        '{"trial": 1',
+        "[]",
+        *(
+            json.dumps({**asdict(ROW), **wrong})
+            for wrong in ({"success": "no"}, {"seed": 1.5}, {"time": None}, {"colour": "red"})
+        ),
+    ],
+)
+def test_a_damaged_row_is_told_in_a_sentence(text: str, tmp_path: Path) -> None:
+    (tmp_path / "row.json").write_text(text)
+    said = "row.json is no grasp of this experiment: remove it, so that it is made again"
+    with pytest.raises(ConfigurationError, match=said):
+        load(tmp_path / "row.json", OPEN_LOOP, Grasp("bottle", 0, 1))
+
+
+def test_a_row_is_that_of_its_own_grasp(tmp_path: Path) -> None:
+    save(ROW, tmp_path / "row.json")
+    assert load(tmp_path / "row.json", OPEN_LOOP, Grasp("bottle", 0, 1)) == ROW
+    others = [
+        (OPEN_LOOP, Grasp("bottle", 1, 1)),
+        (OPEN_LOOP, Grasp("bottle", 0, 2)),
+        (COLUMNS[0], Grasp("bottle", 0, 1)),
+    ]
+    for column, grasp in others:
+        with pytest.raises(
+            ConfigurationError, match="is none/bottle-000 of seed 1, not .*: remove it"
+        ):
+            load(tmp_path / "row.json", column, grasp)
+
+
+def test_a_damaged_grasp_is_told_before_others_are_made(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    done: list[str] = []
+    without_physics(monkeypatch, done)
+    run_grasp(Options(repeats=1, sources=["none"]), tmp_path)
+    (tmp_path / "trials" / "none" / "bottle-000.json").write_text("{")
+    with pytest.raises(ConfigurationError, match=r"none/bottle-000\.json is no grasp"):
+        run_grasp(Options(repeats=3, sources=["none"]), tmp_path)
+    assert len(done) == 1
 
 
 # The whole
@@ -258,13 +380,61 @@ def test_a_grasp_that_cannot_be_made_is_told_and_the_others_are_kept(
     def sometimes(plan: Plan, column: Column, grasp: Grasp) -> Row:
         if grasp.repeat == 1:
             raise RobotError("no way")
-        return replace(ROW, trial=grasp.name, column=column.name)
+        return replace(ROW, trial=grasp.name, column=column.name, seed=grasp.seed)
 
     monkeypatch.setattr(experiment, "run_trial", sometimes)
     with pytest.raises(RobotError, match="1 of 2 grasps were not made: none/bottle-001: no way"):
         run_grasp(Options(repeats=2, sources=["none"]), tmp_path)
     assert "none/bottle-001: no way" in (tmp_path / "table.md").read_text()
     assert len(list(tmp_path.glob("trials/none/*.json"))) == 1
+
+
+def test_a_grasp_that_was_not_made_is_not_filmed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    without_physics(monkeypatch)
+
+    def never(plan: Plan, column: Column, grasp: Grasp) -> Row:
+        raise RobotError("no way")
+
+    monkeypatch.setattr(experiment, "run_trial", never)
+    with pytest.raises(RobotError, match="^1 of 1 grasps were not made: none/bottle-000: no way$"):
+        run_grasp(Options(repeats=1, sources=["none"], record=["bottle-000"]), tmp_path)
+    assert "not recorded: none/bottle-000, which was not made" in capsys.readouterr().out
+
+
+def test_a_film_that_fails_is_told_when_all_else_is_done(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    without_physics(monkeypatch)
+
+    def blind(*_: Any) -> None:
+        raise RobotError("no light")
+
+    monkeypatch.setattr(filming, "film", blind)
+    with pytest.raises(RobotError, match="^1 of 1 films were not made: none/bottle-000: no light$"):
+        run_grasp(Options(repeats=1, sources=["none"], record=["bottle-000"]), tmp_path)
+    assert (tmp_path / "table.md").is_file()
+
+
+def test_without_grasps_of_the_first_column_nothing_is_compared(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    without_physics(monkeypatch)
+    made = vars(experiment)["run_trial"]
+
+    def not_first(plan: Plan, column: Column, grasp: Grasp) -> Any:
+        if column.sources == "wrist":
+            raise RobotError("no way")
+        return made(plan, column, grasp)
+
+    monkeypatch.setattr(experiment, "run_trial", not_first)
+    with pytest.raises(RobotError, match="2 of 6 grasps were not made"):
+        run_grasp(Options(repeats=2, sources=["wrist", "none", "tactile"]), tmp_path)
+    summary = json.loads((tmp_path / "summary.json").read_text())
+    assert list(summary["reached"]) == ["none", "tactile-de_morgan_cluster_centroid"]
+    assert summary["tests"] == []
+    assert "Compared" not in (tmp_path / "table.md").read_text()
 
 
 @pytest.mark.parametrize(
@@ -319,6 +489,19 @@ def test_columns_are_compared_with_the_first_grasp_by_grasp() -> None:
     assert (one["only it"], one["only the other"], one["p"]) == (0, 2, 0.5)
 
 
+def test_a_column_without_grasps_is_not_compared() -> None:
+    found = {"a": rows("a", True), "b": [], "c": rows("c", True)}
+    assert [one["column"] for one in tables.comparisons_of(found)] == ["c"]
+
+
+def test_failures_that_are_not_listed_are_counted() -> None:
+    failed = {count: tables.failures_text({"a": rows("a", *[False] * count)}) for count in (40, 60)}
+    assert "more" not in failed[40]
+    assert failed[60].splitlines()[0] == "a: 60 of 60"
+    assert failed[60].splitlines()[-1] == "- … and 20 more: results.csv"
+    assert len(failed[60].splitlines()) == 42
+
+
 def test_results_are_one_line_a_grasp() -> None:
     header, line = results_csv([ROW]).splitlines()
     assert header.startswith("trial,column,object,seed,offset,yaw,success,ending")
@@ -351,8 +534,14 @@ def test_p_values_count_less_the_more_columns_are_compared() -> None:
     assert "| b | a | 6 | 0 | 6 | 0.031 | 0.062 |" in tables.comparisons_text([first, second])
 
 
-def test_a_grasp_that_is_recorded_can_be_replayed_and_explained(tmp_path: Path) -> None:
-    told, (column, *_) = plan(), COLUMNS
+BIASED: dict[str, Any] = {"faults": [{"fault": "bias", "sensor": "wrist", "amount": [5.0] * 6}]}
+
+
+@pytest.mark.parametrize("faults", [(), FaultFile(**BIASED).faults], ids=["healthy", "biased"])
+def test_a_grasp_that_is_recorded_can_be_replayed_and_explained(
+    faults: tuple[Fault, ...], tmp_path: Path
+) -> None:
+    told, (column, *_) = plan(faults=faults), COLUMNS
     (grasp,) = told.grasps(["bottle"], 1)
     config = told.pipeline_of(column, grasp.seed)
     assert config.robot is not None
@@ -362,6 +551,7 @@ def test_a_grasp_that_is_recorded_can_be_replayed_and_explained(tmp_path: Path) 
     steps = [cycle.step for cycle in recorded(told, column, grasp, scene, some, path)]
     setting = setting_of_recording(path)
     assert set(setting.config().generators) == {"wrist", "motion"}
+    assert setting.config().faults == faults
     with closing(Session(setting, path)) as session:
         again = list(session.steps())
     assert [step.stamp for step in again[:10]] == pytest.approx([one.stamp for one in steps[1:11]])

@@ -15,7 +15,8 @@ from contactfusion.arrays import FloatArray
 from contactfusion.controller import Command
 from contactfusion.controllers.grasp_parameters import GraspMode, ReactiveGraspConfig
 from contactfusion.errors import ConfigurationError, RobotError
-from contactfusion.experiments.grasp.plan import DEFAULT, NONE, Column, read_plan
+from contactfusion.experiments.grasp.plan import DEFAULT, NONE, Column
+from contactfusion.experiments.grasp.reading import read_plan
 from contactfusion.experiments.methods import Method
 from contactfusion.frames import inverse, pose_of
 from contactfusion.integrator.config import IntegratorConfig
@@ -36,6 +37,7 @@ ROOT = Path(__file__).resolve().parents[1]
 SCENES = ROOT / "examples" / "scenes"
 PAPERS = Column("force_torque+motion", Method("de_morgan", "cluster_centroid"))
 OPEN_LOOP = Column(NONE, PAPERS.method)
+FINGER = "finger_1_proximal_joint"
 PLAN = read_plan(DEFAULT, ["bottle", "mug", "carton"], (), None, 0)
 
 
@@ -475,11 +477,34 @@ def test_a_scene_file_is_run_and_its_truth_told(
         ({"wrench_range": (0.0, 1.0)}, "wrench_range.*greater than 0"),
         ({"offset": (0.05, -0.05)}, "offset.*the least, then the greatest"),
         ({"offsett": 0.0}, "offsett.*did you mean 'offset'"),
+        (
+            {"gripper": {"arm_7": (0.0, 1.0)}},
+            "gripper.arm_7: it leads the tool 'palm', so it is no joint of fingers",
+        ),
+        ({"gripper": {FINGER: (-0.15, 2.5)}}, f"gripper.{FINGER}: 2.5 is beyond .*-0.3 and 2.4"),
+        ({"gripper": {FINGER: (-0.35, 1.3)}}, f"gripper.{FINGER}: -0.35 is beyond .*-0.3 and 2.4"),
+        ({"posture": {"arm_2": -2.3}}, "posture.arm_2: -2.3 is beyond .*limits.*-2.2 and 2.2"),
+        ({"stuck": {FINGER: 3.0}}, f"stuck.{FINGER}: 3 is beyond .*limits.*-0.3 and 2.4"),
+        (
+            {"surroundings": {"object": PLAN.scenes["bottle"].surroundings["table"]}},
+            "surroundings.object: that is what the grasped object is called",
+        ),
     ],
 )
 def test_a_wrong_field_is_told_in_a_sentence(fields: dict[str, Any], said: str) -> None:
     with pytest.raises((ConfigurationError, RobotError), match=said):
         scene(**fields)
+
+
+def test_a_hand_ends_beyond_where_it_begins() -> None:
+    fields: dict[str, Any] = {"tool": "palm", "gripper": {"a": (0.0, 1.0)}}
+    ReactiveGraspConfig(**{**fields, "hand": {"box": ((-0.1, -0.1, 0.0), (0.1, 0.1, 0.2))}})
+    for axis, box in {
+        "x": ((0.1, -0.1, 0.0), (-0.1, 0.1, 0.2)),
+        "z": ((-0.1, -0.1, 0.2), (0.1, 0.1, 0.2)),
+    }.items():
+        with pytest.raises(ConfigurationError, match=f"hand.box: give the least.* of {axis} these"):
+            ReactiveGraspConfig(**{**fields, "hand": {"box": box}})
 
 
 def test_a_urdf_without_a_mass_needs_one() -> None:

@@ -76,6 +76,11 @@ class GraspConfig(Model):
         require_way(self.gripper)
         if self.mass is None and self.object.urdf is None:
             raise ConfigurationError("an object without a URDF needs its mass", "mass")
+        if "object" in self.surroundings:
+            raise ConfigurationError(
+                "that is what the grasped object is called: give it another name",
+                "surroundings.object",
+            )
         for joint in self.stuck:
             if joint not in self.gripper:
                 raise ConfigurationError(

@@ -92,7 +92,8 @@ def check_names(config: GraspConfig, model: RobotModel) -> None:
 
     Raises:
         RobotError: the robot lacks the tool.
-        ConfigurationError: it lacks a joint, or an object is placed in another frame.
+        ConfigurationError: it lacks a joint, one of the gripper leads the tool, one would stand
+            beyond its limits, or an object is placed in another frame.
     """
     model.urdf.require_link(config.tool)
     for field in ("gripper", "posture"):
@@ -100,6 +101,7 @@ def check_names(config: GraspConfig, model: RobotModel) -> None:
             if name not in model.joint_names:
                 hint = name_hint(name, model.joint_names, "joints")
                 raise ConfigurationError(f"unknown joint '{name}': {hint}", f"{field}.{name}")
+    _check_joints(config, model)
     placing = {"object": config.object}
     placing |= {f"surroundings.{name}": one for name, one in config.surroundings.items()}
     for path, one in placing.items():
@@ -108,4 +110,26 @@ def check_names(config: GraspConfig, model: RobotModel) -> None:
                 f"the scene is placed in the robot's root link '{model.root}', "
                 f"not in '{one.pose.parent}'",
                 f"{path}.pose.parent",
+            )
+
+
+def _check_joints(config: GraspConfig, model: RobotModel) -> None:
+    """Make sure that joints can stand where they are told, and that fingers lead no tool."""
+    rows = {name: row for row, name in enumerate(model.joint_names)}
+    leading = led_by(model, config.tool)
+    for name in config.gripper:
+        if leading[rows[name]] > 0.0:
+            raise ConfigurationError(
+                f"it leads the tool '{config.tool}', so it is no joint of fingers",
+                f"gripper.{name}",
+            )
+    told = [("gripper", name, one) for name, both in config.gripper.items() for one in both]
+    told += [("posture", *one) for one in config.posture.items()]
+    told += [("stuck", *one) for one in config.stuck.items()]
+    for field, name, position in told:
+        low, high = model.limits[rows[name]]
+        if not low <= position <= high:
+            raise ConfigurationError(
+                f"{position:g} is beyond the limits of the joint, {low:g} and {high:g}",
+                f"{field}.{name}",
             )

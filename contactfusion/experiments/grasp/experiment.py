@@ -12,9 +12,17 @@ from contactfusion.errors import ConfigurationError, RobotError
 from contactfusion.experiments.choices import require_once, trial_called
 from contactfusion.experiments.folder import as_json, joined
 from contactfusion.experiments.grasp import figures, tables
-from contactfusion.experiments.grasp.film import film
-from contactfusion.experiments.grasp.plan import DEFAULT, NONE, Column, Grasp, Plan, read_plan
-from contactfusion.experiments.grasp.trial import Row, load, results_csv, run_trial, save
+from contactfusion.experiments.grasp.film import film_all
+from contactfusion.experiments.grasp.plan import DEFAULT, NONE, Column, Grasp, Plan
+from contactfusion.experiments.grasp.reading import check_columns, read_plan
+from contactfusion.experiments.grasp.trial import (
+    Row,
+    load,
+    results_csv,
+    run_trial,
+    save,
+    trial_file,
+)
 from contactfusion.experiments.methods import Method
 from contactfusion.experiments.threads import one_thread_each
 from contactfusion.experiments.workers import each, failure, progress, reason_of, require_workers
@@ -75,8 +83,9 @@ def run_grasp(options: Options, out: Path) -> None:
             summary.json, table.md, figures.
 
     Raises:
-        ConfigurationError: an option is wrong, or `out` holds grasps of other options.
-        RobotError: a grasp could not be made; the others are kept.
+        ConfigurationError: an option is wrong, or `out` holds grasps of other options, or damaged
+            ones.
+        RobotError: a grasp or a film could not be made; the others are kept.
     """
     require_workers(options.workers)
     if options.repeats < 1:
@@ -85,31 +94,30 @@ def run_grasp(options: Options, out: Path) -> None:
     columns = columns_of(options.sources, options.rules)
     faults = read_faults(options.faults) if options.faults else ()
     plan = read_plan(options.config, options.objects, faults, options.noise, options.seed)
+    check_columns(plan, columns, options.config)
     settings = joined(plan.settings(columns), out, ADDABLE, "grasps")
     grasps = plan.grasps(list(plan.scenes), options.repeats)
     tasks = [(column, grasp) for grasp in grasps for column in columns]
     by_name = {_name(task): task for task in tasks}
     recorded = list(dict.fromkeys(trial_called(name, by_name) for name in options.record))
+    _found(columns, grasps, out)  # so that a damaged file is told before anything is made
     missing = [task for task in tasks if not trial_file(out, *task).is_file()]
     make_folder(out)
     write_whole(out / "settings.json", json.dumps(settings, indent=1) + "\n")
     print(f"{len(tasks)} grasps; {len(missing)} to make", flush=True)
     with one_thread_each():
         failed = _grasp_all(plan, missing, options.workers, out)
-    found = {
-        column.name: [
-            load(path) for grasp in grasps if (path := trial_file(out, column, grasp)).is_file()
-        ]
-        for column in columns
-    }
-    found = {name: rows for name, rows in found.items() if rows}
-    if found:
+    found = _found(columns, grasps, out)
+    if any(found.values()):
         evaluate(found, failed, plan.seed, out)
-    for column, grasp in recorded:
-        gif, recording = film(plan, column, grasp, out / "films" / column.name)
-        print(f"film: {gif}; recording: {recording}")
+    unfilmed = film_all(plan, recorded, out)
+    problems = []
     if failed:
-        raise RobotError(f"{len(failed)} of {len(tasks)} grasps were not made: {failed[0]}")
+        problems.append(f"{len(failed)} of {len(tasks)} grasps were not made: {failed[0]}")
+    if unfilmed:
+        problems.append(f"{len(unfilmed)} of {len(recorded)} films were not made: {unfilmed[0]}")
+    if problems:
+        raise RobotError("; ".join(problems))
 
 
 def columns_of(sources: Sequence[str], rules: Sequence[Method]) -> Sequence[Column]:
@@ -124,24 +132,21 @@ def columns_of(sources: Sequence[str], rules: Sequence[Method]) -> Sequence[Colu
     return list(dict.fromkeys(pairs))
 
 
-def trial_file(out: Path, column: Column, grasp: Grasp) -> Path:
-    """Give the file of a trial."""
-    return out / "trials" / column.name / f"{grasp.name}.json"
-
-
 def evaluate(
     found: Mapping[str, Sequence[Row]], failed: Sequence[str], seed: int, out: Path
 ) -> None:
     """Write tables, files and figures.
 
     Args:
-        found: grasps by column, of which the others are compared with the first.
+        found: grasps by column, of which the others are compared with the first; a column without
+            any is left out.
         failed: a sentence for each grasp that could not be made.
         seed: of the bootstrap.
         out: the folder that takes the results.
     """
-    summaries = {name: tables.summary_of(rows, seed) for name, rows in found.items()}
     compared = tables.comparisons_of(found)
+    found = {name: rows for name, rows in found.items() if rows}
+    summaries = {name: tables.summary_of(rows, seed) for name, rows in found.items()}
     success = tables.success_text(found, summaries)
     texts = ["## Success", success]
     if compared:
@@ -157,6 +162,18 @@ def evaluate(
     figures.draw_places(found, out / "places.png")
     print(success, end="\n\n")
     print(f"results: {out}/table.md, results.csv, summary.json, success.png, places.png")
+
+
+def _found(columns: Sequence[Column], grasps: Sequence[Grasp], out: Path) -> dict[str, list[Row]]:
+    """Give the grasps that are there, by column."""
+    return {
+        column.name: [
+            load(path, column, grasp)
+            for grasp in grasps
+            if (path := trial_file(out, column, grasp)).is_file()
+        ]
+        for column in columns
+    }
 
 
 def _grasp_all(plan: Plan, missing: Sequence[Task], workers: int, out: Path) -> list[str]:

@@ -13,18 +13,17 @@ import numpy as np
 from contactfusion.controllers.grasp_parameters import ReactiveGraspConfig
 from contactfusion.errors import ConfigurationError, name_hint
 from contactfusion.experiments.methods import Method
-from contactfusion.fault_config import Fault
-from contactfusion.model import rooted
 from contactfusion.pipeline_config import PipelineConfig
 from contactfusion.plugins import installed_plugins
 from contactfusion.readings import DepthImage, PointCloud
 from contactfusion.robots.description import RobotConfig
 from contactfusion.simulation.grasp_config import GraspConfig
-from contactfusion.yaml_files import read_yaml
 
 DEFAULT = Path(__file__).with_name("grasp.yaml")
 NONE, ALL = "none", "all"
 """The names of no sources, with which the hand goes ahead and closes, and of all."""
+REACTIVE = "reactive_grasp"
+"""The controller that can go ahead and close."""
 TRIALS = 3
 """Counts up when trials change, so that old ones are not taken for new."""
 UNTOLD: Any = {"object": {"folder"}, "surroundings": {"__all__": {"folder"}}}
@@ -104,7 +103,8 @@ class Plan:
             seed: of the chance in faults.
 
         Raises:
-            ConfigurationError: one of its sources is unknown.
+            ConfigurationError: one of its sources is unknown, or there is no open loop of the
+                controller.
         """
         known, controller = self.pipeline.generators, dict(self.pipeline.controller or {})
         if column.sources == NONE:
@@ -120,9 +120,13 @@ class Plan:
 
     def _open_loop(self) -> dict[str, Any]:
         """Give what a hand does that heeds no contact: it closes where the object should stand."""
-        told = {
-            name: one for name, one in (self.pipeline.controller or {}).items() if name != "type"
-        }
+        told = dict(self.pipeline.controller or {})
+        kind = told.pop("type", None)
+        if kind != REACTIVE:
+            raise ConfigurationError(
+                f"open loop, '{NONE}', is for {REACTIVE}, not for '{kind}': choose other sources",
+                "sources",
+            )
         depth = ReactiveGraspConfig(**told).depth
         nearest = min(scene.distance for scene in self.scenes.values())
         return {"corrections": 0, "reach": nearest - depth}
@@ -181,62 +185,18 @@ def chosen_sources(sources: str, known: Mapping[str, Mapping[str, Any]]) -> list
         known: the options of all generators, by name.
 
     Raises:
-        ConfigurationError: there is no such generator, nor any of such a type.
+        ConfigurationError: there is no such generator, nor any of such a type, or one stands twice.
     """
     if sources in (NONE, ALL):
         return list(known) if sources == ALL else []
     parts = sources.split("+")
     names = {*known, *(options["type"] for options in known.values()), NONE, ALL}
     for part in parts:
+        if parts.count(part) > 1:
+            raise ConfigurationError(f"'{part}' stands twice in '{sources}'", "sources")
         if part in (NONE, ALL):
             raise ConfigurationError(f"'{part}' stands alone, not in '{sources}'", "sources")
         if part not in names:
             hint = name_hint(part, names, "generators and their types")
             raise ConfigurationError(f"unknown source '{part}': {hint}", "sources")
     return [name for name, options in known.items() if {name, options["type"]} & {*parts}]
-
-
-def read_plan(
-    path: Path, things: Sequence[str], faults: Sequence[Fault], noise: str | None, seed: int
-) -> Plan:
-    """Put an experiment together.
-
-    Args:
-        path: a YAML file as for `run`, with a scene of type `grasp`, and in `objects` by name what
-            each object changes of the scene.
-        things: names of these objects; none: the first.
-        faults: how sensors fail, besides those of the file.
-        noise: of the sensors, by name; None: the scene's.
-        seed: of all chance.
-
-    Raises:
-        ConfigurationError: the file, an object or the noise is not what it should be.
-    """
-    path = path.resolve()
-    fields = read_yaml(path)
-    scene, objects = fields.pop("scene", None), fields.pop("objects", None)
-    try:
-        if not isinstance(scene, dict) or not isinstance(objects, dict) or not objects:
-            raise ConfigurationError("give a scene of type grasp, and objects by name", "objects")
-        known: dict[str, Any] = objects
-        for name in things:
-            if name not in known:
-                hint = name_hint(name, known, "objects")
-                raise ConfigurationError(f"unknown object '{name}': {hint}", "objects")
-        pipeline = PipelineConfig(**{"folder": path.parent, **fields})
-        if pipeline.robot is None:
-            raise ConfigurationError("a scene needs a robot by URDF", "robot")
-        if pipeline.controller is None:
-            raise ConfigurationError("a grasp needs a controller", "controller")
-        given = {"noise": noise} if noise else {}
-        scenes = {}
-        for name in things or [next(iter(known))]:
-            try:
-                config = GraspConfig(**{**scene, **known[name], **given})
-            except ConfigurationError as error:
-                raise error.under(f"objects.{name}") from None
-            scenes[name] = rooted(config, path.parent)
-    except ConfigurationError as error:
-        raise ConfigurationError(f"{path}: {error}") from None
-    pipeline = pipeline.model_copy(update={"faults": (*pipeline.faults, *faults)})
-    return Plan(pipeline, scenes, seed)

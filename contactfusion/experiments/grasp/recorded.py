@@ -35,6 +35,9 @@ def recorded(
     """
     config = plan.pipeline_of(column, grasp.seed)
     fields = config.model_dump(mode="json", exclude_defaults=True, exclude={"folder"})
+    # the name of a fault is a default of its model
+    if config.faults:
+        fields["faults"] = [fault.model_dump(mode="json") for fault in config.faults]
     fields["cycle"] = {"every": scene.config.period}
     with McapWriter(path, EPOCH_NS) as writer:
         writer.text(TOPIC, Setting(fields, config.folder, {}, path).text(beside=path.parent))

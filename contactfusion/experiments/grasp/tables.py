@@ -69,12 +69,20 @@ def success_text(found: Found, summaries: Mapping[str, Mapping[str, Any]]) -> st
 def comparisons_of(found: Found) -> list[dict[str, Any]]:
     """Compare each column with the first, grasp by grasp, by McNemar's exact test.
 
-    Every p-value is told twice: by itself, and as it counts among all of them.
+    Every p-value is told twice: by itself, and as it counts among all of them. Nothing is compared
+    when the first has no grasps.
+
+    Args:
+        found: grasps by column, perhaps none.
     """
     (first, ours), *others = found.items()
+    if not ours:
+        return []
     by_name = {row.trial: row.success for row in ours}
     compared = list[dict[str, Any]]()
     for column, rows in others:
+        if not rows:
+            continue
         pairs = [(by_name[row.trial], row.success) for row in rows if row.trial in by_name]
         only, other = pairs.count((True, False)), pairs.count((False, True))
         compared.append(
@@ -114,6 +122,8 @@ def failures_text(found: Found) -> str:
                 f"- {row.trial}: {100.0 * row.offset:+.1f} cm aside: {row.ending}, {row.reason}; "
                 f"{100.0 * row.height:.1f} cm high{fallen}"
             )
+        if len(failed) > LISTED:
+            lines.append(f"- … and {len(failed) - LISTED} more: results.csv")
         lines.append("")
     return "\n".join(lines).strip()
 

@@ -6,8 +6,10 @@ import json
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass, fields
 from pathlib import Path
+from typing import ClassVar
 
 import numpy as np
+from pydantic import ConfigDict, TypeAdapter, ValidationError
 from scipy.spatial.transform import Rotation
 
 from contactfusion.errors import ConfigurationError
@@ -57,6 +59,12 @@ class Row:
     corrections: int
     time: float
     force: float
+    __pydantic_config__: ClassVar[ConfigDict] = ConfigDict(strict=True, extra="forbid")
+
+
+def trial_file(out: Path, column: Column, grasp: Grasp) -> Path:
+    """Give the file of a trial."""
+    return out / "trials" / column.name / f"{grasp.name}.json"
 
 
 def begun(plan: Plan, column: Column, grasp: Grasp) -> tuple[GraspScene, Iterator[GraspCycle]]:
@@ -111,16 +119,28 @@ def save(row: Row, path: Path) -> None:
     write_whole(path, json.dumps(asdict(row), indent=1) + "\n")
 
 
-def load(path: Path) -> Row:
+def load(path: Path, column: Column, grasp: Grasp) -> Row:
     """Read a row.
 
+    Args:
+        path: its file.
+        column: by what it was felt.
+        grasp: which.
+
     Raises:
-        ConfigurationError: the file holds no grasp of this experiment.
+        ConfigurationError: the file holds no grasp of this experiment, or another one.
     """
+    remedy = "remove it, so that it is made again"
     try:
-        return Row(**json.loads(path.read_text()))
-    except (ValueError, TypeError):
-        raise ConfigurationError(f"{path} is no grasp of this experiment") from None
+        row = TypeAdapter(Row).validate_json(path.read_bytes())
+    except ValidationError:
+        raise ConfigurationError(f"{path} is no grasp of this experiment: {remedy}") from None
+    if (row.trial, row.column, row.seed) != (grasp.name, column.name, grasp.seed):
+        raise ConfigurationError(
+            f"{path} is {row.column}/{row.trial} of seed {row.seed}, "
+            f"not {column.name}/{grasp.name} of seed {grasp.seed}: {remedy}"
+        )
+    return row
 
 
 def results_csv(rows: Sequence[Row]) -> str:
