@@ -161,11 +161,12 @@ class Grasping(Scene):
         result = result_of(self._cycles, config.lifted, config.held)
         word = "success" if result.success else "no success"
         more = ", fallen over" if result.fallen else ""
+        times = f"{result.corrections} correction{'' if result.corrections == 1 else 's'}"
         told = {"ending": ending, **vars(result)}
         return Verdict(
             told,
             (
-                f"{ending} after {result.time:.1f} s and {result.corrections} corrections; the "
+                f"{ending} after {result.time:.1f} s and {times}; the "
                 f"object is {100.0 * result.height:.1f} cm higher{more}: {word}",
             ),
         )
