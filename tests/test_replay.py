@@ -13,11 +13,11 @@ from mcap_ros2.decoder import DecoderFactory
 from pyarrow import parquet
 
 from contactfusion.errors import ConfigurationError, RecordingError
-from contactfusion.readings import DepthImage, ObjectPose, Reading, Transform
+from contactfusion.readings import DepthImage, ObjectPose, PointCloud, Reading, Transform
 from contactfusion.recordings.mcap import McapWriter
 from contactfusion.recordings.ros import RawMessage, RosConfig, RosRecording
 from contactfusion.replaying.configuration import setting_of_file, setting_of_recording
-from contactfusion.replaying.replay import Options, replay
+from contactfusion.replaying.replay import Options, _lost, _troubles, replay  # pyright: ignore[reportPrivateUsage]
 from contactfusion.replaying.session import Session, Window
 from tests.toys import offer_toys, point, wrench
 
@@ -94,7 +94,7 @@ def test_a_recording_keeps_its_topics_and_gets_contacts(config: Path, recording:
     assert [field.name for field in cloud.fields] == ["x", "y", "z", "likelihood", "verdict"]
 
 
-def test_all_that_one_sensor_tells_is_heard_clouds_images_and_objects(
+def test_of_one_sensor_all_topics_are_heard_those_of_another_kind_by_their_own_names(
     config: Path, tmp_path: Path
 ) -> None:
     """A camera that tells clouds and images, and a tracker of two objects."""
@@ -112,7 +112,33 @@ def test_all_that_one_sensor_tells_is_heard_clouds_images_and_objects(
     path = recorded(tmp_path / "seen.mcap", seen)
     session = Session(setting_of_file(config), path, watched=True)
     heard = [(type(one), one.sensor) for one in session.readings()]
-    assert Counter(heard) == Counter((type(one), one.sensor) for one in seen)
+    assert Counter(heard) == {
+        (PointCloud, "eye"): 3,
+        (DepthImage, "eye/depth"): 3,
+        (ObjectPose, "tracker"): 6,
+    }
+
+
+def test_of_several_topics_of_a_sensor_the_one_that_is_of_no_use_is_named(
+    config: Path, tmp_path: Path
+) -> None:
+    poses = [
+        ObjectPose(stamp=stamp, frame="base", sensor="tracker", name=name,
+                   position=np.zeros(3), orientation=np.array([0.0, 0.0, 0.0, 1.0]))
+        for stamp in (0.0, 0.1)
+        for name in ("box", "cup")
+    ]  # fmt: skip
+    path = recorded(tmp_path / "seen.mcap", [*touching(0.2), *poses])
+    session = Session(setting_of_file(config), path)
+    assert len(list(session.readings())) > 0
+    played = session.recording
+    assert isinstance(played, RosRecording)
+    tally = played.tally["/tracker/cup"]
+    tally.readings, tally.refused, tally.why_refused = 0, 2, "odd"
+    assert list(_lost(played)) == [
+        "of 'tracker', /tracker/cup, nothing could be used: 2 refused: odd"
+    ]
+    assert _troubles(played)["tracker"] == "/tracker/cup: 2 refused: odd"
 
 
 def test_of_a_camera_that_tells_clouds_too_the_images_feed_who_takes_images(

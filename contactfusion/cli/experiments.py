@@ -63,7 +63,7 @@ def experiment_touch(
 
     options = Options(
         config=config or DEFAULT,
-        objects=[name.strip() for name in objects.split(",") if name.strip()],
+        objects=listed(objects),
         directions=directions,
         repeats=repeats,
         methods=[Method.named(name) for name in rule] if rule else METHODS,

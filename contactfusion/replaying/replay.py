@@ -179,17 +179,25 @@ def _tell(session: Session, tally: Tally, summary: Summary, took: float) -> None
 def _troubles(recording: RosRecording) -> dict[str, str]:
     """Say by sensor what its reader met."""
     troubles = {}
-    for sensor, topic in recording.sources.items():
-        heard, publishers = recording.tally[topic], recording.contents[topic].publishers
-        said = [f"{publishers} publishers"] if publishers > 1 else []
-        if heard.out_of_order:
-            said.append(f"{heard.out_of_order} out of order")
-        if heard.unreadable:
-            said.append(f"{heard.unreadable} unreadable: {heard.why_unreadable}")
-        if heard.refused:
-            said.append(f"{heard.refused} refused: {heard.why_refused}")
-        troubles[sensor] = ", ".join(said)
+    for sensor, topics in recording.sensors.items():
+        said = {topic: ", ".join(_met(recording, topic)) for topic in topics}
+        several = len(topics) > 1
+        told = [f"{topic}: {one}" if several else one for topic, one in said.items() if one]
+        troubles[sensor] = "; ".join(told)
     return troubles
+
+
+def _met(recording: RosRecording, topic: str) -> Iterator[str]:
+    """Say what the reader of a topic met."""
+    heard, publishers = recording.tally[topic], recording.contents[topic].publishers
+    if publishers > 1:
+        yield f"{publishers} publishers"
+    if heard.out_of_order:
+        yield f"{heard.out_of_order} out of order"
+    if heard.unreadable:
+        yield f"{heard.unreadable} unreadable: {heard.why_unreadable}"
+    if heard.refused:
+        yield f"{heard.refused} refused: {heard.why_refused}"
 
 
 def _refuse_silence(path: Path, session: Session, tally: Tally, summary: Summary) -> None:
@@ -204,11 +212,12 @@ def _refuse_silence(path: Path, session: Session, tally: Tally, summary: Summary
 
 def _lost(recording: RosRecording) -> Iterator[str]:
     """Say of which sensors less than half could be used."""
-    troubles = _troubles(recording)
-    for sensor, topic in recording.sources.items():
-        heard = recording.tally[topic]
-        if recording.topics.get(sensor) is Transform:
-            continue  # who needs them is told of clouds that have no place
-        if heard.refused + heard.unreadable > heard.readings:
-            some = f"only {heard.readings} readings" if heard.readings else "nothing"
-            yield f"of '{sensor}' {some} could be used: {troubles[sensor]}"
+    for sensor, topics in recording.sensors.items():
+        for topic in topics:
+            heard = recording.tally[topic]
+            if recording.contents[topic].kind is Transform:
+                continue  # who needs them is told of clouds that have no place
+            if heard.refused + heard.unreadable > heard.readings:
+                some = f"only {heard.readings} readings" if heard.readings else "nothing"
+                whose = f"'{sensor}'" if len(topics) == 1 else f"'{sensor}', {topic},"
+                yield f"of {whose} {some} could be used: {', '.join(_met(recording, topic))}"

@@ -153,9 +153,7 @@ def _opened(
     kinds = {name: stream.kind for name, stream in streams.items()}
     inputs = _inputs(setting, kinds, told, watched)
     heard = dict[str, tuple[str, ...]]()
-    asked = {options.get("sensor") for options in inputs.generators.values()}
-    for name, wanted in inputs.sensors.items():
-        sensor = wanted if wanted != name or name in asked else streams[name].sensor
+    for name, sensor in inputs.sensors.items():
         heard[sensor] = (*heard.get(sensor, ()), *streams[name].topics)
     return whole.part(heard, window.start, window.duration, tap), inputs
 

@@ -109,6 +109,8 @@ class Viewer:
         """Draw the readings that a step heard; give the points that they saw in the world."""
         due = [reading for reading in self._waiting if reading.stamp <= now]
         self._waiting = [reading for reading in self._waiting if reading.stamp > now]
-        newest = {(one.sensor or one.frame, type(one)): one for one in due}
+        newest = {
+            (one.sensor or one.frame, type(one), getattr(one, "name", "")): one for one in due
+        }
         drawn = [self._sensors.draw(self._recorder, one, places) for one in newest.values()]
         return np.concatenate([np.empty((0, 3)), *drawn])

@@ -86,11 +86,6 @@ class RosRecording(Recording):
         }
 
     @property
-    def sources(self) -> Mapping[str, str]:
-        """The topic of each sensor; of one that has several, the first."""
-        return {sensor: topics[0] for sensor, topics in self.sensors.items()}
-
-    @property
     def streams(self) -> Mapping[str, Stream]:
         """Topics of one sensor and kind, by the name of the sensor.
 
@@ -102,10 +97,10 @@ class RosRecording(Recording):
             for topic in topics:
                 kind = self.contents[topic].kind
                 assert kind is not None
-                told = found.setdefault(sensor, Stream(sensor, kind, ()))
+                told = found.setdefault(sensor, Stream(kind, ()))
                 name = sensor if told.kind is kind else topic.removeprefix("/")
                 before = found[name].topics if name in found else ()
-                found[name] = Stream(sensor, kind, (*before, topic))
+                found[name] = Stream(kind, (*before, topic))
         return found
 
     def part(

@@ -35,7 +35,6 @@ class Topic:
 class Stream(NamedTuple):
     """Topics of one sensor that hold readings of one kind."""
 
-    sensor: str
     kind: type[Reading]
     topics: tuple[str, ...]
 
