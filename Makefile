@@ -2,12 +2,14 @@
 PYTHON ?= python3.11
 VENV := .venv
 BIN := $(VENV)/bin
+# Stamps of what is installed: for the demo alone, or with all that tests and linters need, too.
+DEMO_READY := $(VENV)/.ready-demo
 READY := $(VENV)/.ready
 SOAK_SCENARIOS ?= 2000
 
 .PHONY: demo test lint soak bench bare show-recordings show-touch show-push show-sensing show-replay show-grasp train clean
 
-demo: $(READY)
+demo: $(DEMO_READY)
 	$(BIN)/contactfusion demo --out out/demo
 
 test: $(READY)
@@ -151,9 +153,15 @@ train: $(READY)
 bare:
 	sh scripts/bare.sh
 
-$(READY): pyproject.toml constraints.txt scripts/setup.sh
-	sh scripts/setup.sh $(PYTHON) $(VENV)
-	touch $(READY)
+SET_UP := pyproject.toml constraints.txt scripts/setup.sh
+
+$(DEMO_READY): $(SET_UP)
+	bash scripts/setup.sh $(PYTHON) $(VENV) sim,record
+	touch $@
+
+$(READY): $(SET_UP)
+	bash scripts/setup.sh $(PYTHON) $(VENV) dev
+	touch $(DEMO_READY) $@
 
 clean:
 	rm -rf $(VENV) build out *.egg-info

@@ -2,12 +2,12 @@
 
 EXTRAS: dict[str, dict[str, str]] = {
     "plot": {"matplotlib": "matplotlib"},
-    "robot": {"pin": "pinocchio", "open3d": "open3d"},
+    "robot": {"pin": "pinocchio", "open3d-cpu": "open3d"},
     "sim": {"pybullet": "pybullet", "gymnasium": "gymnasium"},
     "learn": {"torch": "torch", "safetensors": "safetensors"},
-    "vision": {"opencv-python-headless": "cv2", "open3d": "open3d"},
+    "vision": {"opencv-python-headless": "cv2", "open3d-cpu": "open3d"},
     "sam": {"transformers": "transformers"},
-    "record": {"rosbags": "rosbags", "pytransform3d": "pytransform3d"},
+    "record": {"rosbags": "rosbags"},
     "parquet": {"pyarrow": "pyarrow"},
     "view": {"rerun-sdk": "rerun"},
     "ros2": {"cyclonedds": "cyclonedds"},

@@ -36,6 +36,7 @@ def without(monkeypatch: pytest.MonkeyPatch, *missing: str) -> None:
         return true_version(package)
 
     monkeypatch.setattr(packages, "version", version)
+    monkeypatch.setattr(packages, "is_importable", lambda module: module not in missing)
 
 
 def lines(report: str) -> list[str]:
@@ -129,7 +130,7 @@ def missing_libraries(monkeypatch: pytest.MonkeyPatch, *missing: str) -> list[st
 
     monkeypatch.setattr(ctypes, "CDLL", load)
     monkeypatch.setattr(libraries, "_has_driver", lambda: libraries.VULKAN_DRIVER not in missing)
-    monkeypatch.setattr(libraries, "found_version", lambda package: "1.0")
+    monkeypatch.setattr(libraries, "is_importable", lambda module: True)
     monkeypatch.setattr(os, "geteuid", lambda: 1000)
     return [str(finding) for finding in libraries.library_findings()]
 
@@ -166,10 +167,10 @@ def test_libraries_of_packages_that_are_not_installed_are_not_asked_for(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr(libraries, "_is_there", lambda library: False)
-    monkeypatch.setattr(libraries, "found_version", lambda name: "4" if name == "pin" else None)
+    monkeypatch.setattr(libraries, "is_importable", lambda module: module == "pinocchio")
     (finding,) = libraries.library_findings()
     assert "libgomp1" in finding.mend and "libgl1" not in finding.mend
-    monkeypatch.setattr(libraries, "found_version", lambda name: None)
+    monkeypatch.setattr(libraries, "is_importable", lambda module: False)
     assert list(libraries.library_findings()) == []
 
 
@@ -198,7 +199,7 @@ def test_a_driver_for_vulkan_is_a_file_that_the_environment_or_a_folder_names(
 def test_the_set_up_installs_the_libraries_that_the_doctor_asks_for() -> None:
     script = (Path(__file__).parents[1] / "scripts" / "setup.sh").read_text()
     for need in libraries.NEEDS:
-        if need.package in ("open3d", "pin"):
+        if need.module in ("open3d", "pinocchio"):
             for library, debian in need.libraries.items():
                 assert f"{library}:{debian}" in script
 

@@ -89,6 +89,15 @@ def test_importing_all_of_it_makes_no_twin_modules() -> None:
     assert done.returncode == 0, done.stderr
 
 
+def test_a_script_beside_the_clone_imports_the_package_and_not_the_folder(tmp_path: Path) -> None:
+    (tmp_path / "contactfusion" / "docs").mkdir(parents=True)  # as a clone lies there
+    (tmp_path / "script.py").write_text("import contactfusion; print(contactfusion.__file__)")
+    clean = {name: value for name, value in os.environ.items() if name != "PYTHONPATH"}
+    command = [sys.executable, "script.py"]
+    done = subprocess.run(command, cwd=tmp_path, env=clean, capture_output=True, text=True)
+    assert done.stdout.strip().endswith("__init__.py"), done.stdout + done.stderr
+
+
 def test_this_very_run_has_imported_no_twin_modules() -> None:
     assert not [name for name in sys.modules if name.split(".")[0] in OUTSIDE]
 

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from contactfusion.doctoring.finding import Finding
-from contactfusion.doctoring.packages import found_version
+from contactfusion.doctoring.packages import is_importable
 
 VULKAN_DRIVER = "a driver for Vulkan"
 """What libvulkan needs beside itself; its file tells where the library is."""
@@ -23,15 +23,15 @@ DRIVER_VARIABLES = ("VK_DRIVER_FILES", "VK_ICD_FILENAMES")
 
 @dataclass(frozen=True)
 class Need:
-    """What a package needs of the system.
+    """What a module needs of the system.
 
     Attributes:
-        package: of Python.
+        module: of Python.
         purpose: what does not work without, for people.
         libraries: for each library the package of Debian that brings it.
     """
 
-    package: str
+    module: str
     purpose: str
     libraries: Mapping[str, str]
 
@@ -42,9 +42,9 @@ NEEDS = (
         "open3d",
         {"libEGL.so.1": "libegl1", "libGL.so.1": "libgl1", "libusb-1.0.so.0": "libusb-1.0-0"},
     ),
-    Need("pin", "pin", {"libgomp.so.1": "libgomp1"}),
+    Need("pinocchio", "pin", {"libgomp.so.1": "libgomp1"}),
     Need(
-        "rerun-sdk",
+        "rerun",
         "view --screenshot",
         {"libvulkan.so.1": "libvulkan1", VULKAN_DRIVER: "mesa-vulkan-drivers"},
     ),
@@ -56,7 +56,7 @@ def library_findings() -> Iterator[Finding]:
     """Look for the libraries of the packages that are installed; one line, all that is missing."""
     if sys.platform != "linux":
         return
-    needs = [need for need in NEEDS if found_version(need.package) is not None]
+    needs = [need for need in NEEDS if is_importable(need.module)]
     missing = [
         (library, debian, need.purpose)
         for need in needs

@@ -3,6 +3,7 @@
 import re
 from collections.abc import Iterator
 from importlib.metadata import PackageNotFoundError, requires, version
+from importlib.util import find_spec
 
 from contactfusion.doctoring.finding import Finding
 from contactfusion.extras import EXTRAS, installs
@@ -19,10 +20,15 @@ def package_findings() -> Iterator[Finding]:
             else:
                 yield Finding(f"{name} {found}")
     for extra, packages in EXTRAS.items():
-        if all(found_version(name) for name in packages):
+        if all(is_importable(module) for module in packages.values()):
             yield Finding(f"extra {extra}: installed")
         else:
             yield Finding(f"extra {extra}: not installed", installs(extra))
+
+
+def is_importable(module: str) -> bool:
+    """Whether a top-level module is installed, whichever package brought it; imports nothing."""
+    return find_spec(module) is not None
 
 
 def found_version(package: str) -> str | None:
