@@ -54,7 +54,7 @@ class DipoleField(ObjectPushing[DipoleFieldConfig]):
         ratio = abs(to_robot) / at_robot if at_robot > 0.0 and to_robot != 0.0 else 1.0
         direction, pushing = dipole(to_robot, min(ratio, self.options.caution))
         mode = "push" if pushing else "orbit"
-        reason = f"{sight.left:.2f} m left, {math.degrees(to_robot):+.0f}° from the way"
+        reason = f"{sight.left:.2f} m to go, {math.degrees(to_robot):+.0f}° from the way"
         return Motion(sight.way + direction, self.speed(sight.left), mode, reason)
 
 

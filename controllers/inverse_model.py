@@ -87,7 +87,7 @@ class InverseModel(ObjectPushing[InverseModelConfig]):
             turned -= options.bias_gain * self._bias + options.error_gain * self._error
         mode = "push" if push > relocate else "relocate"
         reason = (
-            f"{sight.left:.2f} m left, {math.degrees(alpha):+.0f}° from behind, best "
+            f"{sight.left:.2f} m to go, {math.degrees(alpha):+.0f}° from behind, best "
             f"{math.degrees(self._mean):+.0f} ± {math.degrees(math.sqrt(self._variance)):.0f}°"
         )
         return Motion(sight.bearing + turned, self._pace(sight), mode, reason)

@@ -124,7 +124,7 @@ class ReactivePushing(PushingController[ReactivePushingConfig]):
             rate = adaptive_rate(lateral, p.eta, p.zeta, p.beta, p.k) if far else 0.0
             ahead, aside = velocities(speed, rate)
             turn = turn_rate(ahead, error, p.heading_gain, p.length)
-            mode, reason = "push", f"{distance:.2f} m left, contact {lateral:+.3f} m aside"
+            mode, reason = "push", f"{distance:.2f} m to go, contact {lateral:+.3f} m aside"
         if lost_for > 0.0:
             reason += f", lost {lost_for:.1f} s ago"
         turn = limited(turn, p.fastest_turn * min(1.0, distance / p.settle if p.settle else 1.0))

@@ -400,14 +400,14 @@ class TestBeliefs:
         twist = Twist(
             stamp=0.0, frame="base", linear=np.array([0.1, 0.0, 0.0]), angular=np.zeros(3)
         )
-        command = Command(twist=twist, mode="push", reason="0.5 m left")
+        command = Command(twist=twist, mode="push", reason="0.5 m to go")
         seen = drawn(tmp_path / "a.rrd", fused(), command)
         reason = "/world/command/reason"
-        assert seen.values(reason, "Points3D:labels")[0] == ["push: 0.5 m left"]
+        assert seen.values(reason, "Points3D:labels")[0] == ["push: 0.5 m to go"]
         (arrow,) = seen.values("/world/command/arrows", "Arrows3D:vectors")[0]
         np.testing.assert_allclose(arrow, [0.2, 0.0, 0.0], atol=1e-6)
         assert seen.values("/states/controller", "StateChange:state") == [["push"]]
-        assert seen.values("/events/controller", "TextLog:text") == [["0.00 s: push: 0.5 m left"]]
+        assert seen.values("/events/controller", "TextLog:text") == [["0.00 s: push: 0.5 m to go"]]
 
 
 def test_the_modes_of_a_controller_have_colours_that_stay(tmp_path: Path) -> None:

@@ -140,7 +140,7 @@ class _Scene:
         track = self._track
         kind, estimate = KINDS[track.kind[row]], KINDS[track.estimate[row]]
         far = track.distance[row]
-        left = "" if np.isnan(far) else f", truly {far:.2f} m left"
+        left = "" if np.isnan(far) else f", truly {far:.2f} m to go"
         return (
             f"{track.stamp[row]:6.1f} s  {track.modes[track.mode[row]]}: {self._reasons[row]}\n"
             f"contact: {kind}, felt: {estimate}{left}"
