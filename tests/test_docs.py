@@ -2,10 +2,11 @@
 
 import json
 import re
+import time
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, get_args
+from typing import Any, ClassVar, get_args
 
 import numpy as np
 import pytest
@@ -70,6 +71,75 @@ def unnamed(
     """The fields that a page does not name, in code or in an example."""
     code = " ".join(re.findall(r"^```.*?^```|`[^`\n]+`", text, re.MULTILINE | re.DOTALL))
     return {name for name in fields(model, elsewhere) if not re.search(rf"\b{name}\b", code)}
+
+
+def links(path: Path) -> set[Path]:
+    """The files that a page links to, also by pictures."""
+    targets = re.findall(r"\]\(([^)#]+)(?:#[^)]*)?\)", path.read_text())
+    return {(path.parent / one).resolve() for one in targets if "://" not in one}
+
+
+PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
+
+
+@pytest.mark.parametrize("path", PAGES, ids=lambda path: path.name)
+def test_every_link_of_a_page_leads_to_a_file(path: Path) -> None:
+    assert not [target for target in links(path) if not target.exists()]
+
+
+def test_the_index_links_to_every_page() -> None:
+    index = ROOT / "docs" / "index.md"
+    assert links(index) >= {path.resolve() for path in PAGES[1:]} - {index}
+
+
+def python_of(page: str) -> str:
+    """The first example in Python of a page."""
+    text = (ROOT / "docs" / page).read_text()
+    (example, *_) = re.findall(r"^```python\n(.*?)^```", text, re.MULTILINE | re.DOTALL)
+    return str(example)
+
+
+def test_the_example_of_the_first_fusion_prints_what_it_says(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    exec(python_of("first_fusion.md"), {})
+    contact, without = capsys.readouterr().out.splitlines()
+    assert "likelihood 0.90" in contact and without == "()"
+
+
+def test_the_live_loop_reports_a_push_and_stops_the_robot(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    surface = {"frame": "wrist", "shapes": [{"shape": "sphere", "radius": 0.05}]}
+    options = {"type": "force_torque", "sensor": "wrist", "sign": "on_robot"}
+    integrator = {"frame": "wrist", "rule": "posterior", "condensation": "modes"}
+    (tmp_path / "hand.yaml").write_text(
+        yaml.safe_dump(
+            {"generators": {"wrist": options}, "integrator": integrator, "surface": surface}
+        )
+    )
+
+    class Driver:
+        def read(self) -> Iterator[tuple[float, list[float], list[float]]]:
+            yield time.monotonic(), [0.0, 0.0, -10.0], [0.0, 0.0, 0.0]
+
+    class Robot:
+        commands: ClassVar[list[object]] = []
+
+        def is_running(self) -> bool:
+            return len(self.commands) < 2
+
+        def drive(self, command: object) -> None:
+            self.commands.append(command)
+
+        def stop(self) -> None:
+            self.commands.append("stop")
+
+    names: dict[str, Any] = {}
+    exec(python_of("live.md"), names)
+    names["run"](Driver(), Robot(), tmp_path / "hand.yaml")
+    assert Robot.commands == [None, None, "stop"]
+    assert re.search(r"contact at \(-?0\.000, -?0\.000, 0\.050\) m", capsys.readouterr().out)
 
 
 @pytest.mark.parametrize("name", GENERATORS)
