@@ -15,7 +15,14 @@ from benchmarks.naive import NaiveIntegrator, run_cycle
 from benchmarks.surfaces import Floats
 from benchmarks.twin import Twin
 from benchmarks.workloads import LIVE_CYCLES, THRESHOLD, TIMEOUT, Cloud
-from contactfusion import Fusion, HypothesisCloud, HypothesisKind, Integrator, IntegratorConfig
+from contactfusion import (
+    Fusion,
+    HypothesisCloud,
+    HypothesisKind,
+    Integrator,
+    IntegratorConfig,
+    arrays,
+)
 from contactfusion.integrator.condensations import ClusterCentroid
 
 Cycles = Sequence[Sequence[Cloud]]
@@ -25,8 +32,8 @@ CONFIG = IntegratorConfig(timeout=TIMEOUT, threshold=THRESHOLD)
 def received(integrator: Integrator, cloud: Cloud) -> None:
     """Check a cloud as a user's generator hands it over, and receive it."""
     kind = HypothesisKind[cloud.kind]
-    arrays = (cloud.positions, cloud.likelihoods, cloud.forces, cloud.spreads)
-    integrator.receive(HypothesisCloud(cloud.source, kind, cloud.stamp, "base", *arrays))
+    rows = (cloud.positions, cloud.likelihoods, cloud.forces, cloud.spreads)
+    integrator.receive(HypothesisCloud(cloud.source, kind, cloud.stamp, "base", *rows))
 
 
 def run_typical(integrator: Integrator, cycle: Sequence[Cloud]) -> Fusion:
@@ -128,17 +135,11 @@ def frozen(cloud: Cloud) -> Cloud:
     """Give the cloud with read-only arrays, which are shared and not copied."""
     return replace(
         cloud,
-        positions=_read_only(cloud.positions),
-        likelihoods=_read_only(cloud.likelihoods),
-        forces=None if cloud.forces is None else _read_only(cloud.forces),
-        spreads=None if cloud.spreads is None else _read_only(cloud.spreads),
+        positions=arrays.frozen(cloud.positions),
+        likelihoods=arrays.frozen(cloud.likelihoods),
+        forces=None if cloud.forces is None else arrays.frozen(cloud.forces),
+        spreads=None if cloud.spreads is None else arrays.frozen(cloud.spreads),
     )
-
-
-def _read_only(array: Floats) -> Floats:
-    copy = np.array(array, np.float64)
-    copy.flags.writeable = False
-    return copy
 
 
 def contact_rows(fusion: Fusion) -> Floats:

@@ -20,10 +20,9 @@ def frozen_array(
     dtype: DTypeLike = np.float64,
     finite: bool = True,
 ) -> NDArray[Any]:
-    """Give a read-only, contiguous array of the wanted shape.
+    """Give an array of the wanted shape that can never be written, see `frozen`.
 
-    An array that already is all that is shared, any other input is copied, so that nobody can
-    change it afterwards.
+    One that is frozen already is shared, any other input is copied.
 
     Args:
         value: what the caller gave.
@@ -50,11 +49,15 @@ def frozen_array(
     if finite and not _is_finite(array):
         place = np.argwhere(~np.isfinite(array))[0]
         raise error(f"row {place[0]} of the {name} is not finite: {array[place[0]]}")
-    flags = array.flags
-    if flags.writeable or not flags.owndata or not flags.c_contiguous:
-        array = np.array(array, order="C")
-        array.flags.writeable = False
-    return array
+    return array if isinstance(array.base, bytes) and array.flags.c_contiguous else frozen(array)
+
+
+def frozen(array: NDArray[Any]) -> NDArray[Any]:
+    """A contiguous copy that can never be written: its numbers are those of a bytes object.
+
+    An array that owns its numbers can be made writeable again by whoever holds it.
+    """
+    return np.ndarray(array.shape, array.dtype, array.tobytes())
 
 
 def _is_finite(array: NDArray[Any]) -> bool:

@@ -4,11 +4,11 @@ from pathlib import Path
 from typing import Any
 
 from contactfusion.controller import Controller
-from contactfusion.errors import ConfigurationError, PluginError, name_hint
-from contactfusion.generator import Generator
+from contactfusion.errors import ConfigurationError, Guard, name_hint
+from contactfusion.generator import Generator, generator_fault, instance_fault
 from contactfusion.model import Model, rooted
 from contactfusion.pipeline_config import PipelineConfig
-from contactfusion.plugins import installed_plugins
+from contactfusion.plugins import class_fault, configured, installed_plugins, refuse
 from contactfusion.robots.description import RobotConfig
 
 AnyGenerator = Generator[Any]
@@ -31,27 +31,31 @@ def built_generator(
         robot: the description of the robot.
 
     Raises:
-        PluginError: no such type is installed.
+        PluginError: no such type is installed, or it breaks the contract.
         ConfigurationError: an option is wrong.
     """
+    path, kind = f"generators.{name}", options["type"]
     given = {key: value for key, value in options.items() if key != "type"}
-    given |= _described(given, robot, f"generators.{name}")
-    cls = generator_class(options["type"])
-    config = _configured(cls.Config, given, f"generators.{name}", folder)
-    try:
-        return cls(name, config)
-    except ConfigurationError as error:
-        raise error.under(f"generators.{name}") from None
+    given |= _described(given, robot, path)
+    cls = generator_class(kind)
+    config = rooted(configured(kind, cls, given, path), folder)
+    with Guard(f"{path}: the plug-in '{kind}'", cls):
+        try:
+            generator = cls(name, config)
+        except ConfigurationError as error:
+            raise error.under(path) from None
+        refuse(kind, cls, instance_fault(generator, name))
+    return generator
 
 
 def generator_class(name: str) -> type[AnyGenerator]:
     """Give the class of a type of generators.
 
     Raises:
-        PluginError: no such type is installed, or it is no generator.
+        PluginError: no such type is installed, or its class breaks the contract.
     """
     cls: type[AnyGenerator] = installed_plugins().find("generators", name)
-    _refuse_stranger(cls, Generator, name)
+    refuse(name, cls, generator_fault(cls))
     return cls
 
 
@@ -64,10 +68,13 @@ def built_controller(config: PipelineConfig) -> Controller | None:
     """
     if config.controller is None:
         return None
+    kind = config.controller["type"]
     given = {key: value for key, value in config.controller.items() if key != "type"}
-    cls: type[Controller] = installed_plugins().find("controllers", config.controller["type"])
-    _refuse_stranger(cls, Controller, config.controller["type"])
-    return cls(_configured(cls.Config, given, "controller", config.folder))
+    cls: type[Controller] = installed_plugins().find("controllers", kind)
+    refuse(kind, cls, class_fault(cls, Controller, Model))
+    own = rooted(configured(kind, cls, given, "controller"), config.folder)
+    with Guard(f"controller: the plug-in '{kind}'", cls):
+        return cls(own)
 
 
 def _described(options: dict[str, Any], robot: RobotConfig | None, path: str) -> dict[str, Any]:
@@ -85,16 +92,3 @@ def _described(options: dict[str, Any], robot: RobotConfig | None, path: str) ->
         described = {name: known[name] for name in names}
         found[option] = described[given] if isinstance(given, str) else described
     return found
-
-
-def _refuse_stranger(cls: type[Any], contract: type[Any], name: str) -> None:
-    if not issubclass(cls, contract):
-        raise PluginError(f"the plug-in class {cls.__name__} of '{name}' is no {contract.__name__}")
-
-
-def _configured(model: type[Any], options: dict[str, Any], path: str, folder: Path) -> Model:
-    try:
-        configured: Model = model(**options)
-    except ConfigurationError as error:
-        raise error.under(path) from None
-    return rooted(configured, folder)

@@ -1,7 +1,18 @@
-"""The errors of contactfusion, and the sentence that names what exists."""
+"""The errors of contactfusion, and the sentences that name what exists, and where code failed."""
 
+import functools
+import inspect
+import sys
+import textwrap
+import traceback
 from collections.abc import Iterable
 from difflib import get_close_matches
+from pathlib import Path
+from types import TracebackType
+from typing import Any
+
+LONGEST_CAUSE = 300
+"""The message of a foreign exception is cut to so many characters."""
 
 
 class ContactFusionError(Exception):
@@ -22,7 +33,11 @@ class ConfigurationError(ContactFusionError, ValueError):
 
     def under(self, path: str) -> "ConfigurationError":
         """Give the same error as seen from the configuration that holds this one at `path`."""
-        return ConfigurationError(self.problem, ".".join(filter(None, (path, self.path))))
+        return type(self)(self.problem, ".".join(filter(None, (path, self.path))))
+
+
+class DefaultError(ConfigurationError):
+    """A class of configurations has a default that it refuses itself."""
 
 
 class InvalidCloudError(ContactFusionError, ValueError):
@@ -89,3 +104,85 @@ def missing_extra(package: str, extra: str) -> DependencyError:
     return DependencyError(
         f"{package} is not installed; install it with: pip install 'contactfusion[{extra}]'"
     )
+
+
+class Guard:
+    """A `with` around code of a plug-in: what it raises becomes a sentence that names it.
+
+    Errors of contactfusion are such sentences, and pass.
+
+    Args:
+        who: what to call the plug-in.
+        cls: its class.
+
+    Raises:
+        PluginError: in place of any other exception, or of an exit.
+    """
+
+    __slots__ = ("_cls", "_who")
+
+    def __init__(self, who: str, cls: type[Any]) -> None:
+        self._who, self._cls = who, cls
+
+    def __enter__(self) -> None:
+        """Do nothing yet."""
+
+    def __exit__(
+        self, kind: object, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """Take what was raised."""
+        if isinstance(error, Exception | SystemExit) and not isinstance(error, ContactFusionError):
+            raise PluginError(f"{self._who} raised {cause_of(error, self._cls)}") from error
+
+
+def cause_of(error: BaseException, cls: type[Any]) -> str:
+    """What a plug-in raised, and where, see `cause_in`."""
+    return cause_in(error, cls.__module__, cls)
+
+
+def cause_in(error: BaseException, module: str, definition: Any = None) -> str:
+    """What was raised, and where.
+
+    Args:
+        error: any exception.
+        module: the name of the module whose package is looked for in the traceback.
+        definition: a class or function, whose place is named when the package is not there.
+
+    Returns:
+        A clause such as ``ValueError: no taxels (my_sensor/skin.py, line 12)``; an error of
+        contactfusion says all by itself, so that file and line are left out.
+    """
+    if isinstance(error, ContactFusionError):
+        return f"{type(error).__name__}: {error}"
+    message = textwrap.shorten(str(error), LONGEST_CAUSE, placeholder=" …")
+    told = ": ".join(filter(None, (type(error).__name__, message)))
+    place = _place_in(error, module.partition(".")[0]) or place_of(definition)
+    return f"{told} ({place})" if place else told
+
+
+@functools.cache
+def place_of(definition: Any) -> str:
+    """File and line of a class or a function; empty when it has no source."""
+    try:
+        file, line = inspect.getsourcefile(definition), inspect.findsource(definition)[1] + 1
+    except (OSError, TypeError):
+        return ""
+    module = sys.modules.get(definition.__module__)
+    return _place(getattr(module, "__package__", ""), file or "", line)
+
+
+def _place_in(error: BaseException, package: str) -> str:
+    if isinstance(error, SyntaxError) and error.filename:
+        return _place("", error.filename, error.lineno or 0)
+    places = [
+        _place(frame.f_globals.get("__package__", ""), frame.f_code.co_filename, line)
+        for frame, line in traceback.walk_tb(error.__traceback__)
+        if frame.f_globals.get("__name__", "").partition(".")[0] == package
+    ]
+    return places[-1] if places else ""
+
+
+def _place(package: str | None, file: str, line: int) -> str:
+    """Name a file as it is imported: equal on every machine."""
+    folders = (package or "").replace(".", "/")
+    return f"{'/'.join(filter(None, (folders, Path(file).name)))}, line {line}"

@@ -6,7 +6,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import ArrayLike
 
-from contactfusion.arrays import FloatArray
+from contactfusion.arrays import FloatArray, frozen
 from contactfusion.errors import FrameError, name_hint
 
 Pose = FloatArray
@@ -101,9 +101,7 @@ class FrameTree:
         """
         key = (frame, of)
         if key not in self._cache:
-            pose = self._pose(frame, of).copy()
-            pose.flags.writeable = False
-            self._cache[key] = pose
+            self._cache[key] = frozen(self._pose(frame, of))
         return self._cache[key]
 
     def root(self, of: str) -> str:

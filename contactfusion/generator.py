@@ -1,5 +1,6 @@
 """The contract of generators: readings in, clouds of hypotheses out."""
 
+import inspect
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any, ClassVar, Generic, TypeVar
@@ -11,6 +12,7 @@ from pydantic import Field
 from contactfusion.errors import PluginError, name_hint
 from contactfusion.hypotheses import HypothesisCloud, HypothesisKind
 from contactfusion.model import Model
+from contactfusion.plugins import class_fault
 from contactfusion.readings import Reading
 from contactfusion.state import State
 
@@ -36,6 +38,9 @@ class GeneratorConfig(Model):
     """How long one reading may take [s] before it counts as an overrun."""
     isolate: bool = False
     """Whether it runs in a process of its own, so that no cycle waits for it."""
+    patience: float = Field(default=60.0, gt=0, le=1e9)
+    """Where there is no clock, as in a replay: how long a step waits for one answer of its process
+    [s] before that is ended, and the generator stays out."""
 
 
 ConfigT = TypeVar("ConfigT", bound=GeneratorConfig)
@@ -134,3 +139,45 @@ class Generator(ABC, Generic[ConfigT]):
     ) -> HypothesisCloud:
         """Make the empty cloud of one output: looked, found nothing."""
         return self.cloud(reading, np.empty((0, 3)), 0.0, output=output, notes=tuple(notes))
+
+
+def generator_fault(cls: type[Generator[Any]]) -> str:
+    """What keeps a class from the contract of generators, see `class_fault`."""
+    if fault := class_fault(cls, Generator, GeneratorConfig):
+        return fault
+    kinds: object = getattr(cls, "readings", ())
+    declared = isinstance(kinds, tuple) and all(
+        inspect.isclass(kind) and issubclass(kind, Reading) for kind in kinds
+    )
+    if not (declared and kinds):
+        return "needs `readings`, a tuple of the types of reading that it takes"
+    return ""
+
+
+def instance_fault(generator: Generator[Any], name: str) -> str:
+    """What keeps a generator that was built under a name from the contract; empty when nothing."""
+    config = getattr(generator, "config", None)
+    if getattr(generator, "name", None) != name or not isinstance(config, generator.Config):
+        return "does not hand `name` and `config` to `super().__init__`"
+    outputs: object = generator.outputs
+    declared = isinstance(outputs, Mapping) and all(
+        isinstance(output, str) and "/" not in output and isinstance(kind, HypothesisKind)
+        for output, kind in outputs.items()
+    )
+    if not (declared and outputs):
+        return "needs `outputs`, a mapping of names without a slash to HypothesisKind"
+    return ""
+
+
+def checked_clouds(clouds: object) -> Sequence[HypothesisCloud]:
+    """Make sure that a generator gave clouds.
+
+    Raises:
+        TypeError: it gave anything else.
+    """
+    if not isinstance(clouds, Sequence):  # one that is read once would be spent by the check
+        raise TypeError(f"it gave {type(clouds).__name__}, not a sequence of clouds")
+    for cloud in clouds:
+        if not isinstance(cloud, HypothesisCloud):
+            raise TypeError(f"it gave {type(cloud).__name__}, not a HypothesisCloud")
+    return clouds

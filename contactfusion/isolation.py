@@ -2,8 +2,12 @@
 
 import contextlib
 import multiprocessing
+import queue
+import signal
+import threading
+import traceback
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from multiprocessing.connection import Connection
 from multiprocessing.reduction import ForkingPickler
@@ -11,16 +15,23 @@ from typing import TYPE_CHECKING, Any, cast
 
 from contactfusion.arrays import FloatArray
 from contactfusion.contacts import Contact
-from contactfusion.errors import PluginError
-from contactfusion.generator import Generator, GeneratorConfig
+from contactfusion.errors import PluginError, cause_in, cause_of
+from contactfusion.generator import Generator, GeneratorConfig, checked_clouds
 from contactfusion.hypotheses import HypothesisCloud
 from contactfusion.readings import Reading
 from contactfusion.state import State
 
 if TYPE_CHECKING:
     from contactfusion.integrator.fusion import Fusion
+    from contactfusion.robots.model import RobotModel
+
+RESTARTS = 3
+"""A process that ended is started again so often; then its generator stays out."""
 Packed = Any
-"""A reading and the state at its stamp, as bytes in a buffer."""
+"""What goes to the process, as bytes in a buffer: the generator with the robot that it is prepared
+for, then readings, each with the state at its stamp."""
+Answer = Sequence[HypothesisCloud] | PluginError | None
+"""What comes from it: clouds, why there are none, or None when the process has ended."""
 
 
 class Isolated(Generator[GeneratorConfig]):
@@ -29,37 +40,40 @@ class Isolated(Generator[GeneratorConfig]):
     Nobody waits for it on a live robot: a reading that comes while the generator is busy takes the
     place of the one that waits, so it always works on the newest, and its clouds come with the step
     after it is done. Where there is no clock, every reading is worked on, and each step waits for
-    those before it, so that equal input gives equal contacts.
+    those before it, so that equal input gives equal contacts; an answer that takes longer than the
+    `patience` of the generator ends its process, and the generator stays out. A process that ends
+    by itself is started again at most `RESTARTS` times.
 
     Args:
         inner: the generator that goes to a process of its own.
         live: whether nobody waits for it.
+        model: the robot that it is prepared for, or None.
+
+    Raises:
+        PluginError: the generator cannot be pickled.
     """
 
-    def __init__(self, inner: Generator[Any], live: bool) -> None:
+    def __init__(
+        self, inner: Generator[Any], live: bool, model: "RobotModel | None" = None
+    ) -> None:
         super().__init__(inner.name, inner.config)
         # what a class declares for all its instances, this one borrows from another class
         self.readings = inner.readings  # type: ignore[misc]
         self.outputs = inner.outputs
-        self._inner = inner
         self._live = live
         self._waiting = deque[Packed](maxlen=1 if live else None)
-        self._busy = True  # until it says that it has started: a pipe that nobody reads may block
-        self._outdated = False
-        context = multiprocessing.get_context("spawn")
-        self._pipe, theirs = context.Pipe()
-        self._process = context.Process(
-            target=_serve, args=(inner, theirs), name=f"contactfusion {inner.name}", daemon=True
-        )
+        self._module = type(inner).__module__
+        self._ends = 0
+        self.out = ""
+        """Why it stays out until the next `reset`; empty while it takes part."""
         try:
-            self._process.start()
+            self._packed: Packed = ForkingPickler.dumps((inner, model))
         except Exception as error:  # pickle raises anything
-            self._pipe.close()
             raise PluginError(
-                f"'{inner.name}' cannot be isolated, for it cannot be pickled: {error}"
+                f"'{inner.name}' cannot be isolated, for it cannot be pickled: "
+                + cause_of(error, type(inner))
             ) from error
-        finally:
-            theirs.close()
+        self._start()
 
     def generate(self, reading: Reading, state: State) -> Sequence[HypothesisCloud]:
         """Hand the reading over; live, give what has been finished."""
@@ -79,42 +93,89 @@ class Isolated(Generator[GeneratorConfig]):
             wait: whether to wait until one is.
 
         Raises:
-            PluginError: the generator raised, or its process ended.
+            PluginError: the generator raised, its process ended or gave no answer in time, or it
+                stays out.
         """
         clouds: Sequence[HypothesisCloud] = ()
-        try:
-            if self._busy and (wait or self._pipe.poll()):
-                self._busy, outdated, self._outdated = False, self._outdated, False
-                result = self._pipe.recv()
-                if not outdated:
-                    if isinstance(result, str):
-                        raise PluginError(result)
-                    clouds = result
-            if self._waiting and not self._busy:
-                self._pipe.send_bytes(self._waiting.popleft())
-                self._busy = True
-        except (EOFError, OSError):
-            self._busy = False
-            self._waiting.clear()
-            self._process.join(timeout=0.05)  # its pipe closes just before it is gone
-            how = f"exit code {self._process.exitcode}"
-            raise PluginError(f"the process of '{self.name}' has ended ({how})") from None
+        if self._busy:
+            try:
+                answer = self._answers.get(block=wait, timeout=self.config.patience)
+            except queue.Empty:
+                if wait:
+                    patience = f"{self.config.patience:g} s"
+                    raise self._stay_out(f"gave no answer within {patience} (`patience`)") from None
+                return ()
+            self._busy, outdated, self._outdated = False, self._outdated, False
+            if answer is None:
+                answer = self._after_end()
+            if not outdated:
+                if isinstance(answer, PluginError):
+                    raise answer
+                clouds = answer
+        if self._waiting and not self._busy:
+            waiting = self._waiting.popleft()
+            if self.out:
+                raise PluginError(self.out)
+            self._todo.put(waiting)
+            self._busy = True
         return clouds
 
     def reset(self) -> None:
-        """Forget what waits and what is being worked on; a process that ended stays silent."""
-        self._outdated = self._busy
+        """Forget what waits and what is being worked on; a process that ended starts again."""
         self._waiting.clear()
-        with contextlib.suppress(OSError):
-            self._pipe.send(None)
+        self._ends = 0
+        if self.out:
+            self.out = ""
+            self._start()
+        elif self._busy:
+            self._outdated = True
+        self._todo.put(RESET)
 
     def close(self) -> None:
         """End the process."""
-        self._pipe.close()
+        self._todo.put(END)
         self._process.join(timeout=0.2)
         if self._process.is_alive():
             self._process.kill()
             self._process.join()
+        self._courier.join(timeout=0.2)  # what the process itself started may hold the pipe
+
+    def _start(self) -> None:
+        context = multiprocessing.get_context("spawn")
+        ours, theirs = context.Pipe()
+        self._process = context.Process(
+            target=_serve,
+            args=(theirs, self.name, self._module),
+            name=f"contactfusion {self.name}",
+            daemon=True,
+        )
+        self._process.start()
+        theirs.close()
+        self._todo, self._answers = queue.SimpleQueue[Packed](), queue.SimpleQueue[Answer]()
+        self._courier = threading.Thread(
+            target=_carry, args=(ours, self._todo, self._answers), daemon=True
+        )
+        self._courier.start()
+        self._todo.put(self._packed)
+        self._busy, self._outdated = True, False
+
+    def _after_end(self) -> PluginError:
+        """Start again after the process ended, or stay out; the reading in work is lost."""
+        self._process.join(timeout=1.0)  # its pipe closes just before it is gone
+        how = f"has ended (exit code {self._process.exitcode})"
+        if self._ends == RESTARTS:
+            return self._stay_out(f"{how} {RESTARTS + 1} times")
+        self._ends += 1
+        self.close()
+        self._start()
+        again = f"it is started again, {self._ends} of {RESTARTS} times"
+        return PluginError(f"the process of '{self.name}' {how}: {again}")
+
+    def _stay_out(self, why: str) -> PluginError:
+        self.close()
+        self._busy = False
+        self.out = f"the process of '{self.name}' {why}: it stays out"
+        return PluginError(self.out)
 
 
 @dataclass(frozen=True)
@@ -142,20 +203,72 @@ def _unpacked(state: State) -> State:
     return state if state.robot is None else replace(state, surface=state.robot.surface)
 
 
-def _serve(generator: Generator[Any], pipe: Connection) -> None:
-    """Answer readings with clouds, or with a sentence when the generator raises."""
-    pipe.send([])
-    while True:
+END = object()
+"""What sends the courier home."""
+RESET = b""
+"""The message that resets the generator; it gets no answer."""
+
+
+def _carry(
+    pipe: Connection, todo: "queue.SimpleQueue[Packed]", answers: "queue.SimpleQueue[Answer]"
+) -> None:
+    """Carry work to a process and its answers back; only this thread ever waits for the pipe."""
+    with pipe:
+        while (given := todo.get()) is not END:
+            answer: Answer = ()
+            try:
+                pipe.send_bytes(given)
+                if given is not RESET:
+                    answer = pipe.recv()
+            except (EOFError, OSError):
+                answer = None
+            except Exception as error:  # what a plug-in packed may raise anything when unpacked
+                answer = PluginError(f"an answer cannot be unpickled: {cause_in(error, '')}")
+            if given is not RESET:
+                answers.put(answer)
+
+
+def _serve(pipe: Connection, name: str, module: str) -> None:
+    """Answer what comes: the generator itself, then readings; a reset gets no answer.
+
+    A generator that cannot be prepared, or be reset, answers every reading with the reason.
+    """
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # who is interrupted closes the pipe
+    generator: Any = None
+    unfit: PluginError | None = None
+    unready: PluginError | None = None
+
+    def attempt(who: str, do: Callable[[], Packed]) -> Packed | PluginError:
         try:
-            given = pipe.recv()
-        except (EOFError, OSError):
-            return
-        if given is None:
-            generator.reset()
-            continue
-        try:
-            reading, state = given
-            answer: object = list(generator.generate(reading, _unpacked(state)))
-        except Exception as error:  # the cycle must hear of it, whatever it is
-            answer = f"{type(error).__name__}: {error}"
-        pipe.send(answer)
+            return do()
+        except PluginError as error:
+            return error
+        except (Exception, SystemExit) as error:
+            failed = PluginError(f"{who} raised {cause_in(error, module, type(generator))}")
+            failed.add_note("".join(traceback.format_exception(error)))
+            return failed
+
+    def prepare() -> None:
+        nonlocal generator
+        generator, model = ForkingPickler.loads(given)
+        if model is not None:
+            generator.prepare(model)
+
+    def clouds() -> Packed:
+        reading, state = ForkingPickler.loads(given)
+        return ForkingPickler.dumps(checked_clouds(generator.generate(reading, _unpacked(state))))
+
+    with contextlib.suppress(EOFError, OSError):
+        given = pipe.recv_bytes()
+        unfit = attempt(f"`prepare` of '{name}'", prepare)
+        pipe.send(unfit or ())
+        while True:
+            given = pipe.recv_bytes()
+            if given == RESET:
+                unready = unfit or attempt(f"`reset` of '{name}'", generator.reset)
+                continue
+            answer = unfit or unready or attempt(f"'{name}'", clouds)
+            if isinstance(answer, PluginError):
+                pipe.send(answer)
+            else:
+                pipe.send_bytes(answer)

@@ -1,12 +1,13 @@
 """The base of every configuration: refuses what it does not know."""
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, TypeVar
 
 from pydantic import BaseModel, ConfigDict, ValidationError
 from pydantic_core import ErrorDetails
 
-from contactfusion.errors import ConfigurationError, name_hint
+from contactfusion.errors import ConfigurationError, DefaultError, name_hint
 
 MORE = " more)"
 
@@ -16,17 +17,25 @@ class Model(BaseModel):
 
     Raises:
         ConfigurationError: a field is unknown, missing, or holds what it may not; one sentence.
+        DefaultError: a default of the class is what the class itself refuses.
     """
 
     model_config = ConfigDict(
-        extra="forbid", frozen=True, allow_inf_nan=False, use_attribute_docstrings=True
+        extra="forbid",
+        frozen=True,
+        allow_inf_nan=False,
+        use_attribute_docstrings=True,
+        validate_default=True,
     )
 
     def __init__(self, **fields: object) -> None:
         try:
             super().__init__(**fields)
         except ValidationError as error:
-            raise explained(error, type(self)) from None
+            wrong = explained(error, type(self))
+            if wrong.path.partition(".")[0] in _refused_defaults(error, fields):
+                raise DefaultError(wrong.problem, wrong.path) from None
+            raise wrong from None
 
 
 M = TypeVar("M", bound=Model)
@@ -58,6 +67,12 @@ def explained(error: ValidationError, model: type[BaseModel]) -> ConfigurationEr
     if more and not wrong.problem.endswith(MORE):  # a model inside has counted already
         return ConfigurationError(f"{wrong.problem} (and {more}{MORE}", wrong.path)
     return wrong
+
+
+def _refused_defaults(error: ValidationError, given: Mapping[str, object]) -> set[str]:
+    """The fields that were not given, and yet hold what they may not."""
+    wrong = [detail["loc"] for detail in error.errors() if detail["type"] != "missing"]
+    return {str(loc[0]) for loc in wrong if loc and loc[0] not in given}
 
 
 def _wrong(detail: ErrorDetails, model: type[BaseModel]) -> ConfigurationError:

@@ -5,9 +5,10 @@ clock of its own; time comes in with readings and steps.
 """
 
 import functools
+import logging
 import math
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -17,11 +18,15 @@ from contactfusion.errors import (
     ConfigurationError,
     ContactFusionError,
     FrameError,
+    Guard,
+    PluginError,
     SourceError,
+    cause_of,
     name_hint,
 )
 from contactfusion.faults import Faults
 from contactfusion.frames import points_in, vectors_in
+from contactfusion.generator import checked_clouds
 from contactfusion.grid import Grid
 from contactfusion.hypotheses import HypothesisCloud, HypothesisKind
 from contactfusion.integrator.fusion import Fusion
@@ -33,6 +38,9 @@ from contactfusion.readings import READING_TYPES, Reading, Transform
 from contactfusion.robot import Robot
 from contactfusion.state import State
 
+LOG = logging.getLogger(__name__)
+CONTROLLER = "the controller"
+"""What the controller is called beside the quoted names of generators."""
 PAUSE = 60.0
 """When nothing is read for longer, no step is made until the one before the next reading [s]."""
 Ask = Callable[[AnyGenerator, Reading, State], Sequence[HypothesisCloud]]
@@ -99,13 +107,22 @@ class Pipeline:
         self._robot = Robot(config, self._grid)
         self.generators: dict[str, AnyGenerator] = {}
         """The plugged generators by name."""
-        for name, options in config.generators.items():
-            self.plug(name, options)
-        self._controller = built_controller(config)
-        self._faults = Faults(config.faults, config.seed)
-        self._fusion: Fusion | None = None
+        self._unready: dict[str, str] = {}
+        """Why a generator or the controller is not asked: `reset` of it raised."""
+        self._raised: set[str] = set()
+        """Who has raised before."""
         self.unplaced: Counter[str] = Counter()
         """How often clouds of each generator were refused as no transform placed them."""
+        self._failed_commands, self._first_failure = 0, ""
+        try:
+            for name, options in config.generators.items():
+                self.plug(name, options)
+            self._controller = built_controller(config)
+        except BaseException:
+            self.close()
+            raise
+        self._faults = Faults(config.faults, config.seed)
+        self._fusion: Fusion | None = None
 
     def plug(self, name: str, options: dict[str, Any]) -> None:
         """Plug a generator in, also while running.
@@ -116,14 +133,12 @@ class Pipeline:
 
         Raises:
             SourceError: a generator of that name is plugged.
+            PluginError: it is not installed, breaks the contract, or raises.
+            ConfigurationError: an option of it is wrong.
         """
         if name in self.generators:
             raise SourceError(f"the generator '{name}' is plugged already; unplug it first")
         generator = built_generator(name, options, self.config.folder, self.config.robot)
-        if generator.config.isolate:
-            generator = Isolated(generator, self._live)
-        elif self._robot.model is not None:
-            generator.prepare(self._robot.model)
         evidence = [*generator.sources.values()].count(HypothesisKind.REGULAR)
         if generator.config.sensitivity and evidence != 1:
             raise ConfigurationError(
@@ -131,6 +146,12 @@ class Pipeline:
                 f"found nothing; '{name}' has {evidence}",
                 f"generators.{name}.sensitivity",
             )
+        if generator.config.isolate:
+            generator = Isolated(generator, self._live, self._robot.model)
+        elif self._robot.model is not None:
+            prepared = f"generators.{name}: `prepare` of the plug-in '{options['type']}'"
+            with Guard(prepared, type(generator)):
+                generator.prepare(self._robot.model)
         for source, kind in generator.sources.items():
             self.integrator.plug(
                 source,
@@ -152,6 +173,7 @@ class Pipeline:
             hint = name_hint(name, self.generators, "plugged generators")
             raise SourceError(f"unknown generator '{name}'; {hint}")
         generator = self.generators.pop(name)
+        self._unready.pop(f"'{name}'", None)
         for source in generator.sources:
             self.integrator.unplug(source)
         if isinstance(generator, Isolated):
@@ -196,7 +218,7 @@ class Pipeline:
         command = None
         if self._controller:
             state = replace(state, fusion=self._fusion)
-            command = _command(self._controller, self._fusion, state)
+            command = self._command(self._controller, self._fusion, state)
         return Step(now, self._fusion, command)
 
     def run(self, readings: Iterable[Reading]) -> Iterator[Step]:
@@ -220,10 +242,25 @@ class Pipeline:
         self._faults.reset()
         self._fusion = None
         self.unplaced.clear()
-        for generator in self.generators.values():
-            generator.reset()
+        self._failed_commands, self._first_failure = 0, ""
+        self._unready.clear()
+        for name, generator in self.generators.items():
+            self._reset(f"'{name}'", generator)
         if self._controller:
-            self._controller.reset()
+            self._reset(CONTROLLER, self._controller)
+
+    @property
+    def ended(self) -> Mapping[str, str]:
+        """Why plug-ins did not take part to the end, by their field of the configuration."""
+        out = {
+            f"generators.{name}": generator.out
+            for name, generator in self.generators.items()
+            if isinstance(generator, Isolated) and generator.out
+        }
+        if self._failed_commands:
+            failed = f"it commanded nothing in {self._failed_commands} steps"
+            out["controller"] = f"{failed}: {self._first_failure}"
+        return out
 
     def close(self) -> None:
         """End the processes of isolated generators."""
@@ -277,15 +314,12 @@ class Pipeline:
     ) -> None:
         """Pass a generator's clouds on; whatever goes wrong is counted against it alone."""
         try:
-            clouds = ask()
-            if not isinstance(clouds, Sequence):  # one that is read once would be spent below
-                raise TypeError(f"it gave {type(clouds).__name__}, not a sequence of clouds")
-            for cloud in clouds:
-                if not isinstance(cloud, HypothesisCloud):
-                    raise TypeError(f"it gave {type(cloud).__name__}, not a HypothesisCloud")
-        except Exception as error:  # a plug-in may raise anything, and no other source may suffer
-            reason = f"'{generator.name}' raised {type(error).__name__}: {error}"
+            if unready := self._unready.get(f"'{generator.name}'"):
+                raise PluginError(unready)
+            clouds = checked_clouds(ask())
+        except (Exception, SystemExit) as error:  # a plug-in may raise anything; no other suffers
             self.unplaced[generator.name] += isinstance(error, FrameError)
+            reason = self._reason(f"'{generator.name}'", generator, error)
             for source in generator.sources:
                 self.integrator.refuse(source, reason)
             return
@@ -309,6 +343,37 @@ class Pipeline:
                 continue  # the integrator has counted it
             self._tell(cloud)
 
+    def _command(self, controller: Controller, fusion: Fusion, state: State) -> Command:
+        """Ask the controller; one that raises commands nothing, and says why."""
+        try:
+            if unready := self._unready.get(CONTROLLER):
+                raise PluginError(unready)
+            command = controller.command(fusion.contacts, state)
+            if not isinstance(command, Command):
+                raise TypeError(f"it gave {type(command).__name__}, not a Command")
+            return command
+        except (Exception, SystemExit) as error:  # the robot must not run on
+            reason = self._reason(CONTROLLER, controller, error)
+            self._failed_commands += 1
+            self._first_failure = self._first_failure or reason
+            return Command(mode="fault", reason=reason)
+
+    def _reset(self, who: str, plugged: AnyGenerator | Controller) -> None:
+        """Reset a generator or the controller; one that raises is not asked until it can be."""
+        try:
+            plugged.reset()
+        except (Exception, SystemExit) as error:
+            self._unready[who] = self._reason(f"`reset` of {who}", plugged, error)
+
+    def _reason(self, who: str, plugged: AnyGenerator | Controller, error: BaseException) -> str:
+        """Say what a plug-in raised; the first time its traceback goes to the log, too."""
+        told = isinstance(error, PluginError)
+        reason = str(error) if told else f"{who} raised {cause_of(error, type(plugged))}"
+        if who not in self._raised:
+            self._raised.add(who)
+            LOG.debug("%s", reason, exc_info=error)
+        return reason
+
     def _in_space(self, cloud: HypothesisCloud) -> HypothesisCloud:
         """Bring a cloud into the frame of the hypothesis space."""
         if cloud.frame == self._grid.frame:
@@ -325,14 +390,3 @@ class Pipeline:
 def _takes(generator: AnyGenerator, reading: Reading) -> bool:
     wanted = generator.config.sensor
     return isinstance(reading, generator.readings) and (wanted is None or wanted == reading.sensor)
-
-
-def _command(controller: Controller, fusion: Fusion, state: State) -> Command:
-    """Ask the controller; one that raises commands nothing, and says why."""
-    try:
-        command = controller.command(fusion.contacts, state)
-        if not isinstance(command, Command):
-            raise TypeError(f"it gave {type(command).__name__}, not a Command")
-        return command
-    except Exception as error:  # a plug-in may raise anything; the robot must not run on
-        return Command(mode="fault", reason=f"{type(error).__name__}: {error}")

@@ -2,6 +2,7 @@
 
 import functools
 import importlib
+import inspect
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from importlib.metadata import EntryPoint, entry_points
@@ -11,7 +12,15 @@ from typing import Any
 import pluggy
 
 from contactfusion import hooks
-from contactfusion.errors import PluginError, name_hint
+from contactfusion.errors import (
+    ConfigurationError,
+    DefaultError,
+    Guard,
+    PluginError,
+    cause_in,
+    name_hint,
+    place_of,
+)
 from contactfusion.extras import extra_of, installs
 from contactfusion.hooks import GROUP
 
@@ -117,15 +126,15 @@ class Plugins:
                 self._register(name, module)
         except PluginError as error:
             self._fail(name, str(error), error)
-        except ModuleNotFoundError as error:
-            self._fail(name, _lacking(error), error)
         except (Exception, SystemExit) as error:  # no stranger's module may take others down
-            self._fail(name, f"{type(error).__name__}: {error}", error)
+            self._fail(name, cause_in(error, point.module) + _remedy(error), error)
 
     def _register(self, name: str, module: ModuleType) -> None:
         try:
             self._manager.register(module, name=module.__name__)
             self._manager.check_pending()
+            if not self._manager.get_hookcallers(module):
+                raise PluginError(_unmarked(module))
             for kind in KINDS:
                 self._collect(name, kind, module)
         except BaseException:
@@ -141,11 +150,13 @@ class Plugins:
             if not isinstance(offer, Mapping):
                 raise PluginError(
                     f"contactfusion_{kind}() gives {offer!r}, not a mapping of classes"
+                    + _at(implementation.function)
                 )
             for key, cls in offer.items():
                 if not isinstance(cls, type):
                     raise PluginError(
                         f"contactfusion_{kind}() gives {cls!r} for '{key}', not a class"
+                        + _at(implementation.function)
                     )
                 if key in self._offers[kind]:
                     owner = self._offers[kind][key].__module__
@@ -157,6 +168,59 @@ class Plugins:
         self.failures[name] = why
         if self._strict:
             raise PluginError(f"the plug-in '{name}' cannot be used: {why}") from cause
+
+
+def class_fault(cls: type[Any], contract: type[Any], config: type[Any]) -> str:
+    """What keeps a class from its contract.
+
+    Args:
+        cls: the class that a plug-in offers.
+        contract: the abstract class that it is to implement.
+        config: the class that its `Config` is to extend.
+
+    Returns:
+        The end of a sentence that starts with the name of the class; empty when nothing does.
+    """
+    if not (inspect.isclass(cls) and issubclass(cls, contract)):
+        return f"is no subclass of {contract.__name__}"
+    if missing := sorted(getattr(cls, "__abstractmethods__", ())):
+        return f"does not implement `{'`, `'.join(missing)}` of {contract.__name__}"
+    if not (inspect.isclass(cls.Config) and issubclass(cls.Config, config)):
+        return f"has a `Config` that is no subclass of {config.__name__}"
+    return ""
+
+
+def refuse(name: str, cls: type[Any], fault: str) -> None:
+    """Refuse a plug-in for a fault of its class.
+
+    Raises:
+        PluginError: there is a fault; names plug-in, class, file and line.
+    """
+    if fault:
+        raise PluginError(f"the plug-in '{name}' cannot be used: {cls.__name__} {fault}{_at(cls)}")
+
+
+def configured(name: str, cls: type[Any], options: Mapping[str, Any], path: str) -> Any:
+    """The `Config` of a plug-in's class, made of options.
+
+    Args:
+        name: the plug-in.
+        cls: its class.
+        options: the fields that are given.
+        path: where they stand in the configuration.
+
+    Raises:
+        ConfigurationError: an option is wrong.
+        PluginError: the class refuses its own default, or raises anything else.
+    """
+    where = f"{path}: " if path else ""
+    with Guard(f"{where}`Config` of the plug-in '{name}'", cls.Config):
+        try:
+            return cls.Config(**options)
+        except DefaultError as error:
+            refuse(name, cls.Config, f"has a default that it refuses itself: {error}")
+        except ConfigurationError as error:
+            raise error.under(path) from None
 
 
 @functools.cache
@@ -173,7 +237,23 @@ def _distribution(point: EntryPoint) -> str:
     return f"{point.dist.name} {point.dist.version}" if point.dist else NOBODY
 
 
-def _lacking(error: ModuleNotFoundError) -> str:
-    """Say which module a plug-in lacks, and how to install it when it is one of an extra."""
-    told, extra = f"{type(error).__name__}: {error}", extra_of(error.name or "")
-    return f"{told}; install it with: {installs(extra)}" if extra else told
+def _at(definition: Any) -> str:
+    place = place_of(definition)
+    return f" ({place})" if place else ""
+
+
+def _remedy(error: BaseException) -> str:
+    """Say how to install the module that a plug-in lacks, when it is one of an extra."""
+    lacks = isinstance(error, ModuleNotFoundError) and error.name
+    extra = extra_of(lacks) if lacks else None
+    return f"; install it with: {installs(extra)}" if extra else ""
+
+
+def _unmarked(module: ModuleType) -> str:
+    """Say that a module offers nothing, and where the mark of a hook was forgotten."""
+    for kind in KINDS:
+        hook = getattr(module, f"{GROUP}_{kind}", None)
+        if inspect.isfunction(hook):
+            return f"{hook.__name__}() lacks @hookimpl, so that it offers nothing{_at(hook)}"
+    hooks_ = ", ".join(f"{GROUP}_{kind}" for kind in KINDS)
+    return f"{module.__name__} offers nothing: it has no function with @hookimpl, named {hooks_}"

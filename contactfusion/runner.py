@@ -10,6 +10,7 @@ from contactfusion.pipeline import Pipeline
 from contactfusion.pipeline_config import PipelineConfig
 from contactfusion.readings import Reading
 from contactfusion.state import State
+from contactfusion.stopwatch import StopWatch
 
 OVERRUNS = 3
 """A generator that exceeds its budget this often in a row is unplugged."""
@@ -24,7 +25,7 @@ class Runner:
     """
 
     def __init__(self, config: PipelineConfig, clock: Callable[[], float]) -> None:
-        self._clock = clock
+        self._watch = StopWatch(clock)
         self._overruns: Counter[str] = Counter()
         self.pipeline = Pipeline(config, ask=self._timed, live=True)
 
@@ -40,11 +41,10 @@ class Runner:
     def _timed(
         self, generator: AnyGenerator, reading: Reading, state: State
     ) -> Sequence[HypothesisCloud]:
-        start = self._clock()
         try:
-            return generator.generate(reading, state)
+            return self._watch.ask(generator, reading, state)
         finally:
-            took, budget = self._clock() - start, generator.config.budget
+            took, budget = self._watch.took, generator.config.budget
             if took > budget:
                 self._overruns[generator.name] += 1
                 self._note(

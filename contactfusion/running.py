@@ -12,7 +12,7 @@ from pydantic import Field, model_validator
 
 from contactfusion.errors import ConfigurationError, FrameError, PluginError, name_hint
 from contactfusion.files import make_folder, write_whole
-from contactfusion.pipeline import Pipeline
+from contactfusion.pipeline import Pipeline, Step
 from contactfusion.pipeline_config import PipelineConfig
 from contactfusion.readings import READING_TYPES, Reading
 from contactfusion.recordings.opening import open_recording
@@ -20,6 +20,7 @@ from contactfusion.recordings.recording import Recording
 from contactfusion.run_results import commands_csv, contacts_csv, summary, tell
 from contactfusion.simulation.scene import heard
 from contactfusion.step_summary import Summary
+from contactfusion.stopwatch import StopWatch
 from contactfusion.yaml_files import read_yaml, with_overrides
 
 if TYPE_CHECKING:
@@ -48,6 +49,8 @@ class RunConfig(PipelineConfig):
 def run_file(path: Path, overrides: Sequence[str], out: Path, seed: int | None = None) -> None:
     """Run what a YAML file describes; write contacts.csv, commands.csv and summary.json.
 
+    What was found before a plug-in or the recording broke off, or before an interrupt, is kept.
+
     Args:
         path: the file; relative names in it start at its folder.
         overrides: fields to change, as "a.b=c".
@@ -59,11 +62,12 @@ def run_file(path: Path, overrides: Sequence[str], out: Path, seed: int | None =
             be.
     """
     fields = run_fields(path, overrides, seed)
+    watch = StopWatch()
     with naming(path):
         config = RunConfig(**fields)
         scene = opened_scene(config) if config.scene else None
         source = scene or _recording(config, path.parent)
-        pipeline = Pipeline(config)
+        pipeline = Pipeline(config, ask=watch.ask)
     make_folder(out)
     counts: Counter[tuple[str, type[Reading]]] = Counter()
 
@@ -71,28 +75,38 @@ def run_file(path: Path, overrides: Sequence[str], out: Path, seed: int | None =
         counts[reading.sensor, type(reading)] += 1
 
     start = time.perf_counter()
+    steps: list[Step] = []
+    stopped: BaseException | None = None
     try:
         if isinstance(source, Recording):
-            steps = list(pipeline.run(heard(source.readings(), hear)))
+            steps.extend(pipeline.run(heard(source.readings(), hear)))
         else:
-            steps = list(source.run(pipeline, hear))
+            steps.extend(source.run(pipeline, hear))
+    except (Exception, KeyboardInterrupt) as error:  # what was found until then is kept
+        if not steps:
+            raise
+        stopped = error
     finally:
         pipeline.close()
     took = time.perf_counter() - start
     write_whole(out / "contacts.csv", contacts_csv(steps))
     total = summary(steps)
     tell(total, took)
+    for line in watch.lines():
+        print(line)
     results = [out / "contacts.csv", out / "summary.json"]
     if pipeline.config.controller is not None:
         results.insert(1, out / "commands.csv")
         write_whole(results[1], commands_csv(steps))
-    if scene and steps:
+    if scene and steps and stopped is None:
         verdict = scene.verdict(pipeline, steps[-1])
         total["truth"] = verdict.truth
         for sentence in verdict.sentences:
             print(f"truth: {sentence}")
     write_whole(out / "summary.json", json.dumps(total, indent=2) + "\n")
     print(f"results: {', '.join(map(str, results))}")
+    if stopped is not None:
+        raise stopped
     if faults := list(unheard(pipeline, counts, Summary.of(steps))):
         more = f" (and {len(faults) - 1} more)" if len(faults) > 1 else ""
         raise ConfigurationError(f"{path}: {faults[0]}{more}")
@@ -169,6 +183,8 @@ def unheard(
         elif wanted is not None and wanted not in fit:
             hint = name_hint(wanted, fit, "sensors")
             yield f"generators.{name}.sensor: no reading of '{wanted}' came; {hint}"
+    for field, why in pipeline.ended.items():
+        yield f"{field}: {why}"
     for name, source in gave.report.sources.items() if gave.report else ():
         if source.invalid and not source.accepted:
             yield f"every cloud of '{name}' was refused: {gave.refusal(name)}"

@@ -7,10 +7,10 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import BeforeValidator, Field, SerializeAsAny
 
-from contactfusion.errors import ConfigurationError, PluginError
+from contactfusion.errors import ConfigurationError, Guard
 from contactfusion.frames import Pose
 from contactfusion.model import Model
-from contactfusion.plugins import installed_plugins
+from contactfusion.plugins import class_fault, configured, installed_plugins, refuse
 from contactfusion.readings import DepthImage
 
 Mask = NDArray[np.bool_]
@@ -73,13 +73,19 @@ def built_segmenter(config: SegmenterConfig) -> Segmenter[Any]:
         PluginError: no segmenter of that type is installed.
         DependencyError: it needs a package that is not installed.
     """
-    return _found(config.type)(config)
+    cls = segmenter_class(config.type)
+    with Guard(f"the plug-in '{config.type}'", cls):
+        return cls(config)
 
 
-def _found(name: str) -> type[Segmenter[Any]]:
+def segmenter_class(name: str) -> type[Segmenter[Any]]:
+    """Give the class of a type of segmenters.
+
+    Raises:
+        PluginError: no such type is installed, or its class breaks the contract.
+    """
     cls: type[Segmenter[Any]] = installed_plugins().find("segmenters", name)
-    if not issubclass(cls, Segmenter):
-        raise PluginError(f"the plug-in class {cls.__name__} of '{name}' is no Segmenter")
+    refuse(name, cls, class_fault(cls, Segmenter, SegmenterConfig))
     return cls
 
 
@@ -91,7 +97,7 @@ def _configured(value: Any) -> Any:
     name = options.get("type")
     if not isinstance(name, str):
         raise ConfigurationError("say which segmenter by its `type`")
-    return _found(name).Config(**options)
+    return configured(name, segmenter_class(name), options, "")
 
 
 AnySegmenter = Annotated[SerializeAsAny[SegmenterConfig], BeforeValidator(_configured)]

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from contactfusion.arrays import FloatArray, frozen_array
+from contactfusion.arrays import FloatArray, frozen, frozen_array
 from contactfusion.errors import ConfigurationError
 from contactfusion.frames import Pose, inverse, points_in, vectors_in
 
@@ -116,9 +116,8 @@ class Surface:
     @cached_property
     def links(self) -> NDArray[np.int32]:
         """The index into `link_names` that each point belongs to, shape (n,)."""
-        links = np.concatenate([np.zeros(0, np.int32), *(part.links for part, _ in self._parts)])
-        links.flags.writeable = False
-        return links
+        parts = (part.links for part, _ in self._parts)
+        return frozen(np.concatenate([np.zeros(0, np.int32), *parts]))
 
     def moved(self, pose: Pose, frame: str) -> "Surface":
         """Give the surface in another frame; `pose` takes this frame to that one."""
@@ -177,9 +176,7 @@ class Surface:
         return centres, np.array([part.ball[1] for part, _ in self._parts])
 
     def _joined(self, arrays: list[FloatArray]) -> FloatArray:
-        joined = np.concatenate([np.empty((0, 3)), *arrays])
-        joined.flags.writeable = False
-        return joined
+        return frozen(np.concatenate([np.empty((0, 3)), *arrays]))
 
 
 def rectangle(

@@ -7,6 +7,7 @@ import numpy as np
 from pydantic import Field
 
 from contactfusion.arrays import FloatArray
+from contactfusion.errors import Guard
 from contactfusion.frames import points_in
 from contactfusion.generator import Generator
 from contactfusion.generators.edges import Thresholds, edge_points
@@ -77,7 +78,8 @@ class RgbdCpmGenerator(LearnedFace[RgbdCpmConfig]):
         pose = state.frames.pose(self.config.frame, of=reading.frame)
         if self._body:
             pose = self._body.mended(depth, reading.intrinsics, pose)
-        mask = self._segmenter.segment(reading, pose)
+        with Guard(f"the segmenter of '{self.name}'", type(self._segmenter)):
+            mask = self._segmenter.segment(reading, pose)
         if mask is None:
             return ()
         edges = edge_points(depth, mask, reading, self.config.canny)

@@ -45,6 +45,8 @@ class IntegratorConfig(Model):
     """A source silent for longer no longer holds up readiness [s]."""
     max_ahead: float = Field(default=0.1, ge=0, le=1e9)
     """A stamp further ahead of now is held back until its time [s]."""
+    max_hypotheses: int = Field(default=2_000_000, ge=1)
+    """A cloud of more hypotheses is refused."""
     strict_sources: bool = False
     """Whether a cloud of a source that was never plugged is an error."""
     options: dict[str, Any] = Field(default_factory=dict)

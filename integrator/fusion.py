@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from contactfusion.arrays import FloatArray
 from contactfusion.contacts import Contact
-from contactfusion.errors import SourceError, name_hint
+from contactfusion.errors import Guard, SourceError, name_hint
 from contactfusion.hypotheses import ContactHypothesis, HypothesisKind
 from contactfusion.integrator import kernels
 from contactfusion.integrator.condensations import Condensation
@@ -168,13 +168,21 @@ def fuse(
     surface: Surface | None,
     report: Report,
 ) -> Fusion:
-    """Fuse live entries, judge each voxel, and condense the contacts."""
-    field = rule.fuse(entries, entries.sources, surface)
+    """Fuse live entries, judge each voxel, and condense the contacts.
+
+    Raises:
+        PluginError: rule or condensation raised.
+    """
+    with Guard("the rule", type(rule)):
+        field = rule.fuse(entries, entries.sources, surface)
+        if not isinstance(field, Field):
+            raise TypeError(f"it gave {type(field).__name__}, not a Field")
     if getattr(condensation, "needs_belief", False):  # it looks at places, not at voxels
         verdicts = np.empty(0, np.uint8)
     else:
         verdicts = kernels.judge(field.likelihoods, entries.bits, threshold)
-    contacts = tuple(condensation.condense(field, verdicts))
+    with Guard("the condensation", type(condensation)):
+        contacts = tuple(condensation.condense(field, verdicts))
 
     def again(fewer: Entries) -> Fusion:
         return fuse(fewer, rule, condensation, threshold, surface, report)

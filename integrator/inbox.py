@@ -30,10 +30,11 @@ class Inbox:
     Args:
         grid: the frame and voxel size of the hypothesis space.
         max_ahead: how far a stamp may lie ahead of now [ns].
+        most: how many hypotheses a cloud may hold.
     """
 
-    def __init__(self, grid: Grid, max_ahead: int) -> None:
-        self._grid, self._max_ahead = grid, max_ahead
+    def __init__(self, grid: Grid, max_ahead: int, most: int) -> None:
+        self._grid, self._max_ahead, self._most = grid, max_ahead, most
         self._arrivals: list[Arrival] = []
 
     def put(self, cloud: HypothesisCloud) -> None:
@@ -41,8 +42,13 @@ class Inbox:
 
         Raises:
             FrameError: its frame is not the grid's.
-            InvalidCloudError: a place is out of reach.
+            InvalidCloudError: a place is out of reach, or there are too many.
         """
+        if len(cloud) > self._most:
+            raise InvalidCloudError(
+                f"the cloud of '{cloud.source}' holds {len(cloud)} hypotheses, more than "
+                f"`integrator.max_hypotheses` allows, {self._most}"
+            )
         if cloud.frame != self._grid.frame:
             raise FrameError(
                 f"the cloud of '{cloud.source}' comes in frame '{cloud.frame}', "

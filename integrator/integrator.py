@@ -1,8 +1,11 @@
 """The integrator: hypotheses in, contacts out, and why (F §III). This page tells the story."""
 
+from typing import Any
+
 from contactfusion.errors import (
     ConfigurationError,
     ContactFusionError,
+    Guard,
     SourceError,
     TimeError,
     name_hint,
@@ -15,9 +18,12 @@ from contactfusion.integrator.inbox import Inbox
 from contactfusion.integrator.report import Event, EventKind, Report
 from contactfusion.integrator.sources import SourceRecord
 from contactfusion.integrator.space import Space
-from contactfusion.plugins import installed_plugins
+from contactfusion.plugins import installed_plugins, refuse
 from contactfusion.surface import Surface
 from contactfusion.time import to_nanoseconds
+
+PARTS = {"rules": "fuse", "condensations": "condense"}
+"""The method of each part that configurations choose."""
 
 
 class Integrator:
@@ -35,9 +41,8 @@ class Integrator:
 
     def __init__(self, config: IntegratorConfig | None = None) -> None:
         self.config = config or IntegratorConfig()
-        plugins = installed_plugins()
-        self._rule = plugins.find("rules", self.config.rule)(self.config)
-        self._condensation = plugins.find("condensations", self.config.condensation)(self.config)
+        self._rule = built_part("rules", self.config.rule, self.config)
+        self._condensation = built_part("condensations", self.config.condensation, self.config)
         wants = getattr(self._condensation, "needs_belief", False)
         if wants and not getattr(self._rule, "gives_belief", False):
             raise ConfigurationError(
@@ -48,7 +53,8 @@ class Integrator:
         self._grid = Grid(self.config.frame, self.config.voxel_size)
         places = getattr(self._rule, "needs_places", False)
         self._space = Space(self._grid, self.config, places=places)
-        self._inbox = Inbox(self._grid, to_nanoseconds(self.config.max_ahead))
+        ahead = to_nanoseconds(self.config.max_ahead)
+        self._inbox = Inbox(self._grid, ahead, self.config.max_hypotheses)
         self._sources: dict[str, SourceRecord] = {}
         self._unplugged: set[str] = set()
         self._events: list[Event] = []
@@ -161,6 +167,7 @@ class Integrator:
 
         Raises:
             TimeError: time ran backwards; `reset` starts again.
+            PluginError: the rule or the condensation raised.
         """
         at = self._advance(now)
         accepted = self._inbox.take(at, self._sources, self._events)
@@ -221,6 +228,23 @@ class Integrator:
 
     def _source_hint(self, name: str) -> str:
         return name_hint(name, self._sources, "plugged sources")
+
+
+def built_part(kind: str, name: str, config: IntegratorConfig) -> Any:
+    """Build a rule or a condensation.
+
+    Args:
+        kind: "rules" or "condensations".
+        name: the name by which configurations choose it.
+        config: what it is built from.
+
+    Raises:
+        PluginError: none of that name is installed, it breaks the contract, or it raises.
+    """
+    cls, method = installed_plugins().find(kind, name), PARTS[kind]
+    refuse(name, cls, "" if callable(getattr(cls, method, None)) else f"has no method `{method}`")
+    with Guard(f"integrator: the plug-in '{name}'", cls):
+        return cls(config)
 
 
 def _lifetime(name: str, seconds: float) -> int:

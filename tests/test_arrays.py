@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from contactfusion.arrays import finite_number, frozen_array
+from contactfusion.arrays import finite_number, frozen, frozen_array
 
 
 def test_an_array_of_the_caller_is_copied_and_cannot_change_what_was_kept() -> None:
@@ -21,18 +21,30 @@ def test_what_was_kept_is_read_only() -> None:
         kept[0] = 9.0
 
 
-def test_an_array_that_nobody_can_write_is_shared() -> None:
+@pytest.mark.parametrize("shape", [(2,), (2, 3), (0, 3)])
+def test_what_was_kept_cannot_be_made_writeable_itself_or_through_its_base(shape: Any) -> None:
+    mine = np.ones(shape)
+    mine.flags.writeable = False
+    kept = frozen_array(mine, shape, "values", ValueError)
+    mine.flags.writeable = True
+    mine[...] = 9.0
+    with pytest.raises(ValueError, match="cannot set WRITEABLE flag to True"):
+        kept.flags.writeable = True
+    with pytest.raises(ValueError, match="cannot set WRITEABLE flag to True"):
+        kept[:1].setflags(write=True)
+    assert isinstance(kept.base, bytes) and (kept == np.ones(shape)).all()
+
+
+def test_an_array_that_can_never_be_written_is_shared() -> None:
     kept = frozen_array(np.ones(3), (3,), "values", ValueError)
     assert frozen_array(kept, (3,), "values", ValueError) is kept
 
 
 @pytest.mark.parametrize("turn", [lambda a: a.T, lambda a: a[:, ::2], lambda a: a[1:]])
 def test_a_view_becomes_a_contiguous_copy(turn: Any) -> None:
-    mine = np.arange(16.0).reshape(4, 4)
-    mine.flags.writeable = False
-    view = turn(mine)
+    view = turn(frozen(np.arange(16.0).reshape(4, 4)))
     kept = frozen_array(view, (None, None), "values", ValueError)
-    assert kept.flags.c_contiguous and kept.flags.owndata and kept.tolist() == view.tolist()
+    assert kept.flags.c_contiguous and kept.base is not view and kept.tolist() == view.tolist()
 
 
 @pytest.mark.parametrize("dtype", [np.float32, np.int8, np.bool_, np.float16])

@@ -41,7 +41,6 @@ def points_of(cloud: Message) -> FloatArray:
         with np.errstate(invalid="ignore"):  # NaN that signals is no return, as any other is
             for axis, name in enumerate("xyz"):
                 grid[:, :, axis] = _column(cloud, fields[name])
-    points.flags.writeable = False
     return points
 
 

@@ -16,6 +16,7 @@ from contactfusion.replaying.session import WHOLE, Session, Window
 from contactfusion.replaying.tally import Tally
 from contactfusion.running import unheard
 from contactfusion.step_summary import Summary
+from contactfusion.stopwatch import StopWatch
 
 Watch = Callable[[Session], AbstractContextManager[Output]]
 """Gives who else sees readings and steps, such as a viewer."""
@@ -48,7 +49,7 @@ class Options:
 def replay(options: Options, watch: Watch | None = None) -> None:
     """Play a recording to a pipeline, keep its contacts, and tell what came.
 
-    What was found before the recording broke off, or before one interrupts, is kept.
+    What was found before the recording or a plug-in broke off, or before one interrupts, is kept.
 
     Args:
         options: what is played, and how.
@@ -57,7 +58,7 @@ def replay(options: Options, watch: Watch | None = None) -> None:
     Raises:
         ContactFusionError: configuration, recording or output are not what they should be, or
             something that the configuration needs never came.
-        KeyboardInterrupt: somebody interrupted; what was found until then is kept.
+        KeyboardInterrupt: somebody interrupted.
     """
     _refuse_itself(options)
     setting = setting_of_file(options.configuration, options.overrides)
@@ -69,8 +70,15 @@ def replay(options: Options, watch: Watch | None = None) -> None:
 
     wants_all = options.out is not None and options.out.suffix == ".mcap"
     tap = copy if wants_all else None
+    stopwatch = StopWatch()
     session = Session(
-        setting, options.recording, options.topics, options.window, tap, watched=watch is not None
+        setting,
+        options.recording,
+        options.topics,
+        options.window,
+        tap,
+        watched=watch is not None,
+        ask=stopwatch.ask,
     )
     tally, summary = Tally(), Summary()
     pace = _pace(options.rate)
@@ -81,7 +89,7 @@ def replay(options: Options, watch: Watch | None = None) -> None:
         for output in outputs:
             output.reading(reading)
 
-    stopped: WritingError | KeyboardInterrupt | None = None
+    stopped: BaseException | None = None
     about: About | None = None
     began = time.perf_counter()
     try:
@@ -97,8 +105,10 @@ def replay(options: Options, watch: Watch | None = None) -> None:
                     summary.add(step)
                     for output in outputs:
                         output.step(step)
-            except KeyboardInterrupt as interrupt:
-                stopped = interrupt
+            except WritingError:
+                raise
+            except (Exception, KeyboardInterrupt) as error:
+                stopped = error
             if not _came(tally):
                 if stopped is not None:
                     raise stopped
@@ -106,6 +116,8 @@ def replay(options: Options, watch: Watch | None = None) -> None:
     except WritingError as error:
         stopped = error
     _tell(session, tally, summary, time.perf_counter() - began)
+    for line in stopwatch.lines():
+        print(line)
     for topic, kind in about.passed_over.items() if about else ():
         print(f"not copied: {topic}, as nothing defines {kind}")
     if options.out is not None and not isinstance(stopped, WritingError):

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any, final
 
 from contactfusion.errors import ConfigurationError, FrameError, PluginError, RecordingError
-from contactfusion.pipeline import Pipeline, Step
+from contactfusion.pipeline import Ask, Pipeline, Step, asked
 from contactfusion.readings import Reading, Transform
 from contactfusion.recordings.opening import open_recording
 from contactfusion.recordings.recording import Recording
@@ -51,6 +51,7 @@ class Session:
         window: the part that is played.
         tap: who hears every message of a ROS recording as it is.
         watched: whether to play what no generator listens to, too, so that it can be looked at.
+        ask: how a generator is asked for its clouds.
 
     Raises:
         ContactFusionError: the configuration or the recording is not what it should be, or topics
@@ -65,13 +66,14 @@ class Session:
         window: Window = WHOLE,
         tap: Tap | None = None,
         watched: bool = False,
+        ask: Ask = asked,
     ) -> None:
         self.setting = replace(setting, told={**setting.told, **(told or {})})
         recording, self.inputs = _opened(self.setting, path, window, tap, watched)
         self.recording: Recording = recording
         self._broken: RecordingError | None = None
         try:
-            self.pipeline = Pipeline(self.setting.config(self.inputs.generators))
+            self.pipeline = Pipeline(self.setting.config(self.inputs.generators), ask)
         except (ConfigurationError, FrameError, PluginError) as error:
             raise ConfigurationError(f"{setting.origin}: {error}") from None
 

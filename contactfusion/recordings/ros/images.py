@@ -89,7 +89,6 @@ def depth_of(image: Message) -> FloatArray:
     kind, unit = DEPTHS[image.encoding]
     pixels = _pixels(image, np.dtype((">" if image.is_bigendian else "<") + kind), 1)
     depth: FloatArray = np.multiply(pixels[:, :, 0], unit, dtype=np.float64)
-    depth.flags.writeable = False
     return depth
 
 
