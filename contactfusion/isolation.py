@@ -25,6 +25,8 @@ if TYPE_CHECKING:
     from contactfusion.integrator.fusion import Fusion
     from contactfusion.robots.model import RobotModel
 
+START = 60.0
+"""A process has so long to start, or the patience of its generator where that is longer [s]."""
 RESTARTS = 3
 """A process that ended is started again so often; then its generator stays out."""
 Packed = Any
@@ -99,13 +101,14 @@ class Isolated(Generator[GeneratorConfig]):
         clouds: Sequence[HypothesisCloud] = ()
         if self._busy:
             try:
-                answer = self._answers.get(block=wait, timeout=self.config.patience)
+                answer = self._answers.get(block=wait, timeout=self._patience)
             except queue.Empty:
                 if wait:
-                    patience = f"{self.config.patience:g} s"
-                    raise self._stay_out(f"gave no answer within {patience} (`patience`)") from None
+                    why = f"gave no answer within {self._patience:g} s (`patience`)"
+                    raise self._stay_out(why) from None
                 return ()
             self._busy, outdated, self._outdated = False, self._outdated, False
+            self._patience = self.config.patience
             if answer is None:
                 answer = self._after_end()
             if not outdated:
@@ -158,6 +161,7 @@ class Isolated(Generator[GeneratorConfig]):
         self._courier.start()
         self._todo.put(self._packed)
         self._busy, self._outdated = True, False
+        self._patience = max(START, self.config.patience)
 
     def _after_end(self) -> PluginError:
         """Start again after the process ended, or stay out; the reading in work is lost."""

@@ -1,55 +1,181 @@
-"""The installed plug-ins, and the options of one."""
+"""The installed plug-ins, what each is for, and the options of one."""
 
+import ast
+import inspect
+import sys
+from collections.abc import Iterator
+from importlib.machinery import ModuleSpec
+from pathlib import Path
 from typing import Any, get_args
 
 from pydantic import BaseModel
 from rich.console import Console
 from rich.table import Table
 
-from contactfusion.errors import PluginError, name_hint
-from contactfusion.plugins import KINDS, Plugins
+from contactfusion.errors import ConfigurationError, ContactFusionError, PluginError, name_hint
+from contactfusion.plugins import (
+    GROUP,
+    KINDS,
+    Plugin,
+    Plugins,
+    class_fault,
+    configured,
+    installed_plugins,
+    refuse,
+)
 
 
 def list_plugins(strict: bool) -> None:
-    """Print the installed plug-ins; nothing is imported unless `strict`.
+    """Print the installed plug-ins with kind and purpose; nothing is imported unless `strict`.
 
     Raises:
-        PluginError: in strict mode, when one cannot be used.
+        PluginError: in strict mode, when some cannot be used; all of them are printed.
     """
-    plugins = Plugins(strict=strict)
-    if strict:
-        plugins.offers("generators")
+    plugins = installed_plugins()
     table = Table(box=None, pad_edge=False)
-    for heading in ("plug-in", "module", "from"):
+    for heading in ("plug-in", "kind", "purpose", "from"):
         table.add_column(heading)
-    for plugin in plugins.listing():
-        table.add_row(plugin.name, plugin.module, plugin.distribution)
-    console = Console(markup=False)
+    order = {kind.removesuffix("s"): place for place, kind in enumerate(KINDS)}
+    rows = [(*declared(plugin), plugin) for plugin in plugins.listing()]
+    for kind, purpose, plugin in sorted(rows, key=lambda row: order.get(row[0], len(order))):
+        table.add_row(plugin.name, kind, purpose, plugin.distribution)
+    console = Console(markup=False, highlight=False)
     console.print(table)
-    for name, why in plugins.failures.items():
-        console.print(f"{name} cannot be used: {why}")
+    found = dict(plugins.failures)
+    if strict:
+        found = dict(_strict_failures(plugins))
+    for name, why in found.items():
+        console.print(f"{name} cannot be used: {why}", soft_wrap=True)
+    if strict and found:
+        count = f"{len(found)} plug-in{'s' if len(found) > 1 else ''}"
+        raise PluginError(f"{count} cannot be used: {', '.join(found)}")
 
 
 def describe_plugin(name: str) -> None:
     """Print what a plug-in is and the options that it takes.
 
     Raises:
-        PluginError: no such plug-in is installed, or it cannot be imported.
+        PluginError: no such plug-in is installed, or it cannot be used.
     """
     plugins = Plugins()
     console = Console(markup=False)
     for kind in KINDS:
         cls = plugins.offers(kind).get(name)
         if cls is not None:
-            summary = (cls.__doc__ or "").strip().splitlines()[0]
-            console.print(f"{name} ({kind.removesuffix('s')}): {summary}", highlight=False)
+            one = kind.removesuffix("s")
+            console.print(f"{name} ({one}): {_first_line(cls.__doc__)}", highlight=False)
             if hasattr(cls, "Config"):
+                refuse(name, cls, class_fault(cls, object, BaseModel))
                 console.print(_options(cls.Config))
             return
     if name in plugins.failures:
         raise PluginError(f"the plug-in '{name}' cannot be used: {plugins.failures[name]}")
     known = [key for kind in KINDS for key in plugins.offers(kind)]
     raise PluginError(f"there is no plug-in '{name}'; {name_hint(name, known, 'plug-ins')}")
+
+
+def declared(plugin: Plugin) -> tuple[str, str]:
+    """Kind and purpose of a plug-in, as its source declares them; the module is not imported.
+
+    Returns:
+        The kind, such as "generator", and the first line of the docstring of the class that its
+        hook offers under its name. Empty where the source is missing, or names are not literal.
+    """
+    module = _parsed(plugin.module)
+    kinds = list[str]()
+    for node in module.body:
+        kind = getattr(node, "name", "").removeprefix(f"{GROUP}_")
+        if isinstance(node, ast.FunctionDef) and kind in KINDS:
+            offered = _offered(node)
+            if plugin.name in offered:
+                return kind.removesuffix("s"), _purpose(module, offered[plugin.name])
+            kinds.append(kind.removesuffix("s"))
+    return ", ".join(kinds), ""
+
+
+def _purpose(module: ast.Module, name: str) -> str:
+    """The first line of a class's docstring, also where the class is imported from elsewhere."""
+    for node in module.body:
+        if isinstance(node, ast.ClassDef) and node.name == name:
+            return _first_line(ast.get_docstring(node))
+        if isinstance(node, ast.ImportFrom) and node.module and not node.level:
+            for alias in node.names:
+                if (alias.asname or alias.name) == name:
+                    return _purpose(_parsed(node.module), alias.name)
+    return ""
+
+
+def _parsed(module: str) -> ast.Module:
+    """The source of a module; empty when there is none, or it is no Python."""
+    spec = _spec(module)
+    try:
+        return ast.parse(Path((spec and spec.origin) or "").read_bytes())
+    except (OSError, SyntaxError, ValueError):
+        return ast.Module([], [])
+
+
+def _offered(hook: ast.FunctionDef) -> dict[str, str]:
+    """The names of classes by the names that a hook offers them under, where both are literal."""
+    return {
+        key.value: value.id
+        for node in ast.walk(hook)
+        if isinstance(node, ast.Dict)
+        for key, value in zip(node.keys, node.values, strict=True)
+        if isinstance(key, ast.Constant) and isinstance(key.value, str)
+        if isinstance(value, ast.Name)
+    }
+
+
+def _spec(module: str) -> ModuleSpec | None:
+    """Find a module; `importlib.util.find_spec` would import the packages above it."""
+    path: Any = None
+    spec: ModuleSpec | None = None
+    names = module.split(".")
+    for depth in range(1, len(names) + 1):
+        name = ".".join(names[:depth])
+        found = (finder.find_spec(name, path) for finder in sys.meta_path)
+        spec = next((one for one in found if one is not None), None)
+        if spec is None:
+            return None
+        path = spec.submodule_search_locations
+    return spec
+
+
+def _first_line(text: str | None) -> str:
+    return next(iter(inspect.cleandoc(text or "").splitlines()), "")
+
+
+def _strict_failures(plugins: Plugins) -> Iterator[tuple[str, str]]:
+    """Import all plug-ins, build each with its defaults, and give why some cannot be used."""
+    offers = {kind: plugins.offers(kind) for kind in KINDS}
+    yield from plugins.failures.items()
+    for kind, names in offers.items():
+        for name in names:
+            try:
+                _build(kind, name)
+            except ConfigurationError:
+                continue  # it says which options it needs
+            except ContactFusionError as error:
+                yield name, str(error).removeprefix(f"the plug-in '{name}' cannot be used: ")
+
+
+def _build(kind: str, name: str) -> None:
+    """Build a plug-in with its defaults, as a configuration that names it would."""
+    from contactfusion.assembly import built_controller, built_generator
+    from contactfusion.integrator.config import IntegratorConfig
+    from contactfusion.integrator.integrator import built_part
+    from contactfusion.pipeline_config import PipelineConfig
+    from contactfusion.segmenter import built_segmenter, segmenter_class
+
+    match kind:
+        case "generators":
+            built_generator(name, {"type": name})
+        case "controllers":
+            built_controller(PipelineConfig(controller={"type": name}))
+        case "segmenters":
+            built_segmenter(configured(name, segmenter_class(name), {"type": name}, ""))
+        case _:
+            built_part(kind, name, IntegratorConfig())
 
 
 def _options(model: type[BaseModel]) -> Table:

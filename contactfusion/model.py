@@ -32,10 +32,11 @@ class Model(BaseModel):
         try:
             super().__init__(**fields)
         except ValidationError as error:
-            wrong = explained(error, type(self))
-            if wrong.path.partition(".")[0] in _refused_defaults(error, fields):
-                raise DefaultError(wrong.problem, wrong.path) from None
-            raise wrong from None
+            for detail in error.errors():
+                if _is_default(detail, fields):
+                    wrong = _wrong(detail, type(self))
+                    raise DefaultError(wrong.problem, wrong.path) from None
+            raise explained(error, type(self)) from None
 
 
 M = TypeVar("M", bound=Model)
@@ -69,10 +70,11 @@ def explained(error: ValidationError, model: type[BaseModel]) -> ConfigurationEr
     return wrong
 
 
-def _refused_defaults(error: ValidationError, given: Mapping[str, object]) -> set[str]:
-    """The fields that were not given, and yet hold what they may not."""
-    wrong = [detail["loc"] for detail in error.errors() if detail["type"] != "missing"]
-    return {str(loc[0]) for loc in wrong if loc and loc[0] not in given}
+def _is_default(detail: ErrorDetails, given: Mapping[str, object]) -> bool:
+    """Tell whether a field was not given, and yet holds what it may not."""
+    return (
+        detail["type"] != "missing" and bool(detail["loc"]) and str(detail["loc"][0]) not in given
+    )
 
 
 def _wrong(detail: ErrorDetails, model: type[BaseModel]) -> ConfigurationError:

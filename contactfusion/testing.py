@@ -3,7 +3,6 @@
 The tests of a plug-in call `check_generator` on its class; so do those of the built-in ones.
 """
 
-import inspect
 import pickle
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import fields, replace
@@ -11,11 +10,23 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from contactfusion.errors import ContactFusionError, InvalidReadingError
+from contactfusion.errors import (
+    ContactFusionError,
+    DefaultError,
+    InvalidReadingError,
+    cause_of,
+)
 from contactfusion.frames import FrameTree
-from contactfusion.generator import Generator, GeneratorConfig
+from contactfusion.generator import (
+    Generator,
+    GeneratorConfig,
+    checked_clouds,
+    generator_fault,
+    instance_fault,
+)
 from contactfusion.grid import Grid
 from contactfusion.hypotheses import SUM_TOLERANCE, HypothesisCloud, HypothesisKind
+from contactfusion.integrator.config import IntegratorConfig
 from contactfusion.readings import (
     DepthImage,
     JointCommand,
@@ -39,6 +50,9 @@ EXAMPLES = 3
 """So many example readings of each type are tried."""
 LARGE = 1e6
 """A value that no sensor gives in earnest, in any unit."""
+
+MOST = IntegratorConfig().max_hypotheses
+"""A cloud of more hypotheses is refused, if no configuration allows more."""
 
 Bits = tuple[str, ...]
 """What a reading or cloud holds, to be compared bit for bit."""
@@ -76,7 +90,6 @@ def check_generator(
     options = _options(cls, config)
     samples = _samples(cls, readings)
     trial = _Trial(cls, options, name, samples, state or _plain_state(samples))
-    _check_outputs(trial.built())
     said = trial.heard(trial.built())
     _require(trial.heard(trial.built()) == said, cls, "is not deterministic: it gave other clouds")
     _check_independent(trial, said)
@@ -118,9 +131,15 @@ class _Trial:
 
     def built(self) -> Generator[Any]:
         try:
-            return self.cls(self._name, self._config)
-        except Exception as error:
-            raise _broken(self.cls, f"cannot be built: {_told(error)}") from error
+            generator = self.cls(self._name, self._config)
+            fault = instance_fault(generator, self._name)
+            if self._state.robot is not None and not fault:
+                generator.prepare(self._state.robot.model)
+        except (Exception, SystemExit) as error:
+            fault = f"cannot be built: {cause_of(error, self.cls)}"
+            raise _broken(self.cls, fault) from error
+        _require(not fault, self.cls, fault)
+        return generator
 
     def heard(self, generator: Generator[Any]) -> list[tuple[Bits, ...]]:
         """Give its answers to all samples."""
@@ -130,15 +149,11 @@ class _Trial:
         """Give its checked answer to one reading."""
         state, before = replace(self._state, now=reading.stamp), _bits(reading)
         try:
-            clouds = generator.generate(reading, state)
-        except Exception as error:
-            raise _broken(self.cls, f"raised on a {reading.label}: {_told(error)}") from error
+            clouds = checked_clouds(generator.generate(reading, state))
+        except (Exception, SystemExit) as error:
+            fault = f"raised on a {reading.label}: {cause_of(error, self.cls)}"
+            raise _broken(self.cls, fault) from error
         _require(_bits(reading) == before, self.cls, f"changed its {reading.label}")
-        _require(
-            isinstance(clouds, Sequence) and all(isinstance(c, HypothesisCloud) for c in clouds),
-            self.cls,
-            f"gave {type(clouds).__name__}, not a sequence of clouds",
-        )
         sources = [cloud.source for cloud in clouds]
         twice = len(set(sources)) < len(sources)
         _require(not twice, self.cls, f"gave two clouds of one output: {', '.join(sources)}")
@@ -150,47 +165,23 @@ class _Trial:
 
 
 def _check_declarations(cls: type[Generator[Any]]) -> None:
-    _require(
-        inspect.isclass(cls) and issubclass(cls, Generator) and not inspect.isabstract(cls),
-        cls,
-        "is no subclass of Generator with a method `generate`",
-    )
+    fault = generator_fault(cls)
+    _require(not fault, cls, fault)
     _require(bool(cls.__doc__), cls, "has no docstring")
-    _require(
-        inspect.isclass(cls.Config) and issubclass(cls.Config, GeneratorConfig),
-        cls,
-        "has a `Config` that is no subclass of GeneratorConfig",
-    )
     for field, info in cls.Config.model_fields.items():
         _require(bool(info.description), cls, f"does not document its option '{field}'")
-    kinds: object = getattr(cls, "readings", ())
-    _require(
-        isinstance(kinds, tuple)
-        and len(kinds) > 0
-        and all(inspect.isclass(kind) and issubclass(kind, Reading) for kind in kinds),
-        cls,
-        "needs `readings`, a tuple of the types of reading that it takes",
-    )
-
-
-def _check_outputs(generator: Generator[Any]) -> None:
-    outputs: object = generator.outputs
-    _require(
-        isinstance(outputs, Mapping)
-        and len(outputs) > 0
-        and all(isinstance(name, str) and "/" not in name for name in outputs)
-        and all(isinstance(kind, HypothesisKind) for kind in outputs.values()),
-        type(generator),
-        "needs `outputs`, a mapping of names without a slash to HypothesisKind",
-    )
 
 
 def _options(cls: type[Generator[Any]], config: GeneratorConfig | None) -> GeneratorConfig:
     if config is None:
         try:
             return cls.Config()
+        except DefaultError as error:
+            raise _broken(cls, f"refuses a default of its own `Config`: {error}") from error
         except ContactFusionError as error:
             raise _broken(cls, f"needs options, so pass `config`: {error}") from error
+        except (Exception, SystemExit) as error:
+            raise _broken(cls, f"cannot be configured: {cause_of(error, cls.Config)}") from error
     wanted = cls.Config.__name__
     _require(isinstance(config, cls.Config), cls, f"takes a {wanted}, not {type(config).__name__}")
     return config
@@ -220,8 +211,8 @@ def _check_reset(trial: _Trial, said: list[tuple[Bits, ...]]) -> None:
     trial.heard(generator)
     try:
         generator.reset()
-    except Exception as error:
-        raise _broken(trial.cls, f"raised at reset(): {_told(error)}") from error
+    except (Exception, SystemExit) as error:
+        raise _broken(trial.cls, f"raised at reset(): {cause_of(error, trial.cls)}") from error
     _require(trial.heard(generator) == said, trial.cls, "is not as new after reset()")
 
 
@@ -230,7 +221,7 @@ def _check_picklable(trial: _Trial, said: list[tuple[Bits, ...]]) -> None:
     try:
         travelled = pickle.loads(pickle.dumps(generator))
     except Exception as error:  # pickle raises anything
-        fault = f"cannot be pickled, so it cannot be isolated: {_told(error)}"
+        fault = f"cannot be pickled, so it cannot be isolated: {cause_of(error, trial.cls)}"
         raise _broken(trial.cls, fault) from error
     _require(trial.heard(travelled) == said, trial.cls, "is not the same after it was pickled")
 
@@ -251,6 +242,8 @@ def _fault(
         return f"with stamp {cloud.stamp} s for a reading of {reading.stamp} s"
     if cloud.frame not in frames:
         return f"in frame '{cloud.frame}'; known are: {', '.join(sorted(frames))}"
+    if len(cloud) > MOST:
+        return f"of {len(cloud)} hypotheses; by default at most {MOST} are accepted"
     if not ((likelihoods >= 0.0) & (likelihoods <= 1.0)).all():
         return "with a likelihood outside [0, 1]"
     if cloud.single and likelihoods.sum() > 1.0 + SUM_TOLERANCE:
@@ -366,7 +359,3 @@ def _require(kept: bool, cls: object, fault: str) -> None:
 
 def _broken(cls: object, fault: str) -> ConformanceError:
     return ConformanceError(f"{getattr(cls, '__name__', repr(cls))} {fault}")
-
-
-def _told(error: Exception) -> str:
-    return f"{type(error).__name__}: {error}"

@@ -1,6 +1,7 @@
 """Generators that break the contract beside a healthy one, whose contact never changes."""
 
 import itertools
+import multiprocessing
 import time
 from collections.abc import Iterator
 from typing import Any
@@ -8,12 +9,14 @@ from typing import Any
 import numpy as np
 import pytest
 
-from contactfusion import Pipeline, PipelineConfig, Step
+from contactfusion import Grid, Pipeline, PipelineConfig, State, Step
 from contactfusion.errors import PluginError
+from contactfusion.generator import GeneratorConfig
 from contactfusion.integrator.report import Event, EventKind
+from contactfusion.isolation import Isolated
 from contactfusion.readings import PointCloud
 from contactfusion.runner import Runner
-from tests.toys import Slow, offer_toys, point, wrench
+from tests.toys import Slow, Worn, offer_toys, point, wrench
 
 PLACE = (0.1025, 0.0025, 0.0025)
 HEALTHY = {"type": "feeler"}
@@ -46,7 +49,8 @@ def alone() -> tuple[object, ...]:
 @pytest.mark.parametrize(
     ("how", "named"),
     [
-        ("raises", "'naughty' raised RuntimeError: out of order"),
+        ("raises", "'naughty' raised RuntimeError: out of order (tests/toys.py, line "),
+        ("exits", "'naughty' raised SystemExit: that is all (tests/toys.py, line "),
         ("NaN", "row 0 of the positions of 'naughty' is not finite"),
         ("wrong shape", "positions of 'naughty' have shape (1, 2), not (n, 3)"),
         ("wrong frame", "unknown frame 'moon'"),
@@ -236,17 +240,107 @@ def test_an_isolated_generator_knows_the_contacts_and_the_evidence_of_others(
 def test_an_isolated_generator_that_raises_is_named_and_goes_on(isolated: Pipeline) -> None:
     cycles = Cycles(isolated)
     (message,) = refusals(cycles.until_heard("raise"))
-    assert "'remote' raised" in message and "RuntimeError: out of order" in message
+    assert message.startswith("'remote' raised RuntimeError: out of order (tests/toys.py, line ")
     assert refusals(cycles.until_heard("now")) == []
 
 
-def test_an_isolated_generator_that_dies_is_named_at_every_reading(isolated: Pipeline) -> None:
+def test_an_isolated_generator_that_dies_is_started_again_three_times(isolated: Pipeline) -> None:
+    cycles = Cycles(isolated)
+    ended = "the process of 'remote' has ended (exit code 3)"
+    for times in (1, 2, 3):
+        (message,) = refusals(cycles.until_heard("die"))
+        assert message == f"{ended}: it is started again, {times} of 3 times"
+        assert refusals(cycles.until_heard("now")) == []
+    for ask in ("die", "now", "now"):
+        (message,) = refusals(cycles.until_heard(ask))
+        assert message == f"{ended} 4 times: it stays out"
+    assert isolated.ended == {"generators.remote": message}
+    isolated.reset()
+    cycles.now, cycles.heard = 0.0, 0
+    assert refusals(cycles.until_heard("now")) == []
+    assert isolated.ended == {}
+    isolated.unplug("remote")
+
+
+def test_an_answer_that_is_only_half_written_keeps_no_cycle_waiting(isolated: Pipeline) -> None:
+    cycles = Cycles(isolated)
+    cycles.until_heard("now")
+    cycles.longest = 0.0
+    cycles.cycle("half")
+    for _ in range(100):
+        time.sleep(0.01)
+        cycles.cycle()
+    assert cycles.longest < 0.2
+
+
+def test_the_traceback_of_an_isolated_generator_goes_to_the_log_the_first_time(
+    isolated: Pipeline, caplog: pytest.LogCaptureFixture
+) -> None:
+    caplog.set_level("DEBUG", logger="contactfusion")
     cycles = Cycles(isolated)
     for _ in range(2):
-        (message,) = refusals(cycles.until_heard("die"))
-        assert "the process of 'remote' has ended (exit code 3)" in message
-    isolated.reset()
-    isolated.unplug("remote")
+        cycles.until_heard("raise")
+    assert caplog.text.count('raise RuntimeError("out of order")') == 1
+
+
+@pytest.mark.parametrize(
+    ("ask", "named"),
+    [
+        ("exit", "'remote' raised SystemExit: that is all (tests/toys.py, line "),
+        ("numbers", "'remote' raised TypeError: it gave int, not a HypothesisCloud (tests/toys.py"),
+        ("hang", "the process of 'remote' gave no answer within 1 s (`patience`): it stays out"),
+        ("half", "the process of 'remote' gave no answer within 1 s (`patience`): it stays out"),
+    ],
+)
+def test_without_a_clock_what_it_does_wrong_is_named_and_a_step_waits_so_long(
+    ask: str, named: str
+) -> None:
+    pipe = pipeline(remote={**REMOTE, "patience": 1.0})
+    pipe.receive(point(0.0, 1.0, 1.0, 1.0, sensor=ask))
+    pipe.receive(point(0.0, 1.0, 1.0, 1.0, sensor="now"))
+    pipe.receive(wrench(0.0, *PLACE))
+    step = pipe.step(0.1)
+    assert refusals(step)[0].startswith(named) and "healthy" in step.fusion.contacts[-1].shares
+    assert _heard(step) == 2 and bool(pipe.ended) == ("stays out" in named)
+    pipe.close()
+
+
+@pytest.mark.parametrize("isolate", [False, True])
+def test_one_that_cannot_be_reset_is_refused_with_the_reason_at_every_reading(
+    isolate: bool,
+) -> None:
+    pipe = pipeline(worn={"type": "worn", "isolate": isolate})
+    pipe.reset()
+    for _ in range(2):
+        pipe.receive(point(0.0, *PLACE))
+    pipe.receive(wrench(0.0, *PLACE))
+    step = pipe.step(0.1)
+    reason = "`reset` of 'worn' raised RuntimeError: cannot be reset (tests/toys.py, line "
+    assert [message.startswith(reason) for message in refusals(step)] == [True, True]
+    assert told_of_healthy(step) == alone()
+    pipe.close()
+
+
+def test_one_that_cannot_be_prepared_in_its_process_says_so_at_every_reading() -> None:
+    robot: Any = "any robot"
+    worn = Isolated(Worn("worn", GeneratorConfig()), live=False, model=robot)
+    reason = r"`prepare` of 'worn' raised RuntimeError: cannot be prepared \(tests/toys.py, line "
+    for _ in range(2):
+        with pytest.raises(PluginError, match=reason):
+            worn.collect(wait=True)
+        worn.generate(point(0.0, *PLACE), State(now=0.0, grid=Grid("base", 0.005)))
+    worn.close()
+
+
+@pytest.mark.parametrize("sensor", ["", "through its base"])
+def test_one_that_writes_to_a_reading_by_force_is_named_and_harms_no_neighbour(sensor: str) -> None:
+    generators: Any = {"forceful": {"type": "forceful"}, "healthy": HEALTHY}
+    pipe = Pipeline(PipelineConfig(generators=generators))
+    pipe.receive(wrench(0.0, *PLACE, sensor=sensor))
+    step = pipe.step(0.0)
+    (message,) = refusals(step)
+    assert message.startswith("'forceful' raised ") and "(tests/toys.py, line " in message
+    assert told_of_healthy(step) == alone()
 
 
 def test_what_an_isolated_generator_was_doing_at_a_reset_is_never_heard(
@@ -272,6 +366,7 @@ def test_without_a_clock_each_step_waits_for_all_readings_before_it() -> None:
     (message,) = refusals(pipe.step(0.2))
     assert "the process of 'remote' has ended (exit code 3)" in message
     pipe.close()
+    assert multiprocessing.active_children() == []
 
 
 def test_one_that_cannot_travel_cannot_be_isolated() -> None:

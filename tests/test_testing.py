@@ -1,10 +1,13 @@
 """The conformance kit: every rule has a generator that it catches."""
 
+import sys
 from collections.abc import Callable, Mapping, Sequence
+from types import SimpleNamespace
 from typing import Any, ClassVar, cast
 
 import numpy as np
 import pytest
+from pydantic import Field
 
 from contactfusion import Grid, State
 from contactfusion.generator import Generator, GeneratorConfig
@@ -121,7 +124,7 @@ class UnknownKind(Sound):
     ("cls", "fault"),
     [
         (int, "int is no subclass of Generator"),
-        (NoGenerate, "NoGenerate is no subclass of Generator with a method `generate`"),
+        (NoGenerate, "NoGenerate does not implement `generate` of Generator"),
         (NoDocstring, "NoDocstring has no docstring"),
         (PlainConfig, "`Config` that is no subclass of GeneratorConfig"),
         (UnexplainedOption, "does not document its option 'gain'"),
@@ -163,8 +166,72 @@ def test_options_that_are_needed_must_be_passed() -> None:
     refused(NeedyGenerator, "takes a Needy, not GeneratorConfig", config=GeneratorConfig())
 
 
-def test_it_must_be_buildable() -> None:
-    refused(Unbuildable, "cannot be built: OSError: no such file")
+class Narrow(Sound):
+    """Takes no configuration."""
+
+    def __init__(self, name: str) -> None:
+        super().__init__(name, GeneratorConfig())
+
+
+class Detached(Sound):
+    """Keeps neither name nor configuration."""
+
+    def __init__(self, name: str, config: GeneratorConfig) -> None:
+        self.reset()
+
+
+class Contradictory(GeneratorConfig):
+    """Refuses its own default."""
+
+    gain: float = Field(default=-1.0, gt=0)
+    """The gain."""
+
+
+class ContradictoryOption(Sound):
+    """Has an option whose default is invalid."""
+
+    Config = Contradictory
+
+
+class Raising(GeneratorConfig):
+    """Raises where a default is made."""
+
+    gain: float = Field(default_factory=lambda: 1 / 0)
+    """The gain."""
+
+
+class RaisingOption(Sound):
+    """Has an option whose default raises."""
+
+    Config = Raising
+
+
+@pytest.mark.parametrize(
+    ("cls", "fault"),
+    [
+        (Unbuildable, "cannot be built: OSError: no such file (tests/test_testing.py, line "),
+        (Narrow, "__init__() takes 2 positional arguments but 3 were given (tests/test_testing.py"),
+        (Detached, "does not hand `name` and `config` to `super().__init__`"),
+        (ContradictoryOption, "refuses a default of its own `Config`: gain: input should be great"),
+        (RaisingOption, "cannot be configured: ZeroDivisionError: division by zero (tests/test_te"),
+    ],
+)
+def test_it_must_be_buildable(cls: Any, fault: str) -> None:
+    refused(cls, fault)
+
+
+class Unpreparable(Sound):
+    """Cannot be prepared for a robot."""
+
+    def prepare(self, robot: object) -> None:
+        raise RuntimeError("no such link")
+
+
+def test_it_must_be_prepared_for_the_robot_that_is_given() -> None:
+    robot: Any = SimpleNamespace(model=None)
+    check_generator(Unpreparable)
+    state = State(now=0.0, grid=Grid("base", 0.005), robot=robot)
+    refused(Unpreparable, "cannot be built: RuntimeError: no such link", state=state)
 
 
 def test_readings_that_are_passed_must_be_of_its_types() -> None:
@@ -204,7 +271,7 @@ FAULTS: dict[str, tuple[Callable[[Echo, PointCloud], object], str]] = {
     "raises": (lambda e, r: 1 / 0, "raised on a PointCloud: ZeroDivisionError"),
     "gives none": (lambda e, r: None, "gave NoneType, not a sequence of clouds"),
     "gives an iterator": (lambda e, r: iter([]), "gave list_iterator, not a sequence of clouds"),
-    "gives numbers": (lambda e, r: [1], "gave list, not a sequence of clouds"),
+    "gives numbers": (lambda e, r: [1], "gave int, not a HypothesisCloud"),
     "invalid cloud": (lambda e, r: [e.cloud(r, r.points, 2.0)], "outside [0, 1]"),
     "two of one output": (lambda e, r: [e.say(r), e.say(r)], "gave two clouds of one output"),
     "not declared": (lambda e, r: [e.say(r, source="skin")], "'skin' that it does not declare"),
@@ -218,14 +285,22 @@ FAULTS: dict[str, tuple[Callable[[Echo, PointCloud], object], str]] = {
         "of a single contact whose likelihoods sum to 32",
     ),
     "changes the stamp": (lambda e, r: restamped(r), "changed its PointCloud"),
-    "changes the values": (lambda e, r: overwritten(r), "changed its PointCloud"),
+    "changes the values": (
+        lambda e, r: overwritten(r),
+        "ValueError: cannot set WRITEABLE flag to True of this array (tests/test_testing.py, line ",
+    ),
+    "exits": (lambda e, r: sys.exit(3), "raised on a PointCloud: SystemExit: 3"),
+    "gives too many": (
+        lambda e, r: [e.cloud(r, np.zeros((2_000_001, 3)), 0.5)],
+        "of 2000001 hypotheses; by default at most 2000000 are accepted",
+    ),
     "random": (
         lambda e, r: [e.cloud(r, np.random.default_rng().random(3), 0.5)],
         "is not deterministic",
     ),
     "fears zeros": (
         lambda e, r: [e.say(r)] if r.points.any() else 1 / 0,
-        "ZeroDivisionError: division by zero (a reading with zeros)",
+        "ZeroDivisionError: division by zero (tests/test_testing.py, ",
     ),
     "fears large values": (
         lambda e, r: [e.say(r)] if not r.points.max() > 1e3 else 1 / 0,

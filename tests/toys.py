@@ -1,9 +1,13 @@
 """Small generators and controllers for the tests; this module is a plug-in that offers them."""
 
+import gc
 import os
+import struct
+import sys
 import time
 from collections.abc import Callable, Mapping, Sequence
 from importlib.metadata import EntryPoint
+from multiprocessing.connection import Connection
 from typing import Any, Literal, cast
 
 import numpy as np
@@ -92,6 +96,7 @@ class Naughty(Generator[NaughtyConfig]):
         assert isinstance(reading, PointCloud)
         sins: dict[str, Callable[[PointCloud], object]] = {
             "raises": _raise,
+            "exits": lambda reading: sys.exit("that is all"),
             "NaN": lambda reading: [self.cloud(reading, [np.nan, 0.0, 0.0], 0.9)],
             "wrong shape": lambda reading: [self._cloud(reading, positions=np.zeros((1, 2)))],
             "wrong frame": lambda reading: [self.cloud(reading, reading.points, 1, frame="moon")],
@@ -144,12 +149,50 @@ class Remote(Generator[GeneratorConfig]):
         match reading.sensor:
             case "sleep":
                 time.sleep(2.0)
+            case "hang":
+                time.sleep(600.0)
             case "raise":
                 raise RuntimeError("out of order")
+            case "exit":
+                sys.exit("that is all")
+            case "numbers":
+                return cast(Sequence[HypothesisCloud], [7])
             case "die":
                 os._exit(3)
+            case "half":
+                _answer_half()
         known = f"{len(state.contacts)} contacts, {len(state.evidence(without=self.name))} places"
         return (self.cloud(reading, reading.points, 0.9, notes=(known,)),)
+
+
+def _answer_half() -> None:
+    """Begin an answer of the process, and never end it."""
+    (pipe,) = (one for one in gc.get_objects() if isinstance(one, Connection) and not one.closed)
+    os.write(pipe.fileno(), struct.pack("!i", 1 << 20) + b"the beginning")
+    time.sleep(600.0)
+
+
+class Worn(Echo):
+    """Can be neither prepared nor reset."""
+
+    def prepare(self, robot: object) -> None:
+        raise RuntimeError("cannot be prepared")
+
+    def reset(self) -> None:
+        raise RuntimeError("cannot be reset")
+
+
+class Forceful(Generator[GeneratorConfig]):
+    """Writes to its reading, or to the array beneath it, whatever its flags say."""
+
+    readings = (Wrench,)
+
+    def generate(self, reading: Reading, state: State) -> Sequence[HypothesisCloud]:
+        assert isinstance(reading, Wrench)
+        array = reading.force if reading.sensor == "" else cast(Any, reading.force.base)
+        array.flags.writeable = True
+        array[:] = 9.0
+        return ()
 
 
 class Unpicklable(Echo):
@@ -163,7 +206,7 @@ class Unpicklable(Echo):
 class PilotConfig(GeneratorConfig):
     """How it steers."""
 
-    how: Literal["well", "raises", "nothing"] = "well"
+    how: Literal["well", "raises", "exits", "nothing"] = "well"
     """What it does."""
 
 
@@ -180,6 +223,8 @@ class Pilot(Controller):
         how = cast(PilotConfig, self.config).how
         if how == "raises":
             raise RuntimeError("out of order")
+        if how == "exits":
+            sys.exit("that is all")
         self.steps += 1
         told = Command(mode=f"step {self.steps}", reason=f"{len(contacts)} contacts")
         return told if how == "well" else cast(Command, None)
@@ -190,7 +235,7 @@ class Pilot(Controller):
 
 @hookimpl
 def contactfusion_generators() -> Mapping[str, Any]:
-    kinds = (Echo, Looker, Feeler, Naughty, Slow, Remote, Unpicklable)
+    kinds = (Echo, Looker, Feeler, Naughty, Slow, Remote, Worn, Forceful, Unpicklable)
     return {"stranger": int, **{kind.__name__.lower(): kind for kind in kinds}}
 
 
