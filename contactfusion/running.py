@@ -137,7 +137,7 @@ def naming(path: Path) -> Iterator[None]:
     try:
         yield
     except (ConfigurationError, FrameError, PluginError) as error:
-        raise ConfigurationError(f"{path}: {error}") from None
+        raise ConfigurationError(f"{path}: {error}") from error
 
 
 def opened_scene(config: RunConfig) -> "Scene":
@@ -183,9 +183,12 @@ def unheard(
         elif wanted is not None and wanted not in fit:
             hint = name_hint(wanted, fit, "sensors")
             yield f"generators.{name}.sensor: no reading of '{wanted}' came; {hint}"
-    for field, why in pipeline.ended.items():
+    ended = pipeline.ended
+    for field, why in ended.items():
         yield f"{field}: {why}"
     for name, source in gave.report.sources.items() if gave.report else ():
+        if f"generators.{name.partition('/')[0]}" in ended:
+            continue
         if source.invalid and not source.accepted:
             yield f"every cloud of '{name}' was refused: {gave.refusal(name)}"
 

@@ -53,9 +53,8 @@ for group in (experiments, tune, train):
 def main() -> None:
     """Run the command line; an error is one sentence, with a traceback by `--debug` alone."""
     debug = DEBUG in sys.argv
-    if debug:
-        logging.basicConfig(format="%(message)s")
-        logging.getLogger("contactfusion").setLevel(logging.DEBUG)
+    logging.basicConfig(format="%(message)s")
+    logging.getLogger("contactfusion").setLevel(logging.DEBUG if debug else logging.WARNING)
     # products here are small: threads of the linear algebra would only wait for each other
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     signal.signal(signal.SIGTERM, signal.default_int_handler)  # as Ctrl-C: what is whole is kept

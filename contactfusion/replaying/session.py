@@ -75,7 +75,7 @@ class Session:
         try:
             self.pipeline = Pipeline(self.setting.config(self.inputs.generators), ask)
         except (ConfigurationError, FrameError, PluginError) as error:
-            raise ConfigurationError(f"{setting.origin}: {error}") from None
+            raise ConfigurationError(f"{setting.origin}: {error}") from error
 
     def fed(self, setting: Setting) -> Mapping[str, Any]:
         """Give the generators of a setting like this one, each with the sensor that feeds it."""
@@ -169,7 +169,7 @@ def _inputs(
     try:
         return find_inputs(topics, setting.config().generators, told, watched)
     except PluginError as error:
-        raise ConfigurationError(f"{setting.origin}: {error}") from None
+        raise ConfigurationError(f"{setting.origin}: {error}") from error
 
 
 @final
