@@ -65,7 +65,8 @@ class Isolated(Generator[GeneratorConfig]):
         self._live = live
         self._waiting = deque[Packed](maxlen=1 if live else None)
         self._module = type(inner).__module__
-        self._ends = 0
+        self._ends, self._patience = 0, START
+        self._busy = self._outdated = False
         self.out = ""
         """Why it stays out until the next `reset`; empty while it takes part."""
         try:

@@ -13,8 +13,8 @@ from rich.console import Console
 from rich.table import Table
 
 from contactfusion.errors import ConfigurationError, ContactFusionError, PluginError, name_hint
+from contactfusion.hooks import GROUP
 from contactfusion.plugins import (
-    GROUP,
     KINDS,
     Plugin,
     Plugins,

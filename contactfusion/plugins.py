@@ -185,7 +185,8 @@ def class_fault(cls: type[Any], contract: type[Any], config: type[Any]) -> str:
         return f"is no subclass of {contract.__name__}"
     if missing := sorted(getattr(cls, "__abstractmethods__", ())):
         return f"does not implement `{'`, `'.join(missing)}` of {contract.__name__}"
-    if not (inspect.isclass(cls.Config) and issubclass(cls.Config, config)):
+    own = getattr(cls, "Config", None)
+    if not (inspect.isclass(own) and issubclass(own, config)):
         return f"has a `Config` that is no subclass of {config.__name__}"
     return ""
 

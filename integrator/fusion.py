@@ -173,7 +173,7 @@ def fuse(
     Raises:
         PluginError: rule or condensation raised.
     """
-    with Guard("the rule", type(rule)):
+    with Guard(f"the rule {type(rule).__name__}", type(rule)):
         field = rule.fuse(entries, entries.sources, surface)
         if not isinstance(field, Field):
             raise TypeError(f"it gave {type(field).__name__}, not a Field")
@@ -181,7 +181,7 @@ def fuse(
         verdicts = np.empty(0, np.uint8)
     else:
         verdicts = kernels.judge(field.likelihoods, entries.bits, threshold)
-    with Guard("the condensation", type(condensation)):
+    with Guard(f"the condensation {type(condensation).__name__}", type(condensation)):
         contacts = tuple(condensation.condense(field, verdicts))
 
     def again(fewer: Entries) -> Fusion:

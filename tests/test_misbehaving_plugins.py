@@ -134,7 +134,7 @@ def test_one_that_fails_in_the_loop_is_named_and_the_healthy_contacts_are_kept(
 def test_a_rule_that_raises_ends_the_run_and_the_steps_before_it_are_kept(ask: Ask) -> None:
     Path("run.yaml").write_text(RUN)
     answer = ask("run", "run.yaml", "--out", "out", "--set", "integrator.rule=rule_raises")
-    assert re.fullmatch(r"the rule raised ValueError: no rule" + AT, one_sentence(answer))
+    assert re.fullmatch(r"the rule Rule raised ValueError: no rule" + AT, one_sentence(answer))
     assert json.loads(Path("out/summary.json").read_text())["steps"] == 2
     assert len(rows_of_healthy()) == 3
 
