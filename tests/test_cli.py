@@ -5,11 +5,13 @@ import json
 import subprocess
 import sys
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import pytest
 
 from contactfusion import cli
+from contactfusion.integrator.rules import DeMorgan
+from contactfusion.plugins import Plugins, installed_plugins
 
 RUN = """\
 recording:
@@ -249,6 +251,46 @@ def test_an_experiment_that_cannot_start_is_one_sentence(
 def test_a_command_that_is_none_is_told_how_to_use_it(arguments: list[str], ask: Ask) -> None:
     answer = ask(*arguments)
     assert answer.status == 2 and "Traceback" not in answer.err
+
+
+@pytest.mark.parametrize("debug", [[], ["--debug"]])
+def test_what_nobody_expected_is_a_sentence_and_a_traceback_by_debug_alone(
+    debug: list[str], folder: Path, ask: Ask, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("contactfusion.running.run_file", lambda *_: 1 / 0)
+    answer = ask("run", "wrist.yaml", *debug)
+    assert answer.status == 1 and ("Traceback" in answer.err) == bool(debug)
+    sentence = answer.err.splitlines()[-1]
+    failed = "contactfusion: failed with ZeroDivisionError: division by zero (contactfusion/"
+    assert sentence.startswith(failed)
+    assert sentence.endswith("; run it with --debug for the traceback")
+
+
+def test_an_interrupted_run_keeps_the_steps_before_it(
+    folder: Path, ask: Ask, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    class Interrupted(DeMorgan):
+        steps = 0
+
+        def fuse(self, *given: Any) -> Any:
+            self.steps += 1
+            if self.steps == 3:
+                raise KeyboardInterrupt
+            return super().fuse(*given)
+
+    monkeypatch.setattr(type(installed_plugins()), "find", found_with("de_morgan", Interrupted))
+    assert ask("run", "wrist.yaml", "--out", "results").status == 130
+    assert json.loads((folder / "results" / "summary.json").read_text())["steps"] == 2
+
+
+def found_with(name: str, cls: type[Any]) -> Any:
+    """`Plugins.find` with another class under a name."""
+    find = Plugins.find
+
+    def found(plugins: Plugins, kind: str, wanted: str) -> type[Any]:
+        return cls if wanted == name else find(plugins, kind, wanted)
+
+    return found
 
 
 def test_the_status_reaches_the_shell(folder: Path) -> None:

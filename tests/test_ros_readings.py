@@ -238,11 +238,6 @@ def test_an_empty_cloud_has_no_points() -> None:
     assert points_of(cloud(np.empty((0, 3)), height=0, width=7)).shape == (0, 3)
 
 
-def test_points_are_not_copied_again() -> None:
-    points = points_of(cloud())
-    assert PointCloud(stamp=0.0, frame="lidar", points=points).points is points
-
-
 @pytest.mark.parametrize(
     ("changes", "told"),
     [

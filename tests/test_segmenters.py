@@ -238,7 +238,9 @@ def test_an_unknown_segmenter_is_told() -> None:
 def test_a_stranger_is_no_segmenter(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(dict(OFFERS), "clusters", Chosen)
     monkeypatch.setattr(type(installed_plugins()), "find", lambda *_: Chosen)
-    with pytest.raises(PluginError, match="'clusters' cannot be used: Chosen is no subclass of Segm"):
+    with pytest.raises(
+        PluginError, match="'clusters' cannot be used: Chosen is no subclass of Segm"
+    ):
         chosen("clusters")
 
 

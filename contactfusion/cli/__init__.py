@@ -71,5 +71,4 @@ def main() -> None:
 
 
 def _unexpected(error: Exception) -> str:
-    failed = f"failed with {cause_in(error, __name__)}"
-    return f"{failed}; run it with {DEBUG} for the traceback"
+    return f"failed with {cause_in(error, __name__)}; run it with {DEBUG} for the traceback"
