@@ -2,6 +2,7 @@
 
 import contextlib
 import multiprocessing
+import pickle
 import queue
 import signal
 import threading
@@ -248,19 +249,22 @@ def _serve(pipe: Connection, name: str, module: str) -> None:
             return do()
         except PluginError as error:
             return error
-        except (Exception, SystemExit) as error:
+        except BaseException as error:
             failed = PluginError(f"{who} raised {cause_in(error, module, type(generator))}")
             failed.add_note("".join(traceback.format_exception(error)))
             return failed
 
     def prepare() -> None:
         nonlocal generator
-        generator, model = ForkingPickler.loads(given)
+        generator, model = pickle.loads(given)
         if model is not None:
             generator.prepare(model)
 
+    def reset() -> None:
+        generator.reset()
+
     def clouds() -> Packed:
-        reading, state = ForkingPickler.loads(given)
+        reading, state = pickle.loads(given)
         return ForkingPickler.dumps(checked_clouds(generator.generate(reading, _unpacked(state))))
 
     with contextlib.suppress(EOFError, OSError):
@@ -270,7 +274,7 @@ def _serve(pipe: Connection, name: str, module: str) -> None:
         while True:
             given = pipe.recv_bytes()
             if given == RESET:
-                unready = unfit or attempt(f"`reset` of '{name}'", generator.reset)
+                unready = unfit or attempt(f"`reset` of '{name}'", reset)
                 continue
             answer = unfit or unready or attempt(f"'{name}'", clouds)
             if isinstance(answer, PluginError):

@@ -272,11 +272,11 @@ def test_an_interrupted_run_keeps_the_steps_before_it(
     class Interrupted(DeMorgan):
         steps = 0
 
-        def fuse(self, *given: Any) -> Any:
+        def fuse(self, entries: Any, sources: Any, surface: Any) -> Any:
             self.steps += 1
             if self.steps == 3:
                 raise KeyboardInterrupt
-            return super().fuse(*given)
+            return super().fuse(entries, sources, surface)
 
     monkeypatch.setattr(type(installed_plugins()), "find", found_with("de_morgan", Interrupted))
     assert ask("run", "wrist.yaml", "--out", "results").status == 130
