@@ -1,6 +1,6 @@
 """The errors of contactfusion, and the sentence that names what exists."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from difflib import get_close_matches
 
 
@@ -19,9 +19,28 @@ class ConfigurationError(ContactFusionError, ValueError):
     def __init__(self, problem: str, path: str = "") -> None:
         super().__init__(f"{path}: {problem}" if path else problem)
         self.problem, self.path = problem, path
+        self._faults: tuple[ConfigurationError, ...] = ()
+
+    @classmethod
+    def of(cls, faults: Sequence["ConfigurationError"]) -> "ConfigurationError":
+        """The error that states the first of several faults, and counts the others."""
+        first, *others = faults
+        if not others:
+            return first
+        whole = cls(f"{first.problem} (and {len(others)} more)", first.path)
+        whole._faults = tuple(faults)
+        return whole
+
+    @property
+    def faults(self) -> tuple["ConfigurationError", ...]:
+        """An error for each field that is wrong; itself where it is the only one."""
+        return self._faults or (self,)
 
     def under(self, path: str) -> "ConfigurationError":
         """Give the same error as seen from the configuration that holds this one at `path`."""
+        return self.of([f._below(path) for f in self.faults])
+
+    def _below(self, path: str) -> "ConfigurationError":
         return ConfigurationError(self.problem, ".".join(filter(None, (path, self.path))))
 
 

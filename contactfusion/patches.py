@@ -1,6 +1,6 @@
 """Patches of taxels: where they are, and what they cover."""
 
-from typing import Annotated, Self
+from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,9 +10,7 @@ from contactfusion.arrays import FloatArray
 from contactfusion.frames import Pose, inverse, points_in, pose_at
 from contactfusion.jit import kernel
 from contactfusion.model import Model
-
-Edge = Annotated[float, Field(gt=0)]
-Vector = tuple[float, float, float]
+from contactfusion.units import Angles, Offset, TaxelEdge
 
 
 class TaxelGridConfig(Model):
@@ -22,11 +20,11 @@ class TaxelGridConfig(Model):
     """Along x."""
     columns: int = Field(ge=1)
     """Along y; values come row by row."""
-    pitch: tuple[Edge, Edge]
+    pitch: tuple[TaxelEdge, TaxelEdge]
     """The distance between neighbours along x and y [m]; also the size of a taxel."""
-    xyz: Vector = (0.0, 0.0, 0.0)
+    xyz: Offset = (0.0, 0.0, 0.0)
     """The middle of the grid in the frame of the patch [m]."""
-    rpy: Vector = (0.0, 0.0, 0.0)
+    rpy: Angles = (0.0, 0.0, 0.0)
     """Roll, pitch and yaw of the grid in the frame of the patch [rad]; taxels face its z."""
 
     def pose(self) -> Pose:
@@ -47,9 +45,9 @@ class PatchConfig(Model):
     """Taxels in rows and columns."""
     grids: tuple[TaxelGridConfig, ...] = ()
     """Several grids, as on the faces of a body; values come grid by grid."""
-    places: tuple[Vector, ...] = ()
+    places: tuple[Offset, ...] = ()
     """The centre of each taxel [m]."""
-    size: tuple[Edge, Edge] | None = None
+    size: tuple[TaxelEdge, TaxelEdge] | None = None
     """The edges of one taxel along x and y [m]; needed with `places`, else the grid's pitch."""
 
     @model_validator(mode="after")

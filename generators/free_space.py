@@ -15,8 +15,8 @@ from contactfusion.hooks import hookimpl
 from contactfusion.hypotheses import HypothesisCloud, HypothesisKind
 from contactfusion.readings import DepthImage, Reading
 from contactfusion.state import State
+from contactfusion.units import Position, Reach, Spread
 
-Vector = tuple[float, float, float]
 MOST_VOXELS = 2_000_000
 """A region of more voxels is a mistake in its units."""
 WINDOWS = (1, 2, 4, 8, 16, 32, 64)
@@ -27,14 +27,14 @@ that is so near that it covers more is not free."""
 class FreeSpaceConfig(GeneratorConfig):
     """The options of `free_space`."""
 
-    box: tuple[Vector, Vector] | None = None
+    box: tuple[Position, Position] | None = None
     """Two corners of the region to look at, in the frame of the hypothesis space [m]; none: around
     `links`."""
     links: tuple[str, ...] = ()
     """The links of the robot to look around, such as those of the hand; none: all."""
-    reach: float = Field(default=0.05, gt=0)
+    reach: Reach = Field(default=0.05, gt=0)
     """How far around the links to look [m]."""
-    margin: float = Field(default=0.03, ge=0)
+    margin: Spread = Field(default=0.03, ge=0)
     """What ends so much before a return is free [m]: well over the noise of the camera, the error
     of its place and a voxel's diagonal together."""
 
