@@ -9,6 +9,7 @@ from numpy.typing import ArrayLike
 from pydantic import Field
 
 from contactfusion.errors import PluginError, name_hint
+from contactfusion.grid import Grid
 from contactfusion.hypotheses import HypothesisCloud, HypothesisKind
 from contactfusion.model import Model
 from contactfusion.readings import Reading
@@ -81,6 +82,14 @@ class Generator(ABC, Generic[ConfigT]):
 
     def prepare(self, robot: "RobotModel") -> None:
         """Do what takes long and hangs on the robot alone, before the first reading comes."""
+        return None
+
+    def most_hypotheses(self, grid: Grid) -> int | None:
+        """The greatest number of hypotheses in a cloud; None: not known before readings come.
+
+        Args:
+            grid: the hypothesis space.
+        """
         return None
 
     def reset(self) -> None:

@@ -20,6 +20,7 @@ from contactfusion.errors import (
     SourceError,
     name_hint,
 )
+from contactfusion.estimate import HYPOTHESIS, MOST_HYPOTHESES, counted, size
 from contactfusion.faults import Faults
 from contactfusion.frames import points_in, vectors_in
 from contactfusion.grid import Grid
@@ -120,6 +121,7 @@ class Pipeline:
         if name in self.generators:
             raise SourceError(f"the generator '{name}' is plugged already; unplug it first")
         generator = built_generator(name, options, self.config.folder, self.config.robot)
+        self._require_affordable(generator)
         if generator.config.isolate:
             generator = Isolated(generator, self._live)
         elif self._robot.model is not None:
@@ -141,6 +143,17 @@ class Pipeline:
                 sensitivity=generator.config.sensitivity * (kind == HypothesisKind.REGULAR),
             )
         self.generators[name] = generator
+
+    def _require_affordable(self, generator: AnyGenerator) -> None:
+        """Make sure that a generator's clouds are no larger than memory and time allow."""
+        count = generator.most_hypotheses(self._grid)
+        if count is not None and count > MOST_HYPOTHESES:
+            raise ConfigurationError(
+                f"a cloud would hold {counted(count)} hypotheses, {size(count * HYPOTHESIS)}, more "
+                f"than {counted(MOST_HYPOTHESES)}, at a voxel_size of {self._grid.voxel_size:g} m; "
+                "lengths are in metres",
+                f"generators.{generator.name}",
+            )
 
     def unplug(self, name: str) -> None:
         """Unplug a generator and all that it contributed.

@@ -1,5 +1,6 @@
 """Surfaces of rigid bodies by configuration: boxes, cylinders, spheres, rectangles, or a file."""
 
+import math
 from pathlib import Path
 from typing import Literal, Self
 
@@ -7,6 +8,7 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from contactfusion.arrays import FloatArray
+from contactfusion.estimate import SAMPLE, too_much
 from contactfusion.frames import Pose, pose_at
 from contactfusion.model import Model
 from contactfusion.npz_files import read_npz
@@ -48,6 +50,26 @@ class ShapeConfig(Model):
             raise ValueError(f"a {self.shape} has {edges} positive edges")
         return self
 
+    def area(self) -> float:
+        """The area of its surface [m²]."""
+        radius, length, size = self.radius or 0.0, self.length or 0.0, self.size or ()
+        match self.shape:
+            case "rectangle":
+                return math.prod(size)
+            case "box":
+                x, y, z = size
+                return 2.0 * (x * y + y * z + z * x)
+            case "cylinder":
+                return 2.0 * math.pi * radius * (radius + length)
+            case "sphere":
+                return 4.0 * math.pi * radius**2
+
+    def extent(self) -> str:
+        """Its size in words, such as "0.2 x 0.1 m"."""
+        diameter = 2.0 * (self.radius or 0.0)
+        sizes = self.size or ((diameter, self.length) if self.length else (diameter,))
+        return " x ".join(f"{edge:g}" for edge in sizes) + " m"
+
     def pose(self) -> Pose:
         """Give the pose of the shape in the frame of its body."""
         return pose_at(self.xyz, self.rpy)
@@ -86,6 +108,21 @@ class BodyConfig(Model):
         if bool(self.shapes) == (self.file is not None):
             raise ValueError("give shapes or a file")
         return self
+
+    @model_validator(mode="after")
+    def _affordable(self) -> Self:
+        if problem := too_much(
+            f"{' and '.join(shape.extent() for shape in self.shapes)} at {self.spacing * 1e3:g} mm "
+            "spacing",
+            self.samples(),
+            SAMPLE,
+        ):
+            raise ValueError(f"{problem}; sizes are in metres, and a larger spacing needs less")
+        return self
+
+    def samples(self) -> float:
+        """How many points the shapes have, about."""
+        return sum(shape.area() for shape in self.shapes) / self.spacing**2
 
     def sampled(self, folder: Path) -> Surface:
         """Give the surface; a relative file name starts at `folder`.

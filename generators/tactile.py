@@ -13,6 +13,7 @@ from contactfusion.frames import points_in
 from contactfusion.generator import Generator, GeneratorConfig
 from contactfusion.generators.baselines import BaselineConfig
 from contactfusion.generators.health import Health
+from contactfusion.grid import Grid
 from contactfusion.hooks import hookimpl
 from contactfusion.hypotheses import HypothesisCloud, HypothesisKind, Note
 from contactfusion.patches import PatchConfig, TaxelAreas
@@ -80,6 +81,10 @@ class TactileGenerator(Generator[TactileConfig]):
     def reset(self) -> None:
         """Forget all signs of health."""
         self._health = Health(self._taxels, self.config.health_window)
+
+    def most_hypotheses(self, grid: Grid) -> int:
+        """The voxels that the taxels cover."""
+        return self.config.patch.count(grid.voxel_size)
 
     def self_test_passed(self, stamp: float) -> None:
         """Note that the sensor's own test has shown the patch to be healthy."""
