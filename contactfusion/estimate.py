@@ -40,5 +40,6 @@ def counted(count: float) -> str:
 
 def size(memory: float) -> str:
     """An amount of memory [bytes] as text, to two digits."""
-    unit, name = (1e9, "GB") if memory >= 1e9 else (1e6, "MB")
+    units = (("GB", 1e9), ("MB", 1e6), ("kB", 1e3))
+    name, unit = next((one for one in units if memory >= one[1]), units[-1])
     return f"about {float(f'{memory / unit:.2g}'):g} {name}"

@@ -96,8 +96,9 @@ class Pipeline:
         self._ask = ask
         self._tell = tell
         self.integrator = Integrator(config.integrator.model_copy(update={"strict_sources": True}))
-        self._grid = Grid(config.integrator.frame, config.integrator.voxel_size)
-        self._robot = Robot(config, self._grid)
+        self.grid = Grid(config.integrator.frame, config.integrator.voxel_size)
+        """The voxels of the hypothesis space."""
+        self._robot = Robot(config, self.grid)
         self.generators: dict[str, AnyGenerator] = {}
         """The plugged generators by name."""
         for name, options in config.generators.items():
@@ -146,11 +147,11 @@ class Pipeline:
 
     def _require_affordable(self, generator: AnyGenerator) -> None:
         """Make sure that a generator's clouds are no larger than memory and time allow."""
-        count = generator.most_hypotheses(self._grid)
+        count = generator.most_hypotheses(self.grid)
         if count is not None and count > MOST_HYPOTHESES:
             raise ConfigurationError(
                 f"a cloud would hold {counted(count)} hypotheses, {size(count * HYPOTHESIS)}, more "
-                f"than {counted(MOST_HYPOTHESES)}, at a voxel_size of {self._grid.voxel_size:g} m; "
+                f"than {counted(MOST_HYPOTHESES)}, at a voxel_size of {self.grid.voxel_size:g} m; "
                 "lengths are in metres",
                 f"generators.{generator.name}",
             )
@@ -324,12 +325,12 @@ class Pipeline:
 
     def _in_space(self, cloud: HypothesisCloud) -> HypothesisCloud:
         """Bring a cloud into the frame of the hypothesis space."""
-        if cloud.frame == self._grid.frame:
+        if cloud.frame == self.grid.frame:
             return cloud
-        pose = self.state(cloud.stamp).frames.pose(self._grid.frame, of=cloud.frame)
+        pose = self.state(cloud.stamp).frames.pose(self.grid.frame, of=cloud.frame)
         return replace(
             cloud,
-            frame=self._grid.frame,
+            frame=self.grid.frame,
             positions=points_in(pose, cloud.positions),
             forces=None if cloud.forces is None else vectors_in(pose, cloud.forces),
         )

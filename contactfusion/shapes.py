@@ -25,9 +25,9 @@ class ShapeConfig(Model):
     """What it is; a cylinder's axis is its z, a rectangle faces its +z."""
     size: tuple[Edge, ...] | None = None
     """Edges of a box or rectangle [m]."""
-    radius: Edge | None = None
+    radius: Edge | None = Field(default=None, gt=0)
     """Of a cylinder or sphere [m]."""
-    length: Edge | None = None
+    length: Edge | None = Field(default=None, gt=0)
     """Of a cylinder [m]."""
     xyz: Position = (0.0, 0.0, 0.0)
     """The centre [m]."""

@@ -70,7 +70,7 @@ Degrees = Annotated[
 Coordinate = Annotated[Metres, Field(ge=-1000, le=1000)]
 """Of a frame or a shape: the largest cranes reach 100 m, a work place is within a kilometre."""
 Position = tuple[Coordinate, Coordinate, Coordinate]
-Edge = Annotated[Metres, Field(gt=0, le=1000)]
+Edge = Annotated[Metres, Field(le=1000)]
 """Of a body: as far as its coordinates may reach."""
 Nearby = Annotated[Metres, Field(ge=-10, le=10)]
 """Within a sensor, a hand or a load: a skin around a bus is 10 m long."""

@@ -21,6 +21,7 @@ app = typer.Typer(
 for command in (
     running.demo,
     running.run,
+    running.check,
     running.record,
     recordings.replay,
     recordings.explain,

@@ -10,7 +10,7 @@ from contactfusion.model import Model
 from contactfusion.robots.objects import ObjectConfig
 from contactfusion.simulation.noise import TouchNoise
 from contactfusion.simulation.touch_config import AnyRange
-from contactfusion.units import Limit, Load, Memory, Nearby, Reach, Seconds
+from contactfusion.units import Limit, Load, Memory, Nearby, Reach
 
 
 class GraspConfig(Model):
@@ -63,7 +63,7 @@ class GraspConfig(Model):
     """No component of force [N] and torque [N·m] reads more than these; None: any does."""
     noise: TouchNoise = Field(default_factory=lambda: TouchNoise.model_validate("prototype"))
     """How wrong the sensors are: `none`, `prototype`, `full`, or the fields of `TouchNoise`."""
-    period: Seconds = Field(default=0.05, ge=0.01, le=0.2)
+    period: float = Field(default=0.05, ge=0.01, le=0.2)
     """Between commands, and between readings of joints and skins [s]."""
     lifted: Reach = Field(default=0.1, gt=0)
     """A grasp has succeeded when the object has been so much higher [m] ..."""

@@ -10,7 +10,7 @@ from contactfusion.model import Model
 from contactfusion.simulation.push_disturbances import DisturbanceConfig
 from contactfusion.simulation.push_names import FRICTIONS, PAPER, AnyObject
 from contactfusion.simulation.push_shapes import SoftConfig
-from contactfusion.units import Limit, Reach, Seconds, Spread
+from contactfusion.units import Limit, Reach, Spread
 
 RATE = 240
 """Steps of the physics a second."""
@@ -129,7 +129,7 @@ class PushConfig(Model):
     misplaced: dict[str, MisplacedConfig] = Field(default_factory=dict)
     """How far LiDARs and cameras that are switched on truly are from where the robot's description
     has them, by name."""
-    period: Seconds = Field(default=0.1, ge=0.05, le=1)
+    period: float = Field(default=0.1, ge=0.05, le=1)
     """Between commands, and between readings: whole steps of the physics, 1/240 s each [s]."""
     window: bool = False
     """Show PyBullet's window; needs a screen."""
