@@ -87,13 +87,16 @@ class _Checking:
         config = self._config
         with self._gathering("robot"):
             self._check_robot()
+        robotless = any(fault.startswith("robot") for fault in self.faults)
+        bare: dict[str, Any] = {"generators": {}, "controller": None}
         with self._gathering(""):
-            bare = config.model_copy(update={"generators": {}, "controller": None})
-            self._pipeline = Pipeline(bare)
+            self._pipeline = Pipeline(
+                config.model_copy(update=bare | ({"robot": None} if robotless else {}))
+            )
         with self._gathering("controller"):
             built_controller(config)
         for name, options in config.generators.items():
-            if "robot" in self._fields and config.robot is None and _names_robot(options):
+            if robotless and _names_robot(options):
                 continue  # the robot's fault is told already
             with self._gathering(f"generators.{name}"):
                 if self._pipeline:
@@ -198,11 +201,14 @@ class _Checking:
 
     @contextmanager
     def _gathering(self, path: str) -> Iterator[None]:
-        """Keep the faults that building something meets; `path` names what does not do so."""
+        """Keep the faults that building something meets, as seen from the whole file."""
         try:
             yield
         except ConfigurationError as error:
-            self.faults += (str(f if f.path else f.under(path)) for f in error.faults)
+            self.faults += (
+                str(fault if fault.path.startswith(path) else fault.under(path))
+                for fault in error.faults
+            )
         except ContactFusionError as error:
             self.faults.append(f"{path}: {error}" if path else str(error))
 
