@@ -18,6 +18,18 @@ from contactfusion.shapes import BodyConfig, ShapeConfig
 TRIANGLE = "v 0 0 0\nv {0} 0 0\nv 0 {0} 0\nf 1 2 3\n"
 
 
+def pipeline(**generator: Any) -> Pipeline:
+    return Pipeline(PipelineConfig(generators={"one": generator}))
+
+
+def patch(**fields: Any) -> PatchConfig:
+    return PatchConfig(**fields)
+
+
+def body(*shapes: dict[str, Any], spacing: float) -> BodyConfig:
+    return BodyConfig(frame="base", spacing=spacing, shapes=tuple(ShapeConfig(**s) for s in shapes))
+
+
 @pytest.mark.parametrize(
     ("count", "text"), [(7, "7"), (44_448_889, "44.4 million"), (1e10, "10 billion")]
 )
@@ -37,11 +49,10 @@ def test_what_fits_is_no_sentence() -> None:
 
 
 def test_a_surface_in_millimetres_is_refused_before_it_is_sampled() -> None:
-    sheet = {"shape": "rectangle", "size": [20, 20]}
     with pytest.raises(ConfigurationError) as caught:
-        PipelineConfig(surface={"frame": "base", "spacing": 0.003, "shapes": [sheet]})
+        body({"shape": "rectangle", "size": (20.0, 20.0)}, spacing=0.003)
     assert str(caught.value) == (
-        "surface: 20 x 20 m at 3 mm spacing is 44.4 million points, about 11 GB, more than 2.5 GB; "
+        "20 x 20 m at 3 mm spacing is 44.4 million points, about 11 GB, more than 2.5 GB; "
         "sizes are in metres, and a larger spacing needs less"
     )
 
@@ -56,8 +67,8 @@ def test_a_surface_in_millimetres_is_refused_before_it_is_sampled() -> None:
     ],
 )
 def test_the_estimate_is_near_the_number_of_points(shape: dict[str, Any]) -> None:
-    body = BodyConfig(frame="base", spacing=0.002, shapes=(ShapeConfig(**shape),))
-    assert len(body.sampled(Path()).points) == pytest.approx(body.samples(), rel=0.05)
+    given = body(shape, spacing=0.002)
+    assert len(given.sampled(Path()).points) == pytest.approx(given.samples(), rel=0.05)
 
 
 @pytest.mark.parametrize("side", [0.001, 0.0033, 0.01, 1.0])
@@ -66,17 +77,13 @@ def test_a_patch_covers_as_many_places_as_it_says(side: float) -> None:
         {"rows": 2, "columns": 3, "pitch": (0.01, 0.02)},
         {"rows": 1, "columns": 1, "pitch": (0.004, 0.005)},
     ]
-    patch = PatchConfig(grids=pads)
-    assert patch.count(side) == len(patch.covered(side)[0])
+    given = patch(grids=pads)
+    assert given.count(side) == len(given.covered(side)[0])
 
 
 def test_more_taxels_than_memory_holds_are_refused() -> None:
     with pytest.raises(ConfigurationError, match=r"grid: the grid is 10 billion taxels, about"):
-        PatchConfig(grid={"rows": 100_000, "columns": 100_000, "pitch": (0.01, 0.01)})
-
-
-def pipeline(**generator: Any) -> Pipeline:
-    return Pipeline(PipelineConfig(generators={"one": generator}))
+        patch(grid={"rows": 100_000, "columns": 100_000, "pitch": (0.01, 0.01)})
 
 
 def test_a_generator_whose_clouds_would_be_too_large_is_refused_when_it_is_plugged() -> None:
@@ -97,8 +104,8 @@ def test_a_generator_without_an_estimate_may_be_plugged() -> None:
 
 
 def test_an_isolated_generator_has_the_estimate_of_the_one_within() -> None:
-    patch = {"grid": {"rows": 1, "columns": 1, "pitch": (0.01, 0.01)}}
-    pipe = pipeline(type="tactile", patch=patch, isolate=True)
+    pad = {"grid": {"rows": 1, "columns": 1, "pitch": (0.01, 0.01)}}
+    pipe = pipeline(type="tactile", patch=pad, isolate=True)
     try:
         assert pipe.generators["one"].most_hypotheses(pipe.grid) == 4
     finally:

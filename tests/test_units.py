@@ -135,14 +135,18 @@ def test_millimetres_degrees_and_milliseconds_are_found(
     )
 
 
+def pipeline(**fields: Any) -> PipelineConfig:
+    return PipelineConfig(**fields)
+
+
 def test_a_crane_and_a_micro_gripper_are_plausible() -> None:
     boom = {"shape": "box", "size": [100, 2, 2], "xyz": [50, 0, 0]}
-    PipelineConfig(
+    pipeline(
         surface={"frame": "boom", "spacing": 0.02, "shapes": [boom]},
         frames={"boom": {"parent": "base", "xyz": [0, 0, 80], "rpy": [0, 0, math.tau]}},
         integrator={"voxel_size": 0.05, "timeout": 60},
     )
-    PipelineConfig(
+    pipeline(
         surface={"frame": "tip", "spacing": 1e-4, "shapes": [{"shape": "sphere", "radius": 1e-3}]},
         integrator={"frame": "tip", "voxel_size": 1e-4, "timeout": 0.01},
     )
