@@ -224,9 +224,10 @@ class _Checking:
             return
         model = self._robot()
         _ = model.parts
-        for name, (low, high) in zip(model.joint_names, model.limits, strict=True):
-            position = self._config.robot.still.get(name, 0.0)
-            if not low - SLACK <= position <= high + SLACK and name in self._config.robot.still:
+        limits = dict(zip(model.joint_names, model.limits, strict=True))
+        for name, position in self._config.robot.still.items():
+            low, high = limits[name]
+            if not low - SLACK <= position <= high + SLACK:
                 raise ConfigurationError(
                     f"{position:g} lies beyond the joint's limits, {low:.3f} .. {high:.3f} "
                     "[rad, m]",

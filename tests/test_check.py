@@ -189,6 +189,17 @@ def test_a_faulty_robot_is_told_once_and_what_names_it_is_not_blamed(file: Path)
     assert told.startswith("robot.links: unknown link 'amr': did you mean 'arm'?")
 
 
+def test_the_faults_of_a_file_of_a_robot_are_told_one_by_one(file: Path) -> None:
+    robot = file.parent / "arm.yaml"
+    robot.write_text("urdf: arm.urdf\nspacing: 4\nlnks: []\n")
+    told = faults(file, "surface=null", "robot=arm.yaml", "integrator.voxel_size=5")
+    assert [fault.partition(" m ")[0].partition(";")[0] for fault in told] == [
+        f"robot: {robot}: lnks: unknown field",
+        f"robot: {robot}: spacing: 4",
+        "integrator.voxel_size: 5",
+    ]
+
+
 def test_a_joint_that_stands_still_in_degrees_is_told(file: Path) -> None:
     assert faults(on_arm(file, still={"turn": 90})) == [
         "robot.still.turn: 90 lies beyond the joint's limits, -1.000 .. 2.000 [rad, m]"

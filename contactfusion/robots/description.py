@@ -172,4 +172,5 @@ def read_robot(path: Path) -> RobotConfig:
     try:
         return rooted(RobotConfig(**read_yaml(path)), path.parent)
     except ConfigurationError as error:
-        raise ConfigurationError(f"{path}: {error}") from None
+        faults = [ConfigurationError(f"{path}: {fault}") for fault in error.faults]
+        raise ConfigurationError.of(faults) from None
