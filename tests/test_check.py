@@ -156,8 +156,8 @@ def test_what_a_recording_lacks_is_told(file: Path) -> None:
         "generators.palm: the recording holds no TactileImage",
         "faults.0.sensor: the recording holds no 'palm'; the sensors and types are: wrench, wrist",
     ]
-    (told,) = faults(file, recording=file.parent / "lost.mcap")
-    assert "lost.mcap" in told
+    (lost,) = faults(file, recording=file.parent / "lost.mcap")
+    assert "lost.mcap" in lost
 
 
 # Robots and scenes
