@@ -52,12 +52,12 @@ class ShapeConfig(Model):
 
     def area(self) -> float:
         """The area of its surface [m²]."""
-        radius, length, size = self.radius or 0.0, self.length or 0.0, self.size or ()
+        radius, length = self.radius or 0.0, self.length or 0.0
         match self.shape:
             case "rectangle":
-                return math.prod(size)
+                return math.prod(self.size or ())
             case "box":
-                x, y, z = size
+                x, y, z = self.size or (0.0, 0.0, 0.0)
                 return 2.0 * (x * y + y * z + z * x)
             case "cylinder":
                 return 2.0 * math.pi * radius * (radius + length)
