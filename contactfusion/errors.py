@@ -5,7 +5,7 @@ import inspect
 import sys
 import textwrap
 import traceback
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from difflib import get_close_matches
 from pathlib import Path
 from types import TracebackType
@@ -30,9 +30,28 @@ class ConfigurationError(ContactFusionError, ValueError):
     def __init__(self, problem: str, path: str = "") -> None:
         super().__init__(f"{path}: {problem}" if path else problem)
         self.problem, self.path = problem, path
+        self._faults: tuple[ConfigurationError, ...] = ()
+
+    @classmethod
+    def of(cls, faults: Sequence["ConfigurationError"]) -> "ConfigurationError":
+        """The error that states the first of several faults, and counts the others."""
+        first, *others = faults
+        if not others:
+            return first
+        whole = cls(f"{first.problem} (and {len(others)} more)", first.path)
+        whole._faults = tuple(faults)
+        return whole
+
+    @property
+    def faults(self) -> tuple["ConfigurationError", ...]:
+        """An error for each field that is wrong; itself where it is the only one."""
+        return self._faults or (self,)
 
     def under(self, path: str) -> "ConfigurationError":
         """Give the same error as seen from the configuration that holds this one at `path`."""
+        return self.of([f._below(path) for f in self.faults])
+
+    def _below(self, path: str) -> "ConfigurationError":
         return type(self)(self.problem, ".".join(filter(None, (path, self.path))))
 
 

@@ -7,8 +7,7 @@ from pydantic import Field, model_validator
 
 from contactfusion.frames import Pose, pose_at, pose_of
 from contactfusion.model import Model
-
-Vector = tuple[float, float, float]
+from contactfusion.units import Angles, Position
 
 
 class FrameConfig(Model):
@@ -16,9 +15,9 @@ class FrameConfig(Model):
 
     parent: str = Field(min_length=1)
     """The frame in which `xyz` and the rotation are given."""
-    xyz: Vector = (0.0, 0.0, 0.0)
+    xyz: Position = (0.0, 0.0, 0.0)
     """The origin [m]."""
-    rpy: Vector | None = None
+    rpy: Angles | None = None
     """Roll, pitch and yaw about the parent's fixed axes [rad]."""
     quaternion: tuple[float, float, float, float] | None = None
     """The rotation as a unit quaternion (x, y, z, w)."""

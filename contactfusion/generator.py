@@ -10,11 +10,13 @@ from numpy.typing import ArrayLike
 from pydantic import Field
 
 from contactfusion.errors import PluginError, name_hint
+from contactfusion.grid import Grid
 from contactfusion.hypotheses import HypothesisCloud, HypothesisKind
 from contactfusion.model import Model
 from contactfusion.plugins import class_fault
 from contactfusion.readings import Reading
 from contactfusion.state import State
+from contactfusion.units import Memory
 
 if TYPE_CHECKING:
     from contactfusion.robots.model import RobotModel
@@ -25,16 +27,16 @@ class GeneratorConfig(Model):
 
     sensor: str | None = None
     """Take the readings of this sensor only; None: of every sensor of the right type."""
-    timeout: float | None = Field(default=None, gt=0, le=1e9)
+    timeout: Memory | None = Field(default=None, gt=0)
     """How long its hypotheses live [s]; None: the integrator's timeout."""
-    stale_after: float | None = Field(default=None, gt=0, le=1e9)
+    stale_after: Memory | None = Field(default=None, gt=0)
     """The silence after which it counts as inactive [s]; None: the integrator's."""
     replace: bool = True
     """Whether each of its clouds replaces all that it said before, as for a moving contact."""
     sensitivity: float = Field(default=0.0, ge=0, lt=1)
     """How probably it tells of a contact when there is one; from 0 on, its silence speaks against
     contacts, where the rule listens to that (`posterior`)."""
-    budget: float = Field(default=0.1, gt=0)
+    budget: Memory = Field(default=0.1, gt=0)
     """How long one reading may take [s] before it counts as an overrun."""
     isolate: bool = False
     """Whether it runs in a process of its own, so that no cycle waits for it."""
@@ -85,6 +87,14 @@ class Generator(ABC, Generic[ConfigT]):
 
     def prepare(self, robot: "RobotModel") -> None:
         """Do what takes long and hangs on the robot alone, before the first reading comes."""
+        return None
+
+    def most_hypotheses(self, grid: Grid) -> int | None:
+        """The greatest number of hypotheses in a cloud; None: not known before readings come.
+
+        Args:
+            grid: the hypothesis space.
+        """
         return None
 
     def reset(self) -> None:

@@ -18,6 +18,7 @@ from contactfusion.arrays import FloatArray
 from contactfusion.contacts import Contact
 from contactfusion.errors import PluginError, cause_in, cause_of
 from contactfusion.generator import Generator, GeneratorConfig, checked_clouds
+from contactfusion.grid import Grid
 from contactfusion.hypotheses import HypothesisCloud
 from contactfusion.readings import Reading
 from contactfusion.state import State
@@ -84,6 +85,10 @@ class Isolated(Generator[GeneratorConfig]):
         given = reading, _portable(state, self.name)
         self._waiting.append(ForkingPickler.dumps(given))  # the state as it is now
         return self.collect(wait=False) if self._live or not self._busy else ()
+
+    def most_hypotheses(self, grid: Grid) -> int | None:
+        """As many as the generator that runs elsewhere gives."""
+        return self._inner.most_hypotheses(grid)
 
     @property
     def owes(self) -> bool:

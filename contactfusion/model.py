@@ -8,8 +8,7 @@ from pydantic import BaseModel, ConfigDict, ValidationError
 from pydantic_core import ErrorDetails
 
 from contactfusion.errors import ConfigurationError, DefaultError, name_hint
-
-MORE = " more)"
+from contactfusion.units import unit_of
 
 
 class Model(BaseModel):
@@ -61,13 +60,8 @@ def rooted(config: M, folder: Path) -> M:
 
 def explained(error: ValidationError, model: type[BaseModel]) -> ConfigurationError:
     """Say in one sentence which field is wrong, and which name was probably meant."""
-    details = error.errors()
-    first = min(details, key=lambda detail: detail["type"] != "extra_forbidden")
-    wrong = _wrong(first, model)
-    more = len(details) - 1
-    if more and not wrong.problem.endswith(MORE):  # a model inside has counted already
-        return ConfigurationError(f"{wrong.problem} (and {more}{MORE}", wrong.path)
-    return wrong
+    details = sorted(error.errors(), key=lambda detail: detail["type"] != "extra_forbidden")
+    return ConfigurationError.of([f for d in details for f in _wrong(d, model).faults])
 
 
 def _is_default(detail: ErrorDetails, given: Mapping[str, object]) -> bool:
@@ -91,9 +85,19 @@ def _wrong(detail: ErrorDetails, model: type[BaseModel]) -> ConfigurationError:
             if isinstance(cause, ConfigurationError):
                 return cause.under(path)
             return ConfigurationError(str(cause), path)
+        case "less_than_equal" | "greater_than_equal" if problem := _implausible(detail, model):
+            return ConfigurationError(problem, path)
         case _:
             message = detail["msg"][0].lower() + detail["msg"][1:]
             return ConfigurationError(f"{message}, not {detail['input']!r}", path)
+
+
+def _implausible(detail: ErrorDetails, model: type[BaseModel]) -> str:
+    """Say which unit a number beyond its limit is in; empty where only its sign is wrong."""
+    field, limits = model.model_fields.get(str(detail["loc"][0])), detail.get("ctx", {})
+    unit = unit_of(field) if field else None
+    limit = limits.get("le") or limits.get("ge")
+    return unit.implausible(float(detail["input"]), limit) if unit and limit else ""
 
 
 def _fields_at(model: type[BaseModel], path: tuple[int | str, ...]) -> list[str]:

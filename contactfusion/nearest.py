@@ -11,6 +11,8 @@ from contactfusion.jit import kernel
 
 CELL = 0.01
 """The distance between neighbouring nodes of the grid [m]."""
+MOST_NODES = 4_000_000
+"""The grid of a body that would have more is coarser: each takes 50 bytes while it is built."""
 PADDING = 0.03
 """The grid reaches so far beyond the body [m]; further off, its nearest node serves."""
 NEIGHBOURS = 8
@@ -27,6 +29,7 @@ class NearestGrid:
         samples: shape (n, 3) [m].
         low: shape (3,) [m], the least corner of the samples.
         high: shape (3,) [m], the greatest.
+        cell: the distance between neighbouring nodes [m].
         nodes: shape (a, b, c), the sample nearest to each node of the grid.
         neighbours: shape (n, k), the samples nearest to each sample.
     """
@@ -34,6 +37,7 @@ class NearestGrid:
     samples: FloatArray
     low: FloatArray
     high: FloatArray
+    cell: float
     nodes: Int32Array
     neighbours: Int32Array
 
@@ -44,13 +48,16 @@ class NearestGrid:
 
         tree = KDTree(samples)
         low, high = samples.min(axis=0), samples.max(axis=0)
-        counts = np.ceil((high - low + 2.0 * PADDING) / CELL).astype(np.int64) + 1
-        axes = [start - PADDING + CELL * np.arange(n) for start, n in zip(low, counts, strict=True)]
+        cell, counts = CELL, _counts(low, high, CELL)
+        while np.prod(counts, dtype=np.float64) > MOST_NODES:
+            cell *= 2.0
+            counts = _counts(low, high, cell)
+        axes = [start - PADDING + cell * np.arange(n) for start, n in zip(low, counts, strict=True)]
         places = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
         nodes = np.asarray(tree.query(places)[1], np.int32).reshape(counts)
         k = min(NEIGHBOURS + 1, len(samples))
         around = np.asarray(tree.query(samples, k=k)[1], np.int32).reshape(len(samples), k)
-        return NearestGrid(samples, low, high, nodes, around)
+        return NearestGrid(samples, low, high, cell, nodes, around)
 
     def improve(
         self,
@@ -75,12 +82,17 @@ class NearestGrid:
             self.samples,
             self.low,
             self.high,
+            self.cell,
             self.nodes,
             self.neighbours,
             begin,
             distances,
             rows,
         )
+
+
+def _counts(low: FloatArray, high: FloatArray, cell: float) -> NDArray[np.int64]:
+    return np.ceil((high - low + 2.0 * PADDING) / cell).astype(np.int64) + 1
 
 
 @kernel
@@ -90,6 +102,7 @@ def _improve(
     samples: FloatArray,
     low: FloatArray,
     high: FloatArray,
+    cell: float,
     nodes: Int32Array,
     neighbours: Int32Array,
     begin: int,
@@ -116,7 +129,7 @@ def _improve(
         if beyond >= best:
             continue
         for axis in range(3):
-            node = np.floor((place[axis] - low[axis] + PADDING) / CELL)
+            node = np.floor((place[axis] - low[axis] + PADDING) / cell)
             at[axis] = int(min(max(node, 0.0), nodes.shape[axis] - 2.0))
         sample, square, last = -1, np.inf, -2
         for corner in range(8):  # of the cell that holds the place, or of the nearest one
@@ -125,7 +138,7 @@ def _improve(
             other = _square(samples, candidate, place)
             if other < square:
                 square, sample = other, candidate
-        slack = distances[i] + CELL
+        slack = distances[i] + cell
         if square > slack * slack:
             continue  # the walk gains less than a cell
         while sample != last:  # walk over the surface while it comes nearer

@@ -1,18 +1,17 @@
 """Patches of taxels: where they are, and what they cover."""
 
-from typing import Annotated, Self
+from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
 from contactfusion.arrays import FloatArray
+from contactfusion.estimate import TAXEL, too_much
 from contactfusion.frames import Pose, inverse, points_in, pose_at
 from contactfusion.jit import kernel
 from contactfusion.model import Model
-
-Edge = Annotated[float, Field(gt=0)]
-Vector = tuple[float, float, float]
+from contactfusion.units import Angles, Offset, TaxelEdge
 
 
 class TaxelGridConfig(Model):
@@ -22,12 +21,18 @@ class TaxelGridConfig(Model):
     """Along x."""
     columns: int = Field(ge=1)
     """Along y; values come row by row."""
-    pitch: tuple[Edge, Edge]
+    pitch: tuple[TaxelEdge, TaxelEdge]
     """The distance between neighbours along x and y [m]; also the size of a taxel."""
-    xyz: Vector = (0.0, 0.0, 0.0)
+    xyz: Offset = (0.0, 0.0, 0.0)
     """The middle of the grid in the frame of the patch [m]."""
-    rpy: Vector = (0.0, 0.0, 0.0)
+    rpy: Angles = (0.0, 0.0, 0.0)
     """Roll, pitch and yaw of the grid in the frame of the patch [rad]; taxels face its z."""
+
+    @model_validator(mode="after")
+    def _affordable(self) -> Self:
+        if problem := too_much("the grid", self.rows * self.columns, TAXEL, "taxels"):
+            raise ValueError(problem)
+        return self
 
     def pose(self) -> Pose:
         """Give the pose of the grid in the frame of the patch."""
@@ -47,9 +52,9 @@ class PatchConfig(Model):
     """Taxels in rows and columns."""
     grids: tuple[TaxelGridConfig, ...] = ()
     """Several grids, as on the faces of a body; values come grid by grid."""
-    places: tuple[Vector, ...] = ()
+    places: tuple[Offset, ...] = ()
     """The centre of each taxel [m]."""
-    size: tuple[Edge, Edge] | None = None
+    size: tuple[TaxelEdge, TaxelEdge] | None = None
     """The edges of one taxel along x and y [m]; needed with `places`, else the grid's pitch."""
 
     @model_validator(mode="after")
@@ -86,6 +91,13 @@ class PatchConfig(Model):
             ]
         )
 
+    def count(self, side: float) -> int:
+        """How many places `covered` gives, for voxels of a side [m]."""
+        return sum(
+            len(centres) * _cells(edges[0], side) * _cells(edges[1], side)
+            for _, centres, edges in self.sheets()
+        )
+
     def covered(self, side: float) -> tuple[FloatArray, NDArray[np.intp]]:
         """Cover each taxel with places no further apart than a voxel.
 
@@ -99,7 +111,7 @@ class PatchConfig(Model):
         for pose, centres, edges in self.sheets():
             axes = []
             for edge in edges:
-                cells = max(1, int(np.ceil(edge / side - 1e-9)))
+                cells = _cells(edge, side)
                 axes.append(((2.0 * np.arange(cells) + 1.0) / cells - 1.0) * edge / 2.0)
             offsets = _on_plane(*axes)
             places.append(points_in(pose, (centres[:, None, :] + offsets).reshape(-1, 3)))
@@ -153,6 +165,11 @@ def _any_within(points: FloatArray, centres: FloatArray, half: FloatArray) -> ND
                 found[row] = True
                 break
     return found
+
+
+def _cells(edge: float, side: float) -> int:
+    """How many voxels an edge takes."""
+    return max(1, int(np.ceil(edge / side - 1e-9)))
 
 
 def _on_plane(x: FloatArray, y: FloatArray) -> FloatArray:

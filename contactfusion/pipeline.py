@@ -24,6 +24,7 @@ from contactfusion.errors import (
     cause_of,
     name_hint,
 )
+from contactfusion.estimate import HYPOTHESIS, counted, size
 from contactfusion.faults import Faults
 from contactfusion.frames import points_in, vectors_in
 from contactfusion.generator import checked_clouds
@@ -103,8 +104,9 @@ class Pipeline:
         self._ask = ask
         self._tell = tell
         self.integrator = Integrator(config.integrator.model_copy(update={"strict_sources": True}))
-        self._grid = Grid(config.integrator.frame, config.integrator.voxel_size)
-        self._robot = Robot(config, self._grid)
+        self.grid = Grid(config.integrator.frame, config.integrator.voxel_size)
+        """The voxels of the hypothesis space."""
+        self._robot = Robot(config, self.grid)
         self.generators: dict[str, AnyGenerator] = {}
         """The plugged generators by name."""
         self._unready: dict[str, str] = {}
@@ -139,6 +141,7 @@ class Pipeline:
         if name in self.generators:
             raise SourceError(f"the generator '{name}' is plugged already; unplug it first")
         generator = built_generator(name, options, self.config.folder, self.config.robot)
+        self._require_affordable(generator)
         evidence = [*generator.sources.values()].count(HypothesisKind.REGULAR)
         if generator.config.sensitivity and evidence != 1:
             raise ConfigurationError(
@@ -162,6 +165,17 @@ class Pipeline:
                 sensitivity=generator.config.sensitivity * (kind == HypothesisKind.REGULAR),
             )
         self.generators[name] = generator
+
+    def _require_affordable(self, generator: AnyGenerator) -> None:
+        """Make sure that a generator's clouds are no larger than memory and time allow."""
+        count, most = generator.most_hypotheses(self.grid), self.config.integrator.max_hypotheses
+        if count is not None and count > most:
+            raise ConfigurationError(
+                f"a cloud would hold {counted(count)} hypotheses, {size(count * HYPOTHESIS)}, more "
+                f"than {counted(most)}, at a voxel_size of {self.grid.voxel_size:g} m; "
+                "lengths are in metres",
+                f"generators.{generator.name}",
+            )
 
     def unplug(self, name: str) -> None:
         """Unplug a generator and all that it contributed.
@@ -376,12 +390,12 @@ class Pipeline:
 
     def _in_space(self, cloud: HypothesisCloud) -> HypothesisCloud:
         """Bring a cloud into the frame of the hypothesis space."""
-        if cloud.frame == self._grid.frame:
+        if cloud.frame == self.grid.frame:
             return cloud
-        pose = self.state(cloud.stamp).frames.pose(self._grid.frame, of=cloud.frame)
+        pose = self.state(cloud.stamp).frames.pose(self.grid.frame, of=cloud.frame)
         return replace(
             cloud,
-            frame=self._grid.frame,
+            frame=self.grid.frame,
             positions=points_in(pose, cloud.positions),
             forces=None if cloud.forces is None else vectors_in(pose, cloud.forces),
         )

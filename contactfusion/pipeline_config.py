@@ -13,12 +13,13 @@ from contactfusion.integrator.config import IntegratorConfig
 from contactfusion.model import Model, rooted
 from contactfusion.robots.description import RobotConfig, located, read_robot
 from contactfusion.shapes import BodyConfig
+from contactfusion.units import Period
 
 
 class CycleConfig(Model):
     """When the pipeline steps: exactly one of the three."""
 
-    every: float | None = Field(default=None, gt=0)
+    every: Period | None = Field(default=None, gt=0)
     """Step at this period [s]."""
     on: str | None = None
     """Step after each reading of this sensor or type, e.g. `wrench`."""

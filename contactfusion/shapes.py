@@ -1,5 +1,6 @@
 """Surfaces of rigid bodies by configuration: boxes, cylinders, spheres, rectangles, or a file."""
 
+import math
 from pathlib import Path
 from typing import Literal, Self
 
@@ -7,12 +8,13 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from contactfusion.arrays import FloatArray
+from contactfusion.estimate import SAMPLE, too_much
 from contactfusion.frames import Pose, pose_at
 from contactfusion.model import Model
 from contactfusion.npz_files import read_npz
 from contactfusion.surface import Surface, rectangle
+from contactfusion.units import Angles, Edge, Position, Spacing
 
-Vector = tuple[float, float, float]
 GOLDEN_ANGLE = np.pi * (3.0 - np.sqrt(5.0))
 
 
@@ -21,15 +23,15 @@ class ShapeConfig(Model):
 
     shape: Literal["box", "cylinder", "sphere", "rectangle"]
     """What it is; a cylinder's axis is its z, a rectangle faces its +z."""
-    size: Vector | tuple[float, float] | None = None
+    size: tuple[Edge, ...] | None = None
     """Edges of a box or rectangle [m]."""
-    radius: float | None = Field(default=None, gt=0)
+    radius: Edge | None = Field(default=None, gt=0)
     """Of a cylinder or sphere [m]."""
-    length: float | None = Field(default=None, gt=0)
+    length: Edge | None = Field(default=None, gt=0)
     """Of a cylinder [m]."""
-    xyz: Vector = (0.0, 0.0, 0.0)
+    xyz: Position = (0.0, 0.0, 0.0)
     """The centre [m]."""
-    rpy: Vector = (0.0, 0.0, 0.0)
+    rpy: Angles = (0.0, 0.0, 0.0)
     """Roll, pitch and yaw [rad]."""
 
     @model_validator(mode="after")
@@ -48,11 +50,31 @@ class ShapeConfig(Model):
             raise ValueError(f"a {self.shape} has {edges} positive edges")
         return self
 
+    def area(self) -> float:
+        """The area of its surface [m²]."""
+        radius, length = self.radius or 0.0, self.length or 0.0
+        match self.shape:
+            case "rectangle":
+                return math.prod(self.size or ())
+            case "box":
+                x, y, z = self.size or (0.0, 0.0, 0.0)
+                return 2.0 * (x * y + y * z + z * x)
+            case "cylinder":
+                return 2.0 * math.pi * radius * (radius + length)
+            case "sphere":
+                return 4.0 * math.pi * radius**2
+
+    def extent(self) -> str:
+        """Its size in words, such as "0.2 x 0.1 m"."""
+        diameter = 2.0 * (self.radius or 0.0)
+        sizes = self.size or ((diameter, self.length) if self.length else (diameter,))
+        return " x ".join(f"{edge:g}" for edge in sizes) + " m"
+
     def pose(self) -> Pose:
         """Give the pose of the shape in the frame of its body."""
         return pose_at(self.xyz, self.rpy)
 
-    def sampled(self, frame: str, spacing: float) -> Surface:
+    def sampled(self, frame: str, spacing: Spacing) -> Surface:
         """Sample the primitive with points at most about `spacing` [m] apart."""
         pose = self.pose()
         match self.shape:
@@ -74,7 +96,7 @@ class BodyConfig(Model):
 
     frame: str
     """The frame that the body is fixed to."""
-    spacing: float = Field(default=0.004, gt=0)
+    spacing: Spacing = Field(default=0.004, gt=0)
     """The distance between neighbouring points [m]."""
     shapes: tuple[ShapeConfig, ...] = ()
     """The primitives whose surfaces make up the body's."""
@@ -86,6 +108,21 @@ class BodyConfig(Model):
         if bool(self.shapes) == (self.file is not None):
             raise ValueError("give shapes or a file")
         return self
+
+    @model_validator(mode="after")
+    def _affordable(self) -> Self:
+        if problem := too_much(
+            f"{' and '.join(shape.extent() for shape in self.shapes)} at {self.spacing * 1e3:g} mm "
+            "spacing",
+            self.samples(),
+            SAMPLE,
+        ):
+            raise ValueError(f"{problem}; sizes are in metres, and a larger spacing needs less")
+        return self
+
+    def samples(self) -> float:
+        """How many points the shapes have, about."""
+        return sum(shape.area() for shape in self.shapes) / self.spacing**2
 
     def sampled(self, folder: Path) -> Surface:
         """Give the surface; a relative file name starts at `folder`.
@@ -112,7 +149,7 @@ def joined(surfaces: list[Surface]) -> Surface:
     )
 
 
-def _box(frame: str, size: FloatArray, spacing: float) -> Surface:
+def _box(frame: str, size: FloatArray, spacing: Spacing) -> Surface:
     faces = []
     for axis in range(3):
         for side in (-0.5, 0.5):
@@ -129,7 +166,7 @@ def _box(frame: str, size: FloatArray, spacing: float) -> Surface:
     )
 
 
-def _cylinder(frame: str, radius: float, length: float, spacing: float) -> Surface:
+def _cylinder(frame: str, radius: float, length: float, spacing: Spacing) -> Surface:
     around = max(6, int(np.ceil(2.0 * np.pi * radius / spacing)))
     along = max(1, int(np.ceil(length / spacing)))
     angle, height = np.meshgrid(
@@ -146,7 +183,7 @@ def _cylinder(frame: str, radius: float, length: float, spacing: float) -> Surfa
     return Surface(frame, np.concatenate(points), np.concatenate(normals))
 
 
-def _disc(radius: float, spacing: float) -> FloatArray:
+def _disc(radius: float, spacing: Spacing) -> FloatArray:
     """Sample a disc evenly, along a spiral of golden angles."""
     count = max(1, int(np.ceil(np.pi * (radius / spacing) ** 2)))
     step = np.arange(count, dtype=np.float64)
@@ -154,7 +191,7 @@ def _disc(radius: float, spacing: float) -> FloatArray:
     return np.stack([distance * np.cos(angle), distance * np.sin(angle), 0.0 * step], axis=1)
 
 
-def _sphere(frame: str, radius: float, spacing: float) -> Surface:
+def _sphere(frame: str, radius: float, spacing: Spacing) -> Surface:
     normals = unit_vectors(max(12, int(np.ceil(4.0 * np.pi * (radius / spacing) ** 2))))
     return Surface(frame, radius * normals, normals)
 

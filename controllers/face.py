@@ -10,6 +10,7 @@ from pydantic import Field
 from contactfusion.contacts import Contact
 from contactfusion.errors import ConfigurationError
 from contactfusion.model import Model
+from contactfusion.units import Nearby, Reach, Spread
 
 NARROW = 0.05
 """What spans less is a point, what spans more a line (O §III-A) [m]."""
@@ -20,13 +21,13 @@ class FaceConfig(Model):
 
     frame: str = "base"
     """The robot's frame; contacts must be told in it."""
-    ahead: float = 0.30
+    ahead: Nearby = 0.30
     """Where the face lies along x [m]."""
-    half_width: float = Field(default=0.30, gt=0)
+    half_width: Reach = Field(default=0.30, gt=0)
     """The face reaches so far to the left, and to the right [m]."""
-    tolerance: float = Field(default=0.03, gt=0)
+    tolerance: Spread = Field(default=0.03, gt=0)
     """A contact so near to the face is on it [m]."""
-    blur: float = Field(default=0.125, gt=0)
+    blur: Spread = Field(default=0.125, gt=0)
     """The sensor may make one point as wide as this: twice the width of a taxel, and a bit [m]."""
 
 

@@ -12,6 +12,7 @@ from contactfusion.errors import ConfigurationError
 from contactfusion.frames import Pose, inverse, points_in, vectors_in
 from contactfusion.model import Model
 from contactfusion.surface import Surface
+from contactfusion.units import Offset, Reach, Spread
 
 IMPLAUSIBLE = 2.5
 """No object is further aside than so many standard deviations."""
@@ -22,14 +23,14 @@ APART = 0.5
 class HandConfig(Model):
     """A hand that grasps, and what it expects; in the frame of its tool x is aside, z ahead."""
 
-    box: tuple[tuple[float, float, float], tuple[float, float, float]] = (
+    box: tuple[Offset, Offset] = (
         (-0.15, -0.1, 0.0),
         (0.15, 0.1, 0.3),
     )
     """The contacts of the hand lie in it: its least and its greatest x, y and z [m]."""
-    radius: float = Field(default=0.032, ge=0)
+    radius: Reach = Field(default=0.032, ge=0)
     """About that of objects: so far behind the place where it is touched lies its middle [m]."""
-    sigma: float = Field(default=0.03, gt=0)
+    sigma: Spread = Field(default=0.03, gt=0)
     """Standard deviation of how far aside the middle of the object is [m]."""
 
     @model_validator(mode="after")

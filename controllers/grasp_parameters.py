@@ -8,6 +8,7 @@ from pydantic import Field, model_validator
 from contactfusion.controllers.grasp_contact import HandConfig
 from contactfusion.errors import ConfigurationError
 from contactfusion.model import Model
+from contactfusion.units import Limit, Memory, Reach, Speed
 
 Range = tuple[float, float]
 
@@ -70,11 +71,11 @@ class ReactiveGraspConfig(Model):
     gripper: dict[str, Range] = Field(min_length=1)
     """The joints of the fingers: where they are when the gripper is open, and when it is closed on
     nothing [rad, m]."""
-    reach: float = Field(default=0.22, gt=0)
+    reach: Reach = Field(default=0.22, gt=0)
     """So far ahead of the start an object would lie in the palm; the hand goes no further [m]."""
-    inside: float = Field(default=0.028, gt=0)
+    inside: Reach = Field(default=0.028, gt=0)
     """An object whose middle is so little aside goes between the fingers [m]."""
-    depth: float = Field(default=0.135, gt=0)
+    depth: Reach = Field(default=0.135, gt=0)
     """So far ahead of the tool's origin the middle of an object should be when the gripper closes
     [m]."""
     confirm: int = Field(default=3, ge=1)
@@ -85,19 +86,19 @@ class ReactiveGraspConfig(Model):
     """So often the hand is corrected at most; 0: it goes ahead and closes, whatever it feels."""
     attempts: int = Field(default=3, ge=1)
     """So often the gripper closes at most when it closes on nothing."""
-    back: float = Field(default=0.04, gt=0)
+    back: Reach = Field(default=0.04, gt=0)
     """So far it goes back before it is corrected; before a further attempt twice as far [m]."""
-    aside: float = Field(default=0.06, gt=0)
+    aside: Reach = Field(default=0.06, gt=0)
     """So far it goes sideways at most at once [m]."""
-    raised: float = Field(default=0.02, gt=0)
+    raised: Reach = Field(default=0.02, gt=0)
     """So far it goes up, or down, from what touches it from below, or above [m]."""
-    speed: float = Field(default=0.05, gt=0)
+    speed: Speed = Field(default=0.05, gt=0)
     """Of the hand [m/s]."""
-    lift: float = Field(default=0.13, gt=0)
+    lift: Reach = Field(default=0.13, gt=0)
     """How high [m]."""
-    hold: float = Field(default=2.5, ge=0)
+    hold: Memory = Field(default=2.5, ge=0)
     """How long the object is held before the grasp has succeeded [s]."""
-    settle: float = Field(default=0.4, ge=0)
+    settle: Memory = Field(default=0.4, ge=0)
     """Contacts count so long after the hand has begun to move: the wrist feels its own jerk [s]."""
     empty: float = Field(default=0.9, gt=0, le=1)
     """Fingers of which each joint has come this part of its way have closed on nothing."""
@@ -105,11 +106,11 @@ class ReactiveGraspConfig(Model):
     """What is held has slipped when a joint of the fingers goes on by this part of its way."""
     resting: float = Field(default=0.05, gt=0)
     """A joint of the fingers that is slower rests [rad/s, m/s]."""
-    closing: float = Field(default=4.0, gt=0)
+    closing: Memory = Field(default=4.0, gt=0)
     """Fingers that tremble for so long are as closed as they will be [s]."""
-    patience: float = Field(default=1.5, gt=0)
+    patience: Memory = Field(default=1.5, gt=0)
     """The hand is blocked when it comes no nearer to its goal for so long [s]."""
-    longest: float = Field(default=50.0, gt=0)
+    longest: Limit = Field(default=50.0, gt=0)
     """The grasp is given up after so long [s]."""
 
     @model_validator(mode="after")

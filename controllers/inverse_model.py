@@ -14,18 +14,19 @@ from contactfusion.controllers.object_pushing import (
 )
 from contactfusion.controllers.pushing_law import wrapped
 from contactfusion.hooks import hookimpl
+from contactfusion.units import Angle, Spread
 
 
 class InverseModelConfig(ObjectPushingConfig):
     """The options of `inverse_model`."""
 
-    spread: float = Field(default=0.5, gt=0)
+    spread: Angle = Field(default=0.5, gt=0)
     """Standard deviation of α before anything is learnt [rad]."""
-    least_spread: float = Field(default=0.1, gt=0)
+    least_spread: Angle = Field(default=0.1, gt=0)
     """It never becomes less than this [rad]."""
     prior: float = Field(default=100.0, ge=1)
     """What was believed before counts as much as so many pushes."""
-    stride: float = Field(default=0.02, gt=0)
+    stride: Spread = Field(default=0.02, gt=0)
     """An object that moved less than this has not moved [m]."""
     bias_gain: float = Field(default=0.05, ge=0)
     """K_1: how much the direction is turned against the mean of γ."""

@@ -17,6 +17,7 @@ from contactfusion.controllers.pushing import (
 )
 from contactfusion.controllers.pushing_law import limited, place_of, wrapped
 from contactfusion.errors import ConfigurationError
+from contactfusion.units import Reach, Speed, Spread
 
 Place = tuple[float, float]
 """x and y in the odometry's frame [m]."""
@@ -65,16 +66,16 @@ class Motion:
 class ObjectPushingConfig(PushingConfig):
     """What every controller can be told that goes by a believed place of the object."""
 
-    reach: float = Field(default=0.25, ge=0)
+    reach: Reach = Field(default=0.25, ge=0)
     """The middle of the object is believed so far beyond the contact, straight ahead of the face
     [m]."""
-    arrival: float = Field(default=0.05, gt=0)
+    arrival: Spread = Field(default=0.05, gt=0)
     """The contact has arrived when it is so near to the target [m]."""
     speed_gain: float = Field(default=0.3, gt=0)
     """The speed is this times the distance to the target [1/s], within the next two."""
-    slowest: float = Field(default=0.05, gt=0)
+    slowest: Speed = Field(default=0.05, gt=0)
     """The least speed [m/s]."""
-    fastest: float = Field(default=0.15, gt=0)
+    fastest: Speed = Field(default=0.15, gt=0)
     """The greatest speed [m/s]."""
     turn_gain: float = Field(default=1.0, ge=0)
     """How fast the face turns to the object: ω is this times the angle between [1/s]."""

@@ -16,6 +16,7 @@ from contactfusion.errors import ConfigurationError
 from contactfusion.model import Model
 from contactfusion.readings import Twist
 from contactfusion.state import State
+from contactfusion.units import Coordinate
 
 PlanarPose = tuple[float, float, float]
 """x, y [m] and yaw [rad] in the odometry's frame."""
@@ -47,7 +48,7 @@ class Decision:
 class PushingConfig(Model):
     """What every controller that pushes to a target can be told."""
 
-    target: tuple[float, float]
+    target: tuple[Coordinate, Coordinate]
     """Where the contact shall come to, x and y in the odometry's frame [m]."""
     face: FaceConfig = Field(default_factory=FaceConfig)
     """The face that pushes."""

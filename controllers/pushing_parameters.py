@@ -6,16 +6,20 @@ from pydantic import BeforeValidator, Field, model_validator
 
 from contactfusion.errors import ConfigurationError, name_hint
 from contactfusion.model import Model
+from contactfusion.units import Memory, Reach, Speed
 
 Positive = Annotated[float, Field(gt=0)]
+Length = Annotated[Reach, Field(gt=0)]
+Pause = Annotated[Memory, Field(gt=0)]
+Pace = Annotated[Speed, Field(gt=0)]
 
 
 class RealignmentParameters(Model):
     """When the contact is near an edge of the face: mostly aside, hardly turning."""
 
-    enter: Positive
+    enter: Length
     """l_cr: it begins when |l| is above this [m]."""
-    leave: Positive
+    leave: Length
     """It ends when |l| is below this [m]."""
     rate: Positive
     """a_r meanwhile."""
@@ -32,34 +36,34 @@ class RealignmentParameters(Model):
 class SearchParameters(Model):
     """How to look for a contact that is lost; not in the papers."""
 
-    patience: float = Field(ge=0)
+    patience: Memory = Field(ge=0)
     """Before, the last contact counts for so long [s]."""
-    speed: Positive
+    speed: Pace
     """Of the search [m/s]."""
-    clearance: Positive
+    clearance: Length
     """Back off until the place of the last contact is so far ahead of the face [m]."""
-    beyond: Positive
+    beyond: Length
     """Then go ahead until the face is so far beyond it; each round further by as much [m]."""
-    shift: Positive
+    shift: Length
     """A round of tries goes straight, then by so much to one side, and to the other [m]."""
 
 
 class EscapeParameters(Model):
     """How to leave a cycle that leads nowhere: go around the object; not in the papers."""
 
-    patience: Positive
+    patience: Pause
     """Without progress for so long [s]."""
-    progress: Positive
+    progress: Length
     """Coming nearer to the target than ever by so much is progress [m]."""
-    within: float = Field(ge=0)
+    within: Reach = Field(ge=0)
     """Or at once when it was nearer to the target than this [m],"""
-    overshoot: Positive
+    overshoot: Length
     """and is so much further away again [m]."""
-    clearance: Positive
+    clearance: Length
     """Back off until the place of the contact is so far ahead of the face [m]."""
-    reach: float = Field(ge=0)
+    reach: Reach = Field(ge=0)
     """The middle of the object is believed to be so far beyond the contact [m]."""
-    speed: Positive
+    speed: Pace
     """Of going around [m/s]."""
 
 
@@ -68,38 +72,38 @@ class PushingParameters(Model):
 
     speed_gain: Positive
     """K_v [1/s]."""
-    slowest: float = Field(ge=0)
+    slowest: Speed = Field(ge=0)
     """The least speed before arrival [m/s]."""
-    fastest: Positive
+    fastest: Pace
     """The greatest speed [m/s]."""
     eta: float = Field(ge=0)
     """η, the lateral rate far from the middle."""
     zeta: float = Field(ge=0)
     """ζ, the lateral rate at the middle."""
-    beta: float = Field(ge=0)
+    beta: Reach = Field(ge=0)
     """β, where the rate is halfway between [m]."""
     k: Positive
     """How steep the rate changes there [1/m]."""
-    near: float = Field(ge=0)
+    near: Reach = Field(ge=0)
     """d_th: nearer to the target than this there is no lateral motion [m]."""
     heading_gain: float = Field(gt=0, le=1)
     """K_h; the heading's error times this is limited to below 90 degrees."""
-    length: Positive
+    length: Length
     """L, the smaller the sharper it turns [m]."""
     fastest_turn: Positive
     """The greatest ω [rad/s]."""
     realign: RealignmentParameters | None
     """Near the edge; None: never."""
-    settle: float = Field(default=0.0, ge=0)
+    settle: Reach = Field(default=0.0, ge=0)
     """Nearer to the target than this the greatest ω falls with the distance; 0: never [m]. Not in
     the papers."""
-    smoothing: float = Field(default=0.0, ge=0)
+    smoothing: Memory = Field(default=0.0, ge=0)
     """Time constant of a low-pass on l [s]; 0: none. Not in the papers."""
     search: SearchParameters | None = None
     """How to look for a lost contact; None: keep it, and go ahead."""
     escape: EscapeParameters | None = None
     """How to leave a cycle; None: never."""
-    arrival: Positive
+    arrival: Length
     """The contact has arrived when it is so near to the target [m]."""
 
     @model_validator(mode="after")

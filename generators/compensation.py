@@ -8,6 +8,7 @@ from pydantic import Field
 from contactfusion.arrays import FloatArray, frozen_array
 from contactfusion.errors import ConfigurationError
 from contactfusion.model import Model
+from contactfusion.units import ForceBias, Load, Offset, TorqueBias
 
 LEAST_SPAN = 0.05
 """The directions of gravity must leave every line by this much: root mean square, per length."""
@@ -20,13 +21,13 @@ class Compensation(Model):
     force that the world exerts on the robot, whatever the sign of the sensor.
     """
 
-    mass: float = Field(default=0.0, ge=0)
+    mass: Load = Field(default=0.0, ge=0)
     """Of what hangs on the sensor [kg]."""
-    centre_of_mass: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    centre_of_mass: Offset = (0.0, 0.0, 0.0)
     """In the sensor's frame [m]."""
-    force_bias: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    force_bias: tuple[ForceBias, ForceBias, ForceBias] = (0.0, 0.0, 0.0)
     """[N]."""
-    torque_bias: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    torque_bias: tuple[TorqueBias, TorqueBias, TorqueBias] = (0.0, 0.0, 0.0)
     """[N·m]."""
 
     def contactless(self, gravity: FloatArray) -> FloatArray:

@@ -15,6 +15,7 @@ from contactfusion.robots.description import FingerConfig
 from contactfusion.robots.posed import PosedRobot
 from contactfusion.state import State
 from contactfusion.thinning import first_in_voxels
+from contactfusion.units import Memory, Spread
 
 GAVE_WAY = 1e-6
 """A point that moved less against its normal [m] did so by rounding, as the sides of a hinge do."""
@@ -28,9 +29,9 @@ class FingerPoseConfig(GeneratorConfig):
     output."""
     threshold: float = Field(default=0.02, gt=0)
     """How far a joint must leave its reference [rad, m]: well over the noise of its encoder."""
-    settle: float = Field(default=0.5, ge=0)
+    settle: Memory = Field(default=0.5, ge=0)
     """How long fingers move after a command [s]; what they do until then is no contact."""
-    noise: float = Field(default=0.003, ge=0)
+    noise: Spread = Field(default=0.003, ge=0)
     """Standard deviation of where the robot believes its surface to be [m]."""
 
 

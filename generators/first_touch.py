@@ -22,6 +22,7 @@ from contactfusion.robots.model import RobotModel
 from contactfusion.robots.objects import BelievedObjects, ObjectConfig
 from contactfusion.robots.posed import PosedRobot
 from contactfusion.state import State
+from contactfusion.units import Spread
 
 REACH = 4.0
 """An object is off by so many standard deviations at most."""
@@ -42,7 +43,7 @@ class FirstTouchConfig(GeneratorConfig):
     """In so many places each object is tried."""
     likelihood: float = Field(default=1.0, ge=0, le=1)
     """Of a contact with one of the objects, anywhere: what the cloud sums to."""
-    noise: float = Field(default=0.003, ge=0)
+    noise: Spread = Field(default=0.003, ge=0)
     """Standard deviation of where the robot believes its surface to be [m]."""
     seed: int = Field(default=0, ge=0)
     """Of the places that are tried; they are drawn once."""

@@ -25,6 +25,7 @@ from contactfusion.robots.description import WristConfig
 from contactfusion.state import State
 from contactfusion.surface import Surface
 from contactfusion.thinning import first_in_voxels
+from contactfusion.units import Acceleration, Force, ForceNoise, Memory, Spread, TorqueNoise
 
 STEADY = 2.0
 """At rest, samples scatter by less than so many standard deviations of the noise."""
@@ -41,30 +42,30 @@ class ForceTorqueConfig(GeneratorConfig):
     load: Literal["configured", "robot"] = "configured"
     """Whether the weight that hangs on the sensor is that of `compensation`, or follows from the
     robot's URDF and joints."""
-    force_noise: float = Field(default=0.2, gt=0)
+    force_noise: ForceNoise = Field(default=0.2, gt=0)
     """Standard deviation of one sample of force, by axis [N]."""
-    torque_noise: float = Field(default=0.01, gt=0)
+    torque_noise: TorqueNoise = Field(default=0.01, gt=0)
     """Standard deviation of one sample of torque, by axis [N·m]."""
-    min_force: float | None = Field(default=None, gt=0)
+    min_force: Force | None = Field(default=None, gt=0)
     """No contact under this force [N]; None: five standard deviations of the noise."""
-    patch: float = Field(default=0.0, ge=0)
+    patch: Spread = Field(default=0.0, ge=0)
     """For contacts that are no points but patches: standard deviation of the moment that torsional
     friction carries, per force [m]."""
-    noise: float = Field(default=0.003, ge=0)
+    noise: Spread = Field(default=0.003, ge=0)
     """Standard deviation, by axis, of where the robot believes its surface to be [m]."""
     friction: float = Field(default=2.0, gt=0)
     """The largest tangential force of a contact, per normal force."""
-    surface_tolerance: float = Field(default=0.01, gt=0)
+    surface_tolerance: Spread = Field(default=0.01, gt=0)
     """A contact lies at most this far from a point of the surface [m]; more than the spacing of
     its points."""
     compensation: Compensation = Field(default_factory=Compensation)
     """What the sensor feels without contact."""
-    gravity: tuple[float, float, float] = (0.0, 0.0, -9.81)
+    gravity: tuple[Acceleration, Acceleration, Acceleration] = (0.0, 0.0, -9.81)
     """In the frame of the hypothesis space [m/s²]; used when the load has a mass."""
-    tare: float = Field(default=0.0, ge=0)
+    tare: Memory = Field(default=0.0, ge=0)
     """Take the mean over the first so many seconds at rest, without contact, as further bias; say
     nothing before [s]."""
-    average: float = Field(default=0.0, ge=0)
+    average: Memory = Field(default=0.0, ge=0)
     """Average the wrench over the newest so many seconds [s]; the stated noise stays that of one
     sample, for drift does not average out."""
 

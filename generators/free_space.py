@@ -15,8 +15,8 @@ from contactfusion.hooks import hookimpl
 from contactfusion.hypotheses import HypothesisCloud, HypothesisKind
 from contactfusion.readings import DepthImage, Reading
 from contactfusion.state import State
+from contactfusion.units import Position, Reach, Spread
 
-Vector = tuple[float, float, float]
 MOST_VOXELS = 2_000_000
 """A region of more voxels is a mistake in its units."""
 WINDOWS = (1, 2, 4, 8, 16, 32, 64)
@@ -27,14 +27,14 @@ that is so near that it covers more is not free."""
 class FreeSpaceConfig(GeneratorConfig):
     """The options of `free_space`."""
 
-    box: tuple[Vector, Vector] | None = None
+    box: tuple[Position, Position] | None = None
     """Two corners of the region to look at, in the frame of the hypothesis space [m]; none: around
     `links`."""
     links: tuple[str, ...] = ()
     """The links of the robot to look around, such as those of the hand; none: all."""
-    reach: float = Field(default=0.05, gt=0)
+    reach: Reach = Field(default=0.05, gt=0)
     """How far around the links to look [m]."""
-    margin: float = Field(default=0.03, ge=0)
+    margin: Spread = Field(default=0.03, ge=0)
     """What ends so much before a return is free [m]: well over the noise of the camera, the error
     of its place and a voxel's diagonal together."""
 
@@ -49,6 +49,12 @@ class FreeSpaceGenerator(Generator[FreeSpaceConfig]):
     Config = FreeSpaceConfig
     readings = (DepthImage,)
     outputs = {"": HypothesisKind.NULL}
+
+    def most_hypotheses(self, grid: Grid) -> int | None:
+        """The voxels of the box; around links it is not known before the joints come."""
+        if self.config.box is None:
+            return None
+        return round(_count(*_corners(self.config.box), grid))
 
     def generate(self, reading: Reading, state: State) -> Sequence[HypothesisCloud]:
         """Give the centres of the free voxels.
@@ -69,8 +75,7 @@ class FreeSpaceGenerator(Generator[FreeSpaceConfig]):
     def _region(self, state: State) -> tuple[FloatArray, FloatArray]:
         """Give the least and the greatest corner of where to look, shape (3,) [m]."""
         if self.config.box is not None:
-            corners = np.array(self.config.box)
-            return corners.min(axis=0), corners.max(axis=0)
+            return _corners(self.config.box)
         if state.robot is None:
             raise ConfigurationError(
                 f"'{self.name}' needs a `box` to look at, or the robot to look around: configure "
@@ -152,9 +157,20 @@ def _least_about(
     return least[rows - top, columns - left]
 
 
+def _corners(box: tuple[Position, Position]) -> tuple[FloatArray, FloatArray]:
+    """Give the least and the greatest corner, shape (3,) [m]."""
+    corners = np.array(box)
+    return corners.min(axis=0), corners.max(axis=0)
+
+
+def _count(low: FloatArray, high: FloatArray, grid: Grid) -> float:
+    """Give how many voxels a region has."""
+    return float(np.prod(np.ceil((high - low) / grid.voxel_size) + 1.0))
+
+
 def _centres(low: FloatArray, high: FloatArray, grid: Grid, name: str) -> list[FloatArray]:
     """Give where along x, y and z the centres of the voxels of a region lie [m]."""
-    count = np.prod(np.ceil((high - low) / grid.voxel_size) + 1.0)
+    count = _count(low, high, grid)
     if count > MOST_VOXELS:
         raise ConfigurationError(
             f"'{name}' would look at {count:.3g} voxels, more than {MOST_VOXELS:.0e}: make its "

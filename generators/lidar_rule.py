@@ -21,6 +21,7 @@ from contactfusion.hooks import hookimpl
 from contactfusion.hypotheses import HypothesisCloud
 from contactfusion.readings import PointCloud, Reading
 from contactfusion.state import State
+from contactfusion.units import Spread
 
 
 class LidarRuleConfig(PerceivedConfig):
@@ -28,9 +29,9 @@ class LidarRuleConfig(PerceivedConfig):
 
     proximity: ProximityConfig = Field(default_factory=lambda: ProximityConfig(occupied=2))
     """The region before the face, and its cells."""
-    touch: float = Field(default=0.01, gt=0)
+    touch: Spread = Field(default=0.01, gt=0)
     """An object whose proximity is less touches [m]."""
-    near: float = Field(default=NEAR, ge=0)
+    near: Spread = Field(default=NEAR, ge=0)
     """Strips that are further than the nearest by no more than this touch, too [m]."""
 
 

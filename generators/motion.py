@@ -17,6 +17,7 @@ from contactfusion.readings import JointState, Reading, Twist
 from contactfusion.state import State
 from contactfusion.surface import Surface
 from contactfusion.thinning import first_in_voxels
+from contactfusion.units import Period, Spread
 
 
 class MotionConfig(GeneratorConfig):
@@ -24,11 +25,11 @@ class MotionConfig(GeneratorConfig):
 
     links: tuple[str, ...] = ()
     """The links whose surface is predicted, such as those of the hand; none: the whole robot."""
-    ahead: float = Field(default=0.05, gt=0)
+    ahead: Period = Field(default=0.05, gt=0)
     """How far to predict [s]."""
     likelihood: float = Field(default=0.3, ge=0, le=1)
     """Of a contact at the predicted surface."""
-    noise: float = Field(default=0.003, ge=0)
+    noise: Spread = Field(default=0.003, ge=0)
     """Standard deviation of where the robot believes its surface to be [m]."""
 
 

@@ -11,6 +11,7 @@ from contactfusion.arrays import FloatArray
 from contactfusion.errors import ConfigurationError
 from contactfusion.jit import kernel
 from contactfusion.model import Model
+from contactfusion.units import Nearby, Spacing
 
 ROUNDING = 1e-9
 """A region that is so nearly a whole number of cells is one."""
@@ -22,7 +23,8 @@ def _ordered(value: tuple[float, float]) -> tuple[float, float]:
     return value
 
 
-Span = Annotated[tuple[float, float], AfterValidator(_ordered)]
+Span = Annotated[tuple[Nearby, Nearby], AfterValidator(_ordered)]
+CellEdge = Annotated[Spacing, Field(gt=0)]
 
 
 class BoxConfig(Model):
@@ -59,7 +61,7 @@ class ProximityConfig(Model):
         default_factory=lambda: BoxConfig(x=(0.30, 0.62), y=(-0.30, 0.30), z=(-0.40, 0.50))
     )
     """What is looked at, in the robot's frame; its lower x is the face [m]."""
-    cell: tuple[Annotated[float, Field(gt=0)], Annotated[float, Field(gt=0)]] = (0.02, 0.05)
+    cell: tuple[CellEdge, CellEdge] = (0.02, 0.05)
     """The edges of a cell along x and along y [m]."""
     occupied: int = Field(default=1, ge=1)
     """So many points of a LiDAR occupy a cell; with 2, a single wrong range does not."""

@@ -20,6 +20,7 @@ from contactfusion.robots.model import RobotModel
 from contactfusion.robots.posed import PosedRobot
 from contactfusion.state import State
 from contactfusion.thinning import first_in_voxels
+from contactfusion.units import Memory, Reach, Spacing, Spread
 
 FAINTEST = 0.01
 """Less likely places are dropped (method §5)."""
@@ -35,23 +36,23 @@ class RangeConfig(GeneratorConfig):
     evidence: Literal["motion", "proximity"] = "motion"
     """`motion`: objects that move count, as Regular. `proximity`: all that is near counts, as
     Support: for objects that cannot move."""
-    scale: float = Field(default=0.01, gt=0)
+    scale: Spread = Field(default=0.01, gt=0)
     """λ: the likelihood is a half at this distance from the robot [m] (F Eq 5)."""
-    around: float = Field(default=0.15, gt=0)
+    around: Reach = Field(default=0.15, gt=0)
     """How far around the links to look for objects [m]."""
-    resolution: float = Field(default=0.004, gt=0)
+    resolution: Spacing = Field(default=0.004, gt=0)
     """Points are thinned to one in a cube of this side [m]."""
-    margin: float = Field(default=0.015, ge=0)
+    margin: Spread = Field(default=0.015, ge=0)
     """Points so near the robot are its own [m]: as much as the camera and its place may err."""
-    gap: float = Field(default=0.02, gt=0)
+    gap: Spread = Field(default=0.02, gt=0)
     """Points that no chain of so short steps joins are of different objects [m]."""
     min_points: int = Field(default=20, ge=3)
     """Of an object."""
-    min_motion: float = Field(default=0.006, gt=0)
+    min_motion: Spread = Field(default=0.006, gt=0)
     """An object has moved when its points have by so much, root mean square [m]."""
-    memory: float = Field(default=0.3, gt=0)
+    memory: Memory = Field(default=0.3, gt=0)
     """An object is compared with how it lay so long ago at most [s]."""
-    noise: float = Field(default=0.005, ge=0)
+    noise: Spread = Field(default=0.005, ge=0)
     """Standard deviation of a point, by the camera and by its place [m]."""
 
 

@@ -19,6 +19,7 @@ from contactfusion.hypotheses import HypothesisCloud, Note
 from contactfusion.readings import DepthImage, Reading
 from contactfusion.segmenter import AnySegmenter, built_segmenter
 from contactfusion.state import State
+from contactfusion.units import Spread
 from contactfusion.vision import loaded_opencv, returns
 
 
@@ -31,7 +32,7 @@ class RgbdCpmConfig(LearnedConfig):
     """Where a strip's vector ends. `edge`: at the object's nearest edge (O Eq 15). `surface`: at
     the middle between that edge and the end of its cell, as a LiDAR, which the networks were
     trained on, sees a surface that begins there."""
-    margin: float = Field(default=0.06, ge=0)
+    margin: Spread = Field(default=0.06, ge=0)
     """Edges that lie no further behind the face are taken to lie on it [m]: as much as the camera
     and its place may err."""
     body: BoxConfig | None = None

@@ -16,6 +16,7 @@ from contactfusion.robots.model import RobotModel
 from contactfusion.robots.objects import BelievedObjects, ObjectConfig
 from contactfusion.state import State
 from contactfusion.thinning import first_in_voxels
+from contactfusion.units import Spread
 
 
 class SimulatorConfig(GeneratorConfig):
@@ -25,12 +26,12 @@ class SimulatorConfig(GeneratorConfig):
     """What stands around, by name, where it is believed to be."""
     links: tuple[str, ...] = ()
     """The links that may touch, such as those of the hand; none: the whole robot."""
-    tolerance: float = Field(default=0.005, gt=0)
+    tolerance: Spread = Field(default=0.005, gt=0)
     """The surface touches where it is this near an object, or inside [m]: as much as the object may
     be off, for it to be felt at all; what goes beyond goes into the spreads."""
     likelihood: float = Field(default=0.5, ge=0, le=1)
     """Of a predicted contact."""
-    noise: float = Field(default=0.003, ge=0)
+    noise: Spread = Field(default=0.003, ge=0)
     """Standard deviation of where the robot believes its surface to be [m]."""
 
 

@@ -13,11 +13,13 @@ from contactfusion.frames import points_in
 from contactfusion.generator import Generator, GeneratorConfig
 from contactfusion.generators.baselines import BaselineConfig
 from contactfusion.generators.health import Health
+from contactfusion.grid import Grid
 from contactfusion.hooks import hookimpl
 from contactfusion.hypotheses import HypothesisCloud, HypothesisKind, Note
 from contactfusion.patches import PatchConfig, TaxelAreas
 from contactfusion.readings import Reading, TactileImage
 from contactfusion.state import State
+from contactfusion.units import Memory, Spread
 
 MARGIN = 2.0
 """A taxel so many voxels from a contact may share a voxel with it, and does not rule it out."""
@@ -34,12 +36,12 @@ class TactileConfig(GeneratorConfig):
     """No contact under so many standard deviations of the noise."""
     p_max: float = Field(default=0.95, gt=0, le=1)
     """The largest likelihood; 1 would saturate a voxel for good."""
-    noise: float = Field(default=0.004, ge=0)
+    noise: Spread = Field(default=0.004, ge=0)
     """Standard deviation, by axis, of where the robot believes the patch to be, and of how far a
     push spreads in the skin, together [m]."""
     free: bool = False
     """Whether a healthy patch says where it feels nothing, as Null."""
-    health_window: float = Field(default=2.0, gt=0)
+    health_window: Memory = Field(default=2.0, gt=0)
     """How long noise, a self-test or a confirmed contact shows a patch to be healthy [s]."""
 
     @model_validator(mode="after")
@@ -79,6 +81,10 @@ class TactileGenerator(Generator[TactileConfig]):
     def reset(self) -> None:
         """Forget all signs of health."""
         self._health = Health(self._taxels, self.config.health_window)
+
+    def most_hypotheses(self, grid: Grid) -> int:
+        """The voxels that the taxels cover."""
+        return self.config.patch.count(grid.voxel_size)
 
     def self_test_passed(self, stamp: float) -> None:
         """Note that the sensor's own test has shown the patch to be healthy."""

@@ -5,6 +5,7 @@ from typing import Any, Literal
 from pydantic import Field
 
 from contactfusion.model import Model
+from contactfusion.units import Memory, Spacing, Spread
 
 
 class IntegratorConfig(Model):
@@ -12,9 +13,9 @@ class IntegratorConfig(Model):
 
     frame: str = Field(default="base", min_length=1)
     """The frame in which the voxels stand still; every cloud must come in it."""
-    voxel_size: float = Field(default=0.005, gt=0)
+    voxel_size: Spacing = Field(default=0.005, gt=0)
     """The side of a voxel [m]."""
-    timeout: float = Field(default=0.5, gt=0, le=1e9)
+    timeout: Memory = Field(default=0.5, gt=0)
     """How long an entry lives [s], where its source has no timeout of its own."""
     expiry: Literal["source", "voxel"] = "source"
     """`source`: an entry lives by its own stamp; `voxel`: all entries of a voxel live by the newest
@@ -25,7 +26,7 @@ class IntegratorConfig(Model):
     """How voxels become contacts."""
     threshold: float = Field(default=0.1, gt=0, le=1)
     """The fused likelihood from which a voxel is a contact."""
-    tolerance: float | None = Field(default=None, gt=0)
+    tolerance: Spread | None = Field(default=None, gt=0)
     """Voxels at most this far apart belong to one contact [m]; None: two sides of a voxel."""
     min_voxels: int = Field(default=1, ge=1)
     """Clusters of fewer voxels are no contacts."""
@@ -41,9 +42,9 @@ class IntegratorConfig(Model):
     """`modes`: a further contact is told when it takes at least this part of the belief."""
     prior: float = Field(default=0.05, gt=0, lt=1)
     """`log_odds`, `dempster_shafer`: the probability of a contact without any evidence."""
-    stale_after: float = Field(default=1.0, gt=0, le=1e9)
+    stale_after: Memory = Field(default=1.0, gt=0)
     """A source silent for longer no longer holds up readiness [s]."""
-    max_ahead: float = Field(default=0.1, ge=0, le=1e9)
+    max_ahead: Memory = Field(default=0.1, ge=0)
     """A stamp further ahead of now is held back until its time [s]."""
     max_hypotheses: int = Field(default=2_000_000, ge=1)
     """A cloud of more hypotheses is refused."""

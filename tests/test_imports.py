@@ -27,6 +27,7 @@ DATA = (
     "readings",
     "surface",
     "time",
+    "units",
 )
 """The data types and what they stand on."""
 OUTER = (

@@ -159,7 +159,7 @@ def test_one_that_raises_late_has_overrun_as_well() -> None:
     assert [event.source for event in overruns(runner)] == ["naughty"]
 
 
-REMOTE = {"type": "remote", "isolate": True, "timeout": 1e6}
+REMOTE = {"type": "remote", "isolate": True, "timeout": 300.0}
 
 
 @pytest.fixture

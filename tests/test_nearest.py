@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from contactfusion.arrays import FloatArray
 from contactfusion.frames import inverse, pose_of
-from contactfusion.nearest import NearestGrid
+from contactfusion.nearest import CELL, MOST_NODES, NearestGrid
 from contactfusion.shapes import BodyConfig, ShapeConfig
 
 BOX = ShapeConfig(shape="box", size=(0.1, 0.06, 0.04)).sampled("box", 0.004).points
@@ -81,3 +81,12 @@ def test_of_two_bodies_the_nearer_counts() -> None:
     points = np.array([[0.04, 0.0, 0.0], [0.06, 0.0, 0.0]])
     _, rows = surface.nearest(points)
     assert surface.links[rows].tolist() == [0, 1]
+
+
+def test_a_wide_body_has_a_coarser_grid_and_its_nearest_samples_all_the_same() -> None:
+    samples = ShapeConfig(shape="box", size=(6.0, 2.0, 1.0)).sampled("boom", 0.05).points
+    grid = NearestGrid.of(samples)
+    assert grid.cell == 2.0 * CELL and grid.nodes.size <= MOST_NODES
+    points = samples[::7] + np.random.default_rng(0).normal(0, 0.01, samples[::7].shape)
+    further = found(samples, points) - cdist(points, samples).min(axis=1)
+    assert (further > 1e-9).mean() < 0.01

@@ -22,7 +22,7 @@ def grid(rows: int, columns: int, *pitch: float) -> PatchConfig:
 
 def test_a_grid_goes_row_by_row_around_the_origin() -> None:
     expected = [[-1, -4, 0], [-1, 0, 0], [-1, 4, 0], [1, -4, 0], [1, 0, 0], [1, 4, 0]]
-    np.testing.assert_allclose(grid(2, 3, 2.0, 4.0).centres(), expected)
+    np.testing.assert_allclose(grid(2, 3, 0.2, 0.4).centres(), np.array(expected) / 10.0)
 
 
 def test_places_are_centres_of_taxels_of_the_given_size() -> None:

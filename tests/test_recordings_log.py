@@ -470,3 +470,48 @@ def test_a_last_line_that_does_not_end_is_told_as_it_may_be_cut_off(tmp_path: Pa
         assert isinstance(recording, LogRecording)
         told.append(recording.notes)
     assert told[0] == [] and "the last line does not end" in told[1][0]
+
+
+# The unit of stamps
+
+TOO_FAST = ", faster than any sensor; `unit` is"
+
+
+def rows(period: float, count: int = 50) -> str:
+    return "".join(f"{number * period:.9g},5\n" for number in range(count))
+
+
+@pytest.mark.parametrize(
+    ("period", "time", "sentence"),
+    [
+        (0.01, {"column": 1, "unit": "ms"}, f"are 1e+05 a second{TOO_FAST} ms: did you mean s?"),
+        (0.1, {"column": 1, "unit": "ms"}, f"are 1e+04 a second{TOO_FAST} ms: did you mean s?"),
+        (10.0, {"column": 1, "unit": "us"}, f"are 1e+05 a second{TOO_FAST} us: did you mean ms?"),
+        (10_000.0, {"column": 1}, "rows are 10000 s apart; `unit` is s: did you mean us?"),
+        (1.0, {"rate": 1e-4}, "rows are 10000 s apart; `rate` is 0.0001, in rows a second"),
+        (1.0, {"rate": 1e6}, "faster than any sensor; `rate` is 1e+06, in rows a second"),
+    ],
+)  # fmt: skip
+def test_stamps_in_another_unit_are_refused_with_the_unit_that_fits(
+    tmp_path: Path, period: float, time: dict[str, Any], sentence: str
+) -> None:
+    with pytest.raises(RecordingError) as caught:
+        log(tmp_path, rows(period), SKIN, time=time)
+    assert str(caught.value).startswith(f"{tmp_path / 'log.csv'}: ")
+    assert str(caught.value).endswith(sentence)
+
+
+def test_rows_that_come_slowly_are_noted(tmp_path: Path) -> None:
+    (note,) = log(tmp_path, rows(10.0), SKIN).notes
+    assert note == f"{tmp_path / 'log.csv'}: rows are 10 s apart; `unit` is s: did you mean ms?"
+
+
+@pytest.mark.parametrize("period", [1.25e-4, 0.01, 5.0])
+def test_sensors_from_8_khz_to_one_row_in_5_s_pass(tmp_path: Path, period: float) -> None:
+    assert log(tmp_path, rows(period), SKIN).notes == []
+
+
+def test_a_few_rows_at_one_stamp_or_after_a_pause_say_nothing_of_the_unit(tmp_path: Path) -> None:
+    assert log(tmp_path, rows(1e-6, 9), SKIN).notes == []
+    assert log(tmp_path, "7,5\n" * 50, SKIN).notes == []
+    assert log(tmp_path, rows(0.01) + "90000,5\n", SKIN).notes == []

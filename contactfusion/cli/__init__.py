@@ -36,6 +36,7 @@ def options(
 for command in (
     running.demo,
     running.run,
+    running.check,
     running.record,
     recordings.replay,
     recordings.explain,

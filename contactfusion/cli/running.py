@@ -1,11 +1,12 @@
 """Commands that run pipelines, and look after the installation."""
 
+import sys
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from contactfusion.cli.options import Changed, Out
+from contactfusion.cli.options import Changed, Out, Topics, roles
 from contactfusion.errors import ConfigurationError
 
 
@@ -26,6 +27,27 @@ def run(
     from contactfusion.running import run_file
 
     run_file(configuration, set_ or [], out, seed)
+
+
+def check(
+    configuration: Annotated[Path, typer.Argument(help="A YAML file for `run` or `replay`.")],
+    recording: Annotated[
+        Path | None, typer.Argument(help="What `replay` would play: its topics are matched, too.")
+    ] = None,
+    topic: Topics = None,
+    set_: Changed = None,
+) -> None:
+    """Build all that a configuration names, run nothing: what it holds, and every fault."""
+    from contactfusion.check import check_file
+
+    found = check_file(configuration, recording, set_ or [], roles(topic))
+    for line in found.lines:
+        print(line)
+    for fault in found.faults:
+        print(f"contactfusion: {fault}", file=sys.stderr)
+    if found.faults:
+        raise typer.Exit(1)
+    print("OK")
 
 
 def record(

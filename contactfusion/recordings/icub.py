@@ -20,6 +20,7 @@ from contactfusion.model import Model
 from contactfusion.readings import JointState, Reading, TactileImage
 from contactfusion.recordings.recording import Recording
 from contactfusion.recordings.series import Series, even_stamps, merged
+from contactfusion.units import Period
 
 FINGERS = ("thumb", "index", "middle", "ring", "little")
 JOINTS = (
@@ -44,7 +45,7 @@ class IcubConfig(Model):
 
     file: Path
     """The text file of the trial."""
-    period: float = Field(default=0.1, gt=0)
+    period: Period = Field(default=0.1, gt=0)
     """The time from frame to frame [s]; nominal, as the files hold no stamps."""
 
 

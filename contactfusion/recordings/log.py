@@ -44,6 +44,17 @@ NANOSECONDS = {"s": NANOSECONDS_PER_SECOND, "ms": 1_000_000, "us": 1_000, "ns": 
 LONGEST_FALL = NANOSECONDS_PER_SECOND
 """Rows may lie so much out of order [ns]; beyond, the clock was set back."""
 
+TELLING = 10
+"""Of so many rows the rate shows in which unit their stamps are."""
+FASTEST = 9000.0
+"""Rows in a second [Hz]: the fastest force-torque sensors give 8 kHz, and a sensor of 10 Hz whose
+seconds are taken for milliseconds seems to give 10 kHz."""
+SLOW = 5.0
+"""Rows further apart seldom follow a contact [s]; milliseconds of a sensor of 100 Hz that are taken
+for seconds are 10 s apart."""
+SLOWEST = 3600.0
+"""Rows further apart never do [s]: microseconds of that sensor seem to be 10,000 s apart."""
+
 log = logging.getLogger(__name__)
 
 
@@ -157,7 +168,9 @@ class LogRecording(Recording):
     def _stamps(self, file: LogFile, path: Path, folder: Path, count: int) -> StampArray:
         time = file.time
         if time.rate is not None:
-            return even_stamps(count, time.rate, time.start)
+            stamps = even_stamps(count, time.rate, time.start)
+            self._check_rate(stamps, time, path)
+            return stamps
         source = folder / time.file if time.file else path
         text = AS_FOUND if time.file else TextFormat(file.delimiter, file.header)
         assert time.column is not None  # or it would have a rate
@@ -176,7 +189,38 @@ class LogRecording(Recording):
             )
         if late := int((behind > 0).sum()):
             self.notes.append(f"{source}: {late} of {count} rows were out of order, and are sorted")
+        self._check_rate(stamps, time, source)
         return stamps
+
+    def _check_rate(self, stamps: StampArray, time: TimeConfig, source: Path) -> None:
+        """Refuse rows that come faster or slower than any sensor's; note rows that come slowly.
+
+        Raises:
+            RecordingError: their unit is a mistake.
+        """
+        if len(stamps) < TELLING:
+            return
+        span = float(np.ptp(stamps)) / NANOSECONDS_PER_SECOND
+        step = float(np.median(np.diff(np.sort(stamps)))) / NANOSECONDS_PER_SECOND
+        mean = span / (len(stamps) - 1)
+        if 0.0 < mean < 1.0 / FASTEST:
+            told = f"{source}: {len(stamps)} rows in {span:.3g} s are {1.0 / mean:.3g} a second"
+            raise RecordingError(f"{told}, faster than any sensor; {_unit_meant(mean, time)}")
+        if step > SLOW:
+            told = f"{source}: rows are {step:.5g} s apart; {_unit_meant(step, time)}"
+            if step > SLOWEST:
+                raise RecordingError(told)
+            self.notes.append(told)
+
+
+def _unit_meant(step: float, time: TimeConfig) -> str:
+    """Say what makes rows lie so many seconds apart, and which unit would not."""
+    if time.rate is not None:
+        return f"`rate` is {time.rate:g}, in rows a second"
+    seconds = {unit: step * size / NANOSECONDS[time.unit] for unit, size in NANOSECONDS.items()}
+    fit = (unit for unit, apart in seconds.items() if 1.0 / FASTEST <= apart <= SLOW)
+    meant = next(fit, None)
+    return f"`unit` is {time.unit}" + (f": did you mean {meant}?" if meant else "")
 
 
 def _last_line_ends(path: Path) -> bool:

@@ -2,7 +2,7 @@
 
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Literal, Self
+from typing import Annotated, Literal, Self
 
 from pydantic import Field, model_validator
 
@@ -10,7 +10,13 @@ from contactfusion.errors import ConfigurationError
 from contactfusion.frame_config import FrameConfig
 from contactfusion.model import Model, rooted
 from contactfusion.patches import PatchConfig
+from contactfusion.units import Degrees, Metres, Spacing
 from contactfusion.yaml_files import read_yaml
+
+CameraRange = Annotated[Metres, Field(le=100)]
+"""Time-of-flight and stereo cameras see some tens of metres."""
+LidarRange = Annotated[Metres, Field(le=1000)]
+"""The furthest of LiDARs on vehicles see 600 m."""
 
 
 class PatchOnLink(PatchConfig):
@@ -38,11 +44,11 @@ class CameraConfig(Model):
     """[pixels]."""
     height: int = Field(ge=1)
     """[pixels]."""
-    fov: float = Field(gt=0, lt=180)
-    """The horizontal field of view [degrees]."""
+    fov: Degrees = Field(ge=3.2, lt=180)
+    """The horizontal field of view [degrees]; above π, so that radians are found."""
     rate: float = Field(default=10.0, gt=0)
     """Images a second [Hz]; a touch gives them at its own `camera_rate`."""
-    reach: tuple[float, float] = (0.2, 4.0)
+    reach: tuple[CameraRange, CameraRange] = (0.2, 4.0)
     """The least and the greatest distance that it sees [m]."""
 
     @model_validator(mode="after")
@@ -66,7 +72,7 @@ class LidarConfig(Model):
     """It measures between these turns from its x only [degrees]."""
     rate: float = Field(default=10.0, gt=0)
     """Turns a second [Hz]."""
-    reach: tuple[float, float] = (0.3, 50.0)
+    reach: tuple[LidarRange, LidarRange] = (0.3, 50.0)
     """The least and the greatest distance at which it has returns [m]."""
 
     @model_validator(mode="after")
@@ -99,7 +105,7 @@ class RobotConfig(Model):
     """Which shapes make up the surface."""
     links: tuple[str, ...] | None = None
     """The links that make up the surface; None: all that have shapes."""
-    spacing: float = Field(default=0.004, gt=0)
+    spacing: Spacing = Field(default=0.004, gt=0)
     """The distance between neighbouring points of the surface [m]."""
     still: dict[str, float] = Field(default_factory=dict)
     """Positions of joints that no reading tells [rad, m]."""
@@ -166,4 +172,5 @@ def read_robot(path: Path) -> RobotConfig:
     try:
         return rooted(RobotConfig(**read_yaml(path)), path.parent)
     except ConfigurationError as error:
-        raise ConfigurationError(f"{path}: {error}") from None
+        faults = [ConfigurationError(f"{path}: {fault}") for fault in error.faults]
+        raise ConfigurationError.of(faults) from None

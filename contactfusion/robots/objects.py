@@ -18,6 +18,7 @@ from contactfusion.robots.description import RobotConfig
 from contactfusion.robots.solids import Solid
 from contactfusion.robots.urdf import Mesh, read_urdf
 from contactfusion.shapes import ShapeConfig
+from contactfusion.units import Angle, Spread
 
 
 class ObjectConfig(Model):
@@ -31,9 +32,9 @@ class ObjectConfig(Model):
     """A URDF file of one link, or MODULE:FILE as in a robot's description."""
     pose: FrameConfig
     """Where it is believed to be."""
-    sigma: float = Field(default=0.02, ge=0)
+    sigma: Spread = Field(default=0.02, ge=0)
     """Standard deviation of the believed place, by axis [m]."""
-    sigma_yaw: float = Field(default=0.087, ge=0)
+    sigma_yaw: Angle = Field(default=0.087, ge=0)
     """Standard deviation of the believed turn about the vertical [rad]."""
     folder: Path = Path()
     """Where a relative `urdf` starts; the folder of the configuration."""

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from contactfusion.arrays import FloatArray
 from contactfusion.errors import RobotError, missing_extra
+from contactfusion.estimate import MESH_SAMPLE, SAMPLE, too_much
 from contactfusion.frames import points_in
 from contactfusion.robots.urdf import Mesh
 from contactfusion.shapes import ShapeConfig, unit_vectors
@@ -68,6 +69,7 @@ class Solid:
         """Give points about `spacing` [m] apart and outward normals, both of shape (n, 3)."""
         points, normals = [], []
         for number, shape in enumerate(self._shapes):
+            self._require_affordable(number, spacing)
             if isinstance(shape, Mesh):
                 places, directions = _on_triangles(*self.meshes[number], spacing)
             else:
@@ -78,6 +80,21 @@ class Solid:
         if len(self._shapes) == 1 and isinstance(self._shapes[0], ShapeConfig):
             return points[0], normals[0]  # nothing hides a primitive from itself
         return self._seen(np.concatenate(points), np.concatenate(normals))
+
+    def _require_affordable(self, number: int, spacing: float) -> None:
+        """Make sure that a shape has not more points than memory holds."""
+        shape = self._shapes[number]
+        if isinstance(shape, ShapeConfig):
+            told, area, each = shape.extent(), shape.area(), SAMPLE
+            cure = "sizes are in metres"
+        else:
+            vertices, triangles = self.meshes[number]
+            edges = " x ".join(f"{edge:.3g}" for edge in np.ptp(vertices, axis=0))
+            told, area = f"{shape.file}: {edges} m", float(_areas(vertices, triangles)[1].sum())
+            each, cure = MESH_SAMPLE, 'a mesh in millimetres needs scale="0.001 0.001 0.001"'
+        problem = too_much(f"{told} at {spacing * 1e3:g} mm spacing", area / spacing**2, each)
+        if problem:
+            raise RobotError(f"{problem}; {cure}")
 
     def distances(self, points: FloatArray) -> FloatArray:
         """Give distances to the nearest triangle, shape (n,) [m], of points of shape (n, 3).
@@ -166,8 +183,7 @@ def _on_triangles(
         Points, and the normals of their triangles, either way; both of shape (n, 3).
     """
     corner, first, second = (vertices[triangles[:, i]] for i in range(3))
-    across = np.cross(first - corner, second - corner)
-    areas = np.linalg.norm(across, axis=1) / 2.0
+    across, areas = _areas(vertices, triangles)
     count = max(64, int(np.ceil(CROWD * areas.sum() / spacing**2)))
     rng = np.random.default_rng(0)
     places = (np.arange(count) + rng.random(count)) / count * areas.sum()
@@ -182,6 +198,13 @@ def _on_triangles(
     kept = np.sort(np.unique(cells, axis=0, return_index=True)[1])
     normals = across[chosen[kept]] / (2.0 * areas[chosen[kept], None])
     return points[kept], normals
+
+
+def _areas(vertices: FloatArray, triangles: NDArray[np.uint32]) -> tuple[FloatArray, FloatArray]:
+    """Normals of triangles, twice as long as the areas, (t, 3), and areas, (t,) [m²]."""
+    corner, first, second = (vertices[triangles[:, i]] for i in range(3))
+    across = np.cross(first - corner, second - corner)
+    return across, np.linalg.norm(across, axis=1) / 2.0
 
 
 def loaded_open3d() -> Any:

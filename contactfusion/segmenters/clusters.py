@@ -13,6 +13,7 @@ from contactfusion.hooks import hookimpl
 from contactfusion.readings import DepthImage
 from contactfusion.segmenter import Mask, Segmenter, SegmenterConfig
 from contactfusion.segmenters.paint import Paint, learned_paint
+from contactfusion.units import Metres, Nearby, Reach, Spread
 from contactfusion.vision import back_projected, loaded_opencv, returns
 
 CELL = 0.01
@@ -32,17 +33,17 @@ class ClustersConfig(SegmenterConfig):
 
     type: str = "clusters"
     """Which segmenter, by name."""
-    floor: float = -0.45
+    floor: Nearby = -0.45
     """The height of the floor in the robot's frame [m]."""
-    clearance: float = Field(default=0.05, ge=0)
+    clearance: Spread = Field(default=0.05, ge=0)
     """What is no further above the floor is floor [m]."""
-    face: float = 0.30
+    face: Nearby = 0.30
     """The x of the robot's face; at the start the nearest thing to it is the object [m]."""
-    width: float = Field(default=0.60, gt=0)
+    width: Reach = Field(default=0.60, gt=0)
     """Of the face [m]."""
     robot: tuple[BoxConfig, ...] = (BoxConfig(x=(-1.0, 0.31), y=(-0.35, 0.35), z=(-0.45, -0.02)),)
     """Where the camera sees the robot itself, in the robot's frame."""
-    gap: float = Field(default=0.03, gt=0, le=0.5)
+    gap: Metres = Field(default=0.03, gt=0, le=0.5)
     """Things that stand nearer to each other, seen from above, are one [m]."""
     least: float = Field(default=0.003, ge=0)
     """A thing that covers less, seen from above, is none [m²]."""

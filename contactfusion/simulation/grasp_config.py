@@ -10,6 +10,7 @@ from contactfusion.model import Model
 from contactfusion.robots.objects import ObjectConfig
 from contactfusion.simulation.noise import TouchNoise
 from contactfusion.simulation.touch_config import AnyRange
+from contactfusion.units import Limit, Load, Memory, Nearby, Reach
 
 
 class GraspConfig(Model):
@@ -22,7 +23,7 @@ class GraspConfig(Model):
     """The kind of scene."""
     object: ObjectConfig
     """What is grasped, standing where it is believed to stand; it may move."""
-    mass: float | None = Field(default=None, gt=0)
+    mass: Load | None = Field(default=None, gt=0)
     """Of the object [kg], spread evenly over its shapes; None: as its URDF says."""
     surroundings: dict[str, ObjectConfig] = Field(default_factory=dict)
     """What else stands around, such as the table; it does not move."""
@@ -38,9 +39,9 @@ class GraspConfig(Model):
     azimuth: AnyRange = (180.0, 180.0)
     """Where the hand comes from, seen from where the object is believed to stand: about the z of
     the root link, from its x [degrees]."""
-    height: float = 0.09
+    height: Nearby = 0.09
     """So high above the origin of the object the tool goes, level [m]."""
-    distance: float = Field(default=0.3, gt=0)
+    distance: Reach = Field(default=0.3, gt=0)
     """Of the tool's origin from the axis of the object at the start, level [m]."""
     offset: AnyRange = (-0.05, 0.05)
     """How far beside the hand's way the object truly stands, to the left as the hand goes [m]."""
@@ -64,11 +65,11 @@ class GraspConfig(Model):
     """How wrong the sensors are: `none`, `prototype`, `full`, or the fields of `TouchNoise`."""
     period: float = Field(default=0.05, ge=0.01, le=0.2)
     """Between commands, and between readings of joints and skins [s]."""
-    lifted: float = Field(default=0.1, gt=0)
+    lifted: Reach = Field(default=0.1, gt=0)
     """A grasp has succeeded when the object has been so much higher [m] ..."""
-    held: float = Field(default=2.0, gt=0)
+    held: Memory = Field(default=2.0, gt=0)
     """... for so long at the end [s]."""
-    longest: float = Field(default=60.0, gt=0)
+    longest: Limit = Field(default=60.0, gt=0)
     """The grasp ends after so long [s]."""
 
     @model_validator(mode="after")

@@ -6,12 +6,13 @@ from pydantic import Field, model_validator
 
 from contactfusion.errors import ConfigurationError, name_hint
 from contactfusion.model import Model
+from contactfusion.units import ForceNoise, Spread, TorqueNoise
 
 
 class TouchNoise(Model):
     """Standard deviations; what is constant is drawn once a touch."""
 
-    wrist_place: float = Field(default=0.0, ge=0)
+    wrist_place: Spread = Field(default=0.0, ge=0)
     """Of where the arm's joints say that the hand is, by axis, constant [m]."""
     wrist_turn: float = Field(default=0.0, ge=0)
     """Of how they say that it is turned, by axis, constant [degrees]."""
@@ -19,23 +20,23 @@ class TouchNoise(Model):
     """Of the joints of the hand, constant [degrees]."""
     zeros: float = Field(default=0.0, ge=0)
     """Of the zeros of the joints of the hand, besides, constant [degrees]."""
-    eye_place: float = Field(default=0.0, ge=0)
+    eye_place: Spread = Field(default=0.0, ge=0)
     """Of where cameras are believed to be, by axis, constant [m]."""
     eye_turn: float = Field(default=0.0, ge=0)
     """Of how they are believed to be turned, by axis, constant [degrees]."""
-    depth: float = Field(default=0.0, ge=0)
+    depth: Spread = Field(default=0.0, ge=0)
     """Of the depth of each pixel [m]."""
     flying: float = Field(default=0.0, ge=0, le=1)
     """The part of the pixels that tell a depth up to 0.3 m before or behind what is there."""
-    force: float = Field(default=0.0, ge=0)
+    force: ForceNoise = Field(default=0.0, ge=0)
     """Of each sample of force, by axis [N]."""
-    torque: float = Field(default=0.0, ge=0)
+    torque: TorqueNoise = Field(default=0.0, ge=0)
     """Of each sample of torque, by axis [N·m]."""
-    force_zero: float = Field(default=0.0, ge=0)
+    force_zero: ForceNoise = Field(default=0.0, ge=0)
     """Of the zero of force, by axis, constant [N]."""
-    torque_zero: float = Field(default=0.0, ge=0)
+    torque_zero: TorqueNoise = Field(default=0.0, ge=0)
     """Of the zero of torque, by axis, constant [N·m]."""
-    pressure: float = Field(default=0.0, ge=0)
+    pressure: ForceNoise = Field(default=0.0, ge=0)
     """Of each value of a taxel [N]."""
     finger_stiffness: float = Field(default=10.0, gt=0)
     """How the joints of the hand yield [N·m/rad, N/m]."""

@@ -10,6 +10,7 @@ from contactfusion.model import Model
 from contactfusion.simulation.push_disturbances import DisturbanceConfig
 from contactfusion.simulation.push_names import FRICTIONS, PAPER, AnyObject
 from contactfusion.simulation.push_shapes import SoftConfig
+from contactfusion.units import Limit, Reach, Spread
 
 RATE = 240
 """Steps of the physics a second."""
@@ -113,7 +114,7 @@ class PushConfig(Model):
     """How far the object stands to the left of the robot's middle [m]."""
     yaw: float = Field(default=0.0, ge=-360, le=360)
     """How the object is turned [degrees]."""
-    gap: float = Field(default=0.001, ge=0, le=2)
+    gap: Reach = Field(default=0.001, ge=0, le=2)
     """Between the robot's front and the object [m]."""
     disturbances: tuple[DisturbanceConfig, ...] = ()
     """How somebody else shoves the object, besides what the object itself says."""
@@ -132,13 +133,13 @@ class PushConfig(Model):
     """Between commands, and between readings: whole steps of the physics, 1/240 s each [s]."""
     window: bool = False
     """Show PyBullet's window; needs a screen."""
-    longest: float = Field(default=300.0, gt=0)
+    longest: Limit = Field(default=300.0, gt=0)
     """The push ends after so long [s]."""
-    longest_lost: float = Field(default=150.0, gt=0)
+    longest_lost: Limit = Field(default=150.0, gt=0)
     """It ends when there was no contact for so long, all in all [s]."""
     furthest: float = Field(default=6.0, gt=0)
     """It ends when the object is further than this from the origin [m]."""
-    within: float = Field(default=0.05, gt=0)
+    within: Spread = Field(default=0.05, gt=0)
     """So near to the target the contact has arrived [m]."""
 
     @field_validator("period")

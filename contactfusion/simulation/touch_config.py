@@ -8,6 +8,7 @@ from contactfusion.errors import ConfigurationError, name_hint
 from contactfusion.model import Model
 from contactfusion.robots.objects import ObjectConfig
 from contactfusion.simulation.noise import TouchNoise
+from contactfusion.units import Force, Reach, Speed
 
 Range = tuple[float, float]
 
@@ -58,11 +59,11 @@ class TouchConfig(Model):
     posture: dict[str, AnyRange] = Field(default_factory=dict)
     """Where joints stand, or may stand: those of the hand for good, those of the arm where the
     search for a way begins [rad, m]; the others are at 0, or where they are `still`."""
-    short: float = Field(default=0.0, ge=0)
+    short: Reach = Field(default=0.0, ge=0)
     """Stop so much before the first touch [m]; 0: touch."""
-    speed: float = Field(default=0.05, gt=0)
+    speed: Speed = Field(default=0.05, gt=0)
     """Of the hand [m/s]."""
-    press: float = Field(default=6.0, gt=0)
+    press: Force = Field(default=6.0, gt=0)
     """The hand stops when it is pushed by so much [N]."""
     arm_stiffness: float = Field(default=400.0, gt=0)
     """How the joints that lead the tool yield [N·m/rad, N/m]."""

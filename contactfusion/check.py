@@ -1,0 +1,298 @@
+"""Builds all that a configuration names, runs nothing, and reports what it holds and lacks."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import Any, final
+
+from contactfusion.assembly import DESCRIBED, built_controller, built_generator
+from contactfusion.errors import ConfigurationError, ContactFusionError, name_hint
+from contactfusion.estimate import HYPOTHESIS, SAMPLE, counted, size
+from contactfusion.pipeline import Pipeline
+from contactfusion.pipeline_config import PipelineConfig
+from contactfusion.readings import READING_TYPES, Reading
+from contactfusion.recordings.opening import open_recording
+from contactfusion.replaying.configuration import NOT_OURS, setting_of_file
+from contactfusion.running import RunConfig, opened_scene, run_fields
+
+SLACK = 0.1
+"""A joint that is `still` may stand so far beyond its limits, as recorded ones do [rad, m]."""
+
+
+@final
+@dataclass(frozen=True)
+class Check:
+    """What a configuration holds, and what is wrong with it.
+
+    Attributes:
+        lines: the report.
+        faults: a sentence for each fault; empty where it can run.
+    """
+
+    lines: tuple[str, ...]
+    faults: tuple[str, ...]
+
+
+def check_file(
+    path: Path,
+    recording: Path | None = None,
+    overrides: Sequence[str] = (),
+    topics: Mapping[str, str] | None = None,
+) -> Check:
+    """Check a file for `run` or `replay`: build everything, run nothing.
+
+    Args:
+        path: a YAML file of a pipeline, with or without a recording or a scene.
+        recording: what a replay would play, in place of the file's own recording or scene.
+        overrides: fields to change, as "a.b=c".
+        topics: topics by role, as for a replay.
+
+    Raises:
+        ConfigurationError: the file is missing or no YAML, or a change is none.
+    """
+    fields = run_fields(path, overrides)
+    if recording is not None:
+        fields = {name: value for name, value in fields.items() if name not in NOT_OURS}
+    checking = _Checking(fields)
+    try:
+        checking.build()
+        checking.open_source()
+        if recording is not None and not checking.faults:
+            checking.match(path, recording, overrides, topics)
+        lines = list(checking.report()) if not checking.faults else []
+    finally:
+        checking.close()
+    faults = dict.fromkeys(f"{path}: {fault}" for fault in checking.faults)
+    return Check(tuple(lines), tuple(faults))
+
+
+class _Checking:
+    """Builds piece by piece, and goes on where one is faulty.
+
+    Args:
+        fields: of `RunConfig`, or of `PipelineConfig`.
+    """
+
+    def __init__(self, fields: Mapping[str, Any]) -> None:
+        self.faults: list[str] = []
+        self._fields = dict(fields)
+        self._sources: list[str] = []
+        self._pipeline: Pipeline | None = None
+        self._config = self._configured()
+
+    def build(self) -> None:
+        """Build robot, surface, fusion, controller and generators."""
+        config = self._config
+        with self._gathering("robot"):
+            self._check_robot()
+        robotless = any(fault.startswith("robot") for fault in self.faults)
+        bare: dict[str, Any] = {"generators": {}, "controller": None}
+        with self._gathering(""):
+            self._pipeline = Pipeline(
+                config.model_copy(update=bare | ({"robot": None} if robotless else {}))
+            )
+        with self._gathering("controller"):
+            built_controller(config)
+        for name, options in config.generators.items():
+            if robotless and _names_robot(options):
+                continue  # the robot's fault is told already
+            with self._gathering(f"generators.{name}"):
+                if self._pipeline:
+                    self._pipeline.plug(name, options)
+                else:
+                    built_generator(name, options, config.folder, config.robot)
+
+    def open_source(self) -> None:
+        """Open the recording or the scene that the file names."""
+        config = self._config
+        if not isinstance(config, RunConfig):
+            return
+        if config.recording:
+            with self._gathering("recording"):
+                held = open_recording(config.recording, config.folder).topics
+                self._sources += [f"recording: {_listing(held)}"]
+                self.faults += [*self._unheard(held), *self._unfed(held)]
+        elif config.robot is not None and not self.faults:
+            with self._gathering("scene"):
+                opened_scene(config)
+                self._sources.append(f"scene: {config.scene.get('type')}")
+
+    def match(
+        self,
+        path: Path,
+        recording: Path,
+        overrides: Sequence[str],
+        topics: Mapping[str, str] | None,
+    ) -> None:
+        """Find the topics of a recording for the generators, as a replay does."""
+        from contactfusion.replaying.session import Session
+
+        with self._gathering(str(recording)):
+            session = Session(setting_of_file(path, overrides), recording, topics)
+            session.close()
+            self.faults += session.inputs.missing
+            kinds = session.recording.topics
+            held = {
+                sensor: kinds[name]
+                for topic, sensor in session.inputs.sensors.items()
+                for name in (topic, sensor)  # a part of a ROS recording has sensors, others topics
+                if name in kinds
+            }
+            self.faults += self._unheard(held)
+            self._sources.append(f"recording: {_listing(held)}")
+
+    def report(self) -> Iterator[str]:
+        """What was built, line by line."""
+        config, pipeline = self._config, self._pipeline
+        assert pipeline is not None
+        fusion = config.integrator
+        yield (
+            f"frame '{fusion.frame}', voxels of {fusion.voxel_size * 1e3:g} mm; rule "
+            f"{fusion.rule}, condensation {fusion.condensation}; a step {_cycle(config)}"
+        )
+        for name, frame in config.frames.items():
+            yield f"frame '{name}' in '{frame.parent}' at {frame.xyz} m"
+        for name, generator in pipeline.generators.items():
+            kinds = " or ".join(kind.__name__ for kind in generator.readings)
+            whose = f" of '{generator.config.sensor}'" if generator.config.sensor else ""
+            gives = ", ".join(f"'{source}' ({kind})" for source, kind in generator.sources.items())
+            kind = config.generators[name]["type"]
+            yield f"generator '{name}' ({kind}): {kinds}{whose} -> {gives}"
+        points = 0
+        if config.robot is not None:
+            model = self._robot()
+            points = sum(len(part.points) for part in model.parts.values())
+            yield (
+                f"robot {config.robot.urdf}: root '{model.root}', {len(model.link_names)} links, "
+                f"{len(model.joint_names)} joints, {points} points of surface"
+            )
+        elif config.surface is not None:
+            points = len(config.surface.sampled(config.folder).points)
+            yield f"surface: {points} points in '{config.surface.frame}'"
+        if config.controller is not None:
+            yield f"controller {config.controller['type']}"
+        for fault in config.faults:
+            yield f"fault {fault.model_dump()['fault']} of {fault.sensor or 'all sensors'}"
+        yield from self._sources
+        yield from self._estimate(points)
+
+    def close(self) -> None:
+        """End the processes of isolated generators."""
+        if self._pipeline:
+            self._pipeline.close()
+
+    def _configured(self) -> PipelineConfig:
+        """Give the configuration of all fields that are not faulty."""
+        fields = {k: v for k, v in self._fields.items() if v or k not in NOT_OURS}
+        while True:
+            sources = fields.keys() & set(NOT_OURS)
+            try:
+                return (RunConfig if sources else PipelineConfig)(**fields)
+            except ConfigurationError as error:
+                told = {fault: fault.path.split(".")[0] for fault in error.faults}
+                gone = self._fields.keys() - fields.keys()  # what lacks them now is no fault
+                self.faults += (str(fault) for fault, name in told.items() if name not in gone)
+                wrong = fields.keys() & told.values() or sources
+                if not wrong:
+                    raise
+                fields = {name: value for name, value in fields.items() if name not in wrong}
+
+    @contextmanager
+    def _gathering(self, path: str) -> Iterator[None]:
+        """Keep the faults that building something meets, as seen from the whole file."""
+        try:
+            yield
+        except ConfigurationError as error:
+            self.faults += (
+                str(fault if fault.path.startswith(path) else fault.under(path))
+                for fault in error.faults
+            )
+        except ContactFusionError as error:
+            self.faults.append(f"{path}: {error}" if path else str(error))
+
+    def _robot(self) -> Any:
+        from contactfusion.robots.model import shared_robot
+
+        assert self._config.robot is not None
+        return shared_robot(self._config.robot)
+
+    def _check_robot(self) -> None:
+        """Sample the surface, and look at the joints that stay where the description says."""
+        if self._config.robot is None:
+            return
+        model = self._robot()
+        _ = model.parts
+        limits = dict(zip(model.joint_names, model.limits, strict=True))
+        for name, position in self._config.robot.still.items():
+            low, high = limits[name]
+            if not low - SLACK <= position <= high + SLACK:
+                raise ConfigurationError(
+                    f"{position:g} lies beyond the joint's limits, {low:.3f} .. {high:.3f} "
+                    "[rad, m]",
+                    f"still.{name}",
+                )
+
+    def _unheard(self, held: Mapping[str, type[Reading]]) -> Iterator[str]:
+        """What the cycle and the faults wait for in vain."""
+        known = {*held, *(name for name, kind in READING_TYPES.items() if kind in held.values())}
+        hint = partial(name_hint, known=known, what="sensors and types")
+        on = self._config.cycle.on
+        if on is not None and on not in known:
+            yield f"cycle.on: the recording holds no '{on}'; {hint(on)}"
+        for number, fault in enumerate(self._config.faults):
+            if fault.sensor is not None and fault.sensor not in known:
+                yield (
+                    f"faults.{number}.sensor: the recording holds no '{fault.sensor}'; "
+                    f"{hint(fault.sensor)}"
+                )
+
+    def _unfed(self, held: Mapping[str, type[Reading]]) -> Iterator[str]:
+        """What generators wait for in vain."""
+        for name, generator in self._pipeline.generators.items() if self._pipeline else ():
+            fit = [sensor for sensor, kind in held.items() if issubclass(kind, generator.readings)]
+            wanted = generator.config.sensor
+            if not fit:
+                kinds = " or ".join(kind.__name__ for kind in generator.readings)
+                yield f"generators.{name}: the recording holds no {kinds}"
+            elif wanted is not None and wanted not in fit:
+                yield (
+                    f"generators.{name}.sensor: the recording holds no '{wanted}'; "
+                    f"{name_hint(wanted, fit, 'sensors')}"
+                )
+
+    def _estimate(self, points: int) -> Iterator[str]:
+        """How much memory surface and clouds will take, and over how many voxels they reach."""
+        config, pipeline = self._config, self._pipeline
+        assert pipeline is not None
+        body = config.robot or config.surface
+        if body is not None:
+            voxels = points * (body.spacing / config.integrator.voxel_size) ** 2
+            yield (
+                f"estimate: {counted(points)} points of surface over {counted(voxels)} voxels, "
+                f"{size(points * SAMPLE)}"
+            )
+        for name, generator in pipeline.generators.items():
+            most = generator.most_hypotheses(pipeline.grid)
+            if most is not None:
+                yield (
+                    f"estimate: clouds of '{name}' hold up to {counted(most)} hypotheses, "
+                    f"{size(most * HYPOTHESIS)}"
+                )
+
+
+def _names_robot(options: Mapping[str, Any]) -> bool:
+    """Whether an option is a name from the robot's description."""
+    return any(isinstance(options.get(option), str | list) for option in DESCRIBED)
+
+
+def _cycle(config: PipelineConfig) -> str:
+    cycle = config.cycle
+    if cycle.every is not None:
+        return f"every {cycle.every:g} s"
+    return f"after each reading of '{cycle.on}'" if cycle.on else "when every source has reported"
+
+
+def _listing(held: Mapping[str, type[Reading]]) -> str:
+    return ", ".join(f"'{sensor}' ({kind.__name__})" for sensor, kind in held.items()) or "nothing"

@@ -1,0 +1,251 @@
+"""`contactfusion check`: everything is built, nothing runs, and every fault is told."""
+
+import sys
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+
+from contactfusion import cli
+from contactfusion.check import check_file
+from contactfusion.errors import ConfigurationError
+from contactfusion.yaml_files import read_yaml
+from tests.urdfs import joint, link, written
+
+ROOT = Path(__file__).resolve().parents[1]
+BALL = '<sphere radius="0.05"/>'
+WRENCH = {"type": "wrench", "frame": "tool", "columns": ["fx", "fy", "fz", "tx", "ty", "tz"]}
+CONFIGURATION: dict[str, Any] = {
+    "recording": {
+        "type": "log",
+        "file": "log.csv",
+        "time": {"column": "t"},
+        "readings": {
+            "wrist": WRENCH,
+            "palm": {"type": "tactile_image", "frame": "tool", "columns": ["p0", "p1"]},
+        },
+    },
+    "generators": {
+        "wrist": {"type": "force_torque", "sensor": "wrist", "sign": "on_robot"},
+        "palm": {
+            "type": "tactile",
+            "sensor": "palm",
+            "patch": {"grid": {"rows": 1, "columns": 2, "pitch": [0.01, 0.01]}},
+        },
+    },
+    "surface": {"frame": "tool", "shapes": [{"shape": "rectangle", "size": [0.2, 0.2]}]},
+    "frames": {"tool": {"parent": "base", "xyz": [0.0, 0.0, 0.5]}},
+    "cycle": {"on": "wrist"},
+    "faults": [{"fault": "silent", "sensor": "palm"}],
+}
+
+
+@pytest.fixture
+def file(tmp_path: Path) -> Path:
+    rows = "".join(f"{n / 100:.2f},0,0,-5,0,0,0,0,9\n" for n in range(20))
+    (tmp_path / "log.csv").write_text("t,fx,fy,fz,tx,ty,tz,p0,p1\n" + rows)
+    path = tmp_path / "pipeline.yaml"
+    path.write_text(yaml.safe_dump(CONFIGURATION, sort_keys=False))
+    return path
+
+
+def faults(file: Path, *overrides: str, recording: Path | None = None) -> list[str]:
+    """The faults, without the name of the file that each begins with."""
+    found = check_file(file, recording, overrides)
+    assert bool(found.lines) != bool(found.faults)
+    assert all(fault.startswith(f"{file}: ") and "\n" not in fault for fault in found.faults)
+    return [fault.removeprefix(f"{file}: ") for fault in found.faults]
+
+
+def test_a_sound_configuration_is_reported_line_by_line(file: Path) -> None:
+    found = check_file(file)
+    assert found.faults == ()
+    assert found.lines == (
+        "frame 'base', voxels of 5 mm; rule de_morgan, condensation cluster_centroid; "
+        "a step after each reading of 'wrist'",
+        "frame 'tool' in 'base' at (0.0, 0.0, 0.5) m",
+        "generator 'wrist' (force_torque): Wrench of 'wrist' -> 'wrist' (regular)",
+        "generator 'palm' (tactile): TactileImage of 'palm' -> 'palm' (regular)",
+        "surface: 2500 points in 'tool'",
+        "fault silent of palm",
+        "recording: 'wrist' (Wrench), 'palm' (TactileImage)",
+        "estimate: 2500 points of surface over 1600 voxels, about 620 kB",
+        "estimate: clouds of 'palm' hold up to 8 hypotheses, about 2.8 kB",
+    )
+
+
+def test_every_fault_is_told_not_only_the_first(file: Path) -> None:
+    told = faults(
+        file,
+        "integrator.voxel_size=5",
+        "frames.tool.rpy=[0, 0, 90]",
+        "generators.wrist.nois=3",
+        "generators.palm.patch.grid.pitch=[10, 10]",
+        "cycle.on=wrst",
+        "faults.0.sensor=plam",
+        "controller.type=reactive_pushng",
+    )
+    assert [fault.partition(": ")[0] for fault in told] == [
+        "integrator.voxel_size",
+        "frames.tool.rpy.2",
+        "controller",
+        "generators.wrist.nois",
+        "generators.palm.patch.grid.pitch.0",
+        "generators.palm.patch.grid.pitch.1",
+        "cycle.on",
+        "faults.0.sensor",
+    ]
+    assert "did you mean 'reactive_pushing'" in told[2]
+    assert "did you mean 'wrist'?" in told[-2] and "did you mean 'palm'?" in told[-1]
+
+
+@pytest.mark.parametrize(
+    ("override", "sentence"),
+    [
+        ("generators.palm.type=tactle", "generators.palm: there is no generator 'tactle'; did you"),
+        ("generators.palm.sensor=plam", "generators.palm.sensor: the recording holds no 'plam'; d"),
+        ("generators.eye={type: free_space}", "generators.eye: the recording holds no DepthImage"),
+        ("integrator.rule=de_morgn", "there is no rule 'de_morgn'; did you mean 'de_morgan'?"),
+        ("surface.file=a.npz", "surface: give shapes or a file"),
+        ("frames.base={parent: tool}", "the frames form a circle"),
+        ("recording.file=lgo.csv", "recording: "),
+        ("recording.tpye=log", "recording.tpye: unknown field; the fields are: delimiter"),
+        ("recording.time.unit=ms", "recording: "),
+        ("scene={type: touch}", "scene: give a recording or a scene, not both"),
+        ("generators.palm.isolate=3", "generators.palm.isolate: input should be a valid boolean"),
+    ],
+)
+def test_a_single_fault_is_one_sentence(file: Path, override: str, sentence: str) -> None:
+    (told,) = faults(file, override)
+    assert told.startswith(sentence) or sentence in told
+
+
+def test_a_pipeline_alone_can_be_checked(file: Path) -> None:
+    del (fields := read_yaml(file))["recording"]
+    file.write_text(yaml.safe_dump(fields))
+    assert faults(file) == []
+
+
+def test_what_is_no_yaml_is_one_sentence(file: Path) -> None:
+    file.write_text("generators: [")
+    with pytest.raises(ConfigurationError, match=r"pipeline.yaml, line 1, column"):
+        check_file(file)
+
+
+# A recording beside it, as for a replay
+
+
+def described(file: Path, **readings: Any) -> Path:
+    path = file.parent / "log.yaml"
+    path.write_text(yaml.safe_dump({**CONFIGURATION["recording"], "readings": readings}))
+    return path
+
+
+def test_the_topics_of_a_recording_are_matched_as_a_replay_does(file: Path) -> None:
+    palm = CONFIGURATION["recording"]["readings"]["palm"]
+    recording = described(file, hand_ft=WRENCH, palm=palm)
+    found = check_file(file, recording)
+    assert found.faults == ()
+    assert "recording: 'wrist' (Wrench), 'palm' (TactileImage)" in found.lines
+
+
+def test_what_a_recording_lacks_is_told(file: Path) -> None:
+    told = faults(file, recording=described(file, wrist=WRENCH))
+    assert told == [
+        "generators.palm: the recording holds no TactileImage",
+        "faults.0.sensor: the recording holds no 'palm'; the sensors and types are: wrench, wrist",
+    ]
+    (lost,) = faults(file, recording=file.parent / "lost.mcap")
+    assert "lost.mcap" in lost
+
+
+# Robots and scenes
+
+
+def on_arm(file: Path, **robot: Any) -> Path:
+    """A file for the pipeline of a robot with one joint, and a patch on it that has a name."""
+    urdf = written(file.parent, link("base", BALL), link("arm", BALL), joint("turn", "base", "arm"))
+    patch = {**CONFIGURATION["generators"]["palm"]["patch"], "frame": "arm"}
+    fields = {
+        "robot": {"urdf": str(urdf), "patches": {"pad": patch}, **robot},
+        "generators": {"palm": {"type": "tactile", "patch": "pad"}},
+    }
+    file.write_text(yaml.safe_dump(fields))
+    return file
+
+
+def test_a_robot_is_built_and_its_surface_sampled(file: Path) -> None:
+    found = check_file(on_arm(file, still={"turn": 1.0}))
+    assert found.faults == ()
+    (robot,) = (line for line in found.lines if line.startswith("robot "))
+    assert "root 'base', 2 links, 1 joints, " in robot and robot.endswith(" points of surface")
+
+
+def test_a_faulty_robot_is_told_once_and_what_names_it_is_not_blamed(file: Path) -> None:
+    (told,) = faults(on_arm(file, spacing=4))
+    assert told.startswith("robot.spacing: 4 m is implausible, the limit is 0.5 m; ")
+    (told,) = faults(on_arm(file, links=["amr"]))
+    assert told.startswith("robot.links: unknown link 'amr': did you mean 'arm'?")
+
+
+def test_the_faults_of_a_file_of_a_robot_are_told_one_by_one(file: Path) -> None:
+    robot = file.parent / "arm.yaml"
+    robot.write_text("urdf: arm.urdf\nspacing: 4\nlnks: []\n")
+    told = faults(file, "surface=null", "robot=arm.yaml", "integrator.voxel_size=5")
+    assert [fault.partition(" m ")[0].partition(";")[0] for fault in told] == [
+        f"robot: {robot}: lnks: unknown field",
+        f"robot: {robot}: spacing: 4",
+        "integrator.voxel_size: 5",
+    ]
+
+
+def test_a_joint_that_stands_still_in_degrees_is_told(file: Path) -> None:
+    assert faults(on_arm(file, still={"turn": 90})) == [
+        "robot.still.turn: 90 lies beyond the joint's limits, -1.000 .. 2.000 [rad, m]"
+    ]
+
+
+def test_a_scene_is_opened_and_not_run() -> None:
+    found = check_file(ROOT / "examples" / "scenes" / "push_box.yaml")
+    assert found.faults == () and "scene: push" in found.lines
+    file = ROOT / "examples" / "scenes" / "push_box.yaml"
+    (told,) = faults(file, "scene.targt=[1, 2]")
+    assert told.startswith("scene.targt: unknown field; did you mean 'target'?")
+    (told,) = faults(file, "robot=nowhere.yaml")
+    assert told.startswith("robot: ") and "nowhere.yaml" in told
+
+
+# The command
+
+
+def ask(monkeypatch: pytest.MonkeyPatch, *arguments: str) -> int:
+    monkeypatch.setattr(sys, "argv", ["contactfusion", "check", *arguments])
+    with pytest.raises(SystemExit) as end:
+        cli.main()
+    assert isinstance(end.value.code, int)
+    return end.value.code
+
+
+def test_the_command_ends_with_ok(
+    file: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert ask(monkeypatch, str(file)) == 0
+    said = capsys.readouterr()
+    assert said.out.splitlines()[-1] == "OK" and said.err == ""
+    assert {path.name for path in file.parent.iterdir()} == {"log.csv", "pipeline.yaml"}
+
+
+def test_the_command_tells_each_fault_in_a_line_of_its_own(
+    file: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    changes = ("--set", "integrator.voxel_size=5", "--set", "cycle={every: 10}")
+    assert ask(monkeypatch, str(file), *changes) == 1
+    said = capsys.readouterr()
+    assert said.out == ""
+    assert said.err.splitlines() == [
+        f"contactfusion: {file}: integrator.voxel_size: 5 m is implausible, the limit is 0.5 m; "
+        "lengths are in metres: did you mean 0.005?",
+        f"contactfusion: {file}: cycle.every: 10 s is implausible, the limit is 5 s; "
+        "times are in seconds: did you mean 0.01?",
+    ]
