@@ -20,6 +20,7 @@ from contactfusion.recordings.recording import Recording
 from contactfusion.run_results import commands_csv, contacts_csv, summary, tell
 from contactfusion.simulation.scene import heard
 from contactfusion.step_summary import Summary
+from contactfusion.terminal import followed, is_quiet, note, progress
 from contactfusion.yaml_files import read_yaml, with_overrides
 
 if TYPE_CHECKING:
@@ -59,7 +60,7 @@ def run_file(path: Path, overrides: Sequence[str], out: Path, seed: int | None =
             be.
     """
     fields = run_fields(path, overrides, seed)
-    with naming(path):
+    with naming(path), progress(f"opening {path}"):
         config = RunConfig(**fields)
         scene = opened_scene(config) if config.scene else None
         source = scene or _recording(config, path.parent)
@@ -73,15 +74,18 @@ def run_file(path: Path, overrides: Sequence[str], out: Path, seed: int | None =
     start = time.perf_counter()
     try:
         if isinstance(source, Recording):
-            steps = list(pipeline.run(heard(source.readings(), hear)))
+            played = pipeline.run(heard(source.readings(), hear))
         else:
-            steps = list(source.run(pipeline, hear))
+            played = source.run(pipeline, hear)
+        end = source.end if isinstance(source, Recording) else None
+        steps = list(followed(played, f"running {path}", end))
     finally:
         pipeline.close()
     took = time.perf_counter() - start
     write_whole(out / "contacts.csv", contacts_csv(steps))
     total = summary(steps)
-    tell(total, took)
+    if not is_quiet():
+        tell(total, took)
     results = [out / "contacts.csv", out / "summary.json"]
     if pipeline.config.controller is not None:
         results.insert(1, out / "commands.csv")
@@ -90,7 +94,7 @@ def run_file(path: Path, overrides: Sequence[str], out: Path, seed: int | None =
         verdict = scene.verdict(pipeline, steps[-1])
         total["truth"] = verdict.truth
         for sentence in verdict.sentences:
-            print(f"truth: {sentence}")
+            note(f"truth: {sentence}")
     write_whole(out / "summary.json", json.dumps(total, indent=2) + "\n")
     print(f"results: {', '.join(map(str, results))}")
     if faults := list(unheard(pipeline, counts, Summary.of(steps))):

@@ -100,3 +100,7 @@ def _place(text: str) -> tuple[float, ...] | None:
         return tuple(float(part) for part in text.split(",")) if text else None
     except ValueError:
         raise ConfigurationError(f"--at takes x,y,z in metres, not '{text}'") from None
+
+
+def inspect() -> None: ...
+def init() -> None: ...

@@ -77,6 +77,9 @@ class RosRecording(Recording):
             self.sensors = topics_of(self._path, self.contents, sensors)
             """The topics of each sensor, transforms among them."""
             self.epoch_ns = self._begin_ns = self._first_stamp(bag, None)
+            _, stop = self._window(bag)
+            last = bag.last_ns if stop is None else min(stop, bag.last_ns)
+            self.end = (last - bag.first_ns) / NANOSECONDS_PER_SECOND
             if config.start:
                 self._begin_ns = self._first_stamp(bag, self._window(bag)[0])
         self.topics: Mapping[str, type[Reading]] = {
