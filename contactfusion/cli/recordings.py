@@ -8,6 +8,33 @@ import typer
 from contactfusion.cli.options import Changed, Configured, Out, Topics, roles
 from contactfusion.errors import ConfigurationError
 
+RECORDING = "A bag, MCAP, a folder of them, C3D, or a YAML file that describes a log."
+
+
+def inspect(
+    recording: Annotated[Path, typer.Argument(help=RECORDING)],
+    json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
+) -> None:
+    """Show what a recording holds: topics, rates, frames, clocks, and what each can be used for."""
+    from contactfusion.replaying.inspection import as_json, as_text, inspect_recording
+
+    inspection = inspect_recording(recording)
+    print(as_json(inspection) if json else as_text(inspection))
+
+
+def init(
+    source: Annotated[Path, typer.Argument(help="A recording as for `replay`, or a URDF.")],
+    out: Annotated[Path, typer.Option(help="The YAML file to write.")],
+    robot: Annotated[
+        Path | None, typer.Option(help="The URDF of the robot that was recorded.")
+    ] = None,
+    force: Annotated[bool, typer.Option("--force", help="Replace a file that exists.")] = False,
+) -> None:
+    """Write a first configuration, with comments, for a recording or a robot."""
+    from contactfusion.replaying.first_configuration import write_first
+
+    write_first(source, out, robot, force)
+
 
 def replay(
     configuration: Annotated[Path, typer.Argument(help="A YAML file of a pipeline.")],
@@ -100,7 +127,3 @@ def _place(text: str) -> tuple[float, ...] | None:
         return tuple(float(part) for part in text.split(",")) if text else None
     except ValueError:
         raise ConfigurationError(f"--at takes x,y,z in metres, not '{text}'") from None
-
-
-def inspect() -> None: ...
-def init() -> None: ...
