@@ -107,8 +107,7 @@ def _refuse_existing(path: Path, force: bool) -> None:
 
 
 def _of_robot(urdf: Path, out: Path) -> _First:
-    name = _from(urdf, out)
-    model = _model(name, out)
+    name, model = _from(urdf, out), RobotModel(RobotConfig(urdf=str(urdf)))
     lines = [
         f"# A first configuration for {urdf.name}, by `contactfusion init`.",
         "# For the sensors that you have, take away the # before `generators` and their generator,",
@@ -183,8 +182,7 @@ def _of_recording(path: Path, out: Path, robot: Path | None) -> _First:
     urdf, text, remarks = "", "", list[str]()
     model: RobotModel | None = None
     if robot is not None:
-        urdf = _from(robot, out)
-        model = _model(urdf, out)
+        urdf, model = _from(robot, out), RobotModel(RobotConfig(urdf=str(robot)))
     elif text := _robot_description(path, inspection):
         urdf = out.with_suffix(".urdf").name
         try:
@@ -214,7 +212,9 @@ def _of_recording(path: Path, out: Path, robot: Path | None) -> _First:
         *_recording(path, out),
     ]
     if model is not None:
-        lines += _robot(urdf, model, sorted(_unreported(model, start)))
+        described = text or model.urdf.path.read_text(encoding="utf-8")
+        unreported = set(model.joint_names) - start.joints - _mimics(described)
+        lines += _robot(urdf, model, sorted(unreported))
     elif weighed:
         lines += _stand_in(active[0].sensor, _frame(inspection, active[0].sensor))
         remarks.append(
@@ -264,7 +264,7 @@ def _uses(
         lost = _lost(topic, inspection, model, space)
         match topic.reading:
             case "Wrench":
-                if felt and model is None:
+                if felt and model is None and not lost:
                     lost = f"the `surface` hangs on {felt} alone"
                 felt = felt or ("" if lost else sensor)
                 lines = _force_torque(name, sensor, start.wrenches.get(sensor))
@@ -343,11 +343,10 @@ def _described(text: str, out: Path) -> RobotModel:
             raise ContactFusionError(str(error).replace(f"{file.resolve()}: ", "")) from None
 
 
-def _unreported(model: RobotModel, start: _Start) -> set[str]:
-    """The joints of a robot that nothing reports, and that follow no other joint."""
-    joints = ElementTree.parse(model.urdf.path).iter("joint")
-    following = {joint.get("name", "") for joint in joints if joint.find("mimic") is not None}
-    return set(model.joint_names) - start.joints - following
+def _mimics(urdf: str) -> set[str]:
+    """The joints of a robot that follow another joint."""
+    joints = ElementTree.fromstring(urdf).iter("joint")
+    return {joint.get("name", "") for joint in joints if joint.find("mimic") is not None}
 
 
 # Parts of the file
@@ -473,7 +472,3 @@ def _text(text: str) -> str:
 def _from(path: Path, out: Path) -> str:
     """A file as named from the folder of the configuration; MODULE:FILE as it is."""
     return str(path) if ":" in str(path) else relpath(path.resolve(), out.parent.resolve())
-
-
-def _model(urdf: str, out: Path) -> RobotModel:
-    return RobotModel(RobotConfig(urdf=urdf, folder=out.parent))
