@@ -16,6 +16,7 @@ class Stamped(Protocol):
     @property
     def stamp(self) -> float:
         """The stamp [s]."""
+        ...
 
 
 S = TypeVar("S", bound=Stamped)
@@ -91,20 +92,20 @@ def followed(items: Iterable[S], task: str, end: float | None = None) -> Generat
 @contextmanager
 def _compilation(describe: Callable[[str], None], task: str) -> Iterator[None]:
     """Describe the compilation of kernels while it lasts, and the task again after it."""
-    from numba.core import event
+    from numba.core.event import Listener, install_listener
 
     @final
-    class Compilation(event.Listener):  # type: ignore[misc]
+    class Compilation(Listener):
         depth = 0
 
-        def on_start(self, _: object) -> None:
+        def on_start(self, event: object) -> None:
             self.depth += 1
             describe(COMPILING)
 
-        def on_end(self, _: object) -> None:
+        def on_end(self, event: object) -> None:
             self.depth -= 1
             if not self.depth:
                 describe(task)
 
-    with event.install_listener("numba:compile", Compilation()):
+    with install_listener("numba:compile", Compilation()):
         yield

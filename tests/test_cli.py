@@ -2,12 +2,17 @@
 
 import csv
 import json
+import re
 import subprocess
 import sys
+from collections import Counter
+from collections.abc import Iterator
+from importlib.metadata import version
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import pytest
+from typer.main import get_command
 
 from contactfusion import cli
 
@@ -27,6 +32,13 @@ frames:
   tool: {parent: base}
 integrator: {frame: base, voxel_size: 0.005, condensation: cluster_mass}
 cycle: {on: wrist}
+"""
+LOG_YAML = """\
+type: log
+file: wrist.csv
+time: {column: t}
+readings:
+  wrist: {type: wrench, frame: tool, columns: [fx, fy, fz, tx, ty, tz]}
 """
 LOG = ["t,fx,fy,fz,tx,ty,tz"] + [f"{n / 100:.2f},0,0,-5,0,0,0" for n in range(5)]
 
@@ -105,6 +117,119 @@ def test_a_field_can_be_changed_on_the_command_line(folder: Path, ask: Ask) -> N
     quiet = "generators.wrist.min_force=9"
     assert ask("run", "wrist.yaml", "--set", quiet, "--out", "quiet").status == 0
     assert json.loads((folder / "quiet" / "summary.json").read_text())["contacts"] == 0
+
+
+def commands() -> Iterator[tuple[str, ...]]:
+    """Every command and group, as one calls it."""
+    waiting: list[tuple[tuple[str, ...], Any]] = [((), get_command(cli.app))]
+    while waiting:
+        words, command = waiting.pop()
+        yield words
+        inner = getattr(command, "commands", {})
+        waiting += [((*words, name), one) for name, one in inner.items()]
+
+
+@pytest.mark.parametrize("words", [*commands()], ids=" ".join)
+def test_every_command_and_group_has_a_short_help_and_can_be_quiet(
+    words: tuple[str, ...], ask: Ask
+) -> None:
+    short, long = ask(*words, "-h"), ask(*words, "--help")
+    assert short == long and short.status == 0 and not short.err
+    assert "--quiet" in short.out and "-h" in short.out
+
+
+def test_units_in_brackets_are_seen_in_the_help(ask: Ask) -> None:
+    for words in commands():
+        raw = " ".join(
+            getattr(option, "help", None) or ""
+            for option in getattr(command_at(words), "params", [])
+        )
+        units = re.findall(r"\[(?:s|m|N)\]", raw)
+        assert Counter(re.findall(r"\[(?:s|m|N)\]", ask(*words, "-h").out)) == Counter(units)
+
+
+def command_at(words: tuple[str, ...]) -> Any:
+    command: Any = get_command(cli.app)
+    for word in words:
+        command = command.commands[word]
+    return command
+
+
+def test_the_version_is_that_of_the_package(ask: Ask) -> None:
+    assert ask("--version") == Answer(0, f"contactfusion {version('contactfusion')}\n", "")
+
+
+def test_the_package_is_a_program() -> None:
+    command = [sys.executable, "-m", "contactfusion", "--version"]
+    done = subprocess.run(command, capture_output=True, text=True)
+    assert (done.returncode, done.stdout) == (0, f"contactfusion {version('contactfusion')}\n")
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ("--quiet", "run", "wrist.yaml"),
+        ("run", "wrist.yaml", "--quiet"),
+        ("run", "-q", "wrist.yaml"),
+    ],
+)
+def test_quiet_prints_the_results_line_alone(
+    arguments: tuple[str, ...], folder: Path, ask: Ask
+) -> None:
+    expected = "results: out/run/contacts.csv, out/run/summary.json\n"
+    assert ask(*arguments) == Answer(0, expected, "")
+    assert ask("run", "wrist.yaml").out.startswith("5 steps")  # quiet lasts for one command
+
+
+def test_quiet_keeps_errors(folder: Path, ask: Ask) -> None:
+    assert "wirst.yaml" in one_sentence(ask("-q", "run", "wirst.yaml"))
+
+
+def test_a_replay_can_be_quiet(folder: Path, ask: Ask) -> None:
+    (folder / "log.yaml").write_text(LOG_YAML)
+    told = ask("replay", "wrist.yaml", "log.yaml", "--out", "contacts.csv", "-q")
+    assert told == Answer(0, "results: contacts.csv\n", "")
+
+
+def test_a_recording_is_inspected(folder: Path, ask: Ask) -> None:
+    (folder / "log.yaml").write_text(LOG_YAML)
+    shown = ask("inspect", "log.yaml")
+    assert shown.status == 0 and "wrist" in shown.out and "force_torque" in shown.out
+    told = json.loads(ask("inspect", "log.yaml", "--json").out)
+    assert told["topics"][0]["reading"] == "Wrench"
+    assert "did you mean 'log.yaml'" in one_sentence(ask("inspect", "lag.yaml"))
+
+
+def test_a_first_configuration_is_written_once(folder: Path, ask: Ask) -> None:
+    (folder / "log.yaml").write_text(LOG_YAML)
+    assert ask("init", "log.yaml", "--out", "first.yaml").status == 0
+    assert ask("replay", "first.yaml", "log.yaml").status == 0
+    assert "--force replaces it" in one_sentence(ask("init", "log.yaml", "--out", "first.yaml"))
+    again = ask("init", "log.yaml", "--out", "first.yaml", "--force", "-q")
+    assert again == Answer(0, "results: first.yaml\n", "")
+
+
+def test_a_window_is_refused_before_anything_is_replayed(
+    folder: Path, ask: Ask, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("sys.platform", "linux")
+    for name in ("DISPLAY", "WAYLAND_DISPLAY"):
+        monkeypatch.delenv(name, raising=False)
+    monkeypatch.setattr("contactfusion.replaying.session.Session.__init__", None)
+    (folder / "log.yaml").write_text(LOG_YAML)
+    for arguments in (
+        ("view", "log.yaml", "--config", "wrist.yaml"),
+        ("replay", "wrist.yaml", "log.yaml", "--view", "--out", "contacts.csv"),
+    ):
+        sentence = one_sentence(ask(*arguments))
+        assert all(cure in sentence for cure in ("no screen", "--web", "--screenshot", "--save"))
+    assert not (folder / "contacts.csv").exists()
+
+
+@pytest.mark.parametrize("words", [*commands()], ids=" ".join)
+def test_the_page_on_the_command_line_names_every_command(words: tuple[str, ...]) -> None:
+    page = (Path(__file__).parents[1] / "docs" / "command_line.md").read_text()
+    assert f"`{' '.join(words)}" in page
 
 
 @pytest.mark.parametrize("arguments", [["--help"], ["run", "--help"], ["plugins"], ["doctor"]])
