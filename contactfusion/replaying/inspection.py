@@ -300,7 +300,8 @@ def _unread(topic: Topic, is_beside: bool) -> str:
         return "the truth of a simulation: read only where `sensors` names it"
     if topic.kind is not None:
         return "left out by `sensors`"
-    return why_unread(topic).removeprefix(", ") or "no reading is made of this type"
+    why = why_unread(topic).lstrip(", ").removeprefix("and ").removeprefix("but ")
+    return why or "no reading is made of this type"
 
 
 # Other recordings
