@@ -77,7 +77,7 @@ def write_first(source: Path, out: Path, robot: Path | None = None, force: bool 
     for remark in first.remarks:
         note(remark)
     print(f"results: {', '.join(map(str, files))}")
-    note(f"next: {first.following}")
+    note(f"next: {first.then}")
 
 
 @final
@@ -87,13 +87,13 @@ class _First:
 
     Attributes:
         text: of the YAML file.
-        following: the command to go on with.
+        then: what to do next.
         remarks: what else to know, in sentences.
         urdf: of the robot, where the recording holds it and it is to be written beside the YAML.
     """
 
     text: str
-    following: str
+    then: str
     remarks: tuple[str, ...] = ()
     urdf: str = ""
 
@@ -212,8 +212,8 @@ def _of_recording(path: Path, out: Path, robot: Path | None) -> _First:
         *_recording(path, out),
     ]
     if model is not None:
-        described = text or model.urdf.path.read_text(encoding="utf-8")
-        unreported = set(model.joint_names) - start.joints - _mimics(described)
+        following = _mimics(text or model.urdf.path.read_bytes())
+        unreported = set(model.joint_names) - start.joints - following
         lines += _robot(urdf, model, sorted(unreported))
     elif weighed:
         lines += _stand_in(active[0].sensor, _frame(inspection, active[0].sensor))
@@ -229,8 +229,8 @@ def _of_recording(path: Path, out: Path, robot: Path | None) -> _First:
             lines += [f"# {use.sensor} is left out: {use.left_out}"]
             lines += (f"# {line}" for line in _indented(use.lines))
     lines += ["", *_integrator(space, WEIGHED if weighed else ())]
-    following = replay if active else f"give {out} a generator, of those in its comments"
-    return _First("\n".join(lines) + "\n", following, tuple(remarks), text)
+    then = replay if active else f"give {out} a generator, of those in its comments"
+    return _First("\n".join(lines) + "\n", then, tuple(remarks), text)
 
 
 def _start(path: Path) -> _Start:
@@ -343,7 +343,7 @@ def _described(text: str, out: Path) -> RobotModel:
             raise ContactFusionError(str(error).replace(f"{file.resolve()}: ", "")) from None
 
 
-def _mimics(urdf: str) -> set[str]:
+def _mimics(urdf: str | bytes) -> set[str]:
     """The joints of a robot that follow another joint."""
     joints = ElementTree.fromstring(urdf).iter("joint")
     return {joint.get("name", "") for joint in joints if joint.find("mimic") is not None}
