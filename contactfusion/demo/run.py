@@ -35,7 +35,8 @@ def show(out: Path, lidar: str = LEARNED) -> None:
     make_folder(out)
     new_figure(1.0, 1.0)  # whether matplotlib is there is told now, not after the push
     fields = scene_fields(lidar)
-    console = Console(quiet=is_quiet())
+    console = Console()
+    console.quiet = is_quiet()
     moments = list(told(push_moments(fields), console))
     _say(console, "the same push once more, by the skin alone ...")
     story = Story(fields, moments, list(push_moments(by_skin_alone(fields))))
