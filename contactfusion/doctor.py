@@ -11,6 +11,7 @@ from contactfusion.doctoring.libraries import library_findings
 from contactfusion.doctoring.packages import package_findings
 from contactfusion.doctoring.parts import network_finding, ouster_finding, plugin_findings
 from contactfusion.plugins import installed_plugins
+from contactfusion.terminal import note
 
 
 def check() -> bool:
@@ -29,7 +30,7 @@ def check() -> bool:
 
 def compile_kernels() -> None:
     """Compile every kernel, so that no control loop ever waits for the compiler."""
-    print("compiling kernels (a minute, once) ...", flush=True)
+    note("compiling kernels (a minute, once) ...")
     start = time.perf_counter()
     touch_kernels()
     print(f"kernels are ready after {time.perf_counter() - start:.1f} s")

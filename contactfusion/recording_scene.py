@@ -15,6 +15,7 @@ from contactfusion.recordings.mcap import McapWriter
 from contactfusion.recordings.reading_messages import topic_of
 from contactfusion.running import RunConfig, naming, opened_scene, run_fields
 from contactfusion.simulation.scene import Facts, Scene
+from contactfusion.terminal import note
 
 EPOCH_NS = 10**18
 """Scenes begin at this moment, in 2001 [ns]: to ROS a stamp of 0 means "the latest"."""
@@ -67,7 +68,7 @@ def record_scene(
     print(f"{out}: {recorder.told()}, {out.stat().st_size / 1000.0:.0f} kB")
     if last is not None:
         for sentence in scene.verdict(pipeline, last).sentences:
-            print(f"truth: {sentence}")
+            note(f"truth: {sentence}")
 
 
 class _Recorder:

@@ -21,6 +21,7 @@ from contactfusion.run_results import commands_csv, contacts_csv, summary, tell
 from contactfusion.simulation.scene import heard
 from contactfusion.step_summary import Summary
 from contactfusion.stopwatch import StopWatch
+from contactfusion.terminal import followed, is_quiet, note, progress
 from contactfusion.yaml_files import read_yaml, with_overrides
 
 if TYPE_CHECKING:
@@ -63,7 +64,7 @@ def run_file(path: Path, overrides: Sequence[str], out: Path, seed: int | None =
     """
     fields = run_fields(path, overrides, seed)
     watch = StopWatch()
-    with naming(path):
+    with naming(path), progress(f"opening {path}"):
         config = RunConfig(**fields)
         scene = opened_scene(config) if config.scene else None
         source = scene or _recording(config, path.parent)
@@ -79,9 +80,11 @@ def run_file(path: Path, overrides: Sequence[str], out: Path, seed: int | None =
     stopped: BaseException | None = None
     try:
         if isinstance(source, Recording):
-            steps.extend(pipeline.run(heard(source.readings(), hear)))
+            played = pipeline.run(heard(source.readings(), hear))
         else:
-            steps.extend(source.run(pipeline, hear))
+            played = source.run(pipeline, hear)
+        end = source.end if isinstance(source, Recording) else None
+        steps.extend(followed(played, f"running {path}", end))
     except (Exception, KeyboardInterrupt) as error:  # what was found until then is kept
         if not steps:
             raise
@@ -91,9 +94,10 @@ def run_file(path: Path, overrides: Sequence[str], out: Path, seed: int | None =
     took = time.perf_counter() - start
     write_whole(out / "contacts.csv", contacts_csv(steps))
     total = summary(steps)
-    tell(total, took)
-    for line in watch.lines():
-        print(line)
+    if not is_quiet():
+        tell(total, took)
+        for line in watch.lines():
+            print(line)
     results = [out / "contacts.csv", out / "summary.json"]
     if pipeline.config.controller is not None:
         results.insert(1, out / "commands.csv")
@@ -102,7 +106,7 @@ def run_file(path: Path, overrides: Sequence[str], out: Path, seed: int | None =
         verdict = scene.verdict(pipeline, steps[-1])
         total["truth"] = verdict.truth
         for sentence in verdict.sentences:
-            print(f"truth: {sentence}")
+            note(f"truth: {sentence}")
     write_whole(out / "summary.json", json.dumps(total, indent=2) + "\n")
     print(f"results: {', '.join(map(str, results))}")
     if stopped is not None:

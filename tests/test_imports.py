@@ -46,6 +46,7 @@ OUTER = (
     "runner",
     "running",
     "simulation",
+    "terminal",
     "testing",
 )
 """What stands outside and imports inward."""
@@ -150,7 +151,7 @@ def loaded_by(code: str) -> list[str]:
     return found
 
 
-@pytest.mark.parametrize("arguments", [["--help"], ["run", "--help"], ["plugins"]])
+@pytest.mark.parametrize("arguments", [["--help"], ["--version"], ["run", "-h"], ["plugins"]])
 def test_the_command_line_answers_without_loading_anything_heavy(arguments: list[str]) -> None:
     code = (
         f"sys.argv = ['contactfusion', *{arguments}]\n"

@@ -5,39 +5,36 @@ import os
 import signal
 import sys
 import traceback
-from typing import Annotated
+from importlib.metadata import version
+from typing import Annotated, Any
 
 import typer
+from typer.main import get_command
 
+from contactfusion import terminal
 from contactfusion.cli import recordings, running
 from contactfusion.cli.experiments import experiments
 from contactfusion.cli.tuning import train, tune
 from contactfusion.errors import ContactFusionError, cause_in
 
+EVERYWHERE = {"--debug", "--quiet"}
+"""Options of the program that any command takes, too."""
+LOG = logging.getLogger("contactfusion")
 app = typer.Typer(
     name="contactfusion",
     help="Where does the robot touch the world? Fuses contact hypotheses from any sensors.",
     no_args_is_help=True,
     pretty_exceptions_enable=False,
     add_completion=False,
+    context_settings={"help_option_names": ["-h", "--help"]},
 )
-DEBUG = "--debug"
-
-
-@app.callback()
-def options(
-    debug: Annotated[
-        bool, typer.Option(DEBUG, help="Show the traceback of an error; also after a command.")
-    ] = False,
-) -> None:
-    """Declare what holds for every command; `main` takes it, wherever it stands."""
-
-
-for command in (
+for function in (
     running.demo,
     running.run,
     running.check,
     running.record,
+    recordings.inspect,
+    recordings.init,
     recordings.replay,
     recordings.explain,
     recordings.ablate,
@@ -46,30 +43,94 @@ for command in (
     running.doctor,
     running.convert,
 ):
-    app.command()(command)
+    app.command()(function)
 for group in (experiments, tune, train):
     app.add_typer(group)
 
 
+def _show_version(wanted: bool) -> None:
+    if wanted:
+        print(f"contactfusion {version('contactfusion')}")
+        raise typer.Exit
+
+
+def _be_quiet(wanted: bool) -> None:
+    if wanted:  # a command that does not say so again takes nothing back
+        terminal.set_quiet(True)
+
+
+def _show_tracebacks(wanted: bool) -> None:
+    if wanted:
+        LOG.setLevel(logging.DEBUG)
+
+
+@app.callback()
+def program(
+    _version: Annotated[
+        bool,
+        typer.Option(
+            "--version",
+            help="Print the version.",
+            callback=_show_version,
+            is_eager=True,
+            expose_value=False,
+        ),
+    ] = False,
+    _quiet: Annotated[
+        bool,
+        typer.Option(
+            "--quiet",
+            "-q",
+            help="Print results and errors only: no progress, no summary.",
+            callback=_be_quiet,
+            expose_value=False,
+        ),
+    ] = False,
+    _debug: Annotated[
+        bool,
+        typer.Option(
+            "--debug",
+            help="Show the traceback of an error.",
+            callback=_show_tracebacks,
+            expose_value=False,
+        ),
+    ] = False,
+) -> None:
+    """Options of the program itself."""
+
+
 def main() -> None:
     """Run the command line; an error is one sentence, with a traceback by `--debug` alone."""
-    debug = DEBUG in sys.argv
     logging.basicConfig(format="%(message)s")
-    logging.getLogger("contactfusion").setLevel(logging.DEBUG if debug else logging.WARNING)
+    LOG.setLevel(logging.WARNING)
     # products here are small: threads of the linear algebra would only wait for each other
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     signal.signal(signal.SIGTERM, signal.default_int_handler)  # as Ctrl-C: what is whole is kept
+    terminal.set_quiet(False)
     try:
-        app([argument for argument in sys.argv[1:] if argument != DEBUG])
+        _command_line()()
     except KeyboardInterrupt:
         sys.exit(130)
     except Exception as error:
-        if debug:
+        if LOG.isEnabledFor(logging.DEBUG):
             traceback.print_exc()
-        told = str(error) if isinstance(error, ContactFusionError) else _unexpected(error)
-        print(f"contactfusion: {told}", file=sys.stderr)
+        text = str(error) if isinstance(error, ContactFusionError) else _unexpected(error)
+        print(f"contactfusion: {text}", file=sys.stderr)
         sys.exit(1)
 
 
 def _unexpected(error: Exception) -> str:
-    return f"failed with {cause_in(error, __name__)}; run it with {DEBUG} for the traceback"
+    return f"failed with {cause_in(error, __name__)}; run it with --debug for the traceback"
+
+
+def _command_line() -> Any:
+    """All commands, with the options of the program that each command takes, too."""
+    whole = get_command(app)
+    shared = [option for option in whole.params if EVERYWHERE.intersection(option.opts)]
+    commands: list[Any] = [whole]
+    while commands:
+        inner = [*getattr(commands.pop(), "commands", {}).values()]
+        for command in inner:
+            command.params.extend(shared)
+        commands += inner
+    return whole

@@ -8,20 +8,20 @@ import typer
 from contactfusion.cli.options import Out, listed
 
 experiments = typer.Typer(
-    name="experiment", help="Run an experiment: results.csv, summary.json, figures.",
+    name="experiment", help="Run an experiment: writes results.csv, summary.json, figures.",
     no_args_is_help=True,
 )  # fmt: skip
 
 
 @experiments.command("recordings")
 def experiment_recordings(
-    data: Annotated[Path | None, typer.Option(help="The folder of the real recordings.")] = None,
+    data: Annotated[Path | None, typer.Option(help="Folder of the real recordings.")] = None,
     rule: Annotated[
-        str | None, typer.Option(help="RULE or RULE/CONDENSATION; default: each recording's own.")
+        str | None, typer.Option(help="RULE or RULE/CONDENSATION; default: that of each recording.")
     ] = None,
     out: Out = Path("out/recordings"),
 ) -> None:
-    """Locate contacts in real recordings whose truth is known."""
+    """Locate contacts in real recordings with known ground truth."""
     from contactfusion.experiments.methods import Method
     from contactfusion.experiments.recordings import run_recordings
 
@@ -31,32 +31,35 @@ def experiment_recordings(
 @experiments.command("touch")
 def experiment_touch(
     config: Annotated[
-        Path | None, typer.Option(help="A YAML file as for `run`, with a scene of type touch.")
+        Path | None,
+        typer.Option(help="Configuration (YAML) as for `run`, with a scene of type touch."),
     ] = None,
     objects: Annotated[
-        str, typer.Option(help="Objects of the scene, or URDF or mesh files; with commas between.")
+        str, typer.Option(help="Objects of the scene, or URDF or mesh files, separated by commas.")
     ] = "",
-    directions: Annotated[int, typer.Option(min=1, help="How many directions to come from.")] = 15,
-    repeats: Annotated[int, typer.Option(min=1, help="How often from each.")] = 5,
+    directions: Annotated[int, typer.Option(min=1, help="Number of approach directions.")] = 15,
+    repeats: Annotated[int, typer.Option(min=1, help="Touches per direction.")] = 5,
     rule: Annotated[
-        list[str] | None, typer.Option(help="RULE or RULE/CONDENSATION; several; default: all.")
+        list[str] | None,
+        typer.Option(help="RULE or RULE/CONDENSATION; may be repeated; default: all."),
     ] = None,
     spreads: Annotated[
         list[float] | None,
-        typer.Option(help="Fuse once more with stated spreads multiplied by this; several."),
+        typer.Option(help="Factor on the stated spreads, fused once more; may be repeated."),
     ] = None,
     noise: Annotated[
-        str | None, typer.Option(help="none, prototype or full; default: the scene's, prototype.")
+        str | None,
+        typer.Option(help="Sensor noise: none, prototype or full; default: that of the scene."),
     ] = None,
-    faults: Annotated[Path | None, typer.Option(help="A YAML file of faults.")] = None,
-    seed: Annotated[int, typer.Option(min=0, help="Of all chance.")] = 0,
-    workers: Annotated[int, typer.Option(min=1, help="How many processes.")] = 2,
+    faults: Annotated[Path | None, typer.Option(help="Faults of sensors (YAML).")] = None,
+    seed: Annotated[int, typer.Option(min=0, help="Random seed.")] = 0,
+    workers: Annotated[int, typer.Option(min=1, help="Number of processes.")] = 2,
     draw: Annotated[
-        list[str] | None, typer.Option(help="Draw this touch, such as box-03-0; several.")
+        list[str] | None, typer.Option(help="A touch to draw, e.g. box-03-0; may be repeated.")
     ] = None,
     out: Out = Path("out/touch"),
 ) -> None:
-    """Touch objects in simulation, compare contacts with the truth; goes on where it stopped."""
+    """Touch objects in simulation, and compare with the truth; resumes where it stopped."""
     from contactfusion.experiments.methods import Method
     from contactfusion.experiments.touch.experiment import METHODS, Options, run_touch
     from contactfusion.experiments.touch.plan import DEFAULT
@@ -81,46 +84,53 @@ def experiment_touch(
 def experiment_push(
     sensing: Annotated[
         list[str] | None,
-        typer.Option(help="What feels the object: skin, lidar, rgbd, rule, fused, …; several."),
+        typer.Option(help="Sensor suite: skin, lidar, rgbd, rule, fused, …; may be repeated."),
     ] = None,
     controller: Annotated[
         list[str] | None,
-        typer.Option(help="Parameters of reactive_pushing, or a controller; several."),
+        typer.Option(help="Parameter set of reactive_pushing, or a controller; may be repeated."),
     ] = None,
     rule: Annotated[
         list[str] | None,
-        typer.Option(help="RULE or RULE/CONDENSATION, for every sensing; several."),
+        typer.Option(help="RULE or RULE/CONDENSATION, for every sensor suite; may be repeated."),
     ] = None,
     without: Annotated[
-        list[str] | None, typer.Option(help="Leave out this source, such as motion; several.")
+        list[str] | None, typer.Option(help="A source to leave out, e.g. motion; may be repeated.")
     ] = None,
-    lidar: Annotated[str, typer.Option(help="Use this LiDAR of the robot.")] = "",
-    camera: Annotated[str, typer.Option(help="Use this camera of the robot.")] = "",
+    lidar: Annotated[str, typer.Option(help="LiDAR of the robot, by name.")] = "",
+    camera: Annotated[str, typer.Option(help="Camera of the robot, by name.")] = "",
     weights: Annotated[
-        Path | None, typer.Option(help="Use these contact networks (.safetensors).")
+        Path | None, typer.Option(help="Weights of the contact networks (.safetensors).")
     ] = None,
-    objects: Annotated[str, typer.Option(help="Names; with commas between.")] = "",
-    friction: Annotated[str, typer.Option(help="Names; with commas between.")] = "mu1,mu2",
+    objects: Annotated[str, typer.Option(help="Objects, separated by commas.")] = "",
+    friction: Annotated[str, typer.Option(help="Friction sets, separated by commas.")] = "mu1,mu2",
     targets: Annotated[
-        str, typer.Option(help="grid, validation, new, random:N (N in all), or a YAML file.")
+        str,
+        typer.Option(
+            help="Target set: grid, validation, new, random:N (N in total), or a YAML file."
+        ),
     ] = "grid",
-    starts: Annotated[str, typer.Option(help="nominal or random.")] = "nominal",
+    starts: Annotated[str, typer.Option(help="Start poses: nominal or random.")] = "nominal",
     object_: Annotated[
-        list[Path] | None, typer.Option("--object", help="A URDF or YAML file; several.")
+        list[Path] | None,
+        typer.Option("--object", help="A URDF or YAML file of an object; may be repeated."),
     ] = None,
-    taxels: Annotated[int, typer.Option(min=2, max=240, help="Of the skin's front.")] = 12,
+    taxels: Annotated[
+        int, typer.Option(min=2, max=240, help="Number of taxels on the front of the skin.")
+    ] = 12,
     activation: Annotated[
-        float, typer.Option(min=0.0, help="A taxel pressed by less tells nothing, in N.")
+        float, typer.Option(min=0.0, help="Activation threshold of a taxel [N].")
     ] = 1.0,
-    faults: Annotated[Path | None, typer.Option(help="A YAML file of how sensors fail.")] = None,
-    seed: Annotated[int, typer.Option(min=0, help="Of all chance.")] = 0,
-    workers: Annotated[int, typer.Option(min=1, help="How many processes.")] = 2,
+    faults: Annotated[Path | None, typer.Option(help="Faults of sensors (YAML).")] = None,
+    seed: Annotated[int, typer.Option(min=0, help="Random seed.")] = 0,
+    workers: Annotated[int, typer.Option(min=1, help="Number of processes.")] = 2,
     record: Annotated[
-        list[str] | None, typer.Option(help="Film this trial, such as box-mu1-grid-007; several.")
+        list[str] | None,
+        typer.Option(help="A trial to film, e.g. box-mu1-grid-007; may be repeated."),
     ] = None,
     out: Out = Path("out/push"),
 ) -> None:
-    """Push objects to targets in simulation by what is felt; goes on where it stopped."""
+    """Push objects to targets in simulation by contact feedback; resumes where it stopped."""
     from contactfusion.experiments.push.experiment import Options, run_push
     from contactfusion.simulation.push_config import SkinConfig
 
@@ -150,31 +160,36 @@ def experiment_push(
 @experiments.command("grasp")
 def experiment_grasp(
     config: Annotated[
-        Path | None, typer.Option(help="A YAML file with a scene of type grasp, and objects.")
+        Path | None,
+        typer.Option(help="Configuration (YAML), with a scene of type grasp and objects."),
     ] = None,
     objects: Annotated[
-        str, typer.Option(help="Objects of the file; with commas between; default: the first.")
+        str,
+        typer.Option(help="Objects of the configuration, separated by commas; default: the first."),
     ] = "",
-    repeats: Annotated[int, typer.Option(min=1, help="How often each is grasped.")] = 20,
+    repeats: Annotated[int, typer.Option(min=1, help="Grasps per object.")] = 20,
     sources: Annotated[
         list[str] | None,
-        typer.Option(help="Names or types of generators, as wrist+motion; none; all; several."),
+        typer.Option(
+            help="Generators by name or type, e.g. wrist+motion; none; all; may be repeated."
+        ),
     ] = None,
     rule: Annotated[
-        list[str] | None, typer.Option(help="RULE or RULE/CONDENSATION; several.")
+        list[str] | None, typer.Option(help="RULE or RULE/CONDENSATION; may be repeated.")
     ] = None,
     noise: Annotated[
-        str | None, typer.Option(help="none, prototype or full; default: the scene's, prototype.")
+        str | None,
+        typer.Option(help="Sensor noise: none, prototype or full; default: that of the scene."),
     ] = None,
-    faults: Annotated[Path | None, typer.Option(help="A YAML file of faults.")] = None,
-    seed: Annotated[int, typer.Option(min=0, help="Of all chance.")] = 0,
-    workers: Annotated[int, typer.Option(min=1, help="How many processes.")] = 2,
+    faults: Annotated[Path | None, typer.Option(help="Faults of sensors (YAML).")] = None,
+    seed: Annotated[int, typer.Option(min=0, help="Random seed.")] = 0,
+    workers: Annotated[int, typer.Option(min=1, help="Number of processes.")] = 2,
     record: Annotated[
-        list[str] | None, typer.Option(help="Film this grasp, such as bottle-003; several.")
+        list[str] | None, typer.Option(help="A grasp to film, e.g. bottle-003; may be repeated.")
     ] = None,
     out: Out = Path("out/grasp"),
 ) -> None:
-    """Grasp objects in simulation by what the hand feels; goes on where it stopped."""
+    """Grasp objects in simulation by contact feedback; resumes where it stopped."""
     from contactfusion.experiments.grasp.experiment import Options, run_grasp
     from contactfusion.experiments.grasp.plan import DEFAULT
     from contactfusion.experiments.methods import Method

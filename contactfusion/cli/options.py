@@ -7,16 +7,23 @@ import typer
 
 from contactfusion.errors import ConfigurationError
 
-Out = Annotated[Path, typer.Option(help="The folder that takes the results.")]
+Out = Annotated[Path, typer.Option(help="The output folder.")]
 Configured = Annotated[
     Path | None,
-    typer.Option("--config", help="A YAML file; default: what `replay` left in the recording."),
+    typer.Option(
+        "--config",
+        help="The configuration (YAML); default: the one that `replay` stored in the recording.",
+    ),
 ]
 Topics = Annotated[
-    list[str] | None, typer.Option(help="ROLE=/NAME: which topic feeds a generator; several.")
+    list[str] | None,
+    typer.Option(help="ROLE=/NAME: the topic that feeds a generator; may be repeated."),
 ]
 Changed = Annotated[
-    list[str] | None, typer.Option("--set", help="Change a field, e.g. integrator.timeout=1.")
+    list[str] | None,
+    typer.Option(
+        "--set", help="FIELD=VALUE: override a field, e.g. integrator.timeout=1; may be repeated."
+    ),
 ]
 
 

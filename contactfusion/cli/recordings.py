@@ -8,27 +8,60 @@ import typer
 from contactfusion.cli.options import Changed, Configured, Out, Topics, roles
 from contactfusion.errors import ConfigurationError
 
+RECORDING = "A ROS bag, MCAP, folder of them, C3D, or YAML file that describes a log."
+REPLAYED = f"{RECORDING[:-1]}; of a replay's output no --config is needed."
+
+
+def inspect(
+    recording: Annotated[Path, typer.Argument(help=RECORDING)],
+    json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
+) -> None:
+    """Show what a recording holds: topics, rates, frames, clocks, and what each can be used for."""
+    from contactfusion.replaying.inspection import as_json, as_text, inspect_recording
+
+    inspection = inspect_recording(recording)
+    print(as_json(inspection) if json else as_text(inspection))
+
+
+def init(
+    source: Annotated[Path, typer.Argument(help="A recording as for `replay`, or a URDF.")],
+    out: Annotated[Path, typer.Option(help="The YAML file to write.")],
+    robot: Annotated[
+        Path | None, typer.Option(help="The URDF of the robot that was recorded.")
+    ] = None,
+    force: Annotated[bool, typer.Option("--force", help="Replace a file that exists.")] = False,
+) -> None:
+    """Write a first configuration, with comments, for a recording or a robot."""
+    from contactfusion.replaying.first_configuration import write_first
+
+    write_first(source, out, robot, force)
+
 
 def replay(
-    configuration: Annotated[Path, typer.Argument(help="A YAML file of a pipeline.")],
-    recording: Annotated[
-        Path, typer.Argument(help="A bag, an MCAP, a folder of them, C3D, a YAML that describes.")
-    ],
+    configuration: Annotated[Path, typer.Argument(help="The configuration (YAML).")],
+    recording: Annotated[Path, typer.Argument(help=RECORDING)],
     out: Annotated[
         Path | None,
-        typer.Option(help="Takes the contacts: .mcap (with all topics), .csv, .parquet"),
+        typer.Option(help="File for the contacts: .mcap (with all topics), .csv or .parquet."),
     ] = None,
     topic: Topics = None,
     set_: Changed = None,
-    start: Annotated[float, typer.Option(min=0.0, help="Begin so many seconds late.")] = 0.0,
-    duration: Annotated[float | None, typer.Option(min=0.0, help="Play so many seconds.")] = None,
+    start: Annotated[
+        float, typer.Option(min=0.0, help="Time to start at, from the beginning \\[s].")
+    ] = 0.0,
+    duration: Annotated[
+        float | None,
+        typer.Option(min=0.0, help="Length of the part to play \\[s]; default: to the end."),
+    ] = None,
     rate: Annotated[
         float | None,
-        typer.Option(min=1e-3, help="So many times as fast as recorded; default: at full speed."),
+        typer.Option(
+            min=1e-3, help="Speed as a multiple of real time; default: as fast as possible."
+        ),
     ] = None,
-    view: Annotated[bool, typer.Option("--view", help="Look at it when it is played.")] = False,
+    view: Annotated[bool, typer.Option("--view", help="Open the viewer at the end.")] = False,
 ) -> None:
-    """Find contacts in a recording, and tell what came and what is missing."""
+    """Find contacts in a recording, and report which inputs came and which are missing."""
     from contactfusion.replaying.replay import Options
     from contactfusion.replaying.replay import replay as play
     from contactfusion.replaying.session import Window
@@ -44,16 +77,18 @@ def replay(
 
 
 def explain(
-    recording: Annotated[Path, typer.Argument(help="A recording.")],
-    time: Annotated[float, typer.Option(help="When, in seconds from its beginning.")],
-    at: Annotated[str, typer.Option(help="Where, as x,y,z in metres; default: everywhere.")] = "",
+    recording: Annotated[Path, typer.Argument(help=REPLAYED)],
+    time: Annotated[float, typer.Option(help="Time to explain, from the beginning \\[s].")],
+    at: Annotated[
+        str, typer.Option(help="Position X,Y,Z to explain \\[m]; default: all contacts.")
+    ] = "",
     config: Configured = None,
     topic: Topics = None,
     set_: Changed = None,
     json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
-    picture: Annotated[Path | None, typer.Option(help="Draw it: the PNG to write.")] = None,
+    picture: Annotated[Path | None, typer.Option(help="PNG to write, with a drawing.")] = None,
 ) -> None:
-    """Tell why there is a contact, or why there is none."""
+    """Explain why there is a contact, or why there is none."""
     from contactfusion.replaying.asking import Source, explain_recording
 
     source = Source(recording, config, roles(topic), set_ or [])
@@ -61,33 +96,35 @@ def explain(
 
 
 def ablate(
-    recording: Annotated[Path, typer.Argument(help="A recording.")],
+    recording: Annotated[Path, typer.Argument(help=REPLAYED)],
     config: Configured = None,
     topic: Topics = None,
     set_: Changed = None,
     out: Out = Path("out/ablate"),
 ) -> None:
-    """Tell what contacts would be without each source, over a whole recording."""
+    """Ablation: how contacts change without each source, over a whole recording."""
     from contactfusion.replaying.asking import Source, ablate_recording
 
     ablate_recording(Source(recording, config, roles(topic), set_ or []), out)
 
 
 def view(
-    recording: Annotated[Path, typer.Argument(help="A recording, or an .rrd that was saved.")],
+    recording: Annotated[Path, typer.Argument(help=f"{REPLAYED[:-1]}; or an .rrd file.")],
     config: Configured = None,
     topic: Topics = None,
     set_: Changed = None,
     screenshot: Annotated[
-        Path | None, typer.Option(help="Take a picture, without a screen: the PNG to write.")
+        Path | None, typer.Option(help="PNG to write, in place of a window; needs no screen.")
     ] = None,
-    at: Annotated[float | None, typer.Option(help="The picture's time; default: the end.")] = None,
-    web: Annotated[bool, typer.Option("--web", help="In a browser of this machine.")] = False,
+    at: Annotated[
+        float | None, typer.Option(help="Time of the screenshot \\[s]; default: the end.")
+    ] = None,
+    web: Annotated[bool, typer.Option("--web", help="Show in a browser on this machine.")] = False,
     save: Annotated[
-        Path | None, typer.Option(help="Keep what is drawn: the .rrd to write.")
+        Path | None, typer.Option(help=".rrd file to write, for rerun's viewer.")
     ] = None,
 ) -> None:
-    """Look at a recording, its contacts and their reasons, in 3D."""
+    """Show a recording, its contacts and their sources in 3D."""
     from contactfusion.replaying.asking import Source
     from contactfusion.replaying.watching import view_recording
 

@@ -11,19 +11,21 @@ from contactfusion.errors import ConfigurationError
 
 
 def demo(out: Out = Path("out/demo")) -> None:
-    """Push a box with skin and LiDAR; the skin dies half-way: a page, a film, a recording."""
+    """Push a box with skin and LiDAR; the skin fails half-way; writes a page and a film."""
     from contactfusion.demo.run import show
 
     show(out)
 
 
 def run(
-    configuration: Annotated[Path, typer.Argument(help="A YAML file with `recording` or `scene`.")],
+    configuration: Annotated[
+        Path, typer.Argument(help="The configuration (YAML), with `recording` or `scene`.")
+    ],
     set_: Changed = None,
     out: Out = Path("out/run"),
-    seed: Annotated[int | None, typer.Option(help="Of chance, in place of the file's.")] = None,
+    seed: Annotated[int | None, typer.Option(help="Random seed; overrides the file's.")] = None,
 ) -> None:
-    """Run a pipeline on a recording or in a scene: contacts.csv and summary.json."""
+    """Run a pipeline on a recording or in a scene: writes contacts.csv and summary.json."""
     from contactfusion.running import run_file
 
     run_file(configuration, set_ or [], out, seed)
@@ -51,19 +53,27 @@ def check(
 
 
 def record(
-    configuration: Annotated[Path, typer.Argument(help="A YAML file with `scene`.")],
+    configuration: Annotated[Path, typer.Argument(help="The configuration (YAML), with `scene`.")],
     set_: Annotated[
-        list[str] | None, typer.Option("--set", help="Change a field, e.g. scene.camera_rate=1.")
+        list[str] | None,
+        typer.Option(
+            "--set",
+            help="FIELD=VALUE: override a field, e.g. scene.camera_rate=1; may be repeated.",
+        ),
     ] = None,
     out: Annotated[
-        Path | None, typer.Option(help="The MCAP file; default: out/NAME.mcap, named as the scene.")
+        Path | None,
+        typer.Option(
+            help="The MCAP file to write; default: out/NAME.mcap, by the name of the YAML file."
+        ),
     ] = None,
     duration: Annotated[
-        float | None, typer.Option(min=0.0, help="End after so many seconds; default: all of it.")
+        float | None,
+        typer.Option(min=0.0, help="Length of the recording \\[s]; default: until the scene ends."),
     ] = None,
-    seed: Annotated[int | None, typer.Option(help="Of chance, in place of the file's.")] = None,
+    seed: Annotated[int | None, typer.Option(help="Random seed; overrides the file's.")] = None,
 ) -> None:
-    """Record what the sensors of a scene read, and the truth, as MCAP."""
+    """Record the sensor readings of a scene, and the ground truth, as MCAP."""
     from contactfusion.recording_scene import record_scene
 
     file = out or Path("out") / f"{configuration.stem}.mcap"
@@ -85,18 +95,26 @@ def plugins(
 
 def doctor(
     robot: Annotated[
-        str | None, typer.Argument(help="Look over this ROBOT.yaml, not the installation.")
+        str | None,
+        typer.Argument(
+            help="ROBOT.yaml: check this robot description in place of the installation."
+        ),
     ] = None,
-    warm: Annotated[bool, typer.Option(help="Compile the kernels now.")] = False,
-    out: Annotated[Path | None, typer.Option(help="Draw the robot: the PNG to write.")] = None,
+    warm: Annotated[bool, typer.Option("--warm", help="Compile all kernels now.")] = False,
+    out: Annotated[
+        Path | None, typer.Option(help="PNG to write, with a drawing of the robot.")
+    ] = None,
     recording: Annotated[
-        Path | None, typer.Option(help="Weigh what wrists carry: wrenches at rest, and joints.")
+        Path | None,
+        typer.Option(
+            help="A recording of wrenches at rest and joints: estimates the load of each wrist."
+        ),
     ] = None,
     ouster: Annotated[
-        bool, typer.Option(help="Make the environment that converts Ouster files.")
+        bool, typer.Option("--ouster", help="Install the environment that converts Ouster files.")
     ] = False,
 ) -> None:
-    """Check the installation, or a robot's description, and say what to mend."""
+    """Check the installation, or a robot description, and name what to repair."""
     if robot is not None:
         from contactfusion.robots.checkup import check_robot
 
@@ -118,16 +136,17 @@ def doctor(
 
 
 def convert(
-    source: Annotated[Path, typer.Argument(help="An Ouster .pcap, .osf, or bag of packets.")],
+    source: Annotated[Path, typer.Argument(help="An Ouster .pcap, .osf, or bag of lidar packets.")],
     out: Annotated[Path, typer.Argument(help="The MCAP file to write.")],
     every_nth_row: Annotated[
-        int, typer.Option(min=1, help="Keep these rings only, from the first on.")
+        int, typer.Option(min=1, help="Keep every N-th ring, from the first on.")
     ] = 1,
     meta: Annotated[
-        Path | None, typer.Option(help="The sensor's .json, when it is not beside the file.")
+        Path | None,
+        typer.Option(help="The sensor's metadata (.json), where it is not beside the file."),
     ] = None,
 ) -> None:
-    """Convert an Ouster file to MCAP: one PointCloud2 a scan; first run `doctor --ouster`."""
+    """Convert an Ouster file to MCAP, a PointCloud2 per scan; needs `doctor --ouster` once."""
     from contactfusion.recordings import ouster
 
     print(ouster.convert(source, out, every_nth_row, meta))

@@ -8,30 +8,33 @@ import typer
 from contactfusion.cli.options import Changed, Configured, Out, Topics, roles
 
 tune = typer.Typer(
-    name="tune", help="Search parameters in simulation, and confirm what was found.",
+    name="tune", help="Search parameters, and confirm the best.",
     no_args_is_help=True,
 )  # fmt: skip
 train = typer.Typer(
-    name="train", help="Train networks in simulation, from nothing.", no_args_is_help=True,
+    name="train", help="Train networks in simulation, from scratch.", no_args_is_help=True,
 )  # fmt: skip
 
 
 @tune.command("push")
 def tune_push(
-    start: Annotated[str, typer.Option(help="The set of parameters to begin with.")] = "tuned",
-    trials: Annotated[int, typer.Option(min=6, help="Pushes of each set in a round.")] = 60,
-    rounds: Annotated[int, typer.Option(min=1, help="Rounds of 24 sets.")] = 10,
+    start: Annotated[str, typer.Option(help="Parameter set to start from.")] = "tuned",
+    trials: Annotated[int, typer.Option(min=6, help="Pushes per parameter set and round.")] = 60,
+    rounds: Annotated[int, typer.Option(min=1, help="Rounds of 24 parameter sets.")] = 10,
     confirm: Annotated[
-        int, typer.Option(min=6, help="Pushes in PyBullet of each set that is confirmed.")
+        int, typer.Option(min=6, help="Pushes in PyBullet to confirm each of the best sets.")
     ] = 150,
     check: Annotated[
-        bool, typer.Option(help="Compare the planar model's ranking with PyBullet's instead.")
+        bool,
+        typer.Option(
+            "--check", help="Only compare the ranking by the planar model with that by PyBullet."
+        ),
     ] = False,
-    seed: Annotated[int, typer.Option(min=0, help="Of all that is drawn.")] = 0,
-    workers: Annotated[int, typer.Option(min=1, help="How many processes.")] = 2,
+    seed: Annotated[int, typer.Option(min=0, help="Random seed.")] = 0,
+    workers: Annotated[int, typer.Option(min=1, help="Number of processes.")] = 2,
     out: Out = Path("out/tune"),
 ) -> None:
-    """Search parameters of reactive pushing in a planar model; goes on where it stopped."""
+    """Search parameters of reactive pushing in a planar model; resumes where it stopped."""
     if check:
         from contactfusion.tuning.check import check_ranking
 
@@ -45,23 +48,26 @@ def tune_push(
 
 @tune.command("fusion")
 def tune_fusion(
-    recording: Annotated[Path, typer.Argument(help="A recording.")],
+    recording: Annotated[Path, typer.Argument(help="A recording as for `replay`.")],
     labels: Annotated[
-        Path, typer.Option(help="A CSV of true contacts: start, end, x, y, z (s, m).")
+        Path, typer.Option(help="CSV of true contacts: start, end \\[s], x, y, z \\[m].")
     ],
     config: Configured = None,
     topic: Topics = None,
     set_: Changed = None,
     vary: Annotated[
         list[str] | None,
-        typer.Option(help="FIELD=VALUE,VALUE,…; several; default: threshold, timeout and others."),
+        typer.Option(
+            help="FIELD=VALUE,VALUE,…; may be repeated; default: threshold, timeout and others."
+        ),
     ] = None,
     within: Annotated[
-        float, typer.Option(min=0.0, help="So near to a label a contact is right, in metres.")
+        float,
+        typer.Option(min=0.0, help="Largest distance of a correct contact from its label \\[m]."),
     ] = 0.03,
     out: Out = Path("out/tune_fusion"),
 ) -> None:
-    """Find the values that find labelled contacts best; goes on where it stopped."""
+    """Find the parameters that detect labelled contacts best; resumes where it stopped."""
     from contactfusion.replaying.asking import Source, tune_recording
 
     source = Source(recording, config, roles(topic), set_ or [])
@@ -71,19 +77,21 @@ def tune_fusion(
 @train.command("cpm")
 def train_cpm(
     rounds: Annotated[
-        int, typer.Option(min=0, help="How often the networks drive, and learn from it.")
+        int, typer.Option(min=0, help="DAgger iterations: the networks drive, and learn from it.")
     ] = 3,
-    varied: Annotated[int, typer.Option(min=0, help="Pushes beside the paper's 156 + 36.")] = 360,
-    driven: Annotated[int, typer.Option(min=7, help="Pushes of each round.")] = 160,
-    tested: Annotated[int, typer.Option(min=6, help="Pushes of the test, each LiDAR.")] = 60,
-    epochs: Annotated[int, typer.Option(min=1, help="Of the last round.")] = 150,
-    early: Annotated[int, typer.Option(min=1, help="Of the rounds before.")] = 50,
-    stride: Annotated[int, typer.Option(min=1, help="An epoch sees every so-manieth window.")] = 4,
-    seed: Annotated[int, typer.Option(min=0, help="Of all chance.")] = 0,
-    workers: Annotated[int, typer.Option(min=1, help="How many processes.")] = 2,
+    varied: Annotated[
+        int, typer.Option(min=0, help="Training pushes beside the paper's 156 + 36.")
+    ] = 360,
+    driven: Annotated[int, typer.Option(min=7, help="Pushes per iteration.")] = 160,
+    tested: Annotated[int, typer.Option(min=6, help="Test pushes per LiDAR.")] = 60,
+    epochs: Annotated[int, typer.Option(min=1, help="Epochs of the last iteration.")] = 150,
+    early: Annotated[int, typer.Option(min=1, help="Epochs of the iterations before.")] = 50,
+    stride: Annotated[int, typer.Option(min=1, help="An epoch uses every N-th window.")] = 4,
+    seed: Annotated[int, typer.Option(min=0, help="Random seed.")] = 0,
+    workers: Annotated[int, typer.Option(min=1, help="Number of processes.")] = 2,
     out: Out = Path("out/cpm"),
 ) -> None:
-    """Train the networks that perceive contact; goes on where it stopped."""
+    """Train the networks that perceive contact; resumes where it stopped."""
     from contactfusion.learning.cpm import Options
     from contactfusion.learning.cpm import train_cpm as train_networks
 

@@ -19,6 +19,7 @@ from contactfusion.files import make_folder, write_whole
 from contactfusion.recordings.mcap import McapWriter
 from contactfusion.replaying.configuration import NOT_OURS, TOPIC, Setting
 from contactfusion.run_results import commands_csv, contacts_csv
+from contactfusion.terminal import is_quiet, note
 
 
 def show(out: Path, lidar: str = LEARNED) -> None:
@@ -35,6 +36,7 @@ def show(out: Path, lidar: str = LEARNED) -> None:
     new_figure(1.0, 1.0)  # whether matplotlib is there is told now, not after the push
     fields = scene_fields(lidar)
     console = Console()
+    console.quiet = is_quiet()
     moments = list(told(push_moments(fields), console))
     _say(console, "the same push once more, by the skin alone ...")
     story = Story(fields, moments, list(push_moments(by_skin_alone(fields))))
@@ -42,8 +44,8 @@ def show(out: Path, lidar: str = LEARNED) -> None:
     written = list(write(story, out, console))
     for sentence in sentences(story):
         _say(console, sentence)
-    _say(console, f"results: {', '.join(str(out / name) for name in written)}")
-    _say(console, f"look at: {out / 'index.html'}")
+    print(f"results: {', '.join(str(out / name) for name in written)}")
+    note(f"look at: {out / 'index.html'}")
     if not story.arrived:
         raise ContactFusionError("the box did not arrive at its target")
 

@@ -12,6 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
+from contactfusion import terminal
 from contactfusion.arrays import FloatArray
 from contactfusion.experiments.measures import Measure, p50
 from contactfusion.experiments.proximity_loops import by_loops
@@ -69,7 +70,7 @@ RECORDINGS = (
 def measure(folder: Path, out: Path) -> list[Measure]:
     """Measure the descriptor on each scan, with all rings and with every 4th; draw what is near."""
     if not is_ready():
-        print(f"  left out: Ouster files can be read once this has been run: {COMMAND}")
+        terminal.note(f"  left out: Ouster files can be read once this has been run: {COMMAND}")
         return []
     config = ProximityConfig()
     return [one for recording in RECORDINGS for one in _measured(folder, out, recording, config)]
@@ -79,7 +80,7 @@ def _measured(
     folder: Path, out: Path, recording: Scanned, config: ProximityConfig
 ) -> list[Measure]:
     """Measure on one recording."""
-    print(f"  {recording.stem}: {recording}")
+    terminal.note(f"  {recording.stem}: {recording}")
     whole = _scans(folder, out, recording, 1)
     measures = _figures(recording, recording.rings, whole, config)
     if not recording.near:
@@ -124,14 +125,18 @@ def _figures(
     case = f"{recording.stem}, {rings} rings"
     told = [_in_millimetres(config.lengths_of_cloud(scan)) for scan in scans]
     for number, lengths in enumerate(told, 1):
-        print(f"    {rings} rings, scan {number}, lengths from right to left [mm]: {lengths}")
+        terminal.note(
+            f"    {rings} rings, scan {number}, lengths from right to left [mm]: {lengths}"
+        )
     last = config.lengths_of_cloud(scans[-1])
     wrong = max(
         float(np.abs(config.lengths_of_cloud(scan) - by_loops(scan, config)).max())
         for scan in scans
     )
     took = [_time(scan, config) for scan in scans for _ in range(REPEATS)]
-    print(f"    {rings} rings: {p50(np.array(took)):.2f} ms a scan, at most {max(took):.2f} ms")
+    terminal.note(
+        f"    {rings} rings: {p50(np.array(took)):.2f} ms a scan, at most {max(took):.2f} ms"
+    )
     inside = int(config.region.holds(scans[-1]).sum())
     occupied = int((last < config.empty).sum())
     note = f"lengths [mm]: {told[-1]}; {recording}"

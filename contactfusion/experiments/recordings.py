@@ -11,6 +11,7 @@ from contactfusion.experiments import eflesh, force_plates, hub, icub, ouster
 from contactfusion.experiments.measures import Measure, results_csv
 from contactfusion.experiments.methods import Method
 from contactfusion.files import make_folder, write_whole
+from contactfusion.terminal import note
 
 VARIABLE = "CONTACTFUSION_DATA"
 NEIGHBOUR = Path("../shared/data")
@@ -46,7 +47,7 @@ def run_recordings(data: Path | None, method: Method | None, out: Path) -> None:
     make_folder(out)
     measures: list[Measure] = []
     for name, measure in _experiments(method).items():
-        print(f"{name} ...", flush=True)
+        note(f"{name} ...")
         part = folder / FOLDERS.get(name, name)
         if not part.is_dir():
             raise RecordingError(f"there is no folder '{part}'; the recordings of {name} lie there")
@@ -54,7 +55,7 @@ def run_recordings(data: Path | None, method: Method | None, out: Path) -> None:
         if method is not None:
             found = [dataclasses.replace(one, case=f"{one.case}, {method}") for one in found]
         for one in found:
-            print(f"  {one}")
+            note(f"  {one}")
         measures += found
         write_whole(out / "results.csv", results_csv(measures))
     summary = [{**dataclasses.asdict(one), "met": one.met} for one in measures]
@@ -72,7 +73,7 @@ def _experiments(method: Method | None) -> dict[str, Experiment]:
     fused = {name: by(measure, own) for name, (measure, own) in FUSED.items()}
     if method is None:
         return {**fused, **UNFUSED}
-    print(f"{', '.join(UNFUSED)}: nothing is fused there, left out")
+    note(f"{', '.join(UNFUSED)}: nothing is fused there, left out")
     return fused
 
 

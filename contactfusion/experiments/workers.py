@@ -11,6 +11,7 @@ from multiprocessing.connection import Connection, wait
 from typing import Generic, TypeVar, final
 
 from contactfusion.errors import ConfigurationError, ContactFusionError
+from contactfusion.terminal import note
 
 T = TypeVar("T")
 R = TypeVar("R")
@@ -71,7 +72,7 @@ def progress(done: Iterable[T], count: int) -> Iterator[T]:
         if sys.stderr.isatty() or number % TOLD == 0:
             left = (time.monotonic() - start) / number * (count - number)
             end = "\r" if sys.stderr.isatty() else "\n"
-            print(f"  {number} of {count}, {left:.0f} s left ", end=end, file=sys.stderr)
+            note(f"  {number} of {count}, {left:.0f} s left ", end, sys.stderr)
 
 
 def reason_of(error: Exception) -> str:

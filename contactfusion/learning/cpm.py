@@ -17,6 +17,7 @@ from contactfusion.learning.shipping import write_networks
 from contactfusion.learning.testing import tested
 from contactfusion.learning.trials import LabelledTrial
 from contactfusion.learning.windows import Dataset
+from contactfusion.terminal import note
 
 RATE = 10.0
 """Of the cycles [Hz]."""
@@ -76,7 +77,7 @@ def train_cpm(options: Options, out: Path) -> None:
     rounds: list[tuple[Dataset, Round]] = []
     networks = None
     for turn in range(options.rounds + 1):
-        print(f"round {turn} of {options.rounds}", flush=True)
+        note(f"round {turn} of {options.rounds}")
         trials += collected(_lessons(turn, options), networks, options.workers, out / "trials")
         data, folder = Dataset.of(trials), out / f"round_{turn}"
         how = training.Options(

@@ -19,6 +19,7 @@ from contactfusion.learning.networks import Name
 from contactfusion.learning.training import Trained, train
 from contactfusion.learning.trials import LabelledTrial, load, save
 from contactfusion.learning.windows import Dataset
+from contactfusion.terminal import note
 
 T = TypeVar("T")
 R = TypeVar("R")
@@ -130,4 +131,4 @@ def _file(folder: Path, lesson: Lesson) -> Path:
 
 def say(line: str) -> None:
     """Tell how far it is, beside the output."""
-    print(f"  {line}", file=sys.stderr, flush=True)
+    note(f"  {line}", file=sys.stderr)

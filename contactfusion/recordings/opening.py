@@ -73,6 +73,11 @@ SUFFIXES: dict[str, Callable[[dict[str, Any], Path], Recording]] = {
 """What opens a recording that needs no description, by the suffix of the file."""
 
 
+def is_ros(path: Path) -> bool:
+    """Whether a file or a folder is read as a recording of ROS."""
+    return path.is_dir() or SUFFIXES.get(path.suffix) is _ros
+
+
 def open_recording(what: str | Path | Mapping[str, Any], folder: Path = Path()) -> Recording:
     """Open a recording.
 

@@ -11,6 +11,7 @@ from pathlib import Path
 
 from contactfusion.errors import DependencyError, RecordingError
 from contactfusion.files import make_folder, write_whole
+from contactfusion.terminal import note
 
 REQUIREMENTS = ("ouster-sdk==1.0.0", "mcap>=1.2,<2")
 """What the environment holds; ouster-sdk brings numpy and rosbags."""
@@ -43,7 +44,7 @@ def make_environment() -> None:
     if is_ready():
         print(f"{REQUIREMENTS[0]} is in {folder}; convert by: {CONVERT}")
         return
-    print(f"making an environment for {REQUIREMENTS[0]} in {folder} (about 230 MB) ...", flush=True)
+    note(f"making an environment for {REQUIREMENTS[0]} in {folder} (about 230 MB) ...")
     make_folder(folder.parent)
     _run(sys.executable, "-m", "venv", "--clear", str(folder))
     _run(str(_python()), "-I", "-m", "pip", "install", "--quiet", *REQUIREMENTS)

@@ -11,6 +11,7 @@ from contactfusion.files import write_whole
 from contactfusion.pipeline import Pipeline
 from contactfusion.replaying.configuration import Setting, setting_of_file, setting_of_recording
 from contactfusion.replaying.session import Session
+from contactfusion.terminal import followed, note, progress
 
 
 @final
@@ -49,7 +50,8 @@ class Source:
         Raises:
             ContactFusionError: it, or the configuration, is not what it should be.
         """
-        return Session(self.setting(), self.recording, self.topics, watched=watched)
+        with progress(f"opening {self.recording}"):
+            return Session(self.setting(), self.recording, self.topics, watched=watched)
 
 
 def explain_recording(
@@ -79,7 +81,9 @@ def explain_recording(
     with closing(source.session()) as session:
         settings = Settings.of(session.pipeline)
         try:
-            moment = moment_at(session.steps(), time, settings.tolerance)
+            task = f"replaying {source.recording}"
+            with closing(followed(session.steps(), task, time)) as steps:
+                moment = moment_at(steps, time, settings.tolerance)
         except TimeError:
             session.complain()  # when it broke off before that time
             raise
@@ -106,9 +110,10 @@ def ablate_recording(source: Source, out: Path) -> None:
     from contactfusion.explaining.ablation_report import table, write_ablation
 
     with closing(source.session()) as session:
-        worths = ablated(session.steps())
+        task = f"leaving sources out of {source.recording}"
+        worths = ablated(followed(session.steps(), task, session.recording.end))
     paths = write_ablation(worths, out)
-    print(table(worths))
+    note(table(worths))
     print(f"results: {', '.join(map(str, paths))}")
     session.complain()
 
@@ -148,6 +153,6 @@ def tune_recording(
             inputs=fingerprint(source.recording),
         )
     paths = write_tuning(tuned, out)
-    print(table(tuned))
+    note(table(tuned))
     print(f"results: {', '.join(map(str, paths))}")
     session.complain()

@@ -17,6 +17,7 @@ from contactfusion.replaying.tally import Tally
 from contactfusion.running import unheard
 from contactfusion.step_summary import Summary
 from contactfusion.stopwatch import StopWatch
+from contactfusion.terminal import followed, is_quiet, note, progress
 
 Watch = Callable[[Session], AbstractContextManager[Output]]
 """Gives who else sees readings and steps, such as a viewer."""
@@ -71,15 +72,16 @@ def replay(options: Options, watch: Watch | None = None) -> None:
     wants_all = options.out is not None and options.out.suffix == ".mcap"
     tap = copy if wants_all else None
     stopwatch = StopWatch()
-    session = Session(
-        setting,
-        options.recording,
-        options.topics,
-        options.window,
-        tap,
-        watched=watch is not None,
-        ask=stopwatch.ask,
-    )
+    with progress(f"opening {options.recording}"):
+        session = Session(
+            setting,
+            options.recording,
+            options.topics,
+            options.window,
+            tap,
+            watched=watch is not None,
+            ask=stopwatch.ask,
+        )
     tally, summary = Tally(), Summary()
     pace = _pace(options.rate)
 
@@ -101,7 +103,8 @@ def replay(options: Options, watch: Watch | None = None) -> None:
             if watch is not None:
                 outputs.append(stack.enter_context(watch(session)))
             try:
-                for step in session.steps(hear):
+                task = f"replaying {options.recording}"
+                for step in followed(session.steps(hear), task, session.recording.end):
                     summary.add(step)
                     for output in outputs:
                         output.step(step)
@@ -115,11 +118,12 @@ def replay(options: Options, watch: Watch | None = None) -> None:
                 _refuse_emptiness(options, session)
     except WritingError as error:
         stopped = error
-    _tell(session, tally, summary, time.perf_counter() - began)
-    for line in stopwatch.lines():
-        print(line)
+    if not is_quiet():
+        _tell(session, tally, summary, time.perf_counter() - began)
+        for line in stopwatch.lines():
+            print(line)
     for topic, kind in about.passed_over.items() if about else ():
-        print(f"not copied: {topic}, as nothing defines {kind}")
+        note(f"not copied: {topic}, as nothing defines {kind}")
     if options.out is not None and not isinstance(stopped, WritingError):
         print(f"results: {options.out}")
     if stopped is not None:

@@ -180,6 +180,7 @@ class _Part(Recording):
         self._whole, self._window = whole, window
         self._names = sensors
         self.epoch_ns, self.topics = whole.epoch_ns, whole.topics
+        self.end = whole.end
 
     def readings(self) -> Iterator[Reading]:
         begin, span = self._window.start, self._window.duration

@@ -10,6 +10,7 @@ from contactfusion.replaying.asking import Source
 from contactfusion.replaying.outputs import Output
 from contactfusion.replaying.replay import Options, replay
 from contactfusion.replaying.session import Session
+from contactfusion.terminal import followed
 from contactfusion.viewing import pictures, showing
 from contactfusion.viewing.viewer import Viewer
 
@@ -48,13 +49,16 @@ def view_recording(
     """
     if at is not None and screenshot is None:
         raise ConfigurationError("--at is the time of a picture: name its file with --screenshot")
+    if screenshot is None and save is None and not web:
+        showing.require_screen()
     with TemporaryDirectory() as folder:
         rrd, session = source.recording, None
         if rrd.suffix != DRAWN:
             rrd = save or Path(folder) / f"{source.recording.stem}{DRAWN}"
             session = source.session(watched=True)
             with closing(session), drawing(session, rrd) as output:
-                for step in session.steps(output.reading):
+                task, end = f"drawing {source.recording}", session.recording.end
+                for step in followed(session.steps(output.reading), task, end):
                     output.step(step)
         if screenshot is not None:
             pictures.screenshot(rrd, screenshot, at)
@@ -69,6 +73,7 @@ def view_recording(
 
 def replay_and_show(options: Options) -> None:
     """Replay, and show what came of it at the end."""
+    showing.require_screen()
     with TemporaryDirectory() as folder:
         rrd = Path(folder) / f"{options.recording.stem}{DRAWN}"
         replay(options, watch=lambda session: drawing(session, rrd))

@@ -12,6 +12,7 @@ from scipy.stats import spearmanr
 
 from contactfusion.controllers.pushing_parameters import SETS, PushingParameters
 from contactfusion.files import make_folder, write_whole
+from contactfusion.terminal import note
 from contactfusion.tuning.rating import Rating
 from contactfusion.tuning.work import (
     Progress,
@@ -102,4 +103,4 @@ def _tell(ratings: Mapping[str, tuple[Rating, Rating]], out: Path) -> None:
     write_whole(out / "check.csv", text.getvalue())
     write_whole(out / "check.md", "\n".join(lines) + "\n")
     write_whole(out / "check.json", json.dumps(told, indent=1) + "\n")
-    print("\n".join(lines))
+    note("\n".join(lines))

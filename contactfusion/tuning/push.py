@@ -15,6 +15,7 @@ from contactfusion.arrays import FloatArray
 from contactfusion.controllers.pushing_parameters import SETS, PushingParameters
 from contactfusion.errors import ConfigurationError, name_hint
 from contactfusion.files import make_folder, write_whole
+from contactfusion.terminal import note
 from contactfusion.tuning.rating import REPORTED, Rating
 from contactfusion.tuning.search import POPULATION, Candidate, Search, load_round, save_round
 from contactfusion.tuning.space import LIMITS, changes, decoded, encoded, require_searchable
@@ -192,7 +193,7 @@ def _report(
         },
     }
     write_whole(out / "summary.json", json.dumps(summary, indent=1) + "\n")
-    print("\n".join(lines))
+    note("\n".join(lines))
     print(f"the best is {best}: {out / 'parameters.yaml'}")
 
 

@@ -16,6 +16,7 @@ from contactfusion.errors import ConfigurationError, RobotError
 from contactfusion.experiments.push.plan import Plan, Push
 from contactfusion.experiments.workers import Died, each
 from contactfusion.files import write_whole
+from contactfusion.terminal import note
 from contactfusion.tuning.rating import Rating, random_pushes, rate_in_bullet, rate_in_plane
 
 CHUNK = 10
@@ -49,8 +50,8 @@ class Progress:
         self._told = now
         left = (now - self._start) / self._done * (self._total - there)
         end = "\r" if tty and there < self._total else "\n"
-        print(f"  {there} of {self._total} {self._what}, {left:.0f} s left ", end=end,
-              file=sys.stderr, flush=True)  # fmt: skip
+        text = f"  {there} of {self._total} {self._what}, {left:.0f} s left "
+        note(text, end, sys.stderr)
 
 
 def drawn_seed(seed: int, purpose: int, number: int) -> int:

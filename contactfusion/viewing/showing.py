@@ -27,14 +27,24 @@ def show(rrd: Path, web: bool = False) -> None:
     if web:
         serve(rrd)
         return
-    if sys.platform == "linux" and not {"DISPLAY", "WAYLAND_DISPLAY"} & os.environ.keys():
-        raise ContactFusionError(
-            "there is no screen to open a window on; look with a browser (--web), or take a "
-            "picture (--screenshot FILE.png)"
-        )
+    require_screen()
     command = [program(), str(rrd), *LOCAL, "--port", "auto"]
     if subprocess.run(command, env=quiet_environment()).returncode != 0:
         raise ContactFusionError(f"rerun's viewer could not show {rrd}; it says above why")
+
+
+def require_screen() -> None:
+    """Make sure that a window can be opened.
+
+    Raises:
+        ContactFusionError: there is no screen.
+    """
+    if sys.platform == "linux" and not {"DISPLAY", "WAYLAND_DISPLAY"} & os.environ.keys():
+        raise ContactFusionError(
+            "there is no screen to open a window on: `contactfusion view` shows it in a browser "
+            "(--web), takes a picture (--screenshot FILE.png), or keeps what is drawn for a "
+            "machine with a screen (--save FILE.rrd)"
+        )
 
 
 def require_recording(rrd: Path) -> None:

@@ -28,6 +28,7 @@ from contactfusion.experiments.threads import one_thread_each
 from contactfusion.experiments.workers import each, failure, progress, reason_of, require_workers
 from contactfusion.fault_config import read_faults
 from contactfusion.files import make_folder, write_whole
+from contactfusion.terminal import note
 
 DE_MORGAN, POSTERIOR = Method("de_morgan", "cluster_centroid"), Method("posterior", "modes")
 COLUMNS = (
@@ -104,7 +105,7 @@ def run_grasp(options: Options, out: Path) -> None:
     missing = [task for task in tasks if not trial_file(out, *task).is_file()]
     make_folder(out)
     write_whole(out / "settings.json", json.dumps(settings, indent=1) + "\n")
-    print(f"{len(tasks)} grasps; {len(missing)} to make", flush=True)
+    note(f"{len(tasks)} grasps; {len(missing)} to make")
     with one_thread_each():
         failed = _grasp_all(plan, missing, options.workers, out)
     found = _found(columns, grasps, out)
@@ -160,7 +161,7 @@ def evaluate(
     write_whole(out / "table.md", "\n\n".join(texts) + "\n")
     figures.draw_success(summaries, out / "success.png")
     figures.draw_places(found, out / "places.png")
-    print(success, end="\n\n")
+    note(success, end="\n\n")
     print(f"results: {out}/table.md, results.csv, summary.json, success.png, places.png")
 
 

@@ -17,6 +17,7 @@ from contactfusion.files import write_whole
 from contactfusion.simulation.grasp import GraspScene
 from contactfusion.simulation.grasp_picture import Eye
 from contactfusion.simulation.grasping import GraspCycle
+from contactfusion.terminal import note
 
 EVERY = 0.15
 """Of the grasp between two frames [s]."""
@@ -44,7 +45,7 @@ def film_all(plan: Plan, chosen: Sequence[tuple[Column, Grasp]], out: Path) -> l
     for column, grasp in chosen:
         name = f"{column.name}/{grasp.name}"
         if not trial_file(out, column, grasp).is_file():
-            print(f"not recorded: {name}, which was not made")
+            note(f"not recorded: {name}, which was not made")
             continue
         try:
             gif, recording = film(plan, column, grasp, out / "films" / column.name)

@@ -9,6 +9,7 @@ from contactfusion.experiments.push.plan import Plan, Push
 from contactfusion.experiments.workers import Died, each
 from contactfusion.pipeline import Pipeline
 from contactfusion.simulation.push import PushScene
+from contactfusion.terminal import note
 
 KINDS = ("point_cloud", "depth_image")
 """What LiDARs and cameras give; where none is switched on, none comes."""
@@ -86,7 +87,7 @@ def _require_sensors(
             hint = name_hint(name, eyes, "LiDARs and cameras of the robot")
             raise ConfigurationError(f"the robot has no '{name}'; {hint}", path)
     for path, name in told + misplaced:
-        print(f"{path}: no sensing here uses '{name}', so that it changes nothing")
+        note(f"{path}: no sensing here uses '{name}', so that it changes nothing")
 
 
 def _found(plan: Plan, controller: str, push: Push) -> Found:

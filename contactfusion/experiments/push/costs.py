@@ -8,6 +8,7 @@ import numpy as np
 
 from contactfusion.experiments.push.watches import Cost
 from contactfusion.files import write_whole
+from contactfusion.terminal import note
 
 
 def tell_costs(costs: Mapping[str, Sequence[Cost]], out: Path) -> None:
@@ -20,7 +21,7 @@ def tell_costs(costs: Mapping[str, Sequence[Cost]], out: Path) -> None:
     told = {label: costs_of(part) for label, part in costs.items()}
     write_whole(out / "timing.json", json.dumps(told, indent=1) + "\n")
     for label, one in told.items():
-        print(
+        note(
             f"{label}: {one['trials_per_cpu_minute']:.0f} pushes a minute of CPU time, "
             f"{one['simulated_s_per_cpu_s']:.0f} times as fast as real; sensors take "
             f"{one['sensing_share']:.0%} of it, generators, fusion and controller "

@@ -13,6 +13,7 @@ from contactfusion.experiments.push.outcomes import results_csv
 from contactfusion.experiments.push.perception import perception
 from contactfusion.experiments.push.plan import Plan
 from contactfusion.files import write_whole
+from contactfusion.terminal import note
 
 Found = dict[str, list[Made]]
 """Pushes by SENSING/CONTROLLER."""
@@ -76,7 +77,7 @@ def evaluate(plan: Plan, settings: Mapping[str, Any], failed: Sequence[str], out
         ways = [figures.Way.of(one.track, one.outcome) for one in part]
         figures.draw_ways(ways, out / f"paths_{stem}.png")
     figures.draw_bars(found, comparisons, out / "bars.png")
-    print(success, end="\n\n")
+    note(success, end="\n\n")
     print(f"results: {out}/table.md, results.csv, summary.json, figures")
 
 

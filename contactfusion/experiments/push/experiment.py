@@ -26,6 +26,7 @@ from contactfusion.experiments.threads import one_thread_each
 from contactfusion.experiments.workers import each, failure, progress, reason_of, require_workers
 from contactfusion.files import make_folder, write_whole
 from contactfusion.simulation.push_config import SkinConfig
+from contactfusion.terminal import note
 
 Task = tuple[str, str, Push]
 """What feels, by its label; a controller; and a push."""
@@ -111,7 +112,7 @@ def run_push(options: Options, out: Path) -> None:
     make_folder(out)
     settings = joined(settings, out, ADDABLE, "pushes")
     write_whole(out / "settings.json", json.dumps(settings, indent=1) + "\n")
-    print(f"{len(tasks)} pushes; {len(missing)} to make", flush=True)
+    note(f"{len(tasks)} pushes; {len(missing)} to make")
     with one_thread_each():
         failed = _push_all(plans, missing, options.workers, out)
     if any(out.glob("trials/*/*/*.npz")):
@@ -210,7 +211,7 @@ def _record_all(plans: Plans, recorded: Sequence[Task], out: Path) -> list[str]:
         if trial_file(out, *task).is_file():
             tasks.append(task)
         else:
-            print(f"not recorded: {_name(task)}, which was not made")
+            note(f"not recorded: {_name(task)}, which was not made")
     for task, made in each(partial(_record, plans, out), tasks, 1):
         if isinstance(made, tuple):
             print(f"recorded: {made[0]} and {made[1]}")

@@ -33,6 +33,7 @@ from contactfusion.experiments.touch.rows import (
 )
 from contactfusion.experiments.touch.trial import Trial
 from contactfusion.files import write_whole
+from contactfusion.terminal import note
 
 DRAWN = 2
 """Touches are drawn, and tables printed, by so many methods, the first."""
@@ -93,7 +94,7 @@ def evaluate(
             figures.draw_touch(by_name[name], config, method, path)
     for method in methods[:DRAWN]:
         rows = [row.name for row in (*ROWS, everything(config))]
-        print(tables.table_text(results.measures, rows, str(method)), end="\n\n")
+        note(tables.table_text(results.measures, rows, str(method)), end="\n\n")
     print(f"results: {out}/table.md, results.csv, summary.json, figures")
 
 

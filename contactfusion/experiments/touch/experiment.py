@@ -16,6 +16,7 @@ from contactfusion.experiments.touch.trial import load, run_trial, save
 from contactfusion.experiments.workers import each, failure, progress, reason_of, require_workers
 from contactfusion.fault_config import read_faults
 from contactfusion.files import make_folder, write_whole
+from contactfusion.terminal import note
 
 METHODS = (
     Method("de_morgan", "cluster_centroid"),
@@ -93,7 +94,7 @@ def run_touch(options: Options, out: Path) -> None:
 def _touch_all(plan: Plan, touches: Sequence[Touch], workers: int, out: Path) -> list[str]:
     """Make the touches that are not there yet; give a sentence for each that fails."""
     missing = [touch for touch in touches if not _file(out, touch).is_file()]
-    print(f"{len(touches)} touches, half of them in free air; {len(missing)} to make", flush=True)
+    note(f"{len(touches)} touches, half of them in free air; {len(missing)} to make")
     made = each(partial(_make, plan, out), missing, workers)
     return [failure(touch.name, one) for touch, one in progress(made, len(missing)) if one]
 

@@ -9,10 +9,13 @@ from contactfusion.errors import RecordingError
 from contactfusion.recordings.ros.definitions import (
     RENAMED,
     cdr_of_ros1,
+    header_of,
     is_standard,
     ros2_text,
+    starts_with_header,
     types_in,
 )
+from contactfusion.recordings.ros.readings import TRANSFORMS
 
 if TYPE_CHECKING:
     from rosbags.interfaces import Connection
@@ -30,6 +33,8 @@ class Channel:
         standard: whether the type is what ROS 2 or this project means by it.
         cdr: gives the CDR of bytes from the file; a RecordingError when nobody knows their layout.
         definition: gives the definition in .msg of ROS 2, with those that it is made of.
+        header: gives the stamp [ns] and the frame of the first header in bytes from the file; None
+            when the type has none, or its definition can't be parsed.
     """
 
     topic: str
@@ -39,6 +44,7 @@ class Channel:
     standard: bool
     cdr: Callable[[bytes], Any]
     definition: Callable[[], str]
+    header: Callable[[bytes], tuple[int, str]] | None
 
 
 def channel_of(one: "Connection", number: int, *, ros1: bool) -> Channel:
@@ -50,8 +56,12 @@ def channel_of(one: "Connection", number: int, *, ros1: bool) -> Channel:
         ros1: whether it is one of ROS 1.
     """
     msgtype = RENAMED.get(one.msgtype, one.msgtype)
+    header = None
     try:
-        standard = is_standard(msgtype, types_in(one.msgdef, msgtype))
+        types = types_in(one.msgdef, msgtype)
+        standard = is_standard(msgtype, types)
+        if msgtype == TRANSFORMS or starts_with_header(msgtype, types):
+            header = partial(_header, at=8 if msgtype == TRANSFORMS else 4, ros1=ros1)
     except RecordingError:
         standard = False
     return Channel(
@@ -64,4 +74,9 @@ def channel_of(one: "Connection", number: int, *, ros1: bool) -> Channel:
         if ros1
         else bytes,
         definition=partial(ros2_text, one.msgdef, msgtype, ros1=ros1),
+        header=header,
     )
+
+
+def _header(raw: bytes, at: int, ros1: bool) -> tuple[int, str]:
+    return header_of(raw, at, big_endian=not ros1 and raw[1] == 0)

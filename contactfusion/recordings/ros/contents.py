@@ -144,13 +144,13 @@ def _require_readable(path: Path, contents: Mapping[str, Topic], name: str) -> N
         raise RecordingError(f"{path}: {name} holds messages of two types, {topic.msgtype}")
     if topic.kind is None:
         raise RecordingError(
-            f"{path}: {name} holds {topic.msgtype}{_why(topic)}; "
+            f"{path}: {name} holds {topic.msgtype}{why_unread(topic)}; "
             f"what can be read: {', '.join(READABLE)}"
         )
 
 
-def _why(topic: Topic) -> str:
-    """Say why a topic can't be read whose type can."""
+def why_unread(topic: Topic) -> str:
+    """Why a topic can't be read whose type can, as the end of a sentence; empty for other types."""
     if topic.msgtype == IMAGE:
         return f", and it is no image of depth, or has no {INFO} beside it"
     if topic.name.startswith(OURS) and topic.msgtype in READABLE:

@@ -55,10 +55,13 @@ class ScannedMcap:
         counts: dict[int, int] = {}
         self.start_time = 2**63 - 1
         """The first stamp of its log [ns]."""
+        self.end_time = 0
+        """The last stamp of its log [ns]."""
         with suppress(Exception):
             for connection, stamp, _ in self._reader.messages_scan(self._reader.connections):
                 counts[connection.id] = counts.get(connection.id, 0) + 1
                 self.start_time = min(self.start_time, stamp)
+                self.end_time = max(self.end_time, stamp)
         self.connections: list[Connection] = [
             one._replace(msgcount=counts.get(one.id, 0)) for one in self._reader.connections
         ]

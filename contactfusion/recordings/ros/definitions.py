@@ -2,10 +2,12 @@
 
 from collections.abc import Iterator
 from functools import lru_cache
+from struct import unpack_from
 from typing import TYPE_CHECKING, Any
 
 from contactfusion.errors import RecordingError
 from contactfusion.recordings.messages import typestore
+from contactfusion.time import NANOSECONDS_PER_SECOND
 
 if TYPE_CHECKING:
     from rosbags.interfaces import MessageDefinition
@@ -61,6 +63,33 @@ def is_standard(msgtype: str, types: Types) -> bool:
         return msgtype in SAME_IN_BOTH
     fields, wanted = _fields(msgtype, types), _fields(msgtype, known)
     return fields == wanted and all(is_standard(name, types) for name in _named(fields))
+
+
+def header_of(raw: bytes, at: int, *, big_endian: bool) -> tuple[int, str]:
+    """The stamp [ns] and the frame of a header, without decoding the message.
+
+    CDR and the encoding of ROS 1 both have the seconds four bytes after the message's start, or
+    after the number of elements where the header is that of the first element of a sequence.
+
+    Args:
+        raw: the message as the file holds it.
+        at: where the seconds are [bytes].
+        big_endian: the order of bytes in it.
+
+    Raises:
+        struct.error: the message ends before.
+    """
+    seconds, nanoseconds, length = unpack_from(">III" if big_endian else "<III", raw, at)
+    frame = bytes(raw[at + 12 : at + 12 + length]).rstrip(b"\0").decode(errors="replace")
+    return seconds * NANOSECONDS_PER_SECOND + nanoseconds, frame.removeprefix("/")
+
+
+def starts_with_header(msgtype: str, types: Types) -> bool:
+    """Whether the first field of a type is a std_msgs/Header."""
+    from rosbags.interfaces import Nodetype
+
+    fields = types[msgtype][1] if msgtype in types else []
+    return bool(fields) and fields[0][1] == (Nodetype.NAME, HEADER)
 
 
 def cdr_of_ros1(

@@ -67,6 +67,8 @@ class Bag:
         """What it holds."""
         self.first_ns = 0
         """When its first message was logged [ns]."""
+        self.last_ns = 0
+        """When its last message was logged [ns]."""
         self._files: list[_File] = []
         self._lost: list[str] = []
         """What is wrong with files of which nothing can be read."""
@@ -88,9 +90,9 @@ class Bag:
                 raise RecordingError(self._lost[0])
             self._stack = stack.pop_all()
         self.channels = [one for file in self._files for one in file.channels.values()]
-        self.first_ns = min(
-            (file.reader.start_time for file in self._files if file.count), default=0
-        )
+        told = [file.reader for file in self._files if file.count]
+        self.first_ns = min((reader.start_time for reader in told), default=0)
+        self.last_ns = max((reader.end_time for reader in told), default=0)
         return self
 
     def __exit__(

@@ -67,6 +67,8 @@ class AnyMcap:
         counts = reader.statistics.channel_message_counts
         self.start_time: int = reader.statistics.start_time
         """The first stamp of its log [ns]."""
+        self.end_time: int = reader.statistics.end_time
+        """The last stamp of its log [ns]."""
         self.connections: list[Connection] = [
             one._replace(msgcount=counts.get(one.id, 0)) for one in reader.connections
         ]

@@ -65,18 +65,21 @@ class RosRecording(Recording):
     ) -> None:
         if sensors is None:
             sensors = {sensor: (topic,) for sensor, topic in config.sensors.items()}
-        self._path, self._config, self._tap = folder / config.file, config, tap
+        self.path, self._config, self._tap = folder / config.file, config, tap
         self._folder = folder
         self._whole: RosRecording | None = None
         """That of which this is a part: as long as it lives, so does a file made for it."""
         self.tally: dict[str, TopicTally] = {}
         """By topic what was heard of it, while readings are read."""
-        with Bag(self._path) as bag:
+        with Bag(self.path) as bag:
             self.contents: dict[str, Topic] = contents_of(bag)
             """All its topics by name."""
-            self.sensors = topics_of(self._path, self.contents, sensors)
+            self.sensors = topics_of(self.path, self.contents, sensors)
             """The topics of each sensor, transforms among them."""
             self.epoch_ns = self._begin_ns = self._first_stamp(bag, None)
+            _, stop = self._window(bag)
+            last = bag.last_ns if stop is None else min(stop, bag.last_ns)
+            self.end = (last - bag.first_ns) / NANOSECONDS_PER_SECOND
             if config.start:
                 self._begin_ns = self._first_stamp(bag, self._window(bag)[0])
         self.topics: Mapping[str, type[Reading]] = {
@@ -127,7 +130,7 @@ class RosRecording(Recording):
         topics = self._heard(self.tally)
         sorter = Sorter(self.epoch_ns, self._begin_ns)
         problem: RecordingError | None = None
-        with Bag(self._path) as bag:
+        with Bag(self.path) as bag:
             for said in self._static_before(bag, topics):
                 _put(sorter, *said)
             try:
@@ -142,7 +145,7 @@ class RosRecording(Recording):
         for entry in sorter.rest():
             yield from self._made(entry)
         if problem:
-            raise RecordingError(_in(self._path, problem))
+            raise RecordingError(_in(self.path, problem))
 
     def _heard(self, tally: Mapping[str, TopicTally]) -> dict[str, Heard]:
         """Give what hears the topics that are read, by topic."""

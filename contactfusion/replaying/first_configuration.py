@@ -1,0 +1,474 @@
+"""A first configuration for a recording or a robot: it runs as it stands, its comments say why."""
+
+import re
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, field
+from os.path import relpath
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from textwrap import wrap
+from typing import final
+from xml.etree import ElementTree
+
+import numpy as np
+import yaml
+
+from contactfusion.errors import ConfigurationError, ContactFusionError
+from contactfusion.files import make_folder, write_whole
+from contactfusion.pipeline_config import PipelineConfig
+from contactfusion.readings import JointState, TactileImage, Wrench
+from contactfusion.recordings.messages import Message, typestore
+from contactfusion.recordings.opening import is_ros, open_recording
+from contactfusion.recordings.ros.files import Bag
+from contactfusion.recordings.ros.topics import last
+from contactfusion.replaying.configuration import NOT_OURS
+from contactfusion.replaying.inspection import Inspection, TopicInspection, inspect_recording
+from contactfusion.robots.description import RobotConfig
+from contactfusion.robots.model import RobotModel
+from contactfusion.terminal import note
+
+URDF = (".urdf", ".xacro", ".xml")
+"""Files that describe robots end with this."""
+C3D = (".c3d", ".zip")
+DESCRIPTION, STRING = "robot_description", "std_msgs/msg/String"
+"""The last part of the topic that holds a URDF, and the type of its message."""
+LOOK, REST = 5.0, 0.5
+"""So much of a recording is looked at; noise and bias are those of a sensor's first seconds [s]."""
+FORCE_NOISE, TORQUE_NOISE = 0.2, 0.01
+"""Noise is stated as no less than this [N, N·m], as a sensor drifts, too."""
+PLAIN = re.compile(r"[A-Za-z_][\w/.-]*")
+"""Text that YAML takes without quotes, also within braces."""
+WEIGHED = (
+    "  # A wrench alone gives a line of force, which meets the surface more than once: `posterior`",
+    "  # weighs all places on the surface together, `modes` gives those where the belief is dense.",
+    "  rule: posterior",
+    "  condensation: modes",
+)
+
+
+def write_first(source: Path, out: Path, robot: Path | None = None, force: bool = False) -> None:
+    """Write a first configuration for a recording or a URDF, and print what to do next.
+
+    Args:
+        source: a recording as `open_recording` takes it, or a URDF.
+        out: the YAML file.
+        robot: the URDF of the robot that was recorded; None: that which the recording holds.
+        force: whether to replace files that exist.
+
+    Raises:
+        ConfigurationError: a file exists already, or no generator takes any of the readings.
+        ContactFusionError: the recording or the URDF is not what it should be.
+    """
+    _refuse_existing(out, force)
+    if source.suffix in URDF:
+        if robot is not None:
+            raise ConfigurationError(f"--robot is for recordings, and {source} is a robot itself")
+        first = _of_robot(source, out)
+    else:
+        first = _of_recording(source, out, robot)
+    fields = yaml.safe_load(first.text)
+    PipelineConfig(**{name: value for name, value in fields.items() if name not in NOT_OURS})
+    files = {out: first.text}
+    if first.urdf:
+        files[out.with_suffix(".urdf")] = first.urdf
+        _refuse_existing(out.with_suffix(".urdf"), force)
+    for path, content in files.items():
+        write_whole(path, content)
+    for remark in first.remarks:
+        note(remark)
+    print(f"results: {', '.join(map(str, files))}")
+    note(f"next: {first.then}")
+
+
+@final
+@dataclass(frozen=True)
+class _First:
+    """A first configuration.
+
+    Attributes:
+        text: of the YAML file.
+        then: what to do next.
+        remarks: what else to know, in sentences.
+        urdf: of the robot, where the recording holds it and it is to be written beside the YAML.
+    """
+
+    text: str
+    then: str
+    remarks: tuple[str, ...] = ()
+    urdf: str = ""
+
+
+def _refuse_existing(path: Path, force: bool) -> None:
+    if path.exists() and not force:
+        raise ConfigurationError(f"{path} exists already; --force replaces it")
+
+
+# Of a robot
+
+
+def _of_robot(urdf: Path, out: Path) -> _First:
+    name, model = _from(urdf, out), RobotModel(RobotConfig(urdf=str(urdf)))
+    lines = [
+        f"# A first configuration for {urdf.name}, by `contactfusion init`.",
+        "# For the sensors that you have, take away the # before `generators` and their generator,",
+        "# and put in your names and figures. `contactfusion plugins TYPE` lists more options.",
+        "",
+        *_robot(name, model, ()),
+        "",
+        *(f"# {line}" for line in _examples(model)),
+        "",
+        *_integrator(model.root, ()),
+    ]
+    return _First("\n".join(lines) + "\n", f"contactfusion replay {out} RECORDING")
+
+
+def _examples(model: RobotModel) -> Iterator[str]:
+    """One generator of each kind of sensor, as lines of YAML."""
+    shaped = [name for name, link in model.urdf.links.items() if link.collision]
+    link = _text([*shaped, model.root][-1] if not shaped else shaped[-1])
+    yield "generators:"
+    yield from _indented(_force_torque("wrist", "wrist", None))
+    yield from _indented(_tactile("skin", "skin", 24))
+    yield "  pad:  # a skin without taxels, calibrated by presses"
+    yield "    type: taxel_map"
+    yield "    sensor: pad"
+    yield "    map: pad_map.npz  # of TaxelMap.fit"
+    yield "    min_signal: 100.0  # in the sensor's unit"
+    yield from _indented(_range("cloud", "cloud", link))
+    yield from _indented(_free_space("air", "camera", link))
+    yield from _indented(_motion("ahead", "joint_states"))
+    if model.joint_names:
+        joint = _text(model.joint_names[-1])
+        yield "  fingers:  # compliant fingers: a push moves their joints"
+        yield "    type: finger_pose"
+        yield "    sensor: joint_states"
+        yield f"    fingers: {{finger: {{joints: [{joint}], links: [{link}]}}}}"
+
+
+# Of a recording
+
+
+@final
+@dataclass(frozen=True)
+class _Use:
+    """What a sensor of a recording is used for.
+
+    Attributes:
+        sensor: its name.
+        lines: the generator, as lines of YAML.
+        left_out: why the generator is only a comment; empty where it is active.
+    """
+
+    sensor: str
+    lines: tuple[str, ...]
+    left_out: str = ""
+
+
+@final
+@dataclass
+class _Start:
+    """What the first seconds of a recording hold."""
+
+    joints: set[str] = field(default_factory=set)
+    """The names of all joints that report positions."""
+    wrenches: dict[str, list[Wrench]] = field(default_factory=dict)
+    """By sensor, those of its first `REST` seconds."""
+    channels: dict[str, int] = field(default_factory=dict)
+    """By tactile sensor, the number of its values."""
+
+
+def _of_recording(path: Path, out: Path, robot: Path | None) -> _First:
+    inspection, start = inspect_recording(path), _start(path)
+    urdf, text, remarks = "", "", list[str]()
+    model: RobotModel | None = None
+    if robot is not None:
+        urdf, model = _from(robot, out), RobotModel(RobotConfig(urdf=str(robot)))
+    elif text := _robot_description(path, inspection):
+        urdf = out.with_suffix(".urdf").name
+        try:
+            model = _described(text, out)
+        except ContactFusionError as error:
+            remarks.append(f"the robot_description is left out: {error}; name a URDF by --robot")
+            text = ""
+    space = model.root if model else _space(inspection)
+    uses = list(_uses(inspection, start, model, space))
+    if not uses:
+        raise ConfigurationError(
+            f"{path} holds no reading of a sensor that a generator of ours takes; "
+            f"`contactfusion inspect {path}` shows what it holds"
+        )
+    remarks += [f"{use.sensor} is left out: {use.left_out}" for use in uses if use.left_out]
+    active = [use for use in uses if not use.left_out]
+    weighed = any("type: force_torque" in line for use in active for line in use.lines)
+    replay = f"contactfusion replay {out} {path} --out contacts.csv"
+    lines = [
+        f"# A first configuration for {path.name}, by `contactfusion init`:",
+        f"#   {replay}",
+        "# `contactfusion plugins TYPE` lists the options of a type of generator.",
+        "#",
+        "# The recording holds, as `contactfusion inspect` shows:",
+        *(f"#   {line}" for line in _held(inspection)),
+        "",
+        *_recording(path, out),
+    ]
+    if model is not None:
+        following = _mimics(text or model.urdf.path.read_bytes())
+        unreported = set(model.joint_names) - start.joints - following
+        lines += _robot(urdf, model, sorted(unreported))
+    elif weighed:
+        lines += _stand_in(active[0].sensor, _frame(inspection, active[0].sensor))
+        remarks.append(
+            f"no robot is known: a ball of 5 cm about {active[0].sensor} stands in for what hangs "
+            f"on it; put its shapes under `surface`, or name a URDF by --robot"
+        )
+    lines += ["", "generators:" if active else "generators: {}"]
+    for use in active:
+        lines += _indented(use.lines)
+    for use in uses:
+        if use.left_out:
+            lines += [f"# {use.sensor} is left out: {use.left_out}"]
+            lines += (f"# {line}" for line in _indented(use.lines))
+    lines += ["", *_integrator(space, WEIGHED if weighed else ())]
+    then = replay if active else f"give {out} a generator, of those in its comments"
+    return _First("\n".join(lines) + "\n", then, tuple(remarks), text)
+
+
+def _start(path: Path) -> _Start:
+    start, begin = _Start(), None
+    for reading in open_recording(path).readings():
+        begin = reading.stamp if begin is None else begin
+        if reading.stamp > begin + LOOK:
+            break
+        match reading:
+            case JointState():
+                start.joints.update(reading.names)
+            case TactileImage():
+                start.channels[reading.sensor] = len(reading.values)
+            case Wrench():
+                wrenches = start.wrenches.setdefault(reading.sensor, [])
+                if not wrenches or reading.stamp <= wrenches[0].stamp + REST:
+                    wrenches.append(reading)
+            case _:
+                pass
+    return start
+
+
+def _uses(
+    inspection: Inspection, start: _Start, model: RobotModel | None, space: str
+) -> Iterator[_Use]:
+    """What each sensor is used for, in the order of the topics."""
+    without_robot = "" if model else "it needs the robot: name its URDF by --robot"
+    felt, moving = "", False
+    for topic in inspection.topics:
+        sensor, name = topic.sensor, topic.sensor.replace("/", "_")
+        lost = _lost(topic, inspection, model, space)
+        match topic.reading:
+            case "Wrench":
+                if felt and model is None and not lost:
+                    lost = f"the `surface` hangs on {felt} alone"
+                felt = felt or ("" if lost else sensor)
+                lines = _force_torque(name, sensor, start.wrenches.get(sensor))
+                yield _Use(sensor, tuple(lines), lost)
+            case "PointCloud":
+                yield _Use(sensor, tuple(_range(name, sensor, "")), without_robot or lost)
+            case "TactileImage":
+                lines = _tactile(name, sensor, start.channels.get(sensor, 1))
+                yield _Use(sensor, tuple(lines), "say where its taxels are, under `patch`")
+            case "DepthImage":
+                why = "it forbids contacts: make sure of the camera's place before"
+                lines = _free_space(name, sensor, "")
+                yield _Use(sensor, tuple(lines), without_robot or lost or why)
+            case "JointState" if model and not moving:
+                moving = True
+                yield _Use(sensor, tuple(_motion(name, sensor)))
+            case _:
+                pass
+
+
+def _lost(
+    topic: TopicInspection, inspection: Inspection, model: RobotModel | None, space: str
+) -> str:
+    """Why a sensor has no place in the space; empty where it has."""
+    frame = topic.frames[0] if topic.frames else ""
+    if not frame:
+        return "its headers name no frame"
+    chain = inspection.ancestors(frame)
+    joined = chain[-1] == inspection.ancestors(space)[-1]
+    if joined or (model and not model.urdf.links.keys().isdisjoint(chain)):
+        return ""
+    return f"no transform joins its frame '{frame}' to '{space}': say under `frames` where it is"
+
+
+def _space(inspection: Inspection) -> str:
+    """The frame of the space where no robot is known: the root above the first sensor."""
+    sensors = [one for one in inspection.topics if one.generators and any(one.frames)]
+    sensors.sort(key=lambda one: one.reading != Wrench.__name__)
+    return inspection.ancestors(sensors[0].frames[0])[-1] if sensors else "base"
+
+
+def _frame(inspection: Inspection, sensor: str) -> str:
+    return next(topic.frames[0] for topic in inspection.topics if topic.sensor == sensor)
+
+
+def _robot_description(path: Path, inspection: Inspection) -> str:
+    """The URDF that a recording of ROS holds; empty where it holds none."""
+    names = [
+        topic.name
+        for topic in inspection.topics
+        if last(topic.name) == DESCRIPTION and topic.type == STRING and topic.messages
+    ]
+    if not names:
+        return ""
+    with Bag(path) as bag:
+        mine = [one for one in bag.channels if one.topic == names[0]]
+        for channel, _, raw in bag.messages(mine):
+            message: Message = typestore().deserialize_cdr(channel.cdr(raw), channel.msgtype)
+            return str(message.data)
+    return ""
+
+
+def _described(text: str, out: Path) -> RobotModel:
+    """The robot of a URDF, as if it stood beside the configuration.
+
+    Raises:
+        ContactFusionError: it does not hold together, or its meshes are not at hand.
+    """
+    make_folder(out.parent)
+    with TemporaryDirectory(prefix=".", dir=out.parent) as folder:
+        file = Path(folder) / f"{DESCRIPTION}.urdf"
+        file.write_text(text, encoding="utf-8")
+        try:
+            return RobotModel(RobotConfig(urdf=str(file.resolve())))
+        except ContactFusionError as error:
+            raise ContactFusionError(str(error).replace(f"{file.resolve()}: ", "")) from None
+
+
+def _mimics(urdf: str | bytes) -> set[str]:
+    """The joints of a robot that follow another joint."""
+    joints = ElementTree.fromstring(urdf).iter("joint")
+    return {joint.get("name", "") for joint in joints if joint.find("mimic") is not None}
+
+
+# Parts of the file
+
+
+def _held(inspection: Inspection) -> Iterator[str]:
+    for topic in inspection.topics:
+        if topic.reading:
+            rate = "" if topic.rate is None else f", {topic.rate:.4g} Hz"
+            frames = ", ".join(filter(None, topic.frames))
+            yield f"{topic.name}: {topic.reading}{rate}" + (f", frame {frames}" if frames else "")
+
+
+def _recording(path: Path, out: Path) -> Iterator[str]:
+    """What `contactfusion run` plays; a replay is told."""
+    kind = "ros" if is_ros(path) else "c3d" if path.suffix in C3D else ""
+    if kind:
+        file = _text(_from(path, out))
+        yield f"recording: {{type: {kind}, file: {file}}}  # for `contactfusion run`"
+        yield ""
+
+
+def _robot(urdf: str, model: RobotModel, unreported: Sequence[str]) -> Iterator[str]:
+    yield "robot:  # its collision shapes are the surface that is touched"
+    yield f"  urdf: {_text(urdf)}"
+    if unreported:
+        still = ", ".join(f"{_text(joint)}: 0.0" for joint in unreported)
+        yield "  # no topic reports these joints: say where they stand still [rad, m]"
+        yield f"  still: {{{still}}}"
+    yield "  # frames of sensors that are no links: {wrist: {parent: LINK, xyz: [0.0, 0.0, 0.0]}}"
+    for what, names in ("links", model.link_names), ("joints", model.joint_names):
+        listing = f"{what}: {', '.join(names) or 'none'}"
+        yield from wrap(listing, 98, initial_indent="  # ", subsequent_indent="  #   ")
+
+
+def _stand_in(sensor: str, frame: str) -> Iterator[str]:
+    yield f"# Contacts lie on a surface. This ball stands in for what hangs on {sensor}: put in its"
+    yield "# shapes (box, cylinder, sphere, rectangle), or in its place a `robot` by its URDF."
+    yield "surface:"
+    yield f"  frame: {_text(frame)}"
+    yield "  shapes: [{shape: sphere, radius: 0.05}]  # [m]"
+
+
+def _integrator(space: str, rule: Sequence[str]) -> Iterator[str]:
+    yield "integrator:"
+    yield f"  frame: {_text(space)}  # of the contacts"
+    yield "  voxel_size: 0.005  # [m]"
+    yield from rule
+    yield ""
+    yield "cycle: {every: 0.05}  # fuse at this period [s]"
+
+
+def _force_torque(name: str, sensor: str, wrenches: Sequence[Wrench] | None) -> Iterator[str]:
+    yield f"{_text(name)}:  # a six-axis force-torque sensor"
+    yield "  type: force_torque"
+    yield f"  sensor: {_text(sensor)}"
+    yield "  sign: on_robot  # or by_robot, where contacts come on the far side"
+    force, torque, rest = FORCE_NOISE, TORQUE_NOISE, "bias is their mean, taken untouched"
+    if wrenches is not None:
+        force, torque, bias = _noise(wrenches)
+        rest = f"their mean, {bias:.3g} N, is bias" if bias else ""
+    yield f"  force_noise: {force:.2g}  # of one sample, by axis [N]"
+    yield f"  torque_noise: {torque:.2g}  # [N·m]"
+    if rest:
+        yield f"  tare: {REST}  # the first seconds at rest: {rest} [s]"
+
+
+def _noise(wrenches: Sequence[Wrench]) -> tuple[float, float, float]:
+    """The noise of force [N] and torque [N·m], and the bias that a tare can take off [N], or 0."""
+    if len(wrenches) < 3:
+        return FORCE_NOISE, TORQUE_NOISE, 0.0
+    samples = np.array([[*one.force, *one.torque] for one in wrenches])
+    noise = np.diff(samples, axis=0).std(axis=0) / np.sqrt(2.0)
+    force, torque = max(FORCE_NOISE, *noise[:3]), max(TORQUE_NOISE, *noise[3:])
+    at_rest = (samples.std(axis=0) <= 2.0 * np.repeat([force, torque], 3)).all()
+    bias = float(np.linalg.norm(samples[:, :3].mean(axis=0)))
+    return force, torque, bias if at_rest and bias > force else 0.0
+
+
+def _range(name: str, sensor: str, link: str) -> Iterator[str]:
+    yield f"{_text(name)}:  # a range camera or a LiDAR: objects that move"
+    yield "  type: range"
+    yield f"  sensor: {_text(sensor)}"
+    yield from _links(link)
+
+
+def _tactile(name: str, sensor: str, channels: int) -> Iterator[str]:
+    yield f"{_text(name)}:  # taxels in known places"
+    yield "  type: tactile"
+    yield f"  sensor: {_text(sensor)}"
+    yield f"  patch: {{grid: {{rows: 1, columns: {channels}, pitch: [0.005, 0.005]}}}}  # [m]"
+    yield "  baseline: {values: 0.0, noise: 1.0}  # of untouched taxels, in the sensor's unit"
+
+
+def _free_space(name: str, sensor: str, link: str) -> Iterator[str]:
+    yield f"{_text(name)}:  # a depth camera: free space"
+    yield "  type: free_space"
+    yield f"  sensor: {_text(sensor)}"
+    yield from _links(link)
+
+
+def _motion(name: str, sensor: str) -> Iterator[str]:
+    yield f"{_text(name)}:  # joint states: where the robot is about to be"
+    yield "  type: motion"
+    yield f"  sensor: {_text(sensor)}"
+
+
+def _links(link: str) -> Iterator[str]:
+    chosen = f"[{link}]" if link else "[]"
+    yield f"  links: {chosen}  # those that may touch; []: the whole robot"
+
+
+def _indented(lines: Iterable[str]) -> Iterator[str]:
+    return (f"  {line}" for line in lines)
+
+
+def _text(text: str) -> str:
+    """A text as YAML."""
+    plain = PLAIN.fullmatch(text) and yaml.safe_load(text) == text
+    return text if plain else yaml.safe_dump(text, default_style='"', width=10**6).strip()
+
+
+def _from(path: Path, out: Path) -> str:
+    """A file as named from the folder of the configuration; MODULE:FILE as it is."""
+    return str(path) if ":" in str(path) else relpath(path.resolve(), out.parent.resolve())

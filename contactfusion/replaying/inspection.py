@@ -1,0 +1,458 @@
+"""What a recording holds, before there is a configuration: topics, frames, clocks, uses."""
+
+import json
+import struct
+from collections import Counter
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
+from dataclasses import asdict, dataclass, field
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import TypedDict, final
+
+from contactfusion.errors import RecordingError
+from contactfusion.plugins import installed_plugins
+from contactfusion.readings import JointState, Odometry, Reading, Transform
+from contactfusion.recordings.log import LONGEST_FALL
+from contactfusion.recordings.messages import Message, typestore
+from contactfusion.recordings.opening import is_ros, open_recording
+from contactfusion.recordings.recording import Recording
+from contactfusion.recordings.ros import RosRecording
+from contactfusion.recordings.ros.channels import Channel
+from contactfusion.recordings.ros.contents import TRUTH, contents_of, topics_of, why_unread
+from contactfusion.recordings.ros.files import Bag
+from contactfusion.recordings.ros.readings import TRANSFORMS
+from contactfusion.recordings.ros.topics import STATIC, Topic, last, listeners
+from contactfusion.recordings.step_messages import OURS
+from contactfusion.terminal import followed, progress
+from contactfusion.time import to_nanoseconds, to_seconds
+
+DECODED = 20
+"""Of the messages of /tf that begin alike and are of equal length, so many are decoded."""
+SHOWN_EVERY = 1000
+"""Progress is shown after so many messages."""
+USES: dict[type[Reading], str] = {
+    JointState: "joints of the robot",
+    Odometry: "pose of the base",
+    Transform: "frames",
+}
+"""What readings are used for beside generators."""
+EPOCHS = 1e8
+"""A clock that counts from 1970 has passed this [s]; any other counts from when it started."""
+FAR = 1.0
+"""A clock further from that of the log is worth a remark [s]."""
+
+
+@final
+@dataclass(frozen=True)
+class Jump:
+    """A header's clock that is set: it falls, or gets ahead of the log, by more than a second.
+
+    Attributes:
+        at: when, since the recording's start by the log [s].
+        by: how far the clock jumps [s]; negative is back.
+    """
+
+    at: float
+    by: float
+
+
+@final
+@dataclass(frozen=True)
+class TopicInspection:
+    """A topic of a ROS recording, or a sensor of any other.
+
+    Attributes:
+        name: the topic.
+        type: the type of its messages as ROS 2 calls it; empty in other recordings.
+        messages: number of messages.
+        rate: messages a second, by the log [Hz]; None under two.
+        frames: the frames that its headers name, in order of appearance.
+        publishers: number of nodes that sent it, as far as the file tells.
+        sensor: its name in a configuration; empty where it is not read.
+        reading: the type of reading that its messages become; empty where they become none.
+        generators: the installed types of generators that take such readings.
+        use: what the readings are for beside generators.
+        unread: why it becomes no readings.
+        delay: the least and the greatest time from the stamp of a header to that of the log [s];
+            None where headers have none, or hold at all times.
+        unstamped: number of headers whose stamp was never set.
+        jumps: of its headers' clock.
+    """
+
+    name: str
+    type: str
+    messages: int
+    rate: float | None = None
+    frames: tuple[str, ...] = ()
+    publishers: int = 1
+    sensor: str = ""
+    reading: str = ""
+    generators: tuple[str, ...] = ()
+    use: str = ""
+    unread: str = ""
+    delay: tuple[float, float] | None = None
+    unstamped: int = 0
+    jumps: tuple[Jump, ...] = ()
+
+
+@final
+@dataclass(frozen=True)
+class FrameInspection:
+    """A frame that a transform places.
+
+    Attributes:
+        name: the frame.
+        parent: that in which it is placed.
+        static: whether for good.
+    """
+
+    name: str
+    parent: str
+    static: bool
+
+
+@final
+@dataclass(frozen=True)
+class Inspection:
+    """What a recording holds.
+
+    Attributes:
+        path: the file or folder.
+        start_ns: when it starts, by the log, or by its own clock where it has none [ns].
+        duration: from its first message to its last [s].
+        topics: by name.
+        frames: those that transforms place, by name.
+        problem: why not all of it could be read; empty when all was.
+    """
+
+    path: Path
+    start_ns: int
+    duration: float
+    topics: tuple[TopicInspection, ...]
+    frames: tuple[FrameInspection, ...]
+    problem: str = ""
+
+    def ancestors(self, frame: str) -> tuple[str, ...]:
+        """A frame and those above it in its tree, the root last."""
+        parents = {one.name: one.parent for one in self.frames}
+        chain = [frame]
+        while (parent := parents.get(chain[-1])) is not None and parent not in chain:
+            chain.append(parent)
+        return tuple(chain)
+
+
+def inspect_recording(path: Path) -> Inspection:
+    """What a recording holds: topics, rates, frames and clocks, and what each can be used for.
+
+    All messages pass once, of which only headers and a few transforms are decoded.
+
+    Args:
+        path: whatever `open_recording` opens.
+
+    Raises:
+        ContactFusionError: nothing of it can be read.
+    """
+    if is_ros(path):
+        return _of_ros(path, None)
+    recording = open_recording(path)
+    if isinstance(recording, RosRecording):
+        return _of_ros(recording.path, recording.sensors)
+    return _of_readings(path, recording)
+
+
+def as_json(inspection: Inspection) -> str:
+    """An inspection as JSON, the names those of its attributes."""
+    return json.dumps(asdict(inspection), indent=1, ensure_ascii=False, default=str)
+
+
+# Recordings of ROS
+
+
+@final
+@dataclass
+class _Heard:
+    """What the messages of a topic say of its clocks and frames; stamps in [ns]."""
+
+    clocked: bool = False
+    """Whether the messages of a channel should come in the order of their headers."""
+    count: int = 0
+    first: int = 0
+    last: int = 0
+    delays: list[int] = field(default_factory=list)
+    """The least and the greatest."""
+    unstamped: int = 0
+    jumps: list[tuple[int, int]] = field(default_factory=list)
+    frames: dict[str, None] = field(default_factory=dict)
+    latest: dict[Channel, tuple[int, int]] = field(default_factory=dict)
+    """The stamps of the header and of the log of the newest message, by channel."""
+
+    @property
+    def rate(self) -> float | None:
+        """Messages a second [Hz]."""
+        span = to_seconds(self.last - self.first)
+        return (self.count - 1) / span if span > 0.0 else None
+
+    def message(self, stamp: int) -> None:
+        """Take a message that was logged at a stamp."""
+        self.first = min(self.first, stamp) if self.count else stamp
+        self.last = max(self.last, stamp)
+        self.count += 1
+
+    def header(self, channel: Channel, stamp: int, frame: str, logged: int) -> None:
+        """Take the header of a message that was logged at a stamp."""
+        self.frames[frame] = None
+        if not stamp:
+            self.unstamped += 1
+            return
+        delay = logged - stamp
+        least, greatest = self.delays or (delay, delay)
+        self.delays = [min(least, delay), max(greatest, delay)]
+        if self.clocked and channel in self.latest:
+            before, log_before = self.latest[channel]
+            step, passed = stamp - before, max(0, logged - log_before)
+            if step < -LONGEST_FALL or step - passed > LONGEST_FALL:
+                self.jumps.append((logged, step))
+        self.latest[channel] = stamp, logged
+
+
+def _of_ros(path: Path, sensors: Mapping[str, Sequence[str]] | None) -> Inspection:
+    """The inspection of a recording of ROS; `sensors` are those of its description, if any."""
+    frames: dict[str, FrameInspection] = {}
+    decoded = Counter[tuple[Channel, str, int]]()
+    problem = ""
+    with Bag(path) as bag:
+        contents = contents_of(bag)
+        heard = {
+            name: _Heard(clocked=topic.msgtype != TRANSFORMS) for name, topic in contents.items()
+        }
+        duration = to_seconds(max(0, bag.last_ns - bag.first_ns))
+        with progress(f"reading {path}", duration) as reach:
+            try:
+                for number, (channel, logged, raw) in enumerate(bag.messages(bag.channels)):
+                    if number % SHOWN_EVERY == 0:
+                        reach(to_seconds(logged - bag.first_ns))
+                    topic = heard[channel.topic]
+                    topic.message(logged)
+                    if channel.header is None:
+                        continue
+                    with suppress(struct.error):  # there is none in an empty list of transforms
+                        stamp, frame = channel.header(raw)
+                        topic.header(channel, stamp, frame, logged)
+                        key = channel, frame, len(raw)
+                        if channel.msgtype == TRANSFORMS and decoded[key] < DECODED:
+                            decoded[key] += 1
+                            frames |= {one.name: one for one in _placed(channel, raw)}
+            except RecordingError as error:
+                problem = str(error)
+        first_ns = bag.first_ns
+    if sensors is None:
+        sensors = {}
+        with suppress(RecordingError):  # it holds nothing that can be read
+            sensors = topics_of(path, contents, {})
+    names = {topic: sensor for sensor, topics in sensors.items() for topic in topics}
+    beside = listeners(sensors, contents).keys() - names.keys()
+    topics = tuple(
+        _topic(topic, heard[name], names.get(name, ""), name in beside, first_ns)
+        for name, topic in sorted(contents.items())
+    )
+    return Inspection(path, first_ns, duration, topics, _sorted(frames), problem)
+
+
+def _placed(channel: Channel, raw: bytes) -> Iterator[FrameInspection]:
+    """The frames that a message of transforms places."""
+    static = last(channel.topic) == STATIC
+    with suppress(Exception):  # of many kinds; a replay counts what is wrong with messages
+        message: Message = typestore().deserialize_cdr(channel.cdr(raw), channel.msgtype)
+        for one in message.transforms:
+            name, parent = one.child_frame_id, one.header.frame_id
+            yield FrameInspection(name.removeprefix("/"), parent.removeprefix("/"), static)
+
+
+def _topic(
+    topic: Topic, heard: _Heard, sensor: str, is_beside: bool, first_ns: int
+) -> TopicInspection:
+    static = last(topic.name) == STATIC
+    delays = [to_seconds(one) for one in heard.delays]
+    return TopicInspection(
+        name=topic.name,
+        type=topic.msgtype,
+        messages=topic.count,
+        rate=heard.rate,
+        frames=tuple(heard.frames),
+        publishers=topic.publishers,
+        sensor=sensor,
+        unread="" if sensor else _unread(topic, is_beside),
+        delay=(delays[0], delays[1]) if delays and not static else None,
+        unstamped=0 if static else heard.unstamped,
+        jumps=tuple(Jump(to_seconds(at - first_ns), to_seconds(by)) for at, by in heard.jumps),
+        **_uses(topic.kind if sensor else None),
+    )
+
+
+def _unread(topic: Topic, is_beside: bool) -> str:
+    """Why a topic becomes no readings."""
+    if is_beside:
+        return "read with the depth image beside it"
+    if topic.name.startswith(OURS):
+        return "written by contactfusion"
+    if topic.name.startswith(TRUTH):
+        return "the truth of a simulation: read only where `sensors` names it"
+    if topic.kind is not None:
+        return "left out by `sensors`"
+    why = why_unread(topic).lstrip(", ").removeprefix("and ").removeprefix("but ")
+    return why or "no reading is made of this type"
+
+
+# Other recordings
+
+
+def _of_readings(path: Path, recording: Recording) -> Inspection:
+    heard: dict[tuple[str, type[Reading]], _Heard] = {}
+    frames: dict[str, FrameInspection] = {}
+    problem = ""
+    try:
+        for reading in followed(recording.readings(), f"reading {path}"):
+            one = heard.setdefault((reading.sensor, type(reading)), _Heard())
+            one.message(to_nanoseconds(reading.stamp))
+            one.frames[reading.frame] = None
+            if isinstance(reading, Transform):
+                name = reading.child_frame
+                frames[name] = FrameInspection(name, reading.frame, reading.static)
+    except RecordingError as error:
+        problem = str(error)
+    first = min((one.first for one in heard.values()), default=0)
+    latest = max((one.last for one in heard.values()), default=0)
+    topics = [
+        TopicInspection(
+            name=sensor,
+            type="",
+            messages=one.count,
+            rate=one.rate,
+            frames=tuple(one.frames),
+            sensor=sensor,
+            **_uses(kind),
+        )
+        for (sensor, kind), one in heard.items()
+    ]
+    topics.sort(key=lambda topic: (topic.name, topic.reading))
+    start_ns = recording.epoch_ns + first
+    return Inspection(
+        path, start_ns, to_seconds(latest - first), tuple(topics), _sorted(frames), problem
+    )
+
+
+# What both share
+
+
+class _Uses(TypedDict):
+    reading: str
+    generators: tuple[str, ...]
+    use: str
+
+
+def _uses(kind: type[Reading] | None) -> _Uses:
+    """What readings of a kind are called, and what takes them."""
+    if kind is None:
+        return {"reading": "", "generators": (), "use": ""}
+    offered = installed_plugins().offers("generators")
+    takers = (name for name, cls in offered.items() if issubclass(kind, cls.readings))
+    return {
+        "reading": kind.__name__,
+        "generators": tuple(sorted(takers)),
+        "use": USES.get(kind, ""),
+    }
+
+
+def _sorted(frames: Mapping[str, FrameInspection]) -> tuple[FrameInspection, ...]:
+    return tuple(frames[name] for name in sorted(frames))
+
+
+# For people
+
+
+def as_text(inspection: Inspection) -> str:
+    """An inspection as a table of topics, a tree of frames, and remarks."""
+    return "\n".join(_lines(inspection))
+
+
+def _lines(inspection: Inspection) -> Iterator[str]:
+    seconds = to_seconds(inspection.start_ns)
+    start = f"{seconds:.3f} s"
+    if seconds > EPOCHS:
+        start = f"{datetime.fromtimestamp(seconds, UTC):%Y-%m-%d %H:%M:%S} UTC"
+    messages = sum(one.messages for one in inspection.topics)
+    yield (
+        f"{inspection.path}: {messages} messages on {len(inspection.topics)} topics in "
+        f"{inspection.duration:.1f} s, from {start}"
+    )
+    head = ("topic", "type", "messages", "rate Hz", "frame", "delay s", "reading", "for")
+    yield from _table([head, *map(_row, inspection.topics)])
+    yield from _tree(inspection)
+    for topic in inspection.topics:
+        yield from _remarks(topic)
+    if inspection.problem:
+        yield f"problem: {inspection.problem}"
+
+
+def _row(topic: TopicInspection) -> tuple[str, ...]:
+    delay = "-" if topic.delay is None else "{:.3f} to {:.3f}".format(*topic.delay)
+    uses = "; ".join(filter(None, (topic.use, ", ".join(topic.generators))))
+    return (
+        topic.name,
+        topic.type or "-",
+        str(topic.messages),
+        "-" if topic.rate is None else f"{topic.rate:.4g}",
+        ", ".join(frame or "(none)" for frame in topic.frames) or "-",
+        delay,
+        topic.reading or "-",
+        uses or topic.unread or "no installed generator",
+    )
+
+
+def _table(rows: Sequence[tuple[str, ...]]) -> Iterator[str]:
+    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+    for row in rows:
+        cells = (cell.ljust(width) for cell, width in zip(row, widths, strict=True))
+        yield "  ".join(cells).rstrip()
+
+
+def _tree(inspection: Inspection) -> Iterator[str]:
+    """The frames as a tree, each below its parent."""
+    children: dict[str, list[FrameInspection]] = {}
+    for one in inspection.frames:
+        children.setdefault(one.parent, []).append(one)
+    roots = {inspection.ancestors(one.name)[-1] for one in inspection.frames}
+    if roots:
+        yield "frames:"
+    waiting = [(root, "", 1) for root in sorted(roots, reverse=True)]
+    shown = set[str]()
+    while waiting:
+        name, how, depth = waiting.pop()
+        yield f"{'  ' * depth}{name}{how}"
+        shown.add(name)
+        waiting += [
+            (one.name, " (static)" if one.static else "", depth + 1)
+            for one in reversed(children.get(name, []))
+            if one.name not in shown
+        ]
+    named = {frame for topic in inspection.topics if topic.generators for frame in topic.frames}
+    if alone := sorted(named - shown - {""}):
+        yield f"frames that no transform names: {', '.join(alone)}"
+
+
+def _remarks(topic: TopicInspection) -> Iterator[str]:
+    """What of a topic's clock and publishers may spoil a replay."""
+    if topic.publishers > 1:
+        yield f"{topic.name}: {topic.publishers} publishers"
+    if topic.unstamped:
+        yield f"{topic.name}: {topic.unstamped} headers without a stamp"
+    if topic.delay and max(map(abs, topic.delay)) > FAR:
+        least, greatest = topic.delay
+        yield f"{topic.name}: its clock is {least:.3f} to {greatest:.3f} s behind the log"
+    if topic.jumps:
+        jump = topic.jumps[0]
+        how = "ahead" if jump.by > 0.0 else "back"
+        more = f", and {len(topic.jumps) - 1} times more" if len(topic.jumps) > 1 else ""
+        by = f"{abs(jump.by):.3f} s at {jump.at:.3f} s"
+        yield f"{topic.name}: its clock jumps {how} by {by}{more}"

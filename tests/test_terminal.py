@@ -1,0 +1,95 @@
+"""What a command shows beside its results: only on a terminal, only on stderr, never if quiet."""
+
+import io
+import sys
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import pytest
+from numba import njit
+
+from contactfusion.terminal import COMPILING, followed, is_quiet, note, progress, set_quiet
+
+Printed = pytest.CaptureFixture[str]
+
+
+class Screen(io.StringIO):
+    def isatty(self) -> bool:
+        return True
+
+
+@dataclass
+class Step:
+    stamp: float
+
+
+def screen_of(monkeypatch: pytest.MonkeyPatch) -> Screen:
+    """Give a terminal in place of stderr; within a test, as capturing replaces it before."""
+    screen = Screen()
+    monkeypatch.setattr(sys, "stderr", screen)
+    monkeypatch.setenv("TERM", "xterm")
+    return screen
+
+
+@pytest.fixture
+def quiet() -> Iterator[None]:
+    set_quiet(True)
+    yield
+    set_quiet(False)
+
+
+def test_a_note_is_printed_unless_quiet(capsys: Printed) -> None:
+    note("12 steps")
+    assert capsys.readouterr() == ("12 steps\n", "")
+
+
+@pytest.mark.usefixtures("quiet")
+def test_quiet_has_no_notes_and_no_progress(
+    monkeypatch: pytest.MonkeyPatch, capsys: Printed
+) -> None:
+    screen = screen_of(monkeypatch)
+    note("12 steps")
+    assert is_quiet() and list(followed([Step(0.0), Step(1.0)], "replaying")) == [
+        Step(0.0),
+        Step(1.0),
+    ]
+    assert screen.getvalue() == "" and capsys.readouterr().out == ""
+
+
+def test_a_pipe_sees_no_progress(capsys: Printed) -> None:
+    assert [step.stamp for step in followed([Step(0.0), Step(1.0)], "replaying", 2.0)] == [0.0, 1.0]
+    assert capsys.readouterr() == ("", "")
+
+
+def test_a_terminal_sees_how_far_it_is_on_stderr_alone(
+    monkeypatch: pytest.MonkeyPatch, capsys: Printed
+) -> None:
+    screen = screen_of(monkeypatch)
+    for _ in followed([Step(0.5)], "replaying [drive].mcap", 2.0):
+        pass
+    assert "replaying [drive].mcap" in screen.getvalue() and "0.5 of 2.0 s" in screen.getvalue()
+    assert capsys.readouterr().out == ""
+
+
+def test_progress_is_wiped_away_at_the_end_of_a_part_that_is_watched(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    screen = screen_of(monkeypatch)
+    steps = followed([Step(0.5), Step(1.0)], "replaying")
+    next(steps)
+    steps.close()
+    assert screen.getvalue().endswith("\x1b[2K")
+
+
+def test_the_first_compilation_of_kernels_is_announced(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    screen = screen_of(monkeypatch)
+
+    doubled = njit(lambda number: 2.0 * number)  # in no cache
+    with progress("running"):
+        assert COMPILING not in screen.getvalue()
+        assert doubled(2.0) == 4.0
+        assert doubled(2.0) == 4.0
+    shown = screen.getvalue()
+    assert COMPILING in shown and shown.rindex("running") > shown.rindex(COMPILING)
