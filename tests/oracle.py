@@ -228,10 +228,7 @@ class Oracle:
             {name: source.kind for name, source in self.sources.items()},
             {name: source.timeout for name, source in self.sources.items()},
             {
-                voxel: {
-                    name: replace(entry)
-                    for name, entry in there.items()
-                }
+                voxel: {name: replace(entry) for name, entry in there.items()}
                 for voxel, there in self.entries.items()
             },
             {
