@@ -44,7 +44,8 @@ class RigidPart:
         """The median distance of a point from its nearest neighbour [m]; 0 for a single point."""
         if len(self.points) == 1:
             return 0.0
-        return float(np.median(self.tree.query(self.points, k=2)[0][:, 1]))
+        away = np.asarray(self.tree.query(self.points, k=2)[0])
+        return float(np.median(away[:, 1]))
 
     @cached_property
     def grid(self) -> "NearestGrid":

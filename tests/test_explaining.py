@@ -357,8 +357,8 @@ def test_a_source_whose_field_does_not_reach_a_contact_has_no_line_there() -> No
 def test_only_a_newer_cloud_takes_back_what_a_source_said(rule: str, condensation: str) -> None:
     """The camera's hypothesis lies beside the contact, not in it, and is alive."""
     beside = cloud("lidar", 0.0, {(0, 0, 1): 0.05}, spreads=np.array([0.004]))
-    options = {"rule": rule, "condensation": condensation, "surface": PLATE}
-    text = told(account((0.0, [unsure("skin", 0.0), beside]), **options))
+    clouds = [unsure("skin", 0.0), beside]
+    text = told(account((0.0, clouds), rule=rule, condensation=condensation, surface=PLATE))
     assert "took it back" not in text
 
 

@@ -34,7 +34,7 @@ def draw_sources(
         missing: why others say nothing there.
         account: of the moment.
     """
-    names = [one.source for one in (*said, *missing)]
+    names = [one.source for one in said] + [one.source for one in missing]
     rows = {name: -row for row, name in enumerate(names)}
     timeouts = {one.source: one.timeout for one in account.sources}
     for one in said:
