@@ -84,7 +84,7 @@ struct Contact {
 struct Sums {
   std::array<Key, 3> anchor{};
   std::int64_t voxels = 0, stamp = std::numeric_limits<std::int64_t>::min();
-  double largest = 0.0, weight = 0.0, force_weight = 0.0;
+  double largest = 0.0, weight = 0.0, force_weight = 0.0, spread = 0.0;
   Vector first{}, force{};
   std::array<double, 6> second{};
 };
@@ -600,14 +600,22 @@ class Integrator {
       cluster_of[selected_[i]] = static_cast<std::uint32_t>(labels[i]);
     // Voxels of no cluster add to one row too many.
     std::vector<double> shares((clusters + 1) * sources);
+    std::vector<std::array<double, 2>> moments(voxels_);  // Σ p and Σ p spread² by voxel
     std::vector<std::int64_t> stamps(clusters + 1, std::numeric_limits<std::int64_t>::min());
     for (std::size_t s = 0; s < sources; ++s) {
       if (kinds_[s] == kNull) continue;
       for (std::size_t entry = ranges_[s].begin; entry < ranges_[s].end; ++entry) {
         const std::uint32_t c = cluster_of[place_[entry]];
-        shares[c * sources + s] += entries_.likelihoods[entry];
+        const double p = entries_.likelihoods[entry], spread = entries_.spreads[entry];
+        shares[c * sources + s] += p;
+        moments[place_[entry]][0] += p;
+        moments[place_[entry]][1] += p * spread * spread;
         stamps[c] = std::max(stamps[c], entries_.stamps[entry]);
       }
+    }
+    for (std::size_t i = 0; i < count_; ++i) {
+      const auto& [mass, square] = moments[selected_[i]];
+      sums[labels[i]].spread += fused_[selected_[i]] * square / mass;
     }
     for (std::size_t c = 0; c < clusters; ++c) sums[c].stamp = stamps[c];
     add_forces(sums, cluster_of);
@@ -661,6 +669,7 @@ class Integrator {
         for (int j = 0; j < 3; ++j)
           contact.covariance[3 * i + j] =
               (line.scatter[i][j] + (i == j ? 1.0 / 12.0 : 0.0)) * kSide * kSide;
+        contact.covariance[4 * i] += sum.spread / sum.weight;
         spread += line.scatter[i][i];
       }
       contact.likelihood = sum.largest;

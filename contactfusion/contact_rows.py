@@ -4,8 +4,14 @@ from collections.abc import Iterator
 
 from contactfusion.pipeline import Step
 
-COLUMNS = ("stamp", "x", "y", "z", "likelihood", "dispersion", "voxels", "fx", "fy", "fz", "shares")
-"""Stamp [s], place [m], likelihood, dispersion [m], voxels, force [N], share of each source."""
+ENTRIES = {"xx": (0, 0), "xy": (0, 1), "xz": (0, 2), "yy": (1, 1), "yz": (1, 2), "zz": (2, 2)}
+"""The entries of a covariance that differ."""
+COLUMNS = (
+    *("stamp", "x", "y", "z", "likelihood", "dispersion", "voxels", "fx", "fy", "fz", "shares"),
+    *(f"cov_{name}" for name in ENTRIES),
+)
+"""Stamp [s], place [m], likelihood, dispersion [m], voxels, force [N], share of each source,
+covariance [m²]."""
 Row = tuple[str | int | float, ...]
 
 
@@ -20,4 +26,6 @@ def contact_rows(step: Step) -> Iterator[Row]:
             contact.voxels,
             *contact.force,
         ]
-        yield (f"{step.stamp:.6f}", *(f"{n:.6g}" for n in numbers), shares)
+        covariance = [contact.covariance[entry] for entry in ENTRIES.values()]
+        cells, entries = ([f"{n:.6g}" for n in row] for row in (numbers, covariance))
+        yield (f"{step.stamp:.6f}", *cells, shares, *entries)

@@ -14,7 +14,8 @@ class Contact:
         position: shape (3,) [m], the centroid weighted by likelihood.
         likelihood: the largest fused likelihood among its voxels.
         dispersion: the likelihood-weighted standard distance of its voxels from the centroid [m].
-        covariance: shape (3, 3) [m²], weighted by likelihood, with voxel_size²/12 on the diagonal.
+        covariance: shape (3, 3) [m²], how unsure the position is: the scatter of its hypotheses,
+            weighted by likelihood, and on the diagonal their squared spreads and voxel_size²/12.
         extent: shape (2, 3) [m], the two ends of the cluster along its longest axis.
         force: shape (3,) [N] on the robot, NaN when no source felt one.
         voxels: how many voxels it is made of.

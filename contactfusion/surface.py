@@ -40,6 +40,14 @@ class RigidPart:
         return KDTree(self.points)
 
     @cached_property
+    def spacing(self) -> float:
+        """The median distance of a point from its nearest neighbour [m]; 0 for a single point."""
+        if len(self.points) == 1:
+            return 0.0
+        away = np.asarray(self.tree.query(self.points, k=2)[0])
+        return float(np.median(away[:, 1]))
+
+    @cached_property
     def grid(self) -> "NearestGrid":
         """The grid that finds the nearest of the points."""
         from contactfusion.nearest import NearestGrid
@@ -118,6 +126,13 @@ class Surface:
         """The index into `link_names` that each point belongs to, shape (n,)."""
         parts = (part.links for part, _ in self._parts)
         return frozen(np.concatenate([np.zeros(0, np.int32), *parts]))
+
+    @property
+    def spacing(self) -> float:
+        """How far neighbouring points lie apart [m]: that of its parts, each by its points."""
+        counts = [len(part.points) for part, _ in self._parts]
+        spacings = [part.spacing for part, _ in self._parts]
+        return float(np.average(spacings, weights=counts)) if counts else 0.0
 
     def moved(self, pose: Pose, frame: str) -> "Surface":
         """Give the surface in another frame; `pose` takes this frame to that one."""

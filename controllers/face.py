@@ -73,8 +73,7 @@ def on_face(contacts: Sequence[Contact], face: FaceConfig) -> FaceContact | None
         x, y = float(contact.position[0]), float(contact.position[1])
         if abs(x - face.ahead) > face.tolerance or abs(y) > face.half_width + face.tolerance:
             continue
-        # a line of even likelihood and of this width has this variance
-        half = float(np.sqrt(3.0 * contact.covariance[1, 1]))
+        half = _half_width(contact)
         half = half if 2.0 * half > face.blur else 0.0
         right, left = min(right, y - half), max(left, y + half)
         likelihood = max(likelihood, contact.likelihood)
@@ -82,6 +81,17 @@ def on_face(contacts: Sequence[Contact], face: FaceConfig) -> FaceContact | None
         return None
     kind: Literal["point", "line"] = "line" if left - right > NARROW else "point"
     return FaceContact((left + right) / 2.0, kind, right, left, likelihood)
+
+
+def _half_width(contact: Contact) -> float:
+    """Half of the width along y of a line of even likelihood that scatters as the contact [m].
+
+    The covariance also holds how unsure each hypothesis is, the same along every axis; dispersion
+    does not. `extent` cannot serve: it runs along the longest axis, which is upright for all
+    contacts that are narrower than the skin is high.
+    """
+    unsure = (np.trace(contact.covariance) - contact.dispersion**2) / 3.0
+    return float(np.sqrt(3.0 * max(contact.covariance[1, 1] - unsure, 0.0)))
 
 
 def beside(contacts: Sequence[Contact], face: FaceConfig) -> float:

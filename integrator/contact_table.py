@@ -42,6 +42,7 @@ class ContactTable:
             entries.begin,
             entries.counted,
             entries.columns.likelihoods,
+            entries.columns.spreads,
             entries.columns.stamps,
         )
 

@@ -190,13 +190,18 @@ class Belief:
 
     Attributes:
         places: shape (c, 3) [m], in the grid's frame.
+        spacing: how far neighbouring places lie apart [m].
         weights: shape (c,), the probability of each place if there is a contact; they sum to 1.
+        variances: shape (c,) [m²], by axis, of a contact at each place around it: over a surface 0,
+            for there the weights are as wide as the spreads.
         exists: the probability that there is a contact.
         told: shape (k, c), what each source adds to the logarithm of each weight.
     """
 
     places: FloatArray
+    spacing: float
     weights: FloatArray
+    variances: FloatArray
     exists: float
     told: FloatArray
 

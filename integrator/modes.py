@@ -14,6 +14,8 @@ from contactfusion.integrator.entries import Belief, Entries, Field
 from contactfusion.thinning import first_in_voxels
 from contactfusion.time import to_seconds
 
+SPACING = 0.005
+"""The lengths below suit places this far apart or closer; with coarser ones they grow [m]."""
 WIDTH = 0.008
 """Modes are sought with a kernel of this width [m]."""
 HEAVY = 0.3
@@ -45,41 +47,49 @@ class Modes:
         belief = field.belief
         if belief is None or belief.exists < self._least - kernels.EDGE:
             return ()
-        weights = belief.weights.copy()
+        weights, scale = belief.weights.copy(), max(1.0, belief.spacing / SPACING)
         found: list[Contact] = []
         while len(found) < MOST and (not found or weights.sum() >= self._second):
-            mode, basin = _mode(belief.places, weights)
+            mode, basin = _mode(belief.places, weights, scale)
             mass = float(weights[basin].sum())
             if found and mass < self._second - kernels.EDGE:
                 break
-            found.append(_contact(field, belief, mode, basin, mass))
+            found.append(_contact(field, belief, mode, basin, mass, scale))
             weights[basin] = 0.0
         return sorted(found, key=lambda contact: -round(contact.likelihood, 6))
 
 
-def _mode(places: FloatArray, weights: FloatArray) -> tuple[FloatArray, NDArray[np.bool_]]:
+def _mode(
+    places: FloatArray, weights: FloatArray, scale: float
+) -> tuple[FloatArray, NDArray[np.bool_]]:
     """Give the place of the densest contact, shape (3,) [m], and what belongs to it, shape (c,).
 
     Heavy places that hang together are one contact, be it a point or a line; what is near them
     belongs to it. A point lies where mean shift leads from their mean, a line at their mean.
+
+    Args:
+        places: shape (c, 3) [m].
+        weights: shape (c,).
+        scale: of all lengths.
     """
     heavy = np.flatnonzero(weights >= HEAVY * weights.max())
     some = np.flatnonzero(weights >= FAINT * weights.max())
     tops, dealt = places[heavy], cells.deal(places[heavy], fields.TILE)
     densities = np.empty(len(heavy))
-    widths = np.full(len(some), WIDTH**2)
+    widths = np.full(len(some), (scale * WIDTH) ** 2)
     fields.spread_out(tops, dealt, places[some], weights[some], widths, True, 0.0, densities)
     densest = int(np.round(densities / densities.max(), 6).argmax())  # the first of equals
-    joined = cells.linked(tops, dealt, densest, LINK)
+    joined = cells.linked(tops, dealt, densest, scale * LINK)
     core, heights = tops[joined], weights[heavy][joined]
-    basin = cells.heaviest(places, core, cells.deal(core, fields.TILE), heights, BASIN) > 0.0
+    dealt = cells.deal(core, fields.TILE)
+    basin = cells.heaviest(places, core, dealt, heights, scale * BASIN) > 0.0
     basin &= weights > 0.0  # the rest belongs to an earlier mode
     place = heights @ core / heights.sum()
-    if ((core - place) ** 2).sum(axis=1).max() > LONG**2:
+    if ((core - place) ** 2).sum(axis=1).max() > (scale * LONG) ** 2:
         return place, basin  # along a line mean shift would follow every unevenness
     around, pulls = places[basin], weights[basin]
     for _ in range(STEPS):
-        squared = ((around - place) ** 2).sum(axis=1) / WIDTH**2
+        squared = ((around - place) ** 2).sum(axis=1) / (scale * WIDTH) ** 2
         near = pulls * np.exp(-0.5 * squared)
         shifted = near @ around / near.sum()
         if np.abs(shifted - place).max() < 1e-6:
@@ -89,7 +99,12 @@ def _mode(places: FloatArray, weights: FloatArray) -> tuple[FloatArray, NDArray[
 
 
 def _contact(
-    field: Field, belief: Belief, mode: FloatArray, basin: NDArray[np.bool_], mass: float
+    field: Field,
+    belief: Belief,
+    mode: FloatArray,
+    basin: NDArray[np.bool_],
+    mass: float,
+    scale: float,
 ) -> Contact:
     """Make a contact of a mode: its place is the mode, its covariance that of its basin."""
     entries, side = field.entries, field.entries.grid.voxel_size
@@ -109,8 +124,8 @@ def _contact(
         for source, share, one in zip(entries.sources, told, counted, strict=True)
         if one
     }
-    forces = _force(field, mode, belief.places[basin])
-    covariance = moments + np.eye(3) * side**2 / 12.0
+    forces = _force(field, mode, belief.places[basin], scale * BASIN)
+    covariance = moments + np.eye(3) * (side**2 / 12.0 + float(weights @ belief.variances[basin]))
     for array in (mode, covariance, extent, forces):
         array.flags.writeable = False
     return Contact(
@@ -137,13 +152,14 @@ def _newest(entries: Entries, told: FloatArray) -> int:
     return int(max(parts, default=entries.columns.stamps.max()))
 
 
-def _force(field: Field, mode: FloatArray, basin: FloatArray) -> FloatArray:
+def _force(field: Field, mode: FloatArray, basin: FloatArray, reach: float) -> FloatArray:
     """Give the force of the voxel nearest to a mode, shape (3,) [N]; NaN when none is felt there.
 
     Args:
         field: what was fused.
         mode: shape (3,) [m].
         basin: shape (b, 3) [m], the places that belong to the mode.
+        reach: how far from these a force may be felt [m].
     """
     entries = field.entries
     rows = np.flatnonzero(entries.bits & kernels.FORCE)
@@ -151,6 +167,6 @@ def _force(field: Field, mode: FloatArray, basin: FloatArray) -> FloatArray:
         return np.full(3, np.nan)
     centres = entries.grid.centres(entries.voxels[rows])
     nearest = int(((centres - mode) ** 2).sum(axis=1).argmin())
-    if ((basin - centres[nearest]) ** 2).sum(axis=1).min() > BASIN**2:
+    if ((basin - centres[nearest]) ** 2).sum(axis=1).min() > reach**2:
         return np.full(3, np.nan)
     return np.asarray(entries.forces_in(rows[nearest : nearest + 1].astype(np.int64))[0])

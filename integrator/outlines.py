@@ -26,6 +26,7 @@ class Sums(NamedTuple):
         weight: shape (c,), Σ w.
         first: shape (c, 3), Σ w x in voxels.
         second: shape (c, 6), Σ w of xx, xy, xz, yy, yz, zz.
+        spread: shape (c,), Σ w v [m²], v the mean variance of the hypotheses, weighted by p.
         stamp: shape (c,) [ns], the newest entry.
         shares: shape (c, k), Σ p by source.
     """
@@ -37,6 +38,7 @@ class Sums(NamedTuple):
     weight: FloatArray
     first: FloatArray
     second: FloatArray
+    spread: FloatArray
     stamp: Int64Array
     shares: FloatArray
 
@@ -47,7 +49,8 @@ class Outlines(NamedTuple):
     Attributes:
         positions: shape (c, 3) [m], the weighted centroids.
         dispersions: shape (c,) [m], the weighted standard distances from the centroids.
-        covariances: shape (c, 3, 3) [m²], weighted, with side²/12 on the diagonal.
+        covariances: shape (c, 3, 3) [m²], of the mixture of the hypotheses: scatter of the voxels,
+            on the diagonal plus side²/12 and the mean of the squared spreads.
         extents: shape (c, 2, 3) [m], the two ends along the longest axis.
     """
 
@@ -68,6 +71,7 @@ def add_up(
     begin: Int64Array,
     shared: NDArray[np.bool_],
     likelihoods: NDArray[np.float32],
+    spreads: NDArray[np.float32],
     stamps: Int64Array,
 ) -> Sums:
     """Add up the voxels of each cluster.
@@ -82,6 +86,7 @@ def add_up(
         begin: shape (k + 1,), where the entries of each source begin.
         shared: shape (k,), which sources have a share: all but null.
         likelihoods: of the entries.
+        spreads: of the entries [m].
         stamps: of the entries [ns].
     """
     anchor, voxels = np.zeros((clusters, 3), np.int64), np.zeros(clusters, np.int64)
@@ -123,14 +128,22 @@ def add_up(
     # Voxels of no cluster add to one row too many.
     stamps_of = np.full(clusters + 1, np.iinfo(np.int64).min)
     shares_of = np.zeros((clusters + 1, len(shared)))
+    moments = np.zeros((len(keys), 2))  # Σ p and Σ p spread² by voxel
     for source in range(len(shared)):
         if shared[source]:
             for entry in range(begin[source], begin[source + 1]):
-                c = np.uintp(cluster_of[np.uintp(places[entry])])
-                shares_of[c, source] += likelihoods[entry]
+                voxel = np.uintp(places[entry])
+                c, p = np.uintp(cluster_of[voxel]), np.float64(likelihoods[entry])
+                shares_of[c, source] += p
                 stamps_of[c] = max(stamps_of[c], stamps[entry])
+                moments[voxel, 0] += p
+                moments[voxel, 1] += p * np.float64(spreads[entry]) ** 2
+    spread = np.zeros(clusters)
+    for i in range(len(selected)):
+        voxel = np.uintp(selected[i])
+        spread[np.uintp(labels[i])] += weights[voxel] * moments[voxel, 1] / moments[voxel, 0]
     stamp, shares = stamps_of[:clusters], shares_of[:clusters]
-    return Sums(cluster_of, anchor, voxels, largest, weight, first, second, stamp, shares)
+    return Sums(cluster_of, anchor, voxels, largest, weight, first, second, spread, stamp, shares)
 
 
 @kernel
@@ -237,6 +250,7 @@ def outline(
             for j in range(3):
                 own = 1.0 / 12.0 if i == j else 0.0
                 covariances[c, i, j] = (scatter[i, j] + own) * side * side
+            covariances[c, i, i] += sums.spread[c] / weight
         axis = _longest_axis(scatter)
         for i in range(3):
             axes[c, i] = axis[i]

@@ -36,7 +36,7 @@ class Claims(NamedTuple):
         single: whether it describes one contact somewhere.
         positions: shape (n, 3) [m].
         likelihoods: shape (n,).
-        variances: shape (n,) [m²], of the positions by axis.
+        variances: shape (n,) [m²], of the positions by axis, as the source states them.
         force: shape (3,) [N], what the robot feels, of one that describes one contact; or None.
     """
 
@@ -46,6 +46,24 @@ class Claims(NamedTuple):
     likelihoods: FloatArray
     variances: FloatArray
     force: FloatArray | None
+
+
+class Candidates(NamedTuple):
+    """The places where a contact may be.
+
+    Attributes:
+        places: shape (c, 3) [m], c > 0 when there is evidence.
+        spacing: how far neighbouring places lie apart [m].
+        variances: shape (c,) [m²], of a contact at each place around it.
+        normals: of the surface there, shape (c, 3); None without it.
+        told: shape (k, c), the field of each source.
+    """
+
+    places: FloatArray
+    spacing: float
+    variances: FloatArray
+    normals: FloatArray | None
+    told: FloatArray
 
 
 class Posterior:
@@ -64,14 +82,16 @@ class Posterior:
         exists = existence(claims, sources)
         if exists == 0.0:
             return Field(entries, np.zeros(len(entries.keys)))
-        places, normals, told = _over_places(claims, surface, self._floor)
-        there = self._logarithms(claims, told, normals)
+        found = _candidates(claims, surface, self._floor, entries.grid.voxel_size)
+        there = self._logarithms(claims, found.told, found.normals)
         total = there.sum(axis=0)
         weights = np.exp(total - total.max())
         exists = self._lowered(claims, exists, there)
         spoken = np.array([[len(one.positions) > 0] for one in claims])
         added = np.where(spoken, there - np.log(self._floor), 0.0)
-        belief = Belief(places, weights / weights.sum(), exists, added)
+        belief = Belief(
+            found.places, found.spacing, weights / weights.sum(), found.variances, exists, added
+        )
         return Field(entries, partial(_by_voxel, entries, belief), belief=belief)
 
     def _lowered(self, claims: Sequence[Claims], exists: float, there: FloatArray) -> float:
@@ -140,7 +160,7 @@ def claimed(entries: Entries) -> list[Claims]:
     ):
         single = bool(end > begin and columns.single[begin])
         given = columns.offsets[begin:end, 3] if single else columns.likelihoods[begin:end]
-        variances = np.square(np.maximum(columns.spreads[begin:end].astype(np.float64), NARROWEST))
+        variances = np.square(columns.spreads[begin:end].astype(np.float64))
         likelihoods = given.astype(np.float64)
         force = None
         if single and felt >= 0 and source.kind == HypothesisKind.REGULAR:
@@ -170,17 +190,14 @@ def existence(claims: Sequence[Claims], sources: Sequence[Source]) -> float:
     return kept / (missed + kept) if kept else 0.0
 
 
-def _over_places(
-    claims: Sequence[Claims], surface: Surface | None, floor: float
-) -> tuple[FloatArray, FloatArray | None, FloatArray]:
+def _candidates(
+    claims: Sequence[Claims], surface: Surface | None, floor: float, side: float
+) -> Candidates:
     """Give the places where a contact may be, and the field of each source over them.
 
     They are the points of the surface of which some evidence says more than its floor; without
-    any, where evidence lies.
-
-    Returns:
-        The places, shape (c, 3) [m], c > 0 when there is evidence; the normals of the surface
-        there, shape (c, 3), or None without it; the fields, shape (k, c).
+    any, where evidence lies: then each is as uncertain as its hypothesis, and neighbours are a
+    voxel apart, `side` [m].
     """
     evidence = [one.kind == HypothesisKind.REGULAR for one in claims]
     if surface is not None and len(surface.points):
@@ -191,9 +208,12 @@ def _over_places(
             places = surface.points[reached]
             others = [not one for one in evidence]
             told = told[:, reached] + _fields(claims, places, others)
-            return places, surface.normals[reached], told
-    places = np.concatenate([one.positions for one in claims if one.kind == HypothesisKind.REGULAR])
-    return places, None, _fields(claims, places, [True] * len(claims))
+            exact = np.zeros(len(places))  # the fields are as wide as the spreads
+            return Candidates(places, surface.spacing, exact, surface.normals[reached], told)
+    regular = [one for one in claims if one.kind == HypothesisKind.REGULAR]
+    places = np.concatenate([one.positions for one in regular])
+    variances = np.concatenate([one.variances for one in regular])
+    return Candidates(places, side, variances, None, _fields(claims, places, [True] * len(claims)))
 
 
 def _fields(claims: Sequence[Claims], places: FloatArray, wanted: Sequence[bool]) -> FloatArray:
@@ -202,7 +222,8 @@ def _fields(claims: Sequence[Claims], places: FloatArray, wanted: Sequence[bool]
     tiles = cells.deal(places, fields.TILE)
     for one, field, is_wanted in zip(claims, told, wanted, strict=True):
         if is_wanted:
-            given = (one.positions, one.likelihoods, one.variances, one.single)
+            variances = np.maximum(one.variances, NARROWEST**2)
+            given = (one.positions, one.likelihoods, variances, one.single)
             tail = 0.0 if one.kind == HypothesisKind.NULL else TAIL
             fields.spread_out(places, tiles, *given, tail, field)
     return told

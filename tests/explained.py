@@ -9,6 +9,7 @@ from contactfusion.explaining.accounting import account_of
 from contactfusion.explaining.moment import Moment, moment_at
 from contactfusion.explaining.settings import Settings
 from contactfusion.pipeline import Step
+from contactfusion.surface import Surface
 from tests.clouds import NULL, REGULAR, SUPPORT
 
 Round = tuple[float, Sequence[HypothesisCloud]]
@@ -24,6 +25,7 @@ def stepped(
     *rounds: Round,
     plugs: Mapping[str, HypothesisKind] = PLUGS,
     timeouts: Mapping[str, float] | None = None,
+    surface: Surface | None = None,
     **config: Any,
 ) -> Iterator[Step]:
     """Step after each round of clouds; sources replace what they said, as generators do."""
@@ -34,7 +36,7 @@ def stepped(
     for now, clouds in rounds:
         for cloud in clouds:
             integrator.receive(cloud)
-        yield Step(now, integrator.step(now), None)
+        yield Step(now, integrator.step(now, surface), None)
 
 
 def moment(*rounds: Round, **options: Any) -> Moment:
@@ -51,8 +53,9 @@ def account(
     at: Sequence[float] | None = None,
     plugs: Mapping[str, HypothesisKind] = PLUGS,
     timeouts: Mapping[str, float] | None = None,
+    surface: Surface | None = None,
     **config: Any,
 ) -> Account:
     """Give the account of the last step."""
-    then = moment(*rounds, plugs=plugs, timeouts=timeouts, **config)
+    then = moment(*rounds, plugs=plugs, timeouts=timeouts, surface=surface, **config)
     return account_of(then, settings(timeouts, **config), at)

@@ -6,7 +6,7 @@ one loop per sentence of the law. Nothing is shared with the integrator but the 
 
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -71,11 +71,12 @@ class Queued:
 
 @dataclass
 class Entry:
-    """What one source says about one voxel; force: Σ p·f and Σ p, or None."""
+    """What one source says about one voxel; force: Σ p·f and Σ p, or None; spread [m]."""
 
     likelihood: float
     stamp: int
     force: tuple[Vector, float] | None = None
+    spread: float = 0.0
 
 
 Entries = Mapping[Voxel, Mapping[str, Entry]]
@@ -89,6 +90,7 @@ class Row:
     likelihood: float
     verdict: str
     likelihoods: Mapping[str, float]
+    variance: float
     force: Vector | None
     stamp: int
 
@@ -226,10 +228,7 @@ class Oracle:
             {name: source.kind for name, source in self.sources.items()},
             {name: source.timeout for name, source in self.sources.items()},
             {
-                voxel: {
-                    name: Entry(entry.likelihood, entry.stamp, entry.force)
-                    for name, entry in there.items()
-                }
+                voxel: {name: replace(entry) for name, entry in there.items()}
                 for voxel, there in self.entries.items()
             },
             {
@@ -298,7 +297,11 @@ class Oracle:
             if likelihood > 0:
                 if entry is None:
                     entry = there[cloud.source] = Entry(0.0, stamp)
-                entry.likelihood = max(entry.likelihood, likelihood)
+                spread = 0.0 if cloud.spreads is None else float(np.float32(cloud.spreads[row]))
+                # of several the likeliest, of equals the widest
+                entry.likelihood, entry.spread = max(
+                    (entry.likelihood, entry.spread), (likelihood, spread)
+                )
                 if cloud.forces is None:
                     entry.force = None
                 else:
@@ -417,11 +420,19 @@ def fuse(
                 likelihood,
                 verdict,
                 {name: there[name].likelihood for name in names},
+                _voxel_variance(there[n] for n in names if kinds[n] is not HypothesisKind.NULL),
                 _voxel_force(there[n] for n in names if kinds[n] is HypothesisKind.REGULAR),
                 max(entry.stamp for entry in there.values()),
             )
         )
     return rows
+
+
+def _voxel_variance(entries: Iterable[Entry]) -> float:
+    """Σ p·spread² / Σ p."""
+    there = list(entries)
+    total = sum(entry.likelihood for entry in there)
+    return sum(entry.likelihood * entry.spread**2 for entry in there) / total if total else 0.0
 
 
 def _voxel_force(entries: Iterable[Entry]) -> Vector | None:
@@ -502,9 +513,10 @@ def contact_of(
     def moment(i: int, j: int) -> float:
         return sum(w * d[i] * d[j] for w, d in zip(weights, offsets, strict=True)) / mass
 
-    quantisation = config.voxel_size**2 / 12
+    within = sum(w * row.variance for w, row in zip(weights, group, strict=True)) / mass
+    own = config.voxel_size**2 / 12 + within
     covariance = tuple(
-        vector(moment(i, j) + (quantisation if i == j else 0.0) for j in range(3)) for i in range(3)
+        vector(moment(i, j) + (own if i == j else 0.0) for j in range(3)) for i in range(3)
     )
     felt = [(row.likelihood, row.force) for row in group if row.force is not None]
     sums = {

@@ -206,6 +206,46 @@ def test_the_covariance_of_one_voxel_is_that_of_a_cube() -> None:
     assert contact.covariance == pytest.approx(np.eye(3) * SIDE**2 / 12)
 
 
+@pytest.mark.parametrize("condensation", ["threshold", "cluster_centroid", "cluster_mass"])
+def test_the_covariance_of_one_hypothesis_is_its_spread_beside_that_of_a_voxel(
+    condensation: str,
+) -> None:
+    unsure = cloud("a", 0.0, {HERE: 0.5}, spreads=np.array([0.02]))
+    contact = only(fused(unsure, condensation=condensation))
+    assert contact.covariance == pytest.approx(np.eye(3) * (0.02**2 + SIDE**2 / 12))
+    assert contact.dispersion == 0.0
+
+
+def test_spreads_count_as_their_voxel_does_and_in_it_by_likelihood_null_apart() -> None:
+    """De Morgan weighs the voxels by 0.75 and 0.5; in the first the sources count alike."""
+    fusion = fused(
+        cloud("a", 0.0, {HERE: 0.5, (0, 0, 1): 0.5}, spreads=np.array([0.03, 0.02])),
+        cloud("b", 0.0, {HERE: 0.5}, SUPPORT, spreads=np.array([0.01])),
+        cloud("free", 0.0, {THERE: 0.9}, NULL, spreads=np.array([0.5])),
+    )
+    variance = (0.75 * (0.03**2 + 0.01**2) / 2.0 + 0.5 * 0.02**2) / 1.25
+    assert only(fusion).covariance[0, 0] == pytest.approx(variance + SIDE**2 / 12)
+
+
+@given(
+    voxels=st.dictionaries(
+        st.tuples(*[st.integers(-2, 2)] * 3), st.sampled_from((0.2, 0.5, 0.9)), min_size=1
+    ),
+    spread=st.floats(0.0, 0.1),
+)
+def test_spreads_change_nothing_of_a_contact_but_the_diagonal_of_its_covariance(
+    voxels: dict[Voxel, float], spread: float
+) -> None:
+    sharp = fused(cloud("a", 0.0, voxels))
+    unsure = fused(cloud("a", 0.0, voxels, spreads=np.full(len(voxels), spread)))
+    for one, other in zip(sharp.contacts, unsure.contacts, strict=True):
+        for name in ("position", "extent"):
+            assert getattr(one, name).tobytes() == getattr(other, name).tobytes()
+        assert (one.likelihood, one.dispersion) == (other.likelihood, other.dispersion)
+        wider = one.covariance + np.eye(3) * np.float32(spread).astype(float) ** 2
+        assert other.covariance == pytest.approx(wider, rel=1e-9, abs=1e-15)
+
+
 @pytest.mark.parametrize("direction", [(1, 0, 0), (0, 1, 0), (0, 0, 1), (1, 1, 0), (1, -1, 1)])
 def test_the_extent_of_a_line_are_the_centres_of_its_ends(direction: Voxel) -> None:
     x, y, z = direction

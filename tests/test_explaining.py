@@ -14,11 +14,14 @@ from contactfusion.explaining.past import Past
 from contactfusion.explaining.places import MOST
 from contactfusion.explaining.reason import Why
 from contactfusion.explaining.text import told
+from contactfusion.surface import rectangle
 from tests.clouds import HERE, NULL, REGULAR, SUPPORT, THERE, Voxel, centres, cloud
 from tests.explained import Round, account, stepped
 
 BESIDE: Voxel = (1, 0, 0)
 MODES: dict[str, Any] = {"rule": "posterior", "condensation": "modes"}
+X, Y, _ = np.eye(3)
+PLATE = rectangle("base", np.zeros(3), 0.3 * X, 0.1 * Y, 0.004)
 
 
 def skin(stamp: float, likelihood: float = 0.8, voxel: Voxel = HERE) -> Any:
@@ -311,6 +314,60 @@ def test_a_second_place_of_a_belief_tells_its_share() -> None:
 def test_without_evidence_there_is_no_belief() -> None:
     found = place(account((0.0, [motion(0.0)]), at=(0.0, 0.0, 0.0), **MODES))
     assert found.reasons[0].why == Why.SUPPORT_ONLY
+
+
+def unsure(source: str, z: float, x: float = 0.0, stamp: float = 0.0, spread: float = 0.01) -> Any:
+    places, spreads = np.array([[x, 0.0, z]]), np.array([spread])
+    return cloud(source, stamp, {HERE: 0.8}, positions=places, spreads=spreads)
+
+
+@pytest.mark.parametrize("condensation", ["modes", "cluster_centroid"])
+def test_over_a_surface_a_source_has_its_share_by_its_field_however_far_its_hypotheses_are(
+    condensation: str,
+) -> None:
+    clouds = [unsure("skin", 0.0, spread=0.004), unsure("lidar", 0.0, x=0.03, spread=0.02)]
+    options = {**MODES, "condensation": condensation, "surface": PLATE}
+    contact = account((0.0, clouds), **options).contacts[0]
+    said = {one.source: one for one in contact.said}
+    assert said["lidar"].voxels == 0 and said["lidar"].share > 0.2
+    assert said["lidar"].away == pytest.approx(0.03, abs=0.006)
+    assert sum(one.share for one in contact.said) == pytest.approx(1.0)
+    text = "\n".join(lines((0.0, clouds), **options))
+    assert "lidar (evidence): reaches here from " in text
+    assert "lidar:" not in text and "took it back" not in text
+
+
+def test_a_source_whose_field_does_not_reach_a_contact_has_no_line_there() -> None:
+    clouds = [unsure("skin", 0.0), unsure("lidar", 0.0, x=0.2)]
+    contact = account((0.0, clouds), surface=PLATE, **MODES).contacts[0]
+    (here,) = contact.said
+    other = {"skin": "lidar", "lidar": "skin"}[here.source]
+    elsewhere = {reason.source: reason.why for reason in contact.missing}
+    assert elsewhere[other] == Why.ELSEWHERE
+
+
+@pytest.mark.parametrize(
+    ("rule", "condensation"),
+    [
+        ("de_morgan", "cluster_centroid"),
+        ("posterior", "cluster_centroid"),
+        ("posterior", "modes"),
+    ],
+)
+def test_only_a_newer_cloud_takes_back_what_a_source_said(rule: str, condensation: str) -> None:
+    """The camera's hypothesis lies beside the contact, not in it, and is alive."""
+    beside = cloud("lidar", 0.0, {(0, 0, 1): 0.05}, spreads=np.array([0.004]))
+    clouds = [unsure("skin", 0.0), beside]
+    text = told(account((0.0, clouds), rule=rule, condensation=condensation, surface=PLATE))
+    assert "took it back" not in text
+
+
+def test_the_likelihood_of_a_voxel_of_a_belief_is_in_relation_to_the_likeliest_place() -> None:
+    clouds = [cloud("skin", 0.0, {HERE: 0.9, THERE: 0.6}, spreads=np.full(2, 0.004))]
+    first, second = account((0.0, clouds), rule="posterior").contacts
+    assert first.combination.endswith("100% as likely here as at the likeliest place: 0.90")
+    assert second.combination.endswith(f": {second.likelihood:.2f}")
+    assert "of the belief" not in first.combination + second.combination
 
 
 # The moment

@@ -11,15 +11,20 @@ FACE = FaceConfig()
 
 
 def contact(
-    y: float, half: float = 0.0, x: float = 0.3, likelihood: float = 0.8, frame: str = "base"
+    y: float,
+    half: float = 0.0,
+    x: float = 0.3,
+    likelihood: float = 0.8,
+    frame: str = "base",
+    spread: float = 0.0,
 ) -> Contact:
-    """Make a contact that reaches `half` to both sides of y, evenly likely."""
-    position = np.array([x, y, 0.2])
+    """Make a contact 20 cm high that reaches `half` to both sides of y, evenly likely."""
+    position, scatter = np.array([x, y, 0.2]), np.array([0.0, half**2 / 3.0, 0.1**2 / 3.0])
     return Contact(
         position=position,
         likelihood=likelihood,
-        dispersion=half / np.sqrt(3.0),
-        covariance=np.diag([1e-5, half**2 / 3.0, 1e-3]),
+        dispersion=float(np.sqrt(scatter.sum())),
+        covariance=np.diag(scatter) + np.eye(3) * (1e-5 + spread**2),
         extent=np.array([position, position]),
         force=np.full(3, np.nan),
         voxels=1,
@@ -44,6 +49,13 @@ def test_the_width_of_a_taxel_or_two_is_blur_not_width() -> None:
     touch = on_face([contact(-0.1, half=0.06)], FACE)
     assert touch is not None
     assert (touch.kind, touch.right, touch.left) == ("point", -0.1, -0.1)
+
+
+def test_hypotheses_that_are_unsure_of_their_place_do_not_widen_a_contact() -> None:
+    for half in (0.0, 0.15):
+        sharp, blurred = (on_face([contact(0.05, half, spread=s)], FACE) for s in (0.0, 0.08))
+        assert sharp is not None and blurred is not None and sharp.kind == blurred.kind
+        assert (blurred.right, blurred.left) == pytest.approx((sharp.right, sharp.left))
 
 
 def test_two_contacts_are_a_line_between_them() -> None:

@@ -175,12 +175,14 @@ lengths = st.floats(0.1, 0.2)
 middles = st.tuples(*[st.floats(-0.02, 0.02)] * 2)
 
 
-def drawn(along: FloatArray, length: float, middle: FloatArray, pitch: float) -> HypothesisCloud:
+def drawn(
+    along: FloatArray, length: float, middle: FloatArray, pitch: float, spread: float = 0.004
+) -> HypothesisCloud:
     """Give a line of hypotheses so far apart."""
     count = round(length / pitch) + 1
     offsets = np.linspace(-length / 2.0, length / 2.0, count)
     positions = middle + np.outer(offsets, along)
-    return measured("skin", positions, np.full(count, 0.9))
+    return measured("skin", positions, np.full(count, 0.9), spread)
 
 
 def measured(
@@ -212,6 +214,32 @@ def test_a_line_on_a_surface_is_one_contact_in_its_middle_in_any_direction(
     assert 0.85 < contact.likelihood <= 0.9
     reach = np.sort((contact.extent - centre) @ along)
     assert reach == pytest.approx([-length / 2.0, length / 2.0], abs=0.008)
+
+
+COARSE = rectangle("base", np.zeros(3), 0.3 * X, 0.3 * Y, 0.0125)
+
+
+@few
+@given(angle=angles, length=st.floats(0.2, 0.4), middle=middles)
+def test_a_line_on_a_coarse_surface_is_one_contact_with_its_ends(
+    angle: float, length: float, middle: tuple[float, float]
+) -> None:
+    """Points 12.5 mm apart: the lengths by which places hang together grow with them."""
+    along = np.array([math.cos(angle), math.sin(angle), 0.0])
+    centre = np.array([*middle, 0.0])
+    pressed = drawn(along, length, centre, 0.0125, spread=0.0125)
+    (contact,) = on(COARSE, pressed, voxel_size=0.0125)
+    assert np.linalg.norm(contact.position - centre) < 0.01
+    assert contact.likelihood > 0.8
+    reach = np.sort((contact.extent - centre) @ along)
+    assert reach == pytest.approx([-length / 2.0, length / 2.0], abs=0.02)
+
+
+def test_a_line_of_coarse_voxels_without_a_surface_is_one_contact() -> None:
+    row = line(12)
+    (contact,) = fused(cloud("skin", 0.0, row, side=0.0125), voxel_size=0.0125).contacts
+    assert contact.voxels == 12 and contact.likelihood == pytest.approx(0.9)
+    assert np.ptp(contact.extent[:, 0]) == pytest.approx(11 * 0.0125)
 
 
 directions = st.tuples(*[st.floats(-1.0, 1.0)] * 3).filter(lambda v: np.linalg.norm(v) > 0.1)
@@ -300,6 +328,21 @@ def test_the_covariance_of_one_voxel_is_that_of_a_cube() -> None:
     assert contact.covariance == pytest.approx(np.eye(3) * SIDE**2 / 12.0)
     assert contact.dispersion == 0.0
     assert contact.extent == pytest.approx(centres([HERE, HERE]))
+
+
+@pytest.mark.parametrize("spread", [0.0004, 0.02])
+def test_without_a_surface_the_covariance_holds_the_spreads_of_the_hypotheses(
+    spread: float,
+) -> None:
+    contact = only(cloud("a", 0.0, {HERE: 0.9}, spreads=np.array([spread])))
+    assert contact.covariance == pytest.approx(np.eye(3) * (spread**2 + SIDE**2 / 12.0))
+
+
+def test_over_a_surface_the_belief_alone_is_as_wide_as_the_spreads() -> None:
+    (contact,) = on(TABLE, measured("a", np.zeros((1, 3)), np.array([0.9]), 0.008))
+    across = np.sqrt(contact.covariance[0, 0])
+    assert 0.008 < across < 0.012
+    assert contact.covariance[2, 2] == pytest.approx(SIDE**2 / 12.0)
 
 
 def test_the_shares_are_what_each_source_adds_null_and_silence_apart() -> None:

@@ -547,6 +547,15 @@ def test_a_contact_sums_up_its_voxels() -> None:
     assert contact.stamp == 200_000_000
 
 
+def test_the_covariance_holds_the_spreads_of_the_likeliest_hypotheses() -> None:
+    rows = [(HERE, 0.25), (HERE, 0.5), ((1, 0, 0), 0.5), ((1, 0, 0), 0.5)]
+    unsure = replace(cloud("skin", 0.0, rows), spreads=np.array([9.0, 2.0, 1.0, 3.0]))
+    free = cloud("skin/free", 0.0, {(7, 7, 7): 0.5}, kind=NULL)
+    [contact] = fused(unsure, free).contacts
+    assert contact.covariance[2][2] == pytest.approx((2.0**2 + 3.0**2) / 2 + 1 / 12)
+    assert contact.dispersion == 0.5
+
+
 def test_the_longest_axis_of_a_square_is_not_defined() -> None:
     square: dict[Voxel, float] = {(x, y, 0): 0.5 for x in (0, 1) for y in (0, 1)}
     assert fused(cloud("skin", 0.0, square)).contacts[0].extent is None

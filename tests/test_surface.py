@@ -207,6 +207,22 @@ def test_an_empty_surface_is_a_surface() -> None:
     assert len(Surface("ball", np.empty((0, 3)), np.empty((0, 3))).points) == 0
 
 
+def test_the_spacing_is_the_distance_of_neighbouring_points() -> None:
+    x, y, _ = np.eye(3)
+    fine, coarse = (rectangle("pad", np.zeros(3), 0.1 * x, 0.1 * y, s) for s in (0.004, 0.0125))
+    assert fine.spacing == pytest.approx(0.004) and coarse.spacing == pytest.approx(0.0125)
+    point = Surface("pad", np.zeros((1, 3)), np.array([[0.0, 0.0, 1.0]]))
+    assert point.spacing == Surface("pad", np.empty((0, 3)), np.empty((0, 3))).spacing == 0.0
+
+
+def test_the_spacing_of_several_parts_is_their_mean_by_points() -> None:
+    parts = [part("box", 0), part("sphere", 1)]
+    surface = Surface.of_parts("base", [(one, np.eye(4)) for one in parts], ["box", "sphere"])
+    counts = [len(one.points) for one in parts]
+    expected = np.average([one.spacing for one in parts], weights=counts)
+    assert surface.spacing == surface.moved(pose_of((0.0, 0.0, 1.0)), "map").spacing == expected
+
+
 def test_a_moved_surface_keeps_its_links() -> None:
     parts = [shape("sphere").sampled("body", 0.05), shape("box").sampled("body", 0.05)]
     surface = joined(parts)

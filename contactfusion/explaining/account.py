@@ -19,11 +19,12 @@ class Said:
     Attributes:
         source: its name.
         kind: what it stands on.
-        likelihood: of its likeliest hypothesis within reach; NaN: there is none.
+        likelihood: of its likeliest hypothesis within reach, or of its nearest if none is.
         age: of that hypothesis [s].
         timeout: how long it lives [s].
-        voxels: in how many voxels within reach it says something.
+        voxels: in how many voxels within reach it says something; 0: only by its spread.
         spread: the standard deviation of that hypothesis's place [m], 0 if the source gave none.
+        away: how far from the place that hypothesis lies [m].
         share: of the contact's likelihood; NaN where there is no contact.
         fit: with a rule that has a belief, how well the place fits what the source says: as a part
             of what its best place has, and for null what it leaves of the others' belief; else NaN.
@@ -36,6 +37,7 @@ class Said:
     timeout: float
     voxels: int
     spread: float
+    away: float
     share: float = math.nan
     fit: float = math.nan
 

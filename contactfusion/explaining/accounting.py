@@ -23,7 +23,7 @@ from contactfusion.explaining.places import Expected, expected_places
 from contactfusion.explaining.reason import Reason, Why
 from contactfusion.explaining.remains import nearest, reach_of, without
 from contactfusion.explaining.settings import Settings
-from contactfusion.explaining.spots import Spot, said_at, spot_at, spot_of
+from contactfusion.explaining.spots import Spot, said_at, shares_at, spot_at, spot_of
 from contactfusion.explaining.verdicts import verdict
 from contactfusion.explaining.view import NOBODY, View
 from contactfusion.explaining.words import millimetres, place_words
@@ -95,6 +95,8 @@ def _require_near(view: View, place: FloatArray) -> None:
 def _contact(view: View, number: int) -> ContactAccount:
     contact, spot = view.fusion.contacts[number], spot_of(view, number)
     shares = contact.shares
+    if view.fusion.field.belief is not None and not view.settings.by_modes:
+        shares = shares_at(view.fusion, spot)
     said = [replace(one, share=shares.get(one.source, np.nan)) for one in said_at(view, spot)]
     said.sort(key=lambda one: -np.nan_to_num(one.share))
     limit = reach_of(contact, view.settings.integrator.voxel_size)
@@ -116,7 +118,7 @@ def _place(view: View, wanted: Expected, asked: bool) -> PlaceAccount:
     spot = spot_at(view, wanted.position, view.settings.tolerance)
     said = said_at(view, spot)
     missing = _missing(view, spot, said)
-    reasons = verdict(view, spot) or [_nothing(fusion, spot, missing)]
+    reasons = verdict(view, spot) or [_nothing(fusion, spot, said, missing)]
     likelihood = np.nan if spot.best == NOBODY else float(fusion.field.likelihoods[spot.best])
     return PlaceAccount(
         position=_plain(wanted.position),
@@ -144,19 +146,19 @@ def _nearest_words(fusion: Fusion, place: FloatArray) -> str:
 def _missing(view: View, spot: Spot, said: Sequence[Said]) -> list[Reason]:
     """Give why sources say nothing here, but for those whose belief reaches here from elsewhere."""
     reach_here = {one.source for one in said}
-    return [
-        one
-        for one in missing_at(view, spot)
-        if one.why != Why.ELSEWHERE or one.source not in reach_here
-    ]
+    return [one for one in missing_at(view, spot) if one.source not in reach_here]
 
 
-def _nothing(fusion: Fusion, spot: Spot, missing: Sequence[Reason]) -> Reason:
-    """Say that nobody says anything, with the best reason of those that might have."""
+def _nothing(fusion: Fusion, spot: Spot, said: Sequence[Said], missing: Sequence[Reason]) -> Reason:
+    """Say that no hypothesis lies here, with the best reason of those that might have."""
     if missing and missing[0].why in (Why.EXPIRED, Why.WITHDRAWN):
         return missing[0]
-    rest = _nearest_words(fusion, spot.position)
-    return Reason(Why.NOTHING, f"no source says anything here; {rest}")
+    what = (
+        f"no hypothesis lies within {millimetres(spot.reach)}"
+        if said
+        else "no source says anything here"
+    )
+    return Reason(Why.NOTHING, f"{what}; {_nearest_words(fusion, spot.position)}")
 
 
 def _withouts(view: View, said: Sequence[Said], spot: Spot, reach: float) -> tuple[Without, ...]:

@@ -34,17 +34,16 @@ def draw_sources(
         missing: why others say nothing there.
         account: of the moment.
     """
-    spoken = [one for one in said if one.voxels]
-    rows = {name: -row for row, name in enumerate(_names(spoken, missing, said))}
+    names = [one.source for one in said] + [one.source for one in missing]
+    rows = {name: -row for row, name in enumerate(names)}
     timeouts = {one.source: one.timeout for one in account.sources}
-    for one in spoken:
+    for one in said:
         row, colour = rows[one.source], KINDS[one.kind]
         likelihoods.barh(row, one.likelihood, color=colour, height=0.4)
         ages.barh(row, one.age, color=colour, height=0.4)
         words = f"{one.source} ({one.kind})"
         likelihoods.text(0.02, row + 0.36, words, va="center", fontsize=9, bbox=BOX, zorder=4)
         ages.text(one.age, row, f" {one.age:.2f}", va="center", zorder=4)
-    for one in said:
         if one.fit == one.fit:
             label = "fit: as a part of its best place" if one is said[0] else None
             likelihoods.plot(one.fit, rows[one.source], "D", color="#000000", label=label, zorder=5)
@@ -70,12 +69,6 @@ def draw_sources(
         add_legend(axes, 1)
         axes.set_ylim(-max(len(rows), 5) + 0.3, 0.7)
         axes.set_yticks([])
-
-
-def _names(spoken: Sequence[Said], missing: Sequence[Reason], said: Sequence[Said]) -> list[str]:
-    """Give the sources in the order of their rows, each once."""
-    given = [one.source for one in spoken] + [one.source for one in missing]
-    return list(dict.fromkeys([*given, *(one.source for one in said)]))
 
 
 def add_legend(axes: Axes, columns: int) -> None:

@@ -24,7 +24,7 @@ def combined(view: View, spot: Spot, likelihood: float | None = None) -> str:
         "" when nobody says anything there, or one source alone, whose likelihood it is.
     """
     fusion, belief = view.fusion, view.fusion.field.belief
-    if belief is not None:
+    if belief is not None and view.settings.by_modes:
         if likelihood is None:
             likelihood = belief.exists * belief_share(fusion, spot.position, spot.reach)
         return (
@@ -33,6 +33,12 @@ def combined(view: View, spot: Spot, likelihood: float | None = None) -> str:
         )
     if spot.best == NOBODY:
         return ""
+    if belief is not None:
+        fused = float(fusion.field.likelihoods[spot.best])
+        return (
+            f"P(contact) {belief.exists:.2f} by all evidence, {fused / belief.exists:.0%} as "
+            f"likely here as at the likeliest place: {fused:.2f}"
+        )
     names, given = given_in(fusion, spot.best)
     if len(given) == 1 and abs(given[0] - fusion.field.likelihoods[spot.best]) < 1e-6:
         return ""

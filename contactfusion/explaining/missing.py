@@ -100,8 +100,9 @@ def _reason(view: View, spot: Spot, source: str) -> Reason:
             since = "" if report.age < age - 1e-6 else ", and nothing came since"
             sentence += f"; its hypotheses live {timeout:g} s{since}"
             return Reason(Why.EXPIRED, sentence, source, values)
-        sentence += f", and took it back: {_now(fusion, spot, source, report)}"
-        return Reason(Why.WITHDRAWN, sentence, source, values)
+        if report.age < age - 1e-6:
+            sentence += f", and took it back: {_now(fusion, spot, source, report)}"
+            return Reason(Why.WITHDRAWN, sentence, source, values)
     if report.age > timeout:
         sentence = f"{source} has been silent for {report.age:.2f} s; its hypotheses live"
         return Reason(Why.SILENT, f"{sentence} {timeout:g} s{_refused(report)}", source, values)

@@ -42,59 +42,78 @@ def spot_of(view: View, number: int) -> Spot:
     """Give the voxels that belong to a contact, by its row in the contacts."""
     contact, inside = view.fusion.contacts[number], view.owners == number
     reach = max(view.settings.tolerance, 2.0 * contact.dispersion)
+    if view.settings.by_modes:
+        near = spot_at(view, contact.position, view.settings.tolerance).inside
+        inside |= near & (view.owners == NOBODY)
     return Spot(contact.position, reach, inside, _best(view, inside, contact.position))
 
 
 def said_at(view: View, spot: Spot) -> list[Said]:
     """Give what each source says in a spot, likelier first; those that say nothing are left out.
 
-    Where a rule has a belief, sources that have a say in it are told of too.
+    Where a rule has a belief, a source whose field reaches here from further away says something.
     """
     entries, said = view.fusion.field.entries, []
-    fits = fits_at(view.fusion, spot.position, view.settings.integrator.floor)
+    positions = entries.positions
+    fits, heard = heard_at(view.fusion, spot, view.settings.integrator.floor)
     for number, (source, (begin, end)) in enumerate(
         zip(entries.sources, itertools.pairwise(entries.begin.tolist()), strict=True)
     ):
         rows = begin + np.flatnonzero(spot.inside[entries.places[begin:end]])
-        fit = float(fits[number]) if fits is not None and end > begin else np.nan
-        if not len(rows) and np.isnan(fit):
-            continue
-        timeout = view.settings.timeout(source.name)
-        if not len(rows):
-            said.append(Said(source.name, source.kind, np.nan, np.nan, timeout, 0, 0.0, fit=fit))
+        if end == begin or not (len(rows) or heard[number]):
             continue
         columns = entries.columns
-        row = rows[columns.likelihoods[rows].argmax()]
+        away = np.linalg.norm(positions[begin:end] - spot.position, axis=1)
+        row = rows[columns.likelihoods[rows].argmax()] if len(rows) else begin + away.argmin()
         said.append(
             Said(
                 source=source.name,
                 kind=source.kind,
                 likelihood=float(columns.likelihoods[row]),
                 age=float(entries.now - columns.stamps[row]) / 1e9,
-                timeout=timeout,
+                timeout=view.settings.timeout(source.name),
                 voxels=len(rows),
                 spread=float(columns.spreads[row]),
-                fit=fit,
+                away=float(away[row - begin]),
+                fit=float(fits[number]),
             )
         )
     return sorted(said, key=lambda one: -np.nan_to_num(one.likelihood))
 
 
-def fits_at(fusion: Fusion, position: FloatArray, floor: float) -> FloatArray | None:
-    """Tell how well a place fits what each source says, shape (k,); None without a belief.
+def heard_at(fusion: Fusion, spot: Spot, floor: float) -> tuple[FloatArray, NDArray[np.bool_]]:
+    """Tell how well a spot fits what each source says, and whether its field stands out there.
 
     Of evidence and support: the source's factor at the place of the belief that is nearest, as a
-    part of its largest; of null: the factor itself, which is what it leaves of the others' belief.
+    part of its largest; it stands out where the field exceeds its floor. Of null: the factor
+    itself, which is what it leaves of the others' belief; it stands out where it takes some.
+
+    Returns:
+        Both of shape (k,); NaN and False where no place of a belief lies in the spot.
     """
-    belief = fusion.field.belief
+    belief, entries = fusion.field.belief, fusion.field.entries
+    unheard = np.full(len(entries.sources), np.nan), np.zeros(len(entries.sources), np.bool_)
     if belief is None:
-        return None
-    here = int(((belief.places - position) ** 2).sum(axis=1).argmin())
-    told = belief.told[:, here]
-    null = fusion.field.entries.flags(HypothesisKind.NULL)
+        return unheard
+    squared = ((belief.places - spot.position) ** 2).sum(axis=1)
+    if squared.min() > spot.reach**2:
+        return unheard
+    told = belief.told[:, squared.argmin()]
+    null = entries.flags(HypothesisKind.NULL)
     fits: FloatArray = np.exp(told - belief.told.max(axis=1))
     fits[null] = np.minimum(floor * np.exp(told[null]), 1.0)
-    return fits
+    return fits, np.where(null, fits < 1.0 - floor, told > np.log(2.0))
+
+
+def shares_at(fusion: Fusion, spot: Spot) -> dict[str, float]:
+    """Give how much each source adds to a belief in a spot, as parts of one; null has none."""
+    belief, entries = fusion.field.belief, fusion.field.entries
+    assert belief is not None
+    squared = ((belief.places - spot.position) ** 2).sum(axis=1)
+    near = squared <= max(spot.reach**2, squared.min())
+    added = np.maximum(belief.told[:, near] @ belief.weights[near], 0.0) * entries.counted
+    parts = added / (added.sum() or 1.0)
+    return {one.name: float(part) for one, part in zip(entries.sources, parts, strict=True)}
 
 
 def _best(view: View, wanted: NDArray[np.bool_], position: FloatArray) -> int:

@@ -93,9 +93,12 @@ def _spoken(
 
 
 def _likelihood(said: Said) -> str:
-    if not said.voxels:
-        return "no hypothesis this near"
     spread = f" ± {millimetres(said.spread)}" if said.spread else ""
+    if not said.voxels:
+        return (
+            f"reaches here from {millimetres(said.away)}: {said.likelihood:.2f}{spread}, "
+            f"{said.age:.2f} s old"
+        )
     many = f" in {said.voxels} voxels" if said.voxels > 1 else ""
     most = "up to " if said.voxels > 1 else ""
     return f"{most}{said.likelihood:.2f}{spread}{many}, {said.age:.2f} s old"

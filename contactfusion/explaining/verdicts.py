@@ -25,10 +25,10 @@ def verdict(view: View, spot: Spot) -> list[Reason]:
     """
     if (contact := _part_of(view, spot)) is not None:
         return [contact]
+    if view.settings.by_modes and (spot.best != NOBODY or _believed(view, spot)):
+        return _by_belief(view, spot)
     if spot.best == NOBODY:
         return []
-    if view.settings.by_modes:
-        return _by_belief(view, spot)
     code = int(view.fusion.verdict_codes[spot.best])
     reasons = [_of_voxel(code, view, spot)]
     if code != kernels.NULLED and (nulled := _nulled(view, spot)) is not None:
@@ -143,6 +143,11 @@ def _too_little_mass(view: View, spot: Spot) -> Reason:
         f"cluster of {least:g}",
         values={"mass": mass, "mass_threshold": least},
     )
+
+
+def _believed(view: View, spot: Spot) -> bool:
+    """Tell whether at least 1 % of a belief lies in a spot, hypotheses or none."""
+    return belief_share(view.fusion, spot.position, spot.reach) >= 0.01
 
 
 def _by_belief(view: View, spot: Spot) -> list[Reason]:
