@@ -32,6 +32,7 @@ class Note(StrEnum):
 
     MORE_THAN_ONE_CONTACT = "more than one contact"
     OFF_SURFACE = "off the surface"
+    PULLS = "the force pulls: sign?"
     SATURATED = "saturated"
     UNHEALTHY = "unhealthy"
 

@@ -92,10 +92,12 @@ class ForceTorqueGenerator(Generator[ForceTorqueConfig]):
         self.reset()
 
     def reset(self) -> None:
-        """Forget the tare and the samples of the average."""
+        """Forget the tare, the samples of the average, and the work of the contact."""
         self._bias: FloatArray | None = None if self.config.tare else np.zeros(6)
         self._rest: list[tuple[float, FloatArray]] = []
         self._recent: deque[tuple[float, FloatArray]] = deque()
+        self._untared: tuple[float, float] | None = None
+        self._end_contact()
 
     def generate(self, reading: Reading, state: State) -> Sequence[HypothesisCloud]:
         """Give the places on the surface where one contact explains the wrench.
@@ -116,20 +118,26 @@ class ForceTorqueGenerator(Generator[ForceTorqueConfig]):
             return ()
         force, torque = wrench[:3], wrench[3:]
         if np.linalg.norm(force) < self.least_force:
+            self._end_contact()
             return (self.nothing(reading),)
         probability = self.explained(force, torque)
         notes = (Note.MORE_THAN_ONE_CONTACT,) if probability < 1.0 else ()
         if probability == 0.0:
             return (self.nothing(reading, notes=notes),)
         pose = state.frames.pose(state.grid.frame, of=reading.frame)
-        nearest = points_in(pose, line_of_action(force, torque)[None])[0]
+        on_line = line_of_action(force, torque)[None]
+        nearest = points_in(pose, on_line)[0]
         force = vectors_in(pose, force[None])[0]
+        if self._is_driven(pose, on_line, force):
+            notes = (*notes, Note.PULLS)
         surface = state.surface
         if state.robot is not None:  # what does not hang on the sensor cannot be felt by it
             surface = state.robot.surface_of(state.robot.model.beyond(reading.frame))
         places = self._on_surface(nearest, force, surface, state.grid)
         if not len(places):
-            return (self.nothing(reading, notes=(*notes, Note.OFF_SURFACE)),)
+            pulls = len(self._on_surface(nearest, -force, surface, state.grid))
+            why = Note.PULLS if pulls else Note.OFF_SURFACE
+            return (self.nothing(reading, notes=tuple(dict.fromkeys((*notes, why)))),)
         levers = places - pose[:3, 3]
         return (
             self.cloud(
@@ -143,6 +151,43 @@ class ForceTorqueGenerator(Generator[ForceTorqueConfig]):
                 notes=notes,
             ),
         )
+
+    @property
+    def waits_for(self) -> str:
+        """What keeps the tare from being taken; empty once it is."""
+        if self._bias is not None or self._untared is None:
+            return ""
+        tare, span = self.config.tare, self._untared[1] - self._untared[0]
+        if span < tare:
+            return (
+                f"its tare takes {tare:g} s, and the readings span {span:.3g} s; "
+                "is their unit of time right?"
+            )
+        return (
+            f"its tare takes {tare:g} s without contact while samples scatter by less than "
+            f"{STEADY:g} times the stated noise, and there was no such time"
+        )
+
+    def _is_driven(self, pose: Pose, on_line: FloatArray, force: FloatArray) -> bool:
+        """Whether the force has driven the sensor along since the contact began.
+
+        What is touched resists: the work of its force on the robot, ∫ f·dx, stays under 0. Where it
+        grows, the sign is reversed, or something pulls the robot along.
+
+        Args:
+            pose: of the sensor in the frame of the grid.
+            on_line: shape (1, 3) [m], a point of the line of action, in the sensor's frame.
+            force: shape (3,) [N], on the robot, in the frame of the grid.
+        """
+        if self._pose is not None:
+            way = points_in(pose, on_line) - points_in(self._pose, on_line)
+            self._work += float(way[0] @ force)
+        self._pose = pose
+        return self._work > self.least_force * self.config.surface_tolerance
+
+    def _end_contact(self) -> None:
+        self._pose: Pose | None = None
+        self._work = 0.0  # [J]
 
     def _is_dead(self, reading: Wrench) -> bool:
         """Whether a sensor that carries a load reads exact zeros: no load weighs so little."""
@@ -253,6 +298,7 @@ class ForceTorqueGenerator(Generator[ForceTorqueConfig]):
         It starts again when samples scatter more than noise does, and while the robot is touched by
         what others say: a tare during a contact would erase that contact.
         """
+        self._untared = (self._untared or (stamp, stamp))[0], stamp
         if touched:
             self._rest.clear()
             return None
