@@ -106,6 +106,8 @@ class Pipeline:
         self._fusion: Fusion | None = None
         self.unplaced: Counter[str] = Counter()
         """How often clouds of each generator were refused as no transform placed them."""
+        self.given: Counter[str] = Counter()
+        """How many readings each generator was given."""
 
     def plug(self, name: str, options: dict[str, Any]) -> None:
         """Plug a generator in, also while running.
@@ -180,6 +182,7 @@ class Pipeline:
         if takers:
             state = self.state(reading.stamp)
             for generator in takers:
+                self.given[generator.name] += 1
                 self._deliver(generator, functools.partial(self._ask, generator, reading, state))
 
     def step(self, now: float) -> Step:
@@ -220,6 +223,7 @@ class Pipeline:
         self._faults.reset()
         self._fusion = None
         self.unplaced.clear()
+        self.given.clear()
         for generator in self.generators.values():
             generator.reset()
         if self._controller:

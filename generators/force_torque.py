@@ -28,6 +28,8 @@ from contactfusion.thinning import first_in_voxels
 
 STEADY = 2.0
 """At rest, samples scatter by less than so many standard deviations of the noise."""
+LOADED = 1.0
+"""A load that lasts so long from the first reading on may be a bias [s]."""
 
 
 class ForceTorqueConfig(GeneratorConfig):
@@ -96,7 +98,8 @@ class ForceTorqueGenerator(Generator[ForceTorqueConfig]):
         self._bias: FloatArray | None = None if self.config.tare else np.zeros(6)
         self._rest: list[tuple[float, FloatArray]] = []
         self._recent: deque[tuple[float, FloatArray]] = deque()
-        self._untared: tuple[float, float] | None = None
+        self._span: tuple[float, float] | None = None
+        self._was_free = self._bias is None  # as the tare makes sure
         self._end_contact()
 
     def generate(self, reading: Reading, state: State) -> Sequence[HypothesisCloud]:
@@ -114,14 +117,19 @@ class ForceTorqueGenerator(Generator[ForceTorqueConfig]):
         if self._is_dead(reading):
             return (self.nothing(reading, notes=(Note.UNHEALTHY,)),)
         wrench = self.compensated(reading, state)
+        first = self._span[0] if self._span else reading.stamp
+        self._span = first, reading.stamp
         if wrench is None:
             return ()
         force, torque = wrench[:3], wrench[3:]
         if np.linalg.norm(force) < self.least_force:
             self._end_contact()
+            self._was_free = True
             return (self.nothing(reading),)
         probability = self.explained(force, torque)
         notes = (Note.MORE_THAN_ONE_CONTACT,) if probability < 1.0 else ()
+        if not self._was_free and reading.stamp - first >= LOADED:
+            notes = (*notes, Note.NEVER_FREE)
         if probability == 0.0:
             return (self.nothing(reading, notes=notes),)
         pose = state.frames.pose(state.grid.frame, of=reading.frame)
@@ -155,9 +163,9 @@ class ForceTorqueGenerator(Generator[ForceTorqueConfig]):
     @property
     def waits_for(self) -> str:
         """What keeps the tare from being taken; empty once it is."""
-        if self._bias is not None or self._untared is None:
+        if self._bias is not None or self._span is None:
             return ""
-        tare, span = self.config.tare, self._untared[1] - self._untared[0]
+        tare, span = self.config.tare, self._span[1] - self._span[0]
         if span < tare:
             return (
                 f"its tare takes {tare:g} s, and the readings span {span:.3g} s; "
@@ -298,7 +306,6 @@ class ForceTorqueGenerator(Generator[ForceTorqueConfig]):
         It starts again when samples scatter more than noise does, and while the robot is touched by
         what others say: a tare during a contact would erase that contact.
         """
-        self._untared = (self._untared or (stamp, stamp))[0], stamp
         if touched:
             self._rest.clear()
             return None

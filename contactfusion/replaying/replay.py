@@ -14,8 +14,7 @@ from contactfusion.replaying.configuration import setting_of_file
 from contactfusion.replaying.outputs import About, Output, open_output
 from contactfusion.replaying.session import WHOLE, Session, Window
 from contactfusion.replaying.tally import Tally
-from contactfusion.running import unheard
-from contactfusion.step_summary import Summary
+from contactfusion.step_summary import Summary, refuse
 
 Watch = Callable[[Session], AbstractContextManager[Output]]
 """Gives who else sees readings and steps, such as a viewer."""
@@ -72,7 +71,7 @@ def replay(options: Options, watch: Watch | None = None) -> None:
     session = Session(
         setting, options.recording, options.topics, options.window, tap, watched=watch is not None
     )
-    tally, summary = Tally(), Summary()
+    tally, summary = Tally(), Summary(session.pipeline)
     pace = _pace(options.rate)
 
     def hear(reading: Reading) -> None:
@@ -203,11 +202,7 @@ def _met(recording: RosRecording, topic: str) -> Iterator[str]:
 def _refuse_silence(path: Path, session: Session, tally: Tally, summary: Summary) -> None:
     """Make sure that all came that the configuration waits for, and that most of it was of use."""
     lost = list(_lost(session.recording)) if isinstance(session.recording, RosRecording) else []
-    silent = list(unheard(session.pipeline, tally.kinds, summary))
-    faults = list(session.inputs.missing) or [*lost, *silent]
-    if faults:
-        more = f" (and {len(faults) - 1} more)" if len(faults) > 1 else ""
-        raise ConfigurationError(f"{path}: {faults[0]}{more}")
+    refuse(path, session.inputs.missing or [*lost, *summary.complaints(tally.kinds)])
 
 
 def _lost(recording: RosRecording) -> Iterator[str]:
