@@ -29,7 +29,7 @@ from contactfusion.integrator.integrator import Integrator
 from contactfusion.integrator.report import Event
 from contactfusion.isolation import Isolated
 from contactfusion.pipeline_config import PipelineConfig
-from contactfusion.readings import READING_TYPES, Reading, Transform
+from contactfusion.readings import READING_TYPES, JointState, Odometry, Reading, Transform
 from contactfusion.robot import Robot
 from contactfusion.state import State
 
@@ -159,6 +159,16 @@ class Pipeline:
         if isinstance(generator, Isolated):
             generator.close()
 
+    def listens(self, sensor: str, kind: type[Reading]) -> bool:
+        """Whether readings of a sensor reach a generator, or tell of the robot's joints or base.
+
+        Transforms do not count: what misses one says so.
+        """
+        is_robot = issubclass(kind, Odometry) or (
+            issubclass(kind, JointState) and self._robot.model is not None
+        )
+        return is_robot or any(_takes(one, sensor, kind) for one in self.generators.values())
+
     def receive(self, reading: Reading) -> None:
         """Give a reading to every generator that takes it; one that fails harms no other.
 
@@ -178,7 +188,8 @@ class Pipeline:
 
     def _distribute(self, reading: Reading) -> None:
         self._robot.add(reading)
-        takers = [one for one in self.generators.values() if _takes(one, reading)]
+        kind = type(reading)
+        takers = [one for one in self.generators.values() if _takes(one, reading.sensor, kind)]
         if takers:
             state = self.state(reading.stamp)
             for generator in takers:
@@ -326,9 +337,9 @@ class Pipeline:
         )
 
 
-def _takes(generator: AnyGenerator, reading: Reading) -> bool:
+def _takes(generator: AnyGenerator, sensor: str, kind: type[Reading]) -> bool:
     wanted = generator.config.sensor
-    return isinstance(reading, generator.readings) and (wanted is None or wanted == reading.sensor)
+    return issubclass(kind, generator.readings) and wanted in (None, sensor)
 
 
 def _command(controller: Controller, fusion: Fusion, state: State) -> Command:

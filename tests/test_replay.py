@@ -135,7 +135,7 @@ def test_of_several_topics_of_a_sensor_the_one_that_is_of_no_use_is_named(
     assert isinstance(played, RosRecording)
     tally = played.tally["/tracker/cup"]
     tally.readings, tally.refused, tally.why_refused = 0, 2, "odd"
-    assert list(_lost(played)) == [
+    assert list(_lost(session)) == [
         "of 'tracker', /tracker/cup, nothing could be used: 2 refused: odd"
     ]
     assert _troubles(played)["tracker"] == "/tracker/cup: 2 refused: odd"

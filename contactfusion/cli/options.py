@@ -15,6 +15,10 @@ Configured = Annotated[
 Topics = Annotated[
     list[str] | None, typer.Option(help="ROLE=/NAME: which topic feeds a generator; several.")
 ]
+Ignored = Annotated[
+    list[str] | None,
+    typer.Option("--ignore", metavar="TOPIC", help="A topic that is not read at all; several."),
+]
 Changed = Annotated[
     list[str] | None, typer.Option("--set", help="Change a field, e.g. integrator.timeout=1.")
 ]

@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from contactfusion.cli.options import Changed, Configured, Out, Topics, roles
+from contactfusion.cli.options import Changed, Configured, Ignored, Out, Topics, roles
 from contactfusion.errors import ConfigurationError
 
 
@@ -19,6 +19,7 @@ def replay(
         typer.Option(help="Takes the contacts: .mcap (with all topics), .csv, .parquet"),
     ] = None,
     topic: Topics = None,
+    ignore: Ignored = None,
     set_: Changed = None,
     start: Annotated[float, typer.Option(min=0.0, help="Begin so many seconds late.")] = 0.0,
     duration: Annotated[float | None, typer.Option(min=0.0, help="Play so many seconds.")] = None,
@@ -34,7 +35,9 @@ def replay(
     from contactfusion.replaying.session import Window
 
     window = Window(start, duration)
-    options = Options(configuration, recording, set_ or [], roles(topic), window, rate, out)
+    options = Options(
+        configuration, recording, set_ or [], roles(topic), window, rate, out, ignore or []
+    )
     if view:
         from contactfusion.replaying.watching import replay_and_show
 
@@ -49,6 +52,7 @@ def explain(
     at: Annotated[str, typer.Option(help="Where, as x,y,z in metres; default: everywhere.")] = "",
     config: Configured = None,
     topic: Topics = None,
+    ignore: Ignored = None,
     set_: Changed = None,
     json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
     picture: Annotated[Path | None, typer.Option(help="Draw it: the PNG to write.")] = None,
@@ -56,7 +60,7 @@ def explain(
     """Tell why there is a contact, or why there is none."""
     from contactfusion.replaying.asking import Source, explain_recording
 
-    source = Source(recording, config, roles(topic), set_ or [])
+    source = Source(recording, config, roles(topic), set_ or [], ignore or [])
     explain_recording(source, time, _place(at), json, picture)
 
 
@@ -64,19 +68,21 @@ def ablate(
     recording: Annotated[Path, typer.Argument(help="A recording.")],
     config: Configured = None,
     topic: Topics = None,
+    ignore: Ignored = None,
     set_: Changed = None,
     out: Out = Path("out/ablate"),
 ) -> None:
     """Tell what contacts would be without each source, over a whole recording."""
     from contactfusion.replaying.asking import Source, ablate_recording
 
-    ablate_recording(Source(recording, config, roles(topic), set_ or []), out)
+    ablate_recording(Source(recording, config, roles(topic), set_ or [], ignore or []), out)
 
 
 def view(
     recording: Annotated[Path, typer.Argument(help="A recording, or an .rrd that was saved.")],
     config: Configured = None,
     topic: Topics = None,
+    ignore: Ignored = None,
     set_: Changed = None,
     screenshot: Annotated[
         Path | None, typer.Option(help="Take a picture, without a screen: the PNG to write.")
@@ -91,7 +97,7 @@ def view(
     from contactfusion.replaying.asking import Source
     from contactfusion.replaying.watching import view_recording
 
-    source = Source(recording, config, roles(topic), set_ or [])
+    source = Source(recording, config, roles(topic), set_ or [], ignore or [])
     view_recording(source, save, screenshot, at, web)
 
 
