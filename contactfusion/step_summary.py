@@ -132,11 +132,14 @@ class Summary:
         """Say which generators never looked, and of which sources most clouds were refused."""
         sources = self._sources
         for name, generator in self._pipeline.generators.items():
-            given, own = self._pipeline.given[name], sources.keys() & generator.sources.keys()
-            came = any(
-                sources[one].accepted + sources[one].early + sources[one].invalid for one in own
+            given = self._pipeline.given[name]
+            looked = any(
+                one.accepted or one.early or one.invalid
+                for source, one in sources.items()
+                if source in generator.sources
             )
-            if given and not came and HypothesisKind.REGULAR in generator.sources.values():
+            is_evidence = HypothesisKind.REGULAR in generator.sources.values()
+            if self.steps and given and is_evidence and not looked:
                 why = f": {generator.waits_for}" if generator.waits_for else ""
                 yield f"generators.{name}: it gave no cloud for any of its {given} readings{why}"
         for name, source in sources.items():

@@ -88,6 +88,10 @@ class ForceTorqueGenerator(Generator[ForceTorqueConfig]):
 
     Config = ForceTorqueConfig
     readings = (Wrench,)
+    _pose: Pose | None
+    """Of the sensor at the newest reading of a contact; None without one."""
+    _work: float
+    """Of the force on the robot since the contact began [J]."""
 
     def __init__(self, name: str, config: ForceTorqueConfig) -> None:
         super().__init__(name, config)
@@ -194,8 +198,7 @@ class ForceTorqueGenerator(Generator[ForceTorqueConfig]):
         return self._work > self.least_force * self.config.surface_tolerance
 
     def _end_contact(self) -> None:
-        self._pose: Pose | None = None
-        self._work = 0.0  # [J]
+        self._pose, self._work = None, 0.0
 
     def _is_dead(self, reading: Wrench) -> bool:
         """Whether a sensor that carries a load reads exact zeros: no load weighs so little."""

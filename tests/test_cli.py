@@ -175,6 +175,75 @@ def test_a_wrong_configuration_is_one_sentence_that_names_the_field(
 
 
 @pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        (
+            ["generators.wrist.tare=0.5"],
+            [
+                "generators.wrist",
+                "no cloud for any of its 5 readings",
+                "span 0.04 s",
+                "unit of time",
+            ],
+        ),
+        (
+            ["recording.readings.wrist.frame=tol"],
+            ["every cloud of 'wrist' was refused", "'tol'", "did you mean 'tool'"],
+        ),
+        (
+            ["faults=[{fault: zeros, sensor: wirst}]"],
+            ["faults.0.sensor", "no reading of 'wirst' came", "did you mean 'wrist'"],
+        ),
+        (["faults=[{fault: zeros, sensor: twist}]"], ["no reading of 'twist'", "wrench, wrist"]),
+    ],
+)
+def test_a_run_that_found_nothing_for_a_reason_says_it_and_keeps_its_results(
+    changes: list[str], words: list[str], folder: Path, ask: Ask
+) -> None:
+    options = [word for change in changes for word in ("--set", change)]
+    sentence = one_sentence(ask("run", "wrist.yaml", *options, "--out", "results"))
+    assert all(word in sentence for word in words), sentence
+    assert json.loads((folder / "results" / "summary.json").read_text())["steps"] == 5
+    assert (folder / "results" / "contacts.csv").exists()
+
+
+def test_what_was_found_before_a_run_broke_off_is_kept(folder: Path, ask: Ask) -> None:
+    unfit = "faults=[{fault: bias, sensor: wrist, amount: 1.0, start: 0.03}]"
+    assert "faults.0.amount" in one_sentence(
+        ask("run", "wrist.yaml", "--set", unfit, "--out", "results")
+    )
+    assert json.loads((folder / "results" / "summary.json").read_text())["steps"] == 3
+    assert len((folder / "results" / "contacts.csv").read_text().splitlines()) == 4
+
+
+def test_a_sensor_that_fails_on_purpose_is_no_failure(folder: Path, ask: Ask) -> None:
+    silent = ["--set", "cycle={every: 0.01}", "--set", "faults=[{fault: silent, sensor: wrist}]"]
+    assert ask("run", "wrist.yaml", *silent, "--out", "results").status == 0
+
+
+def test_a_fault_that_starts_after_the_end_is_told(folder: Path, ask: Ask) -> None:
+    answer = ask("run", "wrist.yaml", "--set", "faults=[{fault: zeros, start: 9}]", "--out", "late")
+    assert answer.status == 0
+    assert "faults.0 did nothing: it starts at 9 s, after the end" in answer.out
+
+
+def test_remarks_are_counted_with_their_likely_cause(folder: Path, ask: Ask) -> None:
+    """A torque along the force is no single contact: here, what no tare has taken off."""
+    log = [LOG[0], *(f"{n / 100:.2f},0,0,-5,0,0,1" for n in range(5))]
+    (folder / "wrist.csv").write_text("\n".join(log) + "\n")
+    answer = ask("run", "wrist.yaml", "--out", "results")
+    assert answer.status == 0, "no contact alone is no error"
+    assert "0 contacts" in answer.out and "5 × more than one contact: tare?" in answer.out
+    summary = json.loads((folder / "results" / "summary.json").read_text())
+    assert summary["sources"]["wrist"]["remarks"] == {"more than one contact": 5}
+
+
+def test_a_rare_remark_gets_no_cause(folder: Path, ask: Ask) -> None:
+    (folder / "wrist.csv").write_text("\n".join([*LOG, "0.05,0,0,-5,0,0,1"]) + "\n")
+    assert "1 × more than one contact\n" in ask("run", "wrist.yaml", "--out", "results").out
+
+
+@pytest.mark.parametrize(
     "change", ["integrator.voxel_size=-1", "recording.file=wirst.csv", "recording.time.column=s"]
 )
 def test_a_run_that_cannot_start_writes_nothing(change: str, folder: Path, ask: Ask) -> None:
