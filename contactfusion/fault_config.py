@@ -71,12 +71,12 @@ class Fault(Model):
         """How late readings come [s]."""
         return 0.0
 
-    def meets(self, reading: Reading) -> bool:
-        """Tell whether a reading is of a sensor that fails, at whatever time."""
-        if self.sensor is None or self.sensor == reading.sensor:
+    def meets(self, sensor: str, kind: type[Reading]) -> bool:
+        """Tell whether readings of a kind are of a sensor that fails, at whatever time."""
+        if self.sensor is None or self.sensor == sensor:
             return True
-        kind = READING_TYPES.get(self.sensor)
-        return kind is not None and isinstance(reading, kind)
+        failing = READING_TYPES.get(self.sensor)
+        return failing is not None and issubclass(kind, failing)
 
     def check(self, kind: type[Reading], label: str) -> None:
         """Refuse a kind of reading that cannot fail in this way.

@@ -2,14 +2,15 @@
 
 import heapq
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Collection, Iterable, Iterator, Sequence
 from typing import final
 
 import numpy as np
 
-from contactfusion.errors import ConfigurationError
+from contactfusion.errors import ConfigurationError, name_hint
 from contactfusion.fault_config import Fault, read_faults
 from contactfusion.readings import (
+    READING_TYPES,
     JointCommand,
     JointState,
     ObjectPose,
@@ -19,7 +20,7 @@ from contactfusion.readings import (
 )
 from contactfusion.time import to_nanoseconds
 
-__all__ = ["Faults", "read_faults"]
+__all__ = ["Faults", "read_faults", "unmet"]
 
 Stream = tuple[str, ...]
 """What tells the readings of one sensor from those of others, also where sensors have no name."""
@@ -74,7 +75,9 @@ class Faults:
     def _passed(self, number: int, reading: Reading) -> Reading | None:
         """Give what comes at once of a reading; None: it is lost, or waits."""
         fault = self._faults[number]
-        if not fault.meets(reading) or (fault.end is not None and reading.stamp > fault.end):
+        if not fault.meets(reading.sensor, type(reading)) or (
+            fault.end is not None and reading.stamp > fault.end
+        ):
             return reading
         key = (number, _stream(reading))
         if fault.start is not None and reading.stamp < fault.start:
@@ -106,6 +109,22 @@ class Faults:
             entropy = [self._seed, number, *"\n".join(stream).encode()]
             self._random[key] = np.random.default_rng(entropy)
         return self._random[key]
+
+
+def unmet(faults: Iterable[Fault], heard: Collection[tuple[str, type[Reading]]]) -> Iterator[str]:
+    """Say which faults are of sensors that there are not.
+
+    Args:
+        faults: in their order.
+        heard: the sensor and the type of each reading that came, before any faults.
+    """
+    types = {kind for _, kind in heard}
+    for row, fault in enumerate(faults):
+        if not any(fault.meets(*one) for one in heard):
+            known = {sensor for sensor, _ in heard if sensor}
+            known |= {name for name, kind in READING_TYPES.items() if kind in types}
+            hint = name_hint(str(fault.sensor), known, "sensors and types")
+            yield f"faults.{row}.sensor: no reading of '{fault.sensor}' came; {hint}"
 
 
 def _stream(reading: Reading) -> Stream:

@@ -102,6 +102,11 @@ class Generator(ABC, Generic[ConfigT]):
         return None
 
     @property
+    def waits_for(self) -> str:
+        """What keeps it from looking, in a sentence, as long as it gives no clouds."""
+        return ""
+
+    @property
     def sources(self) -> dict[str, HypothesisKind]:
         """The sources that its clouds come from, by name."""
         return {self.source(output): kind for output, kind in self.outputs.items()}

@@ -32,6 +32,8 @@ class Note(StrEnum):
 
     MORE_THAN_ONE_CONTACT = "more than one contact"
     OFF_SURFACE = "off the surface"
+    PULLS = "the force pulls: sign?"
+    NEVER_FREE = "loaded since the first reading: tare?"
     SATURATED = "saturated"
     UNHEALTHY = "unhealthy"
 

@@ -35,7 +35,7 @@ from contactfusion.integrator.integrator import Integrator
 from contactfusion.integrator.report import Event
 from contactfusion.isolation import Isolated
 from contactfusion.pipeline_config import PipelineConfig
-from contactfusion.readings import READING_TYPES, Reading, Transform
+from contactfusion.readings import READING_TYPES, JointState, Odometry, Reading, Transform
 from contactfusion.robot import Robot
 from contactfusion.state import State
 
@@ -115,6 +115,8 @@ class Pipeline:
         """Who has raised before."""
         self.unplaced: Counter[str] = Counter()
         """How often clouds of each generator were refused as no transform placed them."""
+        self.given: Counter[str] = Counter()
+        """How many readings each generator was given."""
         self._failed_commands, self._first_failure = 0, ""
         try:
             for name, options in config.generators.items():
@@ -193,6 +195,16 @@ class Pipeline:
         if isinstance(generator, Isolated):
             generator.close()
 
+    def listens(self, sensor: str, kind: type[Reading]) -> bool:
+        """Whether readings of a sensor reach a generator, or tell of the robot's joints or base.
+
+        Transforms do not count: what misses one says so.
+        """
+        is_robot = issubclass(kind, Odometry) or (
+            issubclass(kind, JointState) and self._robot.model is not None
+        )
+        return is_robot or any(_takes(one, sensor, kind) for one in self.generators.values())
+
     def receive(self, reading: Reading) -> None:
         """Give a reading to every generator that takes it; one that fails harms no other.
 
@@ -212,10 +224,12 @@ class Pipeline:
 
     def _distribute(self, reading: Reading) -> None:
         self._robot.add(reading)
-        takers = [one for one in self.generators.values() if _takes(one, reading)]
+        kind = type(reading)
+        takers = [one for one in self.generators.values() if _takes(one, reading.sensor, kind)]
         if takers:
             state = self.state(reading.stamp)
             for generator in takers:
+                self.given[generator.name] += 1
                 self._deliver(generator, functools.partial(self._ask, generator, reading, state))
 
     def step(self, now: float) -> Step:
@@ -256,6 +270,7 @@ class Pipeline:
         self._faults.reset()
         self._fusion = None
         self.unplaced.clear()
+        self.given.clear()
         self._failed_commands, self._first_failure = 0, ""
         self._unready.clear()
         for name, generator in self.generators.items():
@@ -401,6 +416,6 @@ class Pipeline:
         )
 
 
-def _takes(generator: AnyGenerator, reading: Reading) -> bool:
+def _takes(generator: AnyGenerator, sensor: str, kind: type[Reading]) -> bool:
     wanted = generator.config.sensor
-    return isinstance(reading, generator.readings) and (wanted is None or wanted == reading.sensor)
+    return issubclass(kind, generator.readings) and wanted in (None, sensor)

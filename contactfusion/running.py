@@ -2,26 +2,29 @@
 
 import json
 import time
-from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
 
 from pydantic import Field, model_validator
 
-from contactfusion.errors import ConfigurationError, FrameError, PluginError, name_hint
+from contactfusion.errors import (
+    ConfigurationError,
+    FrameError,
+    PluginError,
+)
 from contactfusion.files import make_folder, write_whole
 from contactfusion.pipeline import Pipeline, Step
 from contactfusion.pipeline_config import PipelineConfig
-from contactfusion.readings import READING_TYPES, Reading
 from contactfusion.recordings.opening import open_recording
 from contactfusion.recordings.recording import Recording
-from contactfusion.run_results import commands_csv, contacts_csv, summary, tell
+from contactfusion.replaying.tally import Tally
+from contactfusion.run_results import commands_csv, contacts_csv
 from contactfusion.simulation.scene import heard
-from contactfusion.step_summary import Summary
+from contactfusion.step_summary import Summary, refuse
 from contactfusion.stopwatch import StopWatch
-from contactfusion.terminal import followed, is_quiet, note, progress
+from contactfusion.terminal import followed, note, progress
 from contactfusion.yaml_files import read_yaml, with_overrides
 
 if TYPE_CHECKING:
@@ -60,7 +63,8 @@ def run_file(path: Path, overrides: Sequence[str], out: Path, seed: int | None =
 
     Raises:
         ContactFusionError: the file, a plug-in, the recording or the scene is not what it should
-            be.
+            be, or something that the configuration needs never came.
+        KeyboardInterrupt: the run was interrupted; what was found until then is kept.
     """
     fields = run_fields(path, overrides, seed)
     watch = StopWatch()
@@ -70,22 +74,20 @@ def run_file(path: Path, overrides: Sequence[str], out: Path, seed: int | None =
         source = scene or _recording(config, path.parent)
         pipeline = Pipeline(config, ask=watch.ask)
     make_folder(out)
-    counts: Counter[tuple[str, type[Reading]]] = Counter()
-
-    def hear(reading: Reading) -> None:
-        counts[reading.sensor, type(reading)] += 1
-
-    start = time.perf_counter()
+    tally, summary = Tally(), Summary(pipeline)
     steps: list[Step] = []
     stopped: BaseException | None = None
+    start = time.perf_counter()
     try:
         if isinstance(source, Recording):
-            played = pipeline.run(heard(source.readings(), hear))
+            played = pipeline.run(heard(source.readings(), tally.add))
         else:
-            played = source.run(pipeline, hear)
+            played = source.run(pipeline, tally.add)
         end = source.end if isinstance(source, Recording) else None
-        steps.extend(followed(played, f"running {path}", end))
-    except (Exception, KeyboardInterrupt) as error:  # what was found until then is kept
+        for step in followed(played, f"running {path}", end):
+            summary.add(step)
+            steps.append(step)
+    except (Exception, KeyboardInterrupt) as error:
         if not steps:
             raise
         stopped = error
@@ -93,11 +95,14 @@ def run_file(path: Path, overrides: Sequence[str], out: Path, seed: int | None =
         pipeline.close()
     took = time.perf_counter() - start
     write_whole(out / "contacts.csv", contacts_csv(steps))
-    total = summary(steps)
-    if not is_quiet():
-        tell(total, took)
-        for line in watch.lines():
-            print(line)
+    for line in (*summary.lines(), f"ran for {took:.1f} s", *watch.lines()):
+        note(line)
+    events = [
+        {"stamp": step.stamp, "kind": str(event.kind), "message": event.message}
+        for step in steps
+        for event in step.events
+    ]
+    total = {**summary.fields(), "events": events}
     results = [out / "contacts.csv", out / "summary.json"]
     if pipeline.config.controller is not None:
         results.insert(1, out / "commands.csv")
@@ -111,9 +116,7 @@ def run_file(path: Path, overrides: Sequence[str], out: Path, seed: int | None =
     print(f"results: {', '.join(map(str, results))}")
     if stopped is not None:
         raise stopped
-    if faults := list(unheard(pipeline, counts, Summary.of(steps))):
-        more = f" (and {len(faults) - 1} more)" if len(faults) > 1 else ""
-        raise ConfigurationError(f"{path}: {faults[0]}{more}")
+    refuse(path, summary.complaints(tally.kinds))
 
 
 def run_fields(path: Path, overrides: Sequence[str], seed: int | None = None) -> dict[str, Any]:
@@ -156,45 +159,6 @@ def opened_scene(config: RunConfig) -> "Scene":
 
     assert config.robot is not None
     return open_scene(config.scene, config.robot, config.seed, config.folder)
-
-
-def unheard(
-    pipeline: Pipeline, counts: Mapping[tuple[str, type[Reading]], int], gave: Summary
-) -> Iterator[str]:
-    """Say what the pipeline waited for in vain.
-
-    Args:
-        pipeline: after its run.
-        counts: how many readings came, by sensor and type.
-        gave: what its steps amounted to.
-
-    Yields:
-        A sentence for each thing that kept the job from being done.
-    """
-    sensors = {sensor for sensor, _ in counts}
-    on = pipeline.config.cycle.on
-    if on is not None and not gave.steps:
-        hint = name_hint(on, sensors | set(READING_TYPES), "sensors and types")
-        yield f"cycle.on: no reading of '{on}' came; {hint}"
-    if not pipeline.config.generators:
-        yield "generators: none are configured, so nothing can be found"
-    for name, generator in pipeline.generators.items():
-        fit = [sensor for sensor, kind in counts if issubclass(kind, generator.readings)]
-        wanted = generator.config.sensor
-        if not fit:
-            kinds = " or ".join(kind.__name__ for kind in generator.readings)
-            yield f"generators.{name}: no {kinds} came"
-        elif wanted is not None and wanted not in fit:
-            hint = name_hint(wanted, fit, "sensors")
-            yield f"generators.{name}.sensor: no reading of '{wanted}' came; {hint}"
-    ended = pipeline.ended
-    for field, why in ended.items():
-        yield f"{field}: {why}"
-    for name, source in gave.report.sources.items() if gave.report else ():
-        if f"generators.{name.partition('/')[0]}" in ended:
-            continue
-        if source.invalid and not source.accepted:
-            yield f"every cloud of '{name}' was refused: {gave.refusal(name)}"
 
 
 def _recording(config: RunConfig, folder: Path) -> Recording:

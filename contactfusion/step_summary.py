@@ -1,19 +1,31 @@
-"""What the steps of a pipeline amounted to, counted as they pass."""
+"""What the steps of a pipeline amounted to, counted as they pass, and what kept it from its job."""
 
 import math
-from collections.abc import Iterable, Iterator
-from typing import Self, final
+from collections.abc import Collection, Iterable, Iterator, Mapping
+from pathlib import Path
+from typing import Any, final
 
-from contactfusion.integrator.report import EventKind, Report
-from contactfusion.pipeline import Step
+from contactfusion.errors import ConfigurationError, name_hint
+from contactfusion.faults import unmet
+from contactfusion.hypotheses import HypothesisKind, Note
+from contactfusion.integrator.report import EventKind, Report, SourceReport
+from contactfusion.pipeline import Pipeline, Step
+from contactfusion.readings import READING_TYPES, Reading
 
 TELLING = (EventKind.REFUSED, EventKind.STALE, EventKind.OVERRUN)
 """What is worth a sentence at the end."""
+CAUSES: dict[str, str] = {Note.MORE_THAN_ONE_CONTACT: "tare?"}
+"""The likely cause of a remark that most clouds of a source come with."""
+Heard = Collection[tuple[str, type[Reading]]]
+"""The sensors and types of the readings that came, before any faults."""
 
 
 @final
 class Summary:
     """Counts steps and contacts, and keeps the first event of each kind and source.
+
+    Args:
+        pipeline: whose steps are counted.
 
     Attributes:
         steps: how many there were.
@@ -23,20 +35,13 @@ class Summary:
         stamp: of the last step [s].
     """
 
-    def __init__(self) -> None:
+    def __init__(self, pipeline: Pipeline) -> None:
+        self._pipeline = pipeline
         self.steps = self.with_contact = self.contacts = 0
         self.report: Report | None = None
         self.stamp = math.nan
         self._first: dict[tuple[EventKind, str], tuple[float, str]] = {}
         self._times: dict[tuple[EventKind, str], int] = {}
-
-    @classmethod
-    def of(cls, steps: Iterable[Step]) -> Self:
-        """Count steps."""
-        summary = cls()
-        for step in steps:
-            summary.add(step)
-        return summary
 
     def add(self, step: Step) -> None:
         """Count a step."""
@@ -50,22 +55,127 @@ class Summary:
             self._first.setdefault(key, (step.stamp, event.message))
             self._times[key] = self._times.get(key, 0) + 1
 
-    def refusal(self, source: str) -> str | None:
-        """Give why a cloud of a source was refused first; None when none was."""
-        first = self._first.get((EventKind.REFUSED, source))
-        return first[1] if first else None
+    def fields(self) -> dict[str, Any]:
+        """Counts of steps and contacts, and how each source did; JSON."""
+        return {
+            "steps": self.steps,
+            "steps_with_contact": self.with_contact,
+            "contacts": self.contacts,
+            "sources": {
+                name: {
+                    "kind": str(source.kind),
+                    "rate": None if math.isnan(source.rate) else source.rate,
+                    "accepted": source.accepted,
+                    "late": source.late,
+                    "early": source.early,
+                    "invalid": source.invalid,
+                    "remarks": dict(source.remarks),
+                }
+                for name, source in self._sources.items()
+            },
+        }
 
     def lines(self) -> Iterator[str]:
         """Give what there was, for people."""
-        yield (f"{self.steps} steps, {self.with_contact} with contact, {self.contacts} contacts")
-        for name, source in self.report.sources.items() if self.report else ():
+        yield f"{self.steps} steps, {self.with_contact} with contact, {self.contacts} contacts"
+        for name, source in self._sources.items():
             rate = "no rate" if math.isnan(source.rate) else f"{source.rate:.4g} Hz"
             yield (
                 f"  {name} ({source.kind}): {source.accepted} clouds, {rate}, {source.late} late, "
                 f"{source.early} early, {source.invalid} refused"
             )
+            for note, count in source.remarks.items():
+                cause = (
+                    f": {CAUSES[note]}" if note in CAUSES and 2 * count > source.accepted else ""
+                )
+                yield f"    {count} × {note}{cause}"
         for (kind, name), (stamp, message) in self._first.items():
             if kind in TELLING:
                 times = self._times[kind, name]
                 often = f" ({times} times)" if times > 1 else ""
                 yield f"  {kind} at {stamp:.3f} s{often}: {message}"
+        for row, fault in enumerate(self._pipeline.config.faults):
+            if fault.start is not None and fault.start > self.stamp:
+                yield f"  faults.{row} did nothing: it starts at {fault.start:g} s, after the end"
+
+    def complaints(self, heard: Heard) -> Iterator[str]:
+        """Say what kept the pipeline from its job.
+
+        Args:
+            heard: what came.
+
+        Yields:
+            A sentence for each input that it waited for in vain, each source that gave nothing of
+            use, and each fault that met no reading.
+        """
+        sensors = {sensor for sensor, _ in heard}
+        config = self._pipeline.config
+        on = config.cycle.on
+        if on is not None and not self.steps:
+            hint = name_hint(on, sensors | set(READING_TYPES), "sensors and types")
+            yield f"cycle.on: no reading of '{on}' came; {hint}"
+        if not config.generators:
+            yield "generators: none are configured, so nothing can be found"
+        for name, generator in self._pipeline.generators.items():
+            fit = [sensor for sensor, kind in heard if issubclass(kind, generator.readings)]
+            wanted = generator.config.sensor
+            if not fit:
+                kinds = " or ".join(kind.__name__ for kind in generator.readings)
+                yield f"generators.{name}: no {kinds} came"
+            elif wanted is not None and wanted not in fit:
+                hint = name_hint(wanted, fit, "sensors")
+                yield f"generators.{name}.sensor: no reading of '{wanted}' came; {hint}"
+        yield from self._useless()
+        yield from unmet(config.faults, heard)
+
+    def _useless(self) -> Iterator[str]:
+        """Say which plug-ins ended or never looked, and of which sources most was refused."""
+        sources, ended = self._sources, self._pipeline.ended
+        for field, why in ended.items():
+            yield f"{field}: {why}"
+        for name, generator in self._pipeline.generators.items():
+            if f"generators.{name}" in ended:
+                continue
+            given = self._pipeline.given[name]
+            looked = any(
+                one.accepted or one.early or one.invalid
+                for source, one in sources.items()
+                if source in generator.sources
+            )
+            is_evidence = HypothesisKind.REGULAR in generator.sources.values()
+            if self.steps and given and is_evidence and not looked:
+                why = f": {generator.waits_for}" if generator.waits_for else ""
+                yield f"generators.{name}: it gave no cloud for any of its {given} readings{why}"
+        for name, source in sources.items():
+            if f"generators.{name.partition('/')[0]}" in ended:
+                continue
+            came = source.accepted + source.late + source.invalid
+            if source.invalid == came > 0:
+                yield f"every cloud of '{name}' was refused: {self._why(EventKind.REFUSED, name)}"
+            elif 2 * source.invalid > came:
+                why = self._why(EventKind.REFUSED, name)
+                yield f"{source.invalid} of {came} clouds of '{name}' were refused: {why}"
+            elif source.early and not source.accepted:
+                yield f"no cloud of '{name}' was accepted: {self._why(EventKind.EARLY, name)}"
+
+    def _why(self, kind: EventKind, source: str) -> str:
+        return self._first[kind, source][1]
+
+    @property
+    def _sources(self) -> Mapping[str, SourceReport]:
+        return self.report.sources if self.report else {}
+
+
+def refuse(path: Path, complaints: Iterable[str]) -> None:
+    """Refuse what did not do its job, with the first reason.
+
+    Args:
+        path: the configuration.
+        complaints: the reasons.
+
+    Raises:
+        ConfigurationError: there is one.
+    """
+    if found := list(complaints):
+        more = f" (and {len(found) - 1} more)" if len(found) > 1 else ""
+        raise ConfigurationError(f"{path}: {found[0]}{more}")

@@ -29,6 +29,8 @@ from contactfusion.units import Acceleration, Force, ForceNoise, Memory, Spread,
 
 STEADY = 2.0
 """At rest, samples scatter by less than so many standard deviations of the noise."""
+LOADED = 1.0
+"""A load that lasts so long from the first reading on may be a bias [s]."""
 
 
 class ForceTorqueConfig(GeneratorConfig):
@@ -87,16 +89,23 @@ class ForceTorqueGenerator(Generator[ForceTorqueConfig]):
 
     Config = ForceTorqueConfig
     readings = (Wrench,)
+    _pose: Pose | None
+    """Of the sensor at the newest reading of a contact; None without one."""
+    _work: float
+    """Of the force on the robot since the contact began [J]."""
 
     def __init__(self, name: str, config: ForceTorqueConfig) -> None:
         super().__init__(name, config)
         self.reset()
 
     def reset(self) -> None:
-        """Forget the tare and the samples of the average."""
+        """Forget the tare, the samples of the average, and the work of the contact."""
         self._bias: FloatArray | None = None if self.config.tare else np.zeros(6)
         self._rest: list[tuple[float, FloatArray]] = []
         self._recent: deque[tuple[float, FloatArray]] = deque()
+        self._span: tuple[float, float] | None = None
+        self._was_free = self._bias is None  # as the tare makes sure
+        self._end_contact()
 
     def generate(self, reading: Reading, state: State) -> Sequence[HypothesisCloud]:
         """Give the places on the surface where one contact explains the wrench.
@@ -113,24 +122,35 @@ class ForceTorqueGenerator(Generator[ForceTorqueConfig]):
         if self._is_dead(reading):
             return (self.nothing(reading, notes=(Note.UNHEALTHY,)),)
         wrench = self.compensated(reading, state)
+        first = self._span[0] if self._span else reading.stamp
+        self._span = first, reading.stamp
         if wrench is None:
             return ()
         force, torque = wrench[:3], wrench[3:]
         if np.linalg.norm(force) < self.least_force:
+            self._end_contact()
+            self._was_free = True
             return (self.nothing(reading),)
         probability = self.explained(force, torque)
         notes = (Note.MORE_THAN_ONE_CONTACT,) if probability < 1.0 else ()
+        if not self._was_free and reading.stamp - first >= LOADED:
+            notes = (*notes, Note.NEVER_FREE)
         if probability == 0.0:
             return (self.nothing(reading, notes=notes),)
         pose = state.frames.pose(state.grid.frame, of=reading.frame)
-        nearest = points_in(pose, line_of_action(force, torque)[None])[0]
+        on_line = line_of_action(force, torque)[None]
+        nearest = points_in(pose, on_line)[0]
         force = vectors_in(pose, force[None])[0]
+        if self._is_driven(pose, on_line, force):
+            notes = (*notes, Note.PULLS)
         surface = state.surface
         if state.robot is not None:  # what does not hang on the sensor cannot be felt by it
             surface = state.robot.surface_of(state.robot.model.beyond(reading.frame))
         places = self._on_surface(nearest, force, surface, state.grid)
         if not len(places):
-            return (self.nothing(reading, notes=(*notes, Note.OFF_SURFACE)),)
+            pulls = len(self._on_surface(nearest, -force, surface, state.grid))
+            why = Note.PULLS if pulls else Note.OFF_SURFACE
+            return (self.nothing(reading, notes=tuple(dict.fromkeys((*notes, why)))),)
         levers = places - pose[:3, 3]
         return (
             self.cloud(
@@ -144,6 +164,42 @@ class ForceTorqueGenerator(Generator[ForceTorqueConfig]):
                 notes=notes,
             ),
         )
+
+    @property
+    def waits_for(self) -> str:
+        """What keeps the tare from being taken; empty once it is."""
+        if self._bias is not None or self._span is None:
+            return ""
+        tare, span = self.config.tare, self._span[1] - self._span[0]
+        if span < tare:
+            return (
+                f"its tare takes {tare:g} s, and the readings span {span:.3g} s; "
+                "is their unit of time right?"
+            )
+        return (
+            f"its tare takes {tare:g} s without contact while samples scatter by less than "
+            f"{STEADY:g} times the stated noise, and there was no such time"
+        )
+
+    def _is_driven(self, pose: Pose, on_line: FloatArray, force: FloatArray) -> bool:
+        """Whether the force has driven the sensor along since the contact began.
+
+        What is touched resists: the work of its force on the robot, ∫ f·dx, stays under 0. Where it
+        grows, the sign is reversed, or something pulls the robot along.
+
+        Args:
+            pose: of the sensor in the frame of the grid.
+            on_line: shape (1, 3) [m], a point of the line of action, in the sensor's frame.
+            force: shape (3,) [N], on the robot, in the frame of the grid.
+        """
+        if self._pose is not None:
+            way = points_in(pose, on_line) - points_in(self._pose, on_line)
+            self._work += float(way[0] @ force)
+        self._pose = pose
+        return self._work > self.least_force * self.config.surface_tolerance
+
+    def _end_contact(self) -> None:
+        self._pose, self._work = None, 0.0
 
     def _is_dead(self, reading: Wrench) -> bool:
         """Whether a sensor that carries a load reads exact zeros: no load weighs so little."""

@@ -49,6 +49,7 @@ class SourceReport:
         early: clouds held back because their stamp was too far ahead.
         invalid: clouds refused.
         notes: remarks on its newest cloud.
+        remarks: how many accepted clouds came with each remark.
     """
 
     kind: HypothesisKind
@@ -60,6 +61,7 @@ class SourceReport:
     early: int
     invalid: int
     notes: tuple[str, ...]
+    remarks: Mapping[str, int]
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,7 +1,7 @@
 """What the integrator remembers of each source."""
 
 import math
-from collections import deque
+from collections import Counter, deque
 from dataclasses import dataclass, field
 
 from contactfusion.hypotheses import HypothesisCloud, HypothesisKind
@@ -10,6 +10,8 @@ from contactfusion.time import NANOSECONDS_PER_SECOND
 
 RATE_WINDOW = 16
 """The rate of a source is that of its newest so many clouds."""
+REMARKS = 32
+"""At most so many different remarks are counted: a plug-in may make up new ones for ever."""
 
 
 @dataclass(slots=True)
@@ -31,6 +33,7 @@ class SourceRecord:
     early: int = 0
     invalid: int = 0
     notes: tuple[str, ...] = ()
+    remarks: Counter[str] = field(default_factory=Counter)
 
     @property
     def newest(self) -> int | None:
@@ -46,6 +49,9 @@ class SourceRecord:
         self.accepted += 1
         self.stamps.append(stamp)
         self.notes = cloud.notes
+        for note in dict.fromkeys(cloud.notes):
+            if note in self.remarks or len(self.remarks) < REMARKS:
+                self.remarks[note] += 1
         self.found_nothing = not cloud.likelihoods.any() and not cloud.notes
 
     def is_active(self, now: int) -> bool:
@@ -90,4 +96,5 @@ class SourceRecord:
             self.early,
             self.invalid,
             self.notes,
+            dict(self.remarks),
         )

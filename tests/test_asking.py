@@ -1,11 +1,14 @@
 """Questions to a recording that a replay wrote, and to one with a configuration beside it."""
 
 import json
+from contextlib import closing
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
 from contactfusion.errors import ConfigurationError, ContactFusionError, RecordingError
+from contactfusion.readings import Wrench
 from contactfusion.replaying.asking import (
     Source,
     ablate_recording,
@@ -90,6 +93,46 @@ def test_values_are_tuned_on_labels(replayed: Source, tmp_path: Path, capsys: Pr
     tune_recording(replayed, labels, ["integrator.threshold=0.5,0.99"], 0.03, tmp_path / "tuned")
     assert "integrator.threshold" in capsys.readouterr().out
     assert (tmp_path / "tuned/tuning.json").exists()
+
+
+@pytest.fixture
+def chosen(config: Path, tmp_path: Path) -> Source:
+    """What a replay wrote that was told which of two wrists feeds the hand."""
+    both = [
+        reading
+        for one in touching(4.0)
+        for reading in (one, *([replace(one, sensor="spare")] if isinstance(one, Wrench) else []))
+    ]
+    recording, out = recorded(tmp_path / "both.mcap", both), tmp_path / "chosen.mcap"
+    replay(Options(config, recording, topics={"hand": "/wrist"}, out=out))
+    return Source(out)
+
+
+@pytest.mark.parametrize("changes", [{}, {"configuration": Path("robot.yaml")}])
+def test_topics_are_those_of_the_replay_that_wrote_the_recording(
+    chosen: Source, config: Path, changes: dict[str, Path], capsys: Printed
+) -> None:
+    """With a configuration of its own, too; roles that this one has not are left out."""
+    if changes:
+        config.write_text(CONFIG.replace("eye: {type: echo, sensor: eye}", "eyes: {type: echo}"))
+        chosen = replace(chosen, configuration=config)
+    explain_recording(chosen, 0.5, None, as_json=False, picture=None)
+    assert "0.500 s: 1 contact in 'base'" in capsys.readouterr().out
+
+
+def test_topics_of_the_command_line_go_before_those_of_the_replay(chosen: Source) -> None:
+    with closing(replace(chosen, topics={"hand": "/spare"}).session()) as session:
+        assert session.inputs.generators["hand"]["sensor"] == "spare"
+
+
+def test_ignored_topics_are_those_of_the_replay_and_more(chosen: Source, config: Path) -> None:
+    out = config.with_name("fewer.mcap")
+    replay(Options(config, chosen.recording, out=out, ignored=["/spare"]))
+    for source in (Source(out), Source(out, config)):
+        with closing(source.session()) as session:
+            assert session.inputs.sensors == {"eye": "eye", "wrist": "wrist"}
+        with closing(replace(source, ignored=["/eye"]).session()) as session:
+            assert session.inputs.sensors == {"wrist": "wrist"}
 
 
 def test_what_is_drawn_can_be_kept(replayed: Source, tmp_path: Path) -> None:

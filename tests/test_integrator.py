@@ -604,6 +604,21 @@ def test_the_report_tells_rate_age_and_notes() -> None:
     assert report.notes == (("a", "saturated"),)
 
 
+def test_the_report_counts_how_many_clouds_came_with_each_remark() -> None:
+    one = integrator()
+    for stamp in (0.0, 0.1, 0.2):
+        one.receive(cloud("a", stamp, {}, notes=("saturated", "saturated") if stamp else ("cold",)))
+    one.receive(cloud("a", 0.1, {}, notes=("late",)))
+    assert one.step(0.3).report.sources["a"].remarks == {"cold": 1, "saturated": 2}
+
+
+def test_remarks_that_are_always_new_do_not_fill_the_memory() -> None:
+    one = integrator()
+    for stamp in range(100):
+        one.receive(cloud("a", stamp, {}, notes=(f"at {stamp} s",)))
+    assert len(one.step(100.0).report.sources["a"].remarks) == 32
+
+
 def test_an_event_is_told_once() -> None:
     one = integrator()
     one.plug("a")

@@ -13,8 +13,16 @@ from mcap_ros2.decoder import DecoderFactory
 from pyarrow import parquet
 
 from contactfusion.errors import ConfigurationError, RecordingError
-from contactfusion.readings import DepthImage, ObjectPose, PointCloud, Reading, Transform
+from contactfusion.readings import (
+    DepthImage,
+    JointState,
+    ObjectPose,
+    PointCloud,
+    Reading,
+    Transform,
+)
 from contactfusion.recordings.mcap import McapWriter
+from contactfusion.recordings.messages import typestore
 from contactfusion.recordings.ros import RawMessage, RosConfig, RosRecording
 from contactfusion.replaying.configuration import setting_of_file, setting_of_recording
 from contactfusion.replaying.replay import Options, _lost, _troubles, replay  # pyright: ignore[reportPrivateUsage]
@@ -129,16 +137,119 @@ def test_of_several_topics_of_a_sensor_the_one_that_is_of_no_use_is_named(
         for name in ("box", "cup")
     ]  # fmt: skip
     path = recorded(tmp_path / "seen.mcap", [*touching(0.2), *poses])
-    session = Session(setting_of_file(config), path)
+    listening = ["generators.seen.type=follower", "generators.seen.sensor=tracker"]
+    session = Session(setting_of_file(config, listening), path)
     assert len(list(session.readings())) > 0
     played = session.recording
     assert isinstance(played, RosRecording)
     tally = played.tally["/tracker/cup"]
     tally.readings, tally.refused, tally.why_refused = 0, 2, "odd"
-    assert list(_lost(played)) == [
+    assert list(_lost(session)) == [
         "of 'tracker', /tracker/cup, nothing could be used: 2 refused: odd"
     ]
     assert _troubles(played)["tracker"] == "/tracker/cup: 2 refused: odd"
+
+
+def without_frames(recording: Path, topic: str) -> Path:
+    """The same recording, in which the headers of a topic name no frame."""
+    store, path = typestore(), recording.with_name("frameless.mcap")
+    heard: list[RawMessage] = []
+    list(RosRecording(RosConfig(file=recording), tap=heard.append).readings())
+    with McapWriter(path) as writer:
+        for one in heard:
+            if one.topic == topic:
+                message: Any = store.deserialize_cdr(one.cdr, one.msgtype)
+                message.header.frame_id = ""
+                one = one._replace(cdr=bytes(store.serialize_cdr(message, one.msgtype)))
+            writer.copy(one)
+    return path
+
+
+@pytest.fixture
+def tracked(tmp_path: Path) -> Path:
+    """A recording with a tracker that tells poses in no frame."""
+    poses = [
+        ObjectPose(stamp=one.stamp, frame="x", sensor="tracker", name="cup",
+                   position=np.zeros(3), orientation=np.array([0.0, 0.0, 0.0, 1.0]))
+        for one in touching()
+    ]  # fmt: skip
+    readings = sorted([*touching(), *poses], key=lambda one: one.stamp)
+    return without_frames(recorded(tmp_path / "tracked.mcap", readings), "/tracker/cup")
+
+
+def test_what_nothing_listens_to_is_noted_and_no_failure(
+    config: Path, tracked: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    replay(Options(config, tracked))
+    told = capsys.readouterr().out
+    assert "42 refused: ObjectPose of 'tracker' needs the name of its frame" in told
+    with pytest.raises(ConfigurationError, match="of 'tracker' nothing could be used: 42 refused"):
+        replay(Options(config, tracked, ["generators.seen.type=follower"]))
+
+
+def test_joints_that_no_robot_needs_are_no_failure(config: Path, tmp_path: Path) -> None:
+    joints = JointState(stamp=0.0, frame="x", sensor="gripper", names=("a",), positions=np.zeros(1))
+    session = Session(setting_of_file(config), recorded(tmp_path / "a.mcap", [joints, *touching()]))
+    list(session.readings())
+    played = session.recording
+    assert isinstance(played, RosRecording)
+    tally = played.tally["/gripper"]
+    tally.readings, tally.unreadable, tally.why_unreadable = 0, 1, "it tells no positions"
+    assert list(_lost(session)) == []
+
+
+def test_a_topic_can_be_ignored(
+    config: Path, tracked: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = config.with_name("out.mcap")
+    replay(Options(config, tracked, out=out, ignored=["tracker/cup"]))
+    assert "tracker" not in capsys.readouterr().out
+    assert len(messages(out)["/tracker/cup"]) == 42, "it is kept, as all that was recorded"
+    assert setting_of_recording(out).ignored == ("tracker/cup",)
+    with pytest.raises(RecordingError, match="no topic '/tracker/cap' to ignore; did you mean '/t"):
+        replay(Options(config, tracked, ignored=["/tracker/cap"]))
+
+
+def log_of(folder: Path) -> Path:
+    """A log of two wrenches and a description of it."""
+    rows = np.column_stack(
+        [np.arange(1.0, 2.0, 0.05), np.tile([*PLACE, 0, 0, 0, *np.ones(6)], (20, 1))]
+    )
+    np.savetxt(folder / "log.csv", rows, delimiter=",")
+    columns = "{type: wrench, frame: base, columns: "
+    (folder / "log.yaml").write_text(
+        "type: log\nfile: log.csv\ntime: {column: 1}\nreadings:\n"
+        f"  ft/1: {columns}2..7}}\n  ft/other: {columns}8..13}}\n"
+    )
+    return folder / "log.yaml"
+
+
+@pytest.mark.parametrize("sensor", [None, "palm"])
+def test_a_chosen_topic_of_a_log_is_found_in_what_a_replay_wrote(
+    tmp_path: Path, sensor: str | None
+) -> None:
+    """There it is called like the sensor that it feeds, and as ROS allows."""
+    config, out = tmp_path / "robot.yaml", tmp_path / "out.mcap"
+    options = "" if sensor is None else f", sensor: {sensor}"
+    config.write_text(
+        f"generators: {{hand: {{type: feeler{options}}}}}\nintegrator: {{frame: base}}\n"
+    )
+    log = log_of(tmp_path)
+    replay(Options(config, log, topics={sensor or "hand": "/ft/1"}, out=out))
+    chosen = setting_of_file(config).choosing({sensor or "hand": "ft/1"}, ())
+    first, second = Session(chosen, log), Session(setting_of_recording(out), out)
+    found = [[len(step.fusion.contacts) for step in one.steps()] for one in (first, second)]
+    assert found[0] == found[1] and sum(found[0]) > 0
+
+
+def test_of_a_log_a_topic_can_be_ignored(tmp_path: Path) -> None:
+    config, out, log = tmp_path / "robot.yaml", tmp_path / "out.mcap", log_of(tmp_path)
+    config.write_text("generators: {hand: {type: feeler}}\nintegrator: {frame: base}\n")
+    replay(Options(config, log, ignored=["/ft/other"], out=out))
+    assert set(RosRecording(RosConfig(file=out)).topics) == {"ft/_1"}
+    assert setting_of_recording(out).ignored == ()
+    with pytest.raises(RecordingError, match="no topic 'ft/othr' to ignore; did you mean 'ft/oth"):
+        replay(Options(config, log, ignored=["/ft/othr"]))
 
 
 def test_of_a_camera_that_tells_clouds_too_the_images_feed_who_takes_images(
@@ -254,7 +365,8 @@ def test_missing_transforms_are_counted(
 ) -> None:
     readings = [moving(0.0, 0.0), moving(0.5, 0.0), *touching(2.0, frame="camera")]
     path = recorded(tmp_path / "short.mcap", sorted(readings, key=lambda one: one.stamp))
-    replay(Options(config, path))
+    with pytest.raises(ConfigurationError, match="30 of 41 clouds of 'eye' were refused: the tr"):
+        replay(Options(config, path))
     told = capsys.readouterr().out
     assert "missing transforms: 30 clouds of 'eye' were refused" in told
     assert "'camera' in 'base' is not known at 0.550 s: there is one from 0.000 to 0.500 s" in told

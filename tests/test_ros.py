@@ -212,6 +212,23 @@ def test_two_types_on_one_topic_are_an_error_when_they_are_read(tmp_path: Path) 
     assert len(read(path, wrist="/wrist")) == 1
 
 
+def test_what_is_ignored_is_not_read_at_all(tmp_path: Path) -> None:
+    path = mcap(tmp_path, [("/x", 0, wrench()), ("/x", 1, text()), ("/wrist", 2, wrench(2)),
+                           ("/other", 3, wrench(3))])  # fmt: skip
+    recording = RosRecording(RosConfig(file=path, ignored=("/x", "/other")))
+    assert set(recording.topics) == {"wrist"}
+    assert [one.sensor for one in recording.readings()] == ["wrist"]
+    with pytest.raises(RecordingError, match="no topic '/othr' to ignore; did you mean '/other'"):
+        recording.without(["/othr"])
+
+
+def test_transforms_can_be_ignored(tmp_path: Path) -> None:
+    path = mcap(tmp_path, [("/tf", 0, transforms((0, "map", "base"))), ("/wrist", 1, wrench(1))])
+    assert {type(one) for one in opened(path).readings()} == {Transform, Wrench}
+    ignoring = RosRecording(RosConfig(file=path, ignored=("/tf",)))
+    assert {type(one) for one in ignoring.readings()} == {Wrench}
+
+
 def test_what_contactfusion_did_is_no_reading(tmp_path: Path) -> None:
     stamped = message("geometry_msgs/TwistStamped", header=wrench().header,
                       twist=message("geometry_msgs/Twist", linear=wrench().wrench.force,

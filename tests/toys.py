@@ -19,7 +19,7 @@ from contactfusion.generator import Generator, GeneratorConfig
 from contactfusion.hooks import GROUP, hookimpl
 from contactfusion.hypotheses import HypothesisCloud, HypothesisKind
 from contactfusion.plugins import Plugins
-from contactfusion.readings import DepthImage, PointCloud, Reading, Wrench
+from contactfusion.readings import DepthImage, ObjectPose, PointCloud, Reading, Wrench
 from contactfusion.state import State
 
 
@@ -64,6 +64,16 @@ class Looker(Generator[GeneratorConfig]):
     """Takes images, and sees nothing in them."""
 
     readings = (DepthImage,)
+
+    def generate(self, reading: Reading, state: State) -> Sequence[HypothesisCloud]:
+        return ()
+
+
+class Follower(Generator[GeneratorConfig]):
+    """Takes poses of objects, and finds no contact."""
+
+    readings = (ObjectPose,)
+    outputs: Mapping[str, HypothesisKind] = {"": HypothesisKind.SUPPORT}
 
     def generate(self, reading: Reading, state: State) -> Sequence[HypothesisCloud]:
         return ()
@@ -235,7 +245,7 @@ class Pilot(Controller):
 
 @hookimpl
 def contactfusion_generators() -> Mapping[str, Any]:
-    kinds = (Echo, Looker, Feeler, Naughty, Slow, Remote, Worn, Forceful, Unpicklable)
+    kinds = (Echo, Looker, Follower, Feeler, Naughty, Slow, Remote, Worn, Forceful, Unpicklable)
     return {"stranger": int, **{kind.__name__.lower(): kind for kind in kinds}}
 
 

@@ -19,6 +19,10 @@ Topics = Annotated[
     list[str] | None,
     typer.Option(help="ROLE=/NAME: the topic that feeds a generator; may be repeated."),
 ]
+Ignored = Annotated[
+    list[str] | None,
+    typer.Option("--ignore", metavar="TOPIC", help="A topic that is not read at all; several."),
+]
 Changed = Annotated[
     list[str] | None,
     typer.Option(

@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from contactfusion.cli.options import Changed, Configured, Out, Topics, roles
+from contactfusion.cli.options import Changed, Configured, Ignored, Out, Topics, roles
 from contactfusion.errors import ConfigurationError
 
 RECORDING = "A ROS bag, MCAP, folder of them, C3D, or YAML file that describes a log."
@@ -45,6 +45,7 @@ def replay(
         typer.Option(help="File for the contacts: .mcap (with all topics), .csv or .parquet."),
     ] = None,
     topic: Topics = None,
+    ignore: Ignored = None,
     set_: Changed = None,
     start: Annotated[
         float, typer.Option(min=0.0, help="Time to start at, from the beginning \\[s].")
@@ -67,7 +68,9 @@ def replay(
     from contactfusion.replaying.session import Window
 
     window = Window(start, duration)
-    options = Options(configuration, recording, set_ or [], roles(topic), window, rate, out)
+    options = Options(
+        configuration, recording, set_ or [], roles(topic), window, rate, out, ignore or []
+    )
     if view:
         from contactfusion.replaying.watching import replay_and_show
 
@@ -84,6 +87,7 @@ def explain(
     ] = "",
     config: Configured = None,
     topic: Topics = None,
+    ignore: Ignored = None,
     set_: Changed = None,
     json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
     picture: Annotated[Path | None, typer.Option(help="PNG to write, with a drawing.")] = None,
@@ -91,7 +95,7 @@ def explain(
     """Explain why there is a contact, or why there is none."""
     from contactfusion.replaying.asking import Source, explain_recording
 
-    source = Source(recording, config, roles(topic), set_ or [])
+    source = Source(recording, config, roles(topic), set_ or [], ignore or [])
     explain_recording(source, time, _place(at), json, picture)
 
 
@@ -99,19 +103,21 @@ def ablate(
     recording: Annotated[Path, typer.Argument(help=REPLAYED)],
     config: Configured = None,
     topic: Topics = None,
+    ignore: Ignored = None,
     set_: Changed = None,
     out: Out = Path("out/ablate"),
 ) -> None:
     """Ablation: how contacts change without each source, over a whole recording."""
     from contactfusion.replaying.asking import Source, ablate_recording
 
-    ablate_recording(Source(recording, config, roles(topic), set_ or []), out)
+    ablate_recording(Source(recording, config, roles(topic), set_ or [], ignore or []), out)
 
 
 def view(
     recording: Annotated[Path, typer.Argument(help=f"{REPLAYED[:-1]}; or an .rrd file.")],
     config: Configured = None,
     topic: Topics = None,
+    ignore: Ignored = None,
     set_: Changed = None,
     screenshot: Annotated[
         Path | None, typer.Option(help="PNG to write, in place of a window; needs no screen.")
@@ -128,7 +134,7 @@ def view(
     from contactfusion.replaying.asking import Source
     from contactfusion.replaying.watching import view_recording
 
-    source = Source(recording, config, roles(topic), set_ or [])
+    source = Source(recording, config, roles(topic), set_ or [], ignore or [])
     view_recording(source, save, screenshot, at, web)
 
 

@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from contactfusion.cli.options import Changed, Configured, Out, Topics, roles
+from contactfusion.cli.options import Changed, Configured, Ignored, Out, Topics, roles
 
 tune = typer.Typer(
     name="tune", help="Search parameters, and confirm the best.",
@@ -54,6 +54,7 @@ def tune_fusion(
     ],
     config: Configured = None,
     topic: Topics = None,
+    ignore: Ignored = None,
     set_: Changed = None,
     vary: Annotated[
         list[str] | None,
@@ -70,7 +71,7 @@ def tune_fusion(
     """Find the parameters that detect labelled contacts best; resumes where it stopped."""
     from contactfusion.replaying.asking import Source, tune_recording
 
-    source = Source(recording, config, roles(topic), set_ or [])
+    source = Source(recording, config, roles(topic), set_ or [], ignore or [])
     tune_recording(source, labels, vary or [], within, out)
 
 

@@ -9,7 +9,13 @@ from typing import final
 from contactfusion.errors import TimeError
 from contactfusion.files import write_whole
 from contactfusion.pipeline import Pipeline
-from contactfusion.replaying.configuration import Setting, setting_of_file, setting_of_recording
+from contactfusion.replaying.configuration import (
+    Setting,
+    kept_setting,
+    setting_of_file,
+    setting_of_recording,
+)
+from contactfusion.replaying.inputs import roles_of
 from contactfusion.replaying.session import Session
 from contactfusion.terminal import followed, note, progress
 
@@ -24,22 +30,30 @@ class Source:
         configuration: a YAML file; None: the one that a replay left in the recording.
         topics: topics by role.
         overrides: fields of the configuration to change, as "a.b=c".
+        ignored: topics that are not read at all.
     """
 
     recording: Path
     configuration: Path | None = None
     topics: Mapping[str, str] = field(default_factory=dict)
     overrides: Sequence[str] = ()
+    ignored: Sequence[str] = ()
 
     def setting(self) -> Setting:
-        """Read the configuration.
+        """Read the configuration; topics are those of the replay that wrote the recording, if any.
 
         Raises:
             ContactFusionError: there is none, or it is not what it should be.
         """
         if self.configuration is None:
-            return setting_of_recording(self.recording, self.overrides)
-        return setting_of_file(self.configuration, self.overrides)
+            setting = setting_of_recording(self.recording, self.overrides)
+        else:
+            setting = setting_of_file(self.configuration, self.overrides)
+            if kept := kept_setting(self.recording):
+                roles = roles_of(setting.config().generators)
+                told = {role: topic for role, topic in kept.told.items() if role in roles}
+                setting = setting.choosing(told, kept.ignored)
+        return setting.choosing(self.topics, self.ignored)
 
     def session(self, watched: bool = False) -> Session:
         """Open the recording.
@@ -51,7 +65,7 @@ class Source:
             ContactFusionError: it, or the configuration, is not what it should be.
         """
         with progress(f"opening {self.recording}"):
-            return Session(self.setting(), self.recording, self.topics, watched=watched)
+            return Session(self.setting(), self.recording, watched=watched)
 
 
 def explain_recording(
@@ -138,6 +152,7 @@ def tune_recording(
     from contactfusion.tuning.fusion_runs import fingerprint
 
     with closing(source.session()) as session:
+        chosen = {"topics": dict(session.setting.told), "ignored": list(session.setting.ignored)}
 
         def pipeline(overrides: Sequence[str]) -> Pipeline:
             setting = session.setting.changed(overrides)
@@ -150,7 +165,10 @@ def tune_recording(
             out,
             vary=vary,
             within=within,
-            inputs=fingerprint(source.recording),
+            inputs={
+                **fingerprint(source.recording),
+                **{name: topics for name, topics in chosen.items() if topics},
+            },
         )
     paths = write_tuning(tuned, out)
     note(table(tuned))

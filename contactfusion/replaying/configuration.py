@@ -2,7 +2,7 @@
 
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from os.path import relpath
 from pathlib import Path
 from typing import Any, Final, final
@@ -10,6 +10,8 @@ from typing import Any, Final, final
 from contactfusion.errors import ConfigurationError, FrameError, PluginError, RecordingError
 from contactfusion.files import require_file
 from contactfusion.pipeline_config import PipelineConfig
+from contactfusion.recordings.messages import typestore
+from contactfusion.recordings.ros.files import Bag
 from contactfusion.recordings.step_messages import OURS
 from contactfusion.yaml_files import read_yaml, with_overrides
 
@@ -27,14 +29,16 @@ class Setting:
     Attributes:
         fields: of `PipelineConfig`.
         folder: where relative file names in them start.
-        told: topics by role, as an earlier replay was told.
+        told: topics by role, as on the command line of this or of an earlier replay.
         origin: the file, for sentences.
+        ignored: topics that are not read at all, likewise.
     """
 
     fields: Mapping[str, Any]
     folder: Path
     told: Mapping[str, str]
     origin: Path
+    ignored: tuple[str, ...] = ()
 
     def config(self, generators: Mapping[str, Any] | None = None) -> PipelineConfig:
         """Give the configuration, with other options of its generators.
@@ -52,8 +56,11 @@ class Setting:
 
     def changed(self, overrides: Sequence[str]) -> "Setting":
         """Give the setting with fields changed as by "a.b=c"."""
-        fields = with_overrides(dict(self.fields), overrides)
-        return Setting(fields, self.folder, self.told, self.origin)
+        return replace(self, fields=with_overrides(dict(self.fields), overrides))
+
+    def choosing(self, told: Mapping[str, str], ignored: Sequence[str]) -> "Setting":
+        """Give the setting with further topics by role, and further ones that are not read."""
+        return replace(self, told={**self.told, **told}, ignored=(*self.ignored, *ignored))
 
     def text(self, beside: Path) -> str:
         """Give it as the text that a recording keeps.
@@ -63,6 +70,8 @@ class Setting:
         """
         folder = relpath(self.folder.resolve(), beside.resolve())
         kept = {"folder": folder, "topics": dict(self.told), "configuration": dict(self.fields)}
+        if self.ignored:
+            kept["ignored"] = self.ignored
         return json.dumps(kept, indent=1, sort_keys=True, default=str)
 
 
@@ -85,30 +94,36 @@ def setting_of_recording(path: Path, overrides: Sequence[str] = ()) -> Setting:
         DependencyError: rosbags is not installed.
     """
     require_file(path, RecordingError)
-    text = _kept_text(path) if path.suffix == ".mcap" else None
-    if text is None:
+    setting = kept_setting(path)
+    if setting is None:
         raise RecordingError(
             f"{path} holds no configuration, as `contactfusion replay CONFIG {path.name} --out "
             f"FILE.mcap` keeps one: replay it first, or name one with --config"
         )
-    kept = json.loads(text)
-    folder = path.parent / kept["folder"]
-    setting = Setting(kept["configuration"], folder, kept["topics"], path)
     return setting.changed(overrides)
 
 
+def kept_setting(path: Path) -> Setting | None:
+    """Read the configuration that a replay left in its recording; None where none did.
+
+    Raises:
+        RecordingError: the recording can't be read.
+        DependencyError: rosbags is not installed.
+    """
+    text = _kept_text(path) if path.suffix == ".mcap" and path.is_file() else None
+    if text is None:
+        return None
+    kept = json.loads(text)
+    ignored = tuple(kept.get("ignored", ()))
+    return Setting(
+        kept["configuration"], path.parent / kept["folder"], kept["topics"], path, ignored
+    )
+
+
 def _kept_text(path: Path) -> str | None:
-    from contactfusion.recordings.messages import typestore
-
-    store = typestore()
-    from rosbags.rosbag2 import Reader
-
-    try:
-        with Reader(path) as bag:
-            here = [one for one in bag.connections if one.topic == TOPIC]
-            for connection, _, raw in bag.messages(here) if here else ():
-                message: Any = store.deserialize_cdr(raw, connection.msgtype)
-                return str(message.data)
-    except Exception as error:  # rosbags meets damage with errors of many kinds
-        raise RecordingError(f"{path} can't be read: {error}") from None
+    with Bag(path) as bag:
+        here = [one for one in bag.channels if one.topic == TOPIC]
+        for channel, _, raw in bag.messages(here) if here else ():
+            message: Any = typestore().deserialize_cdr(channel.cdr(raw), channel.msgtype)
+            return str(message.data)
     return None

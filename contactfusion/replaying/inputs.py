@@ -1,6 +1,6 @@
 """Which topic of a recording feeds which generator: by name, by kind, or as one is told."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, final
 
@@ -76,10 +76,19 @@ def find_inputs(
         for name, options in generators.items()
     }
     finding.context(tuple(kind for kinds in wanted.values() for kind in kinds))
-    finding.refuse_strangers()
+    finding.refuse_strangers(roles_of(generators))
     if watched:
         finding.read(SENSED)
     return Inputs(finding.sensors, fed, tuple(finding.missing))
+
+
+def roles_of(generators: Mapping[str, Mapping[str, Any]]) -> list[str]:
+    """The roles that a topic can be told for: those of generators by name, and of the robot."""
+    return [*ALONE, *(_role(name, options) for name, options in generators.items())]
+
+
+def _role(name: str, options: Mapping[str, Any]) -> str:
+    return options.get("sensor") or name
 
 
 def _kinds(options: Mapping[str, Any]) -> Kinds:
@@ -92,13 +101,11 @@ class _Finding:
         self.sensors: dict[str, str] = {}
         """The name of the sensor of each topic that is read."""
         self.missing: list[str] = []
-        self.roles: list[str] = [*ALONE]
 
     def feed(self, name: str, options: dict[str, Any], kinds: Kinds) -> dict[str, Any]:
         """Give the options of a generator with its sensor."""
         sensor = options.get("sensor")
-        role = sensor or name
-        self.roles.append(role)
+        role = _role(name, options)
         if sensor is None and not set(kinds) & set(SENSED) and role not in self.told:
             return options  # it takes all context there is
         topic = self._topic(role, kinds)
@@ -128,11 +135,11 @@ class _Finding:
         for topic in self._of(kinds):
             self.sensors.setdefault(topic, topic)
 
-    def refuse_strangers(self) -> None:
+    def refuse_strangers(self, roles: Sequence[str]) -> None:
         """Make sure that nothing was told of a role that there is not."""
         for role in self.told:
-            if role not in self.roles:
-                hint = name_hint(role, self.roles, "roles")
+            if role not in roles:
+                hint = name_hint(role, roles, "roles")
                 raise ConfigurationError(f"--topic: unknown role '{role}'; {hint}")
 
     def _topic(self, role: str, kinds: Kinds) -> str | None:

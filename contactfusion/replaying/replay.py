@@ -3,19 +3,19 @@
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, ExitStack
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import final
 
 from contactfusion.errors import ConfigurationError, WritingError
 from contactfusion.readings import Reading, Transform
+from contactfusion.recordings.reading_messages import ros_name
 from contactfusion.recordings.ros import RawMessage, RosRecording
 from contactfusion.replaying.configuration import setting_of_file
 from contactfusion.replaying.outputs import About, Output, open_output
 from contactfusion.replaying.session import WHOLE, Session, Window
 from contactfusion.replaying.tally import Tally
-from contactfusion.running import unheard
-from contactfusion.step_summary import Summary
+from contactfusion.step_summary import Summary, refuse
 from contactfusion.stopwatch import StopWatch
 from contactfusion.terminal import followed, is_quiet, note, progress
 
@@ -36,15 +36,17 @@ class Options:
         window: the part that is played.
         rate: so many times as fast as it was recorded; None: as fast as it goes.
         out: the file that takes the contacts; None: none does.
+        ignored: topics that are not read at all.
     """
 
     configuration: Path
     recording: Path
     overrides: Sequence[str] = ()
-    topics: Mapping[str, str] | None = None
+    topics: Mapping[str, str] = field(default_factory=dict)
     window: Window = WHOLE
     rate: float | None = None
     out: Path | None = None
+    ignored: Sequence[str] = ()
 
 
 def replay(options: Options, watch: Watch | None = None) -> None:
@@ -63,6 +65,7 @@ def replay(options: Options, watch: Watch | None = None) -> None:
     """
     _refuse_itself(options)
     setting = setting_of_file(options.configuration, options.overrides)
+    setting = setting.choosing(options.topics, options.ignored)
     outputs: list[Output] = []
 
     def copy(message: RawMessage) -> None:
@@ -76,13 +79,12 @@ def replay(options: Options, watch: Watch | None = None) -> None:
         session = Session(
             setting,
             options.recording,
-            options.topics,
             options.window,
             tap,
             watched=watch is not None,
             ask=stopwatch.ask,
         )
-    tally, summary = Tally(), Summary()
+    tally, summary = Tally(), Summary(session.pipeline)
     pace = _pace(options.rate)
 
     def hear(reading: Reading) -> None:
@@ -159,8 +161,15 @@ def _refuse_emptiness(options: Options, session: Session) -> None:
 
 
 def _about(session: Session, out: Path) -> About:
-    text = session.setting.text(beside=out.parent)
-    return About(session.recording.epoch_ns, text, isinstance(session.recording, RosRecording))
+    setting, copies = session.setting, isinstance(session.recording, RosRecording)
+    if not copies:  # readings go to topics that are called like their sensors, and no others do
+        sensors = session.inputs.sensors
+        told = {
+            role: ros_name(f"/{sensors[topic.removeprefix('/')]}")
+            for role, topic in setting.told.items()
+        }
+        setting = replace(setting, told=told, ignored=())
+    return About(session.recording.epoch_ns, setting.text(beside=out.parent), copies)
 
 
 def _pace(rate: float | None) -> Callable[[float], None]:
@@ -218,21 +227,20 @@ def _met(recording: RosRecording, topic: str) -> Iterator[str]:
 
 def _refuse_silence(path: Path, session: Session, tally: Tally, summary: Summary) -> None:
     """Make sure that all came that the configuration waits for, and that most of it was of use."""
-    lost = list(_lost(session.recording)) if isinstance(session.recording, RosRecording) else []
-    silent = list(unheard(session.pipeline, tally.kinds, summary))
-    faults = list(session.inputs.missing) or [*lost, *silent]
-    if faults:
-        more = f" (and {len(faults) - 1} more)" if len(faults) > 1 else ""
-        raise ConfigurationError(f"{path}: {faults[0]}{more}")
+    complaints = [*_lost(session), *summary.complaints(tally.kinds)]
+    refuse(path, session.inputs.missing or complaints)
 
 
-def _lost(recording: RosRecording) -> Iterator[str]:
-    """Say of which sensors less than half could be used."""
+def _lost(session: Session) -> Iterator[str]:
+    """Say of which sensors that the pipeline listens to less than half could be used."""
+    recording = session.recording
+    if not isinstance(recording, RosRecording):
+        return
     for sensor, topics in recording.sensors.items():
         for topic in topics:
-            heard = recording.tally[topic]
-            if recording.contents[topic].kind is Transform:
-                continue  # who needs them is told of clouds that have no place
+            heard, kind = recording.tally[topic], recording.contents[topic].kind
+            if kind is None or not session.pipeline.listens(sensor, kind):
+                continue
             if heard.refused + heard.unreadable > heard.readings:
                 some = f"only {heard.readings} readings" if heard.readings else "nothing"
                 whose = f"'{sensor}'" if len(topics) == 1 else f"'{sensor}', {topic},"

@@ -1,12 +1,18 @@
 """One replay: a pipeline on a recording, from its beginning, as often as one likes."""
 
 from collections import deque
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, final
 
-from contactfusion.errors import ConfigurationError, FrameError, PluginError, RecordingError
+from contactfusion.errors import (
+    ConfigurationError,
+    FrameError,
+    PluginError,
+    RecordingError,
+    name_hint,
+)
 from contactfusion.pipeline import Ask, Pipeline, Step, asked
 from contactfusion.readings import Reading, Transform
 from contactfusion.recordings.opening import open_recording
@@ -45,9 +51,8 @@ class Session:
     """A pipeline and the recording that it listens to.
 
     Args:
-        setting: the configuration.
+        setting: the configuration, and which topics are chosen.
         path: the recording.
-        told: topics by role, as on the command line; they go before those of the setting.
         window: the part that is played.
         tap: who hears every message of a ROS recording as it is.
         watched: whether to play what no generator listens to, too, so that it can be looked at.
@@ -62,15 +67,13 @@ class Session:
         self,
         setting: Setting,
         path: Path,
-        told: Mapping[str, str] | None = None,
         window: Window = WHOLE,
         tap: Tap | None = None,
         watched: bool = False,
         ask: Ask = asked,
     ) -> None:
-        self.setting = replace(setting, told={**setting.told, **(told or {})})
-        recording, self.inputs = _opened(self.setting, path, window, tap, watched)
-        self.recording: Recording = recording
+        self.recording, self.inputs = _opened(setting, path, window, tap, watched)
+        self.setting = setting
         self._broken: RecordingError | None = None
         try:
             self.pipeline = Pipeline(self.setting.config(self.inputs.generators), ask)
@@ -147,8 +150,11 @@ def _opened(
 ) -> tuple[Recording, Inputs]:
     whole = open_recording(path)
     if not isinstance(whole, RosRecording):
-        inputs = _inputs(setting, whole.topics, setting.told, watched)
+        topics = _without(path, whole.topics, setting.ignored)
+        inputs = _inputs(setting, topics, setting.told, watched)
         return _Part(whole, inputs.sensors, window), inputs
+    if setting.ignored:
+        whole = whole.without([f"/{topic.removeprefix('/')}" for topic in setting.ignored])
     streams = whole.streams
     names = {topic: name for name, stream in streams.items() for topic in stream.topics}
     told = {role: names.get(topic, topic) for role, topic in setting.told.items()}
@@ -158,6 +164,19 @@ def _opened(
     for name, sensor in inputs.sensors.items():
         heard[sensor] = (*heard.get(sensor, ()), *streams[name].topics)
     return whole.part(heard, window.start, window.duration, tap), inputs
+
+
+def _without(
+    path: Path, topics: Mapping[str, type[Reading]], ignored: Sequence[str]
+) -> Mapping[str, type[Reading]]:
+    """Give the topics that may be read."""
+    names = [topic.removeprefix("/") for topic in ignored]
+    for name in names:
+        if name not in topics:
+            raise RecordingError(
+                f"{path} has no topic '{name}' to ignore; {name_hint(name, topics, 'topics')}"
+            )
+    return {topic: kind for topic, kind in topics.items() if topic not in names}
 
 
 def _inputs(

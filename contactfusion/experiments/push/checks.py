@@ -100,9 +100,10 @@ def _found(plan: Plan, controller: str, push: Push) -> Found:
         return Found(str(error))
     except Exception as error:  # a plug-in may raise anything
         return Found(f"{type(error).__name__}: {error}")
+    heard = {(reading.sensor, type(reading)) for reading in readings}
     faults = enumerate(pipeline.config.faults)
     return Found(
         "",
-        frozenset(reading.sensor for reading in readings),
-        frozenset(number for number, fault in faults if any(map(fault.meets, readings))),
+        frozenset(sensor for sensor, _ in heard),
+        frozenset(row for row, fault in faults if any(fault.meets(*one) for one in heard)),
     )

@@ -226,7 +226,8 @@ class Sorter:
             if abs(apart) > LONGEST_LEAP:
                 return (
                     f"{heard.topic}: its clock is {_long(apart)} {_side(apart)} the others', as if "
-                    f"it counted from being switched on; name by 'sensors' which topics to read"
+                    f"it counted from being switched on; name by 'sensors' which topics to read, "
+                    f"or leave it out by 'ignored' (--ignore)"
                 )
             return self._pause(stamp)
         jumped = stamp - before[0]

@@ -7,7 +7,7 @@ from typing import final
 
 from pydantic import Field
 
-from contactfusion.errors import InvalidReadingError, RecordingError
+from contactfusion.errors import InvalidReadingError, RecordingError, name_hint
 from contactfusion.model import Model
 from contactfusion.readings import Reading
 from contactfusion.recordings.log import LONGEST_FALL
@@ -30,6 +30,8 @@ class RosConfig(Model):
     """Topics by the names of their sensors, and no others are read but for transforms; when empty,
     all that can be read are. Then a sensor is called like its topic without the first slash, or
     like the topic above for `/<sensor>/depth` of a camera and `/<sensor>/<object>` of a pose."""
+    ignored: tuple[str, ...] = ()
+    """Topics that are not read at all; those of transforms may be among them."""
     start: float = Field(default=0.0, ge=0, le=LONGEST_SECONDS)
     """What was logged earlier is left out, but for static transforms [s after the first]."""
     duration: float | None = Field(default=None, gt=0, le=LONGEST_SECONDS)
@@ -74,7 +76,8 @@ class RosRecording(Recording):
         with Bag(self.path) as bag:
             self.contents: dict[str, Topic] = contents_of(bag)
             """All its topics by name."""
-            self.sensors = topics_of(self.path, self.contents, sensors)
+            self._readable = self._not_ignored()
+            self.sensors = topics_of(self.path, self._readable, sensors)
             """The topics of each sensor, transforms among them."""
             self.epoch_ns = self._begin_ns = self._first_stamp(bag, None)
             _, stop = self._window(bag)
@@ -119,6 +122,17 @@ class RosRecording(Recording):
         made._whole = self
         return made
 
+    def without(self, topics: Sequence[str]) -> "RosRecording":
+        """The same recording, of which some topics are not read at all.
+
+        Raises:
+            RecordingError: there is no such topic.
+        """
+        choice = {"ignored": (*self._config.ignored, *topics)}
+        made = RosRecording(self._config.model_copy(update=choice), self._folder)
+        made._whole = self
+        return made
+
     def readings(self) -> Iterator[Reading]:
         """Give the readings in order of their stamps; of one stamp, as they lie in the file.
 
@@ -149,8 +163,18 @@ class RosRecording(Recording):
 
     def _heard(self, tally: Mapping[str, TopicTally]) -> dict[str, Heard]:
         """Give what hears the topics that are read, by topic."""
-        found = listeners(self.sensors, self.contents)
+        found = listeners(self.sensors, self._readable)
         return {topic: Heard(topic, one, tally[topic], {}) for topic, one in found.items()}
+
+    def _not_ignored(self) -> dict[str, Topic]:
+        """Give the topics that may be read."""
+        for name in self._config.ignored:
+            if name not in self.contents:
+                hint = name_hint(name, self.contents, "topics")
+                raise RecordingError(f"{self._path} has no topic '{name}' to ignore; {hint}")
+        return {
+            name: one for name, one in self.contents.items() if name not in self._config.ignored
+        }
 
     def _made(self, entry: Entry) -> Iterator[Reading]:
         """Make the reading of an entry, or count why there is none."""

@@ -1,0 +1,120 @@
+"""What steps amounted to, and what kept a pipeline from its job."""
+
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from contactfusion import Pipeline, PipelineConfig
+from contactfusion.errors import ConfigurationError
+from contactfusion.readings import DepthImage, ObjectPose, Reading
+from contactfusion.step_summary import Summary, refuse
+from tests.toys import offer_toys, point, wrench
+
+PLACE = (0.1, 0.0, 0.0)
+
+
+@pytest.fixture(autouse=True)
+def _toys(monkeypatch: pytest.MonkeyPatch) -> None:
+    offer_toys(monkeypatch)
+
+
+def ran(readings: Iterable[Reading], **fields: Any) -> tuple[Summary, list[str]]:
+    """The summary of a pipeline that steps every 0.1 s, and its complaints."""
+    pipeline = Pipeline(PipelineConfig(**{"cycle": {"every": 0.1}, **fields}))
+    summary, heard = Summary(pipeline), list(readings)
+    for step in pipeline.run(heard):
+        summary.add(step)
+    return summary, list(summary.complaints({(one.sensor, type(one)) for one in heard}))
+
+
+def points(frames: str) -> list[Reading]:
+    """A reading each 0.1 s: in the space for "b", in an unknown frame for "u"."""
+    names = {"b": "base", "u": "moon"}
+    return [point(0.1 * row, *PLACE, frame=names[one]) for row, one in enumerate(frames)]
+
+
+ECHO = {"eye": {"type": "echo"}}
+
+
+@pytest.mark.parametrize(
+    ("frames", "start"),
+    [
+        ("bbbb", None),
+        ("bbuu", None),
+        ("bubuu", "3 of 5 clouds of 'eye' were refused: unknown frame 'moon'"),
+        ("uuu", "every cloud of 'eye' was refused: unknown frame 'moon'"),
+    ],
+)
+def test_a_source_of_which_more_than_half_is_refused_is_told(
+    frames: str, start: str | None
+) -> None:
+    _, complaints = ran(points(frames), generators=ECHO)
+    assert len(complaints) == (start is not None)
+    assert all(one.startswith(start or "") for one in complaints)
+
+
+def test_no_contact_alone_is_no_complaint() -> None:
+    summary, complaints = ran(points("bbb"), generators=ECHO, integrator={"threshold": 0.99})
+    assert summary.contacts == 0 and not complaints
+
+
+def image(stamp: float) -> DepthImage:
+    return DepthImage(
+        stamp=stamp, frame="base", sensor="eye", depth=np.ones((2, 3)), intrinsics=np.eye(3)
+    )
+
+
+def test_evidence_that_never_looked_is_told() -> None:
+    _, complaints = ran([image(0.0), image(0.1)], generators={"look": {"type": "looker"}})
+    assert complaints == ["generators.look: it gave no cloud for any of its 2 readings"]
+
+
+def test_a_prediction_that_has_nothing_to_say_is_no_complaint() -> None:
+    pose = ObjectPose(stamp=0.0, frame="base", name="cup", position=np.zeros(3),
+                      orientation=np.array([0.0, 0.0, 0.0, 1.0]))  # fmt: skip
+    assert ran([pose], generators={"seen": {"type": "follower"}})[1] == []
+
+
+def test_a_sensor_that_is_silenced_by_a_fault_is_no_complaint() -> None:
+    faults = [{"fault": "silent", "sensor": "point_cloud"}]
+    summary, complaints = ran(points("bbb"), generators=ECHO, faults=faults)
+    assert summary.steps and not complaints
+
+
+def test_a_fault_of_a_sensor_that_never_came_names_the_nearest() -> None:
+    readings = [wrench(0.0, *PLACE, sensor="wrist"), wrench(0.1, *PLACE, sensor="ankle")]
+    faults = [{"fault": "zeros", "sensor": "wirst"}, {"fault": "zeros", "sensor": "wrench"}]
+    _, complaints = ran(readings, generators={"hand": {"type": "feeler"}}, faults=faults)
+    assert complaints == [
+        "faults.0.sensor: no reading of 'wirst' came; did you mean 'wrist'? "
+        "The sensors and types are: ankle, wrench, wrist"
+    ]
+
+
+def test_clouds_that_are_ahead_of_time_are_told() -> None:
+    pipeline = Pipeline(PipelineConfig(generators=ECHO))
+    pipeline.receive(point(9.0, *PLACE))
+    summary = Summary(pipeline)
+    summary.add(pipeline.step(0.0))
+    (complaint,) = summary.complaints({("", type(point(9.0, *PLACE)))})
+    assert complaint == "no cloud of 'eye' was accepted: a cloud of 'eye' is 9 s early: held back"
+
+
+def test_remarks_stand_under_their_source() -> None:
+    remote = {"far": {"type": "remote"}}
+    summary, _ = ran(points("bb"), generators=remote)
+    lines = list(summary.lines())
+    assert lines[1].startswith("  far (regular): 2 clouds")
+    assert lines[2:] == ["    2 × 0 contacts, 0 places"]
+    assert summary.fields()["sources"]["far"]["remarks"] == {"0 contacts, 0 places": 2}
+
+
+def test_the_first_complaint_is_raised_with_the_count_of_the_others() -> None:
+    refuse(Path("a.yaml"), [])
+    with pytest.raises(ConfigurationError, match=r"^a.yaml: one$"):
+        refuse(Path("a.yaml"), ["one"])
+    with pytest.raises(ConfigurationError, match=r"^a.yaml: one \(and 2 more\)$"):
+        refuse(Path("a.yaml"), iter(["one", "two", "three"]))
