@@ -19,7 +19,11 @@ DESCRIBED = {"patch": "patches", "wrist": "wrists", "camera": "cameras", "finger
 
 
 def built_generator(
-    name: str, options: dict[str, Any], folder: Path = Path(), robot: RobotConfig | None = None
+    name: str,
+    options: dict[str, Any],
+    folder: Path = Path(),
+    robot: RobotConfig | None = None,
+    within: Path | None = None,
 ) -> AnyGenerator:
     """Build a generator from its `type` and options.
 
@@ -29,6 +33,7 @@ def built_generator(
             from the robot's description.
         folder: where relative file names start.
         robot: the description of the robot.
+        within: the folder that all files have to lie in; None: they may lie anywhere.
 
     Raises:
         PluginError: no such type is installed.
@@ -37,7 +42,7 @@ def built_generator(
     given = {key: value for key, value in options.items() if key != "type"}
     given |= _described(given, robot, f"generators.{name}")
     cls = generator_class(options["type"])
-    config = _configured(cls.Config, given, f"generators.{name}", folder)
+    config = _configured(cls.Config, given, f"generators.{name}", folder, within)
     try:
         return cls(name, config)
     except ConfigurationError as error:
@@ -67,7 +72,7 @@ def built_controller(config: PipelineConfig) -> Controller | None:
     given = {key: value for key, value in config.controller.items() if key != "type"}
     cls: type[Controller] = installed_plugins().find("controllers", config.controller["type"])
     _refuse_stranger(cls, Controller, config.controller["type"])
-    return cls(_configured(cls.Config, given, "controller", config.folder))
+    return cls(_configured(cls.Config, given, "controller", config.folder, config.within))
 
 
 def _described(options: dict[str, Any], robot: RobotConfig | None, path: str) -> dict[str, Any]:
@@ -92,9 +97,11 @@ def _refuse_stranger(cls: type[Any], contract: type[Any], name: str) -> None:
         raise PluginError(f"the plug-in class {cls.__name__} of '{name}' is no {contract.__name__}")
 
 
-def _configured(model: type[Any], options: dict[str, Any], path: str, folder: Path) -> Model:
+def _configured(
+    model: type[Any], options: dict[str, Any], path: str, folder: Path, within: Path | None
+) -> Model:
     try:
         configured: Model = model(**options)
+        return rooted(configured, folder, within)
     except ConfigurationError as error:
         raise error.under(path) from None
-    return rooted(configured, folder)

@@ -119,7 +119,9 @@ class Pipeline:
         """
         if name in self.generators:
             raise SourceError(f"the generator '{name}' is plugged already; unplug it first")
-        generator = built_generator(name, options, self.config.folder, self.config.robot)
+        generator = built_generator(
+            name, options, self.config.folder, self.config.robot, self.config.within
+        )
         if generator.config.isolate:
             generator = Isolated(generator, self._live)
         elif self._robot.model is not None:

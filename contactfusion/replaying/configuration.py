@@ -2,13 +2,14 @@
 
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from os.path import relpath
 from pathlib import Path
 from typing import Any, Final, final
 
 from contactfusion.errors import ConfigurationError, FrameError, PluginError, RecordingError
 from contactfusion.files import require_file
+from contactfusion.model import Model
 from contactfusion.pipeline_config import PipelineConfig
 from contactfusion.recordings.step_messages import OURS
 from contactfusion.yaml_files import read_yaml, with_overrides
@@ -17,6 +18,17 @@ TOPIC: Final = f"{OURS}configuration"
 """Where a replay keeps its configuration, as std_msgs/String."""
 NOT_OURS = ("recording", "scene")
 """Fields of a file for `run` that a replay has no use for."""
+
+
+class Kept(Model):
+    """What a recording holds of the replay that wrote it."""
+
+    configuration: dict[str, Any]
+    """The fields of the pipeline's configuration."""
+    folder: Path
+    """Where relative file names in them start, from the folder of the recording."""
+    topics: dict[str, str]
+    """Topics by role."""
 
 
 @final
@@ -29,12 +41,15 @@ class Setting:
         folder: where relative file names in them start.
         told: topics by role, as an earlier replay was told.
         origin: the file, for sentences.
+        within: the folder that all files they name have to lie in, of a recording; None: they may
+            lie anywhere.
     """
 
     fields: Mapping[str, Any]
     folder: Path
     told: Mapping[str, str]
     origin: Path
+    within: Path | None = None
 
     def config(self, generators: Mapping[str, Any] | None = None) -> PipelineConfig:
         """Give the configuration, with other options of its generators.
@@ -43,6 +58,8 @@ class Setting:
             ConfigurationError: a field is wrong; the sentence names the file.
         """
         fields = {"folder": self.folder, **self.fields}
+        if self.within is not None:
+            fields["within"] = self.within
         if generators is not None:
             fields["generators"] = generators
         try:
@@ -52,8 +69,7 @@ class Setting:
 
     def changed(self, overrides: Sequence[str]) -> "Setting":
         """Give the setting with fields changed as by "a.b=c"."""
-        fields = with_overrides(dict(self.fields), overrides)
-        return Setting(fields, self.folder, self.told, self.origin)
+        return replace(self, fields=with_overrides(dict(self.fields), overrides))
 
     def text(self, beside: Path) -> str:
         """Give it as the text that a recording keeps.
@@ -80,8 +96,11 @@ def setting_of_file(path: Path, overrides: Sequence[str] = ()) -> Setting:
 def setting_of_recording(path: Path, overrides: Sequence[str] = ()) -> Setting:
     """Read the configuration that a replay left in its recording.
 
+    Whoever made the recording wrote it: the files that it names lie beside the recording, or in
+    packages that are installed, and nothing is imported to find them.
+
     Raises:
-        RecordingError: there is none.
+        RecordingError: there is none, or it is not what a replay writes.
         DependencyError: rosbags is not installed.
     """
     require_file(path, RecordingError)
@@ -91,9 +110,12 @@ def setting_of_recording(path: Path, overrides: Sequence[str] = ()) -> Setting:
             f"{path} holds no configuration, as `contactfusion replay CONFIG {path.name} --out "
             f"FILE.mcap` keeps one: replay it first, or name one with --config"
         )
-    kept = json.loads(text)
-    folder = path.parent / kept["folder"]
-    setting = Setting(kept["configuration"], folder, kept["topics"], path)
+    try:
+        kept = Kept(**json.loads(text))
+    except (ConfigurationError, ValueError, TypeError, RecursionError) as error:
+        raise RecordingError(f"{path}: {TOPIC} is not what a replay writes: {error}") from None
+    folder = path.parent / kept.folder
+    setting = Setting(kept.configuration, folder, kept.topics, path, within=path.parent)
     return setting.changed(overrides)
 
 
