@@ -10,7 +10,6 @@ from typing import Final
 
 from contactfusion.errors import ConfigurationError, ContactFusionError, WritingError
 
-
 GIVE_CONFIG: Final = "give the configuration itself by --config FILE"
 """What to do where a configuration that comes from a recording may not name what it names."""
 

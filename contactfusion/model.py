@@ -36,7 +36,8 @@ M = TypeVar("M", bound=Model)
 def rooted(config: M, folder: Path, within: Path | None = None) -> M:
     """Give a configuration whose relative file names start at a folder, also in models within.
 
-    Names in lists stay as they are, for who holds them to root; where they may lie is checked.
+    Names in lists and mappings stay as they are, for who holds them to root; where they may lie is
+    checked all the same.
 
     Args:
         config: any.
@@ -55,10 +56,10 @@ def rooted(config: M, folder: Path, within: Path | None = None) -> M:
         elif name == "within" and within is not None:
             changes[name] = within
         elif isinstance(value, dict):
-            found = {
-                key: _rooted(one, folder, within, f"{name}.{key}") for key, one in value.items()
+            found = {key: _rooted(value[key], folder, within, f"{name}.{key}") for key in value}
+            changes[name] = {
+                key: found[key] if isinstance(one, Model) else one for key, one in value.items()
             }
-            changes[name] = {k: found[k] if isinstance(one, Model) else one for k, one in value.items()}
         elif isinstance(value, list | tuple):
             for number, one in enumerate(value):
                 _rooted(one, folder, within, f"{name}.{number}")

@@ -6,8 +6,8 @@ from typing import Any, Self
 from pydantic import Field, model_validator
 
 from contactfusion.errors import ConfigurationError
-from contactfusion.files import file_in
 from contactfusion.fault_config import FaultConfig
+from contactfusion.files import file_in
 from contactfusion.frame_config import FrameConfig
 from contactfusion.frames import FrameTree
 from contactfusion.integrator.config import IntegratorConfig

@@ -18,9 +18,9 @@ from contactfusion.segmenters.sam2 import Sam2Config, Sam2Segmenter
 from tests.urdfs import link, written
 
 KEPT = Path(__file__).parent / "data" / "kept.mcap"
-"""Forty taxels of the mobile base over 0.3 s, written to out/kept.mcap by `contactfusion replay` of a
-configuration in conf/, with `robot: contactfusion.robots:mobile_base.yaml`, when recordings were
-not bounded yet."""
+"""Forty taxels of the mobile base over 0.3 s, written to out/kept.mcap by `contactfusion replay` of
+a configuration in conf/, with `robot: contactfusion.robots:mobile_base.yaml`, by version 0.1.0 when
+recordings were not bounded yet."""
 EPOCH = 1_700_000_000_000_000_000
 MESH = '<mesh filename="{}"/>'
 
@@ -201,7 +201,7 @@ def test_an_object_by_urdf_lies_in_the_folder_of_a_recording(beside: Path) -> No
 def test_a_recording_asks_no_network_for_a_model() -> None:
     for weights in ("facebook/sam2.1-hiera-tiny", "tiny"):
         config = Sam2Config(weights=weights, within=Path())
-        with pytest.raises(ConfigurationError, match=f"no model of SAM 2, not '{weights}'; .*--con"):
+        with pytest.raises(ConfigurationError, match=f"no model of SAM 2, not '{weights}'; .*-"):
             Sam2Segmenter(config)
 
 
