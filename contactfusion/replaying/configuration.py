@@ -121,16 +121,14 @@ def setting_of_recording(path: Path, overrides: Sequence[str] = ()) -> Setting:
 
 def _kept_text(path: Path) -> str | None:
     from contactfusion.recordings.messages import typestore
+    from contactfusion.recordings.ros.files import Bag
 
-    store = typestore()
-    from rosbags.rosbag2 import Reader
-
-    try:
-        with Reader(path) as bag:
-            here = [one for one in bag.connections if one.topic == TOPIC]
-            for connection, _, raw in bag.messages(here) if here else ():
-                message: Any = store.deserialize_cdr(raw, connection.msgtype)
+    with Bag(path) as bag:
+        here = [one for one in bag.channels if one.topic == TOPIC]
+        for channel, _, raw in bag.messages(here):
+            try:
+                message: Any = typestore().deserialize_cdr(channel.cdr(raw), channel.msgtype)
                 return str(message.data)
-    except Exception as error:  # rosbags meets damage with errors of many kinds
-        raise RecordingError(f"{path} can't be read: {error}") from None
+            except Exception as error:  # rosbags meets damage with errors of many kinds
+                raise RecordingError(f"{path}: {TOPIC} can't be read: {error}") from None
     return None
