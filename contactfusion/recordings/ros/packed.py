@@ -68,5 +68,5 @@ class _Bounded:
         read: bytes = self._file.read(size)
         self._room -= len(read)
         if self._room < 0:
-            raise ValueError("a file that is packed stands for too many bytes")
+            raise ValueError("a packed file unpacks to too much")
         return read
