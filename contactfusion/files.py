@@ -12,6 +12,8 @@ from contactfusion.errors import ConfigurationError, ContactFusionError, Writing
 
 GIVE_CONFIG: Final = "give the configuration itself by --config FILE"
 """What to do where a configuration that comes from a recording may not name what it names."""
+SHIPPED: Final = Path(__file__).resolve().parent
+"""The files of this package."""
 
 
 def write_whole(path: str | Path, content: str | bytes) -> None:
@@ -76,21 +78,23 @@ def file_in(folder: Path, name: str | Path, within: Path | None) -> Path:
     Args:
         folder: where a relative name starts.
         name: the name.
-        within: the folder that the file has to lie in, links resolved, as of a configuration that
-            comes from a recording; None: any file will do.
+        within: the folder that the file has to lie in, links resolved, unless it is one of this
+            package, as of a configuration that comes from a recording; None: any file will do.
 
     Raises:
         ConfigurationError: the name leads elsewhere, or is absolute where `within` is given.
     """
-    path = folder / name
+    path, absolute = folder / name, Path(name).is_absolute()
     if within is None:
         return path
     try:
-        lies_in = path.resolve().is_relative_to(within.resolve())
+        found = path.resolve()
+        allowed = found.is_relative_to(SHIPPED) or (
+            found.is_relative_to(within.resolve()) and not absolute
+        )
     except (OSError, RuntimeError, ValueError):  # links in a circle, or a NUL in the name
-        lies_in = False
-    absolute = Path(name).is_absolute()
-    if absolute or not lies_in:
+        allowed = False
+    if not allowed:
         where = "" if absolute else f" from {folder}"
         raise ConfigurationError(
             f"a configuration that comes from a recording may name files in "

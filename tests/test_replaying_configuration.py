@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+import contactfusion
 from contactfusion.errors import ConfigurationError, RecordingError, RobotError
 from contactfusion.pipeline import Pipeline
 from contactfusion.readings import Wrench
@@ -260,3 +261,14 @@ def test_a_recording_of_former_days_is_played_though_its_configuration_lay_elsew
 def test_a_topic_that_no_replay_wrote_is_told_in_one_sentence(kept: Any, tmp_path: Path) -> None:
     path = recorded(tmp_path, kept)
     assert said(path).startswith(f"{path}: {TOPIC} is not what a replay writes: ")
+
+
+def test_a_recording_names_files_of_this_package_wherever_it_is_installed(beside: Path) -> None:
+    """As recordings of experiments do, which hold what a ROBOT.yaml said."""
+    home = Path(contactfusion.__file__).parent / "robots"
+    config = setting_of_recording(
+        recorded(beside, robot={"urdf": "arm_hand.urdf", "folder": str(home)})
+    ).config()
+    assert config.robot and config.robot.path() == home / "arm_hand.urdf"
+    name = "../../../robot.yaml"
+    assert refuses(recorded(beside, robot={"urdf": name, "folder": str(home)}), "urdf", name)
