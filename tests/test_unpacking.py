@@ -30,7 +30,7 @@ from tests.ros_bags import image, rosbag1, rosbag2, top, wrench
 from tests.test_recordings_c3d import c3d_file
 
 lz4 = pytest.importorskip("lz4.frame")
-zstd: Any = pytest.importorskip("rosbags.rosbag2.reader").zstd
+zstd: Any = pytest.importorskip("rosbags.rosbag2.storage_mcap").zstd
 ROOM = 2**28 + 2**26
 """A process that reads may take so much more than it has when its libraries are there [bytes]."""
 PIECE = bytes(10**7)

@@ -35,8 +35,8 @@ def points_of(cloud: Message) -> FloatArray:
                 f"'{name}' of the cloud is neither float32 nor float64: "
                 f"its type is {fields[name].datatype}"
             )
-    held = _holds(cloud, [fields[name] for name in "xyz"])
-    height, width = (cloud.height, cloud.width) if held else (0, 0)
+    is_filled = _holds(cloud, [fields[name] for name in "xyz"])
+    height, width = (cloud.height, cloud.width) if is_filled else (0, 0)
     points = np.empty((height * width, 3))
     if len(points):
         grid = points.reshape(height, width, 3)

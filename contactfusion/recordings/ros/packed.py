@@ -4,6 +4,7 @@ import bz2
 import os
 from collections.abc import Callable
 from functools import cache, partial
+from importlib import import_module
 from types import SimpleNamespace
 from typing import IO, Any, Self
 
@@ -15,10 +16,10 @@ def bound_rosbags() -> None:
     """Let the readers of rosbags unpack no more than `contactfusion.unpacking` allows."""
     from lz4.frame import LZ4FrameDecompressor
     from rosbags.rosbag1 import reader as ros1
-    from rosbags.rosbag2 import reader as ros2
     from rosbags.rosbag2 import storage_mcap as mcap
 
-    zstd: Any = ros2.zstd  # of the standard library, from Python 3.14 on
+    ros2: Any = import_module("rosbags.rosbag2.reader")
+    zstd = ros2.zstd  # of the standard library, from Python 3.14 on
     unpackers = {
         "bz2": bz2.BZ2Decompressor,
         "lz4": LZ4FrameDecompressor,
@@ -28,11 +29,10 @@ def bound_rosbags() -> None:
         name: partial(unpacked, unpacker=unpackers[name]) for name in ("bz2", "lz4")
     }
     mcap.DECOMPRESSORS |= {name: _of_chunk(unpackers[name]) for name in ("lz4", "zstd")}
-    bounded: Any = SimpleNamespace(
+    ros2.zstd = SimpleNamespace(
         decompress=partial(unpacked, unpacker=zstd.ZstdDecompressor),
         open=partial(_Bounded, zstd.ZstdFile),
     )
-    ros2.zstd = bounded
 
 
 def _of_chunk(unpacker: Callable[[], Unpacker]) -> Callable[[bytes, int], bytes]:
