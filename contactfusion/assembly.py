@@ -19,7 +19,11 @@ DESCRIBED = {"patch": "patches", "wrist": "wrists", "camera": "cameras", "finger
 
 
 def built_generator(
-    name: str, options: dict[str, Any], folder: Path = Path(), robot: RobotConfig | None = None
+    name: str,
+    options: dict[str, Any],
+    folder: Path = Path(),
+    robot: RobotConfig | None = None,
+    within: Path | None = None,
 ) -> AnyGenerator:
     """Build a generator from its `type` and options.
 
@@ -29,6 +33,7 @@ def built_generator(
             from the robot's description.
         folder: where relative file names start.
         robot: the description of the robot.
+        within: the folder that all files have to lie in; None: they may lie anywhere.
 
     Raises:
         PluginError: no such type is installed, or it breaks the contract.
@@ -38,7 +43,7 @@ def built_generator(
     given = {key: value for key, value in options.items() if key != "type"}
     given |= _described(given, robot, path)
     cls = generator_class(kind)
-    config = rooted(configured(kind, cls, given, path), folder)
+    config = _own(configured(kind, cls, given, path), path, folder, within)
     with Guard(f"{path}: the plug-in '{kind}'", cls):
         try:
             generator = cls(name, config)
@@ -72,7 +77,8 @@ def built_controller(config: PipelineConfig) -> Controller | None:
     given = {key: value for key, value in config.controller.items() if key != "type"}
     cls: type[Controller] = installed_plugins().find("controllers", kind)
     refuse(kind, cls, class_fault(cls, Controller, Model))
-    own = rooted(configured(kind, cls, given, "controller"), config.folder)
+    options = configured(kind, cls, given, "controller")
+    own = _own(options, "controller", config.folder, config.within)
     with Guard(f"controller: the plug-in '{kind}'", cls):
         return cls(own)
 
@@ -92,3 +98,11 @@ def _described(options: dict[str, Any], robot: RobotConfig | None, path: str) ->
         described = {name: known[name] for name in names}
         found[option] = described[given] if isinstance(given, str) else described
     return found
+
+
+def _own(config: Model, path: str, folder: Path, within: Path | None) -> Model:
+    """The options of a plug-in with file names that start at a folder."""
+    try:
+        return rooted(config, folder, within)
+    except ConfigurationError as error:
+        raise error.under(path) from None

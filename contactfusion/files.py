@@ -1,4 +1,4 @@
-"""Files: written whole or not at all, and the sentence for one that is not there."""
+"""Files: written whole or not at all, where a name may lead, and what to say of a missing one."""
 
 import os
 import secrets
@@ -6,8 +6,14 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from difflib import get_close_matches
 from pathlib import Path
+from typing import Final
 
-from contactfusion.errors import ContactFusionError, WritingError
+from contactfusion.errors import ConfigurationError, ContactFusionError, WritingError
+
+GIVE_CONFIG: Final = "give the configuration itself by --config FILE"
+"""What to do where a configuration that comes from a recording may not name what it names."""
+SHIPPED: Final = Path(__file__).resolve().parent
+"""The files of this package."""
 
 
 def write_whole(path: str | Path, content: str | bytes) -> None:
@@ -64,6 +70,37 @@ def make_folder(path: Path) -> None:
         path.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise ContactFusionError(f"the folder {path} cannot be made: {error.strerror}") from None
+
+
+def file_in(folder: Path, name: str | Path, within: Path | None) -> Path:
+    """Path of a file by its name.
+
+    Args:
+        folder: where a relative name starts.
+        name: the name.
+        within: the folder that the file has to lie in, links resolved, unless it is one of this
+            package, as of a configuration that comes from a recording; None: any file will do.
+
+    Raises:
+        ConfigurationError: the name leads elsewhere, or is absolute where `within` is given.
+    """
+    path, absolute = folder / name, Path(name).is_absolute()
+    if within is None:
+        return path
+    try:
+        found = path.resolve()
+        allowed = found.is_relative_to(SHIPPED) or (
+            found.is_relative_to(within.resolve()) and not absolute
+        )
+    except (OSError, RuntimeError, ValueError):  # links in a circle, or a NUL in the name
+        allowed = False
+    if not allowed:
+        where = "" if absolute else f" from {folder}"
+        raise ConfigurationError(
+            f"a configuration that comes from a recording may name files in "
+            f"{within.resolve()} only, not {str(name)!r}{where}; {GIVE_CONFIG}"
+        )
+    return path
 
 
 def require_file(path: Path, error: type[ContactFusionError]) -> None:

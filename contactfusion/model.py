@@ -8,6 +8,7 @@ from pydantic import BaseModel, ConfigDict, ValidationError
 from pydantic_core import ErrorDetails
 
 from contactfusion.errors import ConfigurationError, DefaultError, name_hint
+from contactfusion.files import file_in
 from contactfusion.units import unit_of
 
 
@@ -41,21 +42,52 @@ class Model(BaseModel):
 M = TypeVar("M", bound=Model)
 
 
-def rooted(config: M, folder: Path) -> M:
-    """Give a configuration whose relative file names start at a folder, also in models within."""
+def rooted(config: M, folder: Path, within: Path | None = None) -> M:
+    """Give a configuration whose relative file names start at a folder, also in models within.
+
+    Names in lists and mappings stay as they are, for who holds them to root; where they may lie is
+    checked all the same.
+
+    Args:
+        config: any.
+        folder: where relative file names start.
+        within: the folder that all files have to lie in, which fields of that name then hold, too;
+            None: files may lie anywhere.
+
+    Raises:
+        ConfigurationError: a file lies elsewhere.
+    """
     changes: dict[str, Any] = {}
     for name in type(config).model_fields:
         value = getattr(config, name)
-        if isinstance(value, Path):
-            changes[name] = folder / value
-        elif isinstance(value, Model):
-            changes[name] = rooted(value, folder)
+        if name == "folder" and value == Path():  # a default, no name that could lead elsewhere
+            changes[name] = folder
+        elif name == "within" and within is not None:
+            changes[name] = within
         elif isinstance(value, dict):
+            found = {key: _rooted(value[key], folder, within, f"{name}.{key}") for key in value}
             changes[name] = {
-                key: rooted(one, folder) if isinstance(one, Model) else one
-                for key, one in value.items()
+                key: found[key] if isinstance(one, Model) else one for key, one in value.items()
             }
+        elif isinstance(value, list | tuple):
+            for number, one in enumerate(value):
+                _rooted(one, folder, within, f"{name}.{number}")
+        else:
+            changes[name] = _rooted(value, folder, within, name)
     return config.model_copy(update=changes)
+
+
+def _rooted(value: Any, folder: Path, within: Path | None, path: str) -> Any:
+    try:
+        match value:
+            case Path():
+                return file_in(folder, value, within)
+            case Model():
+                return rooted(value, folder, within)
+            case _:
+                return value
+    except ConfigurationError as error:
+        raise error.under(path) from None
 
 
 def explained(error: ValidationError, model: type[BaseModel]) -> ConfigurationError:

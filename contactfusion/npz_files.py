@@ -11,8 +11,19 @@ from numpy.typing import ArrayLike, NDArray
 
 from contactfusion.errors import ConfigurationError
 from contactfusion.files import require_file, write_whole
+from contactfusion.unpacking import require_arrays
 
-BROKEN = (OSError, EOFError, TypeError, ValueError, zipfile.BadZipFile, zlib.error)
+BROKEN = (
+    EOFError,
+    MemoryError,
+    NotImplementedError,
+    OSError,
+    RecursionError,
+    TypeError,
+    ValueError,
+    zipfile.BadZipFile,
+    zlib.error,
+)
 """What numpy raises when a file is none of its own."""
 
 
@@ -34,10 +45,13 @@ def read_arrays(path: Path, *names: str) -> dict[str, NDArray[Any]]:
     """
     require_file(path, ConfigurationError)
     try:
+        require_arrays(path)
         with path.open("rb") as file, np.load(file) as arrays:
             held = {name: arrays[name] for name in arrays}
-    except BROKEN:
-        raise ConfigurationError(f"{path} is no npz file of numbers, or is cut off") from None
+    except BROKEN as error:
+        raise ConfigurationError(
+            f"{path} is no npz file of numbers, or is cut off: {error}"
+        ) from None
     if missing := [name for name in names if name not in held]:
         holds = ", ".join(held) or "nothing"
         raise ConfigurationError(f"{path} lacks {' and '.join(missing)}; it holds {holds}")

@@ -7,11 +7,12 @@ from pydantic import Field, model_validator
 
 from contactfusion.errors import ConfigurationError
 from contactfusion.fault_config import FaultConfig
+from contactfusion.files import file_in
 from contactfusion.frame_config import FrameConfig
 from contactfusion.frames import FrameTree
 from contactfusion.integrator.config import IntegratorConfig
 from contactfusion.model import Model, rooted
-from contactfusion.robots.description import RobotConfig, located, read_robot
+from contactfusion.robots.description import RobotConfig, is_packaged, located, read_robot
 from contactfusion.shapes import BodyConfig
 from contactfusion.units import Period
 
@@ -63,20 +64,35 @@ class PipelineConfig(Model):
     folder: Path = Path()
     """Where relative file names start, those in options of plug-ins too; `contactfusion run` takes
     the folder of the configuration."""
+    within: Path | None = None
+    """The folder that all files have to lie in, but for those of packages; None: they may lie
+    anywhere. Of a configuration that a recording holds, it is the folder of the recording."""
 
     @model_validator(mode="before")
     @classmethod
     def _read(cls, fields: Any) -> Any:
         """Read the robot's file, and root what it names."""
         robot, folder = fields.get("robot"), Path(fields.get("folder", ""))
+        within = Path(fields["within"]) if fields.get("within") is not None else None
         try:
             if isinstance(robot, str | Path):
-                return {**fields, "robot": read_robot(located(str(robot), folder))}
+                path = located(str(robot), folder, within)
+                inside = None if is_packaged(str(robot)) else within
+                return {**fields, "robot": read_robot(path, inside)}
             if isinstance(robot, dict):
-                return {**fields, "robot": rooted(RobotConfig(**robot), folder)}
+                return {**fields, "robot": rooted(RobotConfig(**robot), folder, within)}
         except ConfigurationError as error:
             raise error.under("robot") from None
         return fields
+
+    @model_validator(mode="after")
+    def _inside(self) -> Self:
+        if self.surface is not None and self.surface.file is not None:
+            try:
+                file_in(self.folder, self.surface.file, self.within)
+            except ConfigurationError as error:
+                raise error.under("surface.file") from None
+        return self
 
     @model_validator(mode="after")
     def _one_body(self) -> Self:

@@ -45,7 +45,7 @@ class NetworksCard(Model):
 
     proximity: ProximityConfig
     """The region, and the cells that give its proximity lengths."""
-    window: int = Field(ge=1)
+    window: int = Field(ge=1, le=1000)
     """The lengths of so many instants, one after the other, are looked at together."""
     rate: float = Field(gt=0)
     """Of these instants [Hz]."""

@@ -16,6 +16,9 @@ from contactfusion.units import Nearby, Spacing
 ROUNDING = 1e-9
 """A region that is so nearly a whole number of cells is one."""
 
+MOST_CELLS = 1000
+"""Along each axis."""
+
 
 def _ordered(value: tuple[float, float]) -> tuple[float, float]:
     if value[1] <= value[0]:
@@ -74,6 +77,12 @@ class ProximityConfig(Model):
                 raise ConfigurationError(
                     f"the region along {name}, {bounds[1] - bounds[0]:g} m, is not a whole number "
                     f"of cells of {edge:g} m",
+                    "cell",
+                )
+            if count > MOST_CELLS:
+                raise ConfigurationError(
+                    f"the region along {name}, {bounds[1] - bounds[0]:g} m, is {count:.0f} cells "
+                    f"of {edge:g} m, more than {MOST_CELLS}",
                     "cell",
                 )
         return self

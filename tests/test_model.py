@@ -151,3 +151,36 @@ def test_further_faults_are_counted_once_however_deep_they_lie() -> None:
     with pytest.raises(ConfigurationError) as caught:
         PipelineConfig(**fields)
     assert str(caught.value).count("more)") == 1
+
+
+class Wardrobe(Model):
+    shoe: Path = Path("shoe.yaml")
+    shoes: tuple[Path, ...] = ()
+    named: dict[str, Path] = {}
+    folder: Path = Path()
+    within: Path | None = None
+
+
+def test_all_names_of_a_bounded_configuration_lie_in_its_folder(tmp_path: Path) -> None:
+    home = tmp_path / "home"
+    inside = rooted(Wardrobe(), home / "a", within=home)
+    assert (inside.shoe, inside.folder) == (home / "a" / "shoe.yaml", home / "a")
+    assert inside.within == home
+    assert rooted(Wardrobe(shoe=Path("../shoe.yaml")), home / "a", within=home)
+    for field, value in (
+        ("shoe", "../../shoe.yaml"),
+        ("shoe", str(home / "shoe.yaml")),
+        ("shoes.1", ["b.yaml", "../../shoe.yaml"]),
+        ("named.left", {"left": "../../shoe.yaml"}),
+        ("folder", "../.."),
+    ):
+        config = Wardrobe.model_validate({field.split(".")[0]: value})
+        with pytest.raises(ConfigurationError) as caught:
+            rooted(config, home / "a", within=home)
+        assert caught.value.path == field
+        rooted(config, home / "a")
+
+
+def test_a_configuration_does_not_bound_itself_more_widely(tmp_path: Path) -> None:
+    config = Wardrobe(within=Path("/"))
+    assert rooted(config, tmp_path, within=tmp_path).within == tmp_path

@@ -110,9 +110,8 @@ def test_real_robots_are_trees_with_masses(name: str) -> None:
     [
         ("arm.stl", "robot/arm.stl"),
         ("meshes/arm.stl", "robot/meshes/arm.stl"),
-        ("../arm.stl", "arm.stl"),
+        ("../packages/arm.stl", "packages/arm.stl"),
         ("package://robot/arm.stl", "robot/arm.stl"),
-        ("package://other/arm.stl", "other/arm.stl"),
         ("package://gone/meshes/arm.stl", "robot/meshes/arm.stl"),
         ("package://kit/arm.stl", "packages/kit/arm.stl"),
     ],
@@ -138,9 +137,72 @@ def test_a_mesh_may_have_an_absolute_name(prefix: str, tmp_path: Path) -> None:
     assert isinstance(shape, Mesh) and shape.file == mesh
 
 
+def refused(path: Path) -> bool:
+    """Whether the mesh of a robot lies where it may not, and the sentence tells the cure."""
+    with pytest.raises(RobotError, match=r"outside the package of the file, .*`packages`\)$"):
+        read_urdf(path)
+    return True
+
+
+def robot_of(folder: Path, mesh: str) -> Path:
+    folder.mkdir(parents=True, exist_ok=True)
+    return written(folder, link("a", MESH.format(mesh)))
+
+
+@pytest.mark.parametrize(
+    "name", ["../arm.stl", "{up}/arm.stl", "file://{up}/arm.stl", "package://robot/../arm.stl",
+             "package://../arm.stl"]
+)  # fmt: skip
+def test_a_mesh_lies_in_the_package_of_the_file(name: str, tmp_path: Path) -> None:
+    (tmp_path / "arm.stl").write_text("solid")
+    path = robot_of(tmp_path / "robot", name.format(up=tmp_path))
+    assert refused(path)
+    (shape,) = read_urdf(path, [tmp_path]).links["a"].collision
+    assert isinstance(shape, Mesh) and shape.file.samefile(tmp_path / "arm.stl")
+
+
+def test_the_package_of_a_file_in_a_folder_urdf_is_the_one_above(tmp_path: Path) -> None:
+    (tmp_path / "kit" / "meshes").mkdir(parents=True)
+    for folder in (tmp_path, tmp_path / "kit" / "meshes"):
+        (folder / "arm.stl").write_text("solid")
+    assert read_urdf(robot_of(tmp_path / "kit" / "urdf", "../meshes/arm.stl"))
+    assert read_urdf(robot_of(tmp_path / "kit" / "urdf", "package://kit/meshes/arm.stl"))
+    assert refused(robot_of(tmp_path / "kit" / "urdf", "../../arm.stl"))
+
+
+def test_the_package_of_a_file_is_the_nearest_with_a_manifest(tmp_path: Path) -> None:
+    deep = tmp_path / "kit" / "robots" / "seven"
+    for folder in (tmp_path, tmp_path / "kit" / "meshes", tmp_path / "other"):
+        folder.mkdir(parents=True, exist_ok=True)
+        (folder / "arm.stl").write_text("solid")
+    assert refused(robot_of(deep, "package://kit/meshes/arm.stl"))
+    (tmp_path / "kit" / "package.xml").write_text("<package/>")
+    for name in ("package://kit/meshes/arm.stl", "../../meshes/arm.stl"):
+        assert read_urdf(robot_of(deep, name))
+    assert refused(robot_of(deep, "../../../arm.stl"))
+    assert refused(robot_of(deep, "package://other/arm.stl"))
+    (tmp_path / "other" / "package.xml").write_text("<package/>")
+    assert read_urdf(robot_of(deep, "package://other/arm.stl"))
+
+
+def test_a_workspace_may_be_installed_by_links(tmp_path: Path) -> None:
+    source, share = tmp_path / "src" / "kit", tmp_path / "share" / "kit"
+    (source / "meshes").mkdir(parents=True)
+    (source / "meshes" / "arm.stl").write_text("solid")
+    path = robot_of(share / "urdf", "package://kit/meshes/arm.stl")
+    (share / "package.xml").write_text("<package/>")
+    (share / "meshes").symlink_to(source / "meshes")
+    assert read_urdf(path)
+    linked = tmp_path / "linked" / "kit"
+    linked.parent.mkdir()
+    linked.symlink_to(share)
+    assert read_urdf(linked / "urdf" / "robot.urdf")
+
+
 def test_packages_that_are_named_come_before_what_stands_above_the_file(tmp_path: Path) -> None:
     for folder in ("kit", "packages/kit"):
         (tmp_path / folder).mkdir(parents=True)
+        (tmp_path / folder / "package.xml").write_text("<package/>")
         (tmp_path / folder / "arm.stl").write_text("solid")
     path = written(tmp_path, link("a", MESH.format("package://kit/arm.stl")))
     (shape,) = read_urdf(path, [tmp_path / "packages"]).links["a"].collision

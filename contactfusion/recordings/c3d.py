@@ -23,6 +23,7 @@ from contactfusion.readings import Markers, Reading, Transform, Wrench
 from contactfusion.recordings.recording import Recording
 from contactfusion.recordings.series import Series, even_stamps, merged
 from contactfusion.time import to_nanoseconds
+from contactfusion.unpacking import require_zip
 
 LAB = "lab"
 """The frame of the laboratory, in which markers and corners are given."""
@@ -166,12 +167,15 @@ def _unpacked(path: Path) -> Iterator[Path]:
     with tempfile.TemporaryDirectory() as folder:
         try:
             with zipfile.ZipFile(path) as archive:
+                require_zip(archive, path.stat().st_size)
                 names = [name for name in archive.namelist() if name.lower().endswith(".c3d")]
                 if len(names) != 1:
                     raise RecordingError(f"{path} must hold one C3D file, not {len(names)}")
                 unpacked = Path(archive.extract(names[0], folder))
         except (zipfile.BadZipFile, zlib.error, EOFError) as error:
             raise RecordingError(f"{path} is cut off, or no zip file: {error}") from None
+        except (ValueError, RuntimeError) as error:  # packed too tightly, with a password, oddly
+            raise RecordingError(f"{path} can't be unpacked: {error}") from None
         yield unpacked
 
 

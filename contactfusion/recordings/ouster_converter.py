@@ -24,6 +24,8 @@ FLOAT32 = 7
 SEEN = 1
 """The bit of a column's status that says that its packet came."""
 SECOND = 1_000_000_000
+MOST_PIXELS = 2**22
+"""No sensor has more rings times columns: an OS-2-128 of 4096 columns has an eighth of it."""
 
 
 class ConversionError(Exception):
@@ -86,6 +88,13 @@ def _scans(source: Path, meta: Path | None) -> Iterator[tuple[Any, Any]]:
             raise ConversionError(f"{source} describes no sensor: it is not Ouster's, or cut off")
         if sensors > 1:
             raise ConversionError(f"{source} holds {sensors} sensors; only one can be converted")
+        form = recording.sensor_info[0].format
+        rings, columns = form.pixels_per_column, form.columns_per_frame
+        if rings * columns > MOST_PIXELS:
+            raise ConversionError(
+                f"{source} describes a sensor of {rings} rings and {columns} columns; "
+                f"together, no more than {MOST_PIXELS} are taken"
+            )
         project = XYZLut(recording.sensor_info[0], use_extrinsics=False)
         for scans in recording:
             yield from ((scan, project) for scan in scans if scan is not None)

@@ -1,5 +1,6 @@
 """The points in a sensor_msgs/PointCloud2, however its bytes are laid out."""
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -34,7 +35,8 @@ def points_of(cloud: Message) -> FloatArray:
                 f"'{name}' of the cloud is neither float32 nor float64: "
                 f"its type is {fields[name].datatype}"
             )
-    height, width = (cloud.height, cloud.width) if _holds(cloud) else (0, 0)
+    is_filled = _holds(cloud, [fields[name] for name in "xyz"])
+    height, width = (cloud.height, cloud.width) if is_filled else (0, 0)
     points = np.empty((height * width, 3))
     if len(points):
         grid = points.reshape(height, width, 3)
@@ -44,7 +46,7 @@ def points_of(cloud: Message) -> FloatArray:
     return points
 
 
-def _holds(cloud: Message) -> bool:
+def _holds(cloud: Message, fields: Sequence[Any]) -> bool:
     """Tell whether there are any points.
 
     Raises:
@@ -60,6 +62,9 @@ def _holds(cloud: Message) -> bool:
         wrong = "the rows overlap"
     elif size < needed:
         wrong = f"there are {size}, and it takes {needed}"
+    for field in fields:
+        if field.offset + _kind(cloud, field).itemsize > cloud.point_step:
+            wrong = f"'{field.name}' lies beyond the {cloud.point_step} bytes of a point"
     if wrong:
         raise RecordingError(
             f"the bytes of the cloud are no {height} rows of {width} points: {wrong}"
@@ -69,12 +74,9 @@ def _holds(cloud: Message) -> bool:
 
 def _column(cloud: Message, field: Any) -> Any:
     """Give the values of a field as they lie in the bytes, shape (height, width)."""
-    kind = np.dtype((">" if cloud.is_bigendian else "<") + FLOATS[field.datatype])
-    shape = (cloud.height, cloud.width)
-    if field.offset + kind.itemsize > cloud.point_step:
-        raise RecordingError(
-            f"the bytes of the cloud are no {shape[0]} rows of {shape[1]} points: "
-            f"'{field.name}' lies beyond the {cloud.point_step} bytes of a point"
-        )
-    steps = (cloud.row_step, cloud.point_step)
-    return np.ndarray(shape, kind, cloud.data, field.offset, steps)
+    shape, steps = (cloud.height, cloud.width), (cloud.row_step, cloud.point_step)
+    return np.ndarray(shape, _kind(cloud, field), cloud.data, field.offset, steps)
+
+
+def _kind(cloud: Message, field: Any) -> "np.dtype[Any]":
+    return np.dtype((">" if cloud.is_bigendian else "<") + FLOATS[field.datatype])

@@ -1,8 +1,6 @@
 """Columns of numbers from text tables (CSV and the like) and from NumPy files."""
 
 import csv
-import zipfile
-import zlib
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
@@ -14,6 +12,8 @@ from numpy.typing import NDArray
 
 from contactfusion.errors import RecordingError, name_hint
 from contactfusion.files import require_file
+from contactfusion.npz_files import BROKEN
+from contactfusion.unpacking import require_arrays
 
 Column = int | str
 """A column by its number, counted from 1, or by its name."""
@@ -205,6 +205,7 @@ def _cut_off(path: Path, number: int) -> str:
 
 def _numpy_columns(path: Path, columns: Sequence[Column], dtype: type[np.floating[Any]]) -> Columns:
     try:
+        require_arrays(path)
         with path.open("rb") as file:
             loaded = np.load(file, allow_pickle=False)
             if isinstance(loaded, np.ndarray):
@@ -214,7 +215,7 @@ def _numpy_columns(path: Path, columns: Sequence[Column], dtype: type[np.floatin
                     hint = name_hint(str(column), loaded.files, "arrays")
                     raise RecordingError(f"{path} has no array {_named(column)}; {hint}")
             return {column: _numbers(path, loaded[column], column, dtype) for column in columns}
-    except (OSError, ValueError, EOFError, zipfile.BadZipFile, zlib.error) as error:
+    except BROKEN as error:
         raise RecordingError(f"{path} is cut off, or holds no NumPy arrays: {error}") from None
 
 

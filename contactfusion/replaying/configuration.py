@@ -9,6 +9,7 @@ from typing import Any, Final, final
 
 from contactfusion.errors import ConfigurationError, FrameError, PluginError, RecordingError
 from contactfusion.files import require_file
+from contactfusion.model import Model
 from contactfusion.pipeline_config import PipelineConfig
 from contactfusion.recordings.messages import typestore
 from contactfusion.recordings.ros.files import Bag
@@ -19,6 +20,19 @@ TOPIC: Final = f"{OURS}configuration"
 """Where a replay keeps its configuration, as std_msgs/String."""
 NOT_OURS = ("recording", "scene")
 """Fields of a file for `run` that a replay has no use for."""
+
+
+class Kept(Model):
+    """What a recording holds of the replay that wrote it."""
+
+    configuration: dict[str, Any]
+    """The fields of the pipeline's configuration."""
+    folder: Path
+    """Where relative file names in them start, from the folder of the recording."""
+    topics: dict[str, str]
+    """Topics by role."""
+    ignored: tuple[str, ...] = ()
+    """Topics that are not read at all."""
 
 
 @final
@@ -32,6 +46,8 @@ class Setting:
         told: topics by role, as on the command line of this or of an earlier replay.
         origin: the file, for sentences.
         ignored: topics that are not read at all, likewise.
+        within: the folder that all files they name have to lie in, of a recording; None: they may
+            lie anywhere.
     """
 
     fields: Mapping[str, Any]
@@ -39,6 +55,7 @@ class Setting:
     told: Mapping[str, str]
     origin: Path
     ignored: tuple[str, ...] = ()
+    within: Path | None = None
 
     def config(self, generators: Mapping[str, Any] | None = None) -> PipelineConfig:
         """Give the configuration, with other options of its generators.
@@ -47,6 +64,8 @@ class Setting:
             ConfigurationError: a field is wrong; the sentence names the file.
         """
         fields = {"folder": self.folder, **self.fields}
+        if self.within is not None:
+            fields["within"] = self.within
         if generators is not None:
             fields["generators"] = generators
         try:
@@ -89,8 +108,11 @@ def setting_of_file(path: Path, overrides: Sequence[str] = ()) -> Setting:
 def setting_of_recording(path: Path, overrides: Sequence[str] = ()) -> Setting:
     """Read the configuration that a replay left in its recording.
 
+    Whoever made the recording wrote it: the files that it names lie beside the recording, or in
+    packages that are installed, and nothing is imported to find them.
+
     Raises:
-        RecordingError: there is none.
+        RecordingError: there is none, or it is not what a replay writes.
         DependencyError: rosbags is not installed.
     """
     require_file(path, RecordingError)
@@ -107,23 +129,27 @@ def kept_setting(path: Path) -> Setting | None:
     """Read the configuration that a replay left in its recording; None where none did.
 
     Raises:
-        RecordingError: the recording can't be read.
+        RecordingError: the recording can't be read, or holds what no replay writes.
         DependencyError: rosbags is not installed.
     """
     text = _kept_text(path) if path.suffix == ".mcap" and path.is_file() else None
     if text is None:
         return None
-    kept = json.loads(text)
-    ignored = tuple(kept.get("ignored", ()))
-    return Setting(
-        kept["configuration"], path.parent / kept["folder"], kept["topics"], path, ignored
-    )
+    try:
+        kept = Kept(**json.loads(text))
+    except (ConfigurationError, ValueError, TypeError, RecursionError) as error:
+        raise RecordingError(f"{path}: {TOPIC} is not what a replay writes: {error}") from None
+    folder = path.parent / kept.folder
+    return Setting(kept.configuration, folder, kept.topics, path, kept.ignored, path.parent)
 
 
 def _kept_text(path: Path) -> str | None:
     with Bag(path) as bag:
         here = [one for one in bag.channels if one.topic == TOPIC]
         for channel, _, raw in bag.messages(here) if here else ():
-            message: Any = typestore().deserialize_cdr(channel.cdr(raw), channel.msgtype)
-            return str(message.data)
+            try:
+                message: Any = typestore().deserialize_cdr(channel.cdr(raw), channel.msgtype)
+                return str(message.data)
+            except Exception as error:  # rosbags meets damage with errors of many kinds
+                raise RecordingError(f"{path}: {TOPIC} can't be read: {error}") from None
     return None

@@ -1,5 +1,6 @@
 """ROBOT.yaml: a URDF, and where on it the sensors are."""
 
+from importlib.metadata import entry_points
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Annotated, Literal, Self
@@ -7,7 +8,9 @@ from typing import Annotated, Literal, Self
 from pydantic import Field, model_validator
 
 from contactfusion.errors import ConfigurationError
+from contactfusion.files import GIVE_CONFIG, file_in
 from contactfusion.frame_config import FrameConfig
+from contactfusion.hooks import GROUP
 from contactfusion.model import Model, rooted
 from contactfusion.patches import PatchConfig
 from contactfusion.units import Degrees, Metres, Spacing
@@ -123,6 +126,9 @@ class RobotConfig(Model):
     """Compliant fingers, by name."""
     folder: Path = Path()
     """Where relative file names start; the folder of the file by default."""
+    within: Path | None = None
+    """The folder that all files have to lie in, but for those of packages; None: they may lie
+    anywhere. It is set where the description is named by a recording."""
 
     def path(self) -> Path:
         """Give the URDF file.
@@ -131,13 +137,20 @@ class RobotConfig(Model):
             ConfigurationError: the Python package that should hold it is not installed.
         """
         try:
-            return located(self.urdf, self.folder)
+            return located(self.urdf, self.folder, self.within)
         except ConfigurationError as error:
             raise error.under("urdf") from None
 
     def package_folders(self) -> tuple[Path, ...]:
-        """Give the folders of `packages`."""
-        return tuple(self.folder / package for package in self.packages)
+        """Give the folders of `packages`.
+
+        Raises:
+            ConfigurationError: one does not lie in `within`.
+        """
+        try:
+            return tuple(file_in(self.folder, one, self.within) for one in self.packages)
+        except ConfigurationError as error:
+            raise error.under("packages") from None
 
 
 def _require_ordered(reach: tuple[float, float]) -> None:
@@ -145,32 +158,69 @@ def _require_ordered(reach: tuple[float, float]) -> None:
         raise ConfigurationError("give the least distance, then the greatest", "reach")
 
 
-def located(name: str, folder: Path = Path()) -> Path:
+def located(name: str, folder: Path = Path(), within: Path | None = None) -> Path:
     """Give the file of a name: in a folder, or MODULE:FILE in an installed Python package.
 
+    The package is found without importing anything.
+
+    Args:
+        name: the name.
+        folder: where a relative name starts.
+        within: the folder that the file has to lie in, when a recording holds the name; then a
+            package must be this one, or offer plug-ins for it. None: any will do.
+
     Raises:
-        ConfigurationError: there is no such package.
+        ConfigurationError: there is no such package, or the name leads elsewhere.
     """
     module, colon, file = name.partition(":")
     if not colon:
-        return folder / name
+        return file_in(folder, name, within)
+    top = module.partition(".")[0]
+    if within is not None and top not in _offering_plugins():
+        raise ConfigurationError(
+            f"a configuration that comes from a recording may name files of contactfusion and of "
+            f"packages with plug-ins for it, not of the Python package '{module}'; {GIVE_CONFIG}"
+        )
+    package = _package(module)
+    return file_in(package, file, package if within is not None else None)
+
+
+def is_packaged(name: str) -> bool:
+    """Whether a name is MODULE:FILE, of a file in an installed Python package."""
+    return ":" in name
+
+
+def _package(module: str) -> Path:
+    """Folder of an installed Python package; not even the packages that hold it are imported."""
+    top, *inner = module.split(".")
     try:
-        spec = find_spec(module)
+        spec = find_spec(top)
     except (ImportError, ValueError):
         spec = None
-    if spec is None or not spec.submodule_search_locations:
-        raise ConfigurationError(f"the Python package '{module}' is not installed")
-    return Path(next(iter(spec.submodule_search_locations))) / file
+    for place in (spec and spec.submodule_search_locations) or ():
+        folder = Path(place, *inner)
+        if folder.is_dir():
+            return folder
+    raise ConfigurationError(f"the Python package '{module}' is not installed")
 
 
-def read_robot(path: Path) -> RobotConfig:
+def _offering_plugins() -> set[str]:
+    points = entry_points(group=GROUP)
+    return {"contactfusion", *(point.module.partition(".")[0] for point in points)}
+
+
+def read_robot(path: Path, within: Path | None = None) -> RobotConfig:
     """Read ROBOT.yaml; relative names in it start at its folder.
+
+    Args:
+        path: the file.
+        within: the folder that all files it names have to lie in; None: they may lie anywhere.
 
     Raises:
         ConfigurationError: the file is missing, or a field of it is wrong.
     """
     try:
-        return rooted(RobotConfig(**read_yaml(path)), path.parent)
+        return rooted(RobotConfig(**read_yaml(path)), path.parent, within)
     except ConfigurationError as error:
         faults = [ConfigurationError(f"{path}: {fault}") for fault in error.faults]
         raise ConfigurationError.of(faults) from None

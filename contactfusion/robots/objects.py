@@ -38,6 +38,9 @@ class ObjectConfig(Model):
     """Standard deviation of the believed turn about the vertical [rad]."""
     folder: Path = Path()
     """Where a relative `urdf` starts; the folder of the configuration."""
+    within: Path | None = None
+    """The folder that its files have to lie in, but for those of packages; None: they may lie
+    anywhere. It is set where a recording names the object."""
 
     @model_validator(mode="after")
     def _one_shape(self) -> Self:
@@ -66,8 +69,10 @@ class ObjectModel:
                 raise RobotError(f"there is no mesh {config.mesh}")
             self.shapes = (Mesh(config.mesh, (1.0, 1.0, 1.0), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)),)
         elif config.urdf is not None:
-            path = RobotConfig(urdf=config.urdf, folder=config.folder).path()
-            shaped = {n: one for n, one in read_urdf(path).links.items() if one.collision}
+            of = RobotConfig(urdf=config.urdf, folder=config.folder, within=config.within)
+            path = of.path()
+            links = read_urdf(path, within=of.within).links
+            shaped = {name: link for name, link in links.items() if link.collision}
             if len(shaped) != 1:
                 raise RobotError(
                     f"{path}: an object has one link with a collision shape, this has {len(shaped)}"

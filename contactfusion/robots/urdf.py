@@ -5,9 +5,11 @@ what users get wrong most often is looked for here: files, meshes, limits, paren
 """
 
 import math
+import os.path
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 from xml.etree import ElementTree
 from xml.etree.ElementTree import Element
 
@@ -21,6 +23,10 @@ SHAPES = ("box", "cylinder", "sphere", "mesh")
 JOINT_TYPES = ("revolute", "continuous", "prismatic", "fixed")
 """Those of which one number tells the position, or none."""
 PACKAGE = "package://"
+MANIFEST = "package.xml"
+"""The file by which a folder is a package of ROS."""
+FOLDER = "urdf"
+"""The folder of a package that usually holds its robots; meshes stand beside it."""
 XACRO = "ros.org/wiki/xacro"
 
 
@@ -110,23 +116,48 @@ class Urdf:
             yield name
 
 
-def read_urdf(path: Path, packages: Sequence[Path] = ()) -> Urdf:
+class _Places(NamedTuple):
+    """Where the meshes of a file are looked for, and where they may lie.
+
+    Attributes:
+        searched: folders, in this order.
+        own: the package of the file, and the folders of packages that the user names.
+        bounded: whether links may not lead out of them, either.
+    """
+
+    searched: tuple[Path, ...]
+    own: tuple[Path, ...]
+    bounded: bool
+
+    def hold(self, file: Path, others: Sequence[Path]) -> bool:
+        """Whether a file lies where it may, in one of these or of other folders."""
+        # a workspace that is installed by links has its files elsewhere
+        forms = [file.resolve()] if self.bounded else [file.resolve(), Path(os.path.abspath(file))]
+        return any(form.is_relative_to(one) for form in forms for one in (*self.own, *others))
+
+
+def read_urdf(path: Path, packages: Sequence[Path] = (), within: Path | None = None) -> Urdf:
     """Read the links of a URDF file.
+
+    Meshes lie in the package of the file, in `packages`, or in another package of ROS in a folder
+    above the file. The package of the file is the nearest folder above with a `package.xml`; else
+    its own folder, or the one above when that is called `urdf`.
 
     Args:
         path: the file.
         packages: folders in which `package://NAME/...` is looked for, before those above the file.
+        within: of a file in this folder, no mesh may lie outside of it; None: nothing is bounded.
 
     Raises:
         RobotError: the file or a mesh is missing, it is no URDF, a joint has no limits, or the
             links do not form one tree.
     """
     robot = _parsed(path)
-    folders = (*packages, path.parent, *path.resolve().parents)
+    places = _places(path, packages, within)
     links = {}
     for name, element in _named(robot, "link", path).items():
         try:
-            links[name] = _link(element, path, folders)
+            links[name] = _link(element, places)
         except ConfigurationError as error:
             raise RobotError(f"{path}: link '{name}': {error}") from None
     joints = _named(robot, "joint", path)
@@ -137,6 +168,17 @@ def read_urdf(path: Path, packages: Sequence[Path] = ()) -> Urdf:
             raise RobotError(f"{path}: joint '{name}' {error}") from None
     children = {name: _end(joint, "child") for name, joint in joints.items()}
     return Urdf(path, links, _parents(joints, path, links), children)
+
+
+def _places(path: Path, packages: Sequence[Path], within: Path | None) -> _Places:
+    above = list(path.resolve().parents)
+    bounded = within is not None and within.resolve() in above
+    if within is not None and bounded:
+        above = above[: above.index(within.resolve()) + 1]
+    usual = above[1] if above[0].name == FOLDER and len(above) > 1 else above[0]
+    package = next((folder for folder in above if (folder / MANIFEST).is_file()), usual)
+    own = (package, *(folder.resolve() for folder in packages))
+    return _Places((*packages, path.parent, *above), own, bounded)
 
 
 def _parsed(path: Path) -> Element:
@@ -169,20 +211,20 @@ def _named(robot: Element, tag: str, path: Path) -> dict[str, Element]:
     return named
 
 
-def _link(element: Element, path: Path, folders: Sequence[Path]) -> Link:
+def _link(element: Element, places: _Places) -> Link:
     inertia, centre = element.find("inertial/mass"), element.find("inertial/origin")
     mass = _number(inertia, "value") if inertia is not None else 0.0
     if mass < 0.0:
         raise ConfigurationError(f"its mass is {mass:g} kg")
     return Link(
-        visual=tuple(_shape(e, path, folders) for e in element.findall("visual")),
-        collision=tuple(_shape(e, path, folders) for e in element.findall("collision")),
+        visual=tuple(_shape(e, places) for e in element.findall("visual")),
+        collision=tuple(_shape(e, places) for e in element.findall("collision")),
         mass=mass,
         centre_of_mass=_vector(centre, "xyz"),
     )
 
 
-def _shape(element: Element, path: Path, folders: Sequence[Path]) -> ShapeConfig | Mesh:
+def _shape(element: Element, places: _Places) -> ShapeConfig | Mesh:
     origin = element.find("origin")
     xyz, rpy = _vector(origin, "xyz"), _vector(origin, "rpy")
     shape = element.find("geometry/*")
@@ -197,27 +239,36 @@ def _shape(element: Element, path: Path, folders: Sequence[Path]) -> ShapeConfig
         case "sphere":
             return ShapeConfig(shape="sphere", radius=_number(shape, "radius"), xyz=xyz, rpy=rpy)
         case "mesh":
-            file = _found(_text(shape, "filename"), path, folders)
+            file = _found(_text(shape, "filename"), places)
             return Mesh(file, _vector(shape, "scale", 1.0), xyz, rpy)
         case _:
             hint = name_hint(shape.tag, SHAPES, "shapes")
             raise ConfigurationError(f"unknown shape <{shape.tag}>: {hint}")
 
 
-def _found(name: str, path: Path, folders: Sequence[Path]) -> Path:
+def _found(name: str, places: _Places) -> Path:
     """Find a mesh by the name that the file gives it.
 
     ROS looks packages up in its own tables, which are not at hand: a package is a folder of that
     name, or the folder of the file when the package part is left out.
     """
-    tails = [name.removeprefix("file://")]
+    tails, others = [name.removeprefix("file://")], list[Path]()
     if name.startswith(PACKAGE):
         tail = name.removeprefix(PACKAGE)
-        tails = [tail, tail.partition("/")[2]]
-    candidates = [folder / tail for folder in folders for tail in tails if tail]
-    for candidate in candidates:
-        if candidate.is_file():
-            return candidate
+        package, _, rest = tail.partition("/")
+        tails = [tail, rest]
+        named = [folder.resolve() / package for folder in places.searched if package.strip(".")]
+        others = [folder for folder in named if (folder / MANIFEST).is_file()]
+    candidates = [folder / tail for folder in places.searched for tail in tails if tail]
+    files = [candidate for candidate in candidates if candidate.is_file()]
+    for file in files:
+        if places.hold(file, others):
+            return file
+    if files:
+        raise ConfigurationError(
+            f"the mesh '{name}' is {files[0].resolve()}, outside the package of the file, "
+            f"{places.own[0]} (name the folder of the mesh, or of its package, in `packages`)"
+        )
     hint = " (name the folder of the package in `packages`)" if name.startswith(PACKAGE) else ""
     raise ConfigurationError(f"the mesh '{name}' is not to be found{hint}")
 

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from pydantic import Field
 
 from contactfusion.errors import ConfigurationError, InvalidReadingError, missing_extra
+from contactfusion.files import GIVE_CONFIG
 from contactfusion.frames import Pose
 from contactfusion.hooks import hookimpl
 from contactfusion.readings import DepthImage
@@ -33,6 +34,9 @@ class Sam2Config(SegmenterConfig):
     `facebook/sam2.1-hiera-tiny`."""
     folder: Path = Path()
     """Where a relative `weights` starts; the folder of the configuration."""
+    within: Path | None = None
+    """Set where a recording names the model, which then is refused: it might ask the network, or
+    hold code."""
     device: str = "cpu"
     """Where it is computed, as torch calls it."""
     start: ClustersConfig = Field(default_factory=ClustersConfig)
@@ -153,6 +157,12 @@ def _transformers() -> Any:
 
 
 def _loaded(config: Sam2Config) -> Any:
+    if config.within is not None:
+        raise ConfigurationError(
+            f"a configuration that comes from a recording may name no model of SAM 2, "
+            f"not '{config.weights}'; {GIVE_CONFIG}",
+            "weights",
+        )
     sam2, folder = _transformers().Sam2VideoModel, config.folder / config.weights
     try:
         model = sam2.from_pretrained(folder if folder.is_dir() else config.weights)

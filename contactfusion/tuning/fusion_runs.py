@@ -78,7 +78,9 @@ def kept_in(out: Path, overrides: Sequence[str]) -> Path:
 
 def inputs_of(pipeline: Pipeline, labels: Path, within: float) -> dict[str, Any]:
     """Give what tells apart the inputs of a folder of runs, but for the recording."""
-    config = pipeline.config.model_dump(mode="json", exclude={"folder"})
+    config = pipeline.config.model_dump(
+        mode="json", exclude={"folder": True, "within": True, "robot": {"within": True}}
+    )
     dumped = json.dumps(config, sort_keys=True, default=str)
     return {
         "configuration": sha256(dumped.encode()).hexdigest(),

@@ -17,6 +17,7 @@ from contactfusion.recordings.ros.backwards import read_bag_as_it_lies, read_mca
 from contactfusion.recordings.ros.channels import Channel, channel_of
 from contactfusion.recordings.ros.damage import BAG_MAGIC, ScannedMcap, mended_by, scanned_bag
 from contactfusion.recordings.ros.mcap import MCAP_MAGIC, ROS1_IN_MCAP, AnyMcap
+from contactfusion.recordings.ros.packed import bound_rosbags
 
 ROS1 = (".bag", ".active")
 """What bags of ROS 1 end with; `.bag.active` is one whose recorder was killed."""
@@ -77,6 +78,7 @@ class Bag:
     def __enter__(self) -> Self:
         """Open all files."""
         typestore()
+        bound_rosbags()
         with ExitStack() as stack:
             for path in _files_in(self.path):
                 try:
@@ -142,7 +144,7 @@ class Bag:
                 yield table[connection.id], stamp, raw
         except Exception as error:  # rosbags meets damage with errors of many kinds
             file.problem = file.problem or (
-                f"{file.path} is damaged after {given} messages ({error}); mend it by: {mend}"
+                f"{file.path} is damaged after {given} messages ({_why(error)}); mend it by: {mend}"
             )
 
 
@@ -176,7 +178,7 @@ def _opened(path: Path) -> _File:
     except Exception as error:  # of many kinds
         file = _of_others(path) or _scanned(path)
         if file is None:
-            raise RecordingError(f"{path} can't be read: {error}") from None
+            raise RecordingError(f"{path} can't be read: {_why(error)}") from None
         if file.is_cut and not file.count:
             file.reader.close()
             raise RecordingError(
@@ -184,6 +186,11 @@ def _opened(path: Path) -> _File:
                 f"what may mend it: {mended_by(path)}"
             ) from None
         return file
+
+
+def _why(error: Exception) -> str:
+    """What rosbags met; of records that are longer than the file it says nothing."""
+    return str(error) or "it promises more than fits into memory"
 
 
 def _heed_order(reader: Any) -> None:

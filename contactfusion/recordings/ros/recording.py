@@ -171,7 +171,7 @@ class RosRecording(Recording):
         for name in self._config.ignored:
             if name not in self.contents:
                 hint = name_hint(name, self.contents, "topics")
-                raise RecordingError(f"{self._path} has no topic '{name}' to ignore; {hint}")
+                raise RecordingError(f"{self.path} has no topic '{name}' to ignore; {hint}")
         return {
             name: one for name, one in self.contents.items() if name not in self._config.ignored
         }
