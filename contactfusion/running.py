@@ -20,6 +20,7 @@ from contactfusion.recordings.recording import Recording
 from contactfusion.run_results import commands_csv, contacts_csv, summary, tell
 from contactfusion.simulation.scene import heard
 from contactfusion.step_summary import Summary
+from contactfusion.transforms import transforms_ahead
 from contactfusion.yaml_files import read_yaml, with_overrides
 
 if TYPE_CHECKING:
@@ -73,7 +74,7 @@ def run_file(path: Path, overrides: Sequence[str], out: Path, seed: int | None =
     start = time.perf_counter()
     try:
         if isinstance(source, Recording):
-            steps = list(pipeline.run(heard(source.readings(), hear)))
+            steps = list(pipeline.run(heard(transforms_ahead(source.readings()), hear)))
         else:
             steps = list(source.run(pipeline, hear))
     finally:

@@ -2,20 +2,24 @@
 
 import math
 from bisect import bisect_right
-from collections.abc import Sequence
+from collections import deque
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from typing import Any, final
 
 import numpy as np
 
-from contactfusion.errors import FrameError
+from contactfusion.errors import FrameError, RecordingError
 from contactfusion.frames import Parent, Pose, pose_of
-from contactfusion.readings import Transform
+from contactfusion.readings import Reading, Transform
 
 LENGTH = 4096
 """At least so many poses of a frame are remembered."""
 NEARLY_ALONG = 0.9995
 """From which cosine between two quaternions on a straight line stands for the arc."""
+AHEAD = 1.0
+"""Transforms of a recording come so much earlier than what needs them [s]: they are published late
+and seldom."""
 Quaternion = Sequence[float]
 
 
@@ -94,6 +98,31 @@ class Transforms:
     def at(self, stamp: float) -> "TransformsAt | None":
         """Give the frames as they are at a stamp [s]; None while there are none."""
         return TransformsAt(self._series, self._frames, stamp) if self._series else None
+
+
+def transforms_ahead(readings: Iterable[Reading]) -> Iterator[Reading]:
+    """Readings of a recording, its transforms a second before what else is measured then.
+
+    Live, a pipeline would wait for the transforms that a cloud needs; here they are known.
+
+    Raises:
+        RecordingError: the recording breaks off; what came before it is given first.
+    """
+    held: deque[Reading] = deque()
+    broken: RecordingError | None = None
+    try:
+        for reading in readings:
+            if isinstance(reading, Transform):
+                yield reading
+            else:
+                held.append(reading)
+            while held and held[0].stamp < reading.stamp - AHEAD:
+                yield held.popleft()
+    except RecordingError as error:  # what came before it counts
+        broken = error
+    yield from held
+    if broken:
+        raise broken
 
 
 @final
