@@ -102,6 +102,45 @@ def test_real_robots_are_trees_with_masses(name: str) -> None:
     assert sum(one.mass for one in urdf.links.values()) > 10.0
 
 
+# Joints that follow another
+
+
+def gripper(folder: Path, *mimics: str) -> Path:
+    """Fingers on a palm, the first of which follows none."""
+    elements = [link("palm"), link("f0"), joint("j0", "palm", "f0")]
+    for number, mimic in enumerate(mimics, start=1):
+        elements.append(link(f"f{number}"))
+        inside = f"{LIMIT}<mimic {mimic}/>"
+        elements.append(joint(f"j{number}", "palm", f"f{number}", inside=inside))
+    return written(folder, *elements)
+
+
+def test_a_joint_follows_another_by_multiplier_and_offset(tmp_path: Path) -> None:
+    path = gripper(tmp_path, 'joint="j0"', 'joint="j0" multiplier="-2" offset="0.5"')
+    assert read_urdf(path).mimics == {"j1": ("j0", 1.0, 0.0), "j2": ("j0", -2.0, 0.5)}
+
+
+def test_a_joint_that_follows_a_follower_follows_the_first(tmp_path: Path) -> None:
+    mimics = 'joint="j2" multiplier="3" offset="1"', 'joint="j0" multiplier="2" offset="0.5"'
+    assert read_urdf(gripper(tmp_path, *mimics)).mimics["j1"] == ("j0", 6.0, 2.5)
+
+
+@pytest.mark.parametrize(
+    ("mimics", "sentence"),
+    [
+        (['joint="j9"'], "joint 'j1': it mimics an unknown joint 'j9': the joints that move are"),
+        (["multiplier='2'"], "joint 'j1': the <mimic> has no joint"),
+        (['joint="j0" multiplier="x"'], "joint 'j1': multiplier=\"x\" is not a number"),
+        (['joint="j1"'], "joints mimic in a circle: j1 -> j1"),
+        (['joint="j2"', 'joint="j1"'], "joints mimic in a circle: j1 -> j2 -> j1"),
+    ],
+)
+def test_a_joint_that_follows_none_that_moves_is_refused(
+    mimics: list[str], sentence: str, tmp_path: Path
+) -> None:
+    assert sentence in said(gripper(tmp_path, *mimics))
+
+
 # Where meshes are
 
 

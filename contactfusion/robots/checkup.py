@@ -66,12 +66,13 @@ def check_robot(name: str, out: Path | None = None, recording: Path | None = Non
 def middle(model: RobotModel) -> FloatArray:
     """Give the middle of the joints' limits, shape (n,) [rad, m].
 
-    A joint without ends is at 0, and one that is `still` where it stays.
+    A joint without ends is at 0, one that mimics another where it follows, and one that is `still`
+    where it stays.
     """
     positions: FloatArray = np.where(np.isfinite(model.limits), model.limits, 0.0).mean(axis=1)
     for name, position in model.config.still.items():
         positions[model.joint_names.index(name)] = position
-    return positions
+    return model.followed(positions)
 
 
 def patch_faults(model: RobotModel) -> Iterator[str]:
@@ -157,8 +158,15 @@ def _tell_joints(robot: PosedRobot) -> None:
     width = max((len(name) for name in model.joint_names), default=0)
     for name, (low, high), at in zip(model.joint_names, model.limits, robot.positions, strict=True):
         ends = f"{low:.3f} .. {high:.3f} [rad, m]" if np.isfinite(low) else "without ends"
-        still = f", stays at {at:.3f}" if name in model.config.still else ""
+        still = f", stays at {at:.3f}" if name in model.config.still else _mimicry(model, name)
         print(f"  joint {name:{width}}  {ends}{still}")
+
+
+def _mimicry(model: RobotModel, name: str) -> str:
+    if name not in model.urdf.mimics:
+        return ""
+    driver, multiplier, offset = model.urdf.mimics[name]
+    return f", follows {driver}: {multiplier:g} times its position {offset:+g}"
 
 
 def _tell_sensors(robot: PosedRobot) -> None:

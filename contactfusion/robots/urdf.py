@@ -8,6 +8,7 @@ import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 from xml.etree import ElementTree
 from xml.etree.ElementTree import Element
 
@@ -62,6 +63,20 @@ class Link:
     centre_of_mass: Vector
 
 
+class Mimic(NamedTuple):
+    """How a joint follows another: at `multiplier` times its position, plus `offset`.
+
+    Attributes:
+        joint: the joint that is followed.
+        multiplier: of its position.
+        offset: [rad, m].
+    """
+
+    joint: str
+    multiplier: float
+    offset: float
+
+
 @dataclass(frozen=True)
 class Urdf:
     """A URDF file.
@@ -71,12 +86,14 @@ class Urdf:
         links: by name, in the order of the file.
         parents: for each link but the root the link that it hangs on.
         children: the link that each joint carries.
+        mimics: the joints that follow another, which follows none itself.
     """
 
     path: Path
     links: Mapping[str, Link]
     parents: Mapping[str, str]
     children: Mapping[str, str]
+    mimics: Mapping[str, Mimic]
 
     @property
     def root(self) -> str:
@@ -118,8 +135,8 @@ def read_urdf(path: Path, packages: Sequence[Path] = ()) -> Urdf:
         packages: folders in which `package://NAME/...` is looked for, before those above the file.
 
     Raises:
-        RobotError: the file or a mesh is missing, it is no URDF, a joint has no limits, or the
-            links do not form one tree.
+        RobotError: the file or a mesh is missing, it is no URDF, a joint has no limits or mimics
+            none that moves, or the links do not form one tree.
     """
     robot = _parsed(path)
     folders = (*packages, path.parent, *path.resolve().parents)
@@ -136,7 +153,7 @@ def read_urdf(path: Path, packages: Sequence[Path] = ()) -> Urdf:
         except ConfigurationError as error:
             raise RobotError(f"{path}: joint '{name}' {error}") from None
     children = {name: _end(joint, "child") for name, joint in joints.items()}
-    return Urdf(path, links, _parents(joints, path, links), children)
+    return Urdf(path, links, _parents(joints, path, links), children, _mimics(joints, path))
 
 
 def _parsed(path: Path) -> Element:
@@ -278,6 +295,43 @@ def _parents(
     if lost := [link for link in links if link not in reached]:
         raise RobotError(f"{path}: no joints join link '{lost[0]}' to the root '{roots[0]}'")
     return parents
+
+
+def _mimics(joints: Mapping[str, Element], path: Path) -> dict[str, Mimic]:
+    """The joints that follow another, each with the one at the end of its chain."""
+    moving = {name: joint for name, joint in joints.items() if joint.get("type") != "fixed"}
+    followed = {}
+    for name, joint in moving.items():
+        element = joint.find("mimic")
+        if element is None:
+            continue
+        try:
+            followed[name] = _mimic(element, moving)
+        except ConfigurationError as error:
+            raise RobotError(f"{path}: joint '{name}': {error}") from None
+    return {name: _unchained(name, followed, path) for name in followed}
+
+
+def _mimic(element: Element, joints: Mapping[str, Element]) -> Mimic:
+    joint = _text(element, "joint")
+    if joint not in joints:
+        hint = name_hint(joint, joints, "joints that move")
+        raise ConfigurationError(f"it mimics an unknown joint '{joint}': {hint}")
+    multiplier = _number(element, "multiplier") if element.get("multiplier") else 1.0
+    return Mimic(joint, multiplier, _number(element, "offset") if element.get("offset") else 0.0)
+
+
+def _unchained(name: str, followed: Mapping[str, Mimic], path: Path) -> Mimic:
+    """How a joint follows the first that follows none, through those between."""
+    joint, multiplier, offset = followed[name]
+    chain = [name, joint]
+    while joint in followed:
+        joint, times, plus = followed[joint]
+        if joint in chain:
+            raise RobotError(f"{path}: joints mimic in a circle: {' -> '.join([*chain, joint])}")
+        chain.append(joint)
+        offset, multiplier = offset + multiplier * plus, multiplier * times
+    return Mimic(joint, multiplier, offset)
 
 
 def _vector(element: Element | None, key: str, default: float = 0.0) -> Vector:
