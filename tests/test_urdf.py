@@ -8,6 +8,7 @@ import pytest
 
 from contactfusion.errors import RobotError
 from contactfusion.robots.description import RobotConfig
+from contactfusion.robots.model import RobotModel
 from contactfusion.robots.urdf import Mesh, Urdf, read_urdf
 from contactfusion.shapes import ShapeConfig
 from tests.urdfs import LIMIT, REAL, joint, link, written
@@ -18,7 +19,7 @@ MESH = '<mesh filename="{}"/>'
 def said(path: Path) -> str:
     """The one sentence about a URDF that cannot be used."""
     with pytest.raises(RobotError) as caught:
-        read_urdf(path)
+        read_urdf(path, shapes=("visual", "collision"))
     sentence = str(caught.value)
     assert "\n" not in sentence
     return sentence
@@ -139,6 +140,25 @@ def test_a_joint_that_follows_none_that_moves_is_refused(
     mimics: list[str], sentence: str, tmp_path: Path
 ) -> None:
     assert sentence in said(gripper(tmp_path, *mimics))
+
+
+# Shapes that are not used
+
+
+def test_a_shape_that_is_not_used_may_be_wrong(tmp_path: Path) -> None:
+    visual = '<visual><geometry><sphere radius="0"/></geometry></visual>'
+    gone = f"<visual><geometry>{MESH.format('gone.stl')}</geometry></visual>"
+    shape = '<collision><geometry><sphere radius="1"/></geometry></collision>'
+    path = written(tmp_path, f'<link name="a">{visual}{gone}{shape}</link>')
+    one = read_urdf(path).links["a"]
+    assert one.is_shaped and one.collision == (ShapeConfig(shape="sphere", radius=1.0),)
+    assert RobotModel(RobotConfig(urdf=str(path))).parts.keys() == {"a"}
+    for wrong in (
+        lambda: one.visual,
+        lambda: RobotModel(RobotConfig(urdf=str(path), shapes="visual")),
+    ):
+        with pytest.raises(RobotError, match="link 'a': .*radius"):
+            wrong()
 
 
 # Where meshes are

@@ -106,7 +106,7 @@ def wrist_faults(model: RobotModel) -> Iterator[str]:
     for name, wrist in model.config.wrists.items():
         links = {link: model.urdf.links[link] for link in model.beyond(wrist.frame)}
         for link, one in links.items():
-            if (one.collision or one.visual) and not one.mass:
+            if one.is_shaped and not one.mass:
                 yield f"link '{link}' hangs on wrist '{name}' and has a shape, but no mass"
         if not any(one.mass for one in links.values()):
             yield f"nothing that hangs on wrist '{name}' has a mass"

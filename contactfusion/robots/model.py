@@ -59,7 +59,7 @@ class RobotModel:
 
     def __init__(self, config: RobotConfig) -> None:
         self.config = config
-        self.urdf: Urdf = read_urdf(config.path(), config.package_folders())
+        self.urdf: Urdf = read_urdf(config.path(), config.package_folders(), (config.shapes,))
         self._pin, self._model = _kinematics(self.urdf)
         self._data: Any = self._model.createData()
         self.root = self.urdf.root

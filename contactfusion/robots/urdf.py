@@ -7,8 +7,9 @@ what users get wrong most often is looked for here: files, meshes, limits, paren
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 from xml.etree import ElementTree
 from xml.etree.ElementTree import Element
 
@@ -50,17 +51,54 @@ class Mesh:
 class Link:
     """What a URDF says of one link, in the link's frame.
 
+    Its shapes are checked when they are asked for: those that are not used may be wrong.
+
     Attributes:
-        visual: the shapes to look at.
-        collision: the shapes to touch.
+        name: its name.
         mass: [kg], 0 where the file names none.
         centre_of_mass: [m].
     """
 
-    visual: tuple[ShapeConfig | Mesh, ...]
-    collision: tuple[ShapeConfig | Mesh, ...]
+    name: str
     mass: float
     centre_of_mass: Vector
+    _element: Element
+    _path: Path
+    _folders: Sequence[Path]
+
+    @property
+    def is_shaped(self) -> bool:
+        """Whether the file gives it any shape."""
+        return any(self._element.find(kind) is not None for kind in ("visual", "collision"))
+
+    @cached_property
+    def visual(self) -> "Shapes":
+        """The shapes to look at.
+
+        Raises:
+            RobotError: one of them is wrong, or its mesh is missing.
+        """
+        return self._shapes("visual")
+
+    @cached_property
+    def collision(self) -> "Shapes":
+        """The shapes to touch.
+
+        Raises:
+            RobotError: one of them is wrong, or its mesh is missing.
+        """
+        return self._shapes("collision")
+
+    def _shapes(self, kind: str) -> "Shapes":
+        try:
+            elements = self._element.findall(kind)
+            return tuple(_shape(one, self._path, self._folders) for one in elements)
+        except ConfigurationError as error:
+            raise RobotError(f"{self._path}: link '{self.name}': {error}") from None
+
+
+Shapes = tuple[ShapeConfig | Mesh, ...]
+"""The shapes of one kind of a link."""
 
 
 class Mimic(NamedTuple):
@@ -127,12 +165,17 @@ class Urdf:
             yield name
 
 
-def read_urdf(path: Path, packages: Sequence[Path] = ()) -> Urdf:
+def read_urdf(
+    path: Path,
+    packages: Sequence[Path] = (),
+    shapes: Sequence[Literal["collision", "visual"]] = ("collision",),
+) -> Urdf:
     """Read the links of a URDF file.
 
     Args:
         path: the file.
         packages: folders in which `package://NAME/...` is looked for, before those above the file.
+        shapes: the kinds of shapes that are used, and checked at once.
 
     Raises:
         RobotError: the file or a mesh is missing, it is no URDF, a joint has no limits or mimics
@@ -143,9 +186,11 @@ def read_urdf(path: Path, packages: Sequence[Path] = ()) -> Urdf:
     links = {}
     for name, element in _named(robot, "link", path).items():
         try:
-            links[name] = _link(element, path, folders)
+            links[name] = _link(name, element, path, folders)
         except ConfigurationError as error:
             raise RobotError(f"{path}: link '{name}': {error}") from None
+        for kind in shapes:
+            getattr(links[name], kind)
     joints = _named(robot, "joint", path)
     for name, element in joints.items():
         try:
@@ -186,17 +231,12 @@ def _named(robot: Element, tag: str, path: Path) -> dict[str, Element]:
     return named
 
 
-def _link(element: Element, path: Path, folders: Sequence[Path]) -> Link:
+def _link(name: str, element: Element, path: Path, folders: Sequence[Path]) -> Link:
     inertia, centre = element.find("inertial/mass"), element.find("inertial/origin")
     mass = _number(inertia, "value") if inertia is not None else 0.0
     if mass < 0.0:
         raise ConfigurationError(f"its mass is {mass:g} kg")
-    return Link(
-        visual=tuple(_shape(e, path, folders) for e in element.findall("visual")),
-        collision=tuple(_shape(e, path, folders) for e in element.findall("collision")),
-        mass=mass,
-        centre_of_mass=_vector(centre, "xyz"),
-    )
+    return Link(name, mass, _vector(centre, "xyz"), element, path, folders)
 
 
 def _shape(element: Element, path: Path, folders: Sequence[Path]) -> ShapeConfig | Mesh:
