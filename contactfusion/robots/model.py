@@ -19,8 +19,9 @@ from contactfusion.frames import FrameTree, Parent, Pose, inverse, points_in
 from contactfusion.readings import JointState
 from contactfusion.robots.description import RobotConfig
 from contactfusion.robots.solids import Solid
-from contactfusion.robots.spheres import SphereModel, fit_spheres
-from contactfusion.robots.urdf import Urdf, read_urdf
+from contactfusion.robots.sphere_cache import fitted_spheres
+from contactfusion.robots.spheres import SphereModel
+from contactfusion.robots.urdf import Shapes, Urdf, read_urdf
 from contactfusion.surface import RigidPart
 
 SPHERE_SPACING = 0.008
@@ -301,16 +302,17 @@ class RobotModel:
     @cached_property
     def spheres(self) -> SphereModel:
         """Spheres in place of the collision shapes of the links."""
-        return fit_spheres(self._solids("collision"), self.link_names, SPHERE_SPACING)
+        return fitted_spheres(self._shapes("collision"), self.link_names, SPHERE_SPACING)
 
     @cached_property
     def solids(self) -> dict[str, Solid]:
         """The links whose shapes make up the surface, in their frames."""
-        return self._solids(self.config.shapes)
+        return {name: Solid(given) for name, given in self._shapes(self.config.shapes).items()}
 
-    def _solids(self, shapes: str) -> dict[str, Solid]:
-        links = {name: getattr(link, shapes) for name, link in self.urdf.links.items()}
-        return {name: Solid(given) for name, given in links.items() if given}
+    def _shapes(self, kind: str) -> dict[str, Shapes]:
+        """The shapes of a kind of the links that have some."""
+        links = {name: getattr(link, kind) for name, link in self.urdf.links.items()}
+        return {name: given for name, given in links.items() if given}
 
     @cached_property
     def _joints(self) -> Sequence[Any]:
