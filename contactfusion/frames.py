@@ -31,6 +31,10 @@ class Above(Protocol):
         """
         ...
 
+    def nearest(self) -> "Above":
+        """The same frames, with unknown poses as they were known nearest in time."""
+        ...
+
 
 def pose_of(xyz: ArrayLike, rotation: ArrayLike | None = None) -> Pose:
     """Give the pose of a frame whose origin lies at `xyz` [m], turned by a matrix (3, 3)."""
@@ -92,6 +96,10 @@ class FrameTree:
     def extended(self, parents: Mapping[str, Parent]) -> "FrameTree":
         """Give the tree with further frames, or with new poses for some."""
         return FrameTree({**self._parents, **parents}, self._above)
+
+    def nearest(self) -> "FrameTree":
+        """The tree with unknown poses as they were known nearest in time."""
+        return self if self._above is None else FrameTree(self._parents, self._above.nearest())
 
     def pose(self, frame: str, of: str) -> Pose:
         """Give the pose of frame `of` in `frame`: it takes coordinates of `of` to `frame`.

@@ -4,7 +4,7 @@ import math
 from bisect import bisect_right
 from collections import deque
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, final
 
 import numpy as np
@@ -135,11 +135,17 @@ class TransformsAt:
     """All frames that a transform has named."""
     stamp: float
     """[s]"""
+    clamped: bool = False
+    """Whether a pose before the first or after the last transform is that of the first or last."""
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Travel to another process with what is known at the stamp, without all that was told."""
         near = {name: series.around(self.stamp) for name, series in self._series.items()}
-        return TransformsAt, (near, self.frames, self.stamp)
+        return TransformsAt, (near, self.frames, self.stamp, self.clamped)
+
+    def nearest(self) -> "TransformsAt":
+        """The same frames, with unknown poses as they were known nearest in time."""
+        return replace(self, clamped=True)
 
     def parent_of(self, frame: str) -> Parent | None:
         """Give the parent of a frame and its pose there; None for one that no transform places.
@@ -151,12 +157,13 @@ class TransformsAt:
         if series is None:
             return None
         first, last = series.stamps[0], series.stamps[-1]
-        if not series.static and not first <= self.stamp <= last:
+        stamp = min(max(self.stamp, first), last)
+        if not series.static and not self.clamped and stamp != self.stamp:
             raise FrameError(
                 f"the transform of '{frame}' in '{series.parent}' is not known at "
                 f"{self.stamp:.3f} s: there is one from {first:.3f} to {last:.3f} s"
             )
-        return series.parent, series.pose(self.stamp)
+        return series.parent, series.pose(stamp)
 
 
 def _between(before: Transform, after: Transform, stamp: float) -> Pose:

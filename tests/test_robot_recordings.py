@@ -13,7 +13,7 @@ from contactfusion.readings import JointState
 from contactfusion.replaying.replay import Options, replay
 from contactfusion.running import run_file
 from tests.gripper_bags import PUSHED, configured, messages_of
-from tests.ros_bags import mcap, ros1
+from tests.ros_bags import SECOND, mcap, ros1, transforms
 
 WRIST = {"type": "force_torque", "sign": "on_robot"}
 IN_BASE = PUSHED - (0.0, 0.0, 0.3)
@@ -122,3 +122,57 @@ def test_frames_that_no_unknown_joint_parts_are_known_without_joints(tmp_path: P
     state = pipe.state(0.0)
     np.testing.assert_allclose(state.frames.pose("base", of="tool")[:3, 3], (0, 0.42, 0), atol=1e-9)
     assert state.robot is None and "'finger' came, which 'thumb' mimics" in state.unplaced
+
+
+def begun_late(folder: Path) -> Path:
+    """A bag of ROS 1 whose static publishers send at 10 Hz on /tf, first at 0.1 s."""
+    said = [one for one in messages_of(tf=False) if one[0] != "/tf_static"]
+    for number in range(1, 11):
+        now = number * SECOND // 10
+        said.append(("/tf", now, transforms((now, "map", "footprint"), x=2.0)))
+        said.append(("/tf", now, transforms((now, "tool", "ft_sensor"), x=0.03)))
+        said.append(("/tf", now, transforms((now, "base", "lens"), x=0.1)))
+    return ros1(folder, sorted(said, key=lambda one: one[1]))
+
+
+def test_the_viewer_begins_with_what_can_be_placed(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    pytest.importorskip("rerun")
+    from contactfusion.replaying.asking import Source
+    from contactfusion.replaying.watching import view_recording
+    from tests.test_viewing import Contents
+
+    source = Source(begun_late(tmp_path), configured(tmp_path))
+    view_recording(source, tmp_path / "late.rrd", screenshot=None, at=None, web=False)
+    remarks = capsys.readouterr().out.splitlines()
+    assert remarks[0] == (
+        "'base' is drawn where it was in 'map' nearest in time from 0.001 to 0.091 s: the "
+        "transform of 'footprint' in 'map' is not known at 0.001 s: there is one from 0.100 to "
+        "1.000 s"
+    )
+    assert remarks[1].startswith(
+        "Wrench of 'wrench' is not drawn from 0.001 to 0.091 s: the transform of 'ft_sensor' in "
+        "'tool' is not known at 0.001 s"
+    )
+    assert remarks[2].startswith("PointCloud of 'points' is not drawn at 0.002 s: the transform")
+    assert len(remarks) == 4 and remarks[3].startswith("results: ")
+    seen = Contents(tmp_path / "late.rrd")
+    finger = seen.rows("/world/robot/right", "Transform3D:translation")
+    assert [stamp for stamp, _ in finger] == pytest.approx([0.001])  # it stands still
+    np.testing.assert_allclose(finger[0][1], [[2.42, -0.025, 0.3]], atol=1e-6)
+    wrenches = seen.rows("/world/sensors/wrench", "Transform3D:translation")
+    assert wrenches[0][0] == pytest.approx(0.101)
+
+
+def test_the_viewer_says_how_long_the_robot_had_no_place_in_the_space(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    pytest.importorskip("rerun")
+    from contactfusion.replaying.asking import Source
+    from contactfusion.replaying.watching import view_recording
+
+    source = Source(begun_late(tmp_path), configured(tmp_path, integrator={"frame": "map"}))
+    view_recording(source, tmp_path / "late.rrd", screenshot=None, at=None, web=False)
+    remarks = capsys.readouterr().out.splitlines()
+    assert remarks[0].startswith("the robot is not drawn from 0.001 to 0.091 s: no transform joins")
