@@ -11,6 +11,7 @@ from contactfusion.errors import ConfigurationError, FrameError
 from contactfusion.pipeline_config import PipelineConfig
 from contactfusion.readings import JointState
 from contactfusion.replaying.replay import Options, replay
+from contactfusion.robots.description import RobotConfig
 from contactfusion.running import run_file
 from tests.gripper_bags import PUSHED, configured, messages_of
 from tests.ros_bags import SECOND, mcap, ros1, transforms
@@ -109,7 +110,7 @@ def test_the_driver_of_a_mimic_joint_that_is_not_measured_is_named(tmp_path: Pat
 
 def test_frames_that_no_unknown_joint_parts_are_known_without_joints(tmp_path: Path) -> None:
     configured(tmp_path)
-    pipe = Pipeline(PipelineConfig(folder=tmp_path, robot={"urdf": "gripper.urdf"}))
+    pipe = Pipeline(PipelineConfig(robot=RobotConfig(urdf=str(tmp_path / "gripper.urdf"))))
     state = pipe.state(0.0)
     np.testing.assert_allclose(state.frames.pose("footprint", of="base")[:3, 3], (0, 0, 0.3))
     np.testing.assert_allclose(state.frames.pose("arm", of="tool")[:3, 3], (0.42, 0, 0))

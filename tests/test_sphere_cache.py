@@ -92,7 +92,7 @@ def test_another_version_of_the_algorithm_is_fitted_anew(
     fitted_spheres(ROBOT, NAMES, 0.008)
     monkeypatch.setattr(sphere_cache, "version", lambda package: "0.0")
     fitted_spheres(ROBOT, NAMES, 0.008)
-    monkeypatch.setattr(sphere_cache, "ALGORITHM", (sphere_cache,))
+    monkeypatch.setattr(sphere_cache, "ALGORITHM", ("robots/model.py",))
     fitted_spheres(ROBOT, NAMES, 0.008)
     assert len(fits) == 3
 

@@ -142,6 +142,11 @@ def test_a_joint_that_follows_none_that_moves_is_refused(
     assert sentence in said(gripper(tmp_path, *mimics))
 
 
+def test_an_expression_of_xacro_is_named(tmp_path: Path) -> None:
+    path = written(tmp_path, *map(link, "ab"), joint("j", "a", "b", xyz="$(arg x) 0 0"))
+    assert 'xyz="$(arg x) 0 0" is not three numbers: it is an expression of xacro' in said(path)
+
+
 # Shapes that are not used
 
 

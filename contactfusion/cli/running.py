@@ -63,7 +63,7 @@ def plugins(
 
 def doctor(
     robot: Annotated[
-        str | None, typer.Argument(help="Look over this ROBOT.yaml, not the installation.")
+        str | None, typer.Argument(help="Look over this ROBOT.yaml, configuration or URDF.")
     ] = None,
     warm: Annotated[bool, typer.Option(help="Compile the kernels now.")] = False,
     out: Annotated[Path | None, typer.Option(help="Draw the robot: the PNG to write.")] = None,

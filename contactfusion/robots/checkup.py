@@ -8,11 +8,13 @@ import numpy as np
 from contactfusion.arrays import FloatArray
 from contactfusion.errors import ConfigurationError
 from contactfusion.frames import inverse, points_in
-from contactfusion.robots.description import located, read_robot
+from contactfusion.model import rooted
+from contactfusion.robots.description import RobotConfig, located, read_robot
 from contactfusion.robots.model import RobotModel
 from contactfusion.robots.posed import PosedRobot
 from contactfusion.robots.solids import Solid
 from contactfusion.robots.weighing import heard, weigh
+from contactfusion.yaml_files import read_yaml
 
 NEAR = 0.01
 """A patch lies no further from the surface of its link, and a camera's eye no deeper in it [m]."""
@@ -24,7 +26,8 @@ def check_robot(name: str, out: Path | None = None, recording: Path | None = Non
     """Print what a description says of a robot, and warn about what cannot be right.
 
     Args:
-        name: ROBOT.yaml, or MODULE:FILE for one in an installed Python package.
+        name: ROBOT.yaml, a configuration with a `robot`, or a URDF; MODULE:FILE for one in an
+            installed Python package.
         out: the picture to draw.
         recording: wrenches of the wrists at rest in several poses, and joints.
 
@@ -35,7 +38,7 @@ def check_robot(name: str, out: Path | None = None, recording: Path | None = Non
         ContactFusionError: the description, its URDF or the recording cannot be used.
     """
     path = located(name)
-    config = read_robot(path)
+    config = _described(path)
     try:
         model = RobotModel(config)
     except ConfigurationError as error:
@@ -61,6 +64,21 @@ def check_robot(name: str, out: Path | None = None, recording: Path | None = Non
         print(f"warning: {fault}")
     print("nothing to warn about" if not faults else f"{len(faults)} to put right")
     return not faults
+
+
+def _described(path: Path) -> RobotConfig:
+    """The description in ROBOT.yaml, or in a configuration, or of a URDF and nothing else."""
+    if path.suffix == ".urdf":
+        return RobotConfig(urdf=path.name, folder=path.parent)
+    robot = read_yaml(path).get("robot")
+    if isinstance(robot, str):
+        return read_robot(located(robot, path.parent))
+    if not isinstance(robot, dict):
+        return read_robot(path)
+    try:
+        return rooted(RobotConfig(**robot), path.parent)
+    except ConfigurationError as error:
+        raise ConfigurationError(f"{path}: {error.under('robot')}") from None
 
 
 def middle(model: RobotModel) -> FloatArray:
@@ -166,7 +184,7 @@ def _mimicry(model: RobotModel, name: str) -> str:
     if name not in model.urdf.mimics:
         return ""
     driver, multiplier, offset = model.urdf.mimics[name]
-    return f", follows {driver}: {multiplier:g} times its position {offset:+g}"
+    return f", follows {driver}: {multiplier:g} times its position, plus {offset:g}"
 
 
 def _tell_sensors(robot: PosedRobot) -> None:

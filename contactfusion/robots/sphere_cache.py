@@ -13,16 +13,15 @@ from pathlib import Path
 
 import numpy as np
 
-from contactfusion import shapes as primitives
 from contactfusion.errors import ContactFusionError
 from contactfusion.npz_files import read_npz, write_npz
-from contactfusion.robots import solids, spheres
 from contactfusion.robots.solids import Solid
 from contactfusion.robots.spheres import SphereModel, fit_spheres
 from contactfusion.robots.urdf import Mesh, Shapes
 
-ALGORITHM = (primitives, solids, spheres)
+ALGORITHM = ("shapes.py", "robots/solids.py", "robots/spheres.py")
 """The modules whose source counts as the version of the algorithm."""
+PACKAGE = Path(__file__).parents[1]
 LIBRARIES = ("numpy", "scipy", "open3d", "open3d-cpu")
 """The packages whose versions do, where they are installed."""
 
@@ -82,7 +81,7 @@ def _digest(links: Mapping[str, Shapes], link_names: Sequence[str], spacing: flo
     """The hash of all that the spheres follow from."""
     digest = sha256()
     for module in ALGORITHM:
-        digest.update(sha256(Path(module.__file__).read_bytes()).digest())
+        digest.update(sha256((PACKAGE / module).read_bytes()).digest())
     for package in LIBRARIES:
         with suppress(PackageNotFoundError):
             digest.update(f"{package} {version(package)}\n".encode())

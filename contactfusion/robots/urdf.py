@@ -385,7 +385,7 @@ def _required(element: Element, key: str) -> Vector:
     try:
         x, y, z = map(float, text.split())
     except ValueError:
-        raise ConfigurationError(f'{key}="{text}" is not three numbers') from None
+        raise ConfigurationError(f'{key}="{text}" is not three numbers{_xacro(text)}') from None
     if not all(map(math.isfinite, (x, y, z))):
         raise ConfigurationError(f'{key}="{text}" is not three finite numbers')
     return x, y, z
@@ -396,10 +396,15 @@ def _number(element: Element, key: str) -> float:
     try:
         number = float(text)
     except ValueError:
-        raise ConfigurationError(f'{key}="{text}" is not a number') from None
+        raise ConfigurationError(f'{key}="{text}" is not a number{_xacro(text)}') from None
     if not math.isfinite(number):
         raise ConfigurationError(f'{key}="{text}" is not finite')
     return number
+
+
+def _xacro(text: str) -> str:
+    """Say what to do with an expression that xacro has left in a value."""
+    return ": it is an expression of xacro; put its value there" if "$" in text else ""
 
 
 def _text(element: Element, key: str) -> str:
