@@ -9,7 +9,12 @@ from contactfusion.doctoring.finding import Finding
 from contactfusion.doctoring.kernels import kernel_finding, touch_kernels
 from contactfusion.doctoring.libraries import library_findings
 from contactfusion.doctoring.packages import package_findings
-from contactfusion.doctoring.parts import network_finding, ouster_finding, plugin_findings
+from contactfusion.doctoring.parts import (
+    network_finding,
+    ouster_finding,
+    plugin_findings,
+    sphere_finding,
+)
 from contactfusion.plugins import installed_plugins
 from contactfusion.terminal import note
 
@@ -43,3 +48,4 @@ def _findings() -> Iterator[Finding]:
     yield network_finding()
     yield from plugin_findings(installed_plugins())
     yield kernel_finding()
+    yield sphere_finding()

@@ -31,6 +31,10 @@ class Above(Protocol):
         """
         ...
 
+    def nearest(self) -> "Above":
+        """The same frames, with unknown poses as they were known nearest in time."""
+        ...
+
 
 def pose_of(xyz: ArrayLike, rotation: ArrayLike | None = None) -> Pose:
     """Give the pose of a frame whose origin lies at `xyz` [m], turned by a matrix (3, 3)."""
@@ -93,6 +97,10 @@ class FrameTree:
         """Give the tree with further frames, or with new poses for some."""
         return FrameTree({**self._parents, **parents}, self._above)
 
+    def nearest(self) -> "FrameTree":
+        """The tree with unknown poses as they were known nearest in time."""
+        return self if self._above is None else FrameTree(self._parents, self._above.nearest())
+
     def pose(self, frame: str, of: str) -> Pose:
         """Give the pose of frame `of` in `frame`: it takes coordinates of `of` to `frame`.
 
@@ -105,8 +113,23 @@ class FrameTree:
         return self._cache[key]
 
     def root(self, of: str) -> str:
-        """Give the frame that a frame hangs under at the very top; an unknown one is its own."""
-        return next(reversed(self._chain(of)))
+        """The topmost ancestor of a frame; an unknown frame is its own.
+
+        Raises:
+            FrameError: a pose on the path is not known at this time, or the frames form a circle.
+        """
+        chain, unknown = self._chain(of)
+        if unknown:
+            raise unknown
+        return next(reversed(chain))
+
+    def ancestors(self, of: str) -> tuple[str, ...]:
+        """The frame itself and those above it, nearest first, as far as poses are known.
+
+        Raises:
+            FrameError: the frames form a circle.
+        """
+        return tuple(self._chain(of)[0])
 
     def _pose(self, frame: str, of: str) -> Pose:
         if frame == of:
@@ -114,28 +137,43 @@ class FrameTree:
         for name in (of, frame):
             if name not in self.frames:
                 hint = name_hint(name, self.frames, "frames")
-                raise FrameError(f"unknown frame '{name}': {hint}")
-        up_from, up_to = self._chain(of), self._chain(frame)
+                raise FrameError(
+                    f"unknown frame '{name}': {hint}; where no transform places it, `frames` or "
+                    "`robot.frames` can"
+                )
+        (up_from, unknown), (up_to, unknown_to) = self._chain(of), self._chain(frame)
         shared = next((name for name in up_from if name in up_to), None)
-        if shared is None:
-            raise FrameError(
+        if shared is not None:  # what is not known above it does not matter
+            return inverse(up_to[shared]) @ up_from[shared]
+        raise (
+            unknown
+            or unknown_to
+            or FrameError(
                 f"no transform joins '{of}' to '{frame}': "
                 f"'{of}' hangs under '{next(reversed(up_from))}', "
                 f"'{frame}' under '{next(reversed(up_to))}'"
             )
-        return inverse(up_to[shared]) @ up_from[shared]
+        )
 
-    def _chain(self, frame: str) -> dict[str, Pose]:
-        """Give, from the frame up to its root, each ancestor with the frame's pose in it."""
+    def _chain(self, frame: str) -> tuple[dict[str, Pose], FrameError | None]:
+        """Each ancestor of a frame with the frame's pose in it, nearest first.
+
+        The second is why the chain ends before the root: a pose that is not known at this time.
+        """
         pose = pose_of((0.0, 0.0, 0.0))
         chain = {frame: pose}
-        while parent := self._parent_of(frame):
+        while True:
+            try:
+                parent = self._parent_of(frame)
+            except FrameError as error:
+                return chain, error
+            if parent is None:
+                return chain, None
             frame, step = parent
             if frame in chain:
                 raise _circle([*chain, frame])
             pose = step @ pose
             chain[frame] = pose
-        return chain
 
     def _parent_of(self, frame: str) -> Parent | None:
         parent = self._parents.get(frame)

@@ -242,8 +242,8 @@ class Pipeline:
                 while generator.owes:
                     self._deliver(generator, functools.partial(generator.collect, wait=True))
         state = self.state(now)
-        if lost := self._robot.lost(state):
-            self.integrator.refuse("surface", lost)
+        if state.unplaced:
+            self.integrator.refuse("surface", state.unplaced)
         self._fusion = self.integrator.step(now, state.surface)
         command = None
         if self._controller:

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING
 
 from contactfusion.arrays import FloatArray
 from contactfusion.errors import FrameError, RobotError
-from contactfusion.frames import FrameTree
+from contactfusion.frames import FrameTree, Pose
 from contactfusion.grid import Grid
 from contactfusion.history import History
 from contactfusion.integrator.fusion import Fusion
@@ -61,25 +61,6 @@ class Robot:
             known = self._known = self._at(stamp)
         return known if known.fusion is fusion else replace(known, fusion=fusion)
 
-    def lost(self, state: State) -> str:
-        """Say why the robot has no surface in the space; empty when it has, or there is none."""
-        if state.surface is not None or (self._body is None and self.model is None):
-            return ""
-        if self.model is None:
-            assert self._body is not None
-            whose, frame = "surface", self._body.frame
-        else:
-            whose, frame = "robot", self.model.root
-            try:
-                self.model.positions(state.joints)
-            except RobotError as error:
-                return str(error)
-        try:
-            state.frames.pose(self._grid.frame, of=frame)
-        except FrameError as error:
-            return f"no transform joins the {whose}'s frame '{frame}' to the space: {error}"
-        return ""
-
     def _at(self, stamp: float) -> State:
         frames, joints = self._fixed, self._history.joints(stamp)
         if told := self._transforms.at(stamp):
@@ -88,53 +69,52 @@ class Robot:
         if base:
             parent, child, pose = base
             frames = frames.extended({child: (parent, pose)})
-        positions = self._positions(joints)
-        if self.model is not None and positions is not None:
-            root, links = self.model.root, self.model.poses_at(positions)
-            frames = frames.extended(
-                {link: (root, pose) for link, pose in links.items() if link != root}
-            )
-        robot = self._posed(frames, positions)
+        robot, surface, unplaced = None, None, ""
+        if self.model is not None:
+            positions, unknown = self.model.known_positions(joints)
+            frames = frames.extended(self.model.frames_at(positions, unknown))
+        try:
+            if self.model is not None:
+                robot = self._posed(self.model, self.model.positions(joints), frames)
+            elif self._body is not None:
+                surface = self._placed(self._body, frames)
+        except (RobotError, FrameError) as error:
+            unplaced = str(error)
         return State(
             now=stamp,
             grid=self._grid,
             frames=frames,
             joints=joints,
             base_pose=base[2] if base else None,
-            surface=robot.surface if robot else self._surface(frames),
+            surface=robot.surface if robot else surface,
             robot=robot,
+            unplaced=unplaced,
         )
 
-    def _positions(self, joints: JointState | None) -> FloatArray | None:
-        """Give the joints of the model; None while not all of them are known."""
-        if self.model is None:
-            return None
-        try:
-            return self.model.positions(joints)
-        except RobotError:
-            return None
-
-    def _posed(self, frames: FrameTree, positions: FloatArray | None) -> "PosedRobot | None":
-        """Give the robot in the space's frame; None while nothing joins the two."""
-        if self.model is None or positions is None:
-            return None
+    def _posed(self, model: "RobotModel", positions: FloatArray, frames: FrameTree) -> "PosedRobot":
         from contactfusion.robots.posed import PosedRobot
 
-        try:
-            base = frames.pose(self._grid.frame, of=self.model.root)
-        except FrameError:
-            return None
-        return PosedRobot(self.model, positions, self._grid.frame, base)
+        return PosedRobot(
+            model, positions, self._grid.frame, self._pose("robot", model.root, frames)
+        )
 
-    def _surface(self, frames: FrameTree) -> Surface | None:
-        """Give the body's surface in the space's frame; None while nothing joins the two."""
-        if self._body is None or self._body.frame == self._grid.frame:
-            return self._body
+    def _placed(self, body: Surface, frames: FrameTree) -> Surface:
+        if body.frame == self._grid.frame:
+            return body
+        return body.moved(self._pose("surface", body.frame, frames), self._grid.frame)
+
+    def _pose(self, whose: str, frame: str, frames: FrameTree) -> Pose:
+        """The pose of a frame in that of the space.
+
+        Raises:
+            FrameError: nothing joins the two.
+        """
         try:
-            pose = frames.pose(self._grid.frame, of=self._body.frame)
-        except FrameError:
-            return None
-        return self._body.moved(pose, self._grid.frame)
+            return frames.pose(self._grid.frame, of=frame)
+        except FrameError as error:
+            raise FrameError(
+                f"no transform joins the {whose}'s frame '{frame}' to the space: {error}"
+            ) from None
 
 
 def _model(config: PipelineConfig) -> "RobotModel | None":

@@ -25,6 +25,7 @@ from contactfusion.simulation.scene import heard
 from contactfusion.step_summary import Summary, refuse
 from contactfusion.stopwatch import StopWatch
 from contactfusion.terminal import followed, note, progress
+from contactfusion.transforms import transforms_ahead
 from contactfusion.yaml_files import read_yaml, with_overrides
 
 if TYPE_CHECKING:
@@ -80,7 +81,7 @@ def run_file(path: Path, overrides: Sequence[str], out: Path, seed: int | None =
     start = time.perf_counter()
     try:
         if isinstance(source, Recording):
-            played = pipeline.run(heard(source.readings(), tally.add))
+            played = pipeline.run(heard(transforms_ahead(source.readings()), tally.add))
         else:
             played = source.run(pipeline, tally.add)
         end = source.end if isinstance(source, Recording) else None

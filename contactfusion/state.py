@@ -8,7 +8,7 @@ import numpy as np
 
 from contactfusion.arrays import FloatArray
 from contactfusion.contacts import Contact
-from contactfusion.errors import ConfigurationError
+from contactfusion.errors import ConfigurationError, RobotError
 from contactfusion.frames import FrameTree, Pose
 from contactfusion.grid import Grid
 from contactfusion.readings import JointState
@@ -33,6 +33,8 @@ class State:
         robot: the robot of the URDF in its pose, in the grid's frame, or None.
         objects: the believed poses of objects in the grid's frame, by name.
         fusion: the last step of the integrator, or None before the first.
+        unplaced: why the configured robot or surface is not known in the grid's frame; empty when
+            it is, or when none is configured.
     """
 
     now: float
@@ -44,6 +46,7 @@ class State:
     robot: "PosedRobot | None" = None
     objects: Mapping[str, Pose] = field(default_factory=dict)
     fusion: "Fusion | None" = None
+    unplaced: str = ""
 
     @property
     def contacts(self) -> tuple[Contact, ...]:
@@ -61,10 +64,40 @@ class State:
         """
         if self.robot is None:
             raise ConfigurationError(
-                f"'{asked_by}' needs the robot: configure `robot`, and see that its joints come "
-                "and that `frames` join it to the hypothesis space"
+                f"'{asked_by}' needs the robot: {self.unplaced or 'configure `robot`'}"
             )
         return self.robot
+
+    def placed_surface(self, asked_by: str) -> Surface:
+        """The robot's surface in the grid's frame.
+
+        Args:
+            asked_by: the generator that cannot do without.
+
+        Raises:
+            ConfigurationError: none is configured, or its joints or its pose are not known yet.
+        """
+        if self.surface is None:
+            raise ConfigurationError(
+                f"'{asked_by}' needs the surface of the robot: "
+                f"{self.unplaced or 'configure `surface` or `robot`'}"
+            )
+        return self.surface
+
+    def link_of(self, frame: str) -> str:
+        """The link of the robot that a sensor's frame is, or that it hangs on through other frames.
+
+        Raises:
+            RobotError: there is no robot, or no chain of frames leads to one of its links.
+        """
+        links = self.robot.model.urdf.links if self.robot else {}
+        for name in self.frames.ancestors(frame):
+            if name in links:
+                return name
+        raise RobotError(
+            f"no transform joins '{frame}' to a link of the robot; give its pose on a link in "
+            f"`robot.frames` (the links are: {', '.join(links)})"
+        )
 
     def evidence(self, without: str) -> FloatArray:
         """Give the places where the last step had evidence of other generators.

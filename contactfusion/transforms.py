@@ -2,20 +2,24 @@
 
 import math
 from bisect import bisect_right
-from collections.abc import Sequence
-from dataclasses import dataclass, field
+from collections import deque
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, field, replace
 from typing import Any, final
 
 import numpy as np
 
-from contactfusion.errors import FrameError
+from contactfusion.errors import FrameError, RecordingError
 from contactfusion.frames import Parent, Pose, pose_of
-from contactfusion.readings import Transform
+from contactfusion.readings import Reading, Transform
 
 LENGTH = 4096
 """At least so many poses of a frame are remembered."""
 NEARLY_ALONG = 0.9995
 """From which cosine between two quaternions on a straight line stands for the arc."""
+AHEAD = 1.0
+"""Transforms of a recording come so much earlier than what needs them [s]: they are published late
+and seldom."""
 Quaternion = Sequence[float]
 
 
@@ -96,6 +100,31 @@ class Transforms:
         return TransformsAt(self._series, self._frames, stamp) if self._series else None
 
 
+def transforms_ahead(readings: Iterable[Reading]) -> Iterator[Reading]:
+    """Readings of a recording, its transforms a second before what else is measured then.
+
+    Live, a pipeline would wait for the transforms that a cloud needs; here they are known.
+
+    Raises:
+        RecordingError: the recording breaks off; what came before it is given first.
+    """
+    held: deque[Reading] = deque()
+    broken: RecordingError | None = None
+    try:
+        for reading in readings:
+            if isinstance(reading, Transform):
+                yield reading
+            else:
+                held.append(reading)
+            while held and held[0].stamp < reading.stamp - AHEAD:
+                yield held.popleft()
+    except RecordingError as error:  # what came before it counts
+        broken = error
+    yield from held
+    if broken:
+        raise broken
+
+
 @final
 @dataclass(frozen=True)
 class TransformsAt:
@@ -106,11 +135,17 @@ class TransformsAt:
     """All frames that a transform has named."""
     stamp: float
     """[s]"""
+    clamped: bool = False
+    """Whether a pose before the first or after the last transform is that of the first or last."""
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Travel to another process with what is known at the stamp, without all that was told."""
         near = {name: series.around(self.stamp) for name, series in self._series.items()}
-        return TransformsAt, (near, self.frames, self.stamp)
+        return TransformsAt, (near, self.frames, self.stamp, self.clamped)
+
+    def nearest(self) -> "TransformsAt":
+        """The same frames, with unknown poses as they were known nearest in time."""
+        return replace(self, clamped=True)
 
     def parent_of(self, frame: str) -> Parent | None:
         """Give the parent of a frame and its pose there; None for one that no transform places.
@@ -122,12 +157,13 @@ class TransformsAt:
         if series is None:
             return None
         first, last = series.stamps[0], series.stamps[-1]
-        if not series.static and not first <= self.stamp <= last:
+        stamp = min(max(self.stamp, first), last)
+        if not series.static and not self.clamped and stamp != self.stamp:
             raise FrameError(
                 f"the transform of '{frame}' in '{series.parent}' is not known at "
                 f"{self.stamp:.3f} s: there is one from {first:.3f} to {last:.3f} s"
             )
-        return series.parent, series.pose(self.stamp)
+        return series.parent, series.pose(stamp)
 
 
 def _between(before: Transform, after: Transform, stamp: float) -> Pose:

@@ -13,7 +13,6 @@ from pydantic import Field, model_validator
 from scipy.spatial.distance import cdist
 
 from contactfusion.arrays import FloatArray
-from contactfusion.errors import ConfigurationError
 from contactfusion.frames import Pose, points_in, vectors_in
 from contactfusion.generator import Generator, GeneratorConfig
 from contactfusion.generators.compensation import Compensation
@@ -114,11 +113,7 @@ class ForceTorqueGenerator(Generator[ForceTorqueConfig]):
             ConfigurationError: there is no surface to place contacts on.
         """
         assert isinstance(reading, Wrench)
-        if state.surface is None:
-            raise ConfigurationError(
-                f"'{self.name}' needs the surface of the robot to place contacts on: configure "
-                "`surface`, and the frames that join it to the hypothesis space"
-            )
+        surface = state.placed_surface(self.name)
         if self._is_dead(reading):
             return (self.nothing(reading, notes=(Note.UNHEALTHY,)),)
         wrench = self.compensated(reading, state)
@@ -143,9 +138,9 @@ class ForceTorqueGenerator(Generator[ForceTorqueConfig]):
         force = vectors_in(pose, force[None])[0]
         if self._is_driven(pose, on_line, force):
             notes = (*notes, Note.PULLS)
-        surface = state.surface
         if state.robot is not None:  # what does not hang on the sensor cannot be felt by it
-            surface = state.robot.surface_of(state.robot.model.beyond(reading.frame))
+            link = state.link_of(reading.frame)
+            surface = state.robot.surface_of(state.robot.model.beyond(link))
         places = self._on_surface(nearest, force, surface, state.grid)
         if not len(places):
             pulls = len(self._on_surface(nearest, -force, surface, state.grid))
@@ -232,7 +227,7 @@ class ForceTorqueGenerator(Generator[ForceTorqueConfig]):
         self, compensation: Compensation, reading: Reading, state: State, pose: Pose
     ) -> Compensation:
         """Give the compensation with the load that hangs on the sensor in this pose."""
-        mass, centre = state.posed_robot(self.name).load_on(reading.frame)
+        mass, centre = state.posed_robot(self.name).load_on(state.link_of(reading.frame))
         x, y, z = points_in(pose, centre[None])[0].tolist()
         return compensation.model_copy(update={"mass": mass, "centre_of_mass": (x, y, z)})
 

@@ -7,7 +7,6 @@ from numpy.typing import NDArray
 from pydantic import Field
 
 from contactfusion.arrays import FloatArray
-from contactfusion.errors import ConfigurationError
 from contactfusion.frames import Pose, pose_of
 from contactfusion.generator import Generator, GeneratorConfig
 from contactfusion.hooks import hookimpl
@@ -72,7 +71,7 @@ class MotionGenerator(Generator[MotionConfig]):
             names = robot.model.joint_names
             if not self._speeds.keys() & set(reading.names) & set(names):
                 return ()
-            speeds = np.array([self._speeds.get(name, 0.0) for name in names])
+            speeds = robot.model.speeds(self._speeds)
             ahead = robot.at(robot.positions + speeds * self.config.ahead)
             now, there = (one.surface_of(self.config.links) for one in (robot, ahead))
         kept = first_in_voxels(there.points, state.grid)
@@ -107,12 +106,7 @@ class MotionGenerator(Generator[MotionConfig]):
     def _surface(self, state: State) -> Surface:
         if state.robot is not None or self.config.links:
             return state.posed_robot(self.name).surface_of(self.config.links)
-        if state.surface is None:
-            raise ConfigurationError(
-                f"'{self.name}' needs something to move: configure `surface` or `robot`, and see "
-                "that joints come and that `frames` join it to the hypothesis space"
-            )
-        return state.surface
+        return state.placed_surface(self.name)
 
     def _driven(self, reading: Twist, state: State) -> Pose:
         """Give the motion ahead in the grid's frame, by the twist of the reading's frame."""

@@ -10,7 +10,7 @@ import pytest
 import yaml
 
 from contactfusion import cli
-from contactfusion.errors import ContactFusionError
+from contactfusion.errors import ConfigurationError, ContactFusionError
 from contactfusion.robots.checkup import (
     camera_faults,
     check_robot,
@@ -22,7 +22,7 @@ from contactfusion.robots.checkup import (
 from contactfusion.robots.description import located
 from contactfusion.robots.model import RobotModel
 from contactfusion.robots.posed import PosedRobot
-from tests.urdfs import ARM_HAND, built, joint, link, real, written
+from tests.urdfs import ARM_HAND, LIMIT, built, joint, link, real, written
 
 SHIPPED = "contactfusion.robots:arm_hand.yaml"
 GRID = {"rows": 2, "columns": 2, "pitch": (0.01, 0.01)}
@@ -124,6 +124,38 @@ def test_the_middle_of_limits_knows_wheels_and_what_is_still(tmp_path: Path) -> 
         still={"stuck": 0.75},
     )
     assert middle(model).tolist() == [0.0, 0.5, 0.75]
+
+
+def test_a_urdf_and_the_robot_of_a_configuration_are_looked_over_too(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    written(tmp_path, link("a", BLOCK))
+    (tmp_path / "robot.yaml").write_text("urdf: robot.urdf\n")
+    (tmp_path / "named.yaml").write_text("robot: robot.yaml\nintegrator: {frame: a}\n")
+    (tmp_path / "inline.yaml").write_text("robot: {urdf: robot.urdf}\n")
+    for name in ("robot.urdf", "robot.yaml", "named.yaml", "inline.yaml"):
+        assert check_robot(str(tmp_path / name))
+        assert f"{name}: 1 links, 0 joints" in capsys.readouterr().out
+    (tmp_path / "inline.yaml").write_text("robot: {udf: robot.urdf}\n")
+    with pytest.raises(ConfigurationError, match=r"inline.yaml: robot\.udf: unknown field"):
+        check_robot(str(tmp_path / "inline.yaml"))
+
+
+def test_a_joint_that_mimics_another_is_told_and_follows_it(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    follow = f'{LIMIT}<mimic joint="first" multiplier="-2"/>'
+    robot = built(
+        tmp_path,
+        link("a", BLOCK),
+        *map(link, "bc"),
+        joint("first", "a", "b"),
+        joint("second", "a", "c", inside=follow),
+    )
+    assert middle(robot).tolist() == [0.5, -1.0]
+    (tmp_path / "robot.yaml").write_text("urdf: robot.urdf\n")
+    assert check_robot(str(tmp_path / "robot.yaml"))
+    assert "2.000 [rad, m], follows first: -2 times its position" in capsys.readouterr().out
 
 
 def test_wheels_and_what_is_still_are_told(

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from contactfusion.errors import FrameError
-from contactfusion.frames import FrameTree, Pose, points_in, pose_of, vectors_in
+from contactfusion.frames import FrameTree, Parent, Pose, points_in, pose_of, vectors_in
 
 Parents = dict[str, tuple[str, Pose]]
 NUMBERS = st.floats(-3.0, 3.0)
@@ -104,3 +104,29 @@ def test_an_extended_tree_leaves_the_old_one_as_it_was() -> None:
 def test_a_pose_cannot_be_changed_by_who_asked_for_it() -> None:
     with pytest.raises(ValueError, match="read-only"):
         arm().pose("base", of="hand")[0, 3] = 9.0
+
+
+class Lost:
+    """Frames of which one has a parent whose pose is not known at this time."""
+
+    frames = frozenset({"map", "robot"})
+
+    def parent_of(self, frame: str) -> Parent | None:
+        if frame == "robot":
+            raise FrameError("the transform of 'robot' in 'map' is not known at 1 s")
+        return None
+
+    def nearest(self) -> "Lost":
+        return self
+
+
+def test_what_lies_above_the_first_shared_frame_need_not_be_known() -> None:
+    parents = {"hand": ("robot", pose_of((1, 0, 0))), "eye": ("robot", pose_of((0, 0, 2)))}
+    tree = FrameTree(parents, Lost())
+    np.testing.assert_array_equal(tree.pose("eye", of="hand")[:3, 3], (1, 0, -2))
+    np.testing.assert_array_equal(tree.pose("robot", of="hand")[:3, 3], (1, 0, 0))
+    with pytest.raises(FrameError, match="'robot' in 'map' is not known"):
+        tree.pose("map", of="hand")
+    with pytest.raises(FrameError, match="'robot' in 'map' is not known"):
+        tree.root("eye")
+    assert tree.ancestors("eye") == ("eye", "robot")

@@ -235,7 +235,7 @@ def test_without_a_robot_there_is_one_sentence() -> None:
     state, drive = State(now=0.0, grid=GRID), twist((0.1, 0.0, 0.0), (0.0, 0.0, 0.0))
     with pytest.raises(ConfigurationError, match="'ahead' needs the robot: configure `robot`"):
         generator().generate(joints(turn=0.0), state)
-    with pytest.raises(ConfigurationError, match="'ahead' needs something to move: configure"):
+    with pytest.raises(ConfigurationError, match="'ahead' needs the surface of the robot: conf"):
         generator().generate(drive, state)
     with pytest.raises(ConfigurationError, match="'ahead' needs the robot: configure `robot`"):
         generator(links=("arm",)).generate(

@@ -1,6 +1,7 @@
 """Where the links of a robot are, how they move, what hangs on a sensor, what is touched."""
 
 import pickle
+import re
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -18,7 +19,7 @@ from contactfusion.readings import JointState
 from contactfusion.robots import model as model_module
 from contactfusion.robots.model import RobotModel
 from contactfusion.robots.posed import PosedRobot
-from tests.urdfs import ARM_HAND, KUKA, PANDA, REAL, built, joint, link, random_joints, real
+from tests.urdfs import ARM_HAND, KUKA, LIMIT, PANDA, REAL, built, joint, link, random_joints, real
 
 BASE = pose_at((0.3, -0.2, 0.5), (0.1, 0.2, -2.0))
 BOX = '<box size="0.1 0.1 0.1"/>'
@@ -215,6 +216,69 @@ def test_a_joint_that_is_still_may_be_left_out(mixed: RobotModel) -> None:
 
 def test_a_reading_tells_more_than_what_is_still(mixed: RobotModel) -> None:
     assert mixed.positions(reading(bend=3.0, turn=1.0, push=0.5)).tolist() == [1.0, 0.5, 3.0]
+
+
+@pytest.fixture(scope="module")
+def gripper(tmp_path_factory: pytest.TempPathFactory) -> RobotModel:
+    """A palm with two fingers; the second follows the first, half as far and 0.1 further."""
+    follow = f'{LIMIT}<mimic joint="first" multiplier="0.5" offset="0.1"/>'
+    return built(
+        tmp_path_factory.mktemp("gripper"),
+        link("palm"),
+        link("a", BOX),
+        link("b", BOX),
+        joint("second", "palm", "b", "prismatic", follow, axis="0 -1 0"),
+        joint("first", "palm", "a", "prismatic", axis="0 1 0"),
+    )
+
+
+def test_a_joint_that_mimics_another_follows_it(gripper: RobotModel) -> None:
+    assert dict(zip(gripper.joint_names, gripper.positions(reading(first=0.6)), strict=True)) == {
+        "first": 0.6,
+        "second": 0.4,
+    }
+    poses = gripper.poses(reading(first=0.6))
+    assert poses["b"][1, 3] == pytest.approx(-0.4)
+
+
+def test_a_joint_that_mimics_another_is_where_it_is_measured(gripper: RobotModel) -> None:
+    positions = gripper.positions(reading(first=0.6, second=0.45))
+    assert positions[gripper.joint_names.index("second")] == 0.45
+
+
+def test_a_joint_that_mimics_one_that_is_still_follows_it(gripper: RobotModel) -> None:
+    still = RobotModel(gripper.config.model_copy(update={"still": {"first": 0.2}}))
+    assert {*still.positions(None)} == {0.2}
+    stays = RobotModel(gripper.config.model_copy(update={"still": {"second": 0.3}}))
+    assert {*stays.positions(reading(first=0.6))} == {0.6, 0.3}
+
+
+def test_the_joint_that_others_mimic_is_named_when_it_did_not_come(gripper: RobotModel) -> None:
+    sentence = "no position of joint 'first' came, which 'second' mimics (and 1 more): "
+    for joints in (None, reading(other=0.0)):
+        with pytest.raises(RobotError, match=re.escape(sentence)):
+            gripper.positions(joints)
+    with pytest.raises(RobotError, match="no position of joint 'first' came: did you mean"):
+        gripper.positions(reading(second=0.4, fist=0.0))
+
+
+def test_a_joint_that_mimics_another_moves_as_fast_by_its_multiplier(gripper: RobotModel) -> None:
+    index = gripper.joint_names.index
+    speeds = gripper.speeds({"first": 0.6})
+    assert (speeds[index("first")], speeds[index("second")]) == (0.6, 0.3)
+    assert gripper.speeds({"first": 0.6, "second": 0.0})[index("second")] == 0.0
+
+
+def test_links_beyond_unknown_joints_have_frames_of_their_own(two_links: RobotModel) -> None:
+    positions, unknown = two_links.known_positions(reading(shoulder=0.5))
+    assert unknown == ("elbow",)
+    told = two_links.poses(reading(shoulder=0.5, elbow=-0.9))
+    frames = two_links.frames_at(positions, unknown)
+    below = two_links.urdf.hanging_on(two_links.urdf.children["elbow"])
+    for name, (parent, pose) in frames.items():
+        assert parent == (below[0] if name in below else two_links.root)
+        np.testing.assert_allclose(told[parent] @ pose, told[name], atol=1e-12)
+    assert {*frames} == {*two_links.link_names} - {two_links.root, two_links.urdf.children["elbow"]}
 
 
 def test_a_robot_whose_joints_are_all_still_needs_no_reading(tmp_path: Path) -> None:

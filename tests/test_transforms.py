@@ -100,6 +100,16 @@ def test_a_static_transform_holds_at_all_times_and_the_newest_counts() -> None:
     assert tree(fixed, -100.0).pose("map", of="base")[0, 3] == 2.0
 
 
+def test_the_nearest_pose_is_that_of_the_first_or_the_last_transform() -> None:
+    told = known(transform(1.0, x=1.0), transform(2.0, x=3.0))
+    for stamp, x in ((0.0, 1.0), (1.0, 1.0), (1.5, 2.0), (2.0, 3.0), (9.0, 3.0)):
+        pose = tree(told, stamp).nearest().pose("map", of="base")
+        assert pose[0, 3] == pytest.approx(x)
+    with pytest.raises(FrameError, match="is not known at 0.000 s"):
+        tree(told, 0.0).pose("map", of="base")
+    assert FrameTree({}).nearest().frames == frozenset()
+
+
 def test_a_frame_with_a_new_parent_hangs_under_that_one_only() -> None:
     moved = known(transform(0.0), transform(1.0, 3.0, frame="table"))
     frames = tree(moved, 1.0)

@@ -8,6 +8,7 @@ import pytest
 
 from contactfusion.errors import RobotError
 from contactfusion.robots.description import RobotConfig
+from contactfusion.robots.model import RobotModel
 from contactfusion.robots.urdf import Mesh, Urdf, read_urdf
 from contactfusion.shapes import ShapeConfig
 from tests.urdfs import LIMIT, REAL, joint, link, written
@@ -18,7 +19,7 @@ MESH = '<mesh filename="{}"/>'
 def said(path: Path) -> str:
     """The one sentence about a URDF that cannot be used."""
     with pytest.raises(RobotError) as caught:
-        read_urdf(path)
+        read_urdf(path, shapes=("visual", "collision"))
     sentence = str(caught.value)
     assert "\n" not in sentence
     return sentence
@@ -100,6 +101,69 @@ def test_real_robots_are_trees_with_masses(name: str) -> None:
     urdf = read_urdf(RobotConfig(urdf=name).path())
     assert urdf.hanging_on(urdf.root) == tuple(urdf.links)
     assert sum(one.mass for one in urdf.links.values()) > 10.0
+
+
+# Joints that follow another
+
+
+def gripper(folder: Path, *mimics: str) -> Path:
+    """Fingers on a palm, the first of which follows none."""
+    elements = [link("palm"), link("f0"), joint("j0", "palm", "f0")]
+    for number, mimic in enumerate(mimics, start=1):
+        elements.append(link(f"f{number}"))
+        inside = f"{LIMIT}<mimic {mimic}/>"
+        elements.append(joint(f"j{number}", "palm", f"f{number}", inside=inside))
+    return written(folder, *elements)
+
+
+def test_a_joint_follows_another_by_multiplier_and_offset(tmp_path: Path) -> None:
+    path = gripper(tmp_path, 'joint="j0"', 'joint="j0" multiplier="-2" offset="0.5"')
+    assert read_urdf(path).mimics == {"j1": ("j0", 1.0, 0.0), "j2": ("j0", -2.0, 0.5)}
+
+
+def test_a_joint_that_follows_a_follower_follows_the_first(tmp_path: Path) -> None:
+    mimics = 'joint="j2" multiplier="3" offset="1"', 'joint="j0" multiplier="2" offset="0.5"'
+    assert read_urdf(gripper(tmp_path, *mimics)).mimics["j1"] == ("j0", 6.0, 2.5)
+
+
+@pytest.mark.parametrize(
+    ("mimics", "sentence"),
+    [
+        (['joint="j9"'], "joint 'j1': it mimics an unknown joint 'j9': the joints that move are"),
+        (["multiplier='2'"], "joint 'j1': the <mimic> has no joint"),
+        (['joint="j0" multiplier="x"'], "joint 'j1': multiplier=\"x\" is not a number"),
+        (['joint="j1"'], "joints mimic in a circle: j1 -> j1"),
+        (['joint="j2"', 'joint="j1"'], "joints mimic in a circle: j1 -> j2 -> j1"),
+    ],
+)
+def test_a_joint_that_follows_none_that_moves_is_refused(
+    mimics: list[str], sentence: str, tmp_path: Path
+) -> None:
+    assert sentence in said(gripper(tmp_path, *mimics))
+
+
+def test_an_expression_of_xacro_is_named(tmp_path: Path) -> None:
+    path = written(tmp_path, *map(link, "ab"), joint("j", "a", "b", xyz="$(arg x) 0 0"))
+    assert 'xyz="$(arg x) 0 0" is not three numbers: it is an expression of xacro' in said(path)
+
+
+# Shapes that are not used
+
+
+def test_a_shape_that_is_not_used_may_be_wrong(tmp_path: Path) -> None:
+    visual = '<visual><geometry><sphere radius="0"/></geometry></visual>'
+    gone = f"<visual><geometry>{MESH.format('gone.stl')}</geometry></visual>"
+    shape = '<collision><geometry><sphere radius="1"/></geometry></collision>'
+    path = written(tmp_path, f'<link name="a">{visual}{gone}{shape}</link>')
+    one = read_urdf(path).links["a"]
+    assert one.is_shaped and one.collision == (ShapeConfig(shape="sphere", radius=1.0),)
+    assert RobotModel(RobotConfig(urdf=str(path))).parts.keys() == {"a"}
+    for wrong in (
+        lambda: one.visual,
+        lambda: RobotModel(RobotConfig(urdf=str(path), shapes="visual")),
+    ):
+        with pytest.raises(RobotError, match="link 'a': .*radius"):
+            wrong()
 
 
 # Where meshes are

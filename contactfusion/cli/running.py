@@ -97,7 +97,7 @@ def doctor(
     robot: Annotated[
         str | None,
         typer.Argument(
-            help="ROBOT.yaml: check this robot description in place of the installation."
+            help="ROBOT.yaml, configuration or URDF: check this robot in place of the installation."
         ),
     ] = None,
     warm: Annotated[bool, typer.Option("--warm", help="Compile all kernels now.")] = False,

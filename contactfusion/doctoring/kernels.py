@@ -38,7 +38,7 @@ def kernel_finding() -> Finding:
     """Look whether the kernels can be kept, and are; nothing is compiled."""
     kernels = [kernel for name in MODULES for kernel in called(import_module(name))]
     folders = {kernel.stats.cache_path for kernel in kernels}
-    if not all(folder and _can_be_written(Path(folder)) for folder in folders):
+    if not all(folder and can_be_written(Path(folder)) for folder in folders):
         return Finding(
             "kernels cannot be kept on disk, and are compiled again by every process",
             f"export NUMBA_CACHE_DIR={_any_folder()}",
@@ -164,17 +164,17 @@ def _slide(places: Any) -> None:
     first_touches(grid, Tufts.of(places), np.zeros((1, 3)), np.eye(3)[None], up, 0.1, 0.0)
 
 
-def _can_be_written(folder: Path) -> bool:
+def can_be_written(folder: Path) -> bool:
     """Tell whether files can be put into a folder, which may have to be made."""
-    while not folder.exists() and folder != folder.parent:
+    while not os.path.exists(folder) and folder != folder.parent:
         folder = folder.parent
-    return folder.is_dir() and os.access(folder, os.W_OK)
+    return os.path.isdir(folder) and os.access(folder, os.W_OK)
 
 
 def _any_folder() -> Path:
     """Give a folder that can take the cache."""
     home = Path.home() / ".cache"
-    return (home if _can_be_written(home) else Path(tempfile.gettempdir())) / "contactfusion"
+    return (home if can_be_written(home) else Path(tempfile.gettempdir())) / "contactfusion"
 
 
 def _named(folders: list[str]) -> str:

@@ -3,10 +3,12 @@
 from collections.abc import Iterator
 
 from contactfusion.doctoring.finding import Finding
+from contactfusion.doctoring.kernels import can_be_written
 from contactfusion.errors import ContactFusionError
 from contactfusion.generators.networks import read_networks, shipped
 from contactfusion.plugins import HOME, NOBODY, Plugins
 from contactfusion.recordings import ouster
+from contactfusion.robots.sphere_cache import sphere_folder
 
 AGAIN = f"pip install --force-reinstall --no-deps {HOME}"
 """What brings back parts of the package itself."""
@@ -49,6 +51,15 @@ def ouster_finding() -> Finding:
     if ouster.is_ready():
         return Finding(f"Ouster files can be converted: {ouster.CONVERT}")
     return Finding("Ouster files need", ouster.COMMAND)
+
+
+def sphere_finding() -> Finding:
+    """Tell where the spheres of robots are kept, and of how many."""
+    folder = sphere_folder()
+    if folder is None or not can_be_written(folder):
+        return Finding("spheres of robots cannot be kept, and are fitted anew by every command")
+    count = len([*folder.glob("*.npz")])
+    return Finding(f"spheres of {count} robot{'s' * (count != 1)} are kept in {folder}")
 
 
 def _package(plugins: Plugins, failed: str) -> str:

@@ -1,6 +1,5 @@
 """One replay: a pipeline on a recording, from its beginning, as often as one likes."""
 
-from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -20,9 +19,8 @@ from contactfusion.recordings.recording import Recording
 from contactfusion.recordings.ros import RosRecording, Tap
 from contactfusion.replaying.configuration import Setting
 from contactfusion.replaying.inputs import Inputs, find_inputs
+from contactfusion.transforms import transforms_ahead
 
-AHEAD = 1.0
-"""Transforms come so much earlier than what needs them [s], as they are told late and seldom."""
 Hear = Callable[[Reading], None]
 
 
@@ -121,28 +119,6 @@ class Session:
     def close(self) -> None:
         """End what the pipeline runs beside itself."""
         self.pipeline.close()
-
-
-def transforms_ahead(readings: Iterable[Reading]) -> Iterator[Reading]:
-    """Give transforms a second before what else is measured then: late ones are in time.
-
-    Live, a pipeline would wait for the transforms that a cloud needs; here they are known.
-    """
-    held: deque[Reading] = deque()
-    broken: RecordingError | None = None
-    try:
-        for reading in readings:
-            if isinstance(reading, Transform):
-                yield reading
-            else:
-                held.append(reading)
-            while held and held[0].stamp < reading.stamp - AHEAD:
-                yield held.popleft()
-    except RecordingError as error:  # what came before it counts
-        broken = error
-    yield from held
-    if broken:
-        raise broken
 
 
 def _opened(

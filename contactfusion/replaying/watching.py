@@ -20,12 +20,14 @@ DRAWN = ".rrd"
 
 @contextmanager
 def drawing(session: Session, rrd: Path) -> Iterator[Output]:
-    """Give what draws a replay into a file of rerun."""
+    """Give what draws a replay into a file of rerun; at the end, say what could not be placed."""
     with Viewer(session.pipeline.config, rrd) as viewer:
         yield Output(
             step=lambda step: viewer.step(step, session.pipeline.state(step.stamp)),
             reading=viewer.reading,
         )
+    for line in viewer.absences():
+        print(line)
 
 
 def view_recording(

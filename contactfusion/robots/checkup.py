@@ -8,11 +8,13 @@ import numpy as np
 from contactfusion.arrays import FloatArray
 from contactfusion.errors import ConfigurationError
 from contactfusion.frames import inverse, points_in
-from contactfusion.robots.description import located, read_robot
+from contactfusion.model import rooted
+from contactfusion.robots.description import RobotConfig, located, read_robot
 from contactfusion.robots.model import RobotModel
 from contactfusion.robots.posed import PosedRobot
 from contactfusion.robots.solids import Solid
 from contactfusion.robots.weighing import heard, weigh
+from contactfusion.yaml_files import read_yaml
 
 NEAR = 0.01
 """A patch lies no further from the surface of its link, and a camera's eye no deeper in it [m]."""
@@ -24,7 +26,8 @@ def check_robot(name: str, out: Path | None = None, recording: Path | None = Non
     """Print what a description says of a robot, and warn about what cannot be right.
 
     Args:
-        name: ROBOT.yaml, or MODULE:FILE for one in an installed Python package.
+        name: ROBOT.yaml, a configuration with a `robot`, or a URDF; MODULE:FILE for one in an
+            installed Python package.
         out: the picture to draw.
         recording: wrenches of the wrists at rest in several poses, and joints.
 
@@ -35,7 +38,7 @@ def check_robot(name: str, out: Path | None = None, recording: Path | None = Non
         ContactFusionError: the description, its URDF or the recording cannot be used.
     """
     path = located(name)
-    config = read_robot(path)
+    config = _described(path)
     try:
         model = RobotModel(config)
     except ConfigurationError as error:
@@ -63,15 +66,31 @@ def check_robot(name: str, out: Path | None = None, recording: Path | None = Non
     return not faults
 
 
+def _described(path: Path) -> RobotConfig:
+    """The description in ROBOT.yaml, or in a configuration, or of a URDF and nothing else."""
+    if path.suffix == ".urdf":
+        return RobotConfig(urdf=path.name, folder=path.parent)
+    robot = read_yaml(path).get("robot")
+    if isinstance(robot, str):
+        return read_robot(located(robot, path.parent))
+    if not isinstance(robot, dict):
+        return read_robot(path)
+    try:
+        return rooted(RobotConfig(**robot), path.parent)
+    except ConfigurationError as error:
+        raise ConfigurationError(f"{path}: {error.under('robot')}") from None
+
+
 def middle(model: RobotModel) -> FloatArray:
     """Give the middle of the joints' limits, shape (n,) [rad, m].
 
-    A joint without ends is at 0, and one that is `still` where it stays.
+    A joint without ends is at 0, one that mimics another where it follows, and one that is `still`
+    where it stays.
     """
     positions: FloatArray = np.where(np.isfinite(model.limits), model.limits, 0.0).mean(axis=1)
     for name, position in model.config.still.items():
         positions[model.joint_names.index(name)] = position
-    return positions
+    return model.followed(positions)
 
 
 def patch_faults(model: RobotModel) -> Iterator[str]:
@@ -105,7 +124,7 @@ def wrist_faults(model: RobotModel) -> Iterator[str]:
     for name, wrist in model.config.wrists.items():
         links = {link: model.urdf.links[link] for link in model.beyond(wrist.frame)}
         for link, one in links.items():
-            if (one.collision or one.visual) and not one.mass:
+            if one.is_shaped and not one.mass:
                 yield f"link '{link}' hangs on wrist '{name}' and has a shape, but no mass"
         if not any(one.mass for one in links.values()):
             yield f"nothing that hangs on wrist '{name}' has a mass"
@@ -157,8 +176,15 @@ def _tell_joints(robot: PosedRobot) -> None:
     width = max((len(name) for name in model.joint_names), default=0)
     for name, (low, high), at in zip(model.joint_names, model.limits, robot.positions, strict=True):
         ends = f"{low:.3f} .. {high:.3f} [rad, m]" if np.isfinite(low) else "without ends"
-        still = f", stays at {at:.3f}" if name in model.config.still else ""
+        still = f", stays at {at:.3f}" if name in model.config.still else _mimicry(model, name)
         print(f"  joint {name:{width}}  {ends}{still}")
+
+
+def _mimicry(model: RobotModel, name: str) -> str:
+    if name not in model.urdf.mimics:
+        return ""
+    driver, multiplier, offset = model.urdf.mimics[name]
+    return f", follows {driver}: {multiplier:g} times its position, plus {offset:g}"
 
 
 def _tell_sensors(robot: PosedRobot) -> None:

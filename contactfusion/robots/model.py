@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from functools import cached_property, lru_cache
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,16 +15,35 @@ from contactfusion.errors import (
     missing_extra,
     name_hint,
 )
-from contactfusion.frames import FrameTree, Pose, points_in
+from contactfusion.frames import FrameTree, Parent, Pose, inverse, points_in
 from contactfusion.readings import JointState
 from contactfusion.robots.description import RobotConfig
 from contactfusion.robots.solids import Solid
-from contactfusion.robots.spheres import SphereModel, fit_spheres
-from contactfusion.robots.urdf import Urdf, read_urdf
+from contactfusion.robots.sphere_cache import fitted_spheres
+from contactfusion.robots.spheres import SphereModel
+from contactfusion.robots.urdf import Shapes, Urdf, read_urdf
 from contactfusion.surface import RigidPart
 
 SPHERE_SPACING = 0.008
 """Spheres are fitted to points about so far apart [m]."""
+
+
+class _Known(NamedTuple):
+    """What a reading of certain joints tells of a robot's.
+
+    Attributes:
+        found: of `joint_names` those that it names.
+        rows: where it does.
+        still: the positions of the others, shape (n,) [rad, m].
+        following: the joints that follow another.
+        unknown: the joints whose positions are not known.
+    """
+
+    found: NDArray[np.intp]
+    rows: NDArray[np.intp]
+    still: FloatArray
+    following: tuple[str, ...]
+    unknown: tuple[str, ...]
 
 
 class RobotModel:
@@ -41,12 +60,17 @@ class RobotModel:
 
     def __init__(self, config: RobotConfig) -> None:
         self.config = config
-        self.urdf: Urdf = read_urdf(config.path(), config.package_folders(), config.within)
+        self.urdf: Urdf = read_urdf(
+            config.path(), config.package_folders(), config.within, (config.shapes,)
+        )
         self._pin, self._model = _kinematics(self.urdf)
         self._data: Any = self._model.createData()
         self.root = self.urdf.root
         self.link_names = tuple(self.urdf.links)
         self.joint_names: tuple[str, ...] = tuple(self._model.names)[1:]
+        self._mimics = {
+            name: mimic for name, mimic in self.urdf.mimics.items() if name in self.joint_names
+        }
         self._body = {
             frame.name: number
             for number, frame in enumerate(self._model.frames)
@@ -79,17 +103,47 @@ class RobotModel:
         """Give the position of each of `joint_names`, shape (n,) [rad, m].
 
         Args:
-            joints: of this robot, and perhaps of others; those that are `still` may be left out.
+            joints: of this robot, and perhaps of others; those that are `still`, or mimic another,
+                may be left out.
 
         Raises:
             RobotError: a joint of the robot is not among them.
         """
-        names = joints.names if joints else ()
-        found, rows, positions = self._rows(names)
-        positions = positions.copy()
-        if joints is not None:
-            positions[found] = joints.positions[rows]
+        positions, unknown = self.known_positions(joints)
+        if unknown:
+            raise RobotError(self._unknown(unknown, joints))
         return positions
+
+    def known_positions(self, joints: JointState | None) -> tuple[FloatArray, tuple[str, ...]]:
+        """The position of each of `joint_names`, shape (n,) [rad, m], 0 for unknown joints.
+
+        The second are the names of those.
+        """
+        known = self._known(joints.names if joints else ())
+        positions = known.still.copy()
+        if joints is not None:
+            positions[known.found] = joints.positions[known.rows]
+        return self._followed(positions, known.following), known.unknown
+
+    def followed(self, positions: FloatArray) -> FloatArray:
+        """Positions, shape (n,) [rad, m], in which each joint that mimics another follows it.
+
+        One that is `still` stays.
+        """
+        following = [name for name in self._mimics if name not in self.config.still]
+        return self._followed(positions.copy(), following)
+
+    def speeds(self, measured: Mapping[str, float]) -> FloatArray:
+        """The speed of each of `joint_names`, shape (n,) [rad/s, m/s].
+
+        Args:
+            measured: by joint; a joint that mimics another follows it, and others stand still.
+        """
+        speeds = {name: measured.get(name, 0.0) for name in self.joint_names}
+        for name, (driver, multiplier, _) in self._mimics.items():
+            if name not in measured and name not in self.config.still:
+                speeds[name] = multiplier * speeds[driver]
+        return np.array([*speeds.values()])
 
     def poses(self, joints: JointState | None) -> dict[str, Pose]:
         """Give the pose of each link in the root link's frame.
@@ -104,6 +158,23 @@ class RobotModel:
         self._pin.framesForwardKinematics(self._model, self._data, self._configuration(positions))
         placed = self._data.oMf
         return {name: placed[number].homogeneous for name, number in self._body.items()}
+
+    def frames_at(self, positions: FloatArray, unknown: tuple[str, ...] = ()) -> dict[str, Parent]:
+        """The frames of the links.
+
+        Args:
+            positions: shape (n,) [rad, m].
+            unknown: the joints whose positions are not known, and do not count.
+
+        Returns:
+            By link its pose in the root link, or in the nearest link above it that an unknown
+            joint carries; links that such a joint carries have no entry.
+        """
+        poses, root = self.poses_at(positions), self.root
+        return {
+            link: (top, poses[link] if top == root else inverse(poses[top]) @ poses[link])
+            for link, top in self._tops(unknown).items()
+        }
 
     def jacobian(self, link: str, positions: FloatArray) -> FloatArray:
         """Give how a link's origin moves with the joints.
@@ -233,16 +304,17 @@ class RobotModel:
     @cached_property
     def spheres(self) -> SphereModel:
         """Spheres in place of the collision shapes of the links."""
-        return fit_spheres(self._solids("collision"), self.link_names, SPHERE_SPACING)
+        return fitted_spheres(self._shapes("collision"), self.link_names, SPHERE_SPACING)
 
     @cached_property
     def solids(self) -> dict[str, Solid]:
         """The links whose shapes make up the surface, in their frames."""
-        return self._solids(self.config.shapes)
+        return {name: Solid(given) for name, given in self._shapes(self.config.shapes).items()}
 
-    def _solids(self, shapes: str) -> dict[str, Solid]:
-        links = {name: getattr(link, shapes) for name, link in self.urdf.links.items()}
-        return {name: Solid(given) for name, given in links.items() if given}
+    def _shapes(self, kind: str) -> dict[str, Shapes]:
+        """The shapes of a kind of the links that have some."""
+        links = {name: getattr(link, kind) for name, link in self.urdf.links.items()}
+        return {name: given for name, given in links.items() if given}
 
     @cached_property
     def _joints(self) -> Sequence[Any]:
@@ -259,21 +331,57 @@ class RobotModel:
         return vector
 
     @lru_cache(maxsize=16)  # noqa: B019 a robot lives as long as its process
-    def _rows(
-        self, names: tuple[str, ...]
-    ) -> tuple[NDArray[np.intp], NDArray[np.intp], FloatArray]:
-        """Find the joints in the names of a reading; the third are positions of those at rest."""
-        missing = [
-            name for name in self.joint_names if name not in names and name not in self.config.still
-        ]
-        if missing:
-            hint = name_hint(missing[0], names, "joints of the reading")
-            more = f" (and {len(missing) - 1} more)" if len(missing) > 1 else ""
-            raise RobotError(f"no position of joint '{missing[0]}' came{more}: {hint}")
+    def _known(self, names: tuple[str, ...]) -> "_Known":
+        """What a reading of these joints tells of the robot's."""
+        still = self.config.still
+        known = {*names, *still} & {*self.joint_names}
+        following = [name for name in self._mimics if name not in known]
+        unknown = {*self.joint_names} - known - {*following}
+        unknown |= {name for name in following if self._mimics[name].joint in unknown}
         found = [i for i, name in enumerate(self.joint_names) if name in names]
         rows = [names.index(self.joint_names[i]) for i in found]
-        still = np.array([self.config.still.get(name, 0.0) for name in self.joint_names])
-        return np.array(found, np.intp), np.array(rows, np.intp), still
+        return _Known(
+            np.array(found, np.intp),
+            np.array(rows, np.intp),
+            np.array([still.get(name, 0.0) for name in self.joint_names]),
+            tuple(name for name in following if name not in unknown),
+            tuple(name for name in self.joint_names if name in unknown),
+        )
+
+    def _followed(self, positions: FloatArray, following: Sequence[str]) -> FloatArray:
+        """Put joints that mimic another where they follow it."""
+        number = self.joint_names.index
+        for name in following:
+            driver, multiplier, offset = self._mimics[name]
+            positions[number(name)] = multiplier * positions[number(driver)] + offset
+        return positions
+
+    def _unknown(self, unknown: Sequence[str], joints: JointState | None) -> str:
+        """Say which joint's position is not known, and what places it."""
+        first = next(name for name in unknown if name not in self._mimics)
+        mimics = [name for name, mimic in self._mimics.items() if mimic.joint == first]
+        mimicked = "".join(f", which '{name}' mimics" for name in mimics if name in unknown)
+        more = f" (and {len(unknown) - 1} more)" if len(unknown) > 1 else ""
+        hint = "no reading of joints did"
+        if joints is not None:
+            hint = name_hint(first, joints.names, "joints of the reading")
+        return (
+            f"no position of joint '{first}' came{mimicked}{more}: {hint}; one that nothing "
+            "measures is placed by `robot.still`"
+        )
+
+    @lru_cache(maxsize=16)  # noqa: B019 a robot lives as long as its process
+    def _tops(self, unknown: tuple[str, ...]) -> dict[str, str]:
+        """By link the root, or the nearest link above it that one of the joints carries."""
+        carried, parents = {self.urdf.children[name] for name in unknown}, self.urdf.parents
+        tops = {}
+        for link in self.link_names:
+            top = link
+            while top in parents and top not in carried:
+                top = parents[top]
+            if top != link:
+                tops[link] = top
+        return tops
 
     def _check_names(self) -> None:
         """Make sure that all that the description names is there."""
@@ -293,7 +401,8 @@ class RobotModel:
         for path, name, known, what in named:
             if name not in known:
                 hint = name_hint(name, known, f"{what}s")
-                raise ConfigurationError(f"unknown {what} '{name}': {hint}", path)
+                cure = "; give its pose on a link in `robot.frames`" if what == "frame" else ""
+                raise ConfigurationError(f"unknown {what} '{name}': {hint}{cure}", path)
 
     def _fixed_frames(self) -> FrameTree:
         """Give the frames of the description in their links."""

@@ -8,8 +8,9 @@ import math
 import os.path
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 from xml.etree import ElementTree
 from xml.etree.ElementTree import Element
 
@@ -55,17 +56,68 @@ class Mesh:
 class Link:
     """What a URDF says of one link, in the link's frame.
 
+    Its shapes are checked when they are asked for: those that are not used may be wrong.
+
     Attributes:
-        visual: the shapes to look at.
-        collision: the shapes to touch.
+        name: its name.
         mass: [kg], 0 where the file names none.
         centre_of_mass: [m].
     """
 
-    visual: tuple[ShapeConfig | Mesh, ...]
-    collision: tuple[ShapeConfig | Mesh, ...]
+    name: str
     mass: float
     centre_of_mass: Vector
+    _element: Element
+    _path: Path
+    _places: "_Places"
+
+    @property
+    def is_shaped(self) -> bool:
+        """Whether the file gives it any shape."""
+        return any(self._element.find(kind) is not None for kind in ("visual", "collision"))
+
+    @cached_property
+    def visual(self) -> "Shapes":
+        """The shapes to look at.
+
+        Raises:
+            RobotError: one of them is wrong, or its mesh is missing.
+        """
+        return self._shapes("visual")
+
+    @cached_property
+    def collision(self) -> "Shapes":
+        """The shapes to touch.
+
+        Raises:
+            RobotError: one of them is wrong, or its mesh is missing.
+        """
+        return self._shapes("collision")
+
+    def _shapes(self, kind: str) -> "Shapes":
+        try:
+            elements = self._element.findall(kind)
+            return tuple(_shape(one, self._places) for one in elements)
+        except ConfigurationError as error:
+            raise RobotError(f"{self._path}: link '{self.name}': {error}") from None
+
+
+Shapes = tuple[ShapeConfig | Mesh, ...]
+"""The shapes of one kind of a link."""
+
+
+class Mimic(NamedTuple):
+    """How a joint follows another: at `multiplier` times its position, plus `offset`.
+
+    Attributes:
+        joint: the joint that is followed.
+        multiplier: of its position.
+        offset: [rad, m].
+    """
+
+    joint: str
+    multiplier: float
+    offset: float
 
 
 @dataclass(frozen=True)
@@ -77,12 +129,14 @@ class Urdf:
         links: by name, in the order of the file.
         parents: for each link but the root the link that it hangs on.
         children: the link that each joint carries.
+        mimics: the joints that follow another, which follows none itself.
     """
 
     path: Path
     links: Mapping[str, Link]
     parents: Mapping[str, str]
     children: Mapping[str, str]
+    mimics: Mapping[str, Mimic]
 
     @property
     def root(self) -> str:
@@ -136,7 +190,12 @@ class _Places(NamedTuple):
         return any(form.is_relative_to(one) for form in forms for one in (*self.own, *others))
 
 
-def read_urdf(path: Path, packages: Sequence[Path] = (), within: Path | None = None) -> Urdf:
+def read_urdf(
+    path: Path,
+    packages: Sequence[Path] = (),
+    within: Path | None = None,
+    shapes: Sequence[Literal["collision", "visual"]] = ("collision",),
+) -> Urdf:
     """Read the links of a URDF file.
 
     Meshes lie in the package of the file, in `packages`, or in another package of ROS in a folder
@@ -147,19 +206,22 @@ def read_urdf(path: Path, packages: Sequence[Path] = (), within: Path | None = N
         path: the file.
         packages: folders in which `package://NAME/...` is looked for, before those above the file.
         within: of a file in this folder, no mesh may lie outside of it; None: nothing is bounded.
+        shapes: the kinds of shapes that are used, and checked at once.
 
     Raises:
-        RobotError: the file or a mesh is missing, it is no URDF, a joint has no limits, or the
-            links do not form one tree.
+        RobotError: the file or a mesh is missing, it is no URDF, a joint has no limits or mimics
+            none that moves, or the links do not form one tree.
     """
     robot = _parsed(path)
     places = _places(path, packages, within)
     links = {}
     for name, element in _named(robot, "link", path).items():
         try:
-            links[name] = _link(element, places)
+            links[name] = _link(name, element, path, places)
         except ConfigurationError as error:
             raise RobotError(f"{path}: link '{name}': {error}") from None
+        for kind in shapes:
+            getattr(links[name], kind)
     joints = _named(robot, "joint", path)
     for name, element in joints.items():
         try:
@@ -167,7 +229,7 @@ def read_urdf(path: Path, packages: Sequence[Path] = (), within: Path | None = N
         except ConfigurationError as error:
             raise RobotError(f"{path}: joint '{name}' {error}") from None
     children = {name: _end(joint, "child") for name, joint in joints.items()}
-    return Urdf(path, links, _parents(joints, path, links), children)
+    return Urdf(path, links, _parents(joints, path, links), children, _mimics(joints, path))
 
 
 def _places(path: Path, packages: Sequence[Path], within: Path | None) -> _Places:
@@ -211,17 +273,12 @@ def _named(robot: Element, tag: str, path: Path) -> dict[str, Element]:
     return named
 
 
-def _link(element: Element, places: _Places) -> Link:
+def _link(name: str, element: Element, path: Path, places: _Places) -> Link:
     inertia, centre = element.find("inertial/mass"), element.find("inertial/origin")
     mass = _number(inertia, "value") if inertia is not None else 0.0
     if mass < 0.0:
         raise ConfigurationError(f"its mass is {mass:g} kg")
-    return Link(
-        visual=tuple(_shape(e, places) for e in element.findall("visual")),
-        collision=tuple(_shape(e, places) for e in element.findall("collision")),
-        mass=mass,
-        centre_of_mass=_vector(centre, "xyz"),
-    )
+    return Link(name, mass, _vector(centre, "xyz"), element, path, places)
 
 
 def _shape(element: Element, places: _Places) -> ShapeConfig | Mesh:
@@ -331,6 +388,43 @@ def _parents(
     return parents
 
 
+def _mimics(joints: Mapping[str, Element], path: Path) -> dict[str, Mimic]:
+    """The joints that follow another, each with the one at the end of its chain."""
+    moving = {name: joint for name, joint in joints.items() if joint.get("type") != "fixed"}
+    followed = {}
+    for name, joint in moving.items():
+        element = joint.find("mimic")
+        if element is None:
+            continue
+        try:
+            followed[name] = _mimic(element, moving)
+        except ConfigurationError as error:
+            raise RobotError(f"{path}: joint '{name}': {error}") from None
+    return {name: _unchained(name, followed, path) for name in followed}
+
+
+def _mimic(element: Element, joints: Mapping[str, Element]) -> Mimic:
+    joint = _text(element, "joint")
+    if joint not in joints:
+        hint = name_hint(joint, joints, "joints that move")
+        raise ConfigurationError(f"it mimics an unknown joint '{joint}': {hint}")
+    multiplier = _number(element, "multiplier") if element.get("multiplier") else 1.0
+    return Mimic(joint, multiplier, _number(element, "offset") if element.get("offset") else 0.0)
+
+
+def _unchained(name: str, followed: Mapping[str, Mimic], path: Path) -> Mimic:
+    """How a joint follows the first that follows none, through those between."""
+    joint, multiplier, offset = followed[name]
+    chain = [name, joint]
+    while joint in followed:
+        joint, times, plus = followed[joint]
+        if joint in chain:
+            raise RobotError(f"{path}: joints mimic in a circle: {' -> '.join([*chain, joint])}")
+        chain.append(joint)
+        offset, multiplier = offset + multiplier * plus, multiplier * times
+    return Mimic(joint, multiplier, offset)
+
+
 def _vector(element: Element | None, key: str, default: float = 0.0) -> Vector:
     if element is None or key not in element.keys():
         return (default, default, default)
@@ -342,7 +436,7 @@ def _required(element: Element, key: str) -> Vector:
     try:
         x, y, z = map(float, text.split())
     except ValueError:
-        raise ConfigurationError(f'{key}="{text}" is not three numbers') from None
+        raise ConfigurationError(f'{key}="{text}" is not three numbers{_xacro(text)}') from None
     if not all(map(math.isfinite, (x, y, z))):
         raise ConfigurationError(f'{key}="{text}" is not three finite numbers')
     return x, y, z
@@ -353,10 +447,15 @@ def _number(element: Element, key: str) -> float:
     try:
         number = float(text)
     except ValueError:
-        raise ConfigurationError(f'{key}="{text}" is not a number') from None
+        raise ConfigurationError(f'{key}="{text}" is not a number{_xacro(text)}') from None
     if not math.isfinite(number):
         raise ConfigurationError(f'{key}="{text}" is not finite')
     return number
+
+
+def _xacro(text: str) -> str:
+    """Say what to do with an expression that xacro has left in a value."""
+    return ": it is an expression of xacro; put its value there" if "$" in text else ""
 
 
 def _text(element: Element, key: str) -> str:

@@ -4,8 +4,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from contactfusion.arrays import FloatArray
+from contactfusion.errors import RobotError
 from contactfusion.frames import points_in
 from contactfusion.pipeline_config import PipelineConfig
+from contactfusion.robots.urdf import Link
 from contactfusion.state import State
 from contactfusion.surface import Surface
 from contactfusion.viewing.colours import ROBOT
@@ -44,7 +46,7 @@ class Body:
 
     def top(self, frame: str) -> float:
         """Give how high a link, or the surface, is in its frame [m]; 0 if nothing is drawn."""
-        return float(self._boxes[frame][:, 2].max()) if frame in self._boxes else 0.0
+        return float(self._boxes[frame][:, 2].max()) if len(self._boxes.get(frame, ())) else 0.0
 
     def _poses(self, state: State, places: Places) -> dict[str, FloatArray]:
         """Give the poses of the links that have shapes, or of the rigid surface."""
@@ -54,7 +56,7 @@ class Body:
         if state.robot is None:
             return {}
         links = state.robot.model.urdf.links
-        drawn = {name for name, link in links.items() if link.visual or link.collision}
+        drawn = {name for name, link in links.items() if link.is_shaped}
         return {
             name: places.space @ pose for name, pose in state.robot.poses.items() if name in drawn
         }
@@ -67,21 +69,35 @@ class Body:
             cloud = rerun.Points3D(points, colors=ROBOT, radii=rerun.Radius.ui_points(1.5))
             recorder.draw(path, state.now, cloud)
             return _corners(points)
-        from contactfusion.robots.solids import Solid
-
         assert state.robot is not None
-        link = state.robot.model.urdf.links[frame]
-        vertices, normals = _flat(Solid(link.visual or link.collision).meshes)
+        vertices, normals = _flat(_meshes(recorder, state.now, state.robot.model.urdf.links[frame]))
+        if not len(vertices):
+            return vertices
         mesh = rerun.Mesh3D(vertex_positions=vertices, vertex_normals=normals, albedo_factor=ROBOT)
         recorder.draw(path, state.now, mesh)
         return _corners(vertices)
 
 
-def _flat(
-    meshes: list[tuple[FloatArray, NDArray[np.uint32]]],
-) -> tuple[FloatArray, FloatArray]:
+Meshes = list[tuple[FloatArray, NDArray[np.uint32]]]
+
+
+def _meshes(recorder: Recorder, stamp: float, link: Link) -> Meshes:
+    """The shapes to look at of a link, or those to touch where the former cannot be used."""
+    from contactfusion.robots.solids import Solid
+
+    try:
+        return Solid(link.visual or link.collision).meshes
+    except RobotError as error:
+        text = f"'{link.name}' is drawn by its collision shapes: {error}"
+        recorder.say("events/viewer", stamp, "WARN", text)
+        return Solid(link.collision).meshes
+
+
+def _flat(meshes: Meshes) -> tuple[FloatArray, FloatArray]:
     """Give the corners of all triangles, three by three, each with its triangle's normal."""
-    corners = np.concatenate([vertices[triangles] for vertices, triangles in meshes])
+    corners = np.concatenate(
+        [np.empty((0, 3, 3)), *(vertices[triangles] for vertices, triangles in meshes)]
+    )
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     normals /= np.linalg.norm(normals, axis=1, keepdims=True).clip(min=1e-12)
     return corners.reshape(-1, 3), np.repeat(normals, 3, axis=0)

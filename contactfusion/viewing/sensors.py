@@ -20,7 +20,7 @@ from contactfusion.readings import (
 from contactfusion.viewing.arrows import Arrows, Sheaf
 from contactfusion.viewing.colours import CLOUD, CONTACT, MARKER, TORQUE, WRENCH
 from contactfusion.viewing.library import entity, loaded_rerun
-from contactfusion.viewing.places import Places
+from contactfusion.viewing.places import Absences, Places
 from contactfusion.viewing.recorder import Recorder
 from contactfusion.viewing.taxels import Taxels
 
@@ -43,10 +43,12 @@ class Sensors:
         taxels: draws patches.
         forces: draws forces.
         torques: draws torques.
+        absences: takes what cannot be placed.
     """
 
-    def __init__(self, taxels: Taxels, forces: Arrows, torques: Arrows) -> None:
+    def __init__(self, taxels: Taxels, forces: Arrows, torques: Arrows, absences: Absences) -> None:
         self._taxels, self._forces, self._torques = taxels, forces, torques
+        self._absences = absences
         self._lost: set[str] = set()
         self.cameras: dict[str, str] = {}
         """The path of each camera's image, by the name of the camera."""
@@ -62,7 +64,7 @@ class Sensors:
         path = entity("world", "sensors", name)
         pose = places.find(reading.frame)
         if pose is None:
-            self._say_lost(recorder, reading, places.world)
+            self._say_lost(recorder, reading, places)
             return seen
         recorder.place(path, reading.stamp, pose)
         match reading:
@@ -104,12 +106,13 @@ class Sensors:
         )
         recorder.draw(f"{path}/name", reading.stamp, name)
 
-    def _say_lost(self, recorder: Recorder, reading: Reading, world: str) -> None:
-        """Say once for each frame that what comes in it cannot be drawn."""
+    def _say_lost(self, recorder: Recorder, reading: Reading, places: Places) -> None:
+        """Say once for each frame that what comes in it cannot be drawn, and note since when."""
+        text, why = f"{reading.label} is not drawn", places.why_lost(reading.frame)
+        self._absences.add(text, reading.stamp, why)
         if reading.frame not in self._lost:
             self._lost.add(reading.frame)
-            text = f"{reading.label} is not drawn: nothing joins '{reading.frame}' to '{world}'"
-            recorder.say("events/viewer", reading.stamp, "WARN", text)
+            recorder.say("events/viewer", reading.stamp, "WARN", f"{text}: {why}")
 
 
 DRAWN = (PointCloud, DepthImage, Wrench, TactileImage, Switch, Markers, ObjectPose)

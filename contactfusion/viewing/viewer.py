@@ -1,5 +1,6 @@
 """Draws what a pipeline hears, believes and commands, as a file of rerun."""
 
+from collections.abc import Iterator
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
@@ -18,7 +19,7 @@ from contactfusion.viewing.commands import draw_command
 from contactfusion.viewing.extent import Extent
 from contactfusion.viewing.layout import layout
 from contactfusion.viewing.library import loaded_rerun
-from contactfusion.viewing.places import Places
+from contactfusion.viewing.places import Absences, Places
 from contactfusion.viewing.recorder import Recorder
 from contactfusion.viewing.sensors import DRAWN, Sensors
 from contactfusion.viewing.series import Series
@@ -51,7 +52,8 @@ class Viewer:
         longest = LONGEST * self._side
         self._forces, self._torques = Arrows("N", longest), Arrows("N·m", longest)
         self._body, self._taxels = Body(config), Taxels(config)
-        self._sensors = Sensors(self._taxels, self._forces, self._torques)
+        self._absences = Absences()
+        self._sensors = Sensors(self._taxels, self._forces, self._torques, self._absences)
         self._beliefs, self._series = Beliefs(self._side, self._forces), Series(self._recorder)
         self._extent = Extent()
         self._waiting: list[Reading] = []
@@ -97,6 +99,11 @@ class Viewer:
             state: the robot at the stamp of the step.
         """
         places = Places.of(state)
+        if places.unknown:
+            what = f"'{places.grid}' is drawn where it was in '{places.world}' nearest in time"
+            self._absences.add(what, step.stamp, places.unknown)
+        if state.unplaced:
+            self._absences.add("the robot is not drawn", step.stamp, state.unplaced)
         body = self._body.draw(self._recorder, state, places)
         seen = self._draw_readings(step.stamp, places)
         contacts = self._beliefs.draw(self._recorder, step, places)
@@ -104,6 +111,10 @@ class Viewer:
         if step.command is not None:
             draw_command(self._recorder, step.command, step.stamp, places, self._body)
         self._series.draw(step)
+
+    def absences(self) -> Iterator[str]:
+        """What could not be placed, from when to when [s], and why: a line each."""
+        return self._absences.lines()
 
     def _draw_readings(self, now: float, places: Places) -> FloatArray:
         """Draw the readings that a step heard; give the points that they saw in the world."""
