@@ -130,7 +130,8 @@ class _Checking:
         from contactfusion.replaying.session import Session
 
         with self._gathering(str(recording)):
-            session = Session(setting_of_file(path, overrides), recording, topics)
+            setting = setting_of_file(path, overrides).choosing(topics or {}, ())
+            session = Session(setting, recording)
             session.close()
             self.faults += session.inputs.missing
             kinds = session.recording.topics

@@ -64,6 +64,7 @@ class Isolated(Generator[GeneratorConfig]):
         # what a class declares for all its instances, this one borrows from another class
         self.readings = inner.readings  # type: ignore[misc]
         self.outputs = inner.outputs
+        self._inner = inner
         self._live = live
         self._waiting = deque[Packed](maxlen=1 if live else None)
         self._module = type(inner).__module__
@@ -88,7 +89,8 @@ class Isolated(Generator[GeneratorConfig]):
 
     def most_hypotheses(self, grid: Grid) -> int | None:
         """As many as the generator that runs elsewhere gives."""
-        return self._inner.most_hypotheses(grid)
+        most: int | None = self._inner.most_hypotheses(grid)
+        return most
 
     @property
     def owes(self) -> bool:

@@ -17,6 +17,9 @@ from tests.clouds import HERE, NULL, SIDE, SUPPORT, THERE, Voxel, centres, cloud
 
 TWELVE: dict[Voxel, float] = {(x, y, 0): 1 / 12 for x in range(4) for y in range(3)}
 
+WIDE = 0.125
+"""The side of the voxels of tests that reach to the ends of the space [m]; exact in binary."""
+
 
 def contacts_of(likelihoods: dict[Voxel, float], **config: Any) -> tuple[Contact, ...]:
     return fused(cloud("a", 0.0, likelihoods), **config).contacts
@@ -103,12 +106,12 @@ def test_voxels_at_opposite_ends_of_the_space_do_not_meet(corner: Voxel) -> None
     far = (1 << 20) - 1
     x, y, z = (far - 1) * corner[0], far * corner[1], far * corner[2]
     ends: dict[Voxel, float] = {(x, y, z): 0.5, (x, y, -z): 0.5, (x, -y, z): 0.5}
-    fusion = fused(cloud("a", 0.0, ends, side=1.0), voxel_size=1.0, tolerance=3.0)
+    fusion = fused(cloud("a", 0.0, ends, side=WIDE), voxel_size=WIDE, tolerance=3.0 * WIDE)
     assert len(fusion.contacts) == 3
 
 
 def test_a_tolerance_wider_than_the_scene_makes_one_contact() -> None:
-    assert len(contacts_of({HERE: 0.5, (300, 9, 0): 0.5}, tolerance=2.0)) == 1
+    assert len(contacts_of({HERE: 0.5, (150, 9, 0): 0.5}, tolerance=1.0)) == 1
 
 
 @pytest.mark.parametrize("tolerance", [100.0, 1e300])
@@ -159,7 +162,8 @@ def test_clusters_are_those_of_joining_every_pair(
     weights = {voxel: 0.5 + n / 256 for n, voxel in enumerate(rows)}
     tolerance = max(sides, 1e-3)
     expected = brute_force(rows, math.floor(tolerance**2 + 1e-6))
-    fusion = fused(cloud("a", 0.0, weights, side=1.0), voxel_size=1.0, tolerance=tolerance)
+    scaled = {"voxel_size": WIDE, "tolerance": tolerance * WIDE}
+    fusion = fused(cloud("a", 0.0, weights, side=WIDE), **scaled)
     wanted = sorted(
         (max(weights[rows[i]] for i in members), len(members), *_centroid(rows, weights, members))
         for members in expected
@@ -171,7 +175,7 @@ def test_clusters_are_those_of_joining_every_pair(
 def _centroid(rows: list[Voxel], weights: dict[Voxel, float], members: list[int]) -> FloatArray:
     chosen = [rows[i] for i in members]
     centroid: FloatArray = np.average(
-        centres(chosen, 1.0), axis=0, weights=[weights[voxel] for voxel in chosen]
+        centres(chosen, WIDE), axis=0, weights=[weights[voxel] for voxel in chosen]
     )
     return centroid
 
@@ -306,13 +310,13 @@ def test_a_far_cluster_is_as_precise_as_a_near_one() -> None:
     near, away = (
         only(
             fused(
-                cloud("a", 0.0, {(at + x, at, at): 0.3 + 0.1 * x for x in range(4)}, side=1.0),
-                voxel_size=1.0,
+                cloud("a", 0.0, {(at + x, at, at): 0.3 + 0.1 * x for x in range(4)}, side=WIDE),
+                voxel_size=WIDE,
             )
         )
         for at in (0, far)
     )
-    assert away.position - far == pytest.approx(near.position, abs=1e-8)
+    assert away.position - far * WIDE == pytest.approx(near.position, abs=1e-8)
     assert np.array_equal(away.covariance, near.covariance)
 
 

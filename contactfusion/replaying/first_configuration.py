@@ -8,7 +8,6 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from textwrap import wrap
 from typing import final
-from xml.etree import ElementTree
 
 import numpy as np
 import yaml
@@ -212,8 +211,7 @@ def _of_recording(path: Path, out: Path, robot: Path | None) -> _First:
         *_recording(path, out),
     ]
     if model is not None:
-        following = _mimics(text or model.urdf.path.read_bytes())
-        unreported = set(model.joint_names) - start.joints - following
+        unreported = set(model.joint_names) - start.joints - set(model.urdf.mimics)
         lines += _robot(urdf, model, sorted(unreported))
     elif weighed:
         lines += _stand_in(active[0].sensor, _frame(inspection, active[0].sensor))
@@ -343,12 +341,6 @@ def _described(text: str, out: Path) -> RobotModel:
             raise ContactFusionError(str(error).replace(f"{file.resolve()}: ", "")) from None
 
 
-def _mimics(urdf: str | bytes) -> set[str]:
-    """The joints of a robot that follow another joint."""
-    joints = ElementTree.fromstring(urdf).iter("joint")
-    return {joint.get("name", "") for joint in joints if joint.find("mimic") is not None}
-
-
 # Parts of the file
 
 
@@ -421,7 +413,8 @@ def _noise(wrenches: Sequence[Wrench]) -> tuple[float, float, float]:
     samples = np.array([[*one.force, *one.torque] for one in wrenches])
     noise = np.diff(samples, axis=0).std(axis=0) / np.sqrt(2.0)
     force, torque = max(FORCE_NOISE, *noise[:3]), max(TORQUE_NOISE, *noise[3:])
-    at_rest = (samples.std(axis=0) <= 2.0 * np.repeat([force, torque], 3)).all()
+    lasts = wrenches[-1].stamp - wrenches[0].stamp >= 0.9 * REST  # a tare needs all of it
+    at_rest = lasts and (samples.std(axis=0) <= 2.0 * np.repeat([force, torque], 3)).all()
     bias = float(np.linalg.norm(samples[:, :3].mean(axis=0)))
     return force, torque, bias if at_rest and bias > force else 0.0
 

@@ -110,7 +110,7 @@ def replay(options: Options, watch: Watch | None = None) -> None:
                     summary.add(step)
                     for output in outputs:
                         output.step(step)
-            except WritingError:
+            except (WritingError, OSError):  # the output names its file
                 raise
             except (Exception, KeyboardInterrupt) as error:
                 stopped = error
