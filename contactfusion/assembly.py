@@ -78,7 +78,7 @@ def built_controller(config: PipelineConfig) -> Controller | None:
     cls: type[Controller] = installed_plugins().find("controllers", kind)
     refuse(kind, cls, class_fault(cls, Controller, Model))
     options = configured(kind, cls, given, "controller")
-    own = _own(options, "controller", config.folder, config.within)
+    own = _own(options, "controller", config.folder, config.files_within)
     with Guard(f"controller: the plug-in '{kind}'", cls):
         return cls(own)
 

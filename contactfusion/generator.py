@@ -40,7 +40,7 @@ class GeneratorConfig(Model):
     """How long one reading may take [s] before it counts as an overrun."""
     isolate: bool = False
     """Whether it runs in a process of its own, so that no cycle waits for it."""
-    patience: float = Field(default=60.0, gt=0, le=1e9)
+    patience: Memory = Field(default=60.0, gt=0)
     """Where there is no clock, as in a replay: how long a step waits for one answer of its process
     [s] before that is ended, and the generator stays out."""
 

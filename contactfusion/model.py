@@ -40,6 +40,8 @@ class Model(BaseModel):
 
 
 M = TypeVar("M", bound=Model)
+FILES_WITHIN = "files_within"
+"""The field of a configuration that bounds where its files lie."""
 
 
 def rooted(config: M, folder: Path, within: Path | None = None) -> M:
@@ -51,8 +53,8 @@ def rooted(config: M, folder: Path, within: Path | None = None) -> M:
     Args:
         config: any.
         folder: where relative file names start.
-        within: the folder that all files have to lie in, which fields of that name then hold, too;
-            None: files may lie anywhere.
+        within: the folder that all files have to lie in, which fields `files_within` then hold,
+            too; None: files may lie anywhere.
 
     Raises:
         ConfigurationError: a file lies elsewhere.
@@ -62,7 +64,7 @@ def rooted(config: M, folder: Path, within: Path | None = None) -> M:
         value = getattr(config, name)
         if name == "folder" and value == Path():  # a default, no name that could lead elsewhere
             changes[name] = folder
-        elif name == "within" and within is not None:
+        elif name == FILES_WITHIN and within is not None:
             changes[name] = within
         elif isinstance(value, dict):
             found = {key: _rooted(value[key], folder, within, f"{name}.{key}") for key in value}

@@ -143,7 +143,7 @@ class Pipeline:
         if name in self.generators:
             raise SourceError(f"the generator '{name}' is plugged already; unplug it first")
         generator = built_generator(
-            name, options, self.config.folder, self.config.robot, self.config.within
+            name, options, self.config.folder, self.config.robot, self.config.files_within
         )
         self._require_affordable(generator)
         evidence = [*generator.sources.values()].count(HypothesisKind.REGULAR)

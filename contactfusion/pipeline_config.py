@@ -64,7 +64,7 @@ class PipelineConfig(Model):
     folder: Path = Path()
     """Where relative file names start, those in options of plug-ins too; `contactfusion run` takes
     the folder of the configuration."""
-    within: Path | None = None
+    files_within: Path | None = None
     """The folder that all files have to lie in, but for those of packages; None: they may lie
     anywhere. Of a configuration that a recording holds, it is the folder of the recording."""
 
@@ -73,7 +73,7 @@ class PipelineConfig(Model):
     def _read(cls, fields: Any) -> Any:
         """Read the robot's file, and root what it names."""
         robot, folder = fields.get("robot"), Path(fields.get("folder", ""))
-        within = Path(fields["within"]) if fields.get("within") is not None else None
+        within = Path(fields["files_within"]) if fields.get("files_within") is not None else None
         try:
             if isinstance(robot, str | Path):
                 path = located(str(robot), folder, within)
@@ -89,7 +89,7 @@ class PipelineConfig(Model):
     def _inside(self) -> Self:
         if self.surface is not None and self.surface.file is not None:
             try:
-                file_in(self.folder, self.surface.file, self.within)
+                file_in(self.folder, self.surface.file, self.files_within)
             except ConfigurationError as error:
                 raise error.under("surface.file") from None
         return self

@@ -79,8 +79,10 @@ Reach = Annotated[Metres, Field(le=10)]
 """How far is looked or gone at once: beyond 10 m nothing is about to touch."""
 Spread = Annotated[Metres, Field(le=1)]
 """Of a standard deviation or a tolerance: a contact that is known to a metre is not located."""
-Spacing = Annotated[Metres, Field(le=0.5)]
-"""Of voxels and samples: a contact of a vehicle is still located by half a metre."""
+Spacing = Annotated[Metres, Field(le=1)]
+"""Of voxels and samples: a contact of a vehicle is still located by a metre."""
+Tolerance = Annotated[Metres, Field(le=5)]
+"""Between the voxels of a contact: five of the widest."""
 TaxelEdge = Annotated[Metres, Field(gt=0, le=1)]
 """The pads of bumpers and of sensing floors are tiles of up to a metre."""
 Angle = Annotated[Radians, Field(ge=-6.3, le=6.3)]

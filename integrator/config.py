@@ -5,7 +5,7 @@ from typing import Any, Literal
 from pydantic import Field
 
 from contactfusion.model import Model
-from contactfusion.units import Memory, Spacing, Spread
+from contactfusion.units import Memory, Spacing, Tolerance
 
 
 class IntegratorConfig(Model):
@@ -26,7 +26,7 @@ class IntegratorConfig(Model):
     """How voxels become contacts."""
     threshold: float = Field(default=0.1, gt=0, le=1)
     """The fused likelihood from which a voxel is a contact."""
-    tolerance: Spread | None = Field(default=None, gt=0)
+    tolerance: Tolerance | None = Field(default=None, gt=0)
     """Voxels at most this far apart belong to one contact [m]; None: two sides of a voxel."""
     min_voxels: int = Field(default=1, ge=1)
     """Clusters of fewer voxels are no contacts."""

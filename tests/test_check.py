@@ -184,7 +184,7 @@ def test_a_robot_is_built_and_its_surface_sampled(file: Path) -> None:
 
 def test_a_faulty_robot_is_told_once_and_what_names_it_is_not_blamed(file: Path) -> None:
     (told,) = faults(on_arm(file, spacing=4))
-    assert told.startswith("robot.spacing: 4 m is implausible, the limit is 0.5 m; ")
+    assert told.startswith("robot.spacing: 4 m is implausible, the limit is 1 m; ")
     (told,) = faults(on_arm(file, links=["amr"]))
     assert told.startswith("robot.links: unknown link 'amr': did you mean 'arm'?")
 
@@ -244,7 +244,7 @@ def test_the_command_tells_each_fault_in_a_line_of_its_own(
     said = capsys.readouterr()
     assert said.out == ""
     assert said.err.splitlines() == [
-        f"contactfusion: {file}: integrator.voxel_size: 5 m is implausible, the limit is 0.5 m; "
+        f"contactfusion: {file}: integrator.voxel_size: 5 m is implausible, the limit is 1 m; "
         "lengths are in metres: did you mean 0.005?",
         f"contactfusion: {file}: cycle.every: 10 s is implausible, the limit is 5 s; "
         "times are in seconds: did you mean 0.01?",

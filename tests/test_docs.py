@@ -196,7 +196,7 @@ def test_the_page_on_robots_names_every_field() -> None:
 def test_the_example_of_the_page_on_robots_is_a_robot_without_faults() -> None:
     (described, _) = examples(ROBOTS)
     model = RobotModel(RobotConfig(**described))
-    assert set(described) == set(RobotConfig.model_fields) - {"folder", "links", "within"}
+    assert set(described) == set(RobotConfig.model_fields) - {"folder", "links", "files_within"}
     robot = PosedRobot(model, model.limits.mean(axis=1), model.root, np.eye(4))
     faults = [*patch_faults(model), *wrist_faults(model), *finger_faults(model)]
     assert faults + list(camera_faults(robot)) == []
@@ -249,7 +249,12 @@ def test_the_examples_of_the_page_on_scenes_are_those_that_run() -> None:
 def test_the_example_of_the_page_on_configuration_holds_every_field_of_the_integrator() -> None:
     (example,) = examples(CONFIGURATION)
     assert set(example["integrator"]) == set(IntegratorConfig.model_fields)
-    assert set(example) == set(RunConfig.model_fields) - {"folder", "robot", "scene", "within"}
+    assert set(example) == set(RunConfig.model_fields) - {
+        "folder",
+        "robot",
+        "scene",
+        "files_within",
+    }
 
 
 def test_the_example_of_the_page_on_configuration_runs(tmp_path: Path) -> None:

@@ -43,7 +43,8 @@ def run(ask: Ask, name: str, *arguments: str, options: str = "") -> Answer:
 
 def rows_of_healthy() -> list[list[str]]:
     """The rows of contacts.csv, without shares."""
-    return [row[:-1] for row in csv.reader(Path("out/contacts.csv").read_text().splitlines())]
+    rows = csv.DictReader(Path("out/contacts.csv").read_text().splitlines())
+    return [[cell for name, cell in row.items() if name != "shares"] for row in rows]
 
 
 def alone(ask: Ask) -> list[list[str]]:

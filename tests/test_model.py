@@ -158,14 +158,14 @@ class Wardrobe(Model):
     shoes: tuple[Path, ...] = ()
     named: dict[str, Path] = {}
     folder: Path = Path()
-    within: Path | None = None
+    files_within: Path | None = None
 
 
 def test_all_names_of_a_bounded_configuration_lie_in_its_folder(tmp_path: Path) -> None:
     home = tmp_path / "home"
     inside = rooted(Wardrobe(), home / "a", within=home)
     assert (inside.shoe, inside.folder) == (home / "a" / "shoe.yaml", home / "a")
-    assert inside.within == home
+    assert inside.files_within == home
     assert rooted(Wardrobe(shoe=Path("../shoe.yaml")), home / "a", within=home)
     for field, value in (
         ("shoe", "../../shoe.yaml"),
@@ -182,5 +182,5 @@ def test_all_names_of_a_bounded_configuration_lie_in_its_folder(tmp_path: Path) 
 
 
 def test_a_configuration_does_not_bound_itself_more_widely(tmp_path: Path) -> None:
-    config = Wardrobe(within=Path("/"))
-    assert rooted(config, tmp_path, within=tmp_path).within == tmp_path
+    config = Wardrobe(files_within=Path("/"))
+    assert rooted(config, tmp_path, within=tmp_path).files_within == tmp_path

@@ -154,8 +154,10 @@ def test_no_link_leads_out_of_the_folder_of_a_recording(beside: Path) -> None:
 
 def test_a_recording_does_not_lift_its_own_bound(beside: Path) -> None:
     up = str(beside.parent)
-    assert refuses(recorded(beside, robot="../robot.yaml", within=up), "robot", "../robot.yaml")
-    path = recorded(beside, robot={"urdf": "../robot.urdf", "within": up})
+    assert refuses(
+        recorded(beside, robot="../robot.yaml", files_within=up), "robot", "../robot.yaml"
+    )
+    path = recorded(beside, robot={"urdf": "../robot.urdf", "files_within": up})
     assert refuses(path, "urdf", "../robot.urdf")
 
 
@@ -201,7 +203,7 @@ def test_an_object_by_urdf_lies_in_the_folder_of_a_recording(beside: Path) -> No
 
 def test_a_recording_asks_no_network_for_a_model() -> None:
     for weights in ("facebook/sam2.1-hiera-tiny", "tiny"):
-        config = Sam2Config(weights=weights, within=Path())
+        config = Sam2Config(weights=weights, files_within=Path())
         with pytest.raises(ConfigurationError, match=f"no model of SAM 2, not '{weights}'; .*-"):
             Sam2Segmenter(config)
 
@@ -218,7 +220,7 @@ def test_robot_and_meshes_beside_a_recording_are_used(beside: Path) -> None:
     ):
         config = setting_of_recording(recorded(beside, kept)).config()
         assert config.robot and config.robot.path().samefile(beside / "arm/urdf/robot.urdf")
-        assert config.robot.within == beside
+        assert config.robot.files_within == beside
 
 
 @pytest.mark.parametrize("name", ["../base.stl", "{up}/base.stl", "package://ros/base.stl"])

@@ -43,7 +43,7 @@ TIMES = "times are in seconds: did you mean"
         (
             IntegratorConfig,
             {"voxel_size": 5},
-            f"voxel_size: 5 m is implausible, the limit is 0.5 m; {LENGTHS} 0.005?",
+            f"voxel_size: 5 m is implausible, the limit is 1 m; {LENGTHS} 0.005?",
         ),
         (
             FrameConfig,

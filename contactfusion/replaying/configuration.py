@@ -65,7 +65,7 @@ class Setting:
         """
         fields = {"folder": self.folder, **self.fields}
         if self.within is not None:
-            fields["within"] = self.within
+            fields["files_within"] = self.within
         if generators is not None:
             fields["generators"] = generators
         try:

@@ -126,7 +126,7 @@ class RobotConfig(Model):
     """Compliant fingers, by name."""
     folder: Path = Path()
     """Where relative file names start; the folder of the file by default."""
-    within: Path | None = None
+    files_within: Path | None = None
     """The folder that all files have to lie in, but for those of packages; None: they may lie
     anywhere. It is set where the description is named by a recording."""
 
@@ -137,7 +137,7 @@ class RobotConfig(Model):
             ConfigurationError: the Python package that should hold it is not installed.
         """
         try:
-            return located(self.urdf, self.folder, self.within)
+            return located(self.urdf, self.folder, self.files_within)
         except ConfigurationError as error:
             raise error.under("urdf") from None
 
@@ -148,7 +148,7 @@ class RobotConfig(Model):
             ConfigurationError: one does not lie in `within`.
         """
         try:
-            return tuple(file_in(self.folder, one, self.within) for one in self.packages)
+            return tuple(file_in(self.folder, one, self.files_within) for one in self.packages)
         except ConfigurationError as error:
             raise error.under("packages") from None
 

@@ -61,7 +61,7 @@ class RobotModel:
     def __init__(self, config: RobotConfig) -> None:
         self.config = config
         self.urdf: Urdf = read_urdf(
-            config.path(), config.package_folders(), config.within, (config.shapes,)
+            config.path(), config.package_folders(), config.files_within, (config.shapes,)
         )
         self._pin, self._model = _kinematics(self.urdf)
         self._data: Any = self._model.createData()

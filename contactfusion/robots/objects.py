@@ -38,7 +38,7 @@ class ObjectConfig(Model):
     """Standard deviation of the believed turn about the vertical [rad]."""
     folder: Path = Path()
     """Where a relative `urdf` starts; the folder of the configuration."""
-    within: Path | None = None
+    files_within: Path | None = None
     """The folder that its files have to lie in, but for those of packages; None: they may lie
     anywhere. It is set where a recording names the object."""
 
@@ -69,9 +69,11 @@ class ObjectModel:
                 raise RobotError(f"there is no mesh {config.mesh}")
             self.shapes = (Mesh(config.mesh, (1.0, 1.0, 1.0), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)),)
         elif config.urdf is not None:
-            of = RobotConfig(urdf=config.urdf, folder=config.folder, within=config.within)
+            of = RobotConfig(
+                urdf=config.urdf, folder=config.folder, files_within=config.files_within
+            )
             path = of.path()
-            links = read_urdf(path, within=of.within).links
+            links = read_urdf(path, within=of.files_within).links
             shaped = {name: link for name, link in links.items() if link.collision}
             if len(shaped) != 1:
                 raise RobotError(

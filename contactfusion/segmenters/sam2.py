@@ -34,7 +34,7 @@ class Sam2Config(SegmenterConfig):
     `facebook/sam2.1-hiera-tiny`."""
     folder: Path = Path()
     """Where a relative `weights` starts; the folder of the configuration."""
-    within: Path | None = None
+    files_within: Path | None = None
     """Set where a recording names the model, which then is refused: it might ask the network, or
     hold code."""
     device: str = "cpu"
@@ -157,7 +157,7 @@ def _transformers() -> Any:
 
 
 def _loaded(config: Sam2Config) -> Any:
-    if config.within is not None:
+    if config.files_within is not None:
         raise ConfigurationError(
             f"a configuration that comes from a recording may name no model of SAM 2, "
             f"not '{config.weights}'; {GIVE_CONFIG}",
