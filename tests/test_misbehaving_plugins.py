@@ -137,7 +137,7 @@ def test_a_rule_that_raises_ends_the_run_and_the_steps_before_it_are_kept(ask: A
     answer = ask("run", "run.yaml", "--out", "out", "--set", "integrator.rule=rule_raises")
     assert re.fullmatch(r"the rule Rule raised ValueError: no rule" + AT, one_sentence(answer))
     assert json.loads(Path("out/summary.json").read_text())["steps"] == 2
-    assert len(rows_of_healthy()) == 3
+    assert len(rows_of_healthy()) == 2
 
 
 def test_a_rule_that_cannot_be_built_is_a_sentence(ask: Ask) -> None:

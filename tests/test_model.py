@@ -184,3 +184,11 @@ def test_all_names_of_a_bounded_configuration_lie_in_its_folder(tmp_path: Path) 
 def test_a_configuration_does_not_bound_itself_more_widely(tmp_path: Path) -> None:
     config = Wardrobe(files_within=Path("/"))
     assert rooted(config, tmp_path, within=tmp_path).files_within == tmp_path
+
+
+class Arrival(Model):
+    within: float = 0.5
+
+
+def test_an_option_called_within_is_no_bound(tmp_path: Path) -> None:
+    assert rooted(Arrival(), tmp_path, within=tmp_path) == Arrival()
