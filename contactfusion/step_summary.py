@@ -5,6 +5,7 @@ from collections.abc import Collection, Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any, final
 
+from contactfusion.assembly import AnyGenerator
 from contactfusion.errors import ConfigurationError, name_hint
 from contactfusion.faults import unmet
 from contactfusion.hypotheses import HypothesisKind, Note
@@ -89,6 +90,10 @@ class Summary:
                     f": {CAUSES[note]}" if note in CAUSES and 2 * count > source.accepted else ""
                 )
                 yield f"    {count} × {note}{cause}"
+        for name, generator in self._pipeline.generators.items():
+            given, looked = self._pipeline.given[name], self._looked(generator)
+            if 0 < 2 * looked < given and HypothesisKind.REGULAR in generator.sources.values():
+                yield f"  {name}: {given - looked} of {given} readings gave no cloud"
         for (kind, name), (stamp, message) in self._first.items():
             if kind in TELLING:
                 times = self._times[kind, name]
@@ -137,13 +142,8 @@ class Summary:
             if f"generators.{name}" in ended:
                 continue
             given = self._pipeline.given[name]
-            looked = any(
-                one.accepted or one.early or one.invalid
-                for source, one in sources.items()
-                if source in generator.sources
-            )
             is_evidence = HypothesisKind.REGULAR in generator.sources.values()
-            if self.steps and given and is_evidence and not looked:
+            if self.steps and given and is_evidence and not self._looked(generator):
                 why = f": {generator.waits_for}" if generator.waits_for else ""
                 yield f"generators.{name}: it gave no cloud for any of its {given} readings{why}"
         for name, source in sources.items():
@@ -157,6 +157,13 @@ class Summary:
                 yield f"{source.invalid} of {came} clouds of '{name}' were refused: {why}"
             elif source.early and not source.accepted:
                 yield f"no cloud of '{name}' was accepted: {self._why(EventKind.EARLY, name)}"
+
+    def _looked(self, generator: AnyGenerator) -> int:
+        """How many clouds the busiest source of a generator gave, of use or not."""
+        reports = (one for name, one in self._sources.items() if name in generator.sources)
+        return max(
+            (one.accepted + one.late + one.early + one.invalid for one in reports), default=0
+        )
 
     def _why(self, kind: EventKind, source: str) -> str:
         return self._first[kind, source][1]

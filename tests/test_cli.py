@@ -365,6 +365,11 @@ def test_remarks_are_counted_with_their_likely_cause(folder: Path, ask: Ask) -> 
     assert summary["sources"]["wrist"]["remarks"] == {"more than one contact": 5}
 
 
+def test_readings_that_a_tare_takes_are_counted(folder: Path, ask: Ask) -> None:
+    answer = ask("run", "wrist.yaml", "--set", "generators.wrist.tare=0.03", "--out", "results")
+    assert answer.status == 0 and "wrist: 3 of 5 readings gave no cloud" in answer.out
+
+
 def test_a_rare_remark_gets_no_cause(folder: Path, ask: Ask) -> None:
     (folder / "wrist.csv").write_text("\n".join([*LOG, "0.05,0,0,-5,0,0,1"]) + "\n")
     assert "1 × more than one contact\n" in ask("run", "wrist.yaml", "--out", "results").out

@@ -487,6 +487,7 @@ def rows(period: float, count: int = 50) -> str:
         (0.01, {"column": 1, "unit": "ms"}, f"are 1e+05 a second{TOO_FAST} ms: did you mean s?"),
         (0.1, {"column": 1, "unit": "ms"}, f"are 1e+04 a second{TOO_FAST} ms: did you mean s?"),
         (10.0, {"column": 1, "unit": "us"}, f"are 1e+05 a second{TOO_FAST} us: did you mean ms?"),
+        (10.0, {"column": 1}, "rows are 10 s apart; `unit` is s: did you mean ms?"),
         (10_000.0, {"column": 1}, "rows are 10000 s apart; `unit` is s: did you mean us?"),
         (1.0, {"rate": 1e-4}, "rows are 10000 s apart; `rate` is 0.0001, in rows a second"),
         (1.0, {"rate": 1e6}, "faster than any sensor; `rate` is 1e+06, in rows a second"),
@@ -499,11 +500,6 @@ def test_stamps_in_another_unit_are_refused_with_the_unit_that_fits(
         log(tmp_path, rows(period), SKIN, time=time)
     assert str(caught.value).startswith(f"{tmp_path / 'log.csv'}: ")
     assert str(caught.value).endswith(sentence)
-
-
-def test_rows_that_come_slowly_are_noted(tmp_path: Path) -> None:
-    (note,) = log(tmp_path, rows(10.0), SKIN).notes
-    assert note == f"{tmp_path / 'log.csv'}: rows are 10 s apart; `unit` is s: did you mean ms?"
 
 
 @pytest.mark.parametrize("period", [1.25e-4, 0.01, 5.0])

@@ -93,8 +93,10 @@ def _fuse(places: Any) -> None:
     from contactfusion.integrator.config import IntegratorConfig
     from contactfusion.integrator.integrator import Integrator
     from contactfusion.nearest import NearestGrid
+    from contactfusion.surface import Surface
 
     NearestGrid.of(places).improve(places, np.eye(4), 0, np.ones(100), np.zeros(100, np.intp))
+    surface = Surface("base", places, np.tile([0.0, 0.0, 1.0], (100, 1)))
     likelihoods, spreads = np.linspace(0.1, 0.9, 100), np.linspace(0.001, 0.01, 100)
     for rule in ("de_morgan", "max", "log_odds", "dempster_shafer", "posterior"):
         condensation = "modes" if rule == "posterior" else "cluster_mass"
@@ -114,7 +116,7 @@ def _fuse(places: Any) -> None:
                     spreads=spreads,
                 )
             )
-            assert len(integrator.step(stamp).space.voxels)
+            assert len(integrator.step(stamp, surface).space.voxels)
 
 
 def _push() -> None:

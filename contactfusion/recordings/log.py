@@ -50,10 +50,8 @@ FASTEST = 9000.0
 """Rows in a second [Hz]: the fastest force-torque sensors give 8 kHz, and a sensor of 10 Hz whose
 seconds are taken for milliseconds seems to give 10 kHz."""
 SLOW = 5.0
-"""Rows further apart seldom follow a contact [s]; milliseconds of a sensor of 100 Hz that are taken
-for seconds are 10 s apart."""
-SLOWEST = 3600.0
-"""Rows further apart never do [s]: microseconds of that sensor seem to be 10,000 s apart."""
+"""Rows further apart follow no contact [s]; milliseconds of a sensor of 100 Hz that are taken for
+seconds are 10 s apart."""
 
 log = logging.getLogger(__name__)
 
@@ -193,7 +191,7 @@ class LogRecording(Recording):
         return stamps
 
     def _check_rate(self, stamps: StampArray, time: TimeConfig, source: Path) -> None:
-        """Refuse rows that come faster or slower than any sensor's; note rows that come slowly.
+        """Refuse rows that come faster or slower than any sensor's.
 
         Raises:
             RecordingError: their unit is a mistake.
@@ -207,10 +205,9 @@ class LogRecording(Recording):
             told = f"{source}: {len(stamps)} rows in {span:.3g} s are {1.0 / mean:.3g} a second"
             raise RecordingError(f"{told}, faster than any sensor; {_unit_meant(mean, time)}")
         if step > SLOW:
-            told = f"{source}: rows are {step:.5g} s apart; {_unit_meant(step, time)}"
-            if step > SLOWEST:
-                raise RecordingError(told)
-            self.notes.append(told)
+            raise RecordingError(
+                f"{source}: rows are {step:.5g} s apart; {_unit_meant(step, time)}"
+            )
 
 
 def _unit_meant(step: float, time: TimeConfig) -> str:
