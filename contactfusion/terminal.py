@@ -70,7 +70,7 @@ def progress(task: str, end: float | None = None) -> Iterator[Callable[[float], 
     of = "" if end is None else f" of {end:.1f}"
 
     def describe(now: str) -> None:
-        shown.update(number, description=now)
+        shown.update(number, description=now, refresh=True)
 
     def reach(stamp: float) -> None:
         shown.update(number, completed=stamp, reached=f"{stamp:.1f}{of} s")

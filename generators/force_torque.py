@@ -88,23 +88,18 @@ class ForceTorqueGenerator(Generator[ForceTorqueConfig]):
 
     Config = ForceTorqueConfig
     readings = (Wrench,)
-    _pose: Pose | None
-    """Of the sensor at the newest reading of a contact; None without one."""
-    _work: float
-    """Of the force on the robot since the contact began [J]."""
 
     def __init__(self, name: str, config: ForceTorqueConfig) -> None:
         super().__init__(name, config)
         self.reset()
 
     def reset(self) -> None:
-        """Forget the tare, the samples of the average, and the work of the contact."""
+        """Forget the tare, and the samples of the average."""
         self._bias: FloatArray | None = None if self.config.tare else np.zeros(6)
         self._rest: list[tuple[float, FloatArray]] = []
         self._recent: deque[tuple[float, FloatArray]] = deque()
         self._span: tuple[float, float] | None = None
         self._was_free = self._bias is None  # as the tare makes sure
-        self._end_contact()
 
     def generate(self, reading: Reading, state: State) -> Sequence[HypothesisCloud]:
         """Give the places on the surface where one contact explains the wrench.
@@ -123,7 +118,6 @@ class ForceTorqueGenerator(Generator[ForceTorqueConfig]):
             return ()
         force, torque = wrench[:3], wrench[3:]
         if np.linalg.norm(force) < self.least_force:
-            self._end_contact()
             self._was_free = True
             return (self.nothing(reading),)
         probability = self.explained(force, torque)
@@ -133,11 +127,8 @@ class ForceTorqueGenerator(Generator[ForceTorqueConfig]):
         if probability == 0.0:
             return (self.nothing(reading, notes=notes),)
         pose = state.frames.pose(state.grid.frame, of=reading.frame)
-        on_line = line_of_action(force, torque)[None]
-        nearest = points_in(pose, on_line)[0]
+        nearest = points_in(pose, line_of_action(force, torque)[None])[0]
         force = vectors_in(pose, force[None])[0]
-        if self._is_driven(pose, on_line, force):
-            notes = (*notes, Note.PULLS)
         if state.robot is not None:  # what does not hang on the sensor cannot be felt by it
             link = state.link_of(reading.frame)
             surface = state.robot.surface_of(state.robot.model.beyond(link))
@@ -145,7 +136,7 @@ class ForceTorqueGenerator(Generator[ForceTorqueConfig]):
         if not len(places):
             pulls = len(self._on_surface(nearest, -force, surface, state.grid))
             why = Note.PULLS if pulls else Note.OFF_SURFACE
-            return (self.nothing(reading, notes=tuple(dict.fromkeys((*notes, why)))),)
+            return (self.nothing(reading, notes=(*notes, why)),)
         levers = places - pose[:3, 3]
         return (
             self.cloud(
@@ -175,26 +166,6 @@ class ForceTorqueGenerator(Generator[ForceTorqueConfig]):
             f"its tare takes {tare:g} s without contact while samples scatter by less than "
             f"{STEADY:g} times the stated noise, and there was no such time"
         )
-
-    def _is_driven(self, pose: Pose, on_line: FloatArray, force: FloatArray) -> bool:
-        """Whether the force has driven the sensor along since the contact began.
-
-        What is touched resists: the work of its force on the robot, ∫ f·dx, stays under 0. Where it
-        grows, the sign is reversed, or something pulls the robot along.
-
-        Args:
-            pose: of the sensor in the frame of the grid.
-            on_line: shape (1, 3) [m], a point of the line of action, in the sensor's frame.
-            force: shape (3,) [N], on the robot, in the frame of the grid.
-        """
-        if self._pose is not None:
-            way = points_in(pose, on_line) - points_in(self._pose, on_line)
-            self._work += float(way[0] @ force)
-        self._pose = pose
-        return self._work > self.least_force * self.config.surface_tolerance
-
-    def _end_contact(self) -> None:
-        self._pose, self._work = None, 0.0
 
     def _is_dead(self, reading: Wrench) -> bool:
         """Whether a sensor that carries a load reads exact zeros: no load weighs so little."""

@@ -79,6 +79,19 @@ def test_with_the_robot_contacts_lie_on_its_tool(write: Any, tmp_path: Path) -> 
         assert away == pytest.approx(np.full(len(found), 0.03), abs=0.006)
 
 
+def test_a_robot_none_of_whose_joints_is_reported_is_another_robot(tmp_path: Path) -> None:
+    pytest.importorskip("pinocchio")
+    said = [one for one in pressed() if one[0] != "/joint_states"]
+    others = [
+        ("/joint_states", stamp, joints(stamp, name=["elbow"], position=np.array([0.1])))
+        for _, stamp, _ in said[:9]
+    ]
+    bag, out = mcap(tmp_path / "bags", [*said, *others]), tmp_path / "first.yaml"
+    with pytest.raises(ConfigurationError, match="the robot has turn; the recording has elbow"):
+        write_first(bag, out, robot=arm(tmp_path))
+    assert not out.exists()
+
+
 def test_joints_that_nothing_reports_stand_still(tmp_path: Path) -> None:
     pytest.importorskip("pinocchio")
     said = [one for one in pressed() if one[0] != "/joint_states"]

@@ -256,38 +256,6 @@ def test_a_force_that_pulls_on_a_surface_asks_for_the_sign() -> None:
     assert not len(cloud) and cloud.notes == (Note.PULLS,)
 
 
-def carried(way: FloatArray, force: FloatArray, **options: Any) -> list[HypothesisCloud]:
-    """The clouds of a contact while the sensor, and the box around it, is carried along."""
-    ft = generator(**options)
-    clouds: list[HypothesisCloud] = []
-    for step in range(11):
-        frames = FrameTree({"tool": ("base", pose_of(step / 10.0 * way, np.eye(3)))})
-        state = robot(BOX.moved(frames.pose("base", of="tool"), "base"), frames)
-        clouds += ft.generate(touch(PLACE, force, stamp=0.01 * step, frame="tool"), state)
-    return clouds
-
-
-def test_a_force_that_goes_with_the_motion_asks_for_the_sign() -> None:
-    """What is touched resists; 10 N along 20 mm are 0.2 J that no obstacle gives."""
-    assert all(len(one) and not one.notes for one in carried(-0.002 * DOWN, DOWN))
-    assert all(len(one) and not one.notes for one in carried(np.array([0.02, 0, 0]), DOWN))
-    clouds = carried(0.002 * DOWN, DOWN)
-    assert all(len(one) for one in clouds)
-    assert clouds[0].notes == () and clouds[-1].notes == (Note.PULLS,)
-
-
-def test_the_work_of_a_contact_ends_with_it() -> None:
-    ft = generator()
-    for step in range(40):
-        frames = FrameTree({"tool": ("base", pose_of(step * 0.00003 * DOWN, np.eye(3)))})
-        force = DOWN if step % 4 else 0.0 * DOWN
-        reading = touch(PLACE, force, stamp=0.01 * step, frame="tool")
-        (cloud,) = ft.generate(
-            reading, robot(BOX.moved(frames.pose("base", of="tool"), "base"), frames)
-        )
-        assert not cloud.notes
-
-
 def test_a_load_that_never_was_off_asks_for_the_tare() -> None:
     def remarks(ft: ForceTorqueGenerator, *forces: FloatArray) -> list[tuple[str, ...]]:
         readings = [touch(PLACE, force, stamp=0.5 * row) for row, force in enumerate(forces)]

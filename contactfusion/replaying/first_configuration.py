@@ -211,8 +211,16 @@ def _of_recording(path: Path, out: Path, robot: Path | None) -> _First:
         *_recording(path, out),
     ]
     if model is not None:
-        unreported = set(model.joint_names) - start.joints - set(model.urdf.mimics)
-        lines += _robot(urdf, model, sorted(unreported))
+        if start.joints and not start.joints & set(model.joint_names):
+            raise ConfigurationError(
+                f"no joint of {urdf} is in {path}: the robot has {', '.join(model.joint_names)}; "
+                f"the recording has {', '.join(sorted(start.joints))}"
+            )
+        unreported = sorted(set(model.joint_names) - start.joints - set(model.urdf.mimics))
+        remarks += [
+            f"nothing reports joint {name}: it stays at 0 in `robot.still`" for name in unreported
+        ]
+        lines += _robot(urdf, model, unreported)
     elif weighed:
         lines += _stand_in(active[0].sensor, _frame(inspection, active[0].sensor))
         remarks.append(
