@@ -20,7 +20,7 @@ def frozen_array(
     dtype: DTypeLike = np.float64,
     finite: bool = True,
 ) -> NDArray[Any]:
-    """Give an array of the wanted shape that can never be written, see `frozen`.
+    """An array of the wanted shape that can never be written, see `frozen`.
 
     One that is frozen already is shared, any other input is copied.
 

@@ -185,7 +185,7 @@ class _Checking:
             self._pipeline.close()
 
     def _configured(self) -> PipelineConfig:
-        """Give the configuration of all fields that are not faulty."""
+        """The configuration of all fields that are not faulty."""
         fields = {k: v for k, v in self._fields.items() if v or k not in NOT_OURS}
         while True:
             sources = fields.keys() & set(NOT_OURS)

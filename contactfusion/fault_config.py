@@ -72,7 +72,7 @@ class Fault(Model):
         return 0.0
 
     def meets(self, sensor: str, kind: type[Reading]) -> bool:
-        """Tell whether readings of a kind are of a sensor that fails, at whatever time."""
+        """Whether readings of a kind are of a sensor that fails, at whatever time."""
         if self.sensor is None or self.sensor == sensor:
             return True
         failing = READING_TYPES.get(self.sensor)

@@ -112,7 +112,7 @@ class Faults:
 
 
 def unmet(faults: Iterable[Fault], heard: Collection[tuple[str, type[Reading]]]) -> Iterator[str]:
-    """Say which faults are of sensors that there are not.
+    """Report the faults of sensors that there are not.
 
     Args:
         faults: in their order.

@@ -45,7 +45,7 @@ FILES_WITHIN = "files_within"
 
 
 def rooted(config: M, folder: Path, within: Path | None = None) -> M:
-    """Give a configuration whose relative file names start at a folder, also in models within.
+    """A configuration whose relative file names start at a folder, also in models within.
 
     Names in lists and mappings stay as they are, for who holds them to root; where they may lie is
     checked all the same.
@@ -99,7 +99,7 @@ def explained(error: ValidationError, model: type[BaseModel]) -> ConfigurationEr
 
 
 def _is_default(detail: ErrorDetails, given: Mapping[str, object]) -> bool:
-    """Tell whether a field was not given, and yet holds what it may not."""
+    """Whether a field was not given, and yet holds what it may not."""
     return (
         detail["type"] != "missing" and bool(detail["loc"]) and str(detail["loc"][0]) not in given
     )
@@ -127,7 +127,7 @@ def _wrong(detail: ErrorDetails, model: type[BaseModel]) -> ConfigurationError:
 
 
 def _implausible(detail: ErrorDetails, model: type[BaseModel]) -> str:
-    """Say which unit a number beyond its limit is in; empty where only its sign is wrong."""
+    """The sentence on the unit of a number beyond its limit; empty where only its sign is wrong."""
     field, limits = model.model_fields.get(str(detail["loc"][0])), detail.get("ctx", {})
     unit = unit_of(field) if field else None
     limit = limits.get("le") or limits.get("ge")

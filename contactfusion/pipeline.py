@@ -397,7 +397,7 @@ class Pipeline:
             self._unready[who] = self._reason(f"`reset` of {who}", plugged, error)
 
     def _reason(self, who: str, plugged: AnyGenerator | Controller, error: BaseException) -> str:
-        """Say what a plug-in raised; the first time its traceback goes to the log, too."""
+        """What a plug-in raised; the first time its traceback goes to the log, too."""
         told = isinstance(error, PluginError)
         reason = str(error) if told else f"{who} raised {cause_of(error, type(plugged))}"
         if who not in self._raised:

@@ -244,14 +244,14 @@ def _at(definition: Any) -> str:
 
 
 def _remedy(error: BaseException) -> str:
-    """Say how to install the module that a plug-in lacks, when it is one of an extra."""
+    """How to install the module that a plug-in lacks, when it is one of an extra."""
     lacks = isinstance(error, ModuleNotFoundError) and error.name
     extra = extra_of(lacks) if lacks else None
     return f"; install it with: {installs(extra)}" if extra else ""
 
 
 def _unmarked(module: ModuleType) -> str:
-    """Say that a module offers nothing, and where the mark of a hook was forgotten."""
+    """Report that a module offers nothing, and where the mark of a hook was forgotten."""
     for kind in KINDS:
         hook = getattr(module, f"{GROUP}_{kind}", None)
         if inspect.isfunction(hook):

@@ -104,7 +104,7 @@ class Summary:
                 yield f"  faults.{row} did nothing: it starts at {fault.start:g} s, after the end"
 
     def complaints(self, heard: Heard) -> Iterator[str]:
-        """Say what kept the pipeline from its job.
+        """Report what kept the pipeline from its job.
 
         Args:
             heard: what came.
@@ -134,7 +134,7 @@ class Summary:
         yield from unmet(config.faults, heard)
 
     def _useless(self) -> Iterator[str]:
-        """Say which plug-ins ended or never looked, and of which sources most was refused."""
+        """Report plug-ins that ended or never looked, and sources of which most was refused."""
         sources, ended = self._sources, self._pipeline.ended
         for field, why in ended.items():
             yield f"{field}: {why}"

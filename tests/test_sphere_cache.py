@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -33,9 +34,9 @@ def fits(monkeypatch: pytest.MonkeyPatch) -> list[float]:
     """The spacings with which spheres were fitted, and not read."""
     spacings: list[float] = []
 
-    def fit(*args: object) -> SphereModel:
-        spacings.append(args[2])  # type: ignore[arg-type]
-        return fit_spheres(*args)  # type: ignore[arg-type]
+    def fit(*args: Any) -> SphereModel:
+        spacings.append(args[2])
+        return fit_spheres(*args)
 
     monkeypatch.setattr(sphere_cache, "fit_spheres", fit)
     return spacings

@@ -54,7 +54,7 @@ def ouster_finding() -> Finding:
 
 
 def sphere_finding() -> Finding:
-    """Tell where the spheres of robots are kept, and of how many."""
+    """Report where the spheres of robots are kept, and of how many."""
     folder = sphere_folder()
     if folder is None or not can_be_written(folder):
         return Finding("spheres of robots cannot be kept, and are fitted anew by every command")

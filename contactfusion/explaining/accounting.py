@@ -150,7 +150,7 @@ def _missing(view: View, spot: Spot, said: Sequence[Said]) -> list[Reason]:
 
 
 def _nothing(fusion: Fusion, spot: Spot, said: Sequence[Said], missing: Sequence[Reason]) -> Reason:
-    """Say that no hypothesis lies here, with the best reason of those that might have."""
+    """Report that no hypothesis lies here, with the best reason of those that might have."""
     if missing and missing[0].why in (Why.EXPIRED, Why.WITHDRAWN):
         return missing[0]
     what = (

@@ -82,7 +82,7 @@ def said_at(view: View, spot: Spot) -> list[Said]:
 
 
 def heard_at(fusion: Fusion, spot: Spot, floor: float) -> tuple[FloatArray, NDArray[np.bool_]]:
-    """Tell how well a spot fits what each source says, and whether its field stands out there.
+    """How well a spot fits the evidence of each source, and whether its field stands out there.
 
     Of evidence and support: the source's factor at the place of the belief that is nearest, as a
     part of its largest; it stands out where the field exceeds its floor. Of null: the factor
@@ -106,7 +106,7 @@ def heard_at(fusion: Fusion, spot: Spot, floor: float) -> tuple[FloatArray, NDAr
 
 
 def shares_at(fusion: Fusion, spot: Spot) -> dict[str, float]:
-    """Give how much each source adds to a belief in a spot, as parts of one; null has none."""
+    """The share of each source in a belief in a spot, summing to 1; Null has none."""
     belief, entries = fusion.field.belief, fusion.field.entries
     assert belief is not None
     squared = ((belief.places - spot.position) ** 2).sum(axis=1)

@@ -146,7 +146,7 @@ def _too_little_mass(view: View, spot: Spot) -> Reason:
 
 
 def _believed(view: View, spot: Spot) -> bool:
-    """Tell whether at least 1 % of a belief lies in a spot, hypotheses or none."""
+    """Whether at least 1 % of a belief lies in a spot, hypotheses or none."""
     return belief_share(view.fusion, spot.position, spot.reach) >= 0.01
 
 

@@ -211,7 +211,7 @@ class LogRecording(Recording):
 
 
 def _unit_meant(step: float, time: TimeConfig) -> str:
-    """Say what makes rows lie so many seconds apart, and which unit would not."""
+    """The clause on the unit or rate that puts rows so far apart [s], and on the unit that fits."""
     if time.rate is not None:
         return f"`rate` is {time.rate:g}, in rows a second"
     seconds = {unit: step * size / NANOSECONDS[time.unit] for unit, size in NANOSECONDS.items()}

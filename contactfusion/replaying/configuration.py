@@ -78,7 +78,7 @@ class Setting:
         return replace(self, fields=with_overrides(dict(self.fields), overrides))
 
     def choosing(self, told: Mapping[str, str], ignored: Sequence[str]) -> "Setting":
-        """Give the setting with further topics by role, and further ones that are not read."""
+        """The setting with further topics by role, and further ones that are not read."""
         return replace(self, told={**self.told, **told}, ignored=(*self.ignored, *ignored))
 
     def text(self, beside: Path) -> str:

@@ -232,7 +232,7 @@ def _refuse_silence(path: Path, session: Session, tally: Tally, summary: Summary
 
 
 def _lost(session: Session) -> Iterator[str]:
-    """Say of which sensors that the pipeline listens to less than half could be used."""
+    """Report the sensors that the pipeline listens to and of which less than half could be used."""
     recording = session.recording
     if not isinstance(recording, RosRecording):
         return

@@ -145,7 +145,7 @@ def _opened(
 def _without(
     path: Path, topics: Mapping[str, type[Reading]], ignored: Sequence[str]
 ) -> Mapping[str, type[Reading]]:
-    """Give the topics that may be read."""
+    """The topics that may be read."""
     names = [topic.removeprefix("/") for topic in ignored]
     for name in names:
         if name not in topics:

@@ -357,7 +357,7 @@ class RobotModel:
         return positions
 
     def _unknown(self, unknown: Sequence[str], joints: JointState | None) -> str:
-        """Say which joint's position is not known, and what places it."""
+        """The sentence on the joints whose position is not known, and on what places them."""
         first = next(name for name in unknown if name not in self._mimics)
         mimics = [name for name, mimic in self._mimics.items() if mimic.joint == first]
         mimicked = "".join(f", which '{name}' mimics" for name in mimics if name in unknown)

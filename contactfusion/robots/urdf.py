@@ -454,7 +454,7 @@ def _number(element: Element, key: str) -> float:
 
 
 def _xacro(text: str) -> str:
-    """Say what to do with an expression that xacro has left in a value."""
+    """The clause on an expression that xacro has left in a value."""
     return ": it is an expression of xacro; put its value there" if "$" in text else ""
 
 

@@ -107,7 +107,7 @@ class Sensors:
         recorder.draw(f"{path}/name", reading.stamp, name)
 
     def _say_lost(self, recorder: Recorder, reading: Reading, places: Places) -> None:
-        """Say once for each frame that what comes in it cannot be drawn, and note since when."""
+        """Report once for each frame that what comes in it cannot be drawn, and note since when."""
         text, why = f"{reading.label} is not drawn", places.why_lost(reading.frame)
         self._absences.add(text, reading.stamp, why)
         if reading.frame not in self._lost:

@@ -167,7 +167,7 @@ class RosRecording(Recording):
         return {topic: Heard(topic, one, tally[topic], {}) for topic, one in found.items()}
 
     def _not_ignored(self) -> dict[str, Topic]:
-        """Give the topics that may be read."""
+        """The topics that may be read."""
         for name in self._config.ignored:
             if name not in self.contents:
                 hint = name_hint(name, self.contents, "topics")
