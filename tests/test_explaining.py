@@ -59,7 +59,7 @@ def test_a_contact_tells_how_its_likelihood_comes_about_and_who_gave_what() -> N
         "tolerance 10.0 mm)"
     )
     assert told_[2:7] == [
-        "contact 1 at (0.003, 0.003, 0.003) m, likelihood 0.90, ± 0.0 mm, 1 voxel",
+        "contact 1 at (0.003, 0.003, 0.003) m, likelihood 0.90, ± 1.4 mm, 1 voxel",
         "  lidar and skin: 1 - (1 - 0.50)(1 - 0.80) = 0.90",
         "  skin (evidence): 0.80, 0.20 s old, share 62%; without it: a contact of likelihood 0.50",
         "  lidar (evidence): 0.50, 0.00 s old, share 38%; without it: a contact of likelihood 0.80",

@@ -67,6 +67,7 @@ class ContactAccount:
     Attributes:
         position: in the account's frame [m].
         likelihood: of the contact.
+        spread: standard deviation of its position along an axis, √(trace covariance / 3) [m].
         dispersion: its standard distance [m].
         voxels: how many it is made of.
         force: on the robot [N]; NaN where none was felt.
@@ -78,6 +79,7 @@ class ContactAccount:
 
     position: Place
     likelihood: float
+    spread: float
     dispersion: float
     voxels: int
     force: Place

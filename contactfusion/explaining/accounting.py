@@ -103,6 +103,7 @@ def _contact(view: View, number: int) -> ContactAccount:
     return ContactAccount(
         position=_plain(contact.position),
         likelihood=contact.likelihood,
+        spread=float(np.sqrt(np.trace(contact.covariance) / 3.0)),
         dispersion=contact.dispersion,
         voxels=contact.voxels,
         force=_plain(contact.force),

@@ -53,7 +53,7 @@ def _contact(number: int, contact: ContactAccount) -> Iterator[str]:
     felt = "" if math.isnan(force) else f", {force:.1f} N"
     yield (
         f"contact {number} at {place_words(contact.position)}, likelihood "
-        f"{contact.likelihood:.2f}, ± {millimetres(contact.dispersion)}, "
+        f"{contact.likelihood:.2f}, ± {millimetres(contact.spread)}, "
         f"{counted(contact.voxels, 'voxel')}{felt}"
     )
     if contact.combination:
