@@ -7,7 +7,7 @@ DEMO_READY := $(VENV)/.ready-demo
 READY := $(VENV)/.ready
 SOAK_SCENARIOS ?= 2000
 
-.PHONY: demo test lint soak bench bare show-recordings show-touch show-push show-sensing show-replay show-grasp train clean
+.PHONY: demo test lint soak bench goldens bare show-recordings show-touch show-push show-sensing show-replay show-grasp train clean
 
 demo: $(DEMO_READY)
 	$(BIN)/contactfusion demo --out out/demo
@@ -27,6 +27,10 @@ soak: $(READY)
 bench: $(READY)
 	$(BIN)/python -m pip install --quiet --constraint constraints.txt --editable '.[bench]'
 	$(BIN)/python -m benchmarks --out out/bench.json
+
+# Whether all example scenes, small experiments, a replay and texts have the bytes of a commit.
+goldens: $(READY)
+	$(BIN)/python scripts/goldens.py $(or $(BASE),HEAD)
 
 show-recordings: $(READY)
 	$(BIN)/contactfusion experiment recordings --out out/recordings
