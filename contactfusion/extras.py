@@ -1,4 +1,4 @@
-"""The extras of contactfusion: which package each brings, and the command that installs one."""
+"""What is installed apart: the extras of contactfusion with their packages, and its laboratory."""
 
 EXTRAS: dict[str, dict[str, str]] = {
     "plot": {"matplotlib": "matplotlib"},
@@ -28,3 +28,8 @@ def extra_of(module: str) -> str | None:
     """Give the extra that brings a module, such as "learn" for "torch.nn"; None: none does."""
     top = module.partition(".")[0]
     return next((extra for extra, packages in EXTRAS.items() if top in packages.values()), None)
+
+
+def in_lab(what: str) -> str:
+    """The sentence that something comes with the laboratory, and the command that installs it."""
+    return f"{what} comes with contactfusion-lab; install it with: pip install contactfusion-lab"

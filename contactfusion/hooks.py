@@ -10,6 +10,7 @@ if TYPE_CHECKING:
     from contactfusion.generator import Generator
     from contactfusion.integrator.condensations import Condensation
     from contactfusion.integrator.rules import Rule
+    from contactfusion.scene import Scene
     from contactfusion.segmenter import Segmenter
 
 GROUP = "contactfusion"
@@ -46,4 +47,10 @@ def contactfusion_condensations() -> "Mapping[str, type[Condensation]]":
 @hookspec
 def contactfusion_segmenters() -> "Mapping[str, type[Segmenter[Any]]]":
     """Offer segmenters: which pixels of an image belong to the object."""
+    return {}
+
+
+@hookspec
+def contactfusion_scenes() -> "Mapping[str, type[Scene]]":
+    """Offer scenes: what a simulated robot does while a pipeline listens."""
     return {}

@@ -165,6 +165,7 @@ def _build(kind: str, name: str) -> None:
     from contactfusion.integrator.config import IntegratorConfig
     from contactfusion.integrator.integrator import built_part
     from contactfusion.pipeline_config import PipelineConfig
+    from contactfusion.scene import scene_class
     from contactfusion.segmenter import built_segmenter, segmenter_class
 
     match kind:
@@ -174,6 +175,8 @@ def _build(kind: str, name: str) -> None:
             built_controller(PipelineConfig(controller={"type": name}))
         case "segmenters":
             built_segmenter(configured(name, segmenter_class(name), {"type": name}, ""))
+        case "scenes":
+            scene_class(name)
         case _:
             built_part(kind, name, IntegratorConfig())
 

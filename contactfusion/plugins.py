@@ -24,7 +24,7 @@ from contactfusion.errors import (
 from contactfusion.extras import extra_of, installs
 from contactfusion.hooks import GROUP
 
-KINDS = ("generators", "controllers", "rules", "condensations", "segmenters")
+KINDS = ("generators", "controllers", "rules", "condensations", "segmenters", "scenes")
 """What plug-ins can offer; the hook of each is ``contactfusion_<kind>``."""
 
 HOME = "contactfusion"

@@ -14,7 +14,7 @@ from contactfusion.readings import Reading, Transform
 from contactfusion.recordings.mcap import McapWriter
 from contactfusion.recordings.reading_messages import topic_of
 from contactfusion.running import RunConfig, naming, opened_scene, run_fields
-from contactfusion.simulation.scene import Facts, Scene
+from contactfusion.scene import Facts, Scene
 from contactfusion.terminal import note
 
 EPOCH_NS = 10**18

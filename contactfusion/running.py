@@ -5,7 +5,7 @@ import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Self
+from typing import Any, Self
 
 from pydantic import Field, model_validator
 
@@ -21,15 +21,12 @@ from contactfusion.recordings.opening import open_recording
 from contactfusion.recordings.recording import Recording
 from contactfusion.replaying.tally import Tally
 from contactfusion.run_results import commands_csv, contacts_csv
-from contactfusion.simulation.scene import heard
+from contactfusion.scene import Scene, heard, open_scene
 from contactfusion.step_summary import Summary, refuse
 from contactfusion.stopwatch import StopWatch
 from contactfusion.terminal import followed, note, progress
 from contactfusion.transforms import transforms_ahead
 from contactfusion.yaml_files import read_yaml, with_overrides
-
-if TYPE_CHECKING:
-    from contactfusion.simulation.scene import Scene
 
 
 class RunConfig(PipelineConfig):
@@ -148,16 +145,14 @@ def naming(path: Path) -> Iterator[None]:
         raise ConfigurationError(f"{path}: {error}") from error
 
 
-def opened_scene(config: RunConfig) -> "Scene":
+def opened_scene(config: RunConfig) -> Scene:
     """Open the scene of a configuration.
 
     Raises:
         ConfigurationError: the description of the scene or of the robot is wrong.
-        DependencyError: pybullet, or what the robot needs, is not installed.
+        PluginError: the scene cannot be used.
+        DependencyError: contactfusion-lab, or what the scene or the robot needs, is not installed.
     """
-    # only here: a recording needs no physics
-    from contactfusion.simulation.opening import open_scene
-
     assert config.robot is not None
     return open_scene(config.scene, config.robot, config.seed, config.folder)
 

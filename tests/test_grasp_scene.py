@@ -25,12 +25,12 @@ from contactfusion.pipeline_config import PipelineConfig
 from contactfusion.readings import JointCommand, JointState, TactileImage, Twist, Wrench
 from contactfusion.robots.model import RobotModel, shared_robot
 from contactfusion.running import run_file
+from contactfusion.scene import open_scene
 from contactfusion.simulation.arm import STEP
 from contactfusion.simulation.grasp import OBJECT, GraspScene, GraspTruth
 from contactfusion.simulation.grasp_config import GraspConfig
 from contactfusion.simulation.grasp_driver import FASTEST, GraspDriver
 from contactfusion.simulation.grasping import GraspCycle, grasped, result_of
-from contactfusion.simulation.opening import open_scene
 from tests.test_docs import unnamed
 
 ROOT = Path(__file__).resolve().parents[1]

@@ -95,10 +95,12 @@ def contactfusion_rules(): return {"c": A}
 def contactfusion_condensations(): return {"d": A}
 @hookimpl
 def contactfusion_segmenters(): return {"e": A}
+@hookimpl
+def contactfusion_scenes(): return {"f": A}
 """
     )
     plugins = Plugins(points=[write("all", source)], strict=True)
-    assert [list(plugins.offers(kind)) for kind in KINDS] == [["a"], ["b"], ["c"], ["d"], ["e"]]
+    assert [[*plugins.offers(kind)] for kind in KINDS] == [[letter] for letter in "abcdef"]
 
 
 def test_two_entry_points_may_lead_to_one_module(write: Writer) -> None:

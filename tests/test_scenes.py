@@ -20,7 +20,7 @@ from contactfusion.pipeline_config import PipelineConfig
 from contactfusion.readings import Reading
 from contactfusion.robots.description import read_robot
 from contactfusion.running import run_file
-from contactfusion.simulation.opening import open_scene
+from contactfusion.scene import open_scene
 from contactfusion.simulation.touch_verdict import compared
 from contactfusion.simulation.touch_world import Touching
 from contactfusion.yaml_files import read_yaml

@@ -13,6 +13,7 @@ from contactfusion.frames import Pose
 from contactfusion.readings import JointCommand, Reading, Wrench
 from contactfusion.robots.model import RobotModel
 from contactfusion.robots.objects import ObjectModel
+from contactfusion.scene import Facts
 from contactfusion.simulation.approach import led_by
 from contactfusion.simulation.arm import STEP
 from contactfusion.simulation.facts import standing, true_contact
@@ -21,7 +22,6 @@ from contactfusion.simulation.grasp_driver import GraspDriver
 from contactfusion.simulation.grasp_picture import Eye
 from contactfusion.simulation.grasp_placing import check_names, facing, placed, starting
 from contactfusion.simulation.grasp_world import GraspWorld
-from contactfusion.simulation.scene import Facts
 from contactfusion.simulation.touch_sensors import TouchSensors
 from contactfusion.simulation.touch_world import contacts_of
 

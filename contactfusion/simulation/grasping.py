@@ -3,15 +3,20 @@
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from typing import Self
 
 import numpy as np
 
 from contactfusion.controllers.grasp_parameters import ENDS, GraspMode
 from contactfusion.errors import ConfigurationError
+from contactfusion.hooks import hookimpl
 from contactfusion.pipeline import Pipeline, Step
 from contactfusion.readings import Reading
+from contactfusion.robots.description import RobotConfig
+from contactfusion.robots.model import shared_robot
+from contactfusion.scene import Facts, Hear, Scene, Verdict
 from contactfusion.simulation.grasp import GraspScene, GraspTruth
-from contactfusion.simulation.scene import Facts, Hear, Scene, Verdict
+from contactfusion.simulation.grasp_config import GraspConfig
 
 TIMEOUT = "timeout"
 """How a grasp ends whose controller comes to no end."""
@@ -137,9 +142,16 @@ class Grasping(Scene):
         scene: at its start.
     """
 
+    Config = GraspConfig
+
     def __init__(self, scene: GraspScene) -> None:
         self._scene = scene
         self._cycles: list[GraspCycle] = []
+
+    @classmethod
+    def opened(cls, config: GraspConfig, robot: RobotConfig, seed: int) -> Self:
+        """A grasp at its start."""
+        return cls(GraspScene(config, shared_robot(robot), seed))
 
     def run(self, pipeline: Pipeline, hear: Hear) -> Iterator[Step]:
         """Let a pipeline grasp until it ends.
@@ -170,3 +182,9 @@ class Grasping(Scene):
                 f"object is {100.0 * result.height:.1f} cm higher{more}: {word}",
             ),
         )
+
+
+@hookimpl
+def contactfusion_scenes() -> dict[str, type[Scene]]:
+    """Offer the scene."""
+    return {"grasp": Grasping}

@@ -10,13 +10,13 @@ from contactfusion.errors import ConfigurationError, RobotError, name_hint
 from contactfusion.frames import pose_at
 from contactfusion.readings import Odometry, Reading, TactileImage, Twist
 from contactfusion.robots.description import RobotConfig, located, read_robot
+from contactfusion.scene import Facts
 from contactfusion.simulation.facts import standing, true_contact
 from contactfusion.simulation.push_bodies import ORIGIN_HEIGHT
 from contactfusion.simulation.push_config import RATE, PushConfig
 from contactfusion.simulation.push_eyes import opened_eyes
 from contactfusion.simulation.push_skin import PushSkin
 from contactfusion.simulation.push_world import PushWorld, Touches
-from contactfusion.simulation.scene import Facts
 
 BASE = "contactfusion.robots:mobile_base.yaml"
 """The base that pushes, unless another is given."""

@@ -4,13 +4,17 @@ import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 from enum import StrEnum
+from typing import Self
 
 from contactfusion.controllers.pushing import ARRIVED
 from contactfusion.errors import ConfigurationError
+from contactfusion.hooks import hookimpl
 from contactfusion.pipeline import Pipeline, Step
 from contactfusion.readings import Reading, Twist
+from contactfusion.robots.description import RobotConfig
+from contactfusion.scene import Facts, Hear, Scene, Verdict
 from contactfusion.simulation.push import PushScene, PushTruth
-from contactfusion.simulation.scene import Facts, Hear, Scene, Verdict
+from contactfusion.simulation.push_config import PushConfig
 
 
 class Ending(StrEnum):
@@ -96,9 +100,16 @@ class Pushing(Scene):
         scene: at its start.
     """
 
+    Config = PushConfig
+
     def __init__(self, scene: PushScene) -> None:
         self._scene = scene
         self._last: Cycle | None = None
+
+    @classmethod
+    def opened(cls, config: PushConfig, robot: RobotConfig, seed: int) -> Self:
+        """A push at its start."""
+        return cls(PushScene(config, robot, seed))
 
     def run(self, pipeline: Pipeline, hear: Hear) -> Iterator[Step]:
         """Let a pipeline push until it ends.
@@ -143,3 +154,9 @@ class Pushing(Scene):
         }
         word = "success" if success else "no success"
         return Verdict(told, (f"{ending} after {truth.stamp:.1f} s; {touches}: {word}",))
+
+
+@hookimpl
+def contactfusion_scenes() -> dict[str, type[Scene]]:
+    """Offer the scene."""
+    return {"push": Pushing}

@@ -3,22 +3,25 @@
 import itertools
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from typing import Self
 
 import numpy as np
 
 from contactfusion.arrays import FloatArray
 from contactfusion.errors import ConfigurationError, RobotError, name_hint
 from contactfusion.frames import Pose, inverse
+from contactfusion.hooks import hookimpl
 from contactfusion.pipeline import Pipeline, Step
 from contactfusion.readings import Reading
-from contactfusion.robots.model import RobotModel
+from contactfusion.robots.description import RobotConfig
+from contactfusion.robots.model import RobotModel, shared_robot
 from contactfusion.robots.objects import ObjectModel
 from contactfusion.robots.solids import Solid
+from contactfusion.scene import Facts, Hear, Scene, Verdict, heard
 from contactfusion.simulation.aim import aimed, drawn_posture, way_to_touch
 from contactfusion.simulation.approach import Approach, led_by, straight, tries
 from contactfusion.simulation.arm import STEP, SpringyArm
 from contactfusion.simulation.facts import standing, true_contact
-from contactfusion.simulation.scene import Facts, Hear, Scene, Verdict, heard
 from contactfusion.simulation.touch_config import TouchConfig
 from contactfusion.simulation.touch_sensors import TouchSensors
 from contactfusion.simulation.touch_verdict import touch_verdict
@@ -76,6 +79,8 @@ class TouchScene(Scene):
         ConfigurationError: a joint or the frame of an object is not what it should be.
     """
 
+    Config = TouchConfig
+
     def __init__(self, config: TouchConfig, robot: RobotModel, seed: int = 0) -> None:
         self.config, self.robot = config, robot
         _check_names(config, robot)
@@ -88,6 +93,11 @@ class TouchScene(Scene):
         self._world = TouchWorld(robot, self._objects, config.friction)
         self._truth: Truth | None = None
         self._stamp, self._moments = 0.0, list[Touching]()
+
+    @classmethod
+    def opened(cls, config: TouchConfig, robot: RobotConfig, seed: int) -> Self:
+        """A touch at its start."""
+        return cls(config, shared_robot(robot), seed)
 
     @property
     def truth(self) -> Truth:
@@ -226,3 +236,9 @@ def _check_names(config: TouchConfig, robot: RobotModel) -> None:
                     f"not in '{one.pose.parent}'",
                     f"{part}.{name}.pose.parent",
                 )
+
+
+@hookimpl
+def contactfusion_scenes() -> dict[str, type[Scene]]:
+    """Offer the scene."""
+    return {"touch": TouchScene}

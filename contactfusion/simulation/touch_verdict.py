@@ -8,7 +8,7 @@ import numpy as np
 from contactfusion.contacts import Contact
 from contactfusion.frames import points_in, vectors_in
 from contactfusion.pipeline import Pipeline, Step
-from contactfusion.simulation.scene import Verdict
+from contactfusion.scene import Verdict
 from contactfusion.simulation.touch_world import Touching
 
 

@@ -1,0 +1,169 @@
+"""The contract of scenes: what a simulated robot does while a pipeline listens."""
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, ClassVar, Self
+
+from contactfusion.contacts import Contact
+from contactfusion.errors import (
+    ConfigurationError,
+    DependencyError,
+    Guard,
+    PluginError,
+    RobotError,
+    name_hint,
+)
+from contactfusion.extras import in_lab
+from contactfusion.model import Model, rooted
+from contactfusion.pipeline import Pipeline, Step
+from contactfusion.plugins import class_fault, configured, installed_plugins, refuse
+from contactfusion.readings import ObjectPose, Reading
+from contactfusion.robots.description import RobotConfig
+from contactfusion.robots.model import shared_robot
+
+LAB_SCENES = ("grasp", "push", "touch")
+"""Scenes that contactfusion-lab brings."""
+Hear = Callable[[Reading], None]
+"""Who hears every reading before the pipeline does."""
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """What really happened in a scene, beside what was found.
+
+    Attributes:
+        truth: for a summary; JSON.
+        sentences: for people.
+    """
+
+    truth: dict[str, Any]
+    sentences: tuple[str, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class Facts:
+    """What is true in a scene at one instant, and no sensor tells.
+
+    Attributes:
+        stamp: [s].
+        frame: of the contacts.
+        contacts: where the robot is touched; each of likelihood 1.
+        objects: where the objects stand, by name.
+    """
+
+    stamp: float
+    frame: str
+    contacts: tuple[Contact, ...]
+    objects: tuple[ObjectPose, ...]
+
+
+class Scene(ABC):
+    """What a simulated robot does while a pipeline listens; can be run once."""
+
+    Config: ClassVar[type[Model]]
+    """The type of the options; a field `type` holds the name of the scene."""
+
+    @classmethod
+    @abstractmethod
+    def opened(cls, config: Any, robot: RobotConfig, seed: int) -> Self:
+        """A scene at its start.
+
+        Args:
+            config: an instance of `Config`.
+            robot: the robot that acts in it.
+            seed: of all chance.
+
+        Raises:
+            ConfigurationError: the options do not fit the robot.
+            DependencyError: a package that the scene needs is not installed.
+        """
+
+    @abstractmethod
+    def run(self, pipeline: Pipeline, hear: Hear) -> Iterator[Step]:
+        """Let a pipeline listen, and act where it has a controller; give its steps.
+
+        Raises:
+            ContactFusionError: the scene cannot be played, or the pipeline does not fit it.
+        """
+
+    @abstractmethod
+    def facts(self) -> Facts:
+        """Tell what is true now; while the scene runs, and when it is over."""
+
+    @abstractmethod
+    def verdict(self, pipeline: Pipeline, last: Step) -> Verdict:
+        """Tell the truth, when all is over.
+
+        Args:
+            pipeline: which listened.
+            last: its last step.
+        """
+
+
+def heard(readings: Iterable[Reading], hear: Hear) -> Iterator[Reading]:
+    """Give readings on, after somebody has heard them."""
+    for reading in readings:
+        hear(reading)
+        yield reading
+
+
+def open_scene(
+    description: Mapping[str, Any], robot: RobotConfig, seed: int = 0, folder: Path = Path()
+) -> Scene:
+    """Open a scene.
+
+    Args:
+        description: its `type` and the fields of its `Config`.
+        robot: the robot that acts in it.
+        seed: of all chance.
+        folder: where relative file names start.
+
+    Raises:
+        ConfigurationError: the description is wrong, or does not fit the robot; the path begins
+            with "scene".
+        PluginError: the scene cannot be used.
+        DependencyError: contactfusion-lab, or what the scene or the robot needs, is not installed.
+    """
+    kind = description.get("type")
+    if not isinstance(kind, str):
+        hint = name_hint("", installed_plugins().offers("scenes"), "types of scene")
+        wrong = "this field is required" if kind is None else f"unknown type '{kind}'"
+        raise ConfigurationError(f"{wrong}; {hint}", "scene.type")
+    cls = scene_class(kind)
+    try:
+        shared_robot(robot)
+    except RobotError as error:
+        raise ConfigurationError(str(error), "robot") from None
+    config = configured(kind, cls, description, "scene")
+    with Guard(f"scene: the plug-in '{kind}'", cls):
+        try:
+            return cls.opened(rooted(config, folder), robot, seed)
+        except ConfigurationError as error:
+            raise error.under("scene") from None
+        except RobotError as error:
+            raise ConfigurationError(str(error), "scene") from None
+
+
+def scene_class(name: str) -> type[Scene]:
+    """The class of a type of scene.
+
+    Raises:
+        ConfigurationError: no such type is installed.
+        PluginError: its class breaks the contract, or cannot be imported.
+        DependencyError: it comes with contactfusion-lab, which is not installed.
+    """
+    plugins = installed_plugins()
+    try:
+        cls: type[Scene] = plugins.find("scenes", name)
+    except PluginError:
+        if name in plugins.failures:
+            raise
+        if name in LAB_SCENES:
+            sentence = in_lab(f"the scene '{name}'")
+            raise DependencyError(f"scene.type: {sentence}") from None
+        hint = name_hint(name, plugins.offers("scenes"), "types of scene")
+        raise ConfigurationError(f"unknown type '{name}'; {hint}", "scene.type") from None
+    refuse(name, cls, class_fault(cls, Scene, Model))
+    return cls
