@@ -3,7 +3,7 @@
 import ast
 import inspect
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from importlib.machinery import ModuleSpec
 from pathlib import Path
 from typing import Any, get_args
@@ -25,8 +25,15 @@ from contactfusion.plugins import (
 )
 
 
-def list_plugins(strict: bool) -> None:
+def list_plugins(
+    strict: bool, commands: Sequence[Plugin] = (), command_failures: Mapping[str, str] | None = None
+) -> None:
     """Print the installed plug-ins with kind and purpose; nothing is imported unless `strict`.
+
+    Args:
+        strict: whether to import and build each.
+        commands: what plug-ins add to the command line; modules as MODULE:FUNCTION.
+        command_failures: why a command cannot be used, by its name.
 
     Raises:
         PluginError: in strict mode, when some cannot be used; all of them are printed.
@@ -39,11 +46,13 @@ def list_plugins(strict: bool) -> None:
     rows = [(*declared(plugin), plugin) for plugin in plugins.listing()]
     for kind, purpose, plugin in sorted(rows, key=lambda row: order.get(row[0], len(order))):
         table.add_row(plugin.name, kind, purpose, plugin.distribution)
+    for plugin in commands:
+        words = plugin.name.replace(".", " ")
+        table.add_row(words, "command", declared_purpose(plugin.module), plugin.distribution)
     console = Console(markup=False, highlight=False)
     console.print(table)
-    found = dict(plugins.failures)
-    if strict:
-        found = dict(_strict_failures(plugins))
+    found = dict(_strict_failures(plugins)) if strict else dict(plugins.failures)
+    found |= command_failures or {}
     for name, why in found.items():
         console.print(f"{name} cannot be used: {why}", soft_wrap=True)
     if strict and found:
@@ -93,11 +102,24 @@ def declared(plugin: Plugin) -> tuple[str, str]:
     return ", ".join(kinds), ""
 
 
+def declared_purpose(name: str) -> str:
+    """The first line of the docstring of a function, MODULE:FUNCTION, that is not imported."""
+    module, _, function = name.partition(":")
+    return _purpose(_parsed(module), function)
+
+
 def _purpose(module: ast.Module, name: str) -> str:
-    """The first line of a class's docstring, also where the class is imported from elsewhere."""
+    """The first line of a docstring, or the `help` of a group of commands; imports are followed."""
     for node in module.body:
-        if isinstance(node, ast.ClassDef) and node.name == name:
+        if isinstance(node, ast.ClassDef | ast.FunctionDef) and node.name == name:
             return _first_line(ast.get_docstring(node))
+        if isinstance(node, ast.Assign) and isinstance(node.value, ast.Call):
+            if any(isinstance(target, ast.Name) and target.id == name for target in node.targets):
+                return "".join(
+                    str(ast.literal_eval(keyword.value))
+                    for keyword in node.value.keywords
+                    if keyword.arg == "help" and isinstance(keyword.value, ast.Constant)
+                )
         if isinstance(node, ast.ImportFrom) and node.module and not node.level:
             for alias in node.names:
                 if (alias.asname or alias.name) == name:

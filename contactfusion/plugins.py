@@ -28,7 +28,8 @@ KINDS = ("generators", "controllers", "rules", "condensations", "segmenters", "s
 """What plug-ins can offer; the hook of each is ``contactfusion_<kind>``."""
 
 HOME = "contactfusion"
-"""The distribution whose names are taken first."""
+HOMES = (HOME, "contactfusion-lab")
+"""The distributions whose names are taken first."""
 NOBODY = "no distribution"
 """What stands for the distribution of an entry point that has none."""
 
@@ -69,7 +70,7 @@ class Plugins:
         self.failures: dict[str, str] = {}
         """Why a plug-in could not be used, by its name."""
         found = entry_points(group=GROUP) if points is None else points
-        for point in sorted(found, key=lambda p: (_owner(p) != HOME, _owner(p), p.name)):
+        for point in in_order(found):
             if point.name in self._points:
                 owner = _distribution(self._points[point.name])
                 self._fail(
@@ -81,10 +82,7 @@ class Plugins:
 
     def listing(self) -> tuple[Plugin, ...]:
         """List what is installed, without importing any of it."""
-        return tuple(
-            Plugin(point.name, point.module, _distribution(point))
-            for point in self._points.values()
-        )
+        return tuple(map(plugin_of, self._points.values()))
 
     def find(self, kind: str, name: str) -> type[Any]:
         """Give the class that a plug-in offers under a name; import no more than needed.
@@ -228,6 +226,16 @@ def configured(name: str, cls: type[Any], options: Mapping[str, Any], path: str)
 def installed_plugins() -> Plugins:
     """Give the plug-ins that are installed; found once in a process."""
     return Plugins()
+
+
+def in_order(points: Iterable[EntryPoint]) -> list[EntryPoint]:
+    """Entry points in the order in which they take names: those of contactfusion first."""
+    return sorted(points, key=lambda p: (_owner(p) not in HOMES, _owner(p), p.name))
+
+
+def plugin_of(point: EntryPoint) -> Plugin:
+    """The plug-in of an entry point; nothing is imported."""
+    return Plugin(point.name, point.module, _distribution(point))
 
 
 def _owner(point: EntryPoint) -> str:

@@ -5,6 +5,7 @@ import os
 import signal
 import sys
 import traceback
+from collections.abc import Mapping
 from importlib.metadata import version
 from typing import Annotated, Any
 
@@ -14,6 +15,7 @@ from typer.main import get_command
 from contactfusion import terminal
 from contactfusion.cli import recordings, running
 from contactfusion.cli.experiments import experiments
+from contactfusion.cli.plugin_commands import PluginGroup, add_commands
 from contactfusion.cli.tuning import train, tune
 from contactfusion.errors import ContactFusionError, cause_in
 
@@ -27,6 +29,7 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     add_completion=False,
     context_settings={"help_option_names": ["-h", "--help"]},
+    cls=PluginGroup,
 )
 for function in (
     running.demo,
@@ -108,7 +111,8 @@ def main() -> None:
     signal.signal(signal.SIGTERM, signal.default_int_handler)  # as Ctrl-C: what is whole is kept
     terminal.set_quiet(False)
     try:
-        _command_line()()
+        program, _ = command_line()
+        program()
     except KeyboardInterrupt:
         sys.exit(130)
     except Exception as error:
@@ -123,14 +127,21 @@ def _unexpected(error: Exception) -> str:
     return f"failed with {cause_in(error, __name__)}; run it with --debug for the traceback"
 
 
-def _command_line() -> Any:
-    """All commands, with the options of the program that each command takes, too."""
-    whole = get_command(app)
-    shared = [option for option in whole.params if EVERYWHERE.intersection(option.opts)]
-    commands: list[Any] = [whole]
-    while commands:
-        inner = [*getattr(commands.pop(), "commands", {}).values()]
-        for command in inner:
+def command_line() -> tuple[Any, Mapping[str, str]]:
+    """The program with the commands of plug-ins.
+
+    Returns:
+        All commands, each with the options of the program that any command takes, too; and why
+        a plug-in's command was left out, by its name.
+    """
+    program: Any = get_command(app)
+    shared = [option for option in program.params if EVERYWHERE.intersection(option.opts)]
+
+    def share(command: Any) -> None:
+        if command is not program:
             command.params.extend(shared)
-        commands += inner
-    return whole
+        for inner in getattr(command, "commands", {}).values():
+            share(inner)
+
+    share(program)
+    return program, add_commands(program, share)

@@ -85,10 +85,14 @@ def plugins(
     strict: Annotated[bool, typer.Option(help="Import all; fail if one cannot be used.")] = False,
 ) -> None:
     """List the installed plug-ins, or the options of one."""
+    from contactfusion import cli
+    from contactfusion.cli.plugin_commands import import_failures, installed_commands
     from contactfusion.listing import describe_plugin, list_plugins
 
     if name is None:
-        list_plugins(strict)
+        _, failures = cli.command_line()
+        broken = import_failures() if strict else {}
+        list_plugins(strict, installed_commands(), {**failures, **broken})
     else:
         describe_plugin(name)
 

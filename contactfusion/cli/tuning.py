@@ -6,10 +6,11 @@ from typing import Annotated
 import typer
 
 from contactfusion.cli.options import Changed, Configured, Ignored, Out, Topics, roles
+from contactfusion.cli.plugin_commands import PluginGroup
 
 tune = typer.Typer(
     name="tune", help="Search parameters, and confirm the best.",
-    no_args_is_help=True,
+    no_args_is_help=True, cls=PluginGroup,
 )  # fmt: skip
 train = typer.Typer(
     name="train", help="Train networks in simulation, from scratch.", no_args_is_help=True,
