@@ -8,12 +8,12 @@ import numpy as np
 from benchmarks.interleave import Spread
 from benchmarks.table import Row
 from contactfusion.controllers.pushing_parameters import SETS
-from contactfusion.experiments.push.plan import read_plan
-from contactfusion.experiments.push.targets import read_targets
-from contactfusion.experiments.push.trial import run_trial
-from contactfusion.experiments.push.watches import Cost
-from contactfusion.simulation.push_config import SkinConfig
-from contactfusion.tuning.rating import random_pushes, rate_in_plane
+from contactfusion_lab.experiments.push.plan import read_plan
+from contactfusion_lab.experiments.push.targets import read_targets
+from contactfusion_lab.experiments.push.trial import run_trial
+from contactfusion_lab.experiments.push.watches import Cost
+from contactfusion_lab.simulation.push_config import SkinConfig
+from contactfusion_lab.tune_push.rating import random_pushes, rate_in_plane
 
 TARGETS, SEED = "random:12", 7
 """Two pushes of each of the paper's objects and each friction."""

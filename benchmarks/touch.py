@@ -11,11 +11,11 @@ import numpy as np
 from benchmarks.interleave import Spread, interleave, timed
 from benchmarks.table import Row
 from contactfusion import Pipeline
-from contactfusion.experiments.touch.plan import DEFAULT, Plan, Touch, read_plan
 from contactfusion.pipeline_config import PipelineConfig
 from contactfusion.readings import PointCloud, Reading, Wrench
 from contactfusion.robots.model import shared_robot
-from contactfusion.simulation.touch import TouchScene
+from contactfusion_lab.experiments.touch.plan import DEFAULT, Plan, Touch, read_plan
+from contactfusion_lab.simulation.touch import TouchScene
 
 POINTS = 20_000
 """Of a cloud."""

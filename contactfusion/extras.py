@@ -3,7 +3,7 @@
 EXTRAS: dict[str, dict[str, str]] = {
     "plot": {"matplotlib": "matplotlib"},
     "robot": {"pin": "pinocchio", "open3d-cpu": "open3d"},
-    "sim": {"pybullet": "pybullet", "gymnasium": "gymnasium"},
+    "sim": {"pybullet": "pybullet"},
     "learn": {"torch": "torch", "safetensors": "safetensors"},
     "vision": {"opencv-python-headless": "cv2", "open3d-cpu": "open3d"},
     "sam": {"transformers": "transformers"},

@@ -1,12 +1,13 @@
 """Files: written whole or not at all, where a name may lead, and what to say of a missing one."""
 
+import json
 import os
 import secrets
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from difflib import get_close_matches
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 from contactfusion.errors import ConfigurationError, ContactFusionError, WritingError
 
@@ -118,3 +119,25 @@ def require_file(path: Path, error: type[ContactFusionError]) -> None:
     close = get_close_matches(path.name, [entry.name for entry in path.parent.iterdir()], n=1)
     hint = f"; did you mean '{close[0]}'?" if close else ""
     raise error(f"there is no file '{path.name}' in {path.parent.resolve()}{hint}")
+
+
+def require_settings(settings: dict[str, Any], out: Path) -> None:
+    """Make sure that a folder holds the work of these settings and no other.
+
+    Raises:
+        ConfigurationError: it holds something else.
+    """
+    settings, path = json.loads(json.dumps(settings)), out / "settings.json"
+    if path.is_file():
+        try:
+            held = dict(json.loads(path.read_text()))
+        except (ValueError, TypeError):
+            raise ConfigurationError(f"{path} is damaged: give another --out") from None
+        other = [name for name in {**held, **settings} if held.get(name) != settings.get(name)]
+        if other:
+            raise ConfigurationError(
+                f"{out} holds work of other {' and '.join(other)}: give another --out"
+            )
+    elif any(out.iterdir()):
+        raise ConfigurationError(f"{out} holds something else: give another --out")
+    write_whole(path, json.dumps(settings, indent=1) + "\n")

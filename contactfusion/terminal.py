@@ -1,6 +1,7 @@
 """What a command shows beside its results: notes on stdout, and progress on stderr."""
 
 import sys
+import time
 from collections.abc import Callable, Generator, Iterable, Iterator
 from contextlib import ExitStack, contextmanager
 from typing import Protocol, TextIO, TypeVar, final
@@ -109,3 +110,34 @@ def _compilation(describe: Callable[[str], None], task: str) -> Iterator[None]:
 
     with install_listener("numba:compile", Compilation()):
         yield
+
+
+class Progress:
+    """Reports on stderr how much is done, and how long the rest will take.
+
+    Args:
+        what: is counted.
+        total: of them.
+    """
+
+    def __init__(self, what: str, total: int) -> None:
+        self._what, self._total = what, total
+        self._done = self._skipped = 0
+        self._start = self._told = time.monotonic()
+
+    def skip(self, count: int) -> None:
+        """Note what was done before."""
+        self._skipped += count
+
+    def add(self, count: int) -> None:
+        """Note what is done now."""
+        self._done += count
+        now, there = time.monotonic(), self._done + self._skipped
+        tty = sys.stderr.isatty()
+        if there < self._total and now - self._told < (0.5 if tty else 20.0):
+            return
+        self._told = now
+        left = (now - self._start) / self._done * (self._total - there)
+        end = "\r" if tty and there < self._total else "\n"
+        text = f"  {there} of {self._total} {self._what}, {left:.0f} s left "
+        note(text, end, sys.stderr)

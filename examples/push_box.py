@@ -14,9 +14,9 @@ from contactfusion import IntegratorConfig, Pipeline, PipelineConfig
 from contactfusion.figures import new_figure
 from contactfusion.files import make_folder
 from contactfusion.robots.description import located, read_robot
-from contactfusion.simulation.push import PushScene
-from contactfusion.simulation.push_config import PushConfig
-from contactfusion.simulation.pushing import pushed
+from contactfusion_lab.simulation.push import PushScene
+from contactfusion_lab.simulation.push_config import PushConfig
+from contactfusion_lab.simulation.pushing import pushed
 
 TARGET = (-1.0, 1.0)
 

@@ -18,8 +18,8 @@ from contactfusion.robots.description import located, read_robot
 from contactfusion.robots.model import RobotModel
 from contactfusion.robots.objects import ObjectConfig
 from contactfusion.shapes import ShapeConfig
-from contactfusion.simulation.touch import TouchScene
-from contactfusion.simulation.touch_config import TouchConfig
+from contactfusion_lab.simulation.touch import TouchScene
+from contactfusion_lab.simulation.touch_config import TouchConfig
 
 out = Path(sys.argv[1] if len(sys.argv) > 1 else "out/touch_box")
 

@@ -12,9 +12,9 @@ from contactfusion.arrays import FloatArray
 from contactfusion.frames import Pose, inverse, points_in, pose_at
 from contactfusion.robots.model import RobotModel
 from contactfusion.robots.objects import ObjectConfig, ObjectModel
-from contactfusion.simulation.aim import FAR, aimed, drawn_posture, way_to_touch
-from contactfusion.simulation.approach import Approach, led_by, solved, straight, tries
-from contactfusion.simulation.touch_config import TouchConfig
+from contactfusion_lab.simulation.aim import FAR, aimed, drawn_posture, way_to_touch
+from contactfusion_lab.simulation.approach import Approach, led_by, solved, straight, tries
+from contactfusion_lab.simulation.touch_config import TouchConfig
 from tests.hands import slide
 from tests.test_touch_world import poker
 from tests.urdfs import ARM_HAND, real

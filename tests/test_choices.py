@@ -3,7 +3,7 @@
 import pytest
 
 from contactfusion.errors import ConfigurationError
-from contactfusion.experiments.choices import trial_called
+from contactfusion_lab.experiments.choices import trial_called
 
 TRIALS = {"skin/tuned/box-1": 1, "skin/tuned/chair-1": 2, "lidar/tuned/box-1": 3}
 

@@ -14,15 +14,15 @@ from PIL import Image
 from rich.console import Console
 
 from contactfusion.cli import app
-from contactfusion.demo import run as demo
-from contactfusion.demo.account import Story
-from contactfusion.demo.run import show
-from contactfusion.demo.scene import DIES, scene_fields
-from contactfusion.demo.telling import told
 from contactfusion.errors import ConfigurationError, ContactFusionError, DependencyError
 from contactfusion.recordings import messages
 from contactfusion.replaying.configuration import setting_of_recording
 from contactfusion.running import run_file
+from contactfusion_lab.demo import run as demo
+from contactfusion_lab.demo.account import Story
+from contactfusion_lab.demo.run import show
+from contactfusion_lab.demo.scene import DIES, scene_fields
+from contactfusion_lab.demo.telling import told
 
 RULE = "lidar_rule"
 """In place of networks, which come with the package only once they are trained."""
@@ -218,7 +218,7 @@ def test_without_networks_it_is_one_sentence(
     def nowhere() -> Path:
         return tmp_path / "contact.safetensors"
 
-    monkeypatch.setattr("contactfusion.demo.scene.shipped", nowhere)
+    monkeypatch.setattr("contactfusion_lab.demo.scene.shipped", nowhere)
     with pytest.raises(ConfigurationError, match="contact.safetensors is missing"):
         show(tmp_path)
 

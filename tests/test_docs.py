@@ -24,10 +24,10 @@ from contactfusion.robots.model import RobotModel
 from contactfusion.robots.objects import ObjectConfig
 from contactfusion.robots.posed import PosedRobot
 from contactfusion.running import RunConfig, run_file
-from contactfusion.simulation.noise import NOISES, TouchNoise
-from contactfusion.simulation.touch_config import TouchConfig
 from contactfusion.testing import example_reading
 from contactfusion.yaml_files import read_yaml
+from contactfusion_lab.simulation.noise import NOISES, TouchNoise
+from contactfusion_lab.simulation.touch_config import TouchConfig
 
 ROOT = Path(__file__).resolve().parents[1]
 CONFIGURATION = ROOT / "docs" / "configuration.md"

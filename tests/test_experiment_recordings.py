@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from contactfusion.errors import PluginError
-from contactfusion.experiments import eflesh, force_plates, icub, recordings
-from contactfusion.experiments.measures import Measure
-from contactfusion.experiments.methods import Method
 from contactfusion.readings import TactileImage
+from contactfusion_lab.experiments import eflesh, force_plates, icub, recordings
+from contactfusion_lab.experiments.measures import Measure
+from contactfusion_lab.experiments.methods import Method
 from tests.real_data import real_data
 
 POSTERIOR = Method("posterior", "modes")

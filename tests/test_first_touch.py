@@ -9,13 +9,13 @@ from scipy.spatial.transform import Rotation
 
 from contactfusion import HypothesisCloud, HypothesisKind
 from contactfusion.errors import ConfigurationError, RobotError
-from contactfusion.experiments.touch.plan import DEFAULT, read_plan
-from contactfusion.experiments.touch.rows import ROWS, everything
 from contactfusion.generators.first_touch import FirstTouchConfig, FirstTouchGenerator
 from contactfusion.generators.sliding import NODES, DistanceGrid, Tufts, first_touches, shared_grid
 from contactfusion.readings import ObjectPose
 from contactfusion.robots.model import RobotModel
 from contactfusion.robots.objects import ObjectConfig, ObjectModel
+from contactfusion_lab.experiments.touch.plan import DEFAULT, read_plan
+from contactfusion_lab.experiments.touch.rows import ROWS, everything
 from tests.hands import joints, slide, state
 
 SPHERE = {"shape": "sphere", "radius": 0.05}

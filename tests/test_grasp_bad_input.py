@@ -5,11 +5,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from contactfusion.experiments.grasp.plan import Column
-from contactfusion.experiments.methods import Method
 from contactfusion.fault_config import FaultFile
-from contactfusion.simulation.grasp import GraspScene
-from contactfusion.simulation.grasping import GraspCycle, result_of
+from contactfusion_lab.experiments.grasp.plan import Column
+from contactfusion_lab.experiments.methods import Method
+from contactfusion_lab.simulation.grasp import GraspScene
+from contactfusion_lab.simulation.grasping import GraspCycle, result_of
 from tests.test_grasp_scene import PAPERS, PLAN, played, scene
 
 ALL = Column("all", Method("de_morgan", "cluster_centroid"))
@@ -57,7 +57,7 @@ def success(one: GraspScene, cycles: list[GraspCycle]) -> bool:
 
 
 def elsewhere(*xyz: float) -> dict[str, Any]:
-    urdf = "contactfusion.experiments.grasp:bottle.urdf"
+    urdf = "contactfusion_lab.experiments.grasp:bottle.urdf"
     return {"urdf": urdf, "pose": {"parent": "base", "xyz": list(xyz)}}
 
 

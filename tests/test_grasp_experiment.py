@@ -16,10 +16,16 @@ from typer.testing import CliRunner
 
 from contactfusion.cli import app
 from contactfusion.errors import ConfigurationError, RobotError
-from contactfusion.experiments.grasp import experiment, tables
-from contactfusion.experiments.grasp import film as filming
-from contactfusion.experiments.grasp.experiment import COLUMNS, Options, columns_of, run_grasp
-from contactfusion.experiments.grasp.plan import (
+from contactfusion.fault_config import Fault, FaultFile
+from contactfusion.files import make_folder
+from contactfusion.pipeline import Pipeline
+from contactfusion.replaying.configuration import setting_of_recording
+from contactfusion.replaying.session import Session
+from contactfusion.robots.model import shared_robot
+from contactfusion_lab.experiments.grasp import experiment, tables
+from contactfusion_lab.experiments.grasp import film as filming
+from contactfusion_lab.experiments.grasp.experiment import COLUMNS, Options, columns_of, run_grasp
+from contactfusion_lab.experiments.grasp.plan import (
     DEFAULT,
     NONE,
     Column,
@@ -27,18 +33,12 @@ from contactfusion.experiments.grasp.plan import (
     Plan,
     chosen_sources,
 )
-from contactfusion.experiments.grasp.reading import check_columns, read_plan
-from contactfusion.experiments.grasp.recorded import recorded
-from contactfusion.experiments.grasp.trial import Row, load, results_csv, run_trial, save
-from contactfusion.experiments.methods import Method
-from contactfusion.fault_config import Fault, FaultFile
-from contactfusion.files import make_folder
-from contactfusion.pipeline import Pipeline
-from contactfusion.replaying.configuration import setting_of_recording
-from contactfusion.replaying.session import Session
-from contactfusion.robots.model import shared_robot
-from contactfusion.simulation.grasp import GraspScene
-from contactfusion.simulation.grasping import grasped
+from contactfusion_lab.experiments.grasp.reading import check_columns, read_plan
+from contactfusion_lab.experiments.grasp.recorded import recorded
+from contactfusion_lab.experiments.grasp.trial import Row, load, results_csv, run_trial, save
+from contactfusion_lab.experiments.methods import Method
+from contactfusion_lab.simulation.grasp import GraspScene
+from contactfusion_lab.simulation.grasping import grasped
 
 DE_MORGAN = Method("de_morgan", "cluster_centroid")
 OPEN_LOOP = Column(NONE, DE_MORGAN)
@@ -182,7 +182,7 @@ def test_cameras_are_on_where_anybody_looks_through_them() -> None:
 
 def test_each_object_changes_the_scene() -> None:
     scenes = plan(things=["bottle", "mug", "carton"], noise="none").scenes
-    assert scenes["bottle"].object.urdf == "contactfusion.experiments.grasp:bottle.urdf"
+    assert scenes["bottle"].object.urdf == "contactfusion_lab.experiments.grasp:bottle.urdf"
     assert scenes["carton"].mass == 0.5
     assert scenes["mug"].noise.force == 0.0
 

@@ -15,9 +15,6 @@ from contactfusion.arrays import FloatArray
 from contactfusion.controller import Command
 from contactfusion.controllers.grasp_parameters import GraspMode, ReactiveGraspConfig
 from contactfusion.errors import ConfigurationError, RobotError
-from contactfusion.experiments.grasp.plan import DEFAULT, NONE, Column
-from contactfusion.experiments.grasp.reading import read_plan
-from contactfusion.experiments.methods import Method
 from contactfusion.frames import inverse, pose_of
 from contactfusion.integrator.config import IntegratorConfig
 from contactfusion.pipeline import Pipeline, Step
@@ -26,11 +23,14 @@ from contactfusion.readings import JointCommand, JointState, TactileImage, Twist
 from contactfusion.robots.model import RobotModel, shared_robot
 from contactfusion.running import run_file
 from contactfusion.scene import open_scene
-from contactfusion.simulation.arm import STEP
-from contactfusion.simulation.grasp import OBJECT, GraspScene, GraspTruth
-from contactfusion.simulation.grasp_config import GraspConfig
-from contactfusion.simulation.grasp_driver import FASTEST, GraspDriver
-from contactfusion.simulation.grasping import GraspCycle, grasped, result_of
+from contactfusion_lab.experiments.grasp.plan import DEFAULT, NONE, Column
+from contactfusion_lab.experiments.grasp.reading import read_plan
+from contactfusion_lab.experiments.methods import Method
+from contactfusion_lab.simulation.arm import STEP
+from contactfusion_lab.simulation.grasp import OBJECT, GraspScene, GraspTruth
+from contactfusion_lab.simulation.grasp_config import GraspConfig
+from contactfusion_lab.simulation.grasp_driver import FASTEST, GraspDriver
+from contactfusion_lab.simulation.grasping import GraspCycle, grasped, result_of
 from tests.test_docs import unnamed
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -522,7 +522,7 @@ def test_shapes_without_a_mass_are_refused() -> None:
 
 
 def test_an_object_out_of_reach_is_told_in_a_sentence() -> None:
-    far = {"urdf": "contactfusion.experiments.grasp:bottle.urdf"}
+    far = {"urdf": "contactfusion_lab.experiments.grasp:bottle.urdf"}
     far_away: dict[str, Any] = {**far, "pose": {"parent": "base", "xyz": [1.6, 0.0, 0.25]}}
     with pytest.raises(RobotError, match="does not reach where the grasp begins.*out of its reach"):
         scene(object=far_away)

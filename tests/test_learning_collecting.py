@@ -14,14 +14,14 @@ from contactfusion.generators.lidar_cpm import LidarCpmGenerator
 from contactfusion.generators.network_card import KINDS
 from contactfusion.generators.perceived import ROBOT
 from contactfusion.generators.proximity import without
-from contactfusion.learning import collecting
-from contactfusion.learning.collecting import ONCE_MORE, PROXIMITY, live
-from contactfusion.learning.lessons import MOUNTINGS, Detour, Lesson, Motion
-from contactfusion.learning.trials import save
 from contactfusion.readings import PointCloud, Reading
-from contactfusion.simulation.push import PushScene, PushTruth
-from contactfusion.simulation.push_config import PushConfig
 from contactfusion.state import State
+from contactfusion_lab.learning import collecting
+from contactfusion_lab.learning.collecting import ONCE_MORE, PROXIMITY, live
+from contactfusion_lab.learning.lessons import MOUNTINGS, Detour, Lesson, Motion
+from contactfusion_lab.learning.trials import save
+from contactfusion_lab.simulation.push import PushScene, PushTruth
+from contactfusion_lab.simulation.push_config import PushConfig
 from tests.test_networks import some_weights, write
 from tests.test_push_world import base
 

@@ -9,9 +9,9 @@ from typing import Any
 import pytest
 
 from contactfusion.controllers.face import FaceConfig
-from contactfusion.experiments.push.steering import controller_options
-from contactfusion.experiments.push.targets import GRID, NEW, REAL_NEAR, VALIDATION
-from contactfusion.learning.lessons import (
+from contactfusion_lab.experiments.push.steering import controller_options
+from contactfusion_lab.experiments.push.targets import GRID, NEW, REAL_NEAR, VALIDATION
+from contactfusion_lab.learning.lessons import (
     FIELD,
     MOUNTINGS,
     NEAREST,
@@ -25,8 +25,8 @@ from contactfusion.learning.lessons import (
     driven_lessons,
     first_lessons,
 )
-from contactfusion.simulation.push_config import PushConfig
-from contactfusion.simulation.push_names import FRICTIONS, PAPER
+from contactfusion_lab.simulation.push_config import PushConfig
+from contactfusion_lab.simulation.push_names import FRICTIONS, PAPER
 
 VARIED = 60
 

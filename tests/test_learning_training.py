@@ -14,12 +14,12 @@ from numpy.typing import NDArray
 from contactfusion.errors import ConfigurationError, ContactFusionError, DependencyError
 from contactfusion.generators.lstm import Weights, tensor_shapes
 from contactfusion.generators.networks import OUTPUTS
-from contactfusion.learning import training
-from contactfusion.learning.networks import Name, gathered, predict
-from contactfusion.learning.training import Options, Told, Trained, train
-from contactfusion.learning.trials import LabelledTrial, Split
-from contactfusion.learning.windows import WINDOW, Dataset
 from contactfusion.npz_files import read_arrays, write_npz
+from contactfusion_lab.learning import training
+from contactfusion_lab.learning.networks import Name, gathered, predict
+from contactfusion_lab.learning.training import Options, Told, Trained, train
+from contactfusion_lab.learning.trials import LabelledTrial, Split
+from contactfusion_lab.learning.windows import WINDOW, Dataset
 from tests.learning_toys import EMPTY, MIDDLES, toy_trial, toy_trials
 
 DATA = Dataset.of(toy_trials(4, 2))
@@ -247,7 +247,7 @@ def test_every_window_is_seen_in_turn(tmp_path: Path, monkeypatch: pytest.Monkey
             seen.append(starts.tolist())
         return gathered(rows, starts)
 
-    monkeypatch.setattr("contactfusion.learning.training.gathered", noting)
+    monkeypatch.setattr("contactfusion_lab.learning.training.gathered", noting)
     train("type", DATA, Options(epochs=3, batch=1000, stride=3), tmp_path)
     assert [len(starts) for starts in seen] == [160, 160, 160]
     assert sorted(sum(seen, [])) == sorted(DATA.training.starts.tolist())
@@ -330,6 +330,6 @@ def test_options_that_make_no_sense_are_told(field: str) -> None:
 
 def test_a_missing_torch_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "torch", None)
-    monkeypatch.delitem(sys.modules, "contactfusion.learning.backend")
+    monkeypatch.delitem(sys.modules, "contactfusion_lab.learning.backend")
     with pytest.raises(DependencyError, match=r"torch is not installed.*contactfusion\[learn\]"):
-        importlib.import_module("contactfusion.learning.backend")
+        importlib.import_module("contactfusion_lab.learning.backend")

@@ -7,8 +7,8 @@ import pytest
 
 from contactfusion.arrays import FloatArray
 from contactfusion.errors import ConfigurationError
-from contactfusion.learning.trials import LabelledTrial
-from contactfusion.learning.windows import Dataset, Windows
+from contactfusion_lab.learning.trials import LabelledTrial
+from contactfusion_lab.learning.windows import Dataset, Windows
 from tests.learning_toys import toy_trial, toy_trials
 
 

@@ -3,8 +3,8 @@
 import pytest
 
 from contactfusion.errors import ConfigurationError, PluginError
-from contactfusion.experiments.methods import Method, with_spreads
 from contactfusion.integrator.config import IntegratorConfig
+from contactfusion_lab.experiments.methods import Method, with_spreads
 
 DE_MORGAN = Method("de_morgan", "cluster_centroid")
 POSTERIOR = Method("posterior", "modes")

@@ -10,13 +10,13 @@ import pytest
 
 from contactfusion import cli, doctor
 from contactfusion.errors import DependencyError, RecordingError
-from contactfusion.experiments import ouster as experiment
-from contactfusion.experiments.proximity_loops import by_loops
 from contactfusion.generators.proximity import ProximityConfig
 from contactfusion.readings import PointCloud
 from contactfusion.recordings import ouster, ouster_converter
 from contactfusion.recordings.ouster_converter import ConversionError
 from contactfusion.recordings.ros import RosConfig, RosRecording
+from contactfusion_lab.experiments import ouster as experiment
+from contactfusion_lab.experiments.proximity_loops import by_loops
 from tests.real_data import real_data
 
 EPOCH = 1_651_329_893_557_452_800

@@ -19,20 +19,20 @@ from contactfusion.pipeline import Pipeline
 from contactfusion.pipeline_config import PipelineConfig
 from contactfusion.readings import TactileImage
 from contactfusion.robots.description import located, read_robot
-from contactfusion.simulation.planar import (
+from contactfusion_lab.simulation.planar import (
     FRONT,
     HALF_WIDTH,
     REAR,
     PlanarPush,
     planar_trial,
 )
-from contactfusion.simulation.planar_skin import STRIPS
-from contactfusion.simulation.push import BASE
-from contactfusion.simulation.push_config import RATE, PushConfig, SkinConfig
-from contactfusion.simulation.push_names import FRICTIONS
-from contactfusion.simulation.push_skin import PushSkin
-from contactfusion.simulation.push_world import PushWorld
-from contactfusion.simulation.pushing import Ending
+from contactfusion_lab.simulation.planar_skin import STRIPS
+from contactfusion_lab.simulation.push import BASE
+from contactfusion_lab.simulation.push_config import RATE, PushConfig, SkinConfig
+from contactfusion_lab.simulation.push_names import FRICTIONS
+from contactfusion_lab.simulation.push_skin import PushSkin
+from contactfusion_lab.simulation.push_world import PushWorld
+from contactfusion_lab.simulation.pushing import Ending
 
 OBJECTS = ["box", "cylinder", "nonuniform", "lshape", "prism", "light_cylinder"]
 Twist = tuple[float, float, float]

@@ -6,9 +6,9 @@ from typing import Any
 import pytest
 
 from contactfusion.errors import ConfigurationError
-from contactfusion.simulation.push_config import PushConfig
-from contactfusion.simulation.push_names import PAPER, named_object
-from contactfusion.simulation.push_shapes import BoxConfig
+from contactfusion_lab.simulation.push_config import PushConfig
+from contactfusion_lab.simulation.push_names import PAPER, named_object
+from contactfusion_lab.simulation.push_shapes import BoxConfig
 
 
 def config(**fields: Any) -> PushConfig:

@@ -17,19 +17,19 @@ import pytest
 
 from contactfusion.controllers.pushing_parameters import SETS
 from contactfusion.errors import ConfigurationError, ContactFusionError, RobotError
-from contactfusion.experiments.push import checks, experiment
-from contactfusion.experiments.push.experiment import Options, run_push
-from contactfusion.experiments.push.plan import Plan, Push, read_plan
-from contactfusion.experiments.push.steering import controller_options
-from contactfusion.experiments.push.targets import GRID, NAMED, Targets, read_targets
-from contactfusion.experiments.push.trial import KINDS, load, run_trial, save
-from contactfusion.experiments.workers import Died
 from contactfusion.robots.description import PatchOnLink
-from contactfusion.simulation.push_config import SkinConfig
-from contactfusion.simulation.push_names import named_object, read_object
-from contactfusion.simulation.push_skin import with_taxels
-from contactfusion.simulation.push_surfaces import outlines
-from contactfusion.simulation.push_world import PushWorld
+from contactfusion_lab.experiments.push import checks, experiment
+from contactfusion_lab.experiments.push.experiment import Options, run_push
+from contactfusion_lab.experiments.push.plan import Plan, Push, read_plan
+from contactfusion_lab.experiments.push.steering import controller_options
+from contactfusion_lab.experiments.push.targets import GRID, NAMED, Targets, read_targets
+from contactfusion_lab.experiments.push.trial import KINDS, load, run_trial, save
+from contactfusion_lab.experiments.workers import Died
+from contactfusion_lab.simulation.push_config import SkinConfig
+from contactfusion_lab.simulation.push_names import named_object, read_object
+from contactfusion_lab.simulation.push_skin import with_taxels
+from contactfusion_lab.simulation.push_surfaces import outlines
+from contactfusion_lab.simulation.push_world import PushWorld
 
 ROOT = Path(__file__).parents[1]
 CONTACTFUSION = Path(sys.executable).with_name("contactfusion")

@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 from contactfusion.errors import ConfigurationError
-from contactfusion.experiments.push.experiment import Options, read_plans, run_push
-from contactfusion.experiments.push.failing import RandomFault, drawn, read_failing
-from contactfusion.experiments.push.plan import Plan
-from contactfusion.experiments.push.trial import Track, load, run_trial
 from contactfusion.fault_config import Dropout, Silent
+from contactfusion_lab.experiments.push.experiment import Options, read_plans, run_push
+from contactfusion_lab.experiments.push.failing import RandomFault, drawn, read_failing
+from contactfusion_lab.experiments.push.plan import Plan
+from contactfusion_lab.experiments.push.trial import Track, load, run_trial
 from tests.test_networks import some_weights, write
 from tests.test_push_experiment import content, here, small, target_file, targets
 

@@ -8,15 +8,15 @@ import pytest
 
 from contactfusion.arrays import FloatArray
 from contactfusion.errors import ConfigurationError
-from contactfusion.simulation.push_names import OTHERS, PAPER, named_object, read_object
-from contactfusion.simulation.push_objects import (
+from contactfusion_lab.simulation.push_names import OTHERS, PAPER, named_object, read_object
+from contactfusion_lab.simulation.push_objects import (
     CompoundConfig,
     HollowConfig,
     ObjectConfig,
     UrdfObjectConfig,
 )
-from contactfusion.simulation.push_shapes import ROUND, BoxConfig, LShapeConfig, PrismConfig
-from contactfusion.simulation.push_surfaces import outlines
+from contactfusion_lab.simulation.push_shapes import ROUND, BoxConfig, LShapeConfig, PrismConfig
+from contactfusion_lab.simulation.push_surfaces import outlines
 
 ROOT = Path(__file__).parents[1]
 KNOWN = [*PAPER, *OTHERS]

@@ -10,22 +10,22 @@ import numpy as np
 import pytest
 
 from contactfusion.errors import ConfigurationError
-from contactfusion.experiments.folder import as_json
-from contactfusion.experiments.push import figures, tables
-from contactfusion.experiments.push.causes import cause
-from contactfusion.experiments.push.comparisons import compare, compare_all, comparisons_text
-from contactfusion.experiments.push.evaluation import evaluate
-from contactfusion.experiments.push.folder import trial_file
-from contactfusion.experiments.push.outcomes import Outcome, outcome, results_csv
-from contactfusion.experiments.push.paper import GROUPS, PAPER, Reached
-from contactfusion.experiments.push.perception import perception
-from contactfusion.experiments.push.plan import CHASSIS, Plan, Push, read_plan
-from contactfusion.experiments.push.recorded import chassis
-from contactfusion.experiments.push.targets import Targets, read_targets
-from contactfusion.experiments.push.trial import ARRAYS, Track, save
 from contactfusion.figures import new_figure
-from contactfusion.simulation.push_config import SkinConfig
-from contactfusion.simulation.pushing import Ending
+from contactfusion_lab.experiments.folder import as_json
+from contactfusion_lab.experiments.push import figures, tables
+from contactfusion_lab.experiments.push.causes import cause
+from contactfusion_lab.experiments.push.comparisons import compare, compare_all, comparisons_text
+from contactfusion_lab.experiments.push.evaluation import evaluate
+from contactfusion_lab.experiments.push.folder import trial_file
+from contactfusion_lab.experiments.push.outcomes import Outcome, outcome, results_csv
+from contactfusion_lab.experiments.push.paper import GROUPS, PAPER, Reached
+from contactfusion_lab.experiments.push.perception import perception
+from contactfusion_lab.experiments.push.plan import CHASSIS, Plan, Push, read_plan
+from contactfusion_lab.experiments.push.recorded import chassis
+from contactfusion_lab.experiments.push.targets import Targets, read_targets
+from contactfusion_lab.experiments.push.trial import ARRAYS, Track, save
+from contactfusion_lab.simulation.push_config import SkinConfig
+from contactfusion_lab.simulation.pushing import Ending
 
 PUSH = Push("box", "mu1", "grid", 3, (2.0, 1.0), 0.0, 0.0, 7)
 MODES = ("push", "search", "escape", "realign", "arrived")
@@ -425,7 +425,7 @@ class TestEvaluation:
         for controller in ("tuned", "paper"):
             pushed(made, controller, tmp_path)
         monkeypatch.setattr(
-            "contactfusion.experiments.push.comparisons.compare",
+            "contactfusion_lab.experiments.push.comparisons.compare",
             lambda *both: replace(compare(*both), p_of_success=float("nan")),
         )
         evaluate(made, made.settings(["tuned", "paper"]), [], tmp_path)

@@ -9,13 +9,13 @@ import pytest
 
 from contactfusion.arrays import FloatArray
 from contactfusion.errors import ConfigurationError
-from contactfusion.simulation.push import touching
-from contactfusion.simulation.push_bodies import GRAVITY
-from contactfusion.simulation.push_disturbances import DisturbedConfig, drawn
-from contactfusion.simulation.push_names import named_object, read_object
-from contactfusion.simulation.push_objects import HollowConfig
-from contactfusion.simulation.push_view import PushView
-from contactfusion.simulation.push_world import PushWorld
+from contactfusion_lab.simulation.push import touching
+from contactfusion_lab.simulation.push_bodies import GRAVITY
+from contactfusion_lab.simulation.push_disturbances import DisturbedConfig, drawn
+from contactfusion_lab.simulation.push_names import named_object, read_object
+from contactfusion_lab.simulation.push_objects import HollowConfig
+from contactfusion_lab.simulation.push_view import PushView
+from contactfusion_lab.simulation.push_world import PushWorld
 from tests.test_push_world import FRONT, base, moved, pushed, tilt, world
 
 ROOT = Path(__file__).parents[1]

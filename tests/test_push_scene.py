@@ -14,14 +14,14 @@ from contactfusion import Pipeline
 from contactfusion.controllers.face import FaceConfig, on_face
 from contactfusion.controllers.pushing import ARRIVED
 from contactfusion.errors import ConfigurationError, RobotError
-from contactfusion.experiments.push import experiment
 from contactfusion.history import History
 from contactfusion.pipeline_config import PipelineConfig
 from contactfusion.readings import Odometry, TactileImage, Twist
-from contactfusion.simulation.push import PushScene
-from contactfusion.simulation.push_config import PushConfig
-from contactfusion.simulation.push_world import Touches
-from contactfusion.simulation.pushing import Cycle, Ending, pushed
+from contactfusion_lab.experiments.push import experiment
+from contactfusion_lab.simulation.push import PushScene
+from contactfusion_lab.simulation.push_config import PushConfig
+from contactfusion_lab.simulation.push_world import Touches
+from contactfusion_lab.simulation.pushing import Cycle, Ending, pushed
 from tests.test_push_world import PERIOD, base
 
 SKIN = yaml.safe_load(Path(experiment.__file__).with_name("skin.yaml").read_text())

@@ -11,17 +11,17 @@ import pytest
 
 from contactfusion.controllers.face import NARROW
 from contactfusion.errors import ConfigurationError, ContactFusionError
-from contactfusion.experiments.push import sensings
-from contactfusion.experiments.push.costs import costs_of, tell_costs
-from contactfusion.experiments.push.experiment import Options, read_plans, run_push
-from contactfusion.experiments.push.plan import Plan
-from contactfusion.experiments.push.sensings import SENSINGS, Change, Sensing, read_sensing
-from contactfusion.experiments.push.trial import load, push_cycles, run_trial
-from contactfusion.experiments.push.watches import Cost
-from contactfusion.experiments.threads import POOLS, one_thread_each
 from contactfusion.hypotheses import HypothesisKind
 from contactfusion.pipeline import Pipeline
-from contactfusion.simulation.pushing import Cycle
+from contactfusion_lab.experiments.push import sensings
+from contactfusion_lab.experiments.push.costs import costs_of, tell_costs
+from contactfusion_lab.experiments.push.experiment import Options, read_plans, run_push
+from contactfusion_lab.experiments.push.plan import Plan
+from contactfusion_lab.experiments.push.sensings import SENSINGS, Change, Sensing, read_sensing
+from contactfusion_lab.experiments.push.trial import load, push_cycles, run_trial
+from contactfusion_lab.experiments.push.watches import Cost
+from contactfusion_lab.experiments.threads import POOLS, one_thread_each
+from contactfusion_lab.simulation.pushing import Cycle
 from tests.test_networks import some_weights, write
 from tests.test_push_experiment import content, here, small, target_file, targets
 

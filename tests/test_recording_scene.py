@@ -22,8 +22,8 @@ from contactfusion.recordings.opening import open_recording
 from contactfusion.robots.description import located, read_robot
 from contactfusion.robots.model import shared_robot
 from contactfusion.running import RunConfig, opened_scene, run_fields
-from contactfusion.simulation.push import PushScene
 from contactfusion.yaml_files import read_yaml
+from contactfusion_lab.simulation.push import PushScene
 from tests.mcap_files import Read, Recorded, channel_metadata, read_by_rosbags
 
 SCENES = Path(__file__).parents[1] / "examples" / "scenes"

@@ -21,9 +21,9 @@ from contactfusion.readings import Reading
 from contactfusion.robots.description import read_robot
 from contactfusion.running import run_file
 from contactfusion.scene import open_scene
-from contactfusion.simulation.touch_verdict import compared
-from contactfusion.simulation.touch_world import Touching
 from contactfusion.yaml_files import read_yaml
+from contactfusion_lab.simulation.touch_verdict import compared
+from contactfusion_lab.simulation.touch_world import Touching
 
 ROOT = Path(__file__).parents[1]
 SCENES = ROOT / "examples" / "scenes"

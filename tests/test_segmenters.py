@@ -24,8 +24,8 @@ from contactfusion.segmenter import AnySegmenter, Mask, Segmenter, built_segment
 from contactfusion.segmenters.clusters import ClustersConfig, ClustersSegmenter
 from contactfusion.segmenters.paint import learned_paint
 from contactfusion.segmenters.truth import TruthConfig, TruthSegmenter
-from contactfusion.simulation.push import PushScene
-from contactfusion.simulation.push_config import PushConfig
+from contactfusion_lab.simulation.push import PushScene
+from contactfusion_lab.simulation.push_config import PushConfig
 from tests.pictures import GREY, PAINT, POSE, picture
 from tests.test_docs import ROOT, unnamed
 from tests.test_push_world import base

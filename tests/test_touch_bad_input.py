@@ -8,7 +8,6 @@ import pytest
 
 from contactfusion import Pipeline
 from contactfusion.errors import InvalidReadingError
-from contactfusion.experiments.touch.plan import DEFAULT, Plan, Touch, read_plan
 from contactfusion.hypotheses import HypothesisCloud
 from contactfusion.integrator.report import EventKind
 from contactfusion.pipeline import Step
@@ -22,7 +21,8 @@ from contactfusion.readings import (
     Wrench,
 )
 from contactfusion.robots.model import shared_robot
-from contactfusion.simulation.touch import TouchScene, Truth
+from contactfusion_lab.experiments.touch.plan import DEFAULT, Plan, Touch, read_plan
+from contactfusion_lab.simulation.touch import TouchScene, Truth
 
 Change = Callable[[Reading], Reading | None]
 

@@ -11,13 +11,20 @@ import pytest
 
 from contactfusion.arrays import FloatArray
 from contactfusion.errors import ConfigurationError, RecordingError, RobotError
-from contactfusion.experiments.methods import Method
-from contactfusion.experiments.touch import tables
-from contactfusion.experiments.touch.evaluation import DRAWN
-from contactfusion.experiments.touch.experiment import METHODS, Options, run_touch
-from contactfusion.experiments.touch.honesty import honesty, level_of
-from contactfusion.experiments.touch.plan import DEFAULT, SHORT, Plan, Touch, read_plan
-from contactfusion.experiments.touch.rows import (
+from contactfusion.fault_config import Silent
+from contactfusion.frames import points_in
+from contactfusion.hypotheses import HypothesisCloud, HypothesisKind
+from contactfusion.npz_files import write_npz
+from contactfusion.pipeline import Pipeline
+from contactfusion.robots.model import shared_robot
+from contactfusion.robots.objects import ObjectModel
+from contactfusion_lab.experiments.methods import Method
+from contactfusion_lab.experiments.touch import tables
+from contactfusion_lab.experiments.touch.evaluation import DRAWN
+from contactfusion_lab.experiments.touch.experiment import METHODS, Options, run_touch
+from contactfusion_lab.experiments.touch.honesty import honesty, level_of
+from contactfusion_lab.experiments.touch.plan import DEFAULT, SHORT, Plan, Touch, read_plan
+from contactfusion_lab.experiments.touch.rows import (
     ALL_AND_SIMULATOR,
     ROWS,
     Outcome,
@@ -27,15 +34,8 @@ from contactfusion.experiments.touch.rows import (
     outcome,
     shared,
 )
-from contactfusion.experiments.touch.trial import Trial, load, run_trial, save
-from contactfusion.fault_config import Silent
-from contactfusion.frames import points_in
-from contactfusion.hypotheses import HypothesisCloud, HypothesisKind
-from contactfusion.npz_files import write_npz
-from contactfusion.pipeline import Pipeline
-from contactfusion.robots.model import shared_robot
-from contactfusion.robots.objects import ObjectModel
-from contactfusion.simulation.touch import TouchScene
+from contactfusion_lab.experiments.touch.trial import Trial, load, run_trial, save
+from contactfusion_lab.simulation.touch import TouchScene
 
 DE_MORGAN = Method("de_morgan", "cluster_centroid")
 POSTERIOR = Method("posterior", "modes")

@@ -11,7 +11,6 @@ import yaml
 
 from contactfusion.arrays import FloatArray
 from contactfusion.errors import ConfigurationError, RobotError
-from contactfusion.experiments.touch.plan import DEFAULT
 from contactfusion.frames import Pose, inverse, points_in, vectors_in
 from contactfusion.readings import (
     DepthImage,
@@ -26,8 +25,9 @@ from contactfusion.robots.bullet import BulletWorld
 from contactfusion.robots.description import read_robot
 from contactfusion.robots.model import RobotModel, shared_robot
 from contactfusion.robots.objects import ObjectModel
-from contactfusion.simulation.touch import TouchScene, Truth
-from contactfusion.simulation.touch_config import TouchConfig
+from contactfusion_lab.experiments.touch.plan import DEFAULT
+from contactfusion_lab.simulation.touch import TouchScene, Truth
+from contactfusion_lab.simulation.touch_config import TouchConfig
 from tests.test_touch_world import RADIUS, WALL, poker
 from tests.urdfs import ARM_HAND, outside_of_all, real
 

@@ -12,13 +12,13 @@ import numpy as np
 import pytest
 
 from contactfusion.errors import ConfigurationError, ContactFusionError
-from contactfusion.experiments.push import experiment
-from contactfusion.experiments.workers import Died, each
 from contactfusion.generators.networks import ContactNetworks, read_networks
-from contactfusion.learning import collecting, cpm, rounds, testing, training
-from contactfusion.learning.cpm import Options, train_cpm
-from contactfusion.learning.lessons import MOUNTINGS, Detour, Lesson, Split
-from contactfusion.learning.trials import LabelledTrial, load
+from contactfusion_lab.experiments.push import experiment
+from contactfusion_lab.experiments.workers import Died, each
+from contactfusion_lab.learning import collecting, cpm, rounds, testing, training
+from contactfusion_lab.learning.cpm import Options, train_cpm
+from contactfusion_lab.learning.lessons import MOUNTINGS, Detour, Lesson, Split
+from contactfusion_lab.learning.trials import LabelledTrial, load
 from tests.test_cli import Ask, ask, one_sentence
 
 __all__ = ["ask"]  # a fixture

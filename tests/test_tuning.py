@@ -13,16 +13,22 @@ import yaml
 from contactfusion.controllers.pushing_parameters import SETS, PushingParameters
 from contactfusion.controllers.reactive_pushing import ReactivePushingConfig
 from contactfusion.errors import ConfigurationError
-from contactfusion.experiments.push.plan import Plan, Push
-from contactfusion.simulation.push_config import PushConfig
-from contactfusion.simulation.push_names import PAPER
 from contactfusion.tuning import push, rating, work
-from contactfusion.tuning.check import check_ranking, check_sets, correlation
-from contactfusion.tuning.push import Options, tune_push
-from contactfusion.tuning.rating import FAILED, Rating, random_pushes, rate_in_bullet, rate_in_plane
-from contactfusion.tuning.search import POPULATION, Candidate, Search
-from contactfusion.tuning.space import LIMITS, changes, decoded, encoded
-from contactfusion.tuning.work import Progress
+from contactfusion_lab.experiments.push.plan import Plan, Push
+from contactfusion_lab.simulation.push_config import PushConfig
+from contactfusion_lab.simulation.push_names import PAPER
+from contactfusion_lab.tune_push.check import check_ranking, check_sets, correlation
+from contactfusion_lab.tune_push.push import Options, tune_push
+from contactfusion_lab.tune_push.rating import (
+    FAILED,
+    Rating,
+    random_pushes,
+    rate_in_bullet,
+    rate_in_plane,
+)
+from contactfusion_lab.tune_push.search import POPULATION, Candidate, Search
+from contactfusion_lab.tune_push.space import LIMITS, changes, decoded, encoded
+from contactfusion_lab.tune_push.work import Progress
 
 TUNED = SETS["tuned"]
 FEW = Options(seed=4, trials=6, rounds=2, confirm=6, workers=1)
@@ -197,7 +203,7 @@ def test_the_check_tells_rates_and_their_correlation(
 
     monkeypatch.setattr(work, "rated_in_bullet", made)
     monkeypatch.setattr(
-        "contactfusion.tuning.check.rated_in_plane",
+        "contactfusion_lab.tune_push.check.rated_in_plane",
         lambda sets, trials, *rest, vary: [made(one, trials) for one in sets],
     )
     check_ranking(20, 1, 1, tmp_path)

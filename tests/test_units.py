@@ -28,8 +28,8 @@ from contactfusion.recordings.icub import IcubConfig
 from contactfusion.robots.description import CameraConfig, LidarConfig, RobotConfig
 from contactfusion.robots.objects import ObjectConfig
 from contactfusion.shapes import BodyConfig, ShapeConfig
-from contactfusion.simulation.touch_config import TouchConfig
 from contactfusion.units import Metres, Radians, unit_of
+from contactfusion_lab.simulation.touch_config import TouchConfig
 
 EYE = {"frame": "eye", "width": 640, "height": 480, "fov": 60}
 LENGTHS = "lengths are in metres: did you mean"

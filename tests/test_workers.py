@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from contactfusion.errors import ConfigurationError
-from contactfusion.experiments.workers import Died, each
+from contactfusion_lab.experiments.workers import Died, each
 
 
 @pytest.fixture(autouse=True)

@@ -14,9 +14,8 @@ from typer.main import get_command
 
 from contactfusion import terminal
 from contactfusion.cli import recordings, running
-from contactfusion.cli.experiments import experiments
 from contactfusion.cli.plugin_commands import PluginGroup, add_commands
-from contactfusion.cli.tuning import train, tune
+from contactfusion.cli.tuning import tune
 from contactfusion.errors import ContactFusionError, cause_in
 
 EVERYWHERE = {"--debug", "--quiet"}
@@ -32,7 +31,6 @@ app = typer.Typer(
     cls=PluginGroup,
 )
 for function in (
-    running.demo,
     running.run,
     running.check,
     running.record,
@@ -47,8 +45,7 @@ for function in (
     running.convert,
 ):
     app.command()(function)
-for group in (experiments, tune, train):
-    app.add_typer(group)
+app.add_typer(tune)
 
 
 def _show_version(wanted: bool) -> None:

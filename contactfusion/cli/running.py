@@ -10,13 +10,6 @@ from contactfusion.cli.options import Changed, Out, Topics, roles
 from contactfusion.errors import ConfigurationError
 
 
-def demo(out: Out = Path("out/demo")) -> None:
-    """Push a box with skin and LiDAR; the skin fails half-way; writes a page and a film."""
-    from contactfusion.demo.run import show
-
-    show(out)
-
-
 def run(
     configuration: Annotated[
         Path, typer.Argument(help="The configuration (YAML), with `recording` or `scene`.")

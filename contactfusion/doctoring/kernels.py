@@ -25,8 +25,6 @@ MODULES = (
     "contactfusion.integrator.store",
     "contactfusion.nearest",
     "contactfusion.patches",
-    "contactfusion.simulation.planar_kernels",
-    "contactfusion.simulation.planar_skin",
     "contactfusion.thinning",
 )
 """All that hold kernels."""
@@ -80,7 +78,6 @@ def touch_kernels() -> None:
 
     places = np.random.default_rng(0).uniform(-0.1, 0.1, (100, 3))
     _fuse(places)
-    _push()
     _perceive()
     _thin(places)
     _slide(places)
@@ -117,15 +114,6 @@ def _fuse(places: Any) -> None:
                 )
             )
             assert len(integrator.step(stamp, surface).space.voxels)
-
-
-def _push() -> None:
-    from contactfusion.simulation.planar import PlanarPush
-    from contactfusion.simulation.push_config import PushConfig
-
-    push = PlanarPush(PushConfig(target=(1.0, 0.0)))
-    push.drive(0.1, 0.0, 0.0)
-    assert push.contacts()
 
 
 def _perceive() -> None:

@@ -1,1 +1,1 @@
-"""Searches parameters in a quick model, and confirms what it found in the slow one."""
+"""Searches the settings that detect labelled contacts best."""

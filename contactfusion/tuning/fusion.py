@@ -8,7 +8,8 @@ from typing import Any
 import numpy as np
 
 from contactfusion.errors import ConfigurationError
-from contactfusion.files import make_folder
+from contactfusion.files import make_folder, require_settings
+from contactfusion.terminal import Progress
 from contactfusion.tuning.fusion_fields import Varied, fields_to_vary, override
 from contactfusion.tuning.fusion_labels import halving, read_labels, require_within
 from contactfusion.tuning.fusion_runs import (
@@ -20,7 +21,6 @@ from contactfusion.tuning.fusion_runs import (
     run_score,
 )
 from contactfusion.tuning.fusion_score import Half, Score
-from contactfusion.tuning.work import Progress, require_settings
 
 WITHIN = 0.03
 """A contact so near a labelled place is right, unless told otherwise [m]."""

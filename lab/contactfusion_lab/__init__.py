@@ -1,0 +1,1 @@
+"""The laboratory of contactfusion: scenes in PyBullet, experiments, training, and the demo."""

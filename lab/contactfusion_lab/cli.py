@@ -1,0 +1,273 @@
+"""The commands that the laboratory adds to the command line: demo, experiment, train, tune push."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from contactfusion.cli.options import Out, listed
+
+experiments = typer.Typer(
+    name="experiment", help="Run an experiment: writes results.csv, summary.json, figures.",
+    no_args_is_help=True,
+)  # fmt: skip
+train = typer.Typer(
+    name="train", help="Train networks in simulation, from scratch.", no_args_is_help=True,
+)  # fmt: skip
+
+
+def demo(out: Out = Path("out/demo")) -> None:
+    """Push a box with skin and LiDAR; the skin fails half-way; writes a page and a film."""
+    from contactfusion_lab.demo.run import show
+
+    show(out)
+
+
+def tune_push(
+    start: Annotated[str, typer.Option(help="Parameter set to start from.")] = "tuned",
+    trials: Annotated[int, typer.Option(min=6, help="Pushes per parameter set and round.")] = 60,
+    rounds: Annotated[int, typer.Option(min=1, help="Rounds of 24 parameter sets.")] = 10,
+    confirm: Annotated[
+        int, typer.Option(min=6, help="Pushes in PyBullet to confirm each of the best sets.")
+    ] = 150,
+    check: Annotated[
+        bool,
+        typer.Option(
+            "--check", help="Only compare the ranking by the planar model with that by PyBullet."
+        ),
+    ] = False,
+    seed: Annotated[int, typer.Option(min=0, help="Random seed.")] = 0,
+    workers: Annotated[int, typer.Option(min=1, help="Number of processes.")] = 2,
+    out: Out = Path("out/tune"),
+) -> None:
+    """Search parameters of reactive pushing in a planar model; resumes where it stopped."""
+    if check:
+        from contactfusion_lab.tune_push.check import check_ranking
+
+        check_ranking(trials, seed, workers, out)
+        return
+    from contactfusion_lab.tune_push.push import Options
+    from contactfusion_lab.tune_push.push import tune_push as search
+
+    search(Options(seed, trials, rounds, confirm, start, workers), out)
+
+
+@train.command("cpm")
+def train_cpm(
+    rounds: Annotated[
+        int, typer.Option(min=0, help="DAgger iterations: the networks drive, and learn from it.")
+    ] = 3,
+    varied: Annotated[
+        int, typer.Option(min=0, help="Training pushes beside the paper's 156 + 36.")
+    ] = 360,
+    driven: Annotated[int, typer.Option(min=7, help="Pushes per iteration.")] = 160,
+    tested: Annotated[int, typer.Option(min=6, help="Test pushes per LiDAR.")] = 60,
+    epochs: Annotated[int, typer.Option(min=1, help="Epochs of the last iteration.")] = 150,
+    early: Annotated[int, typer.Option(min=1, help="Epochs of the iterations before.")] = 50,
+    stride: Annotated[int, typer.Option(min=1, help="An epoch uses every N-th window.")] = 4,
+    seed: Annotated[int, typer.Option(min=0, help="Random seed.")] = 0,
+    workers: Annotated[int, typer.Option(min=1, help="Number of processes.")] = 2,
+    out: Out = Path("out/cpm"),
+) -> None:
+    """Train the networks that perceive contact; resumes where it stopped."""
+    from contactfusion_lab.learning.cpm import Options
+    from contactfusion_lab.learning.cpm import train_cpm as train_networks
+
+    options = Options(rounds, varied, driven, tested, epochs, early, stride, seed, workers)
+    train_networks(options, out)
+
+
+@experiments.command("recordings")
+def experiment_recordings(
+    data: Annotated[Path | None, typer.Option(help="Folder of the real recordings.")] = None,
+    rule: Annotated[
+        str | None, typer.Option(help="RULE or RULE/CONDENSATION; default: that of each recording.")
+    ] = None,
+    out: Out = Path("out/recordings"),
+) -> None:
+    """Locate contacts in real recordings with known ground truth."""
+    from contactfusion_lab.experiments.methods import Method
+    from contactfusion_lab.experiments.recordings import run_recordings
+
+    run_recordings(data, Method.named(rule) if rule else None, out)
+
+
+@experiments.command("touch")
+def experiment_touch(
+    config: Annotated[
+        Path | None,
+        typer.Option(help="Configuration (YAML) as for `run`, with a scene of type touch."),
+    ] = None,
+    objects: Annotated[
+        str, typer.Option(help="Objects of the scene, or URDF or mesh files, separated by commas.")
+    ] = "",
+    directions: Annotated[int, typer.Option(min=1, help="Number of approach directions.")] = 15,
+    repeats: Annotated[int, typer.Option(min=1, help="Touches per direction.")] = 5,
+    rule: Annotated[
+        list[str] | None,
+        typer.Option(help="RULE or RULE/CONDENSATION; may be repeated; default: all."),
+    ] = None,
+    spreads: Annotated[
+        list[float] | None,
+        typer.Option(help="Factor on the stated spreads, fused once more; may be repeated."),
+    ] = None,
+    noise: Annotated[
+        str | None,
+        typer.Option(help="Sensor noise: none, prototype or full; default: that of the scene."),
+    ] = None,
+    faults: Annotated[Path | None, typer.Option(help="Faults of sensors (YAML).")] = None,
+    seed: Annotated[int, typer.Option(min=0, help="Random seed.")] = 0,
+    workers: Annotated[int, typer.Option(min=1, help="Number of processes.")] = 2,
+    draw: Annotated[
+        list[str] | None, typer.Option(help="A touch to draw, e.g. box-03-0; may be repeated.")
+    ] = None,
+    out: Out = Path("out/touch"),
+) -> None:
+    """Touch objects in simulation, and compare with the truth; resumes where it stopped."""
+    from contactfusion_lab.experiments.methods import Method
+    from contactfusion_lab.experiments.touch.experiment import METHODS, Options, run_touch
+    from contactfusion_lab.experiments.touch.plan import DEFAULT
+
+    options = Options(
+        config=config or DEFAULT,
+        objects=listed(objects),
+        directions=directions,
+        repeats=repeats,
+        methods=[Method.named(name) for name in rule] if rule else METHODS,
+        spreads=spreads or (),
+        noise=noise,
+        faults=faults,
+        seed=seed,
+        workers=workers,
+        draw=draw or (),
+    )
+    run_touch(options, out)
+
+
+@experiments.command("push")
+def experiment_push(
+    sensing: Annotated[
+        list[str] | None,
+        typer.Option(help="Sensor suite: skin, lidar, rgbd, rule, fused, …; may be repeated."),
+    ] = None,
+    controller: Annotated[
+        list[str] | None,
+        typer.Option(help="Parameter set of reactive_pushing, or a controller; may be repeated."),
+    ] = None,
+    rule: Annotated[
+        list[str] | None,
+        typer.Option(help="RULE or RULE/CONDENSATION, for every sensor suite; may be repeated."),
+    ] = None,
+    without: Annotated[
+        list[str] | None, typer.Option(help="A source to leave out, e.g. motion; may be repeated.")
+    ] = None,
+    lidar: Annotated[str, typer.Option(help="LiDAR of the robot, by name.")] = "",
+    camera: Annotated[str, typer.Option(help="Camera of the robot, by name.")] = "",
+    weights: Annotated[
+        Path | None, typer.Option(help="Weights of the contact networks (.safetensors).")
+    ] = None,
+    objects: Annotated[str, typer.Option(help="Objects, separated by commas.")] = "",
+    friction: Annotated[str, typer.Option(help="Friction sets, separated by commas.")] = "mu1,mu2",
+    targets: Annotated[
+        str,
+        typer.Option(
+            help="Target set: grid, validation, new, random:N (N in total), or a YAML file."
+        ),
+    ] = "grid",
+    starts: Annotated[str, typer.Option(help="Start poses: nominal or random.")] = "nominal",
+    object_: Annotated[
+        list[Path] | None,
+        typer.Option("--object", help="A URDF or YAML file of an object; may be repeated."),
+    ] = None,
+    taxels: Annotated[
+        int, typer.Option(min=2, max=240, help="Number of taxels on the front of the skin.")
+    ] = 12,
+    activation: Annotated[
+        float, typer.Option(min=0.0, help="Activation threshold of a taxel [N].")
+    ] = 1.0,
+    faults: Annotated[Path | None, typer.Option(help="Faults of sensors (YAML).")] = None,
+    seed: Annotated[int, typer.Option(min=0, help="Random seed.")] = 0,
+    workers: Annotated[int, typer.Option(min=1, help="Number of processes.")] = 2,
+    record: Annotated[
+        list[str] | None,
+        typer.Option(help="A trial to film, e.g. box-mu1-grid-007; may be repeated."),
+    ] = None,
+    out: Out = Path("out/push"),
+) -> None:
+    """Push objects to targets in simulation by contact feedback; resumes where it stopped."""
+    from contactfusion_lab.experiments.push.experiment import Options, run_push
+    from contactfusion_lab.simulation.push_config import SkinConfig
+
+    options = Options(
+        sensings=sensing or ["skin"],
+        controllers=controller or ["tuned"],
+        rules=rule or (),
+        without=without or (),
+        lidar=lidar,
+        camera=camera,
+        weights=weights,
+        objects=listed(objects),
+        files=object_ or (),
+        frictions=listed(friction),
+        targets=targets,
+        starts=starts,
+        taxels=taxels,
+        skin=SkinConfig(activation=activation),
+        faults=faults,
+        seed=seed,
+        workers=workers,
+        record=record or (),
+    )
+    run_push(options, out)
+
+
+@experiments.command("grasp")
+def experiment_grasp(
+    config: Annotated[
+        Path | None,
+        typer.Option(help="Configuration (YAML), with a scene of type grasp and objects."),
+    ] = None,
+    objects: Annotated[
+        str,
+        typer.Option(help="Objects of the configuration, separated by commas; default: the first."),
+    ] = "",
+    repeats: Annotated[int, typer.Option(min=1, help="Grasps per object.")] = 20,
+    sources: Annotated[
+        list[str] | None,
+        typer.Option(
+            help="Generators by name or type, e.g. wrist+motion; none; all; may be repeated."
+        ),
+    ] = None,
+    rule: Annotated[
+        list[str] | None, typer.Option(help="RULE or RULE/CONDENSATION; may be repeated.")
+    ] = None,
+    noise: Annotated[
+        str | None,
+        typer.Option(help="Sensor noise: none, prototype or full; default: that of the scene."),
+    ] = None,
+    faults: Annotated[Path | None, typer.Option(help="Faults of sensors (YAML).")] = None,
+    seed: Annotated[int, typer.Option(min=0, help="Random seed.")] = 0,
+    workers: Annotated[int, typer.Option(min=1, help="Number of processes.")] = 2,
+    record: Annotated[
+        list[str] | None, typer.Option(help="A grasp to film, e.g. bottle-003; may be repeated.")
+    ] = None,
+    out: Out = Path("out/grasp"),
+) -> None:
+    """Grasp objects in simulation by contact feedback; resumes where it stopped."""
+    from contactfusion_lab.experiments.grasp.experiment import Options, run_grasp
+    from contactfusion_lab.experiments.grasp.plan import DEFAULT
+    from contactfusion_lab.experiments.methods import Method
+
+    options = Options(
+        config=config or DEFAULT,
+        objects=listed(objects),
+        repeats=repeats,
+        sources=sources or (),
+        rules=[Method.named(name) for name in rule or ()],
+        noise=noise,
+        faults=faults,
+        seed=seed,
+        workers=workers,
+        record=record or (),
+    )
+    run_grasp(options, out)

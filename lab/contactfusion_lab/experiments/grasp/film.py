@@ -1,0 +1,123 @@
+"""A film of one grasp: what is, what is felt, and what the controller does about it."""
+
+import io
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from contactfusion.errors import missing_extra
+from contactfusion.figures import COLOURS
+from contactfusion.files import write_whole
+from contactfusion.terminal import note
+from contactfusion_lab.experiments.grasp.plan import Column, Grasp, Plan
+from contactfusion_lab.experiments.grasp.recorded import recorded
+from contactfusion_lab.experiments.grasp.trial import begun, trial_file
+from contactfusion_lab.experiments.workers import failure, reason_of
+from contactfusion_lab.simulation.grasp import GraspScene
+from contactfusion_lab.simulation.grasp_picture import Eye
+from contactfusion_lab.simulation.grasping import GraspCycle
+
+EVERY = 0.15
+"""Of the grasp between two frames [s]."""
+SHOWN, LAST = 0.08, 2.0
+"""How long a frame is shown, and the last one [s]."""
+FELT, TRUE = COLOURS[1], COLOURS[2]
+SIDE = np.array([0.2, -0.55, 0.65])
+"""From where it is seen, from where the object should be [m]."""
+COUNT = 64
+"""Of colours: a small file."""
+
+
+def film_all(plan: Plan, chosen: Sequence[tuple[Column, Grasp]], out: Path) -> list[str]:
+    """Film grasps that were made.
+
+    Args:
+        plan: the experiment.
+        chosen: which.
+        out: the folder of the results.
+
+    Returns:
+        A sentence for each that fails.
+    """
+    failed = []
+    for column, grasp in chosen:
+        name = f"{column.name}/{grasp.name}"
+        if not trial_file(out, column, grasp).is_file():
+            note(f"not recorded: {name}, which was not made")
+            continue
+        try:
+            gif, recording = film(plan, column, grasp, out / "films" / column.name)
+        except Exception as error:  # a plug-in may raise anything, and what there is must be told
+            failed.append(failure(name, reason_of(error)))
+        else:
+            print(f"film: {gif}; recording: {recording}")
+    return failed
+
+
+def film(plan: Plan, column: Column, grasp: Grasp, folder: Path) -> tuple[Path, Path]:
+    """Make a grasp once more; write it as an animated GIF, NAME.gif, and as NAME.mcap.
+
+    Args:
+        plan: the experiment.
+        column: by what it is felt.
+        grasp: which.
+        folder: the folder that takes both.
+
+    Returns:
+        The film and the recording.
+
+    Raises:
+        DependencyError: rosbags, or matplotlib, with which pillow comes, is not installed.
+        ContactFusionError: the scene cannot be set up, or the controller failed.
+    """
+    try:
+        from PIL import Image
+    except ImportError:
+        raise missing_extra("matplotlib", "plot") from None
+    scene, cycles = begun(plan, column, grasp)
+    middle = scene.config.object.pose.pose()[:3, 3] + [0.0, 0.0, 0.1]
+    eye = Eye(tuple(middle + SIDE), tuple(middle))
+    frames, due, recording = [], 0.0, folder / f"{grasp.name}.mcap"
+    for cycle in recorded(plan, column, grasp, scene, cycles, recording):
+        if cycle.truth.stamp >= due or cycle.ending:
+            due += EVERY
+            frames.append(_frame(scene, eye, cycle))
+    first, *others = (frame.quantize(COUNT, dither=Image.Dither.NONE) for frame in frames)
+    content = io.BytesIO()
+    first.save(
+        content,
+        format="GIF",
+        save_all=True,
+        append_images=others,
+        duration=[round(SHOWN * 1e3)] * len(others) + [round(LAST * 1e3)],
+        loop=0,
+    )
+    path = folder / f"{grasp.name}.gif"
+    write_whole(path, content.getvalue())
+    return path, recording
+
+
+def _frame(scene: GraspScene, eye: Eye, cycle: GraspCycle) -> Any:
+    """Draw what is seen, true and felt contacts over it, and the controller's words above."""
+    from PIL import Image, ImageDraw
+
+    true = [contact.position for contact in scene.facts().contacts]
+    felt = [contact.position for contact in cycle.step.fusion.contacts]
+    colours, pixels = scene.seen(eye, np.reshape([*true, *felt], (-1, 3)))
+    picture = Image.fromarray(colours)
+    draw = ImageDraw.Draw(picture)
+    for number, (x, y) in enumerate(pixels.tolist()):
+        if number < len(true):
+            draw.ellipse((x - 3, y - 3, x + 3, y + 3), fill=TRUE)
+        else:
+            draw.line((x - 6, y - 6, x + 6, y + 6), fill=FELT, width=3)
+            draw.line((x - 6, y + 6, x + 6, y - 6), fill=FELT, width=3)
+    command = cycle.step.command
+    assert command is not None
+    draw.text((8, 6), f"{cycle.truth.stamp:5.1f} s  {command.mode}", fill="black")
+    draw.text((8, 20), command.reason, fill="black")
+    draw.text((8, eye.height - 18), "x felt", fill=FELT)
+    draw.text((60, eye.height - 18), "o touched", fill=TRUE)
+    return picture

@@ -1,0 +1,202 @@
+"""Which grasps make up the experiment, and by what each is felt."""
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from hashlib import sha256
+from pathlib import Path
+from typing import Any
+from zlib import crc32
+
+import numpy as np
+
+from contactfusion.controllers.grasp_parameters import ReactiveGraspConfig
+from contactfusion.errors import ConfigurationError, name_hint
+from contactfusion.pipeline_config import PipelineConfig
+from contactfusion.plugins import installed_plugins
+from contactfusion.readings import DepthImage, PointCloud
+from contactfusion.robots.description import RobotConfig
+from contactfusion_lab.experiments.methods import Method
+from contactfusion_lab.simulation.grasp_config import GraspConfig
+
+DEFAULT = Path(__file__).with_name("grasp.yaml")
+NONE, ALL = "none", "all"
+"""The names of no sources, with which the hand goes ahead and closes, and of all."""
+REACTIVE = "reactive_grasp"
+"""The controller that can go ahead and close."""
+TRIALS = 3
+"""Counts up when trials change, so that old ones are not taken for new."""
+UNTOLD: Any = {"object": {"folder"}, "surroundings": {"__all__": {"folder"}}}
+"""Where a checkout stands makes no other grasp."""
+OTHERWISE_TOLD: Any = {
+    "generators": True, "integrator": True, "controller": True, "faults": True, "seed": True,
+    "folder": True, "robot": {"folder"},
+}  # fmt: skip
+"""What settings tell column by column, or what makes no other grasp."""
+
+
+@dataclass(frozen=True)
+class Column:
+    """By what a hand feels, and how that is fused.
+
+    Attributes:
+        sources: names or types of generators with "+" between them, `none` or `all`.
+        method: the rule and the condensation.
+    """
+
+    sources: str
+    method: Method
+
+    @property
+    def name(self) -> str:
+        """What to call it, and its folder."""
+        return self.sources if self.sources == NONE else f"{self.sources}-{self.method.stem}"
+
+
+@dataclass(frozen=True)
+class Grasp:
+    """One grasp of the experiment; of all columns the same.
+
+    Attributes:
+        thing: the name of the object.
+        repeat: counted from 0.
+        seed: of all that is left to chance.
+    """
+
+    thing: str
+    repeat: int
+    seed: int
+
+    @property
+    def name(self) -> str:
+        """What to call it, and its file."""
+        return f"{self.thing}-{self.repeat:03d}"
+
+
+@dataclass(frozen=True)
+class Plan:
+    """An experiment.
+
+    Attributes:
+        pipeline: everybody who may feel, and the controller.
+        scenes: the scene of each object, by its name.
+        seed: of all chance.
+    """
+
+    pipeline: PipelineConfig
+    scenes: Mapping[str, GraspConfig]
+    seed: int
+
+    def grasps(self, things: Sequence[str], repeats: int) -> list[Grasp]:
+        """List all grasps; of further repeats they do not change."""
+        return [
+            Grasp(thing, repeat, self._seed(thing, repeat))
+            for repeat in range(repeats)
+            for thing in things
+        ]
+
+    def pipeline_of(self, column: Column, seed: int = 0) -> PipelineConfig:
+        """Give the pipeline of a column.
+
+        Args:
+            column: by what it feels.
+            seed: of the chance in faults.
+
+        Raises:
+            ConfigurationError: one of its sources is unknown, or there is no open loop of the
+                controller.
+        """
+        known, controller = self.pipeline.generators, dict(self.pipeline.controller or {})
+        if column.sources == NONE:
+            controller |= self._open_loop()
+        chosen = chosen_sources(column.sources, known)
+        update = {
+            "generators": {name: known[name] for name in chosen},
+            "integrator": column.method.applied(self.pipeline.integrator),
+            "controller": controller,
+            "seed": seed,
+        }
+        return self.pipeline.model_copy(update=update)
+
+    def _open_loop(self) -> dict[str, Any]:
+        """Give what a hand does that heeds no contact: it closes where the object should stand."""
+        told = dict(self.pipeline.controller or {})
+        kind = told.pop("type", None)
+        if kind != REACTIVE:
+            raise ConfigurationError(
+                f"open loop, '{NONE}', is for {REACTIVE}, not for '{kind}': choose other sources",
+                "sources",
+            )
+        depth = ReactiveGraspConfig(**told).depth
+        nearest = min(scene.distance for scene in self.scenes.values())
+        return {"corrections": 0, "reach": nearest - depth}
+
+    def scene_of(self, column: Column, grasp: Grasp) -> GraspConfig:
+        """Give the scene of a grasp; cameras that nobody looks through are off."""
+        scene, known = self.scenes[grasp.thing], self.pipeline.generators
+        plugins = installed_plugins()
+        readings = {
+            reading
+            for name in chosen_sources(column.sources, known)
+            for reading in plugins.find("generators", known[name]["type"]).readings
+        }
+        looks = readings & {PointCloud, DepthImage}
+        return scene if looks else scene.model_copy(update={"camera_rate": 0.0})
+
+    def settings(self, columns: Sequence[Column]) -> dict[str, Any]:
+        """Tell what makes two trials of one name equal, for a folder that is gone on with."""
+        told = {
+            "trials": TRIALS,
+            "seed": self.seed,
+            "faults": [fault.model_dump(mode="json") for fault in self.pipeline.faults],
+            "columns": {
+                one.name: self.pipeline_of(one).model_dump(
+                    mode="json", include={"generators", "integrator", "controller"}
+                )
+                for one in columns
+            },
+            "objects": {
+                name: {**scene.model_dump(mode="json", exclude=UNTOLD), "file": _digest(scene)}
+                for name, scene in self.scenes.items()
+            },
+            "pipeline": self.pipeline.model_dump(mode="json", exclude=OTHERWISE_TOLD),
+        }
+        settings: dict[str, Any] = json.loads(json.dumps(told, default=str))
+        return settings
+
+    def _seed(self, thing: str, repeat: int) -> int:
+        entropy = [self.seed, crc32(thing.encode()), repeat]
+        return int(np.random.SeedSequence(entropy).generate_state(1)[0])
+
+
+def _digest(scene: GraspConfig) -> str:
+    """Give the SHA-256 of the URDF of an object; empty when it has none."""
+    if scene.object.urdf is None:
+        return ""
+    path = RobotConfig(urdf=scene.object.urdf, folder=scene.object.folder).path()
+    return sha256(path.read_bytes()).hexdigest() if path.is_file() else ""
+
+
+def chosen_sources(sources: str, known: Mapping[str, Mapping[str, Any]]) -> list[str]:
+    """Give the generators that sources name, in their order in the file.
+
+    Args:
+        sources: names or types with "+" between them, `none` or `all`.
+        known: the options of all generators, by name.
+
+    Raises:
+        ConfigurationError: there is no such generator, nor any of such a type, or one stands twice.
+    """
+    if sources in (NONE, ALL):
+        return list(known) if sources == ALL else []
+    parts = sources.split("+")
+    names = {*known, *(options["type"] for options in known.values()), NONE, ALL}
+    for part in parts:
+        if parts.count(part) > 1:
+            raise ConfigurationError(f"'{part}' stands twice in '{sources}'", "sources")
+        if part in (NONE, ALL):
+            raise ConfigurationError(f"'{part}' stands alone, not in '{sources}'", "sources")
+        if part not in names:
+            hint = name_hint(part, names, "generators and their types")
+            raise ConfigurationError(f"unknown source '{part}': {hint}", "sources")
+    return [name for name, options in known.items() if {name, options["type"]} & {*parts}]

@@ -1,0 +1,161 @@
+"""One grasp of the experiment: what came of it, as one row."""
+
+import csv
+import io
+import json
+from collections.abc import Iterator, Sequence
+from dataclasses import asdict, dataclass, fields
+from pathlib import Path
+from typing import ClassVar
+
+import numpy as np
+from pydantic import ConfigDict, TypeAdapter, ValidationError
+from scipy.spatial.transform import Rotation
+
+from contactfusion.errors import ConfigurationError
+from contactfusion.files import write_whole
+from contactfusion.pipeline import Pipeline
+from contactfusion.robots.model import shared_robot
+from contactfusion_lab.experiments.grasp.plan import Column, Grasp, Plan
+from contactfusion_lab.simulation.grasp import GraspScene
+from contactfusion_lab.simulation.grasping import GraspCycle, grasped, result_of
+
+
+@dataclass(frozen=True)
+class Row:
+    """What came of one grasp.
+
+    Attributes:
+        trial: its name.
+        column: by what it was felt.
+        object: by name.
+        seed: of the grasp.
+        offset: how far beside the hand's way the object stood, to the left [m].
+        yaw: how far it was turned [degrees].
+        success: the object was lifted, and held to the end.
+        ending: of the controller, or "timeout".
+        reason: why, in its words.
+        height: how much higher the object was in the end [m].
+        moved: how far it had been moved before the gripper closed for the last time [m].
+        fallen: whether it has fallen over, and lies there.
+        corrections: how often the hand went back.
+        time: it took [s].
+        force: the greatest that pushed the robot on its way to the object: the sum over all that
+            touched it [N].
+    """
+
+    trial: str
+    column: str
+    object: str
+    seed: int
+    offset: float
+    yaw: float
+    success: bool
+    ending: str
+    reason: str
+    height: float
+    moved: float
+    fallen: bool
+    corrections: int
+    time: float
+    force: float
+    __pydantic_config__: ClassVar[ConfigDict] = ConfigDict(strict=True, extra="forbid")
+
+
+def trial_file(out: Path, column: Column, grasp: Grasp) -> Path:
+    """Give the file of a trial."""
+    return out / "trials" / column.name / f"{grasp.name}.json"
+
+
+def begun(plan: Plan, column: Column, grasp: Grasp) -> tuple[GraspScene, Iterator[GraspCycle]]:
+    """Give the scene of a grasp at its start, and the cycles in which a column makes it.
+
+    Raises:
+        ContactFusionError: the scene cannot be set up, or the controller failed.
+    """
+    config = plan.pipeline_of(column, grasp.seed)
+    assert config.robot is not None
+    scene = GraspScene(plan.scene_of(column, grasp), shared_robot(config.robot), grasp.seed)
+    return scene, grasped(scene, Pipeline(config))
+
+
+def run_trial(plan: Plan, column: Column, grasp: Grasp) -> Row:
+    """Grasp once.
+
+    Raises:
+        ContactFusionError: the scene cannot be set up, or the controller failed.
+    """
+    _, cycles = begun(plan, column, grasp)
+    return row_of(plan, column, grasp, list(cycles))
+
+
+def row_of(plan: Plan, column: Column, grasp: Grasp, cycles: Sequence[GraspCycle]) -> Row:
+    """Measure a grasp of which all cycles are there."""
+    scene, first, last = plan.scenes[grasp.thing], cycles[0].truth, cycles[-1]
+    believed = scene.object.pose.pose()
+    turned = Rotation.from_matrix(first.object[:3, :3] @ believed[:3, :3].T).as_euler("zyx")
+    result = result_of(cycles, scene.lifted, scene.held)
+    return Row(
+        trial=grasp.name,
+        column=column.name,
+        object=grasp.thing,
+        seed=grasp.seed,
+        offset=float((first.object - believed)[:3, 3] @ first.tool[:3, 0]),
+        yaw=float(np.degrees(turned[0])),
+        success=result.success,
+        ending=last.ending,
+        reason=last.step.command.reason if last.step.command else "",
+        height=result.height,
+        moved=result.moved,
+        fallen=result.fallen,
+        corrections=result.corrections,
+        time=result.time,
+        force=result.force,
+    )
+
+
+def save(row: Row, path: Path) -> None:
+    """Write a row to a JSON file."""
+    write_whole(path, json.dumps(asdict(row), indent=1) + "\n")
+
+
+def load(path: Path, column: Column, grasp: Grasp) -> Row:
+    """Read a row.
+
+    Args:
+        path: its file.
+        column: by what it was felt.
+        grasp: which.
+
+    Raises:
+        ConfigurationError: the file holds no grasp of this experiment, or another one.
+    """
+    remedy = "remove it, so that it is made again"
+    try:
+        row = TypeAdapter(Row).validate_json(path.read_bytes())
+    except ValidationError:
+        raise ConfigurationError(f"{path} is no grasp of this experiment: {remedy}") from None
+    if (row.trial, row.column, row.seed) != (grasp.name, column.name, grasp.seed):
+        raise ConfigurationError(
+            f"{path} is {row.column}/{row.trial} of seed {row.seed}, "
+            f"not {column.name}/{grasp.name} of seed {grasp.seed}: {remedy}"
+        )
+    return row
+
+
+def results_csv(rows: Sequence[Row]) -> str:
+    """Give one line a grasp."""
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    names = [field.name for field in fields(Row)]
+    writer.writerow(names)
+    for row in rows:
+        cells = [getattr(row, name) for name in names]
+        writer.writerow(
+            [
+                f"{cell:.6g}" if isinstance(cell, float) else int(cell)
+                if isinstance(cell, bool) else cell
+                for cell in cells
+            ]
+        )  # fmt: skip
+    return text.getvalue()

@@ -1,0 +1,182 @@
+"""Scans of real Ouster sensors: what the proximity descriptor makes of them.
+
+No recording shows a robot, and nobody wrote down where the sensor stood: for each a pose is taken
+in which what is near lies in the region before a robot's face. So nothing is said about how true
+the lengths are. What is measured: whether the descriptor is what plain loops make of the paper's
+equations, its time, and what is lost when every 4th ring of an OS-0-128 is kept, as an OS-0-32 has.
+"""
+
+import time
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from contactfusion import terminal
+from contactfusion.arrays import FloatArray
+from contactfusion.frames import points_in, pose_at
+from contactfusion.generators.proximity import ProximityConfig
+from contactfusion.readings import PointCloud
+from contactfusion.recordings.ouster import COMMAND, convert, is_ready
+from contactfusion.recordings.ros import RosConfig, RosRecording
+from contactfusion_lab.experiments.measures import Measure, p50
+from contactfusion_lab.experiments.proximity_loops import by_loops
+from contactfusion_lab.experiments.strips_figure import draw_strips
+
+NAME = "ouster"
+REPEATS = 21
+"""So often a scan is taken for the median of its time."""
+EXACT = 1e-9
+"""Loops and arrays add up alike but for rounding [m]."""
+
+
+@dataclass(frozen=True)
+class Scanned:
+    """A recording, and the pose of its sensor that is taken.
+
+    Attributes:
+        file: its name.
+        xyz: where the sensor stands in the robot's frame [m].
+        yaw: the sensor is turned by this about the vertical [degrees].
+        rings: how many its sensor has.
+        near: whether anything is near.
+    """
+
+    file: str
+    xyz: tuple[float, float, float]
+    yaw: float
+    rings: int = 128
+    near: bool = True
+
+    @property
+    def stem(self) -> str:
+        """What it is called."""
+        return Path(self.file).stem
+
+    def __str__(self) -> str:
+        x, y, z = self.xyz
+        return f"sensor taken to stand at ({x:g}, {y:g}, {z:g}) m, turned by {self.yaw:g}°"
+
+
+RECORDINGS = (
+    Scanned("512x10_raw.bag", (0.1, 0.0, 0.0), -75.0),
+    Scanned("windowed_frame1.pcap", (0.1, 0.0, 0.0), -90.0),
+    Scanned("OS-0-128_v3.0.1_1024x10_20241017_141645.osf", (-0.1, 0.0, 0.0), 0.0),
+    Scanned("OS-0-128-U1_v2.3.0_1024x10.pcap", (0.1, 0.0, 0.1), -130.0),
+    Scanned("OS-0-32-U1_v2.2.0_1024x10.pcap", (0.0, 0.0, 0.0), 0.0, rings=32, near=False),
+)
+
+
+def measure(folder: Path, out: Path) -> list[Measure]:
+    """Measure the descriptor on each scan, with all rings and with every 4th; draw what is near."""
+    if not is_ready():
+        terminal.note(f"  left out: Ouster files can be read once this has been run: {COMMAND}")
+        return []
+    config = ProximityConfig()
+    return [one for recording in RECORDINGS for one in _measured(folder, out, recording, config)]
+
+
+def _measured(
+    folder: Path, out: Path, recording: Scanned, config: ProximityConfig
+) -> list[Measure]:
+    """Measure on one recording."""
+    terminal.note(f"  {recording.stem}: {recording}")
+    whole = _scans(folder, out, recording, 1)
+    measures = _figures(recording, recording.rings, whole, config)
+    if not recording.near:
+        return measures
+    thin = _scans(folder, out, recording, 4)
+    rings = recording.rings // 4
+    measures += _figures(recording, rings, thin, config)
+    few, many = config.lengths_of_cloud(thin[-1]), config.lengths_of_cloud(whole[-1])
+    apart = np.abs(few - many)
+    case = f"{recording.stem}, {rings} rings instead of {recording.rings}"
+    measures += [
+        _told(case, "greatest difference of a strip", float(apart.max()), "m", len(apart)),
+        _told(case, "median difference of a strip", p50(apart), "m", len(apart)),
+    ]
+    if len(whole) > 1:
+        before = config.lengths_of_cloud(whole[-2])
+        case = f"{recording.stem}, from one scan to the next"
+        change = float(np.abs(many - before).max())
+        measures.append(_told(case, "greatest change of a strip", change, "m", len(many)))
+    title = f"{recording.stem}, from above\n{recording}"
+    clouds = {recording.rings: whole[-1], rings: thin[-1]}
+    draw_strips(title, clouds, config, out / f"ouster_{recording.stem}.png")
+    return measures
+
+
+def _scans(folder: Path, out: Path, recording: Scanned, every_nth_row: int) -> list[FloatArray]:
+    """Give the returns of each scan in the robot's frame, each of shape (n, 3) [m]."""
+    source = folder / recording.file
+    made = out / "ouster" / f"{recording.stem}_rows_{every_nth_row}.mcap"
+    if not made.exists() or made.stat().st_mtime < source.stat().st_mtime:
+        convert(source, made, every_nth_row)
+    pose = pose_at(recording.xyz, (0.0, 0.0, np.radians(recording.yaw)))
+    readings = RosRecording(RosConfig(file=made)).readings()
+    clouds = [reading.points for reading in readings if isinstance(reading, PointCloud)]
+    return [points_in(pose, points[np.isfinite(points).all(axis=1)]) for points in clouds]
+
+
+def _figures(
+    recording: Scanned, rings: int, scans: list[FloatArray], config: ProximityConfig
+) -> list[Measure]:
+    """Give what all scans say together, and what is in the last."""
+    case = f"{recording.stem}, {rings} rings"
+    told = [_in_millimetres(config.lengths_of_cloud(scan)) for scan in scans]
+    for number, lengths in enumerate(told, 1):
+        terminal.note(
+            f"    {rings} rings, scan {number}, lengths from right to left [mm]: {lengths}"
+        )
+    last = config.lengths_of_cloud(scans[-1])
+    wrong = max(
+        float(np.abs(config.lengths_of_cloud(scan) - by_loops(scan, config)).max())
+        for scan in scans
+    )
+    took = [_time(scan, config) for scan in scans for _ in range(REPEATS)]
+    terminal.note(
+        f"    {rings} rings: {p50(np.array(took)):.2f} ms a scan, at most {max(took):.2f} ms"
+    )
+    inside = int(config.region.holds(scans[-1]).sum())
+    occupied = int((last < config.empty).sum())
+    note = f"lengths [mm]: {told[-1]}; {recording}"
+    count = config.columns
+    return [
+        _told(case, "points in the region", inside, "", len(scans[-1])),
+        _told(case, "strips with a point", occupied, "", count, note=note),
+        _told(case, "strips that one point decides", _lonely(scans[-1], config), "", count),
+        _told(case, "difference from plain loops", wrong, "m", len(scans) * count, EXACT),
+    ]
+
+
+def _in_millimetres(lengths: FloatArray) -> str:
+    return ", ".join(f"{1000.0 * length:.0f}" for length in lengths)
+
+
+def _lonely(points: FloatArray, config: ProximityConfig) -> int:
+    """Count the strips in whose nearest occupied cell there is a single point."""
+    x, y, _ = points[config.region.holds(points)].T
+    strips = np.searchsorted(config.bounds(), y, side="right") - 1
+    rows = np.floor((x - config.region.x[0]) / config.cell[0])
+    ways = [rows[strips == strip] for strip in range(config.columns)]
+    return sum(int((way == way.min()).sum()) == 1 for way in ways if way.size)
+
+
+def _told(
+    case: str,
+    metric: str,
+    value: float,
+    unit: str,
+    n: int,
+    asked: float | None = None,
+    note: str = "",
+) -> Measure:
+    """Give a figure that has no spread."""
+    return Measure(NAME, case, metric, value, value, value, unit, n, asked, "less", note)
+
+
+def _time(scan: FloatArray, config: ProximityConfig) -> float:
+    """Give the time of one descriptor [ms]."""
+    start = time.perf_counter()
+    config.lengths_of_cloud(scan)
+    return 1000.0 * (time.perf_counter() - start)

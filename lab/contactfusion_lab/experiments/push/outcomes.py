@@ -1,0 +1,193 @@
+"""What came of one push: the measures of method §8, from its track."""
+
+import csv
+import io
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from contactfusion.arrays import FloatArray
+from contactfusion.hypotheses import HypothesisKind
+from contactfusion_lab.experiments.push.causes import cause
+from contactfusion_lab.experiments.push.trial import Track
+from contactfusion_lab.simulation.pushing import Ending
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What came of one push by one controller; a measure without a value is NaN.
+
+    Attributes:
+        trial: the name of the push.
+        controller: by name.
+        sensing: what felt the object.
+        object: by name.
+        friction: by name.
+        target_x: [m].
+        target_y: [m].
+        offset: of the object to the left at the start [m].
+        yaw: of the object at the start [degrees].
+        ending: why it ended.
+        success_true: arrival was declared, with the true contact near enough at that moment.
+        success_estimate: arrival was declared.
+        ever_true: the true contact was near enough at some time.
+        time: it took [s].
+        final_distance: from the true contact to the target, when they last touched [m].
+        least_distance: the smallest of these [m].
+        path: that the robot drove [m].
+        lateral_true: mean of |l| of true contacts [m].
+        lateral_estimate: mean of |l| of estimated contacts [m].
+        swept: Σ|Δθ| / (t_min - t_start), until the true contact was nearest (O Eq 12) [rad/s].
+        without_contact: [s].
+        type_accuracy: how often none, point or line was told right.
+        contact_accuracy: how often it was told right whether there is a contact.
+        location_rmse: of the estimated l, in cycles in which both are there [m].
+        sources_two: of the cycles with a true contact, in how many two sources or more have a share
+            in the contact that is told.
+        evidence_two: the same of sources of evidence alone, without support.
+        searches: how often the controller began to search.
+        escapes: how often it began to escape.
+        realigning: share of the time.
+        cause: of the failure, in a few words.
+    """
+
+    trial: str
+    controller: str
+    sensing: str
+    object: str
+    friction: str
+    target_x: float
+    target_y: float
+    offset: float
+    yaw: float
+    ending: str
+    success_true: bool
+    success_estimate: bool
+    ever_true: bool
+    time: float
+    final_distance: float
+    least_distance: float
+    path: float
+    lateral_true: float
+    lateral_estimate: float
+    swept: float
+    without_contact: float
+    type_accuracy: float
+    contact_accuracy: float
+    location_rmse: float
+    sources_two: float
+    evidence_two: float
+    searches: int
+    escapes: int
+    realigning: float
+    cause: str
+
+    @property
+    def label(self) -> str:
+        """What felt and what steered."""
+        return f"{self.sensing}/{self.controller}"
+
+
+def outcome(track: Track) -> Outcome:
+    """Measure a push; its first row is before any cycle, and has no part in shares and durations.
+
+    Args:
+        track: of it.
+    """
+    push, distances = track.push, track.distance[~np.isnan(track.distance)]
+    declared = track.ending == Ending.ARRIVED
+    within = track.distance <= track.within
+    errors = (track.lateral - track.contact[:, 1])[~np.isnan(track.distance + track.lateral)]
+    return Outcome(
+        trial=push.name,
+        controller=track.controller,
+        sensing=track.sensing,
+        object=push.object,
+        friction=push.friction,
+        target_x=push.target[0],
+        target_y=push.target[1],
+        offset=push.offset,
+        yaw=push.yaw,
+        ending=track.ending,
+        success_true=bool(declared and within[-1]),
+        success_estimate=declared,
+        ever_true=bool(within.any()),
+        time=float(track.stamp[-1]),
+        final_distance=float(distances[-1]) if len(distances) else np.nan,
+        least_distance=float(distances.min()) if len(distances) else np.nan,
+        path=float(np.hypot(*np.diff(track.base[:, :2], axis=0).T).sum()),
+        lateral_true=_mean(np.abs(track.contact[:, 1])),
+        lateral_estimate=_mean(np.abs(track.lateral)),
+        swept=swept(track),
+        without_contact=float((track.kind[1:] == 0).sum() * track.period),
+        type_accuracy=_share((track.kind == track.estimate)[1:]),
+        contact_accuracy=_share(((track.kind > 0) == (track.estimate > 0))[1:]),
+        location_rmse=float(np.sqrt((errors**2).mean())) if len(errors) else np.nan,
+        sources_two=_share(_sharing(track, list(track.sources.values())) >= 2),
+        evidence_two=_share(_sharing(track, [HypothesisKind.REGULAR]) >= 2),
+        searches=beginnings(track, "search"),
+        escapes=beginnings(track, "escape"),
+        realigning=_share(_in_mode(track, "realign")[1:]),
+        cause=cause(track),
+    )
+
+
+def swept(track: Track) -> float:
+    """Give Σ|Δθ| / (t_min - t_start), t_min when the true contact is nearest (O Eq 12) [rad/s].
+
+    NaN where there is no contact after the start.
+    """
+    if np.isnan(track.distance).all():
+        return np.nan
+    nearest = int(np.nanargmin(track.distance))
+    elapsed = float(track.stamp[nearest] - track.stamp[0])
+    if elapsed == 0.0:
+        return np.nan
+    turns = np.diff(np.unwrap(track.base[: nearest + 1, 2]))
+    return float(np.abs(turns).sum()) / elapsed
+
+
+def beginnings(track: Track, mode: str) -> int:
+    """Count how often a controller goes into a mode."""
+    inside = _in_mode(track, mode)
+    return int((inside[1:] & ~inside[:-1]).sum()) + int(inside[0])
+
+
+def results_csv(outcomes: Sequence[Outcome]) -> str:
+    """Give one line a push and controller."""
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    names = list(Outcome.__dataclass_fields__)
+    writer.writerow(names)
+    for one in outcomes:
+        writer.writerow([_cell(getattr(one, name)) for name in names])
+    return text.getvalue()
+
+
+def _sharing(track: Track, kinds: Sequence[str]) -> NDArray[np.intp]:
+    """Count the sources of some kinds that have a share, in each cycle with a true contact."""
+    counted = np.array([kind in kinds for kind in track.sources.values()], np.bool_)
+    touching = track.kind[1:] > 0
+    sharing: NDArray[np.intp] = (track.shares[1:, counted][touching] > 0.0).sum(axis=1)
+    return sharing
+
+
+def _in_mode(track: Track, mode: str) -> NDArray[np.bool_]:
+    return np.array([name == mode for name in track.modes])[track.mode]
+
+
+def _share(cycles: NDArray[np.bool_]) -> float:
+    return float(cycles.mean()) if len(cycles) else np.nan
+
+
+def _mean(values: FloatArray) -> float:
+    there = values[~np.isnan(values)]
+    return float(there.mean()) if len(there) else np.nan
+
+
+def _cell(value: object) -> object:
+    if isinstance(value, float):
+        return "" if np.isnan(value) else f"{value:.6g}"
+    return int(value) if isinstance(value, bool) else value

@@ -1,0 +1,276 @@
+"""Which pushes make up the experiment, and what they are felt and steered with."""
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+from zlib import crc32
+
+import numpy as np
+
+from contactfusion.arrays import FloatArray
+from contactfusion.controllers.face import FaceConfig
+from contactfusion.errors import ConfigurationError
+from contactfusion.pipeline_config import PipelineConfig
+from contactfusion.robots.description import RobotConfig
+from contactfusion_lab.experiments.choices import require_known, require_once
+from contactfusion_lab.experiments.push.failing import RandomFault, drawn
+from contactfusion_lab.experiments.push.sensings import Change, Sensing, read_sensing
+from contactfusion_lab.experiments.push.steering import controller_options, controller_settings
+from contactfusion_lab.experiments.push.targets import Place, Targets
+from contactfusion_lab.experiments.push.things import object_settings, objects_of
+from contactfusion_lab.simulation.push_config import MisplacedConfig, PushConfig, SkinConfig
+from contactfusion_lab.simulation.push_names import FRICTIONS
+from contactfusion_lab.simulation.push_objects import ObjectConfig
+from contactfusion_lab.simulation.push_surfaces import outlines
+
+STARTS = ("nominal", "random")
+OFFSET, YAW = 0.2, 45.0
+"""Random starts are drawn within these, either way [m, degrees]."""
+FIELD, NEAREST = 3.0, 0.5
+"""Random targets are drawn within this of the origin along x and y, further than this from the
+first contact [m]."""
+CHASSIS = (0.72, 0.60)
+"""The robot's length and width; at the start its front stands at x = 0 [m]."""
+CLEARANCE = 0.03
+"""Nor are they drawn under the robot, or so near behind or beside it [m]."""
+FLAT = 1e-6
+"""Corners so far behind the foremost are as far ahead [m]."""
+TRIALS = 3
+"""Counts up when trials change, so that old ones are not taken for new."""
+
+
+@dataclass(frozen=True)
+class Push:
+    """One push of the experiment; every controller makes it.
+
+    Attributes:
+        object: the name of the object.
+        friction: the name of the friction.
+        targets: the name of the set of targets.
+        number: within the set, from 0.
+        target: x and y in `odom` [m].
+        offset: of the object to the left [m].
+        yaw: of the object [degrees].
+        seed: of all that is left to chance.
+    """
+
+    object: str
+    friction: str
+    targets: str
+    number: int
+    target: Place
+    offset: float
+    yaw: float
+    seed: int
+
+    @property
+    def name(self) -> str:
+        """What to call it, and its file."""
+        return f"{self.object}-{self.friction}-{self.targets}-{self.number:03d}"
+
+
+@dataclass(frozen=True)
+class Plan:
+    """All pushes of an experiment that are felt in one way.
+
+    Attributes:
+        sensing: what feels.
+        objects: what is pushed, by name.
+        frictions: their names.
+        targets: where to.
+        starts: "nominal" or "random".
+        skin: how well the skin feels.
+        faults: how sensors fail.
+        misplaced: how far sensors are from where they are believed to be, by name.
+        seed: of all chance.
+    """
+
+    sensing: Sensing
+    objects: Mapping[str, ObjectConfig]
+    frictions: Sequence[str]
+    targets: Targets
+    starts: str
+    skin: SkinConfig
+    faults: Sequence[RandomFault]
+    misplaced: Mapping[str, MisplacedConfig]
+    seed: int
+
+    def pushes(self) -> list[Push]:
+        """List all pushes; those to random targets are dealt evenly."""
+        pairs = [(thing, friction) for thing in self.objects for friction in self.frictions]
+        places, trials = self.targets.places, self.targets.trials
+        return [
+            self.push(*pair, number)
+            for row, pair in enumerate(pairs)
+            for number in range(len(places) if places else -(-(trials - row) // len(pairs)))
+        ]
+
+    def scene_of(self, push: Push) -> PushConfig:
+        """Give the scene of a push."""
+        fields: dict[str, Any] = {
+            "object": self.objects[push.object],
+            "friction": push.friction,
+            "target": push.target,
+            "offset": push.offset,
+            "yaw": push.yaw,
+            "skin": self.skin,
+            "sees": self.sensing.sees,
+            "misplaced": {
+                name: how.model_dump()
+                for name, how in self.misplaced.items()
+                if name in self.sensing.sees
+            },
+        }
+        return PushConfig(**fields)
+
+    def pipeline_of(self, push: Push, controller: str) -> PipelineConfig:
+        """Give the pipeline that steers a push."""
+        update = {
+            "controller": controller_options(controller, push.target, self.face),
+            "faults": drawn(self.faults, push.seed),
+            "seed": push.seed,
+        }
+        return self.pipeline.model_copy(update=update)
+
+    @property
+    def pipeline(self) -> PipelineConfig:
+        """What feels, without a controller."""
+        return self.sensing.pipeline
+
+    @property
+    def face(self) -> FaceConfig:
+        """What pushes."""
+        return self.sensing.face
+
+    @property
+    def robot(self) -> RobotConfig:
+        """The base."""
+        return self.sensing.robot
+
+    def settings(self, controllers: Sequence[str]) -> dict[str, Any]:
+        """Tell what makes two trials of one name equal, for a folder that is gone on with."""
+        places = self.targets.places
+        told = {
+            "trials": TRIALS,
+            "seed": self.seed,
+            "starts": self.starts,
+            "skin": self.skin.model_dump(mode="json"),
+            "faults": [fault.told for fault in self.faults],
+            "misplaced": {name: how.model_dump() for name, how in self.misplaced.items()},
+            "sensings": {self.sensing.label: self.sensing.settings()},
+            "controllers": {name: controller_settings(name, self.face) for name in controllers},
+            "objects": {name: object_settings(one) for name, one in self.objects.items()},
+            "targets": {self.targets.name: places or "by chance"},
+        }
+        settings: dict[str, Any] = json.loads(json.dumps(told, default=str))
+        return settings
+
+    def push(self, thing: str, friction: str, number: int) -> Push:
+        """Give one push; of others nothing changes it.
+
+        Args:
+            thing: the name of the object.
+            friction: its name.
+            number: within the set of targets.
+
+        Raises:
+            RobotError: the target is drawn, and the object is a URDF that cannot be seen.
+        """
+        entropy = [self.seed, crc32(thing.encode()), crc32(friction.encode()), number]
+        sequence = np.random.SeedSequence(entropy)
+        rng = np.random.default_rng(sequence)
+        offset, yaw = float(rng.uniform(-OFFSET, OFFSET)), float(rng.uniform(-YAW, YAW))
+        if self.starts == "nominal":
+            offset, yaw = 0.0, 0.0
+        places = self.targets.places
+        target = places[number] if places else _drawn(rng, self.first_contact(thing, offset, yaw))
+        seed = int(sequence.generate_state(1)[0])
+        return Push(thing, friction, self.targets.name, number, target, offset, yaw, seed)
+
+    def first_contact(self, thing: str, offset: float, yaw: float) -> float:
+        """Give how far to the left of the robot's middle an object is touched first [m].
+
+        Args:
+            thing: the name of the object.
+            offset: of the object to the left [m].
+            yaw: of the object [degrees].
+
+        Raises:
+            RobotError: it is a URDF that cannot be seen.
+        """
+        corners = self._corners[thing]
+        cos, sin = np.cos(np.radians(yaw)), np.sin(np.radians(yaw))
+        x, y = cos * corners[:, 0] - sin * corners[:, 1], sin * corners[:, 0] + cos * corners[:, 1]
+        foremost = float(y[x < x.min() + FLAT].mean()) + offset
+        return float(np.clip(foremost, -self.face.half_width, self.face.half_width))
+
+    @cached_property
+    def _corners(self) -> dict[str, FloatArray]:
+        """Of each object seen from above, shape (n, 2) [m]: slow to find for a URDF."""
+        return {name: np.concatenate(outlines(one)) for name, one in self.objects.items()}
+
+
+def read_plan(
+    sensing: str,
+    objects: Sequence[str],
+    files: Sequence[Path],
+    frictions: Sequence[str],
+    targets: Targets,
+    starts: str,
+    taxels: int,
+    skin: SkinConfig,
+    faults: Sequence[RandomFault],
+    seed: int,
+    change: Change | None = None,
+    misplaced: Mapping[str, MisplacedConfig] | None = None,
+) -> Plan:
+    """Put an experiment together.
+
+    Args:
+        sensing: what feels, by name.
+        objects: by name; none: those of the paper, unless there are files.
+        files: of further objects.
+        frictions: by name; none: both.
+        targets: where to.
+        starts: "nominal" or "random".
+        taxels: of the front.
+        skin: how well the skin feels.
+        faults: how sensors fail.
+        seed: of all chance.
+        change: what differs from the file of the sensing.
+        misplaced: how far sensors are from where they are believed to be, by name.
+
+    Raises:
+        ContactFusionError: a name is unknown or stands twice, a file holds no object, the seed is
+            less than 0, or what feels is not installed.
+    """
+    if seed < 0:
+        raise ConfigurationError(f"a seed is 0 or more, not {seed}", "seed")
+    require_known([starts], STARTS, "starts", "starts")
+    frictions = frictions or list(FRICTIONS)
+    require_known(frictions, FRICTIONS, "friction", "frictions")
+    require_once(frictions, "frictions")
+    return Plan(
+        sensing=read_sensing(sensing, taxels, change or Change()),
+        objects=objects_of(objects, files),
+        frictions=frictions,
+        targets=targets,
+        starts=starts,
+        skin=skin,
+        faults=faults,
+        misplaced=misplaced or {},
+        seed=seed,
+    )
+
+
+def _drawn(rng: np.random.Generator, first_contact: float) -> Place:
+    """Draw a target that is neither near the first contact nor under the robot."""
+    while True:
+        x, y = rng.uniform(-FIELD, FIELD, 2).tolist()
+        length, width = CHASSIS
+        under = -length - CLEARANCE <= x <= 0.0 and abs(y) <= width / 2.0 + CLEARANCE
+        if np.hypot(x, y - first_contact) >= NEAREST and not under:
+            return x, y

@@ -1,0 +1,200 @@
+"""The push experiment's table beside the paper's, and its measures."""
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+from zlib import crc32
+
+import numpy as np
+
+from contactfusion.arrays import FloatArray
+from contactfusion_lab.experiments.measures import proportion, resampled
+from contactfusion_lab.experiments.push.outcomes import Outcome
+from contactfusion_lab.experiments.push.paper import GROUPS, PAPER, START, Group, Reached
+from contactfusion_lab.experiments.push.perception import Perception
+
+SUCCESSES = {
+    "success_true": "true",
+    "success_estimate": "by estimate",
+    "ever_true": "ever",
+}
+"""The three, and what the table calls them (method §7)."""
+MEASURES: dict[str, tuple[str, float, str]] = {
+    "time": ("time s", 1.0, ".1f"),
+    "path": ("path m", 1.0, ".2f"),
+    "final_distance": ("final distance cm", 100.0, ".1f"),
+    "lateral_true": ("mean abs. l cm", 100.0, ".1f"),
+    "lateral_estimate": ("mean abs. l̂ cm", 100.0, ".1f"),
+    "swept": ("swept rad/s", 1.0, ".3f"),
+    "without_contact": ("without contact s", 1.0, ".1f"),
+    "type_accuracy": ("type accuracy %", 100.0, ".1f"),
+    "contact_accuracy": ("contact or none %", 100.0, ".1f"),
+    "location_rmse": ("location RMSE cm", 100.0, ".2f"),
+    "sources_two": ("two sources or more %", 100.0, ".1f"),
+    "evidence_two": ("two of evidence %", 100.0, ".1f"),
+    "realigning": ("realigning %", 100.0, ".1f"),
+}
+"""What is told of them beside success: heading, scale and form."""
+PERCEIVED: dict[str, tuple[str, float, str]] = {
+    name: MEASURES[name] for name in ("location_rmse", "type_accuracy", "contact_accuracy")
+}
+COUNTED = ("searches", "escapes")
+LISTED = 40
+"""So many failures of a controller are listed in the table; all are in results.csv."""
+
+
+def groups_of(outcomes: Sequence[Outcome]) -> list[Group]:
+    """Give pairs of object and friction, in their order."""
+    return list(dict.fromkeys((one.object, one.friction) for one in outcomes))
+
+
+def summary_of(outcomes: Sequence[Outcome], seed: int) -> dict[str, Any]:
+    """Give what one sensing and controller reached: of all, and of each object and friction.
+
+    Successes have Wilson intervals, medians percentile bootstrap intervals over pushes.
+
+    Args:
+        outcomes: of one sensing and controller.
+        seed: of the bootstrap; each figure has chance of its own.
+    """
+    parts = {"all": outcomes} | {
+        " ".join(group): [one for one in outcomes if (one.object, one.friction) == group]
+        for group in groups_of(outcomes)
+    }
+    return {name: _summary(name, part, seed) for name, part in parts.items()}
+
+
+def success_text(found: Mapping[str, Sequence[Outcome]], targets: str, starts: str) -> str:
+    """Give the paper's table as Markdown, with three rows a sensing and controller.
+
+    Args:
+        found: outcomes by sensing and controller.
+        targets: the name of the set.
+        starts: "nominal" or "random"; beside nominal starts stand the paper's rows of the set.
+    """
+    groups = groups_of([one for outcomes in found.values() for one in outcomes])
+    headings = [f"{thing} {friction.replace('mu', 'µ')}" for thing, friction in groups]
+    lines = [_line(["", *headings, "all"]), "|" + "---|" * (len(groups) + 2)]
+    if starts == START:
+        lines += [_line(cells) for cells in _papers_successes(groups, targets)]
+    for label, outcomes in found.items():
+        for success, name in SUCCESSES.items():
+            cells = []
+            for group in groups:
+                hits = [
+                    getattr(one, success) for one in outcomes if (one.object, one.friction) == group
+                ]
+                cells.append(f"{sum(hits)}/{len(hits)}" if hits else "-")
+            won = np.array([getattr(one, success) for one in outcomes])
+            _, low, high = proportion(won)
+            interval = f" [{low * 100:.1f}, {high * 100:.1f}]"
+            whole = _share(int(won.sum()), len(won)) + interval
+            lines.append(_line([f"{label}, {name}", *cells, whole]))
+    return "\n".join(lines)
+
+
+def perception_text(found: Mapping[str, Perception], targets: str, starts: str) -> str:
+    """Give how well contacts are perceived, over all cycles, beside the paper, as Markdown.
+
+    Args:
+        found: by sensing and controller.
+        targets: the name of the set.
+        starts: "nominal" or "random"; beside nominal starts stand the paper's rows of the set.
+    """
+    lines = [
+        _line(["", *(heading for heading, _, _ in PERCEIVED.values())]),
+        "|" + "---|" * (1 + len(PERCEIVED)),
+    ]
+    for row in PAPER:
+        if row.measures and row.targets == targets and starts == START:
+            cells = [
+                f"{row.measures[name] * scale:{form}}" if name in row.measures else "-"
+                for name, (_, scale, form) in PERCEIVED.items()
+            ]
+            lines.append(_line([f"*paper, {row.sensing}*", *cells]))
+    for label, one in found.items():
+        told = {name: getattr(one, name) for name in PERCEIVED}
+        cells = [_interval(*told[name], *scaled) for name, (_, *scaled) in PERCEIVED.items()]
+        lines.append(_line([label, *cells]))
+    return "\n".join(lines)
+
+
+def measures_text(summaries: Mapping[str, Mapping[str, Any]]) -> str:
+    """Give medians over all pushes as Markdown, with their intervals, by sensing and controller."""
+    lines = [
+        _line(["median", *(heading for heading, _, _ in MEASURES.values()), *COUNTED]),
+        "|" + "---|" * (1 + len(MEASURES) + len(COUNTED)),
+    ]
+    for label, summary in summaries.items():
+        cells = []
+        for name, (_, scale, form) in MEASURES.items():
+            one = summary["all"][name]
+            cells.append(_interval(one["median"], one["low"], one["high"], scale, form))
+        lines.append(_line([label, *cells, *(str(summary["all"][n]) for n in COUNTED)]))
+    return "\n".join(lines)
+
+
+def failures_text(found: Mapping[str, Sequence[Outcome]]) -> str:
+    """List the pushes without true success, each with its cause."""
+    lines = []
+    for label, outcomes in found.items():
+        failed = [one for one in outcomes if not one.success_true]
+        lines.append(f"**{label}**: {len(failed)} of {len(outcomes)} without true success")
+        lines += [
+            f"- {one.trial} to ({one.target_x:.2f}, {one.target_y:.2f}): {one.cause}"
+            for one in failed[:LISTED]
+        ]
+        if len(failed) > LISTED:
+            lines.append(f"- and {len(failed) - LISTED} more, in results.csv")
+        lines.append("")
+    return "\n".join(lines).strip()
+
+
+def _summary(name: str, outcomes: Sequence[Outcome], seed: int) -> dict[str, Any]:
+    told: dict[str, Any] = {"n": len(outcomes)}
+    for success in SUCCESSES:
+        hits = np.array([getattr(one, success) for one in outcomes])
+        value, low, high = proportion(hits)
+        told[success] = {"hits": int(hits.sum()), "share": value, "low": low, "high": high}
+    for measure in MEASURES:
+        values = np.array([getattr(one, measure) for one in outcomes])
+        entropy = f"{outcomes[0].label}, {name}, {measure}"
+        rng = np.random.default_rng([seed, crc32(entropy.encode())])
+        told[measure] = _median(values[np.isfinite(values)], rng)
+    return told | {name: sum(getattr(one, name) for one in outcomes) for name in COUNTED}
+
+
+def _median(values: FloatArray, rng: np.random.Generator) -> dict[str, float | int | None]:
+    if not len(values):
+        return {"n": 0, "mean": None, "median": None, "low": None, "high": None}
+    mean, (median, low, high) = float(values.mean()), resampled(values, np.median, rng)
+    return {"n": len(values), "mean": mean, "median": median, "low": low, "high": high}
+
+
+def _papers_successes(groups: Sequence[Group], targets: str) -> list[list[str]]:
+    """Give the paper's rows of a set of targets, where it pushed all of these."""
+    if not set(groups) <= set(GROUPS):
+        return []
+    rows = [row for row in PAPER if row.targets == targets]
+    return [_papers_row(row, groups) for row in rows if row.hits or set(groups) == set(GROUPS)]
+
+
+def _papers_row(row: Reached, groups: Sequence[Group]) -> list[str]:
+    by_group = dict(zip(GROUPS, row.hits, strict=False))
+    cells = [f"{by_group[group]}/{row.each}" if by_group else "-" for group in groups]
+    n = row.each * len(groups)
+    hits = sum(by_group[group] for group in groups) if by_group else round(row.share * n)
+    return [f"*paper, {row.sensing}*", *cells, _share(hits, n)]
+
+
+def _interval(value: float | None, low: float, high: float, scale: float, form: str) -> str:
+    if value is None or not np.isfinite(value):
+        return "-"
+    return f"{value * scale:{form}} [{low * scale:{form}}, {high * scale:{form}}]"
+
+
+def _share(hits: int, n: int) -> str:
+    return f"{hits}/{n}, {100.0 * hits / n:.2f} %"
+
+
+def _line(cells: Sequence[str]) -> str:
+    return "| " + " | ".join(cells) + " |"

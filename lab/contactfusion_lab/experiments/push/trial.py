@@ -1,0 +1,196 @@
+"""One push of the experiment by one controller: its track, cycle by cycle."""
+
+import json
+import time
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass, fields
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from contactfusion.arrays import FloatArray
+from contactfusion.contacts import Contact
+from contactfusion.controllers.face import FaceConfig, on_face
+from contactfusion.errors import ConfigurationError
+from contactfusion.hypotheses import HypothesisKind
+from contactfusion.npz_files import read_arrays, write_npz
+from contactfusion.pipeline import Pipeline
+from contactfusion_lab.experiments.push.plan import Plan, Push
+from contactfusion_lab.experiments.push.watches import Cost, StopWatch, WatchedScene
+from contactfusion_lab.simulation.push import PushScene
+from contactfusion_lab.simulation.pushing import Cycle, pushed
+
+KINDS = ("none", "point", "line")
+"""How the object touches."""
+
+
+@dataclass(frozen=True, eq=False)
+class Track:
+    """One push by one controller; n cycles.
+
+    Attributes:
+        push: which.
+        sensing: what felt it, by its label.
+        controller: by name.
+        ending: why it ended.
+        within: so near to the target the contact has arrived [m].
+        period: of a cycle [s].
+        modes: the names of the controller's modes.
+        sources: the kind of each source but Null ones, by name.
+        stamp: shape (n,) [s].
+        base: shape (n, 3), x, y [m] and yaw [rad] of the robot in `odom`.
+        object: shape (n, 3), of the object likewise.
+        kind: shape (n,), the true kind of contact as a row of `KINDS`.
+        contact: shape (n, 2), the true contact in the robot's frame [m], NaN without.
+        distance: shape (n,), from the true contact to the target [m], NaN without.
+        force: shape (n,), of the object on the robot [N].
+        lateral: shape (n,), the contact as it was estimated, to the left [m], NaN without.
+        estimate: shape (n,), its estimated kind.
+        shares: shape (n, k), of each source in the contacts on the face; they add up to 1, or to 0
+            without one.
+        mode: shape (n,), of the controller, as a row of `modes`.
+        command: shape (n, 3), ahead, to the left [m/s], turn [rad/s].
+    """
+
+    push: Push
+    sensing: str
+    controller: str
+    ending: str
+    within: float
+    period: float
+    modes: tuple[str, ...]
+    sources: Mapping[str, str]
+    stamp: FloatArray
+    base: FloatArray
+    object: FloatArray
+    kind: NDArray[np.uint8]
+    contact: FloatArray
+    distance: FloatArray
+    force: FloatArray
+    lateral: FloatArray
+    estimate: NDArray[np.uint8]
+    shares: FloatArray
+    mode: NDArray[np.uint8]
+    command: FloatArray
+
+
+TOLD = ("push", "sensing", "controller", "ending", "within", "period", "modes", "sources")
+ARRAYS = tuple(field.name for field in fields(Track) if field.name not in TOLD)
+
+
+def run_trial(plan: Plan, push: Push, controller: str) -> tuple[Track, Cost]:
+    """Push once.
+
+    Raises:
+        ContactFusionError: the scene cannot be set up, or the controller failed.
+    """
+    start = time.process_time()
+    scene = WatchedScene(plan.scene_of(push), plan.robot, push.seed)
+    pipeline = StopWatch(plan.pipeline_of(push, controller), plan.sensing.ask)
+    track = track_of(plan, push, controller, pushed(scene, pipeline))
+    cpu = time.process_time() - start
+    return track, Cost(float(track.stamp[-1]), cpu, scene.sensed, np.array(pipeline.cycles[:-1]))
+
+
+def push_cycles(plan: Plan, push: Push, pipeline: Pipeline) -> Iterator[Cycle]:
+    """Let a pipeline make a push.
+
+    Raises:
+        ContactFusionError: the scene cannot be set up, or the controller failed.
+    """
+    return pushed(PushScene(plan.scene_of(push), plan.robot, push.seed), pipeline)
+
+
+def track_of(plan: Plan, push: Push, controller: str, cycles: Iterable[Cycle]) -> Track:
+    """Keep of all cycles what the measures need, and nothing else."""
+    truths, found, shares, commands, ending = [], [], [], [], None
+    sources: dict[str, str] = {}
+    for cycle in cycles:
+        fusion = cycle.step.fusion
+        truths.append(cycle.truth)
+        found.append(on_face(fusion.contacts, plan.face))
+        shares.append(shares_on_face(fusion.contacts, plan.face))
+        sources = {
+            name: str(one.kind)
+            for name, one in fusion.report.sources.items()
+            if one.kind != HypothesisKind.NULL
+        }
+        commands.append(cycle.step.command)
+        ending = cycle.ending
+    modes = tuple(dict.fromkeys(command.mode for command in commands if command))
+    twists = [command.twist for command in commands if command and command.twist]
+    config = plan.scene_of(push)
+    return Track(
+        push=push,
+        sensing=plan.sensing.label,
+        controller=controller,
+        ending=str(ending),
+        within=config.within,
+        period=config.period,
+        modes=modes,
+        sources=sources,
+        stamp=np.array([truth.stamp for truth in truths]),
+        base=np.array([truth.base for truth in truths]),
+        object=np.array([truth.object for truth in truths]),
+        kind=np.array([KINDS.index(truth.kind) for truth in truths], np.uint8),
+        contact=np.array([truth.contact for truth in truths]),
+        distance=np.array([truth.distance for truth in truths]),
+        force=np.array([truth.force for truth in truths]),
+        lateral=np.array([one.lateral if one else np.nan for one in found]),
+        estimate=np.array([KINDS.index(one.kind if one else "none") for one in found], np.uint8),
+        shares=np.array([[one.get(name, 0.0) for name in sources] for one in shares]),
+        mode=np.array([modes.index(one.mode) for one in commands if one], np.uint8),
+        command=np.array([[*twist.linear[:2], twist.angular[2]] for twist in twists]),
+    )
+
+
+def shares_on_face(contacts: Sequence[Contact], face: FaceConfig) -> dict[str, float]:
+    """Give the share of each source in the contacts on a face, which weigh by their voxels.
+
+    Args:
+        contacts: of one step, in the face's frame.
+        face: the face.
+
+    Returns:
+        Shares that add up to 1; nothing without such a contact.
+    """
+    touching = [contact for contact in contacts if on_face([contact], face)]
+    voxels = sum(contact.voxels for contact in touching)
+    shares: dict[str, float] = {}
+    for contact in touching:
+        for name, share in contact.shares.items():
+            shares[name] = shares.get(name, 0.0) + share * contact.voxels / voxels
+    return shares
+
+
+def save(track: Track, path: Path) -> None:
+    """Write a track to an npz file."""
+    told = {name: getattr(track, name) for name in TOLD} | {"push": asdict(track.push)}
+    write_npz(path, told=json.dumps(told), **{name: getattr(track, name) for name in ARRAYS})
+
+
+def load(path: Path) -> Track:
+    """Read a track.
+
+    Raises:
+        ConfigurationError: the file is missing, or is no track.
+    """
+    held = read_arrays(path, "told", *ARRAYS)
+    try:
+        return _told(held)
+    except (KeyError, TypeError, ValueError):
+        raise ConfigurationError(f"{path} is no push of this experiment") from None
+
+
+def _told(held: Mapping[str, Any]) -> Track:
+    told: dict[str, Any] = json.loads(str(held["told"]))
+    push = told.pop("push")
+    x, y = push.pop("target")
+    return Track(
+        push=Push(**push, target=(x, y)),
+        modes=tuple(told.pop("modes")),
+        **told,
+        **{name: held[name] for name in ARRAYS},
+    )

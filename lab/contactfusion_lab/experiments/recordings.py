@@ -1,0 +1,92 @@
+"""`experiment recordings`: contacts in real recordings whose truth is known."""
+
+import dataclasses
+import json
+import os
+from collections.abc import Callable
+from pathlib import Path
+
+from contactfusion.errors import RecordingError
+from contactfusion.files import make_folder, write_whole
+from contactfusion.terminal import note
+from contactfusion_lab.experiments import eflesh, force_plates, hub, icub, ouster
+from contactfusion_lab.experiments.measures import Measure, results_csv
+from contactfusion_lab.experiments.methods import Method
+
+VARIABLE = "CONTACTFUSION_DATA"
+NEIGHBOUR = Path("../shared/data")
+Experiment = Callable[[Path, Path], list[Measure]]
+"""Measures on recordings in one folder, and draws into another."""
+Fused = Callable[[Path, Path, Method], list[Measure]]
+"""The same by a method."""
+FUSED: dict[str, tuple[Fused, Method]] = {
+    "force_plates": (force_plates.measure, Method("de_morgan", "cluster_mass")),
+    "eflesh": (eflesh.measure, Method("de_morgan", "cluster_centroid")),
+    "icub_grasp": (icub.measure, Method("de_morgan", "cluster_centroid")),
+}
+"""What runs on which part of the recordings, and how hypotheses are fused unless it is told."""
+UNFUSED: dict[str, Experiment] = {"hub": hub.measure, "ouster": ouster.measure}
+"""What runs without fusing anything."""
+FOLDERS = {"hub": "force_plates"}
+"""Where recordings lie that are not in a folder of their own."""
+
+
+def run_recordings(data: Path | None, method: Method | None, out: Path) -> None:
+    """Measure on every recording; write results.csv, summary.json and a figure each.
+
+    Args:
+        data: the folder of the recordings; None: where `CONTACTFUSION_DATA` points.
+        method: how hypotheses are fused, and then only what fuses is measured; None: each recording
+            by its own method.
+        out: the folder that takes the results.
+
+    Raises:
+        RecordingError: a recording is not there, or not what it should be.
+    """
+    folder = data or data_folder()
+    make_folder(out)
+    measures: list[Measure] = []
+    for name, measure in _experiments(method).items():
+        note(f"{name} ...")
+        part = folder / FOLDERS.get(name, name)
+        if not part.is_dir():
+            raise RecordingError(f"there is no folder '{part}'; the recordings of {name} lie there")
+        found = measure(part, out)
+        if method is not None:
+            found = [dataclasses.replace(one, case=f"{one.case}, {method}") for one in found]
+        for one in found:
+            note(f"  {one}")
+        measures += found
+        write_whole(out / "results.csv", results_csv(measures))
+    summary = [{**dataclasses.asdict(one), "met": one.met} for one in measures]
+    write_whole(out / "summary.json", json.dumps(summary, indent=2, ensure_ascii=False) + "\n")
+    asked = [one for one in measures if one.met is not None]
+    print(f"{sum(bool(one.met) for one in asked)} of {len(asked)} figures as asked; results: {out}")
+
+
+def _experiments(method: Method | None) -> dict[str, Experiment]:
+    """Give what is measured, by name, by one method or each by its own."""
+
+    def by(measure: Fused, own: Method) -> Experiment:
+        return lambda folder, out: measure(folder, out, method or own)
+
+    fused = {name: by(measure, own) for name, (measure, own) in FUSED.items()}
+    if method is None:
+        return {**fused, **UNFUSED}
+    note(f"{', '.join(UNFUSED)}: nothing is fused there, left out")
+    return fused
+
+
+def data_folder() -> Path:
+    """Give the folder of the real recordings.
+
+    Raises:
+        RecordingError: it is nowhere to be found.
+    """
+    named = os.environ.get(VARIABLE)
+    folder = Path(named) if named else NEIGHBOUR
+    if not folder.is_dir():
+        raise RecordingError(
+            f"the real recordings are not in '{folder}': give --data, or set {VARIABLE}"
+        )
+    return folder

@@ -1,0 +1,195 @@
+"""Figures of the touch experiment."""
+
+import io
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from contactfusion.arrays import FloatArray
+from contactfusion.figures import COLOURS, new_figure
+from contactfusion.files import write_whole
+from contactfusion.pipeline_config import PipelineConfig
+from contactfusion.robots.posed import PosedRobot
+from contactfusion_lab.experiments.measures import Measure
+from contactfusion_lab.experiments.methods import Method
+from contactfusion_lab.experiments.touch.rows import (
+    Outcome,
+    believed_robot,
+    everything,
+    fused,
+    modality_of,
+)
+from contactfusion_lab.experiments.touch.trial import Trial
+
+AROUND = 0.09
+"""Pictures show so much around the contact [m]."""
+HIGHEST = 16.0
+"""Errors are drawn up to this [cm]."""
+SLICE = 0.04
+"""And the surface of the robot so far before and behind it [m]."""
+
+
+def draw_touches(outcomes: Mapping[str, Sequence[Outcome]], path: Path) -> Path:
+    """Draw ε and σ of every touch, one panel a row of the table (as F Fig 7).
+
+    Args:
+        outcomes: of one method, by row.
+        path: the PNG to write.
+    """
+    figure = new_figure(13.0, 2.0 * len(outcomes) + 0.6)
+    targets: list[str] = []
+    panels = figure.subplots(len(outcomes), 1, sharex=True, squeeze=False)[:, 0]
+    for number, (axes, (row, found)) in enumerate(zip(panels, outcomes.items(), strict=True)):
+        touches = [one for one in found if not one.touch.short and one.true_contacts]
+        touches.sort(key=lambda one: (one.touch.target, one.touch.direction, one.touch.repeat))
+        errors = np.array([one.error for one in touches]) * 100.0
+        sigmas = np.array([one.sigma for one in touches]) * 100.0
+        colour = COLOURS[number % len(COLOURS)]
+        x = np.arange(len(touches))
+        axes.errorbar(x, errors, sigmas, fmt="o", markersize=3.0, linewidth=0.8, color=colour)
+        beyond = errors > HIGHEST
+        axes.plot(x[beyond], np.full(beyond.sum(), HIGHEST), "^", markersize=5.0, color=colour)
+        silent = x[np.isnan(errors)]
+        axes.plot(silent, np.zeros(len(silent)), "|", color="#999999", markersize=6.0)
+        axes.axhline(3.0, color="#999999", linewidth=0.6, linestyle="--")
+        targets = [one.touch.target for one in touches]
+        for border in (i for i in range(1, len(targets)) if targets[i] != targets[i - 1]):
+            axes.axvline(border - 0.5, color="black", linewidth=0.6)
+        axes.set(ylabel="ε ± σ [cm]", ylim=(-0.5, HIGHEST + 0.6))
+        axes.set_title(f"{row}: {len(x) - len(silent)} of {len(x)} report", loc="left", fontsize=9)
+    names = ", then ".join(dict.fromkeys(targets))
+    panels[-1].set_xlabel(f"touch: {names}; grey ticks report nothing, triangles lie beyond")
+    return _saved(figure, path)
+
+
+def draw_rows(measures: Sequence[Measure], rows: Sequence[str], method: str, path: Path) -> Path:
+    """Draw detection, false alarms and ε of the rows with their intervals.
+
+    Args:
+        measures: as in the table.
+        rows: which, in their order.
+        method: which.
+        path: the PNG to write.
+    """
+    found = {(one.case, one.metric): one for one in measures}
+    figure = new_figure(13.0, 0.36 * len(rows) + 1.8)
+    shown = [
+        ("detected within 3 cm; × false alarms in free air [%]", 100.0,
+         [("detected", "o"), ("false alarms in free air", "x")]),
+        ("ε: ○ median, ◇ 90th percentile [cm]", 100.0, [("ε median", "o"), ("ε p90", "D")]),
+        ("false contacts a touch", 1.0, [("false contacts a touch", "o")]),
+    ]  # fmt: skip
+    panels = figure.subplots(1, len(shown), sharey=True)
+    places = np.arange(len(rows))[::-1]
+    for axes, (title, scale, metrics) in zip(panels, shown, strict=True):
+        for metric, marker in metrics:
+            for place, row in zip(places, rows, strict=True):
+                one = found.get((f"{row}, {method}", metric))
+                if one is None:
+                    continue
+                ends = [[(one.value - one.low) * scale], [(one.high - one.value) * scale]]
+                colour = COLOURS[1] if marker == "x" else COLOURS[0]
+                axes.errorbar([one.value * scale], [place], xerr=np.maximum(ends, 0.0), fmt=marker,
+                              color=colour, markersize=5.0, linewidth=1.0)  # fmt: skip
+        axes.set_title(title, fontsize=9)
+        axes.grid(axis="x", linewidth=0.3)
+    panels[0].set_yticks(places, rows)
+    figure.suptitle(method, fontsize=10)
+    return _saved(figure, path)
+
+
+def draw_touch(trial: Trial, config: PipelineConfig, method: Method, path: Path) -> Path:
+    """Draw what each modality said of a touch, what was fused, and where the contacts are.
+
+    Seen from above and from the side, around the true contact; the robot is where it believes to
+    be.
+
+    Args:
+        trial: the touch.
+        config: the pipeline that felt it.
+        method: how all of it is fused.
+        path: the PNG to write.
+    """
+    robot = believed_robot(trial, config)
+    fusion = fused(trial, everything(config), method, config)
+    middle = _middle(trial, robot)
+    figure = new_figure(13.5, 9.0)
+    panels = figure.subplots(2, 3, sharex="row", sharey="row")
+    for row, (across, depth) in enumerate((((0, 1), 2), ((0, 2), 1))):
+        near = np.abs(robot.surface.points[:, depth] - middle[depth]) < SLICE
+        for axes in panels[row]:
+            axes.scatter(*robot.surface.points[near][:, across].T * 1000.0, s=1.5, color="#cccccc")
+        _draw_said(panels[row, 0], trial, config, across)
+        _draw_fused(panels[row, 1], fusion.space, across)
+        _draw_contacts(panels[row, 2], fusion.contacts, across)
+        for axes in panels[row]:
+            axes.scatter(*trial.places[:, across].T * 1000.0, s=170.0, marker="*", color="black",
+                         facecolors="none", linewidths=1.3, label="truth")  # fmt: skip
+            low = (middle[list(across)] - AROUND) * 1000.0
+            high = (middle[list(across)] + AROUND) * 1000.0
+            axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), aspect="equal")
+            axes.set_xlabel(f"{'xyz'[across[0]]} [mm]")
+        panels[row, 0].set_ylabel(f"{'xyz'[across[1]]} [mm]")
+    for axes, title in zip(panels[0], ("what each said", "what is fused", "contacts"), strict=True):
+        axes.set_title(title)
+    for axes in panels[1]:
+        axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.14), ncols=3, fontsize="small")
+    figure.suptitle(f"{trial.touch.name}: every generator, {method}")
+    return _saved(figure, path)
+
+
+def _middle(trial: Trial, robot: PosedRobot) -> FloatArray:
+    if len(trial.places):
+        return np.asarray(trial.places[0])
+    said = [cloud.positions for cloud in trial.clouds.values() if cloud.single and len(cloud)]
+    return np.asarray(np.concatenate(said).mean(axis=0) if said else robot.surface.points[-1])
+
+
+def _draw_said(axes: Any, trial: Trial, config: PipelineConfig, across: tuple[int, int]) -> None:
+    """Draw hypotheses, larger where more likely within their cloud."""
+    modalities = everything(config).modalities
+    colours = {name: COLOURS[i % len(COLOURS)] for i, name in enumerate(modalities)}
+    labelled: set[str] = set()
+    for name, cloud in trial.clouds.items():
+        modality = modality_of(config, name)
+        if not cloud.likelihoods.any() or modality in ("motion", "free space"):
+            continue  # all of the hand, and all around it
+        size = 4.0 + 40.0 * cloud.likelihoods / cloud.likelihoods.max()
+        label = None if modality in labelled else f"{modality} ({cloud.kind})"
+        labelled.add(modality)
+        axes.scatter(*cloud.positions[:, across].T * 1000.0, s=size, alpha=0.5,
+                     color=colours.get(modality), label=label)  # fmt: skip
+
+
+def _draw_fused(axes: Any, space: Any, across: tuple[int, int]) -> None:
+    chosen = space.verdicts == "contact"
+    order = np.argsort(space.likelihoods[chosen])
+    positions = space.positions[chosen][order]
+    shown = axes.scatter(*positions[:, across].T * 1000.0, c=space.likelihoods[chosen][order],
+                         s=16.0, marker="s", vmin=0.0, vmax=1.0, cmap="viridis",
+                         label="voxels over the threshold")  # fmt: skip
+    axes.figure.colorbar(shown, ax=axes, shrink=0.7, label="likelihood")
+
+
+def _draw_contacts(axes: Any, contacts: Sequence[Any], across: tuple[int, int]) -> None:
+    from matplotlib.patches import Ellipse
+
+    for number, contact in enumerate(contacts):
+        x, y = contact.position[list(across)] * 1000.0
+        part = contact.covariance[np.ix_(across, across)] * 1e6
+        values, vectors = np.linalg.eigh(part)
+        turn = float(np.degrees(np.arctan2(vectors[1, 1], vectors[0, 1])))
+        colour = COLOURS[number % len(COLOURS)]
+        wide, high = 4.0 * np.sqrt(np.maximum(values[::-1], 0.0))
+        axes.add_patch(Ellipse((x, y), wide, high, angle=turn, fill=False, color=colour))
+        axes.scatter([x], [y], s=120.0, marker="+", color=colour, linewidths=2.0,
+                     label=f"{number + 1}: {contact.likelihood:.2f}")  # fmt: skip
+
+
+def _saved(figure: Any, path: Path) -> Path:
+    content = io.BytesIO()
+    figure.savefig(content, dpi=110, format="png")
+    write_whole(path, content.getvalue())
+    return path

@@ -1,0 +1,198 @@
+"""One touch of the experiment: what every source said in the end, and the truth."""
+
+import json
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from contactfusion.arrays import FloatArray
+from contactfusion.errors import ConfigurationError, name_hint
+from contactfusion.faults import unmet
+from contactfusion.frames import points_in
+from contactfusion.grid import Grid
+from contactfusion.hypotheses import HypothesisCloud, HypothesisKind
+from contactfusion.integrator.report import EventKind
+from contactfusion.npz_files import read_arrays, write_npz
+from contactfusion.pipeline import Pipeline
+from contactfusion.readings import JointState, Reading
+from contactfusion.robots.model import shared_robot
+from contactfusion_lab.experiments.touch.plan import Plan, Touch
+from contactfusion_lab.simulation.touch import TouchScene
+
+REQUIRED = ("positions", "likelihoods")
+OPTIONAL = ("forces", "spreads")
+
+
+@dataclass(frozen=True, eq=False)
+class Trial:
+    """One touch.
+
+    Attributes:
+        touch: which.
+        stamp: when it ended [s].
+        clouds: the last that each source said, in the space's frame, by its name.
+        places: shape (n, 3) [m], the true contacts in the space's frame, the strongest first; none
+            after a miss, or in free air.
+        links: the link that each is on.
+        steady: whether the hand had settled.
+        joints: shape (k,), the robot's joints as they were read in the end [rad, m].
+        refused: why readings or clouds were refused, each reason once.
+    """
+
+    touch: Touch
+    stamp: float
+    clouds: Mapping[str, HypothesisCloud]
+    places: FloatArray
+    links: tuple[str, ...]
+    steady: bool
+    joints: FloatArray
+    refused: tuple[str, ...]
+
+
+def run_trial(plan: Plan, touch: Touch) -> Trial:
+    """Touch once, and let the generators feel it.
+
+    Raises:
+        RobotError: the arm reaches the object in no way that was tried.
+        ConfigurationError: a generator or a fault is for a sensor that the robot has not.
+    """
+    config = plan.pipeline_of(touch.target)
+    assert config.robot is not None  # read_plan made sure of it
+    robot = shared_robot(config.robot)
+    scene = TouchScene(plan.scene_of(touch), robot, touch.seed)
+    clouds: dict[str, HypothesisCloud] = {}
+    pipeline = Pipeline(
+        config.model_copy(update={"seed": touch.seed}),
+        tell=lambda cloud: clouds.update({cloud.source: cloud}),
+    )
+    stamp, joints = 0.0, np.zeros(len(robot.joint_names))
+    heard: set[tuple[str, type[Reading]]] = set()
+    for reading in scene.readings():
+        heard.add((reading.sensor, type(reading)))
+        pipeline.receive(reading)
+        stamp = reading.stamp
+        if isinstance(reading, JointState):
+            joints = robot.positions(reading)
+    events = pipeline.step(stamp).events
+    pipeline.close()
+    _require_heard(pipeline, heard)
+    refused = dict.fromkeys(event.message for event in events if event.kind == EventKind.REFUSED)
+    contacts = scene.truth.contacts
+    pose = config.frame_tree().pose(config.integrator.frame, of=robot.root)
+    places = points_in(pose, contacts.places)
+    return Trial(
+        touch,
+        stamp,
+        _worth_keeping(clouds, places, pipeline.state(stamp).grid),
+        places,
+        contacts.links,
+        scene.truth.steady,
+        joints,
+        tuple(refused),
+    )
+
+
+def save(trial: Trial, path: Path) -> None:
+    """Write a trial to an npz file."""
+    told = {
+        "touch": asdict(trial.touch),
+        "stamp": trial.stamp,
+        "links": trial.links,
+        "steady": trial.steady,
+        "refused": trial.refused,
+        "clouds": [
+            {
+                "source": cloud.source,
+                "kind": str(cloud.kind),
+                "stamp": cloud.stamp,
+                "frame": cloud.frame,
+                "single": cloud.single,
+                "notes": cloud.notes,
+            }
+            for cloud in trial.clouds.values()
+        ],
+    }
+    arrays: dict[str, Any] = {"places": trial.places, "joints": trial.joints}
+    for cloud in trial.clouds.values():
+        for name in (*REQUIRED, *OPTIONAL):
+            if getattr(cloud, name) is not None:
+                arrays[f"{cloud.source}/{name}"] = getattr(cloud, name)
+    write_npz(path, told=json.dumps(told), **arrays)
+
+
+def load(path: Path) -> Trial:
+    """Read a trial.
+
+    Raises:
+        ConfigurationError: the file is missing, or is no trial.
+    """
+    held = read_arrays(path, "told", "places", "joints")
+    try:
+        return _told(held)
+    except (KeyError, TypeError, ValueError):
+        raise ConfigurationError(f"{path} is no touch of this experiment") from None
+
+
+def _told(held: Mapping[str, Any]) -> Trial:
+    told: dict[str, Any] = json.loads(str(held["told"]))
+    clouds = {}
+    for one in told["clouds"]:
+        arrays: dict[str, Any] = {
+            name: held.get(f"{one['source']}/{name}") for name in (*REQUIRED, *OPTIONAL)
+        }
+        clouds[one["source"]] = HypothesisCloud(**one, **arrays)
+    return Trial(
+        Touch(**told["touch"]),
+        told["stamp"],
+        clouds,
+        held["places"],
+        tuple(told["links"]),
+        told["steady"],
+        held["joints"],
+        tuple(told["refused"]),
+    )
+
+
+def _require_heard(pipeline: Pipeline, heard: set[tuple[str, type[Reading]]]) -> None:
+    """Make sure that nothing waits for a sensor that there is not.
+
+    Raises:
+        ConfigurationError: something does.
+    """
+    sensors = {sensor for sensor, _ in heard if sensor}
+    for problem in unmet(pipeline.config.faults, heard):
+        raise ConfigurationError(problem)
+    for name, generator in pipeline.generators.items():
+        wanted = generator.config.sensor
+        if not any(
+            issubclass(kind, generator.readings) and wanted in (None, sensor)
+            for sensor, kind in heard
+        ):
+            hint = name_hint(str(wanted), sensors, "sensors")
+            problem = f"no reading of '{wanted}' came; {hint}"
+            raise ConfigurationError(problem, f"generators.{name}.sensor")
+
+
+def _worth_keeping(
+    clouds: Mapping[str, HypothesisCloud], places: FloatArray, grid: Grid
+) -> dict[str, HypothesisCloud]:
+    """Leave out Null voxels that hold no true contact, and of which nobody else says anything."""
+    spoken = set(map(tuple, grid.voxels(places).tolist()))
+    for cloud in clouds.values():
+        if cloud.kind != HypothesisKind.NULL:
+            spoken.update(map(tuple, grid.voxels(cloud.positions).tolist()))
+    kept = {}
+    for name, cloud in clouds.items():
+        if cloud.kind == HypothesisKind.NULL:
+            voxels = map(tuple, grid.voxels(cloud.positions).tolist())
+            rows = np.array([voxel in spoken for voxel in voxels], np.bool_)
+            arrays: dict[str, Any] = {
+                array: None if getattr(cloud, array) is None else getattr(cloud, array)[rows]
+                for array in (*REQUIRED, *OPTIONAL)
+            }
+            cloud = replace(cloud, **arrays)
+        kept[name] = cloud
+    return kept

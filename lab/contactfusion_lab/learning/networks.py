@@ -1,0 +1,82 @@
+"""The networks in torch: two LSTM layers and a read-out of the last step (O §II-D)."""
+
+from collections.abc import Mapping
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from contactfusion.arrays import FloatArray
+from contactfusion.generators.lstm import LAYERS, UNITS, Weights
+from contactfusion.generators.network_card import Scale
+from contactfusion.generators.networks import OUTPUTS
+from contactfusion_lab.learning.backend import repeatable, torch
+from contactfusion_lab.learning.windows import WINDOW, Windows
+
+Name = Literal["location", "type"]
+"""Of a network."""
+KEENNESS = 6.0
+"""The first weights of the lengths are so many times larger than torch's: what tells of contact are
+the first centimetres of a length, the first tenth of the range to which it is scaled."""
+CHUNK = 4096
+"""So many windows are predicted at a time."""
+
+
+class ContactNetwork(torch.nn.Module):
+    """One of the two networks.
+
+    Args:
+        name: which.
+        columns: S, the proximity lengths of an instant.
+        generator: draws the first weights, uniform in ±1/√UNITS as torch does.
+    """
+
+    def __init__(self, name: Name, columns: int, generator: torch.Generator) -> None:
+        super().__init__()
+        self.lstm = torch.nn.LSTM(columns, UNITS, num_layers=LAYERS, batch_first=True)
+        self.readout = torch.nn.Linear(UNITS, OUTPUTS[name])
+        bound = UNITS**-0.5
+        for tensor, parameter in self.named_parameters():
+            widest = KEENNESS * bound if tensor == "lstm.weight_ih_l0" else bound
+            torch.nn.init.uniform_(parameter, -widest, widest, generator=generator)
+
+    def forward(self, windows: torch.Tensor) -> torch.Tensor:
+        """Give the outputs, shape (b, outputs), for scaled windows, shape (b, WINDOW, S)."""
+        hidden: torch.Tensor = self.lstm(windows)[0]
+        outputs: torch.Tensor = self.readout(hidden[:, -1])
+        return outputs
+
+
+def weights_of(network: ContactNetwork) -> Weights:
+    """Copy the weights, by their names without the network's."""
+    return {name: tensor.numpy().copy() for name, tensor in network.state_dict().items()}
+
+
+def put_weights(network: ContactNetwork, weights: Mapping[str, NDArray[np.float32]]) -> None:
+    """Replace the weights by others, as `weights_of` gives them.
+
+    Raises:
+        RuntimeError: they are those of another network.
+    """
+    network.load_state_dict({name: torch.tensor(array) for name, array in weights.items()})
+
+
+def scaled_rows(windows: Windows, length: Scale) -> torch.Tensor:
+    """Give the rows of windows as the networks take them, shape (m, S)."""
+    return torch.from_numpy(length.scaled(windows.rows).astype(np.float32))
+
+
+def gathered(rows: torch.Tensor, starts: torch.Tensor) -> torch.Tensor:
+    """Gather the windows that start at these rows, shape (b, WINDOW, S)."""
+    return rows[starts[:, None] + torch.arange(WINDOW)]
+
+
+def predict(name: Name, weights: Weights, windows: Windows, length: Scale) -> FloatArray:
+    """Give the outputs of a network for all windows, shape (w, outputs)."""
+    rows, starts = scaled_rows(windows, length), torch.from_numpy(windows.starts)
+    network = ContactNetwork(name, windows.rows.shape[1], torch.Generator())
+    put_weights(network, weights)
+    with repeatable(), torch.no_grad():
+        parts = [network(gathered(rows, chunk)) for chunk in starts.split(CHUNK)]
+    outputs: FloatArray = torch.cat(parts).double().numpy()
+    return outputs

@@ -1,0 +1,108 @@
+"""Writes trained networks as the run-time reads them: weights, and the card that tells of them."""
+
+import hashlib
+import json
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+from safetensors.numpy import save
+
+from contactfusion.arrays import FloatArray
+from contactfusion.errors import ConfigurationError
+from contactfusion.files import write_whole
+from contactfusion.generators.lstm import Weights
+from contactfusion.generators.network_card import KINDS, NetworksCard
+from contactfusion.generators.proximity import ProximityConfig
+from contactfusion_lab.learning.networks import predict
+from contactfusion_lab.learning.training import Trained
+from contactfusion_lab.learning.windows import WINDOW, Dataset
+
+
+def write_networks(
+    path: Path,
+    location: Trained,
+    kind: Trained,
+    data: Dataset,
+    proximity: ProximityConfig,
+    rate: float,
+    told: str,
+    figures: Mapping[str, float] | None = None,
+) -> NetworksCard:
+    """Write the weights of both networks and the card beside them; each file appears whole.
+
+    Args:
+        path: the safetensors file; the card is a JSON file of the same name.
+        location: the trained location estimator.
+        kind: the trained type estimator.
+        data: what they were trained on.
+        proximity: how the proximity lengths were made.
+        rate: of the cycles of the trials [Hz].
+        told: what the data are, in words.
+        figures: what else was measured; error and accuracy over validation are added.
+
+    Returns:
+        The card.
+
+    Raises:
+        ConfigurationError: a kind of contact has no cycle in validation, or the data were made with
+            other strips than `proximity` has.
+    """
+    columns = data.training.rows.shape[1]
+    if proximity.columns != columns:
+        raise ConfigurationError(
+            f"the data have {columns} proximity lengths, the cells give {proximity.columns}"
+        )
+    tensors = {
+        f"{one.name}.{name}": array
+        for one in (location, kind)
+        for name, array in one.weights.items()
+    }
+    content = save(tensors)
+    errors, right = _location_errors(location.weights, data), _types_right(kind.weights, data)
+    card = NetworksCard(
+        proximity=proximity,
+        window=WINDOW,
+        rate=rate,
+        length=data.length,
+        lateral=data.lateral,
+        sigma=_sigma(errors, data),
+        figures={
+            "validation_location_rmse_m": float(np.sqrt(np.nanmean(errors**2))),
+            "validation_type_accuracy": float(right.mean()),
+            **(figures or {}),
+        },
+        seeds={one.name: one.options.seed for one in (location, kind)},
+        data=told,
+        data_sha256=data.sha256,
+        weights_sha256=hashlib.sha256(content).hexdigest(),
+    )
+    write_whole(path, content)
+    write_whole(
+        path.with_suffix(".json"), json.dumps(card.model_dump(mode="json"), indent=1) + "\n"
+    )
+    return card
+
+
+def _location_errors(weights: Weights, data: Dataset) -> FloatArray:
+    """Give estimated minus true location over validation, shape (w,) [m], NaN without contact."""
+    outputs = predict("location", weights, data.validation, data.length)[:, 0]
+    errors: FloatArray = data.lateral.unscaled(outputs) - data.validation.lateral
+    return errors
+
+
+def _types_right(weights: Weights, data: Dataset) -> NDArray[np.bool_]:
+    outputs = predict("type", weights, data.validation, data.length)
+    right: NDArray[np.bool_] = np.argmax(outputs, axis=1) == data.validation.kind
+    return right
+
+
+def _sigma(errors: FloatArray, data: Dataset) -> dict[str, float]:
+    found = {}
+    for kind in ("point", "line"):
+        here = errors[data.validation.kind == KINDS.index(kind)]
+        if not len(here):
+            raise ConfigurationError(f"no cycle of the validation trials has {kind} contact")
+        found[kind] = float(np.sqrt(np.mean(here**2)))
+    return found

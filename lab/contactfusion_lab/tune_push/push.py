@@ -1,0 +1,214 @@
+"""`tune push`: a search for parameters of reactive pushing, confirmed in PyBullet."""
+
+import csv
+import io
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import yaml
+
+from contactfusion.arrays import FloatArray
+from contactfusion.controllers.pushing_parameters import SETS, PushingParameters
+from contactfusion.errors import ConfigurationError, name_hint
+from contactfusion.files import make_folder, require_settings, write_whole
+from contactfusion.terminal import Progress, note
+from contactfusion_lab.tune_push.rating import REPORTED, Rating
+from contactfusion_lab.tune_push.search import POPULATION, Candidate, Search, load_round, save_round
+from contactfusion_lab.tune_push.space import LIMITS, changes, decoded, encoded, require_searchable
+from contactfusion_lab.tune_push.work import (
+    drawn_seed,
+    kept_in_bullet,
+    rated_in_plane,
+)
+
+FINAL, LAST_ROUNDS = 8, 3
+"""So many of the best sets of the last rounds are rated once more in the plane."""
+CONFIRMED, MORE = 3, 5
+"""So many of these are confirmed in PyBullet; before, each makes so many times as many pushes as in
+a round."""
+SEARCHING, CHOOSING, CONFIRMING = 0, 1, 2
+"""What pushes are drawn for; each has pushes of its own."""
+
+
+@dataclass(frozen=True)
+class Options:
+    """What the search can be told.
+
+    Attributes:
+        seed: of all that is drawn.
+        trials: pushes that each set of a round makes in the plane.
+        rounds: how many.
+        confirm: pushes that each of the last sets makes in PyBullet.
+        start: the name of the set that is begun with.
+        workers: how many processes; they change nothing but the time.
+    """
+
+    seed: int = 0
+    trials: int = 60
+    rounds: int = 10
+    confirm: int = 150
+    start: str = "tuned"
+    workers: int = 2
+
+
+def tune_push(options: Options, out: Path) -> None:
+    """Search in the plane, confirm in PyBullet, write the best set; goes on where it was stopped.
+
+    Args:
+        options: how much is tried, and from where.
+        out: the folder that takes parameters.yaml, tried.csv, table.md and summary.json.
+
+    Raises:
+        ConfigurationError: an option is wrong, or `out` holds a search of other options.
+        RobotError: PyBullet has crashed twice.
+    """
+    if options.start not in SETS:
+        raise ConfigurationError(
+            f"unknown set '{options.start}'; {name_hint(options.start, SETS, 'sets')}"
+        )
+    if options.seed in REPORTED:
+        raise ConfigurationError(f"results are reported on seed {options.seed}: choose another")
+    start = SETS[options.start]
+    require_searchable(start)
+    make_folder(out)
+    settings = {**asdict(options), "parameters": start.model_dump(mode="json"), "limits": LIMITS}
+    del settings["workers"]
+    require_settings(settings, out)
+    rounds = _searched(options, start, out)
+    finals = _finals(options, start, rounds, out)
+    confirmed = _confirmed(options, finals, out)
+    _report(options, start, rounds, confirmed, finals, out)
+
+
+def _searched(options: Options, start: PushingParameters, out: Path) -> list[list[Candidate]]:
+    """Make the rounds that are not there yet."""
+    search, rounds = Search(encoded(start), options.seed), []
+    progress = Progress("sets rated in the plane", options.rounds * POPULATION)
+    for number in range(options.rounds):
+        path = out / "rounds" / f"{number:03d}.json"
+        if path.is_file():
+            candidates = load_round(path)
+            progress.skip(len(candidates))
+        else:
+            vectors = search.draw()
+            seed = drawn_seed(options.seed, SEARCHING, number)
+            sets = [decoded(vector, start) for vector in vectors]
+            ratings = rated_in_plane(sets, options.trials, seed, options.workers, progress)
+            candidates = [_candidate(*pair) for pair in zip(vectors, ratings, strict=True)]
+            save_round(candidates, path)
+        search.learn(candidates)
+        rounds.append(candidates)
+    return rounds
+
+
+def _finals(
+    options: Options, start: PushingParameters, rounds: Sequence[Sequence[Candidate]], out: Path
+) -> dict[str, PushingParameters]:
+    """Choose the sets to confirm: the best of the last rounds, on pushes that chose none yet."""
+    last = [one for candidates in rounds[-LAST_ROUNDS:] for one in candidates]
+    last.sort(key=lambda one: one.cost)
+    vectors = list(dict.fromkeys(one.vector for one in last))[:FINAL]
+    path = out / "choice.json"
+    if path.is_file():
+        candidates = load_round(path)
+    else:
+        sets = [decoded(np.array(vector), start) for vector in vectors]
+        progress = Progress("of the best sets rated once more", len(sets))
+        seed = drawn_seed(options.seed, CHOOSING, 0)
+        ratings = rated_in_plane(sets, MORE * options.trials, seed, options.workers, progress)
+        candidates = [
+            _candidate(np.array(vector), rating)
+            for vector, rating in zip(vectors, ratings, strict=True)
+        ]
+        save_round(candidates, path)
+    candidates.sort(key=lambda one: one.cost)
+    chosen = {options.start: start}
+    for number, one in enumerate(candidates[:CONFIRMED], 1):
+        chosen[f"found_{number}"] = decoded(np.array(one.vector), start)
+    return chosen
+
+
+def _confirmed(
+    options: Options, finals: Mapping[str, PushingParameters], out: Path
+) -> dict[str, Rating]:
+    """Make the pushes in PyBullet that are not there yet."""
+    ratings, progress = {}, Progress("pushes in PyBullet", len(finals) * options.confirm)
+    seed = drawn_seed(options.seed, CONFIRMING, 0)
+    for name, parameters in finals.items():
+        path = out / "confirmed" / f"{name}.json"
+        ratings[name] = kept_in_bullet(
+            parameters, options.confirm, seed, options.workers, progress, path
+        )
+    return ratings
+
+
+def _report(
+    options: Options,
+    start: PushingParameters,
+    rounds: Sequence[Sequence[Candidate]],
+    confirmed: Mapping[str, Rating],
+    finals: Mapping[str, PushingParameters],
+    out: Path,
+) -> None:
+    """Write what was found; the best by the lower end of its rate of true success, then by time."""
+    order = sorted(confirmed, key=lambda name: (-confirmed[name].rate[1], confirmed[name].cost))
+    best = order[0]
+    told = changes(finals[best], start)
+    rating = confirmed[best]
+    heading = (
+        f"# {best} of `tune push --seed {options.seed}`: true success "
+        f"{sum(rating.success)}/{len(rating.success)}, {rating.mean_time:.1f} s, in PyBullet\n"
+    )
+    text = yaml.safe_dump({"like": options.start, **told}, sort_keys=False)
+    write_whole(out / "parameters.yaml", heading + text)
+    lines = ["| set | true success in PyBullet | 95 % | mean time |", "|---|---|---|---|"]
+    for name in order:
+        one = confirmed[name]
+        _, low, high = one.rate
+        lines.append(
+            f"| {name} | {sum(one.success)}/{len(one.success)} | {low:.1%} to {high:.1%} | "
+            f"{one.mean_time:.1f} s |"
+        )
+    write_whole(out / "table.md", "\n".join(lines) + "\n")
+    write_whole(out / "tried.csv", _tried(start, rounds))
+    summary = {
+        "best": best,
+        "parameters": {"like": options.start, **told},
+        "tried": sum(map(len, rounds)),
+        "confirmed": {
+            name: {
+                "trials": len(one.success),
+                "true_successes": sum(one.success),
+                "rate_low_high": one.rate,
+                "mean_time_s": one.mean_time,
+                "parameters": finals[name].model_dump(mode="json"),
+            }
+            for name, one in confirmed.items()
+        },
+    }
+    write_whole(out / "summary.json", json.dumps(summary, indent=1) + "\n")
+    note("\n".join(lines))
+    print(f"the best is {best}: {out / 'parameters.yaml'}")
+
+
+def _tried(start: PushingParameters, rounds: Sequence[Sequence[Candidate]]) -> str:
+    text = io.StringIO()
+    table = csv.writer(text, lineterminator="\n")
+    table.writerow(["round", "trials", "true_successes", "cost_s", "mean_time_s", *LIMITS])
+    for number, candidates in enumerate(rounds):
+        for one in candidates:
+            held: dict[str, Any] = decoded(np.array(one.vector), start).model_dump()
+            flat = {**held, **{f"realign.{name}": v for name, v in held["realign"].items()}}
+            values = [flat[name] for name in LIMITS]
+            table.writerow([number, one.trials, one.successes, one.cost, one.time, *values])
+    return text.getvalue()
+
+
+def _candidate(vector: FloatArray, rating: Rating) -> Candidate:
+    successes = sum(rating.success)
+    time = rating.mean_time if successes else None
+    return Candidate(tuple(vector.tolist()), len(rating.success), successes, rating.cost, time)
