@@ -257,14 +257,17 @@ def test_joints_of_another_robot_than_the_recording_reports_are_told(file: Path)
     assert faults(file, "robot.still.turn=0.1", recording=silent) == []
 
 
-def test_transforms_that_come_late_or_end_early_place_what_they_name(file: Path) -> None:
+@pytest.mark.parametrize("stamps", [(0.25,), (0.05, 0.25)], ids=["late", "around the first"])
+def test_transforms_need_not_come_with_the_first_reading(
+    stamps: tuple[float, ...], file: Path
+) -> None:
     pytest.importorskip("rosbags")
     from tests.first_bags import pressed
     from tests.ros_bags import SECOND, mcap, transforms
 
-    said = [one for one in pressed(seconds=0.3) if one[0] != "/tf_static"]
-    late = SECOND // 4
-    said.append(("/tf", late, transforms((late, "base", "ft"))))
+    said = [one for one in pressed(seconds=0.3) if one[0] == "/ft/wrench" and one[1] > SECOND // 10]
+    for stamp in (int(stamp * SECOND) for stamp in stamps):
+        said.append(("/tf", stamp, transforms((stamp, "base", "ft"))))
     recording = mcap(file.parent, sorted(said, key=lambda one: one[1]))
     assert faults(pressing(file), recording=recording) == []
 
