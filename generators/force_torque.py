@@ -88,6 +88,7 @@ class ForceTorqueGenerator(Generator[ForceTorqueConfig]):
 
     Config = ForceTorqueConfig
     readings = (Wrench,)
+    needs_body = True
 
     def __init__(self, name: str, config: ForceTorqueConfig) -> None:
         super().__init__(name, config)
