@@ -111,8 +111,8 @@ def open_recording(what: str | Path | Mapping[str, Any], folder: Path = Path()) 
         return SUFFIXES[path.suffix]({"file": path}, Path())
     if path.suffix in DESCRIBED:
         raise RecordingError(
-            f"{path} needs a description of its columns: open a YAML file with 'type: log' and "
-            f"'file: {path.name}'"
+            f"{path} needs a description of its columns, a YAML file with 'type: log' and "
+            f"'file: {path.name}': `contactfusion inspect {path}` prints one to copy"
         )
     raise RecordingError(
         f"{path} can't be read; what can: {', '.join(SUFFIXES)}, and by a description in .yaml: "

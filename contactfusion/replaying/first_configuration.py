@@ -1,6 +1,6 @@
 """A first configuration for a recording or a robot: it runs as it stands, its comments say why."""
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -11,9 +11,9 @@ import yaml
 from contactfusion.errors import ConfigurationError, ContactFusionError
 from contactfusion.files import make_folder, write_whole
 from contactfusion.pipeline_config import PipelineConfig
-from contactfusion.readings import JointState, TactileImage, Wrench
+from contactfusion.readings import JointState, Reading, TactileImage, Wrench
 from contactfusion.recordings.messages import Message, typestore
-from contactfusion.recordings.opening import is_ros, open_recording
+from contactfusion.recordings.opening import DESCRIBED, is_ros, open_recording
 from contactfusion.recordings.ros.files import Bag
 from contactfusion.recordings.ros.topics import last
 from contactfusion.replaying.configuration import NOT_OURS
@@ -32,7 +32,14 @@ from contactfusion.replaying.first_lines import (
     tactile_lines,
     text_of,
 )
-from contactfusion.replaying.inspection import Inspection, TopicInspection, inspect_recording
+from contactfusion.replaying.inspection import (
+    Inspection,
+    TopicInspection,
+    inspect_readings,
+    inspect_recording,
+)
+from contactfusion.replaying.log_columns import BLANK, inspect_table, sensor_of, shown
+from contactfusion.replaying.log_columns import described as described_table
 from contactfusion.robots.description import RobotConfig
 from contactfusion.robots.model import RobotModel
 from contactfusion.terminal import note
@@ -50,7 +57,7 @@ def write_first(source: Path, out: Path, robot: Path | None = None, force: bool 
     """Write a first configuration for a recording or a URDF, and print what to do next.
 
     Args:
-        source: a recording as `open_recording` takes it, or a URDF.
+        source: a recording as `open_recording` takes it, a table that nothing describes, or a URDF.
         out: the YAML file.
         robot: the URDF of the robot that was recorded; None: that which the recording holds.
         force: whether to replace files that exist.
@@ -64,6 +71,8 @@ def write_first(source: Path, out: Path, robot: Path | None = None, force: bool 
         if robot is not None:
             raise ConfigurationError(f"--robot is for recordings, and {source} is a robot itself")
         first = _of_robot(source, out)
+    elif source.suffix in DESCRIBED:
+        first = _of_table(source, out, robot)
     else:
         first = _of_recording(source, out, robot)
     fields = yaml.safe_load(first.text)
@@ -177,8 +186,63 @@ class _Start:
     """By tactile sensor, the number of its values."""
 
 
+@final
+@dataclass(frozen=True)
+class _Held:
+    """What a recording holds, and how it is played.
+
+    Attributes:
+        inspection: its topics.
+        start: its first seconds.
+        shown: the same as lines of a comment.
+        recording: the `recording` of the configuration, as lines of YAML.
+        play: what plays it.
+    """
+
+    inspection: Inspection
+    start: _Start
+    shown: Sequence[str]
+    recording: Sequence[str]
+    play: str
+
+
 def _of_recording(path: Path, out: Path, robot: Path | None) -> _First:
-    inspection, start = inspect_recording(path), _start(path)
+    play = f"contactfusion replay {out} {path} --out contacts.csv"
+    inspection, start = inspect_recording(path), _start(open_recording(path).readings())
+    described = tuple(_recording(path, out))
+    return _of_sensors(
+        _Held(inspection, start, tuple(_held(inspection)), described, play), out, robot
+    )
+
+
+def _of_table(path: Path, out: Path, robot: Path | None) -> _First:
+    """A first configuration of a table; what its columns do not say is a blank."""
+    table = inspect_table(path)
+    described = tuple(described_table(table, named_from(path, out)))
+    if table.known:
+        fields = yaml.safe_load("\n".join(described_table(table, str(path.resolve()))))
+        recording = open_recording(fields)
+        inspection, start = inspect_readings(path, recording), _start(recording.readings())
+        play = f"contactfusion run {out} --out results"
+    else:
+        sensor = sensor_of(path)
+        told = TopicInspection(
+            name=sensor,
+            type="",
+            messages=table.rows,
+            frames=(sensor,),
+            sensor=sensor,
+            reading=Wrench.__name__,
+            generators=("force_torque",),
+        )
+        inspection, start = Inspection(path, 0, 0.0, (told,), ()), _Start()
+        play = f"put in what {BLANK} stands for, then: contactfusion check {out}"
+    lines = ("recording:", *indented(described), "")
+    return _of_sensors(_Held(inspection, start, tuple(shown(table)), lines, play), out, robot)
+
+
+def _of_sensors(held: _Held, out: Path, robot: Path | None) -> _First:
+    inspection, start, path = held.inspection, held.start, held.inspection.path
     urdf, text, remarks = "", "", list[str]()
     model: RobotModel | None = None
     if robot is not None:
@@ -200,16 +264,15 @@ def _of_recording(path: Path, out: Path, robot: Path | None) -> _First:
     remarks += [f"{use.sensor} is left out: {use.left_out}" for use in uses if use.left_out]
     active = [use for use in uses if not use.left_out]
     weighed = any("type: force_torque" in line for use in active for line in use.lines)
-    replay = f"contactfusion replay {out} {path} --out contacts.csv"
     lines = [
         f"# A first configuration for {path.name}, by `contactfusion init`:",
-        f"#   {replay}",
+        f"#   {held.play}",
         "# `contactfusion plugins TYPE` lists the options of a type of generator.",
         "#",
         "# The recording holds, as `contactfusion inspect` shows:",
-        *(f"#   {line}" for line in _held(inspection)),
+        *(f"#   {line}" for line in held.shown),
         "",
-        *_recording(path, out),
+        *held.recording,
     ]
     if model is not None:
         if start.joints and not start.joints & set(model.joint_names):
@@ -236,13 +299,13 @@ def _of_recording(path: Path, out: Path, robot: Path | None) -> _First:
             lines += [f"# {use.sensor} is left out: {use.left_out}"]
             lines += (f"# {line}" for line in indented(use.lines))
     lines += ["", *integrator_lines(space, WEIGHED if weighed else ())]
-    then = replay if active else f"give {out} a generator, of those in its comments"
+    then = held.play if active else f"give {out} a generator, of those in its comments"
     return _First("\n".join(lines) + "\n", then, tuple(remarks), text)
 
 
-def _start(path: Path) -> _Start:
+def _start(readings: Iterable[Reading]) -> _Start:
     start, begin = _Start(), None
-    for reading in open_recording(path).readings():
+    for reading in readings:
         begin = reading.stamp if begin is None else begin
         if reading.stamp > begin + LOOK:
             break
