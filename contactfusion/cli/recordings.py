@@ -46,7 +46,7 @@ def init(
 
 def replay(
     configuration: Annotated[Path, typer.Argument(help="The configuration (YAML).")],
-    recording: Annotated[Path, typer.Argument(help=RECORDING)],
+    recording: Annotated[Path | None, typer.Argument(help=RECORDING)] = None,
     out: Annotated[
         Path | None,
         typer.Option(help="File for the contacts: .mcap (with all topics), .csv or .parquet."),
@@ -74,6 +74,11 @@ def replay(
     from contactfusion.replaying.replay import replay as play
     from contactfusion.replaying.session import Window
 
+    if recording is None:
+        raise ConfigurationError(
+            f"give the recording after {configuration}, or play the one that it names with "
+            f"`contactfusion run {configuration}`"
+        )
     window = Window(start, duration)
     options = Options(
         configuration, recording, set_ or [], roles(topic), window, rate, out, ignore or []

@@ -20,6 +20,9 @@ from contactfusion.yaml_files import read_yaml
 DESCRIBED = (".csv", ".tsv", ".dat", ".npy", ".npz")
 """Files that say too little of themselves: a description must say what their columns are."""
 
+YAML = (".yaml", ".yml")
+"""Files that describe recordings, or configure pipelines."""
+
 
 def _log(options: dict[str, Any], folder: Path) -> Recording:
     files = LogConfig(**options).files if "files" in options else (LogFile(**options),)
@@ -98,8 +101,10 @@ def open_recording(what: str | Path | Mapping[str, Any], folder: Path = Path()) 
     if isinstance(what, Mapping):
         return _described(what, folder)
     path = folder / what
-    if path.suffix in (".yaml", ".yml"):
+    if path.suffix in YAML:
         description = read_yaml(path)
+        if unfit := unfit_configuration(path, description):
+            raise ConfigurationError(unfit)
         try:
             return _described(description, path.parent)
         except ConfigurationError as error:
@@ -118,6 +123,30 @@ def open_recording(what: str | Path | Mapping[str, Any], folder: Path = Path()) 
         f"{path} can't be read; what can: {', '.join(SUFFIXES)}, and by a description in .yaml: "
         f"{', '.join(DESCRIBED)}"
     )
+
+
+def unfit_configuration(path: Path, fields: Mapping[str, Any]) -> str:
+    """The sentence on a configuration that stands where a recording is asked for.
+
+    Args:
+        path: a YAML file.
+        fields: what it holds.
+
+    Returns:
+        What to give in its place; empty where it is no configuration.
+    """
+    if "type" in fields or fields.keys().isdisjoint(("recording", "scene", "generators")):
+        return ""
+    recording = fields.get("recording")
+    runs = f"{path} is a configuration that `contactfusion run {path}` runs, and no recording"
+    if isinstance(recording, Mapping):
+        kind, file = recording.get("type"), recording.get("file")
+        if kind in TYPES and kind != "log" and isinstance(file, str):
+            return f"{runs}: give the one that it names, {path.parent / file}"
+        return f"{runs}: give a YAML file that holds only what stands under its `recording`"
+    if "scene" in fields:
+        return f"{runs}: give the one that `contactfusion record {path}` makes"
+    return f"{path} is a configuration, and no recording: give the recording that it is for"
 
 
 def _described(description: Mapping[str, Any], folder: Path) -> Recording:
