@@ -143,6 +143,7 @@ class _Checking:
             }
             self.faults += self._unheard(held)
             self._sources.append(f"recording: {_listing(held)}")
+            self._sources += session.inputs.taken
 
     def report(self) -> Iterator[str]:
         """What was built, line by line."""

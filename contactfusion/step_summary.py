@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any, final
 
 from contactfusion.assembly import AnyGenerator
+from contactfusion.contacts import Contact
 from contactfusion.errors import ConfigurationError, name_hint
 from contactfusion.faults import unmet
 from contactfusion.hypotheses import HypothesisKind, Note
@@ -32,6 +33,8 @@ class Summary:
         steps: how many there were.
         with_contact: in how many of them something was touched.
         contacts: how many contacts they told.
+        likeliest: of all contacts, and the stamp of its step [s]; None before the first.
+        last: the likeliest contact of the last step with any, likewise.
         report: of the last step; None before the first.
         stamp: of the last step [s].
     """
@@ -39,6 +42,8 @@ class Summary:
     def __init__(self, pipeline: Pipeline) -> None:
         self._pipeline = pipeline
         self.steps = self.with_contact = self.contacts = 0
+        self.likeliest: tuple[float, Contact] | None = None
+        self.last: tuple[float, Contact] | None = None
         self.report: Report | None = None
         self.stamp = math.nan
         self._first: dict[tuple[EventKind, str], tuple[float, str]] = {}
@@ -50,6 +55,10 @@ class Summary:
         self.steps += 1
         self.with_contact += bool(found)
         self.contacts += found
+        if found:
+            self.last = step.stamp, step.fusion.contacts[0]
+            if not self.likeliest or self.last[1].likelihood > self.likeliest[1].likelihood:
+                self.likeliest = self.last
         self.report, self.stamp = step.fusion.report, step.stamp
         for event in step.events:
             key = event.kind, event.source
@@ -79,6 +88,9 @@ class Summary:
     def lines(self) -> Iterator[str]:
         """Give what there was, for people."""
         yield f"{self.steps} steps, {self.with_contact} with contact, {self.contacts} contacts"
+        for which, found in (("likeliest", self.likeliest), ("last", self.last)):
+            if found:
+                yield f"  {which} at {found[0]:.3f} s: {found[1]}"
         for name, source in self._sources.items():
             rate = "no rate" if math.isnan(source.rate) else f"{source.rate:.4g} Hz"
             yield (

@@ -61,6 +61,26 @@ def test_no_contact_alone_is_no_complaint() -> None:
     assert summary.contacts == 0 and not complaints
 
 
+def test_the_likeliest_and_the_last_contact_are_told() -> None:
+    summary, _ = ran(points("bbb"), generators=ECHO)
+    assert summary.likeliest and summary.last
+    place = "(0.103, 0.003, 0.003) m in 'base'"
+    likelihood = f"{summary.last[1].likelihood:.2f}"
+    told = f"contact at {place}, likelihood {likelihood}, from eye 100%"
+    assert list(summary.lines())[:3] == [
+        f"{summary.steps} steps, {summary.with_contact} with contact, {summary.contacts} contacts",
+        f"  likeliest at {summary.likeliest[0]:.3f} s: {told}",
+        f"  last at {summary.last[0]:.3f} s: {told}",
+    ]
+    assert summary.likeliest[0] == 0.1 and summary.last[0] == summary.stamp
+
+
+def test_without_a_contact_none_is_told() -> None:
+    summary, _ = ran(points("uuu"), generators=ECHO)
+    assert summary.likeliest is None and summary.last is None
+    assert not any("likeliest" in line for line in summary.lines())
+
+
 def image(stamp: float) -> DepthImage:
     return DepthImage(
         stamp=stamp, frame="base", sensor="eye", depth=np.ones((2, 3)), intrinsics=np.eye(3)
@@ -106,7 +126,7 @@ def test_clouds_that_are_ahead_of_time_are_told() -> None:
 def test_remarks_stand_under_their_source() -> None:
     remote = {"far": {"type": "remote"}}
     summary, _ = ran(points("bb"), generators=remote)
-    lines = list(summary.lines())
+    lines = list(summary.lines())[2:]
     assert lines[1].startswith("  far (regular): 2 clouds")
     assert lines[2:] == ["    2 × 0 contacts, 0 places"]
     assert summary.fields()["sources"]["far"]["remarks"] == {"0 contacts, 0 places": 2}

@@ -189,8 +189,8 @@ def _tell(session: Session, tally: Tally, summary: Summary, took: float) -> None
     recording = session.recording
     for line in tally.table(_troubles(recording) if isinstance(recording, RosRecording) else {}):
         print(line)
-    for missing in session.inputs.missing:
-        print(f"missing: {missing}")
+    for line in (*session.inputs.taken, *session.inputs.missing):
+        print(line)
     for name, count in session.pipeline.unplaced.items():
         if count:
             print(f"missing transforms: {count} clouds of '{name}' were refused")
