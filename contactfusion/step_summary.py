@@ -7,7 +7,7 @@ from typing import Any, final
 
 from contactfusion.assembly import AnyGenerator
 from contactfusion.contacts import Contact
-from contactfusion.errors import ConfigurationError, name_hint
+from contactfusion.errors import ConfigurationError, listed_once, name_hint
 from contactfusion.faults import unmet
 from contactfusion.hypotheses import HypothesisKind, Note
 from contactfusion.integrator.report import EventKind, Report, SourceReport
@@ -17,7 +17,7 @@ from contactfusion.readings import READING_TYPES, Reading
 TELLING = (EventKind.REFUSED, EventKind.STALE, EventKind.OVERRUN)
 """What is worth a sentence at the end."""
 CAUSES: dict[str, str] = {Note.MORE_THAN_ONE_CONTACT: "tare?"}
-"""The likely cause of a remark that most clouds of a source come with."""
+"""The likely cause of a remark that most clouds of a source come with, of a force that changes."""
 Heard = Collection[tuple[str, type[Reading]]]
 """The sensors and types of the readings that came, before any faults."""
 
@@ -98,22 +98,30 @@ class Summary:
                 f"{source.early} early, {source.invalid} refused"
             )
             for note, count in source.remarks.items():
-                cause = (
-                    f": {CAUSES[note]}" if note in CAUSES and 2 * count > source.accepted else ""
-                )
+                blames = 2 * count > source.accepted and Note.UNCHANGED not in source.remarks
+                cause = f": {CAUSES[note]}" if note in CAUSES and blames else ""
                 yield f"    {count} × {note}{cause}"
         for name, generator in self._pipeline.generators.items():
             given, looked = self._pipeline.given[name], self._looked(generator)
             if 0 < 2 * looked < given and HypothesisKind.REGULAR in generator.sources.values():
                 yield f"  {name}: {given - looked} of {given} readings gave no cloud"
-        for (kind, name), (stamp, message) in self._first.items():
-            if kind in TELLING:
-                times = self._times[kind, name]
-                often = f" ({times} times)" if times > 1 else ""
-                yield f"  {kind} at {stamp:.3f} s{often}: {message}"
+        yield from listed_once(self._happened(), told=next(self._useless(), ""))
         for row, fault in enumerate(self._pipeline.config.faults):
             if fault.start is not None and fault.start > self.stamp:
                 yield f"  faults.{row} did nothing: it starts at {fault.start:g} s, after the end"
+
+    def _happened(self) -> Iterator[str]:
+        """The first event of each kind and source; sources of the same event share a line."""
+        alike: dict[tuple[EventKind, str], list[str]] = {}
+        for (kind, name), (_, message) in self._first.items():
+            if kind in TELLING:
+                alike.setdefault((kind, message.replace(f"'{name}'", "")), []).append(name)
+        for (kind, _), (name, *others) in alike.items():
+            stamp, message = self._first[kind, name]
+            times = sum(self._times[kind, one] for one in (name, *others))
+            often = f" ({times} times)" if times > 1 else ""
+            likewise = f"; likewise {', '.join(map(repr, others))}" if others else ""
+            yield f"  {kind} at {stamp:.3f} s{often}: {message}{likewise}"
 
     def complaints(self, heard: Heard) -> Iterator[str]:
         """Report what kept the pipeline from its job.

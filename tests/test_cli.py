@@ -419,6 +419,18 @@ def test_a_log_that_is_broken_is_one_sentence_that_names_it(
     assert not (folder / "results").exists()
 
 
+def test_a_list_that_several_faults_share_is_printed_once(folder: Path, ask: Ask) -> None:
+    changes = [f"generators.{name}.sensor=nose" for name in ("wrist", "other")]
+    other = "generators.other={type: force_torque, sign: on_robot}"
+    sets = [word for change in (other, *changes) for word in ("--set", change)]
+    answer = ask("check", "wrist.yaml", *sets)
+    assert answer.status == 1
+    assert [line.partition("the recording ")[2] for line in answer.err.splitlines()] == [
+        "holds no 'nose'; the sensors are: wrist",
+        "holds no 'nose'",
+    ]
+
+
 NESTED = (
     "wrist.yaml is a configuration that `contactfusion run wrist.yaml` runs, and no recording: "
     "give a YAML file that holds only what stands under its `recording`"

@@ -153,7 +153,7 @@ def _described(description: Mapping[str, Any], folder: Path) -> Recording:
     options = dict(description)
     kind = options.pop("type", None)
     if kind not in TYPES:
-        hint = name_hint(str(kind), TYPES, "types of recording")
+        hint = name_hint(str(kind or ""), TYPES, "types of recording")
         wrong = "this field is required" if kind is None else f"unknown type '{kind}'"
         raise ConfigurationError(f"{wrong}; {hint}", "type")
     return TYPES[kind](options, folder)

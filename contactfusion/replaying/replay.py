@@ -191,9 +191,9 @@ def _tell(session: Session, tally: Tally, summary: Summary, took: float) -> None
         print(line)
     for line in (*session.inputs.taken, *session.inputs.missing):
         print(line)
-    for name, count in session.pipeline.unplaced.items():
-        if count:
-            print(f"missing transforms: {count} clouds of '{name}' were refused")
+    unplaced = (item for item in session.pipeline.unplaced.items() if item[1])
+    if counts := ", ".join(f"{count} clouds of '{name}'" for name, count in unplaced):
+        print(f"missing transforms: {counts} were refused")
     for line in summary.lines():
         print(line)
     span = tally.span
