@@ -146,6 +146,7 @@ class _Checking:
                 }
                 self.faults += self._unheard(held)
                 self._sources.append(f"recording: {_listing(held)}")
+                self._sources += session.inputs.taken
                 if not self.faults:
                     self.faults += unjoined(session.pipeline, session.recording)
 

@@ -63,7 +63,7 @@ def open_scene(
     """
     kind = description.get("type")
     if not isinstance(kind, str) or kind not in TYPES:
-        hint = name_hint(str(kind), TYPES, "types of scene")
+        hint = name_hint(str(kind or ""), TYPES, "types of scene")
         wrong = "this field is required" if kind is None else f"unknown type '{kind}'"
         raise ConfigurationError(f"{wrong}; {hint}", "scene.type")
     try:
