@@ -1,7 +1,7 @@
 """Builds all that a configuration names, runs nothing, and reports what it holds and lacks."""
 
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -15,6 +15,7 @@ from contactfusion.pipeline_config import PipelineConfig
 from contactfusion.readings import READING_TYPES, Reading
 from contactfusion.recordings.opening import open_recording
 from contactfusion.replaying.configuration import NOT_OURS, setting_of_file
+from contactfusion.replaying.joining import unjoined
 from contactfusion.running import RunConfig, opened_scene, run_fields
 
 SLACK = 0.1
@@ -111,9 +112,12 @@ class _Checking:
             return
         if config.recording:
             with self._gathering("recording"):
-                held = open_recording(config.recording, config.folder).topics
+                recording = open_recording(config.recording, config.folder)
+                held = recording.topics
                 self._sources += [f"recording: {_listing(held)}"]
                 self.faults += [*self._unheard(held), *self._unfed(held)]
+                if self._pipeline and not self.faults:
+                    self.faults += unjoined(self._pipeline, recording)
         elif config.robot is not None and not self.faults:
             with self._gathering("scene"):
                 opened_scene(config)
@@ -126,23 +130,25 @@ class _Checking:
         overrides: Sequence[str],
         topics: Mapping[str, str] | None,
     ) -> None:
-        """Find the topics of a recording for the generators, as a replay does."""
+        """Find topics for the generators, and frames for their sensors, as a replay does."""
         from contactfusion.replaying.session import Session
 
         with self._gathering(str(recording)):
             setting = setting_of_file(path, overrides).choosing(topics or {}, ())
-            session = Session(setting, recording)
-            session.close()
-            self.faults += session.inputs.missing
-            kinds = session.recording.topics
-            held = {
-                sensor: kinds[name]
-                for topic, sensor in session.inputs.sensors.items()
-                for name in (topic, sensor)  # a part of a ROS recording has sensors, others topics
-                if name in kinds
-            }
-            self.faults += self._unheard(held)
-            self._sources.append(f"recording: {_listing(held)}")
+            with closing(Session(setting, recording)) as session:
+                self.faults += session.inputs.missing
+                kinds = session.recording.topics
+                held = {
+                    sensor: kinds[name]
+                    for topic, sensor in session.inputs.sensors.items()
+                    for name in (topic, sensor)  # a part of a ROS recording has sensors, others
+                    if name in kinds  # topics
+                }
+                self.faults += self._unheard(held)
+                self._sources.append(f"recording: {_listing(held)}")
+                self._sources += session.inputs.taken
+                if not self.faults:
+                    self.faults += unjoined(session.pipeline, session.recording)
 
     def report(self) -> Iterator[str]:
         """What was built, line by line."""

@@ -2,10 +2,11 @@
 
 import functools
 import inspect
+import re
 import sys
 import textwrap
 import traceback
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from difflib import get_close_matches
 from pathlib import Path
 from types import TracebackType
@@ -13,6 +14,9 @@ from typing import Any
 
 LONGEST_CAUSE = 300
 """The message of a foreign exception is cut to so many characters."""
+
+LISTING = re.compile(r"[:;]? [Tt]he ([\w ]+ are: [^;]+)")
+"""The list in a sentence with a `name_hint`, and what joins it to the rest."""
 
 
 class ContactFusionError(Exception):
@@ -114,8 +118,24 @@ def name_hint(name: str, known: Iterable[str], what: str) -> str:
     if not names:
         return f"there are no {what}"
     listing = f"the {what} are: {', '.join(names)}"
-    close = get_close_matches(name, names, n=1)
-    return f"did you mean '{close[0]}'? {listing[0].upper()}{listing[1:]}" if close else listing
+    folded = {one.casefold(): one for one in names}
+    close = get_close_matches(name.casefold(), folded, n=1)
+    if not close:
+        return listing
+    return f"did you mean '{folded[close[0]]}'? {listing[0].upper()}{listing[1:]}"
+
+
+def listed_once(sentences: Iterable[str], told: str = "") -> Iterator[str]:
+    """Sentences without the lists of `name_hint` that one before them holds.
+
+    Args:
+        sentences: what is printed, one after the other.
+        told: what is printed beside them.
+    """
+    seen = set(LISTING.findall(told))
+    for sentence in sentences:
+        yield LISTING.sub(lambda found: "" if found[1] in seen else found[0], sentence)
+        seen.update(LISTING.findall(sentence))
 
 
 def missing_extra(package: str, extra: str) -> DependencyError:

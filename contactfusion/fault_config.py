@@ -294,7 +294,9 @@ def _chosen(value: Any) -> Any:
     model = FAULTS.get(str(name))
     if model is None:
         wrong = "this field is required" if name is None else f"unknown fault '{name}'"
-        raise ConfigurationError(f"{wrong}; {name_hint(str(name), FAULTS, 'faults')}", "fault")
+        raise ConfigurationError(
+            f"{wrong}; {name_hint(str(name or ''), FAULTS, 'faults')}", "fault"
+        )
     unknown = next((field for field in value if field not in model.model_fields), None)
     if unknown is not None:
         hint = name_hint(unknown, model.model_fields, f"fields of '{name}'")

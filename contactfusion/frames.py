@@ -1,6 +1,7 @@
 """Frames: a tree of poses, and what one frame is in another."""
 
 from collections.abc import Mapping, Sequence
+from types import MappingProxyType
 from typing import Protocol
 
 import numpy as np
@@ -64,14 +65,22 @@ class FrameTree:
     Args:
         parents: for each child frame its parent and its pose there (child to parent).
         above: further frames; where both tell of a child frame, `parents` counts.
+        origins: for frames that no pose may name, such as that of the hypothesis space, what
+            sentences call them: the frame and where it comes from.
 
     Raises:
         FrameError: the frames of `parents` form a circle.
     """
 
-    def __init__(self, parents: Mapping[str, Parent], above: Above | None = None) -> None:
+    def __init__(
+        self,
+        parents: Mapping[str, Parent],
+        above: Above | None = None,
+        origins: Mapping[str, str] = MappingProxyType({}),
+    ) -> None:
         self._parents = dict(parents)
         self._above = above
+        self._origins = dict(origins)
         self._cache: dict[tuple[str, str], Pose] = {}
         sound: set[str] = set()
         for frame in self._parents:
@@ -91,15 +100,15 @@ class FrameTree:
 
     def under(self, above: Above) -> "FrameTree":
         """Give the tree with further frames, such as those that a recording tells."""
-        return FrameTree(self._parents, above)
+        return FrameTree(self._parents, above, self._origins)
 
     def extended(self, parents: Mapping[str, Parent]) -> "FrameTree":
         """Give the tree with further frames, or with new poses for some."""
-        return FrameTree({**self._parents, **parents}, self._above)
+        return FrameTree({**self._parents, **parents}, self._above, self._origins)
 
     def nearest(self) -> "FrameTree":
         """The tree with unknown poses as they were known nearest in time."""
-        return self if self._above is None else FrameTree(self._parents, self._above.nearest())
+        return self if self._above is None else self.under(self._above.nearest())
 
     def pose(self, frame: str, of: str) -> Pose:
         """Give the pose of frame `of` in `frame`: it takes coordinates of `of` to `frame`.
@@ -134,13 +143,9 @@ class FrameTree:
     def _pose(self, frame: str, of: str) -> Pose:
         if frame == of:
             return pose_of((0.0, 0.0, 0.0))
-        for name in (of, frame):
-            if name not in self.frames:
-                hint = name_hint(name, self.frames, "frames")
-                raise FrameError(
-                    f"unknown frame '{name}': {hint}; where no transform places it, `frames` or "
-                    "`robot.frames` can"
-                )
+        known = self.frames
+        if unknown_names := [name for name in (of, frame) if name not in known]:
+            raise FrameError(self._unknown(of, frame, unknown_names))
         (up_from, unknown), (up_to, unknown_to) = self._chain(of), self._chain(frame)
         shared = next((name for name in up_from if name in up_to), None)
         if shared is not None:  # what is not known above it does not matter
@@ -153,6 +158,24 @@ class FrameTree:
                 f"'{of}' hangs under '{next(reversed(up_from))}', "
                 f"'{frame}' under '{next(reversed(up_to))}'"
             )
+        )
+
+    def _unknown(self, of: str, frame: str, unknown: Sequence[str]) -> str:
+        """The sentence on frames that no pose names, of the two that should be joined."""
+        name = next((name for name in unknown if name not in self._origins), unknown[0])
+        other = frame if name == of else of
+        hint = name_hint(name, self.frames, "frames")
+        if not self.frames:
+            where = self._origins.get(other, f"'{other}'")
+            return f"unknown frame '{name}': {hint}; `frames` or a `robot` can place it in {where}"
+        if name in self._origins:
+            return (
+                f"nothing joins '{other}' to {self._origins[name]}, which is unknown: {hint}; "
+                "name one of them there, or place it by `frames`"
+            )
+        return (
+            f"unknown frame '{name}': {hint}; where no transform places it, `frames` or "
+            "`robot.frames` can"
         )
 
     def _chain(self, frame: str) -> tuple[dict[str, Pose], FrameError | None]:

@@ -69,6 +69,8 @@ class Generator(ABC, Generic[ConfigT]):
     """The types of reading that it takes."""
     outputs: Mapping[str, HypothesisKind] = {"": HypothesisKind.REGULAR}
     """The kind of each output; output "free" of the generator "skin" is the source "skin/free"."""
+    needs_body: ClassVar[bool] = False
+    """Whether it gives no clouds without the robot or its surface; `check` then looks for it."""
 
     def __init__(self, name: str, config: ConfigT) -> None:
         self.name = name

@@ -34,6 +34,7 @@ class Note(StrEnum):
     OFF_SURFACE = "off the surface"
     PULLS = "the force pulls: sign?"
     NEVER_FREE = "loaded since the first reading: tare?"
+    UNCHANGED = "loaded and unchanged since the first reading: columns?"
     SATURATED = "saturated"
     UNHEALTHY = "unhealthy"
 

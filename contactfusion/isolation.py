@@ -63,6 +63,7 @@ class Isolated(Generator[GeneratorConfig]):
         super().__init__(inner.name, inner.config)
         # what a class declares for all its instances, this one borrows from another class
         self.readings = inner.readings  # type: ignore[misc]
+        self.needs_body = inner.needs_body  # type: ignore[misc]
         self.outputs = inner.outputs
         self._inner = inner
         self._live = live

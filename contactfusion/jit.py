@@ -12,8 +12,8 @@ R = TypeVar("R")
 def kernel(function: Callable[P, R]) -> Callable[P, R]:
     """Compile a function of arrays; keep the machine code on disk where that can be written.
 
-    numba notices a changed kernel by the time stamp of its own file only. Kernels that call each
-    other therefore stand in one module.
+    numba notices a changed kernel by its own file only. Kernels that call each other therefore
+    stand in one module.
     """
     compiled: Any  # numba's own types lose the signature
     try:

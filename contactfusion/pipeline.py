@@ -205,7 +205,7 @@ class Pipeline:
         is_robot = issubclass(kind, Odometry) or (
             issubclass(kind, JointState) and self._robot.model is not None
         )
-        return is_robot or any(_takes(one, sensor, kind) for one in self.generators.values())
+        return is_robot or any(takes(one, sensor, kind) for one in self.generators.values())
 
     def receive(self, reading: Reading) -> None:
         """Give a reading to every generator that takes it; one that fails harms no other.
@@ -227,7 +227,7 @@ class Pipeline:
     def _distribute(self, reading: Reading) -> None:
         self._robot.add(reading)
         kind = type(reading)
-        takers = [one for one in self.generators.values() if _takes(one, reading.sensor, kind)]
+        takers = [one for one in self.generators.values() if takes(one, reading.sensor, kind)]
         if takers:
             state = self.state(reading.stamp)
             for generator in takers:
@@ -418,6 +418,7 @@ class Pipeline:
         )
 
 
-def _takes(generator: AnyGenerator, sensor: str, kind: type[Reading]) -> bool:
+def takes(generator: AnyGenerator, sensor: str, kind: type[Reading]) -> bool:
+    """Whether a generator takes readings of a sensor and a type."""
     wanted = generator.config.sensor
     return issubclass(kind, generator.readings) and wanted in (None, sensor)

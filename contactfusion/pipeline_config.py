@@ -121,4 +121,11 @@ class PipelineConfig(Model):
         """
         on_robot = self.robot.frames if self.robot else {}
         frames = {**on_robot, **self.frames}
-        return FrameTree({name: (frame.parent, frame.pose()) for name, frame in frames.items()})
+        space = self.integrator.frame
+        where = "`integrator.frame`"
+        if "frame" not in self.integrator.model_fields_set:
+            where = f"default of {where}"
+        return FrameTree(
+            {name: (frame.parent, frame.pose()) for name, frame in frames.items()},
+            origins={space: f"the integrator's frame '{space}' ({where})"},
+        )

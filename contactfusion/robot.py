@@ -34,6 +34,11 @@ class Robot:
         self._body = config.surface.sampled(config.folder) if config.surface else None
         self.model = _model(config)
         """The robot of the URDF, or None."""
+        if self.model is not None:  # what hangs on another link may stand far away in the world
+            moved = self.model.moved_links
+            self.model.require_mounted(
+                {name: frame for name, frame in config.frames.items() if frame.parent in moved}
+            )
         self._history = History()
         self._transforms = Transforms()
         self._known: State | None = None

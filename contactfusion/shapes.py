@@ -8,6 +8,7 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from contactfusion.arrays import FloatArray
+from contactfusion.errors import ConfigurationError
 from contactfusion.estimate import SAMPLE, too_much
 from contactfusion.frames import Pose, pose_at
 from contactfusion.model import Model
@@ -15,6 +16,9 @@ from contactfusion.npz_files import read_npz
 from contactfusion.surface import Surface, rectangle
 from contactfusion.units import Angles, Edge, Position, Spacing
 
+LONG, SLENDER = 100.0, 1000.0
+"""A box or cylinder from this length on [m] is no longer than so many times its next edge: the boom
+of a crane is 100 times as long as wide."""
 GOLDEN_ANGLE = np.pi * (3.0 - np.sqrt(5.0))
 
 
@@ -48,6 +52,22 @@ class ShapeConfig(Model):
         edges = {"box": 3, "rectangle": 2}.get(self.shape)
         if edges and (len(self.size or ()) != edges or min(self.size or (0,)) <= 0):
             raise ValueError(f"a {self.shape} has {edges} positive edges")
+        return self
+
+    @model_validator(mode="after")
+    def _stout(self) -> Self:
+        """Refuse a length in millimetres among metres; floors and walls are thin, but wide."""
+        if self.shape not in ("box", "cylinder"):
+            return self
+        diameter = 2.0 * (self.radius or 0.0)
+        edges = self.size or (diameter, diameter, self.length or 0.0)
+        *_, wide, long = sorted(edges)
+        if long >= LONG and long > SLENDER * wide:
+            raise ConfigurationError(
+                f"{long:g} m is implausible beside {wide:g} m; lengths are in metres: did you "
+                f"mean {long / 1000.0:.5g}?",
+                f"size.{edges.index(long)}" if self.size else "length",
+            )
         return self
 
     def area(self) -> float:

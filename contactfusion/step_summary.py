@@ -6,7 +6,8 @@ from pathlib import Path
 from typing import Any, final
 
 from contactfusion.assembly import AnyGenerator
-from contactfusion.errors import ConfigurationError, name_hint
+from contactfusion.contacts import Contact
+from contactfusion.errors import ConfigurationError, listed_once, name_hint
 from contactfusion.faults import unmet
 from contactfusion.hypotheses import HypothesisKind, Note
 from contactfusion.integrator.report import EventKind, Report, SourceReport
@@ -16,7 +17,7 @@ from contactfusion.readings import READING_TYPES, Reading
 TELLING = (EventKind.REFUSED, EventKind.STALE, EventKind.OVERRUN)
 """What is worth a sentence at the end."""
 CAUSES: dict[str, str] = {Note.MORE_THAN_ONE_CONTACT: "tare?"}
-"""The likely cause of a remark that most clouds of a source come with."""
+"""The likely cause of a remark that most clouds of a source come with, of a force that changes."""
 Heard = Collection[tuple[str, type[Reading]]]
 """The sensors and types of the readings that came, before any faults."""
 
@@ -32,6 +33,8 @@ class Summary:
         steps: how many there were.
         with_contact: in how many of them something was touched.
         contacts: how many contacts they told.
+        likeliest: of all contacts, and the stamp of its step [s]; None before the first.
+        last: the likeliest contact of the last step with any, likewise.
         report: of the last step; None before the first.
         stamp: of the last step [s].
     """
@@ -39,6 +42,8 @@ class Summary:
     def __init__(self, pipeline: Pipeline) -> None:
         self._pipeline = pipeline
         self.steps = self.with_contact = self.contacts = 0
+        self.likeliest: tuple[float, Contact] | None = None
+        self.last: tuple[float, Contact] | None = None
         self.report: Report | None = None
         self.stamp = math.nan
         self._first: dict[tuple[EventKind, str], tuple[float, str]] = {}
@@ -50,6 +55,10 @@ class Summary:
         self.steps += 1
         self.with_contact += bool(found)
         self.contacts += found
+        if found:
+            self.last = step.stamp, step.fusion.contacts[0]
+            if not self.likeliest or self.last[1].likelihood > self.likeliest[1].likelihood:
+                self.likeliest = self.last
         self.report, self.stamp = step.fusion.report, step.stamp
         for event in step.events:
             key = event.kind, event.source
@@ -79,6 +88,9 @@ class Summary:
     def lines(self) -> Iterator[str]:
         """Give what there was, for people."""
         yield f"{self.steps} steps, {self.with_contact} with contact, {self.contacts} contacts"
+        for which, found in (("likeliest", self.likeliest), ("last", self.last)):
+            if found:
+                yield f"  {which} at {found[0]:.3f} s: {found[1]}"
         for name, source in self._sources.items():
             rate = "no rate" if math.isnan(source.rate) else f"{source.rate:.4g} Hz"
             yield (
@@ -86,22 +98,30 @@ class Summary:
                 f"{source.early} early, {source.invalid} refused"
             )
             for note, count in source.remarks.items():
-                cause = (
-                    f": {CAUSES[note]}" if note in CAUSES and 2 * count > source.accepted else ""
-                )
+                blames = 2 * count > source.accepted and Note.UNCHANGED not in source.remarks
+                cause = f": {CAUSES[note]}" if note in CAUSES and blames else ""
                 yield f"    {count} × {note}{cause}"
         for name, generator in self._pipeline.generators.items():
             given, looked = self._pipeline.given[name], self._looked(generator)
             if 0 < 2 * looked < given and HypothesisKind.REGULAR in generator.sources.values():
                 yield f"  {name}: {given - looked} of {given} readings gave no cloud"
-        for (kind, name), (stamp, message) in self._first.items():
-            if kind in TELLING:
-                times = self._times[kind, name]
-                often = f" ({times} times)" if times > 1 else ""
-                yield f"  {kind} at {stamp:.3f} s{often}: {message}"
+        yield from listed_once(self._happened(), told=next(self._useless(), ""))
         for row, fault in enumerate(self._pipeline.config.faults):
             if fault.start is not None and fault.start > self.stamp:
                 yield f"  faults.{row} did nothing: it starts at {fault.start:g} s, after the end"
+
+    def _happened(self) -> Iterator[str]:
+        """The first event of each kind and source; sources of the same event share a line."""
+        alike: dict[tuple[EventKind, str], list[str]] = {}
+        for (kind, name), (_, message) in self._first.items():
+            if kind in TELLING:
+                alike.setdefault((kind, message.replace(f"'{name}'", "")), []).append(name)
+        for (kind, _), (name, *others) in alike.items():
+            stamp, message = self._first[kind, name]
+            times = sum(self._times[kind, one] for one in (name, *others))
+            often = f" ({times} times)" if times > 1 else ""
+            likewise = f"; likewise {', '.join(map(repr, others))}" if others else ""
+            yield f"  {kind} at {stamp:.3f} s{often}: {message}{likewise}"
 
     def complaints(self, heard: Heard) -> Iterator[str]:
         """Report what kept the pipeline from its job.

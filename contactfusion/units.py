@@ -41,7 +41,8 @@ class Unit:
         return f"{beyond}; {self.rule}{hint}"
 
 
-Metres = Annotated[float, Unit("m", "lengths are in metres")]
+LENGTH = Unit("m", "lengths are in metres")
+Metres = Annotated[float, LENGTH]
 Seconds = Annotated[float, Unit("s", "times are in seconds")]
 MetresPerSecond = Annotated[float, Unit("m/s", "speeds are in metres per second")]
 MetresPerSecondSquared = Annotated[float, Unit("m/s²", "accelerations are in metres per second²")]

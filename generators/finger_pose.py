@@ -45,6 +45,7 @@ class FingerPoseGenerator(Generator[FingerPoseConfig]):
 
     Config = FingerPoseConfig
     readings = (JointState, JointCommand)
+    needs_body = True
 
     def __init__(self, name: str, config: FingerPoseConfig) -> None:
         super().__init__(name, config)

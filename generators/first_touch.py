@@ -64,6 +64,7 @@ class FirstTouchGenerator(Generator[FirstTouchConfig]):
 
     Config = FirstTouchConfig
     readings = (JointState, ObjectPose)
+    needs_body = True
     outputs = {"": HypothesisKind.SUPPORT}
 
     def __init__(self, name: str, config: FirstTouchConfig) -> None:

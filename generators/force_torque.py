@@ -30,6 +30,7 @@ STEADY = 2.0
 """At rest, samples scatter by less than so many standard deviations of the noise."""
 LOADED = 1.0
 """A load that lasts so long from the first reading on may be a bias [s]."""
+AXES = ("force x", "force y", "force z", "torque x", "torque y", "torque z")
 
 
 class ForceTorqueConfig(GeneratorConfig):
@@ -88,18 +89,22 @@ class ForceTorqueGenerator(Generator[ForceTorqueConfig]):
 
     Config = ForceTorqueConfig
     readings = (Wrench,)
+    needs_body = True
 
     def __init__(self, name: str, config: ForceTorqueConfig) -> None:
         super().__init__(name, config)
         self.reset()
 
     def reset(self) -> None:
-        """Forget the tare, and the samples of the average."""
+        """Forget the tare, the samples of the average, and how both began."""
         self._bias: FloatArray | None = None if self.config.tare else np.zeros(6)
         self._rest: list[tuple[float, FloatArray]] = []
         self._recent: deque[tuple[float, FloatArray]] = deque()
         self._span: tuple[float, float] | None = None
         self._was_free = self._bias is None  # as the tare makes sure
+        self._first_force: FloatArray | None = None
+        self._has_changed = False
+        self._calmest: tuple[float, str] | None = None
 
     def generate(self, reading: Reading, state: State) -> Sequence[HypothesisCloud]:
         """Give the places on the surface where one contact explains the wrench.
@@ -112,6 +117,7 @@ class ForceTorqueGenerator(Generator[ForceTorqueConfig]):
         if self._is_dead(reading):
             return (self.nothing(reading, notes=(Note.UNHEALTHY,)),)
         wrench = self.compensated(reading, state)
+        self._watch(reading)
         first = self._span[0] if self._span else reading.stamp
         self._span = first, reading.stamp
         if wrench is None:
@@ -123,7 +129,7 @@ class ForceTorqueGenerator(Generator[ForceTorqueConfig]):
         probability = self.explained(force, torque)
         notes = (Note.MORE_THAN_ONE_CONTACT,) if probability < 1.0 else ()
         if not self._was_free and reading.stamp - first >= LOADED:
-            notes = (*notes, Note.NEVER_FREE)
+            notes = (*notes, Note.NEVER_FREE if self._has_changed else Note.UNCHANGED)
         if probability == 0.0:
             return (self.nothing(reading, notes=notes),)
         pose = state.frames.pose(state.grid.frame, of=reading.frame)
@@ -162,10 +168,20 @@ class ForceTorqueGenerator(Generator[ForceTorqueConfig]):
                 f"its tare takes {tare:g} s, and the readings span {span:.3g} s; "
                 "is their unit of time right?"
             )
+        if self._calmest is None:
+            return f"its tare takes {tare:g} s, and other sources report contacts all the time"
+        scatter, axis = self._calmest
         return (
             f"its tare takes {tare:g} s without contact while samples scatter by less than "
-            f"{STEADY:g} times the stated noise, and there was no such time"
+            f"{STEADY:g} times the stated noise, and {axis} never scattered by less than "
+            f"{scatter:.1f} times: a wrong column, a robot that moves, or more noise than stated"
         )
+
+    def _watch(self, reading: Wrench) -> None:
+        """Notice a force that changes: that of a sensor does, if only by its noise."""
+        if self._first_force is None:
+            self._first_force = reading.force
+        self._has_changed |= bool((reading.force != self._first_force).any())
 
     def _is_dead(self, reading: Wrench) -> bool:
         """Whether a sensor that carries a load reads exact zeros: no load weighs so little."""
@@ -284,7 +300,10 @@ class ForceTorqueGenerator(Generator[ForceTorqueConfig]):
             return None
         samples = np.array([sample for _, sample in self._rest])
         noise = np.repeat([self.config.force_noise, self.config.torque_noise], 3)
-        if (samples.std(axis=0) > STEADY * noise).any():
+        scatter = samples.std(axis=0) / noise
+        if (worst := float(scatter.max())) > STEADY:
+            if self._calmest is None or worst < self._calmest[0]:
+                self._calmest = worst, AXES[int(scatter.argmax())]
             self._rest.clear()
             return None
         bias: FloatArray = samples.mean(axis=0)

@@ -42,6 +42,7 @@ class MotionGenerator(Generator[MotionConfig]):
 
     Config = MotionConfig
     readings = (JointState, Twist)
+    needs_body = True
     outputs = {"": HypothesisKind.SUPPORT}
 
     def __init__(self, name: str, config: MotionConfig) -> None:

@@ -80,6 +80,7 @@ class RangeGenerator(Generator[RangeConfig]):
 
     Config = RangeConfig
     readings = (PointCloud,)
+    needs_body = True
 
     def __init__(self, name: str, config: RangeConfig) -> None:
         super().__init__(name, config)

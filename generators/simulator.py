@@ -45,6 +45,7 @@ class SimulatorGenerator(Generator[SimulatorConfig]):
 
     Config = SimulatorConfig
     readings = (JointState, ObjectPose)
+    needs_body = True
     outputs = {"": HypothesisKind.SUPPORT}
 
     def __init__(self, name: str, config: SimulatorConfig) -> None:

@@ -18,8 +18,8 @@ HERE = Path(__file__).parents[1]
 GOLDENS = HERE / "out" / "goldens"
 DONE = "done"
 """The file that holds the lines of a case that have all ended."""
-TIMED = ("*.png", "*.gif", "*.html", "*.log", "summary.json")
-"""Pictures, and what holds wall-clock times: not compared."""
+TIMED = ("*.png", "*.gif", "*.html", "settings.json", "summary.json", "timing.json")
+"""Pictures, and what holds wall-clock times or folders: not compared."""
 
 COMMANDS = (
     *("", "demo", "run", "record", "replay", "explain", "ablate", "view", "plugins", "doctor"),
@@ -27,7 +27,11 @@ COMMANDS = (
     *("experiment push", "experiment grasp", "train", "train cpm", "tune", "tune fusion"),
     "tune push",
 )
-SCENES = sorted(path.stem for path in (HERE / "examples" / "scenes").glob("*.yaml"))
+SCENES = sorted(
+    path.stem
+    for path in (HERE / "examples" / "scenes").glob("*.yaml")
+    if "\nscene:" in path.read_text()
+)
 CASES: dict[str, tuple[str, ...]] = {
     "help": tuple(
         f"{command} --help > contactfusion_{command.replace(' ', '_')}.txt" for command in COMMANDS
@@ -68,7 +72,7 @@ def main() -> int:
         there, here = GOLDENS / f"{rev}-bytes" / case, GOLDENS / "here" / case
         with ThreadPoolExecutor() as pool:
             list(pool.map(_write, (case, case), (there, here), (base, HERE)))
-        lines = [*_failures(here / "out"), *_differences(there / "out", here / "out")]
+        lines = [*_failures(here), *_differences(there / "out", here / "out")]
         print(f"{case}: {', '.join(lines) or 'equal bytes'}", flush=True)
         different += bool(lines)
     print(f"{len(cases) - different} of {len(cases)} cases have the bytes of {rev}")
@@ -96,17 +100,17 @@ def _write(case: str, folder: Path, checkout: Path) -> None:
     out.mkdir()
     for number, line in enumerate(CASES[case]):
         command = f"{shlex.quote(str(checkout / '.venv/bin/contactfusion'))} {line}"
-        with (out / f"{number}.log").open("w") as log:
+        with (folder / f"{number}.log").open("w") as log:
             ended = subprocess.run(
                 ["sh", "-c", command], cwd=out, stdout=log, stderr=subprocess.STDOUT, check=False
             )
-        (out / f"{number}.status").write_text(f"{ended.returncode}\n")
+        (folder / f"{number}.status").write_text(f"{ended.returncode}\n")
     done.write_text(lines)
 
 
-def _failures(out: Path) -> Iterator[str]:
+def _failures(folder: Path) -> Iterator[str]:
     """The lines that did not end with 0."""
-    for path in sorted(out.glob("*.status")):
+    for path in sorted(folder.glob("*.status")):
         if (status := path.read_text().strip()) != "0":
             yield f"line {path.stem} ended with {status}"
 

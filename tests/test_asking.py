@@ -1,6 +1,7 @@
 """Questions to a recording that a replay wrote, and to one with a configuration beside it."""
 
 import json
+import sys
 from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
@@ -84,6 +85,21 @@ def test_each_source_is_left_out(replayed: Source, tmp_path: Path, capsys: Print
     assert "0 of 40" in capsys.readouterr().out
     assert json.loads((tmp_path / "ablate/ablation.json").read_text())
     assert (tmp_path / "ablate/ablation.csv").exists()
+
+
+def test_without_matplotlib_there_is_a_table_and_no_picture(
+    replayed: Source, tmp_path: Path, capsys: Printed, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for module in [name for name in sys.modules if name.split(".")[0] == "matplotlib"]:
+        monkeypatch.setitem(sys.modules, module, None)
+    monkeypatch.setitem(sys.modules, "matplotlib", None)
+    capsys.readouterr()
+    ablate_recording(replayed, tmp_path / "ablate")
+    printed = capsys.readouterr().out
+    assert "0 of 40" in printed and "no picture is drawn: matplotlib is not installed" in printed
+    assert {file.name for file in (tmp_path / "ablate").iterdir()} == {
+        "ablation.csv", "ablation.json"
+    }  # fmt: skip
 
 
 def test_values_are_tuned_on_labels(replayed: Source, tmp_path: Path, capsys: Printed) -> None:

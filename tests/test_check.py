@@ -4,6 +4,7 @@ import sys
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 import yaml
 
@@ -158,6 +159,128 @@ def test_what_a_recording_lacks_is_told(file: Path) -> None:
     ]
     (lost,) = faults(file, recording=file.parent / "lost.mcap")
     assert "lost.mcap" in lost
+
+
+# Frames that nothing joins to the space
+
+
+NO_FRAMES = (
+    "unknown frame 'tool': there are no frames; `frames` or a `robot` can place it in the "
+    "integrator's frame 'base' (default of `integrator.frame`)"
+)
+
+
+def test_a_sensor_of_a_log_that_nothing_places_is_told(file: Path) -> None:
+    of = ("surface.frame", "generators.wrist", "generators.palm")
+    assert faults(file, "frames={}") == [f"{field}: {NO_FRAMES}" for field in of]
+    told = faults(file, "frames={tol: {parent: base}}")
+    assert [fault.partition(": ")[0] for fault in told] == [*of]
+    assert "unknown frame 'tool': did you mean 'tol'?" in told[0]
+    told = faults(file, "frames.tool.parent=bse")
+    assert "nothing joins 'tool' to the integrator's frame 'base' (default of" in told[0]
+
+
+def test_a_log_beside_the_configuration_is_no_different(file: Path) -> None:
+    readings = CONFIGURATION["recording"]["readings"]
+    told = faults(file, "frames={}", recording=described(file, **readings))
+    assert told == faults(file, "frames={}") and len(told) == 3
+
+
+def test_a_surface_that_nothing_places_is_told_where_a_generator_needs_it(file: Path) -> None:
+    (told,) = faults(file, "surface.frame=tol")
+    assert told.startswith("surface.frame: unknown frame 'tol': did you mean 'tool'?")
+    (isolated,) = faults(file, "surface.frame=tol", "generators.wrist.isolate=true")
+    assert isolated == told
+    skin_alone = "generators={palm: {type: tactile, patch: {places: [[0, 0, 0]], size: [1, 1]}}}"
+    assert faults(file, "surface.frame=tol", skin_alone, "cycle={every: 0.1}") == []
+
+
+def test_one_sensor_that_is_placed_is_enough_for_a_generator_of_all(file: Path) -> None:
+    palm = {**CONFIGURATION["recording"]["readings"]["palm"], "columns": ["p0"]}
+    patch = "generators={skin: {type: tactile, patch: {places: [[0, 0, 0]], size: [1, 1]}}}"
+    fields = read_yaml(file)
+    fields["recording"]["readings"] = {"lost": {**palm, "frame": "moon"}, "palm": palm}
+    file.write_text(yaml.safe_dump(fields))
+    assert faults(file, patch, "cycle={every: 0.1}") == []
+    (told,) = faults(file, patch, "cycle={every: 0.1}", "frames={}")
+    assert told.startswith("generators.skin: unknown frame 'tool': there are no frames")
+
+
+def bag(folder: Path, without: str = "", joint_name: str = "turn") -> Path:
+    """A recording of ROS of an arm that presses, of which one topic is left out."""
+    pytest.importorskip("rosbags")
+    from tests.first_bags import pressed
+    from tests.ros_bags import joints, mcap
+
+    named = joints(0, name=[joint_name], position=np.array([0.1]))
+    said = [
+        (topic, stamp, named if topic == "/joint_states" else one)
+        for topic, stamp, one in pressed(seconds=0.2)
+        if topic != without
+    ]
+    return mcap(folder / f"bag{without.replace('/', '_')}", said)
+
+
+def pressing(file: Path, **fields: Any) -> Path:
+    """A configuration for a replay of a bag of an arm that presses."""
+    body = {"frame": "base", "shapes": CONFIGURATION["surface"]["shapes"]}
+    wrist = {"type": "force_torque", "sign": "on_robot"}
+    file.write_text(yaml.safe_dump({"surface": body, **fields, "generators": {"wrist": wrist}}))
+    return file
+
+
+def test_transforms_of_a_bag_place_its_sensors(file: Path) -> None:
+    assert faults(pressing(file)) == []  # without a bag it is not known what places them
+    assert faults(file, recording=bag(file.parent)) == []
+    bare = bag(file.parent, without="/tf_static")
+    fault = "generators.wrist: " + NO_FRAMES.replace("tool", "ft")
+    assert faults(file, recording=bare) == [fault]
+    assert faults(file, f"recording={{type: ros, file: {bare}}}") == [fault]
+    told = faults(file, "integrator.frame=map", recording=bag(file.parent / "again"))
+    assert [fault.partition(":")[0] for fault in told] == ["surface.frame", "generators.wrist"]
+    space = "the integrator's frame 'map' (`integrator.frame`), which is unknown: the frames are: "
+    assert f"nothing joins 'ft' to {space}" in told[1]
+
+
+def test_joints_of_another_robot_than_the_recording_reports_are_told(file: Path) -> None:
+    from tests.first_bags import arm
+
+    pressing(file, robot={"urdf": str(arm(file.parent))}, surface=None)
+    assert faults(file, recording=bag(file.parent)) == []
+    told = faults(file, recording=bag(file.parent / "other", joint_name="panda_joint1"))
+    assert told[0] == (
+        "robot: no position of joint 'turn' came: the joints of the reading are: panda_joint1; "
+        "one that nothing measures is placed by `robot.still`"
+    )
+    silent = bag(file.parent, without="/joint_states")
+    assert "no position of joint 'turn' came: no reading" in faults(file, recording=silent)[0]
+    assert faults(file, "robot.still.turn=0.1", recording=silent) == []
+
+
+@pytest.mark.parametrize("stamps", [(0.25,), (0.05, 0.25)], ids=["late", "around the first"])
+def test_transforms_need_not_come_with_the_first_reading(
+    stamps: tuple[float, ...], file: Path
+) -> None:
+    pytest.importorskip("rosbags")
+    from tests.first_bags import pressed
+    from tests.ros_bags import SECOND, mcap, transforms
+
+    said = [one for one in pressed(seconds=0.3) if one[0] == "/ft/wrench" and one[1] > SECOND // 10]
+    for stamp in (int(stamp * SECOND) for stamp in stamps):
+        said.append(("/tf", stamp, transforms((stamp, "base", "ft"))))
+    recording = mcap(file.parent, sorted(said, key=lambda one: one[1]))
+    assert faults(pressing(file), recording=recording) == []
+
+
+def test_a_topic_or_a_cycle_that_the_recording_lacks_is_told(file: Path) -> None:
+    recording = bag(file.parent)
+    (told,) = check_file(pressing(file), recording, topics={"wrist": "/ft/wrnch"}).faults
+    assert "no readings come of '/ft/wrnch'; did you mean '/ft/wrench'?" in told
+    (told,) = faults(file, "cycle={on: ft/wrnch}", recording=recording)
+    assert told.startswith("cycle.on: the recording holds no 'ft/wrnch'; ")
+    sensors = f"recording={{type: ros, file: {recording}, sensors: {{wrist: /ft/wrnch}}}}"
+    (told,) = faults(file, sensors)
+    assert told.startswith("recording: ") and "did you mean '/ft/wrench'?" in told
 
 
 # Robots and scenes

@@ -419,6 +419,68 @@ def test_a_log_that_is_broken_is_one_sentence_that_names_it(
     assert not (folder / "results").exists()
 
 
+def test_a_list_that_several_faults_share_is_printed_once(folder: Path, ask: Ask) -> None:
+    changes = [f"generators.{name}.sensor=nose" for name in ("wrist", "other")]
+    other = "generators.other={type: force_torque, sign: on_robot}"
+    sets = [word for change in (other, *changes) for word in ("--set", change)]
+    answer = ask("check", "wrist.yaml", *sets)
+    assert answer.status == 1
+    assert [line.partition("the recording ")[2] for line in answer.err.splitlines()] == [
+        "holds no 'nose'; the sensors are: wrist",
+        "holds no 'nose'",
+    ]
+
+
+NESTED = (
+    "wrist.yaml is a configuration that `contactfusion run wrist.yaml` runs, and no recording: "
+    "give a YAML file that holds only what stands under its `recording`"
+)
+CONFIGURED = ", and the configuration by --config wrist.yaml"
+
+
+@pytest.mark.parametrize(
+    ("command", "sentence"),
+    [
+        (["inspect", "wrist.yaml"], NESTED),
+        (["init", "wrist.yaml", "--out", "new.yaml"], NESTED),
+        (["replay", "wrist.yaml", "wrist.yaml"], NESTED),
+        (["explain", "wrist.yaml", "--time", "1"], NESTED + CONFIGURED),
+        (["explain", "wrist.yaml", "--time", "1", "--config", "wrist.yaml"], NESTED),
+        (["ablate", "wrist.yaml"], NESTED + CONFIGURED),
+        (["view", "wrist.yaml", "--save", "new.rrd"], NESTED + CONFIGURED),
+        (
+            ["replay", "wrist.yaml"],
+            "give the recording after wrist.yaml, or play the one that it names with "
+            "`contactfusion run wrist.yaml`",
+        ),
+        (
+            ["replay", "wrist.yaml", "wrist.csv"],
+            "wrist.csv needs a description of its columns, a YAML file with 'type: log' and "
+            "'file: wrist.csv': `contactfusion inspect wrist.csv` prints one to copy",
+        ),
+    ],
+)
+def test_a_configuration_where_a_recording_is_asked_for_is_told_what_to_give(
+    command: list[str], sentence: str, folder: Path, ask: Ask
+) -> None:
+    assert one_sentence(ask(*command)) == sentence
+
+
+@pytest.mark.parametrize(
+    ("fields", "what"),
+    [
+        ("recording: {type: ros, file: drive.bag}", "give the one that it names, drive.bag"),
+        ("scene: {type: push}", "give the one that `contactfusion record new.yaml` makes"),
+        ("generators: {}", "give the recording that it is for"),
+    ],
+)
+def test_what_to_give_for_a_configuration_is_what_it_names(
+    fields: str, what: str, folder: Path, ask: Ask
+) -> None:
+    (folder / "new.yaml").write_text(fields)
+    assert what in one_sentence(ask("inspect", "new.yaml"))
+
+
 @pytest.mark.parametrize("command", [["run", "wrist.yaml"], ["demo"]])
 def test_results_that_cannot_be_written_are_one_sentence(
     command: list[str], folder: Path, ask: Ask

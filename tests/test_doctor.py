@@ -10,7 +10,6 @@ from importlib import import_module
 from importlib.metadata import EntryPoint, PackageNotFoundError
 from importlib.metadata import version as true_version
 from pathlib import Path
-from typing import Any
 
 import pytest
 
@@ -336,23 +335,6 @@ def test_kernels_that_are_not_compiled_are_told_and_not_compiled(tmp_path: Path)
     assert f"kernels are not compiled in {tmp_path}" in said
     assert said.endswith(": contactfusion doctor --warm")
     assert not list(tmp_path.rglob("*.nbi"))
-
-
-def test_a_kernel_older_than_its_source_is_not_compiled(monkeypatch: pytest.MonkeyPatch) -> None:
-    from contactfusion.integrator.store import merge
-
-    kernels.touch_kernels()
-    assert kernels.is_kept(merge)
-    true_stat = Path.stat
-
-    def stat(path: Path) -> Any:
-        found = true_stat(path)
-        if path.name == "store.py":
-            return os.stat_result((*found[:8], found.st_mtime + 1e6, *found[9:]))
-        return found
-
-    monkeypatch.setattr(Path, "stat", stat)
-    assert not kernels.is_kept(merge)
 
 
 def test_kernels_that_cannot_be_kept_are_a_fault() -> None:

@@ -7,7 +7,16 @@ from typing import Any
 
 import pytest
 
-from contactfusion.errors import FrameError, Guard, PluginError, cause_in, cause_of, place_of
+from contactfusion.errors import (
+    FrameError,
+    Guard,
+    PluginError,
+    cause_in,
+    cause_of,
+    listed_once,
+    name_hint,
+    place_of,
+)
 
 
 class Plug:
@@ -77,3 +86,29 @@ def test_a_guard_lets_sentences_and_interrupts_pass(error: BaseException) -> Non
         with Guard("the plug", Plug):
             Plug().fail(error)
     assert caught.value is error
+
+
+@pytest.mark.parametrize(
+    ("name", "known", "hint"),
+    [
+        ("fx", ["Fx", "Fy"], "did you mean 'Fx'? The columns are: Fx, Fy"),
+        ("FX", ["fx", "fy"], "did you mean 'fx'? The columns are: fx, fy"),
+        ("frce", ["Force", "t"], "did you mean 'Force'? The columns are: Force, t"),
+        ("q", ["Fx", "Fy"], "the columns are: Fx, Fy"),
+        ("q", [], "there are no columns"),
+    ],
+)
+def test_the_nearest_name_is_found_in_any_case(name: str, known: list[str], hint: str) -> None:
+    assert name_hint(name, known, "columns") == hint
+
+
+def test_a_list_stands_in_the_first_sentence_alone() -> None:
+    first = "unknown frame 'mooon': did you mean 'moon'? The frames are: base, moon; name it"
+    others = [
+        "unknown frame 'sun': the frames are: base, moon; name it",
+        "no sensor 'eye'; the sensors are: ear, nose",
+        "no sensor 'toe'; the sensors are: ear, nose",
+    ]
+    short = ["unknown frame 'sun'; name it", others[1], "no sensor 'toe'"]
+    assert list(listed_once([first, *others])) == [first, *short]
+    assert list(listed_once(others, told=first)) == short

@@ -261,10 +261,45 @@ def test_a_load_that_never_was_off_asks_for_the_tare() -> None:
         readings = [touch(PLACE, force, stamp=0.5 * row) for row, force in enumerate(forces)]
         return [cloud.notes for one in readings for cloud in ft.generate(one, robot())]
 
-    asks = (Note.NEVER_FREE,)
-    assert remarks(generator(), DOWN, DOWN, DOWN, DOWN) == [(), (), asks, asks]
+    asks, more = (Note.NEVER_FREE,), 1.01 * DOWN
+    assert remarks(generator(), DOWN, more, DOWN, DOWN) == [(), (), asks, asks]
     assert remarks(generator(), DOWN, 0.0 * DOWN, DOWN, DOWN) == [(), (), (), ()]
     assert remarks(generator(tare=0.4), 0.0 * DOWN, 0.0 * DOWN, DOWN, DOWN) == [(), (), ()]
+
+
+def test_a_load_that_never_changes_is_no_bias_of_a_sensor() -> None:
+    ft = generator()
+    readings = [touch(PLACE, DOWN, stamp=0.5 * row) for row in range(4)]
+    notes = [cloud.notes for one in readings for cloud in ft.generate(one, robot())]
+    assert notes == [(), (), (Note.UNCHANGED,), (Note.UNCHANGED,)]
+    (cloud,) = ft.generate(touch(PLACE, 1.01 * DOWN, stamp=2.0), robot())
+    assert cloud.notes == (Note.NEVER_FREE,)
+    ft.reset()
+    assert felt(touch(PLACE, DOWN)).notes == ()
+
+
+def test_a_tare_that_waits_blames_the_axis_that_scatters_most() -> None:
+    ft = generator(tare=0.2, force_noise=0.1, torque_noise=0.01)
+    for row in range(100):
+        calm = np.array([0.05 * (-1) ** row, 0.0, 0.0])
+        torque = np.array([0.0, 0.0, (0.05 if row < 50 else 0.08) * (-1) ** row])
+        ft.generate(Wrench(stamp=0.01 * row, frame="base", force=calm, torque=torque), robot())
+    assert ft.waits_for == (
+        "its tare takes 0.2 s without contact while samples scatter by less than 2 times the "
+        "stated noise, and torque z never scattered by less than 5.0 times: a wrong column, a "
+        "robot that moves, or more noise than stated"
+    )
+
+
+def test_a_tare_that_others_hold_up_blames_no_scatter() -> None:
+    ft = generator(tare=0.2)
+    pipe = pipeline(skin=SKIN)
+    pipe.receive(TactileImage(stamp=0.0, frame="base", values=np.array([100.0])))
+    touched = replace(robot(), fusion=pipe.step(0.0).fusion)
+    assert touched.contacts
+    for row in range(50):
+        ft.generate(touch(PLACE, 0.0 * DOWN, 0.01 * row), touched)
+    assert ft.waits_for == "its tare takes 0.2 s, and other sources report contacts all the time"
 
 
 def test_it_says_what_it_waits_for_until_it_is_tared() -> None:
@@ -277,7 +312,7 @@ def test_it_says_what_it_waits_for_until_it_is_tared() -> None:
     )
     for step, force in enumerate((DOWN, 0.0 * DOWN, DOWN, 0.0 * DOWN)):
         assert not ft.generate(touch(PLACE, force, 0.3 * step), robot())
-    assert "scatter by less than 2 times the stated noise" in ft.waits_for
+    assert "force z never scattered by less than" in ft.waits_for
     for step in range(4, 8):
         ft.generate(touch(PLACE, 0.0 * DOWN, 0.3 * step), robot())
     assert ft.waits_for == ""

@@ -1,5 +1,7 @@
 """Trees of frames."""
 
+from typing import Any
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -8,6 +10,8 @@ from scipy.spatial.transform import Rotation
 
 from contactfusion.errors import FrameError
 from contactfusion.frames import FrameTree, Parent, Pose, points_in, pose_of, vectors_in
+from contactfusion.integrator.config import IntegratorConfig
+from contactfusion.pipeline_config import PipelineConfig
 
 Parents = dict[str, tuple[str, Pose]]
 NUMBERS = st.floats(-3.0, 3.0)
@@ -72,8 +76,32 @@ def test_an_unknown_frame_is_named_with_the_nearest_that_exists() -> None:
 
 
 def test_without_any_frames_it_is_the_frame_that_came_which_is_unknown() -> None:
-    with pytest.raises(FrameError, match="unknown frame 'hand': there are no frames"):
+    with pytest.raises(FrameError, match="unknown frame 'hand': there are no frames; .* in 'base'"):
         FrameTree({}).pose("base", of="hand")
+
+
+@pytest.mark.parametrize(
+    ("integrator", "where"),
+    [({}, "default of `integrator.frame`"), ({"frame": "base"}, "`integrator.frame`")],
+)
+def test_an_unknown_frame_of_the_space_is_named_with_where_it_comes_from(
+    integrator: dict[str, Any], where: str
+) -> None:
+    space = f"the integrator's frame 'base' ({where})"
+    alone = PipelineConfig(integrator=IntegratorConfig(**integrator)).frame_tree()
+    with pytest.raises(FrameError) as raised:
+        alone.pose("base", of="hand")
+    assert str(raised.value) == (
+        f"unknown frame 'hand': there are no frames; `frames` or a `robot` can place it in {space}"
+    )
+    apart = alone.extended({"hand": ("bse", shift(1))})
+    for frame, of in (("base", "hand"), ("hand", "base")):
+        with pytest.raises(FrameError) as raised:
+            apart.nearest().pose(frame, of=of)
+        assert str(raised.value) == (
+            f"nothing joins 'hand' to {space}, which is unknown: did you mean 'bse'? "
+            "The frames are: bse, hand; name one of them there, or place it by `frames`"
+        )
 
 
 def test_frames_of_two_trees_are_not_joined() -> None:

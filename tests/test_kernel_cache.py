@@ -23,6 +23,12 @@ def outer(x: float) -> float:
 """
 USE = "import kernels; print(kernels.outer(1.0), sum(kernels.outer.stats.cache_hits.values()))"
 
+LOOK = (
+    "import kernels; from contactfusion.doctoring.kernels import is_kept; "
+    "kept = is_kept(kernels.outer); kernels.outer(1.0); "
+    "print(int(kept), sum(kernels.outer.stats.cache_hits.values()))"
+)
+
 
 @pytest.fixture
 def project(tmp_path: Path) -> Path:
@@ -33,10 +39,10 @@ def project(tmp_path: Path) -> Path:
     return tmp_path
 
 
-def run(folder: Path, **environment: str) -> tuple[float, int]:
-    """Call the outer kernel in a process of its own; give its result and the hits of the cache."""
+def run(folder: Path, code: str = USE, **environment: str) -> tuple[float, int]:
+    """The number that code prints in a process of its own, and the hits of the cache."""
     done = subprocess.run(
-        [sys.executable, "-c", USE],
+        [sys.executable, "-c", code],
         cwd=folder,
         env={**os.environ, "PYTHONDONTWRITEBYTECODE": "1", **environment},
         capture_output=True,
@@ -56,6 +62,19 @@ def test_an_edited_kernel_is_compiled_again_with_all_that_call_it(project: Path)
     later = module.stat().st_mtime_ns + 1_000_000_000
     os.utime(module, ns=(later, later))
     assert run(project, NUMBA_CACHE_DIR=cache) == (30.0, 0)
+
+
+@pytest.mark.parametrize("text", [MODULE, MODULE.replace("x + 1.0", "x + 2.0")])
+def test_the_doctor_finds_a_kernel_compiled_where_numba_does(text: str, project: Path) -> None:
+    cache = str(project / "cache")
+    assert run(project, LOOK, NUMBA_CACHE_DIR=cache) == (0.0, 0)
+    assert run(project, LOOK, NUMBA_CACHE_DIR=cache) == (1.0, 1)
+    module = project / "kernels.py"
+    module.write_text(text)
+    later = module.stat().st_mtime_ns + 1_000_000_000  # as after a checkout
+    os.utime(module, ns=(later, later))
+    kept, hits = run(project, LOOK, NUMBA_CACHE_DIR=cache)
+    assert kept == hits
 
 
 def test_kernels_run_where_nothing_can_be_cached(project: Path) -> None:

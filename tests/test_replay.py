@@ -1,6 +1,7 @@
 """Replays: a recording in, contacts out, and everything that can be wrong with either."""
 
 import csv
+import re
 from collections import Counter
 from collections.abc import Iterable
 from pathlib import Path
@@ -12,6 +13,7 @@ from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
 from pyarrow import parquet
 
+from contactfusion.check import check_file
 from contactfusion.errors import ConfigurationError, RecordingError
 from contactfusion.readings import (
     DepthImage,
@@ -252,6 +254,44 @@ def test_of_a_log_a_topic_can_be_ignored(tmp_path: Path) -> None:
         replay(Options(config, log, ignored=["/ft/othr"]))
 
 
+@pytest.mark.parametrize("suffix", ["mcap", "log"])
+def test_of_a_generator_whose_only_topic_is_ignored_that_is_said(
+    suffix: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    config = tmp_path / "robot.yaml"
+    config.write_text("generators: {hand: {type: feeler}}\nintegrator: {frame: base}\n")
+    felt = [wrench(0.1 * row, *PLACE, sensor="ft") for row in range(5)]
+    path = recorded(tmp_path / "drive.mcap", [*felt, point(0.0, *PLACE, sensor="eye")])
+    ignored = ["/ft"]
+    if suffix == "log":
+        path, ignored = log_of(tmp_path), ["ft/1", "ft/other"]
+    names = ", ".join(f"/{one.removeprefix('/')}" for one in ignored)
+    sentence = f"generators.hand: nothing feeds it, as {names} is ignored (--ignore)"
+    with pytest.raises(ConfigurationError, match=re.escape(sentence)):
+        replay(Options(config, path, ignored=ignored))
+    printed = capsys.readouterr().out
+    assert sentence in printed and "holds no" not in printed
+
+
+def test_a_topic_that_is_taken_for_another_name_is_told(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    config, path = tmp_path / "robot.yaml", tmp_path / "drive.mcap"
+    config.write_text(
+        "generators: {hand: {type: feeler, sensor: ft/wrnch}}\nintegrator: {frame: base}\n"
+    )
+    recorded(path, [wrench(0.1 * row, *PLACE, sensor="ft/wrench") for row in range(5)])
+    sentence = (
+        "generators.hand: no topic is called 'ft/wrnch', so /ft/wrench feeds it, the only Wrench"
+    )
+    replay(Options(config, path))
+    assert sentence in capsys.readouterr().out
+    assert sentence in check_file(config, path).lines
+    replay(Options(config, path, topics={"ft/wrnch": "/ft/wrench"}))
+    replay(Options(config, path, ["generators.hand.sensor=ft/wrench"]))
+    assert "no topic is called" not in capsys.readouterr().out
+
+
 def test_of_a_camera_that_tells_clouds_too_the_images_feed_who_takes_images(
     tmp_path: Path,
 ) -> None:
@@ -321,7 +361,7 @@ def test_what_is_missing_is_said_and_the_rest_is_kept(
     out = tmp_path / "out.csv"
     with pytest.raises(ConfigurationError, match="generators.eye: the recording holds no PointCl"):
         replay(Options(config, blind, out=out))
-    assert "missing: generators.eye: the recording holds no PointCloud" in capsys.readouterr().out
+    assert "generators.eye: the recording holds no PointCloud" in capsys.readouterr().out
     assert len(rows(out)) == 10
 
 

@@ -176,6 +176,11 @@ def test_a_field_that_cannot_be_is_told_by_its_path(
             "frames.tip.parent: unknown frame 'amr': did you mean 'arm'?",
         ),
         (
+            {"frames": {"tip": {"parent": "arm", "xyz": [0, 0, -80]}}},
+            "frames.tip.xyz.2: -80 m is implausible, the limit is -10 m; lengths are in metres: "
+            "did you mean -0.08?",
+        ),
+        (
             {"patches": {"skin": {"frame": "tpi", "grid": GRID}}},
             "patches.skin.frame: unknown frame 'tpi': did you mean 'tip'?",
         ),

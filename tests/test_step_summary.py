@@ -9,6 +9,8 @@ import pytest
 
 from contactfusion import Pipeline, PipelineConfig
 from contactfusion.errors import ConfigurationError
+from contactfusion.hypotheses import HypothesisKind, Note
+from contactfusion.integrator.report import Report, SourceReport
 from contactfusion.readings import DepthImage, ObjectPose, Reading
 from contactfusion.step_summary import Summary, refuse
 from tests.toys import offer_toys, point, wrench
@@ -61,6 +63,26 @@ def test_no_contact_alone_is_no_complaint() -> None:
     assert summary.contacts == 0 and not complaints
 
 
+def test_the_likeliest_and_the_last_contact_are_told() -> None:
+    summary, _ = ran(points("bbb"), generators=ECHO)
+    assert summary.likeliest and summary.last
+    place = "(0.103, 0.003, 0.003) m in 'base'"
+    likelihood = f"{summary.last[1].likelihood:.2f}"
+    told = f"contact at {place}, likelihood {likelihood}, from eye 100%"
+    assert list(summary.lines())[:3] == [
+        f"{summary.steps} steps, {summary.with_contact} with contact, {summary.contacts} contacts",
+        f"  likeliest at {summary.likeliest[0]:.3f} s: {told}",
+        f"  last at {summary.last[0]:.3f} s: {told}",
+    ]
+    assert summary.likeliest[0] == 0.1 and summary.last[0] == summary.stamp
+
+
+def test_without_a_contact_none_is_told() -> None:
+    summary, _ = ran(points("uuu"), generators=ECHO)
+    assert summary.likeliest is None and summary.last is None
+    assert not any("likeliest" in line for line in summary.lines())
+
+
 def image(stamp: float) -> DepthImage:
     return DepthImage(
         stamp=stamp, frame="base", sensor="eye", depth=np.ones((2, 3)), intrinsics=np.eye(3)
@@ -103,10 +125,29 @@ def test_clouds_that_are_ahead_of_time_are_told() -> None:
     assert complaint == "no cloud of 'eye' was accepted: a cloud of 'eye' is 9 s early: held back"
 
 
+def test_sources_to_which_the_same_happens_share_a_line_and_a_list() -> None:
+    eyes = {name: {"type": "echo", "sensor": name} for name in ("left", "right", "top")}
+    frames = {"left": "moon", "right": "moon", "top": "sun"}
+    readings = [
+        point(0.1 * row, *PLACE, frame=frame, sensor=name)
+        for row in range(3)
+        for name, frame in frames.items()
+    ]
+    summary, complaints = ran(readings, generators=eyes, frames={"eye": {"parent": "base"}})
+    lines = [line.strip() for line in summary.lines() if "refused at" in line]
+    assert lines == [
+        "refused at 0.100 s (6 times): unknown frame 'moon'; where no transform places it, "
+        "`frames` or `robot.frames` can; likewise 'right'",
+        "refused at 0.100 s (3 times): unknown frame 'sun'; where no transform places it, "
+        "`frames` or `robot.frames` can",
+    ]
+    assert "the frames are: base" in complaints[0]
+
+
 def test_remarks_stand_under_their_source() -> None:
     remote = {"far": {"type": "remote"}}
     summary, _ = ran(points("bb"), generators=remote)
-    lines = list(summary.lines())
+    lines = list(summary.lines())[2:]
     assert lines[1].startswith("  far (regular): 2 clouds")
     assert lines[2:] == ["    2 × 0 contacts, 0 places"]
     assert summary.fields()["sources"]["far"]["remarks"] == {"0 contacts, 0 places": 2}
@@ -118,3 +159,15 @@ def test_the_first_complaint_is_raised_with_the_count_of_the_others() -> None:
         refuse(Path("a.yaml"), ["one"])
     with pytest.raises(ConfigurationError, match=r"^a.yaml: one \(and 2 more\)$"):
         refuse(Path("a.yaml"), iter(["one", "two", "three"]))
+
+
+def test_a_force_that_never_changes_is_not_blamed_on_the_tare() -> None:
+    summary = Summary(Pipeline(PipelineConfig(generators=ECHO)))
+    cases: list[tuple[dict[str, int], str]] = [
+        ({Note.MORE_THAN_ONE_CONTACT: 4}, "4 × more than one contact: tare?"),
+        ({Note.MORE_THAN_ONE_CONTACT: 4, Note.UNCHANGED: 2}, "4 × more than one contact"),
+    ]
+    for remarks, line in cases:
+        source = SourceReport(HypothesisKind.REGULAR, 10.0, 0.0, True, 4, 0, 0, 0, (), remarks)
+        summary.report = Report({"wrist": source}, ())
+        assert line in [one.strip() for one in summary.lines()]

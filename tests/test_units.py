@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Iterator
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -22,6 +23,7 @@ from contactfusion.generators.tactile import TactileConfig
 from contactfusion.integrator.config import IntegratorConfig
 from contactfusion.model import Model
 from contactfusion.patches import PatchConfig
+from contactfusion.pipeline import Pipeline
 from contactfusion.pipeline_config import CycleConfig, PipelineConfig
 from contactfusion.plugins import installed_plugins
 from contactfusion.recordings.icub import IcubConfig
@@ -30,6 +32,7 @@ from contactfusion.robots.objects import ObjectConfig
 from contactfusion.shapes import BodyConfig, ShapeConfig
 from contactfusion.units import Metres, Radians, unit_of
 from contactfusion_lab.simulation.touch_config import TouchConfig
+from tests.urdfs import joint, link, written
 
 EYE = {"frame": "eye", "width": 640, "height": 480, "fov": 60}
 LENGTHS = "lengths are in metres: did you mean"
@@ -150,6 +153,62 @@ def test_a_crane_and_a_micro_gripper_are_plausible() -> None:
         surface={"frame": "tip", "spacing": 1e-4, "shapes": [{"shape": "sphere", "radius": 1e-3}]},
         integrator={"frame": "tip", "voxel_size": 1e-4, "timeout": 0.01},
     )
+
+
+@pytest.mark.parametrize(
+    ("shape", "sentence"),
+    [
+        (
+            {"shape": "box", "size": [0.09, 0.11, 160]},
+            f"size.2: 160 m is implausible beside 0.11 m; {LENGTHS} 0.16?",
+        ),
+        (
+            {"shape": "cylinder", "radius": 0.03, "length": 200},
+            f"length: 200 m is implausible beside 0.06 m; {LENGTHS} 0.2?",
+        ),
+    ],
+)
+def test_one_edge_in_millimetres_among_metres_is_found(
+    shape: dict[str, Any], sentence: str
+) -> None:
+    with pytest.raises(ConfigurationError) as caught:
+        ShapeConfig(**shape)
+    assert str(caught.value) == sentence
+
+
+@pytest.mark.parametrize(
+    "shape",
+    [
+        {"shape": "box", "size": [200, 200, 0.01]},
+        {"shape": "box", "size": [0.05, 90, 0.05]},
+        {"shape": "cylinder", "radius": 100, "length": 0.01},
+        {"shape": "rectangle", "size": [0.05, 200]},
+        {"shape": "sphere", "radius": 300},
+    ],
+    ids=["floor", "rail", "disc", "strip", "dome"],
+)
+def test_floors_rails_and_strips_are_plausible(shape: dict[str, Any]) -> None:
+    ShapeConfig(**shape)
+
+
+def test_a_sensor_is_mounted_no_further_away_than_the_robot_is_large(tmp_path: Path) -> None:
+    def arm(reach: float, **fields: Any) -> Pipeline:
+        links = [link(name) for name in ("base", "arm", "tool")]
+        far = joint("flange", "arm", "tool", "fixed", "", xyz=f"0 0 {reach}")
+        folder = tmp_path / f"{reach}"  # a robot is built once for each file
+        folder.mkdir(exist_ok=True)
+        urdf = written(folder, *links, joint("turn", "base", "arm"), far)
+        return Pipeline(pipeline(robot=RobotConfig(urdf=str(urdf)), **fields))
+
+    frames = {"cell": {"parent": "base", "xyz": [0, 0, 80]}}
+    arm(1.0, frames=frames)
+    frames["wrist"] = {"parent": "arm", "xyz": [0, 0, 80]}
+    with pytest.raises(ConfigurationError) as caught:
+        arm(1.0, frames=frames)
+    assert str(caught.value) == (
+        f"frames.wrist.xyz.2: 80 m is implausible, the limit is 10 m; {LENGTHS} 0.08?"
+    )
+    arm(60.0, frames=frames)
 
 
 class Leg(Model):

@@ -13,18 +13,25 @@ REPLAYED = f"{RECORDING[:-1]}; of a replay's output no --config is needed."
 
 
 def inspect(
-    recording: Annotated[Path, typer.Argument(help=RECORDING)],
+    recording: Annotated[Path, typer.Argument(help=f"{RECORDING[:-1]}; or the log (CSV, …).")],
     json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
 ) -> None:
     """Show what a recording holds: topics, rates, frames, clocks, and what each can be used for."""
-    from contactfusion.replaying.inspection import as_json, as_text, inspect_recording
+    from contactfusion.recordings.opening import DESCRIBED
+    from contactfusion.replaying import inspection, log_columns
 
-    inspection = inspect_recording(recording)
-    print(as_json(inspection) if json else as_text(inspection))
+    if recording.suffix in DESCRIBED:
+        table = log_columns.inspect_table(recording)
+        print(log_columns.as_json(table) if json else log_columns.as_text(table))
+    else:
+        held = inspection.inspect_recording(recording)
+        print(inspection.as_json(held) if json else inspection.as_text(held))
 
 
 def init(
-    source: Annotated[Path, typer.Argument(help="A recording as for `replay`, or a URDF.")],
+    source: Annotated[
+        Path, typer.Argument(help="A recording as for `replay`, a log (CSV, …), or a URDF.")
+    ],
     out: Annotated[Path, typer.Option(help="The YAML file to write.")],
     robot: Annotated[
         Path | None, typer.Option(help="The URDF of the robot that was recorded.")
@@ -39,7 +46,7 @@ def init(
 
 def replay(
     configuration: Annotated[Path, typer.Argument(help="The configuration (YAML).")],
-    recording: Annotated[Path, typer.Argument(help=RECORDING)],
+    recording: Annotated[Path | None, typer.Argument(help=RECORDING)] = None,
     out: Annotated[
         Path | None,
         typer.Option(help="File for the contacts: .mcap (with all topics), .csv or .parquet."),
@@ -67,6 +74,11 @@ def replay(
     from contactfusion.replaying.replay import replay as play
     from contactfusion.replaying.session import Window
 
+    if recording is None:
+        raise ConfigurationError(
+            f"give the recording after {configuration}, or play the one that it names with "
+            f"`contactfusion run {configuration}`"
+        )
     window = Window(start, duration)
     options = Options(
         configuration, recording, set_ or [], roles(topic), window, rate, out, ignore or []

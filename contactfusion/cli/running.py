@@ -7,7 +7,7 @@ from typing import Annotated
 import typer
 
 from contactfusion.cli.options import Changed, Out, Topics, roles
-from contactfusion.errors import ConfigurationError
+from contactfusion.errors import ConfigurationError, listed_once
 
 
 def run(
@@ -38,7 +38,7 @@ def check(
     found = check_file(configuration, recording, set_ or [], roles(topic))
     for line in found.lines:
         print(line)
-    for fault in found.faults:
+    for fault in listed_once(found.faults):
         print(f"contactfusion: {fault}", file=sys.stderr)
     if found.faults:
         raise typer.Exit(1)

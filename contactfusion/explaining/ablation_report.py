@@ -86,23 +86,28 @@ def picture(worths: Sequence[Worth]) -> bytes:
 
 
 def write_ablation(worths: Sequence[Worth], out: Path) -> list[Path]:
-    """Write ablation.csv, ablation.json and ablation.png, and give their paths.
+    """Write ablation.csv and ablation.json, and return their paths.
 
     Raises:
         ContactFusionError: there was no step or no source, so there is nothing to tell.
-        DependencyError: matplotlib is not installed.
     """
     if not worths:
         raise ContactFusionError("the recording leads to no step with a source, so nothing is left")
     make_folder(out)
-    contents: dict[str, str | bytes] = {
-        "ablation.csv": as_csv(worths),
-        "ablation.json": as_json(worths),
-        "ablation.png": picture(worths),
-    }
+    contents = {"ablation.csv": as_csv(worths), "ablation.json": as_json(worths)}
     for name, content in contents.items():
         write_whole(out / name, content)
     return [out / name for name in contents]
+
+
+def write_picture(worths: Sequence[Worth], out: Path) -> Path:
+    """Write ablation.png, and return its path.
+
+    Raises:
+        DependencyError: matplotlib is not installed.
+    """
+    write_whole(out / "ablation.png", picture(worths))
+    return out / "ablation.png"
 
 
 def _names(worths: Sequence[Worth]) -> list[str]:

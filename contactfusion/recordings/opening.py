@@ -20,6 +20,9 @@ from contactfusion.yaml_files import read_yaml
 DESCRIBED = (".csv", ".tsv", ".dat", ".npy", ".npz")
 """Files that say too little of themselves: a description must say what their columns are."""
 
+YAML = (".yaml", ".yml")
+"""Files that describe recordings, or configure pipelines."""
+
 
 def _log(options: dict[str, Any], folder: Path) -> Recording:
     files = LogConfig(**options).files if "files" in options else (LogFile(**options),)
@@ -98,8 +101,10 @@ def open_recording(what: str | Path | Mapping[str, Any], folder: Path = Path()) 
     if isinstance(what, Mapping):
         return _described(what, folder)
     path = folder / what
-    if path.suffix in (".yaml", ".yml"):
+    if path.suffix in YAML:
         description = read_yaml(path)
+        if unfit := unfit_configuration(path, description):
+            raise ConfigurationError(unfit)
         try:
             return _described(description, path.parent)
         except ConfigurationError as error:
@@ -111,8 +116,8 @@ def open_recording(what: str | Path | Mapping[str, Any], folder: Path = Path()) 
         return SUFFIXES[path.suffix]({"file": path}, Path())
     if path.suffix in DESCRIBED:
         raise RecordingError(
-            f"{path} needs a description of its columns: open a YAML file with 'type: log' and "
-            f"'file: {path.name}'"
+            f"{path} needs a description of its columns, a YAML file with 'type: log' and "
+            f"'file: {path.name}': `contactfusion inspect {path}` prints one to copy"
         )
     raise RecordingError(
         f"{path} can't be read; what can: {', '.join(SUFFIXES)}, and by a description in .yaml: "
@@ -120,11 +125,35 @@ def open_recording(what: str | Path | Mapping[str, Any], folder: Path = Path()) 
     )
 
 
+def unfit_configuration(path: Path, fields: Mapping[str, Any]) -> str:
+    """The sentence on a configuration that stands where a recording is asked for.
+
+    Args:
+        path: a YAML file.
+        fields: what it holds.
+
+    Returns:
+        What to give in its place; empty where it is no configuration.
+    """
+    if "type" in fields or fields.keys().isdisjoint(("recording", "scene", "generators")):
+        return ""
+    recording = fields.get("recording")
+    runs = f"{path} is a configuration that `contactfusion run {path}` runs, and no recording"
+    if isinstance(recording, Mapping):
+        kind, file = recording.get("type"), recording.get("file")
+        if kind in TYPES and kind != "log" and isinstance(file, str):
+            return f"{runs}: give the one that it names, {path.parent / file}"
+        return f"{runs}: give a YAML file that holds only what stands under its `recording`"
+    if "scene" in fields:
+        return f"{runs}: give the one that `contactfusion record {path}` makes"
+    return f"{path} is a configuration, and no recording: give the recording that it is for"
+
+
 def _described(description: Mapping[str, Any], folder: Path) -> Recording:
     options = dict(description)
     kind = options.pop("type", None)
     if kind not in TYPES:
-        hint = name_hint(str(kind), TYPES, "types of recording")
+        hint = name_hint(str(kind or ""), TYPES, "types of recording")
         wrong = "this field is required" if kind is None else f"unknown type '{kind}'"
         raise ConfigurationError(f"{wrong}; {hint}", "type")
     return TYPES[kind](options, folder)

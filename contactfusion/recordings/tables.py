@@ -72,6 +72,22 @@ def read_columns(
     return found
 
 
+def column_names(path: Path) -> list[Column]:
+    """The columns of a table, in their order: by name, by number where no name is theirs alone.
+
+    Raises:
+        RecordingError: the file is missing, cut off or empty.
+    """
+    require_file(path, RecordingError)
+    if path.suffix in (".npy", ".npz"):
+        return _numpy_names(path)
+    layout = _layout(path, AS_FOUND)
+    names = layout.names or [""] * layout.width
+    return [
+        name if name and names.count(name) == 1 else number for number, name in enumerate(names, 1)
+    ]
+
+
 @dataclass(frozen=True)
 class _Layout:
     delimiter: str | None
@@ -91,10 +107,7 @@ def _text_columns(
     dtype: type[np.floating[Any]],
     text: TextFormat,
 ) -> Columns:
-    try:
-        layout = _layout(path, text)
-    except UnicodeDecodeError:
-        raise RecordingError(f"{path} is no text in UTF-8") from None
+    layout = _layout(path, text)
     places = [_place(path, layout, column) for column in columns]
     read = partial(
         np.loadtxt,
@@ -121,6 +134,13 @@ def _text_columns(
 
 
 def _layout(path: Path, text: TextFormat) -> _Layout:
+    try:
+        return _laid_out(path, text)
+    except UnicodeDecodeError:
+        raise RecordingError(f"{path} is no text in UTF-8") from None
+
+
+def _laid_out(path: Path, text: TextFormat) -> _Layout:
     delimiter, header = text
     lines = _lines(path)
     number, line = next(lines, (0, ""))
@@ -203,6 +223,23 @@ def _cut_off(path: Path, number: int) -> str:
     return "; the file is cut off there" if number == len(lines) else ""
 
 
+def _numpy_names(path: Path) -> list[Column]:
+    try:
+        require_arrays(path)
+        with path.open("rb") as file:
+            loaded = np.load(file, allow_pickle=False)
+            if not isinstance(loaded, np.ndarray):
+                return list(loaded.files)
+            width = loaded.shape[1] if loaded.ndim == 2 else loaded[:1].size
+            return list(loaded.dtype.names or range(1, width + 1))
+    except BROKEN as error:
+        raise _broken(path, error) from None
+
+
+def _broken(path: Path, error: Exception) -> RecordingError:
+    return RecordingError(f"{path} is cut off, or holds no NumPy arrays: {error}")
+
+
 def _numpy_columns(path: Path, columns: Sequence[Column], dtype: type[np.floating[Any]]) -> Columns:
     try:
         require_arrays(path)
@@ -216,7 +253,7 @@ def _numpy_columns(path: Path, columns: Sequence[Column], dtype: type[np.floatin
                     raise RecordingError(f"{path} has no array {_named(column)}; {hint}")
             return {column: _numbers(path, loaded[column], column, dtype) for column in columns}
     except BROKEN as error:
-        raise RecordingError(f"{path} is cut off, or holds no NumPy arrays: {error}") from None
+        raise _broken(path, error) from None
 
 
 def _array_column(

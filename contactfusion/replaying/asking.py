@@ -1,12 +1,13 @@
 """Questions to a recording: why is there a contact, who is worth what, which values do best."""
 
+import sys
 from collections.abc import Mapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import final
 
-from contactfusion.errors import TimeError
+from contactfusion.errors import DependencyError, TimeError
 from contactfusion.files import write_whole
 from contactfusion.pipeline import Pipeline
 from contactfusion.replaying.configuration import (
@@ -65,7 +66,10 @@ class Source:
             ContactFusionError: it, or the configuration, is not what it should be.
         """
         with progress(f"opening {self.recording}"):
-            return Session(self.setting(), self.recording, watched=watched)
+            session = Session(self.setting(), self.recording, watched=watched)
+        for line in session.inputs.taken:
+            note(line, file=sys.stderr)  # stdout may be JSON
+        return session
 
 
 def explain_recording(
@@ -113,6 +117,8 @@ def explain_recording(
 def ablate_recording(source: Source, out: Path) -> None:
     """Print and write what contacts would be without each source, over a whole recording.
 
+    Where matplotlib is not installed there is no picture, and a line says so.
+
     Args:
         source: what is played.
         out: the folder that takes ablation.csv, ablation.json and a picture.
@@ -121,13 +127,17 @@ def ablate_recording(source: Source, out: Path) -> None:
         ContactFusionError: there is no step, or source is not what it should be.
     """
     from contactfusion.explaining.ablation import ablated
-    from contactfusion.explaining.ablation_report import table, write_ablation
+    from contactfusion.explaining.ablation_report import table, write_ablation, write_picture
 
     with closing(source.session()) as session:
         task = f"leaving sources out of {source.recording}"
         worths = ablated(followed(session.steps(), task, session.recording.end))
     paths = write_ablation(worths, out)
     note(table(worths))
+    try:
+        paths.append(write_picture(worths, out))
+    except DependencyError as error:
+        note(f"no picture is drawn: {error}")
     print(f"results: {', '.join(map(str, paths))}")
     session.complain()
 

@@ -12,6 +12,7 @@ from contactfusion.files import require_file
 from contactfusion.model import Model
 from contactfusion.pipeline_config import PipelineConfig
 from contactfusion.recordings.messages import typestore
+from contactfusion.recordings.opening import YAML, unfit_configuration
 from contactfusion.recordings.ros.files import Bag
 from contactfusion.recordings.step_messages import OURS
 from contactfusion.yaml_files import read_yaml, with_overrides
@@ -113,11 +114,15 @@ def setting_of_recording(path: Path, overrides: Sequence[str] = ()) -> Setting:
 
     Raises:
         RecordingError: there is none, or it is not what a replay writes.
+        ConfigurationError: the path is that of a configuration.
         DependencyError: rosbags is not installed.
     """
     require_file(path, RecordingError)
     setting = kept_setting(path)
     if setting is None:
+        unfit = path.suffix in YAML and unfit_configuration(path, read_yaml(path))
+        if unfit:
+            raise ConfigurationError(f"{unfit}, and the configuration by --config {path}")
         raise RecordingError(
             f"{path} holds no configuration, as `contactfusion replay CONFIG {path.name} --out "
             f"FILE.mcap` keeps one: replay it first, or name one with --config"

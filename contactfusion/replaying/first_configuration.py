@@ -1,27 +1,45 @@
 """A first configuration for a recording or a robot: it runs as it stands, its comments say why."""
 
-import re
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
-from os.path import relpath
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from textwrap import wrap
 from typing import final
 
-import numpy as np
 import yaml
 
 from contactfusion.errors import ConfigurationError, ContactFusionError
 from contactfusion.files import make_folder, write_whole
 from contactfusion.pipeline_config import PipelineConfig
-from contactfusion.readings import JointState, TactileImage, Wrench
+from contactfusion.readings import JointState, Reading, TactileImage, Wrench
 from contactfusion.recordings.messages import Message, typestore
-from contactfusion.recordings.opening import is_ros, open_recording
+from contactfusion.recordings.opening import DESCRIBED, is_ros, open_recording
 from contactfusion.recordings.ros.files import Bag
 from contactfusion.recordings.ros.topics import last
 from contactfusion.replaying.configuration import NOT_OURS
-from contactfusion.replaying.inspection import Inspection, TopicInspection, inspect_recording
+from contactfusion.replaying.first_lines import (
+    REST,
+    WEIGHED,
+    force_torque_lines,
+    free_space_lines,
+    indented,
+    integrator_lines,
+    motion_lines,
+    named_from,
+    range_lines,
+    robot_lines,
+    stand_in_lines,
+    tactile_lines,
+    text_of,
+)
+from contactfusion.replaying.inspection import (
+    Inspection,
+    TopicInspection,
+    inspect_readings,
+    inspect_recording,
+)
+from contactfusion.replaying.log_columns import BLANK, inspect_table, sensor_of, shown
+from contactfusion.replaying.log_columns import described as described_table
 from contactfusion.robots.description import RobotConfig
 from contactfusion.robots.model import RobotModel
 from contactfusion.terminal import note
@@ -31,25 +49,15 @@ URDF = (".urdf", ".xacro", ".xml")
 C3D = (".c3d", ".zip")
 DESCRIPTION, STRING = "robot_description", "std_msgs/msg/String"
 """The last part of the topic that holds a URDF, and the type of its message."""
-LOOK, REST = 5.0, 0.5
-"""So much of a recording is looked at; noise and bias are those of a sensor's first seconds [s]."""
-FORCE_NOISE, TORQUE_NOISE = 0.2, 0.01
-"""Noise is stated as no less than this [N, N·m], as a sensor drifts, too."""
-PLAIN = re.compile(r"[A-Za-z_][\w/.-]*")
-"""Text that YAML takes without quotes, also within braces."""
-WEIGHED = (
-    "  # A wrench alone gives a line of force, which meets the surface more than once: `posterior`",
-    "  # weighs all places on the surface together, `modes` gives those where the belief is dense.",
-    "  rule: posterior",
-    "  condensation: modes",
-)
+LOOK = 5.0
+"""So much of a recording is looked at [s]."""
 
 
 def write_first(source: Path, out: Path, robot: Path | None = None, force: bool = False) -> None:
     """Write a first configuration for a recording or a URDF, and print what to do next.
 
     Args:
-        source: a recording as `open_recording` takes it, or a URDF.
+        source: a recording as `open_recording` takes it, a table that nothing describes, or a URDF.
         out: the YAML file.
         robot: the URDF of the robot that was recorded; None: that which the recording holds.
         force: whether to replace files that exist.
@@ -63,6 +71,8 @@ def write_first(source: Path, out: Path, robot: Path | None = None, force: bool 
         if robot is not None:
             raise ConfigurationError(f"--robot is for recordings, and {source} is a robot itself")
         first = _of_robot(source, out)
+    elif source.suffix in DESCRIBED:
+        first = _of_table(source, out, robot)
     else:
         first = _of_recording(source, out, robot)
     fields = yaml.safe_load(first.text)
@@ -106,17 +116,17 @@ def _refuse_existing(path: Path, force: bool) -> None:
 
 
 def _of_robot(urdf: Path, out: Path) -> _First:
-    name, model = _from(urdf, out), RobotModel(RobotConfig(urdf=str(urdf)))
+    name, model = named_from(urdf, out), RobotModel(RobotConfig(urdf=str(urdf)))
     lines = [
         f"# A first configuration for {urdf.name}, by `contactfusion init`.",
         "# For the sensors that you have, take away the # before `generators` and their generator,",
         "# and put in your names and figures. `contactfusion plugins TYPE` lists more options.",
         "",
-        *_robot(name, model, ()),
+        *robot_lines(name, model, ()),
         "",
         *(f"# {line}" for line in _examples(model)),
         "",
-        *_integrator(model.root, ()),
+        *integrator_lines(model.root, ()),
     ]
     return _First("\n".join(lines) + "\n", f"contactfusion replay {out} RECORDING")
 
@@ -124,20 +134,20 @@ def _of_robot(urdf: Path, out: Path) -> _First:
 def _examples(model: RobotModel) -> Iterator[str]:
     """One generator of each kind of sensor, as lines of YAML."""
     shaped = [name for name, link in model.urdf.links.items() if link.collision]
-    link = _text([*shaped, model.root][-1] if not shaped else shaped[-1])
+    link = text_of([*shaped, model.root][-1] if not shaped else shaped[-1])
     yield "generators:"
-    yield from _indented(_force_torque("wrist", "wrist", None))
-    yield from _indented(_tactile("skin", "skin", 24))
+    yield from indented(force_torque_lines("wrist", "wrist", None))
+    yield from indented(tactile_lines("skin", "skin", 24))
     yield "  pad:  # a skin without taxels, calibrated by presses"
     yield "    type: taxel_map"
     yield "    sensor: pad"
     yield "    map: pad_map.npz  # of TaxelMap.fit"
     yield "    min_signal: 100.0  # in the sensor's unit"
-    yield from _indented(_range("cloud", "cloud", link))
-    yield from _indented(_free_space("air", "camera", link))
-    yield from _indented(_motion("ahead", "joint_states"))
+    yield from indented(range_lines("cloud", "cloud", link))
+    yield from indented(free_space_lines("air", "camera", link))
+    yield from indented(motion_lines("ahead", "joint_states"))
     if model.joint_names:
-        joint = _text(model.joint_names[-1])
+        joint = text_of(model.joint_names[-1])
         yield "  fingers:  # compliant fingers: a push moves their joints"
         yield "    type: finger_pose"
         yield "    sensor: joint_states"
@@ -176,12 +186,67 @@ class _Start:
     """By tactile sensor, the number of its values."""
 
 
+@final
+@dataclass(frozen=True)
+class _Held:
+    """What a recording holds, and how it is played.
+
+    Attributes:
+        inspection: its topics.
+        start: its first seconds.
+        shown: the same as lines of a comment.
+        recording: the `recording` of the configuration, as lines of YAML.
+        play: what plays it.
+    """
+
+    inspection: Inspection
+    start: _Start
+    shown: Sequence[str]
+    recording: Sequence[str]
+    play: str
+
+
 def _of_recording(path: Path, out: Path, robot: Path | None) -> _First:
-    inspection, start = inspect_recording(path), _start(path)
+    play = f"contactfusion replay {out} {path} --out contacts.csv"
+    inspection, start = inspect_recording(path), _start(open_recording(path).readings())
+    described = tuple(_recording(path, out))
+    return _of_sensors(
+        _Held(inspection, start, tuple(_held(inspection)), described, play), out, robot
+    )
+
+
+def _of_table(path: Path, out: Path, robot: Path | None) -> _First:
+    """A first configuration of a table; what its columns do not say is a blank."""
+    table = inspect_table(path)
+    described = tuple(described_table(table, named_from(path, out)))
+    if table.known:
+        fields = yaml.safe_load("\n".join(described_table(table, str(path.resolve()))))
+        recording = open_recording(fields)
+        inspection, start = inspect_readings(path, recording), _start(recording.readings())
+        play = f"contactfusion run {out} --out results"
+    else:
+        sensor = sensor_of(path)
+        told = TopicInspection(
+            name=sensor,
+            type="",
+            messages=table.rows,
+            frames=(sensor,),
+            sensor=sensor,
+            reading=Wrench.__name__,
+            generators=("force_torque",),
+        )
+        inspection, start = Inspection(path, 0, 0.0, (told,), ()), _Start()
+        play = f"put in what {BLANK} stands for, then: contactfusion check {out}"
+    lines = ("recording:", *indented(described), "")
+    return _of_sensors(_Held(inspection, start, tuple(shown(table)), lines, play), out, robot)
+
+
+def _of_sensors(held: _Held, out: Path, robot: Path | None) -> _First:
+    inspection, start, path = held.inspection, held.start, held.inspection.path
     urdf, text, remarks = "", "", list[str]()
     model: RobotModel | None = None
     if robot is not None:
-        urdf, model = _from(robot, out), RobotModel(RobotConfig(urdf=str(robot)))
+        urdf, model = named_from(robot, out), RobotModel(RobotConfig(urdf=str(robot)))
     elif text := _robot_description(path, inspection):
         urdf = out.with_suffix(".urdf").name
         try:
@@ -199,16 +264,15 @@ def _of_recording(path: Path, out: Path, robot: Path | None) -> _First:
     remarks += [f"{use.sensor} is left out: {use.left_out}" for use in uses if use.left_out]
     active = [use for use in uses if not use.left_out]
     weighed = any("type: force_torque" in line for use in active for line in use.lines)
-    replay = f"contactfusion replay {out} {path} --out contacts.csv"
     lines = [
         f"# A first configuration for {path.name}, by `contactfusion init`:",
-        f"#   {replay}",
+        f"#   {held.play}",
         "# `contactfusion plugins TYPE` lists the options of a type of generator.",
         "#",
         "# The recording holds, as `contactfusion inspect` shows:",
-        *(f"#   {line}" for line in _held(inspection)),
+        *(f"#   {line}" for line in held.shown),
         "",
-        *_recording(path, out),
+        *held.recording,
     ]
     if model is not None:
         if start.joints and not start.joints & set(model.joint_names):
@@ -220,28 +284,28 @@ def _of_recording(path: Path, out: Path, robot: Path | None) -> _First:
         remarks += [
             f"nothing reports joint {name}: it stays at 0 in `robot.still`" for name in unreported
         ]
-        lines += _robot(urdf, model, unreported)
+        lines += robot_lines(urdf, model, unreported)
     elif weighed:
-        lines += _stand_in(active[0].sensor, _frame(inspection, active[0].sensor))
+        lines += stand_in_lines(active[0].sensor, _frame(inspection, active[0].sensor))
         remarks.append(
             f"no robot is known: a ball of 5 cm about {active[0].sensor} stands in for what hangs "
             f"on it; put its shapes under `surface`, or name a URDF by --robot"
         )
     lines += ["", "generators:" if active else "generators: {}"]
     for use in active:
-        lines += _indented(use.lines)
+        lines += indented(use.lines)
     for use in uses:
         if use.left_out:
             lines += [f"# {use.sensor} is left out: {use.left_out}"]
-            lines += (f"# {line}" for line in _indented(use.lines))
-    lines += ["", *_integrator(space, WEIGHED if weighed else ())]
-    then = replay if active else f"give {out} a generator, of those in its comments"
+            lines += (f"# {line}" for line in indented(use.lines))
+    lines += ["", *integrator_lines(space, WEIGHED if weighed else ())]
+    then = held.play if active else f"give {out} a generator, of those in its comments"
     return _First("\n".join(lines) + "\n", then, tuple(remarks), text)
 
 
-def _start(path: Path) -> _Start:
+def _start(readings: Iterable[Reading]) -> _Start:
     start, begin = _Start(), None
-    for reading in open_recording(path).readings():
+    for reading in readings:
         begin = reading.stamp if begin is None else begin
         if reading.stamp > begin + LOOK:
             break
@@ -273,20 +337,20 @@ def _uses(
                 if felt and model is None and not lost:
                     lost = f"the `surface` hangs on {felt} alone"
                 felt = felt or ("" if lost else sensor)
-                lines = _force_torque(name, sensor, start.wrenches.get(sensor))
+                lines = force_torque_lines(name, sensor, start.wrenches.get(sensor))
                 yield _Use(sensor, tuple(lines), lost)
             case "PointCloud":
-                yield _Use(sensor, tuple(_range(name, sensor, "")), without_robot or lost)
+                yield _Use(sensor, tuple(range_lines(name, sensor, "")), without_robot or lost)
             case "TactileImage":
-                lines = _tactile(name, sensor, start.channels.get(sensor, 1))
+                lines = tactile_lines(name, sensor, start.channels.get(sensor, 1))
                 yield _Use(sensor, tuple(lines), "say where its taxels are, under `patch`")
             case "DepthImage":
                 why = "it forbids contacts: make sure of the camera's place before"
-                lines = _free_space(name, sensor, "")
+                lines = free_space_lines(name, sensor, "")
                 yield _Use(sensor, tuple(lines), without_robot or lost or why)
             case "JointState" if model and not moving:
                 moving = True
-                yield _Use(sensor, tuple(_motion(name, sensor)))
+                yield _Use(sensor, tuple(motion_lines(name, sensor)))
             case _:
                 pass
 
@@ -364,112 +428,6 @@ def _recording(path: Path, out: Path) -> Iterator[str]:
     """What `contactfusion run` plays; a replay is told."""
     kind = "ros" if is_ros(path) else "c3d" if path.suffix in C3D else ""
     if kind:
-        file = _text(_from(path, out))
+        file = text_of(named_from(path, out))
         yield f"recording: {{type: {kind}, file: {file}}}  # for `contactfusion run`"
         yield ""
-
-
-def _robot(urdf: str, model: RobotModel, unreported: Sequence[str]) -> Iterator[str]:
-    yield "robot:  # its collision shapes are the surface that is touched"
-    yield f"  urdf: {_text(urdf)}"
-    if unreported:
-        still = ", ".join(f"{_text(joint)}: 0.0" for joint in unreported)
-        yield "  # no topic reports these joints: say where they stand still [rad, m]"
-        yield f"  still: {{{still}}}"
-    yield "  # frames of sensors that are no links: {wrist: {parent: LINK, xyz: [0.0, 0.0, 0.0]}}"
-    for what, names in ("links", model.link_names), ("joints", model.joint_names):
-        listing = f"{what}: {', '.join(names) or 'none'}"
-        yield from wrap(listing, 98, initial_indent="  # ", subsequent_indent="  #   ")
-
-
-def _stand_in(sensor: str, frame: str) -> Iterator[str]:
-    yield f"# Contacts lie on a surface. This ball stands in for what hangs on {sensor}: put in its"
-    yield "# shapes (box, cylinder, sphere, rectangle), or in its place a `robot` by its URDF."
-    yield "surface:"
-    yield f"  frame: {_text(frame)}"
-    yield "  shapes: [{shape: sphere, radius: 0.05}]  # [m]"
-
-
-def _integrator(space: str, rule: Sequence[str]) -> Iterator[str]:
-    yield "integrator:"
-    yield f"  frame: {_text(space)}  # of the contacts"
-    yield "  voxel_size: 0.005  # [m]"
-    yield from rule
-    yield ""
-    yield "cycle: {every: 0.05}  # fuse at this period [s]"
-
-
-def _force_torque(name: str, sensor: str, wrenches: Sequence[Wrench] | None) -> Iterator[str]:
-    yield f"{_text(name)}:  # a six-axis force-torque sensor"
-    yield "  type: force_torque"
-    yield f"  sensor: {_text(sensor)}"
-    yield "  sign: on_robot  # or by_robot, where contacts come on the far side"
-    force, torque, rest = FORCE_NOISE, TORQUE_NOISE, "bias is their mean, taken untouched"
-    if wrenches is not None:
-        force, torque, bias = _noise(wrenches)
-        rest = f"their mean, {bias:.3g} N, is bias" if bias else ""
-    yield f"  force_noise: {force:.2g}  # of one sample, by axis [N]"
-    yield f"  torque_noise: {torque:.2g}  # [N·m]"
-    if rest:
-        yield f"  tare: {REST}  # the first seconds at rest: {rest} [s]"
-
-
-def _noise(wrenches: Sequence[Wrench]) -> tuple[float, float, float]:
-    """The noise of force [N] and torque [N·m], and the bias that a tare can take off [N], or 0."""
-    if len(wrenches) < 3:
-        return FORCE_NOISE, TORQUE_NOISE, 0.0
-    samples = np.array([[*one.force, *one.torque] for one in wrenches])
-    noise = np.diff(samples, axis=0).std(axis=0) / np.sqrt(2.0)
-    force, torque = max(FORCE_NOISE, *noise[:3]), max(TORQUE_NOISE, *noise[3:])
-    lasts = wrenches[-1].stamp - wrenches[0].stamp >= 0.9 * REST  # a tare needs all of it
-    at_rest = lasts and (samples.std(axis=0) <= 2.0 * np.repeat([force, torque], 3)).all()
-    bias = float(np.linalg.norm(samples[:, :3].mean(axis=0)))
-    return force, torque, bias if at_rest and bias > force else 0.0
-
-
-def _range(name: str, sensor: str, link: str) -> Iterator[str]:
-    yield f"{_text(name)}:  # a range camera or a LiDAR: objects that move"
-    yield "  type: range"
-    yield f"  sensor: {_text(sensor)}"
-    yield from _links(link)
-
-
-def _tactile(name: str, sensor: str, channels: int) -> Iterator[str]:
-    yield f"{_text(name)}:  # taxels in known places"
-    yield "  type: tactile"
-    yield f"  sensor: {_text(sensor)}"
-    yield f"  patch: {{grid: {{rows: 1, columns: {channels}, pitch: [0.005, 0.005]}}}}  # [m]"
-    yield "  baseline: {values: 0.0, noise: 1.0}  # of untouched taxels, in the sensor's unit"
-
-
-def _free_space(name: str, sensor: str, link: str) -> Iterator[str]:
-    yield f"{_text(name)}:  # a depth camera: free space"
-    yield "  type: free_space"
-    yield f"  sensor: {_text(sensor)}"
-    yield from _links(link)
-
-
-def _motion(name: str, sensor: str) -> Iterator[str]:
-    yield f"{_text(name)}:  # joint states: where the robot is about to be"
-    yield "  type: motion"
-    yield f"  sensor: {_text(sensor)}"
-
-
-def _links(link: str) -> Iterator[str]:
-    chosen = f"[{link}]" if link else "[]"
-    yield f"  links: {chosen}  # those that may touch; []: the whole robot"
-
-
-def _indented(lines: Iterable[str]) -> Iterator[str]:
-    return (f"  {line}" for line in lines)
-
-
-def _text(text: str) -> str:
-    """A text as YAML."""
-    plain = PLAIN.fullmatch(text) and yaml.safe_load(text) == text
-    return text if plain else yaml.safe_dump(text, default_style='"', width=10**6).strip()
-
-
-def _from(path: Path, out: Path) -> str:
-    """A file as named from the folder of the configuration; MODULE:FILE as it is."""
-    return str(path) if ":" in str(path) else relpath(path.resolve(), out.parent.resolve())

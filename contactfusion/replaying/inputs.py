@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from types import MappingProxyType
 from typing import Any, final
 
 from contactfusion.assembly import generator_class
@@ -28,6 +29,7 @@ CONTEXT: Kinds = (JointState, JointCommand, ObjectPose)
 """What several topics may tell together; all of them are read."""
 ALONE: dict[str, type[Reading]] = {"odometry": Odometry, "twist": Twist}
 """What only one topic may tell, by its role."""
+NOTHING: Mapping[str, type[Reading]] = MappingProxyType({})
 
 
 @final
@@ -38,12 +40,15 @@ class Inputs:
     Attributes:
         sensors: the name of the sensor of each topic that is read.
         generators: the options of all generators by name, with the `sensor` of each.
-        missing: what generators need and the recording does not hold, in sentences.
+        missing: what generators need and the recording does not hold, or nothing reads, in
+            sentences.
+        taken: who takes a topic that is not called like its sensor, in sentences.
     """
 
     sensors: Mapping[str, str]
     generators: Mapping[str, dict[str, Any]]
     missing: tuple[str, ...]
+    taken: tuple[str, ...]
 
 
 def find_inputs(
@@ -51,6 +56,7 @@ def find_inputs(
     generators: Mapping[str, Mapping[str, Any]],
     told: Mapping[str, str],
     watched: bool = False,
+    ignored: Mapping[str, type[Reading]] = NOTHING,
 ) -> Inputs:
     """Find the topic for each generator.
 
@@ -64,12 +70,14 @@ def find_inputs(
         generators: the `type` and the options of each by name.
         told: topics by role.
         watched: whether to read what sensors measure for nobody, too, so that it can be looked at.
+        ignored: the kind of reading of each topic that is not read at all.
 
     Raises:
         ConfigurationError: a role or a topic is unknown, does not fit, or several fit.
         PluginError: a type of generator is not installed.
     """
-    finding = _Finding(topics, {role: topic.removeprefix("/") for role, topic in told.items()})
+    told = {role: topic.removeprefix("/") for role, topic in told.items()}
+    finding = _Finding(topics, told, ignored)
     wanted = {name: _kinds(options) for name, options in generators.items()}
     fed = {
         name: finding.feed(name, dict(options), wanted[name])
@@ -79,7 +87,7 @@ def find_inputs(
     finding.refuse_strangers(roles_of(generators))
     if watched:
         finding.read(SENSED)
-    return Inputs(finding.sensors, fed, tuple(finding.missing))
+    return Inputs(finding.sensors, fed, tuple(finding.missing), tuple(finding.taken))
 
 
 def roles_of(generators: Mapping[str, Mapping[str, Any]]) -> list[str]:
@@ -96,11 +104,17 @@ def _kinds(options: Mapping[str, Any]) -> Kinds:
 
 
 class _Finding:
-    def __init__(self, topics: Mapping[str, type[Reading]], told: Mapping[str, str]) -> None:
-        self.topics, self.told = topics, told
+    def __init__(
+        self,
+        topics: Mapping[str, type[Reading]],
+        told: Mapping[str, str],
+        ignored: Mapping[str, type[Reading]],
+    ) -> None:
+        self.topics, self.told, self.ignored = topics, told, ignored
         self.sensors: dict[str, str] = {}
         """The name of the sensor of each topic that is read."""
         self.missing: list[str] = []
+        self.taken: list[str] = []
 
     def feed(self, name: str, options: dict[str, Any], kinds: Kinds) -> dict[str, Any]:
         """Give the options of a generator with its sensor."""
@@ -110,8 +124,13 @@ class _Finding:
             return options  # it takes all context there is
         topic = self._topic(role, kinds)
         if topic is None:
-            self.missing.append(f"generators.{name}: the recording holds no {_named(kinds)}")
+            self.missing.append(f"generators.{name}: {self._absence(kinds)}")
             return options
+        if sensor and role not in self.told and topic != role:
+            self.taken.append(
+                f"generators.{name}: no topic is called '{sensor}', so /{topic} feeds it, the only "
+                f"{_named(kinds)}"
+            )
         sensor = sensor or self.sensors.get(topic, topic)
         if self.sensors.setdefault(topic, sensor) != sensor:
             raise ConfigurationError(
@@ -120,6 +139,14 @@ class _Finding:
                 f"generators.{name}.sensor",
             )
         return {**options, "sensor": sensor}
+
+    def _absence(self, kinds: Kinds) -> str:
+        left_out = ", ".join(
+            f"/{topic}" for topic, kind in self.ignored.items() if issubclass(kind, kinds)
+        )
+        if left_out:
+            return f"nothing feeds it, as {left_out} is ignored (--ignore)"
+        return f"the recording holds no {_named(kinds)}"
 
     def context(self, wanted: Kinds) -> None:
         """Read what tells of robot and world."""

@@ -158,7 +158,7 @@ def inspect_recording(path: Path) -> Inspection:
     recording = open_recording(path)
     if isinstance(recording, RosRecording):
         return _of_ros(recording.path, recording.sensors)
-    return _of_readings(path, recording)
+    return inspect_readings(path, recording)
 
 
 def as_json(inspection: Inspection) -> str:
@@ -307,7 +307,13 @@ def _unread(topic: Topic, is_beside: bool) -> str:
 # Other recordings
 
 
-def _of_readings(path: Path, recording: Recording) -> Inspection:
+def inspect_readings(path: Path, recording: Recording) -> Inspection:
+    """What a recording that is open holds, of its readings alone.
+
+    Args:
+        path: how the inspection calls it.
+        recording: any but one of ROS.
+    """
     heard: dict[tuple[str, type[Reading]], _Heard] = {}
     frames: dict[str, FrameInspection] = {}
     problem = ""

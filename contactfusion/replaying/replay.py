@@ -189,11 +189,11 @@ def _tell(session: Session, tally: Tally, summary: Summary, took: float) -> None
     recording = session.recording
     for line in tally.table(_troubles(recording) if isinstance(recording, RosRecording) else {}):
         print(line)
-    for missing in session.inputs.missing:
-        print(f"missing: {missing}")
-    for name, count in session.pipeline.unplaced.items():
-        if count:
-            print(f"missing transforms: {count} clouds of '{name}' were refused")
+    for line in (*session.inputs.taken, *session.inputs.missing):
+        print(line)
+    unplaced = (item for item in session.pipeline.unplaced.items() if item[1])
+    if counts := ", ".join(f"{count} clouds of '{name}'" for name, count in unplaced):
+        print(f"missing transforms: {counts} were refused")
     for line in summary.lines():
         print(line)
     span = tally.span

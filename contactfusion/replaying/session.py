@@ -127,15 +127,18 @@ def _opened(
     whole = open_recording(path)
     if not isinstance(whole, RosRecording):
         topics = _without(path, whole.topics, setting.ignored)
-        inputs = _inputs(setting, topics, setting.told, watched)
+        ignored = {name: kind for name, kind in whole.topics.items() if name not in topics}
+        inputs = _inputs(setting, topics, setting.told, watched, ignored)
         return _Part(whole, inputs.sensors, window), inputs
+    held = {name: stream.kind for name, stream in whole.streams.items()}
     if setting.ignored:
         whole = whole.without([f"/{topic.removeprefix('/')}" for topic in setting.ignored])
     streams = whole.streams
     names = {topic: name for name, stream in streams.items() for topic in stream.topics}
     told = {role: names.get(topic, topic) for role, topic in setting.told.items()}
     kinds = {name: stream.kind for name, stream in streams.items()}
-    inputs = _inputs(setting, kinds, told, watched)
+    ignored = {name: kind for name, kind in held.items() if name not in kinds}
+    inputs = _inputs(setting, kinds, told, watched, ignored)
     heard = dict[str, tuple[str, ...]]()
     for name, sensor in inputs.sensors.items():
         heard[sensor] = (*heard.get(sensor, ()), *streams[name].topics)
@@ -160,9 +163,10 @@ def _inputs(
     topics: Mapping[str, type[Reading]],
     told: Mapping[str, str],
     watched: bool,
+    ignored: Mapping[str, type[Reading]],
 ) -> Inputs:
     try:
-        return find_inputs(topics, setting.config().generators, told, watched)
+        return find_inputs(topics, setting.config().generators, told, watched, ignored)
     except PluginError as error:
         raise ConfigurationError(f"{setting.origin}: {error}") from error
 

@@ -1,5 +1,6 @@
 """A robot by URDF: where its links are, how they move, what hangs on a sensor, its surface."""
 
+import math
 from collections.abc import Mapping, Sequence
 from functools import cached_property, lru_cache
 from typing import Any, NamedTuple
@@ -15,6 +16,7 @@ from contactfusion.errors import (
     missing_extra,
     name_hint,
 )
+from contactfusion.frame_config import FrameConfig
 from contactfusion.frames import FrameTree, Parent, Pose, inverse, points_in
 from contactfusion.readings import JointState
 from contactfusion.robots.description import RobotConfig
@@ -23,9 +25,12 @@ from contactfusion.robots.sphere_cache import fitted_spheres
 from contactfusion.robots.spheres import SphereModel
 from contactfusion.robots.urdf import Shapes, Urdf, read_urdf
 from contactfusion.surface import RigidPart
+from contactfusion.units import LENGTH
 
 SPHERE_SPACING = 0.008
 """Spheres are fitted to points about so far apart [m]."""
+MOUNTED = 10.0
+"""Nothing is mounted further from a link [m], but where links reach half as far from the root."""
 
 
 class _Known(NamedTuple):
@@ -54,7 +59,8 @@ class RobotModel:
 
     Raises:
         RobotError: the URDF does not hold together.
-        ConfigurationError: a sensor is on a link that the URDF lacks, or frames form a circle.
+        ConfigurationError: a sensor is on a link that the URDF lacks, or further away than a robot
+            of this size can carry it, or frames form a circle.
         DependencyError: pinocchio is not installed.
     """
 
@@ -79,6 +85,7 @@ class RobotModel:
         self._beyond: dict[str, tuple[str, ...]] = {}
         self._check_names()
         self._frames = self._fixed_frames()
+        self.require_mounted(config.frames)
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Travel to another process as the configuration; there it is built once."""
@@ -382,6 +389,27 @@ class RobotModel:
             if top != link:
                 tops[link] = top
         return tops
+
+    def require_mounted(self, frames: Mapping[str, FrameConfig]) -> None:
+        """Refuse frames on links that are too far away for a robot of this size.
+
+        Raises:
+            ConfigurationError: one is, as in millimetres.
+        """
+        zero = self.poses_at(np.zeros(len(self.joint_names)))
+        span = max(float(np.linalg.norm(pose[:3, 3])) for pose in zero.values())
+        limit = max(MOUNTED, 2.0 * span)
+        for name, frame in frames.items():
+            for axis, given in enumerate(frame.xyz):
+                if abs(given) > limit:
+                    problem = LENGTH.implausible(given, math.copysign(limit, given))
+                    raise ConfigurationError(problem, f"frames.{name}.xyz.{axis}")
+
+    @property
+    def moved_links(self) -> frozenset[str]:
+        """The links that a joint moves against the root."""
+        tops = self._tops(self.joint_names)
+        return frozenset(n for n in self.link_names if tops.get(n, n) != self.root)
 
     def _check_names(self) -> None:
         """Make sure that all that the description names is there."""

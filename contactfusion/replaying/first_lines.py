@@ -1,0 +1,141 @@
+"""The parts of a first configuration, as lines of YAML with comments."""
+
+import re
+from collections.abc import Iterable, Iterator, Sequence
+from os.path import relpath
+from pathlib import Path
+from textwrap import wrap
+
+import numpy as np
+import yaml
+
+from contactfusion.readings import Wrench
+from contactfusion.robots.model import RobotModel
+
+REST = 0.5
+"""Noise and bias are those of a sensor's first seconds [s]."""
+FORCE_NOISE, TORQUE_NOISE = 0.2, 0.01
+"""Noise is stated as no less than this [N, N·m], as a sensor drifts, too."""
+PLAIN = re.compile(r"[A-Za-z_][\w/.-]*")
+"""Text that YAML takes without quotes, also within braces."""
+WEIGHED = (
+    "  # A wrench alone gives a line of force, which meets the surface more than once: `posterior`",
+    "  # weighs all places on the surface together, `modes` gives those where the belief is dense.",
+    "  rule: posterior",
+    "  condensation: modes",
+)
+
+
+def robot_lines(urdf: str, model: RobotModel, unreported: Sequence[str]) -> Iterator[str]:
+    """The robot, with the joints that nothing reports, and its links and joints by name."""
+    yield "robot:  # its collision shapes are the surface that is touched"
+    yield f"  urdf: {text_of(urdf)}"
+    if unreported:
+        still = ", ".join(f"{text_of(joint)}: 0.0" for joint in unreported)
+        yield "  # no topic reports these joints: say where they stand still [rad, m]"
+        yield f"  still: {{{still}}}"
+    yield "  # frames of sensors that are no links: {wrist: {parent: LINK, xyz: [0.0, 0.0, 0.0]}}"
+    for what, names in ("links", model.link_names), ("joints", model.joint_names):
+        listing = f"{what}: {', '.join(names) or 'none'}"
+        yield from wrap(listing, 98, initial_indent="  # ", subsequent_indent="  #   ")
+
+
+def stand_in_lines(sensor: str, frame: str) -> Iterator[str]:
+    """A ball in place of the surface of what hangs on a sensor."""
+    yield f"# Contacts lie on a surface. This ball stands in for what hangs on {sensor}: put in its"
+    yield "# shapes (box, cylinder, sphere, rectangle), or in its place a `robot` by its URDF."
+    yield "surface:"
+    yield f"  frame: {text_of(frame)}"
+    yield "  shapes: [{shape: sphere, radius: 0.05}]  # [m]"
+
+
+def integrator_lines(space: str, rule: Sequence[str]) -> Iterator[str]:
+    """The hypothesis space, with the lines of its rule, and the cycle."""
+    yield "integrator:"
+    yield f"  frame: {text_of(space)}  # of the contacts"
+    yield "  voxel_size: 0.005  # [m]"
+    yield from rule
+    yield ""
+    yield "cycle: {every: 0.05}  # fuse at this period [s]"
+
+
+def force_torque_lines(name: str, sensor: str, wrenches: Sequence[Wrench] | None) -> Iterator[str]:
+    """A six-axis force-torque sensor, by its first wrenches; None where they are not known."""
+    yield f"{text_of(name)}:  # a six-axis force-torque sensor"
+    yield "  type: force_torque"
+    yield f"  sensor: {text_of(sensor)}"
+    yield "  sign: on_robot  # or by_robot, where contacts come on the far side"
+    force, torque, rest = FORCE_NOISE, TORQUE_NOISE, "bias is their mean, taken untouched"
+    if wrenches is not None:
+        force, torque, bias = _noise(wrenches)
+        rest = f"their mean, {bias:.3g} N, is bias" if bias else ""
+    yield f"  force_noise: {force:.2g}  # of one sample, by axis [N]"
+    yield f"  torque_noise: {torque:.2g}  # [N·m]"
+    if rest:
+        yield f"  tare: {REST}  # the first seconds at rest: {rest} [s]"
+
+
+def _noise(wrenches: Sequence[Wrench]) -> tuple[float, float, float]:
+    """The noise of force [N] and torque [N·m], and the bias that a tare can take off [N], or 0."""
+    if len(wrenches) < 3:
+        return FORCE_NOISE, TORQUE_NOISE, 0.0
+    samples = np.array([[*one.force, *one.torque] for one in wrenches])
+    noise = np.diff(samples, axis=0).std(axis=0) / np.sqrt(2.0)
+    force, torque = max(FORCE_NOISE, *noise[:3]), max(TORQUE_NOISE, *noise[3:])
+    lasts = wrenches[-1].stamp - wrenches[0].stamp >= 0.9 * REST  # a tare needs all of it
+    at_rest = lasts and (samples.std(axis=0) <= 2.0 * np.repeat([force, torque], 3)).all()
+    bias = float(np.linalg.norm(samples[:, :3].mean(axis=0)))
+    return force, torque, bias if at_rest and bias > force else 0.0
+
+
+def range_lines(name: str, sensor: str, link: str) -> Iterator[str]:
+    """A range camera or a LiDAR."""
+    yield f"{text_of(name)}:  # a range camera or a LiDAR: objects that move"
+    yield "  type: range"
+    yield f"  sensor: {text_of(sensor)}"
+    yield from _links(link)
+
+
+def tactile_lines(name: str, sensor: str, channels: int) -> Iterator[str]:
+    """A tactile sensor."""
+    yield f"{text_of(name)}:  # taxels in known places"
+    yield "  type: tactile"
+    yield f"  sensor: {text_of(sensor)}"
+    yield f"  patch: {{grid: {{rows: 1, columns: {channels}, pitch: [0.005, 0.005]}}}}  # [m]"
+    yield "  baseline: {values: 0.0, noise: 1.0}  # of untouched taxels, in the sensor's unit"
+
+
+def free_space_lines(name: str, sensor: str, link: str) -> Iterator[str]:
+    """A depth camera."""
+    yield f"{text_of(name)}:  # a depth camera: free space"
+    yield "  type: free_space"
+    yield f"  sensor: {text_of(sensor)}"
+    yield from _links(link)
+
+
+def motion_lines(name: str, sensor: str) -> Iterator[str]:
+    """Joint states."""
+    yield f"{text_of(name)}:  # joint states: where the robot is about to be"
+    yield "  type: motion"
+    yield f"  sensor: {text_of(sensor)}"
+
+
+def _links(link: str) -> Iterator[str]:
+    chosen = f"[{link}]" if link else "[]"
+    yield f"  links: {chosen}  # those that may touch; []: the whole robot"
+
+
+def indented(lines: Iterable[str]) -> Iterator[str]:
+    """Lines one level deeper."""
+    return (f"  {line}" for line in lines)
+
+
+def text_of(text: str) -> str:
+    """A text as YAML."""
+    plain = PLAIN.fullmatch(text) and yaml.safe_load(text) == text
+    return text if plain else yaml.safe_dump(text, default_style='"', width=10**6).strip()
+
+
+def named_from(path: Path, out: Path) -> str:
+    """A file as named from the folder of the configuration; MODULE:FILE as it is."""
+    return str(path) if ":" in str(path) else relpath(path.resolve(), out.parent.resolve())

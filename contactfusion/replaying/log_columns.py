@@ -1,0 +1,267 @@
+"""A table of numbers that nothing describes yet: its columns, and a first description of them."""
+
+import json
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import final
+
+import numpy as np
+
+from contactfusion.arrays import FloatArray
+from contactfusion.errors import RecordingError
+from contactfusion.recordings.log import FASTEST, NANOSECONDS, SLOW
+from contactfusion.recordings.tables import Column, Columns, column_names, read_columns
+from contactfusion.replaying.first_lines import text_of
+from contactfusion.time import NANOSECONDS_PER_SECOND
+
+BLANK = "FILL_IN"
+"""Stands where a person has to say what a table does not."""
+SHOWN = 3
+"""So many first values of a column are shown."""
+USUAL = 0.5
+"""Rows are rarely further apart [s]: a step of 1 is rather a millisecond than a second."""
+AXES = "xyz"
+STAMPS = ("t", "time", "stamp", "timestamp", "timestamps")
+UNITS = {
+    **dict.fromkeys(("s", "sec", "secs", "second", "seconds"), "s"),
+    **dict.fromkeys(("ms", "msec", "msecs", "milliseconds"), "ms"),
+    **dict.fromkeys(("us", "usec", "usecs", "microseconds"), "us"),
+    **dict.fromkeys(("ns", "nsec", "nsecs", "nanoseconds"), "ns"),
+}
+"""Units of time by the words in the names of columns."""
+WRENCH = re.compile(
+    r"(?P<before>(?:.*[^a-z])?)(?P<kind>force|torque|moment|tau|f|t|m)[^a-z0-9]?(?P<axis>[xyz])"
+    r"(?:[^a-z0-9]+n?(?:[^a-z0-9]?m?m)?[^a-z0-9]*)?"
+)
+"""A column of a wrench, in lower case: `fx`, `left_Fz`, `wrench.torque.y`, `Mx [Nm]`."""
+
+
+@final
+@dataclass(frozen=True)
+class ColumnInspection:
+    """A column of a table.
+
+    Attributes:
+        name: as the header has it, or its number from 1.
+        first: its first values.
+        least: the least value; None where it holds no number.
+        greatest: likewise.
+        missing: number of rows without a value.
+        use: what it seems to be; empty where its name says nothing.
+    """
+
+    name: Column
+    first: tuple[float, ...]
+    least: float | None
+    greatest: float | None
+    missing: int
+    use: str = ""
+
+
+@final
+@dataclass(frozen=True)
+class Stamps:
+    """The column of stamps.
+
+    Attributes:
+        column: its name.
+        unit: s, ms, us or ns.
+        rate: rows a second, by the median of their steps [Hz].
+    """
+
+    column: Column
+    unit: str
+    rate: float
+
+
+@final
+@dataclass(frozen=True)
+class TableInspection:
+    """A table that nothing describes.
+
+    Attributes:
+        path: the file.
+        rows: their number.
+        columns: in their order.
+        stamps: the column of stamps; None where no column is called like one, and rises.
+        wrenches: by the name of a sensor, the columns of its force and torque.
+    """
+
+    path: Path
+    rows: int
+    columns: tuple[ColumnInspection, ...]
+    stamps: Stamps | None
+    wrenches: Mapping[str, tuple[Column, ...]]
+
+    @property
+    def known(self) -> bool:
+        """Whether a description of it has no blank."""
+        return self.stamps is not None and bool(self.wrenches)
+
+
+def inspect_table(path: Path) -> TableInspection:
+    """The columns of a table, and what their names say.
+
+    Args:
+        path: a file as `type: log` takes it.
+
+    Raises:
+        RecordingError: it holds no table.
+    """
+    columns = _numbers(path)
+    if not any(values is not None for values in columns.values()):
+        raise RecordingError(f"{path} holds no column of numbers")
+    stamps = next(filter(None, (_stamps(name, one) for name, one in columns.items())), None)
+    wrenches = _wrenches(path, [name for name, one in columns.items() if one is not None])
+    uses = {stamps.column: f"stamps in {stamps.unit}: {stamps.rate:.4g} Hz"} if stamps else {}
+    for sensor, six in wrenches.items():
+        for number, name in enumerate(six):
+            what, unit = ("force", "N") if number < len(AXES) else ("torque", "N·m")
+            uses[name] = f"{what} {AXES[number % len(AXES)]} of '{sensor}' [{unit}]"
+    rows = max(len(values) for values in columns.values() if values is not None)
+    held = tuple(_inspected(name, one, uses.get(name, "")) for name, one in columns.items())
+    return TableInspection(path, rows, held, stamps, wrenches)
+
+
+def as_json(table: TableInspection) -> str:
+    """An inspection as JSON, the names those of its attributes."""
+    return json.dumps(asdict(table), indent=1, ensure_ascii=False, default=str)
+
+
+def as_text(table: TableInspection) -> str:
+    """An inspection as a table of columns, and a description to copy."""
+    path = table.path
+    return "\n".join(
+        [
+            f"{path}: {table.rows} rows of {len(table.columns)} columns",
+            *shown(table),
+            "",
+            f"A description to copy into a YAML file (`contactfusion init {path} --out "
+            f"{path.stem}.yaml` writes a whole configuration):",
+            "",
+            *described(table, path.name),
+        ]
+    )
+
+
+def shown(table: TableInspection) -> Iterator[str]:
+    """The columns as the lines of a table."""
+    rows = [
+        ("column", "first values", "least", "greatest", "looks like"),
+        *map(_row, table.columns),
+    ]
+    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+    for row in rows:
+        cells = (cell.ljust(width) for cell, width in zip(row, widths, strict=True))
+        yield "  ".join(cells).rstrip()
+
+
+def described(table: TableInspection, file: str) -> Iterator[str]:
+    """A description of the table as lines of YAML; what its columns do not say is a blank.
+
+    Args:
+        table: the table.
+        file: how the description names it.
+    """
+    yield "type: log"
+    yield f"file: {text_of(file)}"
+    if table.stamps:
+        stamps = table.stamps
+        column = _column(stamps.column)
+        yield f"time: {{column: {column}, unit: {stamps.unit}}}  # {stamps.rate:.4g} Hz"
+    else:
+        yield f"time: {{rate: {BLANK}}}  # rows a second [Hz]; or {{column: NAME, unit: s}}"
+    yield "readings:"
+    for sensor, columns in (table.wrenches or {sensor_of(table.path): (BLANK,)}).items():
+        yield f"  {text_of(sensor)}:"
+        others = (
+            "" if table.wrenches else "  # or tactile_image, joint_state, …: docs/recordings.md"
+        )
+        yield f"    type: wrench{others}"
+        yield f"    frame: {text_of(sensor)}  # the axes in which it measures"
+        yield f"    columns: [{', '.join(map(_column, columns))}]"
+        yield "    # force x, y, z [N], torque x, y, z [N·m]; `scale` brings other units to them"
+
+
+def sensor_of(path: Path) -> str:
+    """The name of a sensor by that of its file."""
+    return _name(path.stem) or "sensor"
+
+
+def _numbers(path: Path) -> dict[Column, FloatArray | None]:
+    """The values of each column, shape (n,) or (n, k); None where they are no numbers."""
+    names = column_names(path)
+    found: Columns = {}
+    try:
+        found = read_columns(path, names)
+    except RecordingError:  # of some column alone, which is then found by reading each
+        for name in names:
+            with suppress(RecordingError):
+                found |= read_columns(path, [name])
+    flat = {name: v[:, 0] if v.shape[1] == 1 else v for name, v in found.items()}
+    return {name: flat.get(name) for name in names}
+
+
+def _inspected(name: Column, values: FloatArray | None, use: str) -> ColumnInspection:
+    if values is None:
+        return ColumnInspection(name, (), None, None, 0, "no numbers")
+    finite = values[np.isfinite(values)]
+    first = tuple(values.ravel()[:SHOWN].tolist())
+    missing = int((~np.isfinite(values)).reshape(len(values), -1).any(axis=1).sum())
+    if not finite.size:
+        return ColumnInspection(name, first, None, None, missing, "no value")
+    if not use and values.ndim > 1:
+        use = f"{values.shape[1]} columns"
+    return ColumnInspection(name, first, float(finite.min()), float(finite.max()), missing, use)
+
+
+def _row(column: ColumnInspection) -> tuple[str, ...]:
+    ends = ("-" if end is None else f"{end:.6g}" for end in (column.least, column.greatest))
+    gaps = f"{column.missing} rows without a value" if column.missing else ""
+    first = ", ".join(f"{value:.6g}" for value in column.first) or "-"
+    return (str(column.name), first, *ends, "; ".join(filter(None, (column.use, gaps))) or "-")
+
+
+def _stamps(name: Column, values: FloatArray | None) -> Stamps | None:
+    """The stamps that a column holds; None where it is not called like stamps, or does not rise."""
+    words = re.findall(r"[a-z]+", str(name).lower())
+    told = next((UNITS[word] for word in reversed(words) if word in UNITS), None)
+    is_called_so = any(word in STAMPS or word.endswith(("time", "stamp")) for word in words)
+    if values is None or values.ndim > 1 or len(values) < 2 or not (is_called_so or told):
+        return None
+    step = float(np.median(np.diff(values)))
+    seconds = {unit: step * size / NANOSECONDS_PER_SECOND for unit, size in NANOSECONDS.items()}
+    fit = [
+        unit
+        for longest in (USUAL, SLOW)
+        for unit, apart in seconds.items()
+        if 1.0 / FASTEST <= apart <= longest and told in (None, unit)
+    ]
+    return Stamps(name, fit[0], 1.0 / seconds[fit[0]]) if fit else None
+
+
+def _wrenches(path: Path, names: Sequence[Column]) -> dict[str, tuple[Column, ...]]:
+    """The columns of each wrench, by the name of its sensor: what stands before force and axis."""
+    found: dict[str, dict[str, Column]] = {}
+    for name in names:
+        if match := WRENCH.fullmatch(str(name).lower()):
+            what = "force" if match["kind"].startswith("f") else "torque"
+            found.setdefault(match["before"], {}).setdefault(what + match["axis"], name)
+    places = [what + axis for what in ("force", "torque") for axis in AXES]
+    return {
+        _name(before) or sensor_of(path): tuple(six[place] for place in places)
+        for before, six in found.items()
+        if len(six) == len(places)
+    }
+
+
+def _name(text: str) -> str:
+    """A text as the name of a sensor."""
+    return re.sub(r"[^A-Za-z0-9]+", "_", text).strip("_")
+
+
+def _column(name: Column) -> str:
+    return str(name) if isinstance(name, int) else text_of(name)

@@ -1,0 +1,181 @@
+"""A table that nothing describes: what its columns are, and a description to begin with."""
+
+import csv
+import json
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import yaml
+
+from contactfusion.check import check_file
+from contactfusion.errors import RecordingError
+from contactfusion.recordings.log import LogRecording
+from contactfusion.recordings.opening import open_recording
+from contactfusion.replaying.first_configuration import write_first
+from contactfusion.replaying.log_columns import (
+    BLANK,
+    Stamps,
+    as_json,
+    as_text,
+    described,
+    inspect_table,
+)
+from contactfusion.running import run_file
+
+SIX = ("fx", "fy", "fz", "tx", "ty", "tz")
+
+
+def table(path: Path, names: Sequence[str], step: float = 0.01, rows: int = 200) -> Path:
+    """A table whose first column rises by `step`; the others are noise about their number."""
+    noise = np.random.default_rng(0).normal(0.0, 0.1, (rows, len(names) - 1))
+    values = np.column_stack([step * np.arange(rows), noise + np.arange(1, len(names))])
+    with path.open("w", newline="") as file:
+        writer = csv.writer(file)
+        writer.writerow(names)
+        writer.writerows(values.tolist())
+    return path
+
+
+def description(path: Path) -> dict[str, Any]:
+    fields: dict[str, Any] = yaml.safe_load("\n".join(described(inspect_table(path), path.name)))
+    return fields
+
+
+def test_a_column_has_its_first_values_its_ends_and_its_gaps(tmp_path: Path) -> None:
+    path = tmp_path / "log.csv"
+    path.write_text("t,fx,who\n0,3,ann\n1,,bob\n2,-1.5,eve\n3,7,ann\n")
+    t, fx, who = inspect_table(path).columns
+    assert (t.first, t.least, t.greatest, t.missing) == ((0.0, 1.0, 2.0), 0.0, 3.0, 0)
+    assert (fx.least, fx.greatest, fx.missing) == (-1.5, 7.0, 1)
+    assert (who.first, who.least, who.use) == ((), None, "no numbers")
+
+
+@pytest.mark.parametrize(
+    ("name", "step", "stamps"),
+    [
+        ("t", 0.01, Stamps("t", "s", 100.0)),
+        ("Time", 10.0, Stamps("Time", "ms", 100.0)),
+        ("stamp", 1.0, Stamps("stamp", "ms", 1000.0)),
+        ("t [s]", 1.0, Stamps("t [s]", "s", 1.0)),
+        ("header.stamp", 1e7, Stamps("header.stamp", "ns", 100.0)),
+        ("time_us", 5000.0, Stamps("time_us", "us", 200.0)),
+        ("rosbagTimestamp", 5e6, Stamps("rosbagTimestamp", "ns", 200.0)),
+        ("row", 0.01, None),
+        ("t", 0.0, None),
+        ("t", -0.01, None),
+        ("t", 1e-5, None),
+    ],
+)
+def test_stamps_are_a_column_that_is_called_so_and_rises(
+    name: str, step: float, stamps: Stamps | None, tmp_path: Path
+) -> None:
+    found = inspect_table(table(tmp_path / "log.csv", [name, *SIX], step)).stamps
+    assert (found is None) == (stamps is None)
+    if found and stamps:
+        assert (found.column, found.unit) == (stamps.column, stamps.unit)
+        assert found.rate == pytest.approx(stamps.rate)
+
+
+@pytest.mark.parametrize(
+    ("names", "wrenches"),
+    [
+        (SIX, {"log_1": SIX}),
+        (("Fx", "Fy", "Fz", "Mx", "My", "Mz"), {"log_1": ("Fx", "Fy", "Fz", "Mx", "My", "Mz")}),
+        (
+            ("Tx [Nm]", "Ty [Nm]", "Tz [Nm]", "Fx [N]", "Fy [N]", "Fz [N]"),
+            {"log_1": ("Fx [N]", "Fy [N]", "Fz [N]", "Tx [Nm]", "Ty [Nm]", "Tz [Nm]")},
+        ),
+        (
+            tuple(f"wrist.{what}.{axis}" for what in ("force", "torque") for axis in "xyz"),
+            {"wrist": tuple(f"wrist.{w}.{a}" for w in ("force", "torque") for a in "xyz")},
+        ),
+        (
+            tuple(f"{side}_{one}" for side in ("left", "right") for one in SIX),
+            {side: tuple(f"{side}_{one}" for one in SIX) for side in ("left", "right")},
+        ),
+        (("fx", "fy", "fz"), {}),
+        (("px", "py", "pz", "tx", "ty", "tz"), {}),
+    ],
+)
+def test_a_wrench_is_six_columns_of_force_and_torque(
+    names: Sequence[str], wrenches: dict[str, Any], tmp_path: Path
+) -> None:
+    assert inspect_table(table(tmp_path / "log 1.csv", ["t", *names])).wrenches == wrenches
+
+
+def test_the_description_opens_the_table(tmp_path: Path) -> None:
+    path = table(tmp_path / "wrist.csv", ["time_ms", *SIX], 10.0)
+    recording = open_recording(description(path), tmp_path)
+    readings = list(recording.readings())
+    assert isinstance(recording, LogRecording) and not recording.notes
+    assert len(readings) == 200 and readings[-1].stamp == pytest.approx(1.99)
+    assert {(one.sensor, one.frame) for one in readings} == {("wrist", "wrist")}
+
+
+def test_what_a_table_does_not_say_is_a_blank(tmp_path: Path) -> None:
+    path = tmp_path / "numbers.csv"
+    path.write_text("1,2\n3,4\n")
+    fields = description(path)
+    assert fields["time"] == {"rate": BLANK}
+    assert fields["readings"]["numbers"]["columns"] == [BLANK]
+
+
+def test_columns_without_a_name_of_their_own_have_numbers(tmp_path: Path) -> None:
+    path = tmp_path / "log.csv"
+    path.write_text("t,a,a,\n0,1,2,3\n")
+    assert [one.name for one in inspect_table(path).columns] == ["t", 2, 3, 4]
+
+
+@pytest.mark.parametrize("suffix", [".npy", ".npz"])
+def test_arrays_are_tables_too(suffix: str, tmp_path: Path) -> None:
+    path, values = tmp_path / f"log{suffix}", np.arange(14.0).reshape(2, 7)
+    if suffix == ".npy":
+        np.save(path, values)
+        assert [one.name for one in inspect_table(path).columns] == [*range(1, 8)]
+    else:
+        np.savez(path, t=values[:, 0], wrench=values[:, 1:])
+        t, wrench = inspect_table(path).columns
+        assert (t.name, wrench.name, wrench.use) == ("t", "wrench", "6 columns")
+
+
+def test_a_file_without_numbers_is_no_table(tmp_path: Path) -> None:
+    path = tmp_path / "words.csv"
+    path.write_text("a,b\nc,d\n")
+    with pytest.raises(RecordingError, match=r"words\.csv holds no column of numbers"):
+        inspect_table(path)
+
+
+def test_an_inspection_ends_with_a_description_to_copy(tmp_path: Path) -> None:
+    found = inspect_table(table(tmp_path / "wrist.csv", ["t", *SIX]))
+    text = as_text(found)
+    assert "200 rows of 7 columns" in text and "stamps in s: 100 Hz" in text
+    assert text.endswith("\n".join(described(found, "wrist.csv")))
+    stamps = json.loads(as_json(found))["stamps"]
+    assert stamps == {"column": "t", "unit": "s", "rate": pytest.approx(100.0)}
+
+
+def test_the_first_configuration_of_a_table_runs_as_it_stands(tmp_path: Path) -> None:
+    out = tmp_path / "configs" / "wrist.yaml"
+    write_first(table(tmp_path / "wrist.csv", ["t", *SIX]), out)
+    assert not check_file(out).faults
+    fields = yaml.safe_load(out.read_text())
+    assert fields["recording"]["file"] == "../wrist.csv"
+    assert fields["generators"]["wrist"]["tare"] == 0.5
+    run_file(out, [], tmp_path / "results")
+    assert (tmp_path / "results" / "contacts.csv").exists()
+
+
+def test_a_first_configuration_with_blanks_is_checked_once_they_are_filled_in(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "q.yaml"
+    write_first(table(tmp_path / "q.csv", ["row", *"abcdef"]), out)
+    assert f"next: put in what {BLANK} stands for" in capsys.readouterr().out
+    (fault,) = check_file(out).faults
+    assert "recording.time.rate" in fault and BLANK in fault
+    filled = out.read_text().replace(f"rate: {BLANK}", "rate: 100")
+    out.write_text(filled.replace(f"[{BLANK}]", "[a, b, c, d, e, f]"))
+    assert not check_file(out).faults
