@@ -14,7 +14,7 @@ from contactfusion.robots.model import RobotModel
 from contactfusion.robots.urdf import Mesh
 from contactfusion.shapes import ShapeConfig
 from tests.hands import slide
-from tests.test_touch_world import poker
+from tests.poker import poker
 from tests.urdfs import ARM_HAND, KUKA, REAL, random_joints, real
 
 BOX = ShapeConfig(shape="box", size=(0.1, 0.1, 0.1))

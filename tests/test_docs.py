@@ -21,13 +21,10 @@ from contactfusion.readings import JointState, TactileImage, Wrench
 from contactfusion.robots.checkup import camera_faults, finger_faults, patch_faults, wrist_faults
 from contactfusion.robots.description import RobotConfig
 from contactfusion.robots.model import RobotModel
-from contactfusion.robots.objects import ObjectConfig
 from contactfusion.robots.posed import PosedRobot
 from contactfusion.running import RunConfig, run_file
 from contactfusion.testing import example_reading
 from contactfusion.yaml_files import read_yaml
-from contactfusion_lab.simulation.noise import NOISES, TouchNoise
-from contactfusion_lab.simulation.touch_config import TouchConfig
 
 ROOT = Path(__file__).resolve().parents[1]
 CONFIGURATION = ROOT / "docs" / "configuration.md"
@@ -221,20 +218,6 @@ def test_the_pipeline_of_the_page_on_robots_knows_its_robot(tmp_path: Path) -> N
     assert {name: source.accepted for name, source in report.sources.items()} == {
         "wrist": 1,
         "tip_1": 1,
-    }
-
-
-def test_the_page_on_scenes_names_every_field() -> None:
-    assert not unnamed(TouchConfig, SCENES.read_text(), elsewhere=ObjectConfig)
-
-
-def test_the_page_on_scenes_tells_the_noises_as_they_are() -> None:
-    rows = re.findall(r"^\| `(\w+)` \| (.+) \| (.+) \| (.+) \| .+ \|$", SCENES.read_text(), re.M)
-    told = {name: [yaml.safe_load(value) for value in values] for name, *values in rows}
-    noises = [TouchNoise.model_validate(name) for name in ("none", "prototype", "full")]
-    assert len(noises) == len(NOISES)
-    assert told == {
-        name: [getattr(noise, name) for noise in noises] for name in TouchNoise.model_fields
     }
 
 

@@ -14,8 +14,6 @@ from contactfusion.generators.sliding import NODES, DistanceGrid, Tufts, first_t
 from contactfusion.readings import ObjectPose
 from contactfusion.robots.model import RobotModel
 from contactfusion.robots.objects import ObjectConfig, ObjectModel
-from contactfusion_lab.experiments.touch.plan import DEFAULT, read_plan
-from contactfusion_lab.experiments.touch.rows import ROWS, everything
 from tests.hands import joints, slide, state
 
 SPHERE = {"shape": "sphere", "radius": 0.05}
@@ -286,28 +284,3 @@ class TestSliding:
         for row, (begin, end) in enumerate(zip(tufts.ends[:-1], tufts.ends[1:], strict=True)):
             away = np.linalg.norm(tufts.points[begin:end] - tufts.centres[row], axis=1)
             assert 0 < len(away) and away.max() <= tufts.radii[row] + 1e-12
-
-
-def test_in_the_experiment_it_believes_in_the_target_alone() -> None:
-    plan, _ = read_plan(DEFAULT, [], 1, None, (), 0)
-    config = plan.pipeline_of("cylinder")
-    objects = [
-        list(options["objects"])
-        for options in config.generators.values()
-        if options["type"] == "first_touch"
-    ]
-    assert objects == [["cylinder"]]
-    assert [row.name for row in ROWS if "first touch" in row.modalities] == ["all + first touch"]
-
-
-def test_of_two_that_stand_on_one_belief_every_generator_means_the_first_touch() -> None:
-    plan, _ = read_plan(DEFAULT, [], 1, None, (), 0)
-    both = plan.pipeline
-    alone = {name: one for name, one in both.generators.items() if one["type"] != "first_touch"}
-    fewer = both.model_copy(update={"generators": alone})
-    for config, one, other in (
-        (both, "first touch", "simulator"),
-        (fewer, "simulator", "first touch"),
-    ):
-        modalities = everything(config).modalities
-        assert one in modalities and other not in modalities

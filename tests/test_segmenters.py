@@ -1,9 +1,7 @@
 """Which pixels are the object's: by its mask, by clusters of depth; and who offers segmenters."""
 
-import pickle
 import re
 import sys
-from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -20,15 +18,12 @@ from contactfusion.errors import (
 from contactfusion.model import Model, rooted
 from contactfusion.plugins import installed_plugins
 from contactfusion.readings import DepthImage
-from contactfusion.segmenter import AnySegmenter, Mask, Segmenter, built_segmenter
+from contactfusion.segmenter import AnySegmenter, Mask, built_segmenter
 from contactfusion.segmenters.clusters import ClustersConfig, ClustersSegmenter
 from contactfusion.segmenters.paint import learned_paint
 from contactfusion.segmenters.truth import TruthConfig, TruthSegmenter
-from contactfusion_lab.simulation.push import PushScene
-from contactfusion_lab.simulation.push_config import PushConfig
 from tests.pictures import GREY, PAINT, POSE, picture
 from tests.test_docs import ROOT, unnamed
-from tests.test_push_world import base
 
 OFFERS = installed_plugins().offers("segmenters")
 PAGE = ROOT / "docs" / "segmenters.md"
@@ -57,37 +52,6 @@ def overlap(found: Mask | None, truth: Mask | None) -> float:
 def truth_of(image: DepthImage) -> Mask:
     assert image.mask is not None
     return image.mask
-
-
-def seen_on_a_drive(camera: str, thing: str) -> Iterator[DepthImage]:
-    """The object turns, slides along the face, and partly out of sight."""
-    fields: dict[str, Any] = {"object": thing, "yaw": 20.0, "sees": (camera,)}
-    scene = PushScene(PushConfig(target=(1.0, 0.0), **fields), base(), seed=2)
-    for _ in range(25):
-        yield next(one for one in scene.readings() if isinstance(one, DepthImage))
-        scene.drive(0.15, 0.2, 0.1)
-
-
-@pytest.mark.parametrize(
-    ("camera", "thing"),
-    [
-        ("camera", "box"),
-        ("camera", "cylinder"),
-        ("camera", "nonuniform"),
-        ("camera", "lshape"),
-        ("camera_large", "box"),
-        ("camera_large", "nonuniform"),
-    ],
-)
-def test_clusters_are_the_object_on_a_whole_drive(camera: str, thing: str) -> None:
-    segmenter, masks = clusters(), []
-    for image in seen_on_a_drive(camera, thing):
-        truth = truth_of(image)
-        assert overlap(segmenter.segment(image, POSE), truth) >= 0.9
-        masks.append(truth)
-    assert (masks[0] & ~masks[-1]).any()
-    # at last it is partly out of sight, to the side
-    assert masks[-1][:, 0].any() or masks[-1][:, -1].any()
 
 
 def test_an_object_that_is_gone_is_lost_and_found_again() -> None:
@@ -165,22 +129,6 @@ def test_a_paint_covers_the_colours_of_the_object() -> None:
     assert paint.covers(np.array([PAINT, GREY], np.uint8)).tolist() == [True, False]
     whole = learned_paint(image.colour, np.ones((120, 160), np.bool_))
     assert whole.covers(np.array([PAINT, GREY], np.uint8)).tolist() == [True, True]
-
-
-def test_equal_images_give_equal_masks_also_after_a_reset_and_in_another_process() -> None:
-    images = list(seen_on_a_drive("camera", "cylinder"))[::5]
-
-    def masks(segmenter: Segmenter[Any]) -> list[bytes]:
-        found = [segmenter.segment(image, POSE) for image in images]
-        return [b"" if mask is None else mask.tobytes() for mask in found]
-
-    one = clusters()
-    said = masks(one)
-    assert masks(clusters()) == said
-    one.reset()
-    assert masks(one) == said
-    one.reset()
-    assert masks(pickle.loads(pickle.dumps(one))) == said
 
 
 @pytest.mark.parametrize("value", [0.0, np.nan, np.inf, 1e6])

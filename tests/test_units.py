@@ -31,7 +31,6 @@ from contactfusion.robots.description import CameraConfig, LidarConfig, RobotCon
 from contactfusion.robots.objects import ObjectConfig
 from contactfusion.shapes import BodyConfig, ShapeConfig
 from contactfusion.units import Metres, Radians, unit_of
-from contactfusion_lab.simulation.touch_config import TouchConfig
 from tests.urdfs import joint, link, written
 
 EYE = {"frame": "eye", "width": 640, "height": 480, "fov": 60}
@@ -122,7 +121,6 @@ PAD = {"grid": {"rows": 2, "columns": 2, "pitch": [0.004, 0.004]}}
         (FreeSpaceConfig, {"box": [[0, 0, 0], [1200, 1, 1]]}, "box.1.0"),
         (BoxConfig, {"x": [300, 620], "y": [0, 1], "z": [0, 1]}, "x.0"),
         (IcubConfig, {"file": "a.txt", "period": 100}, "period"),
-        (TouchConfig, {"tool": "hand", "objects": {}, "speed": 50}, "speed"),
     ],
 )
 def test_millimetres_degrees_and_milliseconds_are_found(

@@ -19,6 +19,7 @@ from contactfusion.pipeline import Pipeline
 from contactfusion.pipeline_config import PipelineConfig
 from contactfusion.readings import TactileImage
 from contactfusion.robots.description import located, read_robot
+from contactfusion_lab.simulation import planar_kernels, planar_skin
 from contactfusion_lab.simulation.planar import (
     FRONT,
     HALF_WIDTH,
@@ -252,3 +253,10 @@ def test_what_cannot_be_pushed_in_the_plane_is_told() -> None:
         PlanarPush(scene(object={"shape": "compound", "pieces": pieces}))
     with pytest.raises(ConfigurationError, match="out of sight"):
         PlanarPush(scene(offset=0.8))
+
+
+def test_kernels_that_call_each_other_stand_in_one_module() -> None:
+    for module in (planar_kernels, planar_skin):
+        for name, thing in vars(module).items():
+            if hasattr(thing, "py_func"):
+                assert thing.py_func.__module__ == module.__name__, f"{name} in {module.__name__}"

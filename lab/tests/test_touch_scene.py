@@ -28,7 +28,8 @@ from contactfusion.robots.objects import ObjectModel
 from contactfusion_lab.experiments.touch.plan import DEFAULT
 from contactfusion_lab.simulation.touch import TouchScene, Truth
 from contactfusion_lab.simulation.touch_config import TouchConfig
-from tests.test_touch_world import RADIUS, WALL, poker
+from lab.tests.test_touch_world import WALL
+from tests.poker import RADIUS, poker
 from tests.urdfs import ARM_HAND, outside_of_all, real
 
 SCENE: dict[str, Any] = {

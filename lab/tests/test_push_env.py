@@ -10,7 +10,7 @@ from contactfusion.errors import ConfigurationError, InvalidReadingError
 from contactfusion.readings import Odometry, TactileImage
 from contactfusion_lab.simulation.push_config import PushConfig
 from contactfusion_lab.simulation.push_env import FASTEST, Observation, PushEnv
-from tests.test_push_world import base
+from lab.tests.test_push_world import base
 
 AHEAD = np.array([0.2, 0.0, 0.0])
 

@@ -16,7 +16,7 @@ from contactfusion_lab.simulation.push import PushScene
 from contactfusion_lab.simulation.push_config import LidarNoise, PushConfig
 from contactfusion_lab.simulation.push_lidar import PushLidar, directions
 from contactfusion_lab.simulation.push_view import Planar, PushView
-from tests.test_push_world import base
+from lab.tests.test_push_world import base
 
 HERE: Planar = (-0.3, 0.0, 0.0)
 """The base whose front stands at x = 0."""

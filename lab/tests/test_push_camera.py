@@ -18,7 +18,7 @@ from contactfusion_lab.simulation.push_config import CameraNoise, MisplacedConfi
 from contactfusion_lab.simulation.push_eyes import misplacement
 from contactfusion_lab.simulation.push_surfaces import triangles_of
 from contactfusion_lab.simulation.push_view import Planar, PushView
-from tests.test_push_world import base
+from lab.tests.test_push_world import base
 
 HERE: Planar = (-0.3, 0.0, 0.0)
 """The base whose front stands at x = 0."""

@@ -16,7 +16,7 @@ from contactfusion_lab.simulation.push_names import named_object, read_object
 from contactfusion_lab.simulation.push_objects import HollowConfig
 from contactfusion_lab.simulation.push_view import PushView
 from contactfusion_lab.simulation.push_world import PushWorld
-from tests.test_push_world import FRONT, base, moved, pushed, tilt, world
+from lab.tests.test_push_world import FRONT, base, moved, pushed, tilt, world
 
 ROOT = Path(__file__).parents[1]
 STIFFNESS = 1500.0

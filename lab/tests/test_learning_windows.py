@@ -9,7 +9,7 @@ from contactfusion.arrays import FloatArray
 from contactfusion.errors import ConfigurationError
 from contactfusion_lab.learning.trials import LabelledTrial
 from contactfusion_lab.learning.windows import Dataset, Windows
-from tests.learning_toys import toy_trial, toy_trials
+from lab.tests.learning_toys import toy_trial, toy_trials
 
 
 def naive_windows(trials: list[LabelledTrial]) -> list[tuple[FloatArray, int, float]]:

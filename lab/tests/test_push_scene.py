@@ -22,7 +22,7 @@ from contactfusion_lab.simulation.push import PushScene
 from contactfusion_lab.simulation.push_config import PushConfig
 from contactfusion_lab.simulation.push_world import Touches
 from contactfusion_lab.simulation.pushing import Cycle, Ending, pushed
-from tests.test_push_world import PERIOD, base
+from lab.tests.test_push_world import PERIOD, base
 
 SKIN = yaml.safe_load(Path(experiment.__file__).with_name("skin.yaml").read_text())
 NEAR = (0.4, 0.0)

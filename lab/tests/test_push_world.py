@@ -283,7 +283,7 @@ def test_a_mirrored_start_is_mirrored() -> None:
 
 
 TWICE = """
-from tests.test_push_world import journey, told
+from lab.tests.test_push_world import journey, told
 print(told(journey()))
 print(told(journey()))
 """

@@ -20,7 +20,7 @@ from contactfusion_lab.learning.networks import Name, gathered, predict
 from contactfusion_lab.learning.training import Options, Told, Trained, train
 from contactfusion_lab.learning.trials import LabelledTrial, Split
 from contactfusion_lab.learning.windows import WINDOW, Dataset
-from tests.learning_toys import EMPTY, MIDDLES, toy_trial, toy_trials
+from lab.tests.learning_toys import EMPTY, MIDDLES, toy_trial, toy_trials
 
 DATA = Dataset.of(toy_trials(4, 2))
 QUICK = Options(epochs=4, batch=64, stride=3, seed=5)

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from contactfusion.arrays import FloatArray
 from contactfusion_lab.simulation.push_config import PushConfig
 from contactfusion_lab.simulation.push_view import Planar, PushView
-from tests.test_push_world import base
+from lab.tests.test_push_world import base
 
 HERE: Planar = (-0.3, 0.0, 0.0)
 """The base whose front stands at x = 0."""

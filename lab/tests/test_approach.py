@@ -16,7 +16,7 @@ from contactfusion_lab.simulation.aim import FAR, aimed, drawn_posture, way_to_t
 from contactfusion_lab.simulation.approach import Approach, led_by, solved, straight, tries
 from contactfusion_lab.simulation.touch_config import TouchConfig
 from tests.hands import slide
-from tests.test_touch_world import poker
+from tests.poker import poker
 from tests.urdfs import ARM_HAND, real
 
 BENT = {"arm_2": 0.6, "arm_4": 1.2, "arm_6": 1.2, "finger_1_distal_joint": 0.3}

@@ -20,7 +20,7 @@ from contactfusion_lab.simulation.approach import led_by
 from contactfusion_lab.simulation.noise import TouchNoise
 from contactfusion_lab.simulation.touch_sensors import SKIN, TouchSensors
 from contactfusion_lab.simulation.touch_world import Touching
-from tests.test_touch_world import poker
+from tests.poker import poker
 from tests.urdfs import ARM_HAND, real
 
 DESCRIPTION = real(ARM_HAND).urdf.path.with_suffix(".yaml")

@@ -10,7 +10,7 @@ from contactfusion_lab.experiments.grasp.plan import Column
 from contactfusion_lab.experiments.methods import Method
 from contactfusion_lab.simulation.grasp import GraspScene
 from contactfusion_lab.simulation.grasping import GraspCycle, result_of
-from tests.test_grasp_scene import PAPERS, PLAN, played, scene
+from lab.tests.test_grasp_scene import PAPERS, PLAN, played, scene
 
 ALL = Column("all", Method("de_morgan", "cluster_centroid"))
 TABLE = {"parent": "base", "xyz": [0.8, 0.0, 0.23]}

@@ -13,10 +13,11 @@ import yaml
 from contactfusion.controllers.pushing_parameters import SETS, PushingParameters
 from contactfusion.controllers.reactive_pushing import ReactivePushingConfig
 from contactfusion.errors import ConfigurationError
-from contactfusion.tuning import push, rating, work
+from contactfusion.terminal import Progress
 from contactfusion_lab.experiments.push.plan import Plan, Push
 from contactfusion_lab.simulation.push_config import PushConfig
 from contactfusion_lab.simulation.push_names import PAPER
+from contactfusion_lab.tune_push import push, rating, work
 from contactfusion_lab.tune_push.check import check_ranking, check_sets, correlation
 from contactfusion_lab.tune_push.push import Options, tune_push
 from contactfusion_lab.tune_push.rating import (
@@ -28,7 +29,6 @@ from contactfusion_lab.tune_push.rating import (
 )
 from contactfusion_lab.tune_push.search import POPULATION, Candidate, Search
 from contactfusion_lab.tune_push.space import LIMITS, changes, decoded, encoded
-from contactfusion_lab.tune_push.work import Progress
 
 TUNED = SETS["tuned"]
 FEW = Options(seed=4, trials=6, rounds=2, confirm=6, workers=1)

@@ -16,7 +16,7 @@ from contactfusion_lab.learning.networks import predict
 from contactfusion_lab.learning.shipping import write_networks
 from contactfusion_lab.learning.training import Options, Trained, train
 from contactfusion_lab.learning.windows import Dataset
-from tests.learning_toys import toy_trials
+from lab.tests.learning_toys import toy_trials
 
 DATA = Dataset.of(toy_trials(6, 4))
 

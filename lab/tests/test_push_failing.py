@@ -13,8 +13,8 @@ from contactfusion_lab.experiments.push.experiment import Options, read_plans, r
 from contactfusion_lab.experiments.push.failing import RandomFault, drawn, read_failing
 from contactfusion_lab.experiments.push.plan import Plan
 from contactfusion_lab.experiments.push.trial import Track, load, run_trial
+from lab.tests.test_push_experiment import content, here, small, target_file, targets
 from tests.test_networks import some_weights, write
-from tests.test_push_experiment import content, here, small, target_file, targets
 
 __all__ = ["here", "targets"]  # fixtures
 EXAMPLES = sorted((Path(__file__).parents[1] / "examples" / "faults").glob("push_*.yaml"))

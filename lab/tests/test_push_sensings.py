@@ -22,8 +22,8 @@ from contactfusion_lab.experiments.push.trial import load, push_cycles, run_tria
 from contactfusion_lab.experiments.push.watches import Cost
 from contactfusion_lab.experiments.threads import POOLS, one_thread_each
 from contactfusion_lab.simulation.pushing import Cycle
+from lab.tests.test_push_experiment import content, here, small, target_file, targets
 from tests.test_networks import some_weights, write
-from tests.test_push_experiment import content, here, small, target_file, targets
 
 __all__ = ["here", "targets"]  # fixtures
 FUSED = ("skin", "lidar", "motion", "skin/free")

@@ -22,8 +22,8 @@ from contactfusion_lab.learning.lessons import MOUNTINGS, Detour, Lesson, Motion
 from contactfusion_lab.learning.trials import save
 from contactfusion_lab.simulation.push import PushScene, PushTruth
 from contactfusion_lab.simulation.push_config import PushConfig
+from lab.tests.test_push_world import base
 from tests.test_networks import some_weights, write
-from tests.test_push_world import base
 
 NEAR = (0.15, 0.0)
 """A target at which a push soon arrives [m]."""

@@ -1,0 +1,62 @@
+"""Clusters of depth are the object's pixels while the base drives and pushes it."""
+
+import pickle
+from collections.abc import Iterator
+from typing import Any
+
+import pytest
+
+from contactfusion.readings import DepthImage
+from contactfusion.segmenter import Segmenter
+from contactfusion_lab.simulation.push import PushScene
+from contactfusion_lab.simulation.push_config import PushConfig
+from lab.tests.test_push_world import base
+from tests.pictures import POSE
+from tests.test_segmenters import clusters, overlap, truth_of
+
+
+def seen_on_a_drive(camera: str, thing: str) -> Iterator[DepthImage]:
+    """The object turns, slides along the face, and partly out of sight."""
+    fields: dict[str, Any] = {"object": thing, "yaw": 20.0, "sees": (camera,)}
+    scene = PushScene(PushConfig(target=(1.0, 0.0), **fields), base(), seed=2)
+    for _ in range(25):
+        yield next(one for one in scene.readings() if isinstance(one, DepthImage))
+        scene.drive(0.15, 0.2, 0.1)
+
+
+@pytest.mark.parametrize(
+    ("camera", "thing"),
+    [
+        ("camera", "box"),
+        ("camera", "cylinder"),
+        ("camera", "nonuniform"),
+        ("camera", "lshape"),
+        ("camera_large", "box"),
+        ("camera_large", "nonuniform"),
+    ],
+)
+def test_clusters_are_the_object_on_a_whole_drive(camera: str, thing: str) -> None:
+    segmenter, masks = clusters(), []
+    for image in seen_on_a_drive(camera, thing):
+        truth = truth_of(image)
+        assert overlap(segmenter.segment(image, POSE), truth) >= 0.9
+        masks.append(truth)
+    assert (masks[0] & ~masks[-1]).any()
+    # at last it is partly out of sight, to the side
+    assert masks[-1][:, 0].any() or masks[-1][:, -1].any()
+
+
+def test_equal_images_give_equal_masks_also_after_a_reset_and_in_another_process() -> None:
+    images = list(seen_on_a_drive("camera", "cylinder"))[::5]
+
+    def masks(segmenter: Segmenter[Any]) -> list[bytes]:
+        found = [segmenter.segment(image, POSE) for image in images]
+        return [b"" if mask is None else mask.tobytes() for mask in found]
+
+    one = clusters()
+    said = masks(one)
+    assert masks(clusters()) == said
+    one.reset()
+    assert masks(one) == said
+    one.reset()
+    assert masks(pickle.loads(pickle.dumps(one))) == said
