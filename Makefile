@@ -7,7 +7,7 @@ DEMO_READY := $(VENV)/.ready-demo
 READY := $(VENV)/.ready
 SOAK_SCENARIOS ?= 2000
 
-.PHONY: demo test lint soak bench goldens bare show-recordings show-touch show-push show-sensing show-replay show-grasp train clean
+.PHONY: demo test test-lab lint soak bench goldens bare show-recordings show-touch show-push show-sensing show-replay show-grasp train clean
 
 demo: $(DEMO_READY)
 	$(BIN)/contactfusion demo --out out/demo
@@ -15,10 +15,14 @@ demo: $(DEMO_READY)
 test: $(READY)
 	$(BIN)/python -m pytest -q
 
+test-lab: $(READY)
+	$(BIN)/python -m pytest -q lab/tests
+
 lint: $(READY)
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
+	$(BIN)/mypy -p contactfusion_lab
 	$(BIN)/pyright
 
 soak: $(READY)
@@ -157,7 +161,7 @@ train: $(READY)
 bare:
 	sh scripts/bare.sh
 
-SET_UP := pyproject.toml constraints.txt scripts/setup.sh
+SET_UP := pyproject.toml lab/pyproject.toml constraints.txt scripts/setup.sh
 
 $(DEMO_READY): $(SET_UP)
 	bash scripts/setup.sh $(PYTHON) $(VENV) sim,record

@@ -10,11 +10,7 @@ EXTRAS: dict[str, dict[str, str]] = {
     "record": {"rosbags": "rosbags"},
     "parquet": {"pyarrow": "pyarrow"},
     "view": {"rerun-sdk": "rerun"},
-    "ros2": {"cyclonedds": "cyclonedds"},
-    "zenoh": {"eclipse-zenoh": "zenoh"},
     "c3d": {"ezc3d": "ezc3d"},
-    "cluster": {"distributed": "distributed"},
-    "calibrate": {"scikit-learn": "sklearn"},
 }
 """For each extra the packages that it is for, and the module that each package brings."""
 

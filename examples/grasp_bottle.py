@@ -1,6 +1,6 @@
 """Grasp a bottle that does not stand quite before the hand, by what wrist and motion tell.
 
-Run it with `python examples/grasp_bottle.py [FOLDER]`; it needs the extra `sim`. The same in YAML:
+Run it with `python examples/grasp_bottle.py [FOLDER]`; it needs contactfusion-lab. In YAML:
 `contactfusion run examples/scenes/grasp_bottle.yaml`.
 """
 

@@ -1,6 +1,6 @@
 """Push a box to a place behind the robot, by what the robot's skin feels and nothing else.
 
-Run it with `python examples/push_box.py [FOLDER]`; it needs the extra `sim`. The same in YAML:
+Run it with `python examples/push_box.py [FOLDER]`; it needs contactfusion-lab. In YAML:
 `contactfusion run examples/scenes/push_box.yaml`.
 """
 

@@ -1,6 +1,6 @@
 """See it touch: a simulated hand touches a box, and what it feels becomes a contact.
 
-Run it with `python examples/touch_box.py [FOLDER]`; it needs the extra `sim`. The same in YAML:
+Run it with `python examples/touch_box.py [FOLDER]`; it needs contactfusion-lab. In YAML:
 `contactfusion run examples/scenes/touch_box.yaml`.
 """
 

@@ -1,5 +1,6 @@
 #!/usr/bin/env bash
-# Installs contactfusion and some of its extras into a virtual environment, and compiles its kernels.
+# Installs contactfusion, some of its extras and its laboratory into a virtual environment, and
+# compiles its kernels.
 # Started again with more extras, it adds what is missing.
 # usage: setup.sh PYTHON VENV EXTRAS   (such as: setup.sh python3.11 .venv sim,record)
 set -euo pipefail
@@ -41,14 +42,14 @@ wheels=$venv/wheels
 say "downloading what contactfusion[$extras] needs; of that over 10 MB:"
 start=$SECONDS
 "$venv/bin/python" -m pip download --progress-bar off --constraint constraints.txt \
-    --dest "$wheels" ".[$extras]" setuptools |
+    --dest "$wheels" ".[$extras]" ./lab setuptools |
     sed -n -u -E 's/^ *(Downloading|Using cached) ([^ -]+)-[^ ]* \(([0-9]{2,}\.[0-9] MB)\)/    \2, \3/p'
 say "downloaded $(du -sm "$wheels" | cut -f 1) MB in $(seconds) s"
 
 say "installing $(ls "$wheels" | wc -l) packages ..."
 start=$SECONDS
 "$venv/bin/python" -m pip install --quiet --no-compile --no-index --find-links "$wheels" \
-    --constraint constraints.txt --editable ".[$extras]"
+    --constraint constraints.txt --editable ".[$extras]" --editable ./lab
 rm -rf "$wheels"
 say "installed $(($(used) - had)) MB in $(seconds) s; $venv takes $(used) MB"
 

@@ -8,6 +8,7 @@ import sysconfig
 import tomllib
 import venv
 import zipfile
+from collections.abc import Iterable
 from pathlib import Path
 
 import pytest
@@ -44,37 +45,47 @@ def run(*command: str | Path, cwd: Path) -> str:
 
 @pytest.fixture(scope="module")
 def wheel(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Build the wheel from a copy, so that nothing is left in the checkout."""
-    copy = tmp_path_factory.mktemp("checkout")
+    return built(tmp_path_factory.mktemp("checkout"), ROOT, FOLDERS)
+
+
+def built(copy: Path, root: Path, folders: Iterable[str]) -> Path:
+    """Build a wheel from a copy, so that nothing is left in the checkout."""
     caches = shutil.ignore_patterns("__pycache__")
-    for name in FOLDERS:
-        shutil.copytree(ROOT / name, copy / name, symlinks=True, ignore=caches)
+    for name in folders:
+        shutil.copytree(root / name, copy / name, symlinks=True, ignore=caches)
     for file in ("pyproject.toml", "README.md", "LICENSE", "MANIFEST.in"):
-        if (ROOT / file).exists():
-            shutil.copy(ROOT / file, copy)
+        if (root / file).exists():
+            shutil.copy(root / file, copy)
     pip = (sys.executable, "-m", "pip", "wheel", "--quiet", "--no-deps", "--no-build-isolation")
     run(*pip, "--wheel-dir", copy / "dist", copy, cwd=copy)
-    (built,) = (copy / "dist").glob("contactfusion-*.whl")
-    return built
+    (wheel,) = (copy / "dist").glob("contactfusion*.whl")
+    return wheel
 
 
 @pytest.fixture(scope="module")
 def environment(wheel: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Install the wheel into an environment of its own; give its folder of programs.
+    """Install the wheel into an environment of its own; give its folder of programs."""
+    return installed(tmp_path_factory.mktemp("environment"), wheel)
 
-    It borrows the libraries of the environment of the tests. The checkout, which is installed
-    there, is not borrowed: a path in a .pth file takes no .pth files of that path with it.
+
+def installed(home: Path, *wheels: Path) -> Path:
+    """The folder of programs of a new environment with wheels.
+
+    It borrows the libraries of the environment of the tests, but not the checkout, which is
+    installed there.
     """
-    home = tmp_path_factory.mktemp("environment")
     venv.create(home, with_pip=False)
     programs = home / Path(sysconfig.get_path("scripts")).name
     python = programs / Path(sys.executable).name
     python = python if python.exists() else programs / "python"
     pip = (sys.executable, "-m", "pip", "--python", str(python), "install", "--quiet")
-    run(*pip, "--no-deps", "--no-index", "--no-compile", wheel, cwd=home)
+    run(*pip, "--no-deps", "--no-index", "--no-compile", *wheels, cwd=home)
     code = "import sysconfig; print(sysconfig.get_path('purelib'))"
     packages = Path(run(python, "-c", code, cwd=home).strip())
-    (packages / "borrowed.pth").write_text(sysconfig.get_path("purelib") + "\n")
+    for library in Path(sysconfig.get_path("purelib")).iterdir():
+        ours = library.name.startswith(("contactfusion", "__editable__"))
+        if not ours and not (packages / library.name).exists():
+            (packages / library.name).symlink_to(library)
     return programs
 
 
@@ -116,3 +127,33 @@ def test_the_installed_wheel_lists_plugins_that_can_all_be_used(
     assert "cannot be used" not in said
     for name in PROJECT["project"]["entry-points"]["contactfusion"]:
         assert name in said
+
+
+@pytest.mark.parametrize(
+    "words",
+    [["demo"], ["experiment", "push", "--targets", "grid"], ["train", "cpm"], ["tune", "push"]],
+)
+def test_without_the_laboratory_its_commands_name_what_to_install(
+    words: list[str], environment: Path, tmp_path: Path
+) -> None:
+    command = [str(environment / "contactfusion"), *words]
+    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True)
+    named = " ".join(words if words[0] == "tune" else words[:1])
+    assert (done.returncode, done.stdout) == (1, "")
+    assert done.stderr == (
+        f"contactfusion: `contactfusion {named}` comes with contactfusion-lab; install it with: "
+        "pip install contactfusion-lab\n"
+    )
+    assert "experiment" not in run(environment / "contactfusion", "--help", cwd=tmp_path)
+
+
+def test_without_the_laboratory_a_scene_names_what_to_install(
+    environment: Path, tmp_path: Path
+) -> None:
+    command = [environment / "contactfusion", "run", ROOT / "examples/scenes/push_box.yaml"]
+    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True)
+    assert done.returncode == 1
+    assert done.stderr.endswith(
+        "push_box.yaml: scene.type: the scene 'push' comes with contactfusion-lab; install it "
+        "with: pip install contactfusion-lab\n"
+    )

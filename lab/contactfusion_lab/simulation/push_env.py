@@ -2,20 +2,16 @@
 
 from typing import Any
 
+import gymnasium
 import numpy as np
+from gymnasium import spaces
 from numpy.typing import NDArray
 
-from contactfusion.errors import InvalidReadingError, missing_extra
+from contactfusion.errors import InvalidReadingError
 from contactfusion.readings import Odometry, TactileImage, Twist
 from contactfusion.robots.description import RobotConfig, located, read_robot
 from contactfusion_lab.simulation.push import BASE, PushScene
 from contactfusion_lab.simulation.push_config import PushConfig
-
-try:
-    import gymnasium
-    from gymnasium import spaces
-except ImportError:
-    raise missing_extra("gymnasium", "sim") from None
 
 FASTEST = np.array([0.5, 0.5, 1.0])
 """The greatest twist: ahead, to the left [m/s], about the vertical [rad/s]."""
@@ -41,7 +37,7 @@ class PushEnv(gymnasium.Env[Any, NDArray[np.float64]]):
         robot: the base; None: that of the package.
 
     Raises:
-        DependencyError: gymnasium or pybullet is not installed.
+        DependencyError: pybullet is not installed.
     """
 
     metadata = {"render_modes": []}
