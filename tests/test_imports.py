@@ -32,10 +32,8 @@ DATA = (
 """The data types and what they stand on."""
 OUTER = (
     "cli",
-    "demo",
     "doctor",
     "doctoring",
-    "experiments",
     "explain",
     "explaining",
     "figures",
@@ -45,7 +43,7 @@ OUTER = (
     "run_results",
     "runner",
     "running",
-    "simulation",
+    "scene",
     "terminal",
     "testing",
 )
@@ -82,6 +80,39 @@ def reaches(path: Path, forbidden: tuple[str, ...]) -> set[str]:
 
 def modules(folder: str) -> list[Path]:
     return sorted((ROOT / folder).glob("*.py"))
+
+
+def framework() -> list[Path]:
+    """All modules that `pip install contactfusion` brings."""
+    folders = ("contactfusion", "controllers", "generators", "integrator")
+    return [path for folder in folders for path in sorted((ROOT / folder).rglob("*.py"))]
+
+
+def lab_imports(source: str) -> set[str]:
+    """The modules of the laboratory that a module's source imports."""
+    found = set(runtime_imports(ast.parse(source)))
+    return {name for name in found if name.partition(".")[0] in ("contactfusion_lab", "lab")}
+
+
+def test_nothing_in_the_framework_imports_the_laboratory() -> None:
+    paths = framework()
+    assert len(paths) > 200
+    assert {path for path in paths if lab_imports(path.read_text())} == set()
+
+
+def test_the_guard_sees_an_import_of_the_laboratory_wherever_it_stands() -> None:
+    for source in (
+        "import contactfusion_lab.demo",
+        "from contactfusion_lab import cli",
+        "def f():\n    from contactfusion_lab.simulation.push import PushScene",
+    ):
+        assert lab_imports(source)
+    assert not lab_imports("from contactfusion.labels import x")
+
+
+def test_no_test_of_the_framework_needs_the_laboratory() -> None:
+    paths = sorted((ROOT / "tests").rglob("*.py"))
+    assert {path for path in paths if lab_imports(path.read_text())} == set()
 
 
 def test_imports_are_found_where_they_hide() -> None:

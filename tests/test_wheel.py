@@ -150,7 +150,8 @@ def test_without_the_laboratory_its_commands_name_what_to_install(
 def test_without_the_laboratory_a_scene_names_what_to_install(
     environment: Path, tmp_path: Path
 ) -> None:
-    command = [environment / "contactfusion", "run", ROOT / "examples/scenes/push_box.yaml"]
+    scene = ROOT / "examples" / "scenes" / "push_box.yaml"
+    command = [str(environment / "contactfusion"), "run", str(scene)]
     done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True)
     assert done.returncode == 1
     assert done.stderr.endswith(
