@@ -155,6 +155,6 @@ def test_without_the_laboratory_a_scene_names_what_to_install(
     done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True)
     assert done.returncode == 1
     assert done.stderr.endswith(
-        "push_box.yaml: scene.type: the scene 'push' comes with contactfusion-lab; install it "
+        "contactfusion: scene.type: the scene 'push' comes with contactfusion-lab; install it "
         "with: pip install contactfusion-lab\n"
     )

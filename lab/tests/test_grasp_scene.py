@@ -33,7 +33,7 @@ from contactfusion_lab.simulation.grasp_driver import FASTEST, GraspDriver
 from contactfusion_lab.simulation.grasping import GraspCycle, grasped, result_of
 from tests.test_docs import unnamed
 
-ROOT = Path(__file__).resolve().parents[1]
+ROOT = Path(__file__).resolve().parents[2]
 SCENES = ROOT / "examples" / "scenes"
 PAPERS = Column("force_torque+motion", Method("de_morgan", "cluster_centroid"))
 OPEN_LOOP = Column(NONE, PAPERS.method)

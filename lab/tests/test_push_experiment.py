@@ -31,7 +31,7 @@ from contactfusion_lab.simulation.push_skin import with_taxels
 from contactfusion_lab.simulation.push_surfaces import outlines
 from contactfusion_lab.simulation.push_world import PushWorld
 
-ROOT = Path(__file__).parents[1]
+ROOT = Path(__file__).parents[2]
 CONTACTFUSION = Path(sys.executable).with_name("contactfusion")
 NEAR = ((0.4, 0.0), (0.35, 0.1))
 TO_NEAR = Targets("near", NEAR)

@@ -17,7 +17,7 @@ from lab.tests.test_push_experiment import content, here, small, target_file, ta
 from tests.test_networks import some_weights, write
 
 __all__ = ["here", "targets"]  # fixtures
-EXAMPLES = sorted((Path(__file__).parents[1] / "examples" / "faults").glob("push_*.yaml"))
+EXAMPLES = sorted((Path(__file__).parents[2] / "examples" / "faults").glob("push_*.yaml"))
 
 
 def failing(folder: Path, text: str) -> Path:

@@ -18,7 +18,7 @@ from contactfusion_lab.simulation.push_objects import (
 from contactfusion_lab.simulation.push_shapes import ROUND, BoxConfig, LShapeConfig, PrismConfig
 from contactfusion_lab.simulation.push_surfaces import outlines
 
-ROOT = Path(__file__).parents[1]
+ROOT = Path(__file__).parents[2]
 KNOWN = [*PAPER, *OTHERS]
 MASSES = {
     "box": 20.0,

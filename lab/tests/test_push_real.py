@@ -18,7 +18,7 @@ from contactfusion_lab.simulation.push_view import PushView
 from contactfusion_lab.simulation.push_world import PushWorld
 from lab.tests.test_push_world import FRONT, base, moved, pushed, tilt, world
 
-ROOT = Path(__file__).parents[1]
+ROOT = Path(__file__).parents[2]
 STIFFNESS = 1500.0
 """Of the foam [N/m]."""
 RADIUS = 0.5

@@ -256,7 +256,7 @@ class TestExperiment:
 
 
 def test_one_worker_and_two_give_the_same_bytes(targets: str, tmp_path: Path) -> None:
-    faults = Path(__file__).parents[1] / "examples" / "faults" / "push_lidar_dropout.yaml"
+    faults = Path(__file__).parents[2] / "examples" / "faults" / "push_lidar_dropout.yaml"
     options = small(targets, sensings=("rule",), faults=faults)
     for workers in (1, 2):
         run_push(replace(options, workers=workers), tmp_path / str(workers))

@@ -23,7 +23,7 @@ from contactfusion_lab.simulation.push_surfaces import outlines
 from contactfusion_lab.simulation.push_world import PushWorld
 from tests.urdfs import link, written
 
-ROOT = Path(__file__).parents[1]
+ROOT = Path(__file__).parents[2]
 KNOWN = [name for name in (*PAPER, *OTHERS) if name != "ball_box"]
 """Objects that nothing but the robot moves."""
 FRONT, HALF_WIDTH = 0.3, 0.3

@@ -26,7 +26,7 @@ from contactfusion.yaml_files import read_yaml
 from contactfusion_lab.simulation.push import PushScene
 from tests.mcap_files import Read, Recorded, channel_metadata, read_by_rosbags
 
-SCENES = Path(__file__).parents[1] / "examples" / "scenes"
+SCENES = Path(__file__).parents[2] / "examples" / "scenes"
 BOX, PANDA, PUSH = (SCENES / f"{name}.yaml" for name in ("touch_box", "panda_table", "push_box"))
 NEAR = ["controller.target=[0.4,0.1]", "scene.target=[0.4,0.1]"]
 """A push of a few seconds."""

@@ -25,7 +25,7 @@ from contactfusion.yaml_files import read_yaml
 from contactfusion_lab.simulation.touch_verdict import compared
 from contactfusion_lab.simulation.touch_world import Touching
 
-ROOT = Path(__file__).parents[1]
+ROOT = Path(__file__).parents[2]
 SCENES = ROOT / "examples" / "scenes"
 BOX = SCENES / "touch_box.yaml"
 PANDA = SCENES / "panda_table.yaml"

@@ -39,7 +39,7 @@ from contactfusion_lab.simulation.touch import TouchScene
 
 DE_MORGAN = Method("de_morgan", "cluster_centroid")
 POSTERIOR = Method("posterior", "modes")
-EXAMPLES = Path(__file__).parents[1] / "examples"
+EXAMPLES = Path(__file__).parents[2] / "examples"
 BY_NAME = {row.name: row for row in ROWS}
 PLACE = np.array([0.7, 0.0, 0.3])
 
