@@ -7,6 +7,9 @@ from functools import partial
 from pathlib import Path
 from typing import Any, final
 
+import numpy as np
+
+from contactfusion.arrays import FloatArray
 from contactfusion.assembly import DESCRIBED, built_controller, built_generator
 from contactfusion.errors import ConfigurationError, ContactFusionError, name_hint
 from contactfusion.estimate import HYPOTHESIS, SAMPLE, counted, size
@@ -176,8 +179,9 @@ class _Checking:
                 f"{len(model.joint_names)} joints, {points} points of surface"
             )
         elif config.surface is not None:
-            points = len(config.surface.sampled(config.folder).points)
-            yield f"surface: {points} points in '{config.surface.frame}'"
+            sampled = config.surface.sampled(config.folder).points
+            points = len(sampled)
+            yield f"surface: {points} points in '{config.surface.frame}', {_extent(sampled)}"
         if config.controller is not None:
             yield f"controller {config.controller['type']}"
         for fault in config.faults:
@@ -299,6 +303,13 @@ def _cycle(config: PipelineConfig) -> str:
     if cycle.every is not None:
         return f"every {cycle.every:g} s"
     return f"after each reading of '{cycle.on}'" if cycle.on else "when every source has reported"
+
+
+def _extent(points: FloatArray) -> str:
+    """From where to where points reach, axis by axis."""
+    ends = np.round([points.min(axis=0), points.max(axis=0)], 3) + 0.0  # no -0.000
+    axes = (f"{axis} {low:.3f}..{high:.3f}" for axis, low, high in zip("xyz", *ends, strict=True))
+    return ", ".join(axes) + " m"
 
 
 def _listing(held: Mapping[str, type[Reading]]) -> str:

@@ -44,6 +44,8 @@ def stand_in_lines(sensor: str, frame: str) -> Iterator[str]:
     """A ball in place of the surface of what hangs on a sensor."""
     yield f"# Contacts lie on a surface. This ball stands in for what hangs on {sensor}: put in its"
     yield "# shapes (box, cylinder, sphere, rectangle), or in its place a `robot` by its URDF."
+    yield "# The `xyz` of a shape is its centre, the axis of a cylinder is z: from z = 3 to 23 cm"
+    yield "# reaches {shape: cylinder, radius: 0.01, length: 0.2, xyz: [0.0, 0.0, 0.13]}."
     yield "surface:"
     yield f"  frame: {text_of(frame)}"
     yield "  shapes: [{shape: sphere, radius: 0.05}]  # [m]"
