@@ -466,6 +466,19 @@ def test_a_configuration_where_a_recording_is_asked_for_is_told_what_to_give(
     assert one_sentence(ask(*command)) == sentence
 
 
+@pytest.mark.parametrize("command", [["run"], ["check"], ["replay", "wrist.yaml"], ["record"]])
+@pytest.mark.parametrize("recording", ["wrist.csv", "drive.bag"])
+def test_a_recording_where_a_configuration_is_asked_for_is_told_what_to_give(
+    command: list[str], recording: str, folder: Path, ask: Ask
+) -> None:
+    (folder / "drive.bag").write_bytes(b"#ROSBAG V2.0\n\x00\xff")
+    command = [*command[:1], recording, *command[1:]]
+    assert one_sentence(ask(*command)) == (
+        f"{recording} is a recording, and no configuration: `contactfusion init {recording} --out "
+        f"{recording.split('.')[0]}.yaml` writes a first configuration for it"
+    )
+
+
 @pytest.mark.parametrize(
     ("fields", "what"),
     [

@@ -12,7 +12,7 @@ from contactfusion.files import require_file
 from contactfusion.model import Model
 from contactfusion.pipeline_config import PipelineConfig
 from contactfusion.recordings.messages import typestore
-from contactfusion.recordings.opening import YAML, unfit_configuration
+from contactfusion.recordings.opening import DESCRIBED, SUFFIXES, YAML, unfit_configuration
 from contactfusion.recordings.ros.files import Bag
 from contactfusion.recordings.step_messages import OURS
 from contactfusion.yaml_files import read_yaml, with_overrides
@@ -95,13 +95,32 @@ class Setting:
         return json.dumps(kept, indent=1, sort_keys=True, default=str)
 
 
+def read_fields(path: Path, overrides: Sequence[str] = ()) -> dict[str, Any]:
+    """Read the fields of a configuration.
+
+    Args:
+        path: a YAML file.
+        overrides: fields to change, as "a.b=c".
+
+    Raises:
+        ConfigurationError: the file is missing, a recording, or no YAML, or a change is none.
+    """
+    require_file(path, ConfigurationError)
+    if path.suffix in (*DESCRIBED, *SUFFIXES):
+        raise ConfigurationError(
+            f"{path} is a recording, and no configuration: `contactfusion init {path} --out "
+            f"{path.stem}.yaml` writes a first configuration for it"
+        )
+    return with_overrides(read_yaml(path), overrides)
+
+
 def setting_of_file(path: Path, overrides: Sequence[str] = ()) -> Setting:
     """Read a configuration, or a file for `run`, of which recording and scene are left out.
 
     Raises:
         ConfigurationError: the file is not what it should be.
     """
-    fields = with_overrides(read_yaml(path), overrides)
+    fields = read_fields(path, overrides)
     kept = {name: value for name, value in fields.items() if name not in NOT_OURS}
     return Setting(kept, path.parent, {}, path)
 
