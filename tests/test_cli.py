@@ -289,6 +289,18 @@ def test_what_is_not_there_is_named_with_the_nearest_that_is(
         ("surface.shapes.0.radius=-1", ["surface.shapes.0.radius", "greater than 0"]),
         ("frames.tool.parent=bas", ["'wrist' needs the surface", "frames"]),
         ("cycle.on=wirst", ["wirst"]),
+        (
+            "generators.wirst.average=0.2",
+            [
+                "'generators.wirst.average=0.2': there is no generator 'wirst'",
+                "did you mean 'wrist'",
+            ],
+        ),
+        (
+            "cycle.every=0.1",
+            ["ready, every, on; --set 'cycle={on: wrist}' replaces it whole"],
+        ),
+        ("cycle={every: 0.1, ready: true}", ["--set 'cycle=ready' replaces it whole"]),
         ("integrator.frame=world", ["'wrist' needs the surface", "frames"]),
         ("integrator", ["'integrator' is no change"]),
         ("integrtor.threshold=0.5", ["integrtor", "did you mean 'integrator'"]),
@@ -299,6 +311,12 @@ def test_a_wrong_configuration_is_one_sentence_that_names_the_field(
 ) -> None:
     sentence = one_sentence(ask("run", "wrist.yaml", "--set", change, "--out", "results"))
     assert all(word in sentence for word in words), sentence
+
+
+def test_changes_can_bring_a_generator_of_their_own(folder: Path, ask: Ask) -> None:
+    options = ("type=force_torque", "sensor=wrist", "sign=on_robot")
+    changes = [word for option in options for word in ("--set", f"generators.other.{option}")]
+    assert "generator 'other' (force_torque)" in ask("check", "wrist.yaml", *changes).out
 
 
 @pytest.mark.parametrize(

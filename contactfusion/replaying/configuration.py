@@ -10,12 +10,12 @@ from typing import Any, Final, final
 from contactfusion.errors import ConfigurationError, FrameError, PluginError, RecordingError
 from contactfusion.files import require_file
 from contactfusion.model import Model
-from contactfusion.pipeline_config import PipelineConfig
+from contactfusion.pipeline_config import PipelineConfig, overridden
 from contactfusion.recordings.messages import typestore
 from contactfusion.recordings.opening import DESCRIBED, SUFFIXES, YAML, unfit_configuration
 from contactfusion.recordings.ros.files import Bag
 from contactfusion.recordings.step_messages import OURS
-from contactfusion.yaml_files import read_yaml, with_overrides
+from contactfusion.yaml_files import read_yaml
 
 TOPIC: Final = f"{OURS}configuration"
 """Where a replay keeps its configuration, as std_msgs/String."""
@@ -76,7 +76,7 @@ class Setting:
 
     def changed(self, overrides: Sequence[str]) -> "Setting":
         """Give the setting with fields changed as by "a.b=c"."""
-        return replace(self, fields=with_overrides(dict(self.fields), overrides))
+        return replace(self, fields=overridden(self.fields, overrides))
 
     def choosing(self, told: Mapping[str, str], ignored: Sequence[str]) -> "Setting":
         """The setting with further topics by role, and further ones that are not read."""
@@ -111,7 +111,7 @@ def read_fields(path: Path, overrides: Sequence[str] = ()) -> dict[str, Any]:
             f"{path} is a recording, and no configuration: `contactfusion init {path} --out "
             f"{path.stem}.yaml` writes a first configuration for it"
         )
-    return with_overrides(read_yaml(path), overrides)
+    return overridden(read_yaml(path), overrides)
 
 
 def setting_of_file(path: Path, overrides: Sequence[str] = ()) -> Setting:
