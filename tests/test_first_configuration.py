@@ -154,7 +154,15 @@ def test_noise_and_bias_are_those_of_the_first_half_second(tmp_path: Path) -> No
     (ft,) = written(out)["generators"].values()
     assert ft["force_noise"] == pytest.approx(1.0, rel=0.3)
     assert ft["torque_noise"] == pytest.approx(0.1, rel=0.3)
-    assert ft["tare"] == 0.5 and "N, is bias" in out.read_text()
+    assert ft["tare"] == 0.5 and "the first 0.5 s, at rest: their mean, " in out.read_text()
+
+
+def test_the_average_that_a_comment_offers_is_an_option(bag: Path, tmp_path: Path) -> None:
+    write_first(bag, tmp_path / "first.yaml")
+    content = (tmp_path / "first.yaml").read_text()
+    options = yaml.safe_load(content.replace("# average: ", "average: "))["generators"]["ft_wrench"]
+    force_torque = installed_plugins().find("generators", options.pop("type"))
+    assert force_torque.Config(**options).average == 0.1
 
 
 def test_a_wrench_that_moves_from_the_start_is_not_tared(tmp_path: Path) -> None:

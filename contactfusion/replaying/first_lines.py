@@ -74,7 +74,8 @@ def force_torque_lines(name: str, sensor: str, wrenches: Sequence[Wrench] | None
     yield f"  force_noise: {force:.2g}  # of one sample, by axis [N]"
     yield f"  torque_noise: {torque:.2g}  # [N·m]"
     if rest:
-        yield f"  tare: {REST}  # the first seconds at rest: {rest} [s]"
+        yield f"  tare: {REST}  # the first {REST} s, at rest: {rest} [s]"
+    yield "  # average: 0.1  # over the newest 0.1 s: steadier places, told that much later [s]"
 
 
 def _noise(wrenches: Sequence[Wrench]) -> tuple[float, float, float]:
