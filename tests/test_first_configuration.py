@@ -45,6 +45,8 @@ def test_the_first_configuration_of_a_bag_replays_it(
     write_first(bag, out)
     printed = capsys.readouterr().out
     assert "a ball of 5 cm about ft/wrench stands in" in printed
+    assert "contacts lie on that ball" in printed
+    assert "surface:  # a stand-in: contacts lie on this ball" in out.read_text()
     assert "eye/points is left out: it needs the robot: name its URDF by --robot" in printed
     assert f"next: contactfusion replay {out} {bag}" in printed
     fields = written(out)

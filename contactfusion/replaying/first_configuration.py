@@ -289,7 +289,8 @@ def _of_sensors(held: _Held, out: Path, robot: Path | None) -> _First:
         lines += stand_in_lines(active[0].sensor, _frame(inspection, active[0].sensor))
         remarks.append(
             f"no robot is known: a ball of 5 cm about {active[0].sensor} stands in for what hangs "
-            f"on it; put its shapes under `surface`, or name a URDF by --robot"
+            "on it, and contacts lie on that ball; put its shapes under `surface`, or name a URDF "
+            "by --robot"
         )
     lines += ["", "generators:" if active else "generators: {}"]
     for use in active:

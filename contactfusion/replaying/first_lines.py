@@ -44,7 +44,7 @@ def stand_in_lines(sensor: str, frame: str) -> Iterator[str]:
     """A ball in place of the surface of what hangs on a sensor."""
     yield f"# Contacts lie on a surface. This ball stands in for what hangs on {sensor}: put in its"
     yield "# shapes (box, cylinder, sphere, rectangle), or in its place a `robot` by its URDF."
-    yield "surface:"
+    yield "surface:  # a stand-in: contacts lie on this ball, wherever the robot is touched"
     yield f"  frame: {text_of(frame)}"
     yield "  shapes: [{shape: sphere, radius: 0.05}]  # [m]"
 
