@@ -59,6 +59,13 @@ def inverse(pose: Pose) -> Pose:
     return pose_of(-turned_back @ pose[:3, 3], turned_back)
 
 
+def apart(pose: Pose, other: Pose) -> tuple[float, float]:
+    """How far two poses of a frame lie apart [m], and by what angle they are turned [rad]."""
+    cosine = (np.trace(pose[:3, :3].T @ other[:3, :3]) - 1.0) / 2.0
+    distance = float(np.linalg.norm(pose[:3, 3] - other[:3, 3]))
+    return distance, float(np.arccos(np.clip(cosine, -1.0, 1.0)))
+
+
 class FrameTree:
     """Poses of frames in their parents; immutable.
 

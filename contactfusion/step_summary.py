@@ -105,6 +105,8 @@ class Summary:
             given, looked = self._pipeline.given[name], self._looked(generator)
             if 0 < 2 * looked < given and HypothesisKind.REGULAR in generator.sources.values():
                 yield f"  {name}: {given - looked} of {given} readings gave no cloud"
+        if misplaced := self._pipeline.misplaced:
+            yield f"  {misplaced}"
         yield from listed_once(self._happened(), told=next(self._useless(), ""))
         for row, fault in enumerate(self._pipeline.config.faults):
             if fault.start is not None and fault.start > self.stamp:

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 import yaml
 
+from contactfusion.check import check_file
 from contactfusion.errors import ConfigurationError, RobotError
 from contactfusion.pipeline_config import PipelineConfig
 from contactfusion.plugins import installed_plugins
@@ -60,7 +61,9 @@ def test_the_first_configuration_of_a_bag_replays_it(
 
 
 @pytest.mark.parametrize("write", [mcap, ros1])
-def test_with_the_robot_contacts_lie_on_its_tool(write: Any, tmp_path: Path) -> None:
+def test_with_the_robot_contacts_lie_on_its_tool(
+    write: Any, tmp_path: Path, capsys: Printed
+) -> None:
     pytest.importorskip("pinocchio")
     bag, out = write(tmp_path / "bags", pressed()), tmp_path / "configs" / "first.yaml"
     write_first(bag, out, robot=arm(tmp_path))
@@ -73,8 +76,12 @@ def test_with_the_robot_contacts_lie_on_its_tool(write: Any, tmp_path: Path) -> 
     assert "# links: base, arm, ft, tool" in out.read_text()
     assert "# joints: turn" in out.read_text()
     RunConfig(folder=out.parent, **fields)
+    capsys.readouterr()
     replay(Options(out, bag, out=tmp_path / "contacts.csv"))
     run_file(out, [], tmp_path / "run")
+    differently = "ft: the URDF and /tf_static place it differently, 1.1 m and 0.1 rad apart"
+    assert capsys.readouterr().out.count(differently) == 2
+    assert f"{differently}; the URDF counts" in check_file(out).lines
     for found in (contacts(tmp_path / "contacts.csv"), contacts(tmp_path / "run" / "contacts.csv")):
         assert len(found) > 10
         away = np.linalg.norm(found - (0.0, 0.0, 0.5), axis=1)
