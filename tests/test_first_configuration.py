@@ -49,6 +49,10 @@ def test_the_first_configuration_of_a_bag_replays_it(
     assert "contacts lie on that ball" in printed
     assert "surface:  # a stand-in: contacts lie on this ball" in out.read_text()
     assert "eye/points is left out: it needs the robot: name its URDF by --robot" in printed
+    assert (
+        "ft_wrench: the sign is taken to be on_robot: push the tool along the sensor's -x, and the "
+        "force must point to -x; else set sign: by_robot"
+    ) in printed.splitlines()
     assert f"next: contactfusion replay {out} {bag}" in printed
     fields = written(out)
     assert set(fields["generators"]) == {"ft_wrench"}
@@ -183,6 +187,7 @@ def test_only_clouds_and_no_robot_give_a_file_that_says_what_it_needs(
     write_first(mcap(tmp_path / "bags", [("/eye", 0, cloud(0)), ("/eye", 1, cloud(1))]), out)
     assert written(out)["generators"] == {} and "surface" not in written(out)
     printed = capsys.readouterr().out
+    assert "the sign is taken" not in printed
     assert f"next: give {out} a generator, of those in its comments" in printed
 
 
