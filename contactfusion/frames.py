@@ -178,7 +178,7 @@ class FrameTree:
         if name in self._origins:
             return (
                 f"nothing joins '{other}' to {self._origins[name]}, which is unknown: {hint}; "
-                "name one of them there, or place it by `frames`"
+                "name a known frame there, or place it by `frames`"
             )
         return (
             f"unknown frame '{name}': {hint}; where no transform places it, `frames` or "
