@@ -17,8 +17,9 @@ from contactfusion.pipeline import Pipeline
 from contactfusion.pipeline_config import PipelineConfig
 from contactfusion.readings import READING_TYPES, Reading
 from contactfusion.recordings.opening import open_recording
+from contactfusion.recordings.recording import Recording
 from contactfusion.replaying.configuration import NOT_OURS, setting_of_file
-from contactfusion.replaying.joining import unjoined
+from contactfusion.replaying.joining import joined
 from contactfusion.running import RunConfig, opened_scene, run_fields
 
 SLACK = 0.1
@@ -120,7 +121,7 @@ class _Checking:
                 self._sources += [f"recording: {_listing(held)}"]
                 self.faults += [*self._unheard(held), *self._unfed(held)]
                 if self._pipeline and not self.faults:
-                    self.faults += unjoined(self._pipeline, recording)
+                    self._join(self._pipeline, recording)
         elif config.robot is not None and not self.faults:
             with self._gathering("scene"):
                 opened_scene(config)
@@ -151,7 +152,13 @@ class _Checking:
                 self._sources.append(f"recording: {_listing(held)}")
                 self._sources += session.inputs.taken
                 if not self.faults:
-                    self.faults += unjoined(session.pipeline, session.recording)
+                    self._join(session.pipeline, session.recording)
+
+    def _join(self, pipeline: Pipeline, recording: Recording) -> None:
+        """Find the places of all frames."""
+        joining = joined(pipeline, recording)
+        self.faults += joining.faults
+        self._sources += filter(None, (joining.misplaced,))
 
     def report(self) -> Iterator[str]:
         """What was built, line by line."""

@@ -214,6 +214,7 @@ def test_a_first_configuration_is_written_once(folder: Path, ask: Ask) -> None:
 def test_a_window_is_refused_before_anything_is_replayed(
     folder: Path, ask: Ask, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    pytest.importorskip("rerun")
     monkeypatch.setattr("sys.platform", "linux")
     for name in ("DISPLAY", "WAYLAND_DISPLAY"):
         monkeypatch.delenv(name, raising=False)
@@ -226,6 +227,23 @@ def test_a_window_is_refused_before_anything_is_replayed(
         sentence = one_sentence(ask(*arguments))
         assert all(cure in sentence for cure in ("no screen", "--web", "--screenshot", "--save"))
     assert not (folder / "contacts.csv").exists()
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ("view", "log.yaml", "--config", "wrist.yaml"),
+        ("view", "log.yaml", "--config", "wrist.yaml", "--web"),
+        ("replay", "wrist.yaml", "log.yaml", "--view"),
+    ],
+)
+def test_a_viewer_that_is_not_installed_is_told_before_a_screen_that_is_not_there(
+    arguments: tuple[str, ...], folder: Path, ask: Ask, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(sys.modules, "rerun", None)
+    monkeypatch.setattr("contactfusion.replaying.session.Session.__init__", None)
+    (folder / "log.yaml").write_text(LOG_YAML)
+    assert "install it with: pip install 'contactfusion[view]'" in one_sentence(ask(*arguments))
 
 
 @pytest.mark.parametrize("words", [*commands()], ids=" ".join)

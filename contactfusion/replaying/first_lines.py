@@ -46,7 +46,7 @@ def stand_in_lines(sensor: str, frame: str) -> Iterator[str]:
     yield "# shapes (box, cylinder, sphere, rectangle), or in its place a `robot` by its URDF."
     yield "# The `xyz` of a shape is its centre, the axis of a cylinder is z: from z = 3 to 23 cm"
     yield "# reaches {shape: cylinder, radius: 0.01, length: 0.2, xyz: [0.0, 0.0, 0.13]}."
-    yield "surface:"
+    yield "surface:  # a stand-in: contacts lie on this ball, wherever the robot is touched"
     yield f"  frame: {text_of(frame)}"
     yield "  shapes: [{shape: sphere, radius: 0.05}]  # [m]"
 
