@@ -7,6 +7,9 @@ from functools import partial
 from pathlib import Path
 from typing import Any, final
 
+import numpy as np
+
+from contactfusion.arrays import FloatArray
 from contactfusion.assembly import DESCRIBED, built_controller, built_generator
 from contactfusion.errors import ConfigurationError, ContactFusionError, name_hint
 from contactfusion.estimate import HYPOTHESIS, SAMPLE, counted, size
@@ -14,8 +17,9 @@ from contactfusion.pipeline import Pipeline
 from contactfusion.pipeline_config import PipelineConfig
 from contactfusion.readings import READING_TYPES, Reading
 from contactfusion.recordings.opening import open_recording
+from contactfusion.recordings.recording import Recording
 from contactfusion.replaying.configuration import NOT_OURS, setting_of_file
-from contactfusion.replaying.joining import unjoined
+from contactfusion.replaying.joining import joined
 from contactfusion.running import RunConfig, opened_scene, run_fields
 
 SLACK = 0.1
@@ -117,7 +121,7 @@ class _Checking:
                 self._sources += [f"recording: {_listing(held)}"]
                 self.faults += [*self._unheard(held), *self._unfed(held)]
                 if self._pipeline and not self.faults:
-                    self.faults += unjoined(self._pipeline, recording)
+                    self._join(self._pipeline, recording)
         elif config.robot is not None and not self.faults:
             with self._gathering("scene"):
                 opened_scene(config)
@@ -148,7 +152,13 @@ class _Checking:
                 self._sources.append(f"recording: {_listing(held)}")
                 self._sources += session.inputs.taken
                 if not self.faults:
-                    self.faults += unjoined(session.pipeline, session.recording)
+                    self._join(session.pipeline, session.recording)
+
+    def _join(self, pipeline: Pipeline, recording: Recording) -> None:
+        """Find the places of all frames."""
+        joining = joined(pipeline, recording)
+        self.faults += joining.faults
+        self._sources += filter(None, (joining.misplaced,))
 
     def report(self) -> Iterator[str]:
         """What was built, line by line."""
@@ -176,8 +186,9 @@ class _Checking:
                 f"{len(model.joint_names)} joints, {points} points of surface"
             )
         elif config.surface is not None:
-            points = len(config.surface.sampled(config.folder).points)
-            yield f"surface: {points} points in '{config.surface.frame}'"
+            sampled = config.surface.sampled(config.folder).points
+            points = len(sampled)
+            yield f"surface: {points} points in '{config.surface.frame}', {_extent(sampled)}"
         if config.controller is not None:
             yield f"controller {config.controller['type']}"
         for fault in config.faults:
@@ -299,6 +310,13 @@ def _cycle(config: PipelineConfig) -> str:
     if cycle.every is not None:
         return f"every {cycle.every:g} s"
     return f"after each reading of '{cycle.on}'" if cycle.on else "when every source has reported"
+
+
+def _extent(points: FloatArray) -> str:
+    """From where to where points reach, axis by axis."""
+    ends = np.round([points.min(axis=0), points.max(axis=0)], 3) + 0.0  # no -0.000
+    axes = (f"{axis} {low:.3f}..{high:.3f}" for axis, low, high in zip("xyz", *ends, strict=True))
+    return ", ".join(axes) + " m"
 
 
 def _listing(held: Mapping[str, type[Reading]]) -> str:

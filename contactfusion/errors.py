@@ -17,6 +17,8 @@ LONGEST_CAUSE = 300
 
 LISTING = re.compile(r"[:;]? [Tt]he ([\w ]+ are: [^;]+)")
 """The list in a sentence with a `name_hint`, and what joins it to the rest."""
+GOES_ON = re.compile(r"\?; (.)")
+"""Where a sentence goes on after the question of a `name_hint` whose list is left out."""
 
 
 class ContactFusionError(Exception):
@@ -134,7 +136,8 @@ def listed_once(sentences: Iterable[str], told: str = "") -> Iterator[str]:
     """
     seen = set(LISTING.findall(told))
     for sentence in sentences:
-        yield LISTING.sub(lambda found: "" if found[1] in seen else found[0], sentence)
+        short = LISTING.sub(lambda found: "" if found[1] in seen else found[0], sentence)
+        yield GOES_ON.sub(lambda found: f"? {found[1].upper()}", short)
         seen.update(LISTING.findall(sentence))
 
 

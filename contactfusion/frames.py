@@ -59,6 +59,13 @@ def inverse(pose: Pose) -> Pose:
     return pose_of(-turned_back @ pose[:3, 3], turned_back)
 
 
+def apart(pose: Pose, other: Pose) -> tuple[float, float]:
+    """How far two poses of a frame lie apart [m], and by what angle they are turned [rad]."""
+    cosine = (np.trace(pose[:3, :3].T @ other[:3, :3]) - 1.0) / 2.0
+    distance = float(np.linalg.norm(pose[:3, 3] - other[:3, 3]))
+    return distance, float(np.arccos(np.clip(cosine, -1.0, 1.0)))
+
+
 class FrameTree:
     """Poses of frames in their parents; immutable.
 
@@ -171,7 +178,7 @@ class FrameTree:
         if name in self._origins:
             return (
                 f"nothing joins '{other}' to {self._origins[name]}, which is unknown: {hint}; "
-                "name one of them there, or place it by `frames`"
+                "name a known frame there, or place it by `frames`"
             )
         return (
             f"unknown frame '{name}': {hint}; where no transform places it, `frames` or "

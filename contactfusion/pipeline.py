@@ -281,6 +281,11 @@ class Pipeline:
             self._reset(CONTROLLER, self._controller)
 
     @property
+    def misplaced(self) -> str:
+        """A sentence on the links that /tf_static places elsewhere than the URDF, or nothing."""
+        return self._robot.misplaced
+
+    @property
     def ended(self) -> Mapping[str, str]:
         """Why plug-ins did not take part to the end, by their field of the configuration."""
         out = {

@@ -1,11 +1,12 @@
 """The configuration of a pipeline: named generators, frames, a surface, the integrator."""
 
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, Self
 
 from pydantic import Field, model_validator
 
-from contactfusion.errors import ConfigurationError
+from contactfusion.errors import ConfigurationError, name_hint
 from contactfusion.fault_config import FaultConfig
 from contactfusion.files import file_in
 from contactfusion.frame_config import FrameConfig
@@ -15,6 +16,7 @@ from contactfusion.model import Model, rooted
 from contactfusion.robots.description import RobotConfig, is_packaged, located, read_robot
 from contactfusion.shapes import BodyConfig
 from contactfusion.units import Period
+from contactfusion.yaml_files import with_overrides
 
 
 class CycleConfig(Model):
@@ -35,7 +37,9 @@ class CycleConfig(Model):
     @model_validator(mode="after")
     def _one_policy(self) -> Self:
         if (self.every is not None) + (self.on is not None) + self.ready != 1:
-            raise ValueError("give exactly one of: ready, every, on")
+            fitting = f"{{on: {self.on}}}" if self.on else "ready"
+            whole = f"; --set 'cycle={fitting}' replaces it whole" if self.model_fields_set else ""
+            raise ValueError(f"give exactly one of: ready, every, on{whole}")
         return self
 
 
@@ -129,3 +133,28 @@ class PipelineConfig(Model):
             {name: (frame.parent, frame.pose()) for name, frame in frames.items()},
             origins={space: f"the integrator's frame '{space}' ({where})"},
         )
+
+
+def overridden(fields: Mapping[str, Any], overrides: Sequence[str]) -> dict[str, Any]:
+    """The fields of a configuration with single values changed.
+
+    Args:
+        fields: of a `PipelineConfig`; they stay as they are.
+        overrides: such as `integrator.voxel_size=0.01`.
+
+    Raises:
+        ConfigurationError: one is no change, or is of a generator that is not there.
+    """
+    changed = with_overrides(fields, overrides)
+    known, held = _mapping(fields.get("generators")), _mapping(changed.get("generators"))
+    for override in overrides:
+        keys = override.partition("=")[0].strip().split(".")
+        name = keys[1] if keys[0] == "generators" and len(keys) > 2 else ""
+        if name in held and name not in known and "type" not in _mapping(held[name]):
+            hint = name_hint(name, known, "generators")
+            raise ConfigurationError(f"'{override}': there is no generator '{name}'; {hint}")
+    return changed
+
+
+def _mapping(value: object) -> dict[str, Any]:
+    return value if isinstance(value, dict) else {}

@@ -1,11 +1,12 @@
 """What is known of the robot at any recent stamp: joints, base, frames, surface."""
 
+from collections.abc import Iterator
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from contactfusion.arrays import FloatArray
 from contactfusion.errors import FrameError, RobotError
-from contactfusion.frames import FrameTree, Pose
+from contactfusion.frames import FrameTree, Pose, apart
 from contactfusion.grid import Grid
 from contactfusion.history import History
 from contactfusion.integrator.fusion import Fusion
@@ -18,6 +19,9 @@ from contactfusion.transforms import Transforms
 if TYPE_CHECKING:
     from contactfusion.robots.model import RobotModel
     from contactfusion.robots.posed import PosedRobot
+
+SAME = 1e-3, 0.01
+"""Poses of a link that lie, and are turned, by no more than this apart are the same [m, rad]."""
 
 
 class Robot:
@@ -42,6 +46,23 @@ class Robot:
         self._history = History()
         self._transforms = Transforms()
         self._known: State | None = None
+        self._frames = self._fixed
+        """Those of the last state."""
+
+    @property
+    def misplaced(self) -> str:
+        """A sentence on the links that /tf_static places elsewhere than the URDF, or nothing.
+
+        A link that a joint moves is where it was in the last state.
+        """
+        differing = dict(self._differing())
+        if not differing:
+            return ""
+        (link, by), *others = differing.items()
+        likewise = f"; likewise {', '.join(name for name, _ in others)}" if others else ""
+        return (
+            f"{link}: the URDF and /tf_static place it differently, {by}; the URDF counts{likewise}"
+        )
 
     def add(self, reading: Reading) -> None:
         """Remember what a reading tells of the robot: joints, odometry, twists and transforms."""
@@ -66,6 +87,19 @@ class Robot:
             known = self._known = self._at(stamp)
         return known if known.fusion is fusion else replace(known, fusion=fusion)
 
+    def _differing(self) -> Iterator[tuple[str, str]]:
+        """Each link that /tf_static places elsewhere than the URDF, and by how much."""
+        links = self.model.link_names if self.model else ()
+        for link, (parent, static) in self._transforms.static.items():
+            if parent not in links or link not in links:
+                continue
+            try:
+                distance, angle = apart(self._frames.pose(parent, of=link), static)
+            except FrameError:  # a joint that has not been reported lies between the two
+                continue
+            if distance > SAME[0] or angle > SAME[1]:
+                yield link, f"{distance:.3g} m and {angle:.3g} rad apart"
+
     def _at(self, stamp: float) -> State:
         frames, joints = self._fixed, self._history.joints(stamp)
         if told := self._transforms.at(stamp):
@@ -78,6 +112,7 @@ class Robot:
         if self.model is not None:
             positions, unknown = self.model.known_positions(joints)
             frames = frames.extended(self.model.frames_at(positions, unknown))
+        self._frames = frames
         try:
             if self.model is not None:
                 robot = self._posed(self.model, self.model.positions(joints), frames)

@@ -19,6 +19,7 @@ from contactfusion.pipeline import Pipeline, Step
 from contactfusion.pipeline_config import PipelineConfig
 from contactfusion.recordings.opening import open_recording
 from contactfusion.recordings.recording import Recording
+from contactfusion.replaying.configuration import read_fields
 from contactfusion.replaying.tally import Tally
 from contactfusion.run_results import commands_csv, contacts_csv
 from contactfusion.scene import Scene, heard, open_scene
@@ -26,7 +27,6 @@ from contactfusion.step_summary import Summary, refuse
 from contactfusion.stopwatch import StopWatch
 from contactfusion.terminal import followed, note, progress
 from contactfusion.transforms import transforms_ahead
-from contactfusion.yaml_files import read_yaml, with_overrides
 
 
 class RunConfig(PipelineConfig):
@@ -126,9 +126,9 @@ def run_fields(path: Path, overrides: Sequence[str], seed: int | None = None) ->
         seed: in place of the file's; None: that of the file.
 
     Raises:
-        ConfigurationError: the file is missing or no YAML, or a change is none.
+        ConfigurationError: the file is missing, a recording, or no YAML, or a change is none.
     """
-    fields = {"folder": path.parent, **with_overrides(read_yaml(path), overrides)}
+    fields = {"folder": path.parent, **read_fields(path, overrides)}
     return fields if seed is None else {**fields, "seed": seed}
 
 

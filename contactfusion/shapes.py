@@ -26,15 +26,15 @@ class ShapeConfig(Model):
     """A primitive, centred at `xyz` and turned by `rpy` in the frame of its body."""
 
     shape: Literal["box", "cylinder", "sphere", "rectangle"]
-    """What it is; a cylinder's axis is its z, a rectangle faces its +z."""
+    """What it is; a cylinder's axis is its z (`rpy` turns it), a rectangle faces its +z."""
     size: tuple[Edge, ...] | None = None
     """Edges of a box or rectangle [m]."""
     radius: Edge | None = Field(default=None, gt=0)
     """Of a cylinder or sphere [m]."""
     length: Edge | None = Field(default=None, gt=0)
-    """Of a cylinder [m]."""
+    """Of a cylinder, along its z, half of it to either side of `xyz` [m]."""
     xyz: Position = (0.0, 0.0, 0.0)
-    """The centre [m]."""
+    """The centre of the shape, of a cylinder too, in the frame of its body [m]."""
     rpy: Angles = (0.0, 0.0, 0.0)
     """Roll, pitch and yaw [rad]."""
 

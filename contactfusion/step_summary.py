@@ -5,6 +5,8 @@ from collections.abc import Collection, Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any, final
 
+import numpy as np
+
 from contactfusion.assembly import AnyGenerator
 from contactfusion.contacts import Contact
 from contactfusion.errors import ConfigurationError, listed_once, name_hint
@@ -33,7 +35,9 @@ class Summary:
         steps: how many there were.
         with_contact: in how many of them something was touched.
         contacts: how many contacts they told.
-        likeliest: of all contacts, and the stamp of its step [s]; None before the first.
+        first: the likeliest contact of the first step with any, and the step's stamp [s]; None
+            before it.
+        likeliest: of all contacts, likewise.
         last: the likeliest contact of the last step with any, likewise.
         report: of the last step; None before the first.
         stamp: of the last step [s].
@@ -42,11 +46,12 @@ class Summary:
     def __init__(self, pipeline: Pipeline) -> None:
         self._pipeline = pipeline
         self.steps = self.with_contact = self.contacts = 0
+        self.first: tuple[float, Contact] | None = None
         self.likeliest: tuple[float, Contact] | None = None
         self.last: tuple[float, Contact] | None = None
         self.report: Report | None = None
         self.stamp = math.nan
-        self._first: dict[tuple[EventKind, str], tuple[float, str]] = {}
+        self._first_events: dict[tuple[EventKind, str], tuple[float, str]] = {}
         self._times: dict[tuple[EventKind, str], int] = {}
 
     def add(self, step: Step) -> None:
@@ -57,12 +62,13 @@ class Summary:
         self.contacts += found
         if found:
             self.last = step.stamp, step.fusion.contacts[0]
+            self.first = self.first or self.last
             if not self.likeliest or self.last[1].likelihood > self.likeliest[1].likelihood:
                 self.likeliest = self.last
         self.report, self.stamp = step.fusion.report, step.stamp
         for event in step.events:
             key = event.kind, event.source
-            self._first.setdefault(key, (step.stamp, event.message))
+            self._first_events.setdefault(key, (step.stamp, event.message))
             self._times[key] = self._times.get(key, 0) + 1
 
     def fields(self) -> dict[str, Any]:
@@ -88,9 +94,11 @@ class Summary:
     def lines(self) -> Iterator[str]:
         """Give what there was, for people."""
         yield f"{self.steps} steps, {self.with_contact} with contact, {self.contacts} contacts"
-        for which, found in (("likeliest", self.likeliest), ("last", self.last)):
-            if found:
-                yield f"  {which} at {found[0]:.3f} s: {found[1]}"
+        if self.first and self.likeliest and self.last:
+            yield f"  first at {self.first[0]:.3f} s: {self.first[1]}"
+            stamp, contact = self.likeliest
+            yield f"  likeliest at {stamp:.3f} s: {contact}{_force(contact)}"
+            yield f"  last at {self.last[0]:.3f} s: {self.last[1]}"
         for name, source in self._sources.items():
             rate = "no rate" if math.isnan(source.rate) else f"{source.rate:.4g} Hz"
             yield (
@@ -105,6 +113,8 @@ class Summary:
             given, looked = self._pipeline.given[name], self._looked(generator)
             if 0 < 2 * looked < given and HypothesisKind.REGULAR in generator.sources.values():
                 yield f"  {name}: {given - looked} of {given} readings gave no cloud"
+        if misplaced := self._pipeline.misplaced:
+            yield f"  {misplaced}"
         yield from listed_once(self._happened(), told=next(self._useless(), ""))
         for row, fault in enumerate(self._pipeline.config.faults):
             if fault.start is not None and fault.start > self.stamp:
@@ -113,11 +123,11 @@ class Summary:
     def _happened(self) -> Iterator[str]:
         """The first event of each kind and source; sources of the same event share a line."""
         alike: dict[tuple[EventKind, str], list[str]] = {}
-        for (kind, name), (_, message) in self._first.items():
+        for (kind, name), (_, message) in self._first_events.items():
             if kind in TELLING:
                 alike.setdefault((kind, message.replace(f"'{name}'", "")), []).append(name)
         for (kind, _), (name, *others) in alike.items():
-            stamp, message = self._first[kind, name]
+            stamp, message = self._first_events[kind, name]
             times = sum(self._times[kind, one] for one in (name, *others))
             often = f" ({times} times)" if times > 1 else ""
             likewise = f"; likewise {', '.join(map(repr, others))}" if others else ""
@@ -186,11 +196,19 @@ class Summary:
         )
 
     def _why(self, kind: EventKind, source: str) -> str:
-        return self._first[kind, source][1]
+        return self._first_events[kind, source][1]
 
     @property
     def _sources(self) -> Mapping[str, SourceReport]:
         return self.report.sources if self.report else {}
+
+
+def _force(contact: Contact) -> str:
+    """The force on the robot, as the end of a sentence; nothing where none was felt."""
+    if np.isnan(contact.force).any():
+        return ""
+    x, y, z = np.round(contact.force, 1) + 0.0  # no -0
+    return f", force ({x:.1f}, {y:.1f}, {z:.1f}) N"
 
 
 def refuse(path: Path, complaints: Iterable[str]) -> None:

@@ -95,6 +95,15 @@ class Transforms:
         self._series.clear()
         self._frames = frozenset()
 
+    @property
+    def static(self) -> dict[str, Parent]:
+        """By frame that stands still in its parent the parent, and the frame's pose there."""
+        return {
+            frame: (series.parent, _pose(series.transforms[-1]))
+            for frame, series in self._series.items()
+            if series.static
+        }
+
     def at(self, stamp: float) -> "TransformsAt | None":
         """Give the frames as they are at a stamp [s]; None while there are none."""
         return TransformsAt(self._series, self._frames, stamp) if self._series else None

@@ -32,7 +32,7 @@ frames:                       # where the tool and the sensor stand in each othe
   wrist: {parent: base, xyz: [0, 0, 1]}
   tool: {parent: wrist, xyz: [0, 0, 0.12]}
 
-integrator: {frame: base, voxel_size: 0.005, condensation: cluster_mass}
+integrator: {frame: base, voxel_size: 0.005, rule: posterior, condensation: modes}
 cycle: {on: wrist}
 """
 

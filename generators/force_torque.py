@@ -174,7 +174,8 @@ class ForceTorqueGenerator(Generator[ForceTorqueConfig]):
         return (
             f"its tare takes {tare:g} s without contact while samples scatter by less than "
             f"{STEADY:g} times the stated noise, and {axis} never scattered by less than "
-            f"{scatter:.1f} times: a wrong column, a robot that moves, or more noise than stated"
+            f"{scatter:.1f} times: a contact meanwhile, a wrong column, "
+            "a robot that moves, or more noise than stated"
         )
 
     def _watch(self, reading: Wrench) -> None:

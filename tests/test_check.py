@@ -68,12 +68,19 @@ def test_a_sound_configuration_is_reported_line_by_line(file: Path) -> None:
         "frame 'tool' in 'base' at (0.0, 0.0, 0.5) m",
         "generator 'wrist' (force_torque): Wrench of 'wrist' -> 'wrist' (regular)",
         "generator 'palm' (tactile): TactileImage of 'palm' -> 'palm' (regular)",
-        "surface: 2500 points in 'tool'",
+        "surface: 2500 points in 'tool', x -0.098..0.098, y -0.098..0.098, z 0.000..0.000 m",
         "fault silent of palm",
         "recording: 'wrist' (Wrench), 'palm' (TactileImage)",
         "estimate: 2500 points of surface over 1600 voxels, about 620 kB",
         "estimate: clouds of 'palm' hold up to 8 hypotheses, about 2.8 kB",
     )
+
+
+def test_the_extent_of_the_surface_shows_where_its_shapes_lie(file: Path) -> None:
+    probe = "{shape: cylinder, radius: 0.02, length: 0.24, xyz: [0, 0, 0.15]}"
+    lines = check_file(file, None, [f"surface.shapes=[{probe}]"]).lines
+    (surface,) = (line for line in lines if line.startswith("surface: "))
+    assert surface.endswith(" points in 'tool', x -0.020..0.020, y -0.020..0.020, z 0.030..0.270 m")
 
 
 def test_every_fault_is_told_not_only_the_first(file: Path) -> None:

@@ -135,7 +135,8 @@ def test_a_urdf_and_the_robot_of_a_configuration_are_looked_over_too(
     (tmp_path / "inline.yaml").write_text("robot: {urdf: robot.urdf}\n")
     for name in ("robot.urdf", "robot.yaml", "named.yaml", "inline.yaml"):
         assert check_robot(str(tmp_path / name))
-        assert f"{name}: 1 links, 0 joints" in capsys.readouterr().out
+        said = capsys.readouterr().out
+        assert f"{name}: 1 links, 0 joints" in said and "middle of their limits" not in said
     (tmp_path / "inline.yaml").write_text("robot: {udf: robot.urdf}\n")
     with pytest.raises(ConfigurationError, match=r"inline.yaml: robot\.udf: unknown field"):
         check_robot(str(tmp_path / "inline.yaml"))
@@ -155,7 +156,7 @@ def test_a_joint_that_mimics_another_is_told_and_follows_it(
     assert middle(robot).tolist() == [0.5, -1.0]
     (tmp_path / "robot.yaml").write_text("urdf: robot.urdf\n")
     assert check_robot(str(tmp_path / "robot.yaml"))
-    assert "2.000 [rad, m], follows first: -2 times its position" in capsys.readouterr().out
+    assert "2.000 [rad], follows first: -2 times its position" in capsys.readouterr().out
 
 
 def test_wheels_and_what_is_still_are_told(
@@ -164,15 +165,17 @@ def test_wheels_and_what_is_still_are_told(
     written(
         tmp_path,
         link("a", BLOCK),
-        *map(link, "bc"),
+        *map(link, "bcd"),
         joint("wheel", "a", "b", "continuous", ""),
         joint("stuck", "b", "c"),
+        joint("slide", "c", "d", "prismatic", axis="1 2 0"),
     )
     (tmp_path / "robot.yaml").write_text("urdf: robot.urdf\nstill: {stuck: 0.75}\n")
     assert check_robot(str(tmp_path / "robot.yaml"))
     said = capsys.readouterr().out
     assert "joint wheel  without ends" in said
-    assert "joint stuck  -1.000 .. 2.000 [rad, m], stays at 0.750" in said
+    assert "joint stuck  -1.000 .. 2.000 [rad], stays at 0.750" in said
+    assert "joint slide  -1.000 .. 2.000 [m]" in said
 
 
 # Patches

@@ -214,6 +214,7 @@ def test_a_first_configuration_is_written_once(folder: Path, ask: Ask) -> None:
 def test_a_window_is_refused_before_anything_is_replayed(
     folder: Path, ask: Ask, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    pytest.importorskip("rerun")
     monkeypatch.setattr("sys.platform", "linux")
     for name in ("DISPLAY", "WAYLAND_DISPLAY"):
         monkeypatch.delenv(name, raising=False)
@@ -226,6 +227,23 @@ def test_a_window_is_refused_before_anything_is_replayed(
         sentence = one_sentence(ask(*arguments))
         assert all(cure in sentence for cure in ("no screen", "--web", "--screenshot", "--save"))
     assert not (folder / "contacts.csv").exists()
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ("view", "log.yaml", "--config", "wrist.yaml"),
+        ("view", "log.yaml", "--config", "wrist.yaml", "--web"),
+        ("replay", "wrist.yaml", "log.yaml", "--view"),
+    ],
+)
+def test_a_viewer_that_is_not_installed_is_told_before_a_screen_that_is_not_there(
+    arguments: tuple[str, ...], folder: Path, ask: Ask, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(sys.modules, "rerun", None)
+    monkeypatch.setattr("contactfusion.replaying.session.Session.__init__", None)
+    (folder / "log.yaml").write_text(LOG_YAML)
+    assert "install it with: pip install 'contactfusion[view]'" in one_sentence(ask(*arguments))
 
 
 @pytest.mark.parametrize("words", [*commands()], ids=" ".join)
@@ -289,6 +307,18 @@ def test_what_is_not_there_is_named_with_the_nearest_that_is(
         ("surface.shapes.0.radius=-1", ["surface.shapes.0.radius", "greater than 0"]),
         ("frames.tool.parent=bas", ["'wrist' needs the surface", "frames"]),
         ("cycle.on=wirst", ["wirst"]),
+        (
+            "generators.wirst.average=0.2",
+            [
+                "'generators.wirst.average=0.2': there is no generator 'wirst'",
+                "did you mean 'wrist'",
+            ],
+        ),
+        (
+            "cycle.every=0.1",
+            ["ready, every, on; --set 'cycle={on: wrist}' replaces it whole"],
+        ),
+        ("cycle={every: 0.1, ready: true}", ["--set 'cycle=ready' replaces it whole"]),
         ("integrator.frame=world", ["'wrist' needs the surface", "frames"]),
         ("integrator", ["'integrator' is no change"]),
         ("integrtor.threshold=0.5", ["integrtor", "did you mean 'integrator'"]),
@@ -299,6 +329,12 @@ def test_a_wrong_configuration_is_one_sentence_that_names_the_field(
 ) -> None:
     sentence = one_sentence(ask("run", "wrist.yaml", "--set", change, "--out", "results"))
     assert all(word in sentence for word in words), sentence
+
+
+def test_changes_can_bring_a_generator_of_their_own(folder: Path, ask: Ask) -> None:
+    options = ("type=force_torque", "sensor=wrist", "sign=on_robot")
+    changes = [word for option in options for word in ("--set", f"generators.other.{option}")]
+    assert "generator 'other' (force_torque)" in ask("check", "wrist.yaml", *changes).out
 
 
 @pytest.mark.parametrize(
@@ -464,6 +500,19 @@ def test_a_configuration_where_a_recording_is_asked_for_is_told_what_to_give(
     command: list[str], sentence: str, folder: Path, ask: Ask
 ) -> None:
     assert one_sentence(ask(*command)) == sentence
+
+
+@pytest.mark.parametrize("command", [["run"], ["check"], ["replay", "wrist.yaml"], ["record"]])
+@pytest.mark.parametrize("recording", ["wrist.csv", "drive.bag"])
+def test_a_recording_where_a_configuration_is_asked_for_is_told_what_to_give(
+    command: list[str], recording: str, folder: Path, ask: Ask
+) -> None:
+    (folder / "drive.bag").write_bytes(b"#ROSBAG V2.0\n\x00\xff")
+    command = [*command[:1], recording, *command[1:]]
+    assert one_sentence(ask(*command)) == (
+        f"{recording} is a recording, and no configuration: `contactfusion init {recording} --out "
+        f"{recording.split('.')[0]}.yaml` writes a first configuration for it"
+    )
 
 
 @pytest.mark.parametrize(

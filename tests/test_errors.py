@@ -108,7 +108,9 @@ def test_a_list_stands_in_the_first_sentence_alone() -> None:
         "unknown frame 'sun': the frames are: base, moon; name it",
         "no sensor 'eye'; the sensors are: ear, nose",
         "no sensor 'toe'; the sensors are: ear, nose",
+        "unknown frame 'bas': did you mean 'base'? The frames are: base, moon; name it",
     ]
     short = ["unknown frame 'sun'; name it", others[1], "no sensor 'toe'"]
+    short += ["unknown frame 'bas': did you mean 'base'? Name it"]
     assert list(listed_once([first, *others])) == [first, *short]
     assert list(listed_once(others, told=first)) == short

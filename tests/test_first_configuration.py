@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 import yaml
 
+from contactfusion.check import check_file
 from contactfusion.errors import ConfigurationError, RobotError
 from contactfusion.pipeline_config import PipelineConfig
 from contactfusion.plugins import installed_plugins
@@ -45,7 +46,13 @@ def test_the_first_configuration_of_a_bag_replays_it(
     write_first(bag, out)
     printed = capsys.readouterr().out
     assert "a ball of 5 cm about ft/wrench stands in" in printed
+    assert "contacts lie on that ball" in printed
+    assert "surface:  # a stand-in: contacts lie on this ball" in out.read_text()
     assert "eye/points is left out: it needs the robot: name its URDF by --robot" in printed
+    assert (
+        "ft_wrench: the sign is taken to be on_robot: push the tool along the sensor's -x, and the "
+        "force must point to -x; else set sign: by_robot"
+    ) in printed.splitlines()
     assert f"next: contactfusion replay {out} {bag}" in printed
     fields = written(out)
     assert set(fields["generators"]) == {"ft_wrench"}
@@ -58,7 +65,9 @@ def test_the_first_configuration_of_a_bag_replays_it(
 
 
 @pytest.mark.parametrize("write", [mcap, ros1])
-def test_with_the_robot_contacts_lie_on_its_tool(write: Any, tmp_path: Path) -> None:
+def test_with_the_robot_contacts_lie_on_its_tool(
+    write: Any, tmp_path: Path, capsys: Printed
+) -> None:
     pytest.importorskip("pinocchio")
     bag, out = write(tmp_path / "bags", pressed()), tmp_path / "configs" / "first.yaml"
     write_first(bag, out, robot=arm(tmp_path))
@@ -71,8 +80,12 @@ def test_with_the_robot_contacts_lie_on_its_tool(write: Any, tmp_path: Path) -> 
     assert "# links: base, arm, ft, tool" in out.read_text()
     assert "# joints: turn" in out.read_text()
     RunConfig(folder=out.parent, **fields)
+    capsys.readouterr()
     replay(Options(out, bag, out=tmp_path / "contacts.csv"))
     run_file(out, [], tmp_path / "run")
+    differently = "ft: the URDF and /tf_static place it differently, 1.1 m and 0.1 rad apart"
+    assert capsys.readouterr().out.count(differently) == 2
+    assert f"{differently}; the URDF counts" in check_file(out).lines
     for found in (contacts(tmp_path / "contacts.csv"), contacts(tmp_path / "run" / "contacts.csv")):
         assert len(found) > 10
         away = np.linalg.norm(found - (0.0, 0.0, 0.5), axis=1)
@@ -154,7 +167,15 @@ def test_noise_and_bias_are_those_of_the_first_half_second(tmp_path: Path) -> No
     (ft,) = written(out)["generators"].values()
     assert ft["force_noise"] == pytest.approx(1.0, rel=0.3)
     assert ft["torque_noise"] == pytest.approx(0.1, rel=0.3)
-    assert ft["tare"] == 0.5 and "N, is bias" in out.read_text()
+    assert ft["tare"] == 0.5 and "the first 0.5 s, at rest: their mean, " in out.read_text()
+
+
+def test_the_average_that_a_comment_offers_is_an_option(bag: Path, tmp_path: Path) -> None:
+    write_first(bag, tmp_path / "first.yaml")
+    content = (tmp_path / "first.yaml").read_text()
+    options = yaml.safe_load(content.replace("# average: ", "average: "))["generators"]["ft_wrench"]
+    force_torque = installed_plugins().find("generators", options.pop("type"))
+    assert force_torque.Config(**options).average == 0.1
 
 
 def test_a_wrench_that_moves_from_the_start_is_not_tared(tmp_path: Path) -> None:
@@ -174,6 +195,7 @@ def test_only_clouds_and_no_robot_give_a_file_that_says_what_it_needs(
     write_first(mcap(tmp_path / "bags", [("/eye", 0, cloud(0)), ("/eye", 1, cloud(1))]), out)
     assert written(out)["generators"] == {} and "surface" not in written(out)
     printed = capsys.readouterr().out
+    assert "the sign is taken" not in printed
     assert f"next: give {out} a generator, of those in its comments" in printed
 
 

@@ -286,8 +286,8 @@ def test_a_tare_that_waits_blames_the_axis_that_scatters_most() -> None:
         ft.generate(Wrench(stamp=0.01 * row, frame="base", force=calm, torque=torque), robot())
     assert ft.waits_for == (
         "its tare takes 0.2 s without contact while samples scatter by less than 2 times the "
-        "stated noise, and torque z never scattered by less than 5.0 times: a wrong column, a "
-        "robot that moves, or more noise than stated"
+        "stated noise, and torque z never scattered by less than 5.0 times: a contact "
+        "meanwhile, a wrong column, a robot that moves, or more noise than stated"
     )
 
 

@@ -511,3 +511,36 @@ def test_a_few_rows_at_one_stamp_or_after_a_pause_say_nothing_of_the_unit(tmp_pa
     assert log(tmp_path, rows(1e-6, 9), SKIN).notes == []
     assert log(tmp_path, "7,5\n" * 50, SKIN).notes == []
     assert log(tmp_path, rows(0.01) + "90000,5\n", SKIN).notes == []
+
+
+@pytest.mark.parametrize(
+    ("column", "time", "stated", "unit"),
+    [
+        ("timestamp_ms", {}, "ms", "s"),
+        ("t [ms]", {"unit": "s"}, "ms", "s"),
+        ("t(us)", {"unit": "ms"}, "us", "ms"),
+        ("time_ns", {"unit": "us"}, "ns", "us"),
+        ("seconds", {"unit": "ms"}, "s", "ms"),
+    ],
+)
+def test_a_unit_that_the_name_of_the_column_contradicts_is_refused(
+    tmp_path: Path, column: str, time: dict[str, str], stated: str, unit: str
+) -> None:
+    table = f"{column},value\n" + "".join(f"{2 * number},5\n" for number in range(50))
+    said = refusal(tmp_path, table, SKIN, time={"column": column, **time})
+    assert said == (
+        f"{tmp_path / 'log.yaml'}: time.unit: the column '{column}' states {stated} by its name, "
+        f"`unit` is {unit}: set unit: {stated}, or, where the name is wrong, name the column by "
+        "its number"
+    )
+    by_number = readings(log(tmp_path, table, SKIN, time={"column": 1, "unit": "s"}))
+    assert by_number[-1].stamp == 98.0
+
+
+@pytest.mark.parametrize("column", ["t", "stamp", "timestamp_ms", "Time (msecs)"])
+def test_a_unit_that_the_name_of_the_column_states_or_leaves_open_passes(
+    tmp_path: Path, column: str
+) -> None:
+    table = f"{column},value\n" + "".join(f"{2 * number},5\n" for number in range(50))
+    found = readings(log(tmp_path, table, SKIN, time={"column": column, "unit": "ms"}))
+    assert found[-1].stamp == pytest.approx(0.098)

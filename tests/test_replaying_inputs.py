@@ -46,6 +46,12 @@ def test_a_topic_called_like_the_sensor_goes_before_others_of_its_kind() -> None
     assert inputs.sensors == {"skin": "skin"}
 
 
+def test_a_leading_slash_of_a_sensor_is_no_part_of_its_name() -> None:
+    inputs = found({"raw": TactileImage, "skin": TactileImage}, finger={**SKIN, "sensor": "/skin"})
+    assert inputs.sensors == {"skin": "/skin"}
+    assert found({"skin": TactileImage}, finger={**SKIN, "sensor": "/skin"}).taken == ()
+
+
 def test_several_topics_that_fit_are_listed_and_one_is_asked_for() -> None:
     topics = {"left": Wrench, "right": Wrench}
     with pytest.raises(ConfigurationError) as raised:

@@ -11,7 +11,7 @@ from contactfusion.arrays import FloatArray
 from contactfusion.errors import ConfigurationError
 from contactfusion.frames import inverse, points_in, vectors_in
 from contactfusion.pipeline_config import PipelineConfig
-from contactfusion.readings import JointState, TactileImage, Wrench
+from contactfusion.readings import JointState, TactileImage, Transform, Wrench
 from contactfusion.robots.posed import PosedRobot
 from tests.hands import SLIDE, joints
 
@@ -40,6 +40,40 @@ def bent(stamp: float, pipe: Pipeline) -> PosedRobot:
     robot = pipe.state(stamp).robot
     assert robot is not None
     return robot
+
+
+def static(x: float, frame: str = "base", turn: tuple[float, ...] = (0, 0, 0, 1)) -> Transform:
+    """The hand stands still at x [m], as /tf_static says."""
+    place, turned = np.array([x, 0.0, 0.0]), np.array(turn, float) / np.linalg.norm(turn)
+    return Transform(
+        stamp=0.0,
+        frame=frame,
+        child_frame="hand",
+        position=place,
+        orientation=turned,
+        static=True,
+    )
+
+
+DIFFERENTLY = "hand: the URDF and /tf_static place it differently"
+
+
+@pytest.mark.parametrize(
+    ("told", "sentence"),
+    [
+        (static(0.3), ""),
+        (static(1.3), f"{DIFFERENTLY}, 1 m and 0 rad apart; the URDF counts"),
+        (static(0.3, turn=(0, 0, 1, 1)), f"{DIFFERENTLY}, 0 m and 1.57 rad apart; the URDF counts"),
+        (static(1.3, frame="map"), ""),
+    ],
+)
+def test_a_link_that_tf_static_places_elsewhere_than_the_urdf_is_told(
+    told: Transform, sentence: str, tmp_path: Path
+) -> None:
+    pipe = pipeline(folder=tmp_path, robot=slide(tmp_path))
+    for reading in (told, joints(0.3)):
+        pipe.receive(reading)
+    assert (pipe.step(0.0).fusion.contacts, pipe.misplaced) == ((), sentence)
 
 
 def test_a_patch_on_a_link_moves_with_it(tmp_path: Path) -> None:

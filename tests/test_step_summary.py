@@ -1,6 +1,7 @@
 """What steps amounted to, and what kept a pipeline from its job."""
 
 from collections.abc import Iterable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -63,24 +64,33 @@ def test_no_contact_alone_is_no_complaint() -> None:
     assert summary.contacts == 0 and not complaints
 
 
-def test_the_likeliest_and_the_last_contact_are_told() -> None:
+def test_the_first_the_likeliest_and_the_last_contact_are_told() -> None:
     summary, _ = ran(points("bbb"), generators=ECHO)
-    assert summary.likeliest and summary.last
+    assert summary.first and summary.likeliest and summary.last
     place = "(0.103, 0.003, 0.003) m in 'base'"
     likelihood = f"{summary.last[1].likelihood:.2f}"
     told = f"contact at {place}, likelihood {likelihood}, from eye 100%"
-    assert list(summary.lines())[:3] == [
+    assert list(summary.lines())[:4] == [
         f"{summary.steps} steps, {summary.with_contact} with contact, {summary.contacts} contacts",
-        f"  likeliest at {summary.likeliest[0]:.3f} s: {told}",
+        f"  first at {summary.first[0]:.3f} s: {told}",
+        f"  likeliest at {summary.likeliest[0]:.3f} s: {told}, force (0.0, 0.0, 1.0) N",
         f"  last at {summary.last[0]:.3f} s: {told}",
     ]
-    assert summary.likeliest[0] == 0.1 and summary.last[0] == summary.stamp
+    assert summary.first[0] == summary.likeliest[0] == 0.1 and summary.last[0] == summary.stamp
 
 
 def test_without_a_contact_none_is_told() -> None:
     summary, _ = ran(points("uuu"), generators=ECHO)
-    assert summary.likeliest is None and summary.last is None
+    assert summary.first is None and summary.likeliest is None and summary.last is None
     assert not any("likeliest" in line for line in summary.lines())
+
+
+def test_where_no_force_was_felt_none_is_told() -> None:
+    summary, _ = ran(points("bbb"), generators=ECHO)
+    assert summary.likeliest
+    stamp, contact = summary.likeliest
+    summary.likeliest = stamp, replace(contact, force=np.full(3, np.nan))
+    assert not any("force (" in line for line in summary.lines())
 
 
 def image(stamp: float) -> DepthImage:
@@ -147,7 +157,7 @@ def test_sources_to_which_the_same_happens_share_a_line_and_a_list() -> None:
 def test_remarks_stand_under_their_source() -> None:
     remote = {"far": {"type": "remote"}}
     summary, _ = ran(points("bb"), generators=remote)
-    lines = list(summary.lines())[2:]
+    lines = list(summary.lines())[3:]
     assert lines[1].startswith("  far (regular): 2 clouds")
     assert lines[2:] == ["    2 × 0 contacts, 0 places"]
     assert summary.fields()["sources"]["far"]["remarks"] == {"0 contacts, 0 places": 2}

@@ -21,6 +21,7 @@ A log without stamps has ``time: {rate: 240}``; columns without a header are nam
 
 import logging
 import os
+import re
 from collections.abc import Iterator, Sequence
 from functools import partial
 from pathlib import Path
@@ -31,7 +32,7 @@ from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
 from contactfusion.arrays import FloatArray
-from contactfusion.errors import RecordingError
+from contactfusion.errors import ConfigurationError, RecordingError
 from contactfusion.model import Model
 from contactfusion.readings import READING_TYPES, Reading
 from contactfusion.recordings.log_readings import AnyColumns, ColumnsConfig
@@ -41,6 +42,13 @@ from contactfusion.recordings.tables import AS_FOUND, Column, Columns, TextForma
 from contactfusion.time import LONGEST_SECONDS, NANOSECONDS_PER_SECOND
 
 NANOSECONDS = {"s": NANOSECONDS_PER_SECOND, "ms": 1_000_000, "us": 1_000, "ns": 1}
+UNITS = {
+    **dict.fromkeys(("s", "sec", "secs", "second", "seconds"), "s"),
+    **dict.fromkeys(("ms", "msec", "msecs", "milliseconds"), "ms"),
+    **dict.fromkeys(("us", "usec", "usecs", "microseconds"), "us"),
+    **dict.fromkeys(("ns", "nsec", "nsecs", "nanoseconds"), "ns"),
+}
+"""Units of time by the words in the names of columns."""
 LONGEST_FALL = NANOSECONDS_PER_SECOND
 """Rows may lie so much out of order [ns]; beyond, the clock was set back."""
 
@@ -54,6 +62,12 @@ SLOW = 5.0
 seconds are 10 s apart."""
 
 log = logging.getLogger(__name__)
+
+
+def stated_unit(column: Column) -> str | None:
+    """The unit of time that the name of a column ends with, as in `t_ms`; None: it states none."""
+    words = re.findall(r"[a-z]+", str(column).lower())
+    return next((UNITS[word] for word in reversed(words) if word in UNITS), None)
 
 
 class TimeConfig(Model):
@@ -78,6 +92,18 @@ class TimeConfig(Model):
         if unfit := given & ({"start"} if self.rate is None else {"unit", "file"}):
             has = "column" if self.rate is None else "rate"
             raise ValueError(f"{', '.join(sorted(unfit))} does not go with {has}")
+        return self
+
+    @model_validator(mode="after")
+    def _as_named(self) -> Self:
+        """Refuse a unit that the column's name contradicts; the rate of rows seldom shows it."""
+        stated = None if self.column is None else stated_unit(self.column)
+        if stated not in (None, self.unit):
+            raise ConfigurationError(
+                f"the column '{self.column}' states {stated} by its name, `unit` is {self.unit}: "
+                f"set unit: {stated}, or, where the name is wrong, name the column by its number",
+                "unit",
+            )
         return self
 
 

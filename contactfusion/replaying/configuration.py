@@ -10,12 +10,12 @@ from typing import Any, Final, final
 from contactfusion.errors import ConfigurationError, FrameError, PluginError, RecordingError
 from contactfusion.files import require_file
 from contactfusion.model import Model
-from contactfusion.pipeline_config import PipelineConfig
+from contactfusion.pipeline_config import PipelineConfig, overridden
 from contactfusion.recordings.messages import typestore
-from contactfusion.recordings.opening import YAML, unfit_configuration
+from contactfusion.recordings.opening import DESCRIBED, SUFFIXES, YAML, unfit_configuration
 from contactfusion.recordings.ros.files import Bag
 from contactfusion.recordings.step_messages import OURS
-from contactfusion.yaml_files import read_yaml, with_overrides
+from contactfusion.yaml_files import read_yaml
 
 TOPIC: Final = f"{OURS}configuration"
 """Where a replay keeps its configuration, as std_msgs/String."""
@@ -76,7 +76,7 @@ class Setting:
 
     def changed(self, overrides: Sequence[str]) -> "Setting":
         """Give the setting with fields changed as by "a.b=c"."""
-        return replace(self, fields=with_overrides(dict(self.fields), overrides))
+        return replace(self, fields=overridden(self.fields, overrides))
 
     def choosing(self, told: Mapping[str, str], ignored: Sequence[str]) -> "Setting":
         """The setting with further topics by role, and further ones that are not read."""
@@ -95,13 +95,32 @@ class Setting:
         return json.dumps(kept, indent=1, sort_keys=True, default=str)
 
 
+def read_fields(path: Path, overrides: Sequence[str] = ()) -> dict[str, Any]:
+    """Read the fields of a configuration.
+
+    Args:
+        path: a YAML file.
+        overrides: fields to change, as "a.b=c".
+
+    Raises:
+        ConfigurationError: the file is missing, a recording, or no YAML, or a change is none.
+    """
+    require_file(path, ConfigurationError)
+    if path.suffix in (*DESCRIBED, *SUFFIXES):
+        raise ConfigurationError(
+            f"{path} is a recording, and no configuration: `contactfusion init {path} --out "
+            f"{path.stem}.yaml` writes a first configuration for it"
+        )
+    return overridden(read_yaml(path), overrides)
+
+
 def setting_of_file(path: Path, overrides: Sequence[str] = ()) -> Setting:
     """Read a configuration, or a file for `run`, of which recording and scene are left out.
 
     Raises:
         ConfigurationError: the file is not what it should be.
     """
-    fields = with_overrides(read_yaml(path), overrides)
+    fields = read_fields(path, overrides)
     kept = {name: value for name, value in fields.items() if name not in NOT_OURS}
     return Setting(kept, path.parent, {}, path)
 

@@ -263,7 +263,12 @@ def _of_sensors(held: _Held, out: Path, robot: Path | None) -> _First:
         )
     remarks += [f"{use.sensor} is left out: {use.left_out}" for use in uses if use.left_out]
     active = [use for use in uses if not use.left_out]
-    weighed = any("type: force_torque" in line for use in active for line in use.lines)
+    weighed = [use for use in active if any("type: force_torque" in line for line in use.lines)]
+    remarks += [
+        f"{_name(use.sensor)}: the sign is taken to be on_robot: push the tool along the sensor's "
+        "-x, and the force must point to -x; else set sign: by_robot"
+        for use in weighed
+    ]
     lines = [
         f"# A first configuration for {path.name}, by `contactfusion init`:",
         f"#   {held.play}",
@@ -289,7 +294,8 @@ def _of_sensors(held: _Held, out: Path, robot: Path | None) -> _First:
         lines += stand_in_lines(active[0].sensor, _frame(inspection, active[0].sensor))
         remarks.append(
             f"no robot is known: a ball of 5 cm about {active[0].sensor} stands in for what hangs "
-            f"on it; put its shapes under `surface`, or name a URDF by --robot"
+            "on it, and contacts lie on that ball; put its shapes under `surface`, or name a URDF "
+            "by --robot"
         )
     lines += ["", "generators:" if active else "generators: {}"]
     for use in active:
@@ -330,7 +336,7 @@ def _uses(
     without_robot = "" if model else "it needs the robot: name its URDF by --robot"
     felt, moving = "", False
     for topic in inspection.topics:
-        sensor, name = topic.sensor, topic.sensor.replace("/", "_")
+        sensor, name = topic.sensor, _name(topic.sensor)
         lost = _lost(topic, inspection, model, space)
         match topic.reading:
             case "Wrench":
@@ -353,6 +359,11 @@ def _uses(
                 yield _Use(sensor, tuple(motion_lines(name, sensor)))
             case _:
                 pass
+
+
+def _name(sensor: str) -> str:
+    """The name of the generator that a sensor feeds."""
+    return sensor.replace("/", "_")
 
 
 def _lost(

@@ -44,7 +44,9 @@ def stand_in_lines(sensor: str, frame: str) -> Iterator[str]:
     """A ball in place of the surface of what hangs on a sensor."""
     yield f"# Contacts lie on a surface. This ball stands in for what hangs on {sensor}: put in its"
     yield "# shapes (box, cylinder, sphere, rectangle), or in its place a `robot` by its URDF."
-    yield "surface:"
+    yield "# The `xyz` of a shape is its centre, the axis of a cylinder is z: from z = 3 to 23 cm"
+    yield "# reaches {shape: cylinder, radius: 0.01, length: 0.2, xyz: [0.0, 0.0, 0.13]}."
+    yield "surface:  # a stand-in: contacts lie on this ball, wherever the robot is touched"
     yield f"  frame: {text_of(frame)}"
     yield "  shapes: [{shape: sphere, radius: 0.05}]  # [m]"
 
@@ -72,7 +74,8 @@ def force_torque_lines(name: str, sensor: str, wrenches: Sequence[Wrench] | None
     yield f"  force_noise: {force:.2g}  # of one sample, by axis [N]"
     yield f"  torque_noise: {torque:.2g}  # [N·m]"
     if rest:
-        yield f"  tare: {REST}  # the first seconds at rest: {rest} [s]"
+        yield f"  tare: {REST}  # the first {REST} s, at rest: {rest} [s]"
+    yield "  # average: 0.1  # over the newest 0.1 s: steadier places, told that much later [s]"
 
 
 def _noise(wrenches: Sequence[Wrench]) -> tuple[float, float, float]:

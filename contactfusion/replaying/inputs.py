@@ -126,7 +126,7 @@ class _Finding:
         if topic is None:
             self.missing.append(f"generators.{name}: {self._absence(kinds)}")
             return options
-        if sensor and role not in self.told and topic != role:
+        if sensor and role not in self.told and topic != role.removeprefix("/"):
             self.taken.append(
                 f"generators.{name}: no topic is called '{sensor}', so /{topic} feeds it, the only "
                 f"{_named(kinds)}"
@@ -172,8 +172,9 @@ class _Finding:
     def _topic(self, role: str, kinds: Kinds) -> str | None:
         if role in self.told:
             return self._as_told(role, kinds)
-        if issubclass(self.topics.get(role, Reading), kinds):
-            return role
+        for name in (role, role.removeprefix("/")):
+            if issubclass(self.topics.get(name, Reading), kinds):
+                return name
         fit = list(self._of(kinds))
         if len(fit) > 1:
             listing = ", ".join(f"/{topic}" for topic in fit)

@@ -16,13 +16,12 @@ MEASURED = (*SENSED, Twist)
 """Readings that mean nothing without the pose of their frame."""
 
 
-def unjoined(pipeline: Pipeline, recording: Recording) -> Iterator[str]:
-    """A sentence, by field, for each generator whose readings come in frames that nothing places.
+def joined(pipeline: Pipeline, recording: Recording) -> "Joining":
+    """What of a recording is joined to the hypothesis space, by readings until all is.
 
-    Likewise for the robot or the surface, where a generator needs it. Readings are read until all
-    frames are joined to the hypothesis space, at most to their end; no generator is asked.
+    They are read at most to their end; no generator is asked.
     """
-    joining = _Joining(pipeline)
+    joining = Joining(pipeline)
     known: set[Hashable] = set()
     with suppress(RecordingError):  # what came before it is played
         for reading in followed(recording.readings(), "looking for frames", recording.end):
@@ -31,8 +30,8 @@ def unjoined(pipeline: Pipeline, recording: Recording) -> Iterator[str]:
                 known.add(news)
                 joining.update(reading.stamp)
                 if joining.complete:
-                    return
-    yield from joining.faults
+                    break
+    return joining
 
 
 def _news(reading: Reading) -> Hashable:
@@ -49,8 +48,12 @@ def _news(reading: Reading) -> Hashable:
 
 
 @final
-class _Joining:
-    """Which frames have been joined to the hypothesis space; at any one time is enough."""
+class Joining:
+    """Which frames have been joined to the hypothesis space; at any one time is enough.
+
+    Args:
+        pipeline: whose generators listen, and whose robot or surface they may need.
+    """
 
     def __init__(self, pipeline: Pipeline) -> None:
         config = pipeline.config
@@ -79,8 +82,16 @@ class _Joining:
 
     @property
     def faults(self) -> Iterator[str]:
-        """A sentence for each field that is apart."""
+        """A sentence, by field, for each generator whose readings come in frames without a place.
+
+        Likewise for the robot or the surface, where a generator needs it.
+        """
         return (f"{field}: {self._why[field]}" for field in self._apart if field in self._why)
+
+    @property
+    def misplaced(self) -> str:
+        """A sentence on the links that /tf_static places elsewhere than the URDF, or nothing."""
+        return self._robot.misplaced
 
     def add(self, reading: Reading) -> None:
         """Take in what a reading says of the robot, and the frame that it comes in."""

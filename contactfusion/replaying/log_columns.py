@@ -12,7 +12,7 @@ import numpy as np
 
 from contactfusion.arrays import FloatArray
 from contactfusion.errors import RecordingError
-from contactfusion.recordings.log import FASTEST, NANOSECONDS, SLOW
+from contactfusion.recordings.log import FASTEST, NANOSECONDS, SLOW, stated_unit
 from contactfusion.recordings.tables import Column, Columns, column_names, read_columns
 from contactfusion.replaying.first_lines import text_of
 from contactfusion.time import NANOSECONDS_PER_SECOND
@@ -25,13 +25,6 @@ USUAL = 0.5
 """Rows are rarely further apart [s]: a step of 1 is rather a millisecond than a second."""
 AXES = "xyz"
 STAMPS = ("t", "time", "stamp", "timestamp", "timestamps")
-UNITS = {
-    **dict.fromkeys(("s", "sec", "secs", "second", "seconds"), "s"),
-    **dict.fromkeys(("ms", "msec", "msecs", "milliseconds"), "ms"),
-    **dict.fromkeys(("us", "usec", "usecs", "microseconds"), "us"),
-    **dict.fromkeys(("ns", "nsec", "nsecs", "nanoseconds"), "ns"),
-}
-"""Units of time by the words in the names of columns."""
 WRENCH = re.compile(
     r"(?P<before>(?:.*[^a-z])?)(?P<kind>force|torque|moment|tau|f|t|m)[^a-z0-9]?(?P<axis>[xyz])"
     r"(?:[^a-z0-9]+n?(?:[^a-z0-9]?m?m)?[^a-z0-9]*)?"
@@ -228,9 +221,9 @@ def _row(column: ColumnInspection) -> tuple[str, ...]:
 def _stamps(name: Column, values: FloatArray | None) -> Stamps | None:
     """The stamps that a column holds; None where it is not called like stamps, or does not rise."""
     words = re.findall(r"[a-z]+", str(name).lower())
-    told = next((UNITS[word] for word in reversed(words) if word in UNITS), None)
+    stated = stated_unit(name)
     is_called_so = any(word in STAMPS or word.endswith(("time", "stamp")) for word in words)
-    if values is None or values.ndim > 1 or len(values) < 2 or not (is_called_so or told):
+    if values is None or values.ndim > 1 or len(values) < 2 or not (is_called_so or stated):
         return None
     step = float(np.median(np.diff(values)))
     seconds = {unit: step * size / NANOSECONDS_PER_SECOND for unit, size in NANOSECONDS.items()}
@@ -238,7 +231,7 @@ def _stamps(name: Column, values: FloatArray | None) -> Stamps | None:
         unit
         for longest in (USUAL, SLOW)
         for unit, apart in seconds.items()
-        if 1.0 / FASTEST <= apart <= longest and told in (None, unit)
+        if 1.0 / FASTEST <= apart <= longest and stated in (None, unit)
     ]
     return Stamps(name, fit[0], 1.0 / seconds[fit[0]]) if fit else None
 

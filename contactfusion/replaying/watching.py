@@ -12,6 +12,7 @@ from contactfusion.replaying.replay import Options, replay
 from contactfusion.replaying.session import Session
 from contactfusion.terminal import followed
 from contactfusion.viewing import pictures, showing
+from contactfusion.viewing.library import loaded_rerun
 from contactfusion.viewing.viewer import Viewer
 
 DRAWN = ".rrd"
@@ -48,9 +49,11 @@ def view_recording(
 
     Raises:
         ContactFusionError: something is not what it should be, or there is no screen.
+        DependencyError: rerun is not installed.
     """
     if at is not None and screenshot is None:
         raise ConfigurationError("--at is the time of a picture: name its file with --screenshot")
+    loaded_rerun()  # before a screen is asked for, or a recording drawn
     if screenshot is None and save is None and not web:
         showing.require_screen()
     with TemporaryDirectory() as folder:
@@ -75,6 +78,7 @@ def view_recording(
 
 def replay_and_show(options: Options) -> None:
     """Replay, and show what came of it at the end."""
+    loaded_rerun()
     showing.require_screen()
     with TemporaryDirectory() as folder:
         rrd = Path(folder) / f"{options.recording.stem}{DRAWN}"

@@ -174,8 +174,9 @@ def _tell_links(model: RobotModel) -> None:
 def _tell_joints(robot: PosedRobot) -> None:
     model = robot.model
     width = max((len(name) for name in model.joint_names), default=0)
-    for name, (low, high), at in zip(model.joint_names, model.limits, robot.positions, strict=True):
-        ends = f"{low:.3f} .. {high:.3f} [rad, m]" if np.isfinite(low) else "without ends"
+    rows = zip(model.joint_names, model.limits, model.units, robot.positions, strict=True)
+    for name, (low, high), unit, at in rows:
+        ends = f"{low:.3f} .. {high:.3f} [{unit}]" if np.isfinite(low) else "without ends"
         still = f", stays at {at:.3f}" if name in model.config.still else _mimicry(model, name)
         print(f"  joint {name:{width}}  {ends}{still}")
 
@@ -190,6 +191,8 @@ def _mimicry(model: RobotModel, name: str) -> str:
 def _tell_sensors(robot: PosedRobot) -> None:
     """Tell where sensors are; it is what the eye checks first, so each is one line."""
     config, model = robot.model.config, robot.model
+    if not (config.patches or config.cameras or config.wrists or config.fingers):
+        return
     print(f"in '{robot.frame}', with the joints at the middle of their limits [m]:")
     for name, patch in config.patches.items():
         pose = robot.pose_of(patch.frame)

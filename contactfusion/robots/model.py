@@ -92,6 +92,12 @@ class RobotModel:
         return _built, (self.config.model_dump_json(),)
 
     @property
+    def units(self) -> tuple[str, ...]:
+        """The unit of each joint's position: "m" of one that slides, "rad" of one that turns."""
+        slides = (joint.shortname().startswith("JointModelP") for joint in self._joints)
+        return tuple("m" if one else "rad" for one in slides)
+
+    @property
     def limits(self) -> FloatArray:
         """The least and the greatest position of each joint, shape (n, 2) [rad, m]."""
         lower, upper = self._model.lowerPositionLimit, self._model.upperPositionLimit
