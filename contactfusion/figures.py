@@ -6,10 +6,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from contactfusion.errors import missing_extra
-from contactfusion.integrator.fusion import Fusion
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
+
+    from contactfusion.integrator.fusion import Fusion
 
 AXES = "xyz"
 COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#f0e442", "#000000")
@@ -42,7 +43,7 @@ def new_figure(width: float, height: float) -> "Figure":
     return figure
 
 
-def draw_fusion(fusion: Fusion, path: Path) -> Path:
+def draw_fusion(fusion: "Fusion", path: Path) -> Path:
     """Draw what each source said, and what became of it, seen along the thinnest axis.
 
     Args:
@@ -76,7 +77,7 @@ def draw_fusion(fusion: Fusion, path: Path) -> Path:
     return path
 
 
-def _draw_source(axes: Any, fusion: Fusion, number: int, source: str, across: Any) -> None:
+def _draw_source(axes: Any, fusion: "Fusion", number: int, source: str, across: Any) -> None:
     """Draw the voxels of one source; the sources stand beside each other inside a voxel."""
     space = fusion.space
     likelihoods = space.source_likelihoods[:, number]
@@ -96,7 +97,7 @@ def _draw_source(axes: Any, fusion: Fusion, number: int, source: str, across: An
     )
 
 
-def _draw_verdicts(axes: Any, fusion: Fusion, across: Any) -> None:
+def _draw_verdicts(axes: Any, fusion: "Fusion", across: Any) -> None:
     space = fusion.space
     for verdict, (marker, colour) in VERDICT_STYLES.items():
         here = space.verdicts == verdict

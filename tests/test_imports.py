@@ -5,10 +5,12 @@ import importlib
 import json
 import subprocess
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 
+import numpy as np
 import pytest
+from scipy.sparse.csgraph import connected_components
 
 import contactfusion
 
@@ -113,6 +115,41 @@ def test_the_guard_sees_an_import_of_the_laboratory_wherever_it_stands() -> None
 def test_no_test_of_the_framework_needs_the_laboratory() -> None:
     paths = sorted((ROOT / "tests").rglob("*.py"))
     assert {path for path in paths if lab_imports(path.read_text())} == set()
+
+
+def circles(sources: Mapping[str, str]) -> list[list[str]]:
+    """Groups of modules that import each other at run time, at any depth of the code.
+
+    Args:
+        sources: the text of each module, by its name.
+    """
+    names = list(sources)
+    arrows = np.zeros((len(names), len(names)), bool)
+    for row, name in enumerate(names):
+        found = set(runtime_imports(ast.parse(sources[name])))
+        arrows[row] = [other in found and other != name for other in names]
+    count, labels = connected_components(arrows, connection="strong")
+    groups = [[names[i] for i in np.flatnonzero(labels == label)] for label in range(count)]
+    return [group for group in groups if len(group) > 1]
+
+
+def module_name(path: Path) -> str:
+    """The name by which a file of the framework is imported, whatever link leads to it."""
+    parts = path.relative_to(ROOT).with_suffix("").parts
+    top = () if parts[0] == "contactfusion" else ("contactfusion",)
+    return ".".join((*top, *parts)).removesuffix(".__init__")
+
+
+def test_no_modules_of_the_framework_import_each_other_in_a_circle() -> None:
+    paths = [path for path in framework() if not path.parent.is_symlink()]
+    assert circles({module_name(path): path.read_text() for path in paths}) == []
+
+
+def test_the_guard_sees_a_circle_also_through_a_function() -> None:
+    one, other = "from a.c import f", "def g():\n    import a.b"
+    assert circles({"a.b": one, "a.c": other, "a.d": one}) == [["a.b", "a.c"]]
+    unseen = "from typing import TYPE_CHECKING\nif TYPE_CHECKING:\n    import a.b"
+    assert circles({"a.b": one, "a.c": unseen}) == []
 
 
 def test_imports_are_found_where_they_hide() -> None:

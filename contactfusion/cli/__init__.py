@@ -108,8 +108,8 @@ def main() -> None:
     signal.signal(signal.SIGTERM, signal.default_int_handler)  # as Ctrl-C: what is whole is kept
     terminal.set_quiet(False)
     try:
-        program, _ = command_line()
-        program()
+        program, left_out = command_line()
+        program(obj=left_out)
     except KeyboardInterrupt:
         sys.exit(130)
     except Exception as error:

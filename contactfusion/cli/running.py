@@ -74,18 +74,17 @@ def record(
 
 
 def plugins(
+    context: typer.Context,
     name: Annotated[str | None, typer.Argument(help="Show the options of this one.")] = None,
     strict: Annotated[bool, typer.Option(help="Import all; fail if one cannot be used.")] = False,
 ) -> None:
     """List the installed plug-ins, or the options of one."""
-    from contactfusion import cli
     from contactfusion.cli.plugin_commands import import_failures, installed_commands
     from contactfusion.listing import describe_plugin, list_plugins
 
     if name is None:
-        _, failures = cli.command_line()
         broken = import_failures() if strict else {}
-        list_plugins(strict, installed_commands(), {**failures, **broken})
+        list_plugins(strict, installed_commands(), {**context.obj, **broken})
     else:
         describe_plugin(name)
 

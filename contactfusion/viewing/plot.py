@@ -7,10 +7,11 @@ import numpy as np
 from contactfusion.arrays import FloatArray
 from contactfusion.contacts import Contact
 from contactfusion.figures import AXES, VERDICT_STYLES, new_figure
-from contactfusion.integrator.fusion import Fusion
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
+
+    from contactfusion.integrator.fusion import Fusion
 
 SIGMAS = 2.0
 """Contacts are drawn as ellipses of so many standard deviations."""
@@ -22,7 +23,7 @@ MILLIMETRES = 1000.0
 COLOUR = "#cc0000"
 
 
-def plot_fusion(fusion: Fusion) -> "Figure":
+def plot_fusion(fusion: "Fusion") -> "Figure":
     """Draw voxels by verdict and contacts with their covariances, in millimetres.
 
     Args:
@@ -52,7 +53,7 @@ def plot_fusion(fusion: Fusion) -> "Figure":
     return figure
 
 
-def _box(fusion: Fusion) -> tuple[FloatArray, FloatArray]:
+def _box(fusion: "Fusion") -> tuple[FloatArray, FloatArray]:
     """Give the least and the greatest coordinates to draw, shape (3,) [mm]."""
     space = fusion.space
     ends = [space.positions, *(_ends(contact) for contact in fusion.contacts)]
@@ -70,7 +71,7 @@ def _ends(contact: Contact) -> FloatArray:
     return np.stack([contact.position - reach, contact.position + reach])
 
 
-def _draw_voxels(axes: Any, fusion: Fusion, across: list[int]) -> None:
+def _draw_voxels(axes: Any, fusion: "Fusion", across: list[int]) -> None:
     space = fusion.space
     for verdict, (marker, colour) in VERDICT_STYLES.items():
         here = space.verdicts == verdict
