@@ -13,7 +13,7 @@ import pytest
 from PIL import Image
 from rich.console import Console
 
-from contactfusion.cli import app
+from contactfusion.cli import command_line
 from contactfusion.errors import ConfigurationError, ContactFusionError, DependencyError
 from contactfusion.recordings import messages
 from contactfusion.replaying.configuration import setting_of_recording
@@ -113,9 +113,8 @@ def test_commands_on_the_page_exist(shown: Shown) -> None:
     page = (shown[0] / "index.html").read_text()
     blocks = re.findall(r"<pre>(contactfusion .*?)</pre>", page, re.DOTALL)
     lines = [line for block in blocks for line in block.splitlines()]
-    names = {command.name or command.callback.__name__ for command in app.registered_commands
-             if command.callback}  # fmt: skip
-    assert lines and {line.split()[1] for line in lines} <= names | {"experiment"}
+    program, _ = command_line()
+    assert lines and {line.split()[1] for line in lines} <= {*program.commands}
 
 
 def test_pictures_are_pictures_and_the_film_is_small(shown: Shown) -> None:

@@ -8,9 +8,9 @@ import pytest
 from contactfusion.generators.proximity import ProximityConfig
 from contactfusion_lab.experiments import ouster as experiment
 from contactfusion_lab.experiments.proximity_loops import by_loops
-from tests.test_ouster import elsewhere, folder
+from tests.test_ouster import elsewhere, folder, ready
 
-__all__ = ["elsewhere", "folder"]
+__all__ = ["elsewhere", "folder", "ready"]
 
 
 def test_without_the_environment_scans_are_left_out(

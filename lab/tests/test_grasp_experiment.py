@@ -12,9 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 import yaml
-from typer.testing import CliRunner
 
-from contactfusion.cli import app
 from contactfusion.errors import ConfigurationError, RobotError
 from contactfusion.fault_config import Fault, FaultFile
 from contactfusion.files import make_folder
@@ -39,6 +37,9 @@ from contactfusion_lab.experiments.grasp.trial import Row, load, results_csv, ru
 from contactfusion_lab.experiments.methods import Method
 from contactfusion_lab.simulation.grasp import GraspScene
 from contactfusion_lab.simulation.grasping import grasped
+from tests.test_cli import Ask, ask
+
+__all__ = ["ask"]
 
 DE_MORGAN = Method("de_morgan", "cluster_centroid")
 OPEN_LOOP = Column(NONE, DE_MORGAN)
@@ -464,11 +465,13 @@ def test_faults_reach_the_pipeline_and_the_settings(tmp_path: Path) -> None:
     assert told.settings(COLUMNS) != plan().settings(COLUMNS)
 
 
-def test_the_command_line_runs_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_command_line_runs_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, ask: Ask
+) -> None:
     without_physics(monkeypatch)
     options = ["--repeats", "2", "--sources", "wrist+motion", "--rule", "posterior/modes"]
-    done = CliRunner().invoke(app, ["experiment", "grasp", *options, "--out", str(tmp_path)])
-    assert done.exit_code == 0, done.output
+    answer = ask("experiment", "grasp", *options, "--out", str(tmp_path))
+    assert answer.status == 0, answer.err
     assert (tmp_path / "trials" / "wrist+motion-posterior_modes" / "bottle-001.json").is_file()
 
 
