@@ -92,7 +92,9 @@ def add_commands(program: TyperGroup, finish: Callable[[Any], None]) -> Mapping[
         group, name = _group_of(program, path)
         if group is not None and name not in group.commands:
             sentence = in_lab(f"`contactfusion {path.replace('.', ' ')}`")
-            group.commands[name] = _refusing(name, DependencyError(sentence), "", hidden=True)
+            group.commands[name] = _refusing(
+                name, DependencyError(sentence), f"{sentence}.", hidden=True
+            )
     return failures
 
 
