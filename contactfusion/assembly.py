@@ -5,17 +5,13 @@ from typing import Any
 
 from contactfusion.controller import Controller
 from contactfusion.errors import ConfigurationError, Guard, name_hint
-from contactfusion.generator import Generator, generator_fault, instance_fault
+from contactfusion.generator import Generator, OfRobot, generator_fault, instance_fault
 from contactfusion.model import Model, rooted
 from contactfusion.pipeline_config import PipelineConfig
 from contactfusion.plugins import class_fault, configured, installed_plugins, refuse
 from contactfusion.robots.description import RobotConfig
 
 AnyGenerator = Generator[Any]
-
-
-DESCRIBED = {"patch": "patches", "wrist": "wrists", "camera": "cameras", "fingers": "fingers"}
-"""Options that may name, alone or as a list, what the robot's description holds."""
 
 
 def built_generator(
@@ -29,7 +25,7 @@ def built_generator(
 
     Args:
         name: what it is called.
-        options: its `type` and the fields of its `Config`; a patch, wrist or camera may be a name
+        options: its `type` and the fields of its `Config`; those marked by `OfRobot` may be names
             from the robot's description.
         folder: where relative file names start.
         robot: the description of the robot.
@@ -41,8 +37,8 @@ def built_generator(
     """
     path, kind = f"generators.{name}", options["type"]
     given = {key: value for key, value in options.items() if key != "type"}
-    given |= _described(given, robot, path)
     cls = generator_class(kind)
+    given |= _described(cls.Config, given, robot, path)
     config = _own(configured(kind, cls, given, path), path, folder, within)
     with Guard(f"{path}: the plug-in '{kind}'", cls):
         try:
@@ -83,10 +79,22 @@ def built_controller(config: PipelineConfig) -> Controller | None:
         return cls(own)
 
 
-def _described(options: dict[str, Any], robot: RobotConfig | None, path: str) -> dict[str, Any]:
-    """Look up the options that are names from the robot's description."""
+def described_options(config: type[Model]) -> dict[str, str]:
+    """The options that may be names from the robot's description, and its field that holds them."""
+    return {
+        option: mark.kind
+        for option, field in config.model_fields.items()
+        for mark in field.metadata
+        if isinstance(mark, OfRobot)
+    }
+
+
+def _described(
+    config: type[Model], options: dict[str, Any], robot: RobotConfig | None, path: str
+) -> dict[str, Any]:
+    """The options that are names from the robot's description, looked up there."""
     found: dict[str, Any] = {}
-    for option, kind in DESCRIBED.items():
+    for option, kind in described_options(config).items():
         given, known = options.get(option), getattr(robot, kind) if robot else {}
         names = [given] if isinstance(given, str) else given
         if not isinstance(names, list | tuple):

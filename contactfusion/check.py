@@ -10,8 +10,13 @@ from typing import Any, final
 import numpy as np
 
 from contactfusion.arrays import FloatArray
-from contactfusion.assembly import DESCRIBED, built_controller, built_generator
-from contactfusion.errors import ConfigurationError, ContactFusionError, name_hint
+from contactfusion.assembly import (
+    built_controller,
+    built_generator,
+    described_options,
+    generator_class,
+)
+from contactfusion.errors import ConfigurationError, ContactFusionError, PluginError, name_hint
 from contactfusion.estimate import HYPOTHESIS, SAMPLE, counted, size
 from contactfusion.pipeline import Pipeline
 from contactfusion.pipeline_config import PipelineConfig
@@ -302,7 +307,11 @@ class _Checking:
 
 def _names_robot(options: Mapping[str, Any]) -> bool:
     """Whether an option is a name from the robot's description."""
-    return any(isinstance(options.get(option), str | list) for option in DESCRIBED)
+    try:
+        described = described_options(generator_class(options["type"]).Config)
+    except PluginError:
+        return False  # it is told by itself
+    return any(isinstance(options.get(option), str | list) for option in described)
 
 
 def _cycle(config: PipelineConfig) -> str:

@@ -3,7 +3,8 @@
 import inspect
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any, ClassVar, Generic, TypeVar
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, ClassVar, Generic, Literal, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -20,6 +21,19 @@ from contactfusion.units import Memory
 
 if TYPE_CHECKING:
     from contactfusion.robots.model import RobotModel
+
+
+@dataclass(frozen=True)
+class OfRobot:
+    """Marks an option that may be a name, or a list of names, from the robot's description.
+
+        patch: Annotated[PatchConfig, OfRobot("patches")]
+
+    Attributes:
+        kind: the field of `RobotConfig` that holds it by name.
+    """
+
+    kind: Literal["patches", "wrists", "cameras", "fingers"]
 
 
 class GeneratorConfig(Model):

@@ -8,8 +8,7 @@ import pluggy
 if TYPE_CHECKING:
     from contactfusion.controller import Controller
     from contactfusion.generator import Generator
-    from contactfusion.integrator.condensations import Condensation
-    from contactfusion.integrator.rules import Rule
+    from contactfusion.rule import Condensation, Rule
     from contactfusion.scene import Scene
     from contactfusion.segmenter import Segmenter
 

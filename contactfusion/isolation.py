@@ -12,7 +12,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from multiprocessing.connection import Connection
 from multiprocessing.reduction import ForkingPickler
-from typing import TYPE_CHECKING, Any, cast
+from typing import TYPE_CHECKING, Any
 
 from contactfusion.arrays import FloatArray
 from contactfusion.contacts import Contact
@@ -24,7 +24,6 @@ from contactfusion.readings import Reading
 from contactfusion.state import State
 
 if TYPE_CHECKING:
-    from contactfusion.integrator.fusion import Fusion
     from contactfusion.robots.model import RobotModel
 
 START = 60.0
@@ -193,8 +192,8 @@ class Isolated(Generator[GeneratorConfig]):
 
 
 @dataclass(frozen=True)
-class _LastStep:
-    """What a generator may ask of the last step; a whole `Fusion` does not travel."""
+class _Travelling:
+    """The last step as a generator may ask it; a whole `Fusion` does not travel."""
 
     contacts: tuple[Contact, ...]
     places: FloatArray
@@ -209,8 +208,8 @@ def _portable(state: State, name: str) -> State:
         state = replace(state, surface=None)
     if state.fusion is None:
         return state
-    last = _LastStep(state.fusion.contacts, state.evidence(without=name))
-    return replace(state, fusion=cast("Fusion", last))
+    last = _Travelling(state.fusion.contacts, state.evidence(without=name))
+    return replace(state, fusion=last)
 
 
 def _unpacked(state: State) -> State:

@@ -5,6 +5,7 @@ import importlib
 import inspect
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
+from difflib import get_close_matches
 from importlib.metadata import EntryPoint, entry_points
 from types import ModuleType
 from typing import Any
@@ -168,13 +169,13 @@ class Plugins:
             raise PluginError(f"the plug-in '{name}' cannot be used: {why}") from cause
 
 
-def class_fault(cls: type[Any], contract: type[Any], config: type[Any]) -> str:
+def class_fault(cls: type[Any], contract: type[Any], config: type[Any] | None = None) -> str:
     """What keeps a class from its contract.
 
     Args:
         cls: the class that a plug-in offers.
         contract: the abstract class that it is to implement.
-        config: the class that its `Config` is to extend.
+        config: the class that its `Config` is to extend; None: it has none.
 
     Returns:
         The end of a sentence that starts with the name of the class; empty when nothing does.
@@ -183,9 +184,22 @@ def class_fault(cls: type[Any], contract: type[Any], config: type[Any]) -> str:
         return f"is no subclass of {contract.__name__}"
     if missing := sorted(getattr(cls, "__abstractmethods__", ())):
         return f"does not implement `{'`, `'.join(missing)}` of {contract.__name__}"
+    if flag := _misspelt_flag(cls, contract):
+        return flag
     own = getattr(cls, "Config", None)
-    if not (inspect.isclass(own) and issubclass(own, config)):
+    if config is not None and not (inspect.isclass(own) and issubclass(own, config)):
         return f"has a `Config` that is no subclass of {config.__name__}"
+    return ""
+
+
+def _misspelt_flag(cls: type[Any], contract: type[Any]) -> str:
+    """A flag of a class that its contract does not have, though one of nearly that name."""
+    public = [name for name in dir(contract) if not name.startswith("_")]
+    flags = [name for name in public if isinstance(getattr(contract, name), bool)]
+    for name in dir(cls):
+        if not name.startswith("_") and name not in flags and isinstance(getattr(cls, name), bool):
+            if near := get_close_matches(name, flags, n=1):
+                return f"has a flag `{name}`: did you mean `{near[0]}` of {contract.__name__}?"
     return ""
 
 

@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
@@ -15,8 +15,20 @@ from contactfusion.readings import JointState
 from contactfusion.surface import Surface
 
 if TYPE_CHECKING:
-    from contactfusion.integrator.fusion import Fusion
     from contactfusion.robots.posed import PosedRobot
+
+
+class LastStep(Protocol):
+    """What may be asked of the last step of the integrator, also in a process of its own."""
+
+    @property
+    def contacts(self) -> tuple[Contact, ...]:
+        """The contacts, the likeliest first."""
+        ...
+
+    def evidence(self, without: str) -> FloatArray:
+        """The places with evidence of other generators than `without`, shape (n, 3) [m]."""
+        ...
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,7 +44,8 @@ class State:
         surface: the robot's surface in the grid's frame, or None.
         robot: the robot of the URDF in its pose, in the grid's frame, or None.
         objects: the believed poses of objects in the grid's frame, by name.
-        fusion: the last step of the integrator, or None before the first.
+        fusion: the last step of the integrator, or None before the first; a `Fusion`, unless the
+            generator is isolated.
         unplaced: why the configured robot or surface is not known in the grid's frame; empty when
             it is, or when none is configured.
     """
@@ -45,7 +58,7 @@ class State:
     surface: Surface | None = None
     robot: "PosedRobot | None" = None
     objects: Mapping[str, Pose] = field(default_factory=dict)
-    fusion: "Fusion | None" = None
+    fusion: LastStep | None = None
     unplaced: str = ""
 
     @property

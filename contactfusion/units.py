@@ -41,6 +41,11 @@ class Unit:
         return f"{beyond}; {self.rule}{hint}"
 
 
+@dataclass(frozen=True)
+class LengthScale:
+    """Marks the length that a generator's likelihood falls with; `tune fusion` varies it."""
+
+
 LENGTH = Unit("m", "lengths are in metres")
 Metres = Annotated[float, LENGTH]
 Seconds = Annotated[float, Unit("s", "times are in seconds")]

@@ -1,13 +1,14 @@
 """Contacts from fingers that yield: joints that leave the place they were sent to (F §V-E)."""
 
 from collections.abc import Mapping, Sequence
+from typing import Annotated
 
 import numpy as np
 from pydantic import Field
 
 from contactfusion.arrays import FloatArray
 from contactfusion.errors import RobotError, name_hint
-from contactfusion.generator import Generator, GeneratorConfig
+from contactfusion.generator import Generator, GeneratorConfig, OfRobot
 from contactfusion.hooks import hookimpl
 from contactfusion.hypotheses import HypothesisCloud, HypothesisKind, Note
 from contactfusion.readings import JointCommand, JointState, Reading
@@ -24,7 +25,7 @@ GAVE_WAY = 1e-6
 class FingerPoseConfig(GeneratorConfig):
     """The options of `finger_pose`."""
 
-    fingers: dict[str, FingerConfig] = Field(min_length=1)
+    fingers: Annotated[dict[str, FingerConfig], OfRobot("fingers")] = Field(min_length=1)
     """The compliant fingers, by name, or a list of names from the robot's description; each is an
     output."""
     threshold: float = Field(default=0.02, gt=0)

@@ -6,7 +6,7 @@ the papers' three groups of equations (F Eq 6-7) are this line solved for x, y o
 
 from collections import deque
 from collections.abc import Mapping, Sequence
-from typing import Literal, Self
+from typing import Annotated, Literal, Self
 
 import numpy as np
 from pydantic import Field, model_validator
@@ -14,7 +14,7 @@ from scipy.spatial.distance import cdist
 
 from contactfusion.arrays import FloatArray
 from contactfusion.frames import Pose, points_in, vectors_in
-from contactfusion.generator import Generator, GeneratorConfig
+from contactfusion.generator import Generator, GeneratorConfig, OfRobot
 from contactfusion.generators.compensation import Compensation
 from contactfusion.grid import Grid
 from contactfusion.hooks import hookimpl
@@ -39,7 +39,7 @@ class ForceTorqueConfig(GeneratorConfig):
     sign: Literal["on_robot", "by_robot"] | None = None
     """Whether the sensor gives the force that the world exerts on the robot, or the reverse;
     drivers differ, so it must be said, here or by `wrist`."""
-    wrist: WristConfig | None = None
+    wrist: Annotated[WristConfig | None, OfRobot("wrists")] = None
     """The sensor, by its name in the robot's description."""
     load: Literal["configured", "robot"] = "configured"
     """Whether the weight that hangs on the sensor is that of `compensation`, or follows from the

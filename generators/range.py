@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Literal
+from typing import Annotated, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,7 +20,7 @@ from contactfusion.robots.model import RobotModel
 from contactfusion.robots.posed import PosedRobot
 from contactfusion.state import State
 from contactfusion.thinning import first_in_voxels
-from contactfusion.units import Memory, Reach, Spacing, Spread
+from contactfusion.units import LengthScale, Memory, Reach, Spacing, Spread
 
 FAINTEST = 0.01
 """Less likely places are dropped (method §5)."""
@@ -36,7 +36,7 @@ class RangeConfig(GeneratorConfig):
     evidence: Literal["motion", "proximity"] = "motion"
     """`motion`: objects that move count, as Regular. `proximity`: all that is near counts, as
     Support: for objects that cannot move."""
-    scale: Spread = Field(default=0.01, gt=0)
+    scale: Annotated[Spread, LengthScale()] = Field(default=0.01, gt=0)
     """λ: the likelihood is a half at this distance from the robot [m] (F Eq 5)."""
     around: Reach = Field(default=0.15, gt=0)
     """How far around the links to look for objects [m]."""

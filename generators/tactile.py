@@ -1,7 +1,7 @@
 """Contacts from patches of taxels (F §V-C), and where a healthy patch feels none."""
 
 from collections.abc import Mapping, Sequence
-from typing import Self
+from typing import Annotated, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,7 +10,7 @@ from pydantic import Field, model_validator
 from contactfusion.arrays import FloatArray
 from contactfusion.errors import InvalidReadingError
 from contactfusion.frames import points_in
-from contactfusion.generator import Generator, GeneratorConfig
+from contactfusion.generator import Generator, GeneratorConfig, OfRobot
 from contactfusion.generators.baselines import BaselineConfig
 from contactfusion.generators.health import Health
 from contactfusion.grid import Grid
@@ -28,7 +28,7 @@ MARGIN = 2.0
 class TactileConfig(GeneratorConfig):
     """The options of `tactile`."""
 
-    patch: PatchConfig
+    patch: Annotated[PatchConfig, OfRobot("patches")]
     """The taxels, in the frame of the readings, in the order of their values."""
     baseline: BaselineConfig = Field(default_factory=BaselineConfig)
     """What the taxels read untouched."""

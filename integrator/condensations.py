@@ -1,7 +1,6 @@
 """The condensations that turn a field into contacts (F §III-C, method §3)."""
 
 from collections.abc import Iterable, Mapping
-from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,6 +13,7 @@ from contactfusion.integrator.contact_table import ContactTable
 from contactfusion.integrator.entries import Field
 from contactfusion.integrator.modes import Modes
 from contactfusion.integrator.store import Int64Array, unpack
+from contactfusion.rule import Condensation
 
 FAINTEST = 0.01
 """`cluster_mass` leaves out voxels less likely than this."""
@@ -21,28 +21,8 @@ WIDE, WIDEST = 64, float(1 << 22)
 """Beyond the first so many sides a tolerance may span all there is; the second spans the space."""
 
 
-class Condensation(Protocol):
-    """A pure function from a field to contacts; built once from the integrator's configuration.
-
-    A condensation is a class whose constructor takes the `IntegratorConfig`.
-    """
-
-    def condense(self, field: Field, verdicts: NDArray[np.uint8]) -> Iterable[Contact]:
-        """Give the contacts, the most likely first.
-
-        Args:
-            field: the fused likelihoods.
-            verdicts: shape (m,), the code of each voxel's verdict; empty for a class that says
-                `needs_belief = True`.
-        """
-        ...
-
-
-class Threshold:
+class Threshold(Condensation):
     """Each voxel over the threshold is a contact (F §III-C 1)."""
-
-    def __init__(self, config: IntegratorConfig) -> None:
-        pass
 
     def condense(self, field: Field, verdicts: NDArray[np.uint8]) -> Iterable[Contact]:
         """Give one contact a voxel."""
@@ -51,7 +31,7 @@ class Threshold:
         return ContactTable(field, selected, labels, len(selected))
 
 
-class ClusterCentroid:
+class ClusterCentroid(Condensation):
     """Clusters of voxels over the threshold, at their weighted centroids (F §III-C 2)."""
 
     def __init__(self, config: IntegratorConfig) -> None:
@@ -64,7 +44,7 @@ class ClusterCentroid:
         return table.keep(table.sums.voxels >= self._min_voxels)
 
 
-class ClusterMass:
+class ClusterMass(Condensation):
     """Clusters that are likely as a whole, however thinly their likelihood is spread.
 
     A source that describes one contact over 12 voxels gives each 1/12, under any useful threshold;

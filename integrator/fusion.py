@@ -14,11 +14,10 @@ from contactfusion.contacts import Contact
 from contactfusion.errors import Guard, SourceError, name_hint
 from contactfusion.hypotheses import ContactHypothesis, HypothesisKind
 from contactfusion.integrator import kernels
-from contactfusion.integrator.condensations import Condensation
 from contactfusion.integrator.entries import Entries, Field
 from contactfusion.integrator.report import Report
-from contactfusion.integrator.rules import Rule
 from contactfusion.integrator.store import Int64Array, unpack
+from contactfusion.rule import Condensation, Rule
 from contactfusion.surface import Surface
 
 if TYPE_CHECKING:
@@ -177,7 +176,7 @@ def fuse(
         field = rule.fuse(entries, entries.sources, surface)
         if not isinstance(field, Field):
             raise TypeError(f"it gave {type(field).__name__}, not a Field")
-    if getattr(condensation, "needs_belief", False):  # it looks at places, not at voxels
+    if condensation.needs_belief:  # it looks at places, not at voxels
         verdicts = np.empty(0, np.uint8)
     else:
         verdicts = kernels.judge(field.likelihoods, entries.bits, threshold)

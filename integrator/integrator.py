@@ -18,12 +18,13 @@ from contactfusion.integrator.inbox import Inbox
 from contactfusion.integrator.report import Event, EventKind, Report
 from contactfusion.integrator.sources import SourceRecord
 from contactfusion.integrator.space import Space
-from contactfusion.plugins import installed_plugins, refuse
+from contactfusion.plugins import class_fault, installed_plugins, refuse
+from contactfusion.rule import Condensation, Rule
 from contactfusion.surface import Surface
 from contactfusion.time import to_nanoseconds
 
-PARTS = {"rules": "fuse", "condensations": "condense"}
-"""The method of each part that configurations choose."""
+CONTRACTS = {"rules": Rule, "condensations": Condensation}
+"""What each part that configurations choose is to implement."""
 
 
 class Integrator:
@@ -41,18 +42,18 @@ class Integrator:
 
     def __init__(self, config: IntegratorConfig | None = None) -> None:
         self.config = config or IntegratorConfig()
-        self._rule = built_part("rules", self.config.rule, self.config)
-        self._condensation = built_part("condensations", self.config.condensation, self.config)
-        wants = getattr(self._condensation, "needs_belief", False)
-        if wants and not getattr(self._rule, "gives_belief", False):
+        self._rule: Rule = built_part("rules", self.config.rule, self.config)
+        self._condensation: Condensation = built_part(
+            "condensations", self.config.condensation, self.config
+        )
+        if self._condensation.needs_belief and not self._rule.gives_belief:
             raise ConfigurationError(
                 f"'{self.config.condensation}' needs a rule that gives a belief, such as "
                 f"'posterior', not '{self.config.rule}'",
                 "condensation",
             )
         self._grid = Grid(self.config.frame, self.config.voxel_size)
-        places = getattr(self._rule, "needs_places", False)
-        self._space = Space(self._grid, self.config, places=places)
+        self._space = Space(self._grid, self.config, places=self._rule.needs_places)
         ahead = to_nanoseconds(self.config.max_ahead)
         self._inbox = Inbox(self._grid, ahead, self.config.max_hypotheses)
         self._sources: dict[str, SourceRecord] = {}
@@ -241,8 +242,8 @@ def built_part(kind: str, name: str, config: IntegratorConfig) -> Any:
     Raises:
         PluginError: none of that name is installed, it breaks the contract, or it raises.
     """
-    cls, method = installed_plugins().find(kind, name), PARTS[kind]
-    refuse(name, cls, "" if callable(getattr(cls, method, None)) else f"has no method `{method}`")
+    cls = installed_plugins().find(kind, name)
+    refuse(name, cls, class_fault(cls, CONTRACTS[kind]))
     with Guard(f"integrator: the plug-in '{name}'", cls):
         return cls(config)
 

@@ -11,6 +11,7 @@ from contactfusion.contacts import Contact
 from contactfusion.integrator import cells, fields, kernels
 from contactfusion.integrator.config import IntegratorConfig
 from contactfusion.integrator.entries import Belief, Entries, Field
+from contactfusion.rule import Condensation
 from contactfusion.thinning import first_in_voxels
 from contactfusion.time import to_seconds
 
@@ -34,7 +35,7 @@ STEPS = 20
 """Of mean shift at most; along a line it may end before it has come to rest."""
 
 
-class Modes:
+class Modes(Condensation):
     """Each mode of a belief is a contact, if it is likely enough; its likelihood is P(contact)."""
 
     needs_belief = True

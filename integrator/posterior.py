@@ -18,6 +18,7 @@ from contactfusion.hypotheses import HypothesisKind
 from contactfusion.integrator import cells, fields
 from contactfusion.integrator.config import IntegratorConfig
 from contactfusion.integrator.entries import Belief, Entries, Field, Source
+from contactfusion.rule import Rule
 from contactfusion.surface import Surface
 
 NARROWEST = 4e-3
@@ -66,7 +67,7 @@ class Candidates(NamedTuple):
     told: FloatArray
 
 
-class Posterior:
+class Posterior(Rule):
     """log w = Σ log(field + floor) tells where, 1 - Π(1 - P) over evidence whether (method §2)."""
 
     gives_belief = True

@@ -1,7 +1,6 @@
 """The rules that combine the likelihoods of several sources in one voxel (method §2)."""
 
 from collections.abc import Mapping, Sequence
-from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,51 +12,27 @@ from contactfusion.integrator.entries import Entries, Field, Source
 from contactfusion.integrator.kernels import Likelihoods, Places
 from contactfusion.integrator.posterior import Posterior
 from contactfusion.integrator.store import Int64Array
+from contactfusion.rule import Rule
 from contactfusion.surface import Surface
 
 
-class Rule(Protocol):
-    """A pure function over all live entries; built once from the integrator's configuration.
-
-    A rule is a class whose constructor takes the `IntegratorConfig`. One that says
-    `needs_places = True` finds the places of hypotheses in `Entries.positions`, not only voxels;
-    one that says `gives_belief = True` fits condensations that need a `Belief`.
-    """
-
-    def fuse(self, entries: Entries, sources: Sequence[Source], surface: Surface | None) -> Field:
-        """Give the fused likelihood of every voxel of the entries; 0 where only null is alive.
-
-        Args:
-            entries: all live entries, lined up by voxel.
-            sources: their sources, by ascending name.
-            surface: the robot's surface now, in the grid's frame, for rules that use it.
-        """
-        ...
-
-
-class DeMorgan:
+class DeMorgan(Rule):
     """H = 1 - Π(1 - p): at least one source is right, and they err independently (F Eq 1)."""
-
-    def __init__(self, config: IntegratorConfig) -> None:
-        pass
 
     def fuse(self, entries: Entries, sources: Sequence[Source], surface: Surface | None) -> Field:
         """Fuse by De Morgan's law."""
         return Field(entries, kernels.de_morgan(*_given(entries)))
 
 
-class Largest:
+class Largest(Rule):
     """The largest likelihood: the sources repeat each other."""
-
-    def __init__(self, config: IntegratorConfig) -> None:
-        pass
 
     def fuse(self, entries: Entries, sources: Sequence[Source], surface: Surface | None) -> Field:
         """Fuse by the largest likelihood."""
         return Field(entries, kernels.largest(*_given(entries)))
 
 
-class LogOdds:
+class LogOdds(Rule):
     """Adds log odds over a prior: likelihoods under the prior speak against a contact."""
 
     def __init__(self, config: IntegratorConfig) -> None:
@@ -68,7 +43,7 @@ class LogOdds:
         return Field(entries, kernels.log_odds(*_given(entries), self._prior))
 
 
-class DempsterShafer:
+class DempsterShafer(Rule):
     """Dempster's rule over contact, no contact and unknown; tells the conflict of the sources."""
 
     def __init__(self, config: IntegratorConfig) -> None:

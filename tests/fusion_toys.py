@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from importlib.metadata import EntryPoint
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 import pytest
@@ -15,6 +15,7 @@ from contactfusion.hypotheses import HypothesisCloud
 from contactfusion.plugins import Plugins
 from contactfusion.readings import PointCloud, Reading
 from contactfusion.state import State
+from contactfusion.units import LengthScale
 from contactfusion.yaml_files import with_overrides
 
 PLACE = (0.1, 0.0, 0.0)
@@ -28,7 +29,7 @@ CONFIG: dict[str, Any] = {
 class EyeConfig(GeneratorConfig):
     """How far it sees."""
 
-    scale: float = Field(default=0.01, gt=0)
+    scale: Annotated[float, LengthScale()] = Field(default=0.01, gt=0)
     """λ: the likelihood is a half at this distance [m]."""
 
 

@@ -107,10 +107,10 @@ def contactfusion_rules():
     "rule_narrow": '''\
 """A rule that takes no configuration."""
 
-from contactfusion import hookimpl
+from contactfusion import Rule, hookimpl
 
 
-class Rule:
+class Narrow(Rule):
     """Takes no configuration."""
 
     def __init__(self):
@@ -122,7 +122,44 @@ class Rule:
 
 @hookimpl
 def contactfusion_rules():
-    return {"rule_narrow": Rule}
+    return {"rule_narrow": Narrow}
+''',
+    "rule_stranger": '''\
+"""A rule that is none."""
+
+from contactfusion import hookimpl
+
+
+class Rule:
+    """Is no rule."""
+
+    def __init__(self, config):
+        pass
+
+    def fuse(self, entries, sources, surface):
+        """Fuse nothing."""
+
+
+@hookimpl
+def contactfusion_rules():
+    return {"rule_stranger": Rule}
+''',
+    "rule_misspelt": '''\
+"""A rule with a misspelt flag."""
+
+from contactfusion import hookimpl
+from contactfusion.integrator.rules import DeMorgan
+
+
+class Misspelt(DeMorgan):
+    """Has a misspelt flag."""
+
+    gives_beleif = True
+
+
+@hookimpl
+def contactfusion_rules():
+    return {"rule_misspelt": Misspelt}
 ''',
     "pilot_raises": '''\
 """A controller that raises."""

@@ -147,6 +147,24 @@ def test_a_rule_that_cannot_be_built_is_a_sentence(ask: Ask) -> None:
     assert one_sentence(answer).startswith(sentence)
 
 
+@pytest.mark.parametrize(
+    ("name", "sentence"),
+    [
+        ("rule_stranger", "Rule is no subclass of Rule (misbehaving_rule_stranger.py, line 6)"),
+        (
+            "rule_misspelt",
+            "Misspelt has a flag `gives_beleif`: did you mean `gives_belief` of Rule? "
+            "(misbehaving_rule_misspelt.py, line 7)",
+        ),
+    ],
+)
+def test_a_rule_that_breaks_the_contract_is_a_sentence(name: str, sentence: str, ask: Ask) -> None:
+    Path("run.yaml").write_text(RUN)
+    answer = ask("run", "run.yaml", "--out", "out", "--set", f"integrator.rule={name}")
+    said = f"run.yaml: the plug-in '{name}' cannot be used: {sentence}"
+    assert one_sentence(answer) == said
+
+
 def test_a_controller_that_raises_is_counted_and_the_contacts_are_kept(ask: Ask) -> None:
     expected = alone(ask)
     Path("run.yaml").write_text(RUN + "controller: {type: pilot_raises}\n")
@@ -202,7 +220,7 @@ def test_the_traceback_of_what_raised_is_shown_by_debug_alone(
 
 def test_strict_names_all_that_fail_and_no_other(ask: Ask) -> None:
     answer = ask("plugins", "--strict")
-    failing = {*START, "rule_narrow"}
+    failing = {*START, "rule_narrow", "rule_stranger", "rule_misspelt"}
     told = dict(re.findall(r"^(\w+) cannot be used: (.*)$", answer.out, re.MULTILINE))
     assert set(told) == failing
     assert all(re.search(AT, why) for why in told.values())

@@ -11,13 +11,12 @@ from contactfusion.errors import ConfigurationError, name_hint
 from contactfusion.integrator.config import IntegratorConfig
 from contactfusion.model import Model
 from contactfusion.pipeline import Pipeline
+from contactfusion.units import LengthScale
 
 LADDER = (0.25, 0.5, 0.7, 1.0, 1.4, 2.0, 4.0)
 """By default a field is set to so many times what is configured."""
 JUDGES = {"modes": "existence", "cluster_mass": "mass_threshold"}
 """The field of the integrator that decides whether there is a contact, by condensation."""
-SCALE = "λ"
-"""The docstring of a generator's length scale begins so."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,7 +80,9 @@ def _default_paths(pipeline: Pipeline) -> list[str]:
         paths += [f"generators.{name}.timeout" for name in own]
     for name, generator in pipeline.generators.items():
         known = type(generator.config).model_fields.items()
-        scales = [one for one, info in known if (info.description or "").startswith(SCALE)]
+        scales = [
+            field for field, info in known if any(isinstance(m, LengthScale) for m in info.metadata)
+        ]
         paths += [f"generators.{name}.{one}" for one in scales]
     return paths
 

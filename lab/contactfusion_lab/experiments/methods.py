@@ -9,6 +9,7 @@ from contactfusion.errors import ConfigurationError
 from contactfusion.integrator.config import IntegratorConfig
 from contactfusion.integrator.integrator import Integrator
 from contactfusion.plugins import installed_plugins
+from contactfusion.rule import Rule
 
 
 @dataclass(frozen=True)
@@ -45,8 +46,8 @@ class Method:
     @property
     def looks_at_spreads(self) -> bool:
         """Whether its rule gives a belief; others take voxels one by one, whatever the spreads."""
-        rule = installed_plugins().find("rules", self.rule)
-        return bool(getattr(rule, "gives_belief", False))
+        rule: type[Rule] = installed_plugins().find("rules", self.rule)
+        return rule.gives_belief
 
     @property
     def stem(self) -> str:
