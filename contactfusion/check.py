@@ -310,7 +310,7 @@ def _names_robot(options: Mapping[str, Any]) -> bool:
     try:
         described = described_options(generator_class(options["type"]).Config)
     except PluginError:
-        return False  # it is told by itself
+        return False  # the type is reported by itself
     return any(isinstance(options.get(option), str | list) for option in described)
 
 

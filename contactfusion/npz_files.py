@@ -24,7 +24,7 @@ BROKEN = (
     zipfile.BadZipFile,
     zlib.error,
 )
-"""What numpy raises when a file is none of its own."""
+"""What numpy and zipfile raise when a file is none of their own, or packed in an unknown way."""
 
 
 def read_npz(path: Path, *names: str) -> list[NDArray[Any]]:

@@ -23,8 +23,8 @@ class Rule(ABC):
     gives_belief: ClassVar[bool] = False
     """Whether its `Field` holds a `Belief`, which some condensations need."""
 
-    def __init__(self, config: "IntegratorConfig") -> None:  # noqa: B027 nothing to keep
-        pass
+    def __init__(self, config: "IntegratorConfig") -> None:
+        self.config = config
 
     @abstractmethod
     def fuse(
@@ -45,8 +45,8 @@ class Condensation(ABC):
     needs_belief: ClassVar[bool] = False
     """Whether it looks at the places of a `Belief`, and not at voxels."""
 
-    def __init__(self, config: "IntegratorConfig") -> None:  # noqa: B027 nothing to keep
-        pass
+    def __init__(self, config: "IntegratorConfig") -> None:
+        self.config = config
 
     @abstractmethod
     def condense(self, field: "Field", verdicts: NDArray[np.uint8]) -> Iterable[Contact]:

@@ -26,7 +26,7 @@ from contactfusion.robots.model import shared_robot
 LAB_SCENES = ("grasp", "push", "touch")
 """Scenes that contactfusion-lab brings."""
 Hear = Callable[[Reading], None]
-"""Who hears every reading before the pipeline does."""
+"""A listener that hears every reading before the pipeline does."""
 
 
 @dataclass(frozen=True)
@@ -82,7 +82,7 @@ class Scene(ABC):
 
     @abstractmethod
     def run(self, pipeline: Pipeline, hear: Hear) -> Iterator[Step]:
-        """Let a pipeline listen, and act where it has a controller; give its steps.
+        """The steps of a pipeline that listens, and acts where it has a controller.
 
         Raises:
             ContactFusionError: the scene cannot be played, or the pipeline does not fit it.
@@ -90,11 +90,11 @@ class Scene(ABC):
 
     @abstractmethod
     def facts(self) -> Facts:
-        """Tell what is true now; while the scene runs, and when it is over."""
+        """The true contacts and poses of objects now, while the scene runs and when it is over."""
 
     @abstractmethod
     def verdict(self, pipeline: Pipeline, last: Step) -> Verdict:
-        """Tell the truth, when all is over.
+        """What really happened, once the scene is over.
 
         Args:
             pipeline: which listened.
@@ -103,7 +103,7 @@ class Scene(ABC):
 
 
 def heard(readings: Iterable[Reading], hear: Hear) -> Iterator[Reading]:
-    """Give readings on, after somebody has heard them."""
+    """Readings as they come, each after a listener has heard it."""
     for reading in readings:
         hear(reading)
         yield reading

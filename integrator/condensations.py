@@ -35,13 +35,13 @@ class ClusterCentroid(Condensation):
     """Clusters of voxels over the threshold, at their weighted centroids (F §III-C 2)."""
 
     def __init__(self, config: IntegratorConfig) -> None:
+        super().__init__(config)
         self._reach_squared = reach_squared(config)
-        self._min_voxels = config.min_voxels
 
     def condense(self, field: Field, verdicts: NDArray[np.uint8]) -> Iterable[Contact]:
         """Give one contact a cluster of enough voxels."""
         table = _clustered(field, verdicts == kernels.CONTACT, self._reach_squared)
-        return table.keep(table.sums.voxels >= self._min_voxels)
+        return table.keep(table.sums.voxels >= self.config.min_voxels)
 
 
 class ClusterMass(Condensation):
@@ -52,15 +52,15 @@ class ClusterMass(Condensation):
     """
 
     def __init__(self, config: IntegratorConfig) -> None:
+        super().__init__(config)
         self._reach_squared = reach_squared(config)
-        self._mass_threshold = config.mass_threshold
 
     def condense(self, field: Field, verdicts: NDArray[np.uint8]) -> Iterable[Contact]:
         """Give one contact a cluster of enough mass."""
         judged = (verdicts == kernels.CONTACT) | (verdicts == kernels.BELOW_THRESHOLD)
         wanted = judged & (field.likelihoods >= FAINTEST)
         table = _clustered(field, wanted, self._reach_squared)
-        return table.keep(table.sums.weight >= self._mass_threshold)
+        return table.keep(table.sums.weight >= self.config.mass_threshold)
 
 
 def reach_squared(config: IntegratorConfig) -> int:

@@ -9,7 +9,6 @@ from numpy.typing import NDArray
 from contactfusion.arrays import FloatArray
 from contactfusion.contacts import Contact
 from contactfusion.integrator import cells, fields, kernels
-from contactfusion.integrator.config import IntegratorConfig
 from contactfusion.integrator.entries import Belief, Entries, Field
 from contactfusion.rule import Condensation
 from contactfusion.thinning import first_in_voxels
@@ -40,20 +39,17 @@ class Modes(Condensation):
 
     needs_belief = True
 
-    def __init__(self, config: IntegratorConfig) -> None:
-        self._least, self._second = config.existence, config.mode_share
-
     def condense(self, field: Field, verdicts: NDArray[np.uint8]) -> Iterable[Contact]:
         """Give the densest mode if a contact exists, and further ones that weigh enough."""
         belief = field.belief
-        if belief is None or belief.exists < self._least - kernels.EDGE:
+        if belief is None or belief.exists < self.config.existence - kernels.EDGE:
             return ()
         weights, scale = belief.weights.copy(), max(1.0, belief.spacing / SPACING)
         found: list[Contact] = []
-        while len(found) < MOST and (not found or weights.sum() >= self._second):
+        while len(found) < MOST and (not found or weights.sum() >= self.config.mode_share):
             mode, basin = _mode(belief.places, weights, scale)
             mass = float(weights[basin].sum())
-            if found and mass < self._second - kernels.EDGE:
+            if found and mass < self.config.mode_share - kernels.EDGE:
                 break
             found.append(_contact(field, belief, mode, basin, mass, scale))
             weights[basin] = 0.0

@@ -74,7 +74,7 @@ class Posterior(Rule):
     needs_places = True
 
     def __init__(self, config: IntegratorConfig) -> None:
-        self._floor = config.floor
+        super().__init__(config)
         self._steepest = 1.0 / np.hypot(1.0, config.friction)
 
     def fuse(self, entries: Entries, sources: Sequence[Source], surface: Surface | None) -> Field:
@@ -83,13 +83,13 @@ class Posterior(Rule):
         exists = existence(claims, sources)
         if exists == 0.0:
             return Field(entries, np.zeros(len(entries.keys)))
-        found = _candidates(claims, surface, self._floor, entries.grid.voxel_size)
+        found = _candidates(claims, surface, self.config.floor, entries.grid.voxel_size)
         there = self._logarithms(claims, found.told, found.normals)
         total = there.sum(axis=0)
         weights = np.exp(total - total.max())
         exists = self._lowered(claims, exists, there)
         spoken = np.array([[len(one.positions) > 0] for one in claims])
-        added = np.where(spoken, there - np.log(self._floor), 0.0)
+        added = np.where(spoken, there - np.log(self.config.floor), 0.0)
         belief = Belief(
             found.places, found.spacing, weights / weights.sum(), found.variances, exists, added
         )
@@ -124,12 +124,12 @@ class Posterior(Rule):
         logarithms = np.zeros_like(told)
         for row, (one, field) in enumerate(zip(claims, told, strict=True)):
             if one.kind == HypothesisKind.NULL:
-                logarithms[row] = np.log1p(-(1.0 - self._floor) * np.minimum(field, 1.0))
+                logarithms[row] = np.log1p(-(1.0 - self.config.floor) * np.minimum(field, 1.0))
             elif len(one.positions):
                 highest = float(field.max(initial=np.finfo(np.float64).tiny))
-                logarithms[row] = np.log(field / highest + self._floor)
+                logarithms[row] = np.log(field / highest + self.config.floor)
                 if one.force is not None and normals is not None:
-                    logarithms[row] += np.log(self._pushed(one.force, normals) + self._floor)
+                    logarithms[row] += np.log(self._pushed(one.force, normals) + self.config.floor)
         return logarithms
 
     def _pushed(self, force: FloatArray, normals: FloatArray) -> FloatArray:

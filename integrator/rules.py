@@ -7,7 +7,6 @@ from numpy.typing import NDArray
 
 from contactfusion.hooks import hookimpl
 from contactfusion.integrator import kernels
-from contactfusion.integrator.config import IntegratorConfig
 from contactfusion.integrator.entries import Entries, Field, Source
 from contactfusion.integrator.kernels import Likelihoods, Places
 from contactfusion.integrator.posterior import Posterior
@@ -35,23 +34,17 @@ class Largest(Rule):
 class LogOdds(Rule):
     """Adds log odds over a prior: likelihoods under the prior speak against a contact."""
 
-    def __init__(self, config: IntegratorConfig) -> None:
-        self._prior = config.prior
-
     def fuse(self, entries: Entries, sources: Sequence[Source], surface: Surface | None) -> Field:
         """Fuse by adding log odds."""
-        return Field(entries, kernels.log_odds(*_given(entries), self._prior))
+        return Field(entries, kernels.log_odds(*_given(entries), self.config.prior))
 
 
 class DempsterShafer(Rule):
     """Dempster's rule over contact, no contact and unknown; tells the conflict of the sources."""
 
-    def __init__(self, config: IntegratorConfig) -> None:
-        self._prior = config.prior
-
     def fuse(self, entries: Entries, sources: Sequence[Source], surface: Surface | None) -> Field:
         """Fuse by Dempster's rule."""
-        fused, conflict = kernels.dempster_shafer(*_given(entries), self._prior)
+        fused, conflict = kernels.dempster_shafer(*_given(entries), self.config.prior)
         return Field(entries, fused, {"conflict": conflict})
 
 

@@ -27,7 +27,7 @@ class Plug:
 
 
 def raised(call: Any) -> BaseException:
-    with pytest.raises(BaseException) as caught:  # noqa: B017, PT011 whatever it is
+    with pytest.raises(BaseException) as caught:  # noqa: B017 whatever it is
         call()
     return caught.value
 

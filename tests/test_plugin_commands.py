@@ -28,6 +28,7 @@ POINTS = {
     "hello": "cf_hello:hello",
     "strange": "cf_hello:group",
     "strange.more": "cf_hello:hello",
+    "strange.bye": "cf_hello:hello",
     "tune.stranger": "cf_hello:hello",
     "run": "cf_hello:hello",
     "nowhere.hello": "cf_hello:hello",
@@ -90,3 +91,4 @@ def test_one_that_cannot_be_imported_says_why_and_the_others_work(ask: Ask) -> N
     assert "Cannot be used: ZeroDivisionError" in " ".join(ask("-h").out.split())
     answer = ask("plugins", "--strict")
     assert answer.status == 1 and "broken cannot be used: ZeroDivisionError" in answer.out
+    assert "strange.bye cannot be used: the name 'strange.bye' is taken" in answer.out

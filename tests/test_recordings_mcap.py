@@ -508,7 +508,7 @@ def test_what_a_full_disk_took_can_be_read(tmp_path: Path) -> None:
     read = []
     with pytest.raises(RecordingError, match="is cut off after"):
         for one in recording.readings():
-            read.append(one.stamp)  # noqa: PERF402 - what comes before the error counts
+            read.append(one.stamp)  # what comes before the error counts
     assert 10 < len(read) < 30
 
 

@@ -107,9 +107,17 @@ def installed_commands() -> tuple[Plugin, ...]:
 
 
 def import_failures() -> dict[str, str]:
-    """Import every command of a plug-in: why some cannot be used, by their names."""
+    """Import every command of a plug-in: why some cannot be used, by their names.
+
+    Only then is it known whether a group of a plug-in has a command that another adds to it.
+    """
     found = {point.name: _imported(point) for point in in_order(entry_points(group=GROUP))}
-    return {name: why for name, why in found.items() if isinstance(why, str)}
+    failures = {name: why for name, why in found.items() if isinstance(why, str)}
+    for path in found:
+        group, _, name = path.rpartition(".")
+        if name in getattr(found.get(group), "commands", {}):
+            failures[path] = f"the name '{path}' is taken"
+    return failures
 
 
 def _imported(point: EntryPoint) -> Any:

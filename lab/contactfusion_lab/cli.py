@@ -7,6 +7,14 @@ import typer
 
 from contactfusion.cli.options import Out, listed
 
+Seed = Annotated[int, typer.Option(min=0, help="Random seed.")]
+Workers = Annotated[int, typer.Option(min=1, help="Number of processes.")]
+Faults = Annotated[Path | None, typer.Option(help="Faults of sensors (YAML).")]
+Noise = Annotated[
+    str | None,
+    typer.Option(help="Sensor noise: none, prototype or full; default: that of the scene."),
+]
+
 experiments = typer.Typer(
     name="experiment", help="Run an experiment: writes results.csv, summary.json, figures.",
     no_args_is_help=True,
@@ -36,8 +44,8 @@ def tune_push(
             "--check", help="Only compare the ranking by the planar model with that by PyBullet."
         ),
     ] = False,
-    seed: Annotated[int, typer.Option(min=0, help="Random seed.")] = 0,
-    workers: Annotated[int, typer.Option(min=1, help="Number of processes.")] = 2,
+    seed: Seed = 0,
+    workers: Workers = 2,
     out: Out = Path("out/tune"),
 ) -> None:
     """Search parameters of reactive pushing in a planar model; resumes where it stopped."""
@@ -65,8 +73,8 @@ def train_cpm(
     epochs: Annotated[int, typer.Option(min=1, help="Epochs of the last iteration.")] = 150,
     early: Annotated[int, typer.Option(min=1, help="Epochs of the iterations before.")] = 50,
     stride: Annotated[int, typer.Option(min=1, help="An epoch uses every N-th window.")] = 4,
-    seed: Annotated[int, typer.Option(min=0, help="Random seed.")] = 0,
-    workers: Annotated[int, typer.Option(min=1, help="Number of processes.")] = 2,
+    seed: Seed = 0,
+    workers: Workers = 2,
     out: Out = Path("out/cpm"),
 ) -> None:
     """Train the networks that perceive contact; resumes where it stopped."""
@@ -111,13 +119,10 @@ def experiment_touch(
         list[float] | None,
         typer.Option(help="Factor on the stated spreads, fused once more; may be repeated."),
     ] = None,
-    noise: Annotated[
-        str | None,
-        typer.Option(help="Sensor noise: none, prototype or full; default: that of the scene."),
-    ] = None,
-    faults: Annotated[Path | None, typer.Option(help="Faults of sensors (YAML).")] = None,
-    seed: Annotated[int, typer.Option(min=0, help="Random seed.")] = 0,
-    workers: Annotated[int, typer.Option(min=1, help="Number of processes.")] = 2,
+    noise: Noise = None,
+    faults: Faults = None,
+    seed: Seed = 0,
+    workers: Workers = 2,
     draw: Annotated[
         list[str] | None, typer.Option(help="A touch to draw, e.g. box-03-0; may be repeated.")
     ] = None,
@@ -185,9 +190,9 @@ def experiment_push(
     activation: Annotated[
         float, typer.Option(min=0.0, help="Activation threshold of a taxel [N].")
     ] = 1.0,
-    faults: Annotated[Path | None, typer.Option(help="Faults of sensors (YAML).")] = None,
-    seed: Annotated[int, typer.Option(min=0, help="Random seed.")] = 0,
-    workers: Annotated[int, typer.Option(min=1, help="Number of processes.")] = 2,
+    faults: Faults = None,
+    seed: Seed = 0,
+    workers: Workers = 2,
     record: Annotated[
         list[str] | None,
         typer.Option(help="A trial to film, e.g. box-mu1-grid-007; may be repeated."),
@@ -241,13 +246,10 @@ def experiment_grasp(
     rule: Annotated[
         list[str] | None, typer.Option(help="RULE or RULE/CONDENSATION; may be repeated.")
     ] = None,
-    noise: Annotated[
-        str | None,
-        typer.Option(help="Sensor noise: none, prototype or full; default: that of the scene."),
-    ] = None,
-    faults: Annotated[Path | None, typer.Option(help="Faults of sensors (YAML).")] = None,
-    seed: Annotated[int, typer.Option(min=0, help="Random seed.")] = 0,
-    workers: Annotated[int, typer.Option(min=1, help="Number of processes.")] = 2,
+    noise: Noise = None,
+    faults: Faults = None,
+    seed: Seed = 0,
+    workers: Workers = 2,
     record: Annotated[
         list[str] | None, typer.Option(help="A grasp to film, e.g. bottle-003; may be repeated.")
     ] = None,
