@@ -121,7 +121,7 @@ class Lives:
 
 def condense_again(fusion: Fusion) -> Callable[[], object]:
     """Prepare the condensation of a fusion's field, contacts and all."""
-    condensation = ClusterCentroid(CONFIG)
+    condensation = ClusterCentroid(ClusterCentroid.Config(), CONFIG.linking_distance)
     return lambda: tuple(condensation.condense(fusion.field, fusion.verdict_codes))
 
 

@@ -43,6 +43,7 @@ if TYPE_CHECKING:
     from contactfusion.segmenter import Segmenter, SegmenterConfig
     from contactfusion.state import State
     from contactfusion.surface import Surface
+    from contactfusion.viewing.plot import plot_fusion
 
 _HOMES = {
     "Command": "contactfusion.controller",
@@ -87,6 +88,7 @@ _HOMES = {
     "Wrench": "contactfusion.readings",
     "hookimpl": "contactfusion.hooks",
     "open_recording": "contactfusion.recordings.opening",
+    "plot_fusion": "contactfusion.viewing.plot",
     "run_file": "contactfusion.running",
 }
 
@@ -133,6 +135,7 @@ __all__ = [
     "Wrench",
     "hookimpl",
     "open_recording",
+    "plot_fusion",
     "run_file",
 ]
 

@@ -1,4 +1,4 @@
-"""Builds generators and controllers from their `type` and options."""
+"""Builds the plug-ins that a configuration names."""
 
 from pathlib import Path
 from typing import Any
@@ -6,10 +6,12 @@ from typing import Any
 from contactfusion.controller import Controller
 from contactfusion.errors import ConfigurationError, Guard, name_hint
 from contactfusion.generator import Generator, OfRobot, generator_fault, instance_fault
+from contactfusion.integrator.integrator import Integrator
 from contactfusion.model import Model, rooted
 from contactfusion.pipeline_config import PipelineConfig
 from contactfusion.plugins import class_fault, configured, installed_plugins, refuse
 from contactfusion.robots.description import RobotConfig
+from contactfusion.rule import Condensation, Rule
 
 AnyGenerator = Generator[Any]
 
@@ -77,6 +79,45 @@ def built_controller(config: PipelineConfig) -> Controller | None:
     own = _own(options, "controller", config.folder, config.files_within)
     with Guard(f"controller: the plug-in '{kind}'", cls):
         return cls(own)
+
+
+def built_integrator(config: PipelineConfig) -> Integrator:
+    """Build the integrator with its rule and condensation; it refuses sources that are unplugged.
+
+    Raises:
+        PluginError: no such rule or condensation is installed, it breaks the contract, or raises.
+        ConfigurationError: an option is wrong, or the condensation does not fit the rule.
+    """
+    own = config.integrator.model_copy(update={"strict_sources": True})
+    rule_class: type[Rule] = _part_class("rule", own.rule, Rule)
+    condensation_class: type[Condensation] = _part_class(
+        "condensation", own.condensation, Condensation
+    )
+    rule_options = _part_options("rule", own.rule, rule_class, own.rule_options, config)
+    options = _part_options(
+        "condensation", own.condensation, condensation_class, own.condensation_options, config
+    )
+    with Guard(f"integrator: the plug-in '{own.rule}'", rule_class):
+        rule = rule_class(rule_options)
+    with Guard(f"integrator: the plug-in '{own.condensation}'", condensation_class):
+        condensation = condensation_class(options, own.linking_distance)
+    try:
+        return Integrator(own, rule=rule, condensation=condensation)
+    except ConfigurationError as error:
+        raise error.under("integrator") from None
+
+
+def _part_class(part: str, name: str, contract: type[Any]) -> type[Any]:
+    cls = installed_plugins().find(f"{part}s", name)
+    refuse(name, cls, class_fault(cls, contract, Model))
+    return cls
+
+
+def _part_options(
+    part: str, name: str, cls: type[Rule | Condensation], given: dict[str, Any], of: PipelineConfig
+) -> Model:
+    path = f"integrator.{part}"
+    return _own(configured(name, cls, given, path), path, of.folder, of.files_within)
 
 
 def described_options(config: type[Model]) -> dict[str, str]:

@@ -183,9 +183,8 @@ def _strict_failures(plugins: Plugins) -> Iterator[tuple[str, str]]:
 
 def _build(kind: str, name: str) -> None:
     """Build a plug-in with its defaults, as a configuration that names it would."""
-    from contactfusion.assembly import built_controller, built_generator
+    from contactfusion.assembly import built_controller, built_generator, built_integrator
     from contactfusion.integrator.config import IntegratorConfig
-    from contactfusion.integrator.integrator import built_part
     from contactfusion.pipeline_config import PipelineConfig
     from contactfusion.scene import scene_class
     from contactfusion.segmenter import built_segmenter, segmenter_class
@@ -199,8 +198,11 @@ def _build(kind: str, name: str) -> None:
             built_segmenter(configured(name, segmenter_class(name), {"type": name}, ""))
         case "scenes":
             scene_class(name)
-        case _:
-            built_part(kind, name, IntegratorConfig())
+        case "rules":
+            built_integrator(PipelineConfig(integrator=IntegratorConfig(rule=name)))
+        case "condensations":
+            integrator = IntegratorConfig(rule="posterior", condensation=name)
+            built_integrator(PipelineConfig(integrator=integrator))
 
 
 def _options(model: type[BaseModel]) -> Table:

@@ -12,7 +12,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
-from contactfusion.assembly import AnyGenerator, built_controller, built_generator
+from contactfusion.assembly import AnyGenerator, built_controller, built_generator, built_integrator
 from contactfusion.controller import Command, Controller
 from contactfusion.errors import (
     ConfigurationError,
@@ -31,7 +31,6 @@ from contactfusion.generator import checked_clouds
 from contactfusion.grid import Grid
 from contactfusion.hypotheses import HypothesisCloud, HypothesisKind
 from contactfusion.integrator.fusion import Fusion
-from contactfusion.integrator.integrator import Integrator
 from contactfusion.integrator.report import Event
 from contactfusion.isolation import Isolated
 from contactfusion.pipeline_config import PipelineConfig
@@ -103,7 +102,7 @@ class Pipeline:
         self._live = live
         self._ask = ask
         self._tell = tell
-        self.integrator = Integrator(config.integrator.model_copy(update={"strict_sources": True}))
+        self.integrator = built_integrator(config)
         self.grid = Grid(config.integrator.frame, config.integrator.voxel_size)
         """The voxels of the hypothesis space."""
         self._robot = Robot(config, self.grid)

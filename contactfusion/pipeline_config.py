@@ -11,7 +11,7 @@ from contactfusion.fault_config import FaultConfig
 from contactfusion.files import file_in
 from contactfusion.frame_config import FrameConfig
 from contactfusion.frames import FrameTree
-from contactfusion.integrator.config import IntegratorConfig
+from contactfusion.integrator.config import PARTS, IntegratorConfig
 from contactfusion.model import Model, rooted
 from contactfusion.robots.description import RobotConfig, is_packaged, located, read_robot
 from contactfusion.shapes import BodyConfig
@@ -145,7 +145,7 @@ def overridden(fields: Mapping[str, Any], overrides: Sequence[str]) -> dict[str,
     Raises:
         ConfigurationError: one is no change, or is of a generator that is not there.
     """
-    changed = with_overrides(fields, overrides)
+    changed = with_overrides(_with_types(fields, overrides), overrides)
     known, held = _mapping(fields.get("generators")), _mapping(changed.get("generators"))
     for override in overrides:
         keys = override.partition("=")[0].strip().split(".")
@@ -154,6 +154,16 @@ def overridden(fields: Mapping[str, Any], overrides: Sequence[str]) -> dict[str,
             hint = name_hint(name, known, "generators")
             raise ConfigurationError(f"'{override}': there is no generator '{name}'; {hint}")
     return changed
+
+
+def _with_types(fields: Mapping[str, Any], overrides: Sequence[str]) -> dict[str, Any]:
+    """The fields with a rule or condensation as a mapping, where a change is of its options."""
+    integrator = dict(_mapping(fields.get("integrator")))
+    for part in PARTS:
+        changed = any(change.lstrip().startswith(f"integrator.{part}.") for change in overrides)
+        if changed and isinstance(name := integrator.get(part), str):
+            integrator[part] = {"type": name}
+    return {**fields, "integrator": integrator} if integrator else dict(fields)
 
 
 def _mapping(value: object) -> dict[str, Any]:

@@ -8,22 +8,28 @@ import numpy as np
 from numpy.typing import NDArray
 
 from contactfusion.contacts import Contact
+from contactfusion.model import Model
 from contactfusion.surface import Surface
 
 if TYPE_CHECKING:
-    from contactfusion.integrator.config import IntegratorConfig
     from contactfusion.integrator.entries import Entries, Field, Source
 
 
 class Rule(ABC):
-    """A pure function over all live entries; built once from the integrator's configuration."""
+    """A pure function over all live entries; built once.
 
+    Args:
+        config: the options, an instance of `Config`.
+    """
+
+    Config: ClassVar[type[Model]] = Model
+    """The type of the options."""
     needs_places: ClassVar[bool] = False
     """Whether `Entries.positions` is to hold the places of hypotheses, and not only voxels."""
     gives_belief: ClassVar[bool] = False
     """Whether its `Field` holds a `Belief`, which some condensations need."""
 
-    def __init__(self, config: "IntegratorConfig") -> None:
+    def __init__(self, config: Model) -> None:
         self.config = config
 
     @abstractmethod
@@ -40,13 +46,21 @@ class Rule(ABC):
 
 
 class Condensation(ABC):
-    """A pure function from a field to contacts; built once from the integrator's configuration."""
+    """A pure function from a field to contacts; built once.
 
+    Args:
+        config: the options, an instance of `Config`.
+        tolerance: voxels at most this far apart belong to one contact [m].
+    """
+
+    Config: ClassVar[type[Model]] = Model
+    """The type of the options."""
     needs_belief: ClassVar[bool] = False
     """Whether it looks at the places of a `Belief`, and not at voxels."""
 
-    def __init__(self, config: "IntegratorConfig") -> None:
+    def __init__(self, config: Model, tolerance: float) -> None:
         self.config = config
+        self.tolerance = tolerance
 
     @abstractmethod
     def condense(self, field: "Field", verdicts: NDArray[np.uint8]) -> Iterable[Contact]:

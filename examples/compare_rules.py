@@ -13,7 +13,7 @@ from contactfusion import Fusion, HypothesisCloud, Integrator, IntegratorConfig
 from contactfusion.figures import COLOURS, new_figure
 from contactfusion.shapes import ShapeConfig, joined
 
-MASS = {"condensation": "cluster_mass", "mass_threshold": 0.4}
+MASS = {"condensation": {"type": "cluster_mass", "mass_threshold": 0.4}}
 MODES: dict[str, Any] = {"rule": "posterior", "condensation": "modes"}
 METHODS = {"De Morgan, cluster_centroid": {}, "De Morgan, cluster_mass": MASS, "posterior": MODES}
 VIEW = dict(aspect="equal", xlim=(-52, 52), ylim=(-42, 42), xlabel="x [mm]", ylabel="y [mm]")
@@ -96,5 +96,6 @@ out.mkdir(parents=True, exist_ok=True)
 for name, (title, *_) in SITUATIONS.items():
     print(title)
     draw(name, out / f"rules_{name}.png")
-for name, option, value in (("line", "sensitivity", 0.9), ("many", "mode_share", 0.1)):
-    fuse(name, f"posterior, {option} {value}", **{option: value}, **MODES)
+fuse("line", "posterior, sensitivity 0.9", sensitivity=0.9, **MODES)
+more = MODES | {"condensation": {"type": "modes", "mode_share": 0.1}}
+fuse("many", "posterior, mode_share 0.1", **more)

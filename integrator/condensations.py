@@ -4,15 +4,16 @@ from collections.abc import Iterable, Mapping
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import Field as FieldOf
 
 from contactfusion.contacts import Contact
 from contactfusion.hooks import hookimpl
 from contactfusion.integrator import clusters, kernels
-from contactfusion.integrator.config import IntegratorConfig
 from contactfusion.integrator.contact_table import ContactTable
 from contactfusion.integrator.entries import Field
 from contactfusion.integrator.modes import Modes
 from contactfusion.integrator.store import Int64Array, unpack
+from contactfusion.model import Model
 from contactfusion.rule import Condensation
 
 FAINTEST = 0.01
@@ -31,17 +32,33 @@ class Threshold(Condensation):
         return ContactTable(field, selected, labels, len(selected))
 
 
+class ClusterCentroidConfig(Model):
+    """Which clusters are contacts."""
+
+    min_voxels: int = FieldOf(default=1, ge=1)
+    """Clusters of fewer voxels are no contacts."""
+
+
 class ClusterCentroid(Condensation):
     """Clusters of voxels over the threshold, at their weighted centroids (F §III-C 2)."""
 
-    def __init__(self, config: IntegratorConfig) -> None:
-        super().__init__(config)
-        self._reach_squared = reach_squared(config)
+    Config = ClusterCentroidConfig
+
+    def __init__(self, config: ClusterCentroidConfig, tolerance: float) -> None:
+        super().__init__(config, tolerance)
+        self._min_voxels = config.min_voxels
 
     def condense(self, field: Field, verdicts: NDArray[np.uint8]) -> Iterable[Contact]:
         """Give one contact a cluster of enough voxels."""
-        table = _clustered(field, verdicts == kernels.CONTACT, self._reach_squared)
-        return table.keep(table.sums.voxels >= self.config.min_voxels)
+        table = _clustered(field, verdicts == kernels.CONTACT, self.tolerance)
+        return table.keep(table.sums.voxels >= self._min_voxels)
+
+
+class ClusterMassConfig(Model):
+    """Which clusters are contacts."""
+
+    mass_threshold: float = FieldOf(default=0.5, gt=0)
+    """The sum of likelihoods from which a cluster is a contact."""
 
 
 class ClusterMass(Condensation):
@@ -51,22 +68,28 @@ class ClusterMass(Condensation):
     its cluster still sums to 1.
     """
 
-    def __init__(self, config: IntegratorConfig) -> None:
-        super().__init__(config)
-        self._reach_squared = reach_squared(config)
+    Config = ClusterMassConfig
+
+    def __init__(self, config: ClusterMassConfig, tolerance: float) -> None:
+        super().__init__(config, tolerance)
+        self._mass_threshold = config.mass_threshold
 
     def condense(self, field: Field, verdicts: NDArray[np.uint8]) -> Iterable[Contact]:
         """Give one contact a cluster of enough mass."""
         judged = (verdicts == kernels.CONTACT) | (verdicts == kernels.BELOW_THRESHOLD)
         wanted = judged & (field.likelihoods >= FAINTEST)
-        table = _clustered(field, wanted, self._reach_squared)
-        return table.keep(table.sums.weight >= self.config.mass_threshold)
+        table = _clustered(field, wanted, self.tolerance)
+        return table.keep(table.sums.weight >= self._mass_threshold)
 
 
-def reach_squared(config: IntegratorConfig) -> int:
-    """Give the largest squared offset that links two voxels, in voxels², rounded once (§3)."""
-    sides = 2.0 if config.tolerance is None else config.tolerance / config.voxel_size
-    return int(np.floor(min(sides, WIDEST) ** 2 + 1e-6))
+def reach_squared(tolerance: float, voxel_size: float) -> int:
+    """The largest squared offset that links two voxels, in voxels², rounded once (method §3).
+
+    Args:
+        tolerance: how far linked voxels are apart at most [m].
+        voxel_size: the side of a voxel [m].
+    """
+    return int(np.floor(min(tolerance / voxel_size, WIDEST) ** 2 + 1e-6))
 
 
 def _chosen(field: Field, wanted: NDArray[np.bool_]) -> tuple[NDArray[np.int32], Int64Array]:
@@ -77,13 +100,14 @@ def _chosen(field: Field, wanted: NDArray[np.bool_]) -> tuple[NDArray[np.int32],
     return rows[:count], row_keys[:count]
 
 
-def _clustered(field: Field, wanted: NDArray[np.bool_], reach_squared: int) -> ContactTable:
+def _clustered(field: Field, wanted: NDArray[np.bool_], tolerance: float) -> ContactTable:
     selected, keys = _chosen(field, wanted)
-    if reach_squared > WIDE**2 and len(keys):
+    reach = reach_squared(tolerance, field.entries.grid.voxel_size)
+    if reach > WIDE**2 and len(keys):
         span = np.ptp(unpack(keys), axis=0)
-        if int(span @ span) <= reach_squared:  # every pair is linked
+        if int(span @ span) <= reach:  # every pair is linked
             return ContactTable(field, selected, np.zeros(len(keys), np.int32), 1)
-    labels, count = clusters.label(keys, reach_squared)
+    labels, count = clusters.label(keys, reach)
     return ContactTable(field, selected, labels, count)
 
 

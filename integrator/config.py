@@ -1,15 +1,42 @@
 """The configuration of the integrator."""
 
+import warnings
+from collections.abc import Mapping
 from typing import Any, Literal
 
-from pydantic import Field
+import yaml
+from pydantic import (
+    Field,
+    SerializerFunctionWrapHandler,
+    model_serializer,
+    model_validator,
+)
 
+from contactfusion.errors import ConfigurationError
 from contactfusion.model import Model
 from contactfusion.units import Memory, Spacing, Tolerance
 
+PARTS = {"rule": "rule_options", "condensation": "condensation_options"}
+"""The fields that name a plug-in, and those that hold its options."""
+MOVED = {
+    "floor": ("rule", ("posterior",)),
+    "friction": ("rule", ("posterior",)),
+    "prior": ("rule", ("log_odds", "dempster_shafer")),
+    "existence": ("condensation", ("modes",)),
+    "mode_share": ("condensation", ("modes",)),
+    "min_voxels": ("condensation", ("cluster_centroid",)),
+    "mass_threshold": ("condensation", ("cluster_mass",)),
+}
+"""Fields up to 0.1.0 that are options of a rule or condensation now: of which part, by which names.
+"""
+
 
 class IntegratorConfig(Model):
-    """How hypotheses are kept, fused and condensed (method §1-3)."""
+    """How hypotheses are kept, fused and condensed (method §1-3).
+
+    `rule` and `condensation` are names, or mappings of `type` and options, such as
+    ``{type: posterior, floor: 0.02}``.
+    """
 
     frame: str = Field(default="base", min_length=1)
     """The frame in which the voxels stand still; every cloud must come in it."""
@@ -22,26 +49,16 @@ class IntegratorConfig(Model):
     (F §III-B)."""
     rule: str = "de_morgan"
     """How the likelihoods of one voxel combine."""
+    rule_options: dict[str, Any] = Field(default_factory=dict)
+    """The options of the rule, fields of its `Config`."""
     condensation: str = "cluster_centroid"
     """How voxels become contacts."""
+    condensation_options: dict[str, Any] = Field(default_factory=dict)
+    """The options of the condensation, fields of its `Config`."""
     threshold: float = Field(default=0.1, gt=0, le=1)
     """The fused likelihood from which a voxel is a contact."""
     tolerance: Tolerance | None = Field(default=None, gt=0)
     """Voxels at most this far apart belong to one contact [m]; None: two sides of a voxel."""
-    min_voxels: int = Field(default=1, ge=1)
-    """Clusters of fewer voxels are no contacts."""
-    mass_threshold: float = Field(default=0.5, gt=0)
-    """`cluster_mass`: the sum of likelihoods from which a cluster is a contact."""
-    floor: float = Field(default=0.01, ge=1e-6, lt=1)
-    """`posterior`: what a source leaves to places that it does not believe in, of its highest."""
-    friction: float = Field(default=0.5, gt=0)
-    """`posterior`: the coefficient of friction of contacts whose force is known."""
-    existence: float = Field(default=0.5, gt=0, le=1)
-    """`modes`: there is a contact when it is at least so probable."""
-    mode_share: float = Field(default=0.42, gt=0, le=1)
-    """`modes`: a further contact is told when it takes at least this part of the belief."""
-    prior: float = Field(default=0.05, gt=0, lt=1)
-    """`log_odds`, `dempster_shafer`: the probability of a contact without any evidence."""
     stale_after: Memory = Field(default=1.0, gt=0)
     """A source silent for longer no longer holds up readiness [s]."""
     max_ahead: Memory = Field(default=0.1, ge=0)
@@ -50,5 +67,59 @@ class IntegratorConfig(Model):
     """A cloud of more hypotheses is refused."""
     strict_sources: bool = False
     """Whether a cloud of a source that was never plugged is an error."""
-    options: dict[str, Any] = Field(default_factory=dict)
-    """What a rule or condensation by plug-in needs."""
+
+    @property
+    def linking_distance(self) -> float:
+        """Voxels at most this far apart belong to one contact [m]."""
+        return 2.0 * self.voxel_size if self.tolerance is None else self.tolerance
+
+    @model_validator(mode="before")
+    @classmethod
+    def _part_by_part(cls, value: Any) -> Any:
+        """Part names from options, and read fields of 0.1.0."""
+        if not isinstance(value, Mapping):
+            return value
+        fields = dict(value)
+        if fields.pop("options", None):
+            raise ConfigurationError(
+                "options of a plug-in stand beside its name now, as in "
+                "`rule: {type: NAME, option: value}`",
+                "options",
+            )
+        for part, held in PARTS.items():
+            if isinstance(given := fields.get(part), Mapping):
+                options = {key: given[key] for key in given if key != "type"}
+                fields[part] = given.get("type", cls.model_fields[part].default)
+                fields[held] = {**options, **fields.get(held, {})}
+        return _moved(fields, {part: cls.model_fields[part].default for part in PARTS})
+
+    @model_serializer(mode="wrap")
+    def _with_options(self, serialize: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        """Names and options as a file holds them, so that a new name replaces both."""
+        fields: dict[str, Any] = serialize(self)
+        for part, held in PARTS.items():
+            if options := fields.pop(held, None):
+                fields[part] = {"type": getattr(self, part), **options}
+        return fields
+
+
+def _moved(fields: dict[str, Any], defaults: Mapping[str, str]) -> dict[str, Any]:
+    """The fields with those of 0.1.0 as options of their rule or condensation.
+
+    Warns:
+        FutureWarning: names the new place of each.
+    """
+    for key in [key for key in fields if key in MOVED]:
+        value = fields.pop(key)
+        part, owners = MOVED[key]
+        name, held = fields.get(part, defaults[part]), PARTS[part]
+        owner = name if name in owners else owners[0]
+        option = yaml.safe_dump({"type": owner, key: value}, default_flow_style=True, sort_keys=False)
+        place = f"`{part}: {option.strip()}`"
+        if name in owners:
+            fields[held] = {**fields.get(held, {}), key: value}
+            problem = f"is an option of the {part} now: write {place}"
+        else:
+            problem = f"has no effect with the {part} '{name}'; it is an option of {place}"
+        warnings.warn(f"`{key}` of the integrator {problem}", FutureWarning, stacklevel=2)
+    return fields

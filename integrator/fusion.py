@@ -4,7 +4,6 @@ import itertools
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,9 +18,6 @@ from contactfusion.integrator.report import Report
 from contactfusion.integrator.store import Int64Array, unpack
 from contactfusion.rule import Condensation, Rule
 from contactfusion.surface import Surface
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 VERDICTS = np.array(["support_only", "below_threshold", "contact", "nulled"])
 """What was decided about a voxel, by the codes of the kernels."""
@@ -144,19 +140,6 @@ class Fusion:
         if source not in names:
             raise SourceError(f"unknown source '{source}': {name_hint(source, names, 'sources')}")
         return self._again(self.field.entries.without(source))
-
-    def plot(self) -> "Figure":
-        """Draw voxels by verdict and contacts with their covariances, for a notebook.
-
-        Returns:
-            A matplotlib figure of the three projections [mm]; it opens no window.
-
-        Raises:
-            DependencyError: matplotlib is not installed.
-        """
-        from contactfusion.viewing.plot import plot_fusion
-
-        return plot_fusion(self)  # pyright: ignore[reportArgumentType] this class by its other path
 
 
 def fuse(

@@ -1,30 +1,31 @@
 """The integrator: hypotheses in, contacts out, and why (F §III). This page tells the story."""
 
-from typing import Any
+from collections.abc import Mapping
+from typing import TypeVar
 
 from contactfusion.errors import (
     ConfigurationError,
     ContactFusionError,
-    Guard,
+    PluginError,
     SourceError,
     TimeError,
     name_hint,
 )
 from contactfusion.grid import Grid
 from contactfusion.hypotheses import HypothesisCloud, HypothesisKind, kind_of
+from contactfusion.integrator.condensations import contactfusion_condensations
 from contactfusion.integrator.config import IntegratorConfig
 from contactfusion.integrator.fusion import Fusion, fuse
 from contactfusion.integrator.inbox import Inbox
 from contactfusion.integrator.report import Event, EventKind, Report
+from contactfusion.integrator.rules import contactfusion_rules
 from contactfusion.integrator.sources import SourceRecord
 from contactfusion.integrator.space import Space
-from contactfusion.plugins import class_fault, installed_plugins, refuse
 from contactfusion.rule import Condensation, Rule
 from contactfusion.surface import Surface
 from contactfusion.time import to_nanoseconds
 
-CONTRACTS = {"rules": Rule, "condensations": Condensation}
-"""What each part that configurations choose is to implement."""
+P = TypeVar("P", Rule, Condensation)
 
 
 class Integrator:
@@ -34,26 +35,34 @@ class Integrator:
 
     Args:
         config: how hypotheses are kept, fused and condensed.
+        rule: that of a plug-in; None: the built-in one that the configuration names.
+        condensation: likewise. A `Pipeline` finds those of plug-ins by name.
 
     Raises:
-        PluginError: no such rule or condensation is installed.
-        ConfigurationError: the condensation does not fit the rule.
+        PluginError: no such rule or condensation is built in.
+        ConfigurationError: an option is wrong, or the condensation does not fit the rule.
     """
 
-    def __init__(self, config: IntegratorConfig | None = None) -> None:
+    def __init__(
+        self,
+        config: IntegratorConfig | None = None,
+        *,
+        rule: Rule | None = None,
+        condensation: Condensation | None = None,
+    ) -> None:
         self.config = config or IntegratorConfig()
-        self._rule: Rule = built_part("rules", self.config.rule, self.config)
-        self._condensation: Condensation = built_part(
-            "condensations", self.config.condensation, self.config
-        )
-        if self._condensation.needs_belief and not self._rule.gives_belief:
+        self.rule = rule or _built_in_rule(self.config)
+        """How likelihoods combine."""
+        self.condensation = condensation or _built_in_condensation(self.config)
+        """How a field of likelihoods becomes contacts."""
+        if self.condensation.needs_belief and not self.rule.gives_belief:
             raise ConfigurationError(
                 f"'{self.config.condensation}' needs a rule that gives a belief, such as "
                 f"'posterior', not '{self.config.rule}'",
                 "condensation",
             )
         self._grid = Grid(self.config.frame, self.config.voxel_size)
-        self._space = Space(self._grid, self.config, places=self._rule.needs_places)
+        self._space = Space(self._grid, self.config, places=self.rule.needs_places)
         ahead = to_nanoseconds(self.config.max_ahead)
         self._inbox = Inbox(self._grid, ahead, self.config.max_hypotheses)
         self._sources: dict[str, SourceRecord] = {}
@@ -176,7 +185,7 @@ class Integrator:
         records = [self._sources[name] for name in sorted(self._sources)]
         entries = self._space.absorb(accepted, records, at)
         report = Report({record.name: record.report(at) for record in records}, self._drain())
-        return fuse(entries, self._rule, self._condensation, self.config.threshold, surface, report)
+        return fuse(entries, self.rule, self.condensation, self.config.threshold, surface, report)
 
     def reset(self) -> None:
         """Forget all hypotheses and stamps, as when a recording starts again; plugs stay."""
@@ -231,21 +240,29 @@ class Integrator:
         return name_hint(name, self._sources, "plugged sources")
 
 
-def built_part(kind: str, name: str, config: IntegratorConfig) -> Any:
-    """Build a rule or a condensation.
+def _built_in_rule(config: IntegratorConfig) -> Rule:
+    cls = _built_in("rule", config.rule, contactfusion_rules())
+    try:
+        return cls(cls.Config(**config.rule_options))
+    except ConfigurationError as error:
+        raise error.under("rule") from None
 
-    Args:
-        kind: "rules" or "condensations".
-        name: the name by which configurations choose it.
-        config: what it is built from.
 
-    Raises:
-        PluginError: none of that name is installed, it breaks the contract, or it raises.
-    """
-    cls = installed_plugins().find(kind, name)
-    refuse(name, cls, class_fault(cls, CONTRACTS[kind]))
-    with Guard(f"integrator: the plug-in '{name}'", cls):
-        return cls(config)
+def _built_in_condensation(config: IntegratorConfig) -> Condensation:
+    cls = _built_in("condensation", config.condensation, contactfusion_condensations())
+    try:
+        return cls(cls.Config(**config.condensation_options), config.linking_distance)
+    except ConfigurationError as error:
+        raise error.under("condensation") from None
+
+
+def _built_in(part: str, name: str, known: Mapping[str, type[P]]) -> type[P]:
+    if name not in known:
+        hint = name_hint(name, known, f"{part}s")
+        raise PluginError(
+            f"there is no {part} '{name}'; {hint} (that of a plug-in is passed as `{part}=`)"
+        )
+    return known[name]
 
 
 def _lifetime(name: str, seconds: float) -> int:

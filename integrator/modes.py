@@ -5,11 +5,13 @@ from collections.abc import Iterable
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import Field as FieldOf
 
 from contactfusion.arrays import FloatArray
 from contactfusion.contacts import Contact
 from contactfusion.integrator import cells, fields, kernels
 from contactfusion.integrator.entries import Belief, Entries, Field
+from contactfusion.model import Model
 from contactfusion.rule import Condensation
 from contactfusion.thinning import first_in_voxels
 from contactfusion.time import to_seconds
@@ -34,22 +36,37 @@ STEPS = 20
 """Of mean shift at most; along a line it may end before it has come to rest."""
 
 
+class ModesConfig(Model):
+    """Which modes are contacts."""
+
+    existence: float = FieldOf(default=0.5, gt=0, le=1)
+    """There is a contact when it is at least so probable."""
+    mode_share: float = FieldOf(default=0.42, gt=0, le=1)
+    """A further mode is a contact when it takes at least this part of the belief."""
+
+
 class Modes(Condensation):
     """Each mode of a belief is a contact, if it is likely enough; its likelihood is P(contact)."""
 
+    Config = ModesConfig
+
     needs_belief = True
+
+    def __init__(self, config: ModesConfig, tolerance: float) -> None:
+        super().__init__(config, tolerance)
+        self._existence, self._share = config.existence, config.mode_share
 
     def condense(self, field: Field, verdicts: NDArray[np.uint8]) -> Iterable[Contact]:
         """Give the densest mode if a contact exists, and further ones that weigh enough."""
         belief = field.belief
-        if belief is None or belief.exists < self.config.existence - kernels.EDGE:
+        if belief is None or belief.exists < self._existence - kernels.EDGE:
             return ()
         weights, scale = belief.weights.copy(), max(1.0, belief.spacing / SPACING)
         found: list[Contact] = []
-        while len(found) < MOST and (not found or weights.sum() >= self.config.mode_share):
+        while len(found) < MOST and (not found or weights.sum() >= self._share):
             mode, basin = _mode(belief.places, weights, scale)
             mass = float(weights[basin].sum())
-            if found and mass < self.config.mode_share - kernels.EDGE:
+            if found and mass < self._share - kernels.EDGE:
                 break
             found.append(_contact(field, belief, mode, basin, mass, scale))
             weights[basin] = 0.0

@@ -12,12 +12,13 @@ from functools import partial
 from typing import NamedTuple
 
 import numpy as np
+from pydantic import Field as FieldOf
 
 from contactfusion.arrays import FloatArray
 from contactfusion.hypotheses import HypothesisKind
 from contactfusion.integrator import cells, fields
-from contactfusion.integrator.config import IntegratorConfig
 from contactfusion.integrator.entries import Belief, Entries, Field, Source
+from contactfusion.model import Model
 from contactfusion.rule import Rule
 from contactfusion.surface import Surface
 
@@ -67,14 +68,25 @@ class Candidates(NamedTuple):
     told: FloatArray
 
 
+class PosteriorConfig(Model):
+    """How far sources are trusted."""
+
+    floor: float = FieldOf(default=0.01, ge=1e-6, lt=1)
+    """What a source leaves to places that it does not believe in, as a part of its highest."""
+    friction: float = FieldOf(default=0.5, gt=0)
+    """The coefficient of friction of contacts whose force is known."""
+
+
 class Posterior(Rule):
     """log w = Σ log(field + floor) tells where, 1 - Π(1 - P) over evidence whether (method §2)."""
 
+    Config = PosteriorConfig
     gives_belief = True
     needs_places = True
 
-    def __init__(self, config: IntegratorConfig) -> None:
+    def __init__(self, config: PosteriorConfig) -> None:
         super().__init__(config)
+        self._floor = config.floor
         self._steepest = 1.0 / np.hypot(1.0, config.friction)
 
     def fuse(self, entries: Entries, sources: Sequence[Source], surface: Surface | None) -> Field:
@@ -83,13 +95,13 @@ class Posterior(Rule):
         exists = existence(claims, sources)
         if exists == 0.0:
             return Field(entries, np.zeros(len(entries.keys)))
-        found = _candidates(claims, surface, self.config.floor, entries.grid.voxel_size)
+        found = _candidates(claims, surface, self._floor, entries.grid.voxel_size)
         there = self._logarithms(claims, found.told, found.normals)
         total = there.sum(axis=0)
         weights = np.exp(total - total.max())
         exists = self._lowered(claims, exists, there)
         spoken = np.array([[len(one.positions) > 0] for one in claims])
-        added = np.where(spoken, there - np.log(self.config.floor), 0.0)
+        added = np.where(spoken, there - np.log(self._floor), 0.0)
         belief = Belief(
             found.places, found.spacing, weights / weights.sum(), found.variances, exists, added
         )
@@ -124,12 +136,12 @@ class Posterior(Rule):
         logarithms = np.zeros_like(told)
         for row, (one, field) in enumerate(zip(claims, told, strict=True)):
             if one.kind == HypothesisKind.NULL:
-                logarithms[row] = np.log1p(-(1.0 - self.config.floor) * np.minimum(field, 1.0))
+                logarithms[row] = np.log1p(-(1.0 - self._floor) * np.minimum(field, 1.0))
             elif len(one.positions):
                 highest = float(field.max(initial=np.finfo(np.float64).tiny))
-                logarithms[row] = np.log(field / highest + self.config.floor)
+                logarithms[row] = np.log(field / highest + self._floor)
                 if one.force is not None and normals is not None:
-                    logarithms[row] += np.log(self._pushed(one.force, normals) + self.config.floor)
+                    logarithms[row] += np.log(self._pushed(one.force, normals) + self._floor)
         return logarithms
 
     def _pushed(self, force: FloatArray, normals: FloatArray) -> FloatArray:

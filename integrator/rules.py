@@ -4,6 +4,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import Field as FieldOf
 
 from contactfusion.hooks import hookimpl
 from contactfusion.integrator import kernels
@@ -11,6 +12,7 @@ from contactfusion.integrator.entries import Entries, Field, Source
 from contactfusion.integrator.kernels import Likelihoods, Places
 from contactfusion.integrator.posterior import Posterior
 from contactfusion.integrator.store import Int64Array
+from contactfusion.model import Model
 from contactfusion.rule import Rule
 from contactfusion.surface import Surface
 
@@ -31,20 +33,39 @@ class Largest(Rule):
         return Field(entries, kernels.largest(*_given(entries)))
 
 
+class PriorConfig(Model):
+    """What is expected without evidence."""
+
+    prior: float = FieldOf(default=0.05, gt=0, lt=1)
+    """The probability of a contact without any evidence."""
+
+
 class LogOdds(Rule):
     """Adds log odds over a prior: likelihoods under the prior speak against a contact."""
 
+    Config = PriorConfig
+
+    def __init__(self, config: PriorConfig) -> None:
+        super().__init__(config)
+        self._prior = config.prior
+
     def fuse(self, entries: Entries, sources: Sequence[Source], surface: Surface | None) -> Field:
         """Fuse by adding log odds."""
-        return Field(entries, kernels.log_odds(*_given(entries), self.config.prior))
+        return Field(entries, kernels.log_odds(*_given(entries), self._prior))
 
 
 class DempsterShafer(Rule):
     """Dempster's rule over contact, no contact and unknown; tells the conflict of the sources."""
 
+    Config = PriorConfig
+
+    def __init__(self, config: PriorConfig) -> None:
+        super().__init__(config)
+        self._prior = config.prior
+
     def fuse(self, entries: Entries, sources: Sequence[Source], surface: Surface | None) -> Field:
         """Fuse by Dempster's rule."""
-        fused, conflict = kernels.dempster_shafer(*_given(entries), self.config.prior)
+        fused, conflict = kernels.dempster_shafer(*_given(entries), self._prior)
         return Field(entries, fused, {"conflict": conflict})
 
 

@@ -7,12 +7,16 @@ import numpy as np
 
 from contactfusion import Fusion, HypothesisCloud, HypothesisKind, Integrator, IntegratorConfig
 from contactfusion.arrays import FloatArray
+from contactfusion.integrator.condensations import contactfusion_condensations
+from contactfusion.integrator.rules import contactfusion_rules
 
 REGULAR, SUPPORT, NULL = HypothesisKind.REGULAR, HypothesisKind.SUPPORT, HypothesisKind.NULL
 SIDE = 0.005
 
 Voxel = tuple[int, int, int]
 Likelihoods = Mapping[Voxel, float] | Sequence[tuple[Voxel, float]]
+OPTIONS = {"prior", "floor", "friction", "min_voxels", "mass_threshold", "existence", "mode_share"}
+"""Of the built-in rules and condensations."""
 HERE: Voxel = (0, 0, 0)
 THERE: Voxel = (40, 0, 0)
 
@@ -43,9 +47,26 @@ def cloud(
     return HypothesisCloud(**{**fields, **others})
 
 
+def law(**fields: Any) -> IntegratorConfig:
+    """A configuration, with options beside the names of rule and condensation that have them."""
+    known: dict[str, Mapping[str, Any]] = {
+        "rule": contactfusion_rules(),
+        "condensation": contactfusion_condensations(),
+    }
+    named = IntegratorConfig(**{part: fields[part] for part in known if part in fields})
+    parts: dict[str, Any] = {}
+    for part, offered in known.items():
+        cls = offered[name := getattr(named, part)]
+        own = {key: fields.pop(key) for key in cls.Config.model_fields if key in fields}
+        parts[part] = {"type": name, **own}
+    assert fields.keys() <= IntegratorConfig.model_fields.keys() | OPTIONS, fields
+    rest = {key: value for key, value in fields.items() if key not in OPTIONS}
+    return IntegratorConfig(**{**rest, **parts})
+
+
 def fused(*clouds: HypothesisCloud, now: float = 0.0, **config: Any) -> Fusion:
     """Fuse clouds in one step of a new integrator."""
-    integrator = Integrator(IntegratorConfig(**config))
+    integrator = Integrator(law(**config))
     for one in clouds:
         integrator.receive(one)
     return integrator.step(now)

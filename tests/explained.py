@@ -3,14 +3,14 @@
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
-from contactfusion import HypothesisCloud, HypothesisKind, Integrator, IntegratorConfig
+from contactfusion import HypothesisCloud, HypothesisKind, Integrator
 from contactfusion.explaining.account import Account
 from contactfusion.explaining.accounting import account_of
 from contactfusion.explaining.moment import Moment, moment_at
 from contactfusion.explaining.settings import Settings
 from contactfusion.pipeline import Step
 from contactfusion.surface import Surface
-from tests.clouds import NULL, REGULAR, SUPPORT
+from tests.clouds import NULL, REGULAR, SUPPORT, law
 
 Round = tuple[float, Sequence[HypothesisCloud]]
 PLUGS: Mapping[str, HypothesisKind] = {
@@ -29,7 +29,7 @@ def stepped(
     **config: Any,
 ) -> Iterator[Step]:
     """Step after each round of clouds; sources replace what they said, as generators do."""
-    integrator = Integrator(IntegratorConfig(**config))
+    integrator = Integrator(law(**config))
     for source, kind in plugs.items():
         timeout = (timeouts or {}).get(source)
         integrator.plug(source, kind, timeout=timeout, replace=True)
@@ -45,7 +45,9 @@ def moment(*rounds: Round, **options: Any) -> Moment:
 
 
 def settings(timeouts: Mapping[str, float] | None = None, **config: Any) -> Settings:
-    return Settings(IntegratorConfig(**config), timeouts or {})
+    integrator = Integrator(law(**config))
+    parts = integrator.rule.config, integrator.condensation.config
+    return Settings(integrator.config, *parts, timeouts or {})
 
 
 def account(

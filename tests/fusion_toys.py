@@ -17,6 +17,7 @@ from contactfusion.readings import PointCloud, Reading
 from contactfusion.state import State
 from contactfusion.units import LengthScale
 from contactfusion.yaml_files import with_overrides
+from tests.toys import FUSION
 
 PLACE = (0.1, 0.0, 0.0)
 CONFIG: dict[str, Any] = {
@@ -53,7 +54,7 @@ def contactfusion_generators() -> Mapping[str, Any]:
 
 def offer_eye(monkeypatch: pytest.MonkeyPatch) -> None:
     """Let pipelines find the eye, and no other generator."""
-    toys = Plugins(points=[EntryPoint("toys", __name__, GROUP)], strict=True)
+    toys = Plugins(points=[EntryPoint("toys", __name__, GROUP), *FUSION], strict=True)
     monkeypatch.setattr("contactfusion.assembly.installed_plugins", lambda: toys)
 
 

@@ -405,7 +405,9 @@ def fuse(
         names = sorted(there)
         present = {kinds[name] for name in names}
         voices = [there[n].likelihood for n in names if kinds[n] is not HypothesisKind.NULL]
-        likelihood = RULES[config.rule](voices, config.prior) if voices else 0.0
+        likelihood = (
+            RULES[config.rule](voices, config.rule_options.get("prior", 0.05)) if voices else 0.0
+        )
         if HypothesisKind.NULL in present:
             verdict = "nulled"
         elif HypothesisKind.REGULAR not in present:
@@ -459,17 +461,19 @@ def condense(
     if config.condensation == "threshold":
         groups = [[row] for row in certain]
     elif config.condensation == "cluster_centroid":
-        groups = [g for g in clusters(certain, reach(config)) if len(g) >= config.min_voxels]
+        least = config.condensation_options.get("min_voxels", 1)
+        groups = [g for g in clusters(certain, reach(config)) if len(g) >= least]
     else:
         faint = [
             row
             for row in rows
             if row.verdict in ("contact", "below_threshold") and row.likelihood >= FAINT
         ]
+        least = config.condensation_options.get("mass_threshold", 0.5)
         groups = [
             group
             for group in clusters(faint, reach(config))
-            if sum(row.likelihood for row in group) >= config.mass_threshold
+            if sum(row.likelihood for row in group) >= least
         ]
     contacts = [contact_of(config, kinds, group) for group in groups]
     return sorted(contacts, key=lambda one: (-round(one.likelihood * 1e6), one.first))

@@ -15,6 +15,7 @@ import numpy as np
 
 from contactfusion.hypotheses import HypothesisCloud, HypothesisKind
 from contactfusion.integrator.config import IntegratorConfig
+from tests.clouds import law
 
 Voxel = tuple[int, int, int]
 
@@ -121,7 +122,7 @@ class _Author:
             # There p = 1 is clipped to just what the margin lets pass: the last bit would decide.
             self.threshold = 0.9
         self.step_offset, tolerance = self._draw_tolerance()
-        self.config = IntegratorConfig(
+        self.config = law(
             frame=FRAME,
             voxel_size=self.side,
             timeout=self._cycles(1, 6),

@@ -8,10 +8,10 @@ import pytest
 from hypothesis import Phase, given, settings
 from hypothesis import strategies as st
 
-from contactfusion import Contact, Fusion, HypothesisCloud, Integrator, IntegratorConfig
+from contactfusion import Contact, Fusion, HypothesisCloud, Integrator
 from contactfusion.arrays import FloatArray
 from contactfusion.surface import Surface, rectangle
-from tests.clouds import HERE, NULL, REGULAR, SIDE, SUPPORT, THERE, Voxel, centres, cloud
+from tests.clouds import HERE, NULL, REGULAR, SIDE, SUPPORT, THERE, Voxel, centres, cloud, law
 from tests.clouds import fused as fused_by
 
 FLOOR = 0.02
@@ -196,7 +196,7 @@ def measured(
 
 def on(surface: Surface | None, *clouds: HypothesisCloud, **config: Any) -> tuple[Contact, ...]:
     fields = {"rule": "posterior", "condensation": "modes", "floor": FLOOR, **config}
-    integrator = Integrator(IntegratorConfig(**fields))
+    integrator = Integrator(law(**fields))
     for one in clouds:
         integrator.receive(one)
     return integrator.step(0.0, surface).contacts

@@ -12,6 +12,7 @@ import pytest
 
 from contactfusion import Fusion, HypothesisCloud, HypothesisKind, Integrator, IntegratorConfig
 from contactfusion.errors import ContactFusionError, FrameError, SourceError, TimeError
+from tests.clouds import law
 from tests.oracle import ExpectedFusion, Oracle, Refused, Voxel
 from tests.scenarios import Scenario, Step, scenario
 from tests.soak import RARE, differences, live, main, reconciled
@@ -21,7 +22,7 @@ HERE: Voxel = (0, 0, 0)
 
 
 def config(**fields: Any) -> IntegratorConfig:
-    return IntegratorConfig(**{"voxel_size": 1.0, **fields})
+    return law(**{"voxel_size": 1.0, **fields})
 
 
 def cloud(

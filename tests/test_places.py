@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from contactfusion import Fusion, HypothesisCloud, HypothesisKind, Integrator, IntegratorConfig
 from contactfusion.arrays import FloatArray
 from contactfusion.integrator.entries import Entries
-from tests.clouds import NULL, REGULAR, SIDE, SUPPORT, Voxel, centres
+from tests.clouds import NULL, REGULAR, SIDE, SUPPORT, Voxel, centres, law
 
 Place = tuple[float, float, float]
 Row = tuple[Place, float]
@@ -37,7 +37,7 @@ def cloud(source: str, stamp: float, *rows: Row, **others: Any) -> HypothesisClo
 
 
 def integrator(**config: Any) -> Integrator:
-    return Integrator(IntegratorConfig(**{"rule": "posterior", "condensation": "modes", **config}))
+    return Integrator(law(**{"rule": "posterior", "condensation": "modes", **config}))
 
 
 def fused(*clouds: HypothesisCloud, now: float = 0.0, **config: Any) -> Fusion:

@@ -12,7 +12,7 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from contactfusion import Fusion, HypothesisCloud, HypothesisKind, Integrator, IntegratorConfig
+from contactfusion import Fusion, HypothesisCloud, HypothesisKind, Integrator
 from contactfusion.arrays import FloatArray
 from contactfusion.integrator.entries import Belief
 from contactfusion.shapes import BodyConfig
@@ -28,6 +28,7 @@ from tests.clouds import (
     by_voxel,
     centres,
     contents,
+    law,
     verdicts,
 )
 from tests.clouds import cloud as plain_cloud
@@ -69,7 +70,7 @@ def measured(
 
 def fused(*clouds: HypothesisCloud, surface: Surface | None = None, **config: Any) -> Fusion:
     fields = {"rule": "posterior", "condensation": "modes", "floor": FLOOR}
-    integrator = Integrator(IntegratorConfig(**{**fields, **config}))
+    integrator = Integrator(law(**{**fields, **config}))
     for one in clouds:
         integrator.receive(one)
     return integrator.step(0.0, surface)

@@ -184,8 +184,8 @@ def test_what_decides_depends_on_the_condensation() -> None:
             "threshold": {"condensation": "threshold", "threshold": 0.6},
         }.items()
     }
-    assert paths["modes"][0] == "integrator.existence"
-    assert paths["mass"][:2] == ["integrator.mass_threshold", "integrator.tolerance"]
+    assert paths["modes"][0] == "integrator.condensation.existence"
+    assert paths["mass"][:2] == ["integrator.condensation.mass_threshold", "integrator.tolerance"]
     assert "integrator.tolerance" not in paths["threshold"]
 
 

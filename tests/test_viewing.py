@@ -37,6 +37,7 @@ from contactfusion.viewing.colours import ROBOT, VOXELS, ramp
 from contactfusion.viewing.extent import FIELD_OF_VIEW, Extent
 from contactfusion.viewing.library import program, quiet_environment
 from contactfusion.viewing.pictures import screenshot
+from contactfusion.viewing.plot import plot_fusion
 from contactfusion.viewing.showing import show
 from contactfusion.viewing.viewer import Viewer
 from tests.clouds import HERE, NULL, SUPPORT, THERE, cloud, fused
@@ -651,7 +652,7 @@ class TestPlot:
             cloud("skin", 0.0, {HERE: 0.9, (1, 0, 0): 0.9, (2, 0, 0): 0.9}),
             cloud("motion", 0.0, {THERE: 0.5}, SUPPORT),
         )
-        figure = fusion.plot()
+        figure = plot_fusion(fusion)
         labels = [(axes.get_xlabel(), axes.get_ylabel()) for axes in figure.axes]
         assert labels == [("x [mm]", "y [mm]"), ("x [mm]", "z [mm]"), ("y [mm]", "z [mm]")]
         (legend,) = figure.legends
@@ -668,10 +669,10 @@ class TestPlot:
         assert (ellipse.width, ellipse.height) == pytest.approx(tuple(4.0 * sigmas))
 
     def test_a_step_without_anything_is_plotted(self) -> None:
-        assert len(fused().plot().axes) == 3
+        assert len(plot_fusion(fused()).axes) == 3
 
     def test_no_window_is_opened(self) -> None:
         import matplotlib.pyplot as plt
 
-        fused(cloud("skin", 0.0, {HERE: 0.9})).plot()
+        plot_fusion(fused(cloud("skin", 0.0, {HERE: 0.9})))
         assert plt.get_fignums() == []

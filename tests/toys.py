@@ -22,10 +22,16 @@ from contactfusion.plugins import Plugins
 from contactfusion.readings import DepthImage, ObjectPose, PointCloud, Reading, Wrench
 from contactfusion.state import State
 
+FUSION = [
+    EntryPoint(name, f"contactfusion.integrator.{name}", GROUP)
+    for name in ("rules", "condensations")
+]
+"""The entry points of the built-in rules and condensations."""
+
 
 def offer_toys(monkeypatch: pytest.MonkeyPatch) -> None:
     """Let pipelines find the toys, and no other generator or controller."""
-    toys = Plugins(points=[EntryPoint("toys", __name__, GROUP)], strict=True)
+    toys = Plugins(points=[EntryPoint("toys", __name__, GROUP), *FUSION], strict=True)
     monkeypatch.setattr("contactfusion.assembly.installed_plugins", lambda: toys)
 
 

@@ -5,9 +5,10 @@ import os
 import signal
 import sys
 import traceback
+import warnings
 from collections.abc import Mapping
 from importlib.metadata import version
-from typing import Annotated, Any
+from typing import Annotated, Any, TextIO
 
 import typer
 from typer.main import get_command
@@ -107,6 +108,7 @@ def main() -> None:
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     signal.signal(signal.SIGTERM, signal.default_int_handler)  # as Ctrl-C: what is whole is kept
     terminal.set_quiet(False)
+    warnings.showwarning = _show_warning
     try:
         program, left_out = command_line()
         program(obj=left_out)
@@ -118,6 +120,22 @@ def main() -> None:
         text = str(error) if isinstance(error, ContactFusionError) else _unexpected(error)
         print(f"contactfusion: {text}", file=sys.stderr)
         sys.exit(1)
+
+
+def _show_warning(
+    message: Warning | str,
+    category: type[Warning],
+    filename: str,
+    lineno: int,
+    file: TextIO | None = None,
+    line: str | None = None,
+) -> None:
+    """What becomes of a warning: a sentence where it is for users, else as Python writes it."""
+    if issubclass(category, FutureWarning):
+        print(f"contactfusion: {message}", file=sys.stderr)
+    else:
+        text = warnings.formatwarning(message, category, filename, lineno, line)
+        print(text, end="", file=file or sys.stderr)
 
 
 def _unexpected(error: Exception) -> str:

@@ -10,6 +10,7 @@ from contactfusion.explaining.spots import Spot
 from contactfusion.explaining.view import NOBODY, View
 from contactfusion.integrator.fusion import Fusion
 from contactfusion.integrator.kernels import CLIP
+from contactfusion.integrator.rules import PriorConfig
 
 
 def combined(view: View, spot: Spot, likelihood: float | None = None) -> str:
@@ -70,22 +71,22 @@ def belief_share(fusion: Fusion, position: FloatArray, reach: float) -> float:
 def _formula(fusion: Fusion, row: int, given: Sequence[float], settings: Settings) -> str:
     fused = fusion.field.likelihoods[row]
     told = [f"{p:.2f}" for p in given]
-    match settings.integrator.rule:
-        case "de_morgan":
+    match settings.integrator.rule, settings.rule:
+        case "de_morgan", _:
             return f"1 - {''.join(f'(1 - {p})' for p in told)} = {fused:.2f}"
-        case "max":
+        case "max", _:
             return f"max({', '.join(told)}) = {fused:.2f}"
-        case "log_odds":
-            prior = _log_odds(settings.integrator.prior)
+        case "log_odds", PriorConfig(prior=expected):
+            prior = _log_odds(expected)
             odds = [_log_odds(p) - prior for p in given]
             sum_ = prior + sum(odds)
             terms = "".join(f" {'-' if odd < 0 else '+'} {abs(odd):.2f}" for odd in odds)
             return f"log odds {prior:.2f}{terms} = {sum_:.2f}, that is {fused:.2f}"
-        case "dempster_shafer":
-            masses = ", ".join(_mass(p, settings.integrator.prior) for p in given)
+        case "dempster_shafer", PriorConfig(prior=expected):
+            masses = ", ".join(_mass(p, expected) for p in given)
             conflict = float(fusion.field.details["conflict"][row])
             return f"{masses}; {fused:.2f}, conflict {conflict:.2f}"
-        case rule:
+        case rule, _:
             return f"{rule} of {', '.join(told)} = {fused:.2f}"
 
 

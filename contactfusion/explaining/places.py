@@ -54,7 +54,9 @@ def _hopeless(view: View) -> list[FloatArray]:
     rows = np.flatnonzero(wanted & (view.owners == NOBODY))
     if not len(rows):
         return []
-    labels, _ = clusters.label(entries.keys[rows], reach_squared(view.settings.integrator))
+    config = view.settings.integrator
+    reach = reach_squared(config.linking_distance, config.voxel_size)
+    labels, _ = clusters.label(entries.keys[rows], reach)
     order = np.lexsort((rows, -np.round(likelihoods[rows], 6), ~evidence[rows]))
     _, first = np.unique(labels[order], return_index=True)
     return list(view.centres[rows[order[np.sort(first)]]])

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from typing import Self
 
 from contactfusion.integrator.config import IntegratorConfig
+from contactfusion.model import Model
 from contactfusion.pipeline import Pipeline
 
 
@@ -14,10 +15,14 @@ class Settings:
 
     Attributes:
         integrator: its configuration.
+        rule: the options of its rule.
+        condensation: the options of its condensation.
         own_timeouts: how long the hypotheses of a source live [s], by name, where it says so.
     """
 
     integrator: IntegratorConfig
+    rule: Model
+    condensation: Model
     own_timeouts: Mapping[str, float]
 
     @classmethod
@@ -29,8 +34,9 @@ class Settings:
             for source in generator.sources
             if generator.config.timeout is not None
         }
-        by_voxel = pipeline.config.integrator.expiry == "voxel"
-        return cls(pipeline.config.integrator, {} if by_voxel else own)
+        config, integrator = pipeline.config.integrator, pipeline.integrator
+        timeouts = {} if config.expiry == "voxel" else own
+        return cls(config, integrator.rule.config, integrator.condensation.config, timeouts)
 
     def timeout(self, source: str) -> float:
         """Give how long the hypotheses of a source live [s]."""
@@ -39,9 +45,7 @@ class Settings:
     @property
     def tolerance(self) -> float:
         """What lies so near together belongs together [m]."""
-        if self.integrator.tolerance is None:
-            return 2.0 * self.integrator.voxel_size
-        return self.integrator.tolerance
+        return self.integrator.linking_distance
 
     @property
     def by_modes(self) -> bool:

@@ -11,6 +11,7 @@ from contactfusion.explaining.account import Said
 from contactfusion.explaining.view import NOBODY, View
 from contactfusion.hypotheses import HypothesisKind
 from contactfusion.integrator.fusion import Fusion
+from contactfusion.integrator.posterior import PosteriorConfig
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,7 +56,9 @@ def said_at(view: View, spot: Spot) -> list[Said]:
     """
     entries, said = view.fusion.field.entries, []
     positions = entries.positions
-    fits, heard = heard_at(view.fusion, spot, view.settings.integrator.floor)
+    options = view.settings.rule
+    floor = (options if isinstance(options, PosteriorConfig) else PosteriorConfig()).floor
+    fits, heard = heard_at(view.fusion, spot, floor)
     for number, (source, (begin, end)) in enumerate(
         zip(entries.sources, itertools.pairwise(entries.begin.tolist()), strict=True)
     ):

@@ -13,7 +13,12 @@ from contactfusion.explaining.view import NOBODY, View
 from contactfusion.explaining.words import counted, millimetres
 from contactfusion.hypotheses import HypothesisKind
 from contactfusion.integrator import kernels
-from contactfusion.integrator.condensations import FAINTEST
+from contactfusion.integrator.condensations import (
+    FAINTEST,
+    ClusterCentroidConfig,
+    ClusterMassConfig,
+)
+from contactfusion.integrator.modes import ModesConfig
 
 
 def verdict(view: View, spot: Spot) -> list[Reason]:
@@ -25,8 +30,9 @@ def verdict(view: View, spot: Spot) -> list[Reason]:
     """
     if (contact := _part_of(view, spot)) is not None:
         return [contact]
-    if view.settings.by_modes and (spot.best != NOBODY or _believed(view, spot)):
-        return _by_belief(view, spot)
+    options = view.settings.condensation
+    if isinstance(options, ModesConfig) and (spot.best != NOBODY or _believed(view, spot)):
+        return _by_belief(view, spot, options)
     if spot.best == NOBODY:
         return []
     code = int(view.fusion.verdict_codes[spot.best])
@@ -58,11 +64,12 @@ def _part_of(view: View, spot: Spot) -> Reason | None:
 
 def _of_voxel(code: int, view: View, spot: Spot) -> Reason:
     """Tell why the likeliest voxel is no contact."""
-    if view.settings.integrator.condensation == "cluster_mass" and code in (
+    options = view.settings.condensation
+    if isinstance(options, ClusterMassConfig) and code in (
         kernels.CONTACT,
         kernels.BELOW_THRESHOLD,
     ):
-        return _too_little_mass(view, spot)
+        return _too_little_mass(view, spot, options.mass_threshold)
     match code:
         case kernels.NULLED:
             nulled = _nulled(view, spot)
@@ -120,7 +127,8 @@ def _below(view: View, spot: Spot) -> Reason:
 
 def _too_few(view: View, spot: Spot) -> Reason:
     voxels = int((view.fusion.verdict_codes[spot.inside] == kernels.CONTACT).sum())
-    least = view.settings.integrator.min_voxels
+    options = view.settings.condensation
+    least = options.min_voxels if isinstance(options, ClusterCentroidConfig) else 1
     return Reason(
         Why.TOO_FEW_VOXELS,
         f"{counted(voxels, 'voxel')} over the threshold within {millimetres(spot.reach)}, where "
@@ -129,14 +137,11 @@ def _too_few(view: View, spot: Spot) -> Reason:
     )
 
 
-def _too_little_mass(view: View, spot: Spot) -> Reason:
+def _too_little_mass(view: View, spot: Spot, least: float) -> Reason:
     codes = view.fusion.verdict_codes
     judged = spot.inside & ((codes == kernels.CONTACT) | (codes == kernels.BELOW_THRESHOLD))
     likelihoods = view.fusion.field.likelihoods[judged]
-    mass, least = (
-        float(likelihoods[likelihoods >= FAINTEST].sum()),
-        view.settings.integrator.mass_threshold,
-    )
+    mass = float(likelihoods[likelihoods >= FAINTEST].sum())
     return Reason(
         Why.TOO_LITTLE_MASS,
         f"the likelihoods within {millimetres(spot.reach)} sum to {mass:.2f}; a contact needs a "
@@ -150,9 +155,9 @@ def _believed(view: View, spot: Spot) -> bool:
     return belief_share(view.fusion, spot.position, spot.reach) >= 0.01
 
 
-def _by_belief(view: View, spot: Spot) -> list[Reason]:
+def _by_belief(view: View, spot: Spot, config: ModesConfig) -> list[Reason]:
     """Tell what a belief makes of a spot: existence is asked first, then the share of the place."""
-    belief, config = view.fusion.field.belief, view.settings.integrator
+    belief = view.fusion.field.belief
     if belief is None:
         names, _ = given_in(view.fusion, spot.best)
         sentence = f"predicted by {' and '.join(names)}, but no sensor felt anything"

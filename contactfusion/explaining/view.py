@@ -70,7 +70,8 @@ class View:
             return owners
         keys, labels = fusion.field.entries.keys[rows], np.arange(len(rows))
         if config.condensation != "threshold":
-            labels = clusters.label(keys, reach_squared(config))[0].astype(np.intp)
+            reach = reach_squared(config.linking_distance, config.voxel_size)
+            labels = clusters.label(keys, reach)[0].astype(np.intp)
         weights = likelihoods[rows]
         sums = [np.bincount(labels, weights * x) for x in self.centres[rows].T]
         centroids = np.stack(sums, axis=1) / np.bincount(labels, weights)[:, None]

@@ -15,7 +15,7 @@ from contactfusion.units import LengthScale
 
 LADDER = (0.25, 0.5, 0.7, 1.0, 1.4, 2.0, 4.0)
 """By default a field is set to so many times what is configured."""
-JUDGES = {"modes": "existence", "cluster_mass": "mass_threshold"}
+JUDGES = {"modes": "condensation.existence", "cluster_mass": "condensation.mass_threshold"}
 """The field of the integrator that decides whether there is a contact, by condensation."""
 
 
@@ -65,7 +65,12 @@ def fields_to_vary(pipeline: Pipeline, vary: Sequence[str]) -> list[Varied]:
 def _holders(pipeline: Pipeline) -> dict[str, Model]:
     """Give what holds fields, by the path that leads there."""
     generators = {f"generators.{name}": one.config for name, one in pipeline.generators.items()}
-    return {"integrator": pipeline.config.integrator, **generators}
+    integrator = {
+        "integrator": pipeline.config.integrator,
+        "integrator.rule": pipeline.integrator.rule.config,
+        "integrator.condensation": pipeline.integrator.condensation.config,
+    }
+    return integrator | generators
 
 
 def _default_paths(pipeline: Pipeline) -> list[str]:
@@ -155,7 +160,7 @@ def _configured(holders: dict[str, Model], path: str) -> Any:
         raise ConfigurationError(f"unknown field '{path}'; {hint}")
     value = getattr(model, name)
     if path == "integrator.tolerance" and value is None and isinstance(model, IntegratorConfig):
-        return 2.0 * model.voxel_size
+        return model.linking_distance
     return value
 
 

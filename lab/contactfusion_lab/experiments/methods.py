@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -40,8 +41,13 @@ class Method:
         return method
 
     def applied(self, config: IntegratorConfig) -> IntegratorConfig:
-        """Give a configuration with this rule and condensation."""
-        return config.model_copy(update={"rule": self.rule, "condensation": self.condensation})
+        """A configuration with this rule and condensation; options of another are left out."""
+        update: dict[str, Any] = {"rule": self.rule, "condensation": self.condensation}
+        if self.rule != config.rule:
+            update["rule_options"] = {}
+        if self.condensation != config.condensation:
+            update["condensation_options"] = {}
+        return config.model_copy(update=update)
 
     @property
     def looks_at_spreads(self) -> bool:
