@@ -15,8 +15,7 @@ from contactfusion.hypotheses import HypothesisCloud, HypothesisKind, kind_of
 from contactfusion.integrator.config import IntegratorConfig
 from contactfusion.integrator.fusion import Fusion, fuse
 from contactfusion.integrator.inbox import Inbox
-from contactfusion.integrator.report import Event, EventKind, Report
-from contactfusion.integrator.sources import SourceRecord
+from contactfusion.integrator.sources import Event, EventKind, Report, SourceRecord
 from contactfusion.integrator.space import Space
 from contactfusion.plugins import class_fault, installed_plugins, refuse
 from contactfusion.rule import Condensation, Rule

@@ -14,7 +14,7 @@ from contactfusion.errors import ConfigurationError, InvalidReadingError
 from contactfusion.generators.health import PERSISTS
 from contactfusion.generators.tactile import TactileConfig, TactileGenerator
 from contactfusion.hypotheses import HypothesisCloud, HypothesisKind, Note
-from contactfusion.integrator.report import EventKind
+from contactfusion.integrator.sources import EventKind
 from contactfusion.npz_files import write_npz
 from contactfusion.pipeline import Step
 from contactfusion.readings import TactileImage
