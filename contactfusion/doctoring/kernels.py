@@ -20,7 +20,6 @@ MODULES = (
     "contactfusion.integrator.fields",
     "contactfusion.integrator.kernels",
     "contactfusion.integrator.outlines",
-    "contactfusion.integrator.sorting",
     "contactfusion.integrator.store",
     "contactfusion.nearest",
     "contactfusion.patches",
