@@ -15,7 +15,6 @@ MODULES = (
     "contactfusion.generators.motion",
     "contactfusion.generators.proximity",
     "contactfusion.generators.sliding",
-    "contactfusion.integrator.cells",
     "contactfusion.integrator.clusters",
     "contactfusion.integrator.fields",
     "contactfusion.integrator.kernels",
