@@ -8,8 +8,8 @@ from numpy.typing import NDArray
 from contactfusion.contacts import Contact
 from contactfusion.hooks import hookimpl
 from contactfusion.integrator import clusters, kernels
+from contactfusion.integrator.clusters import ContactTable
 from contactfusion.integrator.config import IntegratorConfig
-from contactfusion.integrator.contact_table import ContactTable
 from contactfusion.integrator.entries import Field
 from contactfusion.integrator.modes import Modes
 from contactfusion.integrator.store import Int64Array, unpack

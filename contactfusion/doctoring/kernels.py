@@ -18,7 +18,7 @@ MODULES = (
     "contactfusion.integrator.clusters",
     "contactfusion.integrator.fields",
     "contactfusion.integrator.kernels",
-    "contactfusion.integrator.outlines",
+    "contactfusion.integrator.moments",
     "contactfusion.integrator.store",
     "contactfusion.nearest",
     "contactfusion.patches",

@@ -1,4 +1,4 @@
-"""Kernels of condensation: what each cluster of voxels adds up to, its place and its shape."""
+"""Kernels of condensation: the moments of each cluster of voxels, its place and its shape."""
 
 from typing import NamedTuple
 
