@@ -49,7 +49,7 @@ def _join(parent: UintArray, one: np.uintp, other: np.uintp) -> None:
 
 @kernel
 def _root(square: int) -> int:
-    """Give the largest integer whose square is at most `square`."""
+    """The largest integer whose square is at most `square`."""
     root = int(np.sqrt(float(square)))
     while root * root > square:
         root -= 1
@@ -173,7 +173,7 @@ def _link_by_row(low: Int64Array, high: Int64Array, parent: UintArray, reach_squ
 
 @kernel
 def _is_clear(low: Int64Array) -> bool:
-    """Tell whether no segment is so near the least y or z that it could meet the row before."""
+    """Whether no segment is so near the least y or z that it could meet the row before."""
     clear = True
     for key in low[:-1]:
         clear &= (key & AXIS_MASK >= SHORT) & ((key >> AXIS_BITS) & AXIS_MASK >= SHORT)
@@ -182,7 +182,7 @@ def _is_clear(low: Int64Array) -> bool:
 
 @kernel
 def _offsets(reach_squared: int) -> tuple[Int64Array, Int64Array]:
-    """Give the differences of keys that each earlier row within the reach allows, from and to."""
+    """The differences of keys that each earlier row within the reach allows, from and to."""
     reach = _root(reach_squared)
     room = (reach + 1) * (2 * reach + 1)
     least, most = np.empty(room, np.int64), np.empty(room, np.int64)
@@ -280,7 +280,7 @@ class ContactTable:
         return self
 
     def __iter__(self) -> Iterator[Contact]:
-        """Give the contacts by falling likelihood, then by first voxel."""
+        """The contacts by falling likelihood, then by first voxel."""
         sums, entries, kept = self.sums, self._field.entries, self._kept
         if not len(kept):
             return
@@ -309,7 +309,7 @@ class ContactTable:
             )
 
     def _forces(self) -> FloatArray:
-        """Give the mean force of each cluster, shape (c, 3) [N], NaN where there is none."""
+        """The mean force of each cluster, shape (c, 3) [N], NaN where there is none."""
         entries, cluster_of = self._field.entries, self.sums.cluster_of
         clusters = len(self.sums.voxels)
         felt = (entries.bits & kernels.FORCE).astype(np.bool_) & (cluster_of < clusters)

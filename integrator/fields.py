@@ -97,7 +97,7 @@ def _touched(
 def heaviest(
     points: FloatArray, places: FloatArray, dealt: Dealt, weights: FloatArray, radius: float
 ) -> FloatArray:
-    """Give the largest weight of a place within `radius` of each point, 0 without any, shape (n,).
+    """The largest weight of a place within `radius` of each point, 0 without any, shape (n,).
 
     Args:
         points: shape (n, 3) [m].
@@ -123,7 +123,7 @@ def heaviest(
 
 @kernel
 def linked(points: FloatArray, dealt: Dealt, start: int, reach: float) -> NDArray[np.bool_]:
-    """Tell which points a chain of steps of at most `reach` joins to one of them, shape (n,).
+    """Which points a chain of steps of at most `reach` joins to one of them, shape (n,).
 
     Args:
         points: shape (n, 3) [m].
@@ -161,13 +161,13 @@ def _squared(one: FloatArray, other: FloatArray) -> float:
 
 @kernel
 def _gap(x: float, cell: int, side: float) -> float:
-    """Give the distance of a coordinate from a cell [m]."""
+    """The distance of a coordinate from a cell [m]."""
     return max(cell * side - x, x - (cell + 1) * side, 0.0)
 
 
 @kernel
 def _exp(away: np.float32) -> np.float32:
-    """Give exp(-away), to 2e-5 for 0 ≤ away ≤ 8: the 64th power of a polynomial.
+    """exp(-away), to 2e-5 for 0 ≤ away ≤ 8: the 64th power of a polynomial.
 
     It is free of branches and calls, so that it runs on vectors.
     """
@@ -185,7 +185,7 @@ def _exp(away: np.float32) -> np.float32:
 
 @kernel
 def _tailed(away: np.float32, height: np.float32) -> np.float32:
-    """Give exp(-away) + height · exp(-away / 9): a Gaussian and one that is three times as wide."""
+    """exp(-away) + height · exp(-away / 9): a Gaussian and one that is three times as wide."""
     wide = _exp(away * np.float32(1.0 / 9.0))  # WIDER squared
     cubed = wide * wide * wide
     return cubed * cubed * cubed + height * wide
@@ -285,7 +285,7 @@ def _gather(
 def _ceiling(
     spread: Spread, found: Int64Array, squares: Float32Array, around: np.float32
 ) -> np.float32:
-    """Give an exponent that the strongest hypothesis has at most, anywhere `around` the middle."""
+    """An exponent that the strongest hypothesis has at most, anywhere `around` the middle."""
     ceiling = BIG
     for h in range(len(found)):
         away = (np.sqrt(squares[h]) + around) ** 2 * spread.halved[found[h]]

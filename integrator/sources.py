@@ -139,7 +139,7 @@ class SourceRecord:
         return since is None or now - since <= self.stale_after
 
     def misses(self, now: int, lifetime: int) -> float:
-        """Give how probable its silence is while there is a contact.
+        """How probable its silence is while there is a contact.
 
         1 unless its newest cloud, not older than entries may be, says that it found nothing.
 

@@ -55,7 +55,7 @@ class Columns(NamedTuple):
     offsets: NDArray[np.float32]
 
     def picked(self, rows: Pick, force_rows: Pick) -> "Columns":
-        """Give some of the rows; a slice shares memory, a mask copies."""
+        """Some of the rows; a slice shares memory, a mask copies."""
         return Columns(
             self.keys[rows],
             self.likelihoods[rows],
@@ -67,7 +67,7 @@ class Columns(NamedTuple):
         )
 
     def shrink(self, rows: int, force_rows: int) -> None:
-        """Give the memory behind the first rows back; nobody else may hold these arrays yet."""
+        """Release the memory behind the first rows; these arrays may be held nowhere else yet."""
         for column in self[:5]:
             column.resize(rows, refcheck=False)
         self.forces.resize((force_rows, 4), refcheck=False)
@@ -116,7 +116,7 @@ def offset_from_centres(positions: FloatArray, side: float, offsets: NDArray[np.
 
 @kernel
 def mean_places(keys: Int64Array, offsets: NDArray[np.float32], side: float) -> FloatArray:
-    """Give the mean place of the hypotheses of each entry, shape (n, 3) [m].
+    """The mean place of the hypotheses of each entry, shape (n, 3) [m].
 
     Args:
         keys: shape (n,), packed voxels.
@@ -134,7 +134,7 @@ def mean_places(keys: Int64Array, offsets: NDArray[np.float32], side: float) -> 
 
 
 def unpack(keys: Int64Array) -> Int64Array:
-    """Give the voxel indices of packed keys, shape (n, 3)."""
+    """The voxel indices of packed keys, shape (n, 3)."""
     shifts = np.array([2 * AXIS_BITS, AXIS_BITS, 0])
     voxels: Int64Array = ((keys[:, None] >> shifts) & AXIS_MASK) - AXIS_ORIGIN
     return voxels
@@ -152,7 +152,7 @@ def _sort_small(keys: Int64Array, begin: int, end: int, order: NDArray[np.uint32
 
 @kernel
 def _bits(count: int | np.int64) -> int:
-    """Give how many bits the numbers below `count` take."""
+    """How many bits the numbers below `count` take."""
     bits = 0
     while (1 << bits) < count:
         bits += 1
@@ -277,7 +277,7 @@ def _pick(column: NDArray[Any], order: NDArray[np.uint32], out: NDArray[Any]) ->
 
 
 def _reordered(column: NDArray[Any], order: NDArray[np.uint32]) -> NDArray[Any]:
-    """Give a column in a new order; one that holds a single value is shared."""
+    """A column in a new order; one that holds a single value is shared."""
     if _uniform(column):
         return column
     out = np.empty_like(column)
