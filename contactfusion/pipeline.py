@@ -31,7 +31,7 @@ from contactfusion.generator import checked_clouds
 from contactfusion.grid import Grid
 from contactfusion.hypotheses import HypothesisCloud, HypothesisKind
 from contactfusion.integrator.fusion import Fusion
-from contactfusion.integrator.report import Event
+from contactfusion.integrator.sources import Event
 from contactfusion.isolation import Isolated
 from contactfusion.pipeline_config import PipelineConfig
 from contactfusion.readings import READING_TYPES, JointState, Odometry, Reading, Transform

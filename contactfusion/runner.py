@@ -5,7 +5,7 @@ from collections.abc import Callable, Sequence
 
 from contactfusion.assembly import AnyGenerator
 from contactfusion.hypotheses import HypothesisCloud
-from contactfusion.integrator.report import EventKind
+from contactfusion.integrator.sources import EventKind
 from contactfusion.pipeline import Pipeline
 from contactfusion.pipeline_config import PipelineConfig
 from contactfusion.readings import Reading

@@ -12,7 +12,7 @@ from contactfusion.contacts import Contact
 from contactfusion.errors import ConfigurationError, listed_once, name_hint
 from contactfusion.faults import unmet
 from contactfusion.hypotheses import HypothesisKind, Note
-from contactfusion.integrator.report import EventKind, Report, SourceReport
+from contactfusion.integrator.sources import EventKind, Report, SourceReport
 from contactfusion.pipeline import Pipeline, Step
 from contactfusion.readings import READING_TYPES, Reading
 

@@ -5,21 +5,32 @@ it has touched it, and corrects itself; the states and their numbers are ours.
 """
 
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import final
 
 import numpy as np
 
 from contactfusion.arrays import FloatArray
 from contactfusion.contacts import Contact
 from contactfusion.controller import Command, Controller
-from contactfusion.controllers.grasp_between import Between
-from contactfusion.controllers.grasp_contact import HandContact, typical
-from contactfusion.controllers.grasp_move import Move
+from contactfusion.controllers.grasp_contact import HandContact, on_hand, typical
 from contactfusion.controllers.grasp_parameters import ENDS, GraspMode, ReactiveGraspConfig
-from contactfusion.controllers.grasp_sense import Sense, sensed
+from contactfusion.errors import ConfigurationError, name_hint
+from contactfusion.frames import Pose
 from contactfusion.hooks import hookimpl
-from contactfusion.readings import Twist
+from contactfusion.readings import JointState, Twist
 from contactfusion.state import State
 
+NEAR = 0.002
+"""Goal tolerance [m]."""
+PROGRESS = 0.002
+"""A hand that comes nearer by less makes no progress [m]."""
+SLOWING = 4.0
+"""The hand is so much slower for each metre that is left [1/s]."""
+QUIET = 0.2
+"""Fingers have stopped when they rest for so long [s]."""
+NARROW = 0.005
+"""Nothing lies between places that are nearer to each other [m]."""
 STILL_CLOSED = 0.1
 """A joint of the fingers that rests after more than this part of its way has not opened."""
 LEVEL = 0.7
@@ -30,6 +41,150 @@ SILENT = 0.5
 """Joints that have told nothing for so long are silent [s]."""
 ENDED_SOON = (*ENDS, GraspMode.RETREAT, GraspMode.LIFT, GraspMode.LOWER, GraspMode.HOLD)
 """States that a time limit does not end: what is held would be dropped."""
+
+
+@dataclass(frozen=True, eq=False)
+class Sense:
+    """What the hand knows.
+
+    Attributes:
+        now: [s].
+        tool: the pose of the tool in the frame of the hypothesis space.
+        closed: shape (k,), how far each joint of the gripper is closed, from 0 to 1.
+        speeds: shape (k,), of these [rad/s, m/s].
+        touch: the contact on the hand, or None.
+    """
+
+    now: float
+    tool: Pose
+    closed: FloatArray
+    speeds: FloatArray
+    touch: HandContact | None
+
+    @property
+    def ahead(self) -> FloatArray:
+        """Where the tool looks, shape (3,)."""
+        return self.tool[:3, 2]
+
+    @property
+    def place(self) -> FloatArray:
+        """Where the tool is, shape (3,) [m]."""
+        return self.tool[:3, 3]
+
+
+def _sensed(
+    contacts: Sequence[Contact], joints: JointState, state: State, options: ReactiveGraspConfig
+) -> Sense:
+    """Bring contacts and joints into the form in which the hand is controlled.
+
+    Args:
+        contacts: of one step, in the frame of the hypothesis space.
+        joints: of the gripper, and perhaps others.
+        state: the robot at the step.
+        options: tool and gripper.
+
+    Raises:
+        FrameError: the frame of the tool is not known.
+        ConfigurationError: a joint of the gripper is not told, or no velocities are.
+    """
+    for name in options.gripper:
+        if name not in joints.names:
+            hint = name_hint(name, joints.names, "joints")
+            raise ConfigurationError(f"unknown joint '{name}': {hint}", f"gripper.{name}")
+    if joints.velocities is None:
+        raise ConfigurationError(
+            "the joints tell no velocities, by which one knows that the fingers rest", "gripper"
+        )
+    rows = [joints.names.index(name) for name in options.gripper]
+    opened, closed = np.array(list(options.gripper.values())).T
+    tool = state.frames.pose(state.grid.frame, of=options.tool)
+    return Sense(
+        now=state.now,
+        tool=tool,
+        closed=(joints.positions[rows] - opened) / (closed - opened),
+        speeds=joints.velocities[rows],
+        touch=on_hand(contacts, tool, state.surface, options.hand),
+    )
+
+
+@final
+class Move:
+    """A way of the hand, and whether its fingers rest since it began.
+
+    Args:
+        now: when it begins [s].
+        goal: where the tool shall be, shape (3,) [m], in the frame of the hypothesis space; None:
+            it shall stand.
+        options: speeds and patience.
+    """
+
+    def __init__(self, now: float, goal: FloatArray | None, options: ReactiveGraspConfig) -> None:
+        self.began, self.goal, self._options = now, goal, options
+        self._left, self._nearest = np.inf, np.inf
+        self._now = self._nearer = self._moved = now
+
+    def follow(self, sense: Sense) -> None:
+        """Take in how far the hand has come, and whether its fingers rest."""
+        self._now = now = sense.now
+        if (np.abs(sense.speeds) > self._options.resting).any():
+            self._moved = now
+        if self.goal is None:
+            return
+        self._left = float(np.linalg.norm(self.goal - sense.place))
+        if self._left < self._nearest - PROGRESS:
+            self._nearest, self._nearer = self._left, now
+
+    @property
+    def is_there(self) -> bool:
+        """Whether the hand has reached its goal."""
+        return self._left < NEAR
+
+    @property
+    def is_blocked(self) -> bool:
+        """Whether it comes no nearer."""
+        return self.goal is not None and self._now - self._nearer > self._options.patience
+
+    @property
+    def fingers_rest(self) -> bool:
+        """Whether the fingers have had time to begin, and rest since."""
+        return min(self._now - self._moved, self._now - self.began - QUIET) > QUIET
+
+    def velocity(self, sense: Sense) -> FloatArray:
+        """Velocity of the tool in its own frame, shape (3,) [m/s]."""
+        if self.goal is None:
+            return np.zeros(3)
+        way = sense.tool[:3, :3].T @ (self.goal - sense.place)
+        left = max(float(np.linalg.norm(way)), 1e-9)
+        velocity: FloatArray = way / left * min(self._options.speed, SLOWING * left)
+        return velocity
+
+
+@final
+class Between:
+    """What was touched on one side here, and on the other there, lies between the two.
+
+    So it is wider than it was taken for: the hand does not go beyond, but half-way.
+    """
+
+    def __init__(self) -> None:
+        self.forget()
+
+    def forget(self) -> None:
+        """Forget all touches, as after the object may have been moved."""
+        self._low, self._high = -np.inf, np.inf
+
+    def shift(self, here: float, wanted: float) -> float:
+        """How far aside the hand goes [m].
+
+        Args:
+            here: where it was touched, aside [m].
+            wanted: how far it would go by this touch alone [m].
+        """
+        low, high = (here, self._high) if wanted > 0.0 else (self._low, here)
+        if high - low < NARROW:  # the object has been pushed aside meanwhile
+            low, high = (here, np.inf) if wanted > 0.0 else (-np.inf, here)
+        self._low, self._high = low, high
+        return wanted if low < here + wanted < high else (low + high) / 2.0 - here
 
 
 class ReactiveGrasp(Controller):
@@ -69,7 +224,7 @@ class ReactiveGrasp(Controller):
         self._end = GraspMode.MISSED
 
     def command(self, contacts: Sequence[Contact], state: State) -> Command:
-        """Give the velocity of the tool and the gripper's opening that follow from the contacts.
+        """Velocity of the tool and opening of the gripper that follow from the contacts.
 
         Raises:
             FrameError: the frame of the tool is not known.
@@ -85,7 +240,7 @@ class ReactiveGrasp(Controller):
             elif now - self._began > options.patience:
                 self._mode, self._reason = GraspMode.BLIND, "nobody tells where the joints are"
             return self._told(now, np.zeros(3))
-        sense = sensed(contacts, state.joints, state, options)
+        sense = _sensed(contacts, state.joints, state, options)
         if self._move is None:
             self._start = sense.place
             move = self._go(GraspMode.OPEN, "it begins", sense, gripper=0.0)

@@ -8,8 +8,7 @@ from collections.abc import Mapping
 
 from pydantic import Field
 
-from contactfusion.controllers.face import FaceContact
-from contactfusion.controllers.go_around import GoAround
+from contactfusion.controllers.face import FaceConfig, FaceContact
 from contactfusion.controllers.pushing import (
     ARRIVED,
     Decision,
@@ -26,9 +25,27 @@ from contactfusion.controllers.pushing_law import (
     turn_rate,
     velocities,
 )
-from contactfusion.controllers.pushing_parameters import NamedParameters, SearchParameters
-from contactfusion.controllers.search import Search
+from contactfusion.controllers.pushing_parameters import (
+    EscapeParameters,
+    NamedParameters,
+    SearchParameters,
+)
 from contactfusion.hooks import hookimpl
+
+ALIGNED = 0.02
+"""Lateral tolerance of a place that is tried [m]."""
+SHIFTS = (0, 1, -1)
+"""Each round of tries goes straight, to the side of the loss, to the other side [shift]."""
+GAIN = 2.0
+"""Errors fall by this part a second [1/s]."""
+BEHIND, CENTRED = 0.05, 0.03
+"""Behind the object is where heading [rad] and place [m] are so near to what they shall be."""
+SHARE = 0.7
+"""So much of the speed goes into circling; the rest keeps the object before the face."""
+MORE = 0.15
+"""Clearance that is added when something is touched while searching or circling [m]."""
+GRACE = 0.3
+"""The object may be so much further away than it is believed to be [m]."""
 
 
 class ReactivePushingConfig(PushingConfig):
@@ -169,6 +186,132 @@ class ReactivePushing(PushingController[ReactivePushingConfig]):
             return None
         ahead, aside, turn, doing = velocity
         return Decision(ahead, aside, turn, "escape", f"no progress, {doing}")
+
+
+class Search:
+    """Tries places one after the other: that of the last contact, then to its sides.
+
+    Args:
+        parameters: speed and distances.
+        face: the face that shall find the contact.
+        place: where the contact was last, x and y in the world [m].
+        side: 1.0 if it was to the left of the robot's middle, -1.0 if to the right.
+    """
+
+    def __init__(
+        self,
+        parameters: SearchParameters,
+        face: FaceConfig,
+        place: tuple[float, float],
+        side: float,
+    ) -> None:
+        self._parameters, self._face = parameters, face
+        self._place, self._side = place, side
+        self._tries, self._phase = 0, "back"
+        self._clearance = parameters.clearance
+
+    def velocity(self, pose: tuple[float, float, float], beside: float) -> tuple[float, float, str]:
+        """The next velocity: ahead, to the left [m/s], and what it is for.
+
+        Args:
+            pose: of the robot, x, y [m] and yaw [rad] in the world; it does not turn meanwhile.
+            beside: 1.0 if something touches the robot's left side, -1.0 if its right, else 0.0.
+        """
+        p = self._parameters
+        x, y, yaw = pose
+        way = self._place[0] - x, self._place[1] - y
+        ahead = math.cos(yaw) * way[0] + math.sin(yaw) * way[1] - self._face.ahead
+        aside = math.cos(yaw) * way[1] - math.sin(yaw) * way[0] + self._shift()
+        if beside and self._phase != "back":  # the object stands beside the robot, or reaches there
+            self._place = place_of((self._face.ahead, beside * self._face.half_width), pose)
+            self._clearance += MORE * (self._phase == "aside")
+            self._tries, self._phase = 0, "back"
+        if self._phase == "back" and ahead >= self._clearance and not beside:
+            self._phase = "aside"
+        if self._phase == "aside" and abs(aside) <= ALIGNED:
+            self._phase = "ahead"
+        if self._phase == "ahead" and ahead <= -p.beyond * (1 + self._tries // len(SHIFTS)):
+            self._tries, self._phase = self._tries + 1, "back"
+        match self._phase:
+            case "back":
+                return -p.speed, 0.0, f"back, try {self._tries + 1}"
+            case "aside":
+                slowed = min(p.speed, max(abs(aside) * 5.0, 0.02))
+                return 0.0, math.copysign(slowed, aside), f"aside, try {self._tries + 1}"
+            case _:
+                return p.speed, 0.0, f"ahead, try {self._tries + 1}"
+
+    def _shift(self) -> float:
+        """How far this try goes beside the place, to the left [m]."""
+        return self._side * self._parameters.shift * SHIFTS[self._tries % len(SHIFTS)]
+
+
+class GoAround:
+    """Circles around where the object is believed to be, until it lies before the target.
+
+    Args:
+        parameters: speed and distances.
+        face: the face that pushes.
+        target: x and y in the world [m].
+        pose: of the robot, x, y [m] and yaw [rad] in the world.
+        lateral: l, where the object touches the face [m].
+    """
+
+    def __init__(
+        self,
+        parameters: EscapeParameters,
+        face: FaceConfig,
+        target: tuple[float, float],
+        pose: tuple[float, float, float],
+        lateral: float,
+    ) -> None:
+        self._parameters, self._face, self._target = parameters, face, target
+        self._middle = place_of((face.ahead + parameters.reach, lateral), pose)
+        self._clearance, self._phase = parameters.clearance, "back"
+
+    def velocity(
+        self, pose: tuple[float, float, float], touched: bool
+    ) -> tuple[float, float, float, str] | None:
+        """The next velocity, and what it is for.
+
+        Args:
+            pose: of the robot, x, y [m] and yaw [rad] in the world.
+            touched: whether anything touches the robot.
+
+        Returns:
+            Ahead, to the left [m/s], of turning [rad/s], and a word on why; None when it is done:
+            the face touches the object from behind, or has not met it where it was believed to be.
+        """
+        p, (x, y, yaw) = self._parameters, pose
+        way = self._middle[0] - x, self._middle[1] - y
+        ahead = math.cos(yaw) * way[0] + math.sin(yaw) * way[1]
+        aside = math.cos(yaw) * way[1] - math.sin(yaw) * way[0]
+        if touched and self._phase == "around":  # the object is larger, or reaches back
+            self._clearance += MORE
+            self._phase = "back"
+        radius = self._face.ahead + self._clearance + p.reach
+        error = heading_error(
+            (self._target[0] - self._middle[0], self._target[1] - self._middle[1]), yaw
+        )
+        if self._phase == "back" and ahead >= radius - BEHIND:
+            self._phase = "around"
+        if self._phase == "around" and abs(error) < BEHIND and abs(aside) < CENTRED:
+            self._phase = "ahead"
+        match self._phase:
+            case "back":
+                return -p.speed, 0.0, 0.0, "back off"
+            case "around":
+                turn = limited(GAIN * error, SHARE * p.speed / radius)
+                return (
+                    limited(GAIN * (ahead - radius), p.speed),
+                    limited(GAIN * aside - turn * ahead, p.speed),
+                    turn,
+                    "go around",
+                )
+            case _ if ahead > self._face.ahead - GRACE and not touched:
+                return p.speed, 0.0, 0.0, "go ahead"
+            case _:
+                return None
 
 
 @hookimpl

@@ -15,6 +15,7 @@ from contactfusion.shapes import ShapeConfig, joined
 
 MASS = {"condensation": {"type": "cluster_mass", "mass_threshold": 0.4}}
 MODES: dict[str, Any] = {"rule": "posterior", "condensation": "modes"}
+MORE = {"type": "modes", "mode_share": 0.1}
 METHODS = {"De Morgan, cluster_centroid": {}, "De Morgan, cluster_mass": MASS, "posterior": MODES}
 VIEW = dict(aspect="equal", xlim=(-52, 52), ylim=(-42, 42), xlabel="x [mm]", ylabel="y [mm]")
 PALM = ShapeConfig(shape="rectangle", size=(0.1, 0.08)).sampled("hand", 0.004)
@@ -68,8 +69,7 @@ def fuse(name: str, how: str, sensitivity: float = 0.0, **config: Any) -> Fusion
 def draw(name: str, path: Path) -> None:
     """Draw what each source says, and the voxels and contacts of each method, from above."""
     _, surface, touches, clouds = SITUATIONS[name]
-    figure = new_figure(14.0, 4.2)
-    panels = figure.subplots(1, 4, subplot_kw=VIEW)
+    panels = (figure := new_figure(14.0, 4.2)).subplots(1, 4, subplot_kw=VIEW)
     for colour, cloud in zip(COLOURS, clouds, strict=False):
         label = f"{cloud.source}, {cloud.kind}, {cloud.spreads[0] * 1e3:.0f} mm"
         panels[0].scatter(*cloud.positions[:, :2].T * 1e3, c=colour, s=9 + 70 * cloud.likelihoods,
@@ -97,5 +97,4 @@ for name, (title, *_) in SITUATIONS.items():
     print(title)
     draw(name, out / f"rules_{name}.png")
 fuse("line", "posterior, sensitivity 0.9", sensitivity=0.9, **MODES)
-more = MODES | {"condensation": {"type": "modes", "mode_share": 0.1}}
-fuse("many", "posterior, mode_share 0.1", **more)
+fuse("many", "posterior, mode_share 0.1", **MODES | {"condensation": MORE})

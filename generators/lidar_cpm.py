@@ -3,7 +3,7 @@
 from collections.abc import Mapping, Sequence
 
 from contactfusion.generator import Generator
-from contactfusion.generators.learned import LearnedConfig, LearnedFace
+from contactfusion.generators.networks import LearnedConfig, LearnedFace
 from contactfusion.generators.perceived import points_before
 from contactfusion.hooks import hookimpl
 from contactfusion.hypotheses import HypothesisCloud

@@ -1,24 +1,111 @@
-"""Two networks that tell from proximity where an object touches, and how (O §II-D, IV-A)."""
+"""The contact networks: where an object touches, and how, from proximity (O §II-D, IV-A)."""
 
 import hashlib
-from collections.abc import Mapping
+import json
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Self, final
+from typing import Annotated, Literal, Self, final
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
+from pydantic import Field, model_validator
 from safetensors import SafetensorError
 from safetensors.numpy import load
 
 from contactfusion.arrays import FloatArray, frozen_array
 from contactfusion.errors import ConfigurationError, InvalidReadingError, name_hint
 from contactfusion.files import require_file
+from contactfusion.generator import ConfigT
 from contactfusion.generators.lstm import Network, Weights, tensor_shapes
-from contactfusion.generators.network_card import KINDS, NetworksCard, read_card
+from contactfusion.generators.perceived import FaceGenerator, Kind, Memory, PerceivedConfig, Percept
+from contactfusion.generators.proximity import ProximityConfig
+from contactfusion.hypotheses import HypothesisCloud
+from contactfusion.model import Model
+from contactfusion.readings import Reading
+from contactfusion.state import State
 
+Kinds = tuple[Literal["none"], Literal["point"], Literal["line"]]
+KINDS: Kinds = ("none", "point", "line")
+"""How an object touches, in the order of the type's outputs."""
 OUTPUTS = {"location": 1, "type": len(KINDS)}
 """The networks, and how many outputs each has."""
+GAP = 0.5
+"""A silence up to this is bridged; after a longer one the past is forgotten [s]."""
+
+
+class Scale(Model):
+    """The range of a quantity in the training set; scaled, it reaches from 0 to 1."""
+
+    minimum: float
+    maximum: float
+
+    @model_validator(mode="after")
+    def _ordered(self) -> Self:
+        if self.maximum <= self.minimum:
+            raise ConfigurationError(f"is not above the minimum, {self.minimum:g}", "maximum")
+        return self
+
+    def scaled(self, values: ArrayLike) -> FloatArray:
+        """Bring values from the range to [0, 1]."""
+        return (np.asarray(values, np.float64) - self.minimum) / (self.maximum - self.minimum)
+
+    def unscaled(self, values: ArrayLike) -> FloatArray:
+        """Bring values from [0, 1] to the range."""
+        return self.minimum + np.asarray(values, np.float64) * (self.maximum - self.minimum)
+
+
+class NetworksCard(Model):
+    """The model card of two networks: what they were trained for, on what, and how well."""
+
+    proximity: ProximityConfig
+    """The region, and the cells that give its proximity lengths."""
+    window: int = Field(ge=1, le=1000)
+    """The lengths of so many instants, one after the other, are looked at together."""
+    rate: float = Field(gt=0)
+    """Of these instants [Hz]."""
+    kinds: Kinds = KINDS
+    """In the order of the type's outputs."""
+    length: Scale
+    """Of the proximity lengths [m]."""
+    lateral: Scale
+    """Of the location [m]."""
+    sigma: dict[str, Annotated[float, Field(gt=0)]]
+    """How far the location errs over validation, root mean square, where the true contact is a
+    `point` and where it is a `line` [m]."""
+    figures: dict[str, float]
+    """What was measured of the networks, by names that end in the unit."""
+    seeds: dict[str, int]
+    """Of the training of each network."""
+    data: str
+    """What the networks were trained on, in words."""
+    data_sha256: str
+    weights_sha256: str
+
+    @model_validator(mode="after")
+    def _both_kinds(self) -> Self:
+        if set(self.sigma) != {"point", "line"}:
+            raise ConfigurationError("is to tell of point and line", "sigma")
+        return self
+
+
+def read_card(path: Path) -> NetworksCard:
+    """Read a card.
+
+    Raises:
+        ConfigurationError: the file is missing, or is no card.
+    """
+    require_file(path, ConfigurationError)
+    try:
+        fields = json.loads(path.read_text(encoding="utf-8"))
+    except ValueError:
+        raise ConfigurationError(f"{path} is no JSON text, or is cut off") from None
+    if not isinstance(fields, dict):
+        raise ConfigurationError(f"{path} holds no card of networks")
+    try:
+        return NetworksCard(**fields)
+    except ConfigurationError as error:
+        raise ConfigurationError(error.problem, f"{path}: {error.path}") from None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -61,7 +148,7 @@ class ContactNetworks:
         return cls(*read_networks(path))
 
     def perceive(self, window: FloatArray) -> Perception:
-        """Tell where and how an object touches at the end of a window.
+        """Where and how an object touches at the end of a window.
 
         Args:
             window: shape (20, 12) [m], proximity lengths, the newest last.
@@ -79,7 +166,7 @@ class ContactNetworks:
 
 
 def shipped() -> Path:
-    """Give the weights that come with the package."""
+    """The weights that come with the package."""
     return Path(__file__).parent / "data" / "contact.safetensors"
 
 
@@ -118,3 +205,48 @@ def _tensor(tensors: Weights, name: str, shape: tuple[int, ...], path: Path) -> 
     if not np.isfinite(tensor).all():
         raise ConfigurationError(f"{path}: the tensor {name} holds weights that are not finite")
     return tensor
+
+
+class LearnedConfig(PerceivedConfig):
+    """The options of all generators that read the contact networks."""
+
+    weights: Path | None = Field(default=None)
+    """The networks, as `contactfusion train cpm` writes them; None: those of the package."""
+
+
+class LearnedFace(FaceGenerator[ConfigT]):
+    """Regular, multi contact: P = 1 - softmax(none), l̂ by the location network (method §6)."""
+
+    def __init__(self, name: str, config: ConfigT) -> None:
+        super().__init__(name, config)
+        assert isinstance(config, LearnedConfig)
+        self._networks = ContactNetworks.load(config.weights or shipped())
+        card = self._networks.card
+        self.proximity = card.proximity
+        """The region before the face, and its cells, as the networks learned them."""
+        self._memory = Memory(card.window, 1.0 / card.rate, GAP)
+
+    def reset(self) -> None:
+        """Forget what was seen."""
+        self._memory.clear()
+
+    def perceived(
+        self, reading: Reading, state: State, lengths: FloatArray
+    ) -> Sequence[HypothesisCloud]:
+        """The contact on the face; none for a reading that is not newer than the last.
+
+        Args:
+            reading: what was seen.
+            state: of the robot.
+            lengths: shape (S,), the proximity of each strip [m].
+        """
+        window = self._memory.window(reading.stamp, lengths)
+        if window is None:
+            return ()
+        found = self._networks.perceive(window)
+        none, point, line = found.probabilities.tolist()
+        likelihood = 1.0 - none
+        kind = Kind.POINT if point >= line else Kind.LINE
+        sigma = self._networks.card.sigma[kind]
+        percept = Percept(kind, found.lateral, likelihood, sigma)
+        return (self.face_cloud(reading, state, percept, lengths, self.proximity),)

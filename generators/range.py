@@ -2,22 +2,22 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
 from contactfusion.arrays import FloatArray
-from contactfusion.frames import points_in
+from contactfusion.frames import Pose, points_in
 from contactfusion.generator import Generator, GeneratorConfig
-from contactfusion.generators.clouds import clustered, moved_by, without_robot
 from contactfusion.grid import Grid
 from contactfusion.hooks import hookimpl
 from contactfusion.hypotheses import HypothesisCloud, HypothesisKind
 from contactfusion.readings import PointCloud, Reading
 from contactfusion.robots.model import RobotModel
 from contactfusion.robots.posed import PosedRobot
+from contactfusion.robots.solids import loaded_open3d
 from contactfusion.state import State
 from contactfusion.thinning import first_in_voxels
 from contactfusion.units import LengthScale, Memory, Reach, Spacing, Spread
@@ -26,6 +26,13 @@ FAINTEST = 0.01
 """Less likely places are dropped (method §5)."""
 WIDER = 0.1
 """Earlier sights hold so much more around the links [m]: what comes into view has not moved."""
+NEIGHBOURS = 20
+"""So many neighbours at most make up the plane at a point."""
+SHOWN = 0.1
+"""A motion is seen when it moves the surface along its normals by this part of the mean square of
+the ways of its points."""
+LEAST = 10
+"""Fewer points have no shape to compare."""
 
 
 class RangeConfig(GeneratorConfig):
@@ -101,7 +108,7 @@ class RangeGenerator(Generator[RangeConfig]):
         self._sights: list[Sight] = []
 
     def generate(self, reading: Reading, state: State) -> Sequence[HypothesisCloud]:
-        """Give the points of objects that are being touched.
+        """The points of objects that are being touched.
 
         Raises:
             ConfigurationError: there is no robot to be near to.
@@ -119,7 +126,7 @@ class RangeGenerator(Generator[RangeConfig]):
     def _around(
         self, reading: PointCloud, state: State, robot: PosedRobot, hand: FloatArray
     ) -> FloatArray:
-        """Give the points around the links, thinned, without the robot's own, shape (n, 3) [m]."""
+        """The points around the links, thinned, without the robot's own, shape (n, 3) [m]."""
         pose = state.frames.pose(state.grid.frame, of=reading.frame)
         points = points_in(pose, reading.points[np.isfinite(reading.points).all(axis=1)])
         points = points[_within(points, hand, self.config.around + WIDER)]
@@ -127,7 +134,7 @@ class RangeGenerator(Generator[RangeConfig]):
         return without_robot(points, robot, self.config.margin)
 
     def _moving(self, sight: Sight, near: NDArray[np.bool_]) -> NDArray[np.bool_]:
-        """Tell which points are of an object that moves, ahead of the hand, shape (n,).
+        """Which points are of an object that moves, ahead of the hand, shape (n,).
 
         Only what is near now is compared: all of that was in view before.
         """
@@ -149,7 +156,7 @@ class RangeGenerator(Generator[RangeConfig]):
     def _near(
         self, reading: Reading, points: FloatArray, state: State, robot: PosedRobot
     ) -> HypothesisCloud:
-        """Give points by their distance to the links; p = λ²/(λ² + d²) (F Eq 5)."""
+        """Points by their distance to the links; p = λ²/(λ² + d²) (F Eq 5)."""
         scale = self.config.scale
         reach = scale * np.sqrt(1.0 / FAINTEST - 1.0)
         distances, _ = robot.surface_of(self.config.links).nearest(points, reach)
@@ -167,10 +174,93 @@ class RangeGenerator(Generator[RangeConfig]):
 
 
 def _within(points: FloatArray, hand: FloatArray, reach: float) -> NDArray[np.bool_]:
-    """Tell which points lie in the box around the hand's, widened by `reach` [m], shape (n,)."""
+    """Which points lie in the box around the hand's, widened by `reach` [m], shape (n,)."""
     low, high = hand.min(axis=0) - reach, hand.max(axis=0) + reach
     inside: NDArray[np.bool_] = ((points >= low) & (points <= high)).all(axis=1)
     return inside
+
+
+def without_robot(points: FloatArray, robot: PosedRobot, margin: float) -> FloatArray:
+    """Leave out what lies within `margin` [m] of the robot's spheres; points have shape (n, 3)."""
+    from scipy.spatial import KDTree
+
+    if not len(points):
+        return points
+    centres, radii = robot.spheres_of(())
+    low, high = points.min(axis=0) - margin, points.max(axis=0) + margin
+    reach = radii[:, None]
+    near = ((centres >= low - reach) & (centres <= high + reach)).all(axis=1)
+    own = np.zeros(len(points), np.bool_)
+    for rows in KDTree(points).query_ball_point(centres[near], radii[near] + margin):
+        own[rows] = True
+    return points[~own]
+
+
+def clustered(points: FloatArray, gap: float, min_points: int) -> list[NDArray[np.intp]]:
+    """The rows of each object: points that chains of steps up to `gap` [m] join."""
+    if not len(points):
+        return []  # of which Open3D would warn
+    labels = np.asarray(_cloud(points).cluster_dbscan(gap, min_points))
+    return [np.flatnonzero(labels == label) for label in range(labels.max(initial=-1) + 1)]
+
+
+def moved_by(points: FloatArray, before: FloatArray, reach: float) -> float:
+    """Measure how far an object has moved since a cloud was seen, by point-to-plane ICP.
+
+    Points of a surface lie on the camera's raster, whatever the object does: point to point would
+    hold them there. But a plane may slide in itself, and a cylinder turn about its axis, without
+    that anything is seen of it, and there ICP follows noise: such motions do not count.
+
+    Args:
+        points: shape (n, 3) [m], of the object now.
+        before: shape (m, 3) [m], of all objects then.
+        reach: the furthest that a point is believed to have moved [m].
+
+    Returns:
+        The root mean square of the ways of its points [m]; 0 where nothing was near it then.
+    """
+    open3d = loaded_open3d()
+    if len(points) < LEAST or len(before) < LEAST:
+        return 0.0
+    registration, there = open3d.pipelines.registration, _cloud(before)
+    there.estimate_normals(open3d.geometry.KDTreeSearchParamHybrid(reach, NEIGHBOURS))
+    to_plane = registration.TransformationEstimationPointToPlane()
+    found = registration.registration_icp(_cloud(points), there, reach, np.eye(4), to_plane)
+    pairs = np.asarray(found.correspondence_set)
+    if len(pairs) < LEAST:
+        return 0.0
+    now, then = pairs.T
+    back = np.asarray(found.transformation)
+    return _seen_motion(points[now], np.asarray(there.normals)[then], back)
+
+
+def _seen_motion(points: FloatArray, normals: FloatArray, motion: Pose) -> float:
+    """The root mean square of the ways of points [m], without what nobody can see of them.
+
+    Args:
+        points: shape (n, 3) [m].
+        normals: shape (n, 3), of the surface there.
+        motion: small.
+    """
+    from scipy.spatial.transform import Rotation
+
+    centre = points.mean(axis=0)
+    levers = points - centre
+    size = np.sqrt(np.square(levers).sum(axis=1).mean())
+    turn = Rotation.from_matrix(motion[:3, :3]).as_rotvec()
+    shift = motion[:3, :3] @ centre + motion[:3, 3] - centre
+    # what turns and shifts, both as ways [m], do to the surface along its normals
+    along = np.concatenate([np.cross(levers / size, normals), normals], axis=1)
+    shown, directions = np.linalg.eigh(along.T @ along / len(points))
+    seen = directions[:, shown >= SHOWN]
+    turn_size, shift = np.split(seen @ seen.T @ np.concatenate([size * turn, shift]), 2)
+    ways = np.cross(turn_size / size, levers) + shift
+    return float(np.sqrt(np.square(ways).sum(axis=1).mean()))
+
+
+def _cloud(points: FloatArray) -> Any:
+    open3d = loaded_open3d()
+    return open3d.geometry.PointCloud(open3d.utility.Vector3dVector(points))
 
 
 @hookimpl

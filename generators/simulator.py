@@ -7,13 +7,15 @@ import numpy as np
 from pydantic import Field
 
 from contactfusion.arrays import FloatArray
+from contactfusion.frames import Pose
 from contactfusion.generator import Generator, GeneratorConfig
-from contactfusion.generators.believed_world import BelievedWorld
 from contactfusion.hooks import hookimpl
 from contactfusion.hypotheses import HypothesisCloud, HypothesisKind
 from contactfusion.readings import JointState, ObjectPose, Reading
+from contactfusion.robots.bullet import BulletWorld
 from contactfusion.robots.model import RobotModel
-from contactfusion.robots.objects import BelievedObjects, ObjectConfig
+from contactfusion.robots.objects import BelievedObjects, ObjectConfig, ObjectModel
+from contactfusion.robots.posed import PosedRobot
 from contactfusion.state import State
 from contactfusion.thinning import first_in_voxels
 from contactfusion.units import Spread
@@ -66,7 +68,7 @@ class SimulatorGenerator(Generator[SimulatorConfig]):
         self._objects.reset()
 
     def generate(self, reading: Reading, state: State) -> Sequence[HypothesisCloud]:
-        """Give the surface that meets an object.
+        """The surface that meets an object.
 
         Raises:
             ConfigurationError: there is no robot.
@@ -105,8 +107,44 @@ class SimulatorGenerator(Generator[SimulatorConfig]):
 
 
 def _rest(deviations: FloatArray, covered: float) -> FloatArray:
-    """Give what is left of standard deviations of shape (n,) when so much is covered, both [m]."""
+    """What is left of standard deviations of shape (n,) when so much is covered, both [m]."""
     return np.asarray(np.sqrt(np.maximum(deviations**2 - covered**2, 0.0)))
+
+
+class BelievedWorld:
+    """A robot and objects in PyBullet, put where they are believed to be; nothing falls in it.
+
+    Args:
+        robot: the robot.
+        objects: by name.
+
+    Raises:
+        DependencyError: pybullet is not installed.
+    """
+
+    def __init__(self, robot: RobotModel, objects: Mapping[str, ObjectModel]) -> None:
+        self._world = BulletWorld(robot)
+        self._objects = {
+            name: [(self._world.add(shape), shape.pose()) for shape in one.shapes]
+            for name, one in objects.items()
+        }
+
+    def near(self, robot: PosedRobot, name: str, pose: Pose, reach: float) -> set[str]:
+        """The links that may lie within `reach` [m] of an object.
+
+        Args:
+            robot: in its pose.
+            name: the object.
+            pose: where it is believed to be, in the frame of the robot's poses.
+            reach: [m].
+        """
+        self._world.place_robot(robot.base)
+        self._world.bend(robot.positions)
+        links: set[str] = set()
+        for body, own in self._objects[name]:
+            self._world.place(body, pose @ own)
+            links |= self._world.near(body, reach)
+        return links
 
 
 @hookimpl

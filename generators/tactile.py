@@ -1,4 +1,4 @@
-"""Contacts from patches of taxels (F §V-C), and where a healthy patch feels none."""
+"""Contacts from patches of taxels (F §V-C), and where a healthy patch feels none (method §5)."""
 
 from collections.abc import Mapping, Sequence
 from typing import Annotated, Self
@@ -12,7 +12,6 @@ from contactfusion.errors import InvalidReadingError
 from contactfusion.frames import points_in
 from contactfusion.generator import Generator, GeneratorConfig, OfRobot
 from contactfusion.generators.baselines import BaselineConfig
-from contactfusion.generators.health import Health
 from contactfusion.grid import Grid
 from contactfusion.hooks import hookimpl
 from contactfusion.hypotheses import HypothesisCloud, HypothesisKind, Note
@@ -21,8 +20,59 @@ from contactfusion.readings import Reading, TactileImage
 from contactfusion.state import State
 from contactfusion.units import Memory, Spread
 
+PERSISTS = 0.2
+"""Evidence of others that lasts longer than this silences a taxel [s]."""
+ALIVE = 0.5
+"""A patch shows noise when at least this part of its taxels has changed."""
 MARGIN = 2.0
 """A taxel so many voxels from a contact may share a voxel with it, and does not rule it out."""
+
+
+class Health:
+    """Watches a patch: a dead one reads zeros, or its last value, and must not forbid contacts.
+
+    Args:
+        taxels: how many there are.
+        window: how long a sign of life counts [s].
+    """
+
+    def __init__(self, taxels: int, window: float) -> None:
+        self._window = window
+        self._values: FloatArray | None = None
+        self._changed = np.full(taxels, -np.inf)
+        self._confirmed = -np.inf
+        self._disputed_since = np.full(taxels, np.inf)
+
+    def watch(self, stamp: float, values: FloatArray) -> None:
+        """Look for noise: a taxel that changes is alive.
+
+        Args:
+            stamp: of the reading [s].
+            values: shape (n,), as the sensor gives them.
+        """
+        if self._values is not None:
+            self._changed[values != self._values] = stamp
+        self._values = values
+
+    def confirm(self, stamp: float) -> None:
+        """Note that a self-test passed, or that another source confirmed a contact."""
+        self._confirmed = stamp
+
+    def healthy(self, stamp: float) -> bool:
+        """Whether the patch has shown itself alive within the window."""
+        noisy = float((stamp - self._changed <= self._window).mean()) >= ALIVE
+        return noisy or stamp - self._confirmed <= self._window
+
+    def disputed(self, stamp: float, contradicted: NDArray[np.bool_]) -> NDArray[np.bool_]:
+        """Over which taxels another source has seen a contact for long, shape (n,).
+
+        Args:
+            stamp: of the reading [s].
+            contradicted: shape (n,), where another source has evidence of a contact now.
+        """
+        since = np.minimum(self._disputed_since, stamp)
+        self._disputed_since = np.where(contradicted, since, np.inf)
+        return stamp - self._disputed_since > PERSISTS
 
 
 class TactileConfig(GeneratorConfig):
@@ -91,7 +141,7 @@ class TactileGenerator(Generator[TactileConfig]):
         self._health.confirm(stamp)
 
     def generate(self, reading: Reading, state: State) -> Sequence[HypothesisCloud]:
-        """Give hypotheses over the area of each touched taxel."""
+        """Hypotheses over the area of each touched taxel."""
         assert isinstance(reading, TactileImage)
         touch = self.touch(reading)
         places, taxels = self._places(state.grid.voxel_size)
@@ -112,7 +162,7 @@ class TactileGenerator(Generator[TactileConfig]):
         return clouds
 
     def touch(self, reading: TactileImage) -> FloatArray:
-        """Give how much each taxel is touched, at least 0, in the unit of the sensor.
+        """How much each taxel is touched, at least 0, in the unit of the sensor.
 
         Raises:
             InvalidReadingError: the reading has not one value a taxel.

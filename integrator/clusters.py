@@ -1,4 +1,4 @@
-"""Kernel of condensation: Euclidean clusters of voxels on integer offsets.
+"""Clusters of voxels, and each as a contact.
 
 Single linkage: two voxels belong together when dx² + dy² + dz² ≤ reach² (method §3), in units of
 the voxel's side. Sorted voxels of one (x, y) row fall into segments without gaps; two segments of
@@ -7,17 +7,27 @@ row offset leaves along z. Segments are joined by union-find. A key is a number 
 more than y and y more than z, so a segment is an interval of keys, and a row offset shifts it.
 """
 
+from collections.abc import Iterator
+
 import numpy as np
 from numpy.typing import NDArray
 
+from contactfusion.arrays import FloatArray
+from contactfusion.contacts import Contact
+from contactfusion.hypotheses import HypothesisKind
+from contactfusion.integrator import kernels, moments
+from contactfusion.integrator.entries import Field
 from contactfusion.integrator.store import AXIS_BITS, AXIS_MASK, BEYOND, ONE, Int64Array
 from contactfusion.jit import kernel
+from contactfusion.time import to_seconds
 
 Int32Array = NDArray[np.int32]
 UintArray = NDArray[np.uintp]
 
 SHORT = 3
 """Up to this reach each row offset is followed on its own; they grow with the reach squared."""
+LIKELIHOOD_STEP = 6
+"""Contacts are ordered by their likelihood rounded to this many decimals, then by first voxel."""
 
 
 @kernel
@@ -39,7 +49,7 @@ def _join(parent: UintArray, one: np.uintp, other: np.uintp) -> None:
 
 @kernel
 def _root(square: int) -> int:
-    """Give the largest integer whose square is at most `square`."""
+    """The largest integer whose square is at most `square`."""
     root = int(np.sqrt(float(square)))
     while root * root > square:
         root -= 1
@@ -163,7 +173,7 @@ def _link_by_row(low: Int64Array, high: Int64Array, parent: UintArray, reach_squ
 
 @kernel
 def _is_clear(low: Int64Array) -> bool:
-    """Tell whether no segment is so near the least y or z that it could meet the row before."""
+    """Whether no segment is so near the least y or z that it could meet the row before."""
     clear = True
     for key in low[:-1]:
         clear &= (key & AXIS_MASK >= SHORT) & ((key >> AXIS_BITS) & AXIS_MASK >= SHORT)
@@ -172,7 +182,7 @@ def _is_clear(low: Int64Array) -> bool:
 
 @kernel
 def _offsets(reach_squared: int) -> tuple[Int64Array, Int64Array]:
-    """Give the differences of keys that each earlier row within the reach allows, from and to."""
+    """The differences of keys that each earlier row within the reach allows, from and to."""
     reach = _root(reach_squared)
     room = (reach + 1) * (2 * reach + 1)
     least, most = np.empty(room, np.int64), np.empty(room, np.int64)
@@ -232,3 +242,77 @@ def label(keys: Int64Array, reach_squared: int) -> tuple[Int32Array, int]:
     _cut(keys, reach, begin, low, high, parent)
     _link(low, high, parent, reach_squared)
     return labels, _number(begin, parent, labels)
+
+
+class ContactTable:
+    """The clusters of a field as contacts, the most likely first.
+
+    Args:
+        field: the fused likelihoods.
+        selected: shape (n,), the rows of the voxels that belong to a cluster.
+        labels: shape (n,), the cluster of each, numbered by first row.
+        count: the number of clusters.
+    """
+
+    def __init__(
+        self, field: Field, selected: NDArray[np.int32], labels: NDArray[np.int32], count: int
+    ) -> None:
+        entries = field.entries
+        self._field, self._selected, self._labels = field, selected, labels
+        self._kept = np.arange(count)
+        self.sums = moments.add_up(
+            selected,
+            labels,
+            count,
+            entries.keys,
+            field.likelihoods,
+            entries.places,
+            entries.begin,
+            entries.counted,
+            entries.columns.likelihoods,
+            entries.columns.spreads,
+            entries.columns.stamps,
+        )
+
+    def keep(self, wanted: NDArray[np.bool_]) -> "ContactTable":
+        """Leave out the clusters that are not wanted; `wanted` has shape (count,)."""
+        self._kept = np.flatnonzero(wanted)
+        return self
+
+    def __iter__(self) -> Iterator[Contact]:
+        """The contacts by falling likelihood, then by first voxel."""
+        sums, entries, kept = self.sums, self._field.entries, self._kept
+        if not len(kept):
+            return
+        grid = entries.grid
+        found = moments.outline(self._selected, self._labels, entries.keys, sums, grid.voxel_size)
+        forces = self._forces()
+        for array in (found.positions, found.covariances, found.extents, forces):
+            array.flags.writeable = False
+        shares = (sums.shares / sums.shares.sum(axis=1, keepdims=True))[:, entries.counted].tolist()
+        shared = [source.name for source in entries.sources if source.kind != HypothesisKind.NULL]
+        likelihoods, dispersions = sums.largest.tolist(), found.dispersions.tolist()
+        voxels, stamps = sums.voxels.tolist(), sums.stamp.tolist()
+        falling = np.argsort(-sums.largest[kept].round(LIKELIHOOD_STEP), kind="stable")
+        for c in kept[falling].tolist():
+            yield Contact(
+                position=found.positions[c],
+                likelihood=likelihoods[c],
+                dispersion=dispersions[c],
+                covariance=found.covariances[c],
+                extent=found.extents[c],
+                force=forces[c],
+                voxels=voxels[c],
+                shares=dict(zip(shared, shares[c], strict=True)),
+                stamp=to_seconds(stamps[c]),
+                frame=grid.frame,
+            )
+
+    def _forces(self) -> FloatArray:
+        """The mean force of each cluster, shape (c, 3) [N], NaN where there is none."""
+        entries, cluster_of = self._field.entries, self.sums.cluster_of
+        clusters = len(self.sums.voxels)
+        felt = (entries.bits & kernels.FORCE).astype(np.bool_) & (cluster_of < clusters)
+        voxels = np.flatnonzero(felt)
+        weights, forces = self._field.likelihoods[voxels], entries.forces_in(voxels)
+        return moments.mean_forces(cluster_of[voxels], clusters, weights, forces)

@@ -9,7 +9,7 @@ from pydantic import Field as FieldOf
 from contactfusion.contacts import Contact
 from contactfusion.hooks import hookimpl
 from contactfusion.integrator import clusters, kernels
-from contactfusion.integrator.contact_table import ContactTable
+from contactfusion.integrator.clusters import ContactTable
 from contactfusion.integrator.entries import Field
 from contactfusion.integrator.modes import Modes
 from contactfusion.integrator.store import Int64Array, unpack

@@ -114,8 +114,9 @@ def _moved(fields: dict[str, Any], defaults: Mapping[str, str]) -> dict[str, Any
         part, owners = MOVED[key]
         name, held = fields.get(part, defaults[part]), PARTS[part]
         owner = name if name in owners else owners[0]
-        option = yaml.safe_dump({"type": owner, key: value}, default_flow_style=True, sort_keys=False)
-        place = f"`{part}: {option.strip()}`"
+        options = {"type": owner, key: value}
+        text = yaml.safe_dump(options, default_flow_style=True, sort_keys=False).strip()
+        place = f"`{part}: {text}`"
         if name in owners:
             fields[held] = {**fields.get(held, {}), key: value}
             problem = f"is an option of the {part} now: write {place}"

@@ -14,7 +14,7 @@ from contactfusion.errors import Guard, SourceError, name_hint
 from contactfusion.hypotheses import ContactHypothesis, HypothesisKind
 from contactfusion.integrator import kernels
 from contactfusion.integrator.entries import Entries, Field
-from contactfusion.integrator.report import Report
+from contactfusion.integrator.sources import Report
 from contactfusion.integrator.store import Int64Array, unpack
 from contactfusion.rule import Condensation, Rule
 from contactfusion.surface import Surface

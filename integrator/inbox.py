@@ -8,8 +8,7 @@ import numpy as np
 from contactfusion.errors import FrameError, InvalidCloudError
 from contactfusion.grid import VOXEL_LIMIT, Grid
 from contactfusion.hypotheses import HypothesisCloud
-from contactfusion.integrator.report import Event, EventKind
-from contactfusion.integrator.sources import SourceRecord
+from contactfusion.integrator.sources import Event, EventKind, SourceRecord
 from contactfusion.integrator.store import Int64Array, rasterise
 from contactfusion.time import to_nanoseconds
 

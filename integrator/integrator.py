@@ -17,9 +17,8 @@ from contactfusion.integrator.condensations import contactfusion_condensations
 from contactfusion.integrator.config import IntegratorConfig
 from contactfusion.integrator.fusion import Fusion, fuse
 from contactfusion.integrator.inbox import Inbox
-from contactfusion.integrator.report import Event, EventKind, Report
 from contactfusion.integrator.rules import contactfusion_rules
-from contactfusion.integrator.sources import SourceRecord
+from contactfusion.integrator.sources import Event, EventKind, Report, SourceRecord
 from contactfusion.integrator.space import Space
 from contactfusion.rule import Condensation, Rule
 from contactfusion.surface import Surface

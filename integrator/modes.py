@@ -9,7 +9,7 @@ from pydantic import Field as FieldOf
 
 from contactfusion.arrays import FloatArray
 from contactfusion.contacts import Contact
-from contactfusion.integrator import cells, fields, kernels
+from contactfusion.integrator import fields, kernels
 from contactfusion.integrator.entries import Belief, Entries, Field
 from contactfusion.model import Model
 from contactfusion.rule import Condensation
@@ -88,15 +88,15 @@ def _mode(
     """
     heavy = np.flatnonzero(weights >= HEAVY * weights.max())
     some = np.flatnonzero(weights >= FAINT * weights.max())
-    tops, dealt = places[heavy], cells.deal(places[heavy], fields.TILE)
+    tops, dealt = places[heavy], fields.deal(places[heavy], fields.TILE)
     densities = np.empty(len(heavy))
     widths = np.full(len(some), (scale * WIDTH) ** 2)
     fields.spread_out(tops, dealt, places[some], weights[some], widths, True, 0.0, densities)
     densest = int(np.round(densities / densities.max(), 6).argmax())  # the first of equals
-    joined = cells.linked(tops, dealt, densest, scale * LINK)
+    joined = fields.linked(tops, dealt, densest, scale * LINK)
     core, heights = tops[joined], weights[heavy][joined]
-    dealt = cells.deal(core, fields.TILE)
-    basin = cells.heaviest(places, core, dealt, heights, scale * BASIN) > 0.0
+    dealt = fields.deal(core, fields.TILE)
+    basin = fields.heaviest(places, core, dealt, heights, scale * BASIN) > 0.0
     basin &= weights > 0.0  # the rest belongs to an earlier mode
     place = heights @ core / heights.sum()
     if ((core - place) ** 2).sum(axis=1).max() > (scale * LONG) ** 2:

@@ -16,7 +16,7 @@ from pydantic import Field as FieldOf
 
 from contactfusion.arrays import FloatArray
 from contactfusion.hypotheses import HypothesisKind
-from contactfusion.integrator import cells, fields
+from contactfusion.integrator import fields
 from contactfusion.integrator.entries import Belief, Entries, Field, Source
 from contactfusion.model import Model
 from contactfusion.rule import Rule
@@ -157,9 +157,9 @@ def _by_voxel(entries: Entries, belief: Belief) -> FloatArray:
     """Give each voxel the likelihood of the likeliest place within a side of its centre, (m,)."""
     likelihoods, counted = np.zeros(len(entries.keys)), entries.counted_voxels
     side, heights = entries.grid.voxel_size, belief.weights / belief.weights.max()
-    dealt = cells.deal(belief.places, 2.0 * side)
+    dealt = fields.deal(belief.places, 2.0 * side)
     centres = entries.grid.centres(entries.voxels[counted])
-    near = cells.heaviest(centres, belief.places, dealt, heights, side)
+    near = fields.heaviest(centres, belief.places, dealt, heights, side)
     likelihoods[counted] = belief.exists * near
     return likelihoods
 
@@ -232,7 +232,7 @@ def _candidates(
 def _fields(claims: Sequence[Claims], places: FloatArray, wanted: Sequence[bool]) -> FloatArray:
     """Give the fields of some sources, shape (k, c); 0 for the others."""
     told = np.zeros((len(claims), len(places)))
-    tiles = cells.deal(places, fields.TILE)
+    tiles = fields.deal(places, fields.TILE)
     for one, field, is_wanted in zip(claims, told, wanted, strict=True):
         if is_wanted:
             variances = np.maximum(one.variances, NARROWEST**2)

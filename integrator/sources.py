@@ -1,17 +1,93 @@
-"""What the integrator remembers of each source."""
+"""The sources: what the integrator remembers of each, and how a step reports them."""
 
 import math
 from collections import Counter, deque
+from collections.abc import Mapping
 from dataclasses import dataclass, field
+from enum import StrEnum
 
 from contactfusion.hypotheses import HypothesisCloud, HypothesisKind
-from contactfusion.integrator.report import SourceReport
 from contactfusion.time import NANOSECONDS_PER_SECOND
 
 RATE_WINDOW = 16
 """The rate of a source is that of its newest so many clouds."""
 REMARKS = 32
 """At most so many different remarks are counted: a plug-in may make up new ones for ever."""
+
+
+class EventKind(StrEnum):
+    """What can happen to a source."""
+
+    PLUGGED = "plugged"
+    UNPLUGGED = "unplugged"
+    STALE = "stale"
+    BACK = "back"
+    LATE = "late"
+    EARLY = "early"
+    REFUSED = "refused"
+    OVERRUN = "overrun"
+
+
+@dataclass(frozen=True, slots=True)
+class Event:
+    """Something that happened to a source since the last step.
+
+    Attributes:
+        kind: what happened.
+        source: the source, or the generator, that it happened to.
+        message: one sentence for people.
+    """
+
+    kind: EventKind
+    source: str
+    message: str
+
+
+@dataclass(frozen=True, slots=True)
+class SourceReport:
+    """How one source does.
+
+    Attributes:
+        kind: evidence, support or null.
+        rate: clouds a second over the newest clouds, by their stamps; NaN before the second.
+        age: time since its newest accepted stamp [s]; NaN before the first.
+        active: whether readiness waits for it; a source that is silent for too long is not active.
+        accepted: clouds accepted so far.
+        late: clouds dropped because a newer one had been accepted.
+        early: clouds held back because their stamp was too far ahead.
+        invalid: clouds refused.
+        notes: remarks on its newest cloud.
+        remarks: how many accepted clouds came with each remark.
+    """
+
+    kind: HypothesisKind
+    rate: float
+    age: float
+    active: bool
+    accepted: int
+    late: int
+    early: int
+    invalid: int
+    notes: tuple[str, ...]
+    remarks: Mapping[str, int]
+
+
+@dataclass(frozen=True, slots=True)
+class Report:
+    """How all sources do.
+
+    Attributes:
+        sources: by name.
+        events: what happened since the last step, in order.
+    """
+
+    sources: Mapping[str, SourceReport]
+    events: tuple[Event, ...]
+
+    @property
+    def notes(self) -> tuple[tuple[str, str], ...]:
+        """Every (source, remark) on a newest cloud."""
+        return tuple((name, note) for name, one in self.sources.items() for note in one.notes)
 
 
 @dataclass(slots=True)
@@ -63,7 +139,7 @@ class SourceRecord:
         return since is None or now - since <= self.stale_after
 
     def misses(self, now: int, lifetime: int) -> float:
-        """Give how probable its silence is while there is a contact.
+        """How probable its silence is while there is a contact.
 
         1 unless its newest cloud, not older than entries may be, says that it found nothing.
 
@@ -80,7 +156,7 @@ class SourceRecord:
         self.first_step, self.active, self.notes = None, True, ()
 
     def report(self, now: int) -> SourceReport:
-        """Tell how the source does."""
+        """The source as a step reports it."""
         rate, age = math.nan, math.nan
         if self.stamps:
             age = (now - self.stamps[-1]) / NANOSECONDS_PER_SECOND

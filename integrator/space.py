@@ -5,7 +5,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from contactfusion.grid import Grid
-from contactfusion.integrator import kernels, sorting, store
+from contactfusion.integrator import kernels, store
 from contactfusion.integrator.config import IntegratorConfig
 from contactfusion.integrator.entries import Entries, Source
 from contactfusion.integrator.inbox import Arrival
@@ -57,7 +57,7 @@ class Space:
         out = _room(*_most(kept, ranges), places=self._places)
         old_range, row_range = _as_array(kept), _as_array(ranges)
         oldest = np.array([self._oldest(record, now) for record in records], np.int64)
-        rows, order = sorting.sort_rows(rows, row_range)
+        rows, order = store.sort_rows(rows, row_range)
         starts = store.merge(self._columns, old_range, rows, row_range, order, oldest, out)
         sources = tuple(
             Source(record.name, record.kind, self._misses(record, now)) for record in records

@@ -1,12 +1,12 @@
-"""Kernels of the store: places to voxel keys, and the newest entry of each voxel and source.
+"""Kernels of the store: rows sorted by voxel, and the newest entry of each voxel and source.
 
 A voxel's key packs its three indices, offset to be positive, into 63 bits, so that ascending keys
 are ascending (ix, iy, iz). Entries stand grouped by source and sorted by key: a cloud is sorted
-once and merged, a source is removed or replaced by leaving its group out, and nothing that an
-earlier step has seen is ever written again.
+once, by a radix sort, and merged; a source is removed or replaced by leaving its group out, and
+nothing that an earlier step has seen is ever written again.
 """
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,6 +22,10 @@ AXIS_ORIGIN = VOXEL_LIMIT - 1
 BEYOND = (1 << 63) - 1
 """A key after all others."""
 ONE = np.uintp(1)
+SMALL = 48
+"""Up to this many rows, insertion sort is faster than counting digits."""
+IN_CACHE, PART_BITS = 1 << 16, 10
+"""More rows than the first are dealt by so many leading bits into parts that the cache holds."""
 
 Int64Array = NDArray[np.int64]
 Pick = slice | NDArray[np.bool_]
@@ -51,7 +55,7 @@ class Columns(NamedTuple):
     offsets: NDArray[np.float32]
 
     def picked(self, rows: Pick, force_rows: Pick) -> "Columns":
-        """Give some of the rows; a slice shares memory, a mask copies."""
+        """Some of the rows; a slice shares memory, a mask copies."""
         return Columns(
             self.keys[rows],
             self.likelihoods[rows],
@@ -63,7 +67,7 @@ class Columns(NamedTuple):
         )
 
     def shrink(self, rows: int, force_rows: int) -> None:
-        """Give the memory behind the first rows back; nobody else may hold these arrays yet."""
+        """Release the memory behind the first rows; these arrays may be held nowhere else yet."""
         for column in self[:5]:
             column.resize(rows, refcheck=False)
         self.forces.resize((force_rows, 4), refcheck=False)
@@ -112,7 +116,7 @@ def offset_from_centres(positions: FloatArray, side: float, offsets: NDArray[np.
 
 @kernel
 def mean_places(keys: Int64Array, offsets: NDArray[np.float32], side: float) -> FloatArray:
-    """Give the mean place of the hypotheses of each entry, shape (n, 3) [m].
+    """The mean place of the hypotheses of each entry, shape (n, 3) [m].
 
     Args:
         keys: shape (n,), packed voxels.
@@ -130,10 +134,191 @@ def mean_places(keys: Int64Array, offsets: NDArray[np.float32], side: float) -> 
 
 
 def unpack(keys: Int64Array) -> Int64Array:
-    """Give the voxel indices of packed keys, shape (n, 3)."""
+    """The voxel indices of packed keys, shape (n, 3)."""
     shifts = np.array([2 * AXIS_BITS, AXIS_BITS, 0])
     voxels: Int64Array = ((keys[:, None] >> shifts) & AXIS_MASK) - AXIS_ORIGIN
     return voxels
+
+
+@kernel
+def _sort_small(keys: Int64Array, begin: int, end: int, order: NDArray[np.uint32]) -> None:
+    for row in range(begin, end):
+        at = row
+        while at > begin and keys[order[at - 1]] > keys[row]:
+            order[at] = order[at - 1]
+            at -= 1
+        order[at] = row
+
+
+@kernel
+def _bits(count: int | np.int64) -> int:
+    """How many bits the numbers below `count` take."""
+    bits = 0
+    while (1 << bits) < count:
+        bits += 1
+    return bits
+
+
+@kernel
+def _scatter(
+    words: Int64Array, out: Int64Array, shift: int, bits: int, ends: NDArray[np.uint32]
+) -> None:
+    """Order words by one digit, `bits` wide from `shift` on, stably; leave each digit's end."""
+    mask = (1 << bits) - 1
+    ends[: mask + 1] = 0
+    for word in words:
+        ends[np.uintp((word >> shift) & mask)] += np.uint32(1)
+    total = np.uint32(0)
+    for digit in range(mask + 1):
+        count = ends[digit]
+        ends[digit] = total
+        total += count
+    for word in words:
+        place = np.uintp((word >> shift) & mask)
+        at = ends[place]
+        ends[place] = at + np.uint32(1)
+        out[np.uintp(at)] = word
+
+
+@kernel
+def _sorted_words(words: Int64Array, spare: Int64Array, low: int, high: int) -> Int64Array:
+    """Order words by their bits from `low` up to `high`, stably; give the array they end up in."""
+    widest = 12 if len(words) > 4096 else 8
+    passes = (high - low + widest - 1) // widest
+    bits = (high - low + passes - 1) // passes if passes > 0 else 0
+    ends = np.empty(1 << bits, np.uint32)
+    for shift in range(low, low + passes * bits, max(bits, 1)):
+        _scatter(words, spare, shift, bits, ends)
+        words, spare = spare, words
+    return words
+
+
+@kernel
+def _sort_large(
+    keys: Int64Array,
+    begin: int,
+    end: int,
+    order: NDArray[np.uint32],
+    out: Int64Array,
+    scratch: Int64Array,
+) -> None:
+    """Sort by counting digits of the voxels' offsets inside the rows' bounding box.
+
+    An offset and its row make one word; `scratch` and `out` take turns to hold them. Many words are
+    first dealt into parts that fit into the cache. Where an offset has too many bits to share a
+    word with its row, its lower bits are sorted first.
+    """
+    n = end - begin
+    low_x = low_y = low_z = np.int64(AXIS_MASK)
+    high_x = high_y = high_z = np.int64(0)
+    for key in keys[begin:end]:
+        x, y, z = key >> (2 * AXIS_BITS), (key >> AXIS_BITS) & AXIS_MASK, key & AXIS_MASK
+        low_x, high_x = min(low_x, x), max(high_x, x)
+        low_y, high_y = min(low_y, y), max(high_y, y)
+        low_z, high_z = min(low_z, z), max(high_z, z)
+    corner = (low_x << (2 * AXIS_BITS)) | (low_y << AXIS_BITS) | low_z
+    bits_z, bits_y = _bits(high_z - low_z + 1), _bits(high_y - low_y + 1)
+    bits = _bits(high_x - low_x + 1) + bits_y + bits_z
+    bits_yz, mask_y, mask_z = bits_y + bits_z, (1 << bits_y) - 1, (1 << bits_z) - 1
+    row_bits = _bits(n)
+    row_mask = (1 << row_bits) - 1
+    words, spare, before = scratch[:n], out[begin:end], order[:0].copy()
+    ends = np.empty(1 << PART_BITS, np.uint32)
+    done = 0
+    while True:
+        room = min(bits - done, 63 - row_bits)
+        for i in range(n):
+            key = keys[begin + i] if done == 0 else keys[before[i]]
+            key -= corner
+            x, y, z = key >> (2 * AXIS_BITS), (key >> AXIS_BITS) & AXIS_MASK, key & AXIS_MASK
+            offset = ((x << bits_yz) | (y << bits_z) | z) >> done
+            words[i] = ((offset & ((1 << room) - 1)) << row_bits) | i
+        top = min(room, PART_BITS) if n > IN_CACHE else 0
+        split = row_bits + room - top
+        if top > 0:
+            _scatter(words, spare, split, top, ends)
+            words, spare = spare, words
+        else:
+            ends[0] = n
+        first = np.int64(0)
+        for part in range(1 << top):
+            last = np.int64(ends[part])
+            ordered = _sorted_words(words[first:last], spare[first:last], row_bits, split)
+            for i in range(last - first):
+                word, at = ordered[i], np.uintp(begin + first + i)
+                row = np.uintp(word & row_mask)
+                if room == bits:
+                    offset = word >> row_bits
+                    x, y, z = offset >> bits_yz, (offset >> bits_z) & mask_y, offset & mask_z
+                    out[at] = corner + ((x << (2 * AXIS_BITS)) | (y << AXIS_BITS) | z)
+                    order[at] = begin + row
+                else:
+                    order[at] = before[row] if done > 0 else begin + row
+                    out[at] = keys[np.uintp(order[at])]
+            first = last
+        done += room
+        if done >= bits:
+            return
+        before = order[begin:end].copy()
+
+
+@kernel
+def _uniform(column: NDArray[Any]) -> bool:
+    same = True
+    for value in column:
+        same &= value == column[0]
+    return same
+
+
+@kernel
+def _pick(column: NDArray[Any], order: NDArray[np.uint32], out: NDArray[Any]) -> None:
+    for i in range(len(order)):
+        out[i] = column[np.uintp(order[i])]
+
+
+def _reordered(column: NDArray[Any], order: NDArray[np.uint32]) -> NDArray[Any]:
+    """A column in a new order; one that holds a single value is shared."""
+    if _uniform(column):
+        return column
+    out = np.empty_like(column)
+    _pick(column, order, out)
+    return out
+
+
+@kernel
+def _sort_groups(
+    keys: Int64Array,
+    ranges: Int64Array,
+    order: NDArray[np.uint32],
+    out: Int64Array,
+    scratch: Int64Array,
+) -> None:
+    for group in range(len(ranges)):
+        begin, end = ranges[group, 0], ranges[group, 1]
+        if end - begin <= SMALL:
+            _sort_small(keys, begin, end, order)
+            for i in range(begin, end):
+                out[i] = keys[order[i]]
+        else:
+            _sort_large(keys, begin, end, order, out, scratch)
+
+
+def sort_rows(rows: Columns, ranges: Int64Array) -> tuple[Columns, NDArray[np.uint32]]:
+    """Sort the rows of each group by key, keeping the order of arrival among equals.
+
+    Args:
+        rows: n incoming rows.
+        ranges: shape (k, 3), where each group begins and ends; the groups cover all rows.
+
+    Returns:
+        The rows in their new order, but for forces and offsets, and which row each was, shape (n,).
+    """
+    n = len(rows.keys)
+    order = np.empty(n, np.uint32)  # by numpy, which asks for huge pages; a kernel's would be small
+    keys, scratch = np.empty(n, np.int64), np.empty(n, np.int64)
+    _sort_groups(rows.keys, ranges, order, keys, scratch)
+    likelihoods, stamps, spreads, single = (_reordered(column, order) for column in rows[1:5])
+    return Columns(keys, likelihoods, stamps, spreads, single, rows.forces, rows.offsets), order
 
 
 @kernel

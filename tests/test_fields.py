@@ -13,7 +13,6 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial.distance import cdist
 
 from contactfusion.arrays import FloatArray
-from contactfusion.integrator import cells as dealing
 from contactfusion.integrator import fields
 
 TAIL = 0.1
@@ -32,7 +31,7 @@ def spread_out(
     tail: float,
 ) -> FloatArray:
     field = np.full(len(places), np.nan)
-    tiles = dealing.deal(places, fields.TILE)
+    tiles = fields.deal(places, fields.TILE)
     variances = np.square(spreads)
     fields.spread_out(places, tiles, positions, likelihoods, variances, single, tail, field)
     return field
@@ -222,10 +221,10 @@ def test_every_point_is_dealt_to_the_cell_that_it_lies_in(
     seed: int, count: int, size: float, side: float
 ) -> None:
     points = scattered(np.random.default_rng(seed), count, size)
-    dealt = dealing.deal(points, side)
+    dealt = fields.deal(points, side)
     assert sorted(dealt.rows.tolist()) == list(range(count))
     assert dealt.side >= side and dealt.low == pytest.approx(points.min(axis=0), abs=0.0)
-    assert len(dealt.begins) == dealt.counts.prod() + 1 <= dealing.ROOM + 8 * count + 1
+    assert len(dealt.begins) == dealt.counts.prod() + 1 <= fields.ROOM + 8 * count + 1
     assert dealt.begins[0] == 0 and dealt.begins[-1] == count
     i, j, k = ((points - dealt.low) / dealt.side).astype(int).T
     cells = (i * dealt.counts[1] + j) * dealt.counts[2] + k
@@ -235,9 +234,9 @@ def test_every_point_is_dealt_to_the_cell_that_it_lies_in(
 
 def test_where_there_would_be_too_many_cells_they_are_wider() -> None:
     near = np.zeros((5, 3))
-    assert dealing.deal(near, 0.01).side == 0.01
-    dealt = dealing.deal(np.vstack([near, FAR]), 0.01)
-    assert dealt.side > 10.0 and dealt.counts.prod() <= dealing.ROOM + 8 * 6
+    assert fields.deal(near, 0.01).side == 0.01
+    dealt = fields.deal(np.vstack([near, FAR]), 0.01)
+    assert dealt.side > 10.0 and dealt.counts.prod() <= fields.ROOM + 8 * 6
 
 
 # The heaviest within reach
@@ -258,7 +257,7 @@ def test_the_heaviest_place_within_reach_is_found(
     points = places[rng.integers(0, counts[1], counts[0])] + rng.normal(0, 0.01, (counts[0], 3))
     points[0] += 100.0 * rng.normal(size=3)
     weights = rng.uniform(0.1, 1.0, counts[1])
-    found = dealing.heaviest(points, places, dealing.deal(places, side), weights, radius)
+    found = fields.heaviest(points, places, fields.deal(places, side), weights, radius)
     near = cdist(points, places) <= radius
     assert np.array_equal(found, (near * weights).max(axis=1))
 
@@ -266,8 +265,8 @@ def test_the_heaviest_place_within_reach_is_found(
 @pytest.mark.parametrize("point", [FAR, [-1e4, 0.0, 0.0], [0.0, 0.1, 1e4], [0.0, 0.0, 0.0101]])
 def test_out_of_reach_of_every_place_there_is_no_weight(point: list[float]) -> None:
     places = np.zeros((3, 3))
-    dealt = dealing.deal(places, 0.005)
-    assert dealing.heaviest(np.array([point]), places, dealt, np.ones(3), 0.01).tolist() == [0.0]
+    dealt = fields.deal(places, 0.005)
+    assert fields.heaviest(np.array([point]), places, dealt, np.ones(3), 0.01).tolist() == [0.0]
 
 
 # Chains
@@ -287,7 +286,7 @@ def test_linked_is_what_a_chain_of_steps_joins(
     rng = np.random.default_rng(seed)
     points = scattered(rng, count, size)
     start = int(rng.integers(count))
-    found = dealing.linked(points, dealing.deal(points, fields.TILE), start, reach)
+    found = fields.linked(points, fields.deal(points, fields.TILE), start, reach)
     _, labels = connected_components(csr_matrix((cdist(points, points) <= reach).astype(np.int8)))
     assert np.array_equal(found, labels == labels[start])
 
@@ -295,7 +294,7 @@ def test_linked_is_what_a_chain_of_steps_joins(
 def test_a_chain_holds_while_its_steps_are_no_longer_than_its_reach() -> None:
     points = np.zeros((6, 3))
     points[:, 0] = [0.0, 0.012, 0.024, 0.0361, 0.048, 0.060]
-    dealt = dealing.deal(points, fields.TILE)
+    dealt = fields.deal(points, fields.TILE)
     for start in range(6):
-        found = dealing.linked(points, dealt, start, 0.01200001)
+        found = fields.linked(points, dealt, start, 0.01200001)
         assert found.tolist() == [start < 3] * 3 + [start >= 3] * 3

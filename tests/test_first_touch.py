@@ -9,8 +9,15 @@ from scipy.spatial.transform import Rotation
 
 from contactfusion import HypothesisCloud, HypothesisKind
 from contactfusion.errors import ConfigurationError, RobotError
-from contactfusion.generators.first_touch import FirstTouchConfig, FirstTouchGenerator
-from contactfusion.generators.sliding import NODES, DistanceGrid, Tufts, first_touches, shared_grid
+from contactfusion.generators.first_touch import (
+    NODES,
+    DistanceGrid,
+    FirstTouchConfig,
+    FirstTouchGenerator,
+    Tufts,
+    first_touches,
+    shared_grid,
+)
 from contactfusion.readings import ObjectPose
 from contactfusion.robots.model import RobotModel
 from contactfusion.robots.objects import ObjectConfig, ObjectModel

@@ -18,7 +18,7 @@ from contactfusion.generators.force_torque import (
     line_of_action,
 )
 from contactfusion.hypotheses import HypothesisCloud, HypothesisKind, Note
-from contactfusion.integrator.report import EventKind
+from contactfusion.integrator.sources import EventKind
 from contactfusion.readings import TactileImage, Wrench
 from contactfusion.shapes import BodyConfig
 from contactfusion.surface import Surface

@@ -17,7 +17,7 @@ from contactfusion.errors import (
     SourceError,
     TimeError,
 )
-from contactfusion.integrator.report import EventKind
+from contactfusion.integrator.sources import EventKind
 from tests.clouds import (
     HERE,
     NULL,

@@ -9,8 +9,8 @@ import pytest
 
 from contactfusion import Integrator, IntegratorConfig, Pipeline, PipelineConfig
 from contactfusion.errors import ConfigurationError, PluginError
-from contactfusion.integrator.config import MOVED
 from contactfusion.integrator.condensations import ClusterMassConfig, contactfusion_condensations
+from contactfusion.integrator.config import MOVED
 from contactfusion.integrator.posterior import PosteriorConfig
 from contactfusion.integrator.rules import contactfusion_rules
 from contactfusion.pipeline_config import overridden
@@ -18,9 +18,9 @@ from contactfusion.replaying.configuration import setting_of_recording
 from contactfusion.replaying.session import Session
 
 MOVED_OPTIONS = Path(__file__).parent / "data" / "moved_options.mcap"
-"""tests/data/kept.mcap, replayed at commit 539ebf7 with `integrator: {frame: base, voxel_size: 0.0125,
-rule: posterior, floor: 0.02, friction: 0.4, condensation: modes, existence: 0.3, mode_share: 0.4,
-prior: 0.1}`, of which the last had no effect."""
+"""tests/data/kept.mcap, replayed at commit 539ebf7 with `integrator: {frame: base, rule: posterior,
+floor: 0.02, friction: 0.4, condensation: modes, existence: 0.3, mode_share: 0.4, prior: 0.1,
+voxel_size: 0.0125}`, of which `prior` had no effect."""
 
 
 def config(**fields: Any) -> IntegratorConfig:

@@ -88,9 +88,9 @@ def test_kernels_run_where_nothing_can_be_cached(project: Path) -> None:
 
 def test_kernels_that_call_each_other_stand_in_one_module() -> None:
     from contactfusion.generators import lstm
-    from contactfusion.integrator import clusters, kernels, outlines, sorting, store
+    from contactfusion.integrator import clusters, kernels, moments, store
 
-    for module in (clusters, kernels, lstm, outlines, sorting, store):
+    for module in (clusters, kernels, lstm, moments, store):
         for name, thing in vars(module).items():
             if hasattr(thing, "py_func"):
                 assert thing.py_func.__module__ == module.__name__, f"{name} in {module.__name__}"

@@ -12,7 +12,7 @@ import pytest
 from contactfusion import Grid, Pipeline, PipelineConfig, State, Step
 from contactfusion.errors import PluginError
 from contactfusion.generator import GeneratorConfig
-from contactfusion.integrator.report import Event, EventKind
+from contactfusion.integrator.sources import Event, EventKind
 from contactfusion.isolation import Isolated
 from contactfusion.readings import PointCloud
 from contactfusion.runner import Runner

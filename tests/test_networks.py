@@ -16,8 +16,13 @@ from safetensors.numpy import save
 from contactfusion.arrays import FloatArray
 from contactfusion.errors import ConfigurationError, InvalidReadingError
 from contactfusion.generators.lstm import lstm_layer, tensor_shapes
-from contactfusion.generators.network_card import NetworksCard, Scale
-from contactfusion.generators.networks import OUTPUTS, ContactNetworks, read_networks
+from contactfusion.generators.networks import (
+    OUTPUTS,
+    ContactNetworks,
+    NetworksCard,
+    Scale,
+    read_networks,
+)
 from contactfusion.generators.proximity import ProximityConfig
 
 Tensors = dict[str, NDArray[Any]]

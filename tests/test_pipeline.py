@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 from contactfusion import Pipeline, PipelineConfig, Reading, Step
 from contactfusion.errors import ConfigurationError, PluginError, SourceError
 from contactfusion.hypotheses import HypothesisKind
-from contactfusion.integrator.report import EventKind
+from contactfusion.integrator.sources import EventKind
 from contactfusion.readings import JointState, Odometry, PointCloud
 from tests.toys import Echo, offer_toys, point, wrench
 

@@ -9,8 +9,13 @@ import pytest
 from contactfusion import HypothesisCloud, HypothesisKind
 from contactfusion.arrays import FloatArray
 from contactfusion.errors import ConfigurationError, RobotError
-from contactfusion.generators.clouds import clustered, moved_by, without_robot
-from contactfusion.generators.range import RangeConfig, RangeGenerator
+from contactfusion.generators.range import (
+    RangeConfig,
+    RangeGenerator,
+    clustered,
+    moved_by,
+    without_robot,
+)
 from contactfusion.readings import PointCloud
 from contactfusion.robots.model import RobotModel
 from contactfusion.shapes import ShapeConfig

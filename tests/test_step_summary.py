@@ -11,7 +11,7 @@ import pytest
 from contactfusion import Pipeline, PipelineConfig
 from contactfusion.errors import ConfigurationError
 from contactfusion.hypotheses import HypothesisKind, Note
-from contactfusion.integrator.report import Report, SourceReport
+from contactfusion.integrator.sources import Report, SourceReport
 from contactfusion.readings import DepthImage, ObjectPose, Reading
 from contactfusion.step_summary import Summary, refuse
 from tests.toys import offer_toys, point, wrench

@@ -14,13 +14,11 @@ MODULES = (
     "contactfusion.generators.lstm",
     "contactfusion.generators.motion",
     "contactfusion.generators.proximity",
-    "contactfusion.generators.sliding",
-    "contactfusion.integrator.cells",
+    "contactfusion.generators.first_touch",
     "contactfusion.integrator.clusters",
     "contactfusion.integrator.fields",
     "contactfusion.integrator.kernels",
-    "contactfusion.integrator.outlines",
-    "contactfusion.integrator.sorting",
+    "contactfusion.integrator.moments",
     "contactfusion.integrator.store",
     "contactfusion.nearest",
     "contactfusion.patches",
@@ -139,7 +137,7 @@ def _thin(places: Any) -> None:
 def _slide(places: Any) -> None:
     import numpy as np
 
-    from contactfusion.generators.sliding import DistanceGrid, Tufts, first_touches
+    from contactfusion.generators.first_touch import DistanceGrid, Tufts, first_touches
 
     corner, nodes = np.full(3, -0.1), np.zeros((3, 3, 3), np.float32)
     grid = DistanceGrid(corner, -corner, corner, 0.1, nodes, 0.2)

@@ -13,7 +13,7 @@ from contactfusion.explaining.view import View
 from contactfusion.explaining.words import millimetres
 from contactfusion.hypotheses import HypothesisKind
 from contactfusion.integrator.fusion import Fusion
-from contactfusion.integrator.report import SourceReport
+from contactfusion.integrator.sources import SourceReport
 
 ORDER = (
     Why.WITHDRAWN,

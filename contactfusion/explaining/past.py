@@ -11,7 +11,7 @@ from contactfusion.arrays import FloatArray
 from contactfusion.contacts import Contact
 from contactfusion.hypotheses import HypothesisKind
 from contactfusion.integrator.fusion import Fusion
-from contactfusion.integrator.report import Event, EventKind
+from contactfusion.integrator.sources import Event, EventKind
 from contactfusion.integrator.store import Int64Array, unpack
 
 SAME = 1e-9

@@ -5,7 +5,7 @@ from itertools import cycle
 from typing import Any
 
 from contactfusion.controller import Command
-from contactfusion.integrator.report import EventKind, SourceReport
+from contactfusion.integrator.sources import EventKind, SourceReport
 from contactfusion.pipeline import Step
 from contactfusion.viewing.colours import CONTACT, LINES, Colour
 from contactfusion.viewing.library import entity, loaded_rerun

@@ -11,7 +11,7 @@ from contactfusion.arrays import FloatArray
 from contactfusion.errors import ConfigurationError
 from contactfusion.frames import points_in
 from contactfusion.generators.lidar_cpm import LidarCpmGenerator
-from contactfusion.generators.network_card import KINDS
+from contactfusion.generators.networks import KINDS
 from contactfusion.generators.perceived import ROBOT
 from contactfusion.generators.proximity import without
 from contactfusion.readings import PointCloud, Reading

@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 
 from contactfusion.errors import ConfigurationError
-from contactfusion.generators.network_card import NetworksCard
-from contactfusion.generators.networks import ContactNetworks, read_networks
+from contactfusion.generators.networks import ContactNetworks, NetworksCard, read_networks
 from contactfusion.generators.proximity import BoxConfig, ProximityConfig
 from contactfusion_lab.learning.curves import draw_curves
 from contactfusion_lab.learning.networks import predict

@@ -9,7 +9,7 @@ import pytest
 from contactfusion import Pipeline
 from contactfusion.errors import InvalidReadingError
 from contactfusion.hypotheses import HypothesisCloud
-from contactfusion.integrator.report import EventKind
+from contactfusion.integrator.sources import EventKind
 from contactfusion.pipeline import Step
 from contactfusion.readings import (
     DepthImage,

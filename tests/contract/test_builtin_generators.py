@@ -13,7 +13,7 @@ from contactfusion.generators.finger_pose import FingerPoseConfig
 from contactfusion.generators.first_touch import FirstTouchConfig
 from contactfusion.generators.force_torque import ForceTorqueConfig
 from contactfusion.generators.free_space import FreeSpaceConfig
-from contactfusion.generators.learned import LearnedConfig
+from contactfusion.generators.networks import LearnedConfig
 from contactfusion.generators.range import RangeConfig
 from contactfusion.generators.rgbd_cpm import RgbdCpmConfig
 from contactfusion.generators.simulator import SimulatorConfig

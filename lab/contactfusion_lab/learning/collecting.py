@@ -10,7 +10,7 @@ import numpy as np
 from contactfusion.arrays import FloatArray
 from contactfusion.controllers.pushing import ARRIVED
 from contactfusion.frames import points_in
-from contactfusion.generators.network_card import KINDS
+from contactfusion.generators.networks import KINDS
 from contactfusion.generators.perceived import ROBOT
 from contactfusion.generators.proximity import ProximityConfig, without
 from contactfusion.pipeline import Pipeline

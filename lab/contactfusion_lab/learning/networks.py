@@ -8,8 +8,7 @@ from numpy.typing import NDArray
 
 from contactfusion.arrays import FloatArray
 from contactfusion.generators.lstm import LAYERS, UNITS, Weights
-from contactfusion.generators.network_card import Scale
-from contactfusion.generators.networks import OUTPUTS
+from contactfusion.generators.networks import OUTPUTS, Scale
 from contactfusion_lab.learning.backend import repeatable, torch
 from contactfusion_lab.learning.windows import WINDOW, Windows
 

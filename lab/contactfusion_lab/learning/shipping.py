@@ -13,7 +13,7 @@ from contactfusion.arrays import FloatArray
 from contactfusion.errors import ConfigurationError
 from contactfusion.files import write_whole
 from contactfusion.generators.lstm import Weights
-from contactfusion.generators.network_card import KINDS, NetworksCard
+from contactfusion.generators.networks import KINDS, NetworksCard
 from contactfusion.generators.proximity import ProximityConfig
 from contactfusion_lab.learning.networks import predict
 from contactfusion_lab.learning.training import Trained

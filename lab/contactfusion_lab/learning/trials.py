@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from contactfusion.arrays import FloatArray, frozen_array
 from contactfusion.errors import ConfigurationError, name_hint
-from contactfusion.generators.network_card import KINDS
+from contactfusion.generators.networks import KINDS
 from contactfusion.npz_files import read_arrays, write_npz
 
 Split = Literal["training", "validation", "test"]

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from contactfusion.arrays import FloatArray
 from contactfusion.errors import ConfigurationError
-from contactfusion.generators.network_card import Scale
+from contactfusion.generators.networks import Scale
 from contactfusion_lab.learning.trials import ARRAYS, NONE, TOLD, LabelledTrial
 
 WINDOW = 20

@@ -14,7 +14,7 @@ from contactfusion.faults import unmet
 from contactfusion.frames import points_in
 from contactfusion.grid import Grid
 from contactfusion.hypotheses import HypothesisCloud, HypothesisKind
-from contactfusion.integrator.report import EventKind
+from contactfusion.integrator.sources import EventKind
 from contactfusion.npz_files import read_arrays, write_npz
 from contactfusion.pipeline import Pipeline
 from contactfusion.readings import JointState, Reading

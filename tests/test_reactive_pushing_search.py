@@ -7,7 +7,7 @@ import pytest
 
 from contactfusion.controllers.face import FaceConfig
 from contactfusion.controllers.pushing_parameters import SETS, SearchParameters
-from contactfusion.controllers.search import ALIGNED, MORE, Search
+from contactfusion.controllers.reactive_pushing import ALIGNED, MORE, Search
 
 TUNED = SETS["tuned"].search
 assert TUNED is not None

@@ -7,9 +7,9 @@ from typing import NamedTuple
 import pytest
 
 from contactfusion.controllers.face import FaceConfig
-from contactfusion.controllers.go_around import BEHIND, CENTRED, GRACE, MORE, GoAround
 from contactfusion.controllers.pushing_law import place_of, wrapped
 from contactfusion.controllers.pushing_parameters import SETS, EscapeParameters
+from contactfusion.controllers.reactive_pushing import BEHIND, CENTRED, GRACE, MORE, GoAround
 
 TUNED = SETS["tuned"].escape
 assert TUNED is not None

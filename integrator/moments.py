@@ -1,4 +1,4 @@
-"""Kernels of condensation: what each cluster of voxels adds up to, its place and its shape."""
+"""Kernels of condensation: the moments of each cluster of voxels, its place and its shape."""
 
 from typing import NamedTuple
 
@@ -150,7 +150,7 @@ def add_up(
 def mean_forces(
     labels: Int32Array, clusters: int, weights: FloatArray, forces: FloatArray
 ) -> FloatArray:
-    """Give each cluster's mean force, over its voxels that have one.
+    """Each cluster's mean force, over its voxels that have one.
 
     Args:
         labels: shape (f,), of the voxels that may have a force.
@@ -184,7 +184,7 @@ def _turn(matrix: FloatArray, p: int, q: int, cosine: float, sine: float) -> Non
 
 @kernel
 def _longest_axis(matrix: FloatArray) -> FloatArray:
-    """Give the eigenvector of the largest eigenvalue by Jacobi's rotations; overwrites `matrix`.
+    """The eigenvector of the largest eigenvalue by Jacobi's rotations; overwrites `matrix`.
 
     Of the two directions it gives the one whose largest component is positive.
     """

@@ -12,10 +12,9 @@ from contactfusion import Grid, Pipeline, State
 from contactfusion.arrays import FloatArray
 from contactfusion.errors import ConfigurationError, FrameError
 from contactfusion.frames import FrameTree, Pose, inverse, points_in, pose_at
-from contactfusion.generators.learned import GAP, LearnedConfig
 from contactfusion.generators.lidar_cpm import LidarCpmGenerator
 from contactfusion.generators.lidar_rule import LidarRuleConfig, LidarRuleGenerator
-from contactfusion.generators.networks import ContactNetworks, Perception
+from contactfusion.generators.networks import GAP, ContactNetworks, LearnedConfig, Perception
 from contactfusion.generators.proximity import ProximityConfig
 from contactfusion.hypotheses import HypothesisCloud
 from contactfusion.pipeline_config import PipelineConfig
@@ -306,7 +305,7 @@ def test_the_example_of_its_page_feels_what_is_pushed(
     text = (ROOT / "docs" / "generators" / f"{page}.md").read_text()
     (code,) = re.findall(r"^```python\n(.*?)^```", text, re.MULTILINE | re.DOTALL)
     networks = write(tmp_path, says(point=3.0, lateral=lateral))
-    monkeypatch.setattr("contactfusion.generators.learned.shipped", lambda: networks)
+    monkeypatch.setattr("contactfusion.generators.networks.shipped", lambda: networks)
     names: dict[str, Any] = {}
     exec(code, names)
     (contact,) = names["contacts"]

@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from contactfusion.integrator.sorting import IN_CACHE, SMALL, sort_rows
-from contactfusion.integrator.store import AXIS_BITS, Columns
+from contactfusion.integrator.store import AXIS_BITS, IN_CACHE, SMALL, Columns, sort_rows
 
 FAR = (1 << AXIS_BITS) - 1
 
