@@ -193,7 +193,9 @@ def test_controllers_know_no_pipeline_no_integrator_and_no_generator(path: Path)
     assert reaches(path, (*forbidden, *OUTER)) == set()
 
 
-@pytest.mark.parametrize("name", ["pipeline", "pipeline_config", "history", "frames", "isolation"])
+@pytest.mark.parametrize(
+    "name", ["pipeline", "pipeline_config", "robot_state", "frames", "isolation"]
+)
 def test_the_pipeline_imports_nothing_that_stands_outside(name: str) -> None:
     assert reaches(ROOT / "contactfusion" / f"{name}.py", OUTER) == set()
 

@@ -14,9 +14,9 @@ from contactfusion.arrays import FloatArray
 from contactfusion.errors import ConfigurationError, RecordingError, RobotError, name_hint
 from contactfusion.frames import inverse, points_in, vectors_in
 from contactfusion.generators.compensation import CompensationFit, fit_compensation
-from contactfusion.history import History
 from contactfusion.readings import Wrench
 from contactfusion.recordings.opening import open_recording
+from contactfusion.robot_state import History
 from contactfusion.robots.model import RobotModel
 from contactfusion.robots.posed import PosedRobot
 

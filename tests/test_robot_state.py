@@ -1,11 +1,24 @@
-"""Joints and odometry between their readings."""
+"""Joints, odometry and frames between their readings."""
+
+import pickle
+import re
 
 import numpy as np
 import pytest
-from scipy.spatial.transform import Rotation
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation, Slerp
 
-from contactfusion.history import LENGTH, History
-from contactfusion.readings import JointState, Odometry, Twist, Wrench
+from contactfusion.errors import FrameError, InvalidReadingError
+from contactfusion.frame_config import FrameConfig
+from contactfusion.frames import FrameTree
+from contactfusion.pipeline import Pipeline
+from contactfusion.pipeline_config import CycleConfig, PipelineConfig
+from contactfusion.readings import JointState, Odometry, Transform, Twist, Wrench
+from contactfusion.robot_state import LENGTH, History, Transforms
+
+STRAIGHT = (0.0, 0.0, 0.0, 1.0)
+quaternions = st.tuples(*[st.floats(-1.0, 1.0)] * 4).filter(lambda q: np.linalg.norm(q) > 0.1)
 
 
 def joints(stamp: float, *angles: float, names: tuple[str, ...] = ("a", "b")) -> JointState:
@@ -191,3 +204,164 @@ def test_after_clearing_nothing_is_known() -> None:
     remembered.add(odometry(0.0, 0.0))
     remembered.clear()
     assert remembered.joints(0.0) is None and remembered.base_pose(0.0) is None
+
+
+def transform(
+    stamp: float,
+    x: float = 0.0,
+    turn: tuple[float, ...] = STRAIGHT,
+    frame: str = "map",
+    child: str = "base",
+    static: bool = False,
+) -> Transform:
+    return Transform(
+        stamp=stamp,
+        frame=frame,
+        child_frame=child,
+        position=np.array([x, 0.0, 0.0]),
+        orientation=np.array(turn) / np.linalg.norm(turn),
+        static=static,
+    )
+
+
+def tree(known: Transforms, stamp: float) -> FrameTree:
+    told = known.at(stamp)
+    assert told is not None
+    return FrameTree({}).under(told)
+
+
+def known(*transforms: Transform) -> Transforms:
+    transforms_ = Transforms()
+    for one in transforms:
+        transforms_.add(one)
+    return transforms_
+
+
+def test_between_two_transforms_a_frame_moves_evenly() -> None:
+    pose = tree(known(transform(1.0, 0.0), transform(2.0, 4.0)), 1.25).pose("map", of="base")
+    assert pose[:3, 3] == pytest.approx([1.0, 0.0, 0.0])
+
+
+@given(quaternions, quaternions, st.floats(0.0, 1.0))
+def test_it_turns_by_the_shortest_arc(one: list[float], other: list[float], part: float) -> None:
+    moving = known(transform(0.0, turn=tuple(one)), transform(1.0, turn=tuple(other)))
+    pose = tree(moving, part).pose("map", of="base")
+    expected = Slerp([0.0, 1.0], Rotation.from_quat([one, other]))(part)
+    apart = (Rotation.from_matrix(pose[:3, :3]) * expected.inv()).magnitude()
+    half_turn = (Rotation.from_quat(one) * Rotation.from_quat(other).inv()).magnitude()
+    if half_turn < np.pi - 1e-3:  # at half a turn both arcs are as short
+        assert apart < 1e-4
+
+
+@pytest.mark.parametrize("stamp", [0.999, 2.001])
+def test_outside_its_time_a_transform_is_an_error_that_says_what_there_is(stamp: float) -> None:
+    frames = tree(known(transform(1.0), transform(2.0)), stamp)
+    sentence = rf"'base' in 'map' is not known at {stamp} s: there is one from 1.000 to 2.000 s"
+    with pytest.raises(FrameError, match=sentence):
+        frames.pose("map", of="base")
+
+
+@pytest.mark.parametrize("stamp", [0.0, 1.0, 1.7, 2.0, 40.0, 50.0])
+def test_to_another_process_goes_only_what_counts_at_the_stamp(stamp: float) -> None:
+    told = known(*(transform(float(n + 1), float(n * n)) for n in range(40)))
+    told.add(transform(0.0, 3.0, child="eye", frame="base", static=True))
+    here = told.at(stamp)
+    packed = pickle.dumps(here)
+    assert len(packed) < 3000
+    there = pickle.loads(packed)
+    for child in ("base", "eye"):
+        try:
+            expected = here.parent_of(child) if here else None
+        except FrameError as error:
+            with pytest.raises(FrameError, match=re.escape(str(error))):
+                there.parent_of(child)
+        else:
+            assert expected is not None
+            frame, pose = there.parent_of(child)
+            assert frame == expected[0]
+            np.testing.assert_array_equal(pose, expected[1])
+
+
+def test_a_static_transform_holds_at_all_times_and_the_newest_counts() -> None:
+    fixed = known(transform(5.0, 1.0, static=True), transform(5.0, 2.0, static=True))
+    assert tree(fixed, -100.0).pose("map", of="base")[0, 3] == 2.0
+
+
+def test_the_nearest_pose_is_that_of_the_first_or_the_last_transform() -> None:
+    told = known(transform(1.0, x=1.0), transform(2.0, x=3.0))
+    for stamp, x in ((0.0, 1.0), (1.0, 1.0), (1.5, 2.0), (2.0, 3.0), (9.0, 3.0)):
+        pose = tree(told, stamp).nearest().pose("map", of="base")
+        assert pose[0, 3] == pytest.approx(x)
+    with pytest.raises(FrameError, match="is not known at 0.000 s"):
+        tree(told, 0.0).pose("map", of="base")
+    assert FrameTree({}).nearest().frames == frozenset()
+
+
+def test_a_frame_with_a_new_parent_hangs_under_that_one_only() -> None:
+    moved = known(transform(0.0), transform(1.0, 3.0, frame="table"))
+    frames = tree(moved, 1.0)
+    assert frames.pose("table", of="base")[0, 3] == 3.0
+    with pytest.raises(FrameError, match="unknown frame 'map'"):
+        frames.pose("map", of="base")
+
+
+def test_transforms_that_form_a_circle_are_named() -> None:
+    circle = known(transform(0.0), transform(0.0, frame="base", child="map"))
+    with pytest.raises(FrameError, match="the frames form a circle: map -> base -> map"):
+        tree(circle, 0.0).pose("base", of="map")
+
+
+def test_old_transforms_are_forgotten_so_that_memory_stays() -> None:
+    many = known(*(transform(0.01 * index) for index in range(2 * LENGTH + 5)))
+    with pytest.raises(FrameError, match="is not known at 0.000 s"):
+        tree(many, 0.0).pose("map", of="base")
+    assert tree(many, 0.01 * LENGTH).pose("map", of="base") is not None
+
+
+def test_one_that_comes_late_changes_nothing() -> None:
+    late = known(transform(0.0, 0.0), transform(1.0, 1.0), transform(0.5, 9.0))
+    assert tree(late, 0.5).pose("map", of="base")[0, 3] == pytest.approx(0.5)
+
+
+@pytest.mark.parametrize(
+    ("child", "sentence"),
+    [("", "needs the name of its child frame"), ("map", "gives the pose of 'map' in itself")],
+)
+def test_a_transform_of_nothing_or_of_itself_is_no_reading(child: str, sentence: str) -> None:
+    with pytest.raises(InvalidReadingError, match=sentence):
+        transform(0.0, child=child)
+
+
+def wrench(stamp: float) -> Wrench:
+    return Wrench(
+        stamp=stamp,
+        frame="tool",
+        sensor="wrist",
+        force=np.array([0.0, 0.0, 5.0]),
+        torque=np.zeros(3),
+    )
+
+
+def test_configured_frames_go_before_odometry_and_odometry_before_transforms() -> None:
+    tool = FrameConfig(parent="base", xyz=(0.0, 0.0, 1.0))
+    pipe = Pipeline(PipelineConfig(frames={"tool": tool}))
+    pipe.receive(transform(0.0, 5.0, child="tool", frame="base"))
+    pipe.receive(transform(0.0, 7.0, child="base", frame="odom"))
+    pipe.receive(
+        Odometry(
+            stamp=0.0,
+            frame="odom",
+            child_frame="base",
+            position=np.array([1.0, 0.0, 0.0]),
+            orientation=np.array(STRAIGHT),
+        )
+    )
+    frames = pipe.state(0.0).frames
+    assert frames.pose("base", of="tool")[:3, 3] == pytest.approx([0.0, 0.0, 1.0])
+    assert frames.pose("odom", of="base")[0, 3] == 1.0
+
+
+def test_transforms_move_no_clock() -> None:
+    config = PipelineConfig(cycle=CycleConfig(every=0.1))
+    readings = [transform(0.0), wrench(0.0), transform(5.0), wrench(0.25)]
+    assert [step.stamp for step in Pipeline(config).run(readings)] == pytest.approx([0.1, 0.2, 0.3])
