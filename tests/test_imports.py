@@ -30,6 +30,7 @@ DATA = (
     "surface",
     "time",
     "units",
+    "unpacking",
 )
 """The data types and what they stand on."""
 OUTER = (

@@ -10,8 +10,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation, Slerp
 
 from contactfusion.errors import FrameError, InvalidReadingError
-from contactfusion.frame_config import FrameConfig
-from contactfusion.frames import FrameTree
+from contactfusion.frames import FrameConfig, FrameTree
 from contactfusion.pipeline import Pipeline
 from contactfusion.pipeline_config import CycleConfig, PipelineConfig
 from contactfusion.readings import JointState, Odometry, Transform, Twist, Wrench

@@ -40,7 +40,7 @@ READ = """
 import json, resource, sys
 from pathlib import Path
 import ezc3d
-from contactfusion.npz_files import read_arrays
+from contactfusion.files import read_arrays
 from contactfusion.recordings.messages import typestore
 from contactfusion.recordings.opening import open_recording
 from contactfusion.recordings.ros.packed import bound_rosbags

@@ -16,8 +16,7 @@ from contactfusion.errors import (
     missing_extra,
     name_hint,
 )
-from contactfusion.frame_config import FrameConfig
-from contactfusion.frames import FrameTree, Parent, Pose, inverse, points_in
+from contactfusion.frames import FrameConfig, FrameTree, Parent, Pose, inverse, points_in
 from contactfusion.readings import JointState
 from contactfusion.robots.description import RobotConfig
 from contactfusion.robots.solids import Solid

@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from contactfusion.errors import ContactFusionError
-from contactfusion.npz_files import read_npz, write_npz
+from contactfusion.files import read_npz, write_npz
 from contactfusion.robots.solids import Solid
 from contactfusion.robots.spheres import SphereModel, fit_spheres
 from contactfusion.robots.urdf import Mesh, Shapes

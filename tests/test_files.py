@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from contactfusion.errors import ConfigurationError
-from contactfusion.npz_files import read_npz, write_npz
+from contactfusion.files import read_npz, write_npz
 
 
 def test_what_was_written_is_read_bit_for_bit(tmp_path: Path) -> None:
