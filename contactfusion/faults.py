@@ -101,7 +101,7 @@ class Fault(Model):
 
     @abstractmethod
     def act(self, reading: Reading, held: Reading, random: np.random.Generator) -> Reading | None:
-        """Give what comes of a reading while its sensor fails.
+        """What comes of a reading while its sensor fails.
 
         Args:
             reading: what comes from the healthy sensor.
@@ -119,7 +119,7 @@ class Silent(Fault):
     fault: Literal["silent"] = "silent"
 
     def act(self, reading: Reading, held: Reading, random: np.random.Generator) -> None:
-        """Give nothing."""
+        """Nothing."""
 
 
 class Dropout(Fault):
@@ -130,7 +130,7 @@ class Dropout(Fault):
     """Of losing a reading."""
 
     def act(self, reading: Reading, held: Reading, random: np.random.Generator) -> Reading | None:
-        """Give the reading, or lose it."""
+        """The reading, or None: it is lost."""
         return None if random.random() < self.probability else reading
 
 
@@ -147,7 +147,7 @@ class Delay(Fault):
         return self.seconds
 
     def act(self, reading: Reading, held: Reading, random: np.random.Generator) -> Reading:
-        """Give the reading as it is."""
+        """The reading as it is."""
         return reading
 
 
@@ -178,7 +178,7 @@ class Calibration(Fault):
         return moved(reading, self.pose())
 
     def pose(self) -> Pose:
-        """Give the move [m]."""
+        """The move [m]."""
         x, y, z = self.mm
         roll, pitch, yaw = np.deg2rad(self.degrees)
         return pose_at((x / 1000.0, y / 1000.0, z / 1000.0), (roll, pitch, yaw))
@@ -210,7 +210,7 @@ class Zeros(FaultOfValues):
     fault: Literal["zeros"] = "zeros"
 
     def act(self, reading: Reading, held: Reading, random: np.random.Generator) -> Reading:
-        """Give zeros."""
+        """Zeros."""
         return repeated(reading, zeroed(reading), self.elements)
 
 
@@ -220,7 +220,7 @@ class Stuck(FaultOfValues):
     fault: Literal["stuck"] = "stuck"
 
     def act(self, reading: Reading, held: Reading, random: np.random.Generator) -> Reading:
-        """Give the old values with the new stamp."""
+        """The old values with the new stamp."""
         return repeated(reading, held, self.elements)
 
 
@@ -364,7 +364,7 @@ class Faults:
         self._waiting: list[list[tuple[int, int, Reading]]] = [[] for _ in self._faults]
 
     def apply(self, reading: Reading) -> Sequence[Reading]:
-        """Give what comes when a healthy sensor has given a reading.
+        """What comes when a healthy sensor has given a reading.
 
         Args:
             reading: the newest reading of any sensor.
@@ -385,7 +385,7 @@ class Faults:
         return readings
 
     def _passed(self, number: int, reading: Reading) -> Reading | None:
-        """Give what comes at once of a reading; None: it is lost, or waits."""
+        """What comes at once of a reading; None: it is lost, or waits."""
         fault = self._faults[number]
         if not fault.meets(reading.sensor, type(reading)) or (
             fault.end is not None and reading.stamp > fault.end
@@ -409,7 +409,7 @@ class Faults:
         return None
 
     def _released(self, number: int) -> list[Reading]:
-        """Give the readings that have waited long enough, in the order in which they were due."""
+        """The readings that have waited long enough, in the order in which they were due."""
         waiting, released = self._waiting[number], []
         while waiting and waiting[0][0] <= self._now:
             released.append(heapq.heappop(waiting)[2])

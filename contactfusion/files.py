@@ -63,7 +63,7 @@ def write_whole(path: str | Path, content: str | bytes) -> None:
 
 @contextmanager
 def whole_file(path: Path) -> Iterator[Path]:
-    """Give the name under which a file may be written bit by bit; it gets its own at the end.
+    """The name under which a file may be written bit by bit; it gets its own at the end.
 
     After an exception nothing is left of it, and an older file stays as it was.
 

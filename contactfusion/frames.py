@@ -28,7 +28,7 @@ class Above(Protocol):
         ...
 
     def parent_of(self, frame: str) -> Parent | None:
-        """Give the parent of a frame and its pose there; None for a root, or an unknown frame.
+        """The parent of a frame and its pose there; None for a root, or an unknown frame.
 
         Raises:
             FrameError: the pose is not known at this time.
@@ -41,7 +41,7 @@ class Above(Protocol):
 
 
 def pose_of(xyz: ArrayLike, rotation: ArrayLike | None = None) -> Pose:
-    """Give the pose of a frame whose origin lies at `xyz` [m], turned by a matrix (3, 3)."""
+    """The pose of a frame whose origin lies at `xyz` [m], turned by a matrix (3, 3)."""
     pose = np.eye(4)
     pose[:3, 3] = xyz
     if rotation is not None:
@@ -50,14 +50,14 @@ def pose_of(xyz: ArrayLike, rotation: ArrayLike | None = None) -> Pose:
 
 
 def pose_at(xyz: Sequence[float], rpy: Sequence[float]) -> Pose:
-    """Give the pose at `xyz` [m], turned by roll, pitch and yaw about fixed axes [rad]."""
+    """The pose at `xyz` [m], turned by roll, pitch and yaw about fixed axes [rad]."""
     from scipy.spatial.transform import Rotation
 
     return pose_of(xyz, Rotation.from_euler("xyz", rpy).as_matrix())
 
 
 def inverse(pose: Pose) -> Pose:
-    """Give the way back."""
+    """The inverse of a pose."""
     turned_back = pose[:3, :3].T
     return pose_of(-turned_back @ pose[:3, 3], turned_back)
 
@@ -109,11 +109,11 @@ class FrameTree:
         return told if self._above is None else told | self._above.frames
 
     def under(self, above: Above) -> "FrameTree":
-        """Give the tree with further frames, such as those that a recording tells."""
+        """The tree with further frames, such as those that a recording tells."""
         return FrameTree(self._parents, above, self._origins)
 
     def extended(self, parents: Mapping[str, Parent]) -> "FrameTree":
-        """Give the tree with further frames, or with new poses for some."""
+        """The tree with further frames, or with new poses for some."""
         return FrameTree({**self._parents, **parents}, self._above, self._origins)
 
     def nearest(self) -> "FrameTree":
@@ -121,7 +121,7 @@ class FrameTree:
         return self if self._above is None else self.under(self._above.nearest())
 
     def pose(self, frame: str, of: str) -> Pose:
-        """Give the pose of frame `of` in `frame`: it takes coordinates of `of` to `frame`.
+        """The pose of frame `of` in `frame`: it takes coordinates of `of` to `frame`.
 
         Raises:
             FrameError: a frame is unknown, or no chain of poses joins the two.
@@ -253,7 +253,7 @@ class FrameConfig(Model):
         return self
 
     def pose(self) -> Pose:
-        """Give the pose of the frame in its parent."""
+        """The pose of the frame in its parent."""
         if self.quaternion is None:
             return pose_at(self.xyz, self.rpy or (0.0, 0.0, 0.0))
         from scipy.spatial.transform import Rotation

@@ -94,7 +94,7 @@ class Robot:
         self._known = None
 
     def state(self, stamp: float, fusion: Fusion | None) -> State:
-        """Give all that is known at a stamp [s], with the last step of the integrator."""
+        """All that is known at a stamp [s], with the last step of the integrator."""
         known = self._known
         if known is None or known.now != stamp:
             known = self._known = self._at(stamp)
@@ -208,7 +208,7 @@ class History:
         self._gone.clear()
 
     def joints(self, stamp: float) -> JointState | None:
-        """Give the joints at a stamp [s]: positions in between, the rest of the nearer reading.
+        """The joints at a stamp [s]: positions in between, the rest of the nearer reading.
 
         Readings of different joints, as of an arm and of its hand, are put together; of a joint
         that several name, the one that was heard of first counts. The stamp is that of the newest
@@ -218,7 +218,7 @@ class History:
         return _together(parts) if parts else None
 
     def base_pose(self, stamp: float) -> tuple[str, str, Pose] | None:
-        """Give (parent frame, child frame, pose) of the base at a stamp [s].
+        """Parent frame, child frame and pose of the base at a stamp [s].
 
         After the newest odometry it is moved on by the twists of its frame that came since; each
         held since the one before it.
@@ -253,7 +253,7 @@ class History:
 
 
 def _joints_between(readings: deque[JointState], stamp: float) -> JointState:
-    """Give one set of joints at a stamp."""
+    """One set of joints at a stamp."""
     around = _around(readings, stamp)
     assert around is not None
     before, after, part = around
@@ -296,7 +296,7 @@ def _append(readings: deque[R], reading: R) -> None:
 
 
 def _around(readings: deque[R], stamp: float) -> tuple[R, R, float] | None:
-    """Give the readings before and after a stamp, and where it lies between them."""
+    """The readings before and after a stamp, and where it lies between them."""
     if not readings:
         return None
     after = readings[-1]
@@ -326,7 +326,7 @@ class _Series:
             del self.stamps[:LENGTH], self.transforms[:LENGTH]
 
     def around(self, stamp: float) -> "_Series":
-        """Give the first and the last pose, and the two next to a stamp: no other counts then."""
+        """The first and the last pose, and the two next to a stamp: no other counts then."""
         after = bisect_right(self.stamps, stamp)
         count = len(self.stamps)
         rows = sorted({0, after - 1, after, count - 1} & {*range(count)})
@@ -338,7 +338,7 @@ class _Series:
         )
 
     def pose(self, stamp: float) -> Pose:
-        """Give the pose at a stamp that lies between the first and the last."""
+        """The pose at a stamp that lies between the first and the last."""
         if self.static:
             return _pose_there(self.transforms[-1])
         after = bisect_right(self.stamps, stamp)
@@ -390,7 +390,7 @@ class Transforms:
         }
 
     def at(self, stamp: float) -> "TransformsAt | None":
-        """Give the frames as they are at a stamp [s]; None while there are none."""
+        """The frames as they are at a stamp [s]; None while there are none."""
         return TransformsAt(self._series, self._frames, stamp) if self._series else None
 
 
@@ -442,7 +442,7 @@ class TransformsAt:
         return replace(self, clamped=True)
 
     def parent_of(self, frame: str) -> Parent | None:
-        """Give the parent of a frame and its pose there; None for one that no transform places.
+        """The parent of a frame and its pose there; None for one that no transform places.
 
         Raises:
             FrameError: the stamp lies outside the time for which transforms tell of the frame.
@@ -487,7 +487,7 @@ def _slerp(one: Quaternion, other: Quaternion, part: float) -> Quaternion:
 
 
 def _matrix(turn: Quaternion) -> Pose:
-    """Give the rotation, shape (3, 3), of a quaternion (x, y, z, w) of any length."""
+    """The rotation, shape (3, 3), of a quaternion (x, y, z, w) of any length."""
     x, y, z, w = turn
     s = 2.0 / (x * x + y * y + z * z + w * w)
     return np.array(

@@ -154,7 +154,7 @@ class Fusion:
         Raises:
             DependencyError: matplotlib is not installed.
         """
-        from contactfusion.viewing.plot import plot_fusion
+        from contactfusion.view.plot import plot_fusion
 
         return plot_fusion(self)  # pyright: ignore[reportArgumentType] this class by its other path
 

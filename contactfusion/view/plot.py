@@ -13,6 +13,7 @@ if TYPE_CHECKING:
 
     from contactfusion.integrator.fusion import Fusion
 
+
 SIGMAS = 2.0
 """Contacts are drawn as ellipses of so many standard deviations."""
 PROJECTIONS = ((0, 1), (0, 2), (1, 2))
@@ -54,7 +55,7 @@ def plot_fusion(fusion: "Fusion") -> "Figure":
 
 
 def _box(fusion: "Fusion") -> tuple[FloatArray, FloatArray]:
-    """Give the least and the greatest coordinates to draw, shape (3,) [mm]."""
+    """The least and the greatest coordinates to draw, shape (3,) [mm]."""
     space = fusion.space
     ends = [space.positions, *(_ends(contact) for contact in fusion.contacts)]
     points = np.concatenate(ends) if any(map(len, ends)) else np.zeros((1, 3))
@@ -66,7 +67,7 @@ def _box(fusion: "Fusion") -> tuple[FloatArray, FloatArray]:
 
 
 def _ends(contact: Contact) -> FloatArray:
-    """Give the corners of the box around a contact's ellipsoid, shape (2, 3) [m]."""
+    """The corners of the box around a contact's ellipsoid, shape (2, 3) [m]."""
     reach = SIGMAS * np.sqrt(np.diag(contact.covariance))
     return np.stack([contact.position - reach, contact.position + reach])
 

@@ -33,12 +33,10 @@ from contactfusion.readings import (
     Twist,
     Wrench,
 )
-from contactfusion.viewing.colours import ROBOT, VOXELS, ramp
-from contactfusion.viewing.extent import FIELD_OF_VIEW, Extent
-from contactfusion.viewing.library import program, quiet_environment
-from contactfusion.viewing.pictures import screenshot
-from contactfusion.viewing.showing import show
-from contactfusion.viewing.viewer import Viewer
+from contactfusion.view.layout import FIELD_OF_VIEW, Extent
+from contactfusion.view.recorder import ROBOT, VOXELS, ramp
+from contactfusion.view.show import program, quiet_environment, screenshot, show
+from contactfusion.view.viewer import Viewer
 from tests.clouds import HERE, NULL, SUPPORT, THERE, cloud, fused
 
 rerun = pytest.importorskip("rerun")
@@ -566,7 +564,7 @@ class TestShowing:
         self, folder: Path, drive: Contents
     ) -> None:
         # whoever runs tests in the background has Ctrl+C ignored, and children inherit that
-        code = "import signal, sys, pathlib; from contactfusion.viewing.web import serve; "
+        code = "import signal, sys, pathlib; from contactfusion.view.show import serve; "
         code += "signal.signal(signal.SIGINT, signal.default_int_handler); "
         code += "serve(pathlib.Path(sys.argv[1]))"
         with subprocess.Popen(
