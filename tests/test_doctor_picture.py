@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 from contactfusion.arrays import FloatArray
+from contactfusion.doctor.picture import draw_robot
+from contactfusion.doctor.robot import middle
 from contactfusion.errors import ContactFusionError
-from contactfusion.robots.checkup import middle
 from contactfusion.robots.description import located, read_robot
 from contactfusion.robots.model import RobotModel
-from contactfusion.robots.picture import draw_robot
 from contactfusion.robots.posed import PosedRobot
 from tests.urdfs import built, link
 

@@ -1,14 +1,8 @@
-"""The compiled kernels: where their machine code is kept, and whether it is there."""
+"""The compiled kernels: which there are, whether their machine code is kept, and a call of each."""
 
-import os
-import tempfile
 from collections.abc import Iterator
-from importlib import import_module
-from pathlib import Path
 from types import ModuleType
 from typing import Any
-
-from contactfusion.doctoring.finding import Finding
 
 MODULES = (
     "contactfusion.generators.lstm",
@@ -27,29 +21,10 @@ MODULES = (
     "contactfusion.thinning",
 )
 """All that hold kernels."""
-WARM = "contactfusion doctor --warm"
-"""What compiles them."""
-
-
-def kernel_finding() -> Finding:
-    """Look whether the kernels can be kept, and are; nothing is compiled."""
-    kernels = [kernel for name in MODULES for kernel in called(import_module(name))]
-    folders = {kernel.stats.cache_path for kernel in kernels}
-    if not all(folder and can_be_written(Path(folder)) for folder in folders):
-        return Finding(
-            "kernels cannot be kept on disk, and are compiled again by every process",
-            f"export NUMBA_CACHE_DIR={_any_folder()}",
-            core=True,
-        )
-    where = _named(sorted(folders))
-    missing = sum(not is_kept(kernel) for kernel in kernels)
-    if missing:
-        return Finding(f"{missing} of {len(kernels)} kernels are not compiled in {where}", WARM)
-    return Finding(f"{len(kernels)} kernels are compiled, in {where}")
 
 
 def called(module: ModuleType) -> Iterator[Any]:
-    """Give the kernels of a module that are not only called by other kernels, which hold them."""
+    """The kernels of a module that are not only called by other kernels, which hold them."""
     from numba.extending import is_jitted
 
     kernels: dict[str, Any] = {
@@ -146,21 +121,3 @@ def _slide(places: Any) -> None:
     grid.distances(places)
     up = np.array([0.0, 0.0, 1.0])
     first_touches(grid, Tufts.of(places), np.zeros((1, 3)), np.eye(3)[None], up, 0.1, 0.0)
-
-
-def can_be_written(folder: Path) -> bool:
-    """Tell whether files can be put into a folder, which may have to be made."""
-    while not os.path.exists(folder) and folder != folder.parent:
-        folder = folder.parent
-    return os.path.isdir(folder) and os.access(folder, os.W_OK)
-
-
-def _any_folder() -> Path:
-    """Give a folder that can take the cache."""
-    home = Path.home() / ".cache"
-    return (home if can_be_written(home) else Path(tempfile.gettempdir())) / "contactfusion"
-
-
-def _named(folders: list[str]) -> str:
-    more = f" and {len(folders) - 1} more folders" if len(folders) > 1 else ""
-    return f"{folders[0]}{more}"

@@ -133,7 +133,7 @@ def _draw_name(axes: Any, place: FloatArray, name: str) -> None:
 
 
 def _colours(robot: PosedRobot) -> dict[str, tuple[float, ...]]:
-    """Give each link that has a surface a colour."""
+    """The colour of each link that has a surface."""
     from matplotlib import colormaps
 
     names = list(robot.model.parts)
