@@ -19,7 +19,7 @@ from contactfusion.extras import EXTRAS, installs
 from contactfusion.generators.networks import read_networks, shipped
 from contactfusion.plugins import HOME, NOBODY, Plugins, installed_plugins
 from contactfusion.recordings import ouster
-from contactfusion.robots.sphere_cache import sphere_folder
+from contactfusion.robots.spheres import sphere_folder
 from contactfusion.terminal import note
 
 VULKAN_DRIVER = "a driver for Vulkan"
