@@ -13,10 +13,16 @@ from scipy.stats import binomtest
 
 from contactfusion.errors import ConfigurationError
 from contactfusion.readings import Reading
-from contactfusion.tuning.fusion import Tuned, tune_fusion
-from contactfusion.tuning.fusion_fields import LADDER, fields_to_vary, override
-from contactfusion.tuning.fusion_labels import Label, halving, read_labels, require_within
-from contactfusion.tuning.fusion_report import (
+from contactfusion.tune.fusion import (
+    LADDER,
+    Tuned,
+    fields_to_vary,
+    fingerprint,
+    kept_in,
+    override,
+    tune_fusion,
+)
+from contactfusion.tune.report import (
     advice,
     as_csv,
     as_json,
@@ -24,8 +30,16 @@ from contactfusion.tuning.fusion_report import (
     table,
     write_tuning,
 )
-from contactfusion.tuning.fusion_runs import fingerprint, kept_in
-from contactfusion.tuning.fusion_score import Half, Rate, scored, wilson
+from contactfusion.tune.score import (
+    Half,
+    Label,
+    Rate,
+    halving,
+    read_labels,
+    require_within,
+    scored,
+    wilson,
+)
 from contactfusion.yaml_files import with_overrides
 from tests.clouds import HERE, REGULAR, THERE, centres, cloud
 from tests.explained import stepped

@@ -1,4 +1,4 @@
-"""What `tune fusion` found: a table, a CSV file, a JSON file and the line to use."""
+"""What `tune fusion` found: a table, a picture, a CSV file, a JSON file and the line to use."""
 
 import csv
 import io
@@ -8,10 +8,12 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
+from contactfusion.figures import COLOURS, new_figure
 from contactfusion.files import write_whole
-from contactfusion.tuning.fusion import Trial, Tuned
-from contactfusion.tuning.fusion_picture import picture
-from contactfusion.tuning.fusion_score import ALIKE, Half
+from contactfusion.tune.fusion import Trial, Tuned
+from contactfusion.tune.score import ALIKE, Half
 
 HEADS = ("setting", "missed", "false", "off by", "| missed", "false", "off by")
 COLUMNS = (
@@ -19,10 +21,14 @@ COLUMNS = (
     "missed_share", "missed_low", "missed_high", "false_steps", "free_steps",
     "false_share", "false_low", "false_high", "error_median_m", "cost",
 )  # fmt: skip
+TITLES = ("first half: chosen here", "second half: reported here")
+CLEAR = 6.0
+"""Values that lie so near to a named one are not named [%]."""
+Axes = Any
 
 
 def table(tuned: Tuned) -> str:
-    """Give the table for people: each run on the first half, and after the bar on the second."""
+    """The table for people: each run on the first half, and after the bar on the second."""
     idle = {path for path, curve in tuned.curves.items() if _is_idle(tuned, curve)}
     rows = [HEADS, *(_cells(tuned, one) for one in tuned.trials() if one.field not in idle)]
     widths = [max(len(row[column]) for row in rows) for column in range(len(HEADS))]
@@ -59,12 +65,12 @@ def advice(tuned: Tuned) -> str:
 
 
 def set_line(tuned: Tuned) -> str:
-    """Give the options that make the changes that were chosen."""
+    """The options that make the changes that were chosen."""
     return " ".join(f"--set {change}" for change in tuned.chosen.overrides)
 
 
 def as_csv(tuned: Tuned) -> str:
-    """Give one row a run and half; lengths in m, empty where there is none."""
+    """One row a run and half; lengths in m, empty where there is none."""
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(COLUMNS)
@@ -76,7 +82,7 @@ def as_csv(tuned: Tuned) -> str:
 
 
 def as_json(tuned: Tuned) -> str:
-    """Give the runs as in the CSV file, what was chosen, and whether it is better."""
+    """The runs as in the CSV file, what was chosen, and whether it is better."""
     rows = [
         _row(tuned, trial, number, half)
         for trial in tuned.trials()
@@ -143,7 +149,7 @@ def _cells(tuned: Tuned, trial: Trial) -> tuple[str, ...]:
 
 
 def _is_idle(tuned: Tuned, curve: Sequence[Trial]) -> bool:
-    """Tell whether all values of a field lead to the same."""
+    """Whether all values of a field lead to the same."""
     same = [half.as_dict() for half in tuned.configured.score.halves]
     return all([half.as_dict() for half in one.score.halves] == same for one in curve)
 
@@ -169,3 +175,62 @@ def _plain(value: Any) -> Any:
     if isinstance(value, float):
         return round(value, 6) if math.isfinite(value) else None
     return value
+
+
+def picture(tuned: Tuned) -> bytes:
+    """Draw what is missed over what is false, for each half; a PNG file.
+
+    Raises:
+        DependencyError: matplotlib is not installed.
+    """
+    figure = new_figure(11.0, 5.6)
+    panels = figure.subplots(1, 2, sharex=True, sharey=True)
+    for half, (axes, title) in enumerate(zip(panels, TITLES, strict=True)):
+        _draw(axes, tuned, half)
+        axes.set(title=title, xlabel="false contacts [% of steps without one]")
+        axes.grid(linewidth=0.3, color="#cccccc")
+        axes.set_axisbelow(True)
+        if half == 0:
+            axes.set_ylabel("missed contacts [% of steps with one]")
+    handles, labels = figure.axes[0].get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside lower center", ncols=3, frameon=False)
+    content = io.BytesIO()
+    figure.savefig(content, dpi=120, format="png")
+    return content.getvalue()
+
+
+def _draw(axes: Axes, tuned: Tuned, half: int) -> None:
+    named: list[tuple[float, float]] = []
+    for number, (path, curve) in enumerate(tuned.curves.items()):
+        colour = COLOURS[number % len(COLOURS)]
+        points = _points(curve, half)
+        axes.plot(*points, "-o", color=colour, markersize=4.0, linewidth=1.2, label=path)
+        for trial, x, y in zip(curve, *points, strict=True):
+            if all(abs(x - other) + abs(y - at) > CLEAR for other, at in named):
+                named.append((x, y))
+                axes.annotate(
+                    _short(trial.value), (x, y), (5.0, 5.0),
+                    textcoords="offset points", fontsize=8, color=colour,
+                )  # fmt: skip
+        best = _points([tuned.best[path]], half)
+        axes.plot(*best, "*", color=colour, markersize=13.0, markeredgecolor="white")
+    marks = {"as configured": (tuned.configured, "s", "#222222")}
+    if tuned.chosen.overrides:
+        marks["chosen"] = (tuned.chosen, "o", "#cc0000")
+    for label, (trial, marker, colour) in marks.items():
+        axes.plot(
+            *_points([trial], half), marker, color=colour, markerfacecolor="none", markersize=14.0,
+            markeredgewidth=1.8, linestyle="none", label=label,
+        )  # fmt: skip
+    axes.plot([], [], "*", color="#888888", markersize=11.0, label="best of its field")
+    axes.margins(0.12)
+
+
+def _points(trials: Sequence[Trial], half: int) -> tuple[list[float], list[float]]:
+    halves = [one.score.halves[half] for one in trials]
+    false = [100.0 * float(np.nan_to_num(one.false.share)) for one in halves]
+    return false, [100.0 * float(np.nan_to_num(one.missed.share)) for one in halves]
+
+
+def _short(value: Any) -> str:
+    return f"{value:.3g}" if isinstance(value, float) else str(value)
