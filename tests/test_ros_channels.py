@@ -5,7 +5,7 @@ from typing import Any
 import pytest
 
 from contactfusion.errors import RecordingError
-from contactfusion.recordings.ros.definitions import is_standard, ros2_text, types_in
+from contactfusion.recordings.ros.channels import is_standard, ros2_text, types_in
 from contactfusion.recordings.ros.readings import CAMERA_INFO, IMAGE, MAKERS, POSE, TRANSFORMS
 
 interfaces = pytest.importorskip("rosbags.interfaces")
