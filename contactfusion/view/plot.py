@@ -13,7 +13,6 @@ if TYPE_CHECKING:
 
     from contactfusion.integrator.fusion import Fusion
 
-
 SIGMAS = 2.0
 """Contacts are drawn as ellipses of so many standard deviations."""
 PROJECTIONS = ((0, 1), (0, 2), (1, 2))

@@ -15,7 +15,6 @@ if TYPE_CHECKING:
     from rosbags.interfaces import Connection, MessageDefinition
     from rosbags.typesys.store import Typestore
 
-
 Types = dict[str, Any]
 """By the names of types: their constants and their fields, as rosbags holds them."""
 HEADER = "std_msgs/msg/Header"
