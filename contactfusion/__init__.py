@@ -43,7 +43,7 @@ if TYPE_CHECKING:
     from contactfusion.segmenter import Segmenter, SegmenterConfig
     from contactfusion.state import State
     from contactfusion.surface import Surface
-    from contactfusion.viewing.plot import plot_fusion
+    from contactfusion.view.plot import plot_fusion
 
 _HOMES = {
     "Command": "contactfusion.controller",
@@ -88,7 +88,7 @@ _HOMES = {
     "Wrench": "contactfusion.readings",
     "hookimpl": "contactfusion.hooks",
     "open_recording": "contactfusion.recordings.opening",
-    "plot_fusion": "contactfusion.viewing.plot",
+    "plot_fusion": "contactfusion.view.plot",
     "run_file": "contactfusion.running",
 }
 

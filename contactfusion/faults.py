@@ -1,29 +1,341 @@
-"""Sensors that fail on purpose: readings pass through faults before anybody hears of them."""
+"""Sensors that fail on purpose: a model for each kind of fault, and readings that pass them."""
 
 import heapq
 import math
-from collections.abc import Collection, Iterable, Iterator, Sequence
-from typing import final
+from abc import abstractmethod
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Annotated, Any, ClassVar, Literal, Self, final
 
 import numpy as np
+from pydantic import BeforeValidator, Field, NonNegativeInt, model_validator
 
 from contactfusion.errors import ConfigurationError, name_hint
-from contactfusion.fault_config import Fault, read_faults
+from contactfusion.fault_values import (
+    ELEMENT_ARRAYS,
+    added,
+    changes,
+    check_amount,
+    moved,
+    repeated,
+    zeroed,
+)
+from contactfusion.frames import Pose, pose_at
+from contactfusion.model import Model
 from contactfusion.readings import (
     READING_TYPES,
+    DepthImage,
     JointCommand,
     JointState,
     ObjectPose,
     Odometry,
     Reading,
+    Switch,
+    TactileImage,
     Transform,
 )
-from contactfusion.time import to_nanoseconds
+from contactfusion.time import LONGEST_SECONDS, to_nanoseconds
+from contactfusion.yaml_files import read_yaml
 
-__all__ = ["Faults", "read_faults", "unmet"]
-
+Vector = tuple[float, float, float]
+TAKE_BIAS = "which tells no places; take 'bias' for joints with a wrong zero"
+MOVE_ITS_FRAME = "which tells no places; change the pose of its frame under 'frames' instead"
 Stream = tuple[str, ...]
 """What tells the readings of one sensor from those of others, also where sensors have no name."""
+
+
+def _numbers(value: Any) -> Any:
+    """Take one number or a list of them."""
+    return value if isinstance(value, list | tuple) else (value,)
+
+
+Amount = Annotated[tuple[float, ...], Field(min_length=1), BeforeValidator(_numbers)]
+
+
+class Fault(Model):
+    """One way in which a sensor fails, between two stamps; a subclass for each way."""
+
+    sensor: str | None = None
+    """The sensor that fails, by its name, or all of a type of reading such as `wrench`; None: all
+    sensors."""
+    start: float | None = None
+    """The first stamp at which it fails [s]; None: from the beginning."""
+    end: float | None = None
+    """The last stamp at which it fails [s]; None: to the end."""
+    senseless: ClassVar[Mapping[type[Reading], str]] = {}
+    """The kinds of reading for which the fault makes no sense: why, and what to take instead."""
+
+    @model_validator(mode="after")
+    def _fits(self) -> Self:
+        if self.start is not None and self.end is not None and self.end < self.start:
+            raise ConfigurationError(f"it lies before the start, {self.start} s", "end")
+        if kind := READING_TYPES.get(self.sensor or ""):
+            self.check(kind, kind.__name__)
+        return self
+
+    @property
+    def late(self) -> float:
+        """How late readings come [s]."""
+        return 0.0
+
+    def meets(self, sensor: str, kind: type[Reading]) -> bool:
+        """Whether readings of a kind are of a sensor that fails, at whatever time."""
+        if self.sensor is None or self.sensor == sensor:
+            return True
+        failing = READING_TYPES.get(self.sensor)
+        return failing is not None and issubclass(kind, failing)
+
+    def check(self, kind: type[Reading], label: str) -> None:
+        """Refuse a kind of reading that cannot fail in this way.
+
+        Args:
+            kind: the type of the reading.
+            label: what to call the reading in a sentence.
+
+        Raises:
+            ConfigurationError: the fault makes no sense for it, or a parameter does not fit it.
+        """
+        for known, why in self.senseless.items():
+            if issubclass(kind, known):
+                raise ConfigurationError(f"this fault makes no sense for {label}, {why}", "fault")
+
+    @abstractmethod
+    def act(self, reading: Reading, held: Reading, random: np.random.Generator) -> Reading | None:
+        """What comes of a reading while its sensor fails.
+
+        Args:
+            reading: what comes from the healthy sensor.
+            held: its last reading before the start, or else the first one since.
+            random: for this fault of this sensor alone.
+
+        Returns:
+            What comes instead, or None for nothing.
+        """
+
+
+class Silent(Fault):
+    """Nothing comes any more."""
+
+    fault: Literal["silent"] = "silent"
+
+    def act(self, reading: Reading, held: Reading, random: np.random.Generator) -> None:
+        """Nothing."""
+
+
+class Dropout(Fault):
+    """Single readings are lost."""
+
+    fault: Literal["dropout"] = "dropout"
+    probability: float = Field(ge=0, le=1)
+    """Of losing a reading."""
+
+    def act(self, reading: Reading, held: Reading, random: np.random.Generator) -> Reading | None:
+        """The reading, or None: it is lost."""
+        return None if random.random() < self.probability else reading
+
+
+class Delay(Fault):
+    """Readings come late, with their old stamps."""
+
+    fault: Literal["delay"] = "delay"
+    seconds: float = Field(ge=0, le=LONGEST_SECONDS)
+    """How late they come [s]; they wait for the next reading of any sensor from then on."""
+
+    @property
+    def late(self) -> float:
+        """How late readings come [s]."""
+        return self.seconds
+
+    def act(self, reading: Reading, held: Reading, random: np.random.Generator) -> Reading:
+        """The reading as it is."""
+        return reading
+
+
+class Calibration(Fault):
+    """The sensor is mounted in another pose than it is believed to be."""
+
+    fault: Literal["calibration"] = "calibration"
+    mm: Vector = (0.0, 0.0, 0.0)
+    """What it tells is shifted by so much in its frame [mm], after the turn."""
+    degrees: Vector = (0.0, 0.0, 0.0)
+    """What it tells is turned by roll, pitch and yaw about its frame's fixed axes [degrees]."""
+    senseless: ClassVar[Mapping[type[Reading], str]] = {
+        TactileImage: MOVE_ITS_FRAME,
+        DepthImage: MOVE_ITS_FRAME,
+        Switch: MOVE_ITS_FRAME,
+        JointState: TAKE_BIAS,
+        JointCommand: TAKE_BIAS,
+    }
+
+    @model_validator(mode="after")
+    def _something(self) -> Self:
+        if not self.model_fields_set & {"mm", "degrees"}:
+            raise ValueError("give mm, degrees, or both")
+        return self
+
+    def act(self, reading: Reading, held: Reading, random: np.random.Generator) -> Reading:
+        """Move all that the reading tells."""
+        return moved(reading, self.pose())
+
+    def pose(self) -> Pose:
+        """The move [m]."""
+        x, y, z = self.mm
+        roll, pitch, yaw = np.deg2rad(self.degrees)
+        return pose_at((x / 1000.0, y / 1000.0, z / 1000.0), (roll, pitch, yaw))
+
+
+class FaultOfValues(Fault):
+    """A fault of the values of a sensor, or of some of its elements."""
+
+    elements: tuple[NonNegativeInt, ...] | None = Field(default=None, min_length=1)
+    """The taxels or joints that fail, counted from 0; None: all."""
+
+    @model_validator(mode="after")
+    def _once(self) -> Self:
+        if self.elements is not None and len(set(self.elements)) < len(self.elements):
+            raise ConfigurationError("an element stands here twice", "elements")
+        return self
+
+    def check(self, kind: type[Reading], label: str) -> None:
+        """Refuse a kind of reading that cannot fail in this way."""
+        super().check(kind, label)
+        if self.elements is not None and not issubclass(kind, tuple(ELEMENT_ARRAYS)):
+            having = ", ".join(known.__name__ for known in ELEMENT_ARRAYS)
+            raise ConfigurationError(f"{label} has none; those that do: {having}", "elements")
+
+
+class Zeros(FaultOfValues):
+    """The values are zero."""
+
+    fault: Literal["zeros"] = "zeros"
+
+    def act(self, reading: Reading, held: Reading, random: np.random.Generator) -> Reading:
+        """Zeros."""
+        return repeated(reading, zeroed(reading), self.elements)
+
+
+class Stuck(FaultOfValues):
+    """The values stay what they were before the start, or else at the first reading."""
+
+    fault: Literal["stuck"] = "stuck"
+
+    def act(self, reading: Reading, held: Reading, random: np.random.Generator) -> Reading:
+        """The old values with the new stamp."""
+        return repeated(reading, held, self.elements)
+
+
+class Offset(FaultOfValues):
+    """A fault that adds to the values."""
+
+    amount: Amount
+    """One number, or one for each value, in the units of the reading (`AMOUNTS`)."""
+    senseless: ClassVar[Mapping[type[Reading], str]] = {
+        Switch: "which has no number; take 'zeros' or 'stuck'"
+    }
+
+    def check(self, kind: type[Reading], label: str) -> None:
+        """Refuse a kind of reading that cannot fail in this way."""
+        super().check(kind, label)
+        check_amount(kind, label, self.amount)
+
+
+class Bias(Offset):
+    """`amount` is added to the values."""
+
+    fault: Literal["bias"] = "bias"
+
+    def act(self, reading: Reading, held: Reading, random: np.random.Generator) -> Reading:
+        """Add the bias."""
+        return added(reading, changes(reading, self.amount, self.elements))
+
+
+class Drift(Offset):
+    """A bias that grows by `amount` in each second since the start, or else the first reading."""
+
+    fault: Literal["drift"] = "drift"
+
+    def act(self, reading: Reading, held: Reading, random: np.random.Generator) -> Reading:
+        """Add what has gathered."""
+        passed = reading.stamp - (held.stamp if self.start is None else self.start)
+        return added(reading, passed * changes(reading, self.amount, self.elements))
+
+
+class Noise(Offset):
+    """Gaussian noise with the standard deviation `amount`, independent from value to value."""
+
+    fault: Literal["noise"] = "noise"
+
+    @model_validator(mode="after")
+    def _not_negative(self) -> Self:
+        if min(self.amount) < 0.0:
+            raise ConfigurationError("a standard deviation is not negative", "amount")
+        return self
+
+    def act(self, reading: Reading, held: Reading, random: np.random.Generator) -> Reading:
+        """Add noise."""
+        deviations = changes(reading, self.amount, self.elements)
+        return added(reading, deviations * random.standard_normal(deviations.shape))
+
+
+FAULTS: dict[str, type[Fault]] = {
+    "silent": Silent,
+    "zeros": Zeros,
+    "stuck": Stuck,
+    "dropout": Dropout,
+    "delay": Delay,
+    "bias": Bias,
+    "drift": Drift,
+    "noise": Noise,
+    "calibration": Calibration,
+}
+"""The faults by the names that configurations use."""
+
+
+def _chosen(value: Any) -> Any:
+    """Build the fault that is named; pydantic's own choice would not say which name was meant."""
+    if isinstance(value, Fault):
+        return value
+    if not isinstance(value, Mapping):
+        raise ConfigurationError(f"{value!r} is no fault; write it as {{fault: silent, sensor: …}}")
+    name = value.get("fault")
+    model = FAULTS.get(str(name))
+    if model is None:
+        wrong = "this field is required" if name is None else f"unknown fault '{name}'"
+        raise ConfigurationError(
+            f"{wrong}; {name_hint(str(name or ''), FAULTS, 'faults')}", "fault"
+        )
+    unknown = next((field for field in value if field not in model.model_fields), None)
+    if unknown is not None:
+        hint = name_hint(unknown, model.model_fields, f"fields of '{name}'")
+        raise ConfigurationError(f"unknown field; {hint}", unknown)
+    return model(**value)
+
+
+FaultConfig = Annotated[
+    Silent | Zeros | Stuck | Dropout | Delay | Bias | Drift | Noise | Calibration,
+    BeforeValidator(_chosen),
+]
+"""Any fault, by the name in its field `fault`."""
+
+
+class FaultFile(Model):
+    """A file of faults."""
+
+    faults: tuple[FaultConfig, ...]
+    """In the order in which they act."""
+
+
+def read_faults(path: str | Path) -> tuple[Fault, ...]:
+    """Read faults from a YAML file of their own, a mapping with the one key `faults`.
+
+    Raises:
+        ConfigurationError: the file is missing, or holds something else; one sentence.
+    """
+    fields = read_yaml(path)
+    try:
+        return FaultFile(**fields).faults
+    except ConfigurationError as error:
+        raise ConfigurationError(f"{path}: {error}") from None
 
 
 @final
@@ -52,7 +364,7 @@ class Faults:
         self._waiting: list[list[tuple[int, int, Reading]]] = [[] for _ in self._faults]
 
     def apply(self, reading: Reading) -> Sequence[Reading]:
-        """Give what comes when a healthy sensor has given a reading.
+        """What comes when a healthy sensor has given a reading.
 
         Args:
             reading: the newest reading of any sensor.
@@ -73,7 +385,7 @@ class Faults:
         return readings
 
     def _passed(self, number: int, reading: Reading) -> Reading | None:
-        """Give what comes at once of a reading; None: it is lost, or waits."""
+        """What comes at once of a reading; None: it is lost, or waits."""
         fault = self._faults[number]
         if not fault.meets(reading.sensor, type(reading)) or (
             fault.end is not None and reading.stamp > fault.end
@@ -97,7 +409,7 @@ class Faults:
         return None
 
     def _released(self, number: int) -> list[Reading]:
-        """Give the readings that have waited long enough, in the order in which they were due."""
+        """The readings that have waited long enough, in the order in which they were due."""
         waiting, released = self._waiting[number], []
         while waiting and waiting[0][0] <= self._now:
             released.append(heapq.heappop(waiting)[2])

@@ -1,20 +1,39 @@
-"""Files: written whole or not at all, where a name may lead, and what to say of a missing one."""
+"""Files: written whole or not at all, where a name may lead, and arrays in npz files."""
 
+import io
 import json
 import os
 import secrets
+import zipfile
+import zlib
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from difflib import get_close_matches
 from pathlib import Path
 from typing import Any, Final
 
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
 from contactfusion.errors import ConfigurationError, ContactFusionError, WritingError
+from contactfusion.unpacking import require_arrays
 
 GIVE_CONFIG: Final = "give the configuration itself by --config FILE"
 """What to do where a configuration that comes from a recording may not name what it names."""
 SHIPPED: Final = Path(__file__).resolve().parent
 """The files of this package."""
+BROKEN = (
+    EOFError,
+    MemoryError,
+    NotImplementedError,
+    OSError,
+    RecursionError,
+    TypeError,
+    ValueError,
+    zipfile.BadZipFile,
+    zlib.error,
+)
+"""What numpy and zipfile raise when a file is none of their own, or packed in an unknown way."""
 
 
 def write_whole(path: str | Path, content: str | bytes) -> None:
@@ -44,7 +63,7 @@ def write_whole(path: str | Path, content: str | bytes) -> None:
 
 @contextmanager
 def whole_file(path: Path) -> Iterator[Path]:
-    """Give the name under which a file may be written bit by bit; it gets its own at the end.
+    """The name under which a file may be written bit by bit; it gets its own at the end.
 
     After an exception nothing is left of it, and an older file stays as it was.
 
@@ -141,3 +160,41 @@ def require_settings(settings: dict[str, Any], out: Path) -> None:
     elif any(out.iterdir()):
         raise ConfigurationError(f"{out} holds something else: give another --out")
     write_whole(path, json.dumps(settings, indent=1) + "\n")
+
+
+def read_npz(path: Path, *names: str) -> list[NDArray[Any]]:
+    """Read the arrays of these names.
+
+    Raises:
+        ConfigurationError: the file is missing, is no npz file, or lacks an array.
+    """
+    held = read_arrays(path, *names)
+    return [held[name] for name in names]
+
+
+def read_arrays(path: Path, *names: str) -> dict[str, NDArray[Any]]:
+    """Read all arrays by their names; those of `names` must be there.
+
+    Raises:
+        ConfigurationError: the file is missing, is no npz file, or lacks an array.
+    """
+    require_file(path, ConfigurationError)
+    try:
+        require_arrays(path)
+        with path.open("rb") as file, np.load(file) as arrays:
+            held = {name: arrays[name] for name in arrays}
+    except BROKEN as error:
+        raise ConfigurationError(
+            f"{path} is no npz file of numbers, or is cut off: {error}"
+        ) from None
+    if missing := [name for name in names if name not in held]:
+        holds = ", ".join(held) or "nothing"
+        raise ConfigurationError(f"{path} lacks {' and '.join(missing)}; it holds {holds}")
+    return held
+
+
+def write_npz(path: str | Path, **arrays: ArrayLike) -> None:
+    """Write arrays by their names; the file appears whole or not at all."""
+    content = io.BytesIO()
+    np.savez(content, allow_pickle=False, **{name: np.asarray(a) for name, a in arrays.items()})
+    write_whole(path, content.getvalue())

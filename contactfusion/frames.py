@@ -1,14 +1,17 @@
-"""Frames: a tree of poses, and what one frame is in another."""
+"""Frames: a tree of poses, what one frame is in another, and frames by configuration."""
 
 from collections.abc import Mapping, Sequence
 from types import MappingProxyType
-from typing import Protocol
+from typing import Protocol, Self
 
 import numpy as np
 from numpy.typing import ArrayLike
+from pydantic import Field, model_validator
 
 from contactfusion.arrays import FloatArray, frozen
 from contactfusion.errors import FrameError, name_hint
+from contactfusion.model import Model
+from contactfusion.units import Angles, Position
 
 Pose = FloatArray
 """A rigid transform as a homogeneous matrix, shape (4, 4): it takes a frame to its parent."""
@@ -25,7 +28,7 @@ class Above(Protocol):
         ...
 
     def parent_of(self, frame: str) -> Parent | None:
-        """Give the parent of a frame and its pose there; None for a root, or an unknown frame.
+        """The parent of a frame and its pose there; None for a root, or an unknown frame.
 
         Raises:
             FrameError: the pose is not known at this time.
@@ -38,7 +41,7 @@ class Above(Protocol):
 
 
 def pose_of(xyz: ArrayLike, rotation: ArrayLike | None = None) -> Pose:
-    """Give the pose of a frame whose origin lies at `xyz` [m], turned by a matrix (3, 3)."""
+    """The pose of a frame whose origin lies at `xyz` [m], turned by a matrix (3, 3)."""
     pose = np.eye(4)
     pose[:3, 3] = xyz
     if rotation is not None:
@@ -47,14 +50,14 @@ def pose_of(xyz: ArrayLike, rotation: ArrayLike | None = None) -> Pose:
 
 
 def pose_at(xyz: Sequence[float], rpy: Sequence[float]) -> Pose:
-    """Give the pose at `xyz` [m], turned by roll, pitch and yaw about fixed axes [rad]."""
+    """The pose at `xyz` [m], turned by roll, pitch and yaw about fixed axes [rad]."""
     from scipy.spatial.transform import Rotation
 
     return pose_of(xyz, Rotation.from_euler("xyz", rpy).as_matrix())
 
 
 def inverse(pose: Pose) -> Pose:
-    """Give the way back."""
+    """The inverse of a pose."""
     turned_back = pose[:3, :3].T
     return pose_of(-turned_back @ pose[:3, 3], turned_back)
 
@@ -106,11 +109,11 @@ class FrameTree:
         return told if self._above is None else told | self._above.frames
 
     def under(self, above: Above) -> "FrameTree":
-        """Give the tree with further frames, such as those that a recording tells."""
+        """The tree with further frames, such as those that a recording tells."""
         return FrameTree(self._parents, above, self._origins)
 
     def extended(self, parents: Mapping[str, Parent]) -> "FrameTree":
-        """Give the tree with further frames, or with new poses for some."""
+        """The tree with further frames, or with new poses for some."""
         return FrameTree({**self._parents, **parents}, self._above, self._origins)
 
     def nearest(self) -> "FrameTree":
@@ -118,7 +121,7 @@ class FrameTree:
         return self if self._above is None else self.under(self._above.nearest())
 
     def pose(self, frame: str, of: str) -> Pose:
-        """Give the pose of frame `of` in `frame`: it takes coordinates of `of` to `frame`.
+        """The pose of frame `of` in `frame`: it takes coordinates of `of` to `frame`.
 
         Raises:
             FrameError: a frame is unknown, or no chain of poses joins the two.
@@ -227,3 +230,32 @@ def vectors_in(pose: Pose, vectors: FloatArray) -> FloatArray:
     """Turn vectors of shape (n, 3) into another frame."""
     turned: FloatArray = vectors @ pose[:3, :3].T
     return turned
+
+
+class FrameConfig(Model):
+    """Where a frame stands in its parent, for good."""
+
+    parent: str = Field(min_length=1)
+    """The frame in which `xyz` and the rotation are given."""
+    xyz: Position = (0.0, 0.0, 0.0)
+    """The origin [m]."""
+    rpy: Angles | None = None
+    """Roll, pitch and yaw about the parent's fixed axes [rad]."""
+    quaternion: tuple[float, float, float, float] | None = None
+    """The rotation as a unit quaternion (x, y, z, w)."""
+
+    @model_validator(mode="after")
+    def _one_rotation(self) -> Self:
+        if self.rpy is not None and self.quaternion is not None:
+            raise ValueError("give rpy or quaternion, not both")
+        if self.quaternion is not None and abs(np.linalg.norm(self.quaternion) - 1.0) > 1e-3:
+            raise ValueError("the quaternion is not of unit length")
+        return self
+
+    def pose(self) -> Pose:
+        """The pose of the frame in its parent."""
+        if self.quaternion is None:
+            return pose_at(self.xyz, self.rpy or (0.0, 0.0, 0.0))
+        from scipy.spatial.transform import Rotation
+
+        return pose_of(self.xyz, Rotation.from_quat(self.quaternion).as_matrix())

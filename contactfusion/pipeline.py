@@ -35,7 +35,7 @@ from contactfusion.integrator.sources import Event
 from contactfusion.isolation import Isolated
 from contactfusion.pipeline_config import PipelineConfig
 from contactfusion.readings import READING_TYPES, JointState, Odometry, Reading, Transform
-from contactfusion.robot import Robot
+from contactfusion.robot_state import Robot
 from contactfusion.state import State
 
 LOG = logging.getLogger(__name__)

@@ -7,10 +7,9 @@ from typing import Any, Self
 from pydantic import Field, model_validator
 
 from contactfusion.errors import ConfigurationError, name_hint
-from contactfusion.fault_config import FaultConfig
+from contactfusion.faults import FaultConfig
 from contactfusion.files import file_in
-from contactfusion.frame_config import FrameConfig
-from contactfusion.frames import FrameTree
+from contactfusion.frames import FrameConfig, FrameTree
 from contactfusion.integrator.config import PARTS, IntegratorConfig
 from contactfusion.model import Model, rooted
 from contactfusion.robots.description import RobotConfig, is_packaged, located, read_robot

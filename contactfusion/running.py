@@ -21,12 +21,12 @@ from contactfusion.recordings.opening import open_recording
 from contactfusion.recordings.recording import Recording
 from contactfusion.replaying.configuration import read_fields
 from contactfusion.replaying.tally import Tally
+from contactfusion.robot_state import transforms_ahead
 from contactfusion.run_results import commands_csv, contacts_csv
 from contactfusion.scene import Scene, heard, open_scene
 from contactfusion.step_summary import Summary, refuse
 from contactfusion.stopwatch import StopWatch
 from contactfusion.terminal import followed, note, progress
-from contactfusion.transforms import transforms_ahead
 
 
 class RunConfig(PipelineConfig):

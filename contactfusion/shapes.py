@@ -10,9 +10,9 @@ from pydantic import Field, model_validator
 from contactfusion.arrays import FloatArray
 from contactfusion.errors import ConfigurationError
 from contactfusion.estimate import SAMPLE, too_much
+from contactfusion.files import read_npz
 from contactfusion.frames import Pose, pose_at
 from contactfusion.model import Model
-from contactfusion.npz_files import read_npz
 from contactfusion.surface import Surface, rectangle
 from contactfusion.units import Angles, Edge, Position, Spacing
 

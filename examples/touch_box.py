@@ -13,7 +13,7 @@ import numpy as np
 from contactfusion import IntegratorConfig, Pipeline, PipelineConfig
 from contactfusion.explain import explain
 from contactfusion.figures import draw_fusion
-from contactfusion.frame_config import FrameConfig
+from contactfusion.frames import FrameConfig
 from contactfusion.robots.description import located, read_robot
 from contactfusion.robots.model import RobotModel
 from contactfusion.robots.objects import ObjectConfig

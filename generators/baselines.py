@@ -8,8 +8,8 @@ from numpy.typing import ArrayLike
 
 from contactfusion.arrays import FloatArray, frozen_array
 from contactfusion.errors import ConfigurationError
+from contactfusion.files import read_npz
 from contactfusion.model import Model
-from contactfusion.npz_files import read_npz
 
 
 class BaselineConfig(Model):

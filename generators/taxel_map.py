@@ -11,10 +11,10 @@ from pydantic import Field
 
 from contactfusion.arrays import FloatArray, frozen_array
 from contactfusion.errors import ConfigurationError, InvalidReadingError
+from contactfusion.files import read_npz, write_npz
 from contactfusion.generator import Generator, GeneratorConfig
 from contactfusion.hooks import hookimpl
 from contactfusion.hypotheses import HypothesisCloud
-from contactfusion.npz_files import read_npz, write_npz
 from contactfusion.readings import Reading, TactileImage
 from contactfusion.state import State
 

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from contactfusion.errors import ConfigurationError
+from contactfusion.files import write_npz
 from contactfusion.generators.baselines import BaselineConfig, fit_baseline
-from contactfusion.npz_files import write_npz
 
 
 def test_one_number_serves_all_taxels() -> None:

@@ -14,11 +14,11 @@ import yaml
 from pydantic import BaseModel
 
 from contactfusion import Pipeline
+from contactfusion.doctor.robot import camera_faults, finger_faults, patch_faults, wrist_faults
 from contactfusion.integrator.config import PARTS, IntegratorConfig
 from contactfusion.pipeline_config import PipelineConfig
 from contactfusion.plugins import installed_plugins
 from contactfusion.readings import JointState, TactileImage, Wrench
-from contactfusion.robots.checkup import camera_faults, finger_faults, patch_faults, wrist_faults
 from contactfusion.robots.description import RobotConfig
 from contactfusion.robots.model import RobotModel
 from contactfusion.robots.posed import PosedRobot

@@ -13,9 +13,8 @@ from pathlib import Path
 
 import pytest
 
-from contactfusion import doctor
-from contactfusion.doctoring import kernels, libraries, packages, parts
-from contactfusion.doctoring.finding import Finding
+from contactfusion.doctor import installation, kernels
+from contactfusion.doctor.installation import Finding
 from contactfusion.extras import EXTRAS, extra_of, installs
 from contactfusion.generators.networks import shipped
 from contactfusion.plugins import Plugins
@@ -34,8 +33,8 @@ def without(monkeypatch: pytest.MonkeyPatch, *missing: str) -> None:
             raise PackageNotFoundError(package)
         return true_version(package)
 
-    monkeypatch.setattr(packages, "version", version)
-    monkeypatch.setattr(packages, "is_importable", lambda module: module not in missing)
+    monkeypatch.setattr(installation, "version", version)
+    monkeypatch.setattr(installation, "_is_importable", lambda module: module not in missing)
 
 
 def lines(report: str) -> list[str]:
@@ -46,7 +45,7 @@ def lines(report: str) -> list[str]:
 
 
 def test_a_sound_installation_is_found_sound(said: Said) -> None:
-    assert doctor.check()
+    assert installation.check()
     report = said()
     for words in ("numba ", "plug-ins can be used", "kernels ", "networks: ", "Ouster files"):
         assert words in report
@@ -56,7 +55,7 @@ def test_a_sound_installation_is_found_sound(said: Said) -> None:
 def test_it_imports_no_package_of_an_extra() -> None:
     modules = {module for extra in EXTRAS.values() for module in extra.values()} - {"safetensors"}
     code = (
-        "import sys; from contactfusion.doctor import check\n"
+        "import sys; from contactfusion.doctor.installation import check\n"
         f"check(); print({modules} & set(sys.modules))"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
@@ -69,8 +68,8 @@ def test_only_a_fault_of_the_core_makes_it_unsound(
     core: bool, monkeypatch: pytest.MonkeyPatch, said: Said
 ) -> None:
     fault = Finding("the moon is gone", "fetch moon", core)
-    monkeypatch.setattr(doctor, "network_finding", lambda: fault)
-    assert doctor.check() is not core
+    monkeypatch.setattr(installation, "network_finding", lambda: fault)
+    assert installation.check() is not core
     assert "the moon is gone: fetch moon" in lines(said())
 
 
@@ -81,7 +80,7 @@ def test_a_missing_extra_is_no_fault_but_is_told_with_its_command(
     monkeypatch: pytest.MonkeyPatch, said: Said
 ) -> None:
     without(monkeypatch, "torch", "pyarrow")
-    assert doctor.check()
+    assert installation.check()
     report = said()
     assert "extra learn: not installed: pip install 'contactfusion[learn]'" in report
     assert "extra parquet: not installed: pip install 'contactfusion[parquet]'" in report
@@ -90,7 +89,7 @@ def test_a_missing_extra_is_no_fault_but_is_told_with_its_command(
 
 def test_a_missing_core_package_is_a_fault(monkeypatch: pytest.MonkeyPatch, said: Said) -> None:
     without(monkeypatch, "scipy")
-    assert not doctor.check()
+    assert not installation.check()
     assert "scipy is missing: pip install scipy" in lines(said())
 
 
@@ -128,10 +127,12 @@ def missing_libraries(monkeypatch: pytest.MonkeyPatch, *missing: str) -> list[st
         return object()
 
     monkeypatch.setattr(ctypes, "CDLL", load)
-    monkeypatch.setattr(libraries, "_has_driver", lambda: libraries.VULKAN_DRIVER not in missing)
-    monkeypatch.setattr(libraries, "is_importable", lambda module: True)
+    monkeypatch.setattr(
+        installation, "_has_driver", lambda: installation.VULKAN_DRIVER not in missing
+    )
+    monkeypatch.setattr(installation, "_is_importable", lambda module: True)
     monkeypatch.setattr(os, "geteuid", lambda: 1000)
-    return [str(finding) for finding in libraries.library_findings()]
+    return [str(finding) for finding in installation.library_findings()]
 
 
 def test_libraries_that_are_there_are_one_line(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -141,7 +142,7 @@ def test_libraries_that_are_there_are_one_line(monkeypatch: pytest.MonkeyPatch) 
 
 
 def test_all_missing_libraries_are_one_line_to_run(monkeypatch: pytest.MonkeyPatch) -> None:
-    gone = ("libEGL.so.1", "libusb-1.0.so.0", "libgomp.so.1", libraries.VULKAN_DRIVER)
+    gone = ("libEGL.so.1", "libusb-1.0.so.0", "libgomp.so.1", installation.VULKAN_DRIVER)
     assert missing_libraries(monkeypatch, *gone) == [
         "system libraries are missing, libEGL.so.1 (for open3d), libusb-1.0.so.0 (for open3d), "
         "libgomp.so.1 (for pin), a driver for Vulkan (for view --screenshot): "
@@ -151,53 +152,53 @@ def test_all_missing_libraries_are_one_line_to_run(monkeypatch: pytest.MonkeyPat
 
 def test_root_needs_no_sudo(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(os, "geteuid", lambda: 0)
-    assert libraries.apt("libgl1") == "apt-get install -y libgl1"
+    assert installation.apt("libgl1") == "apt-get install -y libgl1"
 
 
 def test_missing_libraries_are_no_fault_of_the_core(
     monkeypatch: pytest.MonkeyPatch, said: Said
 ) -> None:
-    monkeypatch.setattr(libraries, "_is_there", lambda library: library != "libGL.so.1")
-    assert doctor.check()
+    monkeypatch.setattr(installation, "_is_there", lambda library: library != "libGL.so.1")
+    assert installation.check()
     assert "libGL.so.1 (for open3d)" in said()
 
 
 def test_libraries_of_packages_that_are_not_installed_are_not_asked_for(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr(libraries, "_is_there", lambda library: False)
-    monkeypatch.setattr(libraries, "is_importable", lambda module: module == "pinocchio")
-    (finding,) = libraries.library_findings()
+    monkeypatch.setattr(installation, "_is_there", lambda library: False)
+    monkeypatch.setattr(installation, "_is_importable", lambda module: module == "pinocchio")
+    (finding,) = installation.library_findings()
     assert "libgomp1" in finding.mend and "libgl1" not in finding.mend
-    monkeypatch.setattr(libraries, "is_importable", lambda module: False)
-    assert list(libraries.library_findings()) == []
+    monkeypatch.setattr(installation, "_is_importable", lambda module: False)
+    assert list(installation.library_findings()) == []
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="elsewhere wheels bring what they need")
 def test_a_library_is_found_as_the_loader_finds_it() -> None:
-    assert libraries._is_there("libc.so.6")
-    assert not libraries._is_there("libnothing-of-that-name.so.7")
+    assert installation._is_there("libc.so.6")
+    assert not installation._is_there("libnothing-of-that-name.so.7")
 
 
 def test_a_driver_for_vulkan_is_a_file_that_the_environment_or_a_folder_names(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
-    monkeypatch.setattr(libraries, "DRIVER_FOLDERS", (str(tmp_path),))
-    for variable in libraries.DRIVER_VARIABLES:
+    monkeypatch.setattr(installation, "DRIVER_FOLDERS", (str(tmp_path),))
+    for variable in installation.DRIVER_VARIABLES:
         monkeypatch.delenv(variable, raising=False)
-    assert not libraries._is_there(libraries.VULKAN_DRIVER)
+    assert not installation._is_there(installation.VULKAN_DRIVER)
     driver = tmp_path / "lvp_icd.x86_64.json"
     driver.write_text("{}")
-    assert libraries._is_there(libraries.VULKAN_DRIVER)
+    assert installation._is_there(installation.VULKAN_DRIVER)
     monkeypatch.setenv("VK_DRIVER_FILES", str(tmp_path / "other.json"))
-    assert not libraries._is_there(libraries.VULKAN_DRIVER)
+    assert not installation._is_there(installation.VULKAN_DRIVER)
     monkeypatch.setenv("VK_DRIVER_FILES", str(driver))
-    assert libraries._is_there(libraries.VULKAN_DRIVER)
+    assert installation._is_there(installation.VULKAN_DRIVER)
 
 
 def test_the_set_up_installs_the_libraries_that_the_doctor_asks_for() -> None:
     script = (Path(__file__).parents[1] / "scripts" / "setup.sh").read_text()
-    for need in libraries.NEEDS:
+    for need in installation.NEEDS:
         if need.module in ("open3d", "pinocchio"):
             for library, debian in need.libraries.items():
                 assert f"{library}:{debian}" in script
@@ -214,15 +215,15 @@ def point(name: str, module: str, package: str = "") -> EntryPoint:
 
 
 def findings(*points: EntryPoint) -> list[Finding]:
-    return list(parts.plugin_findings(Plugins(points=points)))
+    return list(installation.plugin_findings(Plugins(points=points)))
 
 
 def test_a_broken_plugin_is_named_with_its_cause_and_is_no_fault_of_the_core(
     monkeypatch: pytest.MonkeyPatch, said: Said
 ) -> None:
     broken = Plugins(points=[point("bumper", "no_such_module", "cf-bumper")])
-    monkeypatch.setattr(doctor, "installed_plugins", lambda: broken)
-    assert doctor.check()
+    monkeypatch.setattr(installation, "installed_plugins", lambda: broken)
+    assert installation.check()
     assert (
         "plug-in bumper cannot be used: ModuleNotFoundError: No module named 'no_such_module'; "
         "mend it, or take it out: pip uninstall cf-bumper"
@@ -231,7 +232,7 @@ def test_a_broken_plugin_is_named_with_its_cause_and_is_no_fault_of_the_core(
 
 def test_a_plugin_of_ours_that_is_broken_is_a_fault_of_the_core() -> None:
     broken, count = findings(point("tactile", "no_such_module", "contactfusion"))
-    assert broken.core and broken.mend == parts.AGAIN
+    assert broken.core and broken.mend == installation.AGAIN
     assert str(count) == "0 plug-ins can be used"
 
 
@@ -273,8 +274,8 @@ def test_networks_that_are_not_those_of_the_card_are_a_fault(
     path = tmp_path / shipped().name
     for suffix in (".safetensors", ".json"):
         shutil.copy(shipped().with_suffix(suffix), path.with_suffix(suffix))
-    monkeypatch.setattr(parts, "shipped", lambda: path)
-    assert str(parts.network_finding()) == "networks: contact.safetensors is sound"
+    monkeypatch.setattr(installation, "shipped", lambda: path)
+    assert str(installation.network_finding()) == "networks: contact.safetensors is sound"
     content = bytearray(path.read_bytes())
     content[-1] ^= 1
     if fault == "missing":
@@ -283,8 +284,8 @@ def test_networks_that_are_not_those_of_the_card_are_a_fault(
         path.with_suffix(".json").unlink()
     else:
         path.write_bytes(content if fault == "other" else content[:1000])
-    finding = parts.network_finding()
-    assert finding.core and str(finding).endswith(f": {parts.AGAIN}")
+    finding = installation.network_finding()
+    assert finding.core and str(finding).endswith(f": {installation.AGAIN}")
     assert str(path.with_suffix("").name) in finding.text
 
 
@@ -303,7 +304,7 @@ def test_every_module_with_kernels_is_looked_at() -> None:
 
 
 def test_warming_up_compiles_every_kernel_and_says_how_long_it_took(said: Said) -> None:
-    doctor.compile_kernels()
+    installation.compile_kernels()
     assert "kernels are ready after" in said()
     for name in kernels.MODULES:
         for kernel in kernels.called(import_module(name)):
@@ -313,7 +314,7 @@ def test_warming_up_compiles_every_kernel_and_says_how_long_it_took(said: Said) 
 
 def test_kernels_that_are_compiled_are_told_with_their_folder() -> None:
     kernels.touch_kernels()
-    finding = kernels.kernel_finding()
+    finding = installation.kernel_finding()
     assert finding.mend == "" and " kernels are compiled, in " in finding.text
     folder = finding.text.partition(" in ")[2].partition(" and ")[0]
     assert any(Path(folder).glob("*.nbi"))
@@ -321,7 +322,7 @@ def test_kernels_that_are_compiled_are_told_with_their_folder() -> None:
 
 def test_kernels_that_are_not_compiled_are_told_and_not_compiled(tmp_path: Path) -> None:
     code = (
-        "from contactfusion.doctoring.kernels import kernel_finding\n"
+        "from contactfusion.doctor.installation import kernel_finding\n"
         "finding = kernel_finding(); print(finding); assert not finding.core"
     )
     done = subprocess.run(
@@ -340,13 +341,13 @@ def test_kernels_that_are_not_compiled_are_told_and_not_compiled(tmp_path: Path)
 def test_kernels_that_cannot_be_kept_are_a_fault() -> None:
     code = (
         "from contactfusion import jit\n"
-        "import contactfusion.doctoring.kernels as kernels\n"
+        "from contactfusion.doctor import installation\n"
         "true = jit.njit\n"
         "def refused(function, cache=False, **options):\n"
         "    if cache: raise RuntimeError('no locator available')\n"
         "    return true(function, **options)\n"
         "jit.njit = refused\n"
-        "finding = kernels.kernel_finding(); print(finding); assert finding.core"
+        "finding = installation.kernel_finding(); print(finding); assert finding.core"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
@@ -357,6 +358,6 @@ def test_kernels_that_cannot_be_kept_are_a_fault() -> None:
 
 def test_a_folder_that_cannot_be_written_keeps_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(os, "access", lambda path, mode: False)
-    finding = kernels.kernel_finding()
+    finding = installation.kernel_finding()
     assert finding.core and "cannot be kept on disk" in finding.text
     assert finding.mend.startswith("export NUMBA_CACHE_DIR=")

@@ -14,9 +14,8 @@ from scipy.spatial.transform import Rotation
 
 from contactfusion import Pipeline, PipelineConfig, Reading, Step
 from contactfusion.errors import ConfigurationError
-from contactfusion.fault_config import FAULTS, Fault
 from contactfusion.fault_values import added, changes, moved, repeated, zeroed
-from contactfusion.faults import Faults, read_faults
+from contactfusion.faults import FAULTS, Fault, Faults, read_faults
 from contactfusion.frames import pose_at
 from contactfusion.readings import (
     READING_TYPES,

@@ -101,7 +101,7 @@ def test_a_new_name_leaves_no_options_of_the_old_one() -> None:
 
 
 def test_every_field_that_moved_is_an_option_of_the_parts_that_are_named() -> None:
-    offered = {**contactfusion_rules(), **contactfusion_condensations()}
+    offered: dict[str, Any] = {**contactfusion_rules(), **contactfusion_condensations()}
     for key, (_, owners) in MOVED.items():
         assert owners == tuple(name for name in offered if key in offered[name].Config.model_fields)
         assert key not in IntegratorConfig.model_fields

@@ -24,7 +24,7 @@ def outer(x: float) -> float:
 USE = "import kernels; print(kernels.outer(1.0), sum(kernels.outer.stats.cache_hits.values()))"
 
 LOOK = (
-    "import kernels; from contactfusion.doctoring.kernels import is_kept; "
+    "import kernels; from contactfusion.doctor.kernels import is_kept; "
     "kept = is_kept(kernels.outer); kernels.outer(1.0); "
     "print(int(kept), sum(kernels.outer.stats.cache_hits.values()))"
 )

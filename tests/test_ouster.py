@@ -8,7 +8,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from contactfusion import cli, doctor
+from contactfusion import cli
+from contactfusion.doctor import installation
 from contactfusion.errors import DependencyError, RecordingError
 from contactfusion.readings import PointCloud
 from contactfusion.recordings import ouster, ouster_converter
@@ -143,7 +144,7 @@ def test_without_the_environment_the_command_that_makes_it_is_told(
     assert not ouster.is_ready()
     with pytest.raises(DependencyError, match="make it by: contactfusion doctor --ouster"):
         ouster.convert(Path("scan.osf"), tmp_path / "scan.mcap")
-    doctor.check()
+    installation.check()
     assert "Ouster files need: contactfusion doctor --ouster" in capsys.readouterr().out
 
 
@@ -171,7 +172,7 @@ def test_the_environment_is_made_once(
     said = capsys.readouterr().out
     assert said.count("making an environment for ouster-sdk==1.0.0") == 1
     assert said.count("convert by: contactfusion convert SOURCE OUT.mcap") == 2
-    doctor.check()
+    installation.check()
     assert "Ouster files can be converted: contactfusion convert" in capsys.readouterr().out
     monkeypatch.setattr(ouster, "REQUIREMENTS", ("ouster-sdk==1.0.1",))
     assert not ouster.is_ready()  # it holds something else than what is wanted by now

@@ -40,7 +40,7 @@ from contactfusion.readings import (
 from contactfusion.recordings.mcap import McapWriter
 from contactfusion.recordings.messages import typestore
 from contactfusion.recordings.ros import RosConfig, RosRecording
-from contactfusion.recordings.ros.mcap import MCAP_MAGIC
+from contactfusion.recordings.ros.readers import MCAP_MAGIC
 from tests.clouds import HERE, THERE, cloud, fused
 from tests.mcap_files import (
     Recorded,

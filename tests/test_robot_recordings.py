@@ -142,7 +142,7 @@ def test_the_viewer_begins_with_what_can_be_placed(
     pytest.importorskip("rerun")
     from contactfusion.replaying.asking import Source
     from contactfusion.replaying.watching import view_recording
-    from tests.test_viewing import Contents
+    from tests.test_view import Contents
 
     source = Source(begun_late(tmp_path), configured(tmp_path))
     view_recording(source, tmp_path / "late.rrd", screenshot=None, at=None, web=False)

@@ -29,7 +29,7 @@ from contactfusion.readings import (
 )
 from contactfusion.recordings.mcap import McapWriter
 from contactfusion.recordings.messages import message
-from contactfusion.recordings.point_clouds import points_of
+from contactfusion.recordings.range_messages import points_of
 from contactfusion.recordings.ros import RosConfig, RosRecording
 from tests.ros_bags import (
     EPOCH,

@@ -19,8 +19,7 @@ from contactfusion.model import Model, rooted
 from contactfusion.plugins import installed_plugins
 from contactfusion.readings import DepthImage
 from contactfusion.segmenter import AnySegmenter, Mask, built_segmenter
-from contactfusion.segmenters.clusters import ClustersConfig, ClustersSegmenter
-from contactfusion.segmenters.paint import learned_paint
+from contactfusion.segmenters.clusters import ClustersConfig, ClustersSegmenter, learned_paint
 from contactfusion.segmenters.truth import TruthConfig, TruthSegmenter
 from tests.pictures import GREY, PAINT, POSE, picture
 from tests.test_docs import ROOT, unnamed

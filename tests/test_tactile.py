@@ -11,10 +11,10 @@ import pytest
 from contactfusion import Grid, Pipeline, PipelineConfig, State
 from contactfusion.arrays import FloatArray
 from contactfusion.errors import ConfigurationError, InvalidReadingError
+from contactfusion.files import write_npz
 from contactfusion.generators.tactile import PERSISTS, Health, TactileConfig, TactileGenerator
 from contactfusion.hypotheses import HypothesisCloud, HypothesisKind, Note
 from contactfusion.integrator.sources import EventKind
-from contactfusion.npz_files import write_npz
 from contactfusion.pipeline import Step
 from contactfusion.readings import TactileImage
 

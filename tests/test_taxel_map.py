@@ -9,9 +9,9 @@ import pytest
 from contactfusion import Grid, Pipeline, PipelineConfig, State
 from contactfusion.arrays import FloatArray
 from contactfusion.errors import ConfigurationError, InvalidReadingError
+from contactfusion.files import write_npz
 from contactfusion.generators.taxel_map import TaxelMap, TaxelMapConfig, TaxelMapGenerator
 from contactfusion.hypotheses import HypothesisCloud
-from contactfusion.npz_files import write_npz
 from contactfusion.readings import TactileImage
 
 CENTRES = np.array([[x, y] for x in (0.0, 0.01, 0.02) for y in (0.0, 0.01, 0.02)])

@@ -11,8 +11,8 @@ from hypothesis import strategies as st
 from pydantic import Field
 
 from contactfusion.errors import ConfigurationError
-from contactfusion.fault_config import Calibration
-from contactfusion.frame_config import FrameConfig
+from contactfusion.faults import Calibration
+from contactfusion.frames import FrameConfig
 from contactfusion.generators.compensation import Compensation
 from contactfusion.generators.force_torque import ForceTorqueConfig
 from contactfusion.generators.free_space import FreeSpaceConfig

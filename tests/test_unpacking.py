@@ -22,9 +22,9 @@ from contactfusion.readings import Wrench
 from contactfusion.recordings import ouster_converter
 from contactfusion.recordings.messages import message, typestore
 from contactfusion.recordings.opening import open_recording
-from contactfusion.recordings.point_clouds import points_of
+from contactfusion.recordings.range_messages import points_of
 from contactfusion.recordings.ros.images import depth_of
-from contactfusion.recordings.ros.packed import bound_rosbags
+from contactfusion.recordings.ros.readers import bound_rosbags
 from contactfusion.unpacking import SMALL, TIMES, Unpacker, most_bytes, unpacked
 from tests.ros_bags import image, rosbag1, rosbag2, top, wrench
 from tests.test_recordings_c3d import c3d_file
@@ -40,10 +40,10 @@ READ = """
 import json, resource, sys
 from pathlib import Path
 import ezc3d
-from contactfusion.npz_files import read_arrays
+from contactfusion.files import read_arrays
 from contactfusion.recordings.messages import typestore
 from contactfusion.recordings.opening import open_recording
-from contactfusion.recordings.ros.packed import bound_rosbags
+from contactfusion.recordings.ros.readers import bound_rosbags
 from contactfusion.recordings.tables import read_columns
 typestore(), bound_rosbags()
 taken = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()

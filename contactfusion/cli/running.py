@@ -112,12 +112,12 @@ def doctor(
 ) -> None:
     """Check the installation, or a robot description, and name what to repair."""
     if robot is not None:
-        from contactfusion.robots.checkup import check_robot
+        from contactfusion.doctor.robot import check_robot
 
         if not check_robot(robot, out, recording):
             raise typer.Exit(1)
         return
-    from contactfusion.doctor import check, compile_kernels
+    from contactfusion.doctor.installation import check, compile_kernels
 
     if out or recording:
         raise ConfigurationError("name the ROBOT.yaml that --out and --recording are for")

@@ -17,7 +17,7 @@ import numpy as np
 from contactfusion.arrays import FloatArray
 from contactfusion.errors import RecordingError, missing_extra
 from contactfusion.files import require_file
-from contactfusion.frame_config import FrameConfig
+from contactfusion.frames import FrameConfig
 from contactfusion.model import Model
 from contactfusion.readings import Markers, Reading, Transform, Wrench
 from contactfusion.recordings.recording import Recording

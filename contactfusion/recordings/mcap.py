@@ -1,16 +1,19 @@
 """MCAP: readings, contacts and commands in one file that ROS 2 tools read (extra `record`)."""
 
-from collections.abc import Sequence
-from contextlib import AbstractContextManager
+import os
+from collections.abc import Iterator, Sequence
+from contextlib import AbstractContextManager, ExitStack, contextmanager
+from itertools import count
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from types import TracebackType
-from typing import TYPE_CHECKING, Any, Self, final
+from typing import TYPE_CHECKING, Any, Final, Self, final
 
 from contactfusion.contacts import Contact
-from contactfusion.errors import RecordingError
+from contactfusion.errors import RecordingError, WritingError
+from contactfusion.files import make_folder
 from contactfusion.pipeline import Step
 from contactfusion.readings import Reading, Transform
-from contactfusion.recordings.mcap_file import bag_that_becomes, latched, telling
 from contactfusion.recordings.messages import (
     Message,
     defined,
@@ -37,15 +40,23 @@ from contactfusion.recordings.step_messages import (
 )
 
 if TYPE_CHECKING:
-    from rosbags.interfaces import Connection
+    from rosbags.interfaces import Connection, Qos
     from rosbags.rosbag2 import Writer
 
-    from contactfusion.recordings.ros.messages import RawMessage
+    from contactfusion.recordings.ros.recording import RawMessage
 
 DESCRIPTION = "robot_description"
 """The topic of ROS for the URDF of a robot."""
 LATCHED = (STATIC, DESCRIPTION, "configuration")
 """Topics that end with these words are told once, and hold from then on."""
+VERSION: Final = 8
+"""Of the metadata of rosbag2: the newest that ROS 2 Iron reads, too."""
+BAG = "recording"
+"""What the file is called within itself: two of equal content are equal, whatever their names."""
+KEPT = 100
+"""So many messages of a topic are kept for those who come late."""
+NEVER = 9223372036, 854775807
+"""What ROS 2 calls an endless time [s, ns]."""
 
 
 @final
@@ -83,7 +94,7 @@ class McapWriter:
         """
         self._channels.clear()
         self._drawn = True  # a viewer may show what another recording drew
-        self._file = bag_that_becomes(self._path)
+        self._file = _bag_that_becomes(self._path)
         with telling(self._path):
             self._bag = self._file.__enter__()
         return self
@@ -94,7 +105,7 @@ class McapWriter:
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
-        """Give the file its name, or remove what there is of it.
+        """Close the file under its name, or remove what there is of it.
 
         Raises:
             WritingError: the disk does not take it.
@@ -229,7 +240,7 @@ class McapWriter:
         name = ros_name(topic)
         if any(other.topic == name for other in self._channels.values()):
             raise RecordingError(f"'{topic}' and another topic would both be {name} in ROS")
-        quality = [latched()] if name.split("/")[-1] in LATCHED else []
+        quality = [_latched()] if name.split("/")[-1] in LATCHED else []
         channel = self._open.add_connection(name, kind, offered_qos_profiles=quality, **definition)
         self._channels[topic] = channel
         return channel
@@ -248,3 +259,92 @@ class McapWriter:
         if self._bag is None:
             raise RecordingError("a McapWriter writes within its with statement only")
         return self._bag
+
+
+@contextmanager
+def _bag_that_becomes(path: Path) -> Iterator["Writer"]:
+    """A bag of rosbags, which is a folder; at the end its one MCAP file becomes the file.
+
+    Raises:
+        WritingError: the disk takes no more; what it took is kept beside the file.
+    """
+    from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
+
+    make_folder(path.parent)
+    with TemporaryDirectory(prefix=f".{path.name}.", dir=path.parent) as folder:
+        bag = Writer(Path(folder) / BAG, version=VERSION, storage_plugin=StoragePlugin.MCAP)
+        bag.set_compression(CompressionMode.STORAGE, CompressionFormat.ZSTD)
+        written = bag.path / f"{BAG}.mcap"
+        with kept_when_cut(written, path), ExitStack() as stack:
+            yield stack.enter_context(bag)
+            with telling(path):
+                stack.close()
+        os.replace(written, path)
+
+
+@contextmanager
+def kept_when_cut(written: Path, path: Path) -> Iterator[None]:
+    """Keep what the disk took of a file before it was full, under a name that says so.
+
+    Args:
+        written: the file, as it is called while it is written.
+        path: as it would be called.
+
+    Raises:
+        WritingError: the one that was met, with the name of what is kept.
+    """
+    try:
+        yield
+    except WritingError as error:
+        if not written.is_file() or not written.stat().st_size:
+            raise WritingError(f"{error}; nothing of it was kept") from None
+        kept = next(name for name in _names_of_cuts(path) if not name.exists())
+        os.replace(written, kept)
+        raise WritingError(f"{error}; what was written until then is {kept}") from None
+
+
+def _names_of_cuts(path: Path) -> Iterator[Path]:
+    yield path.with_suffix(f".cut{path.suffix}")
+    for number in count(2):
+        yield path.with_suffix(f".cut{number}{path.suffix}")
+
+
+@contextmanager
+def telling(path: Path) -> Iterator[None]:
+    """Say in one sentence why a file can't be written, such as that the disk is full.
+
+    Raises:
+        WritingError: in place of the system's error.
+    """
+    try:
+        yield
+    except OSError as error:
+        raise WritingError(f"{path} can't be written: {error.strerror or error}") from None
+
+
+def _latched() -> "Qos":
+    """The quality of service of what is told once: `ros2 bag play` tells it late comers, too.
+
+    It is that of /tf_static and /robot_description in ROS 2: reliable and transient_local.
+    """
+    from rosbags.interfaces import (
+        Qos,
+        QosDurability,
+        QosHistory,
+        QosLiveliness,
+        QosReliability,
+        QosTime,
+    )
+
+    never = QosTime(*NEVER)
+    return Qos(
+        history=QosHistory.KEEP_LAST,
+        depth=KEPT,
+        reliability=QosReliability.RELIABLE,
+        durability=QosDurability.TRANSIENT_LOCAL,
+        deadline=never,
+        lifespan=never,
+        liveliness=QosLiveliness.AUTOMATIC,
+        liveliness_lease_duration=never,
+        avoid_ros_namespace_conventions=False,
+    )

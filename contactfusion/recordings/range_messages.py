@@ -1,11 +1,13 @@
-"""Clouds of points and depth images as ROS 2 messages."""
+"""Clouds of points and depth images as ROS 2 messages, and the points in clouds of others."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from contactfusion.arrays import FloatArray
+from contactfusion.errors import RecordingError
 from contactfusion.integrator.fusion import Fusion
 from contactfusion.integrator.kernels import REGULAR
 from contactfusion.integrator.store import unpack
@@ -16,10 +18,12 @@ UINT8, FLOAT32 = 2, 7
 """What sensor_msgs/PointField calls them."""
 VOXEL = np.dtype([("place", "<f4", 3), ("likelihood", "<f4"), ("verdict", "u1"), ("", "V3")])
 """A voxel in a cloud, four bytes for each field."""
+FLOATS = {7: "f4", 8: "f8"}
+"""The types of floats by the numbers that sensor_msgs/PointField gives them."""
 
 
 def point_cloud(reading: PointCloud, top: Message) -> Message:
-    """Give sensor_msgs/PointCloud2 with x, y and z as float32; no returns are kept.
+    """Sensor_msgs/PointCloud2 with x, y and z as float32; no returns are kept.
 
     Args:
         reading: the cloud.
@@ -45,13 +49,13 @@ def point_cloud(reading: PointCloud, top: Message) -> Message:
 
 
 def is_drawn(fusion: Fusion) -> NDArray[np.bool_]:
-    """Tell which voxels a cloud of them holds: those with evidence, nulled or not."""
+    """Which voxels a cloud of them holds: those with evidence, nulled or not."""
     drawn: NDArray[np.bool_] = (fusion.field.entries.bits & REGULAR) > 0
     return drawn
 
 
 def voxel_cloud(fusion: Fusion, top: Message) -> Message:
-    """Give sensor_msgs/PointCloud2 of all voxels with evidence, for viewers.
+    """Sensor_msgs/PointCloud2 of all voxels with evidence, for viewers.
 
     What is only predicted, or only ruled out, is left out: the robot's motion and a healthy skin
     cover all of it at each step. The fields are x, y, z [m] and `likelihood` as float32, and
@@ -88,7 +92,7 @@ def voxel_cloud(fusion: Fusion, top: Message) -> Message:
 
 
 def depth_image(reading: DepthImage, topic: str, top: Message) -> Iterator[Posting]:
-    """Give sensor_msgs/Image in float32 metres, with its camera beside it.
+    """Sensor_msgs/Image in float32 metres, with its camera beside it.
 
     Viewers look for the camera of .../depth on .../camera_info.
 
@@ -143,6 +147,75 @@ def _camera_info(reading: DepthImage, top: Message) -> Message:
 
 
 def _float_bytes(values: FloatArray) -> NDArray[np.uint8]:
-    """Give values as the bytes of float32; one too large becomes infinite, which is no return."""
+    """Values as the bytes of float32; one too large becomes infinite, which is no return."""
     with np.errstate(over="ignore"):
         return values.astype("<f4").reshape(-1).view(np.uint8)
+
+
+def points_of(cloud: Message) -> FloatArray:
+    """X, y and z of all points, row by row; what is not finite is no return.
+
+    Args:
+        cloud: a sensor_msgs/PointCloud2; its fields may come in any order, with gaps between.
+
+    Returns:
+        Shape (height * width, 3) [m], read-only.
+
+    Raises:
+        RecordingError: there is no x, y or z in floats, or its bytes are not as many as it says.
+    """
+    fields = {field.name: field for field in cloud.fields}
+    for name in "xyz":
+        if name not in fields:
+            held = ", ".join(fields) or "none"
+            raise RecordingError(f"the cloud has no field '{name}'; its fields are: {held}")
+        if fields[name].datatype not in FLOATS:
+            raise RecordingError(
+                f"'{name}' of the cloud is neither float32 nor float64: "
+                f"its type is {fields[name].datatype}"
+            )
+    is_filled = _holds(cloud, [fields[name] for name in "xyz"])
+    height, width = (cloud.height, cloud.width) if is_filled else (0, 0)
+    points = np.empty((height * width, 3))
+    if len(points):
+        grid = points.reshape(height, width, 3)
+        with np.errstate(invalid="ignore"):  # NaN that signals is no return, as any other is
+            for axis, name in enumerate("xyz"):
+                grid[:, :, axis] = _column(cloud, fields[name])
+    return points
+
+
+def _holds(cloud: Message, fields: Sequence[Any]) -> bool:
+    """Whether there are any points.
+
+    Raises:
+        RecordingError: there are, and the bytes do not hold them.
+    """
+    height, width = cloud.height, cloud.width
+    if not (height and width):
+        return False
+    row, size = width * cloud.point_step, len(cloud.data)
+    needed = (height - 1) * cloud.row_step + row
+    wrong = ""
+    if height > 1 and cloud.row_step < row:
+        wrong = "the rows overlap"
+    elif size < needed:
+        wrong = f"there are {size}, and it takes {needed}"
+    for field in fields:
+        if field.offset + _kind(cloud, field).itemsize > cloud.point_step:
+            wrong = f"'{field.name}' lies beyond the {cloud.point_step} bytes of a point"
+    if wrong:
+        raise RecordingError(
+            f"the bytes of the cloud are no {height} rows of {width} points: {wrong}"
+        )
+    return True
+
+
+def _column(cloud: Message, field: Any) -> Any:
+    """The values of a field as they lie in the bytes, shape (height, width)."""
+    shape, steps = (cloud.height, cloud.width), (cloud.row_step, cloud.point_step)
+    return np.ndarray(shape, _kind(cloud, field), cloud.data, field.offset, steps)
+
+
+def _kind(cloud: Message, field: Any) -> "np.dtype[Any]":
+    return np.dtype((">" if cloud.is_bigendian else "<") + FLOATS[field.datatype])

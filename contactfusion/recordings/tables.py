@@ -11,8 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from contactfusion.errors import RecordingError, name_hint
-from contactfusion.files import require_file
-from contactfusion.npz_files import BROKEN
+from contactfusion.files import BROKEN, require_file
 from contactfusion.unpacking import require_arrays
 
 Column = int | str

@@ -157,9 +157,8 @@ def tune_recording(
     Raises:
         ContactFusionError: a field, the labels, or source is not what it should be.
     """
-    from contactfusion.tuning.fusion import tune_fusion
-    from contactfusion.tuning.fusion_report import table, write_tuning
-    from contactfusion.tuning.fusion_runs import fingerprint
+    from contactfusion.tune.fusion import fingerprint, tune_fusion
+    from contactfusion.tune.report import table, write_tuning
 
     with closing(source.session()) as session:
         chosen = {"topics": dict(session.setting.told), "ignored": list(session.setting.ignored)}

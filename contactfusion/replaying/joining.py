@@ -9,7 +9,7 @@ from contactfusion.pipeline import Pipeline, takes
 from contactfusion.readings import JointState, Odometry, Reading, Transform, Twist
 from contactfusion.recordings.recording import Recording
 from contactfusion.replaying.inputs import SENSED
-from contactfusion.robot import Robot
+from contactfusion.robot_state import Robot
 from contactfusion.terminal import followed
 
 MEASURED = (*SENSED, Twist)

@@ -13,8 +13,7 @@ from contactfusion.errors import RecordingError, missing_extra
 from contactfusion.files import whole_file
 from contactfusion.pipeline import Step
 from contactfusion.readings import Reading
-from contactfusion.recordings.mcap import McapWriter
-from contactfusion.recordings.mcap_file import kept_when_cut, telling
+from contactfusion.recordings.mcap import McapWriter, kept_when_cut, telling
 from contactfusion.recordings.messages import recorded_stamp, typestore
 from contactfusion.recordings.ros import RawMessage
 from contactfusion.recordings.step_messages import OURS

@@ -19,7 +19,7 @@ from contactfusion.recordings.recording import Recording
 from contactfusion.recordings.ros import RosRecording, Tap
 from contactfusion.replaying.configuration import Setting
 from contactfusion.replaying.inputs import Inputs, find_inputs
-from contactfusion.transforms import transforms_ahead
+from contactfusion.robot_state import transforms_ahead
 
 Hear = Callable[[Reading], None]
 

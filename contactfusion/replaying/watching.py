@@ -11,9 +11,9 @@ from contactfusion.replaying.outputs import Output
 from contactfusion.replaying.replay import Options, replay
 from contactfusion.replaying.session import Session
 from contactfusion.terminal import followed
-from contactfusion.viewing import pictures, showing
-from contactfusion.viewing.library import loaded_rerun
-from contactfusion.viewing.viewer import Viewer
+from contactfusion.view import show
+from contactfusion.view.recorder import loaded_rerun
+from contactfusion.view.viewer import Viewer
 
 DRAWN = ".rrd"
 """The suffix of what is drawn already."""
@@ -55,7 +55,7 @@ def view_recording(
         raise ConfigurationError("--at is the time of a picture: name its file with --screenshot")
     loaded_rerun()  # before a screen is asked for, or a recording drawn
     if screenshot is None and save is None and not web:
-        showing.require_screen()
+        show.require_screen()
     with TemporaryDirectory() as folder:
         rrd, session = source.recording, None
         if rrd.suffix != DRAWN:
@@ -66,12 +66,12 @@ def view_recording(
                 for step in followed(session.steps(output.reading), task, end):
                     output.step(step)
         if screenshot is not None:
-            pictures.screenshot(rrd, screenshot, at)
+            show.screenshot(rrd, screenshot, at)
             print(f"results: {screenshot}")
         elif save is not None and not web:
             print(f"results: {save}")
         else:
-            showing.show(rrd, web)
+            show.show(rrd, web)
     if session is not None:
         session.complain()
 
@@ -79,8 +79,8 @@ def view_recording(
 def replay_and_show(options: Options) -> None:
     """Replay, and show what came of it at the end."""
     loaded_rerun()
-    showing.require_screen()
+    show.require_screen()
     with TemporaryDirectory() as folder:
         rrd = Path(folder) / f"{options.recording.stem}{DRAWN}"
         replay(options, watch=lambda session: drawing(session, rrd))
-        showing.show(rrd)
+        show.show(rrd)

@@ -9,7 +9,7 @@ from pydantic import Field, model_validator
 
 from contactfusion.errors import ConfigurationError
 from contactfusion.files import GIVE_CONFIG, file_in
-from contactfusion.frame_config import FrameConfig
+from contactfusion.frames import FrameConfig
 from contactfusion.hooks import GROUP
 from contactfusion.model import Model, rooted
 from contactfusion.patches import PatchConfig

@@ -16,13 +16,11 @@ from contactfusion.errors import (
     missing_extra,
     name_hint,
 )
-from contactfusion.frame_config import FrameConfig
-from contactfusion.frames import FrameTree, Parent, Pose, inverse, points_in
+from contactfusion.frames import FrameConfig, FrameTree, Parent, Pose, inverse, points_in
 from contactfusion.readings import JointState
 from contactfusion.robots.description import RobotConfig
 from contactfusion.robots.solids import Solid
-from contactfusion.robots.sphere_cache import fitted_spheres
-from contactfusion.robots.spheres import SphereModel
+from contactfusion.robots.spheres import SphereModel, fitted_spheres
 from contactfusion.robots.urdf import Shapes, Urdf, read_urdf
 from contactfusion.surface import RigidPart
 from contactfusion.units import LENGTH

@@ -10,8 +10,7 @@ from pydantic import Field, model_validator
 
 from contactfusion.arrays import FloatArray
 from contactfusion.errors import ConfigurationError, RobotError, name_hint
-from contactfusion.frame_config import FrameConfig
-from contactfusion.frames import FrameTree, Pose, inverse, points_in, pose_of
+from contactfusion.frames import FrameConfig, FrameTree, Pose, inverse, points_in, pose_of
 from contactfusion.model import Model
 from contactfusion.readings import ObjectPose
 from contactfusion.robots.description import RobotConfig

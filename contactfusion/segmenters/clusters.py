@@ -1,6 +1,7 @@
 """The object as what stands on the floor before the face: by depth, without learned weights."""
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -12,7 +13,6 @@ from contactfusion.generators.proximity import BoxConfig
 from contactfusion.hooks import hookimpl
 from contactfusion.readings import DepthImage
 from contactfusion.segmenter import Mask, Segmenter, SegmenterConfig
-from contactfusion.segmenters.paint import Paint, learned_paint
 from contactfusion.units import Metres, Nearby, Reach, Spread
 from contactfusion.vision import back_projected, loaded_opencv, returns
 
@@ -26,6 +26,14 @@ NARROW = 160
 """Holes next to the object are filled a pixel wide in images of this width, wider in larger."""
 
 Ground = NDArray[np.int32]
+BITS = 3
+"""Of red, green and blue each that tell colours apart."""
+SMALL = 160
+"""Colours are learned from an image of this width at most [pixels]."""
+ROUNDS = 2
+"""Of GrabCut."""
+NEAREST = 3
+"""It may move the border of the object by so many pixels of that image."""
 
 
 class ClustersConfig(SegmenterConfig):
@@ -75,7 +83,7 @@ class ClustersSegmenter(Segmenter[ClustersConfig]):
         self._paint: Paint | None = None
 
     def segment(self, image: DepthImage, pose: Pose) -> Mask | None:
-        """Give the object; None when nothing stands where it was, or nowhere at the start."""
+        """The object; None when nothing stands where it was, or nowhere at the start."""
         depth = returns(image.depth).astype(np.float32)
         pixels, cells = self._standing(image, depth, pose)
         ground = self._ground(cells)
@@ -94,7 +102,7 @@ class ClustersSegmenter(Segmenter[ClustersConfig]):
     def _standing(
         self, image: DepthImage, depth: NDArray[np.float32], pose: Pose
     ) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-        """Give the pixels of what is neither floor nor robot, and the cells of the ground below."""
+        """The pixels of what is neither floor nor robot, and the cells of the ground below."""
         ways, config = self._ways(image, pose), self.config
         height = depth * ways[2] + np.float32(pose[2, 3])
         above = (depth > 0.0) & (height > config.floor + config.clearance)
@@ -114,7 +122,7 @@ class ClustersSegmenter(Segmenter[ClustersConfig]):
         return pixels[kept], rows * _GRID[1] + columns
 
     def _ways(self, image: DepthImage, pose: Pose) -> NDArray[np.float32]:
-        """Give the way of each pixel for a depth of 1 m in the robot's frame, shape (3, h, w)."""
+        """The ray of each pixel for a depth of 1 m in the robot's frame, shape (3, h, w)."""
         key = b"".join(a.tobytes() for a in (image.intrinsics, pose, np.array(image.depth.shape)))
         if self._view is None or self._view[0] != key:
             rows, columns = np.indices(image.depth.shape)
@@ -124,7 +132,7 @@ class ClustersSegmenter(Segmenter[ClustersConfig]):
         return self._view[1]
 
     def _ground(self, cells: NDArray[np.intp]) -> Ground:
-        """Give the cluster of each cell of the ground from 1 on, 0 where nothing stands."""
+        """The cluster of each cell of the ground from 1 on, 0 where nothing stands."""
         cv2 = loaded_opencv()
         occupied = np.zeros(_GRID, np.uint8)
         occupied.reshape(-1)[cells] = 1
@@ -140,7 +148,7 @@ class ClustersSegmenter(Segmenter[ClustersConfig]):
         return labels
 
     def _nearest(self, ground: Ground) -> int:
-        """Give the cluster that is nearest to the face, 0 if there is none."""
+        """The cluster that is nearest to the face, 0 if there is none."""
         return int(ground.reshape(-1)[np.argmin(np.where(ground > 0, self._distance, np.inf))])
 
     def _filled(
@@ -164,7 +172,7 @@ _GRID = round((BEFORE + BEHIND) / CELL), round(2.0 * ASIDE / CELL)
 
 
 def _covering(labels: Ground, last: Mask) -> int:
-    """Give the cluster that covers most of where the object was, 0 if it is too little."""
+    """The cluster that covers most of where the object was, 0 if it is too little."""
     if labels.shape != last.shape:
         return 0
     counts = np.bincount(labels[last])
@@ -177,3 +185,58 @@ def _covering(labels: Ground, last: Mask) -> int:
 def contactfusion_segmenters() -> Mapping[str, type[Segmenter[Any]]]:
     """Offer the segmenter."""
     return {"clusters": ClustersSegmenter}
+
+
+@dataclass(frozen=True, eq=False)
+class Paint:
+    """The colours that are more an object's than those of the rest of the image.
+
+    Attributes:
+        own: shape (8 ** BITS,), by the leading bits of red, green and blue.
+    """
+
+    own: NDArray[np.bool_]
+
+    def covers(self, colours: NDArray[np.uint8]) -> NDArray[np.bool_]:
+        """Which of these are its colours, shape (n,), of shape (n, 3)."""
+        return self.own[_bins(colours)]
+
+
+def learned_paint(colour: NDArray[np.uint8], mask: Mask) -> Paint:
+    """Learn an object's colours from one image.
+
+    GrabCut mends the border of the mask, where depth is wrong or missing; the colours inside and
+    outside are counted then.
+
+    Args:
+        colour: shape (h, w, 3).
+        mask: shape (h, w), roughly where the object is.
+    """
+    step = -(-mask.shape[1] // SMALL)
+    small = np.ascontiguousarray(colour[::step, ::step])
+    inside = _mended(small, mask[::step, ::step])
+    bins = _bins(small)
+    counts = (np.bincount(bins[part], minlength=8**BITS) + 1.0 for part in (inside, ~inside))
+    own, other = (count / count.sum() for count in counts)
+    return Paint(own > other)
+
+
+def _mended(colour: NDArray[np.uint8], mask: Mask) -> Mask:
+    cv2 = loaded_opencv()
+    around = np.ones((2 * NEAREST + 1, 2 * NEAREST + 1), np.uint8)
+    rough = mask.astype(np.uint8)
+    marks = np.where(mask, cv2.GC_PR_FGD, cv2.GC_PR_BGD).astype(np.uint8)
+    marks[cv2.erode(rough, around) > 0] = cv2.GC_FGD
+    marks[cv2.dilate(rough, around) == 0] = cv2.GC_BGD
+    if not (marks % 2).any() or (marks % 2).all():
+        return mask
+    cv2.setRNGSeed(0)  # GrabCut draws from OpenCV's own chance: equal images, equal masks
+    models = np.zeros((2, 1, 65))
+    cv2.grabCut(colour, marks, None, *models, ROUNDS, cv2.GC_INIT_WITH_MASK)
+    inside: Mask = (marks == cv2.GC_FGD) | (marks == cv2.GC_PR_FGD)
+    return inside
+
+
+def _bins(colours: NDArray[np.uint8]) -> NDArray[np.intp]:
+    red, green, blue = (colours[..., i].astype(np.intp) >> (8 - BITS) for i in range(3))
+    return (red << 2 * BITS) | (green << BITS) | blue

@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from contactfusion.fault_config import FaultFile
+from contactfusion.faults import FaultFile
 from contactfusion_lab.experiments.grasp.plan import Column
 from contactfusion_lab.experiments.methods import Method
 from contactfusion_lab.simulation.grasp import GraspScene

@@ -14,7 +14,7 @@ import pytest
 import yaml
 
 from contactfusion.errors import ConfigurationError, RobotError
-from contactfusion.fault_config import Fault, FaultFile
+from contactfusion.faults import Fault, FaultFile
 from contactfusion.files import make_folder
 from contactfusion.pipeline import Pipeline
 from contactfusion.replaying.configuration import setting_of_recording

@@ -12,9 +12,9 @@ import torch
 from numpy.typing import NDArray
 
 from contactfusion.errors import ConfigurationError, ContactFusionError, DependencyError
+from contactfusion.files import read_arrays, write_npz
 from contactfusion.generators.lstm import Weights, tensor_shapes
 from contactfusion.generators.networks import OUTPUTS
-from contactfusion.npz_files import read_arrays, write_npz
 from contactfusion_lab.learning import training
 from contactfusion_lab.learning.networks import Name, gathered, predict
 from contactfusion_lab.learning.training import Options, Told, Trained, train

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from contactfusion.errors import ConfigurationError
-from contactfusion.npz_files import read_arrays, write_npz
+from contactfusion.files import read_arrays, write_npz
 from contactfusion_lab.learning.trials import ARRAYS, TOLD, load, save
 from lab.tests.learning_toys import toy_trial
 

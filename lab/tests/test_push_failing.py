@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from contactfusion.errors import ConfigurationError
-from contactfusion.fault_config import Dropout, Silent
+from contactfusion.faults import Dropout, Silent
 from contactfusion_lab.experiments.push.experiment import Options, read_plans, run_push
 from contactfusion_lab.experiments.push.failing import RandomFault, drawn, read_failing
 from contactfusion_lab.experiments.push.plan import Plan

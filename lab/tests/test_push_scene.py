@@ -14,9 +14,9 @@ from contactfusion import Pipeline
 from contactfusion.controllers.face import FaceConfig, on_face
 from contactfusion.controllers.pushing import ARRIVED
 from contactfusion.errors import ConfigurationError, RobotError
-from contactfusion.history import History
 from contactfusion.pipeline_config import PipelineConfig
 from contactfusion.readings import Odometry, TactileImage, Twist
+from contactfusion.robot_state import History
 from contactfusion_lab.experiments.push import experiment
 from contactfusion_lab.simulation.push import PushScene
 from contactfusion_lab.simulation.push_config import PushConfig

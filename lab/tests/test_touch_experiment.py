@@ -11,10 +11,10 @@ import pytest
 
 from contactfusion.arrays import FloatArray
 from contactfusion.errors import ConfigurationError, RecordingError, RobotError
-from contactfusion.fault_config import Silent
+from contactfusion.faults import Silent
+from contactfusion.files import write_npz
 from contactfusion.frames import points_in
 from contactfusion.hypotheses import HypothesisCloud, HypothesisKind
-from contactfusion.npz_files import write_npz
 from contactfusion.pipeline import Pipeline
 from contactfusion.robots.model import shared_robot
 from contactfusion.robots.objects import ObjectModel

@@ -13,11 +13,19 @@ from typing import Any, Self, final
 from contactfusion.errors import RecordingError
 from contactfusion.files import require_file
 from contactfusion.recordings.messages import typestore
-from contactfusion.recordings.ros.backwards import read_bag_as_it_lies, read_mcap_as_it_lies
 from contactfusion.recordings.ros.channels import Channel, channel_of
-from contactfusion.recordings.ros.damage import BAG_MAGIC, ScannedMcap, mended_by, scanned_bag
-from contactfusion.recordings.ros.mcap import MCAP_MAGIC, ROS1_IN_MCAP, AnyMcap
-from contactfusion.recordings.ros.packed import bound_rosbags
+from contactfusion.recordings.ros.readers import (
+    BAG_MAGIC,
+    MCAP_MAGIC,
+    ROS1_IN_MCAP,
+    AnyMcap,
+    ScannedMcap,
+    bound_rosbags,
+    mended_by,
+    read_bag_as_it_lies,
+    read_mcap_as_it_lies,
+    scanned_bag,
+)
 
 ROS1 = (".bag", ".active")
 """What bags of ROS 1 end with; `.bag.active` is one whose recorder was killed."""

@@ -8,7 +8,7 @@ from typing import final
 from contactfusion.errors import RecordingError
 from contactfusion.readings import Transform
 from contactfusion.recordings.log import LONGEST_FALL
-from contactfusion.recordings.ros.listeners import Listener, Part
+from contactfusion.recordings.ros.topics import Listener, Part
 from contactfusion.time import NANOSECONDS_PER_SECOND
 
 LONGEST_LEAP = 3600 * NANOSECONDS_PER_SECOND

@@ -22,7 +22,7 @@ from contactfusion.readings import (
     Wrench,
 )
 from contactfusion.recordings.messages import Message
-from contactfusion.recordings.point_clouds import points_of
+from contactfusion.recordings.range_messages import points_of
 from contactfusion.time import NANOSECONDS_PER_SECOND
 
 At = dict[str, Any]

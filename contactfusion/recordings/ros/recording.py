@@ -1,9 +1,9 @@
 """Recordings of ROS: bags of ROS 1, rosbag2 and MCAP, bare or in folders (extra `record`)."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
-from typing import final
+from typing import Any, NamedTuple, final
 
 from pydantic import Field
 
@@ -11,14 +11,36 @@ from contactfusion.errors import InvalidReadingError, RecordingError, name_hint
 from contactfusion.model import Model
 from contactfusion.readings import Reading
 from contactfusion.recordings.log import LONGEST_FALL
-from contactfusion.recordings.messages import Message
+from contactfusion.recordings.messages import Message, typestore
 from contactfusion.recordings.recording import Recording
+from contactfusion.recordings.ros.channels import Channel
 from contactfusion.recordings.ros.contents import contents_of, topics_of
 from contactfusion.recordings.ros.files import Bag
-from contactfusion.recordings.ros.messages import Tap, messages
 from contactfusion.recordings.ros.order import Entry, Heard, Sorter, TopicTally
 from contactfusion.recordings.ros.topics import Stream, Topic, listeners
 from contactfusion.time import LONGEST_SECONDS, NANOSECONDS_PER_SECOND, to_nanoseconds
+
+
+class RawMessage(NamedTuple):
+    """A message as it lies in a recording.
+
+    Attributes:
+        topic: its topic.
+        msgtype: its type as ROS 2 calls it, e.g. "sensor_msgs/msg/Imu".
+        definition: that of its type in .msg of ROS 2; empty when the file does not tell.
+        log_stamp_ns: when it was logged [ns].
+        cdr: its bytes in the encoding of ROS 2.
+    """
+
+    topic: str
+    msgtype: str
+    definition: str
+    log_stamp_ns: int
+    cdr: bytes
+
+
+Tap = Callable[[RawMessage], None]
+"""Hears every message, once, as they lie in the file."""
 
 
 class RosConfig(Model):
@@ -116,7 +138,7 @@ class RosRecording(Recording):
         duration: float | None,
         tap: Tap | None,
     ) -> "RosRecording":
-        """Give the same recording with other choices, see `RosConfig`."""
+        """The same recording with other choices, see `RosConfig`."""
         choice = {"start": start, "duration": duration}
         made = RosRecording(self._config.model_copy(update=choice), self._folder, tap, sensors)
         made._whole = self
@@ -134,7 +156,7 @@ class RosRecording(Recording):
         return made
 
     def readings(self) -> Iterator[Reading]:
-        """Give the readings in order of their stamps; of one stamp, as they lie in the file.
+        """The readings in order of their stamps; of one stamp, as they lie in the file.
 
         Raises:
             RecordingError: once all readings before it are given, a clock that jumps, or the end of
@@ -162,7 +184,7 @@ class RosRecording(Recording):
             raise RecordingError(_in(self.path, problem))
 
     def _heard(self, tally: Mapping[str, TopicTally]) -> dict[str, Heard]:
-        """Give what hears the topics that are read, by topic."""
+        """What hears the topics that are read, by topic."""
         found = listeners(self.sensors, self._readable)
         return {topic: Heard(topic, one, tally[topic], {}) for topic, one in found.items()}
 
@@ -192,7 +214,7 @@ class RosRecording(Recording):
     def _static_before(
         self, bag: Bag, topics: Mapping[str, Heard]
     ) -> Iterator[tuple[Heard, int, Message]]:
-        """Give messages of static transforms that were logged before the time that is read."""
+        """Messages of static transforms that were logged before the time that is read."""
         start, _ = self._window(bag)
         static = {name: one for name, one in topics.items() if one.listener.is_static}
         if start is not None and static:
@@ -200,14 +222,14 @@ class RosRecording(Recording):
                 yield from messages(bag, static, stop_ns=start, tap=self._tap, taps_all=False)
 
     def _window(self, bag: Bag) -> tuple[int | None, int | None]:
-        """Give the stamps of the log between which messages are read [ns]; None: no bound."""
+        """The stamps of the log between which messages are read [ns]; None: no bound."""
         start, duration = to_nanoseconds(self._config.start), self._config.duration
         begin = bag.first_ns + start
         end = None if duration is None else begin + to_nanoseconds(duration)
         return begin if start else None, end
 
     def _first_stamp(self, bag: Bag, start_ns: int | None) -> int:
-        """Give the lowest stamp within a second of the first one since a moment in the log [ns]."""
+        """The lowest stamp within a second of the first one since a moment in the log [ns]."""
         stamps: list[int] = []
         unused = {topic: TopicTally() for topic in self.contents}
         topics = {topic: one for topic, one in self._heard(unused).items()
@@ -227,5 +249,61 @@ def _put(sorter: Sorter, heard: Heard, logged: int, message: Message) -> None:
 
 
 def _in(path: Path, problem: RecordingError) -> str:
-    """Give a problem with the name of its file."""
+    """A problem with the name of its file."""
     return str(problem) if str(path) in str(problem) else f"{path}, {problem}"
+
+
+def messages(
+    bag: Bag,
+    topics: Mapping[str, Heard],
+    start_ns: int | None = None,
+    stop_ns: int | None = None,
+    tally: Mapping[str, TopicTally] | None = None,
+    tap: Tap | None = None,
+    taps_all: bool = True,
+) -> Iterator[tuple[Heard, int, Message]]:
+    """The messages of topics that are heard, with the stamps of the log [ns].
+
+    Args:
+        bag: an open one.
+        topics: those that are heard.
+        start_ns: only what was logged then or later [ns].
+        stop_ns: only what was logged earlier [ns].
+        tally: where messages are counted, of all topics; None: of those that are heard.
+        tap: hears every message.
+        taps_all: of every topic, or of those that are heard.
+
+    Raises:
+        RecordingError: at the end, when a file is cut off or damaged.
+    """
+    counts = tally or {topic: one.tally for topic, one in topics.items()}
+    channels = [one for one in bag.channels if (tap and taps_all) or one.topic in topics]
+    routes = {one: (topics.get(one.topic), counts[one.topic], _decoder(one)) for one in channels}
+    told = {one: (one.topic, one.msgtype, one.definition()) for one in channels if tap}
+    for channel, logged, raw in bag.messages(channels, start_ns, stop_ns):
+        heard, count, decode = routes[channel]
+        count.messages += 1
+        cdr = _tried(channel.cdr, raw, count)
+        if cdr is None:
+            continue
+        message = _tried(decode, cdr, count) if heard else None
+        if heard and message is not None:
+            yield heard, logged, message
+        if tap:  # not of what ended the reading, such as a clock that jumped
+            tap(RawMessage(*told[channel], logged, bytes(cdr)))
+
+
+def _decoder(channel: Channel) -> Callable[[Any], Message]:
+    """What makes a message of the CDR of a channel whose type is standard."""
+    decode, msgtype = typestore().deserialize_cdr, channel.msgtype
+    # of a view: what is large is not copied
+    return lambda cdr: decode(memoryview(cdr), msgtype)
+
+
+def _tried(call: Callable[[Any], Any], raw: Any, tally: TopicTally) -> Any:
+    """What is made of bytes; None where nothing can be, which is counted."""
+    try:
+        return call(raw)
+    except Exception as error:  # rosbags meets what is wrong with errors of many kinds
+        tally.cannot_read(error)
+        return None

@@ -14,7 +14,7 @@ import numpy as np
 from contactfusion.arrays import FloatArray
 from contactfusion.errors import RecordingError
 from contactfusion.figures import new_figure
-from contactfusion.frame_config import FrameConfig
+from contactfusion.frames import FrameConfig
 from contactfusion.generators.baselines import fit_baseline
 from contactfusion.integrator.config import IntegratorConfig
 from contactfusion.pipeline import Pipeline

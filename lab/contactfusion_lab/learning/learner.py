@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from contactfusion.errors import ConfigurationError
+from contactfusion.files import read_arrays, write_npz
 from contactfusion.generators.lstm import Weights
-from contactfusion.npz_files import read_arrays, write_npz
 from contactfusion_lab.learning.backend import torch
 from contactfusion_lab.learning.networks import ContactNetwork, Name, put_weights, weights_of
 

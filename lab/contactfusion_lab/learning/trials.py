@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from contactfusion.arrays import FloatArray, frozen_array
 from contactfusion.errors import ConfigurationError, name_hint
+from contactfusion.files import read_arrays, write_npz
 from contactfusion.generators.networks import KINDS
-from contactfusion.npz_files import read_arrays, write_npz
 
 Split = Literal["training", "validation", "test"]
 """What a trial is for; it is never for two of them."""

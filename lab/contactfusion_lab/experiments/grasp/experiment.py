@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from contactfusion.errors import ConfigurationError, RobotError
-from contactfusion.fault_config import read_faults
+from contactfusion.faults import read_faults
 from contactfusion.files import make_folder, write_whole
 from contactfusion.terminal import note
 from contactfusion_lab.experiments.choices import require_once, trial_called

@@ -6,7 +6,7 @@ from typing import Any
 
 from contactfusion.assembly import built_controller, built_generator
 from contactfusion.errors import ConfigurationError, PluginError, RobotError, name_hint
-from contactfusion.fault_config import Fault
+from contactfusion.faults import Fault
 from contactfusion.model import rooted
 from contactfusion.pipeline_config import PipelineConfig
 from contactfusion.robots.model import RobotModel, shared_robot

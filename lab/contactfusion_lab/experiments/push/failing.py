@@ -11,7 +11,7 @@ import numpy as np
 from pydantic import Field
 
 from contactfusion.errors import ConfigurationError
-from contactfusion.fault_config import Fault, FaultFile
+from contactfusion.faults import Fault, FaultFile
 from contactfusion.model import Model
 from contactfusion.yaml_files import read_yaml
 from contactfusion_lab.simulation.push_config import MisplacedConfig

@@ -14,8 +14,8 @@ from contactfusion.arrays import FloatArray
 from contactfusion.contacts import Contact
 from contactfusion.controllers.face import FaceConfig, on_face
 from contactfusion.errors import ConfigurationError
+from contactfusion.files import read_arrays, write_npz
 from contactfusion.hypotheses import HypothesisKind
-from contactfusion.npz_files import read_arrays, write_npz
 from contactfusion.pipeline import Pipeline
 from contactfusion_lab.experiments.push.plan import Plan, Push
 from contactfusion_lab.experiments.push.watches import Cost, StopWatch, WatchedScene

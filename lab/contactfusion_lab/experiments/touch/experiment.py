@@ -7,7 +7,7 @@ from functools import partial
 from pathlib import Path
 
 from contactfusion.errors import RobotError
-from contactfusion.fault_config import read_faults
+from contactfusion.faults import read_faults
 from contactfusion.files import make_folder, write_whole
 from contactfusion.terminal import note
 from contactfusion_lab.experiments.choices import require_known

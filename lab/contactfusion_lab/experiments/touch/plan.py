@@ -11,10 +11,9 @@ import numpy as np
 
 from contactfusion.arrays import FloatArray
 from contactfusion.errors import ConfigurationError, RecordingError, name_hint
-from contactfusion.fault_config import Delay, Dropout, Fault, Silent
+from contactfusion.faults import Delay, Dropout, Fault, Silent
 from contactfusion.files import require_file
-from contactfusion.frame_config import FrameConfig
-from contactfusion.frames import points_in
+from contactfusion.frames import FrameConfig, points_in
 from contactfusion.model import rooted
 from contactfusion.pipeline_config import PipelineConfig
 from contactfusion.robots.objects import ObjectConfig, ObjectModel

@@ -11,11 +11,11 @@ import numpy as np
 from contactfusion.arrays import FloatArray
 from contactfusion.errors import ConfigurationError, name_hint
 from contactfusion.faults import unmet
+from contactfusion.files import read_arrays, write_npz
 from contactfusion.frames import points_in
 from contactfusion.grid import Grid
 from contactfusion.hypotheses import HypothesisCloud, HypothesisKind
 from contactfusion.integrator.sources import EventKind
-from contactfusion.npz_files import read_arrays, write_npz
 from contactfusion.pipeline import Pipeline
 from contactfusion.readings import JointState, Reading
 from contactfusion.robots.model import shared_robot

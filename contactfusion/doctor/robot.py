@@ -1,0 +1,390 @@
+"""Looks a ROBOT.yaml over: what it says, what cannot be right, what a recording says of it.
+
+A wrench sensor at rest feels the weight of what it carries. Of both signs only one gives a positive
+mass, so gravity tells whether the sensor gives the force on the robot or by it.
+"""
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from contactfusion.arrays import FloatArray
+from contactfusion.errors import ConfigurationError, RecordingError, RobotError, name_hint
+from contactfusion.frames import inverse, points_in, vectors_in
+from contactfusion.generators.compensation import CompensationFit, fit_compensation
+from contactfusion.model import rooted
+from contactfusion.readings import Wrench
+from contactfusion.recordings.opening import open_recording
+from contactfusion.robot_state import History
+from contactfusion.robots.description import RobotConfig, located, read_robot
+from contactfusion.robots.model import RobotModel
+from contactfusion.robots.posed import PosedRobot
+from contactfusion.robots.solids import Solid
+from contactfusion.yaml_files import read_yaml
+
+NEAR = 0.01
+"""A patch lies no further from the surface of its link, and a camera's eye no deeper in it [m]."""
+FACING = 0.5
+"""The cosine of the angle between a patch's z and the normal of the surface is at least this."""
+GRAVITY = np.array([[0.0, 0.0, -9.81]])
+"""In the root link's frame, whose z is taken to point up [m/s²]."""
+STILL = 0.01
+"""Joints that move by less are at rest [rad, m]."""
+LASTING = 0.2
+"""A rest lasts so long, or is that far in time from its neighbours [s]."""
+LEAST_POSES = 3
+LEFT_OVER = 0.2
+"""A fit that leaves more of the weight unexplained explains nothing."""
+SIGNS = {"on_robot": 1.0, "by_robot": -1.0}
+
+
+def check_robot(name: str, out: Path | None = None, recording: Path | None = None) -> bool:
+    """Print what a description says of a robot, and warn about what cannot be right.
+
+    Args:
+        name: ROBOT.yaml, a configuration with a `robot`, or a URDF; MODULE:FILE for one in an
+            installed Python package.
+        out: the picture to draw.
+        recording: wrenches of the wrists at rest in several poses, and joints.
+
+    Returns:
+        Whether there was nothing to warn about.
+
+    Raises:
+        ContactFusionError: the description, its URDF or the recording cannot be used.
+    """
+    path = located(name)
+    config = _described(path)
+    try:
+        model = RobotModel(config)
+    except ConfigurationError as error:
+        raise ConfigurationError(f"{path}: {error}") from None
+    robot = PosedRobot(model, middle(model), model.root, np.eye(4))
+    print(f"{path}: {len(model.link_names)} links, {len(model.joint_names)} joints")
+    _tell_links(model)
+    _tell_joints(robot)
+    _tell_sensors(robot)
+    faults = [*patch_faults(model), *wrist_faults(model), *camera_faults(robot)]
+    faults += finger_faults(model)
+    if out is not None:
+        from contactfusion.doctor.picture import draw_robot
+
+        print(f"picture: {draw_robot(robot, out)}")
+    if recording is not None:
+        wrenches = heard(model, recording)
+        for wrist in config.wrists:
+            lines, wrong = weigh(model, wrist, wrenches)
+            print("\n".join(lines))
+            faults += wrong
+    for fault in faults:
+        print(f"warning: {fault}")
+    print("nothing to warn about" if not faults else f"{len(faults)} to put right")
+    return not faults
+
+
+def _described(path: Path) -> RobotConfig:
+    """The description in ROBOT.yaml, or in a configuration, or of a URDF and nothing else."""
+    if path.suffix == ".urdf":
+        return RobotConfig(urdf=path.name, folder=path.parent)
+    robot = read_yaml(path).get("robot")
+    if isinstance(robot, str):
+        return read_robot(located(robot, path.parent))
+    if not isinstance(robot, dict):
+        return read_robot(path)
+    try:
+        return rooted(RobotConfig(**robot), path.parent)
+    except ConfigurationError as error:
+        raise ConfigurationError(f"{path}: {error.under('robot')}") from None
+
+
+def middle(model: RobotModel) -> FloatArray:
+    """The middle of the joints' limits, shape (n,) [rad, m].
+
+    A joint without ends is at 0, one that mimics another where it follows, and one that is `still`
+    where it stays.
+    """
+    positions: FloatArray = np.where(np.isfinite(model.limits), model.limits, 0.0).mean(axis=1)
+    for name, position in model.config.still.items():
+        positions[model.joint_names.index(name)] = position
+    return model.followed(positions)
+
+
+def patch_faults(model: RobotModel) -> Iterator[str]:
+    """Say which patches do not lie on their link, or do not face out of it."""
+    config = model.config
+    for name, patch in config.patches.items():
+        link, pose = model.link_of(patch.frame), model.pose_on_link(patch.frame)
+        if link not in model.parts:
+            yield f"patch '{name}' is on link '{link}', which has no surface"
+            continue
+        part = model.parts[link]
+        taxels = points_in(pose, patch.centres())
+        solid = Solid(getattr(model.urdf.links[link], config.shapes))
+        away = float(solid.distances(taxels).max())
+        if away > NEAR:
+            yield (
+                f"a taxel of patch '{name}' lies {away * 1000:.0f} mm from the surface of "
+                f"link '{link}'"
+            )
+            continue
+        # of a thin link the nearest point may lie on the other side, so that all near ones count
+        reach = np.asarray(part.tree.query(taxels)[0]) + config.spacing
+        facing = part.normals @ pose[:3, 2] >= FACING
+        faces = [facing[rows].any() for rows in part.tree.query_ball_point(taxels, reach)]
+        if np.mean(faces) < 0.5:
+            yield f"the z of patch '{name}' does not point out of link '{link}'"
+
+
+def wrist_faults(model: RobotModel) -> Iterator[str]:
+    """Say which wrists carry what has no mass."""
+    for name, wrist in model.config.wrists.items():
+        links = {link: model.urdf.links[link] for link in model.beyond(wrist.frame)}
+        for link, one in links.items():
+            if one.is_shaped and not one.mass:
+                yield f"link '{link}' hangs on wrist '{name}' and has a shape, but no mass"
+        if not any(one.mass for one in links.values()):
+            yield f"nothing that hangs on wrist '{name}' has a mass"
+
+
+def camera_faults(robot: PosedRobot) -> Iterator[str]:
+    """Say which cameras lie inside the robot."""
+    from scipy.spatial import KDTree
+
+    surface = robot.surface
+    tree = KDTree(surface.points)
+    for name, camera in robot.model.config.cameras.items():
+        eye = robot.pose_of(camera.frame)[:3, 3]
+        distance, row = tree.query(eye)
+        depth = min(distance, (surface.points[row] - eye) @ surface.normals[row])
+        if depth > NEAR:
+            link = surface.link_names[surface.links[row]]
+            yield f"camera '{name}' lies {depth * 1000:.0f} mm inside link '{link}'"
+
+
+def finger_faults(model: RobotModel) -> Iterator[str]:
+    """Say which links of fingers no joint of theirs moves."""
+    urdf = model.urdf
+    for name, finger in model.config.fingers.items():
+        moved = {one for joint in finger.joints for one in urdf.hanging_on(urdf.children[joint])}
+        for link in finger.links:
+            if link not in moved:
+                yield f"link '{link}' of finger '{name}' hangs on none of its joints"
+
+
+def _tell_links(model: RobotModel) -> None:
+    spheres = np.bincount(model.spheres.links, minlength=len(model.link_names))
+    width = max(map(len, model.link_names))
+    print(f"  {'link':{width}}  mass [kg]  points  spheres")
+    for name, count in zip(model.link_names, spheres, strict=True):
+        points = len(model.parts[name].points) if name in model.parts else 0
+        print(f"  {name:{width}}  {model.urdf.links[name].mass:9.3f}  {points:6}  {count:7}")
+    total = sum(link.mass for link in model.urdf.links.values())
+    points = sum(len(part.points) for part in model.parts.values())
+    print(f"  {'together':{width}}  {total:9.3f}  {points:6}  {spheres.sum():7}")
+    print(
+        f"spheres reach out of their links by {model.spheres.protrusion * 1000:.1f} mm at most, "
+        f"and leave {model.spheres.gap * 1000:.1f} mm bare at most"
+    )
+
+
+def _tell_joints(robot: PosedRobot) -> None:
+    model = robot.model
+    width = max((len(name) for name in model.joint_names), default=0)
+    rows = zip(model.joint_names, model.limits, model.units, robot.positions, strict=True)
+    for name, (low, high), unit, at in rows:
+        ends = f"{low:.3f} .. {high:.3f} [{unit}]" if np.isfinite(low) else "without ends"
+        still = f", stays at {at:.3f}" if name in model.config.still else _mimicry(model, name)
+        print(f"  joint {name:{width}}  {ends}{still}")
+
+
+def _mimicry(model: RobotModel, name: str) -> str:
+    if name not in model.urdf.mimics:
+        return ""
+    driver, multiplier, offset = model.urdf.mimics[name]
+    return f", follows {driver}: {multiplier:g} times its position, plus {offset:g}"
+
+
+def _tell_sensors(robot: PosedRobot) -> None:
+    """Print where sensors are; it is what the eye checks first, so each is one line."""
+    config, model = robot.model.config, robot.model
+    if not (config.patches or config.cameras or config.wrists or config.fingers):
+        return
+    print(f"in '{robot.frame}', with the joints at the middle of their limits [m]:")
+    for name, patch in config.patches.items():
+        pose = robot.pose_of(patch.frame)
+        print(
+            f"  patch {name}: on {model.link_of(patch.frame)} at {triple(pose[:3, 3])}, "
+            f"{len(patch.centres())} taxels, z along {triple(pose[:3, 2])}"
+        )
+    for name, camera in config.cameras.items():
+        pose = robot.pose_of(camera.frame)
+        print(
+            f"  camera {name}: on {model.link_of(camera.frame)} at {triple(pose[:3, 3])}, "
+            f"looks along {triple(pose[:3, 2])}"
+        )
+    for name, wrist in config.wrists.items():
+        pose = robot.pose_of(wrist.frame)
+        mass, centre = robot.load_on(wrist.frame)
+        centre = points_in(inverse(pose), centre[None])[0]
+        print(
+            f"  wrist {name}: on {model.link_of(wrist.frame)} at {triple(pose[:3, 3])}, "
+            f"{mass:.3f} kg hang on it, their centre at {triple(centre)} in its frame"
+        )
+    for name, finger in config.fingers.items():
+        print(f"  finger {name}: joints {', '.join(finger.joints)}")
+
+
+def triple(vector: FloatArray) -> str:
+    """Write three numbers down."""
+    rounded = np.round(vector, 3) + 0.0  # no -0
+    return "(" + ", ".join(f"{number:.3f}" for number in rounded) + ")"
+
+
+@dataclass(frozen=True, eq=False)
+class Sample:
+    """A wrench, and where the joints were.
+
+    Attributes:
+        reading: the wrench.
+        positions: shape (n,), of the model's joints [rad, m].
+    """
+
+    reading: Wrench
+    positions: FloatArray
+
+
+def heard(model: RobotModel, path: Path) -> dict[str, list[Sample]]:
+    """The wrenches of a recording by the name of their sensor, with the joints then.
+
+    Raises:
+        RecordingError: the recording cannot be read.
+        RobotError: the joints of the robot are not all in it.
+    """
+    history, samples = History(), dict[str, list[Sample]]()
+    unknown: RobotError | None = None
+    for reading in open_recording(path).readings():
+        history.add(reading)
+        if isinstance(reading, Wrench):
+            try:
+                positions = model.positions(history.joints(reading.stamp))
+            except RobotError as error:  # the first wrench may come before the first joints
+                unknown = error
+                continue
+            samples.setdefault(reading.sensor, []).append(Sample(reading, positions))
+    if not samples and unknown is not None:
+        raise RobotError(f"{path}: {unknown}")
+    if not samples:
+        raise RecordingError(f"{path} holds no wrench")
+    return samples
+
+
+def weigh(
+    model: RobotModel, wrist: str, samples: Mapping[str, Sequence[Sample]]
+) -> tuple[list[str], list[str]]:
+    """Find the sign of a wrist by gravity, and compare its load with the URDF's.
+
+    Args:
+        model: the robot.
+        wrist: the name of the wrist in the description.
+        samples: by the name of the sensor, in the order of their stamps.
+
+    Returns:
+        Lines that say what was found, and sentences on what is wrong.
+    """
+    sensor, config = f"wrist '{wrist}'", model.config.wrists[wrist]
+    if wrist not in samples:
+        hint = name_hint(wrist, samples, "wrenches of the recording")
+        return [], [f"no wrench of {sensor} came: {hint}"]
+    own = samples[wrist]
+    if (frame := own[0].reading.frame) != config.frame:
+        return [], [f"{sensor} is in '{config.frame}', but its wrenches come in '{frame}'"]
+    poses = resting(own)
+    if len(poses) < LEAST_POSES:
+        return [], [
+            f"{sensor} rested in {len(poses)} poses; {LEAST_POSES} that are turned far from each "
+            "other tell weight and bias apart"
+        ]
+    wrenches = np.array([wrench for _, wrench in poses])
+    robots = [PosedRobot(model, positions, model.root, np.eye(4)) for positions, _ in poses]
+    to_sensor = [inverse(robot.pose_of(config.frame)) for robot in robots]
+    gravities = np.array([vectors_in(pose, GRAVITY)[0] for pose in to_sensor])
+    fits: dict[str, CompensationFit] = {}
+    why = ""
+    for sign, factor in SIGNS.items():
+        signed = factor * wrenches
+        try:
+            fits[sign] = fit_compensation(signed[:, :3], signed[:, 3:], gravities)
+        except ConfigurationError as error:  # of the two signs one gives a negative mass
+            why = error.problem
+    if not fits:
+        return [], [f"{sensor}: {why}"]
+    ((sign, fit),) = fits.items()
+    weight = fit.compensation.mass * 9.81
+    left = float(np.linalg.norm(fit.force_residual))
+    if left > LEFT_OVER * weight:
+        return [], [
+            f"{sensor}: neither sign explains its wrenches, as {left:.2f} N are left over beside a "
+            f"weight of {weight:.2f} N: is its frame turned, or did something touch?"
+        ]
+    loads = [robot.load_on(config.frame) for robot in robots]
+    centres = [points_in(to, c[None])[0] for to, (_, c) in zip(to_sensor, loads, strict=True)]
+    wrong = []
+    if sign != config.sign:
+        wrong.append(f"{sensor}: gravity says sign {sign}, the description says {config.sign}")
+    mass, centre = loads[0][0], np.mean(centres, axis=0)
+    return _compared(sensor, len(poses), sign, fit, mass, centre), wrong
+
+
+def resting(samples: Sequence[Sample]) -> list[tuple[FloatArray, FloatArray]]:
+    """The poses at which the robot rested.
+
+    A log may be dense, or have one row a pose: what counts is how long the joints stay, or how far
+    in time a pose stands from its neighbours.
+
+    Returns:
+        For each the joints, shape (n,) [rad, m], and the mean wrench, shape (6,) [N, N·m].
+    """
+    groups: list[list[Sample]] = []
+    for sample in samples:
+        if groups and np.abs(sample.positions - groups[-1][0].positions).max(initial=0.0) < STILL:
+            groups[-1].append(sample)
+        else:
+            groups.append([sample])
+    poses = []
+    for number, group in enumerate(groups):
+        first, last = group[0].reading.stamp, group[-1].reading.stamp
+        spans = [last - first]
+        if number > 0:
+            spans.append(first - groups[number - 1][-1].reading.stamp)
+        if number + 1 < len(groups):
+            spans.append(groups[number + 1][0].reading.stamp - last)
+        if max(spans) >= LASTING:
+            wrenches = [np.hstack([one.reading.force, one.reading.torque]) for one in group]
+            poses.append((group[0].positions, np.mean(wrenches, axis=0)))
+    return poses
+
+
+def _compared(
+    sensor: str, count: int, sign: str, fit: CompensationFit, mass: float, centre: FloatArray
+) -> list[str]:
+    found = fit.compensation
+    apart = np.linalg.norm(centre - found.centre_of_mass) * 1000.0
+    return [
+        f"{sensor} in {count} poses at rest: gravity says sign {sign}",
+        f"  mass {found.mass:.3f} kg, by the URDF {mass:.3f} kg",
+        f"  centre of mass {_mm(np.array(found.centre_of_mass))}, by the URDF {_mm(centre)}: "
+        f"{apart:.1f} mm apart",
+        f"  left over: force {_root_mean_square(fit.force_residual):.3f} N, "
+        f"torque {_root_mean_square(fit.torque_residual):.4f} N·m by axis",
+        f"  compensation: {found.model_dump_json()}",
+    ]
+
+
+def _mm(vector: FloatArray) -> str:
+    return "(" + ", ".join(f"{1000.0 * number:.1f}" for number in vector) + ") mm"
+
+
+def _root_mean_square(vector: FloatArray) -> float:
+    return float(np.sqrt(np.mean(np.square(vector))))

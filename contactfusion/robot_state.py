@@ -1,0 +1,499 @@
+"""Robot state at a stamp: joints, base pose, frames and surface, from the readings so far."""
+
+import math
+from bisect import bisect_right
+from collections import deque
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING, Any, TypeVar, final
+
+import numpy as np
+from scipy.spatial.transform import Rotation, Slerp
+
+from contactfusion.arrays import FloatArray
+from contactfusion.errors import FrameError, RecordingError, RobotError
+from contactfusion.frames import FrameTree, Parent, Pose, apart, pose_of
+from contactfusion.grid import Grid
+from contactfusion.integrator.fusion import Fusion
+from contactfusion.pipeline_config import PipelineConfig
+from contactfusion.readings import JointState, Odometry, Reading, Transform, Twist
+from contactfusion.state import State
+from contactfusion.surface import Surface
+
+if TYPE_CHECKING:
+    from contactfusion.robots.model import RobotModel
+    from contactfusion.robots.posed import PosedRobot
+
+SAME = 1e-3, 0.01
+"""Poses of a link that lie, and are turned, by no more than this apart are the same [m, rad]."""
+R = TypeVar("R", bound=Reading)
+LENGTH = 4096
+"""So many readings of joints and odometry are remembered, and at least so many poses of a frame."""
+NEARLY_ALONG = 0.9995
+"""From which cosine between two quaternions on a straight line stands for the arc."""
+AHEAD = 1.0
+"""Transforms of a recording come so much earlier than what needs them [s]: they are published late
+and seldom."""
+Quaternion = Sequence[float]
+
+
+class Robot:
+    """Remembers the robot's own readings, and gives its state at a stamp.
+
+    Args:
+        config: its frames and its surface.
+        grid: the frame and voxel size of the hypothesis space.
+    """
+
+    def __init__(self, config: PipelineConfig, grid: Grid) -> None:
+        self._grid = grid
+        self._fixed = config.frame_tree()
+        self._body = config.surface.sampled(config.folder) if config.surface else None
+        self.model = _model(config)
+        """The robot of the URDF, or None."""
+        if self.model is not None:  # what hangs on another link may stand far away in the world
+            moved = self.model.moved_links
+            self.model.require_mounted(
+                {name: frame for name, frame in config.frames.items() if frame.parent in moved}
+            )
+        self._history = History()
+        self._transforms = Transforms()
+        self._known: State | None = None
+        self._frames = self._fixed
+        """Those of the last state."""
+
+    @property
+    def misplaced(self) -> str:
+        """A sentence on the links that /tf_static places elsewhere than the URDF, or nothing.
+
+        A link that a joint moves is where it was in the last state.
+        """
+        differing = dict(self._differing())
+        if not differing:
+            return ""
+        (link, by), *others = differing.items()
+        likewise = f"; likewise {', '.join(name for name, _ in others)}" if others else ""
+        return (
+            f"{link}: the URDF and /tf_static place it differently, {by}; the URDF counts{likewise}"
+        )
+
+    def add(self, reading: Reading) -> None:
+        """Remember what a reading tells of the robot: joints, odometry, twists and transforms."""
+        if isinstance(reading, Transform):
+            self._transforms.add(reading)
+        elif isinstance(reading, JointState | Odometry | Twist):
+            self._history.add(reading)
+        else:
+            return
+        self._known = None
+
+    def clear(self) -> None:
+        """Forget all readings."""
+        self._history.clear()
+        self._transforms.clear()
+        self._known = None
+
+    def state(self, stamp: float, fusion: Fusion | None) -> State:
+        """All that is known at a stamp [s], with the last step of the integrator."""
+        known = self._known
+        if known is None or known.now != stamp:
+            known = self._known = self._at(stamp)
+        return known if known.fusion is fusion else replace(known, fusion=fusion)
+
+    def _differing(self) -> Iterator[tuple[str, str]]:
+        """Each link that /tf_static places elsewhere than the URDF, and by how much."""
+        links = self.model.link_names if self.model else ()
+        for link, (parent, static) in self._transforms.static.items():
+            if parent not in links or link not in links:
+                continue
+            try:
+                distance, angle = apart(self._frames.pose(parent, of=link), static)
+            except FrameError:  # a joint that has not been reported lies between the two
+                continue
+            if distance > SAME[0] or angle > SAME[1]:
+                yield link, f"{distance:.3g} m and {angle:.3g} rad apart"
+
+    def _at(self, stamp: float) -> State:
+        frames, joints = self._fixed, self._history.joints(stamp)
+        if told := self._transforms.at(stamp):
+            frames = frames.under(told)
+        base = self._history.base_pose(stamp)
+        if base:
+            parent, child, pose = base
+            frames = frames.extended({child: (parent, pose)})
+        robot, surface, unplaced = None, None, ""
+        if self.model is not None:
+            positions, unknown = self.model.known_positions(joints)
+            frames = frames.extended(self.model.frames_at(positions, unknown))
+        self._frames = frames
+        try:
+            if self.model is not None:
+                robot = self._posed(self.model, self.model.positions(joints), frames)
+            elif self._body is not None:
+                surface = self._placed(self._body, frames)
+        except (RobotError, FrameError) as error:
+            unplaced = str(error)
+        return State(
+            now=stamp,
+            grid=self._grid,
+            frames=frames,
+            joints=joints,
+            base_pose=base[2] if base else None,
+            surface=robot.surface if robot else surface,
+            robot=robot,
+            unplaced=unplaced,
+        )
+
+    def _posed(self, model: "RobotModel", positions: FloatArray, frames: FrameTree) -> "PosedRobot":
+        from contactfusion.robots.posed import PosedRobot
+
+        return PosedRobot(
+            model, positions, self._grid.frame, self._pose("robot", model.root, frames)
+        )
+
+    def _placed(self, body: Surface, frames: FrameTree) -> Surface:
+        if body.frame == self._grid.frame:
+            return body
+        return body.moved(self._pose("surface", body.frame, frames), self._grid.frame)
+
+    def _pose(self, whose: str, frame: str, frames: FrameTree) -> Pose:
+        """The pose of a frame in that of the space.
+
+        Raises:
+            FrameError: nothing joins the two.
+        """
+        try:
+            return frames.pose(self._grid.frame, of=frame)
+        except FrameError as error:
+            raise FrameError(
+                f"no transform joins the {whose}'s frame '{frame}' to the space: {error}"
+            ) from None
+
+
+def _model(config: PipelineConfig) -> "RobotModel | None":
+    if config.robot is None:
+        return None
+    from contactfusion.robots.model import shared_robot
+
+    return shared_robot(config.robot)
+
+
+class History:
+    """Remembers joints, odometry and twists of the base, and interpolates; never extrapolates.
+
+    A stamp before the oldest or after the newest reading gets that reading. Twists go on where
+    odometry falls silent: the base has gone as they say since its last reading.
+    """
+
+    def __init__(self) -> None:
+        self._joints: dict[tuple[str, ...], deque[JointState]] = {}
+        self._odometry: deque[Odometry] = deque(maxlen=LENGTH)
+        self._gone: deque[tuple[float, Pose]] = deque(maxlen=LENGTH)
+
+    def add(self, reading: Reading) -> None:
+        """Remember a reading, unless it is older than the newest of its type."""
+        if isinstance(reading, JointState):
+            _append(self._joints.setdefault(reading.names, deque(maxlen=LENGTH)), reading)
+        elif isinstance(reading, Odometry):
+            _append(self._odometry, reading)
+            if self._odometry[-1] is reading:
+                self._gone.clear()
+        elif isinstance(reading, Twist):
+            self._go_on(reading)
+
+    def clear(self) -> None:
+        """Forget all readings."""
+        self._joints.clear()
+        self._odometry.clear()
+        self._gone.clear()
+
+    def joints(self, stamp: float) -> JointState | None:
+        """The joints at a stamp [s]: positions in between, the rest of the nearer reading.
+
+        Readings of different joints, as of an arm and of its hand, are put together; of a joint
+        that several name, the one that was heard of first counts. The stamp is that of the newest
+        reading where it is older, and of several the oldest: so one knows who has fallen silent.
+        """
+        parts = [_joints_between(readings, stamp) for readings in self._joints.values()]
+        return _together(parts) if parts else None
+
+    def base_pose(self, stamp: float) -> tuple[str, str, Pose] | None:
+        """Parent frame, child frame and pose of the base at a stamp [s].
+
+        After the newest odometry it is moved on by the twists of its frame that came since; each
+        held since the one before it.
+        """
+        around = _around(self._odometry, stamp)
+        if around is None:
+            return None
+        before, after, part = around
+        if (before.frame, before.child_frame) != (after.frame, after.child_frame):
+            before = after = before if part < 0.5 else after
+        if part == 0.0:
+            gone = self._gone if before is self._odometry[-1] else ()
+            pose = next((pose for when, pose in reversed(gone) if when <= stamp), None)
+            return before.frame, before.child_frame, before.pose if pose is None else pose
+        position = (1.0 - part) * before.position + part * after.position
+        turns = Rotation.from_quat(np.stack([before.orientation, after.orientation]))
+        pose = pose_of(position, Slerp([0.0, 1.0], turns)(part).as_matrix())
+        return after.frame, after.child_frame, pose
+
+    def _go_on(self, twist: Twist) -> None:
+        """Move the base on from where it was last, by a twist that has held since."""
+        if not self._odometry or twist.frame != self._odometry[-1].child_frame:
+            return
+        last = self._odometry[-1]
+        before, pose = self._gone[-1] if self._gone else (last.stamp, last.pose)
+        period = twist.stamp - before
+        if period > 0.0:
+            turns = np.outer((1.0, 0.5), period * twist.angular)
+            turn, half = Rotation.from_rotvec(turns).as_matrix()
+            pose = pose @ pose_of(half @ (period * twist.linear), turn)
+            self._gone.append((twist.stamp, pose))
+
+
+def _joints_between(readings: deque[JointState], stamp: float) -> JointState:
+    """One set of joints at a stamp."""
+    around = _around(readings, stamp)
+    assert around is not None
+    before, after, part = around
+    nearer = before if part < 0.5 else after
+    positions = (1.0 - part) * before.positions + part * after.positions
+    return replace(nearer, stamp=min(stamp, readings[-1].stamp), positions=positions)
+
+
+def _together(parts: Sequence[JointState]) -> JointState:
+    """Put several sets of joints together; what not all of them tell is left out."""
+    if len(parts) == 1:
+        return parts[0]
+    first = parts[0]
+    names = tuple(dict.fromkeys(name for part in parts for name in part.names))
+    chosen: dict[str, tuple[JointState, int]] = {}
+    for part in reversed(parts):
+        chosen |= {name: (part, row) for row, name in enumerate(part.names)}
+
+    def column(field: str) -> FloatArray:
+        return np.array([getattr(part, field)[row] for part, row in map(chosen.__getitem__, names)])
+
+    optional = {
+        field: column(field)
+        for field in ("velocities", "efforts")
+        if all(getattr(part, field) is not None for part in parts)
+    }
+    return JointState(
+        stamp=min(part.stamp for part in parts),
+        frame=first.frame,
+        sensor=first.sensor,
+        names=names,
+        positions=column("positions"),
+        **optional,
+    )
+
+
+def _append(readings: deque[R], reading: R) -> None:
+    if not readings or reading.stamp >= readings[-1].stamp:
+        readings.append(reading)
+
+
+def _around(readings: deque[R], stamp: float) -> tuple[R, R, float] | None:
+    """The readings before and after a stamp, and where it lies between them."""
+    if not readings:
+        return None
+    after = readings[-1]
+    for before in reversed(readings):
+        if before.stamp <= stamp:
+            span = after.stamp - before.stamp
+            return before, after, min((stamp - before.stamp) / span, 1.0) if span > 0 else 0.0
+        after = before
+    return after, after, 0.0
+
+
+@dataclass
+class _Series:
+    """The poses of one frame in one parent, by rising stamps."""
+
+    parent: str
+    static: bool
+    stamps: list[float] = field(default_factory=list)
+    transforms: list[Transform] = field(default_factory=list)
+
+    def add(self, transform: Transform) -> None:
+        if self.stamps and transform.stamp <= self.stamps[-1]:
+            return
+        self.stamps.append(transform.stamp)
+        self.transforms.append(transform)
+        if len(self.stamps) >= 2 * LENGTH:
+            del self.stamps[:LENGTH], self.transforms[:LENGTH]
+
+    def around(self, stamp: float) -> "_Series":
+        """The first and the last pose, and the two next to a stamp: no other counts then."""
+        after = bisect_right(self.stamps, stamp)
+        count = len(self.stamps)
+        rows = sorted({0, after - 1, after, count - 1} & {*range(count)})
+        return _Series(
+            self.parent,
+            self.static,
+            [self.stamps[row] for row in rows],
+            [self.transforms[row] for row in rows],
+        )
+
+    def pose(self, stamp: float) -> Pose:
+        """The pose at a stamp that lies between the first and the last."""
+        if self.static:
+            return _pose_there(self.transforms[-1])
+        after = bisect_right(self.stamps, stamp)
+        if after == len(self.stamps):
+            return _pose_there(self.transforms[-1])
+        return _pose_between(self.transforms[after - 1], self.transforms[after], stamp)
+
+
+@final
+class Transforms:
+    """Remembers transforms; between two of them a frame moves evenly, as in ROS (tf2).
+
+    Places go straight and turns by the shortest arc. (pytransform3d has screws, which end at the
+    same poses by another way.)
+    """
+
+    def __init__(self) -> None:
+        self._series: dict[str, _Series] = {}
+        self._frames: frozenset[str] = frozenset()
+
+    def add(self, transform: Transform) -> None:
+        """Remember a transform, unless one of the frame as new is known.
+
+        A frame that gets another parent hangs under that one only from then on.
+        """
+        series = self._series.get(transform.child_frame)
+        if series is None or (series.parent, series.static) != (transform.frame, transform.static):
+            series = self._series[transform.child_frame] = _Series(
+                transform.frame, transform.static
+            )
+            self._frames = frozenset(self._series) | {one.parent for one in self._series.values()}
+        if series.static:  # said again; the newest holds
+            series.stamps.clear()
+            series.transforms.clear()
+        series.add(transform)
+
+    def clear(self) -> None:
+        """Forget all."""
+        self._series.clear()
+        self._frames = frozenset()
+
+    @property
+    def static(self) -> dict[str, Parent]:
+        """By frame that stands still in its parent the parent, and the frame's pose there."""
+        return {
+            frame: (series.parent, _pose_there(series.transforms[-1]))
+            for frame, series in self._series.items()
+            if series.static
+        }
+
+    def at(self, stamp: float) -> "TransformsAt | None":
+        """The frames as they are at a stamp [s]; None while there are none."""
+        return TransformsAt(self._series, self._frames, stamp) if self._series else None
+
+
+def transforms_ahead(readings: Iterable[Reading]) -> Iterator[Reading]:
+    """Readings of a recording, its transforms a second before what else is measured then.
+
+    Live, a pipeline would wait for the transforms that a cloud needs; here they are known.
+
+    Raises:
+        RecordingError: the recording breaks off; what came before it is given first.
+    """
+    held: deque[Reading] = deque()
+    broken: RecordingError | None = None
+    try:
+        for reading in readings:
+            if isinstance(reading, Transform):
+                yield reading
+            else:
+                held.append(reading)
+            while held and held[0].stamp < reading.stamp - AHEAD:
+                yield held.popleft()
+    except RecordingError as error:  # what came before it counts
+        broken = error
+    yield from held
+    if broken:
+        raise broken
+
+
+@final
+@dataclass(frozen=True)
+class TransformsAt:
+    """The frames at one stamp: for a `FrameTree`, which asks for those that it needs."""
+
+    _series: dict[str, _Series]
+    frames: frozenset[str]
+    """All frames that a transform has named."""
+    stamp: float
+    """[s]"""
+    clamped: bool = False
+    """Whether a pose before the first or after the last transform is that of the first or last."""
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Travel to another process with what is known at the stamp, without all that was told."""
+        near = {name: series.around(self.stamp) for name, series in self._series.items()}
+        return TransformsAt, (near, self.frames, self.stamp, self.clamped)
+
+    def nearest(self) -> "TransformsAt":
+        """The same frames, with unknown poses as they were known nearest in time."""
+        return replace(self, clamped=True)
+
+    def parent_of(self, frame: str) -> Parent | None:
+        """The parent of a frame and its pose there; None for one that no transform places.
+
+        Raises:
+            FrameError: the stamp lies outside the time for which transforms tell of the frame.
+        """
+        series = self._series.get(frame)
+        if series is None:
+            return None
+        first, last = series.stamps[0], series.stamps[-1]
+        stamp = min(max(self.stamp, first), last)
+        if not series.static and not self.clamped and stamp != self.stamp:
+            raise FrameError(
+                f"the transform of '{frame}' in '{series.parent}' is not known at "
+                f"{self.stamp:.3f} s: there is one from {first:.3f} to {last:.3f} s"
+            )
+        return series.parent, series.pose(stamp)
+
+
+def _pose_between(before: Transform, after: Transform, stamp: float) -> Pose:
+    part = (stamp - before.stamp) / (after.stamp - before.stamp)
+    if part == 0.0:
+        return _pose_there(before)
+    place = (1.0 - part) * before.position + part * after.position
+    turn = _slerp(before.orientation.tolist(), after.orientation.tolist(), part)
+    return pose_of(place, _matrix(turn))
+
+
+def _pose_there(transform: Transform) -> Pose:
+    return pose_of(transform.position, _matrix(transform.orientation.tolist()))
+
+
+def _slerp(one: Quaternion, other: Quaternion, part: float) -> Quaternion:
+    """Turn from one unit quaternion to another by the shorter arc (K. Shoemake 1985)."""
+    cosine = sum(a * b for a, b in zip(one, other, strict=True))
+    sign = -1.0 if cosine < 0.0 else 1.0
+    if abs(cosine) > NEARLY_ALONG:
+        before, after = 1.0 - part, sign * part
+    else:
+        angle = math.acos(abs(cosine))
+        before = math.sin((1.0 - part) * angle) / math.sin(angle)
+        after = sign * math.sin(part * angle) / math.sin(angle)
+    return [before * a + after * b for a, b in zip(one, other, strict=True)]
+
+
+def _matrix(turn: Quaternion) -> Pose:
+    """The rotation, shape (3, 3), of a quaternion (x, y, z, w) of any length."""
+    x, y, z, w = turn
+    s = 2.0 / (x * x + y * y + z * z + w * w)
+    return np.array(
+        [
+            [1.0 - s * (y * y + z * z), s * (x * y - z * w), s * (x * z + y * w)],
+            [s * (x * y + z * w), 1.0 - s * (x * x + z * z), s * (y * z - x * w)],
+            [s * (x * z - y * w), s * (y * z + x * w), 1.0 - s * (x * x + y * y)],
+        ]
+    )

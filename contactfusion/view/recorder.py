@@ -1,0 +1,258 @@
+"""Writes what is drawn into a file of rerun, whole or not at all; its colours and arrows."""
+
+import math
+from contextlib import ExitStack
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from contactfusion.arrays import FloatArray
+from contactfusion.errors import ContactFusionError, missing_extra
+from contactfusion.files import whole_file
+from contactfusion.frames import Pose
+
+APPLICATION = "contactfusion"
+TIMELINE = "time"
+"""Stamps as the pipeline counts them [s]."""
+UNENDING = 1e9
+"""Longer than any run takes [s]."""
+Colours = NDArray[np.uint8]
+"""Shape (n, 3) or (n, 4): RGB or RGBA in 0..255."""
+Colour = tuple[int, int, int]
+"""RGB in 0..255."""
+RAMP = np.array([[156, 79, 217], [226, 84, 134], [251, 148, 70], [246, 236, 66]], np.float64)
+"""From little to much: violet, pink, orange, yellow, each lighter than the one before."""
+BACKGROUND = (13, 16, 17)
+ROBOT = (150, 158, 170)
+CLOUD = (205, 214, 224)
+CONTACT = (60, 255, 150)
+FORCE = (60, 255, 150)
+WRENCH = (120, 190, 255)
+TORQUE = (120, 120, 255)
+COMMAND = (255, 170, 60)
+TURN = (255, 110, 60)
+MARKER = (255, 255, 255)
+VOXELS = {
+    "contact": (255, 140, 60),
+    "below_threshold": (170, 90, 235),
+    "support_only": (86, 180, 233),
+    "nulled": (150, 150, 160),
+}
+"""By verdict."""
+LINES = (
+    (86, 180, 233),
+    (230, 159, 0),
+    (0, 190, 140),
+    (240, 130, 190),
+    (240, 228, 66),
+    (230, 110, 40),
+    (90, 140, 255),
+)
+"""Of sources in plots, to be told apart by everyone."""
+THICKNESS = 2.0
+"""The radius of an arrow, whatever its distance [points of the screen]."""
+RULER = 0.1
+"""What an arrow of this length means is told [m]."""
+
+
+class Recorder:
+    """A file of rerun in the making; poses and time lines are written when it ends.
+
+    Args:
+        path: the .rrd to write. Its name tells one recording from another in the viewer.
+
+    Raises:
+        ContactFusionError: the file cannot be written.
+        DependencyError: rerun is not installed.
+    """
+
+    def __init__(self, path: Path) -> None:
+        rerun = loaded_rerun()
+        self._poses: dict[str, list[tuple[float, Pose]]] = {}
+        self._values: dict[str, list[tuple[float, float]]] = {}
+        self._shown: set[str] = set()
+        self._states: dict[str, str] = {}
+        self._stream: Any = rerun.RecordingStream(
+            APPLICATION,
+            recording_id=path.stem,
+            send_properties=False,
+            # by size, never by the clock: the same steps are written in the same pieces
+            batcher_config=rerun.ChunkBatcherConfig(flush_tick=UNENDING),
+        )
+        self._stream.set_log_time_enabled(False)
+        self._end = ExitStack()
+        try:
+            self._stream.save(self._end.enter_context(whole_file(path)))
+        except (OSError, RuntimeError) as error:
+            raise ContactFusionError(f"{path} cannot be written: {error}") from None
+        self._end.callback(self._stream.disconnect)
+
+    def draw(self, path: str, stamp: float | None, thing: Any) -> None:
+        """Draw a thing that stands until the next one of its path; None: at all times."""
+        if stamp is not None:
+            self._stream.set_time(TIMELINE, duration=_nanoseconds(stamp))
+        self._stream.log(path, thing, static=stamp is None, strict=True)
+
+    def show(self, path: str, stamp: float, thing: Any, there: bool) -> None:
+        """Draw a thing that comes and goes: its empty form once, when it has gone."""
+        if there or path in self._shown:
+            self.draw(path, stamp, thing)
+        (self._shown.add if there else self._shown.discard)(path)
+
+    def place(self, path: str, stamp: float, pose: Pose) -> None:
+        """Say where the things of a path are from a stamp [s] on."""
+        poses = self._poses.setdefault(path, [])
+        if not poses or not np.array_equal(poses[-1][1], pose):
+            poses.append((stamp, pose))
+
+    def plot(self, path: str, stamp: float, value: float) -> None:
+        """Add a point to a time line; NaN, nothing known, adds none."""
+        if not math.isnan(value):
+            self._values.setdefault(path, []).append((stamp, value))
+
+    def enter(self, path: str, stamp: float, state: str) -> None:
+        """Say in which state something is from a stamp [s] on."""
+        if self._states.get(path) != state:
+            self._states[path] = state
+            self.draw(path, stamp, loaded_rerun().StateChange(state=state))
+
+    def say(self, path: str, stamp: float, level: str, text: str) -> None:
+        """Add a line to a log; the level is INFO or WARN."""
+        self.draw(path, stamp, loaded_rerun().TextLog(f"{stamp:.2f} s: {text}", level=level))
+
+    def send(self, path: str, stamps: FloatArray, columns: Any) -> None:
+        """Write what a path looked like at many stamps, shape (n,) [s], at once."""
+        times = loaded_rerun().TimeColumn(TIMELINE, duration=_nanoseconds(stamps))
+        self._stream.send_columns(path, indexes=[times], columns=columns, strict=True)
+
+    def close(self, blueprint: Any) -> None:
+        """Write all that is left, and give the file its name.
+
+        Args:
+            blueprint: what the viewer shows at first.
+        """
+        with self._end:
+            self._send_poses()
+            self._send_values()
+            self._stream.send_blueprint(blueprint)
+
+    def abandon(self, error: BaseException) -> None:
+        """Leave no file, as something went wrong."""
+        self._end.__exit__(type(error), error, None)
+
+    def _send_poses(self) -> None:
+        for path, poses in self._poses.items():
+            matrices = np.array([pose for _, pose in poses])
+            columns = loaded_rerun().Transform3D.columns(
+                translation=matrices[:, :3, 3],
+                quaternion=Rotation.from_matrix(matrices[:, :3, :3]).as_quat(),
+            )
+            self.send(path, np.array([stamp for stamp, _ in poses]), columns)
+
+    def _send_values(self) -> None:
+        for path, values in self._values.items():
+            stamps, scalars = np.array(values).T
+            self.send(path, stamps, loaded_rerun().Scalars.columns(scalars=scalars))
+
+
+def _nanoseconds(stamps: float | FloatArray) -> Any:
+    """Stamps [s] as whole nanoseconds, alike wherever they are written."""
+    return np.rint(np.multiply(stamps, 1e9)).astype("timedelta64[ns]")
+
+
+def loaded_rerun() -> Any:
+    """The library rerun, loaded only where something is drawn or shown.
+
+    Raises:
+        DependencyError: it is not installed.
+    """
+    try:
+        import rerun
+    except ImportError:
+        raise missing_extra("rerun-sdk", "view") from None
+    return rerun
+
+
+def entity(*names: str) -> str:
+    """The path of an entity; names may hold slashes and spaces."""
+    path: str = loaded_rerun().new_entity_path(list(names))
+    return path
+
+
+def ramp(values: FloatArray) -> Colours:
+    """The colours of values in 0..1, shape (n, 3); the lowest is still seen."""
+    at = np.linspace(0.0, 1.0, len(RAMP))
+    return np.stack([np.interp(values, at, RAMP[:, i]) for i in range(3)], axis=-1).astype(np.uint8)
+
+
+class Sheaf(NamedTuple):
+    """Arrows of one path at one time.
+
+    Attributes:
+        stamp: from when on they are seen [s].
+        vectors: shape (n, 3), in the unit of what they show.
+        tips: where they end, shape (n, 3) [m]; None: they begin at the origin.
+    """
+
+    stamp: float
+    vectors: FloatArray
+    tips: FloatArray | None = None
+
+
+class Arrows:
+    """The forces of a recording, or its torques; written at its end, as the largest sets the scale.
+
+    Args:
+        unit: of their vectors.
+        longest: the longest an arrow may be [m].
+    """
+
+    def __init__(self, unit: str, longest: float) -> None:
+        self._unit, self._longest = unit, longest
+        self._sheaves: dict[str, list[Sheaf]] = {}
+
+    def draw(self, recorder: Recorder, path: str, colour: Colour, sheaf: Sheaf) -> None:
+        """Draw arrows of one colour at a path, until its next; what is nothing comes and goes."""
+        if path not in self._sheaves:
+            if not len(sheaf.vectors):
+                return
+            rerun = loaded_rerun()
+            radii = rerun.Radius.ui_points(THICKNESS)
+            look = rerun.Arrows3D.from_fields(colors=colour, radii=radii)
+            recorder.draw(path, None, look)
+        self._sheaves.setdefault(path, []).append(sheaf)
+
+    def finish(self, recorder: Recorder) -> str:
+        """Write all arrows; say what one of 10 cm means, or nothing where there is none."""
+        sheaves = [sheaf for some in self._sheaves.values() for sheaf in some]
+        vectors = np.concatenate([np.empty((0, 3)), *(sheaf.vectors for sheaf in sheaves)])
+        largest = float(np.linalg.norm(vectors, axis=1).max(initial=0.0))
+        if largest == 0.0:
+            return ""
+        meaning = _rounded_up(RULER / self._longest * largest)
+        for path, some in self._sheaves.items():
+            _send(recorder, path, some, RULER / meaning)
+        return f"{meaning:g} {self._unit}"
+
+
+def _send(recorder: Recorder, path: str, sheaves: list[Sheaf], scale: float) -> None:
+    """Write the arrows of one path; the scale is the length of one unit [m]."""
+    vectors = [scale * sheaf.vectors for sheaf in sheaves]
+    origins = [
+        np.zeros_like(arrows) if sheaf.tips is None else sheaf.tips - arrows
+        for arrows, sheaf in zip(vectors, sheaves, strict=True)
+    ]
+    columns = loaded_rerun().Arrows3D.columns(
+        vectors=np.concatenate(vectors), origins=np.concatenate(origins)
+    )
+    stamps = np.array([sheaf.stamp for sheaf in sheaves])
+    recorder.send(path, stamps, columns.partition([len(arrows) for arrows in vectors]))
+
+
+def _rounded_up(value: float) -> float:
+    """The next greater number of one digit, with any power of ten."""
+    power = 10.0 ** math.floor(math.log10(value))
+    return math.ceil(value / power - 1e-9) * power

@@ -1,0 +1,214 @@
+"""Draws what a pipeline hears, believes and commands, as a file of rerun."""
+
+from collections.abc import Iterator, Mapping
+from itertools import cycle
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Self
+
+import numpy as np
+
+from contactfusion.arrays import FloatArray
+from contactfusion.controller import Command
+from contactfusion.integrator.sources import EventKind, SourceReport
+from contactfusion.pipeline import Step
+from contactfusion.pipeline_config import PipelineConfig
+from contactfusion.readings import Reading
+from contactfusion.state import State
+from contactfusion.view.layout import Extent, layout
+from contactfusion.view.recorder import (
+    CONTACT,
+    LINES,
+    Arrows,
+    Colour,
+    Recorder,
+    entity,
+    loaded_rerun,
+)
+from contactfusion.view.sensors import DRAWN, Sensors, Taxels
+from contactfusion.view.world import Absences, Beliefs, Body, Places, draw_command
+
+LONGEST = 32.0
+"""The longest arrow of a force or a torque, in sides of a voxel."""
+CALM = (EventKind.PLUGGED, EventKind.BACK)
+"""Events that are no warnings."""
+
+STATES = {"active": (45, 125, 80), "silent": (170, 60, 50), "not heard yet": (85, 85, 95)}
+"""How a source does, and the colour of that."""
+MODES = ((40, 105, 160), (150, 100, 20), (110, 75, 165), (20, 120, 115), (150, 65, 115))
+"""The colours of what a controller does, in the order in which it is done first."""
+
+
+class Viewer:
+    """Draws the steps of a pipeline and the readings between them.
+
+    As a context manager it writes the file when the block ends; when the block raises, no file.
+    Of the readings of a sensor since the last step, the newest is drawn, by its own stamp, with
+    its frame where the step finds it. Everything stands in the frame over the hypothesis space:
+    that of the odometry where there is any.
+
+    Args:
+        config: of the pipeline.
+        save: the .rrd to write.
+
+    Raises:
+        ContactFusionError: the file cannot be written.
+        DependencyError: rerun is not installed.
+    """
+
+    def __init__(self, config: PipelineConfig, save: Path) -> None:
+        self._side = config.integrator.voxel_size
+        self._recorder = Recorder(save)
+        longest = LONGEST * self._side
+        self._forces, self._torques = Arrows("N", longest), Arrows("N·m", longest)
+        self._body, self._taxels = Body(config), Taxels(config)
+        self._absences = Absences()
+        self._sensors = Sensors(self._taxels, self._forces, self._torques, self._absences)
+        self._beliefs, self._series = Beliefs(self._side, self._forces), Series(self._recorder)
+        self._extent = Extent()
+        self._waiting: list[Reading] = []
+        up = loaded_rerun().ViewCoordinates.RIGHT_HAND_Z_UP
+        self._recorder.draw("world", None, up)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        if error is not None:
+            self._recorder.abandon(error)
+            return
+        try:
+            self._recorder.close(self._finished())
+        except BaseException as failure:
+            self._recorder.abandon(failure)
+            raise
+
+    def _finished(self) -> Any:
+        """Draw what needs the whole recording; give what the viewer shows first."""
+        self._taxels.finish(self._recorder)
+        scales = [arrows.finish(self._recorder) for arrows in (self._forces, self._torques)]
+        scale = " or ".join(filter(None, scales))
+        lanes = len(self._series.sources) + 1
+        return layout(self._extent, self._side, self._sensors.cameras, lanes, scale)
+
+    def reading(self, reading: Reading) -> None:
+        """Hear a reading; it is drawn with the first step that is not before it."""
+        if isinstance(reading, DRAWN):
+            self._waiting.append(reading)
+
+    def step(self, step: Step, state: State) -> None:
+        """Draw a step.
+
+        Args:
+            step: of the pipeline.
+            state: the robot at the stamp of the step.
+        """
+        places = Places.of(state)
+        if places.unknown:
+            what = f"'{places.grid}' is drawn where it was in '{places.world}' nearest in time"
+            self._absences.add(what, step.stamp, places.unknown)
+        if state.unplaced:
+            self._absences.add("the robot is not drawn", step.stamp, state.unplaced)
+        body = self._body.draw(self._recorder, state, places)
+        seen = self._draw_readings(step.stamp, places)
+        contacts = self._beliefs.draw(self._recorder, step, places)
+        self._extent.include(body, contacts, seen, places.space)
+        if step.command is not None:
+            draw_command(self._recorder, step.command, step.stamp, places, self._body)
+        self._series.draw(step)
+
+    def absences(self) -> Iterator[str]:
+        """What could not be placed, from when to when [s], and why: a line each."""
+        return self._absences.lines()
+
+    def _draw_readings(self, now: float, places: Places) -> FloatArray:
+        """Draw the readings that a step heard; give the points that they saw in the world."""
+        due = [reading for reading in self._waiting if reading.stamp <= now]
+        self._waiting = [reading for reading in self._waiting if reading.stamp > now]
+        newest = {
+            (one.sensor or one.frame, type(one), getattr(one, "name", "")): one for one in due
+        }
+        drawn = [self._sensors.draw(self._recorder, one, places) for one in newest.values()]
+        return np.concatenate([np.empty((0, 3)), *drawn])
+
+
+class Series:
+    """The time lines of one recording.
+
+    Args:
+        recorder: to draw with.
+    """
+
+    def __init__(self, recorder: Recorder) -> None:
+        self._recorder = recorder
+        self._mode = ""
+        self._modes: list[str] = []
+        self.sources: set[str] = set()
+        """All that were ever heard of."""
+        recorder.draw("contacts/count", None, _line(CONTACT, "how many"))
+        recorder.draw("contacts/likelihood", None, _line(CONTACT, "likelihood"))
+
+    def draw(self, step: Step) -> None:
+        """Go on with all lines by one step."""
+        contacts, stamp, recorder = step.fusion.contacts, step.stamp, self._recorder
+        recorder.plot("contacts/count", stamp, len(contacts))
+        recorder.plot("contacts/likelihood", stamp, contacts[0].likelihood if contacts else 0.0)
+        for name, report in step.fusion.report.sources.items():
+            share = contacts[0].shares.get(name, 0.0) if contacts else 0.0
+            self._introduce(name)
+            path = entity(*name.split("/"))
+            recorder.plot(f"shares{path}", stamp, share)
+            recorder.plot(f"rates{path}", stamp, report.rate)
+            recorder.plot(f"ages{path}", stamp, report.age)
+            recorder.enter(f"states{path}", stamp, _state(report))
+        for event in step.events:
+            level = "INFO" if event.kind in CALM else "WARN"
+            recorder.say(entity("events", event.source), stamp, level, event.message)
+        if step.command is not None:
+            self._draw_mode(step.command, stamp)
+
+    def _introduce(self, name: str) -> None:
+        """Introduce a source: its colour in all plots, and the states that it can be in."""
+        if name in self.sources:
+            return
+        colour = LINES[len(self.sources) % len(LINES)]
+        self.sources.add(name)
+        path = entity(*name.split("/"))
+        for lines in ("shares", "rates", "ages"):
+            self._recorder.draw(f"{lines}{path}", None, _line(colour, name))
+        self._recorder.draw(f"states{path}", None, _states(STATES))
+
+    def _draw_mode(self, command: Command, stamp: float) -> None:
+        mode = command.mode or "no mode"
+        if mode not in self._modes:
+            self._modes.append(mode)
+            colours = dict(zip(self._modes, cycle(MODES), strict=False))
+            self._recorder.draw("states/controller", None, _states(colours))
+        self._recorder.enter("states/controller", stamp, mode)
+        if mode != self._mode:
+            self._mode = mode
+            text = ": ".join(filter(None, (mode, command.reason)))
+            self._recorder.say("events/controller", stamp, "INFO", text)
+
+
+def _states(colours: Mapping[str, Colour]) -> Any:
+    """Say what states there are, and their colours."""
+    opaque = [(*colour, 255) for colour in colours.values()]
+    return loaded_rerun().StateConfiguration(values=list(colours), colors=opaque)
+
+
+def _line(colour: Colour, name: str) -> Any:
+    """Draw what stays until the next step says otherwise."""
+    return loaded_rerun().SeriesLines(colors=colour, names=name, interpolation_mode="StepAfter")
+
+
+def _state(report: SourceReport) -> str:
+    """Say in a word how a source does."""
+    if not report.accepted:
+        return "not heard yet"
+    return "active" if report.active else "silent"

@@ -1,0 +1,48 @@
+"""Arrays in npz files: what is wrong with one is said in a sentence."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from contactfusion.errors import ConfigurationError
+from contactfusion.files import read_npz, write_npz
+
+
+def test_what_was_written_is_read_bit_for_bit(tmp_path: Path) -> None:
+    first, second = np.random.default_rng(0).normal(size=(3, 2)), np.array(7)
+    write_npz(tmp_path / "arrays", first=first, second=second)
+    again = read_npz(tmp_path / "arrays", "second", "first")
+    assert [array.tobytes() for array in again] == [second.tobytes(), first.tobytes()]
+
+
+def test_a_missing_file_is_an_error_with_the_nearest_name(tmp_path: Path) -> None:
+    write_npz(tmp_path / "map.npz", a=1)
+    with pytest.raises(ConfigurationError, match="did you mean 'map.npz'"):
+        read_npz(tmp_path / "mep.npz", "a")
+
+
+@pytest.mark.parametrize("length", [0, 1, 10, 100, -30])
+def test_a_file_that_is_cut_off_is_an_error(tmp_path: Path, length: int) -> None:
+    path = tmp_path / "map.npz"
+    write_npz(path, a=np.arange(100))
+    path.write_bytes(path.read_bytes()[:length])
+    with pytest.raises(ConfigurationError, match="map.npz is no npz file of numbers"):
+        read_npz(path, "a")
+
+
+def test_other_numpy_files_are_errors(tmp_path: Path) -> None:
+    path = tmp_path / "map.npz"
+    np.save(tmp_path / "one.npy", np.arange(3))
+    (tmp_path / "one.npy").rename(path)
+    with pytest.raises(ConfigurationError, match="is no npz file"):
+        read_npz(path, "a")
+    np.savez(path, a=np.array([{}], dtype=object))
+    with pytest.raises(ConfigurationError, match="is no npz file of numbers"):
+        read_npz(path, "a")
+
+
+def test_a_missing_array_is_an_error_that_names_the_others(tmp_path: Path) -> None:
+    write_npz(tmp_path / "map.npz", signals=1, places=2)
+    with pytest.raises(ConfigurationError, match="lacks sigma; it holds signals, places"):
+        read_npz(tmp_path / "map.npz", "signals", "sigma")

@@ -1,0 +1,67 @@
+"""Definitions of messages: every ROS means the same by the types that are read."""
+
+from typing import Any
+
+import pytest
+
+from contactfusion.errors import RecordingError
+from contactfusion.recordings.ros.channels import is_standard, ros2_text, types_in
+from contactfusion.recordings.ros.readings import CAMERA_INFO, IMAGE, MAKERS, POSE, TRANSFORMS
+
+interfaces = pytest.importorskip("rosbags.interfaces")
+typesys = pytest.importorskip("rosbags.typesys")
+
+MSG, IDL = interfaces.MessageDefinitionFormat.MSG, interfaces.MessageDefinitionFormat.IDL
+READ = [*MAKERS, POSE, TRANSFORMS, IMAGE, CAMERA_INFO]
+IDL_TEXT = """module my_msgs { module msg {
+  struct Level { float height; sequence<uint8> data; };
+}; };
+"""
+
+
+def defined(text: str, form: Any = MSG) -> Any:
+    return interfaces.MessageDefinition(form, text)
+
+
+@pytest.mark.parametrize("name", [name for name in typesys.Stores.__members__ if name != "EMPTY"])
+def test_every_ros_means_the_same_by_the_types_that_are_read(name: str) -> None:
+    store = typesys.get_typestore(typesys.Stores[name])
+    version = 1 if name == "ROS1_NOETIC" else 2
+    for msgtype in READ:
+        if msgtype not in store.types:  # our own, and tf2 of ROS 1, where it is tf
+            continue
+        text, _ = store.generate_msgdef(msgtype, ros_version=version)
+        assert is_standard(msgtype, types_in(defined(text), msgtype)), msgtype
+
+
+def test_without_a_definition_a_type_is_what_ros_2_means() -> None:
+    none = interfaces.MessageDefinition(interfaces.MessageDefinitionFormat.NONE, "")
+    for nothing in (none, defined("")):
+        assert is_standard(IMAGE, types_in(nothing, IMAGE))
+        assert not is_standard("my_msgs/msg/Level", types_in(nothing, "my_msgs/msg/Level"))
+        assert "uint32 height" in ros2_text(nothing, IMAGE, ros1=False)
+        assert ros2_text(nothing, "my_msgs/msg/Level", ros1=False) == ""
+
+
+def test_other_fields_are_another_type() -> None:
+    text = "std_msgs/Header header\nWrench wrench\n"
+    for wrench, same in (("Vector3 force\nVector3 torque", True), ("Vector3 force", False)):
+        whole = f"{text}{80 * '='}\nMSG: std_msgs/Header\ntime stamp\nstring frame_id\n"
+        whole += f"{80 * '='}\nMSG: geometry_msgs/Wrench\n{wrench}\n"
+        whole += f"{80 * '='}\nMSG: geometry_msgs/Vector3\nfloat64 x\nfloat64 y\nfloat64 z\n"
+        kind = "geometry_msgs/msg/WrenchStamped"
+        assert is_standard(kind, types_in(defined(whole), kind)) is same
+
+
+def test_idl_becomes_msg() -> None:
+    rule = 80 * "=" + "\n"
+    for text in (IDL_TEXT, f"{rule}IDL: my_msgs/msg/Level\n{IDL_TEXT}"):
+        said = ros2_text(defined(text, IDL), "my_msgs/msg/Level", ros1=False)
+        assert said.split("\n")[:2] == ["float32 height", "uint8[] data"]
+
+
+def test_a_definition_that_is_none_is_one_sentence() -> None:
+    with pytest.raises(RecordingError, match="definition of a/msg/B can't be parsed") as error:
+        types_in(defined("{{ no"), "a/msg/B")
+    assert "\n" not in str(error.value)
+    assert ros2_text(defined("{{ no"), "a/msg/B", ros1=True) == ""
