@@ -80,7 +80,7 @@ def plugins(
 ) -> None:
     """List the installed plug-ins, or the options of one."""
     from contactfusion.cli.plugin_commands import import_failures, installed_commands
-    from contactfusion.listing import describe_plugin, list_plugins
+    from contactfusion.cli.plugin_listing import describe_plugin, list_plugins
 
     if name is None:
         broken = import_failures() if strict else {}

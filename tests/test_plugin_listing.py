@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from contactfusion.listing import declared
+from contactfusion.cli.plugin_listing import declared
 from contactfusion.plugins import KINDS, Plugin, installed_plugins
 
 HOOK = '''
