@@ -26,7 +26,7 @@ from contactfusion.scene import open_scene
 from contactfusion_lab.experiments.grasp.plan import DEFAULT, NONE, Column
 from contactfusion_lab.experiments.grasp.reading import read_plan
 from contactfusion_lab.experiments.methods import Method
-from contactfusion_lab.simulation.arm import STEP
+from contactfusion_lab.scenes.arm import STEP
 from contactfusion_lab.simulation.grasp import OBJECT, GraspScene, GraspTruth
 from contactfusion_lab.simulation.grasp_config import GraspConfig
 from contactfusion_lab.simulation.grasp_driver import FASTEST, GraspDriver

@@ -35,7 +35,7 @@ from contactfusion_lab.experiments.touch.rows import (
     shared,
 )
 from contactfusion_lab.experiments.touch.trial import Trial, load, run_trial, save
-from contactfusion_lab.simulation.touch import TouchScene
+from contactfusion_lab.scenes.touch.scene import TouchScene
 
 DE_MORGAN = Method("de_morgan", "cluster_centroid")
 POSTERIOR = Method("posterior", "modes")

@@ -14,16 +14,16 @@ from contactfusion.readings import JointCommand, Reading, Wrench
 from contactfusion.robots.model import RobotModel
 from contactfusion.robots.objects import ObjectModel
 from contactfusion.scene import Facts
-from contactfusion_lab.simulation.approach import led_by
-from contactfusion_lab.simulation.arm import STEP
-from contactfusion_lab.simulation.facts import standing, true_contact
+from contactfusion_lab.scenes.approach import led_by
+from contactfusion_lab.scenes.arm import STEP
+from contactfusion_lab.scenes.facts import standing, true_contact
+from contactfusion_lab.scenes.touch.sensors import TouchSensors
+from contactfusion_lab.scenes.touch.world import contacts_of
 from contactfusion_lab.simulation.grasp_config import GraspConfig
 from contactfusion_lab.simulation.grasp_driver import GraspDriver
 from contactfusion_lab.simulation.grasp_picture import Eye
 from contactfusion_lab.simulation.grasp_placing import check_names, facing, placed, starting
 from contactfusion_lab.simulation.grasp_world import GraspWorld
-from contactfusion_lab.simulation.touch_sensors import TouchSensors
-from contactfusion_lab.simulation.touch_world import contacts_of
 
 OBJECT = "object"
 """What the truth calls the object, whichever it is."""

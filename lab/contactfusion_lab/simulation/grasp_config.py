@@ -9,8 +9,8 @@ from contactfusion.errors import ConfigurationError
 from contactfusion.model import Model
 from contactfusion.robots.objects import ObjectConfig
 from contactfusion.units import Limit, Load, Memory, Nearby, Reach
-from contactfusion_lab.simulation.noise import TouchNoise
-from contactfusion_lab.simulation.touch_config import AnyRange
+from contactfusion_lab.scenes.noise import TouchNoise
+from contactfusion_lab.scenes.touch.config import AnyRange
 
 
 class GraspConfig(Model):

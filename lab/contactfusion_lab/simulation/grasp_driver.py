@@ -10,8 +10,8 @@ from contactfusion.controller import Command
 from contactfusion.errors import ConfigurationError, name_hint
 from contactfusion.frames import Pose, vectors_in
 from contactfusion.robots.model import RobotModel
-from contactfusion_lab.simulation.approach import led_by
-from contactfusion_lab.simulation.arm import STEP
+from contactfusion_lab.scenes.approach import led_by
+from contactfusion_lab.scenes.arm import STEP
 
 SPEED, TURNING = 0.15, 0.6
 """Of the tool at most [m/s, rad/s]."""

@@ -9,7 +9,7 @@ from contactfusion.arrays import FloatArray
 from contactfusion.errors import ConfigurationError, RobotError, name_hint
 from contactfusion.frames import Pose, pose_of
 from contactfusion.robots.model import RobotModel
-from contactfusion_lab.simulation.approach import led_by, solved, tries
+from contactfusion_lab.scenes.approach import led_by, solved, tries
 from contactfusion_lab.simulation.grasp_config import GraspConfig
 
 SEARCHES = 20

@@ -10,10 +10,10 @@ from contactfusion.arrays import FloatArray
 from contactfusion.frames import Pose, inverse, pose_of
 from contactfusion.robots.model import RobotModel
 from contactfusion.robots.objects import ObjectModel
-from contactfusion_lab.simulation.arm import SpringyArm
+from contactfusion_lab.scenes.arm import SpringyArm
+from contactfusion_lab.scenes.touch.world import FAINT, Touching, TouchWorld
 from contactfusion_lab.simulation.grasp_object import add_movable
 from contactfusion_lab.simulation.grasp_picture import Eye
-from contactfusion_lab.simulation.touch_world import FAINT, Touching, TouchWorld
 
 SPINNING, ROLLING = 0.004, 0.0005
 """Lever arms of the moments that the soft pads of a hand carry by friction [m]."""

@@ -11,7 +11,7 @@ from contactfusion.frames import pose_at
 from contactfusion.readings import Odometry, Reading, TactileImage, Twist
 from contactfusion.robots.description import RobotConfig, located, read_robot
 from contactfusion.scene import Facts
-from contactfusion_lab.simulation.facts import standing, true_contact
+from contactfusion_lab.scenes.facts import standing, true_contact
 from contactfusion_lab.simulation.push_bodies import ORIGIN_HEIGHT
 from contactfusion_lab.simulation.push_config import RATE, PushConfig
 from contactfusion_lab.simulation.push_eyes import opened_eyes

@@ -9,7 +9,7 @@ from contactfusion.arrays import FloatArray
 from contactfusion.frames import Pose, inverse, points_in, pose_at, vectors_in
 from contactfusion.robots.description import CameraConfig
 from contactfusion.vision import back_projected
-from contactfusion_lab.simulation.camera import RangeCamera
+from contactfusion_lab.scenes.camera import RangeCamera
 from contactfusion_lab.simulation.push_bodies import ORIGIN_HEIGHT
 from contactfusion_lab.simulation.push_config import CameraNoise
 from contactfusion_lab.simulation.push_view import Planar, PushView, Rays

@@ -19,7 +19,7 @@ from contactfusion.model import rooted
 from contactfusion.pipeline_config import PipelineConfig
 from contactfusion.robots.objects import ObjectConfig, ObjectModel
 from contactfusion.yaml_files import read_yaml
-from contactfusion_lab.simulation.touch_config import TouchConfig
+from contactfusion_lab.scenes.touch.config import TouchConfig
 
 DEFAULT = Path(__file__).with_name("touch.yaml")
 ELEVATIONS = 3

@@ -8,7 +8,7 @@ from contactfusion.errors import ConfigurationError, name_hint
 from contactfusion.model import Model
 from contactfusion.robots.objects import ObjectConfig
 from contactfusion.units import Force, Reach, Speed
-from contactfusion_lab.simulation.noise import TouchNoise
+from contactfusion_lab.scenes.noise import TouchNoise
 
 Range = tuple[float, float]
 

@@ -1,31 +1,31 @@
-"""A hand touches an object: what its sensors read, and apart from that what really happens."""
+"""A touch: where a hand comes from, what its sensors read, and apart from that what happens."""
 
 import itertools
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import Self
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from contactfusion.arrays import FloatArray
+from contactfusion.contacts import Contact
 from contactfusion.errors import ConfigurationError, RobotError, name_hint
-from contactfusion.frames import Pose, inverse
+from contactfusion.frames import Pose, inverse, points_in, pose_of, vectors_in
 from contactfusion.hooks import hookimpl
 from contactfusion.pipeline import Pipeline, Step
 from contactfusion.readings import Reading
 from contactfusion.robots.description import RobotConfig
 from contactfusion.robots.model import RobotModel, shared_robot
 from contactfusion.robots.objects import ObjectModel
-from contactfusion.robots.solids import Solid
+from contactfusion.robots.solids import Solid, loaded_open3d
 from contactfusion.scene import Facts, Hear, Scene, Verdict, heard
-from contactfusion_lab.simulation.aim import aimed, drawn_posture, way_to_touch
-from contactfusion_lab.simulation.approach import Approach, led_by, straight, tries
-from contactfusion_lab.simulation.arm import STEP, SpringyArm
-from contactfusion_lab.simulation.facts import standing, true_contact
-from contactfusion_lab.simulation.touch_config import TouchConfig
-from contactfusion_lab.simulation.touch_sensors import TouchSensors
-from contactfusion_lab.simulation.touch_verdict import touch_verdict
-from contactfusion_lab.simulation.touch_world import Touching, TouchWorld, contacts_of
+from contactfusion_lab.scenes.approach import Approach, led_by, straight, tries
+from contactfusion_lab.scenes.arm import STEP, SpringyArm
+from contactfusion_lab.scenes.facts import standing, true_contact
+from contactfusion_lab.scenes.touch.config import TouchConfig
+from contactfusion_lab.scenes.touch.sensors import TouchSensors
+from contactfusion_lab.scenes.touch.world import Touching, TouchWorld, contacts_of
 
 LEAD = 0.012
 """The physics begins so much before the first touch [m]."""
@@ -49,6 +49,8 @@ EVERY = {"joints": 0.05, "skins": 0.05, "wrenches": 0.01}
 """The time between readings [s]."""
 UNION = 0.05
 """The truth is all that is touched in the last so many seconds [s]."""
+FAR = 0.5
+"""The hand is sent ahead from so far outside the object to find out where it touches first [m]."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -236,6 +238,129 @@ def _check_names(config: TouchConfig, robot: RobotModel) -> None:
                     f"not in '{one.pose.parent}'",
                     f"{part}.{name}.pose.parent",
                 )
+
+
+def aimed(config: TouchConfig, target: ObjectModel, rng: np.random.Generator) -> Pose:
+    """Draw a pose of the tool far from the target, from which it goes ahead along its z.
+
+    Args:
+        config: the directions to come from.
+        target: the object to touch.
+        rng: draws what is left to chance.
+
+    Returns:
+        In the frame of the object's pose.
+    """
+    azimuth, elevation, roll = np.radians(
+        [rng.uniform(*each) for each in (config.azimuth, config.elevation, config.roll)]
+    )
+    level = np.cos(elevation)
+    out = np.array([level * np.cos(azimuth), level * np.sin(azimuth), np.sin(elevation)])
+    side = np.array([-np.sin(azimuth), np.cos(azimuth), 0.0])
+    facing = np.stack([-side, np.cross(-out, -side), -out], axis=1)
+    turned = facing @ Rotation.from_euler("z", roll).as_matrix()
+    lean = np.radians(config.tilt) * np.sqrt(rng.random())
+    about = rng.uniform(0.0, 2.0 * np.pi)
+    leaning = Rotation.from_rotvec(lean * np.array([np.cos(about), np.sin(about), 0.0]))
+    corners = np.concatenate([vertices for vertices, _ in target.solid.meshes])
+    low, high = corners.min(axis=0), corners.max(axis=0)
+    beside = rng.uniform(-config.wander, config.wander, 3) * (high - low)
+    place = points_in(target.config.pose.pose(), ((low + high) / 2.0 + beside)[None])[0]
+    # the tilt turns the way, too: the hand goes where it looks
+    turned = turned @ leaning.as_matrix()
+    away = FAR + float(np.linalg.norm(high - low)) / 2.0
+    return pose_of(place - away * turned[:, 2], turned)
+
+
+def drawn_posture(config: TouchConfig, model: RobotModel, rng: np.random.Generator) -> FloatArray:
+    """Draw where the joints stand, shape (n,) [rad, m], within their limits."""
+    low, high = model.limits.T
+    positions = np.array(
+        [
+            rng.uniform(*config.posture[name])
+            if name in config.posture
+            else model.config.still.get(name, 0.0)
+            for name in model.joint_names
+        ]
+    )
+    return np.asarray(np.clip(positions, low, high))
+
+
+def way_to_touch(
+    model: RobotModel,
+    links: set[str],
+    poses: Mapping[str, Pose],
+    ahead: FloatArray,
+    target: ObjectModel,
+) -> float:
+    """Tell how far links go before they touch an object; inf when they pass it by.
+
+    Args:
+        model: the robot.
+        links: those that may touch.
+        poses: of all links where they begin, in the frame of the object's pose.
+        ahead: shape (3,), the unit vector along which they go.
+        target: the object.
+
+    Returns:
+        The way [m], as exact as the samples of the surface are dense.
+    """
+    open3d = loaded_open3d()
+    scene = open3d.t.geometry.RaycastingScene()
+    for vertices, triangles in target.solid.meshes:
+        corners = points_in(target.config.pose.pose(), vertices).astype(np.float32)
+        scene.add_triangles(open3d.core.Tensor(corners), open3d.core.Tensor(triangles))
+    placed = (
+        points_in(poses[name], part.points) for name, part in model.parts.items() if name in links
+    )
+    points = np.concatenate([np.empty((0, 3)), *placed])  # a link may have no surface
+    rays = np.concatenate([points, np.broadcast_to(ahead, points.shape)], axis=1)
+    hits = scene.cast_rays(open3d.core.Tensor(rays.astype(np.float32)))["t_hit"].numpy()
+    return float(hits.min(initial=np.inf))
+
+
+def touch_verdict(touching: Touching, root: str, pipeline: Pipeline, last: Step) -> Verdict:
+    """Tell where a robot is really touched, and how near the contacts of the last step came.
+
+    Args:
+        touching: in the frame of the robot's root link.
+        root: that link.
+        pipeline: which listened.
+        last: its last step.
+
+    Raises:
+        FrameError: nothing joins the root link to the space.
+    """
+    state = pipeline.state(last.stamp)
+    pose = state.frames.pose(state.grid.frame, of=root)
+    places, forces = points_in(pose, touching.places), vectors_in(pose, touching.forces)
+    truth = replace(touching, places=places, forces=forces)
+    told = {
+        "frame": state.grid.frame,
+        "places": truth.places.tolist(),
+        "forces": truth.forces.tolist(),
+        "links": list(truth.links),
+    }
+    return Verdict(told, tuple(compared(truth, last.fusion.contacts)))
+
+
+def compared(truth: Touching, contacts: Sequence[Contact]) -> Iterator[str]:
+    """Say what really happened, and how near contacts came; one sentence for each true contact.
+
+    Args:
+        truth: in the frame of the contacts.
+        contacts: of the last step.
+    """
+    found = np.reshape([contact.position for contact in contacts], (-1, 3))
+    for place, link in zip(truth.places, truth.links, strict=True):
+        x, y, z = place
+        away = np.linalg.norm(found - place, axis=1).min(initial=np.inf) * 1000.0
+        near = f"nearest contact {away:.0f} mm away" if contacts else "no contact was found"
+        yield f"{link} touched at ({x:.3f}, {y:.3f}, {z:.3f}) m; {near}"
+    if not truth.links and contacts:
+        yield f"nothing was touched; contacts that are none: {len(contacts)}"
+    elif not truth.links:
+        yield "no contact, and none was there"
 
 
 @hookimpl

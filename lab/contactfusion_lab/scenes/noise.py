@@ -8,6 +8,33 @@ from contactfusion.errors import ConfigurationError, name_hint
 from contactfusion.model import Model
 from contactfusion.units import ForceNoise, Spread, TorqueNoise
 
+PROTOTYPE: dict[str, Any] = {
+    "wrist_place": 0.0026,
+    "wrist_turn": 0.3,
+    "encoders": 0.2,
+    "eye_place": 0.004,
+    "eye_turn": 0.3,
+    "depth": 0.0025,
+    "force": 0.2,
+    "torque": 0.01,
+    "force_zero": 0.1,
+    "torque_zero": 0.005,
+    "pressure": 0.02,
+}
+HARDER = {
+    "force_zero": 0.2,
+    "torque_zero": 0.01,
+    "finger_stiffness": 3.0,
+    "flying": 0.02,
+    "zeros": 1.0,
+}
+NOISES: dict[str, dict[str, Any]] = {
+    "none": {"belief": False},
+    "prototype": PROTOTYPE,
+    "full": PROTOTYPE | HARDER,
+}
+"""Noises by name."""
+
 
 class TouchNoise(Model):
     """Standard deviations; what is constant is drawn once a touch."""
@@ -53,31 +80,3 @@ class TouchNoise(Model):
                 f"unknown noise '{value}'; {name_hint(value, NOISES, 'noises')}"
             )
         return NOISES[value]
-
-
-PROTOTYPE: dict[str, Any] = {
-    "wrist_place": 0.0026,
-    "wrist_turn": 0.3,
-    "encoders": 0.2,
-    "eye_place": 0.004,
-    "eye_turn": 0.3,
-    "depth": 0.0025,
-    "force": 0.2,
-    "torque": 0.01,
-    "force_zero": 0.1,
-    "torque_zero": 0.005,
-    "pressure": 0.02,
-}
-HARDER = {
-    "force_zero": 0.2,
-    "torque_zero": 0.01,
-    "finger_stiffness": 3.0,
-    "flying": 0.02,
-    "zeros": 1.0,
-}
-NOISES: dict[str, dict[str, Any]] = {
-    "none": {"belief": False},
-    "prototype": PROTOTYPE,
-    "full": PROTOTYPE | HARDER,
-}
-"""Noises by name."""

@@ -19,9 +19,9 @@ from contactfusion.readings import (
 from contactfusion.robots.model import RobotModel
 from contactfusion.robots.objects import ObjectModel
 from contactfusion.robots.solids import Solid
-from contactfusion_lab.simulation.camera import RangeCamera
-from contactfusion_lab.simulation.noise import TouchNoise
-from contactfusion_lab.simulation.touch_world import Touching
+from contactfusion_lab.scenes.camera import RangeCamera
+from contactfusion_lab.scenes.noise import TouchNoise
+from contactfusion_lab.scenes.touch.world import Touching
 
 SKIN = 0.003
 """A push spreads through the skin as a Gaussian of this standard deviation [m]."""

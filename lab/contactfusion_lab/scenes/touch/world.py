@@ -12,7 +12,7 @@ from contactfusion.frames import Pose, inverse, pose_of, vectors_in
 from contactfusion.robots.bullet import BulletWorld
 from contactfusion.robots.model import RobotModel
 from contactfusion.robots.objects import ObjectModel
-from contactfusion_lab.simulation.arm import SpringyArm
+from contactfusion_lab.scenes.arm import SpringyArm
 
 FAINT = 0.05
 """Less than this is no touch [N]."""
