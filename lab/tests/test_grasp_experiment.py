@@ -35,8 +35,7 @@ from contactfusion_lab.experiments.grasp.reading import check_columns, read_plan
 from contactfusion_lab.experiments.grasp.recorded import recorded
 from contactfusion_lab.experiments.grasp.trial import Row, load, results_csv, run_trial, save
 from contactfusion_lab.experiments.methods import Method
-from contactfusion_lab.simulation.grasp import GraspScene
-from contactfusion_lab.simulation.grasping import grasped
+from contactfusion_lab.scenes.grasp.scene import GraspScene, grasped
 from tests.test_cli import Ask, ask
 
 __all__ = ["ask"]

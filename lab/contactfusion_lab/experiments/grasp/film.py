@@ -15,9 +15,8 @@ from contactfusion_lab.experiments.grasp.plan import Column, Grasp, Plan
 from contactfusion_lab.experiments.grasp.recorded import recorded
 from contactfusion_lab.experiments.grasp.trial import begun, trial_file
 from contactfusion_lab.experiments.workers import failure, reason_of
-from contactfusion_lab.simulation.grasp import GraspScene
-from contactfusion_lab.simulation.grasp_picture import Eye
-from contactfusion_lab.simulation.grasping import GraspCycle
+from contactfusion_lab.scenes.grasp.scene import GraspCycle, GraspScene
+from contactfusion_lab.scenes.grasp.world import Eye
 
 EVERY = 0.15
 """Of the grasp between two frames [s]."""

@@ -17,7 +17,7 @@ from contactfusion.plugins import installed_plugins
 from contactfusion.readings import DepthImage, PointCloud
 from contactfusion.robots.description import RobotConfig
 from contactfusion_lab.experiments.methods import Method
-from contactfusion_lab.simulation.grasp_config import GraspConfig
+from contactfusion_lab.scenes.grasp.config import GraspConfig
 
 DEFAULT = Path(__file__).with_name("grasp.yaml")
 NONE, ALL = "none", "all"

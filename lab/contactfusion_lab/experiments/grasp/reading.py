@@ -13,8 +13,8 @@ from contactfusion.robots.model import RobotModel, shared_robot
 from contactfusion.robots.objects import ObjectConfig, ObjectModel
 from contactfusion.yaml_files import read_yaml
 from contactfusion_lab.experiments.grasp.plan import NONE, Column, Plan, chosen_sources
-from contactfusion_lab.simulation.grasp_config import GraspConfig
-from contactfusion_lab.simulation.grasp_placing import check_names
+from contactfusion_lab.scenes.grasp.config import GraspConfig
+from contactfusion_lab.scenes.grasp.placing import check_names
 
 
 def read_plan(

@@ -7,8 +7,7 @@ from contactfusion.recording_scene import EPOCH_NS, TRUTH, fixed_frames
 from contactfusion.recordings.mcap import McapWriter
 from contactfusion.replaying.configuration import TOPIC, Setting
 from contactfusion_lab.experiments.grasp.plan import Column, Grasp, Plan
-from contactfusion_lab.simulation.grasp import GraspScene
-from contactfusion_lab.simulation.grasping import GraspCycle
+from contactfusion_lab.scenes.grasp.scene import GraspCycle, GraspScene
 
 
 def recorded(

@@ -17,8 +17,7 @@ from contactfusion.files import write_whole
 from contactfusion.pipeline import Pipeline
 from contactfusion.robots.model import shared_robot
 from contactfusion_lab.experiments.grasp.plan import Column, Grasp, Plan
-from contactfusion_lab.simulation.grasp import GraspScene
-from contactfusion_lab.simulation.grasping import GraspCycle, grasped, result_of
+from contactfusion_lab.scenes.grasp.scene import GraspCycle, GraspScene, grasped, result_of
 
 
 @dataclass(frozen=True)

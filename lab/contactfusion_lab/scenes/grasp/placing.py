@@ -10,7 +10,7 @@ from contactfusion.errors import ConfigurationError, RobotError, name_hint
 from contactfusion.frames import Pose, pose_of
 from contactfusion.robots.model import RobotModel
 from contactfusion_lab.scenes.approach import led_by, solved, tries
-from contactfusion_lab.simulation.grasp_config import GraspConfig
+from contactfusion_lab.scenes.grasp.config import GraspConfig
 
 SEARCHES = 20
 """So many searches for joint positions are made."""
