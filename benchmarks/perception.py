@@ -12,7 +12,7 @@ from contactfusion_lab.experiments.proximity_loops import by_loops
 from contactfusion_lab.experiments.push.plan import read_plan
 from contactfusion_lab.experiments.push.targets import read_targets
 from contactfusion_lab.experiments.push.trial import run_trial
-from contactfusion_lab.simulation.push_config import SkinConfig
+from contactfusion_lab.scenes.push.config import SkinConfig
 
 TARGETS, SEED = "random:12", 7
 """Two pushes of each of the paper's objects and each friction."""

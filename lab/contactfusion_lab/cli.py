@@ -201,7 +201,7 @@ def experiment_push(
 ) -> None:
     """Push objects to targets in simulation by contact feedback; resumes where it stopped."""
     from contactfusion_lab.experiments.push.experiment import Options, run_push
-    from contactfusion_lab.simulation.push_config import SkinConfig
+    from contactfusion_lab.scenes.push.config import SkinConfig
 
     options = Options(
         sensings=sensing or ["skin"],

@@ -20,8 +20,8 @@ from contactfusion_lab.learning import collecting
 from contactfusion_lab.learning.collecting import ONCE_MORE, PROXIMITY, live
 from contactfusion_lab.learning.lessons import MOUNTINGS, Detour, Lesson, Motion
 from contactfusion_lab.learning.trials import save
-from contactfusion_lab.simulation.push import PushScene, PushTruth
-from contactfusion_lab.simulation.push_config import PushConfig
+from contactfusion_lab.scenes.push.config import PushConfig
+from contactfusion_lab.scenes.push.scene import PushScene, PushTruth
 from lab.tests.test_push_world import base
 from tests.test_networks import some_weights, write
 

@@ -25,8 +25,7 @@ from contactfusion_lab.learning.lessons import (
     driven_lessons,
     first_lessons,
 )
-from contactfusion_lab.simulation.push_config import PushConfig
-from contactfusion_lab.simulation.push_names import FRICTIONS, PAPER
+from contactfusion_lab.scenes.push.config import FRICTIONS, PAPER, PushConfig
 
 VARIED = 60
 

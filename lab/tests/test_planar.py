@@ -19,21 +19,19 @@ from contactfusion.pipeline import Pipeline
 from contactfusion.pipeline_config import PipelineConfig
 from contactfusion.readings import TactileImage
 from contactfusion.robots.description import located, read_robot
-from contactfusion_lab.simulation import planar_kernels, planar_skin
-from contactfusion_lab.simulation.planar import (
+from contactfusion_lab.scenes.push import planar_kernels
+from contactfusion_lab.scenes.push.config import FRICTIONS, RATE, PushConfig, SkinConfig
+from contactfusion_lab.scenes.push.planar import (
     FRONT,
     HALF_WIDTH,
     REAR,
+    STRIPS,
     PlanarPush,
     planar_trial,
 )
-from contactfusion_lab.simulation.planar_skin import STRIPS
-from contactfusion_lab.simulation.push import BASE
-from contactfusion_lab.simulation.push_config import RATE, PushConfig, SkinConfig
-from contactfusion_lab.simulation.push_names import FRICTIONS
-from contactfusion_lab.simulation.push_skin import PushSkin
-from contactfusion_lab.simulation.push_world import PushWorld
-from contactfusion_lab.simulation.pushing import Ending
+from contactfusion_lab.scenes.push.scene import BASE, Ending
+from contactfusion_lab.scenes.push.sensors import PushSkin
+from contactfusion_lab.scenes.push.world import PushWorld
 
 OBJECTS = ["box", "cylinder", "nonuniform", "lshape", "prism", "light_cylinder"]
 Twist = tuple[float, float, float]
@@ -256,7 +254,6 @@ def test_what_cannot_be_pushed_in_the_plane_is_told() -> None:
 
 
 def test_kernels_that_call_each_other_stand_in_one_module() -> None:
-    for module in (planar_kernels, planar_skin):
-        for name, thing in vars(module).items():
-            if hasattr(thing, "py_func"):
-                assert thing.py_func.__module__ == module.__name__, f"{name} in {module.__name__}"
+    for name, kernel in vars(planar_kernels).items():
+        if hasattr(kernel, "py_func"):
+            assert kernel.py_func.__module__ == planar_kernels.__name__, name

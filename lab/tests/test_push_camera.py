@@ -12,12 +12,11 @@ from contactfusion.generators.proximity import ProximityConfig
 from contactfusion.readings import DepthImage, PointCloud
 from contactfusion.robots.description import CameraConfig
 from contactfusion.robots.model import shared_robot
-from contactfusion_lab.simulation.push import PushScene
-from contactfusion_lab.simulation.push_camera import Picture, PushCamera, beside_steps
-from contactfusion_lab.simulation.push_config import CameraNoise, MisplacedConfig, PushConfig
-from contactfusion_lab.simulation.push_eyes import misplacement
-from contactfusion_lab.simulation.push_surfaces import triangles_of
-from contactfusion_lab.simulation.push_view import Planar, PushView
+from contactfusion_lab.scenes.push.config import CameraNoise, MisplacedConfig, PushConfig
+from contactfusion_lab.scenes.push.objects import triangles_of
+from contactfusion_lab.scenes.push.scene import PushScene
+from contactfusion_lab.scenes.push.sensors import Picture, PushCamera, beside_steps, misplacement
+from contactfusion_lab.scenes.push.view import Planar, PushView
 from lab.tests.test_push_world import base
 
 HERE: Planar = (-0.3, 0.0, 0.0)
@@ -206,7 +205,7 @@ def test_a_misplaced_lidar_sees_the_same_scene_from_elsewhere() -> None:
 
 
 def chance_of(name: str, seed: int = 0) -> np.random.Generator:
-    from contactfusion_lab.simulation.push_eyes import _chance
+    from contactfusion_lab.scenes.push.sensors import _chance
 
     return _chance(seed, name)
 

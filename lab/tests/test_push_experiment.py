@@ -25,11 +25,10 @@ from contactfusion_lab.experiments.push.steering import controller_options
 from contactfusion_lab.experiments.push.targets import GRID, NAMED, Targets, read_targets
 from contactfusion_lab.experiments.push.trial import KINDS, load, run_trial, save
 from contactfusion_lab.experiments.workers import Died
-from contactfusion_lab.simulation.push_config import SkinConfig
-from contactfusion_lab.simulation.push_names import named_object, read_object
-from contactfusion_lab.simulation.push_skin import with_taxels
-from contactfusion_lab.simulation.push_surfaces import outlines
-from contactfusion_lab.simulation.push_world import PushWorld
+from contactfusion_lab.scenes.push.config import SkinConfig, named_object, read_object
+from contactfusion_lab.scenes.push.objects import outlines
+from contactfusion_lab.scenes.push.sensors import with_taxels
+from contactfusion_lab.scenes.push.world import PushWorld
 
 ROOT = Path(__file__).parents[2]
 CONTACTFUSION = Path(sys.executable).with_name("contactfusion")

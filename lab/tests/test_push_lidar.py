@@ -12,10 +12,10 @@ from contactfusion.generators.perceived import ROBOT
 from contactfusion.generators.proximity import ProximityConfig, without
 from contactfusion.readings import PointCloud
 from contactfusion.robots.description import LidarConfig
-from contactfusion_lab.simulation.push import PushScene
-from contactfusion_lab.simulation.push_config import LidarNoise, PushConfig
-from contactfusion_lab.simulation.push_lidar import PushLidar, directions
-from contactfusion_lab.simulation.push_view import Planar, PushView
+from contactfusion_lab.scenes.push.config import LidarNoise, PushConfig
+from contactfusion_lab.scenes.push.scene import PushScene
+from contactfusion_lab.scenes.push.sensors import PushLidar, directions
+from contactfusion_lab.scenes.push.view import Planar, PushView
 from lab.tests.test_push_world import base
 
 HERE: Planar = (-0.3, 0.0, 0.0)

@@ -24,8 +24,8 @@ from contactfusion_lab.experiments.push.plan import CHASSIS, Plan, Push, read_pl
 from contactfusion_lab.experiments.push.recorded import chassis
 from contactfusion_lab.experiments.push.targets import Targets, read_targets
 from contactfusion_lab.experiments.push.trial import ARRAYS, Track, save
-from contactfusion_lab.simulation.push_config import SkinConfig
-from contactfusion_lab.simulation.pushing import Ending
+from contactfusion_lab.scenes.push.config import SkinConfig
+from contactfusion_lab.scenes.push.scene import Ending
 
 PUSH = Push("box", "mu1", "grid", 3, (2.0, 1.0), 0.0, 0.0, 7)
 MODES = ("push", "search", "escape", "realign", "arrived")

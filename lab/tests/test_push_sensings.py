@@ -21,7 +21,7 @@ from contactfusion_lab.experiments.push.sensings import SENSINGS, Change, Sensin
 from contactfusion_lab.experiments.push.trial import load, push_cycles, run_trial
 from contactfusion_lab.experiments.push.watches import Cost
 from contactfusion_lab.experiments.threads import POOLS, one_thread_each
-from contactfusion_lab.simulation.pushing import Cycle
+from contactfusion_lab.scenes.push.scene import Cycle
 from lab.tests.test_push_experiment import content, here, small, target_file, targets
 from tests.test_networks import some_weights, write
 

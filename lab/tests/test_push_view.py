@@ -7,8 +7,8 @@ import pytest
 from numpy.typing import NDArray
 
 from contactfusion.arrays import FloatArray
-from contactfusion_lab.simulation.push_config import PushConfig
-from contactfusion_lab.simulation.push_view import Planar, PushView
+from contactfusion_lab.scenes.push.config import PushConfig
+from contactfusion_lab.scenes.push.view import Planar, PushView
 from lab.tests.test_push_world import base
 
 HERE: Planar = (-0.3, 0.0, 0.0)

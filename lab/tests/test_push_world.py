@@ -15,12 +15,11 @@ import pytest
 from contactfusion.arrays import FloatArray
 from contactfusion.errors import ConfigurationError, RobotError
 from contactfusion.robots.description import RobotConfig, located, read_robot
-from contactfusion_lab.simulation.push import BASE
-from contactfusion_lab.simulation.push_bodies import GRAVITY
-from contactfusion_lab.simulation.push_config import PushConfig
-from contactfusion_lab.simulation.push_names import OTHERS, PAPER, read_object
-from contactfusion_lab.simulation.push_surfaces import outlines
-from contactfusion_lab.simulation.push_world import PushWorld
+from contactfusion_lab.scenes.push.bodies import GRAVITY
+from contactfusion_lab.scenes.push.config import OTHERS, PAPER, PushConfig, read_object
+from contactfusion_lab.scenes.push.objects import outlines
+from contactfusion_lab.scenes.push.scene import BASE
+from contactfusion_lab.scenes.push.world import PushWorld
 from tests.urdfs import link, written
 
 ROOT = Path(__file__).parents[2]

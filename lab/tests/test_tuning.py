@@ -15,8 +15,7 @@ from contactfusion.controllers.reactive_pushing import ReactivePushingConfig
 from contactfusion.errors import ConfigurationError
 from contactfusion.terminal import Progress
 from contactfusion_lab.experiments.push.plan import Plan, Push
-from contactfusion_lab.simulation.push_config import PushConfig
-from contactfusion_lab.simulation.push_names import PAPER
+from contactfusion_lab.scenes.push.config import PAPER, PushConfig
 from contactfusion_lab.tune_push import push, rating, work
 from contactfusion_lab.tune_push.check import check_ranking, check_sets, correlation
 from contactfusion_lab.tune_push.push import Options, tune_push

@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 
 from contactfusion_lab.demo.moments import Moment, sources_of
-from contactfusion_lab.simulation.push_config import PushConfig
-from contactfusion_lab.simulation.pushing import Ending
+from contactfusion_lab.scenes.push.config import PushConfig
+from contactfusion_lab.scenes.push.scene import Ending
 
 NAMES = {"skin": "the skin", "lidar": "the LiDAR", "motion": "the base's own motion"}
 """What sentences call the sources."""

@@ -11,7 +11,7 @@ from contactfusion_lab.demo.account import Story
 from contactfusion_lab.demo.figures import BELIEVED, DEAD, SOURCES, TRUTH
 from contactfusion_lab.demo.moments import FACE, Moment
 from contactfusion_lab.experiments.push.plan import CHASSIS
-from contactfusion_lab.simulation.push_surfaces import outlines
+from contactfusion_lab.scenes.push.objects import outlines
 
 AROUND = 0.55
 """So much is seen around all ways [m]."""

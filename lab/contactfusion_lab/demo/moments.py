@@ -15,9 +15,8 @@ from contactfusion.pipeline import Pipeline, Step
 from contactfusion.readings import Reading
 from contactfusion.running import RunConfig
 from contactfusion_lab.demo.scene import SKIN
-from contactfusion_lab.simulation.push import PushScene, PushTruth
-from contactfusion_lab.simulation.push_config import PushConfig
-from contactfusion_lab.simulation.pushing import Ending, pushed
+from contactfusion_lab.scenes.push.config import PushConfig
+from contactfusion_lab.scenes.push.scene import Ending, PushScene, PushTruth, pushed
 
 FACE = FaceConfig()
 

@@ -20,8 +20,8 @@ from contactfusion_lab.experiments.push.sensings import Change, read_sensing
 from contactfusion_lab.experiments.push.steering import controller_options
 from contactfusion_lab.learning.lessons import MOUNTINGS, SKIN, Lesson, Motion
 from contactfusion_lab.learning.trials import LabelledTrial
-from contactfusion_lab.simulation.push import PushScene, PushTruth
-from contactfusion_lab.simulation.push_config import PushConfig
+from contactfusion_lab.scenes.push.config import PushConfig
+from contactfusion_lab.scenes.push.scene import PushScene, PushTruth
 
 LONGEST = 60.0
 """A lesson ends after so long [s]."""

@@ -8,7 +8,7 @@ from zlib import crc32
 import numpy as np
 
 from contactfusion_lab.experiments.push.targets import GRID, VALIDATION, Place
-from contactfusion_lab.simulation.push_names import FRICTIONS, PAPER
+from contactfusion_lab.scenes.push.config import FRICTIONS, PAPER
 
 Split = Literal["training", "validation"]
 MOUNTINGS = ("lidar", "lidar_side", "lidar_tilted")

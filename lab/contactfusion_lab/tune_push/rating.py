@@ -14,9 +14,9 @@ from contactfusion_lab.experiments.measures import proportion
 from contactfusion_lab.experiments.push.plan import Plan, Push, read_plan
 from contactfusion_lab.experiments.push.targets import Targets
 from contactfusion_lab.experiments.push.trial import push_cycles
-from contactfusion_lab.simulation.planar import planar_trial
-from contactfusion_lab.simulation.push_config import FrictionConfig, PushConfig, SkinConfig
-from contactfusion_lab.simulation.pushing import Ending
+from contactfusion_lab.scenes.push.config import FrictionConfig, PushConfig, SkinConfig
+from contactfusion_lab.scenes.push.planar import planar_trial
+from contactfusion_lab.scenes.push.scene import Ending
 
 REPORTED = (500, 2025)
 """Seeds of trials that results are reported on; nothing is tuned on them."""

@@ -3,7 +3,7 @@
 import numpy as np
 
 from contactfusion_lab.experiments.push.trial import Track
-from contactfusion_lab.simulation.pushing import Ending
+from contactfusion_lab.scenes.push.scene import Ending
 
 EDGE = 0.22
 """Contacts further aside than this are at an edge of the face [m]."""

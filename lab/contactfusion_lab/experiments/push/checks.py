@@ -9,7 +9,7 @@ from contactfusion.pipeline import Pipeline
 from contactfusion.terminal import note
 from contactfusion_lab.experiments.push.plan import Plan, Push
 from contactfusion_lab.experiments.workers import Died, each
-from contactfusion_lab.simulation.push import PushScene
+from contactfusion_lab.scenes.push.scene import PushScene
 
 KINDS = ("point_cloud", "depth_image")
 """What LiDARs and cameras give; where none is switched on, none comes."""

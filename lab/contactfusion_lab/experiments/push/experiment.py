@@ -32,7 +32,7 @@ from contactfusion_lab.experiments.workers import (
     reason_of,
     require_workers,
 )
-from contactfusion_lab.simulation.push_config import SkinConfig
+from contactfusion_lab.scenes.push.config import SkinConfig
 
 Task = tuple[str, str, Push]
 """What feels, by its label; a controller; and a push."""

@@ -12,7 +12,7 @@ from contactfusion_lab.experiments.push.outcomes import Outcome, outcome
 from contactfusion_lab.experiments.push.plan import Plan
 from contactfusion_lab.experiments.push.targets import Targets
 from contactfusion_lab.experiments.push.trial import Track, load
-from contactfusion_lab.simulation.push_names import FRICTIONS
+from contactfusion_lab.scenes.push.config import FRICTIONS
 
 Order = tuple[int, int, int, int]
 """Of a push among all: its targets, object and friction, and its number."""

@@ -12,7 +12,7 @@ from contactfusion.arrays import FloatArray
 from contactfusion.hypotheses import HypothesisKind
 from contactfusion_lab.experiments.push.causes import cause
 from contactfusion_lab.experiments.push.trial import Track
-from contactfusion_lab.simulation.pushing import Ending
+from contactfusion_lab.scenes.push.scene import Ending
 
 
 @dataclass(frozen=True)

@@ -21,10 +21,8 @@ from contactfusion_lab.experiments.push.sensings import Change, Sensing, read_se
 from contactfusion_lab.experiments.push.steering import controller_options, controller_settings
 from contactfusion_lab.experiments.push.targets import Place, Targets
 from contactfusion_lab.experiments.push.things import object_settings, objects_of
-from contactfusion_lab.simulation.push_config import MisplacedConfig, PushConfig, SkinConfig
-from contactfusion_lab.simulation.push_names import FRICTIONS
-from contactfusion_lab.simulation.push_objects import ObjectConfig
-from contactfusion_lab.simulation.push_surfaces import outlines
+from contactfusion_lab.scenes.push.config import FRICTIONS, MisplacedConfig, PushConfig, SkinConfig
+from contactfusion_lab.scenes.push.objects import ObjectConfig, outlines
 
 STARTS = ("nominal", "random")
 OFFSET, YAW = 0.2, 45.0

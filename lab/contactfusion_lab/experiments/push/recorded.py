@@ -13,8 +13,8 @@ from contactfusion.shapes import ShapeConfig
 from contactfusion_lab.experiments.push.animation import Shapes, film
 from contactfusion_lab.experiments.push.plan import Plan, Push
 from contactfusion_lab.experiments.push.trial import push_cycles, track_of
-from contactfusion_lab.simulation.push import PushTruth
-from contactfusion_lab.simulation.push_surfaces import outlines
+from contactfusion_lab.scenes.push.objects import outlines
+from contactfusion_lab.scenes.push.scene import PushTruth
 
 TRUTH = "truth"
 """Topics of what no sensor tells begin with this."""

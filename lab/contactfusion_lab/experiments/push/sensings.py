@@ -21,7 +21,7 @@ from contactfusion.state import State
 from contactfusion.yaml_files import read_yaml
 from contactfusion_lab.experiments.choices import require_known
 from contactfusion_lab.experiments.methods import Method
-from contactfusion_lab.simulation.push_skin import with_taxels
+from contactfusion_lab.scenes.push.sensors import with_taxels
 
 SENSINGS = {
     name: Path(__file__).with_name(f"{name}.yaml")

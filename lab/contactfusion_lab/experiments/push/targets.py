@@ -8,7 +8,7 @@ from pydantic import Field
 from contactfusion.errors import ConfigurationError, name_hint
 from contactfusion.model import Model
 from contactfusion.yaml_files import read_yaml
-from contactfusion_lab.simulation.push_config import Distance
+from contactfusion_lab.scenes.push.config import Distance
 
 Place = tuple[float, float]
 

@@ -8,8 +8,8 @@ from typing import Any
 from contactfusion.errors import ConfigurationError
 from contactfusion.robots.description import RobotConfig
 from contactfusion_lab.experiments.choices import require_known, require_once
-from contactfusion_lab.simulation.push_names import OTHERS, PAPER, named_object, read_object
-from contactfusion_lab.simulation.push_objects import ObjectConfig, UrdfObjectConfig
+from contactfusion_lab.scenes.push.config import OTHERS, PAPER, named_object, read_object
+from contactfusion_lab.scenes.push.objects import ObjectConfig, UrdfObjectConfig
 
 
 def objects_of(names: Sequence[str], files: Sequence[Path]) -> dict[str, ObjectConfig]:

@@ -19,8 +19,7 @@ from contactfusion.npz_files import read_arrays, write_npz
 from contactfusion.pipeline import Pipeline
 from contactfusion_lab.experiments.push.plan import Plan, Push
 from contactfusion_lab.experiments.push.watches import Cost, StopWatch, WatchedScene
-from contactfusion_lab.simulation.push import PushScene
-from contactfusion_lab.simulation.pushing import Cycle, pushed
+from contactfusion_lab.scenes.push.scene import Cycle, PushScene, pushed
 
 KINDS = ("none", "point", "line")
 """How the object touches."""

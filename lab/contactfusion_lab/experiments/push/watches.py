@@ -9,8 +9,8 @@ from contactfusion.pipeline import Ask, Pipeline, Step
 from contactfusion.pipeline_config import PipelineConfig
 from contactfusion.readings import Reading
 from contactfusion.robots.description import RobotConfig
-from contactfusion_lab.simulation.push import PushScene
-from contactfusion_lab.simulation.push_config import PushConfig
+from contactfusion_lab.scenes.push.config import PushConfig
+from contactfusion_lab.scenes.push.scene import PushScene
 
 
 @dataclass(frozen=True, eq=False)

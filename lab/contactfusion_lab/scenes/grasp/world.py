@@ -1,4 +1,4 @@
-"""The physics of a grasp: an arm on springs, a table, an object that moves, and pictures of them."""
+"""The physics of a grasp: an arm on springs, a table, an object that moves, and their pictures."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass

@@ -12,10 +12,8 @@ from contactfusion.frames import inverse, points_in, pose_at, vectors_in
 from contactfusion.robots.description import RobotConfig
 from contactfusion.robots.model import shared_robot
 from contactfusion.robots.solids import loaded_open3d
-from contactfusion_lab.simulation.push_bodies import ORIGIN_HEIGHT
-from contactfusion_lab.simulation.push_objects import ObjectConfig
-from contactfusion_lab.simulation.push_parts import Triangles
-from contactfusion_lab.simulation.push_surfaces import triangles_of
+from contactfusion_lab.scenes.push.bodies import ORIGIN_HEIGHT
+from contactfusion_lab.scenes.push.objects import ObjectConfig, Triangles, triangles_of
 
 Planar = tuple[float, float, float]
 """x, y [m] and yaw [rad] in `odom`."""

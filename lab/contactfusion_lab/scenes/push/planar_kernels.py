@@ -1,4 +1,4 @@
-"""Kernels of the planar model of pushing: one cycle of an object that slides before a driven box.
+"""Kernels of the planar model of pushing: an object slides before a driven box with a skin.
 
 A time-stepping scheme on impulses: each step finds where object and box meet, then projected
 Gauss-Seidel finds impulses that let nothing enter and no friction leave its disk, then velocities
@@ -31,6 +31,8 @@ STATE = 9
 """Numbers in a state."""
 MOST = 16
 """So many contacts at most in one step."""
+FACING = math.cos(math.pi / 4.0)
+"""A strip feels what presses it steeper than this."""
 
 
 @kernel
@@ -345,3 +347,80 @@ def advance(
                 touched[rows, 5] = pushes[c, 0] / step
                 rows += 1
     return rows
+
+
+@kernel
+def _press(
+    touched: FloatArray, steps: int, strip: FloatArray, activation: float, taxels: FloatArray
+) -> None:
+    """Give the mean force on each taxel of a strip; a point presses the two nearest."""
+    facing_x, facing_y, along_x, along_y, middle, pitch, _ = strip
+    n = len(taxels)
+    for row in range(len(touched)):
+        if -(touched[row, 3] * facing_x + touched[row, 4] * facing_y) < FACING:
+            continue
+        place = touched[row, 1] * along_x + touched[row, 2] * along_y - middle
+        place = min(max(place / pitch + (n - 1) / 2.0, 0.0), n - 1.0)
+        lower = min(int(place), n - 2)
+        share, force = place - lower, touched[row, 5] / steps
+        taxels[lower] += force * (1.0 - share)
+        taxels[lower + 1] += force * share
+    for k in range(n):
+        if taxels[k] < activation:
+            taxels[k] = 0.0
+
+
+@kernel
+def feel(
+    touched: FloatArray,
+    steps: int,
+    strips: FloatArray,
+    activation: float,
+    threshold: float,
+    p_max: float,
+    found: FloatArray,
+) -> int:
+    """Feel contacts as skin, generator `tactile` and integrator would: runs of pressed taxels.
+
+    Args:
+        touched: shape (n, 6), as `advance` wrote it.
+        steps: of the cycle.
+        strips: shape (s, 7), of each strip of the skin the way it faces (x, y), the way along it
+            (x, y), its middle along that way [m], pitch [m] and number of its taxels.
+        activation: a taxel that is pressed by less on average over the cycle tells nothing [N].
+        threshold: the likelihood from which a taxel counts.
+        p_max: the largest likelihood.
+        found: takes strip, place along it [m], variance [m²] and likelihood of each run.
+
+    Returns:
+        How many runs there are.
+    """
+    total = int(strips[:, 6].sum())
+    taxels = np.zeros(total)
+    first = count = 0
+    for strip in strips:
+        last = first + int(strip[6])
+        _press(touched, steps, strip, activation, taxels[first:last])
+        first = last
+    largest = taxels.max()
+    first = 0
+    for row in range(len(strips)):
+        pitch, n = strips[row, 5], int(strips[row, 6])
+        mass = moment = second = likeliest = 0.0
+        for k in range(n + 1):
+            p = 0.0
+            if k < n and taxels[first + k] > 0.0:
+                p = min(taxels[first + k] / largest, p_max)
+            if p >= threshold:
+                y = (k - (n - 1) / 2.0) * pitch
+                mass, moment, second = mass + p, moment + p * y, second + p * y * y
+                likeliest = max(likeliest, p)
+            elif mass > 0.0 and count < len(found):
+                mean = moment / mass
+                found[count, 0], found[count, 1] = row, mean + strips[row, 4]
+                found[count, 2] = max(second / mass - mean * mean, 0.0) + pitch * pitch / 12.0
+                found[count, 3] = likeliest
+                count += 1
+                mass = moment = second = likeliest = 0.0
+        first += n
+    return count

@@ -10,14 +10,13 @@ from numpy.typing import NDArray
 from contactfusion.errors import InvalidReadingError
 from contactfusion.readings import Odometry, TactileImage, Twist
 from contactfusion.robots.description import RobotConfig, located, read_robot
-from contactfusion_lab.simulation.push import BASE, PushScene
-from contactfusion_lab.simulation.push_config import PushConfig
+from contactfusion_lab.scenes.push.config import PushConfig
+from contactfusion_lab.scenes.push.scene import BASE, PushScene
 
 FASTEST = np.array([0.5, 0.5, 1.0])
 """The greatest twist: ahead, to the left [m/s], about the vertical [rad/s]."""
 FURTHEST, STRONGEST = 1000.0, 1e4
 """Bounds of places [m] and of what a taxel reads [N]."""
-
 Observation = dict[str, NDArray[np.float64]]
 
 
