@@ -9,8 +9,8 @@ from typing import Any
 import pytest
 
 from contactfusion.controllers.face import FaceConfig
-from contactfusion_lab.experiments.push.steering import controller_options
-from contactfusion_lab.experiments.push.targets import GRID, NEW, REAL_NEAR, VALIDATION
+from contactfusion_lab.experiments.push.plan import GRID, NEW, REAL_NEAR, VALIDATION
+from contactfusion_lab.experiments.push.suites import controller_options
 from contactfusion_lab.learning.lessons import (
     FIELD,
     MOUNTINGS,

@@ -13,13 +13,12 @@ from contactfusion.controllers.face import NARROW
 from contactfusion.errors import ConfigurationError, ContactFusionError
 from contactfusion.hypotheses import HypothesisKind
 from contactfusion.pipeline import Pipeline
-from contactfusion_lab.experiments.push import sensings
-from contactfusion_lab.experiments.push.costs import costs_of, tell_costs
+from contactfusion_lab.experiments.push import suites
 from contactfusion_lab.experiments.push.experiment import Options, read_plans, run_push
 from contactfusion_lab.experiments.push.plan import Plan
-from contactfusion_lab.experiments.push.sensings import SENSINGS, Change, Sensing, read_sensing
+from contactfusion_lab.experiments.push.suites import SENSINGS, Change, Sensing, read_sensing
+from contactfusion_lab.experiments.push.timers import Cost, costs_of, tell_costs
 from contactfusion_lab.experiments.push.trial import load, push_cycles, run_trial
-from contactfusion_lab.experiments.push.watches import Cost
 from contactfusion_lab.experiments.threads import POOLS, one_thread_each
 from contactfusion_lab.scenes.push.scene import Cycle
 from lab.tests.test_push_experiment import content, here, small, target_file, targets
@@ -99,7 +98,7 @@ class TestSensing:
     def test_those_of_the_package_are_taken_unless_others_are_given(
         self, weights: Path, monkeypatch: pytest.MonkeyPatch
     ) -> None:
-        monkeypatch.setattr(sensings, "shipped", lambda: weights)
+        monkeypatch.setattr(suites, "shipped", lambda: weights)
         assert feeling("lidar").settings() == feeling("lidar", weights).settings()
 
     def test_points_are_blurred_by_skins_only(self, weights: Path) -> None:

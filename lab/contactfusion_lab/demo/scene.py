@@ -8,7 +8,7 @@ import yaml
 from contactfusion.errors import ConfigurationError
 from contactfusion.generators.networks import shipped
 from contactfusion.yaml_files import read_yaml
-from contactfusion_lab.experiments.push.sensings import SENSINGS
+from contactfusion_lab.experiments.push.suites import SENSINGS
 
 LEARNED = "lidar_cpm"
 """The generator that reads the LiDAR, unless another is asked for."""

@@ -16,8 +16,7 @@ from contactfusion.generators.proximity import ProximityConfig, without
 from contactfusion.pipeline import Pipeline
 from contactfusion.readings import PointCloud, Reading, Twist
 from contactfusion.robots.description import RobotConfig
-from contactfusion_lab.experiments.push.sensings import Change, read_sensing
-from contactfusion_lab.experiments.push.steering import controller_options
+from contactfusion_lab.experiments.push.suites import Change, controller_options, read_sensing
 from contactfusion_lab.learning.lessons import MOUNTINGS, SKIN, Lesson, Motion
 from contactfusion_lab.learning.trials import LabelledTrial
 from contactfusion_lab.scenes.push.config import PushConfig

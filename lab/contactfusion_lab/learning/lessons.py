@@ -7,7 +7,7 @@ from zlib import crc32
 
 import numpy as np
 
-from contactfusion_lab.experiments.push.targets import GRID, VALIDATION, Place
+from contactfusion_lab.experiments.push.plan import GRID, VALIDATION, Place
 from contactfusion_lab.scenes.push.config import FRICTIONS, PAPER
 
 Split = Literal["training", "validation"]

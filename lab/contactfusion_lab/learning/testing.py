@@ -5,7 +5,7 @@ from pathlib import Path
 
 from contactfusion_lab.experiments.push.experiment import Options, run_push
 from contactfusion_lab.experiments.push.outcomes import outcome
-from contactfusion_lab.experiments.push.perception import perception
+from contactfusion_lab.experiments.push.tables import perception
 from contactfusion_lab.experiments.push.trial import load
 from contactfusion_lab.learning.lessons import MOUNTINGS
 

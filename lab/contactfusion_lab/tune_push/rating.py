@@ -11,8 +11,7 @@ from contactfusion.controllers.reactive_pushing import ReactivePushing, Reactive
 from contactfusion.errors import ConfigurationError
 from contactfusion.pipeline import Pipeline
 from contactfusion_lab.experiments.measures import proportion
-from contactfusion_lab.experiments.push.plan import Plan, Push, read_plan
-from contactfusion_lab.experiments.push.targets import Targets
+from contactfusion_lab.experiments.push.plan import Plan, Push, Targets, read_plan
 from contactfusion_lab.experiments.push.trial import push_cycles
 from contactfusion_lab.scenes.push.config import FrictionConfig, PushConfig, SkinConfig
 from contactfusion_lab.scenes.push.planar import planar_trial

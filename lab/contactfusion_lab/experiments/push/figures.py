@@ -11,8 +11,7 @@ import numpy as np
 from contactfusion.arrays import FloatArray
 from contactfusion.figures import COLOURS, new_figure
 from contactfusion.files import write_whole
-from contactfusion_lab.experiments.push.comparisons import Comparison
-from contactfusion_lab.experiments.push.outcomes import Outcome
+from contactfusion_lab.experiments.push.outcomes import Comparison, Outcome
 from contactfusion_lab.experiments.push.plan import CHASSIS
 from contactfusion_lab.experiments.push.trial import Track
 

@@ -18,7 +18,7 @@ from contactfusion.hypotheses import HypothesisKind
 from contactfusion.npz_files import read_arrays, write_npz
 from contactfusion.pipeline import Pipeline
 from contactfusion_lab.experiments.push.plan import Plan, Push
-from contactfusion_lab.experiments.push.watches import Cost, StopWatch, WatchedScene
+from contactfusion_lab.experiments.push.timers import Cost, StopWatch, WatchedScene
 from contactfusion_lab.scenes.push.scene import Cycle, PushScene, pushed
 
 KINDS = ("none", "point", "line")

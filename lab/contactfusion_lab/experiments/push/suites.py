@@ -1,4 +1,4 @@
-"""What an object is felt with: pipelines by name, and what may differ in them."""
+"""Sensor suites of a push, by name, and its controllers."""
 
 import hashlib
 from collections.abc import Mapping, Sequence
@@ -7,8 +7,9 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
-from contactfusion.assembly import AnyGenerator, built_generator
+from contactfusion.assembly import AnyGenerator, built_controller, built_generator
 from contactfusion.controllers.face import NARROW, FaceConfig
+from contactfusion.controllers.pushing_parameters import SETS
 from contactfusion.errors import ConfigurationError, name_hint
 from contactfusion.generators.networks import read_networks, shipped
 from contactfusion.hypotheses import HypothesisCloud, HypothesisKind
@@ -194,3 +195,33 @@ def _without(pipeline: PipelineConfig, without: Sequence[str], name: str) -> Pip
         if not sources[generator].keys() <= set(without)
     }
     return pipeline.model_copy(update={"generators": kept})
+
+
+def controller_options(name: str, target: tuple[float, float], face: FaceConfig) -> dict[str, Any]:
+    """Give the configuration of a controller.
+
+    Args:
+        name: of a set of parameters of `reactive_pushing`, or of an installed controller.
+        target: where to [m].
+        face: what pushes.
+
+    Raises:
+        ConfigurationError: there is neither of that name.
+    """
+    told = {"target": target, "face": face.model_dump()}
+    if name in SETS:
+        return {"type": "reactive_pushing", "parameters": name, **told}
+    installed = installed_plugins().offers("controllers")
+    if name not in installed:
+        hint = name_hint(name, [*SETS, *installed], "controllers")
+        raise ConfigurationError(f"unknown controller '{name}'; {hint}")
+    return {"type": name, **told}
+
+
+def controller_settings(controller: str, face: FaceConfig) -> Any:
+    """Give all options of a controller but `target` and `face`."""
+    options = controller_options(controller, (0.0, 0.0), face)
+    built = built_controller(PipelineConfig(controller=options))
+    assert built is not None
+    held = built.config.model_dump(mode="json", exclude={"target", "face"})
+    return {"type": options["type"], **held}
