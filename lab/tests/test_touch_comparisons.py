@@ -4,9 +4,8 @@ import numpy as np
 import pytest
 
 from contactfusion.arrays import FloatArray
-from contactfusion_lab.experiments.touch.comparisons import best_single, compare, comparisons_text
 from contactfusion_lab.experiments.touch.plan import Touch
-from contactfusion_lab.experiments.touch.rows import Outcome
+from contactfusion_lab.experiments.touch.rows import Outcome, best_single, compare, comparisons_text
 
 NAN = float("nan")
 
