@@ -23,8 +23,7 @@ from contactfusion.readings import JointCommand, JointState, TactileImage, Twist
 from contactfusion.robots.model import RobotModel, shared_robot
 from contactfusion.running import run_file
 from contactfusion.scene import open_scene
-from contactfusion_lab.experiments.grasp.plan import DEFAULT, NONE, Column
-from contactfusion_lab.experiments.grasp.reading import read_plan
+from contactfusion_lab.experiments.grasp.plan import DEFAULT, NONE, Column, read_plan
 from contactfusion_lab.experiments.methods import Method
 from contactfusion_lab.scenes.arm import STEP
 from contactfusion_lab.scenes.grasp.config import GraspConfig

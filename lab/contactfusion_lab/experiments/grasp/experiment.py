@@ -14,10 +14,17 @@ from contactfusion.files import make_folder, write_whole
 from contactfusion.terminal import note
 from contactfusion_lab.experiments.choices import require_once, trial_called
 from contactfusion_lab.experiments.folder import as_json, joined
-from contactfusion_lab.experiments.grasp import figures, tables
+from contactfusion_lab.experiments.grasp import tables
 from contactfusion_lab.experiments.grasp.film import film_all
-from contactfusion_lab.experiments.grasp.plan import DEFAULT, NONE, Column, Grasp, Plan
-from contactfusion_lab.experiments.grasp.reading import check_columns, read_plan
+from contactfusion_lab.experiments.grasp.plan import (
+    DEFAULT,
+    NONE,
+    Column,
+    Grasp,
+    Plan,
+    check_columns,
+    read_plan,
+)
 from contactfusion_lab.experiments.grasp.trial import (
     Row,
     load,
@@ -165,8 +172,8 @@ def evaluate(
     write_whole(out / "results.csv", results_csv([row for rows in found.values() for row in rows]))
     write_whole(out / "summary.json", as_json(summary))
     write_whole(out / "table.md", "\n\n".join(texts) + "\n")
-    figures.draw_success(summaries, out / "success.png")
-    figures.draw_places(found, out / "places.png")
+    tables.draw_success(summaries, out / "success.png")
+    tables.draw_places(found, out / "places.png")
     note(success, end="\n\n")
     print(f"results: {out}/table.md, results.csv, summary.json, success.png, places.png")
 

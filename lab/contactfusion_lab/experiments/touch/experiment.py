@@ -212,9 +212,9 @@ def _by_method(
         for modality in row.modalities:
             fewer = [outcome(one, row, method, config, without=modality) for one in trials]
             without[fewer[0].row] = fewer
-    for each in (*found.values(), *without.values()):
-        results.outcomes += each
-        results.measures += tables.measures_of(each, plan.seed)
+    for outcomes in (*found.values(), *without.values()):
+        results.outcomes += outcomes
+        results.measures += tables.measures_of(outcomes, plan.seed)
     for text in (tables.table_text, tables.contacts_text):
         results.texts.append(text(results.measures, list(found), str(method)))
     results.texts.append(tables.table_text(results.measures, list(without), str(method)))
