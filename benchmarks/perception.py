@@ -8,7 +8,7 @@ from benchmarks.interleave import Rounds, Spread, interleave, timed
 from benchmarks.table import Row
 from contactfusion.generators.networks import ContactNetworks, shipped
 from contactfusion.generators.proximity import ProximityConfig
-from contactfusion_lab.experiments.proximity_loops import by_loops
+from contactfusion_lab.experiments.ouster import by_loops
 from contactfusion_lab.experiments.push.plan import read_plan, read_targets
 from contactfusion_lab.experiments.push.trial import run_trial
 from contactfusion_lab.scenes.push.config import SkinConfig

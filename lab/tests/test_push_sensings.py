@@ -19,7 +19,7 @@ from contactfusion_lab.experiments.push.plan import Plan
 from contactfusion_lab.experiments.push.suites import SENSINGS, Change, Sensing, read_sensing
 from contactfusion_lab.experiments.push.timers import Cost, costs_of, tell_costs
 from contactfusion_lab.experiments.push.trial import load, push_cycles, run_trial
-from contactfusion_lab.experiments.threads import POOLS, one_thread_each
+from contactfusion_lab.experiments.workers import POOLS, one_thread_each
 from contactfusion_lab.scenes.push.scene import Cycle
 from lab.tests.test_push_experiment import content, here, small, target_file, targets
 from tests.test_networks import some_weights, write

@@ -1,11 +1,13 @@
 """Many tasks, each in a process that may die without harm to the others."""
 
 import multiprocessing
+import os
 import signal
 import sys
 import time
 from collections import deque
 from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from multiprocessing.connection import Connection, wait
 from typing import Generic, TypeVar, final
@@ -17,6 +19,7 @@ T = TypeVar("T")
 R = TypeVar("R")
 TOLD = 50
 """Where nobody looks, every so many tasks are told."""
+POOLS = ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "OMP_NUM_THREADS")
 
 
 @dataclass(frozen=True)
@@ -170,3 +173,19 @@ def _serve(make: Callable[[T], R], pipe: Connection) -> None:
             pipe.send(make(pipe.recv()))
     except (EOFError, OSError):
         return  # nobody asks any more
+
+
+@contextmanager
+def one_thread_each() -> Iterator[None]:
+    """Let processes that begin within have one thread, unless the user says how many.
+
+    There are as many workers as there are cores to use; a second thread of one would wait for the
+    others, and a cycle of 5 ms would take 25.
+    """
+    mine = [name for name in POOLS if name not in os.environ]
+    os.environ.update(dict.fromkeys(mine, "1"))
+    try:
+        yield
+    finally:
+        for name in mine:
+            os.environ.pop(name, None)

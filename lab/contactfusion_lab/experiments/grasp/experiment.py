@@ -34,10 +34,10 @@ from contactfusion_lab.experiments.grasp.trial import (
     trial_file,
 )
 from contactfusion_lab.experiments.methods import Method
-from contactfusion_lab.experiments.threads import one_thread_each
 from contactfusion_lab.experiments.workers import (
     each,
     failure,
+    one_thread_each,
     progress,
     reason_of,
     require_workers,

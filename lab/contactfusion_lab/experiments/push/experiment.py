@@ -20,11 +20,11 @@ from contactfusion_lab.experiments.push.plan import Plan, Push, read_plan, read_
 from contactfusion_lab.experiments.push.suites import Change, Sensing, controller_options
 from contactfusion_lab.experiments.push.timers import Cost, tell_costs
 from contactfusion_lab.experiments.push.trial import run_trial, save
-from contactfusion_lab.experiments.threads import one_thread_each
 from contactfusion_lab.experiments.workers import (
     Died,
     each,
     failure,
+    one_thread_each,
     progress,
     reason_of,
     require_workers,
