@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from contactfusion_lab.demo.moments import Moment, sources_of
+from contactfusion_lab.demo.scene import Moment, sources_of
 from contactfusion_lab.scenes.push.config import PushConfig
 from contactfusion_lab.scenes.push.scene import Ending
 

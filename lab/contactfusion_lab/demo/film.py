@@ -1,5 +1,7 @@
-"""One frame of the film: from above, the contact close up, and who feels it."""
+"""Pictures of the push: figures over time, an animated GIF, its frame in which the skin dies."""
 
+import io
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -7,12 +9,16 @@ from numpy.typing import NDArray
 
 from contactfusion.arrays import FloatArray
 from contactfusion.figures import COLOURS, new_figure
+from contactfusion.files import write_whole
 from contactfusion_lab.demo.account import Story
-from contactfusion_lab.demo.figures import BELIEVED, DEAD, SOURCES, TRUTH
-from contactfusion_lab.demo.moments import FACE, Moment
+from contactfusion_lab.demo.scene import FACE, Moment
 from contactfusion_lab.experiments.push.plan import CHASSIS
 from contactfusion_lab.scenes.push.objects import outlines
 
+SHOWN, DEATH, LAST = 100, 1500, 3000
+"""How long a frame is shown: any, the one in which the skin dies, the last one [ms]."""
+SHADES = 96
+"""Of the GIF."""
 AROUND = 0.55
 """So much is seen around all ways [m]."""
 CLOSE = (-34.0, 34.0, -12.0, 24.0)
@@ -31,6 +37,52 @@ ROBOT = np.array([FACE.ahead, 0.0]) + [
     [-CHASSIS[0], -CHASSIS[1] / 2.0],
 ]
 """The corners of the robot in its frame [m]."""
+SOURCES = {"skin": COLOURS[1], "lidar": COLOURS[0], "motion": COLOURS[2]}
+"""The colour of each source, here and in the film."""
+TRUTH, BELIEVED, DEAD = "#222222", COLOURS[3], "#cc0000"
+SIZE = (5.6, 3.6)
+"""Small, so that letters are large beside it [inches]."""
+Figure = Any
+
+
+def film(story: Story, path: Path, still: Path, stride: int = 2) -> tuple[int, int]:
+    """Draw the push as an animated GIF.
+
+    Args:
+        story: of the push.
+        path: the GIF to write.
+        still: the PNG to write: the frame in which the skin dies.
+        stride: every so many cycles is a frame.
+
+    Returns:
+        Width and height [pixels].
+    """
+    from PIL import Image
+
+    moments = [*story.moments[:-1:stride], story.last]
+    drawn = Frames(story, stride)
+    pictures = [Image.fromarray(drawn.picture(one)) for one in moments]
+    death = next((n for n, one in enumerate(moments) if dies(story, one, stride)), -1)
+    palette = pictures[death].quantize(SHADES)
+    frames = [one.quantize(palette=palette, dither=Image.Dither.NONE) for one in pictures]
+    shown = [SHOWN] * len(frames)
+    shown[death], shown[-1] = DEATH, LAST
+    content = io.BytesIO()
+    frames[0].save(
+        content,
+        format="GIF",
+        save_all=True,
+        append_images=frames[1:],
+        duration=shown,
+        loop=0,
+        optimize=False,
+    )
+    write_whole(path, content.getvalue())
+    content = io.BytesIO()
+    pictures[death].save(content, format="PNG")
+    write_whole(still, content.getvalue())
+    width, height = pictures[death].size
+    return width, height
 
 
 class Frames:
@@ -190,3 +242,84 @@ def _seen(points: FloatArray, pose: tuple[float, float, float]) -> FloatArray:
 def _rotation(yaw: float) -> FloatArray:
     cos, sin = np.cos(yaw), np.sin(yaw)
     return np.array([[cos, -sin], [sin, cos]])
+
+
+def distance_figure(story: Story) -> bytes:
+    """Draw how far the contact is from the target, in truth and as the robot believes."""
+    figure, axes = _empty(story, "to the target [m]")
+    alone = [one for one in story.alone if one.truth.kind != "none"]
+    # between two touches the box stands still
+    stamps = [*(one.stamp for one in alone), story.alone[-1].stamp]
+    distances = [*(one.truth.distance for one in alone), alone[-1].truth.distance]
+    style = {"color": "#888888", "linestyle": ":", "label": "with the skin alone"}
+    axes.step(stamps, distances, where="post", **style)
+    rows = [(one.stamp, one.truth.distance, one.left) for one in story.moments]
+    stamp, true, believed = np.array(rows).T
+    axes.plot(stamp, true, color=TRUTH, linewidth=2.5, label="truth")
+    axes.plot(stamp, believed, color=BELIEVED, linestyle="--", label="believed")
+    axes.axhspan(0.0, story.push.within, color=COLOURS[2], alpha=0.3, label="arrived")
+    axes.set_ylim(bottom=0.0)
+    return _png(figure, axes)
+
+
+def lateral_figure(story: Story) -> bytes:
+    """Draw where along the face the contact is, in truth, fused, and by each source alone."""
+    figure, axes = _empty(story, "contact, left of the middle [cm]")
+    stamp = [one.stamp for one in story.moments]
+    true = [100.0 * one.truth.contact[1] for one in story.moments]
+    fused = [100.0 * one.touch.lateral if one.touch else np.nan for one in story.moments]
+    axes.plot(stamp, true, color=TRUTH, linewidth=2.5, label="truth")
+    for source in story.last.alone:
+        beliefs = [100.0 * one.alone[source] for one in story.moments]
+        colour = SOURCES.get(source, "#555555")
+        axes.plot(stamp, beliefs, ".", color=colour, markersize=4.0, label=f"{source} alone")
+    axes.plot(stamp, fused, color=BELIEVED, linestyle="--", label="fused")
+    axes.axhline(0.0, color="#bbbbbb", linewidth=0.8, zorder=0)
+    return _png(figure, axes)
+
+
+def shares_figure(story: Story) -> bytes:
+    """Draw how much of the contact's likelihood each source gives."""
+    figure, axes = _empty(story, "share of the contact [%]")
+    stamp = [one.stamp for one in story.moments]
+    shares = [
+        [100.0 * one.shares.get(source, 0.0) for one in story.moments] for source in story.sources
+    ]
+    colours = [SOURCES.get(source, "#555555") for source in story.sources]
+    axes.stackplot(stamp, shares, labels=story.sources, colors=colours, alpha=0.8)
+    axes.set_ylim(0.0, 100.0)
+    return _png(figure, axes)
+
+
+def png_of(figure: Figure) -> bytes:
+    """Give a figure as a PNG file."""
+    content = io.BytesIO()
+    figure.savefig(content, dpi=160, format="png")
+    return content.getvalue()
+
+
+def _empty(story: Story, label: str) -> tuple[Figure, Any]:
+    figure = new_figure(*SIZE)
+    axes = figure.subplots()
+    axes.axvline(story.dies, color=DEAD, linewidth=1.5, zorder=5)
+    axes.annotate(
+        "the skin dies",
+        (story.dies, 1.0),
+        (4.0, -4.0),
+        xycoords=("data", "axes fraction"),
+        textcoords="offset points",
+        color=DEAD,
+        va="top",
+        zorder=6,
+        bbox={"facecolor": "white", "edgecolor": "none", "alpha": 0.8, "pad": 1.5},
+    )
+    axes.set(xlabel="time [s]", ylabel=label, xlim=(0.0, story.last.stamp))
+    axes.locator_params(axis="x", steps=[1, 2, 5, 10])
+    axes.grid(linewidth=0.3, color="#cccccc")
+    axes.set_axisbelow(True)
+    return figure, axes
+
+
+def _png(figure: Figure, axes: Any) -> bytes:
+    axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.2), ncols=4, frameon=False)
+    return png_of(figure)

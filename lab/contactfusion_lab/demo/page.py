@@ -9,7 +9,7 @@ from string import Template
 from contactfusion.explain import explain
 from contactfusion.hypotheses import HypothesisKind
 from contactfusion_lab.demo.account import NAMES, Story, sentences
-from contactfusion_lab.demo.moments import Moment
+from contactfusion_lab.demo.scene import Moment
 
 TITLE = "The skin dies, the robot pushes on"
 FAILED = "The skin dies, and the robot does not arrive"
