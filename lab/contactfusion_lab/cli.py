@@ -50,7 +50,7 @@ def tune_push(
 ) -> None:
     """Search parameters of reactive pushing in a planar model; resumes where it stopped."""
     if check:
-        from contactfusion_lab.tune_push.check import check_ranking
+        from contactfusion_lab.tune_push.push import check_ranking
 
         check_ranking(trials, seed, workers, out)
         return

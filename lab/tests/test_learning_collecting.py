@@ -16,10 +16,17 @@ from contactfusion.generators.perceived import ROBOT
 from contactfusion.generators.proximity import without
 from contactfusion.readings import PointCloud, Reading
 from contactfusion.state import State
-from contactfusion_lab.learning import collecting
-from contactfusion_lab.learning.collecting import ONCE_MORE, PROXIMITY, live
-from contactfusion_lab.learning.lessons import MOUNTINGS, Detour, Lesson, Motion
-from contactfusion_lab.learning.trials import save
+from contactfusion_lab.learning import rollout
+from contactfusion_lab.learning.dataset import save
+from contactfusion_lab.learning.rollout import (
+    MOUNTINGS,
+    ONCE_MORE,
+    PROXIMITY,
+    Detour,
+    Lesson,
+    Motion,
+    live,
+)
 from contactfusion_lab.scenes.push.config import PushConfig
 from contactfusion_lab.scenes.push.scene import PushScene, PushTruth
 from lab.tests.test_push_world import base
@@ -53,7 +60,7 @@ def driven(monkeypatch: pytest.MonkeyPatch) -> list[Driven]:
 @pytest.fixture
 def short(monkeypatch: pytest.MonkeyPatch) -> None:
     """Let lessons end after 1.5 s."""
-    monkeypatch.setattr(collecting, "LONGEST", 1.5)
+    monkeypatch.setattr(rollout, "LONGEST", 1.5)
 
 
 def lesson(**fields: Any) -> Lesson:
@@ -155,7 +162,7 @@ def test_in_a_detour_the_base_moves_as_told(driven: list[Driven]) -> None:
 def test_after_arrival_it_backs_off_and_comes_again(driven: list[Driven], seed: int) -> None:
     trial = live(lesson(target=NEAR, seed=seed), None)
     end = trial.stamp[-1]
-    assert end < collecting.LONGEST
+    assert end < rollout.LONGEST
     arrived = end - 2.0 * ONCE_MORE
     after = [cycle for cycle in driven if cycle.stamp > arrived - 0.05]
     away = [cycle.motion for cycle in after if cycle.stamp < arrived + ONCE_MORE - 0.05]

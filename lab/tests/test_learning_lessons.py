@@ -11,7 +11,7 @@ import pytest
 from contactfusion.controllers.face import FaceConfig
 from contactfusion_lab.experiments.push.plan import GRID, NEW, REAL_NEAR, VALIDATION
 from contactfusion_lab.experiments.push.suites import controller_options
-from contactfusion_lab.learning.lessons import (
+from contactfusion_lab.learning.rollout import (
     FIELD,
     MOUNTINGS,
     NEAREST,

@@ -11,11 +11,11 @@ from contactfusion.errors import ConfigurationError
 from contactfusion.generators.network_card import NetworksCard
 from contactfusion.generators.networks import ContactNetworks, read_networks
 from contactfusion.generators.proximity import BoxConfig, ProximityConfig
-from contactfusion_lab.learning.curves import draw_curves
+from contactfusion_lab.learning.cpm import draw_curves
+from contactfusion_lab.learning.dataset import Dataset
+from contactfusion_lab.learning.export import write_networks
 from contactfusion_lab.learning.networks import predict
-from contactfusion_lab.learning.shipping import write_networks
 from contactfusion_lab.learning.training import Options, Trained, train
-from contactfusion_lab.learning.windows import Dataset
 from lab.tests.learning_toys import toy_trials
 
 DATA = Dataset.of(toy_trials(6, 4))

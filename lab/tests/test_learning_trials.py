@@ -9,7 +9,7 @@ import pytest
 
 from contactfusion.errors import ConfigurationError
 from contactfusion.npz_files import read_arrays, write_npz
-from contactfusion_lab.learning.trials import ARRAYS, TOLD, load, save
+from contactfusion_lab.learning.dataset import ARRAYS, TOLD, load, save
 from lab.tests.learning_toys import toy_trial
 
 TRIAL = toy_trial(3, "validation", cycles=25)

@@ -7,8 +7,7 @@ import pytest
 
 from contactfusion.arrays import FloatArray
 from contactfusion.errors import ConfigurationError
-from contactfusion_lab.learning.trials import LabelledTrial
-from contactfusion_lab.learning.windows import Dataset, Windows
+from contactfusion_lab.learning.dataset import Dataset, LabelledTrial, Windows
 from lab.tests.learning_toys import toy_trial, toy_trials
 
 

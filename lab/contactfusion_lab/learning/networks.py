@@ -11,7 +11,7 @@ from contactfusion.generators.lstm import LAYERS, UNITS, Weights
 from contactfusion.generators.network_card import Scale
 from contactfusion.generators.networks import OUTPUTS
 from contactfusion_lab.learning.backend import repeatable, torch
-from contactfusion_lab.learning.windows import WINDOW, Windows
+from contactfusion_lab.learning.dataset import WINDOW, Windows
 
 Name = Literal["location", "type"]
 """Of a network."""
