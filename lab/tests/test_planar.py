@@ -20,16 +20,15 @@ from contactfusion.pipeline_config import PipelineConfig
 from contactfusion.readings import TactileImage
 from contactfusion.robots.description import located, read_robot
 from contactfusion_lab.scenes.push import planar_kernels
+from contactfusion_lab.scenes.push.bodies import ORIGIN_HEIGHT
 from contactfusion_lab.scenes.push.config import FRICTIONS, RATE, PushConfig, SkinConfig
 from contactfusion_lab.scenes.push.planar import (
-    FRONT,
-    HALF_WIDTH,
-    REAR,
+    CHASSIS,
     STRIPS,
     PlanarPush,
     planar_trial,
 )
-from contactfusion_lab.scenes.push.scene import BASE, Ending
+from contactfusion_lab.scenes.push.scene import BASE, Ending, mobile_base
 from contactfusion_lab.scenes.push.sensors import PushSkin
 from contactfusion_lab.scenes.push.world import PushWorld
 
@@ -148,9 +147,9 @@ def deepest(push: PlanarPush) -> float:
     x, y, yaw = push.base_pose
     cos, sin = math.cos(yaw), math.sin(yaw)
     local = (world - [x, y]) @ np.array([[cos, -sin], [sin, cos]])
-    outside = np.maximum(
-        np.maximum(REAR - local[:, 0], local[:, 0] - FRONT), np.abs(local[:, 1]) - HALF_WIDTH
-    )
+    base = mobile_base()
+    behind, before = base.rear - local[:, 0], local[:, 0] - base.front
+    outside = np.maximum(np.maximum(behind, before), np.abs(local[:, 1]) - base.half_width)
     return float((radii - outside).max())
 
 
@@ -178,8 +177,9 @@ def test_a_push_moves_an_object_as_pybullet_does(thing: str, friction: str) -> N
 
 def test_the_base_is_that_of_the_description() -> None:
     robot = read_robot(located(BASE))
-    base = PushWorld(scene(), robot).base
-    assert (base.rear, base.front, base.half_width) == pytest.approx((REAR, FRONT, HALF_WIDTH))
+    assert PushWorld(scene(), robot).base.chassis == mobile_base()
+    z, height = ORIGIN_HEIGHT + mobile_base().xyz[2], mobile_base().size[2]
+    assert (z - height / 2.0, z + height / 2.0) == pytest.approx(CHASSIS)
     for strip, grid in zip(STRIPS, robot.patches["skin"].grids, strict=True):
         pose = grid.pose()
         assert pose[:2, 2] == pytest.approx(strip[:2], abs=1e-6)

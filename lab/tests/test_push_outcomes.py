@@ -14,7 +14,6 @@ from contactfusion.figures import new_figure
 from contactfusion_lab.experiments.folder import as_json
 from contactfusion_lab.experiments.push import figures, tables
 from contactfusion_lab.experiments.push.evaluation import evaluate, trial_file
-from contactfusion_lab.experiments.push.film import chassis
 from contactfusion_lab.experiments.push.outcomes import (
     Outcome,
     cause,
@@ -25,7 +24,6 @@ from contactfusion_lab.experiments.push.outcomes import (
     results_csv,
 )
 from contactfusion_lab.experiments.push.plan import (
-    CHASSIS,
     Plan,
     Push,
     Targets,
@@ -441,9 +439,3 @@ class TestEvaluation:
         evaluate(made, made.settings(["tuned", "paper"]), [], tmp_path)
         text = (tmp_path / "summary.json").read_text()
         assert "NaN" not in text and json.loads(text)["tests"][0]["p_of_success"] is None
-
-
-def test_the_robot_that_is_drawn_is_that_of_its_urdf() -> None:
-    corners = chassis(planned(read_targets("grid")))
-    assert np.ptp(corners, axis=0) == pytest.approx(CHASSIS)
-    assert np.abs(corners[:, 1]).max() == pytest.approx(CHASSIS[1] / 2.0)

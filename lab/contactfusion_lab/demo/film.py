@@ -12,8 +12,8 @@ from contactfusion.figures import COLOURS, new_figure
 from contactfusion.files import write_whole
 from contactfusion_lab.demo.account import Story
 from contactfusion_lab.demo.scene import FACE, Moment
-from contactfusion_lab.experiments.push.plan import CHASSIS
 from contactfusion_lab.scenes.push.objects import outlines
+from contactfusion_lab.scenes.push.scene import mobile_base
 
 SHOWN, DEATH, LAST = 100, 1500, 3000
 """How long a frame is shown: any, the one in which the skin dies, the last one [ms]."""
@@ -30,13 +30,6 @@ TURN = np.array([[0.0, -1.0], [1.0, 0.0]])
 """Rows of x ahead and y left become rows of right and up."""
 SKIN = np.array([[-0.41, 0.3], [0.3, 0.3], [0.3, -0.3], [-0.41, -0.3]])
 """Where the skin is, in the robot's frame [m]."""
-ROBOT = np.array([FACE.ahead, 0.0]) + [
-    [0.0, -CHASSIS[1] / 2.0],
-    [0.0, CHASSIS[1] / 2.0],
-    [-CHASSIS[0], CHASSIS[1] / 2.0],
-    [-CHASSIS[0], -CHASSIS[1] / 2.0],
-]
-"""The corners of the robot in its frame [m]."""
 SOURCES = {"skin": COLOURS[1], "lidar": COLOURS[0], "motion": COLOURS[2]}
 """The colour of each source, here and in the film."""
 TRUTH, BELIEVED, DEAD = "#222222", COLOURS[3], "#cc0000"
@@ -130,7 +123,11 @@ class Frames:
         axes.annotate("target", push.target, (8, 8), textcoords="offset points", color=TARGET)
         axes.plot(*self._base[:far].T, color="#999999", linewidth=1.0)
         axes.plot(*self._box[:far].T, color=EDGE, linewidth=1.5)
-        axes.add_patch(Polygon(_placed(ROBOT, truth.base), facecolor="#dddddd", edgecolor="none"))
+        axes.add_patch(
+            Polygon(
+                _placed(mobile_base().corners, truth.base), facecolor="#dddddd", edgecolor="none"
+            )
+        )
         axes.plot(*_placed(SKIN, truth.base).T, **_skin(moment, 3.0))
         for piece in self._pieces:
             corners = _placed(piece, truth.object)
@@ -176,7 +173,7 @@ class Frames:
         for piece in self._pieces:
             corners = shown(_seen(_placed(piece, truth.object), truth.base))
             axes.add_patch(Polygon(corners, facecolor=BOX, edgecolor=EDGE))
-        axes.add_patch(Polygon(shown(ROBOT), facecolor="#dddddd", edgecolor="none"))
+        axes.add_patch(Polygon(shown(mobile_base().corners), facecolor="#dddddd", edgecolor="none"))
         axes.plot(*shown(SKIN).T, **_skin(moment, 4.0))
         if moment.contact is not None:
             place = shown(moment.contact.position[None, :2])[0]

@@ -17,10 +17,9 @@ from contactfusion.files import write_whole
 from contactfusion.pipeline import Pipeline
 from contactfusion.readings import ObjectPose
 from contactfusion.recordings.mcap import McapWriter
-from contactfusion.robots.urdf import read_urdf
-from contactfusion.shapes import ShapeConfig
 from contactfusion_lab.experiments.push.plan import Plan, Push
 from contactfusion_lab.experiments.push.trial import KINDS, Track, push_cycles, track_of
+from contactfusion_lab.scenes.push.bodies import read_chassis
 from contactfusion_lab.scenes.push.objects import outlines
 from contactfusion_lab.scenes.push.scene import PushTruth
 
@@ -68,7 +67,9 @@ def record(plan: Plan, push: Push, controller: str, folder: Path) -> tuple[Path,
             writer.step(cycle.step)
     track = track_of(plan, push, controller, cycles)
     reasons = [cycle.step.command.reason if cycle.step.command else "" for cycle in cycles]
-    shapes = Shapes(chassis(plan), outlines(plan.objects[push.object]), plan.face)
+    shapes = Shapes(
+        read_chassis(plan.robot).corners, outlines(plan.objects[push.object]), plan.face
+    )
     return film(track, reasons, shapes, folder / f"{push.name}.gif"), recording
 
 
@@ -82,23 +83,6 @@ def _object(push: Push, truth: PushTruth) -> ObjectPose:
         position=np.array([x, y, 0.0]),
         orientation=np.array([0.0, 0.0, np.sin(yaw / 2.0), np.cos(yaw / 2.0)]),
     )
-
-
-def chassis(plan: Plan) -> FloatArray:
-    """Give the corners of the robot seen from above, shape (4, 2) [m]."""
-    urdf = read_urdf(plan.robot.path(), plan.robot.package_folders())
-    box = next(
-        shape
-        for link in urdf.links.values()
-        for shape in link.collision
-        if isinstance(shape, ShapeConfig) and shape.size is not None
-    )
-    assert box.size is not None
-    half, middle = np.array(box.size[:2]) / 2.0, np.array(box.xyz[:2])
-    corners: FloatArray = middle + half * np.array(
-        [[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]]
-    )
-    return corners
 
 
 @dataclass(frozen=True, eq=False)

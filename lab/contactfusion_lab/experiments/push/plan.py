@@ -40,6 +40,7 @@ from contactfusion_lab.scenes.push.config import (
     read_object,
 )
 from contactfusion_lab.scenes.push.objects import ObjectConfig, UrdfObjectConfig, outlines
+from contactfusion_lab.scenes.push.scene import mobile_base
 
 STARTS = ("nominal", "random")
 OFFSET, YAW = 0.2, 45.0
@@ -47,10 +48,9 @@ OFFSET, YAW = 0.2, 45.0
 FIELD, NEAREST = 3.0, 0.5
 """Random targets are drawn within this of the origin along x and y, further than this from the
 first contact [m]."""
-CHASSIS = (0.72, 0.60)
-"""The robot's length and width; at the start its front stands at x = 0 [m]."""
 CLEARANCE = 0.03
-"""Nor are they drawn under the robot, or so near behind or beside it [m]."""
+"""Nor are they drawn under the robot, or so near behind or beside it; at the start its front stands
+at x = 0 [m]."""
 FLAT = 1e-6
 """Corners so far behind the foremost are as far ahead [m]."""
 TRIALS = 3
@@ -322,9 +322,9 @@ def read_plan(
 
 def _drawn(rng: np.random.Generator, first_contact: float) -> Place:
     """Draw a target that is neither near the first contact nor under the robot."""
+    length, width, _ = mobile_base().size
     while True:
         x, y = rng.uniform(-FIELD, FIELD, 2).tolist()
-        length, width = CHASSIS
         under = -length - CLEARANCE <= x <= 0.0 and abs(y) <= width / 2.0 + CLEARANCE
         if np.hypot(x, y - first_contact) >= NEAREST and not under:
             return x, y

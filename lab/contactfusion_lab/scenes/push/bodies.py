@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from contactfusion.arrays import FloatArray
 from contactfusion.errors import RobotError
 from contactfusion.robots.description import RobotConfig
 from contactfusion.robots.urdf import Mesh, read_urdf
@@ -36,20 +37,49 @@ GRIP = 0.5
 """Friction between a ball and what it rolls in."""
 
 
+class Chassis(NamedTuple):
+    """The box of a base that pushes, in the robot's frame.
+
+    Attributes:
+        xyz: its middle [m].
+        size: its edges along x, y and z [m].
+    """
+
+    xyz: tuple[float, float, float]
+    size: tuple[float, float, float]
+
+    @property
+    def front(self) -> float:
+        """Where the pushing face lies along x [m]."""
+        return self.xyz[0] + self.size[0] / 2.0
+
+    @property
+    def rear(self) -> float:
+        """Where it ends behind, along x [m]."""
+        return self.front - self.size[0]
+
+    @property
+    def half_width(self) -> float:
+        """Of the pushing face [m]."""
+        return self.size[1] / 2.0
+
+    @property
+    def corners(self) -> FloatArray:
+        """Seen from above, counterclockwise from the right of the rear, shape (4, 2) [m]."""
+        front, rear, half = self.front, self.rear, self.half_width
+        return np.array([[rear, -half], [front, -half], [front, half], [rear, half]])
+
+
 class Base(NamedTuple):
-    """A base that is driven, and its pushing face.
+    """A base that is driven.
 
     Attributes:
         body: in PyBullet.
-        front: where the pushing face lies in the robot's frame [m].
-        rear: where the base ends behind [m].
-        half_width: of the pushing face [m].
+        chassis: what of it touches.
     """
 
     body: int
-    front: float
-    rear: float
-    half_width: float
+    chassis: Chassis
 
 
 def add_floor(bullet: Any, client: Client, friction: float) -> None:
@@ -58,8 +88,8 @@ def add_floor(bullet: Any, client: Client, friction: float) -> None:
     rub(bullet, client, bullet.createMultiBody(0.0, plane, **client), friction)
 
 
-def add_base(bullet: Any, client: Client, robot: RobotConfig, friction: float) -> Base:
-    """Put a base on two slides and a hinge, whose motors drive it without slip.
+def read_chassis(robot: RobotConfig) -> Chassis:
+    """The chassis of a base, from its URDF.
 
     Raises:
         RobotError: the base is not one box.
@@ -68,15 +98,28 @@ def add_base(bullet: Any, client: Client, robot: RobotConfig, friction: float) -
     shapes = [shape for link in urdf.links.values() for shape in link.collision]
     if len(shapes) != 1 or isinstance(shapes[0], Mesh) or shapes[0].shape != "box":
         raise RobotError(f"{urdf.path}: a base that pushes has one collision shape, a box")
-    xyz, size = shapes[0].xyz, np.array(shapes[0].size)
-    chassis = bullet.createCollisionShape(
-        bullet.GEOM_BOX, halfExtents=size / 2.0, collisionFramePosition=xyz, **client
+    x, y, z = shapes[0].size or (0.0, 0.0, 0.0)
+    return Chassis(shapes[0].xyz, (x, y, z))
+
+
+def add_base(bullet: Any, client: Client, robot: RobotConfig, friction: float) -> Base:
+    """Put a base on two slides and a hinge, whose motors drive it without slip.
+
+    Raises:
+        RobotError: the base is not one box.
+    """
+    chassis = read_chassis(robot)
+    shape = bullet.createCollisionShape(
+        bullet.GEOM_BOX,
+        halfExtents=np.array(chassis.size) / 2.0,
+        collisionFramePosition=chassis.xyz,
+        **client,
     )
     body: int = bullet.createMultiBody(
         0.0,
         basePosition=(0.0, 0.0, ORIGIN_HEIGHT),
         linkMasses=(SLIDES, SLIDES, CHASSIS),
-        linkCollisionShapeIndices=(-1, -1, chassis),
+        linkCollisionShapeIndices=(-1, -1, shape),
         linkParentIndices=(0, 1, 2),
         linkJointTypes=(bullet.JOINT_PRISMATIC, bullet.JOINT_PRISMATIC, bullet.JOINT_REVOLUTE),
         linkJointAxis=((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)),
@@ -84,9 +127,8 @@ def add_base(bullet: Any, client: Client, robot: RobotConfig, friction: float) -
         **client,
     )
     rub(bullet, client, body, friction)
-    front = xyz[0] + float(size[0]) / 2.0
-    bullet.resetJointState(body, 0, -front, **client)
-    return Base(body, front, front - float(size[0]), float(size[1]) / 2.0)
+    bullet.resetJointState(body, 0, -chassis.front, **client)
+    return Base(body, chassis)
 
 
 def rub(bullet: Any, client: Client, body: int, friction: float) -> None:

@@ -20,11 +20,9 @@ from contactfusion.errors import ConfigurationError
 from contactfusion_lab.scenes.push.config import RATE, FrictionConfig, PushConfig
 from contactfusion_lab.scenes.push.objects import ObjectConfig, Part, UrdfObjectConfig
 from contactfusion_lab.scenes.push.planar_kernels import BASE, MOST, STATE, THING, advance, feel
-from contactfusion_lab.scenes.push.scene import UNION, Ending, touching
+from contactfusion_lab.scenes.push.scene import UNION, Ending, mobile_base, touching
 from contactfusion_lab.scenes.push.world import Touches
 
-FRONT, REAR, HALF_WIDTH = 0.30, -0.42, 0.30
-"""The base of `mobile_base.urdf`, in the robot's frame [m]."""
 ITERATIONS = 4
 """Of the solver, each step."""
 CHASSIS = (0.05, 0.40)
@@ -88,10 +86,9 @@ class PlanarPush:
         self._floor = np.zeros((len(self._body.supports), 2))
         self._touched = np.zeros((self._steps * MOST, 6))
         self._rows = 0
-        self._box = np.array(
-            [[REAR, -HALF_WIDTH], [FRONT, -HALF_WIDTH], [FRONT, HALF_WIDTH], [REAR, HALF_WIDTH]]
-        )
-        self._state[BASE] = -FRONT
+        self._chassis = mobile_base()
+        self._box = self._chassis.corners
+        self._state[BASE] = -self._chassis.front
         self._place_object()
 
     @property
@@ -133,7 +130,7 @@ class PlanarPush:
         if not self._rows:
             return []
         touched, activation = self._touched[: self._rows], self.config.skin.activation
-        return felt(touched, self._steps, activation, FRONT, HALF_WIDTH)
+        return felt(touched, self._steps, activation, self._chassis.front, self._chassis.half_width)
 
     @property
     def touches(self) -> Touches:
@@ -170,11 +167,11 @@ class PlanarPush:
         cos, sin = math.cos(yaw), math.sin(yaw)
         turn = np.array([[cos, -sin], [sin, cos]])
         middle = turn @ body.centre + [0.0, config.offset]
-        first = first_met(body, yaw, float(middle[1]), HALF_WIDTH)
+        first = first_met(body, yaw, float(middle[1]), self._chassis.half_width)
         if first == math.inf:
             raise ConfigurationError(
-                f"the object starts out of sight: the robot's front, {2 * HALF_WIDTH:g} m wide, "
-                "would pass it",
+                "the object starts out of sight: the robot's front, "
+                f"{2 * self._chassis.half_width:g} m wide, would pass it",
                 "offset",
             )
         self._state[THING : THING + 3] = (config.gap - first, middle[1], yaw)

@@ -4,6 +4,7 @@ import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 from enum import StrEnum
+from functools import cache
 from typing import Self
 
 import numpy as np
@@ -19,7 +20,7 @@ from contactfusion.readings import Odometry, Reading, TactileImage, Twist
 from contactfusion.robots.description import RobotConfig, located, read_robot
 from contactfusion.scene import Facts, Hear, Scene, Verdict
 from contactfusion_lab.scenes.facts import standing, true_contact
-from contactfusion_lab.scenes.push.bodies import ORIGIN_HEIGHT
+from contactfusion_lab.scenes.push.bodies import ORIGIN_HEIGHT, Chassis, read_chassis
 from contactfusion_lab.scenes.push.config import RATE, PushConfig
 from contactfusion_lab.scenes.push.sensors import PushSkin, opened_eyes
 from contactfusion_lab.scenes.push.world import PushWorld, Touches
@@ -32,6 +33,12 @@ UNION = 0.05
 """The truth is all that is touched in the last so many seconds (method §6) [s]."""
 NARROW = 0.05
 """What spans less is a point at its mean, what spans more a line at the middle of its ends [m]."""
+
+
+@cache
+def mobile_base() -> Chassis:
+    """The chassis of `BASE`."""
+    return read_chassis(read_robot(located(BASE)))
 
 
 @dataclass(frozen=True, slots=True)
@@ -154,7 +161,7 @@ class PushScene:
 
     def _require_outside(self) -> None:
         x, y = self.config.target
-        base = self._world.base
+        base = self._world.base.chassis
         if base.rear - base.front <= x <= 0.0 and abs(y) <= base.half_width:
             raise ConfigurationError(
                 f"the target {self.config.target} lies under the robot, whose front stands at "

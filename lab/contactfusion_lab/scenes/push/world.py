@@ -277,7 +277,7 @@ def stood(
     if gap >= CLOSE:
         raise ConfigurationError(
             f"the object starts out of sight: the robot's front, "
-            f"{2 * base.half_width:g} m wide, would pass it",
+            f"{2 * base.chassis.half_width:g} m wide, would pass it",
             "offset",
         )
     x = ahead - gap + config.gap
