@@ -1,10 +1,9 @@
 """How to get behind an object again: back off, circle around it, go ahead to the target."""
 
-import math
-
 from contactfusion.controllers.face import FaceConfig
 from contactfusion.controllers.pushing_law import heading_error, limited, place_of
 from contactfusion.controllers.pushing_parameters import EscapeParameters
+from contactfusion.frames import planar_turned_back
 
 GAIN = 2.0
 """Errors fall by this part a second [1/s]."""
@@ -56,8 +55,7 @@ class GoAround:
         """
         p, (x, y, yaw) = self._parameters, pose
         way = self._middle[0] - x, self._middle[1] - y
-        ahead = math.cos(yaw) * way[0] + math.sin(yaw) * way[1]
-        aside = math.cos(yaw) * way[1] - math.sin(yaw) * way[0]
+        ahead, aside = planar_turned_back(way, yaw)
         if touched and self._phase == "around":  # the object is larger, or reaches back
             self._clearance += MORE
             self._phase = "back"

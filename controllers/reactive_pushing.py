@@ -13,7 +13,6 @@ from contactfusion.controllers.go_around import GoAround
 from contactfusion.controllers.pushing import (
     ARRIVED,
     Decision,
-    PlanarPose,
     PushingConfig,
     PushingController,
 )
@@ -28,6 +27,7 @@ from contactfusion.controllers.pushing_law import (
 )
 from contactfusion.controllers.pushing_parameters import NamedParameters, SearchParameters
 from contactfusion.controllers.search import Search
+from contactfusion.frames import PlanarPose
 from contactfusion.hooks import hookimpl
 
 

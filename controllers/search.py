@@ -5,6 +5,7 @@ import math
 from contactfusion.controllers.face import FaceConfig
 from contactfusion.controllers.pushing_law import place_of
 from contactfusion.controllers.pushing_parameters import SearchParameters
+from contactfusion.frames import planar_turned_back
 
 ALIGNED = 0.02
 """So near is near enough [m]."""
@@ -46,8 +47,8 @@ class Search:
         p = self._parameters
         x, y, yaw = pose
         way = self._place[0] - x, self._place[1] - y
-        ahead = math.cos(yaw) * way[0] + math.sin(yaw) * way[1] - self._face.ahead
-        aside = math.cos(yaw) * way[1] - math.sin(yaw) * way[0] + self._shift()
+        ahead, aside = planar_turned_back(way, yaw)
+        ahead, aside = ahead - self._face.ahead, aside + self._shift()
         if beside and self._phase != "back":  # the object stands beside the robot, or reaches there
             self._place = place_of((self._face.ahead, beside * self._face.half_width), pose)
             self._clearance += MORE * (self._phase == "aside")

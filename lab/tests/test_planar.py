@@ -9,12 +9,12 @@ import pytest
 from contactfusion.controllers.face import FaceConfig, FaceContact, on_face
 from contactfusion.controllers.pushing import (
     Decision,
-    PlanarPose,
     PushingConfig,
     PushingController,
 )
 from contactfusion.controllers.reactive_pushing import ReactivePushing, ReactivePushingConfig
 from contactfusion.errors import ConfigurationError
+from contactfusion.frames import PlanarPose
 from contactfusion.pipeline import Pipeline
 from contactfusion.pipeline_config import PipelineConfig
 from contactfusion.readings import TactileImage

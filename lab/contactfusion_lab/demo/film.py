@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from contactfusion.arrays import FloatArray
 from contactfusion.figures import COLOURS, new_figure
 from contactfusion.files import write_whole
+from contactfusion.frames import planar_rotation
 from contactfusion_lab.demo.account import Story
 from contactfusion_lab.demo.scene import FACE, Moment
 from contactfusion_lab.scenes.push.objects import outlines
@@ -226,19 +227,14 @@ def _skin(moment: Moment, width: float) -> dict[str, Any]:
 
 def _placed(points: FloatArray, pose: tuple[float, float, float]) -> FloatArray:
     """Bring points of shape (n, 2) into the world by x, y and yaw."""
-    placed: FloatArray = points @ _rotation(pose[2]).T + pose[:2]
+    placed: FloatArray = points @ planar_rotation(pose[2]).T + pose[:2]
     return placed
 
 
 def _seen(points: FloatArray, pose: tuple[float, float, float]) -> FloatArray:
     """Bring points of shape (n, 2) from the world into the frame at x, y and yaw."""
-    seen: FloatArray = (points - np.array(pose[:2])) @ _rotation(pose[2])
+    seen: FloatArray = (points - np.array(pose[:2])) @ planar_rotation(pose[2])
     return seen
-
-
-def _rotation(yaw: float) -> FloatArray:
-    cos, sin = np.cos(yaw), np.sin(yaw)
-    return np.array([[cos, -sin], [sin, cos]])
 
 
 def distance_figure(story: Story) -> bytes:

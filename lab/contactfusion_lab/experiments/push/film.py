@@ -14,6 +14,7 @@ from contactfusion.controllers.face import FaceConfig
 from contactfusion.errors import missing_extra
 from contactfusion.figures import COLOURS, new_figure
 from contactfusion.files import write_whole
+from contactfusion.frames import yaw_quaternion
 from contactfusion.pipeline import Pipeline
 from contactfusion.readings import ObjectPose
 from contactfusion.recordings.mcap import McapWriter
@@ -81,7 +82,7 @@ def _object(push: Push, truth: PushTruth) -> ObjectPose:
         sensor="object",
         name=push.object,
         position=np.array([x, y, 0.0]),
-        orientation=np.array([0.0, 0.0, np.sin(yaw / 2.0), np.cos(yaw / 2.0)]),
+        orientation=yaw_quaternion(yaw),
     )
 
 

@@ -12,7 +12,7 @@ from scipy.spatial import ConvexHull, QhullError
 
 from contactfusion.arrays import FloatArray
 from contactfusion.errors import ConfigurationError, RobotError
-from contactfusion.frames import points_in
+from contactfusion.frames import planar_rotation, points_in
 from contactfusion.model import Model
 from contactfusion.robots.description import RobotConfig
 
@@ -57,7 +57,7 @@ class Part:
 
     def moved(self, at: FloatArray, yaw: float, bottom: float) -> "Part":
         """Give the part turned by `yaw` [rad], then moved by `at`, shape (2,) [m], and lifted."""
-        outline = self.outline @ _turn(yaw).T + at
+        outline = self.outline @ planar_rotation(yaw).T + at
         return Part(outline, self.radius, self.bottom + bottom, self.height, self.mass)
 
 
@@ -88,10 +88,6 @@ def extruded(part: Part) -> Triangles:
     ]
     triangles = np.concatenate([fan[:, ::-1], fan + count, *walls])
     return np.concatenate([low, high]), triangles.astype(np.uint32)
-
-
-def _turn(yaw: float) -> FloatArray:
-    return np.array([[np.cos(yaw), -np.sin(yaw)], [np.sin(yaw), np.cos(yaw)]])
 
 
 class DisturbanceConfig(Model):

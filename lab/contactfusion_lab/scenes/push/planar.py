@@ -17,6 +17,7 @@ from contactfusion.contacts import Contact
 from contactfusion.controllers.face import beside, on_face
 from contactfusion.controllers.pushing import ARRIVED, PushingController
 from contactfusion.errors import ConfigurationError
+from contactfusion.frames import planar_point, planar_rotation, planar_turned
 from contactfusion_lab.scenes.push.config import RATE, FrictionConfig, PushConfig
 from contactfusion_lab.scenes.push.objects import ObjectConfig, Part, UrdfObjectConfig
 from contactfusion_lab.scenes.push.planar_kernels import BASE, MOST, STATE, THING, advance, feel
@@ -102,18 +103,16 @@ class PlanarPush:
         """Where the object is: x, y [m] and yaw [rad] in `odom`."""
         x, y, yaw = self._state[THING : THING + 3].tolist()
         back_x, back_y = self._body.centre.tolist()
-        cos, sin = math.cos(yaw), math.sin(yaw)
-        return x - cos * back_x + sin * back_y, y - sin * back_x - cos * back_y, yaw
+        return *planar_point((x, y, yaw), (-back_x, -back_y)), yaw
 
     def drive(self, ahead: float, aside: float, turn: float) -> None:
         """Let one cycle pass while the base moves ahead, to the left [m/s] and turns [rad/s]."""
         heading = float(self._state[BASE + 2]) + turn * self.config.period / 2.0
-        cos, sin = math.cos(heading), math.sin(heading)
         body = self._body
         self._rows = advance(
             self._state,
             self._floor,
-            (cos * ahead - sin * aside, sin * ahead + cos * aside, turn),
+            (*planar_turned((ahead, aside), heading), turn),
             self._box,
             body.outlines,
             body.sizes,
@@ -149,10 +148,7 @@ class PlanarPush:
         if not self._rows:
             return "none", math.nan
         kind, contact = touching(self.touches, self._steps)
-        x, y, yaw = self.base_pose
-        cos, sin = math.cos(yaw), math.sin(yaw)
-        there_x = x + cos * contact[0] - sin * contact[1]
-        there_y = y + sin * contact[0] + cos * contact[1]
+        there_x, there_y = planar_point(self.base_pose, contact)
         target_x, target_y = self.config.target
         return kind, math.hypot(target_x - there_x, target_y - there_y)
 
@@ -282,9 +278,7 @@ def first_met(body: Body, yaw: float, y: float, half_width: float) -> float:
     Returns:
         x from its centre of mass [m]; infinite if the front would pass it.
     """
-    cos, sin = np.cos(yaw), np.sin(yaw)
-    turn = np.array([[cos, -sin], [sin, cos]])
-    met, begin = [np.inf], 0
+    turn, met, begin = planar_rotation(yaw), [np.inf], 0
     for middle_x, middle_y, radius in np.column_stack(
         [body.circles[:, :2] @ turn.T + [0.0, y], body.circles[:, 2]]
     ):

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from contactfusion.arrays import FloatArray
 from contactfusion.controllers.pushing import ARRIVED
 from contactfusion.errors import ConfigurationError, RobotError, name_hint
-from contactfusion.frames import pose_at
+from contactfusion.frames import planar_pose, yaw_quaternion
 from contactfusion.hooks import hookimpl
 from contactfusion.pipeline import Pipeline, Step
 from contactfusion.readings import Odometry, Reading, TactileImage, Twist
@@ -112,7 +112,7 @@ class PushScene:
                 sensor="odometry",
                 child_frame=self._frame,
                 position=np.array([x, y, ORIGIN_HEIGHT]),
-                orientation=np.array([0.0, 0.0, np.sin(yaw / 2.0), np.cos(yaw / 2.0)]),
+                orientation=yaw_quaternion(yaw),
                 linear=linear,
                 angular=angular,
             ),
@@ -145,8 +145,7 @@ class PushScene:
     def facts(self) -> Facts:
         """Tell the true contact, in the robot's frame, and where the object stands in `odom`."""
         truth, touches = self.truth(), self._world.touches
-        x, y, yaw = truth.object
-        objects = standing(self.stamp, "odom", {OBJECT: pose_at((x, y, 0.0), (0.0, 0.0, yaw))})
+        objects = standing(self.stamp, "odom", {OBJECT: planar_pose(truth.object, 0.0)})
         if truth.kind == "none":
             return Facts(self.stamp, self._frame, (), objects)
         points = touches.points[_recent(touches, self._world.steps)]

@@ -10,7 +10,15 @@ from numpy.typing import NDArray
 
 from contactfusion.arrays import FloatArray
 from contactfusion.errors import ConfigurationError, name_hint
-from contactfusion.frames import Pose, inverse, points_in, pose_at, pose_of, vectors_in
+from contactfusion.frames import (
+    PlanarPose,
+    Pose,
+    inverse,
+    planar_pose,
+    points_in,
+    pose_of,
+    vectors_in,
+)
 from contactfusion.patches import PatchConfig, TaxelGridConfig
 from contactfusion.readings import DepthImage, PointCloud, Reading
 from contactfusion.robots.description import CameraConfig, LidarConfig, PatchOnLink, RobotConfig
@@ -26,7 +34,7 @@ from contactfusion_lab.scenes.push.config import (
     SkinConfig,
 )
 from contactfusion_lab.scenes.push.objects import triangles_of
-from contactfusion_lab.scenes.push.view import Planar, PushView, Rays
+from contactfusion_lab.scenes.push.view import PushView, Rays
 from contactfusion_lab.scenes.push.world import Touches
 
 FACING = np.cos(np.pi / 4.0)
@@ -42,7 +50,7 @@ ROUNDING = 1e-6
 """A reading is due at a stamp that is so nearly its own [s]."""
 DARKEST, BRIGHTEST = 30.0, 225.0
 """Red, green and blue of an object lie between these, of 255."""
-Look = Callable[[float, Planar, Planar], Reading]
+Look = Callable[[float, PlanarPose, PlanarPose], Reading]
 """Gives the reading at a stamp [s], of the base and the object where they are."""
 
 
@@ -124,7 +132,7 @@ class PushLidar:
         self._directions = directions(config)
         self._rays = view.rays(pose[:3, 3], vectors_in(pose, self._directions))
 
-    def points(self, base: Planar, thing: Planar, rng: np.random.Generator) -> FloatArray:
+    def points(self, base: PlanarPose, thing: PlanarPose, rng: np.random.Generator) -> FloatArray:
         """Give all returns, shape (n, 3) [m], in the LiDAR's frame.
 
         Args:
@@ -209,7 +217,7 @@ class PushCamera:
         on_floor = np.abs(heights + ORIGIN_HEIGHT) < 1e-3
         self._still_paint = np.where(on_floor[:, None], FLOOR, CHASSIS).astype(np.float32)
 
-    def picture(self, base: Planar, thing: Planar, rng: np.random.Generator) -> Picture:
+    def picture(self, base: PlanarPose, thing: PlanarPose, rng: np.random.Generator) -> Picture:
         """Take an image.
 
         Args:
@@ -220,7 +228,7 @@ class PushCamera:
         depth, mask = self._true(base, thing)
         return Picture(self._measured(depth, rng), self._coloured(depth, mask, rng), mask)
 
-    def _true(self, base: Planar, thing: Planar) -> tuple[FloatArray, Mask]:
+    def _true(self, base: PlanarPose, thing: PlanarPose) -> tuple[FloatArray, Mask]:
         depth, mask = self._rays.still.copy(), np.zeros(len(self._rays.still), np.bool_)
         pixels = np.arange(len(depth)).reshape(self._size)[self._window(base, thing)].ravel()
         rays = self._rays
@@ -228,9 +236,9 @@ class PushCamera:
         depth[pixels], mask[pixels] = self._view.distances(near, base, thing)
         return depth.reshape(self._size), mask.reshape(self._size)
 
-    def _window(self, base: Planar, thing: Planar) -> tuple[slice, slice]:
+    def _window(self, base: PlanarPose, thing: PlanarPose) -> tuple[slice, slice]:
         """Give the rows and columns between which the object lies; all when it is beside it."""
-        to_base = inverse(_standing(base, ORIGIN_HEIGHT)) @ _standing(thing, 0.0)
+        to_base = inverse(planar_pose(base, ORIGIN_HEIGHT)) @ planar_pose(thing, 0.0)
         corners = points_in(inverse(self._pose) @ to_base, self._corners)
         if corners[:, 2].min() < self._camera.config.reach[0]:
             return slice(None), slice(None)
@@ -280,11 +288,6 @@ def beside_steps(depth: FloatArray) -> Mask:
     return beside
 
 
-def _standing(planar: Planar, height: float) -> Pose:
-    x, y, yaw = planar
-    return pose_at((x, y, height), (0.0, 0.0, yaw))
-
-
 @final
 class Eye:
     """One sensor that looks, at its own rate and with chance of its own.
@@ -301,7 +304,7 @@ class Eye:
         """Tell whether it reads at a stamp [s]."""
         return stamp >= self._next - ROUNDING
 
-    def reading(self, stamp: float, base: Planar, thing: Planar) -> Reading:
+    def reading(self, stamp: float, base: PlanarPose, thing: PlanarPose) -> Reading:
         """Give the reading of a stamp [s]."""
         self._next = stamp + self._period
         return self._look(stamp, base, thing)
@@ -373,7 +376,7 @@ class _Seat:
         seeing = PushLidar(lidar, self.pose, self.view, self.config.lidar_noise)
         rng, name = _chance(self.seed, self.name), self.name
 
-        def look(stamp: float, base: Planar, thing: Planar) -> Reading:
+        def look(stamp: float, base: PlanarPose, thing: PlanarPose) -> Reading:
             points = seeing.points(base, thing, rng)
             return PointCloud(stamp=stamp, frame=lidar.frame, sensor=name, points=points)
 
@@ -386,7 +389,7 @@ class _Seat:
         seeing = PushCamera(camera, self.pose, self.view, corners, noise, paint)
         rng, name = _chance(self.seed, self.name), self.name
 
-        def look(stamp: float, base: Planar, thing: Planar) -> Reading:
+        def look(stamp: float, base: PlanarPose, thing: PlanarPose) -> Reading:
             picture = seeing.picture(base, thing, rng)
             return DepthImage(
                 stamp=stamp,

@@ -8,15 +8,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from contactfusion.arrays import FloatArray
-from contactfusion.frames import inverse, points_in, pose_at, vectors_in
+from contactfusion.frames import PlanarPose, inverse, planar_pose, points_in, vectors_in
 from contactfusion.robots.description import RobotConfig
 from contactfusion.robots.model import shared_robot
 from contactfusion.robots.solids import loaded_open3d
 from contactfusion_lab.scenes.push.bodies import ORIGIN_HEIGHT
 from contactfusion_lab.scenes.push.objects import ObjectConfig, Triangles, triangles_of
-
-Planar = tuple[float, float, float]
-"""x, y [m] and yaw [rad] in `odom`."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,7 +70,7 @@ class PushView:
         return Rays(origin, directions, np.minimum(still, np.where(down, floor, np.inf)))
 
     def distances(
-        self, rays: Rays, base: Planar, thing: Planar
+        self, rays: Rays, base: PlanarPose, thing: PlanarPose
     ) -> tuple[FloatArray, NDArray[np.bool_]]:
         """Give how far each ray goes.
 
@@ -86,15 +83,10 @@ class PushView:
             Shape (n,), in lengths of the directions, inf where nothing is; and which of them end on
             the object.
         """
-        there = inverse(_pose(thing, -ORIGIN_HEIGHT)) @ _pose(base, 0.0)
+        there = inverse(planar_pose(thing, -ORIGIN_HEIGHT)) @ planar_pose(base, 0.0)
         origin = points_in(there, rays.origin[None])[0]
         found = _cast(self._object, origin, vectors_in(there, rays.directions))
         return np.minimum(found, rays.still), found < rays.still
-
-
-def _pose(planar: Planar, height: float) -> FloatArray:
-    x, y, yaw = planar
-    return pose_at((x, y, height), (0.0, 0.0, yaw))
 
 
 def _cast(scene: Any, origin: FloatArray, directions: FloatArray) -> FloatArray:

@@ -10,6 +10,7 @@ import numpy as np
 
 from contactfusion.arrays import FloatArray
 from contactfusion.errors import ConfigurationError, missing_extra
+from contactfusion.frames import planar_point, planar_turned, planar_turned_back
 from contactfusion.robots.description import RobotConfig
 from contactfusion_lab.scenes.push.bodies import (
     GRAVITY,
@@ -130,12 +131,11 @@ class PushWorld:
         bullet.setPhysicsEngineParameter(contactBreakingThreshold=BREAKING, **client)
         # halfway through the cycle; the velocity stays the same in the world
         self._heading = self.base_pose[2] + omega * self.config.period / 2.0
-        cos, sin = math.cos(self._heading), math.sin(self._heading)
         bullet.setJointMotorControlArray(
             self._base,
             (0, 1, 2),
             bullet.VELOCITY_CONTROL,
-            targetVelocities=(cos * vx - sin * vy, sin * vx + cos * vy, omega),
+            targetVelocities=(*planar_turned((vx, vy), self._heading), omega),
             forces=(STRONGEST, STRONGEST, STRONGEST),
             **client,
         )
@@ -175,8 +175,7 @@ class PushWorld:
     def base_twist(self) -> tuple[float, float, float]:
         """How the base moved in the last cycle: ahead, to the left [m/s], its turn [rad/s]."""
         x, y, yaw = self._bullet.getJointStates(self._base, (0, 1, 2), **self._client)
-        cos, sin = math.cos(self._heading), math.sin(self._heading)
-        return cos * x[1] + sin * y[1], cos * y[1] - sin * x[1], yaw[1]
+        return *planar_turned_back((x[1], y[1]), self._heading), yaw[1]
 
     @property
     def object_pose(self) -> tuple[float, float, float]:
@@ -185,9 +184,8 @@ class PushWorld:
         a, b, c, d = self._turn
         x, y, z, w = turned(turn, (-a, -b, -c, d))
         yaw = math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
-        cos, sin = math.cos(yaw), math.sin(yaw)
-        back_x, back_y = self._back[0], self._back[1]
-        return place[0] - cos * back_x + sin * back_y, place[1] - sin * back_x - cos * back_y, yaw
+        back = -self._back[0], -self._back[1]
+        return *planar_point((place[0], place[1], yaw), back), yaw
 
     def mass(self) -> float:
         """Give the mass of the object, with what is in it [kg]."""
@@ -291,8 +289,7 @@ def stood(
 
 def _put(bullet: Any, client: Client, config: PushConfig, thing: Thing, x: float) -> None:
     yaw = math.radians(config.yaw)
-    cos, sin = math.cos(yaw), math.sin(yaw)
     back_x, back_y, height = thing.back
-    place = (x + cos * back_x - sin * back_y, config.offset + sin * back_x + (cos * back_y), height)
+    place = (*planar_point((x, config.offset, yaw), (back_x, back_y)), height)
     turn = turned((0.0, 0.0, math.sin(yaw / 2.0), math.cos(yaw / 2.0)), thing.turn)
     bullet.resetBasePositionAndOrientation(thing.body, place, turn, **client)
