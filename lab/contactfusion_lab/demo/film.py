@@ -208,7 +208,7 @@ class Frames:
 
 
 def dies(story: Story, moment: Moment, stride: int) -> bool:
-    """Tell whether the skin dies in the frame of a moment.
+    """Whether the skin dies in the frame of a moment.
 
     Args:
         story: of the push.
@@ -219,7 +219,7 @@ def dies(story: Story, moment: Moment, stride: int) -> bool:
 
 
 def _skin(moment: Moment, width: float) -> dict[str, Any]:
-    """Give the style of a skin that is well, or silent."""
+    """The style of a skin that is well, or silent."""
     if moment.silent > 0.0:
         return {"color": DEAD, "linestyle": ":", "linewidth": width, "zorder": 3}
     return {"color": SOURCES["skin"], "linewidth": width, "zorder": 3}
@@ -285,7 +285,7 @@ def shares_figure(story: Story) -> bytes:
 
 
 def png_of(figure: Figure) -> bytes:
-    """Give a figure as a PNG file."""
+    """A figure as a PNG file."""
     content = io.BytesIO()
     figure.savefig(content, dpi=160, format="png")
     return content.getvalue()

@@ -27,7 +27,7 @@ FILES = {
 
 
 def page(story: Story, written: Sequence[str], size: tuple[int, int]) -> str:
-    """Give the page.
+    """The page.
 
     Args:
         story: of the push.
@@ -104,7 +104,7 @@ def _rows(story: Story) -> str:
 
 
 def _gloss(moment: Moment) -> str:
-    """Tell in words what an explanation says."""
+    """What an explanation says, in words."""
     if moment.contact is None:
         return "There was no contact to explain."
     x, y = moment.contact.position[:2]

@@ -137,7 +137,7 @@ def told(moments: Iterable[Moment], console: Console) -> Iterator[Moment]:
 
 
 def line(moment: Moment) -> str:
-    """Give a moment in one line."""
+    """A moment in one line."""
     shares = sorted(moment.shares.items(), key=lambda pair: -pair[1])
     felt = ", ".join(f"{name} {share:.0%}" for name, share in shares if share > 0.0)
     parts = [

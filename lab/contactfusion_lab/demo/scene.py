@@ -44,7 +44,7 @@ FACE = FaceConfig()
 
 
 def scene_fields(lidar: str = LEARNED) -> dict[str, Any]:
-    """Give the scene: the fused sensing of the push experiment, with a skin that falls silent.
+    """The scene: the fused sensing of the push experiment, with a skin that falls silent.
 
     Args:
         lidar: the type of the generator that reads the LiDAR.
@@ -76,7 +76,7 @@ def scene_fields(lidar: str = LEARNED) -> dict[str, Any]:
 
 
 def by_skin_alone(fields: Mapping[str, Any]) -> dict[str, Any]:
-    """Give the same push, dying skin and all, with nothing but the skin to feel by."""
+    """The same push, dying skin and all, with nothing but the skin to feel by."""
     return {
         **fields,
         "generators": {SKIN: fields["generators"][SKIN]},
@@ -85,7 +85,7 @@ def by_skin_alone(fields: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def as_yaml(fields: Mapping[str, Any]) -> str:
-    """Give the scene as the text of a file."""
+    """The scene as the text of a file."""
     return HEAD + yaml.safe_dump(dict(fields), sort_keys=False)
 
 

@@ -40,7 +40,7 @@ class Method:
         return method
 
     def applied(self, config: IntegratorConfig) -> IntegratorConfig:
-        """Give a configuration with this rule and condensation."""
+        """A configuration with this rule and condensation."""
         return config.model_copy(update={"rule": self.rule, "condensation": self.condensation})
 
     @property

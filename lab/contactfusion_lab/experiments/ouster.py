@@ -107,7 +107,7 @@ def _measured(
 
 
 def _scans(folder: Path, out: Path, recording: Scanned, every_nth_row: int) -> list[FloatArray]:
-    """Give the returns of each scan in the robot's frame, each of shape (n, 3) [m]."""
+    """The returns of each scan in the robot's frame, each of shape (n, 3) [m]."""
     source = folder / recording.file
     made = out / "ouster" / f"{recording.stem}_rows_{every_nth_row}.mcap"
     if not made.exists() or made.stat().st_mtime < source.stat().st_mtime:
@@ -121,7 +121,7 @@ def _scans(folder: Path, out: Path, recording: Scanned, every_nth_row: int) -> l
 def _figures(
     recording: Scanned, rings: int, scans: list[FloatArray], config: ProximityConfig
 ) -> list[Measure]:
-    """Give what all scans say together, and what is in the last."""
+    """What all scans say together, and what is in the last."""
     case = f"{recording.stem}, {rings} rings"
     told = [_in_millimetres(config.lengths_of_cloud(scan)) for scan in scans]
     for number, lengths in enumerate(told, 1):
@@ -171,19 +171,19 @@ def _told(
     asked: float | None = None,
     note: str = "",
 ) -> Measure:
-    """Give a figure that has no spread."""
+    """A figure that has no spread."""
     return Measure(NAME, case, metric, value, value, value, unit, n, asked, "less", note)
 
 
 def _time(scan: FloatArray, config: ProximityConfig) -> float:
-    """Give the time of one descriptor [ms]."""
+    """The time of one descriptor [ms]."""
     start = time.perf_counter()
     config.lengths_of_cloud(scan)
     return 1000.0 * (time.perf_counter() - start)
 
 
 def by_loops(points: FloatArray, config: ProximityConfig) -> FloatArray:
-    """Give the lengths of the strips by the equations as they are printed (O Eq 5-11).
+    """The lengths of the strips by the equations as they are printed (O Eq 5-11).
 
     Args:
         points: shape (n, 3) [m], in the robot's frame; rows that are not finite are no points.

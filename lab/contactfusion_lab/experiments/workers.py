@@ -63,7 +63,7 @@ def require_workers(workers: int) -> None:
 
 
 def progress(done: Iterable[T], count: int) -> Iterator[T]:
-    """Give what is done, and tell how long the rest will take.
+    """Pass on what is done, and report how long the rest will take.
 
     Args:
         done: one by one.
@@ -79,13 +79,13 @@ def progress(done: Iterable[T], count: int) -> Iterator[T]:
 
 
 def reason_of(error: Exception) -> str:
-    """Say why a task failed: the sentence of an error of ours, or the kind of any other."""
+    """Why a task failed: the sentence of an error of ours, or the kind of any other."""
     told = str(error)
     return told if isinstance(error, ContactFusionError) else f"{type(error).__name__}: {told}"
 
 
 def failure(name: str, told: Died | str) -> str:
-    """Say which task failed, and why."""
+    """Which task failed, and why."""
     return f"{name}: its process {told.how}, twice" if isinstance(told, Died) else f"{name}: {told}"
 
 
@@ -147,7 +147,7 @@ class _Worker(Generic[T, R]):
             return  # it has ended, as `result` will tell
 
     def result(self) -> R | Died:
-        """Give what came of the task."""
+        """What came of the task."""
         try:
             done: R = self.pipe.recv()
             return done

@@ -164,7 +164,7 @@ def _claim(options: Options, out: Path) -> None:
 
 
 def _told(trials: Sequence[LabelledTrial], options: Options) -> str:
-    """Say what networks were trained on."""
+    """What networks were trained on."""
     cycles = sum(len(trial.stamp) for trial in trials)
     return (
         f"{len(trials)} simulated pushes, {cycles} cycles, each seen from {len(MOUNTINGS)} places: "
@@ -255,7 +255,7 @@ def _train(data: Dataset, how: training.Options, folder: Path, task: Task) -> Tr
 
 
 def _sound(results: Iterable[tuple[T, R | Failure | Died]]) -> Iterator[tuple[T, R]]:
-    """Give results on, until one is a failure."""
+    """Pass results on, until one is a failure."""
     for task, made in results:
         if isinstance(made, Died):
             raise ContactFusionError(
@@ -271,7 +271,7 @@ def _file(folder: Path, lesson: Lesson) -> Path:
 
 
 def say(line: str) -> None:
-    """Tell how far it is, beside the output."""
+    """Report how far it is, beside the output."""
     note(f"  {line}", file=sys.stderr)
 
 

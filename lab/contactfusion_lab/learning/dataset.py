@@ -142,7 +142,7 @@ class Windows:
         return np.flatnonzero(self.kind != NONE)
 
     def gather(self, which: NDArray[np.int64]) -> FloatArray:
-        """Give these windows, shape (b, WINDOW, S) [m]."""
+        """These windows, shape (b, WINDOW, S) [m]."""
         windows: FloatArray = self.rows[self.starts[which, None] + np.arange(WINDOW)]
         return windows
 

@@ -96,7 +96,7 @@ def write_networks(
 
 
 def _location_errors(weights: Weights, data: Dataset) -> FloatArray:
-    """Give estimated minus true location over validation, shape (w,) [m], NaN without contact."""
+    """Estimated minus true location over validation, shape (w,) [m], NaN without contact."""
     outputs = predict("location", weights, data.validation, data.length)[:, 0]
     errors: FloatArray = data.lateral.unscaled(outputs) - data.validation.lateral
     return errors

@@ -104,7 +104,7 @@ class Lesson:
     seed: int = 0
 
     def detour_at(self, stamp: float) -> Motion | None:
-        """Give how the base is to move at a stamp [s], when it is not the controller's turn."""
+        """How the base is to move at a stamp [s], when it is not the controller's turn."""
         for detour in self.detours:
             if detour.start <= stamp < detour.end:
                 return detour.motion
@@ -112,7 +112,7 @@ class Lesson:
 
 
 def first_lessons(varied: int, seed: int) -> list[Lesson]:
-    """Give the paper's 156 + 36 pushes by skin, and varied ones.
+    """The paper's 156 + 36 pushes by skin, and varied ones.
 
     Args:
         varied: how many of these.
@@ -141,7 +141,7 @@ def first_lessons(varied: int, seed: int) -> list[Lesson]:
 
 
 def driven_lessons(count: int, turn: int, mountings: Sequence[str], seed: int) -> list[Lesson]:
-    """Give varied pushes that networks drive, each from one of the mountings."""
+    """Varied pushes that networks drive, each from one of the mountings."""
     return [_varied(row, turn, mountings[row % len(mountings)], seed) for row in range(count)]
 
 
@@ -164,7 +164,7 @@ def _varied(row: int, turn: int, driver: str, seed: int) -> Lesson:
 
 
 def _seed(seed: int, name: str) -> int:
-    """Give the seed of all that is left to chance in a lesson."""
+    """The seed of all that is left to chance in a lesson."""
     return crc32(f"{seed} {name}".encode())
 
 
@@ -228,7 +228,7 @@ def live(lesson: Lesson, weights: Path | None) -> LabelledTrial:
 
 
 def _touch(truth: PushTruth) -> tuple[str, float]:
-    """Say how and where an object touches the face; beside or behind it nothing can be seen."""
+    """How and where an object touches the face; beside or behind it nothing can be seen."""
     ahead, lateral = truth.contact
     if ahead < PROXIMITY.region.x[0] - BEHIND:
         return "none", np.nan
@@ -280,7 +280,7 @@ def _pipeline(lesson: Lesson, weights: Path | None) -> Pipeline:
 
 
 def _descriptors(readings: Sequence[Reading], robot: RobotConfig) -> FloatArray:
-    """Give the proximity lengths as each LiDAR sees them, shape (k, S) [m]."""
+    """The proximity lengths as each LiDAR sees them, shape (k, S) [m]."""
     clouds = {one.sensor: one for one in readings if isinstance(one, PointCloud)}
     rows = []
     for name in MOUNTINGS:

@@ -261,7 +261,7 @@ def _learn(learner: Learner, share: _Share, options: Options, epoch: int) -> flo
 def _varied(
     share: _Share, which: torch.Tensor, options: Options, generator: torch.Generator
 ) -> Batch:
-    """Give windows as they are, or as they might as well have been."""
+    """Windows as they are, or as they might as well have been."""
     windows, targets = share.windows(which)
     count, length = windows.shape[:2]
     chance = torch.rand(2, count, 1, generator=generator)
@@ -278,7 +278,7 @@ def _varied(
 
 
 def _loss(learner: Learner, share: _Share, stride: int) -> float:
-    """Give the mean loss of every so-manieth window, the same ones each time."""
+    """The mean loss of every so-manieth window, the same ones each time."""
     which = torch.arange(0, len(share.starts), stride)
     total = 0.0
     with torch.no_grad():
@@ -298,7 +298,7 @@ def _rate(options: Options, epoch: int) -> float:
 def _settings(
     name: Name, data: Dataset, options: Options, warm: Weights | None
 ) -> dict[str, object]:
-    """Give all that the weights depend on, for the checkpoint."""
+    """All that the weights depend on, for the checkpoint."""
     first = hashlib.sha256()
     for key, array in sorted((warm or {}).items()):
         first.update(key.encode() + array.tobytes())

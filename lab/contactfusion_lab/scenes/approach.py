@@ -35,7 +35,7 @@ class Approach:
     joints: FloatArray
 
     def at(self, way: float) -> FloatArray:
-        """Give the joint positions when the tool has come so far [m], shape (n,) [rad, m]."""
+        """The joint positions when the tool has come so far [m], shape (n,) [rad, m]."""
         row = int(np.clip(np.searchsorted(self.ways, way) - 1, 0, len(self.ways) - 2))
         span = self.ways[row + 1] - self.ways[row]
         part = min(max((way - self.ways[row]) / span, 0.0), 1.0)
@@ -80,7 +80,7 @@ def straight(
 
 
 def led_by(model: RobotModel, tool: str) -> FloatArray:
-    """Tell which joints lead a link: shape (n,), 1 for those, 0 for the others."""
+    """Which joints lead a link: shape (n,), 1 for those, 0 for the others."""
     leading = [tool in model.beyond(model.urdf.children[name]) for name in model.joint_names]
     still = [name in model.config.still for name in model.joint_names]
     led: FloatArray = np.array(leading, np.float64) * ~np.array(still)
@@ -120,7 +120,7 @@ def solved(
 def tries(
     model: RobotModel, posture: FloatArray, moving: FloatArray, rng: np.random.Generator
 ) -> Iterator[FloatArray]:
-    """Give places to begin a search from: the posture first, then chance; shape (n,) each."""
+    """Places to begin a search from: the posture first, then chance; shape (n,) each."""
     yield posture
     low, high = np.clip(model.limits, -np.pi, np.pi).T
     while True:

@@ -62,6 +62,6 @@ class RangeCamera:
         return np.where((depth >= nearest) & (depth <= farthest), depth, 0.0)
 
     def points(self, depth: FloatArray) -> FloatArray:
-        """Give the places of all returns, shape (n, 3) [m], in the camera's frame."""
+        """The places of all returns, shape (n, 3) [m], in the camera's frame."""
         seen = depth > 0.0
         return self._rays[seen] * depth[seen][:, None]

@@ -14,7 +14,7 @@ from contactfusion.readings import ObjectPose
 def true_contact(
     stamp: float, frame: str, place: FloatArray, force: FloatArray, ends: FloatArray | None = None
 ) -> Contact:
-    """Give a contact that is beyond doubt.
+    """A contact that is beyond doubt.
 
     Args:
         stamp: [s].
@@ -38,7 +38,7 @@ def true_contact(
 
 
 def standing(stamp: float, frame: str, poses: Mapping[str, Pose]) -> tuple[ObjectPose, ...]:
-    """Give where objects stand.
+    """Where objects stand.
 
     Args:
         stamp: [s].

@@ -246,7 +246,7 @@ def _candidate(vector: FloatArray, rating: Rating) -> Candidate:
 
 
 def check_sets() -> dict[str, PushingParameters]:
-    """Give the sets that are compared, from good to bad."""
+    """The sets that are compared, from good to bad."""
     tuned, paper = SETS["tuned"], SETS["paper"]
     changed = {name: tuned.model_copy(update=change) for name, change in CHANGED.items()}
     faster = paper.model_copy(update={"fastest": 0.3, "slowest": 0.08})
@@ -254,7 +254,7 @@ def check_sets() -> dict[str, PushingParameters]:
 
 
 def correlation(one: Sequence[float], other: Sequence[float]) -> float:
-    """Give Spearman's rank correlation; NaN if one of them is constant."""
+    """Spearman's rank correlation; NaN if one of them is constant."""
     if np.ptp(one) == 0.0 or np.ptp(other) == 0.0:
         return float("nan")
     return float(spearmanr(one, other).statistic)

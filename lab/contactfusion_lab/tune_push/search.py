@@ -122,13 +122,13 @@ def require_searchable(parameters: PushingParameters) -> None:
 
 
 def encoded(parameters: PushingParameters) -> FloatArray:
-    """Give a set as a vector in [0, 1]: 0 the least, 1 the greatest value of each parameter."""
+    """A set as a vector in [0, 1]: 0 the least, 1 the greatest value of each parameter."""
     held = parameters.model_dump()
     return np.array([_place(_get(held, name), *limits) for name, limits in LIMITS.items()])
 
 
 def decoded(vector: FloatArray, start: PushingParameters) -> PushingParameters:
-    """Give the set of a vector; what is not searched is that of `start`.
+    """The set of a vector; what is not searched is that of `start`.
 
     Args:
         vector: shape (n,), in [0, 1].
@@ -144,7 +144,7 @@ def decoded(vector: FloatArray, start: PushingParameters) -> PushingParameters:
 
 
 def changes(parameters: PushingParameters, start: PushingParameters) -> dict[str, Any]:
-    """Give the fields in which a set differs, as `controller.parameters` takes them with `like`."""
+    """The fields in which a set differs, as `controller.parameters` takes them with `like`."""
     held, before = parameters.model_dump(mode="json"), start.model_dump(mode="json")
     return {name: value for name, value in held.items() if value != before[name]}
 

@@ -135,7 +135,7 @@ def run_grasp(options: Options, out: Path) -> None:
 
 
 def columns_of(sources: Sequence[str], rules: Sequence[Method]) -> Sequence[Column]:
-    """Give the columns of the table: all sources by all rules; without any, `COLUMNS`."""
+    """The columns of the table: all sources by all rules; without any, `COLUMNS`."""
     if not sources and not rules:
         return COLUMNS
     chosen = sources or list(dict.fromkeys(column.sources for column in COLUMNS))
@@ -179,7 +179,7 @@ def evaluate(
 
 
 def _found(columns: Sequence[Column], grasps: Sequence[Grasp], out: Path) -> dict[str, list[Row]]:
-    """Give the grasps that are there, by column."""
+    """The grasps that are there, by column."""
     return {
         column.name: [
             load(path, column, grasp)

@@ -132,7 +132,7 @@ def recorded(
     cycles: Iterable[GraspCycle],
     path: Path,
 ) -> Iterator[GraspCycle]:
-    """Give the cycles of a grasp, and write them on the way.
+    """The cycles of a grasp, written on the way.
 
     Args:
         plan: the experiment.

@@ -103,7 +103,7 @@ class Plan:
         ]
 
     def pipeline_of(self, column: Column, seed: int = 0) -> PipelineConfig:
-        """Give the pipeline of a column.
+        """The pipeline of a column.
 
         Args:
             column: by what it feels.
@@ -126,7 +126,7 @@ class Plan:
         return self.pipeline.model_copy(update=update)
 
     def _open_loop(self) -> dict[str, Any]:
-        """Give what a hand does that heeds no contact: it closes where the object should stand."""
+        """What a hand does that heeds no contact: it closes where the object should stand."""
         told = dict(self.pipeline.controller or {})
         kind = told.pop("type", None)
         if kind != REACTIVE:
@@ -139,7 +139,7 @@ class Plan:
         return {"corrections": 0, "reach": nearest - depth}
 
     def scene_of(self, column: Column, grasp: Grasp) -> GraspConfig:
-        """Give the scene of a grasp; cameras that nobody looks through are off."""
+        """The scene of a grasp; cameras that nobody looks through are off."""
         scene, known = self.scenes[grasp.thing], self.pipeline.generators
         plugins = installed_plugins()
         readings = {
@@ -151,7 +151,7 @@ class Plan:
         return scene if looks else scene.model_copy(update={"camera_rate": 0.0})
 
     def settings(self, columns: Sequence[Column]) -> dict[str, Any]:
-        """Tell what makes two trials of one name equal, for a folder that is gone on with."""
+        """What makes two trials of one name equal, for a folder that is gone on with."""
         told = {
             "trials": TRIALS,
             "seed": self.seed,
@@ -177,7 +177,7 @@ class Plan:
 
 
 def _digest(scene: GraspConfig) -> str:
-    """Give the SHA-256 of the URDF of an object; empty when it has none."""
+    """The SHA-256 of the URDF of an object; empty when it has none."""
     if scene.object.urdf is None:
         return ""
     path = RobotConfig(urdf=scene.object.urdf, folder=scene.object.folder).path()
@@ -185,7 +185,7 @@ def _digest(scene: GraspConfig) -> str:
 
 
 def chosen_sources(sources: str, known: Mapping[str, Mapping[str, Any]]) -> list[str]:
-    """Give the generators that sources name, in their order in the file.
+    """The generators that sources name, in their order in the file.
 
     Args:
         sources: names or types with "+" between them, `none` or `all`.

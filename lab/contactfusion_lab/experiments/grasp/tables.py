@@ -28,7 +28,7 @@ GOOD, BAD = COLOURS[2], COLOURS[1]
 
 
 def summary_of(rows: Sequence[Row], seed: int) -> dict[str, Any]:
-    """Give what a column reached: of all objects, and of each.
+    """What a column reached: of all objects, and of each.
 
     Successes have Wilson intervals, means percentile bootstrap intervals over grasps.
 
@@ -44,7 +44,7 @@ def summary_of(rows: Sequence[Row], seed: int) -> dict[str, Any]:
 
 
 def success_text(found: Found, summaries: Mapping[str, Mapping[str, Any]]) -> str:
-    """Give the table of all columns as Markdown: success by object, and the measures of all.
+    """The table of all columns as Markdown: success by object, and the measures of all.
 
     Args:
         found: grasps by column.
@@ -105,7 +105,7 @@ def comparisons_of(found: Found) -> list[dict[str, Any]]:
 
 
 def comparisons_text(compared: Sequence[Mapping[str, Any]]) -> str:
-    """Give comparisons as Markdown."""
+    """Comparisons as Markdown."""
     names = ["column", "against", "grasps", "only it", "only the other", "p", "p (Holm)"]
     lines = [_line(names), "|" + "---|" * len(names)]
     lines += [

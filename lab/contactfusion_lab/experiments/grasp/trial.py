@@ -62,12 +62,12 @@ class Row:
 
 
 def trial_file(out: Path, column: Column, grasp: Grasp) -> Path:
-    """Give the file of a trial."""
+    """The file of a trial."""
     return out / "trials" / column.name / f"{grasp.name}.json"
 
 
 def begun(plan: Plan, column: Column, grasp: Grasp) -> tuple[GraspScene, Iterator[GraspCycle]]:
-    """Give the scene of a grasp at its start, and the cycles in which a column makes it.
+    """The scene of a grasp at its start, and the cycles in which a column makes it.
 
     Raises:
         ContactFusionError: the scene cannot be set up, or the controller failed.
@@ -143,7 +143,7 @@ def load(path: Path, column: Column, grasp: Grasp) -> Row:
 
 
 def results_csv(rows: Sequence[Row]) -> str:
-    """Give one line a grasp."""
+    """One line a grasp."""
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     names = [field.name for field in fields(Row)]

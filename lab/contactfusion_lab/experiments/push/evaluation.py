@@ -126,7 +126,7 @@ def _for_each(
 
 
 def gathered(plan: Plan, settings: Mapping[str, Any], out: Path) -> dict[str, list[Made]]:
-    """Give the pushes of each sensing and controller, by SENSING/CONTROLLER; of some if any.
+    """The pushes of each sensing and controller, by SENSING/CONTROLLER; of some if any.
 
     Args:
         plan: of pushes made last.
@@ -164,7 +164,7 @@ def _tracks(out: Path, sensing: str, controller: str) -> Iterator[tuple[Path, Tr
 
 
 def _order(track: Track, path: Path, plans: Mapping[str, Plan], objects: Sequence[str]) -> Order:
-    """Give the place of a push among all, after a look at whether it is the plan's.
+    """The place of a push among all, after a look at whether it is the plan's.
 
     Raises:
         ConfigurationError: the plan has none of its name, or another one.
@@ -197,17 +197,17 @@ def _stranger(path: Path) -> ConfigurationError:
 
 
 def trial_file(out: Path, sensing: str, controller: str, push: Push) -> Path:
-    """Give the file of a trial."""
+    """The file of a trial."""
     return out / TRIALS / sensing / controller / f"{push.name}.npz"
 
 
 def trial_files(out: Path, sensing: str, controller: str) -> list[Path]:
-    """Give the files of all trials that were made with a sensing and a controller."""
+    """The files of all trials that were made with a sensing and a controller."""
     return sorted((out / TRIALS / sensing / controller).glob("*.npz"))
 
 
 def settings_of(plans: Mapping[str, Plan], controllers: Sequence[str]) -> dict[str, Any]:
-    """Give the settings of plans that differ in what feels only."""
+    """The settings of plans that differ in what feels only."""
     told = [plan.settings(controllers) for plan in plans.values()]
     sensings = {label: one for each in told for label, one in each["sensings"].items()}
     return {**told[0], "sensings": sensings}

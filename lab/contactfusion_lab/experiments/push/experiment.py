@@ -136,7 +136,7 @@ def run_push(options: Options, out: Path) -> None:
 
 
 def read_plans(options: Options) -> dict[str, Plan]:
-    """Give a plan for each sensing by each rule, by the label of what feels.
+    """A plan for each sensing by each rule, by the label of what feels.
 
     Raises:
         ContactFusionError: an option is wrong.

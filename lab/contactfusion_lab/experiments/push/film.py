@@ -205,7 +205,7 @@ class _Scene:
 
 
 def _palette() -> list[int]:
-    """Give red, green and blue of all shades, one after the other."""
+    """Red, green and blue of all shades, one after the other."""
     from matplotlib.colors import to_rgb
 
     colours = np.array([to_rgb(name) for name in ("black", TARGET, OBJECT, EDGE, TRUE, FELT)])

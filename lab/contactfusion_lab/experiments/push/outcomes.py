@@ -146,7 +146,7 @@ def outcome(track: Track) -> Outcome:
 
 
 def swept(track: Track) -> float:
-    """Give Σ|Δθ| / (t_min - t_start), t_min when the true contact is nearest (O Eq 12) [rad/s].
+    """Σ|Δθ| / (t_min - t_start), t_min when the true contact is nearest (O Eq 12) [rad/s].
 
     NaN where there is no contact after the start.
     """
@@ -167,7 +167,7 @@ def beginnings(track: Track, mode: str) -> int:
 
 
 def results_csv(outcomes: Sequence[Outcome]) -> str:
-    """Give one line a push and controller."""
+    """One line a push and controller."""
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     names = list(Outcome.__dataclass_fields__)
@@ -205,7 +205,7 @@ def _cell(value: object) -> object:
 
 
 def cause(track: Track) -> str:
-    """Say why a push failed; nothing when it was a true success."""
+    """Why a push failed; nothing when it was a true success."""
     touching, final = track.kind > 0, track.distance[-1]
     if track.ending == Ending.ARRIVED:
         if np.isnan(final):
@@ -242,7 +242,7 @@ def _lost(track: Track) -> str:
 
 
 def _idle(track: Track) -> str:
-    """Say for how long there was no progress, and what the controller did most of that time."""
+    """For how long there was no progress, and what the controller did most of that time."""
     nearest, since = np.inf, 0
     for row in np.flatnonzero(~np.isnan(track.distance)):
         if track.distance[row] < nearest - PROGRESS:
@@ -343,7 +343,7 @@ def _difference(pairs: Sequence[tuple[Outcome, Outcome]], measure: str) -> Diffe
 
 
 def comparisons_text(comparisons: Sequence[Comparison]) -> str:
-    """Give comparisons as Markdown."""
+    """Comparisons as Markdown."""
     lines = [
         "| | against | true success only it | only the other | p | both | "
         "Δ mean abs. l cm | p | Δ mean abs. l̂ cm | p | Δ swept rad/s | p | Δ time s | p |",

@@ -163,7 +163,7 @@ class Plan:
         ]
 
     def scene_of(self, push: Push) -> PushConfig:
-        """Give the scene of a push."""
+        """The scene of a push."""
         fields: dict[str, Any] = {
             "object": self.objects[push.object],
             "friction": push.friction,
@@ -181,7 +181,7 @@ class Plan:
         return PushConfig(**fields)
 
     def pipeline_of(self, push: Push, controller: str) -> PipelineConfig:
-        """Give the pipeline that steers a push."""
+        """The pipeline that steers a push."""
         update = {
             "controller": controller_options(controller, push.target, self.face),
             "faults": drawn(self.faults, push.seed),
@@ -205,7 +205,7 @@ class Plan:
         return self.sensing.robot
 
     def settings(self, controllers: Sequence[str]) -> dict[str, Any]:
-        """Tell what makes two trials of one name equal, for a folder that is gone on with."""
+        """What makes two trials of one name equal, for a folder that is gone on with."""
         places = self.targets.places
         told = {
             "trials": TRIALS,
@@ -223,7 +223,7 @@ class Plan:
         return settings
 
     def push(self, thing: str, friction: str, number: int) -> Push:
-        """Give one push; of others nothing changes it.
+        """One push; of others nothing changes it.
 
         Args:
             thing: the name of the object.
@@ -245,7 +245,7 @@ class Plan:
         return Push(thing, friction, self.targets.name, number, target, offset, yaw, seed)
 
     def first_contact(self, thing: str, offset: float, yaw: float) -> float:
-        """Give how far to the left of the robot's middle an object is touched first [m].
+        """How far to the left of the robot's middle an object is touched first [m].
 
         Args:
             thing: the name of the object.
@@ -331,7 +331,7 @@ def _drawn(rng: np.random.Generator, first_contact: float) -> Place:
 
 
 def objects_of(names: Sequence[str], files: Sequence[Path]) -> dict[str, ObjectConfig]:
-    """Give objects by name.
+    """Objects by name.
 
     Args:
         names: of known objects; none: those of the paper, unless there are files.
@@ -353,7 +353,7 @@ def objects_of(names: Sequence[str], files: Sequence[Path]) -> dict[str, ObjectC
 
 
 def object_settings(thing: ObjectConfig) -> Any:
-    """Give what makes up an object; of a file what is in it."""
+    """What makes up an object; of a file what is in it."""
     if not isinstance(thing, UrdfObjectConfig):
         return thing.model_dump(mode="json")
     content = RobotConfig(urdf=thing.urdf, folder=thing.folder).path().read_bytes()
@@ -366,7 +366,7 @@ class _TargetFile(Model):
 
 
 def read_targets(told: str) -> Targets:
-    """Give the targets of a named set, of `random:N`, or of a YAML file.
+    """The targets of a named set, of `random:N`, or of a YAML file.
 
     Raises:
         ConfigurationError: it is none of these, or a target is no pair of finite numbers.

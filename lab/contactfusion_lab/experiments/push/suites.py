@@ -101,7 +101,7 @@ class Sensing:
         return FaceConfig(blur=blur)
 
     def settings(self) -> dict[str, Any]:
-        """Tell what it is; of a file with networks what is in it."""
+        """What it is; of a file with networks what is in it."""
         exclude: Any = dict.fromkeys(REST, True) | {
             "robot": {"folder"},
             "generators": {name: {"weights"} for name in self.networks},
@@ -115,7 +115,7 @@ class Sensing:
 
 
 def read_sensing(name: str, taxels: int, change: Change) -> Sensing:
-    """Give what feels.
+    """What feels.
 
     Args:
         name: of the sensing.
@@ -169,7 +169,7 @@ def read_sensing(name: str, taxels: int, change: Change) -> Sensing:
 
 
 def _chosen(name: str, known: Mapping[str, Any], kind: str) -> str:
-    """Give a name that is known, or nothing."""
+    """A name that is known, or nothing."""
     if name and name not in known:
         hint = name_hint(name, known, f"{kind} of the robot")
         raise ConfigurationError(f"the robot has no '{name}'; {hint}")
@@ -198,7 +198,7 @@ def _without(pipeline: PipelineConfig, without: Sequence[str], name: str) -> Pip
 
 
 def controller_options(name: str, target: tuple[float, float], face: FaceConfig) -> dict[str, Any]:
-    """Give the configuration of a controller.
+    """The configuration of a controller.
 
     Args:
         name: of a set of parameters of `reactive_pushing`, or of an installed controller.
@@ -219,7 +219,7 @@ def controller_options(name: str, target: tuple[float, float], face: FaceConfig)
 
 
 def controller_settings(controller: str, face: FaceConfig) -> Any:
-    """Give all options of a controller but `target` and `face`."""
+    """All options of a controller but `target` and `face`."""
     options = controller_options(controller, (0.0, 0.0), face)
     built = built_controller(PipelineConfig(controller=options))
     assert built is not None

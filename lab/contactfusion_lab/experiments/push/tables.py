@@ -50,12 +50,12 @@ START = "nominal"
 
 
 def groups_of(outcomes: Sequence[Outcome]) -> list[Group]:
-    """Give pairs of object and friction, in their order."""
+    """Pairs of object and friction, in their order."""
     return list(dict.fromkeys((one.object, one.friction) for one in outcomes))
 
 
 def summary_of(outcomes: Sequence[Outcome], seed: int) -> dict[str, Any]:
-    """Give what one sensing and controller reached: of all, and of each object and friction.
+    """What one sensing and controller reached: of all, and of each object and friction.
 
     Successes have Wilson intervals, medians percentile bootstrap intervals over pushes.
 
@@ -71,7 +71,7 @@ def summary_of(outcomes: Sequence[Outcome], seed: int) -> dict[str, Any]:
 
 
 def success_text(found: Mapping[str, Sequence[Outcome]], targets: str, starts: str) -> str:
-    """Give the paper's table as Markdown, with three rows a sensing and controller.
+    """The paper's table as Markdown, with three rows a sensing and controller.
 
     Args:
         found: outcomes by sensing and controller.
@@ -115,7 +115,7 @@ class Perception:
 
 
 def perception_text(found: Mapping[str, Perception], targets: str, starts: str) -> str:
-    """Give how well contacts are perceived, over all cycles, beside the paper, as Markdown.
+    """How well contacts are perceived, over all cycles, beside the paper, as Markdown.
 
     Args:
         found: by sensing and controller.
@@ -141,7 +141,7 @@ def perception_text(found: Mapping[str, Perception], targets: str, starts: str) 
 
 
 def measures_text(summaries: Mapping[str, Mapping[str, Any]]) -> str:
-    """Give medians over all pushes as Markdown, with their intervals, by sensing and controller."""
+    """Medians over all pushes as Markdown, with their intervals, by sensing and controller."""
     lines = [
         _line(["median", *(heading for heading, _, _ in MEASURES.values()), *COUNTED]),
         "|" + "---|" * (1 + len(MEASURES) + len(COUNTED)),
@@ -193,7 +193,7 @@ def _median(values: FloatArray, rng: np.random.Generator) -> dict[str, float | i
 
 
 def _papers_successes(groups: Sequence[Group], targets: str) -> list[list[str]]:
-    """Give the paper's rows of a set of targets, where it pushed all of these."""
+    """The paper's rows of a set of targets, where it pushed all of these."""
     if not set(groups) <= set(GROUPS):
         return []
     rows = [row for row in PAPER if row.targets == targets]
@@ -278,7 +278,7 @@ def perception(tracks: Sequence[Track], seed: int) -> Perception:
 
 
 def _resampled_interval(found: float, drawn: FloatArray) -> tuple[float, float, float]:
-    """Give a figure with its interval; all are NaN where nothing was located."""
+    """A figure with its interval; all are NaN where nothing was located."""
     there = drawn[np.isfinite(drawn)]
     if not len(there):
         return found, np.nan, np.nan
@@ -287,7 +287,7 @@ def _resampled_interval(found: float, drawn: FloatArray) -> tuple[float, float, 
 
 
 def _counted(track: Track) -> FloatArray:
-    """Give sums over cycles: squared errors, how many; right types, right contacts, cycles."""
+    """Sums over cycles: squared errors, how many; right types, right contacts, cycles."""
     errors = (track.lateral - track.contact[:, 1])[1:]
     errors = errors[np.isfinite(errors)]
     types = (track.kind == track.estimate)[1:]

@@ -82,7 +82,7 @@ class WatchedScene(PushScene):
         """So far [s]."""
 
     def readings(self) -> list[Reading]:
-        """Give what the sensors read now."""
+        """What the sensors read now."""
         start = time.process_time()
         readings = super().readings()
         self.sensed += time.process_time() - start
@@ -109,7 +109,7 @@ def tell_costs(costs: Mapping[str, Sequence[Cost]], out: Path) -> None:
 
 
 def costs_of(costs: Sequence[Cost]) -> dict[str, float]:
-    """Give rates, shares and quantiles of what pushes took.
+    """Rates, shares and quantiles of what pushes took.
 
     Args:
         costs: of pushes that were felt in one way.

@@ -146,7 +146,7 @@ def track_of(plan: Plan, push: Push, controller: str, cycles: Iterable[Cycle]) -
 
 
 def shares_on_face(contacts: Sequence[Contact], face: FaceConfig) -> dict[str, float]:
-    """Give the share of each source in the contacts on a face, which weigh by their voxels.
+    """The share of each source in the contacts on a face, which weigh by their voxels.
 
     Args:
         contacts: of one step, in the face's frame.

@@ -239,7 +239,7 @@ def _compare(results: Results, found: Found, first: Found, plan: Plan) -> None:
 
 
 def _csv(outcomes: Sequence[Outcome]) -> str:
-    """Give one line an outcome; lengths in m."""
+    """One line an outcome; lengths in m."""
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     told = [name for name in Outcome.__dataclass_fields__ if name != "touch"]

@@ -97,7 +97,7 @@ class Outcome:
 
 
 def modality_of(config: PipelineConfig, source: str) -> str:
-    """Tell which modality a source belongs to."""
+    """Which modality a source belongs to."""
     options = config.generators[source.split("/")[0]]
     if options["type"] == "range":
         return "range" if options.get("evidence") == "proximity" else "moving"
@@ -105,7 +105,7 @@ def modality_of(config: PipelineConfig, source: str) -> str:
 
 
 def everything(config: PipelineConfig) -> Row:
-    """Give the row of all modalities that are configured.
+    """The row of all modalities that are configured.
 
     `first touch` and `simulator` stand on the same belief: of the two, the first.
     """
@@ -149,7 +149,7 @@ def fused(
 
 
 def believed_robot(trial: Trial, config: PipelineConfig) -> PosedRobot:
-    """Give the robot where its joints were read in the end, in the space's frame."""
+    """The robot where its joints were read in the end, in the space's frame."""
     assert config.robot is not None
     model, frame = shared_robot(config.robot), config.integrator.frame
     base = config.frame_tree().pose(frame, of=model.root)
@@ -180,7 +180,7 @@ def outcome(
 
 
 def shared(trial: Trial, config: PipelineConfig) -> dict[tuple[str, str], bool]:
-    """Tell for each pair of modalities that both spoke whether they share a voxel."""
+    """Whether two modalities share a voxel, for each pair that both spoke."""
     grid = Grid(config.integrator.frame, config.integrator.voxel_size)
     voxels: dict[str, set[tuple[int, ...]]] = {}
     for name, cloud in trial.clouds.items():
@@ -268,7 +268,7 @@ def compare(found: Sequence[Outcome], other: Sequence[Outcome], seed: int) -> Co
 def _difference_of_medians(
     errors: FloatArray, rng: np.random.Generator
 ) -> tuple[float, float, float]:
-    """Give the difference of two medians with its interval; pairs of shape (n, 2) are drawn."""
+    """The difference of two medians with its interval; pairs of shape (n, 2) are drawn."""
     drawn = np.median(errors[rng.integers(len(errors), size=(RESAMPLES, len(errors)))], axis=1)
     tail = (1.0 - CONFIDENCE) / 2.0
     low, high = np.quantile(drawn[:, 0] - drawn[:, 1], [tail, 1.0 - tail])
@@ -286,7 +286,7 @@ def best_single(outcomes: Mapping[str, Sequence[Outcome]]) -> str:
 
 
 def comparisons_text(comparisons: Sequence[Comparison]) -> str:
-    """Give comparisons of one method as Markdown; another method is named, if it is one."""
+    """Comparisons of one method as Markdown; another method is named, if it is one."""
     lines = [
         "| row | against | detected by it only | by the other only | p | both report | "
         "ε median difference cm | p | difference of medians cm |",

@@ -138,7 +138,7 @@ def sharing(shares: Sequence[Mapping[tuple[str, str], bool]]) -> list[Measure]:
 
 
 def table_text(measures: Sequence[Measure], rows: Sequence[str], method: str) -> str:
-    """Give the table of one method as Markdown, beside the papers' figures.
+    """The table of one method as Markdown, beside the papers' figures.
 
     Args:
         measures: as `measures_of` gives them.
@@ -153,7 +153,7 @@ def table_text(measures: Sequence[Measure], rows: Sequence[str], method: str) ->
 
 
 def contacts_text(measures: Sequence[Measure], rows: Sequence[str], method: str) -> str:
-    """Give ε of touches at one place and of those at several as Markdown; see `table_text`."""
+    """ε of touches at one place and of those at several as Markdown; see `table_text`."""
     cells = _cells(measures, rows, method, BY_CONTACTS)
     return _markdown(
         [method, *(heading for heading, _, _ in BY_CONTACTS)],
@@ -187,7 +187,7 @@ def _line(cells: Sequence[str]) -> str:
 
 
 def shares_text(measures: Sequence[Measure], experiment: str) -> str:
-    """Give measures of proportions as Markdown, one line each.
+    """Measures of proportions as Markdown, one line each.
 
     Args:
         measures: of any kind.
@@ -201,7 +201,7 @@ def shares_text(measures: Sequence[Measure], experiment: str) -> str:
 
 
 def level_of(cloud: HypothesisCloud, place: FloatArray, rng: np.random.Generator) -> float:
-    """Tell how far out a place lies in what a cloud states: 0 in its midst, 1 beyond all of it.
+    """How far out a place lies in what a cloud states: 0 in its midst, 1 beyond all of it.
 
     The cloud is read as a mixture of Gaussians, one a hypothesis, weighted by likelihood, as wide
     as its spread; the level is the part of the mixture that is denser than the place. Levels of

@@ -131,7 +131,7 @@ class GraspDriver:
         return self.wanted
 
     def _led(self, positions: FloatArray, period: float) -> FloatArray:
-        """Give the velocities of the joints that follow the tool's goal, shape (n,)."""
+        """The velocities of the joints that follow the tool's goal, shape (n,)."""
         most = np.repeat([ACCELERATION, ANGULAR_ACCELERATION], 3) * period
         self._twist = self._twist + np.clip(self._target - self._twist, -most, most)
         really = self._model.poses_at(positions)[self._tool]
@@ -154,12 +154,12 @@ class GraspDriver:
 
 
 def _comes_along(tool: Pose, goal: Pose, further: Pose, most: FloatArray) -> bool:
-    """Tell whether a tool is near enough to a goal that goes on, or nearer to it than before."""
+    """Whether a tool is near enough to a goal that goes on, or nearer to it than before."""
     before, after = (float(np.abs(_way(tool, one) / most).max()) for one in (goal, further))
     return after < max(before, 1.0)
 
 
 def _way(start: Pose, end: Pose) -> FloatArray:
-    """Give the short way from one pose to another: shape (6,), place [m], then turn [rad]."""
+    """The short way from one pose to another: shape (6,), place [m], then turn [rad]."""
     turn = np.cross(start[:3, :3], end[:3, :3], axis=0).sum(axis=1) / 2.0
     return np.concatenate([end[:3, 3] - start[:3, 3], turn])

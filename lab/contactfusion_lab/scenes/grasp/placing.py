@@ -35,7 +35,7 @@ def placed(config: GraspConfig, azimuth: float, rng: np.random.Generator) -> Pos
 
 
 def facing(config: GraspConfig, azimuth: float) -> Pose:
-    """Give the pose of the tool at the start: level, its z towards where the object should be.
+    """The pose of the tool at the start: level, its z towards where the object should be.
 
     Its x points to the left as it goes, its y up.
 

@@ -121,7 +121,7 @@ class GraspScene:
         return self._steps * STEP
 
     def readings(self) -> list[Reading]:
-        """Give what wrists have read since the last command, then joints, skins and cameras."""
+        """What wrists have read since the last command, then joints, skins and cameras."""
         poses = self.robot.poses_at(self._arm.positions)
         told, self._waiting = self._waiting, []
         told.append(self._sensors.joints(self.stamp, self._arm.positions, self._arm.velocities))
@@ -162,7 +162,7 @@ class GraspScene:
                 self._pressed = max(self._pressed, self._force())
 
     def truth(self) -> GraspTruth:
-        """Give what really happens now."""
+        """What really happens now."""
         joints = self._arm.positions
         pressed, self._pressed = max(self._pressed, self._force()), 0.0
         return GraspTruth(
@@ -176,7 +176,7 @@ class GraspScene:
         )
 
     def facts(self) -> Facts:
-        """Tell where the robot is touched now, and where the object stands."""
+        """Where the robot is touched now, and where the object stands."""
         root, now = self.robot.root, contacts_of([self._world.touching()])
         contacts = tuple(
             true_contact(self.stamp, root, place, force)
@@ -186,7 +186,7 @@ class GraspScene:
         return Facts(self.stamp, root, contacts, standing(self.stamp, root, poses))
 
     def seen(self, eye: Eye, places: FloatArray) -> tuple[NDArray[np.uint8], FloatArray]:
-        """Give a picture, shape (height, width, 3), and where places (n, 3) [m] are in it."""
+        """A picture, shape (height, width, 3), and where places (n, 3) [m] are in it."""
         return self._world.seen(eye, places)
 
     def _force(self) -> float:
@@ -344,11 +344,11 @@ class Grasping(Scene):
             yield cycle.step
 
     def facts(self) -> Facts:
-        """Tell where the robot is touched, and where the object stands."""
+        """Where the robot is touched, and where the object stands."""
         return self._scene.facts()
 
     def verdict(self, pipeline: Pipeline, last: Step) -> Verdict:
-        """Tell how the grasp ended, and whether the object is really held."""
+        """How the grasp ended, and whether the object is really held."""
         config, ending = self._scene.config, self._cycles[-1].ending
         result = result_of(self._cycles, config.lifted, config.held)
         word = "success" if result.success else "no success"

@@ -59,7 +59,7 @@ class Eye:
         return colours[:, :, :3].copy()
 
     def pixels(self, bullet: Any, places: FloatArray) -> FloatArray:
-        """Give where places are in the picture.
+        """Where places are in the picture.
 
         Args:
             bullet: PyBullet.
@@ -140,7 +140,7 @@ class GraspWorld:
         self._physics.place(self._body, pose @ self._inertial)
 
     def blocked(self, positions: FloatArray) -> bool:
-        """Tell whether the robot would touch anything with its joints there, shape (n,)."""
+        """Whether the robot would touch anything with its joints there, shape (n,)."""
         return self._touch.blocked(positions, set(), "object")
 
     def arm(self, positions: FloatArray, stiffness: FloatArray) -> SpringyArm:
@@ -148,19 +148,19 @@ class GraspWorld:
         return self._touch.arm(positions, stiffness)
 
     def felt(self) -> dict[str, FloatArray]:
-        """Give what each wrist feels, weight and all, shape (6,) [N, N·m], on the robot."""
+        """What each wrist feels, weight and all, shape (6,) [N, N·m], on the robot."""
         return self._touch.felt()
 
     def touching(self) -> Touching:
-        """Tell where the robot is touched now."""
+        """Where the robot is touched now."""
         return self._touch.touching()
 
     def touches_object(self) -> bool:
-        """Tell whether the robot touches the object."""
+        """Whether the robot touches the object."""
         return self._touches(self._physics.robot)
 
     def supports_object(self) -> bool:
-        """Tell whether the floor or what stands around touches the object."""
+        """Whether the floor or what stands around touches the object."""
         return any(self._touches(body) for body in self._ground)
 
     def _touches(self, body: int) -> bool:
@@ -168,7 +168,7 @@ class GraspWorld:
         return any(point[9] >= FAINT for point in points)
 
     def seen(self, eye: Eye, places: FloatArray) -> tuple[NDArray[np.uint8], FloatArray]:
-        """Give a picture, shape (height, width, 3), and where places (n, 3) [m] are in it."""
+        """A picture, shape (height, width, 3), and where places (n, 3) [m] are in it."""
         return eye.picture(self._bullet, self._client), eye.pixels(self._bullet, places)
 
 
@@ -211,7 +211,7 @@ def add_movable(world: BulletWorld, thing: ObjectModel, mass: float | None) -> i
 
 
 def _part(bullet: Any, shape: ShapeConfig | Mesh) -> dict[str, Any]:
-    """Give one shape as PyBullet joins them; it wants every field of each."""
+    """One shape as PyBullet joins them; it wants every field of each."""
     pose = shape.pose()
     part = {
         "radii": 0.0, "lengths": 0.0, "halfExtents": (0.0, 0.0, 0.0), "fileNames": "",

@@ -132,7 +132,7 @@ def add_base(bullet: Any, client: Client, robot: RobotConfig, friction: float) -
 
 
 def rub(bullet: Any, client: Client, body: int, friction: float) -> None:
-    """Give a body Coulomb friction, and take every other loss away."""
+    """Set a body's Coulomb friction, and take every other loss away."""
     for row in range(-1, bullet.getNumJoints(body, **client)):
         bullet.changeDynamics(
             body, row, lateralFriction=friction, rollingFriction=0.0, spinningFriction=0.0,
@@ -158,7 +158,7 @@ def quiet() -> Iterator[None]:
 
 
 def in_place(places: Sequence[tuple[float, ...]]) -> dict[str, Any]:
-    """Give the places of links that are neither turned nor seen."""
+    """The places of links that are neither turned nor seen."""
     count = len(places)
     return {
         "linkPositions": places,

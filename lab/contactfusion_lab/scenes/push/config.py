@@ -89,7 +89,7 @@ class _File(Model):
 
 
 def named_object(name: str) -> ObjectConfig:
-    """Give a known object.
+    """A known object.
 
     Raises:
         ConfigurationError: there is none of that name.

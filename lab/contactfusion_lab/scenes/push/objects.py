@@ -56,24 +56,24 @@ class Part:
         return middle
 
     def moved(self, at: FloatArray, yaw: float, bottom: float) -> "Part":
-        """Give the part turned by `yaw` [rad], then moved by `at`, shape (2,) [m], and lifted."""
+        """The part turned by `yaw` [rad], then moved by `at`, shape (2,) [m], and lifted."""
         outline = self.outline @ planar_rotation(yaw).T + at
         return Part(outline, self.radius, self.bottom + bottom, self.height, self.mass)
 
 
 def rectangle(x: float, y: float) -> FloatArray:
-    """Give the corners of a rectangle about the origin, counterclockwise, shape (4, 2) [m]."""
+    """The corners of a rectangle about the origin, counterclockwise, shape (4, 2) [m]."""
     return np.array([[-x, -y], [x, -y], [x, y], [-x, y]]) / 2.0
 
 
 def polygon(sides: int, radius: float) -> FloatArray:
-    """Give the corners of a regular polygon, an edge ahead, counterclockwise, shape (n, 2) [m]."""
+    """The corners of a regular polygon, an edge ahead, counterclockwise, shape (n, 2) [m]."""
     angles = 2.0 * np.pi * (np.arange(sides) + 0.5) / sides
     return radius * np.stack([np.cos(angles), np.sin(angles)], axis=1)
 
 
 def extruded(part: Part) -> Triangles:
-    """Give a convex piece's surface: underside, top, and a strip of walls."""
+    """A convex piece's surface: underside, top, and a strip of walls."""
     count = len(part.outline)
     low, high = (
         np.column_stack([part.outline, np.full(count, z)])
@@ -148,7 +148,7 @@ class SoftConfig(Model):
     """[N·s/m]."""
 
     def on(self, other: "SoftConfig") -> "SoftConfig":
-        """Give what both are, one on the other."""
+        """What both are, one on the other."""
         return SoftConfig(
             stiffness=1.0 / (1.0 / self.stiffness + 1.0 / other.stiffness),
             damping=min(self.damping, other.damping),
@@ -179,7 +179,7 @@ class BoxConfig(ThingConfig):
     """[kg]."""
 
     def parts(self) -> list[Part]:
-        """Give the box, its middle at the origin."""
+        """The box, its middle at the origin."""
         x, y, z = self.size
         return [Part(rectangle(x, y), None, 0.0, z, self.mass)]
 
@@ -196,7 +196,7 @@ class CylinderConfig(ThingConfig):
     """[kg]."""
 
     def parts(self) -> list[Part]:
-        """Give the cylinder, its middle at the origin."""
+        """The cylinder, its middle at the origin."""
         return [Part(polygon(ROUND, self.radius), self.radius, 0.0, self.height, self.mass)]
 
 
@@ -214,7 +214,7 @@ class PrismConfig(ThingConfig):
     """[kg]."""
 
     def parts(self) -> list[Part]:
-        """Give the prism, its middle at the origin."""
+        """The prism, its middle at the origin."""
         return [Part(polygon(self.sides, self.radius), None, 0.0, self.height, self.mass)]
 
 
@@ -232,7 +232,7 @@ class LShapeConfig(ThingConfig):
     """Of both, spread evenly [kg]."""
 
     def parts(self) -> list[Part]:
-        """Give bar and leg, the middle of their mass at the origin."""
+        """Bar and leg, the middle of their mass at the origin."""
         (length, width), (leg, breadth) = self.bar, self.leg
         areas = np.array([length * width, leg * breadth])
         middles = np.array([[0.0, 0.0], [(width + leg) / 2.0, (length - breadth) / 2.0]])
@@ -281,7 +281,7 @@ class HollowConfig(ThingConfig):
         return self
 
     def parts(self) -> list[Part]:
-        """Give floor, lid and the four walls between them."""
+        """Floor, lid and the four walls between them."""
         (x, y, z), wall = self.size, self.wall
         aside, ahead = np.array([0.0, (y - wall) / 2.0]), np.array([(x - wall) / 2.0, 0.0])
         slab, height = rectangle(x, y), z - 2.0 * wall
@@ -331,7 +331,7 @@ class CompoundConfig(ThingConfig):
         return self
 
     def parts(self) -> list[Part]:
-        """Give the parts of all pieces."""
+        """The parts of all pieces."""
         return [
             part.moved(np.array(piece.at), np.radians(piece.yaw), piece.bottom)
             for piece in self.pieces
@@ -362,7 +362,7 @@ ObjectConfig = Annotated[
 
 
 def outlines(config: ObjectConfig) -> list[FloatArray]:
-    """Give the object as it is seen from above: the corners of each convex piece.
+    """The object as it is seen from above: the corners of each convex piece.
 
     The collision shapes of a URDF are taken for convex, its joints stand at 0.
 
@@ -392,7 +392,7 @@ def outlines(config: ObjectConfig) -> list[FloatArray]:
 
 
 def triangles_of(config: ObjectConfig) -> list[Triangles]:
-    """Give the surface of an object in its frame, one closed mesh a piece.
+    """The surface of an object in its frame, one closed mesh a piece.
 
     Returns:
         Vertices (v, 3) [m], and rows of them that make triangles, (t, 3).

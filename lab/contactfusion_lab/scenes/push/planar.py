@@ -125,7 +125,7 @@ class PlanarPush:
         )
 
     def contacts(self) -> list[Contact]:
-        """Tell what the skin felt in the last cycle, as the integrator would."""
+        """What the skin felt in the last cycle, as the integrator would."""
         if not self._rows:
             return []
         touched, activation = self._touched[: self._rows], self.config.skin.activation
@@ -140,7 +140,7 @@ class PlanarPush:
         return Touches(rows[:, 0].copy(), points, normals, rows[:, 5].copy())
 
     def truth(self) -> tuple[str, float]:
-        """Tell how the object truly touches, and how far that contact is from the target [m].
+        """How the object truly touches, and how far that contact is from the target [m].
 
         Returns:
             "none", "point" or "line"; and the distance, NaN without contact.
@@ -267,7 +267,7 @@ def planar_body(thing: ObjectConfig, friction: FrictionConfig) -> Body:
 
 
 def first_met(body: Body, yaw: float, y: float, half_width: float) -> float:
-    """Give where a front that comes along x meets an object first.
+    """Where a front that comes along x meets an object first.
 
     Args:
         body: the object.
@@ -299,7 +299,7 @@ def first_met(body: Body, yaw: float, y: float, half_width: float) -> float:
 
 
 def _supports(parts: list[Part], centre: FloatArray, friction: float) -> FloatArray:
-    """Give where the object stands, and how friction is shared: linear in the place."""
+    """Where the object stands, and how friction is shared: linear in the place."""
     standing = [part for part in parts if part.bottom == 0.0]
     places = np.concatenate([_feet(part) for part in standing]) - centre
     shares = np.concatenate(
@@ -323,7 +323,7 @@ def _feet(part: Part) -> FloatArray:
 
 
 def _gyration_squared(part: Part) -> float:
-    """Give a part's inertia about its own middle, over its mass [m²]."""
+    """A part's inertia about its own middle, over its mass [m²]."""
     if part.radius is not None:
         return part.radius**2 / 2.0
     x, y = (part.outline - part.middle).T
@@ -336,7 +336,7 @@ def _gyration_squared(part: Part) -> float:
 def felt(
     touched: FloatArray, steps: int, activation: float, front: float, half_width: float
 ) -> list[Contact]:
-    """Give contacts as skin, generator `tactile` and integrator would.
+    """Contacts as skin, generator `tactile` and integrator would.
 
     Args:
         touched: shape (n, 6), as `planar_kernels.advance` wrote it.

@@ -353,7 +353,7 @@ def advance(
 def _press(
     touched: FloatArray, steps: int, strip: FloatArray, activation: float, taxels: FloatArray
 ) -> None:
-    """Give the mean force on each taxel of a strip; a point presses the two nearest."""
+    """The mean force on each taxel of a strip; a point presses the two nearest."""
     facing_x, facing_y, along_x, along_y, middle, pitch, _ = strip
     n = len(taxels)
     for row in range(len(touched)):

@@ -97,7 +97,7 @@ class PushScene:
         return self._cycles * self.config.period
 
     def readings(self) -> list[Reading]:
-        """Give what the sensors read now.
+        """What the sensors read now.
 
         Odometry, the twist of the base, the skin's image, and what the eyes see whose turn it is.
         """
@@ -129,7 +129,7 @@ class PushScene:
         self._cycles += 1
 
     def truth(self) -> PushTruth:
-        """Give what really happens now."""
+        """What really happens now."""
         world = self._world
         base, thing = world.base_pose, world.object_pose
         kind, contact = touching(world.touches, world.steps)
@@ -143,7 +143,7 @@ class PushScene:
         return PushTruth(self.stamp, base, thing, kind, contact, distance, force)
 
     def facts(self) -> Facts:
-        """Tell the true contact, in the robot's frame, and where the object stands in `odom`."""
+        """The true contact, in the robot's frame, and where the object stands in `odom`."""
         truth, touches = self.truth(), self._world.touches
         objects = standing(self.stamp, "odom", {OBJECT: planar_pose(truth.object, 0.0)})
         if truth.kind == "none":
@@ -170,7 +170,7 @@ class PushScene:
 
 
 def touching(touches: Touches, steps: int) -> tuple[str, tuple[float, float]]:
-    """Say how and where the object touches, from all points of the last 50 ms (O §III-A)."""
+    """How and where the object touches, from all points of the last 50 ms (O §III-A)."""
     points: FloatArray = touches.points[_recent(touches, steps), :2]
     if not len(points):
         return "none", (np.nan, np.nan)
@@ -183,13 +183,13 @@ def touching(touches: Touches, steps: int) -> tuple[str, tuple[float, float]]:
 
 
 def _recent(touches: Touches, steps: int) -> NDArray[np.bool_]:
-    """Tell which of the points are of the last 50 ms of a cycle."""
+    """Which of the points are of the last 50 ms of a cycle."""
     recent: NDArray[np.bool_] = touches.steps >= steps - UNION * RATE
     return recent
 
 
 def _ends(points: FloatArray) -> NDArray[np.intp]:
-    """Give the rows of the two points that lie furthest apart along x or y, shape (2,)."""
+    """The rows of the two points that lie furthest apart along x or y, shape (2,)."""
     along = points[:, np.argmax(np.ptp(points[:, :2], axis=0))]
     return np.argsort(along, kind="stable")[[0, -1]]
 
@@ -307,11 +307,11 @@ class Pushing(Scene):
             yield cycle.step
 
     def facts(self) -> Facts:
-        """Tell the true contact, and where the object stands."""
+        """The true contact, and where the object stands."""
         return self._scene.facts()
 
     def verdict(self, pipeline: Pipeline, last: Step) -> Verdict:
-        """Tell how the push ended, and where the object truly touches then."""
+        """How the push ended, and where the object truly touches then."""
         assert self._last is not None  # run has given `last`
         truth, ending = self._last.truth, self._last.ending
         within = self._scene.config.within

@@ -75,7 +75,7 @@ class PushSkin:
         self._strips = [(inverse(grid.pose()), grid.columns, grid.pitch[1]) for grid in patch.grids]
 
     def values(self, touches: Touches, steps: int, rng: np.random.Generator) -> FloatArray:
-        """Give the value of each taxel, shape (n,) [N].
+        """The value of each taxel, shape (n,) [N].
 
         Args:
             touches: what pressed the robot in one cycle.
@@ -101,7 +101,7 @@ class PushSkin:
 
 
 def with_taxels(patch: PatchOnLink, columns: int) -> PatchOnLink:
-    """Give a skin whose front has so many taxels, and whose sides have taxels as wide.
+    """A skin whose front has so many taxels, and whose sides have taxels as wide.
 
     Args:
         patch: its first strip is the front.
@@ -133,7 +133,7 @@ class PushLidar:
         self._rays = view.rays(pose[:3, 3], vectors_in(pose, self._directions))
 
     def points(self, base: PlanarPose, thing: PlanarPose, rng: np.random.Generator) -> FloatArray:
-        """Give all returns, shape (n, 3) [m], in the LiDAR's frame.
+        """All returns, shape (n, 3) [m], in the LiDAR's frame.
 
         Args:
             base: where the base is.
@@ -154,7 +154,7 @@ class PushLidar:
 
 
 def directions(config: LidarConfig) -> FloatArray:
-    """Give the direction of each measurement, shape (n, 3), column by column, in its frame."""
+    """The direction of each measurement, shape (n, 3), column by column, in its frame."""
     first, last = config.window
     turns = np.arange(-config.columns, config.columns + 1) * 360.0 / config.columns
     turns = np.radians(turns[(turns >= first) & (turns < last)])
@@ -237,7 +237,7 @@ class PushCamera:
         return depth.reshape(self._size), mask.reshape(self._size)
 
     def _window(self, base: PlanarPose, thing: PlanarPose) -> tuple[slice, slice]:
-        """Give the rows and columns between which the object lies; all when it is beside it."""
+        """The rows and columns between which the object lies; all when it is beside it."""
         to_base = inverse(planar_pose(base, ORIGIN_HEIGHT)) @ planar_pose(thing, 0.0)
         corners = points_in(inverse(self._pose) @ to_base, self._corners)
         if corners[:, 2].min() < self._camera.config.reach[0]:
@@ -272,7 +272,7 @@ class PushCamera:
 
 
 def beside_steps(depth: FloatArray) -> Mask:
-    """Tell which pixels differ from one beside, above or below them by more than `STEP`.
+    """Which pixels differ from one beside, above or below them by more than `STEP`.
 
     Args:
         depth: shape (h, w) [m].
@@ -301,11 +301,11 @@ class Eye:
         self._period, self._look, self._next = 1.0 / rate, look, 0.0
 
     def due(self, stamp: float) -> bool:
-        """Tell whether it reads at a stamp [s]."""
+        """Whether it reads at a stamp [s]."""
         return stamp >= self._next - ROUNDING
 
     def reading(self, stamp: float, base: PlanarPose, thing: PlanarPose) -> Reading:
-        """Give the reading of a stamp [s]."""
+        """The reading of a stamp [s]."""
         self._next = stamp + self._period
         return self._look(stamp, base, thing)
 

@@ -72,7 +72,7 @@ class PushView:
     def distances(
         self, rays: Rays, base: PlanarPose, thing: PlanarPose
     ) -> tuple[FloatArray, NDArray[np.bool_]]:
-        """Give how far each ray goes.
+        """How far each ray goes.
 
         Args:
             rays: fixed to the base.

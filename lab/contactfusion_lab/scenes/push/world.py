@@ -188,7 +188,7 @@ class PushWorld:
         return *planar_point((place[0], place[1], yaw), back), yaw
 
     def mass(self) -> float:
-        """Give the mass of the object, with what is in it [kg]."""
+        """The mass of the object, with what is in it [kg]."""
         bullet, client, thing = self._bullet, self._client, self._thing
         rows = [(thing.body, row) for row in range(-1, bullet.getNumJoints(thing.body, **client))]
         rows += [] if thing.ball is None else [(thing.ball, -1)]
@@ -215,7 +215,7 @@ def _gathered(rows: list[tuple[float, ...]]) -> Touches:
 
 
 def _steps_of(shove: DisturbanceConfig) -> tuple[int, int]:
-    """Give the first step of a shove, and the first after it."""
+    """The first step of a shove, and the first after it."""
     begin = round(shove.start * RATE)
     return begin, begin + round(shove.duration * RATE)
 

@@ -113,7 +113,7 @@ class TouchScene(Scene):
         return pipeline.run(heard(self.readings(), hear))
 
     def facts(self) -> Facts:
-        """Tell where the hand is touched in these 50 ms, and where all objects truly stand."""
+        """Where the hand is touched in these 50 ms, and where all objects truly stand."""
         stamp, root = self._stamp, self.robot.root
         poses = {name: one.config.pose.pose() for name, one in self._objects.items()}
         now = contacts_of(self._moments)
@@ -124,7 +124,7 @@ class TouchScene(Scene):
         return Facts(stamp, root, contacts, standing(stamp, root, poses))
 
     def verdict(self, pipeline: Pipeline, last: Step) -> Verdict:
-        """Tell where the hand is really touched in the end, and how near contacts came."""
+        """Where the hand is really touched in the end, and how near contacts came."""
         return touch_verdict(self.truth.contacts, self.robot.root, pipeline, last)
 
     def readings(self) -> Iterator[Reading]:
@@ -164,7 +164,7 @@ class TouchScene(Scene):
     def _sensed(
         self, sensors: TouchSensors, arm: SpringyArm, step: int, *, last: bool
     ) -> Iterator[Reading]:
-        """Give the readings that are due after a step of the physics; in the end all."""
+        """The readings that are due after a step of the physics; in the end all."""
         stamp = self._stamp = step * STEP
         period = {**EVERY, "sights": 1.0 / self.config.camera_rate}
         due = {name for name, each in period.items() if last or step % round(each / STEP) == 0}
@@ -179,7 +179,7 @@ class TouchScene(Scene):
             yield from sensors.sights(stamp, poses, self._seen(poses))
 
     def _seen(self, poses: Mapping[str, Pose]) -> list[tuple[Solid, Pose]]:
-        """Give all that cameras can see, and where it is."""
+        """All that cameras can see, and where it is."""
         links = [(solid, poses[name]) for name, solid in self.robot.solids.items()]
         objects = [(one.solid, one.config.pose.pose()) for one in self._objects.values()]
         return links + objects
@@ -209,7 +209,7 @@ class TouchScene(Scene):
         )
 
     def _is_free(self, way: Approach) -> bool:
-        """Tell whether nothing touches anything, but in the end the hand the target."""
+        """Whether nothing touches anything, but in the end the hand the target."""
         target = self.config.touched
         return not any(
             self._world.blocked(way.at(gone), self._hand if gone > -CLEAR else set(), target)
@@ -293,7 +293,7 @@ def way_to_touch(
     ahead: FloatArray,
     target: ObjectModel,
 ) -> float:
-    """Tell how far links go before they touch an object; inf when they pass it by.
+    """How far links go before they touch an object; inf when they pass it by.
 
     Args:
         model: the robot.
@@ -320,7 +320,7 @@ def way_to_touch(
 
 
 def touch_verdict(touching: Touching, root: str, pipeline: Pipeline, last: Step) -> Verdict:
-    """Tell where a robot is really touched, and how near the contacts of the last step came.
+    """Where a robot is really touched, and how near the contacts of the last step came.
 
     Args:
         touching: in the frame of the robot's root link.
@@ -345,7 +345,7 @@ def touch_verdict(touching: Touching, root: str, pipeline: Pipeline, last: Step)
 
 
 def compared(truth: Touching, contacts: Sequence[Contact]) -> Iterator[str]:
-    """Say what really happened, and how near contacts came; one sentence for each true contact.
+    """What really happened, and how near contacts came; one sentence for each true contact.
 
     Args:
         truth: in the frame of the contacts.

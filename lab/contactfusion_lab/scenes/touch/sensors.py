@@ -142,7 +142,7 @@ class TouchSensors:
             yield PointCloud(stamp=stamp, frame=frame, sensor=name, points=points)
 
     def believed(self, objects: Mapping[str, ObjectModel]) -> Iterator[ObjectPose]:
-        """Tell where objects are believed to be when the touch begins, by name."""
+        """Where objects are believed to be when the touch begins, by name."""
         for name, one in objects.items():
             pose = one.config.pose.pose()
             shift, turn = self._rng.standard_normal(3), self._rng.standard_normal()

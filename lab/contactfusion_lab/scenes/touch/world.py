@@ -83,7 +83,7 @@ class TouchWorld:
         self._bodies[name] = [body]
 
     def blocked(self, positions: FloatArray, hand: set[str], target: str) -> bool:
-        """Tell whether the arm would touch the target, or any link another object.
+        """Whether the arm would touch the target, or any link another object.
 
         Args:
             positions: shape (n,), of the joints [rad, m].
@@ -102,7 +102,7 @@ class TouchWorld:
         return SpringyArm(self._world, self._model, positions, stiffness)
 
     def felt(self) -> dict[str, FloatArray]:
-        """Give what each wrist feels, weight and all, shape (6,) [N, N·m], on the robot."""
+        """What each wrist feels, weight and all, shape (6,) [N, N·m], on the robot."""
         wrenches = {}
         for name, row in self._wrists.items():
             state = self._bullet.getJointState(self._world.robot, row, **self._client)
@@ -114,7 +114,7 @@ class TouchWorld:
         return wrenches
 
     def touching(self) -> Touching:
-        """Tell where the robot is touched now."""
+        """Where the robot is touched now."""
         points = [
             point
             for bodies in self._bodies.values()
