@@ -284,7 +284,7 @@ def shares_figure(story: Story) -> bytes:
     return _png(figure, axes)
 
 
-def png_of(figure: Figure) -> bytes:
+def _png_of(figure: Figure) -> bytes:
     """A figure as a PNG file."""
     content = io.BytesIO()
     figure.savefig(content, dpi=160, format="png")
@@ -315,4 +315,4 @@ def _empty(story: Story, label: str) -> tuple[Figure, Any]:
 
 def _png(figure: Figure, axes: Any) -> bytes:
     axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.2), ncols=4, frameon=False)
-    return png_of(figure)
+    return _png_of(figure)

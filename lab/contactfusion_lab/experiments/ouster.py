@@ -102,7 +102,7 @@ def _measured(
         measures.append(_told(case, "greatest change of a strip", change, "m", len(many)))
     title = f"{recording.stem}, from above\n{recording}"
     clouds = {recording.rings: whole[-1], rings: thin[-1]}
-    draw_strips(title, clouds, config, out / f"ouster_{recording.stem}.png")
+    _draw_strips(title, clouds, config, out / f"ouster_{recording.stem}.png")
     return measures
 
 
@@ -214,7 +214,7 @@ def by_loops(points: FloatArray, config: ProximityConfig) -> FloatArray:
     return np.array(lengths)
 
 
-def draw_strips(
+def _draw_strips(
     title: str, clouds: Mapping[int, FloatArray], config: ProximityConfig, path: Path
 ) -> None:
     """Draw two clouds of one scene as seen from above, and below them the strips' lengths.

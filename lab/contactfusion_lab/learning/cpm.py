@@ -105,7 +105,7 @@ def train_cpm(options: Options, out: Path) -> None:
     networks = None
     for turn in range(options.rounds + 1):
         note(f"round {turn} of {options.rounds}")
-        trials += collected(_lessons(turn, options), networks, options.workers, out / "trials")
+        trials += _collected(_lessons(turn, options), networks, options.workers, out / "trials")
         data, folder = Dataset.of(trials), out / f"round_{turn}"
         how = training.Options(
             seed=options.seed,
@@ -113,7 +113,7 @@ def train_cpm(options: Options, out: Path) -> None:
             stride=options.stride,
         )
         before = rounds[-1][1] if rounds else None
-        trained = trained_round(data, how, before, options.workers, folder)
+        trained = _trained_round(data, how, before, options.workers, folder)
         rounds.append((data, trained))
         networks = _write(folder / FILE, data, trained, _told(trials, options), {})
     histories = {str(name): [one[name].history for _, one in rounds] for name in NAMES}
@@ -132,7 +132,7 @@ def _write(
     card = write_networks(
         path, trained["location"], trained["type"], data, PROXIMITY, RATE, told, figures
     )
-    say(", ".join(f"{name} {value:.4g}" for name, value in card.figures.items()))
+    _report(", ".join(f"{name} {value:.4g}" for name, value in card.figures.items()))
     return path
 
 
@@ -184,7 +184,7 @@ class Failure:
     why: str
 
 
-def collected(
+def _collected(
     lessons: Sequence[Lesson], weights: Path | None, workers: int, folder: Path
 ) -> list[LabelledTrial]:
     """Live the lessons that are not kept yet, and give the trials of all.
@@ -203,7 +203,7 @@ def collected(
     for done, _ in enumerate(_sound(each(work, missing, workers)), 1):
         if done % EVERY == 0 or done == len(missing):
             left = (time.monotonic() - start) / done * (len(missing) - done)
-            say(f"{done} of {len(missing)} pushes, {left:.0f} s left")
+            _report(f"{done} of {len(missing)} pushes, {left:.0f} s left")
     return [load(_file(folder, lesson)) for lesson in lessons]
 
 
@@ -217,7 +217,7 @@ def _live(weights: Path | None, folder: Path, lesson: Lesson) -> Failure | None:
     return None
 
 
-def trained_round(
+def _trained_round(
     data: Dataset, how: training.Options, before: Round | None, workers: int, folder: Path
 ) -> Round:
     """Train both networks, each in a process, on from those of the round before.
@@ -243,7 +243,7 @@ def _train(data: Dataset, how: training.Options, folder: Path, task: Task) -> Tr
 
     def told(epoch: int, learned: float, validated: float, left: float) -> None:
         if epoch % EVERY == 0:
-            say(
+            _report(
                 f"{name}: epoch {epoch} of {how.epochs}, loss {learned:.5f}, "
                 f"validation {validated:.5f}, {left:.0f} s left"
             )
@@ -270,7 +270,7 @@ def _file(folder: Path, lesson: Lesson) -> Path:
     return folder / f"{lesson.name}.npz"
 
 
-def say(line: str) -> None:
+def _report(line: str) -> None:
     """Report how far it is, beside the output."""
     note(f"  {line}", file=sys.stderr)
 

@@ -59,7 +59,7 @@ def evaluate(plan: Plan, settings: Mapping[str, Any], failed: Sequence[str], out
     Raises:
         ConfigurationError: a file holds none of these pushes, or another than its name says.
     """
-    made = gathered(plan, settings, out)
+    made = _gathered(plan, settings, out)
     by_targets = _by_targets(made, settings["targets"])
     found = {label: [one.outcome for one in part] for label, part in made.items()}
     summaries = {label: tables.summary_of(part, plan.seed) for label, part in found.items()}
@@ -125,7 +125,7 @@ def _for_each(
     )
 
 
-def gathered(plan: Plan, settings: Mapping[str, Any], out: Path) -> dict[str, list[Made]]:
+def _gathered(plan: Plan, settings: Mapping[str, Any], out: Path) -> dict[str, list[Made]]:
     """The pushes of each sensing and controller, by SENSING/CONTROLLER; of some if any.
 
     Args:
@@ -155,7 +155,7 @@ def _targets(name: str, places: Any) -> Targets:
 
 
 def _tracks(out: Path, sensing: str, controller: str) -> Iterator[tuple[Path, Track]]:
-    for path in trial_files(out, sensing, controller):
+    for path in _trial_files(out, sensing, controller):
         track = load(path)
         told = track.sensing, track.controller, track.push.name
         if told != (sensing, controller, path.stem):
@@ -201,7 +201,7 @@ def trial_file(out: Path, sensing: str, controller: str, push: Push) -> Path:
     return out / TRIALS / sensing / controller / f"{push.name}.npz"
 
 
-def trial_files(out: Path, sensing: str, controller: str) -> list[Path]:
+def _trial_files(out: Path, sensing: str, controller: str) -> list[Path]:
     """The files of all trials that were made with a sensing and a controller."""
     return sorted((out / TRIALS / sensing / controller).glob("*.npz"))
 

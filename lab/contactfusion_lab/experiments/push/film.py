@@ -71,7 +71,7 @@ def record(plan: Plan, push: Push, controller: str, folder: Path) -> tuple[Path,
     shapes = Shapes(
         read_chassis(plan.robot).corners, outlines(plan.objects[push.object]), plan.face
     )
-    return film(track, reasons, shapes, folder / f"{push.name}.gif"), recording
+    return _drawn(track, reasons, shapes, folder / f"{push.name}.gif"), recording
 
 
 def _object(push: Push, truth: PushTruth) -> ObjectPose:
@@ -101,7 +101,7 @@ class Shapes:
     face: FaceConfig
 
 
-def film(track: Track, reasons: Sequence[str], shapes: Shapes, path: Path) -> Path:
+def _drawn(track: Track, reasons: Sequence[str], shapes: Shapes, path: Path) -> Path:
     """Draw a push as an animated GIF.
 
     Args:

@@ -216,7 +216,7 @@ class Plan:
             "misplaced": {name: how.model_dump() for name, how in self.misplaced.items()},
             "sensings": {self.sensing.label: self.sensing.settings()},
             "controllers": {name: controller_settings(name, self.face) for name in controllers},
-            "objects": {name: object_settings(one) for name, one in self.objects.items()},
+            "objects": {name: _object_settings(one) for name, one in self.objects.items()},
             "targets": {self.targets.name: places or "by chance"},
         }
         settings: dict[str, Any] = json.loads(json.dumps(told, default=str))
@@ -309,7 +309,7 @@ def read_plan(
     require_once(frictions, "frictions")
     return Plan(
         sensing=read_sensing(sensing, taxels, change or Change()),
-        objects=objects_of(objects, files),
+        objects=_objects_of(objects, files),
         frictions=frictions,
         targets=targets,
         starts=starts,
@@ -330,7 +330,7 @@ def _drawn(rng: np.random.Generator, first_contact: float) -> Place:
             return x, y
 
 
-def objects_of(names: Sequence[str], files: Sequence[Path]) -> dict[str, ObjectConfig]:
+def _objects_of(names: Sequence[str], files: Sequence[Path]) -> dict[str, ObjectConfig]:
     """Objects by name.
 
     Args:
@@ -352,7 +352,7 @@ def objects_of(names: Sequence[str], files: Sequence[Path]) -> dict[str, ObjectC
     return objects
 
 
-def object_settings(thing: ObjectConfig) -> Any:
+def _object_settings(thing: ObjectConfig) -> Any:
     """What makes up an object; of a file what is in it."""
     if not isinstance(thing, UrdfObjectConfig):
         return thing.model_dump(mode="json")

@@ -117,7 +117,7 @@ def run_touch(options: Options, out: Path) -> None:
     failed = _touch_all(plan, touches, options.workers, out)
     trials = [load(path) for touch in touches if (path := _file(out, touch)).is_file()]
     if trials:
-        evaluate(plan, trials, methods, options.draw, out)
+        _evaluate(plan, trials, methods, options.draw, out)
     if failed:
         raise RobotError(f"{len(failed)} of {len(touches)} touches were not made: {failed[0]}")
 
@@ -160,7 +160,7 @@ class Results:
     texts: list[str] = field(default_factory=list)
 
 
-def evaluate(
+def _evaluate(
     plan: Plan, trials: Sequence[Trial], methods: Sequence[Method], draw: Sequence[str], out: Path
 ) -> None:
     """Fuse every touch by every row and method; write tables, files and figures.

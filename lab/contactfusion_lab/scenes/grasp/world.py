@@ -116,7 +116,7 @@ class GraspWorld:
         bullet, client = self._bullet, self._client
         bodies = [bullet.getBodyUniqueId(n, **client) for n in range(bullet.getNumBodies(**client))]
         self._ground = [body for body in bodies if body != self._physics.robot]
-        self._body = add_movable(self._physics, thing, mass)
+        self._body = _add_movable(self._physics, thing, mass)
         self._touch.adopt("object", self._body)
         grip = {"spinningFriction": SPINNING, "rollingFriction": ROLLING}
         self._bullet.changeDynamics(
@@ -172,7 +172,7 @@ class GraspWorld:
         return eye.picture(self._bullet, self._client), eye.pixels(self._bullet, places)
 
 
-def add_movable(world: BulletWorld, thing: ObjectModel, mass: float | None) -> int:
+def _add_movable(world: BulletWorld, thing: ObjectModel, mass: float | None) -> int:
     """Add an object that moves, at the origin.
 
     Args:

@@ -85,7 +85,7 @@ class Base(NamedTuple):
 def add_floor(bullet: Any, client: Client, friction: float) -> None:
     """Add the floor; PyBullet multiplies the frictions of two bodies, the object's is 1."""
     plane = bullet.createCollisionShape(bullet.GEOM_PLANE, **client)
-    rub(bullet, client, bullet.createMultiBody(0.0, plane, **client), friction)
+    _rub(bullet, client, bullet.createMultiBody(0.0, plane, **client), friction)
 
 
 def read_chassis(robot: RobotConfig) -> Chassis:
@@ -123,15 +123,15 @@ def add_base(bullet: Any, client: Client, robot: RobotConfig, friction: float) -
         linkParentIndices=(0, 1, 2),
         linkJointTypes=(bullet.JOINT_PRISMATIC, bullet.JOINT_PRISMATIC, bullet.JOINT_REVOLUTE),
         linkJointAxis=((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)),
-        **in_place(((0.0, 0.0, 0.0),) * 3),
+        **_in_place(((0.0, 0.0, 0.0),) * 3),
         **client,
     )
-    rub(bullet, client, body, friction)
+    _rub(bullet, client, body, friction)
     bullet.resetJointState(body, 0, -chassis.front, **client)
     return Base(body, chassis)
 
 
-def rub(bullet: Any, client: Client, body: int, friction: float) -> None:
+def _rub(bullet: Any, client: Client, body: int, friction: float) -> None:
     """Set a body's Coulomb friction, and take every other loss away."""
     for row in range(-1, bullet.getNumJoints(body, **client)):
         bullet.changeDynamics(
@@ -157,7 +157,7 @@ def quiet() -> Iterator[None]:
         os.close(nowhere)
 
 
-def in_place(places: Sequence[tuple[float, ...]]) -> dict[str, Any]:
+def _in_place(places: Sequence[tuple[float, ...]]) -> dict[str, Any]:
     """The places of links that are neither turned nor seen."""
     count = len(places)
     return {
@@ -207,7 +207,7 @@ def add_object(bullet: Any, client: Client, config: ObjectConfig) -> Thing:
         body = _joined(bullet, client, parts)
         x, y = parts[0].middle.tolist()
         back, turn = (x, y, parts[0].bottom + parts[0].height / 2.0), (0.0, 0.0, 0.0, 1.0)
-    rub(bullet, client, body, 1.0)
+    _rub(bullet, client, body, 1.0)
     ball = None
     if isinstance(config, HollowConfig) and config.ball is not None:
         ball = _rolling(bullet, client, config.ball, config.wall)
@@ -252,7 +252,7 @@ def _joined(bullet: Any, client: Client, parts: Sequence[Part]) -> int:
         linkParentIndices=[0] * count,
         linkJointTypes=[bullet.JOINT_FIXED] * count,
         linkJointAxis=[(0.0, 0.0, 1.0)] * count,
-        **in_place(places),
+        **_in_place(places),
         **client,
     )
     return body
@@ -263,7 +263,7 @@ def _rolling(bullet: Any, client: Client, ball: BallConfig, floor: float) -> int
     shape = bullet.createCollisionShape(bullet.GEOM_SPHERE, radius=ball.radius, **client)
     place = (0.0, 0.0, floor + ball.radius)
     body: int = bullet.createMultiBody(ball.mass, shape, basePosition=place, **client)
-    rub(bullet, client, body, GRIP)
+    _rub(bullet, client, body, GRIP)
     return body
 
 

@@ -81,7 +81,7 @@ class PlanarPush:
 
     def __init__(self, config: PushConfig) -> None:
         self.config = config
-        self._body: Body = planar_body(config.object, config.friction)
+        self._body: Body = _planar_body(config.object, config.friction)
         self._steps = round(config.period * RATE)
         self._state = np.zeros(STATE)
         self._floor = np.zeros((len(self._body.supports), 2))
@@ -129,7 +129,9 @@ class PlanarPush:
         if not self._rows:
             return []
         touched, activation = self._touched[: self._rows], self.config.skin.activation
-        return felt(touched, self._steps, activation, self._chassis.front, self._chassis.half_width)
+        return _felt(
+            touched, self._steps, activation, self._chassis.front, self._chassis.half_width
+        )
 
     @property
     def touches(self) -> Touches:
@@ -163,7 +165,7 @@ class PlanarPush:
         cos, sin = math.cos(yaw), math.sin(yaw)
         turn = np.array([[cos, -sin], [sin, cos]])
         middle = turn @ body.centre + [0.0, config.offset]
-        first = first_met(body, yaw, float(middle[1]), self._chassis.half_width)
+        first = _first_met(body, yaw, float(middle[1]), self._chassis.half_width)
         if first == math.inf:
             raise ConfigurationError(
                 "the object starts out of sight: the robot's front, "
@@ -230,7 +232,7 @@ class Body:
     numbers: FloatArray
 
 
-def planar_body(thing: ObjectConfig, friction: FrictionConfig) -> Body:
+def _planar_body(thing: ObjectConfig, friction: FrictionConfig) -> Body:
     """Bring an object to the plane.
 
     Args:
@@ -266,7 +268,7 @@ def planar_body(thing: ObjectConfig, friction: FrictionConfig) -> Body:
     )
 
 
-def first_met(body: Body, yaw: float, y: float, half_width: float) -> float:
+def _first_met(body: Body, yaw: float, y: float, half_width: float) -> float:
     """Where a front that comes along x meets an object first.
 
     Args:
@@ -333,7 +335,7 @@ def _gyration_squared(part: Part) -> float:
     return float((cross * square).sum() / (6.0 * cross.sum()))
 
 
-def felt(
+def _felt(
     touched: FloatArray, steps: int, activation: float, front: float, half_width: float
 ) -> list[Contact]:
     """Contacts as skin, generator `tactile` and integrator would.

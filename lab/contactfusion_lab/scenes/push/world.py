@@ -106,11 +106,11 @@ class PushWorld:
         self._base = self.base.body
         self._thing = add_object(pybullet, self._client, config.object)
         self._object, self._back, self._turn = self._thing[:3]
-        require_movable(config, self.mass())
+        _require_movable(config, self.mass())
         pad, soft, disturbed = config.skin.pad, config.object.soft, config.object.disturbed
         if between := pad.on(soft) if pad and soft else pad or soft:
             soften(pybullet, self._client, self._base, between)
-        self.first_contact = stood(pybullet, self._client, config, self.base, self._thing)
+        self.first_contact = _stand(pybullet, self._client, config, self.base, self._thing)
         """Where front and object will first meet on a straight way, in `odom` [m]."""
         shoves = config.disturbances + (drawn(disturbed, seed) if disturbed else ())
         self._shoves = [(*_steps_of(one), one) for one in shoves]
@@ -220,7 +220,7 @@ def _steps_of(shove: DisturbanceConfig) -> tuple[int, int]:
     return begin, begin + round(shove.duration * RATE)
 
 
-def require_movable(config: PushConfig, mass: float) -> None:
+def _require_movable(config: PushConfig, mass: float) -> None:
     """Make sure that an object can be pushed.
 
     Args:
@@ -245,7 +245,7 @@ def require_movable(config: PushConfig, mass: float) -> None:
         )
 
 
-def stood(
+def _stand(
     bullet: Any, client: Client, config: PushConfig, base: Base, thing: Thing
 ) -> tuple[float, float]:
     """Stand an object before the front of a base, as far away as the gap says.

@@ -125,7 +125,7 @@ class TouchScene(Scene):
 
     def verdict(self, pipeline: Pipeline, last: Step) -> Verdict:
         """Where the hand is really touched in the end, and how near contacts came."""
-        return touch_verdict(self.truth.contacts, self.robot.root, pipeline, last)
+        return _touch_verdict(self.truth.contacts, self.robot.root, pipeline, last)
 
     def readings(self) -> Iterator[Reading]:
         """Go ahead until the hand is pushed, stand until it has settled; give all readings.
@@ -319,7 +319,7 @@ def way_to_touch(
     return float(hits.min(initial=np.inf))
 
 
-def touch_verdict(touching: Touching, root: str, pipeline: Pipeline, last: Step) -> Verdict:
+def _touch_verdict(touching: Touching, root: str, pipeline: Pipeline, last: Step) -> Verdict:
     """Where a robot is really touched, and how near the contacts of the last step came.
 
     Args:
