@@ -8,11 +8,10 @@ from benchmarks.interleave import Rounds, Spread, interleave, timed
 from benchmarks.table import Row
 from contactfusion.generators.networks import ContactNetworks, shipped
 from contactfusion.generators.proximity import ProximityConfig
-from contactfusion_lab.experiments.proximity_loops import by_loops
-from contactfusion_lab.experiments.push.plan import read_plan
-from contactfusion_lab.experiments.push.targets import read_targets
+from contactfusion_lab.experiments.ouster import by_loops
+from contactfusion_lab.experiments.push.plan import read_plan, read_targets
 from contactfusion_lab.experiments.push.trial import run_trial
-from contactfusion_lab.simulation.push_config import SkinConfig
+from contactfusion_lab.scenes.push.config import SkinConfig
 
 TARGETS, SEED = "random:12", 7
 """Two pushes of each of the paper's objects and each friction."""

@@ -15,7 +15,7 @@ from contactfusion.pipeline_config import PipelineConfig
 from contactfusion.readings import PointCloud, Reading, Wrench
 from contactfusion.robots.model import shared_robot
 from contactfusion_lab.experiments.touch.plan import DEFAULT, Plan, Touch, read_plan
-from contactfusion_lab.simulation.touch import TouchScene
+from contactfusion_lab.scenes.touch.scene import TouchScene
 
 POINTS = 20_000
 """Of a cloud."""

@@ -1,5 +1,6 @@
 """Frames: a tree of poses, what one frame is in another, and frames by configuration."""
 
+import math
 from collections.abc import Mapping, Sequence
 from types import MappingProxyType
 from typing import Protocol, Self
@@ -17,6 +18,10 @@ Pose = FloatArray
 """A rigid transform as a homogeneous matrix, shape (4, 4): it takes a frame to its parent."""
 Parent = tuple[str, Pose]
 """The parent of a frame, and the frame's pose there."""
+PlanarPose = tuple[float, float, float]
+"""A pose on the floor: x, y [m] and yaw [rad]."""
+Planar = tuple[float, float]
+"""A point [m] or a vector on the floor."""
 
 
 class Above(Protocol):
@@ -230,6 +235,42 @@ def vectors_in(pose: Pose, vectors: FloatArray) -> FloatArray:
     """Turn vectors of shape (n, 3) into another frame."""
     turned: FloatArray = vectors @ pose[:3, :3].T
     return turned
+
+
+def planar_pose(planar: PlanarPose, height: float) -> Pose:
+    """The pose at x and y, `height` [m] above the floor, turned by the yaw."""
+    x, y, yaw = planar
+    return pose_at((x, y, height), (0.0, 0.0, yaw))
+
+
+def planar_point(planar: PlanarPose, point: Planar) -> Planar:
+    """A point of the frame at a planar pose, in the frame of that pose: p + R q [m]."""
+    (x, y, yaw), (forward, lateral) = planar, point
+    cos, sin = math.cos(yaw), math.sin(yaw)
+    return x + cos * forward - sin * lateral, y + sin * forward + cos * lateral
+
+
+def planar_turned(vector: Planar, yaw: float) -> Planar:
+    """A vector of a frame that is turned by a yaw [rad], in the frame around it: R v."""
+    cos, sin, (x, y) = math.cos(yaw), math.sin(yaw), vector
+    return cos * x - sin * y, sin * x + cos * y
+
+
+def planar_turned_back(vector: Planar, yaw: float) -> Planar:
+    """A vector in the frame that is turned by a yaw [rad]: Rᵀ v."""
+    cos, sin, (x, y) = math.cos(yaw), math.sin(yaw), vector
+    return cos * x + sin * y, cos * y - sin * x
+
+
+def planar_rotation(yaw: float) -> FloatArray:
+    """The matrix of a turn by a yaw [rad], shape (2, 2)."""
+    cos, sin = np.cos(yaw), np.sin(yaw)
+    return np.array([[cos, -sin], [sin, cos]])
+
+
+def yaw_quaternion(yaw: float) -> FloatArray:
+    """The quaternion x, y, z, w of a turn by a yaw [rad], shape (4,)."""
+    return np.array([0.0, 0.0, np.sin(yaw / 2.0), np.cos(yaw / 2.0)])
 
 
 class FrameConfig(Model):

@@ -11,12 +11,12 @@ from contactfusion.controllers.face import FaceContact
 from contactfusion.controllers.pushing import (
     ARRIVED,
     Decision,
-    PlanarPose,
     PushingConfig,
     PushingController,
 )
 from contactfusion.controllers.pushing_law import limited, place_of, wrapped
 from contactfusion.errors import ConfigurationError
+from contactfusion.frames import PlanarPose, planar_turned_back
 from contactfusion.units import Reach, Speed, Spread
 
 Place = tuple[float, float]
@@ -160,9 +160,8 @@ class ObjectPushing(PushingController[ConfigT]):
         if touch is not None:
             self._place(pose, touch.lateral)
         elif self._contact is not None:
-            cos, sin = math.cos(pose[2]), math.sin(pose[2])
-            x, y = self._thing[0] - pose[0], self._thing[1] - pose[1]
-            ahead, aside = cos * x + sin * y, cos * y - sin * x
+            way = self._thing[0] - pose[0], self._thing[1] - pose[1]
+            ahead, aside = planar_turned_back(way, pose[2])
             if ahead < face.ahead + reach and abs(aside) <= face.half_width:
                 self._place(pose, aside)
 

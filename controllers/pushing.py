@@ -13,13 +13,12 @@ from contactfusion.contacts import Contact
 from contactfusion.controller import Command, Controller
 from contactfusion.controllers.face import FaceConfig, FaceContact, beside, on_face
 from contactfusion.errors import ConfigurationError
+from contactfusion.frames import PlanarPose
 from contactfusion.model import Model
 from contactfusion.readings import Twist
 from contactfusion.state import State
 from contactfusion.units import Coordinate
 
-PlanarPose = tuple[float, float, float]
-"""x, y [m] and yaw [rad] in the odometry's frame."""
 PATIENCE = 1.0
 """It waits so long for odometry [s]."""
 ARRIVED = "arrived"

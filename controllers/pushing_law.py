@@ -2,6 +2,8 @@
 
 import math
 
+from contactfusion.frames import planar_point
+
 LIMIT = math.radians(89.0)
 """tan grows without bound towards 90 degrees."""
 
@@ -25,10 +27,7 @@ def displacement(
 
 def place_of(contact: tuple[float, float], pose: tuple[float, float, float]) -> tuple[float, float]:
     """Give the place of a contact in the world, p_R + R p_C [m]; arguments as above."""
-    x, y, yaw = pose
-    cos, sin = math.cos(yaw), math.sin(yaw)
-    ahead, aside = contact
-    return x + cos * ahead - sin * aside, y + sin * ahead + cos * aside
+    return planar_point(pose, contact)
 
 
 def adaptive_rate(lateral: float, eta: float, zeta: float, beta: float, k: float) -> float:

@@ -12,7 +12,6 @@ from contactfusion.controllers.face import FaceConfig, FaceContact
 from contactfusion.controllers.pushing import (
     ARRIVED,
     Decision,
-    PlanarPose,
     PushingConfig,
     PushingController,
 )
@@ -30,6 +29,7 @@ from contactfusion.controllers.pushing_parameters import (
     NamedParameters,
     SearchParameters,
 )
+from contactfusion.frames import PlanarPose, planar_turned_back
 from contactfusion.hooks import hookimpl
 
 ALIGNED = 0.02
@@ -220,8 +220,8 @@ class Search:
         p = self._parameters
         x, y, yaw = pose
         way = self._place[0] - x, self._place[1] - y
-        ahead = math.cos(yaw) * way[0] + math.sin(yaw) * way[1] - self._face.ahead
-        aside = math.cos(yaw) * way[1] - math.sin(yaw) * way[0] + self._shift()
+        ahead, aside = planar_turned_back(way, yaw)
+        ahead, aside = ahead - self._face.ahead, aside + self._shift()
         if beside and self._phase != "back":  # the object stands beside the robot, or reaches there
             self._place = place_of((self._face.ahead, beside * self._face.half_width), pose)
             self._clearance += MORE * (self._phase == "aside")
@@ -284,8 +284,7 @@ class GoAround:
         """
         p, (x, y, yaw) = self._parameters, pose
         way = self._middle[0] - x, self._middle[1] - y
-        ahead = math.cos(yaw) * way[0] + math.sin(yaw) * way[1]
-        aside = math.cos(yaw) * way[1] - math.sin(yaw) * way[0]
+        ahead, aside = planar_turned_back(way, yaw)
         if touched and self._phase == "around":  # the object is larger, or reaches back
             self._clearance += MORE
             self._phase = "back"

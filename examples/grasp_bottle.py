@@ -15,9 +15,8 @@ from contactfusion.figures import new_figure
 from contactfusion.files import make_folder
 from contactfusion.robots.description import located, read_robot
 from contactfusion.robots.model import shared_robot
-from contactfusion_lab.simulation.grasp import GraspScene
-from contactfusion_lab.simulation.grasp_config import GraspConfig
-from contactfusion_lab.simulation.grasping import grasped, result_of
+from contactfusion_lab.scenes.grasp.config import GraspConfig
+from contactfusion_lab.scenes.grasp.scene import GraspScene, grasped, result_of
 
 # The robot: an arm with three fingers and a wrist that feels force and torque.
 robot = read_robot(located("contactfusion.robots:arm_hand.yaml"))

@@ -14,9 +14,8 @@ from contactfusion import IntegratorConfig, Pipeline, PipelineConfig
 from contactfusion.figures import new_figure
 from contactfusion.files import make_folder
 from contactfusion.robots.description import located, read_robot
-from contactfusion_lab.simulation.push import PushScene
-from contactfusion_lab.simulation.push_config import PushConfig
-from contactfusion_lab.simulation.pushing import pushed
+from contactfusion_lab.scenes.push.config import PushConfig
+from contactfusion_lab.scenes.push.scene import PushScene, pushed
 
 TARGET = (-1.0, 1.0)
 

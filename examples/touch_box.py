@@ -18,8 +18,8 @@ from contactfusion.robots.description import located, read_robot
 from contactfusion.robots.model import RobotModel
 from contactfusion.robots.objects import ObjectConfig
 from contactfusion.shapes import ShapeConfig
-from contactfusion_lab.simulation.touch import TouchScene
-from contactfusion_lab.simulation.touch_config import TouchConfig
+from contactfusion_lab.scenes.touch.config import TouchConfig
+from contactfusion_lab.scenes.touch.scene import TouchScene
 
 out = Path(sys.argv[1] if len(sys.argv) > 1 else "out/touch_box")
 

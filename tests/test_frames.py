@@ -9,7 +9,20 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from contactfusion.errors import FrameError
-from contactfusion.frames import FrameTree, Parent, Pose, points_in, pose_of, vectors_in
+from contactfusion.frames import (
+    FrameTree,
+    Parent,
+    Pose,
+    planar_point,
+    planar_pose,
+    planar_rotation,
+    planar_turned,
+    planar_turned_back,
+    points_in,
+    pose_of,
+    vectors_in,
+    yaw_quaternion,
+)
 from contactfusion.integrator.config import IntegratorConfig
 from contactfusion.pipeline_config import PipelineConfig
 
@@ -158,3 +171,19 @@ def test_what_lies_above_the_first_shared_frame_need_not_be_known() -> None:
     with pytest.raises(FrameError, match="'robot' in 'map' is not known"):
         tree.root("eye")
     assert tree.ancestors("eye") == ("eye", "robot")
+
+
+@given(st.tuples(NUMBERS, NUMBERS, NUMBERS), st.tuples(NUMBERS, NUMBERS))
+def test_planar_poses_are_poses_that_stand_upright(
+    planar: tuple[float, float, float], point: tuple[float, float]
+) -> None:
+    (_, _, yaw), pose = planar, planar_pose(planar, 0.4)
+    raised = np.array([[*point, 0.0]])
+    assert planar_point(planar, point) == pytest.approx(points_in(pose, raised)[0, :2])
+    turned = planar_turned(point, yaw)
+    assert turned == pytest.approx(vectors_in(pose, raised)[0, :2])
+    assert planar_turned_back(turned, yaw) == pytest.approx(point)
+    np.testing.assert_allclose(planar_rotation(yaw), pose[:2, :2], atol=1e-12)
+    matrix = Rotation.from_quat(yaw_quaternion(yaw)).as_matrix()
+    np.testing.assert_allclose(matrix, pose[:3, :3], atol=1e-12)
+    assert pose[2, 3] == 0.4

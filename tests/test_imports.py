@@ -134,7 +134,7 @@ def test_the_guard_sees_an_import_of_the_laboratory_wherever_it_stands() -> None
     for source in (
         "import contactfusion_lab.demo",
         "from contactfusion_lab import cli",
-        "def f():\n    from contactfusion_lab.simulation.push import PushScene",
+        "def f():\n    from contactfusion_lab.scenes.push.scene import PushScene",
     ):
         assert lab_imports(source)
     assert not lab_imports("from contactfusion.labels import x")

@@ -8,10 +8,11 @@ from typing import Any
 import pytest
 
 from contactfusion.controllers.face import FaceContact
-from contactfusion.controllers.pushing import ARRIVED, Decision, PlanarPose
+from contactfusion.controllers.pushing import ARRIVED, Decision
 from contactfusion.controllers.pushing_law import place_of
 from contactfusion.controllers.pushing_parameters import SETS, PushingParameters
 from contactfusion.controllers.reactive_pushing import ReactivePushing, ReactivePushingConfig
+from contactfusion.frames import PlanarPose
 
 FAR = (5.0, 0.0)
 ORIGIN = (0.0, 0.0, 0.0)

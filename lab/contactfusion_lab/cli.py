@@ -50,7 +50,7 @@ def tune_push(
 ) -> None:
     """Search parameters of reactive pushing in a planar model; resumes where it stopped."""
     if check:
-        from contactfusion_lab.tune_push.check import check_ranking
+        from contactfusion_lab.tune_push.push import check_ranking
 
         check_ranking(trials, seed, workers, out)
         return
@@ -201,7 +201,7 @@ def experiment_push(
 ) -> None:
     """Push objects to targets in simulation by contact feedback; resumes where it stopped."""
     from contactfusion_lab.experiments.push.experiment import Options, run_push
-    from contactfusion_lab.simulation.push_config import SkinConfig
+    from contactfusion_lab.scenes.push.config import SkinConfig
 
     options = Options(
         sensings=sensing or ["skin"],

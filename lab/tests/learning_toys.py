@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from contactfusion_lab.learning.trials import LabelledTrial, Split
+from contactfusion_lab.learning.dataset import LabelledTrial, Split
 
 MIDDLES = -0.275 + 0.05 * np.arange(12)
 """Of the strips before the face, to the left [m]."""

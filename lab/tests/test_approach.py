@@ -12,9 +12,9 @@ from contactfusion.arrays import FloatArray
 from contactfusion.frames import Pose, inverse, points_in, pose_at
 from contactfusion.robots.model import RobotModel
 from contactfusion.robots.objects import ObjectConfig, ObjectModel
-from contactfusion_lab.simulation.aim import FAR, aimed, drawn_posture, way_to_touch
-from contactfusion_lab.simulation.approach import Approach, led_by, solved, straight, tries
-from contactfusion_lab.simulation.touch_config import TouchConfig
+from contactfusion_lab.scenes.approach import Approach, led_by, solved, straight, tries
+from contactfusion_lab.scenes.touch.config import TouchConfig
+from contactfusion_lab.scenes.touch.scene import FAR, aimed, drawn_posture, way_to_touch
 from tests.hands import slide
 from tests.poker import poker
 from tests.urdfs import ARM_HAND, real

@@ -20,9 +20,8 @@ from contactfusion.replaying.configuration import setting_of_recording
 from contactfusion.running import run_file
 from contactfusion_lab.demo import run as demo
 from contactfusion_lab.demo.account import Story
-from contactfusion_lab.demo.run import show
+from contactfusion_lab.demo.run import show, told
 from contactfusion_lab.demo.scene import DIES, scene_fields
-from contactfusion_lab.demo.telling import told
 
 RULE = "lidar_rule"
 """In place of networks, which come with the package only once they are trained."""

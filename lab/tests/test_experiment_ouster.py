@@ -7,7 +7,7 @@ import pytest
 
 from contactfusion.generators.proximity import ProximityConfig
 from contactfusion_lab.experiments import ouster as experiment
-from contactfusion_lab.experiments.proximity_loops import by_loops
+from contactfusion_lab.experiments.ouster import by_loops
 from tests.test_ouster import elsewhere, folder, ready
 
 __all__ = ["elsewhere", "folder", "ready"]

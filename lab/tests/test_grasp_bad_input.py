@@ -8,8 +8,7 @@ import pytest
 from contactfusion.faults import FaultFile
 from contactfusion_lab.experiments.grasp.plan import Column
 from contactfusion_lab.experiments.methods import Method
-from contactfusion_lab.simulation.grasp import GraspScene
-from contactfusion_lab.simulation.grasping import GraspCycle, result_of
+from contactfusion_lab.scenes.grasp.scene import GraspCycle, GraspScene, result_of
 from lab.tests.test_grasp_scene import PAPERS, PLAN, played, scene
 
 ALL = Column("all", Method("de_morgan", "cluster_centroid"))

@@ -23,20 +23,20 @@ from contactfusion.robots.model import shared_robot
 from contactfusion_lab.experiments.grasp import experiment, tables
 from contactfusion_lab.experiments.grasp import film as filming
 from contactfusion_lab.experiments.grasp.experiment import COLUMNS, Options, columns_of, run_grasp
+from contactfusion_lab.experiments.grasp.film import recorded
 from contactfusion_lab.experiments.grasp.plan import (
     DEFAULT,
     NONE,
     Column,
     Grasp,
     Plan,
+    check_columns,
     chosen_sources,
+    read_plan,
 )
-from contactfusion_lab.experiments.grasp.reading import check_columns, read_plan
-from contactfusion_lab.experiments.grasp.recorded import recorded
 from contactfusion_lab.experiments.grasp.trial import Row, load, results_csv, run_trial, save
 from contactfusion_lab.experiments.methods import Method
-from contactfusion_lab.simulation.grasp import GraspScene
-from contactfusion_lab.simulation.grasping import grasped
+from contactfusion_lab.scenes.grasp.scene import GraspScene, grasped
 from tests.test_cli import Ask, ask
 
 __all__ = ["ask"]

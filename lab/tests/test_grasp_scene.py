@@ -23,14 +23,19 @@ from contactfusion.readings import JointCommand, JointState, TactileImage, Twist
 from contactfusion.robots.model import RobotModel, shared_robot
 from contactfusion.running import run_file
 from contactfusion.scene import open_scene
-from contactfusion_lab.experiments.grasp.plan import DEFAULT, NONE, Column
-from contactfusion_lab.experiments.grasp.reading import read_plan
+from contactfusion_lab.experiments.grasp.plan import DEFAULT, NONE, Column, read_plan
 from contactfusion_lab.experiments.methods import Method
-from contactfusion_lab.simulation.arm import STEP
-from contactfusion_lab.simulation.grasp import OBJECT, GraspScene, GraspTruth
-from contactfusion_lab.simulation.grasp_config import GraspConfig
-from contactfusion_lab.simulation.grasp_driver import FASTEST, GraspDriver
-from contactfusion_lab.simulation.grasping import GraspCycle, grasped, result_of
+from contactfusion_lab.scenes.arm import STEP
+from contactfusion_lab.scenes.grasp.config import GraspConfig
+from contactfusion_lab.scenes.grasp.driver import FASTEST, GraspDriver
+from contactfusion_lab.scenes.grasp.scene import (
+    OBJECT,
+    GraspCycle,
+    GraspScene,
+    GraspTruth,
+    grasped,
+    result_of,
+)
 from tests.test_docs import unnamed
 
 ROOT = Path(__file__).resolve().parents[2]

@@ -5,8 +5,8 @@ import re
 import yaml
 
 from contactfusion.robots.objects import ObjectConfig
-from contactfusion_lab.simulation.noise import NOISES, TouchNoise
-from contactfusion_lab.simulation.touch_config import TouchConfig
+from contactfusion_lab.scenes.noise import NOISES, TouchNoise
+from contactfusion_lab.scenes.touch.config import TouchConfig
 from tests.test_docs import SCENES, unnamed
 
 

@@ -16,10 +16,9 @@ from contactfusion.files import read_arrays, write_npz
 from contactfusion.generators.lstm import Weights, tensor_shapes
 from contactfusion.generators.networks import OUTPUTS
 from contactfusion_lab.learning import training
+from contactfusion_lab.learning.dataset import WINDOW, Dataset, LabelledTrial, Split
 from contactfusion_lab.learning.networks import Name, gathered, predict
 from contactfusion_lab.learning.training import Options, Told, Trained, train
-from contactfusion_lab.learning.trials import LabelledTrial, Split
-from contactfusion_lab.learning.windows import WINDOW, Dataset
 from lab.tests.learning_toys import EMPTY, MIDDLES, toy_trial, toy_trials
 
 DATA = Dataset.of(toy_trials(4, 2))

@@ -9,31 +9,28 @@ import pytest
 from contactfusion.controllers.face import FaceConfig, FaceContact, on_face
 from contactfusion.controllers.pushing import (
     Decision,
-    PlanarPose,
     PushingConfig,
     PushingController,
 )
 from contactfusion.controllers.reactive_pushing import ReactivePushing, ReactivePushingConfig
 from contactfusion.errors import ConfigurationError
+from contactfusion.frames import PlanarPose
 from contactfusion.pipeline import Pipeline
 from contactfusion.pipeline_config import PipelineConfig
 from contactfusion.readings import TactileImage
 from contactfusion.robots.description import located, read_robot
-from contactfusion_lab.simulation import planar_kernels, planar_skin
-from contactfusion_lab.simulation.planar import (
-    FRONT,
-    HALF_WIDTH,
-    REAR,
+from contactfusion_lab.scenes.push import planar_kernels
+from contactfusion_lab.scenes.push.bodies import ORIGIN_HEIGHT
+from contactfusion_lab.scenes.push.config import FRICTIONS, RATE, PushConfig, SkinConfig
+from contactfusion_lab.scenes.push.planar import (
+    CHASSIS,
+    STRIPS,
     PlanarPush,
     planar_trial,
 )
-from contactfusion_lab.simulation.planar_skin import STRIPS
-from contactfusion_lab.simulation.push import BASE
-from contactfusion_lab.simulation.push_config import RATE, PushConfig, SkinConfig
-from contactfusion_lab.simulation.push_names import FRICTIONS
-from contactfusion_lab.simulation.push_skin import PushSkin
-from contactfusion_lab.simulation.push_world import PushWorld
-from contactfusion_lab.simulation.pushing import Ending
+from contactfusion_lab.scenes.push.scene import BASE, Ending, mobile_base
+from contactfusion_lab.scenes.push.sensors import PushSkin
+from contactfusion_lab.scenes.push.world import PushWorld
 
 OBJECTS = ["box", "cylinder", "nonuniform", "lshape", "prism", "light_cylinder"]
 Twist = tuple[float, float, float]
@@ -150,9 +147,9 @@ def deepest(push: PlanarPush) -> float:
     x, y, yaw = push.base_pose
     cos, sin = math.cos(yaw), math.sin(yaw)
     local = (world - [x, y]) @ np.array([[cos, -sin], [sin, cos]])
-    outside = np.maximum(
-        np.maximum(REAR - local[:, 0], local[:, 0] - FRONT), np.abs(local[:, 1]) - HALF_WIDTH
-    )
+    base = mobile_base()
+    behind, before = base.rear - local[:, 0], local[:, 0] - base.front
+    outside = np.maximum(np.maximum(behind, before), np.abs(local[:, 1]) - base.half_width)
     return float((radii - outside).max())
 
 
@@ -180,8 +177,9 @@ def test_a_push_moves_an_object_as_pybullet_does(thing: str, friction: str) -> N
 
 def test_the_base_is_that_of_the_description() -> None:
     robot = read_robot(located(BASE))
-    base = PushWorld(scene(), robot).base
-    assert (base.rear, base.front, base.half_width) == pytest.approx((REAR, FRONT, HALF_WIDTH))
+    assert PushWorld(scene(), robot).base.chassis == mobile_base()
+    z, height = ORIGIN_HEIGHT + mobile_base().xyz[2], mobile_base().size[2]
+    assert (z - height / 2.0, z + height / 2.0) == pytest.approx(CHASSIS)
     for strip, grid in zip(STRIPS, robot.patches["skin"].grids, strict=True):
         pose = grid.pose()
         assert pose[:2, 2] == pytest.approx(strip[:2], abs=1e-6)
@@ -256,7 +254,6 @@ def test_what_cannot_be_pushed_in_the_plane_is_told() -> None:
 
 
 def test_kernels_that_call_each_other_stand_in_one_module() -> None:
-    for module in (planar_kernels, planar_skin):
-        for name, thing in vars(module).items():
-            if hasattr(thing, "py_func"):
-                assert thing.py_func.__module__ == module.__name__, f"{name} in {module.__name__}"
+    for name, kernel in vars(planar_kernels).items():
+        if hasattr(kernel, "py_func"):
+            assert kernel.py_func.__module__ == planar_kernels.__name__, name

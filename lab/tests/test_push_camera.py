@@ -7,20 +7,19 @@ import numpy as np
 import pytest
 
 from contactfusion.errors import ConfigurationError
-from contactfusion.frames import Pose, inverse, points_in
+from contactfusion.frames import PlanarPose, Pose, inverse, points_in
 from contactfusion.generators.proximity import ProximityConfig
 from contactfusion.readings import DepthImage, PointCloud
 from contactfusion.robots.description import CameraConfig
 from contactfusion.robots.model import shared_robot
-from contactfusion_lab.simulation.push import PushScene
-from contactfusion_lab.simulation.push_camera import Picture, PushCamera, beside_steps
-from contactfusion_lab.simulation.push_config import CameraNoise, MisplacedConfig, PushConfig
-from contactfusion_lab.simulation.push_eyes import misplacement
-from contactfusion_lab.simulation.push_surfaces import triangles_of
-from contactfusion_lab.simulation.push_view import Planar, PushView
+from contactfusion_lab.scenes.push.config import CameraNoise, MisplacedConfig, PushConfig
+from contactfusion_lab.scenes.push.objects import triangles_of
+from contactfusion_lab.scenes.push.scene import PushScene
+from contactfusion_lab.scenes.push.sensors import Picture, PushCamera, beside_steps, misplacement
+from contactfusion_lab.scenes.push.view import PushView
 from lab.tests.test_push_world import base
 
-HERE: Planar = (-0.3, 0.0, 0.0)
+HERE: PlanarPose = (-0.3, 0.0, 0.0)
 """The base whose front stands at x = 0."""
 TOP, CHASSIS, FLOOR = 1.1 - 0.35, 1.1 + 0.05, 1.1 + 0.45
 """How far below the camera lie the top of a box 0.8 m high, the base, and the floor [m]."""
@@ -42,7 +41,7 @@ def camera(noise: CameraNoise = QUIET, name: str = "camera", **fields: Any) -> P
     return PushCamera(config, seat(), PushView(thing, base()), corners, noise, paint)
 
 
-def taken(one: PushCamera, thing: Planar = (0.2, 0.0, 0.0), seed: int = 0) -> Picture:
+def taken(one: PushCamera, thing: PlanarPose = (0.2, 0.0, 0.0), seed: int = 0) -> Picture:
     return one.picture(HERE, thing, np.random.default_rng(seed))
 
 
@@ -134,7 +133,7 @@ def test_beyond_its_reach_it_measures_nothing() -> None:
     "thing", [(0.2, 0.0, 0.3), (0.1, 0.45, 0.0), (0.7, 0.0, 0.5), (-2.0, 0.0, 0.0), (5.0, 3.0, 1.0)]
 )
 def test_casting_only_where_the_object_can_be_misses_nothing(
-    thing: Planar, monkeypatch: pytest.MonkeyPatch
+    thing: PlanarPose, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     one = camera()
     seen = taken(one, thing)
@@ -206,7 +205,7 @@ def test_a_misplaced_lidar_sees_the_same_scene_from_elsewhere() -> None:
 
 
 def chance_of(name: str, seed: int = 0) -> np.random.Generator:
-    from contactfusion_lab.simulation.push_eyes import _chance
+    from contactfusion_lab.scenes.push.sensors import _chance
 
     return _chance(seed, name)
 

@@ -6,9 +6,8 @@ from typing import Any
 import pytest
 
 from contactfusion.errors import ConfigurationError
-from contactfusion_lab.simulation.push_config import PushConfig
-from contactfusion_lab.simulation.push_names import PAPER, named_object
-from contactfusion_lab.simulation.push_shapes import BoxConfig
+from contactfusion_lab.scenes.push.config import PAPER, PushConfig, named_object
+from contactfusion_lab.scenes.push.objects import BoxConfig
 
 
 def config(**fields: Any) -> PushConfig:

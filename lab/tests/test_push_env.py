@@ -8,8 +8,8 @@ from gymnasium.utils.env_checker import check_env
 
 from contactfusion.errors import ConfigurationError, InvalidReadingError
 from contactfusion.readings import Odometry, TactileImage
-from contactfusion_lab.simulation.push_config import PushConfig
-from contactfusion_lab.simulation.push_env import FASTEST, Observation, PushEnv
+from contactfusion_lab.scenes.push.config import PushConfig
+from contactfusion_lab.scenes.push.env import FASTEST, Observation, PushEnv
 from lab.tests.test_push_world import base
 
 AHEAD = np.array([0.2, 0.0, 0.0])

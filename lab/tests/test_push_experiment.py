@@ -18,18 +18,24 @@ import pytest
 from contactfusion.controllers.pushing_parameters import SETS
 from contactfusion.errors import ConfigurationError, ContactFusionError, RobotError
 from contactfusion.robots.description import PatchOnLink
-from contactfusion_lab.experiments.push import checks, experiment
+from contactfusion_lab.experiments.push import experiment
 from contactfusion_lab.experiments.push.experiment import Options, run_push
-from contactfusion_lab.experiments.push.plan import Plan, Push, read_plan
-from contactfusion_lab.experiments.push.steering import controller_options
-from contactfusion_lab.experiments.push.targets import GRID, NAMED, Targets, read_targets
+from contactfusion_lab.experiments.push.plan import (
+    GRID,
+    NAMED,
+    Plan,
+    Push,
+    Targets,
+    read_plan,
+    read_targets,
+)
+from contactfusion_lab.experiments.push.suites import controller_options
 from contactfusion_lab.experiments.push.trial import KINDS, load, run_trial, save
 from contactfusion_lab.experiments.workers import Died
-from contactfusion_lab.simulation.push_config import SkinConfig
-from contactfusion_lab.simulation.push_names import named_object, read_object
-from contactfusion_lab.simulation.push_skin import with_taxels
-from contactfusion_lab.simulation.push_surfaces import outlines
-from contactfusion_lab.simulation.push_world import PushWorld
+from contactfusion_lab.scenes.push.config import SkinConfig, named_object, read_object
+from contactfusion_lab.scenes.push.objects import outlines
+from contactfusion_lab.scenes.push.sensors import with_taxels
+from contactfusion_lab.scenes.push.world import PushWorld
 
 ROOT = Path(__file__).parents[2]
 CONTACTFUSION = Path(sys.executable).with_name("contactfusion")
@@ -96,8 +102,7 @@ def here(monkeypatch: pytest.MonkeyPatch) -> None:
     ) -> Iterator[tuple[Any, Any]]:
         return ((task, make(task)) for task in tasks)
 
-    for module in (experiment, checks):
-        monkeypatch.setattr(module, "each", each)
+    monkeypatch.setattr(experiment, "each", each)
 
 
 class TestTargets:
@@ -502,7 +507,7 @@ class TestExperiment:
         def broken(*_: Any) -> Any:
             raise ZeroDivisionError("oh")
 
-        monkeypatch.setattr(checks, "PushScene", broken)
+        monkeypatch.setattr(experiment, "PushScene", broken)
         with pytest.raises(ConfigurationError, match=r"box to .*: ZeroDivisionError: oh"):
             run_push(small(targets), tmp_path / "out")
         assert not (tmp_path / "out").exists()

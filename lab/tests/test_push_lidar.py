@@ -7,22 +7,22 @@ import pytest
 
 from contactfusion.arrays import FloatArray
 from contactfusion.errors import ConfigurationError
-from contactfusion.frames import Pose, points_in, pose_at
+from contactfusion.frames import PlanarPose, Pose, points_in, pose_at
 from contactfusion.generators.perceived import ROBOT
 from contactfusion.generators.proximity import ProximityConfig, without
 from contactfusion.readings import PointCloud
 from contactfusion.robots.description import LidarConfig
-from contactfusion_lab.simulation.push import PushScene
-from contactfusion_lab.simulation.push_config import LidarNoise, PushConfig
-from contactfusion_lab.simulation.push_lidar import PushLidar, directions
-from contactfusion_lab.simulation.push_view import Planar, PushView
+from contactfusion_lab.scenes.push.config import LidarNoise, PushConfig
+from contactfusion_lab.scenes.push.scene import PushScene
+from contactfusion_lab.scenes.push.sensors import PushLidar, directions
+from contactfusion_lab.scenes.push.view import PushView
 from lab.tests.test_push_world import base
 
-HERE: Planar = (-0.3, 0.0, 0.0)
+HERE: PlanarPose = (-0.3, 0.0, 0.0)
 """The base whose front stands at x = 0."""
-NEAR: Planar = (0.201, 0.0, 0.0)
+NEAR: PlanarPose = (0.201, 0.0, 0.0)
 """A box 0.4 m long, 1 mm before the front."""
-FAR: Planar = (4.0, 0.0, 0.0)
+FAR: PlanarPose = (4.0, 0.0, 0.0)
 CALM = LidarNoise(range=0.0, dropout=0.0, jumps=0.0)
 MOUNTINGS = ("lidar", "lidar_side", "lidar_tilted")
 PROXIMITY = ProximityConfig(occupied=2)

@@ -8,15 +8,18 @@ import pytest
 
 from contactfusion.arrays import FloatArray
 from contactfusion.errors import ConfigurationError
-from contactfusion_lab.simulation.push_names import OTHERS, PAPER, named_object, read_object
-from contactfusion_lab.simulation.push_objects import (
+from contactfusion_lab.scenes.push.config import OTHERS, PAPER, named_object, read_object
+from contactfusion_lab.scenes.push.objects import (
+    ROUND,
+    BoxConfig,
     CompoundConfig,
     HollowConfig,
+    LShapeConfig,
     ObjectConfig,
+    PrismConfig,
     UrdfObjectConfig,
+    outlines,
 )
-from contactfusion_lab.simulation.push_shapes import ROUND, BoxConfig, LShapeConfig, PrismConfig
-from contactfusion_lab.simulation.push_surfaces import outlines
 
 ROOT = Path(__file__).parents[2]
 KNOWN = [*PAPER, *OTHERS]

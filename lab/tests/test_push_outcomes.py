@@ -13,19 +13,27 @@ from contactfusion.errors import ConfigurationError
 from contactfusion.figures import new_figure
 from contactfusion_lab.experiments.folder import as_json
 from contactfusion_lab.experiments.push import figures, tables
-from contactfusion_lab.experiments.push.causes import cause
-from contactfusion_lab.experiments.push.comparisons import compare, compare_all, comparisons_text
-from contactfusion_lab.experiments.push.evaluation import evaluate
-from contactfusion_lab.experiments.push.folder import trial_file
-from contactfusion_lab.experiments.push.outcomes import Outcome, outcome, results_csv
-from contactfusion_lab.experiments.push.paper import GROUPS, PAPER, Reached
-from contactfusion_lab.experiments.push.perception import perception
-from contactfusion_lab.experiments.push.plan import CHASSIS, Plan, Push, read_plan
-from contactfusion_lab.experiments.push.recorded import chassis
-from contactfusion_lab.experiments.push.targets import Targets, read_targets
+from contactfusion_lab.experiments.push.evaluation import evaluate, trial_file
+from contactfusion_lab.experiments.push.outcomes import (
+    Outcome,
+    cause,
+    compare,
+    compare_all,
+    comparisons_text,
+    outcome,
+    results_csv,
+)
+from contactfusion_lab.experiments.push.plan import (
+    Plan,
+    Push,
+    Targets,
+    read_plan,
+    read_targets,
+)
+from contactfusion_lab.experiments.push.tables import GROUPS, PAPER, Reached, perception
 from contactfusion_lab.experiments.push.trial import ARRAYS, Track, save
-from contactfusion_lab.simulation.push_config import SkinConfig
-from contactfusion_lab.simulation.pushing import Ending
+from contactfusion_lab.scenes.push.config import SkinConfig
+from contactfusion_lab.scenes.push.scene import Ending
 
 PUSH = Push("box", "mu1", "grid", 3, (2.0, 1.0), 0.0, 0.0, 7)
 MODES = ("push", "search", "escape", "realign", "arrived")
@@ -425,15 +433,9 @@ class TestEvaluation:
         for controller in ("tuned", "paper"):
             pushed(made, controller, tmp_path)
         monkeypatch.setattr(
-            "contactfusion_lab.experiments.push.comparisons.compare",
+            "contactfusion_lab.experiments.push.outcomes.compare",
             lambda *both: replace(compare(*both), p_of_success=float("nan")),
         )
         evaluate(made, made.settings(["tuned", "paper"]), [], tmp_path)
         text = (tmp_path / "summary.json").read_text()
         assert "NaN" not in text and json.loads(text)["tests"][0]["p_of_success"] is None
-
-
-def test_the_robot_that_is_drawn_is_that_of_its_urdf() -> None:
-    corners = chassis(planned(read_targets("grid")))
-    assert np.ptp(corners, axis=0) == pytest.approx(CHASSIS)
-    assert np.abs(corners[:, 1]).max() == pytest.approx(CHASSIS[1] / 2.0)

@@ -9,13 +9,12 @@ import pytest
 
 from contactfusion.arrays import FloatArray
 from contactfusion.errors import ConfigurationError
-from contactfusion_lab.simulation.push import touching
-from contactfusion_lab.simulation.push_bodies import GRAVITY
-from contactfusion_lab.simulation.push_disturbances import DisturbedConfig, drawn
-from contactfusion_lab.simulation.push_names import named_object, read_object
-from contactfusion_lab.simulation.push_objects import HollowConfig
-from contactfusion_lab.simulation.push_view import PushView
-from contactfusion_lab.simulation.push_world import PushWorld
+from contactfusion_lab.scenes.push.bodies import GRAVITY
+from contactfusion_lab.scenes.push.config import named_object, read_object
+from contactfusion_lab.scenes.push.objects import DisturbedConfig, HollowConfig, drawn
+from contactfusion_lab.scenes.push.scene import touching
+from contactfusion_lab.scenes.push.view import PushView
+from contactfusion_lab.scenes.push.world import PushWorld
 from lab.tests.test_push_world import FRONT, base, moved, pushed, tilt, world
 
 ROOT = Path(__file__).parents[2]

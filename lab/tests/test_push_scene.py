@@ -18,10 +18,9 @@ from contactfusion.pipeline_config import PipelineConfig
 from contactfusion.readings import Odometry, TactileImage, Twist
 from contactfusion.robot_state import History
 from contactfusion_lab.experiments.push import experiment
-from contactfusion_lab.simulation.push import PushScene
-from contactfusion_lab.simulation.push_config import PushConfig
-from contactfusion_lab.simulation.push_world import Touches
-from contactfusion_lab.simulation.pushing import Cycle, Ending, pushed
+from contactfusion_lab.scenes.push.config import PushConfig
+from contactfusion_lab.scenes.push.scene import Cycle, Ending, PushScene, pushed
+from contactfusion_lab.scenes.push.world import Touches
 from lab.tests.test_push_world import PERIOD, base
 
 SKIN = yaml.safe_load(Path(experiment.__file__).with_name("skin.yaml").read_text())

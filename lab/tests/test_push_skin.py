@@ -10,10 +10,10 @@ from contactfusion.arrays import FloatArray
 from contactfusion.errors import ConfigurationError
 from contactfusion.patches import PatchConfig, TaxelGridConfig
 from contactfusion.robots.description import located, read_robot
-from contactfusion_lab.simulation.push import BASE
-from contactfusion_lab.simulation.push_config import SkinConfig
-from contactfusion_lab.simulation.push_skin import PushSkin
-from contactfusion_lab.simulation.push_world import Touches
+from contactfusion_lab.scenes.push.config import SkinConfig
+from contactfusion_lab.scenes.push.scene import BASE
+from contactfusion_lab.scenes.push.sensors import PushSkin
+from contactfusion_lab.scenes.push.world import Touches
 
 PITCH = 0.05
 FRONT, LEFT, RIGHT = slice(0, 12), slice(12, 26), slice(26, 40)

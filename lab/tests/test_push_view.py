@@ -7,13 +7,14 @@ import pytest
 from numpy.typing import NDArray
 
 from contactfusion.arrays import FloatArray
-from contactfusion_lab.simulation.push_config import PushConfig
-from contactfusion_lab.simulation.push_view import Planar, PushView
+from contactfusion.frames import PlanarPose
+from contactfusion_lab.scenes.push.config import PushConfig
+from contactfusion_lab.scenes.push.view import PushView
 from lab.tests.test_push_world import base
 
-HERE: Planar = (-0.3, 0.0, 0.0)
+HERE: PlanarPose = (-0.3, 0.0, 0.0)
 """The base whose front stands at x = 0."""
-AHEAD: Planar = (0.3, 0.0, 0.0)
+AHEAD: PlanarPose = (0.3, 0.0, 0.0)
 """An object whose middle is 0.6 m before the base's origin."""
 DOWN, FORWARD, UP = (0.0, 0.0, -1.0), (1.0, 0.0, 0.0), (0.0, 0.0, 1.0)
 TOP, CHASSIS, FLOOR = 0.35, -0.05, -0.45
@@ -28,8 +29,8 @@ def view(thing: Any = "box") -> PushView:
 def met(
     origin: tuple[float, float, float],
     *directions: tuple[float, float, float],
-    robot: Planar = HERE,
-    thing: Planar = AHEAD,
+    robot: PlanarPose = HERE,
+    thing: PlanarPose = AHEAD,
     what: Any = "box",
 ) -> tuple[FloatArray, NDArray[np.bool_]]:
     seen = view(what)
@@ -100,7 +101,7 @@ def test_a_turned_box_turns_its_corner_to_the_base() -> None:
     corner = 0.6 - 0.2 * np.sqrt(2.0)
     aside: tuple[float, float, float] = (0.3, 0.05, 0.0)
     origin: tuple[float, float, float] = (0.3, 0.0, 0.0)
-    turned: Planar = (0.3, 0.0, np.pi / 4.0)
+    turned: PlanarPose = (0.3, 0.0, np.pi / 4.0)
     (straight,), _ = met(origin, FORWARD, thing=turned)
     (beside,), _ = met(aside, FORWARD, thing=turned)
     assert straight == pytest.approx(corner - 0.3, abs=1e-6)
@@ -109,8 +110,8 @@ def test_a_turned_box_turns_its_corner_to_the_base() -> None:
 
 def test_a_base_that_has_turned_looks_where_it_turned_to() -> None:
     # it stands at (1, 2) and looks along y, where the box stands 0.6 m ahead and 0.1 m to the right
-    there: Planar = (1.0, 2.0, np.pi / 2.0)
-    box: Planar = (1.1, 2.6, np.pi / 2.0)
+    there: PlanarPose = (1.0, 2.0, np.pi / 2.0)
+    box: PlanarPose = (1.1, 2.6, np.pi / 2.0)
     distances, found = met((0.35, 0.09, 0.0), FORWARD, robot=there, thing=box)
     assert (distances[0], found[0]) == (pytest.approx(0.05, abs=1e-6), True)
     passed, free = met((0.35, 0.11, 0.0), FORWARD, robot=there, thing=box)
@@ -126,7 +127,7 @@ def test_only_where_the_object_is_to_the_base_counts(what: str) -> None:
     before = seen.distances(rays, (0.0, 0.0, 0.0), (0.55, 0.1, 0.3))
     x, y, yaw = 1.5, -2.0, 2.5
     cos, sin = np.cos(yaw), np.sin(yaw)
-    moved: Planar = (x + cos * 0.55 - sin * 0.1, y + sin * 0.55 + cos * 0.1, yaw + 0.3)
+    moved: PlanarPose = (x + cos * 0.55 - sin * 0.1, y + sin * 0.55 + cos * 0.1, yaw + 0.3)
     after = seen.distances(rays, (x, y, yaw), moved)
     assert after[0] == pytest.approx(before[0], abs=1e-5)
     assert np.mean(after[1] == before[1]) > 0.99  # a ray on an edge may go either way

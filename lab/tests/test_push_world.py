@@ -13,14 +13,14 @@ import numpy as np
 import pytest
 
 from contactfusion.arrays import FloatArray
+from contactfusion.controllers.face import FaceConfig
 from contactfusion.errors import ConfigurationError, RobotError
 from contactfusion.robots.description import RobotConfig, located, read_robot
-from contactfusion_lab.simulation.push import BASE
-from contactfusion_lab.simulation.push_bodies import GRAVITY
-from contactfusion_lab.simulation.push_config import PushConfig
-from contactfusion_lab.simulation.push_names import OTHERS, PAPER, read_object
-from contactfusion_lab.simulation.push_surfaces import outlines
-from contactfusion_lab.simulation.push_world import PushWorld
+from contactfusion_lab.scenes.push.bodies import GRAVITY
+from contactfusion_lab.scenes.push.config import OTHERS, PAPER, PushConfig, read_object
+from contactfusion_lab.scenes.push.objects import outlines
+from contactfusion_lab.scenes.push.scene import BASE, mobile_base
+from contactfusion_lab.scenes.push.world import PushWorld
 from tests.urdfs import link, written
 
 ROOT = Path(__file__).parents[2]
@@ -428,3 +428,10 @@ def test_an_object_without_a_shape_is_refused(tmp_path: Path) -> None:
     path.write_text('<robot name="ghost"><link name="body"/></robot>')
     with pytest.raises(RobotError, match="ghost.urdf: it has no collision shape"):
         world(object={"shape": "urdf", "urdf": str(path)})
+
+
+def test_the_chassis_is_that_of_the_urdf_and_its_face_the_one_that_controllers_know() -> None:
+    chassis, face = mobile_base(), FaceConfig()
+    assert (chassis.front, chassis.rear, chassis.half_width) == (FRONT, -0.42, HALF_WIDTH)
+    assert (face.ahead, face.half_width) == (chassis.front, chassis.half_width)
+    assert chassis.corners.tolist() == [[-0.42, -0.3], [0.3, -0.3], [0.3, 0.3], [-0.42, 0.3]]

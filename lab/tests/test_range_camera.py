@@ -11,7 +11,7 @@ from contactfusion.frames import Pose, inverse, points_in, pose_at
 from contactfusion.robots.description import CameraConfig
 from contactfusion.robots.solids import Solid
 from contactfusion.shapes import ShapeConfig
-from contactfusion_lab.simulation.camera import RangeCamera
+from contactfusion_lab.scenes.camera import RangeCamera
 from tests.urdfs import outside_of
 
 HERE = np.eye(4)

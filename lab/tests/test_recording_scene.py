@@ -23,7 +23,7 @@ from contactfusion.robots.description import located, read_robot
 from contactfusion.robots.model import shared_robot
 from contactfusion.running import RunConfig, opened_scene, run_fields
 from contactfusion.yaml_files import read_yaml
-from contactfusion_lab.simulation.push import PushScene
+from contactfusion_lab.scenes.push.scene import PushScene
 from tests.mcap_files import Read, Recorded, channel_metadata, read_by_rosbags
 
 SCENES = Path(__file__).parents[2] / "examples" / "scenes"

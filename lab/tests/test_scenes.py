@@ -22,8 +22,8 @@ from contactfusion.robots.description import read_robot
 from contactfusion.running import run_file
 from contactfusion.scene import open_scene
 from contactfusion.yaml_files import read_yaml
-from contactfusion_lab.simulation.touch_verdict import compared
-from contactfusion_lab.simulation.touch_world import Touching
+from contactfusion_lab.scenes.touch.scene import compared
+from contactfusion_lab.scenes.touch.world import Touching
 
 ROOT = Path(__file__).parents[2]
 SCENES = ROOT / "examples" / "scenes"

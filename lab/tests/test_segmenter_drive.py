@@ -8,8 +8,8 @@ import pytest
 
 from contactfusion.readings import DepthImage
 from contactfusion.segmenter import Segmenter
-from contactfusion_lab.simulation.push import PushScene
-from contactfusion_lab.simulation.push_config import PushConfig
+from contactfusion_lab.scenes.push.config import PushConfig
+from contactfusion_lab.scenes.push.scene import PushScene
 from lab.tests.test_push_world import base
 from tests.pictures import POSE
 from tests.test_segmenters import clusters, overlap, truth_of

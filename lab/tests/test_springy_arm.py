@@ -7,7 +7,7 @@ import pytest
 
 from contactfusion.robots.bullet import BulletWorld
 from contactfusion.robots.model import RobotModel
-from contactfusion_lab.simulation.arm import STEP, STIFFEST, SpringyArm
+from contactfusion_lab.scenes.arm import STEP, STIFFEST, SpringyArm
 from tests.poker import poker
 from tests.urdfs import ARM_HAND, random_joints, real
 

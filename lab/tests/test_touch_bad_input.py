@@ -22,7 +22,7 @@ from contactfusion.readings import (
 )
 from contactfusion.robots.model import shared_robot
 from contactfusion_lab.experiments.touch.plan import DEFAULT, Plan, Touch, read_plan
-from contactfusion_lab.simulation.touch import TouchScene, Truth
+from contactfusion_lab.scenes.touch.scene import TouchScene, Truth
 
 Change = Callable[[Reading], Reading | None]
 

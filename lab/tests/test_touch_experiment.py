@@ -20,9 +20,7 @@ from contactfusion.robots.model import shared_robot
 from contactfusion.robots.objects import ObjectModel
 from contactfusion_lab.experiments.methods import Method
 from contactfusion_lab.experiments.touch import tables
-from contactfusion_lab.experiments.touch.evaluation import DRAWN
-from contactfusion_lab.experiments.touch.experiment import METHODS, Options, run_touch
-from contactfusion_lab.experiments.touch.honesty import honesty, level_of
+from contactfusion_lab.experiments.touch.experiment import DRAWN, METHODS, Options, run_touch
 from contactfusion_lab.experiments.touch.plan import DEFAULT, SHORT, Plan, Touch, read_plan
 from contactfusion_lab.experiments.touch.rows import (
     ALL_AND_SIMULATOR,
@@ -34,8 +32,9 @@ from contactfusion_lab.experiments.touch.rows import (
     outcome,
     shared,
 )
+from contactfusion_lab.experiments.touch.tables import coverage, level_of
 from contactfusion_lab.experiments.touch.trial import Trial, load, run_trial, save
-from contactfusion_lab.simulation.touch import TouchScene
+from contactfusion_lab.scenes.touch.scene import TouchScene
 
 DE_MORGAN = Method("de_morgan", "cluster_centroid")
 POSTERIOR = Method("posterior", "modes")
@@ -409,7 +408,7 @@ class TestHonesty:
 
     def test_contacts_that_null_rules_out_are_counted(self, plan: Plan) -> None:
         null = replace(cloud("air", PLACE + 0.001, 1.0), kind=HypothesisKind.NULL)
-        made = honesty(
+        made = coverage(
             [trial(null), trial(replace(null, positions=null.positions + 0.1))],
             plan.pipeline,
             np.random.default_rng(0),

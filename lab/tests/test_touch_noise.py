@@ -5,8 +5,8 @@ from typing import Any
 import pytest
 
 from contactfusion.errors import ConfigurationError
-from contactfusion_lab.simulation.noise import NOISES, TouchNoise
-from contactfusion_lab.simulation.touch_config import TouchConfig
+from contactfusion_lab.scenes.noise import NOISES, TouchNoise
+from contactfusion_lab.scenes.touch.config import TouchConfig
 
 SCENE: dict[str, Any] = {
     "tool": "palm",

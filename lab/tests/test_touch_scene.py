@@ -26,8 +26,8 @@ from contactfusion.robots.description import read_robot
 from contactfusion.robots.model import RobotModel, shared_robot
 from contactfusion.robots.objects import ObjectModel
 from contactfusion_lab.experiments.touch.plan import DEFAULT
-from contactfusion_lab.simulation.touch import TouchScene, Truth
-from contactfusion_lab.simulation.touch_config import TouchConfig
+from contactfusion_lab.scenes.touch.config import TouchConfig
+from contactfusion_lab.scenes.touch.scene import TouchScene, Truth
 from lab.tests.test_touch_world import WALL
 from tests.poker import RADIUS, poker
 from tests.urdfs import ARM_HAND, outside_of_all, real

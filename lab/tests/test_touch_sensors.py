@@ -16,10 +16,10 @@ from contactfusion.robots.model import RobotModel, shared_robot
 from contactfusion.robots.objects import ObjectConfig, ObjectModel
 from contactfusion.robots.solids import Solid
 from contactfusion.shapes import ShapeConfig
-from contactfusion_lab.simulation.approach import led_by
-from contactfusion_lab.simulation.noise import TouchNoise
-from contactfusion_lab.simulation.touch_sensors import SKIN, TouchSensors
-from contactfusion_lab.simulation.touch_world import Touching
+from contactfusion_lab.scenes.approach import led_by
+from contactfusion_lab.scenes.noise import TouchNoise
+from contactfusion_lab.scenes.touch.sensors import SKIN, TouchSensors
+from contactfusion_lab.scenes.touch.world import Touching
 from tests.poker import poker
 from tests.urdfs import ARM_HAND, real
 

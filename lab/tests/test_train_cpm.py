@@ -15,10 +15,10 @@ from contactfusion.errors import ConfigurationError, ContactFusionError
 from contactfusion.generators.networks import ContactNetworks, read_networks
 from contactfusion_lab.experiments.push import experiment
 from contactfusion_lab.experiments.workers import Died, each
-from contactfusion_lab.learning import collecting, cpm, rounds, testing, training
+from contactfusion_lab.learning import cpm, export, rollout, training
 from contactfusion_lab.learning.cpm import Options, train_cpm
-from contactfusion_lab.learning.lessons import MOUNTINGS, Detour, Lesson, Split
-from contactfusion_lab.learning.trials import LabelledTrial, load
+from contactfusion_lab.learning.dataset import LabelledTrial, load
+from contactfusion_lab.learning.rollout import MOUNTINGS, Detour, Lesson, Split
 from tests.test_cli import Ask, ask, one_sentence
 
 __all__ = ["ask"]  # a fixture
@@ -49,11 +49,11 @@ def each_here(make: Callable[[Any], Any], tasks: Sequence[Any], workers: int) ->
 
 def make_small(patch: pytest.MonkeyPatch) -> None:
     """Make few and short pushes, no test, and no processes."""
-    patch.setattr(rounds, "each", each_here)
+    patch.setattr(cpm, "each", each_here)
     patch.setattr(cpm, "first_lessons", lambda varied, seed: FIRST)
     patch.setattr(cpm, "driven_lessons", lambda count, turn, mountings, seed: THEN)
     patch.setattr(cpm, "tested", lambda *told: FIGURES)
-    patch.setattr(collecting, "LONGEST", 1.0)
+    patch.setattr(rollout, "LONGEST", 1.0)
 
 
 @pytest.fixture(autouse=True)
@@ -69,9 +69,9 @@ def lived(monkeypatch: pytest.MonkeyPatch) -> list[str]:
     def live(lesson: Lesson, weights: Path | None) -> LabelledTrial:
         driver = "skin" if weights is None else "/".join(weights.parts[-2:])
         noted.append(f"{lesson.name} by {driver}")
-        return collecting.live(lesson, weights)
+        return rollout.live(lesson, weights)
 
-    monkeypatch.setattr(rounds, "live", live)
+    monkeypatch.setattr(cpm, "live", live)
     return noted
 
 
@@ -114,7 +114,7 @@ def test_the_card_says_what_was_learned(whole: dict[str, bytes], tmp_path: Path)
         f"5 simulated pushes, {cycles} cycles, each seen from 3 places: the 156 + 36 of the paper "
         "and 0 varied ones by skin, then 1 by networks in each of 1 rounds; seed 0"
     )
-    assert (card.window, card.rate, card.proximity) == (20, 10.0, collecting.PROXIMITY)
+    assert (card.window, card.rate, card.proximity) == (20, 10.0, rollout.PROXIMITY)
     assert card.figures["lidar_lidar_success_true"] == 0.75
     assert 0.0 <= card.figures["validation_type_accuracy"] <= 1.0
     assert card.figures["validation_location_rmse_m"] > 0.0
@@ -164,7 +164,7 @@ def test_the_last_round_is_the_longest_and_goes_on_from_the_one_before(
         trainings.append((folder.name, name, how.epochs, warm is not None))
         return kept(name, data, how, folder, warm, told)
 
-    monkeypatch.setattr(rounds, "train", train)
+    monkeypatch.setattr(cpm, "train", train)
     train_cpm(TINY, tmp_path / "cpm")
     assert trainings == [
         ("round_0", "location", 1, False),
@@ -236,7 +236,7 @@ def test_a_training_that_was_stopped_among_its_pushes_goes_on(
             yield done
 
     with monkeypatch.context() as patch:
-        patch.setattr(rounds, "each", stopping)
+        patch.setattr(cpm, "each", stopping)
         with pytest.raises(KeyboardInterrupt):
             train_cpm(TINY, tmp_path / "cpm")
     assert len(list((tmp_path / "cpm" / "trials").iterdir())) == 3
@@ -250,10 +250,10 @@ def test_processes_of_their_own_give_the_same_bytes(
     flung = (Detour(0.0, 60.0, (2.0, 0.0, 0.0)),)  # out of the field in three seconds
     brief = [replace(lesson, offset=0.01 * row, detours=flung) for row, lesson in enumerate(FIRST)]
     monkeypatch.setattr(cpm, "first_lessons", lambda *_: brief)
-    monkeypatch.setattr(collecting, "LONGEST", 60.0)
+    monkeypatch.setattr(rollout, "LONGEST", 60.0)
     options = replace(TINY, rounds=0, epochs=1)
     train_cpm(options, tmp_path / "here")
-    monkeypatch.setattr(rounds, "each", each)
+    monkeypatch.setattr(cpm, "each", each)
     train_cpm(options, tmp_path / "there")
     assert content(tmp_path / "there") == content(tmp_path / "here")
 
@@ -301,7 +301,7 @@ def test_a_process_that_dies_twice_is_told(tmp_path: Path, monkeypatch: pytest.M
     def dying(make: Any, tasks: Sequence[Any], workers: int) -> Iterator[Any]:
         yield tasks[0], Died("was killed by SIGKILL")
 
-    monkeypatch.setattr(rounds, "each", dying)
+    monkeypatch.setattr(cpm, "each", dying)
     with pytest.raises(ContactFusionError, match="was killed by SIGKILL, twice; start again"):
         train_cpm(TINY, tmp_path / "cpm")
 
@@ -349,18 +349,18 @@ def test_networks_and_rule_are_tested_from_each_mounting(
         location_rmse=(0.02, 0.01, 0.03), type_accuracy=(0.9, 0.8, 1.0),
         contact_accuracy=(0.95, 0.9, 1.0),
     )  # fmt: skip
-    monkeypatch.setattr(testing, "run_push", run_push)
-    monkeypatch.setattr(testing, "load", lambda path: path.stem)
-    monkeypatch.setattr(testing, "outcome", success)
-    monkeypatch.setattr(testing, "perception", lambda tracks, seed: found)
+    monkeypatch.setattr(export, "run_push", run_push)
+    monkeypatch.setattr(export, "load", lambda path: path.stem)
+    monkeypatch.setattr(export, "outcome", success)
+    monkeypatch.setattr(export, "perception", lambda tracks, seed: found)
     weights = tmp_path / "cpm.safetensors"
-    figures = testing.tested(weights, 4, 3, 2, tmp_path)
+    figures = export.tested(weights, 4, 3, 2, tmp_path)
     assert [(options.lidar, out) for options, out in asked] == [
         (name, tmp_path / name) for name in MOUNTINGS
     ]
     for options, _ in asked:
         assert (options.weights, options.targets, options.starts) == (weights, "random:4", "random")
-        assert options.seed == testing.SEED + 3
+        assert options.seed == export.SEED + 3
     shares = {name: share for name, share in figures.items() if name.endswith("success_true")}
     assert shares == {
         f"{name}_{sensing}_success_true": share

@@ -15,11 +15,15 @@ from contactfusion.controllers.reactive_pushing import ReactivePushingConfig
 from contactfusion.errors import ConfigurationError
 from contactfusion.terminal import Progress
 from contactfusion_lab.experiments.push.plan import Plan, Push
-from contactfusion_lab.simulation.push_config import PushConfig
-from contactfusion_lab.simulation.push_names import PAPER
-from contactfusion_lab.tune_push import push, rating, work
-from contactfusion_lab.tune_push.check import check_ranking, check_sets, correlation
-from contactfusion_lab.tune_push.push import Options, tune_push
+from contactfusion_lab.scenes.push.config import PAPER, PushConfig
+from contactfusion_lab.tune_push import push, rating
+from contactfusion_lab.tune_push.push import (
+    Options,
+    check_ranking,
+    check_sets,
+    correlation,
+    tune_push,
+)
 from contactfusion_lab.tune_push.rating import (
     FAILED,
     Rating,
@@ -27,8 +31,15 @@ from contactfusion_lab.tune_push.rating import (
     rate_in_bullet,
     rate_in_plane,
 )
-from contactfusion_lab.tune_push.search import POPULATION, Candidate, Search
-from contactfusion_lab.tune_push.space import LIMITS, changes, decoded, encoded
+from contactfusion_lab.tune_push.search import (
+    LIMITS,
+    POPULATION,
+    Candidate,
+    Search,
+    changes,
+    decoded,
+    encoded,
+)
 
 TUNED = SETS["tuned"]
 FEW = Options(seed=4, trials=6, rounds=2, confirm=6, workers=1)
@@ -44,7 +55,7 @@ def quick(monkeypatch: pytest.MonkeyPatch) -> list[int]:
         times = np.linspace(10.0, 20.0, trials) / parameters.fastest
         return Rating((True,) * trials, tuple(times.tolist()))
 
-    monkeypatch.setattr(work, "rated_in_bullet", made)
+    monkeypatch.setattr(rating, "rated_in_bullet", made)
     monkeypatch.setattr(
         push, "rated_in_plane", lambda sets, trials, *rest: [made(one, trials) for one in sets]
     )
@@ -118,7 +129,7 @@ def test_frictions_vary_in_the_plane_alike_for_all_sets(monkeypatch: pytest.Monk
 
 def test_the_number_of_workers_changes_nothing() -> None:
     sets = [TUNED, SETS["tuned_neither"]]
-    one, two = (work.rated_in_plane(sets, 6, 3, n, Progress("sets", 2)) for n in (1, 2))
+    one, two = (rating.rated_in_plane(sets, 6, 3, n, Progress("sets", 2)) for n in (1, 2))
     assert one == two
 
 
@@ -201,9 +212,9 @@ def test_the_check_tells_rates_and_their_correlation(
         count = next(order) % len(check_sets())
         return Rating(tuple(row < count for row in range(trials)), (10.0,) * trials)
 
-    monkeypatch.setattr(work, "rated_in_bullet", made)
+    monkeypatch.setattr(rating, "rated_in_bullet", made)
     monkeypatch.setattr(
-        "contactfusion_lab.tune_push.check.rated_in_plane",
+        "contactfusion_lab.tune_push.push.rated_in_plane",
         lambda sets, trials, *rest, vary: [made(one, trials) for one in sets],
     )
     check_ranking(20, 1, 1, tmp_path)

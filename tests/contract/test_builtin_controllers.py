@@ -16,8 +16,9 @@ from pydantic import BaseModel
 
 from contactfusion import Pipeline
 from contactfusion.controllers.face import FaceContact
-from contactfusion.controllers.pushing import ARRIVED, Decision, PlanarPose, PushingController
+from contactfusion.controllers.pushing import ARRIVED, Decision, PushingController
 from contactfusion.controllers.pushing_parameters import SETS
+from contactfusion.frames import PlanarPose
 from contactfusion.pipeline_config import PipelineConfig
 from contactfusion.plugins import installed_plugins
 

@@ -7,9 +7,9 @@ from typing import Any
 
 import numpy as np
 
-from contactfusion_lab.demo.moments import Moment, sources_of
-from contactfusion_lab.simulation.push_config import PushConfig
-from contactfusion_lab.simulation.pushing import Ending
+from contactfusion_lab.demo.scene import Moment, sources_of
+from contactfusion_lab.scenes.push.config import PushConfig
+from contactfusion_lab.scenes.push.scene import Ending
 
 NAMES = {"skin": "the skin", "lidar": "the LiDAR", "motion": "the base's own motion"}
 """What sentences call the sources."""
@@ -59,19 +59,19 @@ class Story:
         )
 
     def part(self, before: bool) -> list[Moment]:
-        """Give the moments before the skin's death, or those after its last words are forgotten."""
+        """The moments before the skin's death, or those after its last words are forgotten."""
         timeout = float(self.fields["integrator"]["timeout"])
         if before:
             return [one for one in self.moments if one.stamp < self.dies]
         return [one for one in self.moments if one.stamp >= self.dies + timeout]
 
     def share(self, source: str, before: bool) -> float:
-        """Give the mean share of a source in the contact, before or after the skin's death."""
+        """The mean share of a source in the contact, before or after the skin's death."""
         shares = [one.shares.get(source, 0.0) for one in self.part(before) if one.contact]
         return float(np.mean(shares)) if shares else 0.0
 
     def error(self, before: bool) -> float:
-        """Give how wrong the contact's place along the face is, as root mean square [m]."""
+        """How wrong the contact's place along the face is, as root mean square [m]."""
         errors = [
             one.touch.lateral - one.truth.contact[1]
             for one in self.part(before)
@@ -80,18 +80,18 @@ class Story:
         return float(np.sqrt(np.mean(np.square(errors)))) if errors else math.nan
 
     def unfelt(self) -> float:
-        """Give for how long after the skin's death the robot knew of no contact [s]."""
+        """For how long after the skin's death the robot knew of no contact [s]."""
         period = self.moments[1].stamp - self.moments[0].stamp
         return period * sum(one.touch is None for one in self.moments if one.stamp >= self.dies)
 
     def at(self, stamp: float) -> Moment:
-        """Give the moment with a contact that is nearest to a time."""
+        """The moment with a contact that is nearest to a time."""
         touching = [one for one in self.moments if one.contact] or self.moments
         return min(touching, key=lambda one: abs(one.stamp - stamp))
 
 
 def summary(story: Story) -> dict[str, Any]:
-    """Give what came of the push, in m and s; the same push gives the same."""
+    """What came of the push, in m and s; the same push gives the same."""
     last, alone = story.last, story.alone[-1]
     parts = {"before": True, "after": False}
     return {
@@ -119,7 +119,7 @@ def summary(story: Story) -> dict[str, Any]:
 
 
 def sentences(story: Story) -> list[str]:
-    """Tell what happened."""
+    """What happened, in sentences."""
     touching = [one for one in story.part(True) if one.truth.kind != "none"]
     left = f", {touching[-1].truth.distance:.2f} m from the target" if touching else ""
     told = [

@@ -9,7 +9,7 @@ from string import Template
 from contactfusion.explain import explain
 from contactfusion.hypotheses import HypothesisKind
 from contactfusion_lab.demo.account import NAMES, Story, sentences
-from contactfusion_lab.demo.moments import Moment
+from contactfusion_lab.demo.scene import Moment
 
 TITLE = "The skin dies, the robot pushes on"
 FAILED = "The skin dies, and the robot does not arrive"
@@ -27,7 +27,7 @@ FILES = {
 
 
 def page(story: Story, written: Sequence[str], size: tuple[int, int]) -> str:
-    """Give the page.
+    """The page.
 
     Args:
         story: of the push.
@@ -104,7 +104,7 @@ def _rows(story: Story) -> str:
 
 
 def _gloss(moment: Moment) -> str:
-    """Tell in words what an explanation says."""
+    """What an explanation says, in words."""
     if moment.contact is None:
         return "There was no contact to explain."
     x, y = moment.contact.position[:2]

@@ -1,14 +1,27 @@
-"""The push that the demo shows, as fields of a file for `contactfusion run`."""
+"""The push that the demo shows: a file for `contactfusion run`, made cycle by cycle."""
 
-from collections.abc import Mapping
+import math
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
 from typing import Any
 
 import yaml
 
+from contactfusion.contacts import Contact
+from contactfusion.controllers.face import FaceConfig, FaceContact, on_face
+from contactfusion.controllers.pushing_law import place_of
 from contactfusion.errors import ConfigurationError
+from contactfusion.faults import Faults
 from contactfusion.generators.networks import shipped
+from contactfusion.hypotheses import HypothesisKind
+from contactfusion.integrator.fusion import Fusion
+from contactfusion.pipeline import Pipeline, Step
+from contactfusion.readings import Reading
+from contactfusion.running import RunConfig
 from contactfusion.yaml_files import read_yaml
-from contactfusion_lab.experiments.push.sensings import SENSINGS
+from contactfusion_lab.experiments.push.suites import SENSINGS
+from contactfusion_lab.scenes.push.config import PushConfig
+from contactfusion_lab.scenes.push.scene import Ending, PushScene, PushTruth, pushed
 
 LEARNED = "lidar_cpm"
 """The generator that reads the LiDAR, unless another is asked for."""
@@ -27,10 +40,11 @@ HEAD = """\
 #   contactfusion run scene.yaml
 #   contactfusion run scene.yaml --set faults.0.start=5 --set faults.0.sensor=lidar
 """
+FACE = FaceConfig()
 
 
 def scene_fields(lidar: str = LEARNED) -> dict[str, Any]:
-    """Give the scene: the fused sensing of the push experiment, with a skin that falls silent.
+    """The scene: the fused sensing of the push experiment, with a skin that falls silent.
 
     Args:
         lidar: the type of the generator that reads the LiDAR.
@@ -62,7 +76,7 @@ def scene_fields(lidar: str = LEARNED) -> dict[str, Any]:
 
 
 def by_skin_alone(fields: Mapping[str, Any]) -> dict[str, Any]:
-    """Give the same push, dying skin and all, with nothing but the skin to feel by."""
+    """The same push, dying skin and all, with nothing but the skin to feel by."""
     return {
         **fields,
         "generators": {SKIN: fields["generators"][SKIN]},
@@ -71,5 +85,110 @@ def by_skin_alone(fields: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def as_yaml(fields: Mapping[str, Any]) -> str:
-    """Give the scene as the text of a file."""
+    """The scene as the text of a file."""
     return HEAD + yaml.safe_dump(dict(fields), sort_keys=False)
+
+
+@dataclass(frozen=True, eq=False)
+class Moment:
+    """One cycle of the push.
+
+    Attributes:
+        readings: what arrived, after all faults.
+        step: contacts and command.
+        truth: what really happens.
+        ending: why the push ends here; None: it goes on.
+        contact: the likeliest on the robot's face, or None.
+        touch: what the controller makes of all contacts on the face, or None.
+        alone: by source of evidence, the contact to the left of the robot's middle as it would be
+            without all other evidence [m], NaN where there would be none.
+        left: from the contact, as it is believed, to the target [m], NaN without contact.
+        silent: for how long nothing came from the skin [s].
+    """
+
+    readings: tuple[Reading, ...]
+    step: Step
+    truth: PushTruth
+    ending: Ending | None
+    contact: Contact | None
+    touch: FaceContact | None
+    alone: Mapping[str, float]
+    left: float
+    silent: float
+
+    @property
+    def stamp(self) -> float:
+        """The time [s]."""
+        return self.truth.stamp
+
+    @property
+    def fusion(self) -> Fusion:
+        """What was fused."""
+        return self.step.fusion
+
+    @property
+    def shares(self) -> Mapping[str, float]:
+        """How much of the contact's likelihood each source gives; nothing without contact."""
+        return self.contact.shares if self.contact else {}
+
+    @property
+    def mode(self) -> str:
+        """The state of the controller."""
+        return self.step.command.mode if self.step.command else ""
+
+    @property
+    def reason(self) -> str:
+        """Why the controller does what it does."""
+        return self.step.command.reason if self.step.command else ""
+
+
+def push_moments(fields: Mapping[str, Any]) -> Iterator[Moment]:
+    """Push as a scene says.
+
+    Args:
+        fields: of the scene.
+
+    Raises:
+        ContactFusionError: the scene cannot be set up, or what it needs is not installed.
+    """
+    config = RunConfig(**fields)
+    scene = PushScene(PushConfig(**config.scene), config.robot, config.seed)
+    # the same faults as in the pipeline: what is told of readings is what got through
+    faults = Faults(config.faults, config.seed)
+    for cycle in pushed(scene, Pipeline(config)):
+        contacts, truth = cycle.step.fusion.contacts, cycle.truth
+        touch = on_face(contacts, FACE)
+        left = math.nan
+        if touch is not None:
+            place = place_of((FACE.ahead, touch.lateral), truth.base)
+            left = math.dist(place, scene.config.target)
+        yield Moment(
+            readings=tuple(one for reading in cycle.readings for one in faults.apply(reading)),
+            step=cycle.step,
+            truth=truth,
+            ending=cycle.ending,
+            contact=next((one for one in contacts if on_face([one], FACE)), None),
+            touch=touch,
+            alone=_alone(cycle.step.fusion),
+            left=left,
+            silent=cycle.step.fusion.report.sources[SKIN].age,
+        )
+
+
+def sources_of(moment: Moment) -> list[str]:
+    """Name the sources that can have a share in a contact: all but null ones."""
+    sources = moment.fusion.report.sources.items()
+    return [name for name, one in sources if one.kind != HypothesisKind.NULL]
+
+
+def _alone(fusion: Fusion) -> dict[str, float]:
+    sources = fusion.report.sources.items()
+    evidence = [name for name, one in sources if one.kind == HypothesisKind.REGULAR]
+    found = {}
+    for source in evidence:
+        rest = fusion
+        for other in evidence:
+            rest = rest if other == source else rest.without(other)
+        touch = on_face(rest.contacts, FACE)
+        found[source] = touch.lateral if touch else math.nan
+    return found

@@ -163,7 +163,7 @@ def _errors(
 def _honesty(
     case: str, located: FloatArray, places: FloatArray, sigma: FloatArray
 ) -> list[Measure]:
-    """Tell how many truths lie within one and two stated standard deviations, by axis."""
+    """How many truths lie within one and two stated standard deviations, by axis."""
     offsets = np.abs(located - places[:, :2])
     offsets = offsets[np.isfinite(offsets).all(axis=1)]
     sigma = sigma[np.isfinite(located).all(axis=1), None]

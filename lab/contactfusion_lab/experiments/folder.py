@@ -53,12 +53,12 @@ def joined(
 
 
 def as_json(told: object) -> str:
-    """Give JSON that any program reads: no NaN, nothing infinite, but null."""
+    """JSON that any program reads: no NaN, nothing infinite, but null."""
     return json.dumps(_finite(told), indent=1, ensure_ascii=False, allow_nan=False) + "\n"
 
 
 def _is_held(path: Path) -> bool:
-    """Say whether what lies in a folder is somebody's: other folders may hold other experiments."""
+    """Whether what lies in a folder is somebody's: other folders may hold other experiments."""
     return path.name == TRIALS or (path.is_file() and not path.name.startswith("."))
 
 

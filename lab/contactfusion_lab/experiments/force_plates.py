@@ -162,7 +162,7 @@ def locate(walk: Walk, plate: str, friction: float, method: Method) -> Found:
 def foot_coordinates(
     walk: Walk, plate: str, found: Found
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Give the contacts along and across the foot that stands on the plate, and its length [m].
+    """The contacts along and across the foot that stands on the plate, and its length [m].
 
     The foot is the one whose markers are nearest the plate's centre; the contacts have no say.
     """
@@ -181,7 +181,7 @@ def foot_coordinates(
 
 
 def both_feet(walk: Walk, rows: NDArray[np.intp]) -> NDArray[np.bool_]:
-    """Tell at which samples two feet stand on the crowded plate.
+    """At which samples two feet stand on the crowded plate.
 
     Two feet stand from the strike of one to the next time that the other leaves the floor, by the
     events that were marked in the recording; a foot is over the plate when one of its markers is.

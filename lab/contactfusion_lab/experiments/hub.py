@@ -119,7 +119,7 @@ def read(folder: Path, file: str) -> Turning:
 
 
 def residuals(turning: Turning, compensation: Compensation, average: float) -> FloatArray:
-    """Give what the force-torque generator leaves of the force, in the axes that stand still.
+    """What the force-torque generator leaves of the force, in the axes that stand still.
 
     Args:
         turning: one file.

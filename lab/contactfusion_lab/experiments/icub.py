@@ -94,13 +94,13 @@ def learned(empty: list[Trial]) -> tuple[FloatArray, FloatArray]:
 
 
 def score(trial: Trial, values: FloatArray, noise: FloatArray) -> float:
-    """Give the largest touch among all taxels, in standard deviations of the noise."""
+    """The largest touch among all taxels, in standard deviations of the noise."""
     last = trial.values[-FRAMES:].mean(axis=0)
     return float(((values - last) / noise).max())
 
 
 def touched(trial: Trial, values: FloatArray, noise: FloatArray, method: Method) -> bool:
-    """Tell whether the pipeline reports a contact in most of the last frames."""
+    """Whether the pipeline reports a contact in most of the last frames."""
     generators = {
         finger: {
             "type": "tactile",
@@ -145,7 +145,7 @@ def _areas(
     scores: FloatArray,
     nothing: FloatArray,
 ) -> list[Measure]:
-    """Give the mean area under the ROC curve, and that of the bear; trials are resampled."""
+    """The mean area under the ROC curve, and that of the bear; trials are resampled."""
     groups = [scores[[trial.object == name for trial in full]] for name in objects]
     areas = np.array([auc(group, nothing) for group in groups])
     rng = np.random.default_rng(0)

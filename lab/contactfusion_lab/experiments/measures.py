@@ -65,7 +65,7 @@ class Measure:
 
 
 def proportion(hits: NDArray[np.bool_]) -> tuple[float, float, float]:
-    """Give a proportion with its Wilson interval."""
+    """A proportion with its Wilson interval."""
     n, k = len(hits), int(hits.sum())
     interval = binomtest(k, n).proportion_ci(CONFIDENCE, "wilson")
     return k / n, float(interval.low), float(interval.high)
@@ -77,7 +77,7 @@ def bootstrap(
     groups: Sequence[object] | NDArray[np.generic],
     rng: np.random.Generator,
 ) -> tuple[float, float, float]:
-    """Give a statistic with its bootstrap interval; whole groups are drawn.
+    """A statistic with its bootstrap interval; whole groups are drawn.
 
     Args:
         values: shape (n,).
@@ -101,7 +101,7 @@ def bootstrap(
 def resampled(
     values: FloatArray, statistic: Callable[..., Any], rng: np.random.Generator
 ) -> tuple[float, float, float]:
-    """Give a statistic with its bootstrap interval; values are independent.
+    """A statistic with its bootstrap interval; values are independent.
 
     Args:
         values: shape (n,).
@@ -115,7 +115,7 @@ def resampled(
 
 
 def mcnemar(only_one: int, only_other: int) -> float:
-    """Give the p-value of McNemar's exact test.
+    """The p-value of McNemar's exact test.
 
     Args:
         only_one: in so many pairs only the first has succeeded.
@@ -126,7 +126,7 @@ def mcnemar(only_one: int, only_other: int) -> float:
 
 
 def holm(values: Sequence[float]) -> list[float]:
-    """Give p-values of several tests as they count when all are made together (Holm 1979)."""
+    """The p-values of several tests as they count when all are made together (Holm 1979)."""
     order = sorted(range(len(values)), key=values.__getitem__)
     corrected, least = list(values), 0.0
     for rank, number in enumerate(order):
@@ -136,24 +136,24 @@ def holm(values: Sequence[float]) -> list[float]:
 
 
 def auc(positive: FloatArray, negative: FloatArray) -> float:
-    """Give the area under the ROC curve: how often a positive scores above a negative."""
+    """The area under the ROC curve: how often a positive scores above a negative."""
     ranks = rankdata(np.concatenate([positive, negative]))[: len(positive)]
     n, m = len(positive), len(negative)
     return float((ranks.sum() - n * (n + 1) / 2.0) / (n * m))
 
 
 def p50(values: FloatArray) -> float:
-    """Give the median."""
+    """The median."""
     return float(np.median(values))
 
 
 def p90(values: FloatArray) -> float:
-    """Give the 90th percentile."""
+    """The 90th percentile."""
     return float(np.quantile(values, 0.9))
 
 
 def results_csv(measures: Sequence[Measure]) -> str:
-    """Give one row a measure."""
+    """One row a measure."""
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     names = [*Measure.__dataclass_fields__, "met"]

@@ -7,6 +7,7 @@ equations, its time, and what is lost when every 4th ring of an OS-0-128 is kept
 """
 
 import time
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -14,14 +15,13 @@ import numpy as np
 
 from contactfusion import terminal
 from contactfusion.arrays import FloatArray
+from contactfusion.figures import COLOURS, new_figure
 from contactfusion.frames import points_in, pose_at
 from contactfusion.generators.proximity import ProximityConfig
 from contactfusion.readings import PointCloud
 from contactfusion.recordings.ouster import COMMAND, convert, is_ready
 from contactfusion.recordings.ros import RosConfig, RosRecording
 from contactfusion_lab.experiments.measures import Measure, p50
-from contactfusion_lab.experiments.proximity_loops import by_loops
-from contactfusion_lab.experiments.strips_figure import draw_strips
 
 NAME = "ouster"
 REPEATS = 21
@@ -102,12 +102,12 @@ def _measured(
         measures.append(_told(case, "greatest change of a strip", change, "m", len(many)))
     title = f"{recording.stem}, from above\n{recording}"
     clouds = {recording.rings: whole[-1], rings: thin[-1]}
-    draw_strips(title, clouds, config, out / f"ouster_{recording.stem}.png")
+    _draw_strips(title, clouds, config, out / f"ouster_{recording.stem}.png")
     return measures
 
 
 def _scans(folder: Path, out: Path, recording: Scanned, every_nth_row: int) -> list[FloatArray]:
-    """Give the returns of each scan in the robot's frame, each of shape (n, 3) [m]."""
+    """The returns of each scan in the robot's frame, each of shape (n, 3) [m]."""
     source = folder / recording.file
     made = out / "ouster" / f"{recording.stem}_rows_{every_nth_row}.mcap"
     if not made.exists() or made.stat().st_mtime < source.stat().st_mtime:
@@ -121,7 +121,7 @@ def _scans(folder: Path, out: Path, recording: Scanned, every_nth_row: int) -> l
 def _figures(
     recording: Scanned, rings: int, scans: list[FloatArray], config: ProximityConfig
 ) -> list[Measure]:
-    """Give what all scans say together, and what is in the last."""
+    """What all scans say together, and what is in the last."""
     case = f"{recording.stem}, {rings} rings"
     told = [_in_millimetres(config.lengths_of_cloud(scan)) for scan in scans]
     for number, lengths in enumerate(told, 1):
@@ -171,12 +171,85 @@ def _told(
     asked: float | None = None,
     note: str = "",
 ) -> Measure:
-    """Give a figure that has no spread."""
+    """A figure that has no spread."""
     return Measure(NAME, case, metric, value, value, value, unit, n, asked, "less", note)
 
 
 def _time(scan: FloatArray, config: ProximityConfig) -> float:
-    """Give the time of one descriptor [ms]."""
+    """The time of one descriptor [ms]."""
     start = time.perf_counter()
     config.lengths_of_cloud(scan)
     return 1000.0 * (time.perf_counter() - start)
+
+
+def by_loops(points: FloatArray, config: ProximityConfig) -> FloatArray:
+    """The lengths of the strips by the equations as they are printed (O Eq 5-11).
+
+    Args:
+        points: shape (n, 3) [m], in the robot's frame; rows that are not finite are no points.
+        config: the region and its cells.
+
+    Returns:
+        Shape (S,) [m], from right to left.
+    """
+    box, (deep, wide) = config.region, config.cell
+    inside = [
+        (x, y)
+        for x, y, z in points.tolist()
+        if box.x[0] < x < box.x[1] and box.y[0] < y < box.y[1] and box.z[0] < z < box.z[1]
+    ]
+    start = box.x[0] + deep / 2.0
+    lengths = []
+    for column in range(round((box.y[1] - box.y[0]) / wide)):
+        right, left = box.y[0] + column * wide, box.y[0] + (column + 1) * wide
+        strip = [x for x, y in inside if right <= y < left]
+        end = box.x[1]
+        for row in range(round((box.x[1] - box.x[0]) / deep)):
+            low, high = box.x[0] + row * deep, box.x[0] + (row + 1) * deep
+            cell = [x for x in strip if low <= x < high]
+            if cell:
+                end = sum(cell) / len(cell)
+                break
+        lengths.append(abs(end - start))
+    return np.array(lengths)
+
+
+def _draw_strips(
+    title: str, clouds: Mapping[int, FloatArray], config: ProximityConfig, path: Path
+) -> None:
+    """Draw two clouds of one scene as seen from above, and below them the strips' lengths.
+
+    Args:
+        title: what it shows.
+        clouds: by the number of rings, shape (n, 3) [m], in the robot's frame.
+        config: the region and its cells.
+        path: the picture to write.
+    """
+    figure = new_figure(9.0, 9.5)
+    above, bars = figure.subplots(2, 1, sharex=True, height_ratios=[3, 2])
+    bounds = 1000.0 * config.bounds()
+    low, high = (1000.0 * bound for bound in config.region.x)
+    above.vlines(bounds, low, high, color="#cccccc", linewidth=0.6)
+    cells = np.linspace(low, high, config.rows + 1)
+    above.hlines(cells, bounds[0], bounds[-1], color="#cccccc", linewidth=0.6)
+    middles, wide = (bounds[1:] + bounds[:-1]) / 2.0, float(bounds[1] - bounds[0])
+    for (rings, points), colour, size, side in zip(
+        clouds.items(), COLOURS, (5.0, 12.0), (0.2, -0.2), strict=False
+    ):
+        x, y, _ = 1000.0 * points[config.region.holds(points)].T
+        label = f"{rings} rings, {len(x)} points"
+        above.scatter(y, x, s=size, color=colour, linewidths=0, label=label)
+        lengths = 1000.0 * config.lengths_of_cloud(points)
+        drawn = bars.bar(middles + side * wide, lengths, 0.38 * wide, color=colour)
+        bars.bar_label(drawn, fmt="%.0f", fontsize="x-small")
+        ends = 1000.0 * config.start + lengths
+        label = f"where vectors end, {rings} rings"
+        above.hlines(ends, bounds[:-1], bounds[1:], colour, linewidth=3.0, alpha=0.6, label=label)
+    above.set(xlim=(bounds[-1], bounds[0]), ylim=(low, high), ylabel="x, away from the face [mm]")
+    above.set_title(title, fontsize="medium")
+    empty = 1000.0 * config.empty
+    bars.axhline(empty, color="#888888", linestyle="--", label="no point in the strip")
+    bars.set(xlabel="y, to the left [mm]", ylabel="length of the strip's vector [mm]")
+    bars.set_ylim(0.0, 1.1 * empty)
+    figure.legend(loc="outside lower center", ncols=3, fontsize="small")
+    figure.savefig(path, dpi=120)

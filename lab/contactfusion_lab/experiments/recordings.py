@@ -65,7 +65,7 @@ def run_recordings(data: Path | None, method: Method | None, out: Path) -> None:
 
 
 def _experiments(method: Method | None) -> dict[str, Experiment]:
-    """Give what is measured, by name, by one method or each by its own."""
+    """What is measured, by name, by one method or each by its own."""
 
     def by(measure: Fused, own: Method) -> Experiment:
         return lambda folder, out: measure(folder, out, method or own)
@@ -78,7 +78,7 @@ def _experiments(method: Method | None) -> dict[str, Experiment]:
 
 
 def data_folder() -> Path:
-    """Give the folder of the real recordings.
+    """The folder of the real recordings.
 
     Raises:
         RecordingError: it is nowhere to be found.

@@ -1,11 +1,13 @@
 """Many tasks, each in a process that may die without harm to the others."""
 
 import multiprocessing
+import os
 import signal
 import sys
 import time
 from collections import deque
 from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from multiprocessing.connection import Connection, wait
 from typing import Generic, TypeVar, final
@@ -17,6 +19,7 @@ T = TypeVar("T")
 R = TypeVar("R")
 TOLD = 50
 """Where nobody looks, every so many tasks are told."""
+POOLS = ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "OMP_NUM_THREADS")
 
 
 @dataclass(frozen=True)
@@ -60,7 +63,7 @@ def require_workers(workers: int) -> None:
 
 
 def progress(done: Iterable[T], count: int) -> Iterator[T]:
-    """Give what is done, and tell how long the rest will take.
+    """Pass on what is done, and report how long the rest will take.
 
     Args:
         done: one by one.
@@ -76,13 +79,13 @@ def progress(done: Iterable[T], count: int) -> Iterator[T]:
 
 
 def reason_of(error: Exception) -> str:
-    """Say why a task failed: the sentence of an error of ours, or the kind of any other."""
+    """Why a task failed: the sentence of an error of ours, or the kind of any other."""
     told = str(error)
     return told if isinstance(error, ContactFusionError) else f"{type(error).__name__}: {told}"
 
 
 def failure(name: str, told: Died | str) -> str:
-    """Say which task failed, and why."""
+    """Which task failed, and why."""
     return f"{name}: its process {told.how}, twice" if isinstance(told, Died) else f"{name}: {told}"
 
 
@@ -144,7 +147,7 @@ class _Worker(Generic[T, R]):
             return  # it has ended, as `result` will tell
 
     def result(self) -> R | Died:
-        """Give what came of the task."""
+        """What came of the task."""
         try:
             done: R = self.pipe.recv()
             return done
@@ -170,3 +173,19 @@ def _serve(make: Callable[[T], R], pipe: Connection) -> None:
             pipe.send(make(pipe.recv()))
     except (EOFError, OSError):
         return  # nobody asks any more
+
+
+@contextmanager
+def one_thread_each() -> Iterator[None]:
+    """Let processes that begin within have one thread, unless the user says how many.
+
+    There are as many workers as there are cores to use; a second thread of one would wait for the
+    others, and a cycle of 5 ms would take 25.
+    """
+    mine = [name for name in POOLS if name not in os.environ]
+    os.environ.update(dict.fromkeys(mine, "1"))
+    try:
+        yield
+    finally:
+        for name in mine:
+            os.environ.pop(name, None)

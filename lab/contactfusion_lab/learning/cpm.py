@@ -1,23 +1,37 @@
 """`train cpm`: collects pushes, trains the contact networks, lets them drive, and tests them."""
 
+import io
 import json
-from collections.abc import Mapping, Sequence
+import sys
+import time
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
+from functools import partial
 from pathlib import Path
+from typing import TypeVar, get_args
 
-from contactfusion.errors import ConfigurationError
+import numpy as np
+
+from contactfusion.arrays import FloatArray
+from contactfusion.errors import ConfigurationError, ContactFusionError
+from contactfusion.figures import COLOURS, new_figure
 from contactfusion.files import make_folder, write_whole
+from contactfusion.generators.lstm import Weights
 from contactfusion.terminal import note
-from contactfusion_lab.experiments.workers import require_workers
+from contactfusion_lab.experiments.workers import Died, each, require_workers
 from contactfusion_lab.learning import training
-from contactfusion_lab.learning.collecting import PROXIMITY
-from contactfusion_lab.learning.curves import draw_curves
-from contactfusion_lab.learning.lessons import MOUNTINGS, Lesson, driven_lessons, first_lessons
-from contactfusion_lab.learning.rounds import NAMES, Round, collected, say, trained_round
-from contactfusion_lab.learning.shipping import write_networks
-from contactfusion_lab.learning.testing import tested
-from contactfusion_lab.learning.trials import LabelledTrial
-from contactfusion_lab.learning.windows import Dataset
+from contactfusion_lab.learning.dataset import Dataset, LabelledTrial, load, save
+from contactfusion_lab.learning.export import tested, write_networks
+from contactfusion_lab.learning.networks import Name
+from contactfusion_lab.learning.rollout import (
+    MOUNTINGS,
+    PROXIMITY,
+    Lesson,
+    driven_lessons,
+    first_lessons,
+    live,
+)
+from contactfusion_lab.learning.training import Trained, train
 
 RATE = 10.0
 """Of the cycles [Hz]."""
@@ -25,6 +39,19 @@ COLLECTION = 3
 """Counts up when lessons change, so that old ones are not taken for new."""
 FILE = "cpm.safetensors"
 """The networks, in the folder of a round and in that of the whole."""
+T = TypeVar("T")
+R = TypeVar("R")
+NAMES: tuple[Name, ...] = get_args(Name)
+Round = dict[Name, Trained]
+"""Both networks of a round."""
+Task = tuple[Name, Weights | None]
+"""A network to train, and its first weights."""
+EVERY = 10
+"""It tells how far it is after so many pushes, or epochs."""
+TITLES = {
+    "location": "location: mean square error of the scaled l",
+    "type": "type: cross-entropy",
+}
 
 
 @dataclass(frozen=True)
@@ -78,7 +105,7 @@ def train_cpm(options: Options, out: Path) -> None:
     networks = None
     for turn in range(options.rounds + 1):
         note(f"round {turn} of {options.rounds}")
-        trials += collected(_lessons(turn, options), networks, options.workers, out / "trials")
+        trials += _collected(_lessons(turn, options), networks, options.workers, out / "trials")
         data, folder = Dataset.of(trials), out / f"round_{turn}"
         how = training.Options(
             seed=options.seed,
@@ -86,7 +113,7 @@ def train_cpm(options: Options, out: Path) -> None:
             stride=options.stride,
         )
         before = rounds[-1][1] if rounds else None
-        trained = trained_round(data, how, before, options.workers, folder)
+        trained = _trained_round(data, how, before, options.workers, folder)
         rounds.append((data, trained))
         networks = _write(folder / FILE, data, trained, _told(trials, options), {})
     histories = {str(name): [one[name].history for _, one in rounds] for name in NAMES}
@@ -105,7 +132,7 @@ def _write(
     card = write_networks(
         path, trained["location"], trained["type"], data, PROXIMITY, RATE, told, figures
     )
-    say(", ".join(f"{name} {value:.4g}" for name, value in card.figures.items()))
+    _report(", ".join(f"{name} {value:.4g}" for name, value in card.figures.items()))
     return path
 
 
@@ -137,10 +164,149 @@ def _claim(options: Options, out: Path) -> None:
 
 
 def _told(trials: Sequence[LabelledTrial], options: Options) -> str:
-    """Say what networks were trained on."""
+    """What networks were trained on."""
     cycles = sum(len(trial.stamp) for trial in trials)
     return (
         f"{len(trials)} simulated pushes, {cycles} cycles, each seen from {len(MOUNTINGS)} places: "
         f"the 156 + 36 of the paper and {options.varied} varied ones by skin, then "
         f"{options.driven} by networks in each of {options.rounds} rounds; seed {options.seed}"
     )
+
+
+@dataclass(frozen=True)
+class Failure:
+    """What a process gives in place of a result.
+
+    Attributes:
+        why: in a sentence.
+    """
+
+    why: str
+
+
+def _collected(
+    lessons: Sequence[Lesson], weights: Path | None, workers: int, folder: Path
+) -> list[LabelledTrial]:
+    """Live the lessons that are not kept yet, and give the trials of all.
+
+    Args:
+        lessons: of a round.
+        weights: of the networks that drive, when they do.
+        workers: how many processes.
+        folder: takes a file for each trial.
+
+    Raises:
+        ContactFusionError: one cannot be lived.
+    """
+    missing = [lesson for lesson in lessons if not _file(folder, lesson).is_file()]
+    start, work = time.monotonic(), partial(_live, weights, folder)
+    for done, _ in enumerate(_sound(each(work, missing, workers)), 1):
+        if done % EVERY == 0 or done == len(missing):
+            left = (time.monotonic() - start) / done * (len(missing) - done)
+            _report(f"{done} of {len(missing)} pushes, {left:.0f} s left")
+    return [load(_file(folder, lesson)) for lesson in lessons]
+
+
+def _live(weights: Path | None, folder: Path, lesson: Lesson) -> Failure | None:
+    try:
+        save(live(lesson, weights), _file(folder, lesson))
+    except ContactFusionError as error:
+        return Failure(f"{lesson.name}: {error}")
+    except Exception as error:  # a plug-in may raise anything, and the push must be named
+        return Failure(f"{lesson.name}: {type(error).__name__}: {error}")
+    return None
+
+
+def _trained_round(
+    data: Dataset, how: training.Options, before: Round | None, workers: int, folder: Path
+) -> Round:
+    """Train both networks, each in a process, on from those of the round before.
+
+    Args:
+        data: of this round and all before.
+        how: they are trained.
+        before: the networks of the round before, or None.
+        workers: how many processes.
+        folder: takes the checkpoints.
+
+    Raises:
+        ContactFusionError: a training diverged, or its checkpoint is another's.
+    """
+    make_folder(folder)
+    tasks: list[Task] = [(name, before[name].weights if before else None) for name in NAMES]
+    work = partial(_train, data, how, folder)
+    return {one.name: one for _, one in _sound(each(work, tasks, workers))}
+
+
+def _train(data: Dataset, how: training.Options, folder: Path, task: Task) -> Trained | Failure:
+    name, warm = task
+
+    def told(epoch: int, learned: float, validated: float, left: float) -> None:
+        if epoch % EVERY == 0:
+            _report(
+                f"{name}: epoch {epoch} of {how.epochs}, loss {learned:.5f}, "
+                f"validation {validated:.5f}, {left:.0f} s left"
+            )
+
+    try:
+        return train(name, data, how, folder, warm, told)
+    except ContactFusionError as error:
+        return Failure(str(error))
+
+
+def _sound(results: Iterable[tuple[T, R | Failure | Died]]) -> Iterator[tuple[T, R]]:
+    """Pass results on, until one is a failure."""
+    for task, made in results:
+        if isinstance(made, Died):
+            raise ContactFusionError(
+                f"the process of a task {made.how}, twice; start again to go on"
+            )
+        if isinstance(made, Failure):
+            raise ContactFusionError(made.why)
+        yield task, made
+
+
+def _file(folder: Path, lesson: Lesson) -> Path:
+    return folder / f"{lesson.name}.npz"
+
+
+def _report(line: str) -> None:
+    """Report how far it is, beside the output."""
+    note(f"  {line}", file=sys.stderr)
+
+
+def draw_curves(histories: Mapping[str, Sequence[FloatArray]], path: Path) -> Path:
+    """Draw the losses of all epochs; rounds follow each other, each with its lowest one marked.
+
+    Args:
+        histories: for each network those of its rounds, shape (epochs, 2): training, validation.
+        path: the PNG to write.
+
+    Returns:
+        The path.
+    """
+    figure = new_figure(6.0 * len(histories), 4.0)
+    panels = figure.subplots(1, len(histories), squeeze=False)[0]
+    for axes, (name, rounds) in zip(panels, histories.items(), strict=True):
+        before = 0
+        for number, history in enumerate(rounds):
+            epochs = before + np.arange(1, len(history) + 1)
+            best = int(np.argmin(history[:, 1]))
+            first = number == 0
+            for column, what in enumerate(("training", "validation")):
+                label = what if first else None
+                axes.plot(epochs, history[:, column], color=COLOURS[column], label=label)
+            axes.scatter([epochs[best]], [history[best, 1]], color=COLOURS[2], zorder=3,
+                         label="lowest of the round" if first else None)  # fmt: skip
+            axes.axvline(before + 0.5, color="#999999", linewidth=0.5)
+            axes.annotate(f"round {number}", (before + 0.5, 1.0), (3.0, -10.0), fontsize=8,
+                          xycoords=("data", "axes fraction"), textcoords="offset points",
+                          color="#555555")  # fmt: skip
+            before += len(history)
+        axes.set(title=TITLES.get(name, name), xlabel="epoch", yscale="log")
+        axes.grid(which="both", linewidth=0.2)
+        axes.legend(fontsize="small", loc="upper right", bbox_to_anchor=(1.0, 0.94))
+    content = io.BytesIO()
+    figure.savefig(content, dpi=110, format="png")
+    write_whole(path, content.getvalue())
+    return path

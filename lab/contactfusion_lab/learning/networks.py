@@ -10,7 +10,7 @@ from contactfusion.arrays import FloatArray
 from contactfusion.generators.lstm import LAYERS, UNITS, Weights
 from contactfusion.generators.networks import OUTPUTS, Scale
 from contactfusion_lab.learning.backend import repeatable, torch
-from contactfusion_lab.learning.windows import WINDOW, Windows
+from contactfusion_lab.learning.dataset import WINDOW, Windows
 
 Name = Literal["location", "type"]
 """Of a network."""
@@ -40,7 +40,7 @@ class ContactNetwork(torch.nn.Module):
             torch.nn.init.uniform_(parameter, -widest, widest, generator=generator)
 
     def forward(self, windows: torch.Tensor) -> torch.Tensor:
-        """Give the outputs, shape (b, outputs), for scaled windows, shape (b, WINDOW, S)."""
+        """The outputs, shape (b, outputs), for scaled windows, shape (b, WINDOW, S)."""
         hidden: torch.Tensor = self.lstm(windows)[0]
         outputs: torch.Tensor = self.readout(hidden[:, -1])
         return outputs
@@ -61,7 +61,7 @@ def put_weights(network: ContactNetwork, weights: Mapping[str, NDArray[np.float3
 
 
 def scaled_rows(windows: Windows, length: Scale) -> torch.Tensor:
-    """Give the rows of windows as the networks take them, shape (m, S)."""
+    """The rows of windows as the networks take them, shape (m, S)."""
     return torch.from_numpy(length.scaled(windows.rows).astype(np.float32))
 
 
@@ -71,7 +71,7 @@ def gathered(rows: torch.Tensor, starts: torch.Tensor) -> torch.Tensor:
 
 
 def predict(name: Name, weights: Weights, windows: Windows, length: Scale) -> FloatArray:
-    """Give the outputs of a network for all windows, shape (w, outputs)."""
+    """The outputs of a network for all windows, shape (w, outputs)."""
     rows, starts = scaled_rows(windows, length), torch.from_numpy(windows.starts)
     network = ContactNetwork(name, windows.rows.shape[1], torch.Generator())
     put_weights(network, weights)

@@ -1,29 +1,43 @@
-"""Trains one network: Adam, and of all epochs the weights of the lowest validation loss (O §IV)."""
+"""Trains a network: Adam, checkpoints, the weights of the lowest validation loss (O §IV)."""
 
 import hashlib
+import json
 import math
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal, NamedTuple, Self
+from typing import Any, Literal, NamedTuple, Self, final
 
 import numpy as np
+from numpy.typing import NDArray
 from pydantic import Field
 
 from contactfusion.arrays import FloatArray
-from contactfusion.errors import ContactFusionError
+from contactfusion.errors import ConfigurationError, ContactFusionError
+from contactfusion.files import read_arrays, write_npz
 from contactfusion.generators.lstm import Weights
 from contactfusion.model import Model
 from contactfusion_lab.learning.backend import repeatable, torch
-from contactfusion_lab.learning.learner import Learner
-from contactfusion_lab.learning.networks import CHUNK, Name, gathered, scaled_rows
-from contactfusion_lab.learning.windows import Dataset, Windows
+from contactfusion_lab.learning.dataset import Dataset, Windows
+from contactfusion_lab.learning.networks import (
+    CHUNK,
+    ContactNetwork,
+    Name,
+    gathered,
+    put_weights,
+    scaled_rows,
+    weights_of,
+)
 
 RISE = 0.3
 """The part of the epochs in which the rate of one cycle rises."""
 Told = Callable[[int, float, float, float], None]
 """Hears after each epoch: its number from 1, training and validation loss, seconds left."""
+Batch = tuple[torch.Tensor, torch.Tensor]
+"""Windows, and what a network is to say of them."""
+MOMENTS = ("step", "exp_avg", "exp_avg_sq")
+"""What Adam keeps of each tensor."""
 
 
 class Options(Model):
@@ -115,8 +129,85 @@ def train(
     return Trained(name, learner.best, np.array(learner.history), options)
 
 
-Batch = tuple[torch.Tensor, torch.Tensor]
-"""Windows, and what a network is to say of them."""
+@final
+class Learner:
+    """A network, its optimiser, and what came of each epoch.
+
+    Args:
+        name: of the network.
+        columns: S, the proximity lengths of an instant.
+        seed: of the first weights and of the order of the windows.
+        warm: weights to begin with instead; None: drawn ones.
+
+    Raises:
+        ConfigurationError: the weights to begin with are those of another network.
+    """
+
+    def __init__(self, name: Name, columns: int, seed: int, warm: Weights | None) -> None:
+        self.generator = torch.Generator().manual_seed(seed)
+        self.network = ContactNetwork(name, columns, self.generator)
+        if warm is not None:
+            try:
+                put_weights(self.network, warm)
+            except RuntimeError:
+                raise ConfigurationError(
+                    f"the weights that {name} is to begin with are of another network"
+                ) from None
+        self.optimiser = torch.optim.Adam(self.network.parameters(), fused=True)
+        self.best = weights_of(self.network)
+        """The weights of the lowest validation loss so far."""
+        self.history: list[tuple[float, float]] = []
+        """The training and the validation loss of each epoch."""
+
+    def note(self, training: float, validation: float) -> None:
+        """Note the losses of an epoch; keep the weights when there were none so good."""
+        if all(validation < earlier for _, earlier in self.history):
+            self.best = weights_of(self.network)
+        self.history.append((training, validation))
+
+    def save(self, path: Path, settings: Mapping[str, Any]) -> None:
+        """Write a checkpoint; the file appears whole or not at all."""
+        arrays: dict[str, NDArray[Any]] = {
+            "history": np.array(self.history),
+            "generator": self.generator.get_state().numpy(),
+        }
+        arrays |= {f"now.{name}": array for name, array in weights_of(self.network).items()}
+        arrays |= {f"best.{name}": array for name, array in self.best.items()}
+        for name, parameter in self.network.named_parameters():
+            for moment in MOMENTS:
+                arrays[f"{moment}.{name}"] = self.optimiser.state[parameter][moment].numpy()
+        write_npz(path, settings=json.dumps(settings), **arrays)
+
+    def restore(self, path: Path, settings: Mapping[str, Any]) -> None:
+        """Go on from a checkpoint.
+
+        Raises:
+            ConfigurationError: the file is damaged, or of other settings.
+        """
+        parts = ("now", "best", *MOMENTS)
+        names = [f"{part}.{name}" for part in parts for name in self.best]
+        held = read_arrays(path, "settings", "history", "generator", *names)
+        try:
+            _require_same(path, json.loads(str(held["settings"])), settings)
+            self._put(held)
+        except ConfigurationError:
+            raise
+        except (AttributeError, RuntimeError, TypeError, ValueError):
+            raise ConfigurationError(f"{path} is no checkpoint of a training: remove it") from None
+
+    def _put(self, held: Mapping[str, NDArray[Any]]) -> None:
+        for name, array in self.best.items():
+            for part in ("best", "exp_avg", "exp_avg_sq"):  # torch checks the others
+                if held[f"{part}.{name}"].shape != array.shape:
+                    raise ValueError
+        put_weights(self.network, {name: held[f"now.{name}"] for name in self.best})
+        self.best = {name: held[f"best.{name}"] for name in self.best}
+        for name, parameter in self.network.named_parameters():
+            self.optimiser.state[parameter] = {
+                moment: torch.tensor(held[f"{moment}.{name}"]) for moment in MOMENTS
+            }
+        self.generator.set_state(torch.tensor(held["generator"]))
+        self.history = [(float(one), float(other)) for one, other in held["history"]]
 
 
 class _Share(NamedTuple):
@@ -170,7 +261,7 @@ def _learn(learner: Learner, share: _Share, options: Options, epoch: int) -> flo
 def _varied(
     share: _Share, which: torch.Tensor, options: Options, generator: torch.Generator
 ) -> Batch:
-    """Give windows as they are, or as they might as well have been."""
+    """Windows as they are, or as they might as well have been."""
     windows, targets = share.windows(which)
     count, length = windows.shape[:2]
     chance = torch.rand(2, count, 1, generator=generator)
@@ -187,7 +278,7 @@ def _varied(
 
 
 def _loss(learner: Learner, share: _Share, stride: int) -> float:
-    """Give the mean loss of every so-manieth window, the same ones each time."""
+    """The mean loss of every so-manieth window, the same ones each time."""
     which = torch.arange(0, len(share.starts), stride)
     total = 0.0
     with torch.no_grad():
@@ -207,9 +298,18 @@ def _rate(options: Options, epoch: int) -> float:
 def _settings(
     name: Name, data: Dataset, options: Options, warm: Weights | None
 ) -> dict[str, object]:
-    """Give all that the weights depend on, for the checkpoint."""
+    """All that the weights depend on, for the checkpoint."""
     first = hashlib.sha256()
     for key, array in sorted((warm or {}).items()):
         first.update(key.encode() + array.tobytes())
     told = {"network": name, "data": data.sha256, "first weights": first.hexdigest()}
     return {**options.model_dump(mode="json"), **told}
+
+
+def _require_same(path: Path, held: Mapping[str, Any], settings: Mapping[str, Any]) -> None:
+    names = {**held, **settings}
+    if other := [name for name in names if held.get(name) != settings.get(name)]:
+        raise ConfigurationError(
+            f"{path} is the checkpoint of a training with other {' and '.join(other)}: "
+            "remove it, or choose another folder"
+        )

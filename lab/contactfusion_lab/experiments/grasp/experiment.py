@@ -14,10 +14,17 @@ from contactfusion.files import make_folder, write_whole
 from contactfusion.terminal import note
 from contactfusion_lab.experiments.choices import require_once, trial_called
 from contactfusion_lab.experiments.folder import as_json, joined
-from contactfusion_lab.experiments.grasp import figures, tables
+from contactfusion_lab.experiments.grasp import tables
 from contactfusion_lab.experiments.grasp.film import film_all
-from contactfusion_lab.experiments.grasp.plan import DEFAULT, NONE, Column, Grasp, Plan
-from contactfusion_lab.experiments.grasp.reading import check_columns, read_plan
+from contactfusion_lab.experiments.grasp.plan import (
+    DEFAULT,
+    NONE,
+    Column,
+    Grasp,
+    Plan,
+    check_columns,
+    read_plan,
+)
 from contactfusion_lab.experiments.grasp.trial import (
     Row,
     load,
@@ -27,10 +34,10 @@ from contactfusion_lab.experiments.grasp.trial import (
     trial_file,
 )
 from contactfusion_lab.experiments.methods import Method
-from contactfusion_lab.experiments.threads import one_thread_each
 from contactfusion_lab.experiments.workers import (
     each,
     failure,
+    one_thread_each,
     progress,
     reason_of,
     require_workers,
@@ -128,7 +135,7 @@ def run_grasp(options: Options, out: Path) -> None:
 
 
 def columns_of(sources: Sequence[str], rules: Sequence[Method]) -> Sequence[Column]:
-    """Give the columns of the table: all sources by all rules; without any, `COLUMNS`."""
+    """The columns of the table: all sources by all rules; without any, `COLUMNS`."""
     if not sources and not rules:
         return COLUMNS
     chosen = sources or list(dict.fromkeys(column.sources for column in COLUMNS))
@@ -165,14 +172,14 @@ def evaluate(
     write_whole(out / "results.csv", results_csv([row for rows in found.values() for row in rows]))
     write_whole(out / "summary.json", as_json(summary))
     write_whole(out / "table.md", "\n\n".join(texts) + "\n")
-    figures.draw_success(summaries, out / "success.png")
-    figures.draw_places(found, out / "places.png")
+    tables.draw_success(summaries, out / "success.png")
+    tables.draw_places(found, out / "places.png")
     note(success, end="\n\n")
     print(f"results: {out}/table.md, results.csv, summary.json, success.png, places.png")
 
 
 def _found(columns: Sequence[Column], grasps: Sequence[Grasp], out: Path) -> dict[str, list[Row]]:
-    """Give the grasps that are there, by column."""
+    """The grasps that are there, by column."""
     return {
         column.name: [
             load(path, column, grasp)

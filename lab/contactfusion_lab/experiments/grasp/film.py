@@ -1,7 +1,7 @@
 """A film of one grasp: what is, what is felt, and what the controller does about it."""
 
 import io
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -10,14 +10,15 @@ import numpy as np
 from contactfusion.errors import missing_extra
 from contactfusion.figures import COLOURS
 from contactfusion.files import write_whole
+from contactfusion.recording_scene import EPOCH_NS, TRUTH, fixed_frames
+from contactfusion.recordings.mcap import McapWriter
+from contactfusion.replaying.configuration import TOPIC, Setting
 from contactfusion.terminal import note
 from contactfusion_lab.experiments.grasp.plan import Column, Grasp, Plan
-from contactfusion_lab.experiments.grasp.recorded import recorded
 from contactfusion_lab.experiments.grasp.trial import begun, trial_file
 from contactfusion_lab.experiments.workers import failure, reason_of
-from contactfusion_lab.simulation.grasp import GraspScene
-from contactfusion_lab.simulation.grasp_picture import Eye
-from contactfusion_lab.simulation.grasping import GraspCycle
+from contactfusion_lab.scenes.grasp.scene import GraspCycle, GraspScene
+from contactfusion_lab.scenes.grasp.world import Eye
 
 EVERY = 0.15
 """Of the grasp between two frames [s]."""
@@ -121,3 +122,45 @@ def _frame(scene: GraspScene, eye: Eye, cycle: GraspCycle) -> Any:
     draw.text((8, eye.height - 18), "x felt", fill=FELT)
     draw.text((60, eye.height - 18), "o touched", fill=TRUE)
     return picture
+
+
+def recorded(
+    plan: Plan,
+    column: Column,
+    grasp: Grasp,
+    scene: GraspScene,
+    cycles: Iterable[GraspCycle],
+    path: Path,
+) -> Iterator[GraspCycle]:
+    """The cycles of a grasp, written on the way.
+
+    Args:
+        plan: the experiment.
+        column: by what it is felt.
+        grasp: which.
+        scene: of the grasp.
+        cycles: as they are made.
+        path: the MCAP file, which also holds the configuration: `explain` needs no other.
+
+    Raises:
+        DependencyError: rosbags is not installed.
+        WritingError: the disk does not take it.
+    """
+    config = plan.pipeline_of(column, grasp.seed)
+    fields = config.model_dump(mode="json", exclude_defaults=True, exclude={"folder"})
+    # the name of a fault is a default of its model
+    if config.faults:
+        fields["faults"] = [fault.model_dump(mode="json") for fault in config.faults]
+    fields["cycle"] = {"every": scene.config.period}
+    with McapWriter(path, EPOCH_NS) as writer:
+        writer.text(TOPIC, Setting(fields, config.folder, {}, path).text(beside=path.parent))
+        writer.static(fixed_frames(config))
+        for cycle in cycles:
+            for reading in cycle.readings:
+                writer.reading(reading)
+            writer.step(cycle.step)
+            facts = scene.facts()
+            writer.contacts(facts.contacts, facts.frame, facts.stamp, TRUTH)
+            for one in facts.objects:
+                writer.reading(one, TRUTH)
+            yield cycle

@@ -1,4 +1,4 @@
-"""Which grasps make up the experiment, and by what each is felt."""
+"""Which grasps make up the experiment, by what each is felt, and the file that says so."""
 
 import json
 from collections.abc import Mapping, Sequence
@@ -10,14 +10,21 @@ from zlib import crc32
 
 import numpy as np
 
+from contactfusion.assembly import built_controller, built_generator
 from contactfusion.controllers.grasp_parameters import ReactiveGraspConfig
-from contactfusion.errors import ConfigurationError, name_hint
+from contactfusion.errors import ConfigurationError, PluginError, RobotError, name_hint
+from contactfusion.faults import Fault
+from contactfusion.model import rooted
 from contactfusion.pipeline_config import PipelineConfig
 from contactfusion.plugins import installed_plugins
 from contactfusion.readings import DepthImage, PointCloud
 from contactfusion.robots.description import RobotConfig
+from contactfusion.robots.model import RobotModel, shared_robot
+from contactfusion.robots.objects import ObjectConfig, ObjectModel
+from contactfusion.yaml_files import read_yaml
 from contactfusion_lab.experiments.methods import Method
-from contactfusion_lab.simulation.grasp_config import GraspConfig
+from contactfusion_lab.scenes.grasp.config import GraspConfig
+from contactfusion_lab.scenes.grasp.placing import check_names
 
 DEFAULT = Path(__file__).with_name("grasp.yaml")
 NONE, ALL = "none", "all"
@@ -96,7 +103,7 @@ class Plan:
         ]
 
     def pipeline_of(self, column: Column, seed: int = 0) -> PipelineConfig:
-        """Give the pipeline of a column.
+        """The pipeline of a column.
 
         Args:
             column: by what it feels.
@@ -119,7 +126,7 @@ class Plan:
         return self.pipeline.model_copy(update=update)
 
     def _open_loop(self) -> dict[str, Any]:
-        """Give what a hand does that heeds no contact: it closes where the object should stand."""
+        """What a hand does that heeds no contact: it closes where the object should stand."""
         told = dict(self.pipeline.controller or {})
         kind = told.pop("type", None)
         if kind != REACTIVE:
@@ -132,7 +139,7 @@ class Plan:
         return {"corrections": 0, "reach": nearest - depth}
 
     def scene_of(self, column: Column, grasp: Grasp) -> GraspConfig:
-        """Give the scene of a grasp; cameras that nobody looks through are off."""
+        """The scene of a grasp; cameras that nobody looks through are off."""
         scene, known = self.scenes[grasp.thing], self.pipeline.generators
         plugins = installed_plugins()
         readings = {
@@ -144,7 +151,7 @@ class Plan:
         return scene if looks else scene.model_copy(update={"camera_rate": 0.0})
 
     def settings(self, columns: Sequence[Column]) -> dict[str, Any]:
-        """Tell what makes two trials of one name equal, for a folder that is gone on with."""
+        """What makes two trials of one name equal, for a folder that is gone on with."""
         told = {
             "trials": TRIALS,
             "seed": self.seed,
@@ -170,7 +177,7 @@ class Plan:
 
 
 def _digest(scene: GraspConfig) -> str:
-    """Give the SHA-256 of the URDF of an object; empty when it has none."""
+    """The SHA-256 of the URDF of an object; empty when it has none."""
     if scene.object.urdf is None:
         return ""
     path = RobotConfig(urdf=scene.object.urdf, folder=scene.object.folder).path()
@@ -178,7 +185,7 @@ def _digest(scene: GraspConfig) -> str:
 
 
 def chosen_sources(sources: str, known: Mapping[str, Mapping[str, Any]]) -> list[str]:
-    """Give the generators that sources name, in their order in the file.
+    """The generators that sources name, in their order in the file.
 
     Args:
         sources: names or types with "+" between them, `none` or `all`.
@@ -200,3 +207,140 @@ def chosen_sources(sources: str, known: Mapping[str, Mapping[str, Any]]) -> list
             hint = name_hint(part, names, "generators and their types")
             raise ConfigurationError(f"unknown source '{part}': {hint}", "sources")
     return [name for name, options in known.items() if {name, options["type"]} & {*parts}]
+
+
+def read_plan(
+    path: Path, things: Sequence[str], faults: Sequence[Fault], noise: str | None, seed: int
+) -> Plan:
+    """Put an experiment together.
+
+    Args:
+        path: a YAML file as for `run`, with a scene of type `grasp`, and in `objects` by name what
+            each object changes of the scene.
+        things: names of these objects; none: the first.
+        faults: how sensors fail, besides those of the file.
+        noise: of the sensors, by name; None: the scene's.
+        seed: of all chance.
+
+    Raises:
+        ConfigurationError: the file, an object, the controller or the noise is not what it should
+            be, or the robot lacks what a scene names.
+    """
+    path = path.resolve()
+    fields = read_yaml(path)
+    scene, objects = fields.pop("scene", None), fields.pop("objects", None)
+    try:
+        if not isinstance(scene, dict) or not isinstance(objects, dict) or not objects:
+            raise ConfigurationError("give a scene of type grasp, and objects by name", "objects")
+        known: dict[str, Any] = objects
+        _check_objects(known)
+        for name in things:
+            if name not in known:
+                hint = name_hint(name, known, "objects")
+                raise ConfigurationError(f"unknown object '{name}': {hint}", "objects")
+        pipeline = PipelineConfig(**{"folder": path.parent, **fields})
+        if pipeline.robot is None:
+            raise ConfigurationError("a scene needs a robot by URDF", "robot")
+        if pipeline.controller is None:
+            raise ConfigurationError("a grasp needs a controller", "controller")
+        _check_controller(pipeline)
+        robot = _robot(pipeline)
+        given = {"noise": noise} if noise else {}
+        scenes = {}
+        for name in things or [next(iter(known))]:
+            try:
+                config = rooted(GraspConfig(**{**scene, **known[name], **given}), path.parent)
+                _check_scene(config, robot)
+            except ConfigurationError as error:
+                raise error.under(f"objects.{name}") from None
+            scenes[name] = config
+    except ConfigurationError as error:
+        raise ConfigurationError(f"{path}: {error}") from None
+    pipeline = pipeline.model_copy(update={"faults": (*pipeline.faults, *faults)})
+    return Plan(pipeline, scenes, seed)
+
+
+def check_columns(plan: Plan, columns: Sequence[Column], path: Path) -> None:
+    """Make sure that what the columns need can be built, and that no two of them are the same.
+
+    Args:
+        plan: the experiment.
+        columns: of its table.
+        path: the file of the plan.
+
+    Raises:
+        ConfigurationError: a column is another's double, or one of its generators is not what it
+            should be.
+    """
+    known, names = plan.pipeline.generators, dict[Any, str]()
+    for column in columns:
+        chosen = chosen_sources(column.sources, known)
+        # with no sources at all the controller is another
+        kind = (*chosen, column.sources == NONE, column.method)
+        same = names.setdefault(kind, column.sources)
+        if same != column.sources:
+            raise ConfigurationError(f"'{column.sources}' is the same as '{same}'", "sources")
+        try:
+            _check_generators(plan.pipeline, chosen)
+            _check_controller(plan.pipeline_of(column))
+        except ConfigurationError as error:
+            raise ConfigurationError(f"{path}: {error}") from None
+
+
+def _check_objects(objects: Mapping[str, Any]) -> None:
+    """Make sure that names of objects can be those of files, and that each is a mapping."""
+    for name, changes in objects.items():
+        if name.startswith(".") or "/" in name or "\\" in name:
+            raise ConfigurationError(
+                "its grasps are files of that name: it may hold no slash, nor begin with a dot",
+                f"objects.{name}",
+            )
+        if not isinstance(changes, dict):
+            raise ConfigurationError(
+                f"give by field what it changes of the scene, not {changes!r}", f"objects.{name}"
+            )
+
+
+def _check_controller(pipeline: PipelineConfig) -> None:
+    try:
+        built_controller(pipeline)
+    except PluginError as error:
+        raise ConfigurationError(str(error), "controller.type") from None
+
+
+def _check_generators(pipeline: PipelineConfig, names: Sequence[str]) -> None:
+    for name in names:
+        try:
+            built_generator(name, pipeline.generators[name], pipeline.folder, pipeline.robot)
+        except PluginError as error:
+            raise ConfigurationError(str(error), f"generators.{name}.type") from None
+
+
+def _robot(pipeline: PipelineConfig) -> RobotModel:
+    assert pipeline.robot is not None
+    try:
+        return shared_robot(pipeline.robot)
+    except ConfigurationError as error:
+        raise error.under("robot") from None
+    except RobotError as error:
+        raise ConfigurationError(str(error), "robot") from None
+
+
+def _check_scene(config: GraspConfig, robot: RobotModel) -> None:
+    try:
+        check_names(config, robot)
+    except RobotError as error:
+        raise ConfigurationError(str(error), "tool") from None
+    _check_shapes(config.object, "object")
+    for name, one in config.surroundings.items():
+        _check_shapes(one, f"surroundings.{name}")
+
+
+def _check_shapes(config: ObjectConfig, path: str) -> None:
+    """Make sure that the files of an object are there."""
+    try:
+        ObjectModel(config)
+    except ConfigurationError as error:
+        raise error.under(path) from None
+    except RobotError as error:
+        raise ConfigurationError(str(error), path) from None

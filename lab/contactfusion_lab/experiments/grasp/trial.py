@@ -17,8 +17,7 @@ from contactfusion.files import write_whole
 from contactfusion.pipeline import Pipeline
 from contactfusion.robots.model import shared_robot
 from contactfusion_lab.experiments.grasp.plan import Column, Grasp, Plan
-from contactfusion_lab.simulation.grasp import GraspScene
-from contactfusion_lab.simulation.grasping import GraspCycle, grasped, result_of
+from contactfusion_lab.scenes.grasp.scene import GraspCycle, GraspScene, grasped, result_of
 
 
 @dataclass(frozen=True)
@@ -63,12 +62,12 @@ class Row:
 
 
 def trial_file(out: Path, column: Column, grasp: Grasp) -> Path:
-    """Give the file of a trial."""
+    """The file of a trial."""
     return out / "trials" / column.name / f"{grasp.name}.json"
 
 
 def begun(plan: Plan, column: Column, grasp: Grasp) -> tuple[GraspScene, Iterator[GraspCycle]]:
-    """Give the scene of a grasp at its start, and the cycles in which a column makes it.
+    """The scene of a grasp at its start, and the cycles in which a column makes it.
 
     Raises:
         ContactFusionError: the scene cannot be set up, or the controller failed.
@@ -144,7 +143,7 @@ def load(path: Path, column: Column, grasp: Grasp) -> Row:
 
 
 def results_csv(rows: Sequence[Row]) -> str:
-    """Give one line a grasp."""
+    """One line a grasp."""
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     names = [field.name for field in fields(Row)]

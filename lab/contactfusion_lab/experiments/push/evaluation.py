@@ -1,19 +1,46 @@
-"""What comes of all pushes: measures, tables, comparisons and figures."""
+"""What comes of all pushes of a folder: measures, tables, comparisons and figures."""
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
+from itertools import product
 from pathlib import Path
 from typing import Any
 
+from contactfusion.errors import ConfigurationError
 from contactfusion.files import write_whole
 from contactfusion.terminal import note
-from contactfusion_lab.experiments.folder import as_json
+from contactfusion_lab.experiments.folder import TRIALS, as_json
 from contactfusion_lab.experiments.push import figures, tables
-from contactfusion_lab.experiments.push.comparisons import compare_all, comparisons_text
-from contactfusion_lab.experiments.push.gathering import Made, gathered
-from contactfusion_lab.experiments.push.outcomes import results_csv
-from contactfusion_lab.experiments.push.perception import perception
-from contactfusion_lab.experiments.push.plan import Plan
+from contactfusion_lab.experiments.push.outcomes import (
+    Outcome,
+    compare_all,
+    comparisons_text,
+    outcome,
+    results_csv,
+)
+from contactfusion_lab.experiments.push.plan import Plan, Push, Targets
+from contactfusion_lab.experiments.push.tables import perception
+from contactfusion_lab.experiments.push.trial import Track, load
+from contactfusion_lab.scenes.push.config import FRICTIONS
+
+Order = tuple[int, int, int, int]
+"""Of a push among all: its targets, object and friction, and its number."""
+ADDABLE = ("sensings", "controllers", "objects", "targets")
+"""Of these a folder may take more."""
+
+
+@dataclass(frozen=True, eq=False)
+class Made:
+    """A push that was made.
+
+    Attributes:
+        track: of it.
+        outcome: what came of it.
+    """
+
+    track: Track
+    outcome: Outcome
+
 
 Found = dict[str, list[Made]]
 """Pushes by SENSING/CONTROLLER."""
@@ -32,7 +59,7 @@ def evaluate(plan: Plan, settings: Mapping[str, Any], failed: Sequence[str], out
     Raises:
         ConfigurationError: a file holds none of these pushes, or another than its name says.
     """
-    made = gathered(plan, settings, out)
+    made = _gathered(plan, settings, out)
     by_targets = _by_targets(made, settings["targets"])
     found = {label: [one.outcome for one in part] for label, part in made.items()}
     summaries = {label: tables.summary_of(part, plan.seed) for label, part in found.items()}
@@ -96,3 +123,91 @@ def _for_each(
     return "\n\n".join(
         f"Targets `{name}`:\n\n{text(part, name, starts)}" for name, part in by_targets.items()
     )
+
+
+def _gathered(plan: Plan, settings: Mapping[str, Any], out: Path) -> dict[str, list[Made]]:
+    """The pushes of each sensing and controller, by SENSING/CONTROLLER; of some if any.
+
+    Args:
+        plan: of pushes made last.
+        settings: of the folder.
+        out: the folder.
+
+    Raises:
+        ConfigurationError: a file holds none of these pushes, or another than its name says.
+    """
+    sets = {name: _targets(name, places) for name, places in settings["targets"].items()}
+    plans = {name: replace(plan, targets=targets) for name, targets in sets.items()}
+    found = {}
+    for sensing, controller in product(settings["sensings"], settings["controllers"]):
+        ordered = [
+            (_order(track, path, plans, list(settings["objects"])), Made(track, outcome(track)))
+            for path, track in _tracks(out, sensing, controller)
+        ]
+        if ordered:
+            made = [one for _, one in sorted(ordered, key=lambda row: row[0])]
+            found[f"{sensing}/{controller}"] = made
+    return found
+
+
+def _targets(name: str, places: Any) -> Targets:
+    return Targets(name, tuple((x, y) for x, y in places) if isinstance(places, list) else None)
+
+
+def _tracks(out: Path, sensing: str, controller: str) -> Iterator[tuple[Path, Track]]:
+    for path in _trial_files(out, sensing, controller):
+        track = load(path)
+        told = track.sensing, track.controller, track.push.name
+        if told != (sensing, controller, path.stem):
+            raise _stranger(path)
+        yield path, track
+
+
+def _order(track: Track, path: Path, plans: Mapping[str, Plan], objects: Sequence[str]) -> Order:
+    """The place of a push among all, after a look at whether it is the plan's.
+
+    Raises:
+        ConfigurationError: the plan has none of its name, or another one.
+    """
+    push = track.push
+    try:
+        rows = (
+            list(plans).index(push.targets),
+            objects.index(push.object),
+            list(FRICTIONS).index(push.friction),
+            push.number,
+        )
+        plan = plans[push.targets]
+        if plan.targets.places or push.object in plan.objects:  # else where it is touched is gone
+            planned = plan.push(push.object, push.friction, push.number)
+        else:
+            planned = push
+    except (ValueError, IndexError):
+        raise _stranger(path) from None
+    if planned != push:
+        raise _stranger(path)
+    return rows
+
+
+def _stranger(path: Path) -> ConfigurationError:
+    return ConfigurationError(
+        f"{path} holds another push than this experiment's of its name: remove it, or give "
+        "another --out"
+    )
+
+
+def trial_file(out: Path, sensing: str, controller: str, push: Push) -> Path:
+    """The file of a trial."""
+    return out / TRIALS / sensing / controller / f"{push.name}.npz"
+
+
+def _trial_files(out: Path, sensing: str, controller: str) -> list[Path]:
+    """The files of all trials that were made with a sensing and a controller."""
+    return sorted((out / TRIALS / sensing / controller).glob("*.npz"))
+
+
+def settings_of(plans: Mapping[str, Plan], controllers: Sequence[str]) -> dict[str, Any]:
+    """The settings of plans that differ in what feels only."""
+    told = [plan.settings(controllers) for plan in plans.values()]
+    sensings = {label: one for each in told for label, one in each["sensings"].items()}
+    return {**told[0], "sensings": sensings}

@@ -11,10 +11,9 @@ import numpy as np
 from contactfusion.arrays import FloatArray
 from contactfusion.figures import COLOURS, new_figure
 from contactfusion.files import write_whole
-from contactfusion_lab.experiments.push.comparisons import Comparison
-from contactfusion_lab.experiments.push.outcomes import Outcome
-from contactfusion_lab.experiments.push.plan import CHASSIS
+from contactfusion_lab.experiments.push.outcomes import Comparison, Outcome
 from contactfusion_lab.experiments.push.trial import Track
+from contactfusion_lab.scenes.push.scene import mobile_base
 
 STRIDE = 5
 """Ways are drawn through every so many cycles."""
@@ -210,8 +209,10 @@ def _floor(axes: Any, outcomes: Sequence[Outcome]) -> None:
     """Draw robot and axes; every panel shows as much, for all outcomes, also one that has none."""
     from matplotlib.patches import Rectangle
 
-    corner, (length, width) = (-CHASSIS[0], -CHASSIS[1] / 2.0), CHASSIS
-    robot = Rectangle(corner, length, width, facecolor="#dddddd", edgecolor="#777777", zorder=0)
+    length, width, _ = mobile_base().size
+    robot = Rectangle(
+        (-length, -width / 2.0), length, width, facecolor="#dddddd", edgecolor="#777777", zorder=0
+    )
     axes.add_patch(robot)
     furthest = max((max(abs(one.target_x), abs(one.target_y)) for one in outcomes), default=0.0)
     reach = max(REACH[furthest > FAR], furthest + 0.3)

@@ -1,18 +1,29 @@
-"""What came of one push: the measures of method §8, from its track."""
+"""What came of pushes: the measures of method §8, causes of failure, and comparisons in pairs."""
 
 import csv
 import io
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.stats import wilcoxon
 
 from contactfusion.arrays import FloatArray
 from contactfusion.hypotheses import HypothesisKind
-from contactfusion_lab.experiments.push.causes import cause
+from contactfusion_lab.experiments.measures import mcnemar
 from contactfusion_lab.experiments.push.trial import Track
-from contactfusion_lab.simulation.pushing import Ending
+from contactfusion_lab.scenes.push.scene import Ending
+
+EDGE = 0.22
+"""Contacts further aside than this are at an edge of the face [m]."""
+SILENT, FAINT = 0.2, 0.6
+"""A contact that is felt in less than these shares of its time is not felt, or hardly."""
+PROGRESS = 0.02
+"""Coming nearer to the target by less than this is no progress [m]."""
+COMPARED = ("lateral_true", "lateral_estimate", "swept", "time")
+"""By Wilcoxon's signed ranks, over pushes that both bring to true success (O §III-C)."""
+STARS = ((0.001, "***"), (0.01, "**"), (0.05, "*"))
 
 
 @dataclass(frozen=True)
@@ -135,7 +146,7 @@ def outcome(track: Track) -> Outcome:
 
 
 def swept(track: Track) -> float:
-    """Give Σ|Δθ| / (t_min - t_start), t_min when the true contact is nearest (O Eq 12) [rad/s].
+    """Σ|Δθ| / (t_min - t_start), t_min when the true contact is nearest (O Eq 12) [rad/s].
 
     NaN where there is no contact after the start.
     """
@@ -156,7 +167,7 @@ def beginnings(track: Track, mode: str) -> int:
 
 
 def results_csv(outcomes: Sequence[Outcome]) -> str:
-    """Give one line a push and controller."""
+    """One line a push and controller."""
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     names = list(Outcome.__dataclass_fields__)
@@ -191,3 +202,162 @@ def _cell(value: object) -> object:
     if isinstance(value, float):
         return "" if np.isnan(value) else f"{value:.6g}"
     return int(value) if isinstance(value, bool) else value
+
+
+def cause(track: Track) -> str:
+    """Why a push failed; nothing when it was a true success."""
+    touching, final = track.kind > 0, track.distance[-1]
+    if track.ending == Ending.ARRIVED:
+        if np.isnan(final):
+            return "arrived by estimate, without contact in truth"
+        if final > track.within:
+            return f"arrived by estimate, {final * 100:.2f} cm away in truth"
+        return ""
+    if not touching.any():
+        return "never touched"
+    if (track.estimate[touching] > 0).mean() < SILENT:
+        force = float(np.median(track.force[touching]))
+        return f"felt nothing: presses with {force:.1f} N, under the activation"
+    if track.ending == Ending.AWAY:
+        what = "object carried out of the field"
+    elif track.ending == Ending.LOST:
+        what = _lost(track)
+    else:
+        what = f"no progress for {_idle(track)}"
+    felt = float((track.estimate[touching] > 0).mean())
+    faint = f"; only {felt:.0%} of the contact felt" if felt < FAINT else ""
+    return f"{what}; at best {np.nanmin(track.distance):.2f} m away{faint}"
+
+
+def _lost(track: Track) -> str:
+    touching = track.kind > 0
+    last = int(np.flatnonzero(touching)[-1])
+    times = int((touching[:-1] & ~touching[1:]).sum())
+    lateral = float(track.contact[last, 1])
+    side = "left" if lateral > 0 else "right"
+    place = f"at the {side} edge" if abs(lateral) > EDGE else f"{lateral * 100:+.0f} cm aside"
+    if track.stamp[-1] - track.stamp[last] > 0.5 * track.period * (~touching).sum():
+        return f"lost {place} after {track.stamp[last]:.1f} s, never found again"
+    return f"lost {times} times, last {place}"
+
+
+def _idle(track: Track) -> str:
+    """For how long there was no progress, and what the controller did most of that time."""
+    nearest, since = np.inf, 0
+    for row in np.flatnonzero(~np.isnan(track.distance)):
+        if track.distance[row] < nearest - PROGRESS:
+            nearest, since = track.distance[row], int(row)
+    modes = np.bincount(track.mode[since:], minlength=len(track.modes))
+    return f"{track.stamp[-1] - track.stamp[since]:.0f} s, mostly {track.modes[modes.argmax()]}"
+
+
+@dataclass(frozen=True)
+class Difference:
+    """How one measure differs.
+
+    Attributes:
+        measure: its name in results.csv.
+        pushes: how many pairs there are.
+        median: of the differences, in the measure's unit; less than 0 where the first has less.
+        p: by Wilcoxon's signed ranks, not corrected for the number of tests.
+    """
+
+    measure: str
+    pushes: int
+    median: float | None
+    p: float
+
+    @property
+    def stars(self) -> str:
+        """The p-value as figures tell it."""
+        return next((stars for level, stars in STARS if self.p < level), "n.s.")
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """One sensing and controller against another.
+
+    Attributes:
+        first: SENSING/CONTROLLER.
+        against: the other likewise.
+        pushes: that both made.
+        first_only: true successes of the first alone.
+        other_only: true successes of the other alone.
+        p_of_success: by McNemar's exact test.
+        differences: of the measures `COMPARED`.
+    """
+
+    first: str
+    against: str
+    pushes: int
+    first_only: int
+    other_only: int
+    p_of_success: float
+    differences: tuple[Difference, ...]
+
+
+def compare_all(found: Mapping[str, Sequence[Outcome]]) -> list[Comparison]:
+    """Compare each sensing and controller but the first with one before it.
+
+    That is the first with the same controller; without one, the first with the same sensing;
+    without that, too, the first of all.
+
+    Args:
+        found: outcomes by sensing and controller.
+    """
+    comparisons, before = [], list[Sequence[Outcome]]()
+    for outcomes in found.values():
+        other = outcomes[0]
+        alike = [one for one in before if one[0].controller == other.controller]
+        alike += [one for one in before if one[0].sensing == other.sensing]
+        if before:
+            comparisons.append(compare([*alike, before[0]][0], outcomes))
+        before.append(outcomes)
+    return comparisons
+
+
+def compare(first: Sequence[Outcome], other: Sequence[Outcome]) -> Comparison:
+    """Compare two sensings or controllers on the pushes that both made."""
+    by_name = {one.trial: one for one in other}
+    pairs = [(one, by_name[one.trial]) for one in first if one.trial in by_name]
+    first_only = sum(one.success_true > another.success_true for one, another in pairs)
+    other_only = sum(one.success_true < another.success_true for one, another in pairs)
+    both = [pair for pair in pairs if pair[0].success_true and pair[1].success_true]
+    return Comparison(
+        first[0].label,
+        other[0].label,
+        len(pairs),
+        first_only,
+        other_only,
+        mcnemar(first_only, other_only),
+        tuple(_difference(both, measure) for measure in COMPARED),
+    )
+
+
+def _difference(pairs: Sequence[tuple[Outcome, Outcome]], measure: str) -> Difference:
+    found = np.array([getattr(one, measure) - getattr(other, measure) for one, other in pairs])
+    found = found[np.isfinite(found)]
+    changed = found[found != 0.0]
+    p = float(wilcoxon(changed).pvalue) if len(changed) else 1.0
+    return Difference(measure, len(found), float(np.median(found)) if len(found) else None, p)
+
+
+def comparisons_text(comparisons: Sequence[Comparison]) -> str:
+    """Comparisons as Markdown."""
+    lines = [
+        "| | against | true success only it | only the other | p | both | "
+        "Δ mean abs. l cm | p | Δ mean abs. l̂ cm | p | Δ swept rad/s | p | Δ time s | p |",
+        "|" + "---|" * 14,
+    ]
+    for one in comparisons:
+        cells = [one.first, one.against, f"{one.first_only}", f"{one.other_only}"]
+        cells += [f"{one.p_of_success:.2g}", f"{one.differences[0].pushes}"]
+        for each, (scale, form) in zip(
+            one.differences,
+            ((100.0, ".2f"), (100.0, ".2f"), (1.0, ".3f"), (1.0, ".1f")),
+            strict=True,
+        ):
+            median = "-" if each.median is None else f"{each.median * scale:+{form}}"
+            cells += [median, f"{each.p:.2g}"]
+        lines.append("| " + " | ".join(cells) + " |")
+    return "\n".join(lines)

@@ -1,5 +1,6 @@
-"""Which pushes make up the experiment, and what they are felt and steered with."""
+"""Which pushes make up the experiment: objects, targets, starts, and what they are felt with."""
 
+import hashlib
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -9,22 +10,37 @@ from typing import Any
 from zlib import crc32
 
 import numpy as np
+from pydantic import Field
 
 from contactfusion.arrays import FloatArray
 from contactfusion.controllers.face import FaceConfig
-from contactfusion.errors import ConfigurationError
+from contactfusion.errors import ConfigurationError, name_hint
+from contactfusion.model import Model
 from contactfusion.pipeline_config import PipelineConfig
 from contactfusion.robots.description import RobotConfig
+from contactfusion.yaml_files import read_yaml
 from contactfusion_lab.experiments.choices import require_known, require_once
 from contactfusion_lab.experiments.push.failing import RandomFault, drawn
-from contactfusion_lab.experiments.push.sensings import Change, Sensing, read_sensing
-from contactfusion_lab.experiments.push.steering import controller_options, controller_settings
-from contactfusion_lab.experiments.push.targets import Place, Targets
-from contactfusion_lab.experiments.push.things import object_settings, objects_of
-from contactfusion_lab.simulation.push_config import MisplacedConfig, PushConfig, SkinConfig
-from contactfusion_lab.simulation.push_names import FRICTIONS
-from contactfusion_lab.simulation.push_objects import ObjectConfig
-from contactfusion_lab.simulation.push_surfaces import outlines
+from contactfusion_lab.experiments.push.suites import (
+    Change,
+    Sensing,
+    controller_options,
+    controller_settings,
+    read_sensing,
+)
+from contactfusion_lab.scenes.push.config import (
+    FRICTIONS,
+    OTHERS,
+    PAPER,
+    Distance,
+    MisplacedConfig,
+    PushConfig,
+    SkinConfig,
+    named_object,
+    read_object,
+)
+from contactfusion_lab.scenes.push.objects import ObjectConfig, UrdfObjectConfig, outlines
+from contactfusion_lab.scenes.push.scene import mobile_base
 
 STARTS = ("nominal", "random")
 OFFSET, YAW = 0.2, 45.0
@@ -32,14 +48,37 @@ OFFSET, YAW = 0.2, 45.0
 FIELD, NEAREST = 3.0, 0.5
 """Random targets are drawn within this of the origin along x and y, further than this from the
 first contact [m]."""
-CHASSIS = (0.72, 0.60)
-"""The robot's length and width; at the start its front stands at x = 0 [m]."""
 CLEARANCE = 0.03
-"""Nor are they drawn under the robot, or so near behind or beside it [m]."""
+"""Nor are they drawn under the robot, or so near behind or beside it; at the start its front stands
+at x = 0 [m]."""
 FLAT = 1e-6
 """Corners so far behind the foremost are as far ahead [m]."""
 TRIALS = 3
 """Counts up when trials change, so that old ones are not taken for new."""
+Place = tuple[float, float]
+GRID: tuple[Place, ...] = tuple(
+    (float(x), float(y)) for x in range(-2, 3) for y in range(-2, 3) if (x, y) != (0, 0)
+)
+"""24 places a metre apart (O Fig 3) [m]."""
+VALIDATION: tuple[Place, ...] = tuple((x, y) for x in (-3.0, 0.0, 3.0) for y in (-3.0, 3.0))
+"""The corners and two sides of a larger square; nothing else is at them [m]."""
+NEW: tuple[Place, ...] = (
+    (2.5, 0.5), (2.5, -1.5), (1.5, 2.5), (1.5, -0.5), (0.5, -2.5), (0.5, 1.5),
+    (-0.5, 2.5), (-0.5, -1.5), (-1.5, 0.5), (-1.5, -2.5), (-2.5, 1.5), (-2.5, -0.5),
+)  # fmt: skip
+"""Twelve that are in neither of these [m]."""
+REAL: tuple[Place, ...] = tuple((x, y) for x in (-2.0, 0.0, 2.0) for y in (-2.0, 2.0))
+"""Those of the real robots (O §V), also in the grid [m]."""
+REAL_NEAR: tuple[Place, ...] = tuple((x, y) for x in (-1.5, 0.0, 1.5) for y in (-1.5, 1.5))
+"""Those for the L-shape there [m]."""
+NAMED = {
+    "grid": GRID,
+    "validation": VALIDATION,
+    "new": NEW,
+    "real": REAL,
+    "real_near": REAL_NEAR,
+}
+RANDOM = "random"
 
 
 @dataclass(frozen=True)
@@ -70,6 +109,21 @@ class Push:
     def name(self) -> str:
         """What to call it, and its file."""
         return f"{self.object}-{self.friction}-{self.targets}-{self.number:03d}"
+
+
+@dataclass(frozen=True)
+class Targets:
+    """A set of targets.
+
+    Attributes:
+        name: of the set.
+        places: each x and y in `odom` [m]; None: drawn anew for every trial.
+        trials: how many trials there are in all, when they are drawn.
+    """
+
+    name: str
+    places: tuple[Place, ...] | None
+    trials: int = 0
 
 
 @dataclass(frozen=True)
@@ -109,7 +163,7 @@ class Plan:
         ]
 
     def scene_of(self, push: Push) -> PushConfig:
-        """Give the scene of a push."""
+        """The scene of a push."""
         fields: dict[str, Any] = {
             "object": self.objects[push.object],
             "friction": push.friction,
@@ -127,7 +181,7 @@ class Plan:
         return PushConfig(**fields)
 
     def pipeline_of(self, push: Push, controller: str) -> PipelineConfig:
-        """Give the pipeline that steers a push."""
+        """The pipeline that steers a push."""
         update = {
             "controller": controller_options(controller, push.target, self.face),
             "faults": drawn(self.faults, push.seed),
@@ -151,7 +205,7 @@ class Plan:
         return self.sensing.robot
 
     def settings(self, controllers: Sequence[str]) -> dict[str, Any]:
-        """Tell what makes two trials of one name equal, for a folder that is gone on with."""
+        """What makes two trials of one name equal, for a folder that is gone on with."""
         places = self.targets.places
         told = {
             "trials": TRIALS,
@@ -162,14 +216,14 @@ class Plan:
             "misplaced": {name: how.model_dump() for name, how in self.misplaced.items()},
             "sensings": {self.sensing.label: self.sensing.settings()},
             "controllers": {name: controller_settings(name, self.face) for name in controllers},
-            "objects": {name: object_settings(one) for name, one in self.objects.items()},
+            "objects": {name: _object_settings(one) for name, one in self.objects.items()},
             "targets": {self.targets.name: places or "by chance"},
         }
         settings: dict[str, Any] = json.loads(json.dumps(told, default=str))
         return settings
 
     def push(self, thing: str, friction: str, number: int) -> Push:
-        """Give one push; of others nothing changes it.
+        """One push; of others nothing changes it.
 
         Args:
             thing: the name of the object.
@@ -191,7 +245,7 @@ class Plan:
         return Push(thing, friction, self.targets.name, number, target, offset, yaw, seed)
 
     def first_contact(self, thing: str, offset: float, yaw: float) -> float:
-        """Give how far to the left of the robot's middle an object is touched first [m].
+        """How far to the left of the robot's middle an object is touched first [m].
 
         Args:
             thing: the name of the object.
@@ -255,7 +309,7 @@ def read_plan(
     require_once(frictions, "frictions")
     return Plan(
         sensing=read_sensing(sensing, taxels, change or Change()),
-        objects=objects_of(objects, files),
+        objects=_objects_of(objects, files),
         frictions=frictions,
         targets=targets,
         starts=starts,
@@ -268,9 +322,69 @@ def read_plan(
 
 def _drawn(rng: np.random.Generator, first_contact: float) -> Place:
     """Draw a target that is neither near the first contact nor under the robot."""
+    length, width, _ = mobile_base().size
     while True:
         x, y = rng.uniform(-FIELD, FIELD, 2).tolist()
-        length, width = CHASSIS
         under = -length - CLEARANCE <= x <= 0.0 and abs(y) <= width / 2.0 + CLEARANCE
         if np.hypot(x, y - first_contact) >= NEAREST and not under:
             return x, y
+
+
+def _objects_of(names: Sequence[str], files: Sequence[Path]) -> dict[str, ObjectConfig]:
+    """Objects by name.
+
+    Args:
+        names: of known objects; none: those of the paper, unless there are files.
+        files: of further ones.
+
+    Raises:
+        ConfigurationError: a name is unknown or stands twice, or a file holds no object.
+    """
+    known = {**PAPER, **OTHERS}
+    names = names or ([] if files else list(PAPER))
+    require_known(names, known, "object", "objects")
+    require_once(names, "objects")
+    objects = {name: named_object(name) for name in names}
+    for path in files:
+        if path.stem in {*known, *objects}:
+            raise ConfigurationError(f"there is an object '{path.stem}' already: rename {path}")
+        objects[path.stem] = read_object(path)
+    return objects
+
+
+def _object_settings(thing: ObjectConfig) -> Any:
+    """What makes up an object; of a file what is in it."""
+    if not isinstance(thing, UrdfObjectConfig):
+        return thing.model_dump(mode="json")
+    content = RobotConfig(urdf=thing.urdf, folder=thing.folder).path().read_bytes()
+    return {"urdf": Path(thing.urdf).name, "sha256": hashlib.sha256(content).hexdigest()}
+
+
+class _TargetFile(Model):
+    targets: tuple[tuple[Distance, Distance], ...] = Field(min_length=1)
+    """Each x and y [m]."""
+
+
+def read_targets(told: str) -> Targets:
+    """The targets of a named set, of `random:N`, or of a YAML file.
+
+    Raises:
+        ConfigurationError: it is none of these, or a target is no pair of finite numbers.
+    """
+    if told in NAMED:
+        return Targets(told, NAMED[told])
+    name, colon, count = told.partition(":")
+    if name == RANDOM:
+        if not colon or not count.isdecimal() or int(count) < 1:
+            raise ConfigurationError(f"'{told}': write random:N, with N trials in all")
+        return Targets(RANDOM, None, int(count))
+    path = Path(told)
+    if path.suffix not in (".yaml", ".yml"):
+        hint = name_hint(told, [*NAMED, "random:N"], "targets")
+        raise ConfigurationError(f"unknown targets '{told}'; {hint}, or a YAML file of `targets`")
+    if path.stem in (*NAMED, RANDOM):
+        raise ConfigurationError(f"there are targets '{path.stem}' already: rename {path}")
+    try:
+        return Targets(path.stem, _TargetFile(**read_yaml(path)).targets)
+    except ConfigurationError as error:
+        raise ConfigurationError(f"{path}: {error}" if error.path else str(error)) from None

@@ -18,9 +18,8 @@ from contactfusion.files import read_arrays, write_npz
 from contactfusion.hypotheses import HypothesisKind
 from contactfusion.pipeline import Pipeline
 from contactfusion_lab.experiments.push.plan import Plan, Push
-from contactfusion_lab.experiments.push.watches import Cost, StopWatch, WatchedScene
-from contactfusion_lab.simulation.push import PushScene
-from contactfusion_lab.simulation.pushing import Cycle, pushed
+from contactfusion_lab.experiments.push.timers import Cost, StopWatch, WatchedScene
+from contactfusion_lab.scenes.push.scene import Cycle, PushScene, pushed
 
 KINDS = ("none", "point", "line")
 """How the object touches."""
@@ -147,7 +146,7 @@ def track_of(plan: Plan, push: Push, controller: str, cycles: Iterable[Cycle]) -
 
 
 def shares_on_face(contacts: Sequence[Contact], face: FaceConfig) -> dict[str, float]:
-    """Give the share of each source in the contacts on a face, which weigh by their voxels.
+    """The share of each source in the contacts on a face, which weigh by their voxels.
 
     Args:
         contacts: of one step, in the face's frame.

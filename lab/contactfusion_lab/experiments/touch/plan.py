@@ -18,7 +18,7 @@ from contactfusion.model import rooted
 from contactfusion.pipeline_config import PipelineConfig
 from contactfusion.robots.objects import ObjectConfig, ObjectModel
 from contactfusion.yaml_files import read_yaml
-from contactfusion_lab.simulation.touch_config import TouchConfig
+from contactfusion_lab.scenes.touch.config import TouchConfig
 
 DEFAULT = Path(__file__).with_name("touch.yaml")
 ELEVATIONS = 3
@@ -87,7 +87,7 @@ class Plan:
         ]
 
     def scene_of(self, touch: Touch) -> TouchConfig:
-        """Give the scene of one touch."""
+        """The scene of one touch."""
         columns = -(-self.directions // ELEVATIONS)
         column, row = divmod(touch.direction, ELEVATIONS)
         azimuth = float(_spread(self.scene.azimuth, columns)[column])
@@ -101,7 +101,7 @@ class Plan:
         )
 
     def pipeline_of(self, target: str) -> PipelineConfig:
-        """Give the pipeline in which one object is believed in."""
+        """The pipeline in which one object is believed in."""
         generators = {
             name: {**options, "objects": {target: self.scene.objects[target]}}
             if options["type"] in BELIEVING
@@ -111,7 +111,7 @@ class Plan:
         return self.pipeline.model_copy(update={"generators": generators})
 
     def settings(self, targets: Sequence[str]) -> dict[str, Any]:
-        """Tell what makes two trials of one name equal, for a folder that is gone on with."""
+        """What makes two trials of one name equal, for a folder that is gone on with."""
         told = {
             "trials": TRIALS,
             "directions": self.directions,
@@ -204,7 +204,7 @@ def _check_pipeline(config: PipelineConfig) -> None:
 
 
 def _named(name: str, known: dict[str, ObjectConfig], scene: TouchConfig) -> str:
-    """Give the name of an object; one from a file is added to those known."""
+    """The name of an object; one from a file is added to those known."""
     if name in scene.objects:
         return name
     path = Path(name)
@@ -231,7 +231,7 @@ def _from_file(path: Path, scene: TouchConfig) -> ObjectConfig:
 
 
 def _lowest(config: ObjectConfig) -> float:
-    """Give how high an object's lowest point lies [m]."""
+    """How high an object's lowest point lies [m]."""
     pose = config.pose.pose()
     meshes = ObjectModel(config).solid.meshes
     return min(float(points_in(pose, vertices)[:, 2].min()) for vertices, _ in meshes)

@@ -20,7 +20,7 @@ from contactfusion.pipeline import Pipeline
 from contactfusion.readings import JointState, Reading
 from contactfusion.robots.model import shared_robot
 from contactfusion_lab.experiments.touch.plan import Plan, Touch
-from contactfusion_lab.simulation.touch import TouchScene
+from contactfusion_lab.scenes.touch.scene import TouchScene
 
 REQUIRED = ("positions", "likelihoods")
 OPTIONAL = ("forces", "spreads")

@@ -1,0 +1,227 @@
+"""Sensor suites of a push, by name, and its controllers."""
+
+import hashlib
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+from contactfusion.assembly import AnyGenerator, built_controller, built_generator
+from contactfusion.controllers.face import NARROW, FaceConfig
+from contactfusion.controllers.pushing_parameters import SETS
+from contactfusion.errors import ConfigurationError, name_hint
+from contactfusion.generators.networks import read_networks, shipped
+from contactfusion.hypotheses import HypothesisCloud, HypothesisKind
+from contactfusion.pipeline import Ask, asked
+from contactfusion.pipeline_config import PipelineConfig
+from contactfusion.plugins import installed_plugins
+from contactfusion.readings import Reading
+from contactfusion.robots.description import RobotConfig
+from contactfusion.state import State
+from contactfusion.yaml_files import read_yaml
+from contactfusion_lab.experiments.choices import require_known
+from contactfusion_lab.experiments.methods import Method
+from contactfusion_lab.scenes.push.sensors import with_taxels
+
+SENSINGS = {
+    name: Path(__file__).with_name(f"{name}.yaml")
+    for name in ("skin", "lidar", "rgbd", "rule", "fused", "fused_rule", "fused_camera")
+}
+"""The pipeline of each."""
+BLUR = 2.5
+"""One point may seem to a skin as wide as so many taxels."""
+REST = ("folder", "faults", "controller", "seed")
+"""Of a pipeline, what does not change a trial, or is told apart."""
+
+
+@dataclass(frozen=True)
+class Change:
+    """What differs from the file of a sensing.
+
+    Attributes:
+        rule: how hypotheses are fused, RULE or RULE/CONDENSATION; empty: as the file says.
+        without: sources that nobody listens to.
+        lidar: the LiDAR that takes the place of any other; empty: as the file says.
+        camera: the camera likewise.
+        weights: of contact networks; None: those of the package.
+    """
+
+    rule: str = ""
+    without: tuple[str, ...] = ()
+    lidar: str = ""
+    camera: str = ""
+    weights: Path | None = None
+
+
+@dataclass(frozen=True)
+class Sensing:
+    """What feels an object.
+
+    Attributes:
+        label: what to call it, and the folder of its pushes.
+        pipeline: the generators and how they are fused, without a controller.
+        sees: the LiDARs and cameras that are switched on for it.
+        without: sources of its generators that nobody listens to.
+        networks: of each generator that has networks, which, as a sum of their file.
+    """
+
+    label: str
+    pipeline: PipelineConfig
+    sees: tuple[str, ...]
+    without: frozenset[str]
+    networks: Mapping[str, str]
+
+    @property
+    def robot(self) -> RobotConfig:
+        """The base."""
+        assert self.pipeline.robot is not None  # read_sensing made sure of it
+        return self.pipeline.robot
+
+    @property
+    def ask(self) -> Ask:
+        """How its pipeline asks generators."""
+        if not self.without:
+            return asked
+
+        def ask(
+            generator: AnyGenerator, reading: Reading, state: State
+        ) -> Sequence[HypothesisCloud]:
+            clouds = asked(generator, reading, state)
+            return [cloud for cloud in clouds if cloud.source not in self.without]
+
+        return ask
+
+    @cached_property
+    def face(self) -> FaceConfig:
+        """What pushes: a skin blurs points, eyes tell them from lines."""
+        blur = NARROW
+        if any("patch" in options for options in self.pipeline.generators.values()):
+            blur = BLUR * self.robot.patches["skin"].grids[0].pitch[1]
+        return FaceConfig(blur=blur)
+
+    def settings(self) -> dict[str, Any]:
+        """What it is; of a file with networks what is in it."""
+        exclude: Any = dict.fromkeys(REST, True) | {
+            "robot": {"folder"},
+            "generators": {name: {"weights"} for name in self.networks},
+        }
+        return {
+            "pipeline": self.pipeline.model_dump(mode="json", exclude=exclude),
+            "without": sorted(self.without),
+            "networks": dict(self.networks),
+            "face": self.face.model_dump(mode="json"),
+        }
+
+
+def read_sensing(name: str, taxels: int, change: Change) -> Sensing:
+    """What feels.
+
+    Args:
+        name: of the sensing.
+        taxels: of the skin's front.
+        change: what differs from its file.
+
+    Raises:
+        ContactFusionError: a name is unknown, a plug-in is not installed, networks are missing, or
+            nothing is left that could tell of a contact.
+    """
+    require_known([name], SENSINGS, "sensing", "sensings")
+    path = SENSINGS[name]
+    pipeline = PipelineConfig(**{"folder": path.parent, **read_yaml(path)})
+    robot = pipeline.robot
+    assert robot is not None
+    eyes = {
+        **dict.fromkeys(robot.lidars, _chosen(change.lidar, robot.lidars, "LiDARs")),
+        **dict.fromkeys(robot.cameras, _chosen(change.camera, robot.cameras, "cameras")),
+    }
+    generators, networks = {}, {}
+    for generator, options in pipeline.generators.items():
+        changed = dict(options)
+        if chosen := eyes.get(str(options.get("sensor"))):
+            changed["sensor"] = chosen
+        if "weights" in installed_plugins().find("generators", options["type"]).Config.model_fields:
+            weights = change.weights or shipped()
+            read_networks(weights)  # once, before any push
+            changed["weights"] = str(weights.absolute())
+            networks[generator] = hashlib.sha256(weights.read_bytes()).hexdigest()
+        generators[generator] = changed
+    patches = {**robot.patches, "skin": with_taxels(robot.patches["skin"], taxels)}
+    update: dict[str, Any] = {
+        "generators": generators,
+        "robot": robot.model_copy(update={"patches": patches}),
+    }
+    if change.rule:
+        update["integrator"] = Method.named(change.rule).applied(pipeline.integrator)
+    pipeline = pipeline.model_copy(update=update)
+    if change.without:
+        pipeline = _without(pipeline, change.without, name)
+    kept = pipeline.generators
+    sensors = dict.fromkeys(str(options.get("sensor")) for options in kept.values())
+    parts = [name, change.rule, *(f"without_{source}" for source in change.without)]
+    return Sensing(
+        label="-".join(filter(None, parts)).replace("/", "_"),
+        pipeline=pipeline,
+        sees=tuple(sensor for sensor in sensors if sensor in eyes),
+        without=frozenset(change.without),
+        networks={one: digest for one, digest in networks.items() if one in kept},
+    )
+
+
+def _chosen(name: str, known: Mapping[str, Any], kind: str) -> str:
+    """A name that is known, or nothing."""
+    if name and name not in known:
+        hint = name_hint(name, known, f"{kind} of the robot")
+        raise ConfigurationError(f"the robot has no '{name}'; {hint}")
+    return name
+
+
+def _without(pipeline: PipelineConfig, without: Sequence[str], name: str) -> PipelineConfig:
+    """Take out the generators of which no source is left."""
+    robot, folder = pipeline.robot, pipeline.folder
+    sources = {
+        generator: built_generator(generator, options, folder, robot).sources
+        for generator, options in pipeline.generators.items()
+    }
+    known = {source: kind for each in sources.values() for source, kind in each.items()}
+    require_known(without, known, "source", f"sources of '{name}'")
+    if not any(
+        kind == HypothesisKind.REGULAR and source not in without for source, kind in known.items()
+    ):
+        raise ConfigurationError(f"'{name}' without {' and '.join(without)} feels nothing")
+    kept = {
+        generator: options
+        for generator, options in pipeline.generators.items()
+        if not sources[generator].keys() <= set(without)
+    }
+    return pipeline.model_copy(update={"generators": kept})
+
+
+def controller_options(name: str, target: tuple[float, float], face: FaceConfig) -> dict[str, Any]:
+    """The configuration of a controller.
+
+    Args:
+        name: of a set of parameters of `reactive_pushing`, or of an installed controller.
+        target: where to [m].
+        face: what pushes.
+
+    Raises:
+        ConfigurationError: there is neither of that name.
+    """
+    told = {"target": target, "face": face.model_dump()}
+    if name in SETS:
+        return {"type": "reactive_pushing", "parameters": name, **told}
+    installed = installed_plugins().offers("controllers")
+    if name not in installed:
+        hint = name_hint(name, [*SETS, *installed], "controllers")
+        raise ConfigurationError(f"unknown controller '{name}'; {hint}")
+    return {"type": name, **told}
+
+
+def controller_settings(controller: str, face: FaceConfig) -> Any:
+    """All options of a controller but `target` and `face`."""
+    options = controller_options(controller, (0.0, 0.0), face)
+    built = built_controller(PipelineConfig(controller=options))
+    assert built is not None
+    held = built.config.model_dump(mode="json", exclude={"target", "face"})
+    return {"type": options["type"], **held}

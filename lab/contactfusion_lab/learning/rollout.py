@@ -1,0 +1,294 @@
+"""Pushes to learn from (O §III-B), and what LiDARs see of each while it is made."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal
+from zlib import crc32
+
+import numpy as np
+
+from contactfusion.arrays import FloatArray
+from contactfusion.controllers.pushing import ARRIVED
+from contactfusion.frames import points_in
+from contactfusion.generators.networks import KINDS
+from contactfusion.generators.perceived import ROBOT
+from contactfusion.generators.proximity import ProximityConfig, without
+from contactfusion.pipeline import Pipeline
+from contactfusion.readings import PointCloud, Reading, Twist
+from contactfusion.robots.description import RobotConfig
+from contactfusion_lab.experiments.push.plan import GRID, VALIDATION, Place
+from contactfusion_lab.experiments.push.suites import Change, controller_options, read_sensing
+from contactfusion_lab.learning.dataset import LabelledTrial
+from contactfusion_lab.scenes.push.config import FRICTIONS, PAPER, PushConfig
+from contactfusion_lab.scenes.push.scene import PushScene, PushTruth
+
+Split = Literal["training", "validation"]
+MOUNTINGS = ("lidar", "lidar_side", "lidar_tilted")
+"""Every push is seen from all of them at once."""
+SKIN = "skin"
+"""The driver that feels the truth's own skin."""
+WITHOUT = 12
+"""So many pushes of the paper's never touch (O §III-B)."""
+HELD = 7
+"""Every so-manieth varied push is for validation; drivers and frictions alternate by 2, 3 and 5."""
+FIELD, NEAREST = 3.0, 0.6
+"""Varied targets lie within this along x and y, and not so near to the start [m]."""
+OFFSET, YAW = 0.2, 45.0
+"""How far varied objects stand to either side [m], and how they are turned [degrees]."""
+AS_IN_PAPER = 0.6
+"""The share of varied pushes with one of the paper's objects; others have some of their kind."""
+VARIED_DRIVERS = ("tuned", "tuned", "tuned_neither", "paper", "tuned_realign_only")
+"""Who steers varied pushes by skin."""
+Motion = tuple[float, float, float]
+"""Ahead, to the left [m/s], turn [rad/s]."""
+LONGEST = 60.0
+"""A lesson ends after so long [s]."""
+ONCE_MORE = 2.0
+"""At the target the base backs off for so long, and comes back for as long [s]."""
+SLOWEST, FASTEST = (0.05, -0.1, -0.3), (0.3, 0.1, 0.3)
+"""How it then moves is drawn between these: ahead and aside [m/s], turn [rad/s]."""
+PROXIMITY = ProximityConfig(occupied=2)
+"""How proximity lengths are made."""
+BEHIND = 0.05
+"""What touches so far behind the face touches a side of the base [m]."""
+TAXELS = 12
+"""Of the front of the skin."""
+
+
+@dataclass(frozen=True)
+class Detour:
+    """A while in which the base moves as told, whatever the controller says.
+
+    Attributes:
+        start: [s].
+        end: [s].
+        motion: of the base.
+    """
+
+    start: float
+    end: float
+    motion: Motion
+
+
+@dataclass(frozen=True)
+class Lesson:
+    """One push to learn from.
+
+    Attributes:
+        name: of the push, and of its file.
+        split: what it is for.
+        round: 0 when the skin drives; later ones are driven by the networks of the one before.
+        object: its name, or its fields.
+        friction: its name.
+        target: where to, in `odom` [m].
+        offset: of the object to the left [m].
+        yaw: of the object [degrees].
+        driver: "skin", or the mounting whose networks drive.
+        controller: the parameters of reactive pushing.
+        detours: when the base moves as told.
+        seed: of all chance in it.
+    """
+
+    name: str
+    split: Split
+    round: int
+    object: Any
+    friction: str
+    target: Place
+    offset: float = 0.0
+    yaw: float = 0.0
+    driver: str = SKIN
+    controller: str = "tuned"
+    detours: tuple[Detour, ...] = ()
+    seed: int = 0
+
+    def detour_at(self, stamp: float) -> Motion | None:
+        """How the base is to move at a stamp [s], when it is not the controller's turn."""
+        for detour in self.detours:
+            if detour.start <= stamp < detour.end:
+                return detour.motion
+        return None
+
+
+def first_lessons(varied: int, seed: int) -> list[Lesson]:
+    """The paper's 156 + 36 pushes by skin, and varied ones.
+
+    Args:
+        varied: how many of these.
+        seed: of all chance.
+    """
+    lessons: list[Lesson] = []
+    sets: dict[Split, Sequence[Place]] = {"training": GRID, "validation": VALIDATION}
+    for split, places in sets.items():
+        for thing in PAPER:
+            for friction in FRICTIONS:
+                for row, target in enumerate(places):
+                    name = f"{split}-{thing}-{friction}-{row:02d}"
+                    chance = _seed(seed, name)
+                    lessons.append(Lesson(name, split, 0, thing, friction, target, seed=chance))
+    for row in range(WITHOUT):
+        rng = np.random.default_rng([seed, 1, row])
+        thing = list(PAPER)[row % len(PAPER)]
+        away = Detour(0.0, 15.0, (-float(rng.uniform(0.05, 0.3)), *_aside(rng)))
+        name = f"training-without-{row:02d}"
+        chance = _seed(seed, name)
+        lessons.append(
+            Lesson(name, "training", 0, thing, "mu1", (2.0, 0.0), detours=(away,), seed=chance)
+        )
+    lessons += [_varied(row, 0, SKIN, seed) for row in range(varied)]
+    return lessons
+
+
+def driven_lessons(count: int, turn: int, mountings: Sequence[str], seed: int) -> list[Lesson]:
+    """Varied pushes that networks drive, each from one of the mountings."""
+    return [_varied(row, turn, mountings[row % len(mountings)], seed) for row in range(count)]
+
+
+def _varied(row: int, turn: int, driver: str, seed: int) -> Lesson:
+    rng = np.random.default_rng([seed, 2, turn, row])
+    split: Split = "validation" if row % HELD == HELD - 1 else "training"
+    detours, stamp = [], 0.0
+    for _ in range(rng.integers(0, 4)):
+        stamp += float(rng.uniform(1.5, 12.0))
+        end = stamp + float(rng.uniform(0.3, 4.0))
+        detours.append(Detour(stamp, end, (float(rng.uniform(-0.3, 0.1)), *_aside(rng))))
+        stamp = end
+    controller = VARIED_DRIVERS[row % len(VARIED_DRIVERS)] if driver == SKIN else "tuned"
+    name = f"{split}-varied-{turn}-{row:03d}"
+    return Lesson(
+        name, split, turn, _object(rng), list(FRICTIONS)[row % 2], _target(rng),
+        float(rng.uniform(-OFFSET, OFFSET)), float(rng.uniform(-YAW, YAW)), driver, controller,
+        tuple(detours), _seed(seed, name),
+    )  # fmt: skip
+
+
+def _seed(seed: int, name: str) -> int:
+    """The seed of all that is left to chance in a lesson."""
+    return crc32(f"{seed} {name}".encode())
+
+
+def _object(rng: np.random.Generator) -> Any:
+    """Draw one of the paper's objects, or one like them of another size."""
+    name = list(PAPER)[rng.integers(len(PAPER))]
+    if rng.random() < AS_IN_PAPER:
+        return name
+    height, mass = float(rng.uniform(0.45, 0.85)), float(rng.uniform(5.0, 30.0))
+    if rng.random() < 0.4:
+        radius = float(rng.uniform(0.12, 0.35))
+        return {"shape": "cylinder", "radius": radius, "height": height, "mass": mass}
+    width, length = rng.uniform(0.2, 0.6, 2).tolist()
+    return {"shape": "box", "size": (length, width, height), "mass": mass}
+
+
+def _target(rng: np.random.Generator) -> Place:
+    while True:
+        x, y = rng.uniform(-FIELD, FIELD, 2).tolist()
+        if np.hypot(x, y) >= NEAREST and not (-0.8 <= x <= 0.0 and abs(y) <= 0.35):
+            return x, y
+
+
+def _aside(rng: np.random.Generator) -> tuple[float, float]:
+    return float(rng.uniform(-0.15, 0.15)), float(rng.uniform(-0.4, 0.4))
+
+
+@dataclass(frozen=True, eq=False)
+class Moment:
+    """One cycle of a lesson: what is seen, and what is true.
+
+    Attributes:
+        descriptors: shape (k, S) [m], the proximity lengths from each mounting.
+        truth: how the object touches.
+    """
+
+    descriptors: FloatArray
+    truth: PushTruth
+
+
+def live(lesson: Lesson, weights: Path | None) -> LabelledTrial:
+    """Push, and keep what networks can learn from.
+
+    Args:
+        lesson: the push.
+        weights: of the networks that drive; None: it is driven by skin.
+    """
+    moments = list(_moments(lesson, weights))
+    truths = [moment.truth for moment in moments]
+    touches = [_touch(truth) for truth in truths]
+    return LabelledTrial(
+        name=lesson.name,
+        split=lesson.split,
+        round=lesson.round,
+        mountings=MOUNTINGS,
+        stamp=np.array([truth.stamp for truth in truths]),
+        descriptors=np.stack([moment.descriptors for moment in moments], axis=1),
+        kind=np.array([KINDS.index(kind) for kind, _ in touches], np.uint8),
+        lateral=np.array([lateral for _, lateral in touches]),
+    )
+
+
+def _touch(truth: PushTruth) -> tuple[str, float]:
+    """How and where an object touches the face; beside or behind it nothing can be seen."""
+    ahead, lateral = truth.contact
+    if ahead < PROXIMITY.region.x[0] - BEHIND:
+        return "none", np.nan
+    return truth.kind, lateral
+
+
+def _moments(lesson: Lesson, weights: Path | None) -> Iterator[Moment]:
+    """Let a lesson pass, cycle by cycle."""
+    pipeline = _pipeline(lesson, weights)
+    robot = pipeline.config.robot
+    assert robot is not None
+    fields: dict[str, Any] = {"object": lesson.object, "friction": lesson.friction}
+    config = PushConfig(
+        **fields,
+        target=lesson.target,
+        offset=lesson.offset,
+        yaw=lesson.yaw,
+        sees=MOUNTINGS,
+    )
+    scene = PushScene(config, robot, lesson.seed)
+    ahead, aside, turn = np.random.default_rng([lesson.seed, 3]).uniform(SLOWEST, FASTEST).tolist()
+    end = LONGEST
+    while True:
+        readings, truth = scene.readings(), scene.truth()
+        for reading in readings:
+            pipeline.receive(reading)
+        command = pipeline.step(scene.stamp).command
+        assert command is not None  # the pipeline has a controller
+        assert command.twist is not None
+        yield Moment(_descriptors(readings, robot), truth)
+        if command.mode == ARRIVED:
+            end = min(end, scene.stamp + 2.0 * ONCE_MORE)
+        if scene.stamp >= end or np.hypot(*truth.object[:2]) > config.furthest:
+            return
+        if end < LONGEST:
+            scene.drive(-ahead if scene.stamp < end - ONCE_MORE else ahead, aside, turn)
+        else:
+            scene.drive(*(lesson.detour_at(scene.stamp) or _motion(command.twist)))
+
+
+def _pipeline(lesson: Lesson, weights: Path | None) -> Pipeline:
+    if lesson.driver == SKIN:
+        sensing = read_sensing("skin", TAXELS, Change())
+    else:
+        sensing = read_sensing("lidar", TAXELS, Change(lidar=lesson.driver, weights=weights))
+    controller = controller_options(lesson.controller, lesson.target, sensing.face)
+    update = {"controller": controller, "seed": lesson.seed}
+    return Pipeline(sensing.pipeline.model_copy(update=update))
+
+
+def _descriptors(readings: Sequence[Reading], robot: RobotConfig) -> FloatArray:
+    """The proximity lengths as each LiDAR sees them, shape (k, S) [m]."""
+    clouds = {one.sensor: one for one in readings if isinstance(one, PointCloud)}
+    rows = []
+    for name in MOUNTINGS:
+        pose = robot.frames[clouds[name].frame].pose()
+        seen = without(points_in(pose, clouds[name].points), ROBOT)
+        rows.append(PROXIMITY.lengths_of_cloud(seen))
+    return np.stack(rows)
+
+
+def _motion(twist: Twist) -> Motion:
+    return float(twist.linear[0]), float(twist.linear[1]), float(twist.angular[2])

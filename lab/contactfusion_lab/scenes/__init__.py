@@ -1,0 +1,1 @@
+"""Scenes in PyBullet: a hand that touches, a base that pushes, an arm that grasps."""

@@ -1,0 +1,1 @@
+"""An arm grasps an object by contact feedback."""

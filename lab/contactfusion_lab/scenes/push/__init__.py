@@ -1,0 +1,1 @@
+"""A base pushes an object to a target by contact feedback."""

@@ -1,0 +1,259 @@
+"""A push by configuration: what is pushed, from where, to where, and how well it is felt."""
+
+import math
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from pydantic import BeforeValidator, Field, field_validator, model_validator
+
+from contactfusion.errors import ConfigurationError, name_hint
+from contactfusion.files import require_file
+from contactfusion.model import Model, rooted
+from contactfusion.units import Limit, Reach, Spread
+from contactfusion.yaml_files import read_yaml
+from contactfusion_lab.scenes.push.objects import (
+    DisturbanceConfig,
+    ObjectConfig,
+    SoftConfig,
+    UrdfObjectConfig,
+)
+
+PAPER: dict[str, dict[str, Any]] = {
+    "box": {"shape": "box", "size": (0.40, 0.40, 0.80), "mass": 20.0},
+    "cylinder": {"shape": "cylinder", "radius": 0.25, "height": 0.70, "mass": 25.0},
+    "nonuniform": {
+        "shape": "compound",
+        "pieces": (
+            {"piece": {"shape": "box", "size": (0.45, 0.45, 0.60), "mass": 5.0}},
+            {
+                "piece": {"shape": "cylinder", "radius": 0.10, "height": 0.30, "mass": 10.0},
+                "at": (0.125, 0.125),
+                "bottom": 0.60,
+            },
+        ),
+    },
+}
+"""The objects of O Fig 3: the third has its weight in the rear left corner, seen from the robot."""
+OTHERS: dict[str, dict[str, Any]] = {
+    "lshape": {
+        "shape": "lshape",
+        "bar": (0.80, 0.15),
+        "leg": (0.40, 0.27),
+        "height": 0.45,
+        "mass": 3.0,
+    },
+    "prism": {"shape": "prism", "sides": 6, "radius": 0.30, "height": 0.60, "mass": 12.0},
+    "light_cylinder": {"shape": "cylinder", "radius": 0.50, "height": 0.65, "mass": 0.8},
+    "real_box": {"shape": "box", "size": (0.32, 0.26, 0.47), "mass": 25.0},
+    "soft_cylinder": {
+        "shape": "cylinder",
+        "radius": 0.50,
+        "height": 0.65,
+        "mass": 0.8,
+        "soft": {"stiffness": 1500.0, "damping": 30.0},
+    },
+    "ball_box": {
+        "shape": "hollow",
+        "size": (0.40, 0.40, 0.45),
+        "wall": 0.015,
+        "mass": 6.0,
+        "ball": {"mass": 0.9, "radius": 0.11},
+        "disturbed": {"count": 3, "force": 30.0},
+    },
+}
+"""Objects that no parameter was chosen on. O §V pushed `lshape`, `real_box`, `soft_cylinder` and a
+box with a ball of 0.9 kg; what it does not print (the foam's stiffness, the size and mass of the
+box around the ball, how it was disturbed) is ours. `light_cylinder` is the soft one, rigid."""
+FRICTIONS: dict[str, tuple[float, float]] = {"mu1": (0.3, 0.35), "mu2": (0.2, 0.5)}
+"""Between object and ground, and between object and robot (O §III-B)."""
+RATE = 240
+"""Steps of the physics a second."""
+Distance = Annotated[float, Field(ge=-100, le=100)]
+
+
+def _named(value: Any) -> Any:
+    """Take the name of a known object for the object."""
+    if not isinstance(value, str):
+        return value
+    known = {**PAPER, **OTHERS}
+    if value not in known:
+        raise ConfigurationError(f"unknown object '{value}'; {name_hint(value, known, 'objects')}")
+    return known[value]
+
+
+AnyObject = Annotated[ObjectConfig, BeforeValidator(_named)]
+
+
+class _File(Model):
+    thing: AnyObject
+
+
+def named_object(name: str) -> ObjectConfig:
+    """A known object.
+
+    Raises:
+        ConfigurationError: there is none of that name.
+    """
+    fields: dict[str, Any] = {"thing": name}
+    return _File(**fields).thing
+
+
+def read_object(path: Path) -> ObjectConfig:
+    """Read an object from a URDF, or from a YAML file that holds the fields of one.
+
+    Raises:
+        ConfigurationError: the file is missing, or holds no object.
+    """
+    if path.suffix not in (".yaml", ".yml"):
+        require_file(path, ConfigurationError)
+        return UrdfObjectConfig(shape="urdf", urdf=str(path.resolve()))
+    fields: dict[str, Any] = {"thing": read_yaml(path)}
+    try:
+        return rooted(_File(**fields), path.parent).thing
+    except ConfigurationError as error:
+        field = error.path.removeprefix("thing").lstrip(".")
+        raise ConfigurationError(f"{path}: {ConfigurationError(error.problem, field)}") from None
+
+
+class FrictionConfig(Model):
+    """Coulomb friction between object and ground, and between object and robot."""
+
+    ground: float = Field(gt=0, le=2)
+    """Between object and ground."""
+    robot: float = Field(ge=0, le=2)
+    """Between object and robot."""
+
+
+def _friction(value: Any) -> Any:
+    """Take the name of a known pair for the pair."""
+    if not isinstance(value, str):
+        return value
+    if value not in FRICTIONS:
+        hint = name_hint(value, FRICTIONS, "frictions")
+        raise ConfigurationError(f"unknown friction '{value}'; {hint}")
+    ground, robot = FRICTIONS[value]
+    return {"ground": ground, "robot": robot}
+
+
+class SkinConfig(Model):
+    """The skin: its pad, and how well it feels."""
+
+    pad: SoftConfig | None = Field(
+        default_factory=lambda: SoftConfig(stiffness=10_000.0, damping=400.0)
+    )
+    """How it gives way, over the whole height of the front; None: it is hard. Two hard faces
+    rattle: of a flat contact now one end touches and now the other."""
+
+    activation: float = Field(default=1.0, ge=0)
+    """A taxel that is pressed by less on average over a cycle tells nothing [N]."""
+    noise: float = Field(default=0.05, gt=0)
+    """Standard deviation of each value [N]."""
+
+
+class LidarNoise(Model):
+    """How wrong LiDARs are, as recordings of real ones show it."""
+
+    range: float = Field(default=0.0035, ge=0)
+    """Standard deviation of a range [m]."""
+    dropout: float = Field(default=0.014, ge=0, le=0.5)
+    """The part of all measurements that have no return though something is there."""
+    jumps: float = Field(default=0.008, ge=0, le=0.5)
+    """The part of all measurements whose range jumps."""
+    jump: float = Field(default=0.3, ge=0)
+    """By so much at most, either way [m]."""
+
+
+class CameraNoise(Model):
+    """How wrong depth cameras are; the defaults are those of a RealSense D435i."""
+
+    disparity: float = Field(default=0.08, ge=0)
+    """Standard deviation of what each pixel is shifted between left and right imager [pixels]."""
+    baseline: float = Field(default=0.05, gt=0)
+    """Between the imagers [m]."""
+    focal: float = Field(default=615.0, gt=0)
+    """Of the imagers [pixels]; smaller images are thinned from theirs. A depth z is off by
+    z² disparity / (focal baseline)."""
+    unit: float = Field(default=0.001, gt=0)
+    """Depths are whole multiples of this [m]."""
+    holes: float = Field(default=0.01, ge=0, le=0.5)
+    """The part of all pixels that have no depth."""
+    edges: float = Field(default=0.5, ge=0, le=1)
+    """The part of those beside a step in depth that have none."""
+    colour: float = Field(default=6.0, ge=0)
+    """Standard deviation of red, green and blue, of 255."""
+
+
+class MisplacedConfig(Model):
+    """How far off a sensor truly is from where its frame says, in directions that chance draws."""
+
+    mm: float = Field(default=0.0, ge=0, le=1000)
+    """[mm]."""
+    degrees: float = Field(default=0.0, ge=0, le=90)
+    """About an axis through the sensor [degrees]."""
+
+
+class PushConfig(Model):
+    """A base pushes an object to a target; the first contact of a nominal start is at (0, 0).
+
+    Frames: `odom` on the floor, x ahead at the start; the robot's front stands at its x = 0.
+    """
+
+    type: Literal["push"] = "push"
+    """The kind of scene."""
+    object: AnyObject = Field(default_factory=lambda: PAPER["box"], validate_default=True)
+    """What is pushed, by name, such as `box` or `soft_cylinder`, or the fields of one."""
+    friction: Annotated[FrictionConfig, BeforeValidator(_friction)] = Field(
+        default="mu1", validate_default=True
+    )
+    """`mu1`, `mu2`, or `ground` and `robot`."""
+    target: tuple[Distance, Distance]
+    """Where the contact shall come to [m]."""
+    offset: float = Field(default=0.0, ge=-5, le=5)
+    """How far the object stands to the left of the robot's middle [m]."""
+    yaw: float = Field(default=0.0, ge=-360, le=360)
+    """How the object is turned [degrees]."""
+    gap: Reach = Field(default=0.001, ge=0, le=2)
+    """Between the robot's front and the object [m]."""
+    disturbances: tuple[DisturbanceConfig, ...] = ()
+    """How somebody else shoves the object, besides what the object itself says."""
+    skin: SkinConfig = Field(default_factory=SkinConfig)
+    """The skin: its pad, and how well it feels."""
+    sees: tuple[str, ...] = ()
+    """The LiDARs and cameras of the robot that are switched on, by name."""
+    lidar_noise: LidarNoise = Field(default_factory=LidarNoise)
+    """How wrong LiDARs are."""
+    camera_noise: CameraNoise = Field(default_factory=CameraNoise)
+    """How wrong cameras are."""
+    misplaced: dict[str, MisplacedConfig] = Field(default_factory=dict)
+    """How far LiDARs and cameras that are switched on truly are from where the robot's description
+    has them, by name."""
+    period: float = Field(default=0.1, ge=0.05, le=1)
+    """Between commands, and between readings: whole steps of the physics, 1/240 s each [s]."""
+    window: bool = False
+    """Show PyBullet's window; needs a screen."""
+    longest: Limit = Field(default=300.0, gt=0)
+    """The push ends after so long [s]."""
+    longest_lost: Limit = Field(default=150.0, gt=0)
+    """It ends when there was no contact for so long, all in all [s]."""
+    furthest: float = Field(default=6.0, gt=0)
+    """It ends when the object is further than this from the origin [m]."""
+    within: Spread = Field(default=0.05, gt=0)
+    """So near to the target the contact has arrived [m]."""
+
+    @field_validator("period")
+    @classmethod
+    def _whole_steps(cls, period: float) -> float:
+        if abs(period * RATE - round(period * RATE)) > 1e-6:
+            raise ValueError(f"the physics takes {RATE} steps a second; the period is whole steps")
+        return period
+
+    @model_validator(mode="after")
+    def _reachable(self) -> "PushConfig":
+        reach = math.hypot(*self.target)
+        if reach > self.furthest - 1.0:
+            raise ConfigurationError(
+                f"{self.target} is out of reach: a push ends when the object is further than "
+                f"`furthest` {self.furthest:g} m away, and the object needs room",
+                "target",
+            )
+        return self

@@ -1,0 +1,339 @@
+"""A push: what sensors read, what is true, and the loop with a pipeline and its controller."""
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+from enum import StrEnum
+from functools import cache
+from typing import Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from contactfusion.arrays import FloatArray
+from contactfusion.controllers.pushing import ARRIVED
+from contactfusion.errors import ConfigurationError, RobotError, name_hint
+from contactfusion.frames import planar_pose, yaw_quaternion
+from contactfusion.hooks import hookimpl
+from contactfusion.pipeline import Pipeline, Step
+from contactfusion.readings import Odometry, Reading, TactileImage, Twist
+from contactfusion.robots.description import RobotConfig, located, read_robot
+from contactfusion.scene import Facts, Hear, Scene, Verdict
+from contactfusion_lab.scenes.facts import standing, true_contact
+from contactfusion_lab.scenes.push.bodies import ORIGIN_HEIGHT, Chassis, read_chassis
+from contactfusion_lab.scenes.push.config import RATE, PushConfig
+from contactfusion_lab.scenes.push.sensors import PushSkin, opened_eyes
+from contactfusion_lab.scenes.push.world import PushWorld, Touches
+
+BASE = "contactfusion.robots:mobile_base.yaml"
+"""The base that pushes, unless another is given."""
+OBJECT = "object"
+"""What the truth calls the object, whichever it is."""
+UNION = 0.05
+"""The truth is all that is touched in the last so many seconds (method §6) [s]."""
+NARROW = 0.05
+"""What spans less is a point at its mean, what spans more a line at the middle of its ends [m]."""
+
+
+@cache
+def mobile_base() -> Chassis:
+    """The chassis of `BASE`."""
+    return read_chassis(read_robot(located(BASE)))
+
+
+@dataclass(frozen=True, slots=True)
+class PushTruth:
+    """What really happens at one instant.
+
+    Attributes:
+        stamp: [s].
+        base: x, y [m] and yaw [rad] of the robot in `odom`.
+        object: x, y [m] and yaw [rad] of the object in `odom`.
+        kind: how the object touches the robot: "none", "point" or "line".
+        contact: x and y in the robot's frame [m], NaN without contact.
+        distance: from the contact to the target [m], NaN without contact.
+        force: of the object on the robot, mean of the cycle [N].
+    """
+
+    stamp: float
+    base: tuple[float, float, float]
+    object: tuple[float, float, float]
+    kind: str
+    contact: tuple[float, float]
+    distance: float
+    force: float
+
+
+class PushScene:
+    """One push: give it twists, and take its readings.
+
+    Args:
+        config: the push.
+        robot: the base, with a patch of the name `skin`; None: `mobile_base.yaml` of the package.
+        seed: of all chance.
+
+    Raises:
+        RobotError: the base or the object cannot be loaded, or the base has no skin.
+        ConfigurationError: the target lies under the robot, or the object starts out of sight.
+    """
+
+    def __init__(self, config: PushConfig, robot: RobotConfig | None = None, seed: int = 0) -> None:
+        robot = read_robot(located(BASE)) if robot is None else robot
+        if "skin" not in robot.patches:
+            hint = name_hint("skin", robot.patches, "patches of the robot")
+            raise RobotError(f"a push needs a patch 'skin' on the robot: {hint}")
+        self.config = config
+        self._frame = robot.patches["skin"].frame
+        self._world = PushWorld(config, robot, seed)
+        self._require_outside()
+        self._skin = PushSkin(robot.patches["skin"], config.skin)
+        self._rng = np.random.default_rng(seed)
+        self._eyes = opened_eyes(config, robot, seed)
+        self._cycles = 0
+
+    @property
+    def stamp(self) -> float:
+        """The time [s]."""
+        return self._cycles * self.config.period
+
+    def readings(self) -> list[Reading]:
+        """What the sensors read now.
+
+        Odometry, the twist of the base, the skin's image, and what the eyes see whose turn it is.
+        """
+        x, y, yaw = self._world.base_pose
+        ahead, aside, turn = self._world.base_twist
+        linear, angular = np.array([ahead, aside, 0.0]), np.array([0.0, 0.0, turn])
+        values = self._skin.values(self._world.touches, self._world.steps, self._rng)
+        return [
+            Odometry(
+                stamp=self.stamp,
+                frame="odom",
+                sensor="odometry",
+                child_frame=self._frame,
+                position=np.array([x, y, ORIGIN_HEIGHT]),
+                orientation=yaw_quaternion(yaw),
+                linear=linear,
+                angular=angular,
+            ),
+            Twist(
+                stamp=self.stamp, frame=self._frame, sensor="wheels", linear=linear, angular=angular
+            ),
+            TactileImage(stamp=self.stamp, frame=self._frame, sensor="skin", values=values),
+            *self._seen(),
+        ]
+
+    def drive(self, ahead: float, aside: float, turn: float) -> None:
+        """Let one cycle pass while the base moves ahead, to the left [m/s] and turns [rad/s]."""
+        self._world.drive(ahead, aside, turn)
+        self._cycles += 1
+
+    def truth(self) -> PushTruth:
+        """What really happens now."""
+        world = self._world
+        base, thing = world.base_pose, world.object_pose
+        kind, contact = touching(world.touches, world.steps)
+        cos, sin = np.cos(base[2]), np.sin(base[2])
+        there = (
+            base[0] + cos * contact[0] - sin * contact[1],
+            base[1] + sin * contact[0] + (cos * contact[1]),
+        )
+        distance = float(np.hypot(*np.subtract(self.config.target, there)))
+        force = float(world.touches.forces.sum()) / world.steps
+        return PushTruth(self.stamp, base, thing, kind, contact, distance, force)
+
+    def facts(self) -> Facts:
+        """The true contact, in the robot's frame, and where the object stands in `odom`."""
+        truth, touches = self.truth(), self._world.touches
+        objects = standing(self.stamp, "odom", {OBJECT: planar_pose(truth.object, 0.0)})
+        if truth.kind == "none":
+            return Facts(self.stamp, self._frame, (), objects)
+        points = touches.points[_recent(touches, self._world.steps)]
+        place = np.array([*truth.contact, points[:, 2].mean()])
+        force = touches.forces @ touches.normals / self._world.steps
+        contact = true_contact(self.stamp, self._frame, place, force, points[_ends(points)])
+        return Facts(self.stamp, self._frame, (contact,), objects)
+
+    def _seen(self) -> list[Reading]:
+        base, thing = self._world.base_pose, self._world.object_pose
+        return [eye.reading(self.stamp, base, thing) for eye in self._eyes if eye.due(self.stamp)]
+
+    def _require_outside(self) -> None:
+        x, y = self.config.target
+        base = self._world.base.chassis
+        if base.rear - base.front <= x <= 0.0 and abs(y) <= base.half_width:
+            raise ConfigurationError(
+                f"the target {self.config.target} lies under the robot, whose front stands at "
+                "x = 0 at the start",
+                "target",
+            )
+
+
+def touching(touches: Touches, steps: int) -> tuple[str, tuple[float, float]]:
+    """How and where the object touches, from all points of the last 50 ms (O §III-A)."""
+    points: FloatArray = touches.points[_recent(touches, steps), :2]
+    if not len(points):
+        return "none", (np.nan, np.nan)
+    spans = np.ptp(points, axis=0)
+    if np.hypot(*spans) < NARROW:
+        middle = points.mean(axis=0)
+        return "point", (float(middle[0]), float(middle[1]))
+    middle = points[_ends(points)].mean(axis=0)
+    return "line", (float(middle[0]), float(middle[1]))
+
+
+def _recent(touches: Touches, steps: int) -> NDArray[np.bool_]:
+    """Which of the points are of the last 50 ms of a cycle."""
+    recent: NDArray[np.bool_] = touches.steps >= steps - UNION * RATE
+    return recent
+
+
+def _ends(points: FloatArray) -> NDArray[np.intp]:
+    """The rows of the two points that lie furthest apart along x or y, shape (2,)."""
+    along = points[:, np.argmax(np.ptp(points[:, :2], axis=0))]
+    return np.argsort(along, kind="stable")[[0, -1]]
+
+
+class Ending(StrEnum):
+    """Why a push ended."""
+
+    ARRIVED = "arrived"
+    """The controller declared arrival."""
+    TIMEOUT = "timeout"
+    """It took too long."""
+    LOST = "lost"
+    """There was no contact for too long, all in all."""
+    AWAY = "away"
+    """The object is too far away."""
+
+
+@dataclass(frozen=True, eq=False)
+class Cycle:
+    """One cycle of a push.
+
+    Attributes:
+        readings: what the sensors read.
+        step: what the pipeline made of it.
+        truth: what really happened.
+        ending: why the push ends with this cycle; None: it goes on.
+    """
+
+    readings: list[Reading]
+    step: Step
+    truth: PushTruth
+    ending: Ending | None
+
+
+def pushed(
+    scene: PushScene, pipeline: Pipeline, hear: Hear = lambda reading: None
+) -> Iterator[Cycle]:
+    """Let a pipeline push until it ends; the controller hears readings, never the truth.
+
+    Args:
+        scene: at its start.
+        pipeline: with a controller.
+        hear: who hears every reading before the pipeline.
+
+    Raises:
+        ConfigurationError: the pipeline has no controller, or its controller failed.
+    """
+    config, lost = scene.config, 0.0
+    while True:
+        readings = scene.readings()
+        for reading in readings:
+            hear(reading)
+            pipeline.receive(reading)
+        step, truth = pipeline.step(scene.stamp), scene.truth()
+        twist = _twist(step)
+        lost += config.period * (truth.kind == "none" and scene.stamp > 0.0)
+        ending = None
+        if step.command is not None and step.command.mode == ARRIVED:
+            ending = Ending.ARRIVED
+        elif math.hypot(*truth.object[:2]) > config.furthest:
+            ending = Ending.AWAY
+        elif lost > config.longest_lost:
+            ending = Ending.LOST
+        elif scene.stamp >= config.longest:
+            ending = Ending.TIMEOUT
+        yield Cycle(readings, step, truth, ending)
+        if ending is not None:
+            return
+        scene.drive(float(twist.linear[0]), float(twist.linear[1]), float(twist.angular[2]))
+
+
+def _twist(step: Step) -> Twist:
+    command = step.command
+    if command is None:
+        raise ConfigurationError("a push needs a controller", "controller")
+    if command.twist is None:
+        raise ConfigurationError(f"the controller gave no twist: {command.reason}", "controller")
+    return command.twist
+
+
+class Pushing(Scene):
+    """A push by the controller of whatever pipeline listens.
+
+    Args:
+        scene: at its start.
+    """
+
+    Config = PushConfig
+
+    def __init__(self, scene: PushScene) -> None:
+        self._scene = scene
+        self._last: Cycle | None = None
+
+    @classmethod
+    def opened(cls, config: PushConfig, robot: RobotConfig, seed: int) -> Self:
+        """A push at its start."""
+        return cls(PushScene(config, robot, seed))
+
+    def run(self, pipeline: Pipeline, hear: Hear) -> Iterator[Step]:
+        """Let a pipeline push until it ends.
+
+        Raises:
+            ConfigurationError: the pipeline has no controller, its controller failed, or pushes to
+                another target than the scene's.
+        """
+        target = (pipeline.config.controller or {}).get("target", self._scene.config.target)
+        if tuple(target) != self._scene.config.target:
+            raise ConfigurationError(
+                f"the controller pushes to {tuple(target)}, but the scene's target is "
+                f"{self._scene.config.target}",
+                "controller.target",
+            )
+        for cycle in pushed(self._scene, pipeline, hear):
+            self._last = cycle
+            yield cycle.step
+
+    def facts(self) -> Facts:
+        """The true contact, and where the object stands."""
+        return self._scene.facts()
+
+    def verdict(self, pipeline: Pipeline, last: Step) -> Verdict:
+        """How the push ended, and where the object truly touches then."""
+        assert self._last is not None  # run has given `last`
+        truth, ending = self._last.truth, self._last.ending
+        within = self._scene.config.within
+        success = ending == Ending.ARRIVED and truth.distance <= within
+        if truth.kind == "none":
+            touches = "the object does not touch the robot"
+        else:
+            touches = f"the object touches {truth.distance:.3f} m from the target"
+        told = {
+            "ending": str(ending),
+            "time": truth.stamp,
+            "success": success,
+            "kind": truth.kind,
+            "distance": None if math.isnan(truth.distance) else truth.distance,
+            "base": list(truth.base),
+            "object": list(truth.object),
+        }
+        word = "success" if success else "no success"
+        return Verdict(told, (f"{ending} after {truth.stamp:.1f} s; {touches}: {word}",))
+
+
+@hookimpl
+def contactfusion_scenes() -> dict[str, type[Scene]]:
+    """Offer the scene."""
+    return {"push": Pushing}

@@ -1,0 +1,422 @@
+"""What a base that pushes reads: its skin, and the LiDARs and cameras that are switched on."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import final
+from zlib import crc32
+
+import numpy as np
+from numpy.typing import NDArray
+
+from contactfusion.arrays import FloatArray
+from contactfusion.errors import ConfigurationError, name_hint
+from contactfusion.frames import (
+    PlanarPose,
+    Pose,
+    inverse,
+    planar_pose,
+    points_in,
+    pose_of,
+    vectors_in,
+)
+from contactfusion.patches import PatchConfig, TaxelGridConfig
+from contactfusion.readings import DepthImage, PointCloud, Reading
+from contactfusion.robots.description import CameraConfig, LidarConfig, PatchOnLink, RobotConfig
+from contactfusion.robots.model import shared_robot
+from contactfusion.vision import back_projected
+from contactfusion_lab.scenes.camera import RangeCamera
+from contactfusion_lab.scenes.push.bodies import ORIGIN_HEIGHT
+from contactfusion_lab.scenes.push.config import (
+    CameraNoise,
+    LidarNoise,
+    MisplacedConfig,
+    PushConfig,
+    SkinConfig,
+)
+from contactfusion_lab.scenes.push.objects import triangles_of
+from contactfusion_lab.scenes.push.view import PushView, Rays
+from contactfusion_lab.scenes.push.world import Touches
+
+FACING = np.cos(np.pi / 4.0)
+"""A strip feels what presses it steeper than this."""
+Mask = NDArray[np.bool_]
+FLOOR, CHASSIS = (150.0, 146.0, 138.0), (60.0, 62.0, 66.0)
+"""Red, green and blue, of 255."""
+STEP = 0.05
+"""Stereo has holes where depth steps by more [m]."""
+LIGHT = 1.5
+"""The lamp is at the camera; at this distance things have half of their brightness [m]."""
+ROUNDING = 1e-6
+"""A reading is due at a stamp that is so nearly its own [s]."""
+DARKEST, BRIGHTEST = 30.0, 225.0
+"""Red, green and blue of an object lie between these, of 255."""
+Look = Callable[[float, PlanarPose, PlanarPose], Reading]
+"""Gives the reading at a stamp [s], of the base and the object where they are."""
+
+
+class PushSkin:
+    """Strips of taxels around a base.
+
+    A point presses the two taxels that are nearest to it along the strip, each the more the nearer
+    it is; a taxel tells the mean of a cycle, or nothing when that is under its activation.
+
+    Args:
+        patch: its grids have one row each, in the frame of the robot.
+        config: how well it feels.
+
+    Raises:
+        ConfigurationError: the patch is not made of such strips.
+    """
+
+    def __init__(self, patch: PatchConfig, config: SkinConfig) -> None:
+        if any(grid.rows != 1 for grid in patch.grids) or not patch.grids:
+            raise ConfigurationError("a skin around a base is made of `grids` of one row each")
+        self._config = config
+        self._strips = [(inverse(grid.pose()), grid.columns, grid.pitch[1]) for grid in patch.grids]
+
+    def values(self, touches: Touches, steps: int, rng: np.random.Generator) -> FloatArray:
+        """The value of each taxel, shape (n,) [N].
+
+        Args:
+            touches: what pressed the robot in one cycle.
+            steps: how many steps of the physics the cycle had.
+            rng: of the noise.
+        """
+        pressed = []
+        for pose, columns, pitch in self._strips:
+            felt = -(touches.normals @ pose[2, :3]) > FACING
+            along = points_in(pose, touches.points[felt])[:, 1]
+            place = (along / pitch + (columns - 1) / 2.0).clip(0.0, columns - 1.0)
+            lower = np.minimum(place.astype(np.intp), max(columns - 2, 0))
+            upper_share = place - lower
+            forces = touches.forces[felt] / steps
+            on_lower = np.bincount(lower, forces * (1.0 - upper_share), columns)
+            on_upper = np.bincount(
+                np.minimum(lower + 1, columns - 1), forces * upper_share, columns
+            )
+            pressed.append(on_lower + on_upper)
+        mean = np.concatenate(pressed)
+        mean[mean < self._config.activation] = 0.0
+        return mean + self._config.noise * rng.standard_normal(len(mean))
+
+
+def with_taxels(patch: PatchOnLink, columns: int) -> PatchOnLink:
+    """A skin whose front has so many taxels, and whose sides have taxels as wide.
+
+    Args:
+        patch: its first strip is the front.
+        columns: taxels of the front.
+    """
+    front = patch.grids[0]
+    pitch = front.columns * front.pitch[1] / columns
+
+    def divided(grid: TaxelGridConfig) -> TaxelGridConfig:
+        count = max(1, round(grid.columns * grid.pitch[1] / pitch))
+        return grid.model_copy(update={"columns": count, "pitch": (grid.pitch[0], pitch)})
+
+    return patch.model_copy(update={"grids": tuple(map(divided, patch.grids))})
+
+
+class PushLidar:
+    """A spinning LiDAR; a whole turn is measured at once.
+
+    Args:
+        config: its rings and reach.
+        pose: where it is in the base's frame.
+        view: what there is to see.
+        noise: how wrong it is.
+    """
+
+    def __init__(self, config: LidarConfig, pose: Pose, view: PushView, noise: LidarNoise) -> None:
+        self._reach, self._noise, self._view = config.reach, noise, view
+        self._directions = directions(config)
+        self._rays = view.rays(pose[:3, 3], vectors_in(pose, self._directions))
+
+    def points(self, base: PlanarPose, thing: PlanarPose, rng: np.random.Generator) -> FloatArray:
+        """All returns, shape (n, 3) [m], in the LiDAR's frame.
+
+        Args:
+            base: where the base is.
+            thing: where the object is.
+            rng: of the noise.
+        """
+        ranges, noise = self._view.distances(self._rays, base, thing)[0], self._noise
+        count = len(ranges)
+        measured = ranges + noise.range * rng.standard_normal(count)
+        chance = rng.random(count)
+        jumping = np.flatnonzero(chance < noise.jumps)
+        measured[jumping] += rng.uniform(-noise.jump, noise.jump, len(jumping))
+        lost = chance >= 1.0 - noise.dropout
+        nearest, farthest = self._reach
+        kept = (measured >= nearest) & (measured <= farthest) & ~lost
+        points: FloatArray = self._directions[kept] * measured[kept, None]
+        return points
+
+
+def directions(config: LidarConfig) -> FloatArray:
+    """The direction of each measurement, shape (n, 3), column by column, in its frame."""
+    first, last = config.window
+    turns = np.arange(-config.columns, config.columns + 1) * 360.0 / config.columns
+    turns = np.radians(turns[(turns >= first) & (turns < last)])
+    up = np.radians(np.linspace(-config.fov / 2.0, config.fov / 2.0, config.rings))
+    turn, rise = (axis.ravel() for axis in np.meshgrid(turns, up, indexing="ij"))
+    return np.stack(
+        [np.cos(rise) * np.cos(turn), np.cos(rise) * np.sin(turn), np.sin(rise)], axis=1
+    )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Picture:
+    """One image.
+
+    Attributes:
+        depth: shape (h, w) [m], 0 where nothing is measured.
+        colour: shape (h, w, 3), red, green and blue.
+        mask: shape (h, w), where the object is.
+    """
+
+    depth: FloatArray
+    colour: NDArray[np.uint8]
+    mask: Mask
+
+
+class PushCamera:
+    """A depth camera with colour, the depth aligned to it.
+
+    Only pixels on which the object can lie are cast anew; all others see the floor or the base,
+    which stand still.
+
+    Args:
+        config: its lens and reach.
+        pose: where it is in the base's frame.
+        view: what there is to see.
+        corners: shape (v, 3) [m], those of the object in its frame; it lies between them.
+        noise: how wrong it is.
+        paint: red, green and blue of the object, of 255.
+    """
+
+    def __init__(
+        self,
+        config: CameraConfig,
+        pose: Pose,
+        view: PushView,
+        corners: FloatArray,
+        noise: CameraNoise,
+        paint: FloatArray,
+    ) -> None:
+        self._camera, self._noise, self._view = RangeCamera(config), noise, view
+        self._pose, self._corners, self._paint = pose, corners, paint
+        self._size = config.height, config.width
+        self.intrinsics = self._camera.intrinsics
+        """Shape (3, 3) [pixels]."""
+        v, u = np.indices(self._size).reshape(2, -1)
+        ahead = back_projected(v, u, np.ones(len(u)), self.intrinsics)
+        self._rays = view.rays(pose[:3, 3], vectors_in(pose, ahead))
+        still = np.where(np.isfinite(self._rays.still), self._rays.still, 0.0)
+        heights = pose[2, 3] + still * self._rays.directions[:, 2]
+        on_floor = np.abs(heights + ORIGIN_HEIGHT) < 1e-3
+        self._still_paint = np.where(on_floor[:, None], FLOOR, CHASSIS).astype(np.float32)
+
+    def picture(self, base: PlanarPose, thing: PlanarPose, rng: np.random.Generator) -> Picture:
+        """Take an image.
+
+        Args:
+            base: where the base is.
+            thing: where the object is.
+            rng: of the noise.
+        """
+        depth, mask = self._true(base, thing)
+        return Picture(self._measured(depth, rng), self._coloured(depth, mask, rng), mask)
+
+    def _true(self, base: PlanarPose, thing: PlanarPose) -> tuple[FloatArray, Mask]:
+        depth, mask = self._rays.still.copy(), np.zeros(len(self._rays.still), np.bool_)
+        pixels = np.arange(len(depth)).reshape(self._size)[self._window(base, thing)].ravel()
+        rays = self._rays
+        near = Rays(rays.origin, rays.directions[pixels], rays.still[pixels])
+        depth[pixels], mask[pixels] = self._view.distances(near, base, thing)
+        return depth.reshape(self._size), mask.reshape(self._size)
+
+    def _window(self, base: PlanarPose, thing: PlanarPose) -> tuple[slice, slice]:
+        """The rows and columns between which the object lies; all when it is beside it."""
+        to_base = inverse(planar_pose(base, ORIGIN_HEIGHT)) @ planar_pose(thing, 0.0)
+        corners = points_in(inverse(self._pose) @ to_base, self._corners)
+        if corners[:, 2].min() < self._camera.config.reach[0]:
+            return slice(None), slice(None)
+        pixels = corners @ self.intrinsics.T
+        places = pixels[:, :2] / pixels[:, 2:]
+        limits = np.array(self._size[::-1])
+        first = np.clip(np.floor(places.min(axis=0)), 0, limits).astype(int)
+        last = np.clip(np.ceil(places.max(axis=0)) + 1, 0, limits).astype(int)
+        return slice(first[1], last[1]), slice(first[0], last[0])
+
+    def _measured(self, depth: FloatArray, rng: np.random.Generator) -> FloatArray:
+        """Add noise, σ = z² disparity / (focal baseline), and holes."""
+        noise = self._noise
+        share = noise.disparity / (noise.focal * noise.baseline)
+        off = rng.standard_normal(depth.shape, np.float32)
+        chance = rng.random(depth.shape, np.float32)
+        measured = np.where(np.isfinite(depth), depth, 0.0)
+        measured += share * measured**2 * off
+        measured = np.rint(measured / noise.unit) * noise.unit
+        measured[chance < np.where(beside_steps(depth), noise.edges, noise.holes)] = 0.0
+        return self._camera.within_reach(measured)
+
+    def _coloured(
+        self, depth: FloatArray, mask: Mask, rng: np.random.Generator
+    ) -> NDArray[np.uint8]:
+        paint = self._still_paint.reshape(*self._size, 3).copy()
+        paint[mask] = self._paint
+        paint *= (2.0 / (1.0 + (depth / LIGHT) ** 2)).astype(np.float32)[..., None]
+        paint += self._noise.colour * rng.standard_normal(paint.shape, np.float32)
+        return np.clip(paint, 0.0, 255.0).astype(np.uint8)
+
+
+def beside_steps(depth: FloatArray) -> Mask:
+    """Which pixels differ from one beside, above or below them by more than `STEP`.
+
+    Args:
+        depth: shape (h, w) [m].
+    """
+    beside = np.zeros(depth.shape, np.bool_)
+    finite = np.where(np.isfinite(depth), depth, 1e3)
+    across = np.abs(np.diff(finite, axis=1)) > STEP
+    down = np.abs(np.diff(finite, axis=0)) > STEP
+    beside[:, 1:] |= across
+    beside[:, :-1] |= across
+    beside[1:] |= down
+    beside[:-1] |= down
+    return beside
+
+
+@final
+class Eye:
+    """One sensor that looks, at its own rate and with chance of its own.
+
+    Args:
+        rate: of its readings [Hz].
+        look: gives a reading.
+    """
+
+    def __init__(self, rate: float, look: Look) -> None:
+        self._period, self._look, self._next = 1.0 / rate, look, 0.0
+
+    def due(self, stamp: float) -> bool:
+        """Whether it reads at a stamp [s]."""
+        return stamp >= self._next - ROUNDING
+
+    def reading(self, stamp: float, base: PlanarPose, thing: PlanarPose) -> Reading:
+        """The reading of a stamp [s]."""
+        self._next = stamp + self._period
+        return self._look(stamp, base, thing)
+
+
+def opened_eyes(config: PushConfig, robot: RobotConfig, seed: int) -> list[Eye]:
+    """Switch on what a push sees with.
+
+    Args:
+        config: names them.
+        robot: has them.
+        seed: of their noise; each has chance of its own.
+
+    Raises:
+        ConfigurationError: the robot has no such LiDAR or camera, one that is switched on has the
+            name of another, or one that is misplaced is not switched on.
+        DependencyError: open3d is not installed.
+    """
+    _require_named(config, robot)
+    if not config.sees:
+        return []
+    view, model = PushView(config.object, robot), shared_robot(robot)
+    links = model.poses_at(np.zeros(len(model.joint_names)))
+    eyes = []
+    for name in config.sees:
+        sensor = robot.lidars[name] if name in robot.lidars else robot.cameras[name]
+        pose = links[model.link_of(sensor.frame)] @ model.pose_on_link(sensor.frame)
+        if name in config.misplaced:
+            pose = pose @ misplacement(config.misplaced[name], _chance(seed, f"{name} misplaced"))
+        seat = _Seat(config, name, pose, view, seed)
+        opened = seat.lidar(sensor) if isinstance(sensor, LidarConfig) else seat.camera(sensor)
+        eyes.append(Eye(sensor.rate, opened))
+    return eyes
+
+
+def misplacement(config: MisplacedConfig, rng: np.random.Generator) -> Pose:
+    """Draw where a sensor truly is, seen from where it is said to be.
+
+    Args:
+        config: how far off it is.
+        rng: gives the direction and the axis.
+    """
+    from scipy.spatial.transform import Rotation
+
+    aside, axis = (one / np.linalg.norm(one) for one in rng.standard_normal((2, 3)))
+    turn = Rotation.from_rotvec(np.radians(config.degrees) * axis)
+    return pose_of(config.mm / 1000.0 * aside, turn.as_matrix())
+
+
+@dataclass(frozen=True)
+class _Seat:
+    """Where an eye is put.
+
+    Attributes:
+        config: the push.
+        name: of the eye.
+        pose: where it truly is in the base's frame.
+        view: what there is to see.
+        seed: of the push.
+    """
+
+    config: PushConfig
+    name: str
+    pose: Pose
+    view: PushView
+    seed: int
+
+    def lidar(self, lidar: LidarConfig) -> Look:
+        seeing = PushLidar(lidar, self.pose, self.view, self.config.lidar_noise)
+        rng, name = _chance(self.seed, self.name), self.name
+
+        def look(stamp: float, base: PlanarPose, thing: PlanarPose) -> Reading:
+            points = seeing.points(base, thing, rng)
+            return PointCloud(stamp=stamp, frame=lidar.frame, sensor=name, points=points)
+
+        return look
+
+    def camera(self, camera: CameraConfig) -> Look:
+        corners = np.concatenate([vertices for vertices, _ in triangles_of(self.config.object)])
+        paint: FloatArray = _chance(self.seed, "paint").uniform(DARKEST, BRIGHTEST, 3)
+        noise = self.config.camera_noise
+        seeing = PushCamera(camera, self.pose, self.view, corners, noise, paint)
+        rng, name = _chance(self.seed, self.name), self.name
+
+        def look(stamp: float, base: PlanarPose, thing: PlanarPose) -> Reading:
+            picture = seeing.picture(base, thing, rng)
+            return DepthImage(
+                stamp=stamp,
+                frame=camera.frame,
+                sensor=name,
+                depth=picture.depth,
+                intrinsics=seeing.intrinsics,
+                colour=picture.colour,
+                mask=picture.mask,
+            )
+
+        return look
+
+
+def _chance(seed: int, name: str) -> np.random.Generator:
+    return np.random.default_rng([seed, crc32(name.encode())])
+
+
+def _require_named(config: PushConfig, robot: RobotConfig) -> None:
+    known = [*robot.lidars, *robot.cameras]
+    for name in config.sees:
+        if name not in known:
+            hint = name_hint(name, known, "LiDARs and cameras of the robot")
+            raise ConfigurationError(f"the robot has no '{name}'; {hint}", "sees")
+        if known.count(name) > 1:
+            raise ConfigurationError(f"the robot has a LiDAR and a camera '{name}'", "sees")
+    for name in config.misplaced:
+        if name not in config.sees:
+            hint = name_hint(name, config.sees, "LiDARs and cameras that are switched on")
+            raise ConfigurationError(f"'{name}' is not switched on; {hint}", f"misplaced.{name}")

@@ -1,0 +1,295 @@
+"""The physics of a push: where its object begins, a base that is driven, and what touches where."""
+
+import math
+import os
+import weakref
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from contactfusion.arrays import FloatArray
+from contactfusion.errors import ConfigurationError, missing_extra
+from contactfusion.frames import planar_point, planar_turned, planar_turned_back
+from contactfusion.robots.description import RobotConfig
+from contactfusion_lab.scenes.push.bodies import (
+    GRAVITY,
+    ORIGIN_HEIGHT,
+    Base,
+    Client,
+    Thing,
+    add_base,
+    add_floor,
+    add_object,
+    quiet,
+    soften,
+    turned,
+)
+from contactfusion_lab.scenes.push.config import RATE, PushConfig
+from contactfusion_lab.scenes.push.objects import DisturbanceConfig, drawn
+
+ITERATIONS = 20
+"""Of the solver, each step."""
+BREAKING = 0.01
+"""Bullet keeps a point of contact until it has slid or parted by this [m]. Of its own it waits for
+2 cm: on a cylinder that rolls along the front a point then stays behind on the robot, its normal
+turns with the cylinder, and in the end it pulls. With half of this, bodies stand less firmly."""
+STRONGEST = 5000.0
+"""Force and torque of the drive's motors [N, N·m]."""
+FAR = 5.0
+"""No object is so large [m]."""
+ADVANCES, CLOSE, BESIDE = 1000, 1e-5, 0.01
+"""An object is moved up to the front in so many steps at most, until it is so near, or so far past
+the front [m]."""
+HEAVIEST = 250.0
+"""More the base cannot push, nor carry: its payload [kg]."""
+SOFTEST = 0.05
+"""What is soft gives way by so much at most, pressed as hard as it slides [m]."""
+
+
+@dataclass(frozen=True, eq=False)
+class Touches:
+    """Points at which the object pressed the robot in one cycle, in the robot's frame at that time.
+
+    Attributes:
+        steps: shape (n,), at which step of the cycle, from 0.
+        points: shape (n, 3) [m].
+        normals: shape (n, 3), into the robot.
+        forces: shape (n,), along the normals [N].
+    """
+
+    steps: FloatArray
+    points: FloatArray
+    normals: FloatArray
+    forces: FloatArray
+
+
+class PushWorld:
+    """A driven base and an object in a PyBullet world of their own; the same every time.
+
+    Args:
+        config: the push.
+        robot: the base; its collision shapes push.
+        seed: of the shoves that chance draws.
+
+    Raises:
+        DependencyError: pybullet is not installed.
+        RobotError: PyBullet cannot load the base or the object.
+        ConfigurationError: the object is too heavy or too soft, or does not stand before the
+            robot's front; or there is no screen for a window.
+    """
+
+    def __init__(self, config: PushConfig, robot: RobotConfig, seed: int = 0) -> None:
+        try:
+            with quiet():
+                import pybullet
+        except ImportError:
+            raise missing_extra("pybullet", "sim") from None
+        self.config = config
+        self._bullet: Any = pybullet
+        if config.window and not os.environ.get("DISPLAY"):  # PyBullet would end the process
+            raise ConfigurationError(
+                "there is no screen to show it on: DISPLAY is not set", "window"
+            )
+        with quiet():
+            client = pybullet.connect(pybullet.GUI if config.window else pybullet.DIRECT)
+        self._client = {"physicsClientId": client}
+        weakref.finalize(self, pybullet.disconnect, client)
+        pybullet.setPhysicsEngineParameter(
+            deterministicOverlappingPairs=1, numSolverIterations=ITERATIONS, **self._client
+        )
+        pybullet.setTimeStep(1.0 / RATE, **self._client)
+        pybullet.setGravity(0.0, 0.0, -GRAVITY, **self._client)
+        add_floor(pybullet, self._client, config.friction.ground)
+        self.base = add_base(pybullet, self._client, robot, config.friction.robot)
+        """The base, and where its pushing face lies."""
+        self._base = self.base.body
+        self._thing = add_object(pybullet, self._client, config.object)
+        self._object, self._back, self._turn = self._thing[:3]
+        _require_movable(config, self.mass())
+        pad, soft, disturbed = config.skin.pad, config.object.soft, config.object.disturbed
+        if between := pad.on(soft) if pad and soft else pad or soft:
+            soften(pybullet, self._client, self._base, between)
+        self.first_contact = _stand(pybullet, self._client, config, self.base, self._thing)
+        """Where front and object will first meet on a straight way, in `odom` [m]."""
+        shoves = config.disturbances + (drawn(disturbed, seed) if disturbed else ())
+        self._shoves = [(*_steps_of(one), one) for one in shoves]
+        self._passed, self._heading = 0, 0.0
+        self.touches = _gathered([])
+        """What touched in the last cycle."""
+
+    def drive(self, vx: float, vy: float, omega: float) -> None:
+        """Let one cycle of physics pass while the base moves at a velocity.
+
+        Args:
+            vx: ahead [m/s].
+            vy: to the left [m/s].
+            omega: about the vertical [rad/s].
+        """
+        bullet, client = self._bullet, self._client
+        # one number for all worlds of a process, and another may have changed it
+        bullet.setPhysicsEngineParameter(contactBreakingThreshold=BREAKING, **client)
+        # halfway through the cycle; the velocity stays the same in the world
+        self._heading = self.base_pose[2] + omega * self.config.period / 2.0
+        bullet.setJointMotorControlArray(
+            self._base,
+            (0, 1, 2),
+            bullet.VELOCITY_CONTROL,
+            targetVelocities=(*planar_turned((vx, vy), self._heading), omega),
+            forces=(STRONGEST, STRONGEST, STRONGEST),
+            **client,
+        )
+        rows: list[tuple[float, ...]] = []
+        for step in range(self.steps):
+            self._shove()
+            bullet.stepSimulation(**client)
+            found = bullet.getContactPoints(self._base, self._object, **client)
+            if not found:
+                continue
+            x, y, yaw = self.base_pose
+            cos, sin = math.cos(yaw), math.sin(yaw)
+            for point in found:
+                force = point[9]
+                if force <= 0.0:  # PyBullet lists points that are only near, too
+                    continue
+                (px, py, pz), (nx, ny, nz) = point[5], point[7]
+                px, py = px - x, py - y
+                rows.append(
+                    (step, cos * px + sin * py, cos * py - sin * px, pz - ORIGIN_HEIGHT,
+                     cos * nx + sin * ny, cos * ny - sin * nx, nz, force)
+                )  # fmt: skip
+        self.touches = _gathered(rows)
+
+    @property
+    def steps(self) -> int:
+        """How many steps of the physics make a cycle."""
+        return round(self.config.period * RATE)
+
+    @property
+    def base_pose(self) -> tuple[float, float, float]:
+        """Where the base is: x, y [m] and yaw [rad] in `odom`."""
+        x, y, yaw = self._bullet.getJointStates(self._base, (0, 1, 2), **self._client)
+        return x[0], y[0], yaw[0]
+
+    @property
+    def base_twist(self) -> tuple[float, float, float]:
+        """How the base moved in the last cycle: ahead, to the left [m/s], its turn [rad/s]."""
+        x, y, yaw = self._bullet.getJointStates(self._base, (0, 1, 2), **self._client)
+        return *planar_turned_back((x[1], y[1]), self._heading), yaw[1]
+
+    @property
+    def object_pose(self) -> tuple[float, float, float]:
+        """Where the object is: x, y [m] and yaw [rad] in `odom`."""
+        place, turn = self._bullet.getBasePositionAndOrientation(self._object, **self._client)
+        a, b, c, d = self._turn
+        x, y, z, w = turned(turn, (-a, -b, -c, d))
+        yaw = math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
+        back = -self._back[0], -self._back[1]
+        return *planar_point((place[0], place[1], yaw), back), yaw
+
+    def mass(self) -> float:
+        """The mass of the object, with what is in it [kg]."""
+        bullet, client, thing = self._bullet, self._client, self._thing
+        rows = [(thing.body, row) for row in range(-1, bullet.getNumJoints(thing.body, **client))]
+        rows += [] if thing.ball is None else [(thing.ball, -1)]
+        return float(sum(bullet.getDynamicsInfo(*row, **client)[0] for row in rows))
+
+    def _shove(self) -> None:
+        """Apply what presses from outside in the next step."""
+        for begin, end, one in self._shoves:
+            if begin <= self._passed < end:
+                self._bullet.applyExternalForce(
+                    self._object,
+                    -1,
+                    (*one.force, 0.0),
+                    (*self.object_pose[:2], one.height),
+                    self._bullet.WORLD_FRAME,
+                    **self._client,
+                )
+        self._passed += 1
+
+
+def _gathered(rows: list[tuple[float, ...]]) -> Touches:
+    table = np.array(rows, np.float64).reshape(-1, 8)
+    return Touches(table[:, 0], table[:, 1:4], table[:, 4:7], table[:, 7])
+
+
+def _steps_of(shove: DisturbanceConfig) -> tuple[int, int]:
+    """The first step of a shove, and the first after it."""
+    begin = round(shove.start * RATE)
+    return begin, begin + round(shove.duration * RATE)
+
+
+def _require_movable(config: PushConfig, mass: float) -> None:
+    """Make sure that an object can be pushed.
+
+    Args:
+        config: the push.
+        mass: of the object [kg].
+
+    Raises:
+        ConfigurationError: it is too heavy or too soft, or has no mass.
+    """
+    if mass > HEAVIEST:
+        raise ConfigurationError(
+            f"{mass:g} kg are too heavy: the base moves {HEAVIEST:g} kg at most", "object"
+        )
+    if mass <= 0.0:
+        raise ConfigurationError("it has no mass, so nothing moves it", "object")
+    soft, slides = config.object.soft, config.friction.ground * mass * GRAVITY
+    if soft is not None and slides > soft.stiffness * SOFTEST:
+        raise ConfigurationError(
+            f"{soft.stiffness:g} N/m are too soft: it slides at {slides:.3g} N, and may give way "
+            f"by {SOFTEST:g} m",
+            "object.soft",
+        )
+
+
+def _stand(
+    bullet: Any, client: Client, config: PushConfig, base: Base, thing: Thing
+) -> tuple[float, float]:
+    """Stand an object before the front of a base, as far away as the gap says.
+
+    Args:
+        bullet: the module pybullet.
+        client: its physics.
+        config: the push.
+        base: at its start.
+        thing: the object.
+
+    Returns:
+        Where front and object will first meet on a straight way, in `odom` [m].
+
+    Raises:
+        ConfigurationError: the front would pass the object.
+    """
+    ahead, gap, near = FAR, FAR, (FAR, 0.0)
+    for _ in range(ADVANCES):
+        _put(bullet, client, config, thing, ahead)
+        found = bullet.getClosestPoints(base.body, thing.body, 4.0 * FAR, **client)
+        point = min(found, key=lambda point: float(point[8]))
+        gap, near = float(point[8]), point[6]
+        if gap < CLOSE or near[0] < -BESIDE:
+            break
+        ahead -= gap  # nothing is nearer, so nothing can be hit on the way
+    if gap >= CLOSE:
+        raise ConfigurationError(
+            f"the object starts out of sight: the robot's front, "
+            f"{2 * base.chassis.half_width:g} m wide, would pass it",
+            "offset",
+        )
+    x = ahead - gap + config.gap
+    _put(bullet, client, config, thing, x)
+    if thing.ball is not None:
+        (*_, height), turn = bullet.getBasePositionAndOrientation(thing.ball, **client)
+        place = (x, config.offset, height)
+        bullet.resetBasePositionAndOrientation(thing.ball, place, turn, **client)
+    return 0.0, float(near[1])
+
+
+def _put(bullet: Any, client: Client, config: PushConfig, thing: Thing, x: float) -> None:
+    yaw = math.radians(config.yaw)
+    back_x, back_y, height = thing.back
+    place = (*planar_point((x, config.offset, yaw), (back_x, back_y)), height)
+    turn = turned((0.0, 0.0, math.sin(yaw / 2.0), math.cos(yaw / 2.0)), thing.turn)
+    bullet.resetBasePositionAndOrientation(thing.body, place, turn, **client)

@@ -1,0 +1,1 @@
+"""A hand touches an object that does not move."""

@@ -1,0 +1,369 @@
+"""A touch: where a hand comes from, what its sensors read, and apart from that what happens."""
+
+import itertools
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Self
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from contactfusion.arrays import FloatArray
+from contactfusion.contacts import Contact
+from contactfusion.errors import ConfigurationError, RobotError, name_hint
+from contactfusion.frames import Pose, inverse, points_in, pose_of, vectors_in
+from contactfusion.hooks import hookimpl
+from contactfusion.pipeline import Pipeline, Step
+from contactfusion.readings import Reading
+from contactfusion.robots.description import RobotConfig
+from contactfusion.robots.model import RobotModel, shared_robot
+from contactfusion.robots.objects import ObjectModel
+from contactfusion.robots.solids import Solid, loaded_open3d
+from contactfusion.scene import Facts, Hear, Scene, Verdict, heard
+from contactfusion_lab.scenes.approach import Approach, led_by, straight, tries
+from contactfusion_lab.scenes.arm import STEP, SpringyArm
+from contactfusion_lab.scenes.facts import standing, true_contact
+from contactfusion_lab.scenes.touch.config import TouchConfig
+from contactfusion_lab.scenes.touch.sensors import TouchSensors
+from contactfusion_lab.scenes.touch.world import Touching, TouchWorld, contacts_of
+
+LEAD = 0.012
+"""The physics begins so much before the first touch [m]."""
+BEYOND = 0.04
+"""The hand goes on by so much at most while nothing pushes it [m]."""
+WARNING = 0.03
+"""A way reaches so far back that a touch and one that stops before it can be the same [m]."""
+AIMS, SEARCHES = 60, 5
+"""So many ways are tried, and for each so many searches for joint positions."""
+CLEAR = 0.01
+"""So far before the first touch the hand is free for sure; surfaces are sampled points [m]."""
+GUARD = 20
+"""The hand stops by the mean over so many steps, never by one."""
+STAND = 0.15
+"""The hand stands at least so long before the touch ends [s]."""
+LONGEST = 2.0
+"""A hand that has stopped once ends then, settled or not [s]."""
+SLOW = 0.01
+"""A hand whose joints are slower has settled [rad/s, m/s]."""
+EVERY = {"joints": 0.05, "skins": 0.05, "wrenches": 0.01}
+"""The time between readings [s]."""
+UNION = 0.05
+"""The truth is all that is touched in the last so many seconds [s]."""
+FAR = 0.5
+"""The hand is sent ahead from so far outside the object to find out where it touches first [m]."""
+
+
+@dataclass(frozen=True, eq=False)
+class Truth:
+    """What really happens when a touch ends.
+
+    Attributes:
+        contacts: places, forces and links, in the root link's frame; empty after a miss.
+        joints: shape (n,), where the joints are [rad, m].
+        steady: whether the hand has settled.
+    """
+
+    contacts: Touching
+    joints: FloatArray
+    steady: bool
+
+
+class TouchScene(Scene):
+    """One touch; its readings can be had once.
+
+    Args:
+        config: the touch.
+        robot: the robot, its root link at the origin.
+        seed: of all chance.
+
+    Raises:
+        RobotError: the robot lacks a link that is named.
+        ConfigurationError: a joint or the frame of an object is not what it should be.
+    """
+
+    Config = TouchConfig
+
+    def __init__(self, config: TouchConfig, robot: RobotModel, seed: int = 0) -> None:
+        self.config, self.robot = config, robot
+        _check_names(config, robot)
+        self._rng = np.random.default_rng(seed)
+        self._hand = set(robot.known_links(config.hand or robot.beyond(config.tool)))
+        self._leading = led_by(robot, config.tool)
+        self._target = ObjectModel(config.objects[config.touched])
+        around = {name: ObjectModel(one) for name, one in config.surroundings.items()}
+        self._objects = {config.touched: self._target, **around}
+        self._world = TouchWorld(robot, self._objects, config.friction)
+        self._truth: Truth | None = None
+        self._stamp, self._moments = 0.0, list[Touching]()
+
+    @classmethod
+    def opened(cls, config: TouchConfig, robot: RobotConfig, seed: int) -> Self:
+        """A touch at its start."""
+        return cls(config, shared_robot(robot), seed)
+
+    @property
+    def truth(self) -> Truth:
+        """What really happens; known when all readings are taken."""
+        if self._truth is None:
+            raise RuntimeError("the truth of a touch is known when all readings are taken")
+        return self._truth
+
+    def run(self, pipeline: Pipeline, hear: Hear) -> Iterator[Step]:
+        """Let a pipeline listen to the touch."""
+        return pipeline.run(heard(self.readings(), hear))
+
+    def facts(self) -> Facts:
+        """Where the hand is touched in these 50 ms, and where all objects truly stand."""
+        stamp, root = self._stamp, self.robot.root
+        poses = {name: one.config.pose.pose() for name, one in self._objects.items()}
+        now = contacts_of(self._moments)
+        contacts = tuple(
+            true_contact(stamp, root, place, force)
+            for place, force in zip(now.places, now.forces, strict=True)
+        )
+        return Facts(stamp, root, contacts, standing(stamp, root, poses))
+
+    def verdict(self, pipeline: Pipeline, last: Step) -> Verdict:
+        """Where the hand is really touched in the end, and how near contacts came."""
+        return _touch_verdict(self.truth.contacts, self.robot.root, pipeline, last)
+
+    def readings(self) -> Iterator[Reading]:
+        """Go ahead until the hand is pushed, stand until it has settled; give all readings.
+
+        Raises:
+            RobotError: no way was found on which the hand reaches the object first.
+        """
+        config = self.config
+        way = self._way()
+        end = -config.short if config.short else BEYOND
+        gone = min(end, 0.0) - LEAD
+        arm = self._world.arm(way.at(gone), self._stiffness())
+        sensors = TouchSensors(
+            self.robot, config.tool, self._leading, way.at(end), config.noise, self._rng
+        )
+        yield from sensors.believed({config.touched: self._target})
+        pushes, self._moments = np.zeros(GUARD), [self._world.touching()]
+        step = stood = since = 0
+        while True:
+            yield from self._sensed(sensors, arm, step, last=False)
+            step += 1
+            yielding = pushes.mean() < config.press and gone < end
+            gone = min(gone + config.speed * STEP, end) if yielding else gone
+            stood = 0 if yielding else stood + 1
+            since += bool(since or stood)
+            arm.step(way.at(gone))
+            self._moments = [*self._moments[1 - round(UNION / STEP) :], self._world.touching()]
+            pushes[step % GUARD] = np.linalg.norm(self._moments[-1].forces.sum(axis=0))
+            settled = bool(np.abs(arm.velocities).max() < SLOW)
+            steady = settled and stood * STEP >= STAND
+            if steady or since * STEP >= LONGEST:
+                break
+        yield from self._sensed(sensors, arm, step, last=True)
+        self._truth = Truth(contacts_of(self._moments), arm.positions, steady)
+
+    def _sensed(
+        self, sensors: TouchSensors, arm: SpringyArm, step: int, *, last: bool
+    ) -> Iterator[Reading]:
+        """The readings that are due after a step of the physics; in the end all."""
+        stamp = self._stamp = step * STEP
+        period = {**EVERY, "sights": 1.0 / self.config.camera_rate}
+        due = {name for name, each in period.items() if last or step % round(each / STEP) == 0}
+        poses = self.robot.poses_at(arm.positions) if due & {"skins", "sights"} else {}
+        if "joints" in due:
+            yield sensors.joints(stamp, arm.positions, arm.velocities)
+        if "skins" in due:
+            yield from sensors.skins(stamp, poses, self._moments[-1])
+        if "wrenches" in due and step:
+            yield from sensors.wrenches(stamp, self._world.felt())
+        if "sights" in due:
+            yield from sensors.sights(stamp, poses, self._seen(poses))
+
+    def _seen(self, poses: Mapping[str, Pose]) -> list[tuple[Solid, Pose]]:
+        """All that cameras can see, and where it is."""
+        links = [(solid, poses[name]) for name, solid in self.robot.solids.items()]
+        objects = [(one.solid, one.config.pose.pose()) for one in self._objects.values()]
+        return links + objects
+
+    def _way(self) -> Approach:
+        """Find a straight way on which the hand, and nothing else, reaches the target first."""
+        config, robot = self.config, self.robot
+        before = LEAD + max(config.short, WARNING)
+        for _ in range(AIMS):
+            tool = aimed(config, self._target, self._rng)
+            posture = drawn_posture(config, robot, self._rng)
+            poses = robot.poses_at(posture)
+            far = {name: tool @ inverse(poses[config.tool]) @ pose for name, pose in poses.items()}
+            way = way_to_touch(robot, self._hand, far, tool[:3, 2], self._target)
+            if not np.isfinite(way):
+                continue
+            tool[:3, 3] += way * tool[:3, 2]
+            starts = tries(robot, posture, self._leading, self._rng)
+            for start in itertools.islice(starts, SEARCHES):
+                found = straight(robot, config.tool, tool, start, before, BEYOND)
+                if found is not None and self._is_free(found):
+                    return found
+        low, high = config.azimuth
+        raise RobotError(
+            f"the arm reaches '{config.touched}' in none of {AIMS} ways from azimuth {low:g} to "
+            f"{high:g}: it may stand outside the workspace"
+        )
+
+    def _is_free(self, way: Approach) -> bool:
+        """Whether nothing touches anything, but in the end the hand the target."""
+        target = self.config.touched
+        return not any(
+            self._world.blocked(way.at(gone), self._hand if gone > -CLEAR else set(), target)
+            for gone in (way.ways[0], -WARNING / 2.0, 0.0, BEYOND / 2.0, BEYOND)
+        )
+
+    def _stiffness(self) -> FloatArray:
+        hand = self.config.noise.finger_stiffness
+        return np.where(self._leading > 0.0, self.config.arm_stiffness, hand)
+
+
+def _check_names(config: TouchConfig, robot: RobotModel) -> None:
+    """Make sure that the robot has what the scene names, and that objects are placed by it."""
+    robot.urdf.require_link(config.tool)
+    for name in config.posture:
+        if name not in robot.joint_names:
+            hint = name_hint(name, robot.joint_names, "joints")
+            raise ConfigurationError(f"unknown joint '{name}': {hint}", f"posture.{name}")
+        if name in robot.config.still:
+            raise ConfigurationError(f"joint '{name}' is still", f"posture.{name}")
+    for part in ("objects", "surroundings"):
+        for name, one in getattr(config, part).items():
+            if one.pose.parent != robot.root:
+                raise ConfigurationError(
+                    f"the scene is placed in the robot's root link '{robot.root}', "
+                    f"not in '{one.pose.parent}'",
+                    f"{part}.{name}.pose.parent",
+                )
+
+
+def aimed(config: TouchConfig, target: ObjectModel, rng: np.random.Generator) -> Pose:
+    """Draw a pose of the tool far from the target, from which it goes ahead along its z.
+
+    Args:
+        config: the directions to come from.
+        target: the object to touch.
+        rng: draws what is left to chance.
+
+    Returns:
+        In the frame of the object's pose.
+    """
+    azimuth, elevation, roll = np.radians(
+        [rng.uniform(*each) for each in (config.azimuth, config.elevation, config.roll)]
+    )
+    level = np.cos(elevation)
+    out = np.array([level * np.cos(azimuth), level * np.sin(azimuth), np.sin(elevation)])
+    side = np.array([-np.sin(azimuth), np.cos(azimuth), 0.0])
+    facing = np.stack([-side, np.cross(-out, -side), -out], axis=1)
+    turned = facing @ Rotation.from_euler("z", roll).as_matrix()
+    lean = np.radians(config.tilt) * np.sqrt(rng.random())
+    about = rng.uniform(0.0, 2.0 * np.pi)
+    leaning = Rotation.from_rotvec(lean * np.array([np.cos(about), np.sin(about), 0.0]))
+    corners = np.concatenate([vertices for vertices, _ in target.solid.meshes])
+    low, high = corners.min(axis=0), corners.max(axis=0)
+    beside = rng.uniform(-config.wander, config.wander, 3) * (high - low)
+    place = points_in(target.config.pose.pose(), ((low + high) / 2.0 + beside)[None])[0]
+    # the tilt turns the way, too: the hand goes where it looks
+    turned = turned @ leaning.as_matrix()
+    away = FAR + float(np.linalg.norm(high - low)) / 2.0
+    return pose_of(place - away * turned[:, 2], turned)
+
+
+def drawn_posture(config: TouchConfig, model: RobotModel, rng: np.random.Generator) -> FloatArray:
+    """Draw where the joints stand, shape (n,) [rad, m], within their limits."""
+    low, high = model.limits.T
+    positions = np.array(
+        [
+            rng.uniform(*config.posture[name])
+            if name in config.posture
+            else model.config.still.get(name, 0.0)
+            for name in model.joint_names
+        ]
+    )
+    return np.asarray(np.clip(positions, low, high))
+
+
+def way_to_touch(
+    model: RobotModel,
+    links: set[str],
+    poses: Mapping[str, Pose],
+    ahead: FloatArray,
+    target: ObjectModel,
+) -> float:
+    """How far links go before they touch an object; inf when they pass it by.
+
+    Args:
+        model: the robot.
+        links: those that may touch.
+        poses: of all links where they begin, in the frame of the object's pose.
+        ahead: shape (3,), the unit vector along which they go.
+        target: the object.
+
+    Returns:
+        The way [m], as exact as the samples of the surface are dense.
+    """
+    open3d = loaded_open3d()
+    scene = open3d.t.geometry.RaycastingScene()
+    for vertices, triangles in target.solid.meshes:
+        corners = points_in(target.config.pose.pose(), vertices).astype(np.float32)
+        scene.add_triangles(open3d.core.Tensor(corners), open3d.core.Tensor(triangles))
+    placed = (
+        points_in(poses[name], part.points) for name, part in model.parts.items() if name in links
+    )
+    points = np.concatenate([np.empty((0, 3)), *placed])  # a link may have no surface
+    rays = np.concatenate([points, np.broadcast_to(ahead, points.shape)], axis=1)
+    hits = scene.cast_rays(open3d.core.Tensor(rays.astype(np.float32)))["t_hit"].numpy()
+    return float(hits.min(initial=np.inf))
+
+
+def _touch_verdict(touching: Touching, root: str, pipeline: Pipeline, last: Step) -> Verdict:
+    """Where a robot is really touched, and how near the contacts of the last step came.
+
+    Args:
+        touching: in the frame of the robot's root link.
+        root: that link.
+        pipeline: which listened.
+        last: its last step.
+
+    Raises:
+        FrameError: nothing joins the root link to the space.
+    """
+    state = pipeline.state(last.stamp)
+    pose = state.frames.pose(state.grid.frame, of=root)
+    places, forces = points_in(pose, touching.places), vectors_in(pose, touching.forces)
+    truth = replace(touching, places=places, forces=forces)
+    told = {
+        "frame": state.grid.frame,
+        "places": truth.places.tolist(),
+        "forces": truth.forces.tolist(),
+        "links": list(truth.links),
+    }
+    return Verdict(told, tuple(compared(truth, last.fusion.contacts)))
+
+
+def compared(truth: Touching, contacts: Sequence[Contact]) -> Iterator[str]:
+    """What really happened, and how near contacts came; one sentence for each true contact.
+
+    Args:
+        truth: in the frame of the contacts.
+        contacts: of the last step.
+    """
+    found = np.reshape([contact.position for contact in contacts], (-1, 3))
+    for place, link in zip(truth.places, truth.links, strict=True):
+        x, y, z = place
+        away = np.linalg.norm(found - place, axis=1).min(initial=np.inf) * 1000.0
+        near = f"nearest contact {away:.0f} mm away" if contacts else "no contact was found"
+        yield f"{link} touched at ({x:.3f}, {y:.3f}, {z:.3f}) m; {near}"
+    if not truth.links and contacts:
+        yield f"nothing was touched; contacts that are none: {len(contacts)}"
+    elif not truth.links:
+        yield "no contact, and none was there"
+
+
+@hookimpl
+def contactfusion_scenes() -> dict[str, type[Scene]]:
+    """Offer the scene."""
+    return {"touch": TouchScene}

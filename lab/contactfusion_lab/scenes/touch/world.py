@@ -1,0 +1,162 @@
+"""The physics of a touch: an arm on springs, objects that do not move, and what really happens."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.cluster.hierarchy import fcluster, linkage
+from scipy.spatial.transform import Rotation
+
+from contactfusion.arrays import FloatArray
+from contactfusion.frames import Pose, inverse, pose_of, vectors_in
+from contactfusion.robots.bullet import BulletWorld
+from contactfusion.robots.model import RobotModel
+from contactfusion.robots.objects import ObjectModel
+from contactfusion_lab.scenes.arm import SpringyArm
+
+FAINT = 0.05
+"""Less than this is no touch [N]."""
+APART = 0.015
+"""Places that no chain of so short steps joins are contacts of their own [m]."""
+
+
+@dataclass(frozen=True, eq=False)
+class Touching:
+    """Where a robot is touched, in the root link's frame.
+
+    Attributes:
+        places: shape (n, 3) [m].
+        forces: shape (n, 3) [N], on the robot.
+        links: the link that each is on.
+    """
+
+    places: FloatArray
+    forces: FloatArray
+    links: tuple[str, ...]
+
+
+class TouchWorld:
+    """A robot and objects in PyBullet.
+
+    Args:
+        model: the robot; its root link stands at the origin.
+        objects: what stands around, by name.
+        friction: between robot and objects.
+    """
+
+    def __init__(
+        self, model: RobotModel, objects: Mapping[str, ObjectModel], friction: float
+    ) -> None:
+        self._model = model
+        self._world = self.physics = BulletWorld(model, hollow=True)
+        """The robot and all bodies."""
+        self._bullet, self._client = self._world.bullet, self._world.client
+        self._bodies: dict[str, list[int]] = {}
+        for name, one in objects.items():
+            self._bodies[name] = [self._world.add(shape) for shape in one.shapes]
+            for body, shape in zip(self._bodies[name], one.shapes, strict=True):
+                self._world.place(body, one.config.pose.pose() @ shape.pose())
+                self._bullet.changeDynamics(body, -1, lateralFriction=friction, **self._client)
+        # a touch is at one point, which bears no moment, whatever the URDF says
+        grip = {"lateralFriction": 1.0, "spinningFriction": 0.0, "rollingFriction": 0.0}
+        for row in self._world.links:
+            self._bullet.changeDynamics(self._world.robot, row, **grip, **self._client)
+        # without this a wrench would be told about the link's centre of mass
+        self._bullet.setPhysicsEngineParameter(
+            jointFeedbackMode=self._bullet.JOINT_FEEDBACK_IN_JOINT_FRAME, **self._client
+        )
+        rows = {link: row for row, link in self._world.links.items()}
+        self._wrists = {
+            name: rows[model.link_of(wrist.frame)] for name, wrist in model.config.wrists.items()
+        }
+        self._feedback: dict[str, Pose] = {}
+        for name, row in self._wrists.items():
+            self._bullet.enableJointForceTorqueSensor(self._world.robot, row, True, **self._client)
+            # it is told at the link's origin, but along the axes of the link's inertia
+            axes = self._bullet.getDynamicsInfo(self._world.robot, row, **self._client)[4]
+            back = inverse(model.pose_on_link(model.config.wrists[name].frame))
+            turn = Rotation.from_quat(axes).as_matrix()
+            self._feedback[name] = back @ pose_of((0.0, 0.0, 0.0), turn)
+
+    def adopt(self, name: str, body: int) -> None:
+        """Count a further body of `physics`, such as one that moves, among the objects."""
+        self._bodies[name] = [body]
+
+    def blocked(self, positions: FloatArray, hand: set[str], target: str) -> bool:
+        """Whether the arm would touch the target, or any link another object.
+
+        Args:
+            positions: shape (n,), of the joints [rad, m].
+            hand: the links that may touch the target.
+            target: the object that they may touch.
+        """
+        self._world.bend(positions)
+        for name, bodies in self._bodies.items():
+            near = set().union(*(self._world.near(body, 0.0) for body in bodies))
+            if near - (hand if name == target else set()) - {self._model.root}:
+                return True
+        return False
+
+    def arm(self, positions: FloatArray, stiffness: FloatArray) -> SpringyArm:
+        """Begin the physics with the joints at `positions`, on springs; both of shape (n,)."""
+        return SpringyArm(self._world, self._model, positions, stiffness)
+
+    def felt(self) -> dict[str, FloatArray]:
+        """What each wrist feels, weight and all, shape (6,) [N, N·m], on the robot."""
+        wrenches = {}
+        for name, row in self._wrists.items():
+            state = self._bullet.getJointState(self._world.robot, row, **self._client)
+            # PyBullet tells what the arm exerts on the link; the world exerts the reverse on it
+            wrench = -np.array(state[2])
+            back = self._feedback[name]
+            force, torque = vectors_in(back, wrench.reshape(2, 3))
+            wrenches[name] = np.concatenate([force, torque + np.cross(back[:3, 3], force)])
+        return wrenches
+
+    def touching(self) -> Touching:
+        """Where the robot is touched now."""
+        points = [
+            point
+            for bodies in self._bodies.values()
+            for body in bodies
+            for point in self._bullet.getContactPoints(self._world.robot, body, **self._client)
+            if point[9] >= FAINT
+        ]
+        places = [(np.array(point[5]) + point[6]) / 2.0 for point in points]
+        forces = [
+            point[9] * np.array(point[7]) + point[10] * np.array(point[11])
+            + point[12] * np.array(point[13])
+            for point in points
+        ]  # fmt: skip
+        links = tuple(self._world.links[point[3]] for point in points)
+        return Touching(np.reshape(places, (-1, 3)), np.reshape(forces, (-1, 3)), links)
+
+
+def contacts_of(moments: Sequence[Touching]) -> Touching:
+    """Join what was touched at several moments to contacts, the strongest first.
+
+    The physics tells of several points where a face or an edge lies on another: points that are
+    near each other are one contact, at their mean weighted by force.
+    """
+    places = np.concatenate([np.empty((0, 3)), *(one.places for one in moments)])
+    forces = np.concatenate([np.empty((0, 3)), *(one.forces for one in moments)])
+    links = np.array([link for one in moments for link in one.links])
+    if len(places) > 1:
+        labels = fcluster(linkage(places), APART, criterion="distance")
+    else:
+        labels = np.ones(len(places), np.intp)
+    found = []
+    for label in np.unique(labels):
+        own = labels == label
+        weights = np.linalg.norm(forces[own], axis=1)
+        place = weights @ places[own] / weights.sum()
+        force = forces[own].sum(axis=0) / len(moments)
+        found.append(
+            (float(np.linalg.norm(force)), place, force, str(links[own][weights.argmax()]))
+        )
+    found.sort(key=lambda contact: -contact[0])
+    return Touching(
+        np.reshape([place for _, place, _, _ in found], (-1, 3)),
+        np.reshape([force for _, _, force, _ in found], (-1, 3)),
+        tuple(link for _, _, _, link in found),
+    )
