@@ -84,6 +84,14 @@ def test_every_link_of_a_page_leads_to_a_file(path: Path) -> None:
     assert not [target for target in links(path) if not target.exists()]
 
 
+@pytest.mark.parametrize("name", ["ARCHITECTURE.md", "CONTRIBUTING.md"])
+def test_modules_that_the_house_is_described_by_exist(name: str) -> None:
+    top = ("", "contactfusion/", "generators/", "integrator/", "contactfusion/recordings/")
+    named = set(re.findall(r"`([a-z_/0-9]+(?:\.py|/))`", (ROOT / name).read_text()))
+    assert len(named) > 10
+    assert {one for one in named if not any((ROOT / at / one).exists() for at in top)} == set()
+
+
 def test_the_index_links_to_every_page() -> None:
     index = ROOT / "docs" / "index.md"
     assert links(index) >= {path.resolve() for path in PAGES[1:]} - {index}
