@@ -155,6 +155,16 @@ def test_a_scene_that_cannot_be_used_says_why(
     assert not Path("results").exists()
 
 
+def test_a_check_opens_a_scene_and_does_not_run_it(ask: Ask) -> None:
+    answer = ask("check", "nudge.yaml")
+    assert (answer.status, answer.err) == (0, "") and "scene: nudge" in answer.out.splitlines()
+    assert "scene.pushs: unknown field; did you mean 'pushes'?" in one_sentence(
+        ask("check", "nudge.yaml", "--set", "scene.pushs=1")
+    )
+    wrong = one_sentence(ask("check", "nudge.yaml", "--set", "robot=nowhere.yaml"))
+    assert wrong.startswith("nudge.yaml: robot: ") and "nowhere.yaml" in wrong
+
+
 def test_an_offer_takes_no_name_of_another_entry_point_whichever_is_imported_first(
     ask: Ask,
 ) -> None:
