@@ -14,7 +14,6 @@ from contactfusion.errors import ConfigurationError
 from contactfusion.yaml_files import read_yaml
 from tests.urdfs import joint, link, written
 
-ROOT = Path(__file__).resolve().parents[1]
 BALL = '<sphere radius="0.05"/>'
 WRENCH = {"type": "wrench", "frame": "tool", "columns": ["fx", "fy", "fz", "tx", "ty", "tz"]}
 CONFIGURATION: dict[str, Any] = {
