@@ -1,6 +1,7 @@
 """Who imports whom; and what the command line does not wait for."""
 
 import ast
+import functools
 import importlib
 import json
 import subprocess
@@ -69,9 +70,15 @@ def runtime_imports(tree: ast.AST) -> Iterator[str]:
                 yield from runtime_imports(node)
 
 
+@functools.cache
+def imports_of(source: str) -> frozenset[str]:
+    """What a module's source imports; each is parsed once in all tests."""
+    return frozenset(runtime_imports(ast.parse(source)))
+
+
 def imported_by(path: Path) -> set[str]:
     """Give the modules of the framework that a module imports, without the package's name."""
-    names = runtime_imports(ast.parse(path.read_text()))
+    names = imports_of(path.read_text())
     ours = (name for name in names if name.startswith("contactfusion."))
     return {name.removeprefix("contactfusion.") for name in ours}
 
@@ -92,7 +99,7 @@ def framework() -> list[Path]:
 
 def lab_imports(source: str) -> set[str]:
     """The modules of the laboratory that a module's source imports."""
-    found = set(runtime_imports(ast.parse(source)))
+    found = imports_of(source)
     return {name for name in found if name.partition(".")[0] in ("contactfusion_lab", "lab")}
 
 
@@ -126,7 +133,7 @@ def circles(sources: Mapping[str, str]) -> list[list[str]]:
     names = list(sources)
     arrows = np.zeros((len(names), len(names)), bool)
     for row, name in enumerate(names):
-        found = set(runtime_imports(ast.parse(sources[name])))
+        found = imports_of(sources[name])
         arrows[row] = [other in found and other != name for other in names]
     count, labels = connected_components(arrows, connection="strong")
     groups = [[names[i] for i in np.flatnonzero(labels == label)] for label in range(count)]
