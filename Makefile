@@ -12,8 +12,9 @@ SOAK_SCENARIOS ?= 2000
 demo: $(DEMO_READY)
 	$(BIN)/contactfusion demo --out out/demo
 
+# On up to four cores; a file stays on one, so that what its tests share is made once.
 test: $(READY)
-	$(BIN)/python -m pytest -q
+	$(BIN)/python -m pytest -q --numprocesses auto --maxprocesses 4 --dist loadfile
 
 # All of the laboratory's tests; with FAST=1 those that are not slow.
 test-lab: $(READY)
