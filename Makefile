@@ -7,16 +7,22 @@ DEMO_READY := $(VENV)/.ready-demo
 READY := $(VENV)/.ready
 SOAK_SCENARIOS ?= 2000
 
-.PHONY: demo test test-lab lint soak bench goldens bare show-recordings show-touch show-push show-sensing show-replay show-grasp train clean
+.PHONY: demo test test-lab test-lab-changed lint soak bench goldens bare show-recordings show-touch show-push show-sensing show-replay show-grasp train clean
 
 demo: $(DEMO_READY)
 	$(BIN)/contactfusion demo --out out/demo
 
+# On up to four cores; a file stays on one, so that what its tests share is made once.
 test: $(READY)
-	$(BIN)/python -m pytest -q
+	$(BIN)/python -m pytest -q --numprocesses auto --maxprocesses 4 --dist loadfile
 
+# All of the laboratory's tests; with FAST=1 those that are not slow.
 test-lab: $(READY)
-	$(BIN)/python -m pytest -q lab/tests
+	$(BIN)/python -m pytest -q lab/tests $(if $(FAST),-m "not slow")
+
+# Those of its slow tests that stand on what changed: since the commit BASE, or on this branch.
+test-lab-changed: $(READY)
+	$(BIN)/python scripts/changed.py $(if $(BASE),--since $(BASE))
 
 lint: $(READY)
 	$(BIN)/ruff check .

@@ -157,11 +157,24 @@ class Plugins:
                         f"contactfusion_{kind}() gives {cls!r} for '{key}', not a class"
                         + _at(implementation.function)
                     )
-                if key in self._offers[kind]:
-                    owner = self._offers[kind][key].__module__
+                owner = self._owner_of(kind, key, module.__name__)
+                if owner:
                     self._fail(f"{name}: {key}", f"the name '{key}' is taken by {owner}")
                 else:
                     self._offers[kind][key] = cls
+
+    def _owner_of(self, kind: str, key: str, module: str) -> str:
+        """The module that has a name before another; empty when there is none.
+
+        A name belongs to the entry point of that name, whichever module is imported first, and
+        also when it cannot be used: a configuration never gets another plug-in than it names.
+        """
+        point = self._points.get(key)
+        if point is not None and point.module != module:
+            self._load(key)
+            if key in self.failures:
+                return point.module
+        return self._offers[kind][key].__module__ if key in self._offers[kind] else ""
 
     def _fail(self, name: str, why: str, cause: BaseException | None = None) -> None:
         self.failures[name] = why

@@ -14,7 +14,6 @@ from contactfusion.errors import ConfigurationError
 from contactfusion.yaml_files import read_yaml
 from tests.urdfs import joint, link, written
 
-ROOT = Path(__file__).resolve().parents[1]
 BALL = '<sphere radius="0.05"/>'
 WRENCH = {"type": "wrench", "frame": "tool", "columns": ["fx", "fy", "fz", "tx", "ty", "tz"]}
 CONFIGURATION: dict[str, Any] = {
@@ -290,7 +289,7 @@ def test_a_topic_or_a_cycle_that_the_recording_lacks_is_told(file: Path) -> None
     assert told.startswith("recording: ") and "did you mean '/ft/wrench'?" in told
 
 
-# Robots and scenes
+# Robots
 
 
 def on_arm(file: Path, **robot: Any) -> Path:
@@ -334,16 +333,6 @@ def test_a_joint_that_stands_still_in_degrees_is_told(file: Path) -> None:
     assert faults(on_arm(file, still={"turn": 90})) == [
         "robot.still.turn: 90 lies beyond the joint's limits, -1.000 .. 2.000 [rad, m]"
     ]
-
-
-def test_a_scene_is_opened_and_not_run() -> None:
-    found = check_file(ROOT / "examples" / "scenes" / "push_box.yaml")
-    assert found.faults == () and "scene: push" in found.lines
-    file = ROOT / "examples" / "scenes" / "push_box.yaml"
-    (told,) = faults(file, "scene.targt=[1, 2]")
-    assert told.startswith("scene.targt: unknown field; did you mean 'target'?")
-    (told,) = faults(file, "robot=nowhere.yaml")
-    assert told.startswith("robot: ") and "nowhere.yaml" in told
 
 
 # The command

@@ -25,6 +25,7 @@ from contactfusion.robots.posed import PosedRobot
 from contactfusion.running import RunConfig, run_file
 from contactfusion.testing import example_reading
 from contactfusion.yaml_files import read_yaml
+from scripts import links
 
 ROOT = Path(__file__).resolve().parents[1]
 CONFIGURATION = ROOT / "docs" / "configuration.md"
@@ -70,18 +71,26 @@ def unnamed(
     return {name for name in fields(model, elsewhere) if not re.search(rf"\b{name}\b", code)}
 
 
-def links(path: Path) -> set[Path]:
-    """The files that a page links to, also by pictures."""
-    targets = re.findall(r"\]\(([^)#]+)(?:#[^)]*)?\)", path.read_text())
-    return {(path.parent / one).resolve() for one in targets if "://" not in one}
-
-
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
+FURTHER = [*ROOT.glob("[!R]*.md"), *ROOT.glob("lab/*.md"), *ROOT.glob("examples/*/*.md")]
 
 
-@pytest.mark.parametrize("path", PAGES, ids=lambda path: path.name)
-def test_every_link_of_a_page_leads_to_a_file(path: Path) -> None:
-    assert not [target for target in links(path) if not target.exists()]
+@pytest.mark.parametrize("path", [*PAGES, *sorted(FURTHER)], ids=lambda path: path.name)
+def test_every_link_of_a_page_leads_to_a_file_and_to_a_heading_in_it(path: Path) -> None:
+    assert links.faults(path) == []
+
+
+def test_a_link_that_leads_nowhere_is_found(tmp_path: Path) -> None:
+    page = tmp_path / "page.md"
+    page.write_text(
+        "# One, two\n[a](#one-two) [b](#three) ![c](no.png) [d](page.md#one-two) [e](page.md)\n"
+        "[f](https://example.org/no.md) [g](page.md#four)\n```\n# three\n[h](no.md)\n```\n"
+    )
+    assert links.faults(page) == [
+        f"{page}: {page} has no heading '#three'",
+        f"{page}: there is no {tmp_path / 'no.png'}",
+        f"{page}: {page} has no heading '#four'",
+    ]
 
 
 @pytest.mark.parametrize("name", ["ARCHITECTURE.md", "CONTRIBUTING.md"])
@@ -94,7 +103,8 @@ def test_modules_that_the_house_is_described_by_exist(name: str) -> None:
 
 def test_the_index_links_to_every_page() -> None:
     index = ROOT / "docs" / "index.md"
-    assert links(index) >= {path.resolve() for path in PAGES[1:]} - {index}
+    linked = {target for target, _ in links.links(index)}
+    assert linked >= {path.resolve() for path in PAGES[1:]} - {index}
 
 
 def python_of(page: str) -> str:

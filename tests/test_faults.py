@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 import yaml
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
@@ -543,6 +543,7 @@ def test_the_motion_of_a_body_moves_as_its_points_do(
 
 
 @pytest.mark.parametrize(("kind", "entry"), EVERY_FAULT, ids=str)
+@settings(max_examples=25)
 @given(stamp=st.floats(-1e6, 1e6), bounds=st.tuples(st.floats(-1e6, 1e6), st.floats(-1e6, 1e6)))
 def test_no_fault_changes_a_reading_outside_its_time(
     kind: str, entry: dict[str, Any], stamp: float, bounds: tuple[float, float]

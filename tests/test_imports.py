@@ -1,6 +1,7 @@
 """Who imports whom; and what the command line does not wait for."""
 
 import ast
+import functools
 import importlib
 import json
 import subprocess
@@ -101,9 +102,15 @@ def runtime_imports(tree: ast.AST) -> Iterator[str]:
                 yield from runtime_imports(node)
 
 
+@functools.cache
+def imports_of(source: str) -> frozenset[str]:
+    """What a module's source imports; each is parsed once in all tests."""
+    return frozenset(runtime_imports(ast.parse(source)))
+
+
 def imported_by(source: str) -> set[str]:
     """Give the modules of the framework that a source imports, without the package's name."""
-    ours = (n for n in runtime_imports(ast.parse(source)) if n.startswith("contactfusion."))
+    ours = (name for name in imports_of(source) if name.startswith("contactfusion."))
     return {name.removeprefix("contactfusion.") for name in ours}
 
 
@@ -120,7 +127,7 @@ def framework() -> list[Path]:
 
 def lab_imports(source: str) -> set[str]:
     """The modules of the laboratory that a module's source imports."""
-    found = set(runtime_imports(ast.parse(source)))
+    found = imports_of(source)
     return {name for name in found if name.partition(".")[0] in ("contactfusion_lab", "lab")}
 
 
@@ -154,7 +161,7 @@ def circles(sources: Mapping[str, str]) -> list[list[str]]:
     names = list(sources)
     arrows = np.zeros((len(names), len(names)), bool)
     for row, name in enumerate(names):
-        found = set(runtime_imports(ast.parse(sources[name])))
+        found = imports_of(sources[name])
         arrows[row] = [other in found and other != name for other in names]
     count, labels = connected_components(arrows, connection="strong")
     groups = [[names[i] for i in np.flatnonzero(labels == label)] for label in range(count)]

@@ -64,17 +64,17 @@ def test_an_edited_kernel_is_compiled_again_with_all_that_call_it(project: Path)
     assert run(project, NUMBA_CACHE_DIR=cache) == (30.0, 0)
 
 
-@pytest.mark.parametrize("text", [MODULE, MODULE.replace("x + 1.0", "x + 2.0")])
-def test_the_doctor_finds_a_kernel_compiled_where_numba_does(text: str, project: Path) -> None:
+def test_the_doctor_finds_a_kernel_compiled_where_numba_does(project: Path) -> None:
     cache = str(project / "cache")
     assert run(project, LOOK, NUMBA_CACHE_DIR=cache) == (0.0, 0)
     assert run(project, LOOK, NUMBA_CACHE_DIR=cache) == (1.0, 1)
     module = project / "kernels.py"
-    module.write_text(text)
-    later = module.stat().st_mtime_ns + 1_000_000_000  # as after a checkout
-    os.utime(module, ns=(later, later))
-    kept, hits = run(project, LOOK, NUMBA_CACHE_DIR=cache)
-    assert kept == hits
+    for text in (MODULE, MODULE.replace("x + 1.0", "x + 2.0")):
+        later = module.stat().st_mtime_ns + 1_000_000_000  # as after a checkout
+        module.write_text(text)
+        os.utime(module, ns=(later, later))
+        kept, hits = run(project, LOOK, NUMBA_CACHE_DIR=cache)
+        assert kept == hits
 
 
 def test_kernels_run_where_nothing_can_be_cached(project: Path) -> None:

@@ -20,8 +20,13 @@ POSE = pose_of((0.3, -0.2, 0.1), Rotation.from_rotvec([0.4, -0.7, 1.1]).as_matri
 
 
 def found(samples: FloatArray, points: FloatArray, reach: float = np.inf) -> FloatArray:
+    return found_in(NearestGrid.of(samples), points, reach)
+
+
+def found_in(grid: NearestGrid, points: FloatArray, reach: float = np.inf) -> FloatArray:
+    samples = grid.samples
     distances, rows = np.full(len(points), reach), np.full(len(points), -1, np.intp)
-    NearestGrid.of(samples).improve(points, np.eye(4), 0, distances, rows)
+    grid.improve(points, np.eye(4), 0, distances, rows)
     hit = rows >= 0
     own = np.linalg.norm(samples[rows[hit]] - points[hit], axis=1)
     np.testing.assert_allclose(distances[hit], own, atol=1e-12)
@@ -84,9 +89,9 @@ def test_of_two_bodies_the_nearer_counts() -> None:
 
 
 def test_a_wide_body_has_a_coarser_grid_and_its_nearest_samples_all_the_same() -> None:
-    samples = ShapeConfig(shape="box", size=(6.0, 2.0, 1.0)).sampled("boom", 0.05).points
+    samples = ShapeConfig(shape="box", size=(4.0, 1.0, 0.9)).sampled("boom", 0.05).points
     grid = NearestGrid.of(samples)
     assert grid.cell == 2.0 * CELL and grid.nodes.size <= MOST_NODES
     points = samples[::7] + np.random.default_rng(0).normal(0, 0.01, samples[::7].shape)
-    further = found(samples, points) - cdist(points, samples).min(axis=1)
+    further = found_in(grid, points) - cdist(points, samples).min(axis=1)
     assert (further > 1e-9).mean() < 0.01

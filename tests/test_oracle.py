@@ -5,6 +5,7 @@ import re
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -15,7 +16,7 @@ from contactfusion.errors import ContactFusionError, FrameError, SourceError, Ti
 from tests.clouds import law
 from tests.oracle import ExpectedFusion, Oracle, Refused, Voxel
 from tests.scenarios import Scenario, Step, scenario
-from tests.soak import RARE, differences, live, main, reconciled
+from tests.soak import RARE, differences, live, live_seed, main, reconciled
 
 REGULAR, SUPPORT, NULL = HypothesisKind.REGULAR, HypothesisKind.SUPPORT, HypothesisKind.NULL
 HERE: Voxel = (0, 0, 0)
@@ -68,9 +69,12 @@ def verdicts(fusion: ExpectedFusion) -> dict[Voxel, str]:
 # The integrator against the oracle
 
 
+lived = cache(live_seed)
+
+
 @pytest.mark.parametrize("seeds", [range(n, n + 10) for n in range(0, 100, 10)], ids=str)
 def test_the_integrator_gives_what_the_oracle_gives(seeds: range) -> None:
-    assert [found for seed in seeds for found in live(scenario(seed)).differences] == []
+    assert [found for seed in seeds for found in lived(seed).differences] == []
 
 
 def test_a_cluster_whose_mass_is_exactly_enough_is_a_contact() -> None:
@@ -242,7 +246,7 @@ def test_a_scenario_has_at_least_thirty_cycles() -> None:
 def test_rare_cases_come_often() -> None:
     events: Counter[str] = Counter()
     for seed in range(40):
-        events.update(live(scenario(seed)).events)
+        events.update(lived(seed).events)
     assert {name: count for name in RARE if (count := events[name]) < 20} == {}
 
 

@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from contactfusion import Fusion, HypothesisCloud, HypothesisKind, Integrator, IntegratorConfig
@@ -272,7 +272,6 @@ arrivals = st.lists(
 )
 
 
-@settings(max_examples=200)
 @given(
     steps=st.lists(arrivals, min_size=1, max_size=5),
     replaces=st.booleans(),

@@ -681,7 +681,7 @@ def on_two_grids(touch: Touch, offset: FloatArray, *sides: float) -> tuple[float
 
 
 offsets = st.tuples(*[st.floats(0.0, 1.0, exclude_max=True)] * 3).map(np.array)
-more = settings(max_examples=100)
+more = settings(max_examples=50)
 
 
 @more

@@ -8,10 +8,9 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 from importlib.metadata import EntryPoint
 from multiprocessing.connection import Connection
-from typing import Any, Literal, cast
+from typing import TYPE_CHECKING, Any, Literal, cast
 
 import numpy as np
-import pytest
 
 from contactfusion.contacts import Contact
 from contactfusion.controller import Command, Controller
@@ -22,6 +21,9 @@ from contactfusion.plugins import Plugins
 from contactfusion.readings import DepthImage, ObjectPose, PointCloud, Reading, Wrench
 from contactfusion.state import State
 
+if TYPE_CHECKING:  # a process of a generator's own waits for no pytest
+    import pytest
+
 FUSION = [
     EntryPoint(name, f"contactfusion.integrator.{name}", GROUP)
     for name in ("rules", "condensations")
@@ -29,7 +31,7 @@ FUSION = [
 """The entry points of the built-in rules and condensations."""
 
 
-def offer_toys(monkeypatch: pytest.MonkeyPatch) -> None:
+def offer_toys(monkeypatch: "pytest.MonkeyPatch") -> None:
     """Let pipelines find the toys, and no other generator or controller."""
     toys = Plugins(points=[EntryPoint("toys", __name__, GROUP), *FUSION], strict=True)
     monkeypatch.setattr("contactfusion.assembly.installed_plugins", lambda: toys)
