@@ -1,9 +1,9 @@
 """Runs those slow tests of the laboratory that stand on what changed, and says how it decides.
 
 A file of tests stands on itself, on the modules that it imports, directly or not, and on those of
-all plug-ins, which configurations choose by name; if it starts other programs, on all modules. A
-changed file that is no module, such as a robot or the set-up, may matter to any test, but for the
-pages. Where there is no commit to compare with, everything runs.
+all plug-ins, which configurations choose by name; if it starts other programs, on all modules but
+those of tests. A changed file that is no module, such as a robot or the set-up, may matter to any
+test, but for the pages. Where there is no commit to compare with, everything runs.
 
 usage: changed.py [--since REV]   (default: where HEAD left origin/main)
 """
@@ -53,11 +53,12 @@ def imports(name: str, source: str, modules: Iterable[str]) -> set[str]:
         source: its text.
         modules: all that there are; a name in quotes is taken for one that is imported late.
     """
-    if "tests" in name.split(".") and "subprocess" in source:
-        return set(modules)
+    started = set[str]()
+    if _is_test(name) and "subprocess" in source:
+        started = {module for module in modules if not _is_test(module)}
     parts = [named.split(".") for named in _names(ast.parse(source))]
     above = {".".join(words[:end]) for words in parts for end in range(1, len(words) + 1)}
-    return above.intersection(modules)
+    return above.intersection(modules) | started
 
 
 def reached(starts: Iterable[str], graph: Mapping[str, Iterable[str]]) -> set[str]:
@@ -159,6 +160,10 @@ def main(since: str | None) -> int:
         return 0
     command = [sys.executable, "-m", "pytest", "-q", "-m", "slow", *(files[name] for name in why)]
     return subprocess.run(command, cwd=ROOT).returncode
+
+
+def _is_test(module: str) -> bool:
+    return "tests" in module.split(".")
 
 
 def _names(tree: ast.AST) -> Iterator[str]:

@@ -157,6 +157,7 @@ def touch(**fields: Any) -> TouchConfig:
 STRAIGHT: dict[str, Any] = {"tilt": 0.0, "wander": 0.0, "roll": 0.0}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("azimuth", "elevation", "ahead", "x"),
     [

@@ -23,6 +23,8 @@ from contactfusion_lab.demo.account import Story
 from contactfusion_lab.demo.run import show, told
 from contactfusion_lab.demo.scene import DIES, scene_fields
 
+pytestmark = pytest.mark.slow
+
 RULE = "lidar_rule"
 """In place of networks, which come with the package only once they are trained."""
 PNG = b"\x89PNG\r\n\x1a\n"

@@ -60,6 +60,7 @@ def elsewhere(*xyz: float) -> dict[str, Any]:
     return {"urdf": urdf, "pose": {"parent": "base", "xyz": list(xyz)}}
 
 
+@pytest.mark.slow
 def test_a_bottle_that_stands_where_the_arm_ends_is_not_reached() -> None:
     wide = {"table": {"shapes": [{"shape": "box", "size": [0.9, 0.9, 0.04]}], "pose": TABLE}}
     one = scene(object=elsewhere(1.14, 0.0, 0.25), surroundings=wide)
@@ -75,6 +76,7 @@ def test_a_bottle_that_is_not_there_is_missed() -> None:
     assert ended(one, played(one, PAPERS, **once())) == "missed"
 
 
+@pytest.mark.slow
 def test_what_touches_from_below_makes_the_hand_go_up() -> None:
     """The table rises a little before the bottle, and the hand goes level."""
     pose = {"parent": "base", "xyz": [0.6725, 0.0, 0.2753], "rpy": [0.0, -0.25, 0.0]}
@@ -87,6 +89,7 @@ def test_what_touches_from_below_makes_the_hand_go_up() -> None:
     assert ended(one, cycles) == "lifted"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("column", [PAPERS, ALL], ids=["paper", "all"])
 def test_a_saturated_wrench_seems_a_push_from_below_and_the_hand_touches_nothing(
     column: Column,
@@ -100,6 +103,7 @@ def test_a_saturated_wrench_seems_a_push_from_below_and_the_hand_touches_nothing
     assert came_back(cycles)
 
 
+@pytest.mark.slow
 def test_a_wrench_that_is_dead_leaves_the_grasp_to_the_others() -> None:
     one = scene(offset=0.02)
     cycles = played(one, ALL, **faults(fault="zeros", sensor="wrist"))
@@ -107,6 +111,7 @@ def test_a_wrench_that_is_dead_leaves_the_grasp_to_the_others() -> None:
     assert success(one, cycles)
 
 
+@pytest.mark.slow
 def test_without_its_wrench_the_hand_shoves_the_bottle_before_it_misses_it_and_comes_back() -> None:
     one = scene(offset=0.05)
     cycles = played(one, PAPERS, **once(), **faults(fault="silent", sensor="wrist"))
@@ -118,6 +123,7 @@ def test_without_its_wrench_the_hand_shoves_the_bottle_before_it_misses_it_and_c
     assert cycles[-1].truth.force == 0.0 and came_back(cycles)
 
 
+@pytest.mark.slow
 def test_a_tactile_patch_that_reads_zeros_changes_little() -> None:
     one = scene(offset=0.045)
     cycles = played(one, ALL, **faults(fault="zeros", sensor="tip_1"))
@@ -134,6 +140,7 @@ def test_a_finger_that_is_stuck_is_named_before_anything_is_touched() -> None:
     assert max(cycle.truth.force for cycle in cycles) == 0.0
 
 
+@pytest.mark.slow
 def test_what_falls_over_when_it_is_touched_is_missed() -> None:
     tall = {
         "shapes": [{"shape": "cylinder", "radius": 0.02, "length": 0.26}],

@@ -261,6 +261,7 @@ def test_an_unknown_object_is_told_with_the_nearest() -> None:
 # One grasp
 
 
+@pytest.mark.slow
 def test_a_grasp_is_measured_and_its_row_kept(tmp_path: Path) -> None:
     told = plan()
     (grasp,) = told.grasps(["bottle"], 1)

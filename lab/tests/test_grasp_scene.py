@@ -348,6 +348,7 @@ def test_the_same_seed_gives_the_same_grasp_and_another_another() -> None:
 # The closed loop
 
 
+@pytest.mark.slow
 def test_open_loop_a_bottle_right_ahead_is_lifted_and_held() -> None:
     one = scene()
     cycles = played(one, OPEN_LOOP)
@@ -355,11 +356,13 @@ def test_open_loop_a_bottle_right_ahead_is_lifted_and_held() -> None:
     assert success(one, cycles)
 
 
+@pytest.mark.slow
 def test_open_loop_a_bottle_far_aside_is_not() -> None:
     one = scene(offset=0.05)
     assert not success(one, played(one, OPEN_LOOP))
 
 
+@pytest.mark.slow
 def test_wrist_and_motion_find_the_bottle_aside_correct_the_hand_and_lift_it() -> None:
     one, cycles = lifted_bottle()
     result = result_of(cycles, one.config.lifted, one.config.held)
@@ -373,6 +376,7 @@ def test_wrist_and_motion_find_the_bottle_aside_correct_the_hand_and_lift_it() -
     assert back.step.command is not None and "wrist" in back.step.command.reason
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("thing", ["mug", "carton"])
 def test_other_objects_are_lifted_too(thing: str) -> None:
     one = scene(thing=thing, offset=0.02, yaw=10.0)
@@ -394,6 +398,7 @@ def test_what_was_held_at_the_end_only_for_a_moment_is_no_success() -> None:
     assert not result_of(cycles, 0.2, 2.0).success
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("period", [0.02, 0.1])
 def test_a_hand_that_is_led_more_or_less_often_corrects_itself_and_lifts(period: float) -> None:
     one = scene(offset=0.045, period=period)
@@ -461,6 +466,7 @@ def test_a_push_counts_when_it_was_felt_on_the_way_to_the_object(mode: str, forc
 # By configuration
 
 
+@pytest.mark.slow
 def test_a_scene_file_is_run_and_its_truth_told(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -544,6 +550,7 @@ def test_the_type_of_a_scene_is_known() -> None:
         open_scene({"type": "grasp", "tool": "palm", "gripper": {}}, PLAN.pipeline.robot)
 
 
+@pytest.mark.slow
 def test_a_mug_by_its_urdf_is_grasped_by_all_that_is_felt(tmp_path: Path) -> None:
     run_file(SCENES / "grasp_mug.yaml", ["scene.offset=0.02"], tmp_path, seed=1)
     truth = json.loads((tmp_path / "summary.json").read_text())["truth"]

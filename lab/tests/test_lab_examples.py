@@ -9,6 +9,7 @@ from tests.test_examples import ALL, EXAMPLES, runs
 SCENES = [path for path in ALL if path not in EXAMPLES]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("example", SCENES, ids=lambda path: path.stem)
 def test_the_example_runs_and_leaves_its_results_where_it_was_told(
     example: Path, tmp_path: Path

@@ -7,6 +7,8 @@ import pytest
 
 from tests.test_wheel import built, installed, run, wheel
 
+pytestmark = pytest.mark.slow
+
 __all__ = ["wheel"]
 LAB = Path(__file__).parents[1]
 

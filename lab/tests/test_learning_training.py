@@ -47,6 +47,7 @@ def stop_after(epochs: int) -> Told:
 # It learns
 
 
+@pytest.mark.slow
 def test_the_location_is_learned_better_than_by_its_mean(tmp_path: Path) -> None:
     data = Dataset.of(toy_trials(30, 6))
     trained = train("location", data, Options(epochs=15, batch=64, rate=5e-3), tmp_path)
@@ -61,6 +62,7 @@ def test_the_location_is_learned_better_than_by_its_mean(tmp_path: Path) -> None
     )
 
 
+@pytest.mark.slow
 def test_the_type_is_learned_better_than_by_its_commonest(tmp_path: Path) -> None:
     data = Dataset.of(toy_trials(60, 8))
     trained = train("type", data, Options(epochs=10, batch=64, rate=5e-3, stride=3), tmp_path)

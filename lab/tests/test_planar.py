@@ -67,6 +67,7 @@ def constant(speed: float) -> Constant:
     return controller
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("friction", FRICTIONS)
 @pytest.mark.parametrize("thing", ["box", "cylinder"])
 def test_a_square_push_moves_straight_against_coulomb_friction(thing: str, friction: str) -> None:
@@ -118,6 +119,7 @@ def test_a_mirrored_push_is_the_mirror_image(thing: str) -> None:
     assert left.object_pose == pytest.approx(mirrored, abs=2e-3)
 
 
+@pytest.mark.slow
 def test_the_same_push_gives_the_same_bytes() -> None:
     one, other = (pushed(50, (0.2, 0.03, 0.2), object="nonuniform", yaw=30.0) for _ in range(2))
     assert one.object_pose == other.object_pose

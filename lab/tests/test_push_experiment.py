@@ -281,6 +281,7 @@ class TestOutlines:
 
 
 class TestTrial:
+    @pytest.mark.slow
     def test_the_same_push_gives_the_same_bytes(self, tmp_path: Path) -> None:
         made = plan(objects=["cylinder"], starts="random")
         for name in ("one", "other"):
@@ -317,6 +318,7 @@ class TestTrial:
 
 @pytest.mark.usefixtures("here")
 class TestExperiment:
+    @pytest.mark.slow
     def test_results_are_files(self, targets: str, tmp_path: Path) -> None:
         out = tmp_path / "out"
         run_push(small(targets, controllers=("tuned", "paper")), out)
@@ -344,6 +346,7 @@ class TestExperiment:
         run_push(small(targets), out)
         assert content(out) == held and first.stat().st_mtime_ns == kept
 
+    @pytest.mark.slow
     def test_a_folder_takes_more_controllers_objects_and_targets(
         self, targets: str, tmp_path: Path
     ) -> None:
@@ -427,6 +430,7 @@ class TestExperiment:
         assert "remove" not in str(caught.value)
         assert content(out) == {name: text.encode()} and len(list(out.iterdir())) == 1
 
+    @pytest.mark.slow
     def test_other_experiments_may_lie_in_folders_below(self, targets: str, tmp_path: Path) -> None:
         run_push(small(targets), tmp_path / "out" / "first")
         run_push(small(targets), tmp_path / "out")
@@ -534,6 +538,7 @@ class TestExperiment:
         with pytest.raises(ConfigurationError, match=problem):
             run_push(small(targets, **changes), tmp_path / "out")
 
+    @pytest.mark.slow
     def test_a_push_is_filmed_and_recorded(
         self, targets: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
     ) -> None:
@@ -593,6 +598,7 @@ class TestExperiment:
         assert (tmp_path / "out" / "table.md").is_file()
 
 
+@pytest.mark.slow
 def test_killed_and_gone_on_with_it_gives_the_bytes_of_an_undisturbed_run(
     targets: str, tmp_path: Path, request: pytest.FixtureRequest
 ) -> None:

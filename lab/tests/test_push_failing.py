@@ -99,6 +99,7 @@ class TestFile:
 
 
 class TestPushes:
+    @pytest.mark.slow
     def test_a_skin_that_dies_tells_nothing_from_then_on(
         self, tmp_path: Path, targets: str
     ) -> None:
@@ -113,6 +114,7 @@ class TestPushes:
         assert (track.estimate[track.stamp > start + 0.35] == 0).all()  # the timeout, and a cycle
         assert track.ending != "arrived"
 
+    @pytest.mark.slow
     @pytest.mark.parametrize("fault", ["silent", "zeros", "stuck"])
     def test_the_lidar_goes_on_where_the_skin_dies(
         self, fault: str, tmp_path: Path, targets: str
@@ -148,6 +150,7 @@ class TestPushes:
 
 @pytest.mark.usefixtures("here")
 class TestExperiment:
+    @pytest.mark.slow
     @pytest.mark.parametrize("path", EXAMPLES, ids=lambda path: path.stem)
     def test_the_examples_run(
         self, path: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch

@@ -349,6 +349,7 @@ def pushed(plan: Plan, controller: str, out: Path) -> None:
 
 
 class TestEvaluation:
+    @pytest.mark.slow
     def test_all_that_a_folder_holds_is_told_in_the_order_of_its_settings(
         self, tmp_path: Path
     ) -> None:

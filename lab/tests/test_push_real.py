@@ -193,6 +193,7 @@ def test_the_same_push_is_the_same_bit_by_bit(name: str) -> None:
     assert journey() == journey()
 
 
+@pytest.mark.slow
 def test_the_chair_of_the_examples_is_pushed_and_seen() -> None:
     chair = read_object(ROOT / "examples" / "objects" / "chair.yaml")
     assert moved(world(object=chair), 10, 0.2, 0.0, 0.0)[0] == pytest.approx(0.2, abs=5e-3)

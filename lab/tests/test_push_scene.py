@@ -233,6 +233,7 @@ def test_a_robot_without_skin_is_refused() -> None:
 # The closed loop
 
 
+@pytest.mark.slow
 def test_a_push_arrives_in_truth_too() -> None:
     push = arrived()
     assert push.last.ending == Ending.ARRIVED and push.modes[-1] == ARRIVED

@@ -193,6 +193,7 @@ class TestPlans:
 
 @pytest.mark.usefixtures("here")
 class TestExperiment:
+    @pytest.mark.slow
     def test_sensings_stand_side_by_side(
         self, targets: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
     ) -> None:
@@ -244,6 +245,7 @@ class TestExperiment:
         n = min(len(track.stamp) for track in tracks)
         assert not np.array_equal(tracks[0].lateral[:n], tracks[1].lateral[:n], equal_nan=True)
 
+    @pytest.mark.slow
     def test_a_recording_is_of_the_sensing_that_is_named(
         self, tmp_path: Path, capsys: pytest.CaptureFixture[str]
     ) -> None:
@@ -254,6 +256,7 @@ class TestExperiment:
         assert capsys.readouterr().out.count("recorded: ") == 1
 
 
+@pytest.mark.slow
 def test_one_worker_and_two_give_the_same_bytes(targets: str, tmp_path: Path) -> None:
     faults = Path(__file__).parents[2] / "examples" / "faults" / "push_lidar_dropout.yaml"
     options = small(targets, sensings=("rule",), faults=faults)

@@ -241,6 +241,7 @@ def test_a_robot_without_frames_of_its_own_tells_none(tmp_path: Path) -> None:
 # Seeds, sizes, times
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("scene", [BOX, PUSH])
 def test_the_same_seed_gives_the_same_bytes(scene: Path, tmp_path: Path) -> None:
     changes = NEAR if scene is PUSH else []
@@ -307,6 +308,7 @@ def test_the_command_records_under_the_name_of_the_scene(tmp_path: Path) -> None
     assert recorded.read_bytes() == (tmp_path / "same.mcap").read_bytes()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("sign", [signal.SIGINT, signal.SIGTERM])
 def test_ctrl_c_and_kill_leave_nothing_half_written(sign: signal.Signals, tmp_path: Path) -> None:
     path = tmp_path / "a.mcap"

@@ -103,6 +103,7 @@ def test_a_seed_rules_the_scene_and_the_same_gives_the_same(tmp_path: Path) -> N
         assert one != (tmp_path / "other" / file).read_bytes()
 
 
+@pytest.mark.slow
 def test_the_command_line_takes_a_seed(tmp_path: Path) -> None:
     code = "from contactfusion.cli import main; main()"
     done = subprocess.run(

@@ -431,6 +431,7 @@ class TestExperiment:
         assert (out / "pictures" / "box-00-0_de_morgan_cluster_centroid.png").is_file()
         assert (out / "touches_de_morgan_cluster_centroid.png").is_file()
 
+    @pytest.mark.slow
     def test_it_goes_on_where_it_was_stopped_and_ends_the_same(self, out: Path) -> None:
         kept, lost = out / "trials" / "box-00-0.npz", out / "trials" / "box-00-0-short.npz"
         before, made = kept.stat().st_mtime_ns, lost.read_bytes()
@@ -443,6 +444,7 @@ class TestExperiment:
     def test_the_posterior_is_drawn_beside_the_papers_method(self) -> None:
         assert METHODS[:DRAWN] == (DE_MORGAN, POSTERIOR)
 
+    @pytest.mark.slow
     def test_other_methods_and_spreads_only_fuse_again(self, out: Path, tmp_path: Path) -> None:
         copied = tmp_path / "copy"
         shutil.copytree(out, copied)
@@ -457,6 +459,7 @@ class TestExperiment:
         assert (copied / "pictures" / "box-00-0_posterior_modes.png").is_file()
         assert (copied / "rows_posterior_modes_spreads_2.png").is_file()
 
+    @pytest.mark.slow
     def test_it_compares_methods_and_what_the_simulator_adds(
         self, plan: Plan, out: Path, tmp_path: Path
     ) -> None:
@@ -485,6 +488,7 @@ class TestExperiment:
         with pytest.raises(ConfigurationError, match="touches of other faults"):
             run_touch(replace(SMALL, faults=faults), out)
 
+    @pytest.mark.slow
     def test_objects_may_be_added_but_not_changed(self, out: Path, tmp_path: Path) -> None:
         copied = tmp_path / "copy"
         shutil.copytree(out, copied)
@@ -508,12 +512,14 @@ class TestExperiment:
         with pytest.raises(ConfigurationError, match=r"one\.npz is no touch of this experiment"):
             load(tmp_path / "one.npz")
 
+    @pytest.mark.slow
     def test_a_fault_of_a_sensor_that_there_is_not_is_told(self, tmp_path: Path) -> None:
         faults = tmp_path / "faults.yaml"
         faults.write_text("faults: [{fault: silent, sensor: wirst}]\n")
         with pytest.raises(RobotError, match=r"2 of 2 .*no reading of 'wirst' came; did you mean"):
             run_touch(replace(SMALL, faults=faults), tmp_path / "out")
 
+    @pytest.mark.slow
     def test_touches_that_fail_are_told_and_the_others_kept(self, tmp_path: Path) -> None:
         mesh = tmp_path / "thing.ply"
         mesh.write_text(
@@ -532,6 +538,7 @@ class TestExperiment:
         with pytest.raises(ConfigurationError, match="unknown touch 'box-1'; did you mean"):
             run_touch(replace(SMALL, draw=("box-1",)), tmp_path)
 
+    @pytest.mark.slow
     def test_a_silent_wrist_is_heard_no_more(self, out: Path, tmp_path: Path) -> None:
         faults = tmp_path / "faults.yaml"
         faults.write_text("faults: [{fault: silent, sensor: wrist}]\n")

@@ -403,6 +403,7 @@ def test_an_object_by_urdf_is_touched() -> None:
 # What cannot be
 
 
+@pytest.mark.slow
 def test_an_object_out_of_the_workspace_is_told_by_name() -> None:
     box = {**SCENE["objects"]["box"], "pose": {"parent": "base", "xyz": (5.0, 0.0, 0.3)}}
     scene = TouchScene(config(objects={"crate": box}), arm_and_hand())

@@ -244,6 +244,7 @@ def test_a_training_that_was_stopped_among_its_pushes_goes_on(
     assert content(tmp_path / "cpm") == whole
 
 
+@pytest.mark.slow
 def test_processes_of_their_own_give_the_same_bytes(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -194,6 +194,7 @@ def shortened(scene_of: Callable[[Plan, Push], PushConfig]) -> Callable[[Plan, P
     return scene
 
 
+@pytest.mark.slow
 def test_the_plane_ranks_sets_as_pybullet_does(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(Plan, "scene_of", shortened(Plan.scene_of))
     plan, pushes = random_pushes(6, 7)
