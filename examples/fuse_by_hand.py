@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from contactfusion import HypothesisCloud, HypothesisKind, Integrator, IntegratorConfig
-from contactfusion.explain import explain
+from contactfusion.explain import explain_fusion
 from contactfusion.figures import draw_fusion
 from contactfusion.files import make_folder
 
@@ -37,7 +37,7 @@ for cloud in (skin, wrench, camera, free):
 fusion = integrator.step(STAMP)
 
 # Every contact says who gave it, and what would remain without each source.
-print(explain(fusion))
+print(explain_fusion(fusion))
 print(f"without free space: {len(fusion.without('camera/free').contacts)} contacts")
 
 folder = Path(sys.argv[1] if len(sys.argv) > 1 else "out/fuse_by_hand")

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from contactfusion import HypothesisCloud, HypothesisKind, Integrator, IntegratorConfig
-from contactfusion.explain import explain
+from contactfusion.explain import explain_fusion
 from contactfusion.figures import draw_fusion
 
 out = Path(sys.argv[1] if len(sys.argv) > 1 else "out/quickstart")
@@ -39,7 +39,7 @@ for cloud in (skin, wrench, camera, free):
     integrator.receive(cloud)
 fusion = integrator.step(now=1.0)
 
-print(explain(fusion))
+print(explain_fusion(fusion))
 print("each voxel, and why it is a contact or not:")
 for place, likelihood, verdict in zip(
     fusion.space.positions, fusion.space.likelihoods, fusion.space.verdicts, strict=True

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from contactfusion import IntegratorConfig, Pipeline, PipelineConfig
-from contactfusion.explain import explain
+from contactfusion.explain import explain_fusion
 from contactfusion.figures import draw_fusion
 from contactfusion.frames import FrameConfig
 from contactfusion.robots.description import located, read_robot
@@ -59,7 +59,7 @@ pipeline = Pipeline(
 
 # Whatever gives readings can take the place of the scene: a recording, or the driver of a robot.
 *_, last = pipeline.run(scene.readings())
-print(explain(last.fusion))
+print(explain_fusion(last.fusion))
 
 truth = scene.truth.contacts
 for place, link in zip(truth.places, truth.links, strict=True):
