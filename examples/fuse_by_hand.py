@@ -8,10 +8,8 @@ from pathlib import Path
 
 import numpy as np
 
-from contactfusion import HypothesisCloud, HypothesisKind, Integrator, IntegratorConfig
+from contactfusion import HypothesisCloud, HypothesisKind, Integrator, IntegratorConfig, plot_fusion
 from contactfusion.explain import explain_fusion
-from contactfusion.figures import draw_fusion
-from contactfusion.files import make_folder
 
 STAMP = 1.0
 regular, support, null = HypothesisKind.REGULAR, HypothesisKind.SUPPORT, HypothesisKind.NULL
@@ -41,5 +39,6 @@ print(explain_fusion(fusion))
 print(f"without free space: {len(fusion.without('camera/free').contacts)} contacts")
 
 folder = Path(sys.argv[1] if len(sys.argv) > 1 else "out/fuse_by_hand")
-make_folder(folder)
-print(f"picture: {draw_fusion(fusion, folder / 'contacts.png')}")
+folder.mkdir(parents=True, exist_ok=True)
+plot_fusion(fusion).savefig(folder / "contacts.png", dpi=120)
+print(f"picture: {folder / 'contacts.png'}")

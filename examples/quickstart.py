@@ -8,9 +8,8 @@ from pathlib import Path
 
 import numpy as np
 
-from contactfusion import HypothesisCloud, HypothesisKind, Integrator, IntegratorConfig
+from contactfusion import HypothesisCloud, HypothesisKind, Integrator, IntegratorConfig, plot_fusion
 from contactfusion.explain import explain_fusion
-from contactfusion.figures import draw_fusion
 
 out = Path(sys.argv[1] if len(sys.argv) > 1 else "out/quickstart")
 regular, support, null = HypothesisKind.REGULAR, HypothesisKind.SUPPORT, HypothesisKind.NULL
@@ -47,4 +46,5 @@ for place, likelihood, verdict in zip(
     print(f"  {place.round(4)} likelihood {likelihood:.2f} {verdict}")
 
 out.mkdir(parents=True, exist_ok=True)
-print(f"picture: {draw_fusion(fusion, out / 'contacts.png')}")
+plot_fusion(fusion).savefig(out / "contacts.png", dpi=120)
+print(f"picture: {out / 'contacts.png'}")

@@ -10,9 +10,8 @@ from typing import Any
 
 import numpy as np
 
-from contactfusion import IntegratorConfig, Pipeline, PipelineConfig
+from contactfusion import IntegratorConfig, Pipeline, PipelineConfig, plot_fusion
 from contactfusion.explain import explain_fusion
-from contactfusion.figures import draw_fusion
 from contactfusion.frames import FrameConfig
 from contactfusion.robots.description import located, read_robot
 from contactfusion.robots.model import RobotModel
@@ -68,4 +67,5 @@ for place, link in zip(truth.places, truth.links, strict=True):
         print(f"  a contact is {np.linalg.norm(contact.position - place) * 1000:.0f} mm away")
 
 out.mkdir(parents=True, exist_ok=True)
-print(f"picture: {draw_fusion(last.fusion, out / 'contacts.png')}")
+plot_fusion(last.fusion).savefig(out / "contacts.png", dpi=120)
+print(f"picture: {out / 'contacts.png'}")

@@ -86,9 +86,13 @@ def wrenches() -> Iterator[Wrench]:
 def pushed() -> Pipeline:
     sphere = {"frame": "wrist", "shapes": [{"shape": "sphere", "radius": 0.05}]}
     wrist = {"type": "force_torque", "sensor": "wrist", "sign": "on_robot"}
-    options: dict[str, Any] = {"generators": {"wrist": wrist}, "surface": sphere}
-    integrator = {"frame": "wrist", "condensation": "cluster_mass"}
-    return Pipeline(PipelineConfig(**options, integrator=integrator, cycle={"on": "wrist"}))
+    options: dict[str, Any] = {
+        "generators": {"wrist": wrist},
+        "surface": sphere,
+        "integrator": {"frame": "wrist", "condensation": "cluster_mass"},
+        "cycle": {"on": "wrist"},
+    }
+    return Pipeline(PipelineConfig(**options))
 
 
 def test_a_moment_of_readings_is_explained() -> None:
