@@ -13,13 +13,13 @@ import numpy as np
 from contactfusion import IntegratorConfig, Pipeline, PipelineConfig
 from contactfusion.figures import new_figure
 from contactfusion.files import make_folder
-from contactfusion.robots.description import located, read_robot
+from contactfusion.robots.description import read_robot
 from contactfusion.robots.model import shared_robot
 from contactfusion_lab.scenes.grasp.config import GraspConfig
 from contactfusion_lab.scenes.grasp.scene import GraspScene, grasped, result_of
 
 # The robot: an arm with three fingers and a wrist that feels force and torque.
-robot = read_robot(located("contactfusion.robots:arm_hand.yaml"))
+robot = read_robot("contactfusion.robots:arm_hand.yaml")
 fingers = [f"finger_{number}" for number in (1, 2, 3)]
 gripper = {f"{finger}_proximal_joint": (-0.15, 1.3) for finger in fingers}
 gripper |= {f"{finger}_distal_joint": (0.0, 0.6) for finger in fingers}

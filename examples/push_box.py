@@ -13,14 +13,14 @@ import numpy as np
 from contactfusion import IntegratorConfig, Pipeline, PipelineConfig
 from contactfusion.figures import new_figure
 from contactfusion.files import make_folder
-from contactfusion.robots.description import located, read_robot
+from contactfusion.robots.description import read_robot
 from contactfusion_lab.scenes.push.config import PushConfig
 from contactfusion_lab.scenes.push.scene import PushScene, pushed
 
 TARGET = (-1.0, 1.0)
 
 # The robot: an omnidirectional base with a skin. Yours is another URDF with one box that pushes.
-robot = read_robot(located("contactfusion.robots:mobile_base.yaml"))
+robot = read_robot("contactfusion.robots:mobile_base.yaml")
 
 # The world: a box of 20 kg that the robot knows nothing of.
 scene = PushScene(PushConfig(target=TARGET, yaw=20.0), robot, seed=1)

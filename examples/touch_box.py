@@ -13,7 +13,7 @@ import numpy as np
 from contactfusion import IntegratorConfig, Pipeline, PipelineConfig, plot_fusion
 from contactfusion.explain import explain_fusion
 from contactfusion.frames import FrameConfig
-from contactfusion.robots.description import located, read_robot
+from contactfusion.robots.description import read_robot
 from contactfusion.robots.model import RobotModel
 from contactfusion.robots.objects import ObjectConfig
 from contactfusion.shapes import ShapeConfig
@@ -23,7 +23,7 @@ from contactfusion_lab.scenes.touch.scene import TouchScene
 out = Path(sys.argv[1] if len(sys.argv) > 1 else "out/touch_box")
 
 # The robot: a URDF, and where on it the sensors are. Yours is another ROBOT.yaml.
-robot = read_robot(located("contactfusion.robots:arm_hand.yaml"))
+robot = read_robot("contactfusion.robots:arm_hand.yaml")
 box = ObjectConfig(
     shapes=(ShapeConfig(shape="box", size=(0.08, 0.14, 0.2)),),
     pose=FrameConfig(parent="base", xyz=(0.7, 0.0, 0.35)),
