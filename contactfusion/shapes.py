@@ -13,7 +13,7 @@ from contactfusion.estimate import SAMPLE, too_much
 from contactfusion.files import read_npz
 from contactfusion.frames import Pose, pose_at
 from contactfusion.model import Model
-from contactfusion.surface import Surface, rectangle
+from contactfusion.surface import Surface
 from contactfusion.units import Angles, Edge, Position, Spacing
 
 LONG, SLENDER = 100.0, 1000.0
@@ -100,7 +100,7 @@ class ShapeConfig(Model):
         match self.shape:
             case "rectangle":
                 x, y = np.diag([*(self.size or ()), 0.0])[:2] / 2.0
-                return rectangle(frame, np.zeros(3), x, y, spacing).moved(pose, frame)
+                return Surface.rectangle(frame, np.zeros(3), x, y, spacing).moved(pose, frame)
             case "box":
                 return _box(frame, np.array(self.size), spacing).moved(pose, frame)
             case "cylinder":
@@ -144,8 +144,8 @@ class BodyConfig(Model):
         """How many points the shapes have, about."""
         return sum(shape.area() for shape in self.shapes) / self.spacing**2
 
-    def sampled(self, folder: Path) -> Surface:
-        """Give the surface; a relative file name starts at `folder`.
+    def sampled(self, folder: Path = Path()) -> Surface:
+        """The surface; a relative file name starts at `folder`.
 
         Raises:
             ConfigurationError: the file is missing, or holds no surface.
@@ -178,7 +178,7 @@ def _box(frame: str, size: FloatArray, spacing: Spacing) -> Surface:
             first, second = np.zeros(3), np.zeros(3)
             first[(axis + 1) % 3] = size[(axis + 1) % 3] / 2.0
             second[(axis + 2) % 3] = size[(axis + 2) % 3] / 2.0 * (1.0 if side > 0 else -1.0)
-            faces.append(rectangle(frame, centre, first, second, spacing))
+            faces.append(Surface.rectangle(frame, centre, first, second, spacing))
     return Surface(
         frame,
         np.concatenate([face.points for face in faces]),

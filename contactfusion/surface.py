@@ -111,6 +111,34 @@ class Surface:
         surface._parts = tuple(parts)
         return surface
 
+    @classmethod
+    def rectangle(
+        cls,
+        frame: str,
+        centre: FloatArray,
+        first: FloatArray,
+        second: FloatArray,
+        spacing: float,
+    ) -> "Surface":
+        """Sample a rectangle such as a force plate or the face of a box.
+
+        Args:
+            frame: the frame of all vectors.
+            centre: shape (3,) [m].
+            first: shape (3,) [m], from the centre to the middle of one edge.
+            second: shape (3,) [m], from the centre to the middle of the next edge, across `first`.
+            spacing: greatest distance between neighbouring points [m].
+
+        Returns:
+            Points at the centres of equal cells; normals along first × second.
+        """
+        u, v = np.asarray(first, np.float64), np.asarray(second, np.float64)
+        a, b = np.meshgrid(_centres(u, spacing), _centres(v, spacing), indexing="ij")
+        points = np.asarray(centre, np.float64) + a.reshape(-1, 1) * u + b.reshape(-1, 1) * v
+        normal = np.cross(u, v)
+        normals = np.broadcast_to(normal / np.linalg.norm(normal), points.shape)
+        return cls(frame, points, normals)
+
     @cached_property
     def points(self) -> FloatArray:
         """The points, shape (n, 3) [m], part by part."""
@@ -192,29 +220,6 @@ class Surface:
 
     def _joined(self, arrays: list[FloatArray]) -> FloatArray:
         return frozen(np.concatenate([np.empty((0, 3)), *arrays]))
-
-
-def rectangle(
-    frame: str, centre: FloatArray, first: FloatArray, second: FloatArray, spacing: float
-) -> Surface:
-    """Sample a rectangle such as a force plate or the face of a box.
-
-    Args:
-        frame: the frame of all vectors.
-        centre: shape (3,) [m].
-        first: shape (3,) [m], from the centre to the middle of one edge.
-        second: shape (3,) [m], from the centre to the middle of the next edge, across `first`.
-        spacing: greatest distance between neighbouring points [m].
-
-    Returns:
-        Points at the centres of equal cells; normals along first × second.
-    """
-    u, v = np.asarray(first, np.float64), np.asarray(second, np.float64)
-    a, b = np.meshgrid(_centres(u, spacing), _centres(v, spacing), indexing="ij")
-    points = np.asarray(centre, np.float64) + a.reshape(-1, 1) * u + b.reshape(-1, 1) * v
-    normal = np.cross(u, v)
-    normals = np.broadcast_to(normal / np.linalg.norm(normal), points.shape)
-    return Surface(frame, points, normals)
 
 
 def _centres(half_edge: FloatArray, spacing: float) -> FloatArray:

@@ -7,7 +7,7 @@ from pydantic import Field
 
 from contactfusion import Generator, GeneratorConfig, HypothesisCloud, Reading, State, hookimpl
 from contactfusion.readings import Switch
-from contactfusion.surface import rectangle
+from contactfusion.surface import Surface
 
 Vector = tuple[float, float, float]
 
@@ -40,7 +40,7 @@ class BumperGenerator(Generator[BumperConfig]):
             return [self.nothing(reading)]
         c = self.config
         centre, u, v = np.array([c.centre, c.u, c.v])
-        face = rectangle(reading.frame, centre, u, v, c.spacing).points
+        face = Surface.rectangle(reading.frame, centre, u, v, c.spacing).points
         spreads = np.full(len(face), c.spacing / np.sqrt(12.0))
         share = c.probability / len(face)
         return [self.cloud(reading, face, share, spreads=spreads, single=True)]
