@@ -144,7 +144,7 @@ class BodyConfig(Model):
         """How many points the shapes have, about."""
         return sum(shape.area() for shape in self.shapes) / self.spacing**2
 
-    def sampled(self, folder: Path = Path()) -> Surface:
+    def sampled(self, folder: Path) -> Surface:
         """The surface; a relative file name starts at `folder`.
 
         Raises:
@@ -153,20 +153,7 @@ class BodyConfig(Model):
         if self.file is not None:
             points, normals = read_npz(folder / self.file, "points", "normals")
             return Surface(self.frame, points, normals)
-        return joined([shape.sampled(self.frame, self.spacing) for shape in self.shapes])
-
-
-def joined(surfaces: list[Surface]) -> Surface:
-    """Join surfaces of one frame; each becomes a link of its own."""
-    frame = surfaces[0].frame
-    links = np.repeat(np.arange(len(surfaces)), [len(surface.points) for surface in surfaces])
-    return Surface(
-        frame,
-        np.concatenate([surface.points for surface in surfaces]),
-        np.concatenate([surface.normals for surface in surfaces]),
-        links.astype(np.int32),
-        tuple(f"{frame}/{number}" for number in range(len(surfaces))),
-    )
+        return Surface.joined([shape.sampled(self.frame, self.spacing) for shape in self.shapes])
 
 
 def _box(frame: str, size: FloatArray, spacing: Spacing) -> Surface:

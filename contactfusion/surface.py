@@ -112,6 +112,19 @@ class Surface:
         return surface
 
     @classmethod
+    def joined(cls, surfaces: Sequence["Surface"]) -> "Surface":
+        """Join surfaces of one frame; each becomes a link of its own."""
+        frame = surfaces[0].frame
+        links = np.repeat(np.arange(len(surfaces)), [len(surface.points) for surface in surfaces])
+        return cls(
+            frame,
+            np.concatenate([surface.points for surface in surfaces]),
+            np.concatenate([surface.normals for surface in surfaces]),
+            links.astype(np.int32),
+            tuple(f"{frame}/{number}" for number in range(len(surfaces))),
+        )
+
+    @classmethod
     def rectangle(
         cls,
         frame: str,
@@ -142,12 +155,12 @@ class Surface:
     @cached_property
     def points(self) -> FloatArray:
         """The points, shape (n, 3) [m], part by part."""
-        return self._joined([points_in(pose, part.points) for part, pose in self._parts])
+        return self._concatenated([points_in(pose, part.points) for part, pose in self._parts])
 
     @cached_property
     def normals(self) -> FloatArray:
         """The normals, shape (n, 3), unit vectors out of the body."""
-        return self._joined([vectors_in(pose, part.normals) for part, pose in self._parts])
+        return self._concatenated([vectors_in(pose, part.normals) for part, pose in self._parts])
 
     @cached_property
     def links(self) -> NDArray[np.int32]:
@@ -218,7 +231,7 @@ class Surface:
             centres[row] = pose[:3, :3] @ part.ball[0] + pose[:3, 3]
         return centres, np.array([part.ball[1] for part, _ in self._parts])
 
-    def _joined(self, arrays: list[FloatArray]) -> FloatArray:
+    def _concatenated(self, arrays: list[FloatArray]) -> FloatArray:
         return frozen(np.concatenate([np.empty((0, 3)), *arrays]))
 
 

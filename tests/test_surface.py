@@ -15,7 +15,7 @@ from contactfusion import Surface
 from contactfusion.arrays import FloatArray
 from contactfusion.errors import ConfigurationError
 from contactfusion.frames import Pose, pose_at, pose_of
-from contactfusion.shapes import BodyConfig, ShapeConfig, joined
+from contactfusion.shapes import BodyConfig, ShapeConfig
 from contactfusion.surface import RigidPart
 
 SHAPES: dict[str, dict[str, Any]] = {
@@ -229,7 +229,7 @@ def test_the_spacing_of_several_parts_is_their_mean_by_points() -> None:
 
 def test_a_moved_surface_keeps_its_links() -> None:
     parts = [shape("sphere").sampled("body", 0.05), shape("box").sampled("body", 0.05)]
-    surface = joined(parts)
+    surface = Surface.joined(parts)
     there = surface.moved(pose_of((0.0, 0.0, 1.0)), "base")
     assert there.frame == "base" and there.link_names == surface.link_names
     assert np.array_equal(there.links, surface.links)
