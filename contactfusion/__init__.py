@@ -1,5 +1,6 @@
 """contactfusion tells a robot where it touches the world, from whatever sensors it has.
 
+`import contactfusion as cf` is enough for users and plug-ins; what is not listed here may move.
 Names are imported when first used, so that the command line answers at once.
 """
 
@@ -7,10 +8,16 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from contactfusion.check import check_file
     from contactfusion.contacts import Contact
     from contactfusion.controller import Command, Controller
+    from contactfusion.controllers.pushing import Decision, PushingConfig, PushingController
     from contactfusion.errors import ContactFusionError
+    from contactfusion.explain import explain_fusion, explain_moment
     from contactfusion.generator import Generator, GeneratorConfig, OfRobot
+    from contactfusion.generators.baselines import fit_baseline
+    from contactfusion.generators.compensation import fit_compensation
+    from contactfusion.generators.taxel_map import TaxelMap
     from contactfusion.grid import Grid
     from contactfusion.hooks import hookimpl
     from contactfusion.hypotheses import ContactHypothesis, HypothesisCloud, HypothesisKind, Note
@@ -34,16 +41,22 @@ if TYPE_CHECKING:
         Twist,
         Wrench,
     )
+    from contactfusion.recordings.mcap import McapWriter
     from contactfusion.recordings.opening import open_recording
     from contactfusion.recordings.recording import Recording
+    from contactfusion.robots.description import read_robot
+    from contactfusion.robots.model import RobotModel
     from contactfusion.rule import Condensation, Rule
     from contactfusion.runner import Runner
     from contactfusion.running import run_file
-    from contactfusion.scene import Scene
+    from contactfusion.scene import Scene, open_scene
     from contactfusion.segmenter import Segmenter, SegmenterConfig
+    from contactfusion.shapes import ShapeConfig
     from contactfusion.state import State
     from contactfusion.surface import Surface
+    from contactfusion.testing import check_generator
     from contactfusion.view.plot import plot_fusion
+    from contactfusion.view.viewer import Viewer
 
 _HOMES = {
     "Command": "contactfusion.controller",
@@ -52,6 +65,7 @@ _HOMES = {
     "ContactFusionError": "contactfusion.errors",
     "ContactHypothesis": "contactfusion.hypotheses",
     "Controller": "contactfusion.controller",
+    "Decision": "contactfusion.controllers.pushing",
     "DepthImage": "contactfusion.readings",
     "Fusion": "contactfusion.integrator.fusion",
     "Generator": "contactfusion.generator",
@@ -64,6 +78,7 @@ _HOMES = {
     "JointCommand": "contactfusion.readings",
     "JointState": "contactfusion.readings",
     "Markers": "contactfusion.readings",
+    "McapWriter": "contactfusion.recordings.mcap",
     "Note": "contactfusion.hypotheses",
     "ObjectPose": "contactfusion.readings",
     "Odometry": "contactfusion.readings",
@@ -71,24 +86,38 @@ _HOMES = {
     "Pipeline": "contactfusion.pipeline",
     "PipelineConfig": "contactfusion.pipeline_config",
     "PointCloud": "contactfusion.readings",
+    "PushingConfig": "contactfusion.controllers.pushing",
+    "PushingController": "contactfusion.controllers.pushing",
     "Reading": "contactfusion.readings",
     "Recording": "contactfusion.recordings.recording",
+    "RobotModel": "contactfusion.robots.model",
     "Rule": "contactfusion.rule",
     "Runner": "contactfusion.runner",
     "Scene": "contactfusion.scene",
     "Segmenter": "contactfusion.segmenter",
     "SegmenterConfig": "contactfusion.segmenter",
+    "ShapeConfig": "contactfusion.shapes",
     "State": "contactfusion.state",
     "Step": "contactfusion.pipeline",
     "Surface": "contactfusion.surface",
     "Switch": "contactfusion.readings",
     "TactileImage": "contactfusion.readings",
+    "TaxelMap": "contactfusion.generators.taxel_map",
     "Transform": "contactfusion.readings",
     "Twist": "contactfusion.readings",
+    "Viewer": "contactfusion.view.viewer",
     "Wrench": "contactfusion.readings",
+    "check_file": "contactfusion.check",
+    "check_generator": "contactfusion.testing",
+    "explain_fusion": "contactfusion.explain",
+    "explain_moment": "contactfusion.explain",
+    "fit_baseline": "contactfusion.generators.baselines",
+    "fit_compensation": "contactfusion.generators.compensation",
     "hookimpl": "contactfusion.hooks",
     "open_recording": "contactfusion.recordings.opening",
+    "open_scene": "contactfusion.scene",
     "plot_fusion": "contactfusion.view.plot",
+    "read_robot": "contactfusion.robots.description",
     "run_file": "contactfusion.running",
 }
 
@@ -99,6 +128,7 @@ __all__ = [
     "ContactFusionError",
     "ContactHypothesis",
     "Controller",
+    "Decision",
     "DepthImage",
     "Fusion",
     "Generator",
@@ -111,6 +141,7 @@ __all__ = [
     "JointCommand",
     "JointState",
     "Markers",
+    "McapWriter",
     "Note",
     "ObjectPose",
     "Odometry",
@@ -118,24 +149,38 @@ __all__ = [
     "Pipeline",
     "PipelineConfig",
     "PointCloud",
+    "PushingConfig",
+    "PushingController",
     "Reading",
     "Recording",
+    "RobotModel",
     "Rule",
     "Runner",
     "Scene",
     "Segmenter",
     "SegmenterConfig",
+    "ShapeConfig",
     "State",
     "Step",
     "Surface",
     "Switch",
     "TactileImage",
+    "TaxelMap",
     "Transform",
     "Twist",
+    "Viewer",
     "Wrench",
+    "check_file",
+    "check_generator",
+    "explain_fusion",
+    "explain_moment",
+    "fit_baseline",
+    "fit_compensation",
     "hookimpl",
     "open_recording",
+    "open_scene",
     "plot_fusion",
+    "read_robot",
     "run_file",
 ]
 

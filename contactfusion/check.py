@@ -19,11 +19,11 @@ from contactfusion.assembly import (
 from contactfusion.errors import ConfigurationError, ContactFusionError, PluginError, name_hint
 from contactfusion.estimate import HYPOTHESIS, SAMPLE, counted, size
 from contactfusion.pipeline import Pipeline
-from contactfusion.pipeline_config import PipelineConfig
+from contactfusion.pipeline_config import NOT_OURS, PipelineConfig, pipeline_fields
 from contactfusion.readings import READING_TYPES, Reading
 from contactfusion.recordings.opening import open_recording
 from contactfusion.recordings.recording import Recording
-from contactfusion.replaying.configuration import NOT_OURS, setting_of_file
+from contactfusion.replaying.configuration import setting_of_file
 from contactfusion.replaying.joining import joined
 from contactfusion.running import RunConfig, opened_scene, run_fields
 
@@ -64,7 +64,7 @@ def check_file(
     """
     fields = run_fields(path, overrides)
     if recording is not None:
-        fields = {name: value for name, value in fields.items() if name not in NOT_OURS}
+        fields = pipeline_fields(fields)
     checking = _Checking(fields)
     try:
         checking.build()

@@ -7,6 +7,7 @@ import sys
 import textwrap
 import traceback
 from collections.abc import Iterable, Iterator, Sequence
+from contextlib import contextmanager
 from difflib import get_close_matches
 from pathlib import Path
 from types import TracebackType
@@ -146,6 +147,19 @@ def missing_extra(package: str, extra: str) -> DependencyError:
     return DependencyError(
         f"{package} is not installed; install it with: pip install 'contactfusion[{extra}]'"
     )
+
+
+@contextmanager
+def naming(path: Path) -> Iterator[None]:
+    """Name the file in what is said of a wrong configuration.
+
+    Raises:
+        ConfigurationError: in place of the error that does not name it.
+    """
+    try:
+        yield
+    except (ConfigurationError, FrameError, PluginError) as error:
+        raise ConfigurationError(f"{path}: {error}") from error
 
 
 class Guard:

@@ -1,15 +1,19 @@
-"""Why a contact was reported, and why a voxel was not: in short, of one fusion alone.
-
-`contactfusion.explaining` tells more, of a moment in a recording.
-"""
+"""Why a contact was reported, and why a voxel was not, as text."""
 
 from collections import Counter
+from collections.abc import Iterable
 
 import numpy as np
 
 from contactfusion.contacts import Contact
+from contactfusion.explaining.accounting import account_of
+from contactfusion.explaining.moment import moment_at
 from contactfusion.explaining.remains import reach_of, without
+from contactfusion.explaining.settings import Settings
+from contactfusion.explaining.text import told
 from contactfusion.integrator.fusion import Fusion
+from contactfusion.pipeline import Pipeline
+from contactfusion.readings import Reading
 
 REASONS = {
     "below_threshold": "too unlikely",
@@ -18,11 +22,32 @@ REASONS = {
 }
 
 
-def explain(fusion: Fusion) -> str:
-    """Tell for each contact who gave it and what would remain without each source.
+def explain_moment(pipeline: Pipeline, readings: Iterable[Reading], time: float) -> str:
+    """Explanation of the last step until a time, as `contactfusion explain` prints it.
+
+    Args:
+        pipeline: it receives the readings until then.
+        readings: in order of their stamps.
+        time: [s].
 
     Returns:
-        One line a contact, a line for each of its sources, and one line on all other voxels.
+        For each contact what its sources say, how old that is, and what would remain without each;
+        where a contact might be expected, why there is none; then sources that are in trouble.
+
+    Raises:
+        TimeError: the time lies outside the steps, or there are none.
+    """
+    settings = Settings.of(pipeline)
+    moment = moment_at(pipeline.run(readings), time, settings.tolerance)
+    return told(account_of(moment, settings))
+
+
+def explain_fusion(fusion: Fusion) -> str:
+    """Short explanation of a single fusion, which needs no pipeline.
+
+    Returns:
+        One line a contact, a line for each of its sources with what would remain without it, and
+        one line on all other voxels.
     """
     lines = []
     for contact in fusion.contacts:

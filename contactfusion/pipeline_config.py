@@ -6,16 +6,19 @@ from typing import Any, Self
 
 from pydantic import Field, model_validator
 
-from contactfusion.errors import ConfigurationError, name_hint
+from contactfusion.errors import ConfigurationError, name_hint, naming
 from contactfusion.faults import FaultConfig
 from contactfusion.files import file_in
 from contactfusion.frames import FrameConfig, FrameTree
 from contactfusion.integrator.config import PARTS, IntegratorConfig
 from contactfusion.model import Model, rooted
-from contactfusion.robots.description import RobotConfig, is_packaged, located, read_robot
+from contactfusion.robots.description import RobotConfig, read_robot
 from contactfusion.shapes import BodyConfig
 from contactfusion.units import Period
-from contactfusion.yaml_files import with_overrides
+from contactfusion.yaml_files import read_yaml, with_overrides
+
+NOT_OURS = ("recording", "scene")
+"""Fields of a file for `run` that a pipeline has no use for."""
 
 
 class CycleConfig(Model):
@@ -79,9 +82,7 @@ class PipelineConfig(Model):
         within = Path(fields["files_within"]) if fields.get("files_within") is not None else None
         try:
             if isinstance(robot, str | Path):
-                path = located(str(robot), folder, within)
-                inside = None if is_packaged(str(robot)) else within
-                return {**fields, "robot": read_robot(path, inside)}
+                return {**fields, "robot": read_robot(robot, folder, within)}
             if isinstance(robot, dict):
                 return {**fields, "robot": rooted(RobotConfig(**robot), folder, within)}
         except ConfigurationError as error:
@@ -116,6 +117,23 @@ class PipelineConfig(Model):
             raise ConfigurationError("name the type of the controller", "controller.type")
         return self
 
+    @classmethod
+    def from_file(cls, path: str | Path) -> Self:
+        """Configuration in a YAML file, which may be one for `contactfusion run`.
+
+        Args:
+            path: the file; relative names in it start at its folder, and its recording or scene is
+                left out.
+
+        Raises:
+            ConfigurationError: the file is missing or no YAML, or a field is wrong; the sentence
+                names the file.
+        """
+        path = Path(path)
+        fields = {"folder": path.parent, **pipeline_fields(read_yaml(path))}
+        with naming(path):
+            return cls(**fields)
+
     def frame_tree(self) -> FrameTree:
         """Give the tree of the frames that stand still.
 
@@ -132,6 +150,11 @@ class PipelineConfig(Model):
             {name: (frame.parent, frame.pose()) for name, frame in frames.items()},
             origins={space: f"the integrator's frame '{space}' ({where})"},
         )
+
+
+def pipeline_fields(fields: Mapping[str, Any]) -> dict[str, Any]:
+    """The fields of a file for `run` that are those of its pipeline."""
+    return {name: value for name, value in fields.items() if name not in NOT_OURS}
 
 
 def overridden(fields: Mapping[str, Any], overrides: Sequence[str]) -> dict[str, Any]:

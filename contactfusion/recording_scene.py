@@ -7,13 +7,13 @@ from pathlib import Path
 
 from scipy.spatial.transform import Rotation
 
-from contactfusion.errors import ConfigurationError
+from contactfusion.errors import ConfigurationError, naming
 from contactfusion.pipeline import Pipeline, Step
 from contactfusion.pipeline_config import PipelineConfig
 from contactfusion.readings import Reading, Transform
 from contactfusion.recordings.mcap import McapWriter
 from contactfusion.recordings.reading_messages import topic_of
-from contactfusion.running import RunConfig, naming, opened_scene, run_fields
+from contactfusion.running import RunConfig, opened_scene, run_fields
 from contactfusion.scene import Facts, Scene
 from contactfusion.terminal import note
 

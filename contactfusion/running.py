@@ -2,18 +2,13 @@
 
 import json
 import time
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, Self
 
 from pydantic import Field, model_validator
 
-from contactfusion.errors import (
-    ConfigurationError,
-    FrameError,
-    PluginError,
-)
+from contactfusion.errors import ConfigurationError, naming
 from contactfusion.files import make_folder, write_whole
 from contactfusion.pipeline import Pipeline, Step
 from contactfusion.pipeline_config import PipelineConfig
@@ -130,19 +125,6 @@ def run_fields(path: Path, overrides: Sequence[str], seed: int | None = None) ->
     """
     fields = {"folder": path.parent, **read_fields(path, overrides)}
     return fields if seed is None else {**fields, "seed": seed}
-
-
-@contextmanager
-def naming(path: Path) -> Iterator[None]:
-    """Name the file in what is said of a wrong configuration.
-
-    Raises:
-        ConfigurationError: in place of the error that does not name it.
-    """
-    try:
-        yield
-    except (ConfigurationError, FrameError, PluginError) as error:
-        raise ConfigurationError(f"{path}: {error}") from error
 
 
 def opened_scene(config: RunConfig) -> Scene:

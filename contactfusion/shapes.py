@@ -13,7 +13,7 @@ from contactfusion.estimate import SAMPLE, too_much
 from contactfusion.files import read_npz
 from contactfusion.frames import Pose, pose_at
 from contactfusion.model import Model
-from contactfusion.surface import Surface, rectangle
+from contactfusion.surface import Surface
 from contactfusion.units import Angles, Edge, Position, Spacing
 
 LONG, SLENDER = 100.0, 1000.0
@@ -100,7 +100,7 @@ class ShapeConfig(Model):
         match self.shape:
             case "rectangle":
                 x, y = np.diag([*(self.size or ()), 0.0])[:2] / 2.0
-                return rectangle(frame, np.zeros(3), x, y, spacing).moved(pose, frame)
+                return Surface.rectangle(frame, np.zeros(3), x, y, spacing).moved(pose, frame)
             case "box":
                 return _box(frame, np.array(self.size), spacing).moved(pose, frame)
             case "cylinder":
@@ -145,7 +145,7 @@ class BodyConfig(Model):
         return sum(shape.area() for shape in self.shapes) / self.spacing**2
 
     def sampled(self, folder: Path) -> Surface:
-        """Give the surface; a relative file name starts at `folder`.
+        """The surface; a relative file name starts at `folder`.
 
         Raises:
             ConfigurationError: the file is missing, or holds no surface.
@@ -153,20 +153,7 @@ class BodyConfig(Model):
         if self.file is not None:
             points, normals = read_npz(folder / self.file, "points", "normals")
             return Surface(self.frame, points, normals)
-        return joined([shape.sampled(self.frame, self.spacing) for shape in self.shapes])
-
-
-def joined(surfaces: list[Surface]) -> Surface:
-    """Join surfaces of one frame; each becomes a link of its own."""
-    frame = surfaces[0].frame
-    links = np.repeat(np.arange(len(surfaces)), [len(surface.points) for surface in surfaces])
-    return Surface(
-        frame,
-        np.concatenate([surface.points for surface in surfaces]),
-        np.concatenate([surface.normals for surface in surfaces]),
-        links.astype(np.int32),
-        tuple(f"{frame}/{number}" for number in range(len(surfaces))),
-    )
+        return Surface.joined([shape.sampled(self.frame, self.spacing) for shape in self.shapes])
 
 
 def _box(frame: str, size: FloatArray, spacing: Spacing) -> Surface:
@@ -178,7 +165,7 @@ def _box(frame: str, size: FloatArray, spacing: Spacing) -> Surface:
             first, second = np.zeros(3), np.zeros(3)
             first[(axis + 1) % 3] = size[(axis + 1) % 3] / 2.0
             second[(axis + 2) % 3] = size[(axis + 2) % 3] / 2.0 * (1.0 if side > 0 else -1.0)
-            faces.append(rectangle(frame, centre, first, second, spacing))
+            faces.append(Surface.rectangle(frame, centre, first, second, spacing))
     return Surface(
         frame,
         np.concatenate([face.points for face in faces]),

@@ -111,15 +111,56 @@ class Surface:
         surface._parts = tuple(parts)
         return surface
 
+    @classmethod
+    def joined(cls, surfaces: Sequence["Surface"]) -> "Surface":
+        """Join surfaces of one frame; each becomes a link of its own."""
+        frame = surfaces[0].frame
+        links = np.repeat(np.arange(len(surfaces)), [len(surface.points) for surface in surfaces])
+        return cls(
+            frame,
+            np.concatenate([surface.points for surface in surfaces]),
+            np.concatenate([surface.normals for surface in surfaces]),
+            links.astype(np.int32),
+            tuple(f"{frame}/{number}" for number in range(len(surfaces))),
+        )
+
+    @classmethod
+    def rectangle(
+        cls,
+        frame: str,
+        centre: FloatArray,
+        first: FloatArray,
+        second: FloatArray,
+        spacing: float,
+    ) -> "Surface":
+        """Sample a rectangle such as a force plate or the face of a box.
+
+        Args:
+            frame: the frame of all vectors.
+            centre: shape (3,) [m].
+            first: shape (3,) [m], from the centre to the middle of one edge.
+            second: shape (3,) [m], from the centre to the middle of the next edge, across `first`.
+            spacing: greatest distance between neighbouring points [m].
+
+        Returns:
+            Points at the centres of equal cells; normals along first × second.
+        """
+        u, v = np.asarray(first, np.float64), np.asarray(second, np.float64)
+        a, b = np.meshgrid(_centres(u, spacing), _centres(v, spacing), indexing="ij")
+        points = np.asarray(centre, np.float64) + a.reshape(-1, 1) * u + b.reshape(-1, 1) * v
+        normal = np.cross(u, v)
+        normals = np.broadcast_to(normal / np.linalg.norm(normal), points.shape)
+        return cls(frame, points, normals)
+
     @cached_property
     def points(self) -> FloatArray:
         """The points, shape (n, 3) [m], part by part."""
-        return self._joined([points_in(pose, part.points) for part, pose in self._parts])
+        return self._concatenated([points_in(pose, part.points) for part, pose in self._parts])
 
     @cached_property
     def normals(self) -> FloatArray:
         """The normals, shape (n, 3), unit vectors out of the body."""
-        return self._joined([vectors_in(pose, part.normals) for part, pose in self._parts])
+        return self._concatenated([vectors_in(pose, part.normals) for part, pose in self._parts])
 
     @cached_property
     def links(self) -> NDArray[np.int32]:
@@ -190,31 +231,8 @@ class Surface:
             centres[row] = pose[:3, :3] @ part.ball[0] + pose[:3, 3]
         return centres, np.array([part.ball[1] for part, _ in self._parts])
 
-    def _joined(self, arrays: list[FloatArray]) -> FloatArray:
+    def _concatenated(self, arrays: list[FloatArray]) -> FloatArray:
         return frozen(np.concatenate([np.empty((0, 3)), *arrays]))
-
-
-def rectangle(
-    frame: str, centre: FloatArray, first: FloatArray, second: FloatArray, spacing: float
-) -> Surface:
-    """Sample a rectangle such as a force plate or the face of a box.
-
-    Args:
-        frame: the frame of all vectors.
-        centre: shape (3,) [m].
-        first: shape (3,) [m], from the centre to the middle of one edge.
-        second: shape (3,) [m], from the centre to the middle of the next edge, across `first`.
-        spacing: greatest distance between neighbouring points [m].
-
-    Returns:
-        Points at the centres of equal cells; normals along first × second.
-    """
-    u, v = np.asarray(first, np.float64), np.asarray(second, np.float64)
-    a, b = np.meshgrid(_centres(u, spacing), _centres(v, spacing), indexing="ij")
-    points = np.asarray(centre, np.float64) + a.reshape(-1, 1) * u + b.reshape(-1, 1) * v
-    normal = np.cross(u, v)
-    normals = np.broadcast_to(normal / np.linalg.norm(normal), points.shape)
-    return Surface(frame, points, normals)
 
 
 def _centres(half_edge: FloatArray, spacing: float) -> FloatArray:

@@ -8,27 +8,27 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from matplotlib.figure import Figure
 
-from contactfusion import Fusion, HypothesisCloud, Integrator, IntegratorConfig
-from contactfusion.figures import COLOURS, new_figure
-from contactfusion.shapes import ShapeConfig, joined
+import contactfusion as cf
 
 MASS = {"condensation": {"type": "cluster_mass", "mass_threshold": 0.4}}
 MODES: dict[str, Any] = {"rule": "posterior", "condensation": "modes"}
 MORE = {"type": "modes", "mode_share": 0.1}
 METHODS = {"De Morgan, cluster_centroid": {}, "De Morgan, cluster_mass": MASS, "posterior": MODES}
 VIEW = dict(aspect="equal", xlim=(-52, 52), ylim=(-42, 42), xlabel="x [mm]", ylabel="y [mm]")
-PALM = ShapeConfig(shape="rectangle", size=(0.1, 0.08)).sampled("hand", 0.004)
-FINGERS = joined([ShapeConfig(shape="cylinder", radius=0.012, length=0.06, xyz=(x, 0.0, 0.0))
-                  .sampled("hand", 0.004) for x in (-0.022, 0.022)])  # fmt: skip
+PALM = cf.ShapeConfig(shape="rectangle", size=(0.1, 0.08)).sampled("hand", 0.004)
+FINGERS = cf.Surface.joined([cf.ShapeConfig(shape="cylinder", radius=0.012, length=0.06,
+    xyz=(x, 0.0, 0.0)).sampled("hand", 0.004) for x in (-0.022, 0.022)])  # fmt: skip
+COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#f0e442", "#000000")
 CIRCLE = np.array([(np.cos(a), np.sin(a)) for a in np.linspace(0.0, 2.0 * np.pi, 60)]).T
 
 
-def say(source: str, kind: Any, spread: float, p: Any, places: Any, **more: Any) -> HypothesisCloud:
-    """Give what a source says: places, how likely each is, and how far off they may be."""
-    at = np.array(places, np.float64).reshape(-1, 3) / 1e3
+def say(source: str, kind: Any, spread: float, p: Any, mm: Any, **more: Any) -> cf.HypothesisCloud:
+    """What a source says: places, how likely each is, and how far off they may be."""
+    at = np.array(mm, np.float64).reshape(-1, 3) / 1e3
     given, spreads = np.broadcast_to(p, len(at)), np.full(len(at), spread / 1e3)
-    return HypothesisCloud(source, kind, 1.0, "hand", at, given, spreads=spreads, **more)
+    return cf.HypothesisCloud(source, kind, 1.0, "hand", at, given, spreads=spreads, **more)
 
 
 SKIN = say("skin", "regular", 4.0, (0.9, 0.5, 0.4), [(0, 1, 0), (5, 1, 0), (0, 6, 0)])
@@ -52,10 +52,10 @@ SITUATIONS: dict[str, tuple[str, Any, Any, Any]] = {
 }  # fmt: skip
 
 
-def fuse(name: str, how: str, sensitivity: float = 0.0, **config: Any) -> Fusion:
+def fuse(name: str, how: str, sensitivity: float = 0.0, **config: Any) -> cf.Fusion:
     """Fuse a situation, and print how likely each contact is, and how far from a touch."""
     _, surface, touches, clouds = SITUATIONS[name]
-    integrator = Integrator(IntegratorConfig(frame="hand", **config))
+    integrator = cf.Integrator(cf.IntegratorConfig(frame="hand", **config))
     integrator.plug("other skin", sensitivity=sensitivity)
     for cloud in (*clouds, say("other skin", "regular", 0.0, 0.0, [])):  # it feels nothing
         integrator.receive(cloud)
@@ -69,7 +69,7 @@ def fuse(name: str, how: str, sensitivity: float = 0.0, **config: Any) -> Fusion
 def draw(name: str, path: Path) -> None:
     """Draw what each source says, and the voxels and contacts of each method, from above."""
     _, surface, touches, clouds = SITUATIONS[name]
-    panels = (figure := new_figure(14.0, 4.2)).subplots(1, 4, subplot_kw=VIEW)
+    panels = (figure := Figure((14.0, 4.2), layout="constrained")).subplots(1, 4, subplot_kw=VIEW)
     for colour, cloud in zip(COLOURS, clouds, strict=False):
         label = f"{cloud.source}, {cloud.kind}, {cloud.spreads[0] * 1e3:.0f} mm"
         panels[0].scatter(*cloud.positions[:, :2].T * 1e3, c=colour, s=9 + 70 * cloud.likelihoods,

@@ -9,17 +9,13 @@ from itertools import groupby
 from pathlib import Path
 
 import numpy as np
+from matplotlib.figure import Figure
 
-from contactfusion import IntegratorConfig, Pipeline, PipelineConfig
-from contactfusion.figures import new_figure
-from contactfusion.files import make_folder
-from contactfusion.robots.description import located, read_robot
-from contactfusion.robots.model import shared_robot
-from contactfusion_lab.scenes.grasp.config import GraspConfig
-from contactfusion_lab.scenes.grasp.scene import GraspScene, grasped, result_of
+import contactfusion as cf
+from contactfusion_lab import GraspConfig, GraspScene, grasped, result_of
 
 # The robot: an arm with three fingers and a wrist that feels force and torque.
-robot = read_robot(located("contactfusion.robots:arm_hand.yaml"))
+robot = cf.read_robot("contactfusion.robots:arm_hand.yaml")
 fingers = [f"finger_{number}" for number in (1, 2, 3)]
 gripper = {f"{finger}_proximal_joint": (-0.15, 1.3) for finger in fingers}
 gripper |= {f"{finger}_distal_joint": (0.0, 0.6) for finger in fingers}
@@ -45,7 +41,7 @@ scene = GraspScene(
             "distance": 0.28,
         }
     ),
-    shared_robot(robot),
+    cf.RobotModel(robot),
     seed=1,
 )
 
@@ -54,11 +50,11 @@ hand = ["palm", *(f"{finger}_{part}" for finger in fingers for part in ("proxima
 fresh = {"timeout": 0.1, "replace": True}
 wrist = {"type": "force_torque", "sensor": "wrist", "wrist": "wrist", "load": "robot"}
 motion = {"type": "motion", "sensor": "joints", "links": hand}
-pipeline = Pipeline(
-    PipelineConfig(
+pipeline = cf.Pipeline(
+    cf.PipelineConfig(
         robot=robot,
         generators={"wrist": {**wrist, "average": 0.1, **fresh}, "motion": {**motion, **fresh}},
-        integrator=IntegratorConfig(frame="base"),
+        integrator=cf.IntegratorConfig(frame="base"),
         controller={"type": "reactive_grasp", "tool": "palm", "gripper": gripper},
     )
 )
@@ -72,8 +68,8 @@ result = result_of(cycles, scene.config.lifted, scene.config.held)
 print(f"truth: the bottle is {result.height * 100:.1f} cm higher, {result.corrections} corrections")
 
 folder = Path(sys.argv[1] if len(sys.argv) > 1 else "out/grasp_bottle")
-make_folder(folder)
-figure = new_figure(6.0, 4.0)
+folder.mkdir(parents=True, exist_ok=True)
+figure = Figure(figsize=(6.0, 4.0), layout="constrained")
 axes = figure.subplots()
 palm, bottle = (
     100.0 * np.array([getattr(cycle.truth, name)[:3, 3] for cycle in cycles])

@@ -9,25 +9,22 @@ from itertools import groupby
 from pathlib import Path
 
 import numpy as np
+from matplotlib.figure import Figure
 
-from contactfusion import IntegratorConfig, Pipeline, PipelineConfig
-from contactfusion.figures import new_figure
-from contactfusion.files import make_folder
-from contactfusion.robots.description import located, read_robot
-from contactfusion_lab.scenes.push.config import PushConfig
-from contactfusion_lab.scenes.push.scene import PushScene, pushed
+import contactfusion as cf
+from contactfusion_lab import PushConfig, PushScene, pushed
 
 TARGET = (-1.0, 1.0)
 
 # The robot: an omnidirectional base with a skin. Yours is another URDF with one box that pushes.
-robot = read_robot(located("contactfusion.robots:mobile_base.yaml"))
+robot = cf.read_robot("contactfusion.robots:mobile_base.yaml")
 
 # The world: a box of 20 kg that the robot knows nothing of.
 scene = PushScene(PushConfig(target=TARGET, yaw=20.0), robot, seed=1)
 
 # What it feels becomes contacts in the robot's frame, and contacts become motion.
-pipeline = Pipeline(
-    PipelineConfig(
+pipeline = cf.Pipeline(
+    cf.PipelineConfig(
         robot=robot,
         generators={
             "skin": {
@@ -37,7 +34,7 @@ pipeline = Pipeline(
                 "baseline": {"noise": 0.05},
             }
         },
-        integrator=IntegratorConfig(frame="base", voxel_size=0.0125, timeout=0.25),
+        integrator=cf.IntegratorConfig(frame="base", voxel_size=0.0125, timeout=0.25),
         controller={"type": "reactive_pushing", "target": TARGET},
     )
 )
@@ -54,8 +51,8 @@ print(f"{last.ending} after {last.truth.stamp:.1f} s")
 print(f"truth: the box touches {last.truth.distance * 100:.1f} cm from the target")
 
 folder = Path(sys.argv[1] if len(sys.argv) > 1 else "out/push_box")
-make_folder(folder)
-figure = new_figure(6.0, 6.0)
+folder.mkdir(parents=True, exist_ok=True)
+figure = Figure(figsize=(6.0, 6.0), layout="constrained")
 axes = figure.subplots()
 base = np.array([cycle.truth.base for cycle in cycles])
 box = np.array([cycle.truth.object for cycle in cycles])

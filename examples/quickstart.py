@@ -8,15 +8,14 @@ from pathlib import Path
 
 import numpy as np
 
-from contactfusion import HypothesisCloud, HypothesisKind, Integrator, IntegratorConfig
-from contactfusion.explain import explain
-from contactfusion.figures import draw_fusion
+import contactfusion as cf
 
 out = Path(sys.argv[1] if len(sys.argv) > 1 else "out/quickstart")
-regular, support, null = HypothesisKind.REGULAR, HypothesisKind.SUPPORT, HypothesisKind.NULL
+regular, support = cf.HypothesisKind.REGULAR, cf.HypothesisKind.SUPPORT
+null = cf.HypothesisKind.NULL
 
 # The skin feels one touch over three taxels.
-skin = HypothesisCloud(
+skin = cf.HypothesisCloud(
     source="skin",
     kind=regular,
     stamp=1.0,
@@ -27,19 +26,19 @@ skin = HypothesisCloud(
 
 # The wrench knows one line of action: the contact lies where it enters the palm, or leaves it.
 ends = np.array([[0.045, 0.004, 0.0], [0.040, 0.008, 0.0], [-0.035, 0.064, 0.0]])
-wrench = HypothesisCloud("wrench", regular, 1.0, "palm", ends, np.full(3, 1 / 3), single=True)
+wrench = cf.HypothesisCloud("wrench", regular, 1.0, "palm", ends, np.full(3, 1 / 3), single=True)
 
 # The camera predicts a contact near the object that it sees, and rules one out where it sees none.
 object_near = np.array([[0.041, 0.002, 0.0], [0.046, 0.007, 0.0], [0.051, 0.007, 0.0]])
-camera = HypothesisCloud("camera", support, 1.0, "palm", object_near, np.array([0.5, 0.7, 0.9]))
-free = HypothesisCloud("camera/free", null, 1.0, "palm", ends[2:], np.ones(1))
+camera = cf.HypothesisCloud("camera", support, 1.0, "palm", object_near, np.array([0.5, 0.7, 0.9]))
+free = cf.HypothesisCloud("camera/free", null, 1.0, "palm", ends[2:], np.ones(1))
 
-integrator = Integrator(IntegratorConfig(frame="palm", voxel_size=0.005))
+integrator = cf.Integrator(cf.IntegratorConfig(frame="palm", voxel_size=0.005))
 for cloud in (skin, wrench, camera, free):
     integrator.receive(cloud)
 fusion = integrator.step(now=1.0)
 
-print(explain(fusion))
+print(cf.explain_fusion(fusion))
 print("each voxel, and why it is a contact or not:")
 for place, likelihood, verdict in zip(
     fusion.space.positions, fusion.space.likelihoods, fusion.space.verdicts, strict=True
@@ -47,4 +46,5 @@ for place, likelihood, verdict in zip(
     print(f"  {place.round(4)} likelihood {likelihood:.2f} {verdict}")
 
 out.mkdir(parents=True, exist_ok=True)
-print(f"picture: {draw_fusion(fusion, out / 'contacts.png')}")
+cf.plot_fusion(fusion).savefig(out / "contacts.png", dpi=120)
+print(f"picture: {out / 'contacts.png'}")

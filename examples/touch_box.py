@@ -10,41 +10,35 @@ from typing import Any
 
 import numpy as np
 
-from contactfusion import IntegratorConfig, Pipeline, PipelineConfig
-from contactfusion.explain import explain
-from contactfusion.figures import draw_fusion
-from contactfusion.frames import FrameConfig
-from contactfusion.robots.description import located, read_robot
-from contactfusion.robots.model import RobotModel
-from contactfusion.robots.objects import ObjectConfig
-from contactfusion.shapes import ShapeConfig
-from contactfusion_lab.scenes.touch.config import TouchConfig
-from contactfusion_lab.scenes.touch.scene import TouchScene
+import contactfusion as cf
+from contactfusion_lab import TouchConfig, TouchScene
 
 out = Path(sys.argv[1] if len(sys.argv) > 1 else "out/touch_box")
 
 # The robot: a URDF, and where on it the sensors are. Yours is another ROBOT.yaml.
-robot = read_robot(located("contactfusion.robots:arm_hand.yaml"))
-box = ObjectConfig(
-    shapes=(ShapeConfig(shape="box", size=(0.08, 0.14, 0.2)),),
-    pose=FrameConfig(parent="base", xyz=(0.7, 0.0, 0.35)),
-)
+robot = cf.read_robot("contactfusion.robots:arm_hand.yaml")
+box = {
+    "shapes": [{"shape": "box", "size": [0.08, 0.14, 0.2]}],
+    "pose": {"parent": "base", "xyz": [0.7, 0.0, 0.35]},
+}
 
 # The world: the palm goes ahead until something pushes the hand. Its sensors err as real ones do.
 scene = TouchScene(
-    TouchConfig(
-        objects={"box": box},
-        tool="palm",
-        posture={"arm_2": (0.6, 0.6), "arm_4": (1.2, 1.2), "finger_1_proximal_joint": (0.7, 0.7)},
+    TouchConfig.model_validate(
+        {
+            "objects": {"box": box},
+            "tool": "palm",
+            "posture": {"arm_2": 0.6, "arm_4": 1.2, "finger_1_proximal_joint": 0.7},
+        }
     ),
-    RobotModel(robot),
+    cf.RobotModel(robot),
     seed=9,
 )
 
 # The pipeline: what each sensor makes believe, and how beliefs are fused.
 skin: dict[str, Any] = {"type": "tactile", "baseline": {"noise": 0.02}}
-pipeline = Pipeline(
-    PipelineConfig(
+pipeline = cf.Pipeline(
+    cf.PipelineConfig(
         robot=robot,
         generators={
             "tip_1": {**skin, "sensor": "tip_1", "patch": "tip_1"},
@@ -53,13 +47,13 @@ pipeline = Pipeline(
             "wrist": {"type": "force_torque", "sensor": "wrist", "wrist": "wrist", "load": "robot"},
             "believed": {"type": "simulator", "objects": {"box": box}},
         },
-        integrator=IntegratorConfig(frame="base", condensation="cluster_mass"),
+        integrator=cf.IntegratorConfig(frame="base", condensation="cluster_mass"),
     )
 )
 
 # Whatever gives readings can take the place of the scene: a recording, or the driver of a robot.
 *_, last = pipeline.run(scene.readings())
-print(explain(last.fusion))
+print(cf.explain_fusion(last.fusion))
 
 truth = scene.truth.contacts
 for place, link in zip(truth.places, truth.links, strict=True):
@@ -68,4 +62,5 @@ for place, link in zip(truth.places, truth.links, strict=True):
         print(f"  a contact is {np.linalg.norm(contact.position - place) * 1000:.0f} mm away")
 
 out.mkdir(parents=True, exist_ok=True)
-print(f"picture: {draw_fusion(last.fusion, out / 'contacts.png')}")
+cf.plot_fusion(last.fusion).savefig(out / "contacts.png", dpi=120)
+print(f"picture: {out / 'contacts.png'}")

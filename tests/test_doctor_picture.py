@@ -9,7 +9,7 @@ from contactfusion.arrays import FloatArray
 from contactfusion.doctor.picture import draw_robot
 from contactfusion.doctor.robot import middle
 from contactfusion.errors import ContactFusionError
-from contactfusion.robots.description import located, read_robot
+from contactfusion.robots.description import read_robot
 from contactfusion.robots.model import RobotModel
 from contactfusion.robots.posed import PosedRobot
 from tests.urdfs import built, link
@@ -30,7 +30,7 @@ def posed(model: RobotModel) -> PosedRobot:
 
 
 def test_the_shipped_robot_is_drawn(tmp_path: Path) -> None:
-    robot = posed(RobotModel(read_robot(located("contactfusion.robots:arm_hand.yaml"))))
+    robot = posed(RobotModel(read_robot("contactfusion.robots:arm_hand.yaml")))
     path = draw_robot(robot, tmp_path / "pictures" / "arm.png")
     assert path == tmp_path / "pictures" / "arm.png"
     left, right = np.array_split(seen(path), 2, axis=1)

@@ -1,14 +1,19 @@
 """Why a contact was reported, and what would be without each source."""
 
+from collections.abc import Iterator
 from typing import Any
 
-from contactfusion import HypothesisCloud
-from contactfusion.explain import explain
+import numpy as np
+import pytest
+
+from contactfusion import HypothesisCloud, Pipeline, PipelineConfig, Wrench
+from contactfusion.errors import TimeError
+from contactfusion.explain import explain_fusion, explain_moment
 from tests.clouds import HERE, NULL, SUPPORT, THERE, cloud, fused
 
 
 def lines(*clouds: HypothesisCloud, **config: Any) -> list[str]:
-    return explain(fused(*clouds, **config)).split("\n")
+    return explain_fusion(fused(*clouds, **config)).split("\n")
 
 
 def test_nothing_is_explained_in_two_words() -> None:
@@ -68,4 +73,36 @@ def test_remarks_of_sources_are_told() -> None:
 
 def test_explaining_changes_nothing() -> None:
     fusion = fused(cloud("a", 0.0, {HERE: 0.5}), cloud("b", 0.0, {HERE: 0.5, THERE: 0.25}))
-    assert explain(fusion) == explain(fusion)
+    assert explain_fusion(fusion) == explain_fusion(fusion)
+
+
+def wrenches() -> Iterator[Wrench]:
+    """A second of readings of a wrist; it is pushed in the second half."""
+    for stamp in np.arange(0.0, 1.0, 0.1):
+        force = np.array([0.0, 0.0, -10.0 * (stamp >= 0.5)])
+        yield Wrench(stamp=stamp, frame="wrist", sensor="wrist", force=force, torque=np.zeros(3))
+
+
+def pushed() -> Pipeline:
+    sphere = {"frame": "wrist", "shapes": [{"shape": "sphere", "radius": 0.05}]}
+    wrist = {"type": "force_torque", "sensor": "wrist", "sign": "on_robot"}
+    options: dict[str, Any] = {
+        "generators": {"wrist": wrist},
+        "surface": sphere,
+        "integrator": {"frame": "wrist", "condensation": "cluster_mass"},
+        "cycle": {"on": "wrist"},
+    }
+    return Pipeline(PipelineConfig(**options))
+
+
+def test_a_moment_of_readings_is_explained() -> None:
+    before = explain_moment(pushed(), wrenches(), 0.45).split("\n")
+    assert before[0].startswith("0.400 s: no contact in 'wrist' (de_morgan, cluster_mass")
+    during = explain_moment(pushed(), wrenches(), 0.75).split("\n")
+    assert during[0].startswith("0.700 s: 1 contact in 'wrist'")
+    assert any(line.startswith("  wrist (evidence): ") for line in during)
+
+
+def test_a_moment_after_the_readings_cannot_be_explained() -> None:
+    with pytest.raises(TimeError, match=r"there is nothing at 2 s: .* from 0 s to 0\.9 s"):
+        explain_moment(pushed(), wrenches(), 2.0)

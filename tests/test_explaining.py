@@ -14,14 +14,14 @@ from contactfusion.explaining.past import Past
 from contactfusion.explaining.places import MOST
 from contactfusion.explaining.reason import Why
 from contactfusion.explaining.text import told
-from contactfusion.surface import rectangle
+from contactfusion.surface import Surface
 from tests.clouds import HERE, NULL, REGULAR, SUPPORT, THERE, Voxel, centres, cloud
 from tests.explained import Round, account, stepped
 
 BESIDE: Voxel = (1, 0, 0)
 MODES: dict[str, Any] = {"rule": "posterior", "condensation": "modes"}
 X, Y, _ = np.eye(3)
-PLATE = rectangle("base", np.zeros(3), 0.3 * X, 0.1 * Y, 0.004)
+PLATE = Surface.rectangle("base", np.zeros(3), 0.3 * X, 0.1 * Y, 0.004)
 
 
 def skin(stamp: float, likelihood: float = 0.8, voxel: Voxel = HERE) -> Any:

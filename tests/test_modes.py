@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from contactfusion import Contact, Fusion, HypothesisCloud, Integrator
 from contactfusion.arrays import FloatArray
-from contactfusion.surface import Surface, rectangle
+from contactfusion.surface import Surface
 from tests.clouds import HERE, NULL, REGULAR, SIDE, SUPPORT, THERE, Voxel, centres, cloud, law
 from tests.clouds import fused as fused_by
 
@@ -169,7 +169,7 @@ def test_a_line_of_voxels_is_one_contact_with_all_of_the_likelihood(count: int, 
 
 
 X, Y, _ = np.eye(3)
-TABLE = rectangle("base", np.zeros(3), 0.15 * X, 0.15 * Y, 0.004)
+TABLE = Surface.rectangle("base", np.zeros(3), 0.15 * X, 0.15 * Y, 0.004)
 angles = st.floats(0.0, 2.0 * math.pi)
 lengths = st.floats(0.1, 0.2)
 middles = st.tuples(*[st.floats(-0.02, 0.02)] * 2)
@@ -216,7 +216,7 @@ def test_a_line_on_a_surface_is_one_contact_in_its_middle_in_any_direction(
     assert reach == pytest.approx([-length / 2.0, length / 2.0], abs=0.008)
 
 
-COARSE = rectangle("base", np.zeros(3), 0.3 * X, 0.3 * Y, 0.0125)
+COARSE = Surface.rectangle("base", np.zeros(3), 0.3 * X, 0.3 * Y, 0.0125)
 
 
 @few

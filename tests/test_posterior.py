@@ -16,7 +16,7 @@ from contactfusion import Fusion, HypothesisCloud, HypothesisKind, Integrator
 from contactfusion.arrays import FloatArray
 from contactfusion.integrator.entries import Belief
 from contactfusion.shapes import BodyConfig
-from contactfusion.surface import Surface, rectangle
+from contactfusion.surface import Surface
 from tests.clouds import (
     HERE,
     NULL,
@@ -102,7 +102,7 @@ def tail(voxels: float, spread: float) -> float:
 def plate(height: float = 0.0) -> Surface:
     """Give a plate of 0.2 m by 0.2 m around the origin."""
     edges = np.array([0.1, 0.0, 0.0]), np.array([0.0, 0.1, 0.0])
-    return rectangle("base", np.array([0.0, 0.0, height]), *edges, 0.004)
+    return Surface.rectangle("base", np.array([0.0, 0.0, height]), *edges, 0.004)
 
 
 # One source

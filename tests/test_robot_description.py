@@ -9,7 +9,7 @@ import pytest
 import yaml
 
 from contactfusion.errors import ConfigurationError, RobotError
-from contactfusion.robots.description import RobotConfig, located, read_robot
+from contactfusion.robots.description import RobotConfig, read_robot
 from contactfusion.robots.model import RobotModel
 from tests.urdfs import REAL, built, joint, link, written
 
@@ -49,7 +49,7 @@ def said(path: Path) -> str:
 
 
 def test_the_shipped_description_is_of_the_shipped_robot() -> None:
-    model = RobotModel(read_robot(located(SHIPPED)))
+    model = RobotModel(read_robot(SHIPPED))
     assert model.urdf.path.samefile(RobotConfig(urdf=REAL[0]).path())
     fingertips = {model.link_of(model.config.patches[f"tip_{n}"].frame) for n in (1, 2, 3)}
     assert fingertips == {f"finger_{n}_distal" for n in (1, 2, 3)}
@@ -58,7 +58,7 @@ def test_the_shipped_description_is_of_the_shipped_robot() -> None:
 
 
 def test_each_fingertip_of_the_shipped_hand_is_felt_where_it_can_be_touched() -> None:
-    model = RobotModel(read_robot(located(SHIPPED)))
+    model = RobotModel(read_robot(SHIPPED))
     for n in (1, 2, 3):
         pose = model.pose_on_link(f"tip_{n}")
         taxels = model.config.patches[f"tip_{n}"].centres() @ pose[:3, :3].T + pose[:3, 3]
@@ -67,7 +67,7 @@ def test_each_fingertip_of_the_shipped_hand_is_felt_where_it_can_be_touched() ->
 
 
 def test_the_shipped_camera_looks_at_the_place_before_the_robot() -> None:
-    model = RobotModel(read_robot(located(SHIPPED)))
+    model = RobotModel(read_robot(SHIPPED))
     pose = model.pose_on_link(model.config.cameras["forehead"].frame)
     x, y, z = np.linalg.solve(pose, [0.6, 0.0, 0.1, 1.0])[:3]
     assert z > 0.5 and abs(x) < 1e-3 and abs(y) < 0.1 * z

@@ -15,8 +15,8 @@ from contactfusion import Surface
 from contactfusion.arrays import FloatArray
 from contactfusion.errors import ConfigurationError
 from contactfusion.frames import Pose, pose_at, pose_of
-from contactfusion.shapes import BodyConfig, ShapeConfig, joined
-from contactfusion.surface import RigidPart, rectangle
+from contactfusion.shapes import BodyConfig, ShapeConfig
+from contactfusion.surface import RigidPart
 
 SHAPES: dict[str, dict[str, Any]] = {
     "box": {"size": (0.2, 0.1, 0.3)},
@@ -116,7 +116,9 @@ def test_a_coarse_shape_still_has_points_on_it(spacing: float, kind: str) -> Non
 
 
 def test_the_cells_of_a_rectangle_are_equal_and_lie_within_it() -> None:
-    plate = rectangle("plate", np.ones(3), np.array([0.2, 0, 0]), np.array([0, 0, 0.1]), 0.1)
+    plate = Surface.rectangle(
+        "plate", np.ones(3), np.array([0.2, 0, 0]), np.array([0, 0, 0.1]), 0.1
+    )
     assert sorted(set(plate.points[:, 0].round(9) - 1)) == pytest.approx([-0.15, -0.05, 0.05, 0.15])
     assert sorted(set(plate.points[:, 2].round(9) - 1)) == pytest.approx([-0.05, 0.05])
     assert (plate.normals == [0.0, -1.0, 0.0]).all()
@@ -209,7 +211,9 @@ def test_an_empty_surface_is_a_surface() -> None:
 
 def test_the_spacing_is_the_distance_of_neighbouring_points() -> None:
     x, y, _ = np.eye(3)
-    fine, coarse = (rectangle("pad", np.zeros(3), 0.1 * x, 0.1 * y, s) for s in (0.004, 0.0125))
+    fine, coarse = (
+        Surface.rectangle("pad", np.zeros(3), 0.1 * x, 0.1 * y, s) for s in (0.004, 0.0125)
+    )
     assert fine.spacing == pytest.approx(0.004) and coarse.spacing == pytest.approx(0.0125)
     point = Surface("pad", np.zeros((1, 3)), np.array([[0.0, 0.0, 1.0]]))
     assert point.spacing == Surface("pad", np.empty((0, 3)), np.empty((0, 3))).spacing == 0.0
@@ -225,7 +229,7 @@ def test_the_spacing_of_several_parts_is_their_mean_by_points() -> None:
 
 def test_a_moved_surface_keeps_its_links() -> None:
     parts = [shape("sphere").sampled("body", 0.05), shape("box").sampled("body", 0.05)]
-    surface = joined(parts)
+    surface = Surface.joined(parts)
     there = surface.moved(pose_of((0.0, 0.0, 1.0)), "base")
     assert there.frame == "base" and there.link_names == surface.link_names
     assert np.array_equal(there.links, surface.links)

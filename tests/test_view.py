@@ -645,29 +645,31 @@ class TestPictures:
 
 
 class TestPlot:
-    def test_a_step_is_plotted_along_each_axis(self) -> None:
+    def test_a_step_is_plotted_by_source_and_by_verdict_along_each_axis(self) -> None:
         fusion = fused(
             cloud("skin", 0.0, {HERE: 0.9, (1, 0, 0): 0.9, (2, 0, 0): 0.9}),
             cloud("motion", 0.0, {THERE: 0.5}, SUPPORT),
+            cloud("wrist", 0.0, {}),
         )
         figure = plot_fusion(fusion)
-        labels = [(axes.get_xlabel(), axes.get_ylabel()) for axes in figure.axes]
-        assert labels == [("x [mm]", "y [mm]"), ("x [mm]", "z [mm]"), ("y [mm]", "z [mm]")]
-        (legend,) = figure.legends
-        assert [text.get_text() for text in legend.get_texts()] == [
-            "contact",
-            "support only",
-            "contact 1: 0.90",
-        ]
-        ellipse: Any = figure.axes[0].patches[0]
+        labels = [(axes.get_xlabel()[0], axes.get_ylabel()[0]) for axes in figure.axes]
+        assert labels == [("x", "y"), ("x", "y"), ("x", "z"), ("y", "z")]
+        sources, verdicts = (axes.get_legend_handles_labels()[1] for axes in figure.axes[:2])
+        assert sources == ["motion (support)", "skin (regular)"]
+        assert verdicts == ["contact", "support only", "contact 1: 0.90"]
+        ellipse: Any = figure.axes[1].patches[0]
         (contact,) = fusion.contacts
         x, y = contact.position[:2] * 1000.0
         assert ellipse.get_center() == pytest.approx((x, y))
         sigmas = np.sqrt(np.linalg.eigvalsh(contact.covariance[:2, :2])) * 1000.0
         assert (ellipse.width, ellipse.height) == pytest.approx(tuple(4.0 * sigmas))
 
+    def test_the_first_view_is_along_the_thinnest_axis(self) -> None:
+        figure = plot_fusion(fused(cloud("skin", 0.0, {HERE: 0.9, (0, 9, 0): 0.9, (0, 0, 9): 0.9})))
+        assert [axes.get_xlabel()[0] for axes in figure.axes] == ["y", "y", "x", "x"]
+
     def test_a_step_without_anything_is_plotted(self) -> None:
-        assert len(plot_fusion(fused()).axes) == 3
+        assert len(plot_fusion(fused()).axes) == 4
 
     def test_no_window_is_opened(self) -> None:
         import matplotlib.pyplot as plt

@@ -90,7 +90,7 @@ def _described(path: Path) -> RobotConfig:
         return RobotConfig(urdf=path.name, folder=path.parent)
     robot = read_yaml(path).get("robot")
     if isinstance(robot, str):
-        return read_robot(located(robot, path.parent))
+        return read_robot(robot, path.parent)
     if not isinstance(robot, dict):
         return read_robot(path)
     try:

@@ -7,10 +7,10 @@ from os.path import relpath
 from pathlib import Path
 from typing import Any, Final, final
 
-from contactfusion.errors import ConfigurationError, FrameError, PluginError, RecordingError
+from contactfusion.errors import ConfigurationError, RecordingError, naming
 from contactfusion.files import require_file
 from contactfusion.model import Model
-from contactfusion.pipeline_config import PipelineConfig, overridden
+from contactfusion.pipeline_config import PipelineConfig, overridden, pipeline_fields
 from contactfusion.recordings.messages import typestore
 from contactfusion.recordings.opening import DESCRIBED, SUFFIXES, YAML, unfit_configuration
 from contactfusion.recordings.ros.files import Bag
@@ -19,8 +19,6 @@ from contactfusion.yaml_files import read_yaml
 
 TOPIC: Final = f"{OURS}configuration"
 """Where a replay keeps its configuration, as std_msgs/String."""
-NOT_OURS = ("recording", "scene")
-"""Fields of a file for `run` that a replay has no use for."""
 
 
 class Kept(Model):
@@ -69,10 +67,8 @@ class Setting:
             fields["files_within"] = self.within
         if generators is not None:
             fields["generators"] = generators
-        try:
+        with naming(self.origin):
             return PipelineConfig(**fields)
-        except (ConfigurationError, FrameError, PluginError) as error:
-            raise ConfigurationError(f"{self.origin}: {error}") from None
 
     def changed(self, overrides: Sequence[str]) -> "Setting":
         """Give the setting with fields changed as by "a.b=c"."""
@@ -120,9 +116,8 @@ def setting_of_file(path: Path, overrides: Sequence[str] = ()) -> Setting:
     Raises:
         ConfigurationError: the file is not what it should be.
     """
-    fields = read_fields(path, overrides)
-    kept = {name: value for name, value in fields.items() if name not in NOT_OURS}
-    return Setting(kept, path.parent, {}, path)
+    fields = pipeline_fields(read_fields(path, overrides))
+    return Setting(fields, path.parent, {}, path)
 
 
 def setting_of_recording(path: Path, overrides: Sequence[str] = ()) -> Setting:

@@ -10,13 +10,12 @@ import yaml
 
 from contactfusion.errors import ConfigurationError, ContactFusionError
 from contactfusion.files import make_folder, write_whole
-from contactfusion.pipeline_config import PipelineConfig
+from contactfusion.pipeline_config import PipelineConfig, pipeline_fields
 from contactfusion.readings import JointState, Reading, TactileImage, Wrench
 from contactfusion.recordings.messages import Message, typestore
 from contactfusion.recordings.opening import DESCRIBED, is_ros, open_recording
 from contactfusion.recordings.ros.files import Bag
 from contactfusion.recordings.ros.topics import last
-from contactfusion.replaying.configuration import NOT_OURS
 from contactfusion.replaying.first_lines import (
     REST,
     WEIGHED,
@@ -76,7 +75,7 @@ def write_first(source: Path, out: Path, robot: Path | None = None, force: bool 
     else:
         first = _of_recording(source, out, robot)
     fields = yaml.safe_load(first.text)
-    PipelineConfig(**{name: value for name, value in fields.items() if name not in NOT_OURS})
+    PipelineConfig(**pipeline_fields(fields))
     files = {out: first.text}
     if first.urdf:
         files[out.with_suffix(".urdf")] = first.urdf

@@ -185,11 +185,6 @@ def located(name: str, folder: Path = Path(), within: Path | None = None) -> Pat
     return file_in(package, file, package if within is not None else None)
 
 
-def is_packaged(name: str) -> bool:
-    """Whether a name is MODULE:FILE, of a file in an installed Python package."""
-    return ":" in name
-
-
 def _package(module: str) -> Path:
     """Folder of an installed Python package; not even the packages that hold it are imported."""
     top, *inner = module.split(".")
@@ -209,18 +204,22 @@ def _offering_plugins() -> set[str]:
     return {"contactfusion", *(point.module.partition(".")[0] for point in points)}
 
 
-def read_robot(path: Path, within: Path | None = None) -> RobotConfig:
+def read_robot(name: str | Path, folder: Path = Path(), within: Path | None = None) -> RobotConfig:
     """Read ROBOT.yaml; relative names in it start at its folder.
 
     Args:
-        path: the file.
-        within: the folder that all files it names have to lie in; None: they may lie anywhere.
+        name: the file, or MODULE:FILE for one in an installed Python package.
+        folder: where a relative name starts.
+        within: the folder that it and all files it names have to lie in, see `located`; None: they
+            may lie anywhere.
 
     Raises:
         ConfigurationError: the file is missing, or a field of it is wrong.
     """
+    path = located(str(name), folder, within)
+    inside = None if ":" in str(name) else within  # a package's own files may name any
     try:
-        return rooted(RobotConfig(**read_yaml(path)), path.parent, within)
+        return rooted(RobotConfig(**read_yaml(path)), path.parent, inside)
     except ConfigurationError as error:
         faults = [ConfigurationError(f"{path}: {fault}") for fault in error.faults]
         raise ConfigurationError.of(faults) from None

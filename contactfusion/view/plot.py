@@ -1,4 +1,4 @@
-"""Draws a step of the integrator for a notebook, seen along each axis (extra `plot`)."""
+"""Plots a step of the integrator, seen along each axis (extra `plot`)."""
 
 from typing import TYPE_CHECKING, Any
 
@@ -6,7 +6,7 @@ import numpy as np
 
 from contactfusion.arrays import FloatArray
 from contactfusion.contacts import Contact
-from contactfusion.figures import AXES, VERDICT_STYLES, new_figure
+from contactfusion.figures import AXES, COLOURS, VERDICT_STYLES, new_figure
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -17,6 +17,7 @@ SIGMAS = 2.0
 """Contacts are drawn as ellipses of so many standard deviations."""
 PROJECTIONS = ((0, 1), (0, 2), (1, 2))
 """Which axes go to the right and up."""
+KIND_MARKERS = {"regular": "o", "support": "^", "null": "x"}
 MOST_NAMED = 8
 """Only the likeliest contacts are named beside the picture."""
 MILLIMETRES = 1000.0
@@ -24,32 +25,42 @@ COLOUR = "#cc0000"
 
 
 def plot_fusion(fusion: "Fusion") -> "Figure":
-    """Draw voxels by verdict and contacts with their covariances, in millimetres.
+    """Plot the hypotheses of each source, voxels by verdict, and contacts with their covariances.
 
     Args:
         fusion: a step of the integrator.
 
+    Returns:
+        A figure in millimetres: above, seen along the thinnest axis, what each source reported and
+        what became of it; below, what became of it along the other two.
+
     Raises:
         DependencyError: matplotlib is not installed.
     """
-    figure = new_figure(13.0, 4.8)
+    figure = new_figure(11.0, 8.5)
     low, high = _box(fusion)
-    for axes, (right, up) in zip(figure.subplots(1, 3), PROJECTIONS, strict=True):
-        _draw_voxels(axes, fusion, [right, up])
-        for number, contact in enumerate(fusion.contacts):
-            _draw_contact(axes, contact, number, [right, up])
+    extent = high - low
+    thinnest = min((2, 1, 0), key=lambda axis: extent[axis])  # from above, where they are equal
+    views = sorted(PROJECTIONS, key=lambda across: thinnest in across)
+    rows = [max(extent[up] for _, up in pair) for pair in (views[:1], views[1:])]
+    grid = figure.subplots(2, 2, height_ratios=rows).flatten()
+    for axes, (right, up) in zip(grid, (views[0], *views), strict=True):
         axes.set(
-            xlabel=f"{AXES[right]} [mm]",
+            xlabel=f"{AXES[right]} [mm] in '{fusion.space.frame}'",
             ylabel=f"{AXES[up]} [mm]",
             xlim=(low[right], high[right]),
             ylim=(low[up], high[up]),
             aspect="equal",
         )
-    count = len(fusion.contacts)
-    figure.suptitle(f"{count} contact{'s' * (count != 1)} in '{fusion.space.frame}'")
-    handles, labels = figure.axes[0].get_legend_handles_labels()
-    if handles:
-        figure.legend(handles, labels, loc="outside lower center", ncols=4, fontsize="small")
+    _draw_sources(grid[0], fusion, list(views[0]))
+    for axes, across in zip(grid[1:], views, strict=True):
+        _draw_voxels(axes, fusion, list(across))
+        for number, contact in enumerate(fusion.contacts):
+            _draw_contact(axes, contact, number, list(across))
+    for axes, title in zip(grid, ("hypotheses by source", "voxels by verdict"), strict=False):
+        axes.set_title(title)
+        if axes.get_legend_handles_labels()[0]:
+            axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.15), ncols=2, fontsize="small")
     return figure
 
 
@@ -69,6 +80,27 @@ def _ends(contact: Contact) -> FloatArray:
     """The corners of the box around a contact's ellipsoid, shape (2, 3) [m]."""
     reach = SIGMAS * np.sqrt(np.diag(contact.covariance))
     return np.stack([contact.position - reach, contact.position + reach])
+
+
+def _draw_sources(axes: Any, fusion: "Fusion", across: list[int]) -> None:
+    """Draw the hypotheses of each source; the sources stand beside each other inside a voxel."""
+    space, entries = fusion.space, fusion.field.entries
+    count = len(entries.sources)
+    spacing = entries.grid.voxel_size / (count + 1)
+    for number, source in enumerate(entries.sources):
+        likelihoods = space.source_likelihoods[:, number]
+        here = ~np.isnan(likelihoods)
+        if here.any():
+            x, y = MILLIMETRES * space.positions[here][:, across].T
+            axes.scatter(
+                x + MILLIMETRES * spacing * (number - (count - 1) / 2.0),
+                y,
+                s=10.0 + 80.0 * likelihoods[here],
+                color=COLOURS[number % len(COLOURS)],
+                marker=KIND_MARKERS[source.kind],
+                alpha=0.6,
+                label=f"{source.name} ({source.kind})",
+            )
 
 
 def _draw_voxels(axes: Any, fusion: "Fusion", across: list[int]) -> None:

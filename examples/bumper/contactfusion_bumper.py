@@ -5,14 +5,12 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from pydantic import Field
 
-from contactfusion import Generator, GeneratorConfig, HypothesisCloud, Reading, State, hookimpl
-from contactfusion.readings import Switch
-from contactfusion.surface import rectangle
+import contactfusion as cf
 
 Vector = tuple[float, float, float]
 
 
-class BumperConfig(GeneratorConfig):
+class BumperConfig(cf.GeneratorConfig):
     """A rectangular face, in the frame of the switch's readings."""
 
     centre: Vector = (0.0, 0.0, 0.0)
@@ -27,26 +25,26 @@ class BumperConfig(GeneratorConfig):
     """How surely a closed switch means a contact."""
 
 
-class BumperGenerator(Generator[BumperConfig]):
+class BumperGenerator(cf.Generator[BumperConfig]):
     """Regular, single contact: uniform over the face, the sum is the probability (F Eq 2)."""
 
     Config = BumperConfig
-    readings = (Switch,)
+    readings = (cf.Switch,)
 
-    def generate(self, reading: Reading, state: State) -> Sequence[HypothesisCloud]:
+    def generate(self, reading: cf.Reading, state: cf.State) -> Sequence[cf.HypothesisCloud]:
         """Give the face while the switch is closed; each place stands for a cell around it."""
-        assert isinstance(reading, Switch)
+        assert isinstance(reading, cf.Switch)
         if not reading.closed:
             return [self.nothing(reading)]
         c = self.config
         centre, u, v = np.array([c.centre, c.u, c.v])
-        face = rectangle(reading.frame, centre, u, v, c.spacing).points
+        face = cf.Surface.rectangle(reading.frame, centre, u, v, c.spacing).points
         spreads = np.full(len(face), c.spacing / np.sqrt(12.0))
         share = c.probability / len(face)
         return [self.cloud(reading, face, share, spreads=spreads, single=True)]
 
 
-@hookimpl
-def contactfusion_generators() -> Mapping[str, type[Generator[BumperConfig]]]:
+@cf.hookimpl
+def contactfusion_generators() -> Mapping[str, type[cf.Generator[BumperConfig]]]:
     """Offer the bumper."""
     return {"bumper": BumperGenerator}

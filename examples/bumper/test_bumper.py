@@ -4,9 +4,7 @@ import numpy as np
 import pytest
 from contactfusion_bumper import BumperConfig, BumperGenerator
 
-from contactfusion import Grid, State
-from contactfusion.readings import Switch
-from contactfusion.testing import check_generator
+from contactfusion import Grid, State, Switch, check_generator
 
 STATE = State(now=0.0, grid=Grid("base", 0.005))
 

@@ -18,7 +18,7 @@ from contactfusion.frames import PlanarPose
 from contactfusion.pipeline import Pipeline
 from contactfusion.pipeline_config import PipelineConfig
 from contactfusion.readings import TactileImage
-from contactfusion.robots.description import located, read_robot
+from contactfusion.robots.description import read_robot
 from contactfusion_lab.scenes.push import planar_kernels
 from contactfusion_lab.scenes.push.bodies import ORIGIN_HEIGHT
 from contactfusion_lab.scenes.push.config import FRICTIONS, RATE, PushConfig, SkinConfig
@@ -159,7 +159,7 @@ def deepest(push: PlanarPush) -> float:
 @pytest.mark.parametrize(("offset", "yaw"), [(0.0, 0.0), (0.2, 40.0), (-0.15, -30.0)])
 def test_an_object_stands_where_pybullet_has_it(thing: str, offset: float, yaw: float) -> None:
     config = scene(object=thing, offset=offset, yaw=yaw)
-    world = PushWorld(config, read_robot(located(BASE)))
+    world = PushWorld(config, read_robot(BASE))
     assert PlanarPush(config).object_pose == pytest.approx(world.object_pose, abs=2e-3)
 
 
@@ -168,7 +168,7 @@ def test_an_object_stands_where_pybullet_has_it(thing: str, offset: float, yaw: 
 def test_a_push_moves_an_object_as_pybullet_does(thing: str, friction: str) -> None:
     """Half a metre in a bend; PyBullet lets objects creep along the face though friction holds."""
     config = scene(object=thing, friction=friction, offset=0.05, yaw=15.0)
-    plane, world = PlanarPush(config), PushWorld(config, read_robot(located(BASE)))
+    plane, world = PlanarPush(config), PushWorld(config, read_robot(BASE))
     for _ in range(25):
         for one in (plane, world):
             one.drive(0.2, 0.0, 0.15)
@@ -178,7 +178,7 @@ def test_a_push_moves_an_object_as_pybullet_does(thing: str, friction: str) -> N
 
 
 def test_the_base_is_that_of_the_description() -> None:
-    robot = read_robot(located(BASE))
+    robot = read_robot(BASE)
     assert PushWorld(scene(), robot).base.chassis == mobile_base()
     z, height = ORIGIN_HEIGHT + mobile_base().xyz[2], mobile_base().size[2]
     assert (z - height / 2.0, z + height / 2.0) == pytest.approx(CHASSIS)
@@ -192,7 +192,7 @@ def test_the_base_is_that_of_the_description() -> None:
 
 @pytest.mark.parametrize("thing", OBJECTS)
 def test_contacts_are_those_of_skin_generator_and_integrator(thing: str) -> None:
-    robot = read_robot(located(BASE))
+    robot = read_robot(BASE)
     pipeline: dict[str, Any] = {
         "robot": {"urdf": str(robot.path()), "patches": {"skin": robot.patches["skin"]}},
         "integrator": {"frame": "base", "voxel_size": 0.0125, "timeout": 0.25},

@@ -9,7 +9,7 @@ import pytest
 from contactfusion.arrays import FloatArray
 from contactfusion.errors import ConfigurationError
 from contactfusion.patches import PatchConfig, TaxelGridConfig
-from contactfusion.robots.description import located, read_robot
+from contactfusion.robots.description import read_robot
 from contactfusion_lab.scenes.push.config import SkinConfig
 from contactfusion_lab.scenes.push.scene import BASE
 from contactfusion_lab.scenes.push.sensors import PushSkin
@@ -36,7 +36,7 @@ Point = tuple[tuple[float, float, float], tuple[float, float, float], float]
 def patch() -> PatchConfig:
     """Give the skin of the package's base: the front from right to left, the left side from front
     to back, the right side from back to front."""
-    return read_robot(located(BASE)).patches["skin"]
+    return read_robot(BASE).patches["skin"]
 
 
 def touches(*points: Point, steps: int = STEPS) -> Touches:

@@ -15,7 +15,7 @@ import pytest
 from contactfusion.arrays import FloatArray
 from contactfusion.controllers.face import FaceConfig
 from contactfusion.errors import ConfigurationError, RobotError
-from contactfusion.robots.description import RobotConfig, located, read_robot
+from contactfusion.robots.description import RobotConfig, read_robot
 from contactfusion_lab.scenes.push.bodies import GRAVITY
 from contactfusion_lab.scenes.push.config import OTHERS, PAPER, PushConfig, read_object
 from contactfusion_lab.scenes.push.objects import outlines
@@ -34,7 +34,7 @@ FAR: dict[str, Any] = {"gap": 1.9, "object": "box"}
 
 @cache
 def base() -> RobotConfig:
-    return read_robot(located(BASE))
+    return read_robot(BASE)
 
 
 PAD = {"stiffness": 10_000.0, "damping": 400.0}

@@ -185,7 +185,7 @@ def test_readings_are_recorded_before_faults(push: Path, tmp_path: Path) -> None
 def test_where_sensors_are_can_be_reconstructed(push: Path) -> None:
     found = read_by_rosbags(push)
     assert len(found["/tf_static"]) == 1 and seconds(found["/tf_static"][0]) == 0.0
-    robot = read_robot(located("contactfusion.robots:mobile_base.yaml"))
+    robot = read_robot("contactfusion.robots:mobile_base.yaml")
     static = told_frames(found, "/tf_static")
     assert static.keys() == robot.frames.keys()
     tree = FrameTree({**static, **told_frames(found, "/tf")})

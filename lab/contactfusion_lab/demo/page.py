@@ -6,7 +6,7 @@ from html import escape
 from importlib.resources import files
 from string import Template
 
-from contactfusion.explain import explain
+from contactfusion.explain import explain_fusion
 from contactfusion.hypotheses import HypothesisKind
 from contactfusion_lab.demo.account import NAMES, Story, sentences
 from contactfusion_lab.demo.scene import Moment
@@ -64,10 +64,10 @@ def page(story: Story, written: Sequence[str], size: tuple[int, int]) -> str:
         "voxel": f"{config['voxel_size'] * 100.0:g}",
         "threshold": f"{end.fusion.threshold:g}",
         "before_stamp": f"{before.stamp:.1f}",
-        "before": escape(explain(before.fusion)),
+        "before": escape(explain_fusion(before.fusion)),
         "before_gloss": escape(_gloss(before)),
         "after_stamp": f"{after.stamp:.1f}",
-        "after": escape(explain(after.fusion)),
+        "after": escape(explain_fusion(after.fusion)),
         "after_gloss": escape(_gloss(after)),
         "files": "\n".join(
             f'<li><a href="{name}">{name}</a>: {escape(FILES[name])}</li>'

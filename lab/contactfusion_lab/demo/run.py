@@ -12,8 +12,9 @@ from rich.table import Table
 from contactfusion.errors import ContactFusionError, DependencyError
 from contactfusion.figures import new_figure
 from contactfusion.files import make_folder, write_whole
+from contactfusion.pipeline_config import pipeline_fields
 from contactfusion.recordings.mcap import McapWriter
-from contactfusion.replaying.configuration import NOT_OURS, TOPIC, Setting
+from contactfusion.replaying.configuration import TOPIC, Setting
 from contactfusion.run_results import commands_csv, contacts_csv
 from contactfusion.terminal import is_quiet, note
 from contactfusion_lab.demo.account import Story, sentences, summary
@@ -107,7 +108,8 @@ def record(story: Story, path: Path) -> None:
     Raises:
         DependencyError: rosbags is not installed.
     """
-    had = {name: value for name, value in story.fields.items() if name not in (*NOT_OURS, "faults")}
+    had = pipeline_fields(story.fields)
+    had.pop("faults", None)
     with McapWriter(path) as writer:
         writer.text(TOPIC, Setting(had, path.parent, {}, path).text(beside=path.parent))
         for moment in story.moments:

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from contactfusion.errors import InvalidReadingError
 from contactfusion.readings import Odometry, TactileImage, Twist
-from contactfusion.robots.description import RobotConfig, located, read_robot
+from contactfusion.robots.description import RobotConfig, read_robot
 from contactfusion_lab.scenes.push.config import PushConfig
 from contactfusion_lab.scenes.push.scene import BASE, PushScene
 
@@ -43,7 +43,7 @@ class PushEnv(gymnasium.Env[Any, NDArray[np.float64]]):
 
     def __init__(self, config: PushConfig, robot: RobotConfig | None = None) -> None:
         self._config = config
-        self._robot = robot or read_robot(located(BASE))
+        self._robot = robot or read_robot(BASE)
         taxels = len(self._robot.patches["skin"].centres())
         self.action_space = spaces.Box(-FASTEST, FASTEST, dtype=np.float64)
         reach = np.array([FURTHEST, FURTHEST, np.pi])

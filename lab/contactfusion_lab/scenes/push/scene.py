@@ -17,7 +17,7 @@ from contactfusion.frames import planar_pose, yaw_quaternion
 from contactfusion.hooks import hookimpl
 from contactfusion.pipeline import Pipeline, Step
 from contactfusion.readings import Odometry, Reading, TactileImage, Twist
-from contactfusion.robots.description import RobotConfig, located, read_robot
+from contactfusion.robots.description import RobotConfig, read_robot
 from contactfusion.scene import Facts, Hear, Scene, Verdict
 from contactfusion_lab.scenes.facts import standing, true_contact
 from contactfusion_lab.scenes.push.bodies import ORIGIN_HEIGHT, Chassis, read_chassis
@@ -38,7 +38,7 @@ NARROW = 0.05
 @cache
 def mobile_base() -> Chassis:
     """The chassis of `BASE`."""
-    return read_chassis(read_robot(located(BASE)))
+    return read_chassis(read_robot(BASE))
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,7 +78,7 @@ class PushScene:
     """
 
     def __init__(self, config: PushConfig, robot: RobotConfig | None = None, seed: int = 0) -> None:
-        robot = read_robot(located(BASE)) if robot is None else robot
+        robot = read_robot(BASE) if robot is None else robot
         if "skin" not in robot.patches:
             hint = name_hint("skin", robot.patches, "patches of the robot")
             raise RobotError(f"a push needs a patch 'skin' on the robot: {hint}")
