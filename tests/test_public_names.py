@@ -36,7 +36,8 @@ SOURCES = [*sorted((ROOT / "examples").rglob("*.py")), *PAGES]
 
 def blocks(text: str) -> Iterator[str]:
     """The Python blocks of a page, also those that are indented."""
-    for block in re.finditer(r"^([ \t]*)``` *py(?:thon)?\b.*\n([\s\S]*?)^\1```", text, re.MULTILINE):
+    fenced = re.compile(r"^([ \t]*)``` *py(?:thon)?\b.*\n([\s\S]*?)^\1```", re.MULTILINE)
+    for block in fenced.finditer(text):
         yield textwrap.dedent(block[2])
 
 
