@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from contactfusion.integrator.integrator import Integrator
     from contactfusion.pipeline import Pipeline, Step
     from contactfusion.pipeline_config import PipelineConfig
+    from contactfusion.play import Observer, play
     from contactfusion.readings import (
         DepthImage,
         JointCommand,
@@ -53,12 +54,14 @@ if TYPE_CHECKING:
     from contactfusion.segmenter import Segmenter, SegmenterConfig
     from contactfusion.shapes import ShapeConfig
     from contactfusion.state import State
+    from contactfusion.stream import Arrival, Stream
     from contactfusion.surface import Surface
     from contactfusion.testing import check_generator
     from contactfusion.view.plot import plot_fusion
     from contactfusion.view.viewer import Viewer
 
 _HOMES = {
+    "Arrival": "contactfusion.stream",
     "Command": "contactfusion.controller",
     "Condensation": "contactfusion.rule",
     "Contact": "contactfusion.contacts",
@@ -82,6 +85,7 @@ _HOMES = {
     "Note": "contactfusion.hypotheses",
     "ObjectPose": "contactfusion.readings",
     "Odometry": "contactfusion.readings",
+    "Observer": "contactfusion.play",
     "OfRobot": "contactfusion.generator",
     "Pipeline": "contactfusion.pipeline",
     "PipelineConfig": "contactfusion.pipeline_config",
@@ -99,6 +103,7 @@ _HOMES = {
     "ShapeConfig": "contactfusion.shapes",
     "State": "contactfusion.state",
     "Step": "contactfusion.pipeline",
+    "Stream": "contactfusion.stream",
     "Surface": "contactfusion.surface",
     "Switch": "contactfusion.readings",
     "TactileImage": "contactfusion.readings",
@@ -116,12 +121,14 @@ _HOMES = {
     "hookimpl": "contactfusion.hooks",
     "open_recording": "contactfusion.recordings.opening",
     "open_scene": "contactfusion.scene",
+    "play": "contactfusion.play",
     "plot_fusion": "contactfusion.view.plot",
     "read_robot": "contactfusion.robots.description",
     "run_file": "contactfusion.running",
 }
 
 __all__ = [
+    "Arrival",
     "Command",
     "Condensation",
     "Contact",
@@ -144,6 +151,7 @@ __all__ = [
     "McapWriter",
     "Note",
     "ObjectPose",
+    "Observer",
     "Odometry",
     "OfRobot",
     "Pipeline",
@@ -162,6 +170,7 @@ __all__ = [
     "ShapeConfig",
     "State",
     "Step",
+    "Stream",
     "Surface",
     "Switch",
     "TactileImage",
@@ -179,6 +188,7 @@ __all__ = [
     "hookimpl",
     "open_recording",
     "open_scene",
+    "play",
     "plot_fusion",
     "read_robot",
     "run_file",

@@ -34,13 +34,14 @@ from contactfusion.readings import (
     TactileImage,
     Transform,
 )
+from contactfusion.stream import Arrival
 from contactfusion.time import LONGEST_SECONDS, to_nanoseconds
 from contactfusion.yaml_files import read_yaml
 
 Vector = tuple[float, float, float]
 TAKE_BIAS = "which tells no places; take 'bias' for joints with a wrong zero"
 MOVE_ITS_FRAME = "which tells no places; change the pose of its frame under 'frames' instead"
-Stream = tuple[str, ...]
+Channel = tuple[str, ...]
 """What tells the readings of one sensor from those of others, also where sensors have no name."""
 
 
@@ -359,8 +360,8 @@ class Faults:
         """Forget all readings, and start randomness again."""
         self._now = -math.inf
         self._count = 0
-        self._held: dict[tuple[int, Stream], Reading] = {}
-        self._random: dict[tuple[int, Stream], np.random.Generator] = {}
+        self._held: dict[tuple[int, Channel], Reading] = {}
+        self._random: dict[tuple[int, Channel], np.random.Generator] = {}
         self._waiting: list[list[tuple[int, int, Reading]]] = [[] for _ in self._faults]
 
     def apply(self, reading: Reading) -> Sequence[Reading]:
@@ -391,7 +392,7 @@ class Faults:
             fault.end is not None and reading.stamp > fault.end
         ):
             return reading
-        key = (number, _stream(reading))
+        key = (number, _channel(reading))
         if fault.start is not None and reading.stamp < fault.start:
             self._held[key] = reading
             return reading
@@ -415,12 +416,31 @@ class Faults:
             released.append(heapq.heappop(waiting)[2])
         return released
 
-    def _generator(self, key: tuple[int, Stream]) -> np.random.Generator:
+    def _generator(self, key: tuple[int, Channel]) -> np.random.Generator:
         if key not in self._random:
-            number, stream = key
-            entropy = [self._seed, number, *"\n".join(stream).encode()]
+            number, channel = key
+            entropy = [self._seed, number, *"\n".join(channel).encode()]
             self._random[key] = np.random.default_rng(entropy)
         return self._random[key]
+
+
+def broken(
+    arrivals: Iterable[Arrival], faults: Sequence[Fault], seed: int = 0
+) -> Iterator[Arrival]:
+    """What faults leave of a stream.
+
+    Args:
+        arrivals: of a healthy stream.
+        faults: what fails.
+        seed: the same seed gives the same faults.
+
+    Raises:
+        ConfigurationError: a fault makes no sense for a reading.
+    """
+    through = Faults(faults, seed)
+    for arrival in arrivals:
+        left = tuple(one for reading in arrival.readings for one in through.apply(reading))
+        yield Arrival(arrival.stamp, left, arrival.due) if faults else arrival
 
 
 def unmet(faults: Iterable[Fault], heard: Collection[tuple[str, type[Reading]]]) -> Iterator[str]:
@@ -439,7 +459,7 @@ def unmet(faults: Iterable[Fault], heard: Collection[tuple[str, type[Reading]]])
             yield f"faults.{row}.sensor: no reading of '{fault.sensor}' came; {hint}"
 
 
-def _stream(reading: Reading) -> Stream:
+def _channel(reading: Reading) -> Channel:
     match reading:
         case JointState() | JointCommand():
             whose = reading.names

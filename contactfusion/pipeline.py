@@ -6,7 +6,6 @@ clock of its own; time comes in with readings and steps.
 
 import functools
 import logging
-import math
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -25,7 +24,6 @@ from contactfusion.errors import (
     name_hint,
 )
 from contactfusion.estimate import HYPOTHESIS, counted, size
-from contactfusion.faults import Faults
 from contactfusion.frames import points_in, vectors_in
 from contactfusion.generator import checked_clouds
 from contactfusion.grid import Grid
@@ -34,15 +32,15 @@ from contactfusion.integrator.fusion import Fusion
 from contactfusion.integrator.sources import Event
 from contactfusion.isolation import Isolated
 from contactfusion.pipeline_config import PipelineConfig
-from contactfusion.readings import READING_TYPES, JointState, Odometry, Reading, Transform
+from contactfusion.play import play
+from contactfusion.readings import JointState, Odometry, Reading
 from contactfusion.robot_state import Robot
 from contactfusion.state import State
+from contactfusion.stream import Stream
 
 LOG = logging.getLogger(__name__)
 CONTROLLER = "the controller"
 """What the controller is called beside the quoted names of generators."""
-PAUSE = 60.0
-"""When nothing is read for longer, no step is made until the one before the next reading [s]."""
 Ask = Callable[[AnyGenerator, Reading, State], Sequence[HypothesisCloud]]
 """How a generator is asked; a runner with a clock puts its stop-watch here."""
 Tell = Callable[[HypothesisCloud], None]
@@ -124,7 +122,6 @@ class Pipeline:
         except BaseException:
             self.close()
             raise
-        self._faults = Faults(config.faults, config.seed)
         self._fusion: Fusion | None = None
 
     def plug(self, name: str, options: dict[str, Any]) -> None:
@@ -209,21 +206,15 @@ class Pipeline:
     def receive(self, reading: Reading) -> None:
         """Give a reading to every generator that takes it; one that fails harms no other.
 
-        The faults of the configuration come first: they may change, hold back or lose the reading.
-
         Raises:
-            ConfigurationError: a fault makes no sense for the reading.
+            ConfigurationError: the configuration has faults, which act on what is played.
         """
-        self._arrived(reading)
+        if self.config.faults:
+            raise ConfigurationError("faults act on what `run` plays, not on `receive`", "faults")
+        self.take(reading)
 
-    def _arrived(self, reading: Reading) -> Sequence[Reading]:
-        """Take in what the faults leave of a reading, and give that."""
-        arrived = self._faults.apply(reading)
-        for one in arrived:
-            self._distribute(one)
-        return arrived
-
-    def _distribute(self, reading: Reading) -> None:
+    def take(self, reading: Reading) -> None:
+        """Give a reading, of which faults have left this, to every generator that takes it."""
         self._robot.add(reading)
         kind = type(reading)
         takers = [one for one in self.generators.values() if takes(one, reading.sensor, kind)]
@@ -250,15 +241,12 @@ class Pipeline:
             command = self._command(self._controller, self._fusion, state)
         return Step(now, self._fusion, command)
 
-    def run(self, readings: Iterable[Reading]) -> Iterator[Step]:
-        """Receive readings in their order, and step as the cycle policy says.
+    def run(self, stream: Stream | Iterable[Reading]) -> Iterator[Step]:
+        """Play a stream or readings, and step as the cycle policy says, or the stream.
 
         Transforms may come ahead of the readings that need them: they move no clock.
         """
-        cycle = self.config.cycle
-        if cycle.every is not None:
-            return self._run_every(cycle.every, readings)
-        return self._run_on(cycle.on, readings)
+        return play(self, stream)
 
     def state(self, stamp: float) -> State:
         """Give what is known of the robot at a stamp [s]."""
@@ -268,7 +256,6 @@ class Pipeline:
         """Start again, as when a recording is played a second time; plugs stay."""
         self.integrator.reset()
         self._robot.clear()
-        self._faults.reset()
         self._fusion = None
         self.unplaced.clear()
         self.given.clear()
@@ -302,47 +289,6 @@ class Pipeline:
         for generator in self.generators.values():
             if isinstance(generator, Isolated):
                 generator.close()
-
-    def _run_every(self, period: float, readings: Iterable[Reading]) -> Iterator[Step]:
-        start, count, newest = None, 1, 0.0
-        for reading in readings:
-            if isinstance(reading, Transform):
-                self.receive(reading)
-                continue
-            if start is None:
-                start = newest = reading.stamp
-            while reading.stamp > start + count * period:
-                yield self.step(start + count * period)
-                count += 1
-                if start + count * period > newest + PAUSE:  # go on with the step before it
-                    last = (
-                        math.ceil((reading.stamp - start) / period) - 2
-                    )  # or one more, by rounding
-                    last += start + (last + 1) * period < reading.stamp
-                    count = max(count, last)
-            newest = max(newest, reading.stamp)
-            self.receive(reading)
-        if start is not None:
-            yield self.step(max(start + count * period, newest))
-
-    def _run_on(self, on: str | None, readings: Iterable[Reading]) -> Iterator[Step]:
-        wanted = READING_TYPES.get(on) if on else None
-        now = -float("inf")
-        for reading in readings:
-            if isinstance(reading, Transform):
-                self.receive(reading)
-                continue
-            now = max(now, reading.stamp)
-            arrived = self._arrived(reading)
-            if on is None:
-                due = self.integrator.ready(now)
-            else:
-                due = any(
-                    one.sensor == on or (wanted is not None and isinstance(one, wanted))
-                    for one in arrived
-                )
-            if due:
-                yield self.step(now)
 
     def _deliver(
         self, generator: AnyGenerator, ask: Callable[[], Sequence[HypothesisCloud]]

@@ -10,6 +10,7 @@ from scipy.spatial.transform import Rotation
 from contactfusion.errors import ConfigurationError, naming
 from contactfusion.pipeline import Pipeline, Step
 from contactfusion.pipeline_config import PipelineConfig
+from contactfusion.play import Observer, play
 from contactfusion.readings import Reading, Transform
 from contactfusion.recordings.mcap import McapWriter
 from contactfusion.recordings.reading_messages import topic_of
@@ -94,7 +95,7 @@ class _Recorder:
     def run(self, pipeline: Pipeline) -> Step | None:
         """Record the scene; give the last step, or None when there was no time for all of it."""
         last = None
-        for last in self._scene.run(pipeline, self._hear):
+        for last in play(pipeline, self._scene, [Observer(self._hear)]):
             if last.stamp >= self._end - 2.0 * ROUNDING:
                 return None
         return last

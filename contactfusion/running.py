@@ -12,13 +12,13 @@ from contactfusion.errors import ConfigurationError, naming
 from contactfusion.files import make_folder, write_whole
 from contactfusion.pipeline import Pipeline, Step
 from contactfusion.pipeline_config import PipelineConfig
+from contactfusion.play import Observer, play
 from contactfusion.recordings.opening import open_recording
 from contactfusion.recordings.recording import Recording
 from contactfusion.replaying.configuration import read_fields
 from contactfusion.replaying.tally import Tally
-from contactfusion.robot_state import transforms_ahead
 from contactfusion.run_results import commands_csv, contacts_csv
-from contactfusion.scene import Scene, heard, open_scene
+from contactfusion.scene import Scene, open_scene
 from contactfusion.step_summary import Summary, refuse
 from contactfusion.stopwatch import StopWatch
 from contactfusion.terminal import followed, note, progress
@@ -72,14 +72,9 @@ def run_file(path: Path, overrides: Sequence[str], out: Path, seed: int | None =
     stopped: BaseException | None = None
     start = time.perf_counter()
     try:
-        if isinstance(source, Recording):
-            played = pipeline.run(heard(transforms_ahead(source.readings()), tally.add))
-        else:
-            played = source.run(pipeline, tally.add)
-        end = source.end if isinstance(source, Recording) else None
-        for step in followed(played, f"running {path}", end):
-            summary.add(step)
-            steps.append(step)
+        observers = Observer(tally.add, summary.add), Observer(step=steps.append)
+        for _ in followed(play(pipeline, source, observers), f"running {path}", source.end):
+            pass
     except (Exception, KeyboardInterrupt) as error:
         if not steps:
             raise

@@ -1,7 +1,7 @@
 """The contract of scenes: what a simulated robot does while a pipeline listens."""
 
-from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from abc import abstractmethod
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, ClassVar, Self
@@ -19,14 +19,13 @@ from contactfusion.extras import in_lab
 from contactfusion.model import Model, rooted
 from contactfusion.pipeline import Pipeline, Step
 from contactfusion.plugins import class_fault, configured, installed_plugins, refuse
-from contactfusion.readings import ObjectPose, Reading
+from contactfusion.readings import ObjectPose
 from contactfusion.robots.description import RobotConfig
 from contactfusion.robots.model import shared_robot
+from contactfusion.stream import Stream
 
 LAB_SCENES = ("grasp", "push", "touch")
 """Scenes that contactfusion-lab brings."""
-Hear = Callable[[Reading], None]
-"""A listener that hears every reading before the pipeline does."""
 
 
 @dataclass(frozen=True)
@@ -59,8 +58,8 @@ class Facts:
     objects: tuple[ObjectPose, ...]
 
 
-class Scene(ABC):
-    """What a simulated robot does while a pipeline listens; can be run once."""
+class Scene(Stream):
+    """A stream of what a simulated robot does while a pipeline listens; can be played once."""
 
     Config: ClassVar[type[Model]]
     """The type of the options; a field `type` holds the name of the scene."""
@@ -81,14 +80,6 @@ class Scene(ABC):
         """
 
     @abstractmethod
-    def run(self, pipeline: Pipeline, hear: Hear) -> Iterator[Step]:
-        """The steps of a pipeline that listens, and acts where it has a controller.
-
-        Raises:
-            ContactFusionError: the scene cannot be played, or the pipeline does not fit it.
-        """
-
-    @abstractmethod
     def facts(self) -> Facts:
         """The true contacts and poses of objects now, while the scene runs and when it is over."""
 
@@ -100,13 +91,6 @@ class Scene(ABC):
             pipeline: which listened.
             last: its last step.
         """
-
-
-def heard(readings: Iterable[Reading], hear: Hear) -> Iterator[Reading]:
-    """Readings as they come, each after a listener has heard it."""
-    for reading in readings:
-        hear(reading)
-        yield reading
 
 
 def open_scene(

@@ -1003,14 +1003,13 @@ def test_the_robots_own_state_suffers_too() -> None:
             {"fault": "stuck", "sensor": "odometry"},
         )
     )
-    pipe.receive(made("joint_state"))
-    for stamp in (0.0, 1.0):
-        pipe.receive(made("odometry", stamp, frame="odom", position=[stamp, 0.0, 0.0]))
+    odometry = [made("odometry", t, frame="odom", position=[t, 0.0, 0.0]) for t in (0.0, 1.0)]
+    list(pipe.run([made("joint_state"), *odometry]))
     state = pipe.state(1.0)
     assert state.joints is not None and state.joints.positions.tolist() == [1.0, 2.5]
     assert state.base_pose is not None and state.base_pose[0, 3] == 0.0
     pipe = Pipeline(configured({"fault": "silent", "sensor": "odometry"}))
-    pipe.receive(made("odometry", frame="odom"))
+    list(pipe.run([made("odometry", frame="odom")]))
     assert pipe.state(0.0).base_pose is None
 
 
@@ -1038,4 +1037,4 @@ def test_a_fault_that_makes_no_sense_stops_the_pipeline(monkeypatch: pytest.Monk
     offer_toys(monkeypatch)
     pipe = pipeline({"fault": "calibration", "mm": [1.0, 0.0, 0.0]})
     with pytest.raises(ConfigurationError, match=r"faults\.0\.fault: .* Switch of 'bumper', which"):
-        pipe.receive(Switch(stamp=0.0, frame="base", sensor="bumper", closed=True))
+        list(pipe.run([Switch(stamp=0.0, frame="base", sensor="bumper", closed=True)]))

@@ -18,7 +18,7 @@ SCENE = '''
 from contactfusion import hookimpl
 from contactfusion.model import Model
 from contactfusion.readings import Wrench
-from contactfusion.scene import Facts, Scene, Verdict, heard
+from contactfusion.scene import Facts, Scene, Verdict
 
 
 class Config(Model):
@@ -40,11 +40,10 @@ class Pushed(Scene):
     def opened(cls, config, robot, seed):
         return cls(config.pushes)
 
-    def run(self, pipeline, hear):
+    def readings(self):
         push = {"force": (0.0, 0.0, -5.0), "torque": (0.0, 0.0, 0.0)}
         stamps = range(self.pushes)
-        told = (Wrench(stamp=float(n), frame="base", sensor="wrist", **push) for n in stamps)
-        return pipeline.run(heard(told, hear))
+        return (Wrench(stamp=float(n), frame="base", sensor="wrist", **push) for n in stamps)
 
     def facts(self):
         return Facts(0.0, "base", (), ())
@@ -62,7 +61,7 @@ MODULES = {
     "cf_lab_touch": "import no_such_simulator\n",
     "cf_shove": SCENE.replace("NAMES", '"shove": Pushed, "push": Pushed, "touch": Pushed'),
     "cf_nudge": SCENE.replace("NAMES", '"nudge": Pushed'),
-    "cf_late": SCENE.replace("def run(", "def walk(").replace("NAMES", '"late": Pushed'),
+    "cf_late": SCENE.replace("def readings(", "def walk(").replace("NAMES", '"late": Pushed'),
     "cf_broken": "1 / 0\n",
 }
 LAB = {"push": "cf_lab_push", "touch": "cf_lab_touch"}
@@ -141,7 +140,7 @@ def test_the_others_run_beside_one_that_fails_and_one_whose_name_is_taken(ask: A
     ("scene", "cause"),
     [
         ("broken", "ZeroDivisionError: division by zero (cf_broken.py, line 1)"),
-        ("late", "does not implement `run` of Scene (cf_late.py, line 17)"),
+        ("late", "does not implement `readings` of Scene (cf_late.py, line 17)"),
         ("touch", "No module named 'no_such_simulator' (cf_lab_touch.py, line 1)"),
         ("shov", "unknown type 'shov'; did you mean 'shove'?"),
     ],
@@ -178,7 +177,7 @@ def test_strict_lists_each_with_its_cause(ask: Ask) -> None:
     assert answer.status == 1
     for line in (
         "broken cannot be used: ZeroDivisionError: division by zero (cf_broken.py, line 1)",
-        "late cannot be used: Pushed does not implement `run` of Scene (cf_late.py, line 17)",
+        "late cannot be used: Pushed does not implement `readings` of Scene (cf_late.py, line 17)",
         "shove: push cannot be used: the name 'push' is taken by cf_lab_push",
         "shove: touch cannot be used: the name 'touch' is taken by cf_lab_touch",
     ):

@@ -13,6 +13,7 @@ import contactfusion
 ROOT = Path(__file__).parents[1]
 OURS = ("contactfusion", "contactfusion_lab")
 PUBLIC = {
+    *("Arrival", "Observer", "Stream", "play"),
     *("Command", "Condensation", "Contact", "ContactFusionError", "ContactHypothesis"),
     *("Controller", "Decision", "DepthImage", "Fusion", "Generator", "GeneratorConfig", "Grid"),
     *("HypothesisCloud", "HypothesisKind", "Integrator", "IntegratorConfig", "JointCommand"),

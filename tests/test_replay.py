@@ -450,4 +450,4 @@ def test_a_folder_of_results_is_made_and_an_interrupt_keeps_what_was_found(
     monkeypatch.setattr(Session, "steps", interrupted)
     with pytest.raises(KeyboardInterrupt):
         replay(Options(config, recording, out=out))
-    assert len(rows(out)) == 5
+    assert len(rows(out)) == 6

@@ -1,29 +1,14 @@
 """The one interface of everything that holds readings."""
 
-from abc import ABC, abstractmethod
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 
-from contactfusion.readings import Reading
+from contactfusion.robot_state import transforms_ahead
+from contactfusion.stream import Arrival, Stream, arrival_of
 
 
-class Recording(ABC):
-    """A finite series of readings.
+class Recording(Stream):
+    """A finite series of readings; its transforms arrive ahead of what needs them."""
 
-    Attributes:
-        epoch_ns: the stamp of the first reading in the recording's own clock [ns]; readings count
-            their seconds from there, so that float stamps lose nothing.
-        end: the last stamp [s]; None where that is not known before all is read.
-        topics: what it holds: for the name of each sensor the kind of its readings.
-    """
-
-    epoch_ns: int = 0
-    end: float | None = None
-    topics: Mapping[str, type[Reading]] = {}
-
-    @abstractmethod
-    def readings(self) -> Iterator[Reading]:
-        """Give the readings in order of their stamps.
-
-        Raises:
-            RecordingError: the recording is truncated, or not what it says it is.
-        """
+    def arrivals(self) -> Iterator[Arrival]:
+        """The readings at their stamps, each transform a second before them."""
+        return map(arrival_of, transforms_ahead(self.readings()))

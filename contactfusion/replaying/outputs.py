@@ -12,7 +12,7 @@ from contactfusion.contact_rows import COLUMNS, contact_rows
 from contactfusion.errors import RecordingError, missing_extra
 from contactfusion.files import whole_file
 from contactfusion.pipeline import Step
-from contactfusion.readings import Reading
+from contactfusion.play import Observer
 from contactfusion.recordings.mcap import McapWriter, kept_when_cut, telling
 from contactfusion.recordings.messages import recorded_stamp, typestore
 from contactfusion.recordings.ros import RawMessage
@@ -26,24 +26,20 @@ ROWS_AT_ONCE = 10_000
 """So many contacts make a group of rows of a Parquet file."""
 
 
-def _ignore(what: Any) -> None:
-    """Take something, and do nothing."""
+def _ignore(message: RawMessage) -> None:
+    """Take a message, and do nothing."""
 
 
 @final
 @dataclass(frozen=True)
-class Output:
-    """Who takes what a replay gives.
+class Output(Observer):
+    """An observer that may take the messages of a ROS recording as they are, too.
 
     Attributes:
-        step: takes contacts and command.
-        message: takes each message of a ROS recording as it is.
-        reading: takes each reading of any other recording.
+        message: takes each message.
     """
 
-    step: Callable[[Step], None] = _ignore
     message: Callable[[RawMessage], None] = _ignore
-    reading: Callable[[Reading], None] = _ignore
 
 
 @dataclass(frozen=True)
@@ -89,9 +85,9 @@ def _mcap(path: Path, about: About) -> Iterator[Output]:
     with McapWriter(path, about.epoch_ns) as writer:
         writer.text(TOPIC, about.configuration)
         if about.copies:
-            yield Output(writer.step, message=partial(_copy, writer, about.passed_over))
+            yield Output(step=writer.step, message=partial(_copy, writer, about.passed_over))
         else:
-            yield Output(writer.step, reading=writer.reading)
+            yield Output(step=writer.step, reading=writer.reading)
 
 
 def _copy(writer: McapWriter, passed_over: dict[str, str], message: RawMessage) -> None:
@@ -115,7 +111,7 @@ def _csv(path: Path, about: About) -> Iterator[Output]:
     ):
         table = csv.writer(file, lineterminator="\n")
         table.writerow(COLUMNS)
-        yield Output(lambda step: table.writerows(contact_rows(step)))
+        yield Output(step=lambda step: table.writerows(contact_rows(step)))
 
 
 @contextmanager
@@ -143,7 +139,7 @@ def _parquet(path: Path, about: About) -> Iterator[Output]:
             if len(rows) >= ROWS_AT_ONCE:
                 write()
 
-        yield Output(step)
+        yield Output(step=step)
         write()
 
 

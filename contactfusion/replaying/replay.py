@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import final
 
 from contactfusion.errors import ConfigurationError, WritingError
+from contactfusion.play import Observer
 from contactfusion.readings import Reading, Transform
 from contactfusion.recordings.reading_messages import ros_name
 from contactfusion.recordings.ros import RawMessage, RosRecording
@@ -86,13 +87,7 @@ def replay(options: Options, watch: Watch | None = None) -> None:
         )
     tally, summary = Tally(), Summary(session.pipeline)
     pace = _pace(options.rate)
-
-    def hear(reading: Reading) -> None:
-        pace(reading.stamp)
-        tally.add(reading)
-        for output in outputs:
-            output.reading(reading)
-
+    counts = Observer(tally.add, summary.add)
     stopped: BaseException | None = None
     about: About | None = None
     began = time.perf_counter()
@@ -106,10 +101,9 @@ def replay(options: Options, watch: Watch | None = None) -> None:
                 outputs.append(stack.enter_context(watch(session)))
             try:
                 task = f"replaying {options.recording}"
-                for step in followed(session.steps(hear), task, session.recording.end):
-                    summary.add(step)
-                    for output in outputs:
-                        output.step(step)
+                steps = session.steps(pace, counts, *outputs)
+                for _ in followed(steps, task, session.recording.end):
+                    pass
             except (WritingError, OSError):  # the output names its file
                 raise
             except (Exception, KeyboardInterrupt) as error:
@@ -172,17 +166,17 @@ def _about(session: Session, out: Path) -> About:
     return About(session.recording.epoch_ns, setting.text(beside=out.parent), copies)
 
 
-def _pace(rate: float | None) -> Callable[[float], None]:
-    """Give what waits until a stamp is due."""
+def _pace(rate: float | None) -> Observer:
+    """What waits until each reading is due."""
     began: list[float] = []
 
-    def wait(stamp: float) -> None:
+    def wait(reading: Reading) -> None:
         assert rate is not None
         if not began:
-            began.append(time.perf_counter() - stamp / rate)
-        time.sleep(max(0.0, began[0] + stamp / rate - time.perf_counter()))
+            began.append(time.perf_counter() - reading.stamp / rate)
+        time.sleep(max(0.0, began[0] + reading.stamp / rate - time.perf_counter()))
 
-    return wait if rate is not None else lambda stamp: None
+    return Observer() if rate is None else Observer(wait)
 
 
 def _tell(session: Session, tally: Tally, summary: Summary, took: float) -> None:

@@ -1,6 +1,6 @@
 """One replay: a pipeline on a recording, from its beginning, as often as one likes."""
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, final
@@ -13,19 +13,14 @@ from contactfusion.errors import (
     name_hint,
 )
 from contactfusion.pipeline import Ask, Pipeline, Step, asked
+from contactfusion.play import Observer, play
 from contactfusion.readings import Reading, Transform
 from contactfusion.recordings.opening import open_recording
 from contactfusion.recordings.recording import Recording
 from contactfusion.recordings.ros import RosRecording, Tap
 from contactfusion.replaying.configuration import Setting
 from contactfusion.replaying.inputs import Inputs, find_inputs
-from contactfusion.robot_state import transforms_ahead
-
-Hear = Callable[[Reading], None]
-
-
-def nobody(reading: Reading) -> None:
-    """Hear a reading, and do nothing."""
+from contactfusion.stream import Arrival, Stream
 
 
 @dataclass(frozen=True)
@@ -45,7 +40,7 @@ WHOLE = Window()
 
 
 @final
-class Session:
+class Session(Stream):
     """A pipeline and the recording that it listens to.
 
     Args:
@@ -88,13 +83,17 @@ class Session:
         }
 
     def readings(self) -> Iterator[Reading]:
-        """Give the readings that the pipeline hears, in their order; transforms come ahead.
+        """The readings of the recording, in their order.
 
         A recording that breaks off ends there, and `complain` says why.
         """
+        return (reading for arrival in self.arrivals() for reading in arrival.readings)
+
+    def arrivals(self) -> Iterator[Arrival]:
+        """The readings as they arrive; transforms come ahead."""
         self._broken = None
         try:
-            yield from transforms_ahead(self.recording.readings())
+            yield from self.recording.arrivals()
         except RecordingError as error:
             self._broken = error
 
@@ -107,14 +106,10 @@ class Session:
         if self._broken:
             raise self._broken
 
-    def steps(self, hear: Hear = nobody) -> Iterator[Step]:
-        """Play from the beginning.
-
-        Args:
-            hear: who hears every reading before the pipeline does.
-        """
+    def steps(self, *observers: Observer) -> Iterator[Step]:
+        """Play from the beginning."""
         self.pipeline.reset()
-        return self.pipeline.run(_heard(self.readings(), hear))
+        return play(self.pipeline, self, observers)
 
     def close(self) -> None:
         """End what the pipeline runs beside itself."""
@@ -192,9 +187,3 @@ class _Part(Recording):
             name = self._names.get(reading.sensor)
             if reading.stamp >= begin and name is not None:
                 yield reading if name == reading.sensor else replace(reading, sensor=name)
-
-
-def _heard(readings: Iterable[Reading], hear: Hear) -> Iterator[Reading]:
-    for reading in readings:
-        hear(reading)
-        yield reading

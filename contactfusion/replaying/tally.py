@@ -16,7 +16,7 @@ GAP = 1.5
 
 @final
 @dataclass
-class Stream:
+class SensorTally:
     """The readings of one sensor, counted as they pass.
 
     Attributes:
@@ -82,7 +82,7 @@ class Tally:
     """Counts readings by sensor and kind, in constant memory."""
 
     def __init__(self) -> None:
-        self.streams: dict[str, Stream] = {}
+        self.streams: dict[str, SensorTally] = {}
         self.kinds: dict[tuple[str, type[Reading]], int] = {}
         """How many readings came, by sensor and type."""
 
@@ -93,7 +93,7 @@ class Tally:
         name = reading.sensor or type(reading).__name__
         stream = self.streams.get(name)
         if stream is None:
-            stream = self.streams[name] = Stream(type(reading).__name__)
+            stream = self.streams[name] = SensorTally(type(reading).__name__)
         stream.add(reading.stamp)
 
     @property

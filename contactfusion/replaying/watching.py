@@ -63,8 +63,8 @@ def view_recording(
             session = source.session(watched=True)
             with closing(session), drawing(session, rrd) as output:
                 task, end = f"drawing {source.recording}", session.recording.end
-                for step in followed(session.steps(output.reading), task, end):
-                    output.step(step)
+                for _ in followed(session.steps(output), task, end):
+                    pass
         if screenshot is not None:
             show.screenshot(rrd, screenshot, at)
             print(f"results: {screenshot}")

@@ -31,6 +31,7 @@ from contactfusion_lab.scenes.grasp.driver import FASTEST, GraspDriver
 from contactfusion_lab.scenes.grasp.scene import (
     OBJECT,
     GraspCycle,
+    GraspMoment,
     GraspScene,
     GraspTruth,
     grasped,
@@ -81,7 +82,7 @@ def still() -> Step:
     return Pipeline(PipelineConfig(integrator=IntegratorConfig(frame="base"))).step(0.0)
 
 
-def moment(stamp: float, mode: str, height: float = 0.0) -> GraspCycle:
+def moment(stamp: float, mode: str, height: float = 0.0) -> GraspMoment:
     """A cycle of which only mode and truth are told: a bottle, so much higher than it stood."""
     truth = GraspTruth(
         stamp=stamp,
@@ -92,11 +93,10 @@ def moment(stamp: float, mode: str, height: float = 0.0) -> GraspCycle:
         supported=height == 0.0,
         force=0.0,
     )
-    step = replace(still(), stamp=stamp, command=Command(mode=mode))
-    return GraspCycle([], step, truth, "")
+    return GraspMoment(truth, mode, "")
 
 
-def lift_up() -> list[GraspCycle]:
+def lift_up() -> list[GraspMoment]:
     """A bottle is approached, from 3 s on lifted, and from 4 to 7 s held."""
     modes = ["open"] * 2 + ["approach"] * 2 + ["close"] * 2 + ["lift"] * 2 + ["hold"] * 7
     return [
@@ -105,7 +105,7 @@ def lift_up() -> list[GraspCycle]:
     ]
 
 
-def otherwise(cycles: list[GraspCycle], row: int, **truth: Any) -> list[GraspCycle]:
+def otherwise(cycles: list[GraspMoment], row: int, **truth: Any) -> list[GraspMoment]:
     """The same, but for what is true in one cycle."""
     others = list(cycles)
     others[row] = replace(cycles[row], truth=replace(cycles[row].truth, **truth))

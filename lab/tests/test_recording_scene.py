@@ -16,6 +16,7 @@ from contactfusion.arrays import FloatArray
 from contactfusion.errors import ConfigurationError, ContactFusionError, WritingError
 from contactfusion.frames import FrameTree, Pose, pose_of
 from contactfusion.pipeline import Pipeline
+from contactfusion.play import Observer, play
 from contactfusion.readings import JointState, Reading, TactileImage, Wrench
 from contactfusion.recording_scene import EPOCH_NS, TRUTH, record_scene
 from contactfusion.recordings.opening import open_recording
@@ -52,7 +53,7 @@ def heard(path: Path, overrides: Sequence[str] = ()) -> tuple[list[Reading], dic
     config = RunConfig(**run_fields(path, overrides))
     readings = list[Reading]()
     scene, pipeline = opened_scene(config), Pipeline(config)
-    *_, last = scene.run(pipeline, readings.append)
+    *_, last = play(pipeline, scene, [Observer(readings.append)])
     return readings, scene.verdict(pipeline, last).truth
 
 
@@ -201,7 +202,7 @@ def test_where_sensors_are_can_be_reconstructed(push: Path) -> None:
 def test_a_replay_finds_the_contacts_that_the_run_found(push: Path) -> None:
     fields = run_fields(PUSH, NEAR)
     scene, pipeline = opened_scene(RunConfig(**fields)), Pipeline(RunConfig(**fields))
-    wanted = {step.stamp: step.fusion.contacts for step in scene.run(pipeline, lambda _: None)}
+    wanted = {step.stamp: step.fusion.contacts for step in pipeline.run(scene)}
     assert sum(map(len, wanted.values())) > 10
     replay = Pipeline(RunConfig(**{**fields, "controller": None}))
     readings = [one for one in open_recording(push).readings() if one.sensor != TRUTH]

@@ -17,6 +17,7 @@ from contactfusion.errors import ConfigurationError
 from contactfusion.integrator.config import IntegratorConfig
 from contactfusion.pipeline import Pipeline
 from contactfusion.pipeline_config import PipelineConfig
+from contactfusion.play import Observer, play
 from contactfusion.readings import Reading
 from contactfusion.robots.description import read_robot
 from contactfusion.running import run_file
@@ -236,7 +237,7 @@ def test_a_scene_can_be_opened_in_python() -> None:
         PipelineConfig(robot=robot, integrator=IntegratorConfig(frame="panda_link0"))
     )
     opened = open_scene(scene, robot, seed=1)
-    *_, last = opened.run(pipeline, heard.append)
+    *_, last = play(pipeline, opened, [Observer(heard.append)])
     assert last.stamp > 0.1 and last.stamp - heard[-1].stamp < 0.02
     assert opened.verdict(pipeline, last).truth["places"]
 

@@ -17,7 +17,7 @@ from contactfusion.recordings.ros.channels import Channel
 from contactfusion.recordings.ros.contents import contents_of, topics_of
 from contactfusion.recordings.ros.files import Bag
 from contactfusion.recordings.ros.order import Entry, Heard, Sorter, TopicTally
-from contactfusion.recordings.ros.topics import Stream, Topic, listeners
+from contactfusion.recordings.ros.topics import SensorTopics, Topic, listeners
 from contactfusion.time import LONGEST_SECONDS, NANOSECONDS_PER_SECOND, to_nanoseconds
 
 
@@ -114,21 +114,21 @@ class RosRecording(Recording):
         }
 
     @property
-    def streams(self) -> Mapping[str, Stream]:
+    def streams(self) -> Mapping[str, SensorTopics]:
         """Topics of one sensor and kind, by the name of the sensor.
 
         Where topics of other kinds are of the same sensor, as the images of a camera that tells
         clouds, too, they stand under their own names.
         """
-        found: dict[str, Stream] = {}
+        found: dict[str, SensorTopics] = {}
         for sensor, topics in self.sensors.items():
             for topic in topics:
                 kind = self.contents[topic].kind
                 assert kind is not None
-                told = found.setdefault(sensor, Stream(kind, ()))
+                told = found.setdefault(sensor, SensorTopics(kind, ()))
                 name = sensor if told.kind is kind else topic.removeprefix("/")
                 before = found[name].topics if name in found else ()
-                found[name] = Stream(kind, (*before, topic))
+                found[name] = SensorTopics(kind, (*before, topic))
         return found
 
     def part(

@@ -164,7 +164,7 @@ class Topic:
     publishers: int
 
 
-class Stream(NamedTuple):
+class SensorTopics(NamedTuple):
     """Topics of one sensor that hold readings of one kind."""
 
     kind: type[Reading]

@@ -51,10 +51,10 @@ class StopWatch(Pipeline):
         self.cycles = [0.0]
         """Of each cycle so far, and of the one that has begun [s]."""
 
-    def receive(self, reading: Reading) -> None:
-        """Receive a reading."""
+    def take(self, reading: Reading) -> None:
+        """Take a reading."""
         start = time.process_time()
-        super().receive(reading)
+        super().take(reading)
         self.cycles[-1] += time.process_time() - start
 
     def step(self, now: float) -> Step:

@@ -1,7 +1,7 @@
 """One touch of the experiment: what every source said in the end, and the truth."""
 
 import json
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -10,7 +10,7 @@ import numpy as np
 
 from contactfusion.arrays import FloatArray
 from contactfusion.errors import ConfigurationError, name_hint
-from contactfusion.faults import unmet
+from contactfusion.faults import broken, unmet
 from contactfusion.files import read_arrays, write_npz
 from contactfusion.frames import points_in
 from contactfusion.grid import Grid
@@ -19,6 +19,7 @@ from contactfusion.integrator.sources import EventKind
 from contactfusion.pipeline import Pipeline
 from contactfusion.readings import JointState, Reading
 from contactfusion.robots.model import shared_robot
+from contactfusion.stream import Arrival, arrival_of
 from contactfusion_lab.experiments.touch.plan import Plan, Touch
 from contactfusion_lab.scenes.touch.scene import TouchScene
 
@@ -70,12 +71,19 @@ def run_trial(plan: Plan, touch: Touch) -> Trial:
     )
     stamp, joints = 0.0, np.zeros(len(robot.joint_names))
     heard: set[tuple[str, type[Reading]]] = set()
-    for reading in scene.readings():
-        heard.add((reading.sensor, type(reading)))
-        pipeline.receive(reading)
-        stamp = reading.stamp
-        if isinstance(reading, JointState):
-            joints = robot.positions(reading)
+
+    def noted() -> Iterator[Arrival]:
+        nonlocal stamp, joints
+        for reading in scene.readings():
+            heard.add((reading.sensor, type(reading)))
+            stamp = reading.stamp
+            if isinstance(reading, JointState):
+                joints = robot.positions(reading)
+            yield arrival_of(reading)
+
+    for arrival in broken(noted(), config.faults, touch.seed):
+        for reading in arrival.readings:
+            pipeline.take(reading)
     events = pipeline.step(stamp).events
     pipeline.close()
     _require_heard(pipeline, heard)

@@ -15,11 +15,13 @@ from contactfusion.errors import ConfigurationError, RobotError
 from contactfusion.frames import Pose
 from contactfusion.hooks import hookimpl
 from contactfusion.pipeline import Pipeline, Step
+from contactfusion.play import play
 from contactfusion.readings import JointCommand, Reading, Wrench
 from contactfusion.robots.description import RobotConfig
 from contactfusion.robots.model import RobotModel, shared_robot
 from contactfusion.robots.objects import ObjectModel
-from contactfusion.scene import Facts, Hear, Scene, Verdict
+from contactfusion.scene import Facts, Scene, Verdict
+from contactfusion.stream import Arrival
 from contactfusion_lab.scenes.approach import led_by
 from contactfusion_lab.scenes.arm import STEP
 from contactfusion_lab.scenes.facts import standing, true_contact
@@ -207,56 +209,47 @@ class GraspScene:
 
 
 @dataclass(frozen=True, eq=False)
-class GraspCycle:
+class GraspMoment:
+    """What really happened in a cycle of a grasp.
+
+    Attributes:
+        truth: of the world.
+        mode: of the controller then.
+        ending: why the grasp ends with this cycle: an end of the controller, or "timeout"; empty:
+            it goes on.
+    """
+
+    truth: GraspTruth
+    mode: str
+    ending: str
+
+
+@dataclass(frozen=True, eq=False)
+class GraspCycle(GraspMoment):
     """One cycle of a grasp.
 
     Attributes:
         readings: what the sensors read.
         step: what the pipeline made of it.
-        truth: what really happened.
-        ending: why the grasp ends with this cycle: an end of the controller, or "timeout"; empty:
-            it goes on.
     """
 
     readings: list[Reading]
     step: Step
-    truth: GraspTruth
-    ending: str
 
 
-def grasped(
-    scene: GraspScene, pipeline: Pipeline, hear: Hear = lambda reading: None
-) -> Iterator[GraspCycle]:
-    """Let a pipeline grasp until it ends; the controller hears readings, never the truth.
+def grasped(scene: GraspScene, pipeline: Pipeline) -> Iterator[GraspCycle]:
+    """The cycles of a grasp; the controller hears readings, never the truth.
 
     Args:
         scene: at its start.
         pipeline: with a controller.
-        hear: who hears every reading before the pipeline.
 
     Raises:
         ConfigurationError: the pipeline has no controller, or its controller failed.
     """
-    while True:
-        readings = scene.readings()
-        for reading in readings:
-            hear(reading)
-            pipeline.receive(reading)
-        step, truth = pipeline.step(scene.stamp), scene.truth()
-        command = step.command
-        if command is None:
-            raise ConfigurationError("a grasp needs a controller", "controller")
-        if command.twist is None and command.joint_velocities is None:
-            raise ConfigurationError(
-                f"the controller gave no velocity: {command.reason}", "controller"
-            )
-        ending = command.mode if command.mode in ENDS else ""
-        if not ending and scene.stamp >= scene.config.longest:
-            ending = TIMEOUT
-        yield GraspCycle(readings, step, truth, ending)
-        if ending:
-            return
-        scene.obey(command)
+    grasping = Grasping(scene)
+    for step in play(pipeline, grasping):
+        yield grasping.cycle(step)
 
 
 @dataclass(frozen=True)
@@ -285,7 +278,7 @@ class GraspResult:
     force: float
 
 
-def result_of(cycles: Sequence[GraspCycle], lifted: float, held: float) -> GraspResult:
+def result_of(cycles: Sequence[GraspMoment], lifted: float, held: float) -> GraspResult:
     """Measure a grasp.
 
     Args:
@@ -294,7 +287,7 @@ def result_of(cycles: Sequence[GraspCycle], lifted: float, held: float) -> Grasp
         held: for how long at the end [s].
     """
     first, last = cycles[0].truth, cycles[-1].truth
-    modes = [cycle.step.command.mode if cycle.step.command else "" for cycle in cycles]
+    modes = [cycle.mode for cycle in cycles]
     heights = np.array([cycle.truth.object[2, 3] for cycle in cycles]) - first.object[2, 3]
     stamps = np.array([cycle.truth.stamp for cycle in cycles])
     late = stamps >= last.stamp - held
@@ -326,22 +319,49 @@ class Grasping(Scene):
 
     def __init__(self, scene: GraspScene) -> None:
         self._scene = scene
-        self._cycles: list[GraspCycle] = []
+        self._readings: list[Reading] = []
+        self._command: Command | None = None
+        self._moments: list[GraspMoment] = []
 
     @classmethod
     def opened(cls, config: GraspConfig, robot: RobotConfig, seed: int) -> Self:
         """A grasp at its start."""
         return cls(GraspScene(config, shared_robot(robot), seed))
 
-    def run(self, pipeline: Pipeline, hear: Hear) -> Iterator[Step]:
-        """Let a pipeline grasp until it ends.
+    def readings(self) -> Iterator[Reading]:
+        """What the sensors read."""
+        return (reading for arrival in self.arrivals() for reading in arrival.readings)
+
+    def arrivals(self) -> Iterator[Arrival]:
+        """What the sensors read in each cycle, at its end, until the grasp ends."""
+        while not (self._moments and self._moments[-1].ending):
+            if self._command is not None:
+                self._scene.obey(self._command)
+            self._readings = self._scene.readings()
+            yield Arrival(self._scene.stamp, tuple(self._readings), due=True)
+
+    def send(self, command: Command | None) -> None:
+        """Take the command of the next cycle, and note how this one ended.
 
         Raises:
-            ConfigurationError: the pipeline has no controller, or its controller failed.
+            ConfigurationError: there is no controller, or it failed.
         """
-        for cycle in grasped(self._scene, pipeline, hear):
-            self._cycles.append(cycle)
-            yield cycle.step
+        scene, truth = self._scene, self._scene.truth()
+        if command is None:
+            raise ConfigurationError("a grasp needs a controller", "controller")
+        if command.twist is None and command.joint_velocities is None:
+            raise ConfigurationError(
+                f"the controller gave no velocity: {command.reason}", "controller"
+            )
+        ending = command.mode if command.mode in ENDS else ""
+        if not ending and scene.stamp >= scene.config.longest:
+            ending = TIMEOUT
+        self._command = command
+        self._moments.append(GraspMoment(truth, command.mode, ending))
+
+    def cycle(self, step: Step) -> GraspCycle:
+        """The cycle that a step closed."""
+        return GraspCycle(**vars(self._moments[-1]), readings=self._readings, step=step)
 
     def facts(self) -> Facts:
         """Where the robot is touched, and where the object stands."""
@@ -349,8 +369,8 @@ class Grasping(Scene):
 
     def verdict(self, pipeline: Pipeline, last: Step) -> Verdict:
         """How the grasp ended, and whether the object is really held."""
-        config, ending = self._scene.config, self._cycles[-1].ending
-        result = result_of(self._cycles, config.lifted, config.held)
+        config, ending = self._scene.config, self._moments[-1].ending
+        result = result_of(self._moments, config.lifted, config.held)
         word = "success" if result.success else "no success"
         more = ", fallen over" if result.fallen else ""
         times = f"{result.corrections} correction{'' if result.corrections == 1 else 's'}"

@@ -11,14 +11,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from contactfusion.arrays import FloatArray
+from contactfusion.controller import Command
 from contactfusion.controllers.pushing import ARRIVED
 from contactfusion.errors import ConfigurationError, RobotError, name_hint
 from contactfusion.frames import planar_pose, yaw_quaternion
 from contactfusion.hooks import hookimpl
 from contactfusion.pipeline import Pipeline, Step
+from contactfusion.play import play
 from contactfusion.readings import Odometry, Reading, TactileImage, Twist
 from contactfusion.robots.description import RobotConfig, read_robot
-from contactfusion.scene import Facts, Hear, Scene, Verdict
+from contactfusion.scene import Facts, Scene, Verdict
+from contactfusion.stream import Arrival
 from contactfusion_lab.scenes.facts import standing, true_contact
 from contactfusion_lab.scenes.push.bodies import ORIGIN_HEIGHT, Chassis, read_chassis
 from contactfusion_lab.scenes.push.config import RATE, PushConfig
@@ -224,45 +227,23 @@ class Cycle:
     ending: Ending | None
 
 
-def pushed(
-    scene: PushScene, pipeline: Pipeline, hear: Hear = lambda reading: None
-) -> Iterator[Cycle]:
-    """Let a pipeline push until it ends; the controller hears readings, never the truth.
+def pushed(scene: PushScene, pipeline: Pipeline) -> Iterator[Cycle]:
+    """The cycles of a push; the controller hears readings, never the truth.
 
     Args:
         scene: at its start.
         pipeline: with a controller.
-        hear: who hears every reading before the pipeline.
 
     Raises:
-        ConfigurationError: the pipeline has no controller, or its controller failed.
+        ConfigurationError: the pipeline has no controller, its controller failed, or pushes to
+            another target than the scene's.
     """
-    config, lost = scene.config, 0.0
-    while True:
-        readings = scene.readings()
-        for reading in readings:
-            hear(reading)
-            pipeline.receive(reading)
-        step, truth = pipeline.step(scene.stamp), scene.truth()
-        twist = _twist(step)
-        lost += config.period * (truth.kind == "none" and scene.stamp > 0.0)
-        ending = None
-        if step.command is not None and step.command.mode == ARRIVED:
-            ending = Ending.ARRIVED
-        elif math.hypot(*truth.object[:2]) > config.furthest:
-            ending = Ending.AWAY
-        elif lost > config.longest_lost:
-            ending = Ending.LOST
-        elif scene.stamp >= config.longest:
-            ending = Ending.TIMEOUT
-        yield Cycle(readings, step, truth, ending)
-        if ending is not None:
-            return
-        scene.drive(float(twist.linear[0]), float(twist.linear[1]), float(twist.angular[2]))
+    pushing = Pushing(scene)
+    for step in play(pipeline, pushing):
+        yield pushing.cycle(step)
 
 
-def _twist(step: Step) -> Twist:
-    command = step.command
+def _twist(command: Command | None) -> Twist:
     if command is None:
         raise ConfigurationError("a push needs a controller", "controller")
     if command.twist is None:
@@ -281,19 +262,22 @@ class Pushing(Scene):
 
     def __init__(self, scene: PushScene) -> None:
         self._scene = scene
-        self._last: Cycle | None = None
+        self._readings: list[Reading] = []
+        self._lost = 0.0
+        self._twist: Twist | None = None
+        self._truth: PushTruth | None = None
+        self._ending: Ending | None = None
 
     @classmethod
     def opened(cls, config: PushConfig, robot: RobotConfig, seed: int) -> Self:
         """A push at its start."""
         return cls(PushScene(config, robot, seed))
 
-    def run(self, pipeline: Pipeline, hear: Hear) -> Iterator[Step]:
-        """Let a pipeline push until it ends.
+    def begin(self, pipeline: Pipeline) -> None:
+        """Refuse a controller that pushes to another target than the scene's.
 
         Raises:
-            ConfigurationError: the pipeline has no controller, its controller failed, or pushes to
-                another target than the scene's.
+            ConfigurationError: it does.
         """
         target = (pipeline.config.controller or {}).get("target", self._scene.config.target)
         if tuple(target) != self._scene.config.target:
@@ -302,9 +286,43 @@ class Pushing(Scene):
                 f"{self._scene.config.target}",
                 "controller.target",
             )
-        for cycle in pushed(self._scene, pipeline, hear):
-            self._last = cycle
-            yield cycle.step
+
+    def readings(self) -> Iterator[Reading]:
+        """What the sensors read."""
+        return (reading for arrival in self.arrivals() for reading in arrival.readings)
+
+    def arrivals(self) -> Iterator[Arrival]:
+        """What the sensors read in each cycle, at its end, until the push ends."""
+        while self._ending is None:
+            if self._twist is not None:
+                linear, angular = self._twist.linear, self._twist.angular
+                self._scene.drive(float(linear[0]), float(linear[1]), float(angular[2]))
+            self._readings = self._scene.readings()
+            yield Arrival(self._scene.stamp, tuple(self._readings), due=True)
+
+    def send(self, command: Command | None) -> None:
+        """Take the velocity of the next cycle, and note how this one ended.
+
+        Raises:
+            ConfigurationError: there is no controller, or it failed.
+        """
+        scene, config = self._scene, self._scene.config
+        self._truth = truth = scene.truth()
+        self._twist = _twist(command)
+        self._lost += config.period * (truth.kind == "none" and scene.stamp > 0.0)
+        if command is not None and command.mode == ARRIVED:
+            self._ending = Ending.ARRIVED
+        elif math.hypot(*truth.object[:2]) > config.furthest:
+            self._ending = Ending.AWAY
+        elif self._lost > config.longest_lost:
+            self._ending = Ending.LOST
+        elif scene.stamp >= config.longest:
+            self._ending = Ending.TIMEOUT
+
+    def cycle(self, step: Step) -> Cycle:
+        """The cycle that a step closed."""
+        assert self._truth is not None  # its command was sent
+        return Cycle(self._readings, step, self._truth, self._ending)
 
     def facts(self) -> Facts:
         """The true contact, and where the object stands."""
@@ -312,8 +330,8 @@ class Pushing(Scene):
 
     def verdict(self, pipeline: Pipeline, last: Step) -> Verdict:
         """How the push ended, and where the object truly touches then."""
-        assert self._last is not None  # run has given `last`
-        truth, ending = self._last.truth, self._last.ending
+        truth, ending = self._truth, self._ending
+        assert truth is not None  # there was a step
         within = self._scene.config.within
         success = ending == Ending.ARRIVED and truth.distance <= within
         if truth.kind == "none":

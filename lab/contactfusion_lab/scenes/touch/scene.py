@@ -19,7 +19,7 @@ from contactfusion.robots.description import RobotConfig
 from contactfusion.robots.model import RobotModel, shared_robot
 from contactfusion.robots.objects import ObjectModel
 from contactfusion.robots.solids import Solid, loaded_open3d
-from contactfusion.scene import Facts, Hear, Scene, Verdict, heard
+from contactfusion.scene import Facts, Scene, Verdict
 from contactfusion_lab.scenes.approach import Approach, led_by, straight, tries
 from contactfusion_lab.scenes.arm import STEP, SpringyArm
 from contactfusion_lab.scenes.facts import standing, true_contact
@@ -107,10 +107,6 @@ class TouchScene(Scene):
         if self._truth is None:
             raise RuntimeError("the truth of a touch is known when all readings are taken")
         return self._truth
-
-    def run(self, pipeline: Pipeline, hear: Hear) -> Iterator[Step]:
-        """Let a pipeline listen to the touch."""
-        return pipeline.run(heard(self.readings(), hear))
 
     def facts(self) -> Facts:
         """Where the hand is touched in these 50 ms, and where all objects truly stand."""
