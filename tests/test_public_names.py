@@ -34,9 +34,12 @@ PAGES = [
 SOURCES = [*sorted((ROOT / "examples").rglob("*.py")), *PAGES]
 
 
+BLOCK = re.compile(r"^([ \t]*)``` *py(?:thon)?\b.*\n([\s\S]*?)^\1```", re.MULTILINE)
+
+
 def blocks(text: str) -> Iterator[str]:
     """The Python blocks of a page, also those that are indented."""
-    for block in re.finditer(r"^([ \t]*)``` *py(?:thon)?\b.*\n([\s\S]*?)^\1```", text, re.MULTILINE):
+    for block in BLOCK.finditer(text):
         yield textwrap.dedent(block[2])
 
 
