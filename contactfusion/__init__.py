@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from contactfusion.integrator.config import IntegratorConfig
     from contactfusion.integrator.fusion import Fusion
     from contactfusion.integrator.integrator import Integrator
+    from contactfusion.model import Model
     from contactfusion.pipeline import Pipeline, Step
     from contactfusion.pipeline_config import PipelineConfig
     from contactfusion.play import Observer, play
@@ -82,6 +83,7 @@ _HOMES = {
     "JointState": "contactfusion.readings",
     "Markers": "contactfusion.readings",
     "McapWriter": "contactfusion.recordings.mcap",
+    "Model": "contactfusion.model",
     "Note": "contactfusion.hypotheses",
     "ObjectPose": "contactfusion.readings",
     "Odometry": "contactfusion.readings",
@@ -149,6 +151,7 @@ __all__ = [
     "JointState",
     "Markers",
     "McapWriter",
+    "Model",
     "Note",
     "ObjectPose",
     "Observer",

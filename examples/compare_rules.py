@@ -14,7 +14,7 @@ import contactfusion as cf
 
 MASS = {"condensation": {"type": "cluster_mass", "mass_threshold": 0.4}}
 MODES: dict[str, Any] = {"rule": "posterior", "condensation": "modes"}
-MORE = {"type": "modes", "mode_share": 0.1}
+MORE: Any = {"condensation": {"type": "modes", "mode_share": 0.1}}
 METHODS = {"De Morgan, cluster_centroid": {}, "De Morgan, cluster_mass": MASS, "posterior": MODES}
 VIEW = dict(aspect="equal", xlim=(-52, 52), ylim=(-42, 42), xlabel="x [mm]", ylabel="y [mm]")
 PALM = cf.ShapeConfig(shape="rectangle", size=(0.1, 0.08)).sampled("hand", 0.004)
@@ -97,4 +97,4 @@ for name, (title, *_) in SITUATIONS.items():
     print(title)
     draw(name, out / f"rules_{name}.png")
 fuse("line", "posterior, sensitivity 0.9", sensitivity=0.9, **MODES)
-fuse("many", "posterior, mode_share 0.1", **MODES | {"condensation": MORE})
+fuse("many", "posterior, mode_share 0.1", **MODES | MORE)

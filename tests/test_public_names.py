@@ -13,7 +13,7 @@ import contactfusion
 ROOT = Path(__file__).parents[1]
 OURS = ("contactfusion", "contactfusion_lab")
 PUBLIC = {
-    *("Arrival", "Observer", "Stream", "play"),
+    *("Arrival", "Model", "Observer", "Stream", "play"),
     *("Command", "Condensation", "Contact", "ContactFusionError", "ContactHypothesis"),
     *("Controller", "Decision", "DepthImage", "Fusion", "Generator", "GeneratorConfig", "Grid"),
     *("HypothesisCloud", "HypothesisKind", "Integrator", "IntegratorConfig", "JointCommand"),
@@ -35,10 +35,12 @@ PAGES = [
 SOURCES = [*sorted((ROOT / "examples").rglob("*.py")), *PAGES]
 
 
+BLOCK = re.compile(r"^([ \t]*)``` *py(?:thon)?\b.*\n([\s\S]*?)^\1```", re.MULTILINE)
+
+
 def blocks(text: str) -> Iterator[str]:
     """The Python blocks of a page, also those that are indented."""
-    fenced = re.compile(r"^([ \t]*)``` *py(?:thon)?\b.*\n([\s\S]*?)^\1```", re.MULTILINE)
-    for block in fenced.finditer(text):
+    for block in BLOCK.finditer(text):
         yield textwrap.dedent(block[2])
 
 
