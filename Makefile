@@ -13,16 +13,18 @@ demo: $(DEMO_READY)
 	$(BIN)/contactfusion demo --out out/demo
 
 # On up to four cores; a file stays on one, so that what its tests share is made once.
+PARALLEL := --numprocesses auto --maxprocesses 4 --dist loadfile
+
 test: $(READY)
-	$(BIN)/python -m pytest -q --numprocesses auto --maxprocesses 4 --dist loadfile
+	$(BIN)/python -m pytest -q $(PARALLEL)
 
 # All of the laboratory's tests; with FAST=1 those that are not slow.
 test-lab: $(READY)
-	$(BIN)/python -m pytest -q lab/tests $(if $(FAST),-m "not slow")
+	$(BIN)/python -m pytest -q $(PARALLEL) lab/tests $(if $(FAST),-m "not slow")
 
 # Those of its slow tests that stand on what changed: since the commit BASE, or on this branch.
 test-lab-changed: $(READY)
-	$(BIN)/python scripts/changed.py $(if $(BASE),--since $(BASE))
+	$(BIN)/python scripts/changed.py $(if $(BASE),--since $(BASE)) -- $(PARALLEL)
 
 lint: $(READY)
 	$(BIN)/ruff check .

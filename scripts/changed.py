@@ -5,7 +5,7 @@ all plug-ins, which configurations choose by name; if it starts other programs, 
 those of tests. A changed file that is no module, such as a robot or the set-up, may matter to any
 test, but for the pages. Where there is no commit to compare with, everything runs.
 
-usage: changed.py [--since REV]   (default: where HEAD left origin/main)
+usage: changed.py [--since REV] [-- OPTION ...]   (default: where HEAD left origin/main)
 """
 
 import argparse
@@ -137,8 +137,12 @@ def report(tests: Sequence[str], why: Mapping[str, str], files: Mapping[str, str
     yield f"slow tests: {len(why)} of {len(tests)} files run"
 
 
-def main(since: str | None) -> int:
+def main(since: str | None, options: Sequence[str]) -> int:
     """Decide, say how, and run.
+
+    Args:
+        since: the commit to compare with; None: where HEAD left origin/main.
+        options: of pytest.
 
     Returns:
         The exit status of pytest; 0 when nothing has to run.
@@ -158,7 +162,16 @@ def main(since: str | None) -> int:
         print(*report(slow, why, files), sep="\n", flush=True)
     if not why:
         return 0
-    command = [sys.executable, "-m", "pytest", "-q", "-m", "slow", *(files[name] for name in why)]
+    command = [
+        sys.executable,
+        "-m",
+        "pytest",
+        "-q",
+        "-m",
+        "slow",
+        *options,
+        *(files[name] for name in why),
+    ]
     return subprocess.run(command, cwd=ROOT).returncode
 
 
@@ -194,4 +207,6 @@ def _git(root: Path, *words: str) -> str:
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
     parser.add_argument("--since", metavar="REV", help=f"default: where HEAD left {LANDED}")
-    sys.exit(main(parser.parse_args().since or None))
+    parser.add_argument("options", nargs="*", metavar="OPTION", help="of pytest, after --")
+    arguments = parser.parse_args()
+    sys.exit(main(arguments.since or None, arguments.options))
