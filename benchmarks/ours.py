@@ -23,7 +23,7 @@ from contactfusion import (
     IntegratorConfig,
     arrays,
 )
-from contactfusion.integrator.condensations import ClusterCentroid
+from contactfusion.integrator.condensations import ClusterCentroid, ClusterCentroidConfig
 
 Cycles = Sequence[Sequence[Cloud]]
 CONFIG = IntegratorConfig(timeout=TIMEOUT, threshold=THRESHOLD)
@@ -121,7 +121,7 @@ class Lives:
 
 def condense_again(fusion: Fusion) -> Callable[[], object]:
     """Prepare the condensation of a fusion's field, contacts and all."""
-    condensation = ClusterCentroid(ClusterCentroid.Config(), CONFIG.linking_distance)
+    condensation = ClusterCentroid(ClusterCentroidConfig(), CONFIG.linking_distance)
     return lambda: tuple(condensation.condense(fusion.field, fusion.verdict_codes))
 
 

@@ -132,7 +132,7 @@ def commit(folder: Path) -> None:
 
 def test_what_is_not_landed_is_compared_with_the_commit_that_it_left(repository: Path) -> None:
     base = changed.base_of(None, repository)
-    assert base == git(repository, "rev-parse", "HEAD^")
+    assert base is not None and base == git(repository, "rev-parse", "HEAD^")
     (repository / "gone.py").unlink()
     (repository / "kept.py").write_text("3\n")
     (repository / "fresh file.py").write_text("4\n")
