@@ -1,6 +1,7 @@
 """Sensors that fail on purpose: a model for each kind of fault, and readings that pass them."""
 
 import heapq
+import itertools
 import math
 from abc import abstractmethod
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
@@ -439,8 +440,8 @@ def broken(
     """
     through = Faults(faults, seed)
     for arrival in arrivals:
-        left = tuple(one for reading in arrival.readings for one in through.apply(reading))
-        yield Arrival(arrival.stamp, left, arrival.due) if faults else arrival
+        left = itertools.chain.from_iterable(map(through.apply, arrival.readings))
+        yield Arrival(arrival.stamp, tuple(left), arrival.due)
 
 
 def unmet(faults: Iterable[Fault], heard: Collection[tuple[str, type[Reading]]]) -> Iterator[str]:

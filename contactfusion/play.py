@@ -57,7 +57,9 @@ def play(
     else:
         arrivals = map(arrival_of, stream)
     config = pipeline.config
-    arrivals = broken(_observed(arrivals, observers), config.faults, config.seed)
+    arrivals = _observed(arrivals, observers)
+    if config.faults:
+        arrivals = broken(arrivals, config.faults, config.seed)
     every = config.cycle.every
     steps = _on(pipeline, arrivals) if every is None else _every(pipeline, every, arrivals)
     for step in steps:

@@ -38,6 +38,7 @@ def plot_fusion(fusion: "Fusion") -> "Figure":
         DependencyError: matplotlib is not installed.
     """
     figure = new_figure(11.0, 8.5)
+    figure.set_layout_engine("compressed")  # of equal scales, without gaps between them
     low, high = _box(fusion)
     extent = high - low
     thinnest = min((2, 1, 0), key=lambda axis: extent[axis])  # from above, where they are equal
