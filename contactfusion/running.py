@@ -3,12 +3,13 @@
 import json
 import time
 from collections.abc import Sequence
+from contextlib import ExitStack
 from pathlib import Path
 from typing import Any, Self
 
 from pydantic import Field, model_validator
 
-from contactfusion.errors import ConfigurationError, naming
+from contactfusion.errors import ConfigurationError, WritingError, naming
 from contactfusion.files import make_folder, write_whole
 from contactfusion.pipeline import Pipeline, Step
 from contactfusion.pipeline_config import PipelineConfig
@@ -17,7 +18,13 @@ from contactfusion.recordings.opening import open_recording
 from contactfusion.recordings.recording import Recording
 from contactfusion.replaying.configuration import read_fields
 from contactfusion.replaying.tally import Tally
-from contactfusion.run_results import commands_csv, contacts_csv
+from contactfusion.results import (
+    COLUMNS,
+    COMMAND_COLUMNS,
+    command_rows,
+    contact_rows,
+    table_file,
+)
 from contactfusion.scene import Scene, open_scene
 from contactfusion.step_summary import Summary, refuse
 from contactfusion.stopwatch import StopWatch
@@ -68,40 +75,44 @@ def run_file(path: Path, overrides: Sequence[str], out: Path, seed: int | None =
         pipeline = Pipeline(config, ask=watch.ask)
     make_folder(out)
     tally, summary = Tally(), Summary(pipeline)
-    steps: list[Step] = []
+    events: list[dict[str, Any]] = []
+    last: Step | None = None
     stopped: BaseException | None = None
     start = time.perf_counter()
-    try:
-        observers = Observer(tally.add, summary.add), Observer(step=steps.append)
-        for _ in followed(play(pipeline, source, observers), f"running {path}", source.end):
-            pass
-    except (Exception, KeyboardInterrupt) as error:
-        if not steps:
+
+    def note_events(step: Step) -> None:
+        for event in step.events:
+            told = {"stamp": step.stamp, "kind": str(event.kind), "message": event.message}
+            events.append(told)
+
+    with ExitStack() as stack:
+        stack.callback(pipeline.close)
+        files = {"contacts.csv": (COLUMNS, contact_rows)}
+        if config.controller is not None:
+            files["commands.csv"] = COMMAND_COLUMNS, command_rows
+        tables = [stack.enter_context(table_file(out / n, *made)) for n, made in files.items()]
+        observers = [Observer(tally.add, summary.add), Observer(step=note_events), *tables]
+        try:
+            played = play(pipeline, source, observers)
+            for step in followed(played, f"running {path}", source.end):
+                last = step
+        except (WritingError, OSError):  # it names the file
             raise
-        stopped = error
-    finally:
-        pipeline.close()
-    took = time.perf_counter() - start
-    write_whole(out / "contacts.csv", contacts_csv(steps))
+        except (Exception, KeyboardInterrupt) as error:
+            if last is None:
+                raise
+            stopped = error
+        took = time.perf_counter() - start
     for line in (*summary.lines(), f"ran for {took:.1f} s", *watch.lines()):
         note(line)
-    events = [
-        {"stamp": step.stamp, "kind": str(event.kind), "message": event.message}
-        for step in steps
-        for event in step.events
-    ]
     total = {**summary.fields(), "events": events}
-    results = [out / "contacts.csv", out / "summary.json"]
-    if pipeline.config.controller is not None:
-        results.insert(1, out / "commands.csv")
-        write_whole(results[1], commands_csv(steps))
-    if scene and steps and stopped is None:
-        verdict = scene.verdict(pipeline, steps[-1])
+    if scene and last and stopped is None:
+        verdict = scene.verdict(pipeline, last)
         total["truth"] = verdict.truth
         for sentence in verdict.sentences:
             note(f"truth: {sentence}")
     write_whole(out / "summary.json", json.dumps(total, indent=2) + "\n")
-    print(f"results: {', '.join(map(str, results))}")
+    print(f"results: {', '.join(str(out / name) for name in (*files, 'summary.json'))}")
     if stopped is not None:
         raise stopped
     refuse(path, summary.complaints(tally.kinds))

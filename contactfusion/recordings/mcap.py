@@ -3,15 +3,14 @@
 import os
 from collections.abc import Iterator, Sequence
 from contextlib import AbstractContextManager, ExitStack, contextmanager
-from itertools import count
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from types import TracebackType
 from typing import TYPE_CHECKING, Any, Final, Self, final
 
 from contactfusion.contacts import Contact
-from contactfusion.errors import RecordingError, WritingError
-from contactfusion.files import make_folder
+from contactfusion.errors import RecordingError
+from contactfusion.files import kept_when_cut, make_folder, telling
 from contactfusion.pipeline import Step
 from contactfusion.readings import Reading, Transform
 from contactfusion.recordings.messages import (
@@ -280,46 +279,6 @@ def _bag_that_becomes(path: Path) -> Iterator["Writer"]:
             with telling(path):
                 stack.close()
         os.replace(written, path)
-
-
-@contextmanager
-def kept_when_cut(written: Path, path: Path) -> Iterator[None]:
-    """Keep what the disk took of a file before it was full, under a name that says so.
-
-    Args:
-        written: the file, as it is called while it is written.
-        path: as it would be called.
-
-    Raises:
-        WritingError: the one that was met, with the name of what is kept.
-    """
-    try:
-        yield
-    except WritingError as error:
-        if not written.is_file() or not written.stat().st_size:
-            raise WritingError(f"{error}; nothing of it was kept") from None
-        kept = next(name for name in _names_of_cuts(path) if not name.exists())
-        os.replace(written, kept)
-        raise WritingError(f"{error}; what was written until then is {kept}") from None
-
-
-def _names_of_cuts(path: Path) -> Iterator[Path]:
-    yield path.with_suffix(f".cut{path.suffix}")
-    for number in count(2):
-        yield path.with_suffix(f".cut{number}{path.suffix}")
-
-
-@contextmanager
-def telling(path: Path) -> Iterator[None]:
-    """Say in one sentence why a file can't be written, such as that the disk is full.
-
-    Raises:
-        WritingError: in place of the system's error.
-    """
-    try:
-        yield
-    except OSError as error:
-        raise WritingError(f"{path} can't be written: {error.strerror or error}") from None
 
 
 def _latched() -> "Qos":

@@ -1,29 +1,20 @@
 """Where the contacts of a replay go: MCAP with all that was recorded, CSV, or Parquet."""
 
-import csv
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, final
+from typing import final
 
-from contactfusion.contact_rows import COLUMNS, contact_rows
-from contactfusion.errors import RecordingError, missing_extra
-from contactfusion.files import whole_file
-from contactfusion.pipeline import Step
+from contactfusion.errors import RecordingError
 from contactfusion.play import Observer
-from contactfusion.recordings.mcap import McapWriter, kept_when_cut, telling
-from contactfusion.recordings.messages import recorded_stamp, typestore
+from contactfusion.recordings.mcap import McapWriter
+from contactfusion.recordings.messages import typestore
 from contactfusion.recordings.ros import RawMessage
 from contactfusion.recordings.step_messages import OURS
 from contactfusion.replaying.configuration import TOPIC
-
-if TYPE_CHECKING:
-    import pyarrow
-
-ROWS_AT_ONCE = 10_000
-"""So many contacts make a group of rows of a Parquet file."""
+from contactfusion.results import COLUMNS, contact_rows, parquet_file, table_file
 
 
 def _ignore(message: RawMessage) -> None:
@@ -59,7 +50,7 @@ class About:
     passed_over: dict[str, str] = field(default_factory=dict)
 
 
-def open_output(path: Path, about: About) -> AbstractContextManager[Output]:
+def open_output(path: Path, about: About) -> AbstractContextManager[Observer]:
     """Begin the file that takes a replay; it appears whole at the end of the `with`.
 
     Args:
@@ -71,12 +62,17 @@ def open_output(path: Path, about: About) -> AbstractContextManager[Output]:
         WritingError: the file can't be written; nothing of it is kept.
         DependencyError: a package is not installed.
     """
-    kinds = {".mcap": _mcap, ".csv": _csv, ".parquet": _parquet}
-    if path.suffix not in kinds:
-        raise RecordingError(
-            f"{path}: contacts are written to {', '.join(kinds)}, not to '{path.suffix}'"
-        )
-    return kinds[path.suffix](path, about)
+    match path.suffix:
+        case ".mcap":
+            return _mcap(path, about)
+        case ".csv":
+            return table_file(path, COLUMNS, contact_rows)
+        case ".parquet":
+            return parquet_file(path, about.epoch_ns)
+        case suffix:
+            raise RecordingError(
+                f"{path}: contacts are written to .mcap, .csv, .parquet, not to '{suffix}'"
+            )
 
 
 @contextmanager
@@ -97,86 +93,3 @@ def _copy(writer: McapWriter, passed_over: dict[str, str], message: RawMessage) 
         writer.copy(message)
     else:  # nobody could read it
         passed_over[message.topic] = message.msgtype
-
-
-@contextmanager
-def _csv(path: Path, about: About) -> Iterator[Output]:
-    """One row a contact, as `contacts.csv` of a run."""
-    with (
-        telling(path),
-        whole_file(path) as temporary,
-        kept_when_cut(temporary, path),
-        telling(path),
-        temporary.open("w", encoding="utf-8", newline="") as file,
-    ):
-        table = csv.writer(file, lineterminator="\n")
-        table.writerow(COLUMNS)
-        yield Output(step=lambda step: table.writerows(contact_rows(step)))
-
-
-@contextmanager
-def _parquet(path: Path, about: About) -> Iterator[Output]:
-    """One row a contact: numbers as they are, and the share of each source by name."""
-    try:
-        from pyarrow import parquet
-    except ImportError:
-        raise missing_extra("pyarrow", "parquet") from None
-    schema = _schema()
-    rows: list[dict[str, Any]] = []
-
-    with (
-        telling(path),
-        whole_file(path) as temporary,
-        parquet.ParquetWriter(temporary, schema) as table,
-    ):
-
-        def write() -> None:
-            table.write_table(_table(rows, schema))
-            rows.clear()
-
-        def step(one: Step) -> None:
-            rows.extend(_parquet_rows(one, about.epoch_ns))
-            if len(rows) >= ROWS_AT_ONCE:
-                write()
-
-        yield Output(step=step)
-        write()
-
-
-def _schema() -> "pyarrow.Schema":
-    import pyarrow as pa
-
-    numbers = ("x", "y", "z", "likelihood", "dispersion", "fx", "fy", "fz")
-    return pa.schema(
-        [
-            ("time_ns", pa.int64()),
-            ("stamp", pa.float64()),
-            *((name, pa.float64()) for name in numbers),
-            ("voxels", pa.int64()),
-            ("covariance", pa.list_(pa.float64(), 9)),
-            ("shares", pa.map_(pa.string(), pa.float64())),
-        ]
-    )
-
-
-def _table(rows: list[dict[str, Any]], schema: "pyarrow.Schema") -> "pyarrow.Table":
-    import pyarrow as pa
-
-    return pa.Table.from_pylist(rows, schema)
-
-
-def _parquet_rows(step: Step, epoch_ns: int) -> Iterator[dict[str, Any]]:
-    for contact in step.fusion.contacts:
-        places = zip("xyz", contact.position.tolist(), strict=True)
-        forces = zip(("fx", "fy", "fz"), contact.force.tolist(), strict=True)
-        yield {
-            "time_ns": recorded_stamp(step.stamp, epoch_ns),
-            "stamp": step.stamp,
-            **dict(places),
-            "likelihood": float(contact.likelihood),
-            "dispersion": float(contact.dispersion),
-            **dict(forces),
-            "voxels": int(contact.voxels),
-            "covariance": contact.covariance.ravel().tolist(),
-            "shares": list(contact.shares.items()),
-        }

@@ -20,7 +20,7 @@ from contactfusion.step_summary import Summary, refuse
 from contactfusion.stopwatch import StopWatch
 from contactfusion.terminal import followed, is_quiet, note, progress
 
-Watch = Callable[[Session], AbstractContextManager[Output]]
+Watch = Callable[[Session], AbstractContextManager[Observer]]
 """Gives who else sees readings and steps, such as a viewer."""
 
 
@@ -67,11 +67,12 @@ def replay(options: Options, watch: Watch | None = None) -> None:
     _refuse_itself(options)
     setting = setting_of_file(options.configuration, options.overrides)
     setting = setting.choosing(options.topics, options.ignored)
-    outputs: list[Output] = []
+    outputs: list[Observer] = []
 
     def copy(message: RawMessage) -> None:
         for output in outputs:
-            output.message(message)
+            if isinstance(output, Output):
+                output.message(message)
 
     wants_all = options.out is not None and options.out.suffix == ".mcap"
     tap = copy if wants_all else None

@@ -6,8 +6,8 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 from contactfusion.errors import ConfigurationError
+from contactfusion.play import Observer
 from contactfusion.replaying.asking import Source
-from contactfusion.replaying.outputs import Output
 from contactfusion.replaying.replay import Options, replay
 from contactfusion.replaying.session import Session
 from contactfusion.terminal import followed
@@ -20,10 +20,10 @@ DRAWN = ".rrd"
 
 
 @contextmanager
-def drawing(session: Session, rrd: Path) -> Iterator[Output]:
+def drawing(session: Session, rrd: Path) -> Iterator[Observer]:
     """Give what draws a replay into a file of rerun; at the end, say what could not be placed."""
     with Viewer(session.pipeline.config, rrd) as viewer:
-        yield Output(
+        yield Observer(
             step=lambda step: viewer.step(step, session.pipeline.state(step.stamp)),
             reading=viewer.reading,
         )

@@ -15,7 +15,13 @@ from contactfusion.files import make_folder, write_whole
 from contactfusion.pipeline_config import pipeline_fields
 from contactfusion.recordings.mcap import McapWriter
 from contactfusion.replaying.configuration import TOPIC, Setting
-from contactfusion.run_results import commands_csv, contacts_csv
+from contactfusion.results import (
+    COLUMNS,
+    COMMAND_COLUMNS,
+    command_rows,
+    contact_rows,
+    table_file,
+)
 from contactfusion.terminal import is_quiet, note
 from contactfusion_lab.demo.account import Story, sentences, summary
 from contactfusion_lab.demo.film import distance_figure, film, lateral_figure, shares_figure
@@ -79,17 +85,22 @@ def write(story: Story, out: Path, console: Console) -> Iterator[str]:
     Yields:
         The name of each file.
     """
-    steps = [one.step for one in story.moments]
+    tables = {
+        "contacts.csv": (COLUMNS, contact_rows),
+        "commands.csv": (COMMAND_COLUMNS, command_rows),
+    }
+    for name, made in tables.items():
+        with table_file(out / name, *made) as table:
+            for moment in story.moments:
+                table.step(moment.step)
     contents: dict[str, str | bytes] = {
-        "contacts.csv": contacts_csv(steps),
-        "commands.csv": commands_csv(steps),
         "summary.json": json.dumps(summary(story), indent=2) + "\n",
         "scene.yaml": as_yaml(story.fields),
         "distance.png": distance_figure(story),
         "lateral.png": lateral_figure(story),
         "shares.png": shares_figure(story),
     }
-    written = [*contents, "film.gif", "death.png"]
+    written = [*tables, *contents, "film.gif", "death.png"]
     for name, content in contents.items():
         write_whole(out / name, content)
     size = film(story, out / "film.gif", out / "death.png")

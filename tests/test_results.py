@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from contactfusion.contact_rows import COLUMNS, contact_rows
+from contactfusion.results import COLUMNS, contact_rows
 from tests.clouds import HERE, cloud, fused
 
 
