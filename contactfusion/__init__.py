@@ -24,10 +24,10 @@ if TYPE_CHECKING:
     from contactfusion.integrator.config import IntegratorConfig
     from contactfusion.integrator.fusion import Fusion
     from contactfusion.integrator.integrator import Integrator
+    from contactfusion.loop import Observer, play
     from contactfusion.model import Model
     from contactfusion.pipeline import Pipeline, Step
     from contactfusion.pipeline_config import PipelineConfig
-    from contactfusion.play import Observer, play
     from contactfusion.readings import (
         DepthImage,
         JointCommand,
@@ -87,7 +87,7 @@ _HOMES = {
     "Note": "contactfusion.hypotheses",
     "ObjectPose": "contactfusion.readings",
     "Odometry": "contactfusion.readings",
-    "Observer": "contactfusion.play",
+    "Observer": "contactfusion.loop",
     "OfRobot": "contactfusion.generator",
     "Pipeline": "contactfusion.pipeline",
     "PipelineConfig": "contactfusion.pipeline_config",
@@ -123,7 +123,7 @@ _HOMES = {
     "hookimpl": "contactfusion.hooks",
     "open_recording": "contactfusion.recordings.opening",
     "open_scene": "contactfusion.scene",
-    "play": "contactfusion.play",
+    "play": "contactfusion.loop",
     "plot_fusion": "contactfusion.view.plot",
     "read_robot": "contactfusion.robots.description",
     "run_file": "contactfusion.running",

@@ -31,8 +31,8 @@ from contactfusion.hypotheses import HypothesisCloud, HypothesisKind
 from contactfusion.integrator.fusion import Fusion
 from contactfusion.integrator.sources import Event
 from contactfusion.isolation import Isolated
+from contactfusion.loop import play
 from contactfusion.pipeline_config import PipelineConfig
-from contactfusion.play import play
 from contactfusion.readings import JointState, Odometry, Reading
 from contactfusion.robot_state import Robot
 from contactfusion.state import State

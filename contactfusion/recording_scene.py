@@ -8,9 +8,9 @@ from pathlib import Path
 from scipy.spatial.transform import Rotation
 
 from contactfusion.errors import ConfigurationError, naming
+from contactfusion.loop import Observer, play
 from contactfusion.pipeline import Pipeline, Step
 from contactfusion.pipeline_config import PipelineConfig
-from contactfusion.play import Observer, play
 from contactfusion.readings import Reading, Transform
 from contactfusion.recordings.mcap import McapWriter
 from contactfusion.recordings.reading_messages import topic_of

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 from contactfusion.errors import missing_extra
 from contactfusion.files import kept_when_cut, telling, whole_file
+from contactfusion.loop import Observer
 from contactfusion.pipeline import Step
-from contactfusion.play import Observer
 from contactfusion.recordings.messages import recorded_stamp
 
 if TYPE_CHECKING:

@@ -11,9 +11,9 @@ from pydantic import Field, model_validator
 
 from contactfusion.errors import ConfigurationError, WritingError, naming
 from contactfusion.files import make_folder, write_whole
+from contactfusion.loop import Observer, play
 from contactfusion.pipeline import Pipeline, Step
 from contactfusion.pipeline_config import PipelineConfig
-from contactfusion.play import Observer, play
 from contactfusion.recordings.opening import open_recording
 from contactfusion.recordings.recording import Recording
 from contactfusion.replaying.configuration import read_fields

@@ -53,7 +53,7 @@ CORE = {
     "patches",
     "pipeline",
     "pipeline_config",
-    "play",
+    "loop",
     "plugins",
     "robot_state",
     "robots",

@@ -105,6 +105,12 @@ def test_the_public_names_are_these() -> None:
     assert contactfusion.__all__ == sorted(PUBLIC)
 
 
+def test_no_module_has_a_public_name() -> None:
+    """Else the name would be the module's as soon as that is imported."""
+    modules = {path.stem for path in Path(contactfusion.__file__).parent.iterdir()}
+    assert modules & PUBLIC == set()
+
+
 @pytest.mark.parametrize("name", contactfusion.__all__)
 def test_a_public_name_has_a_docstring(name: str) -> None:
     assert documented(getattr(contactfusion, name), name)

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import final
 
 from contactfusion.errors import RecordingError
-from contactfusion.play import Observer
+from contactfusion.loop import Observer
 from contactfusion.recordings.mcap import McapWriter
 from contactfusion.recordings.messages import typestore
 from contactfusion.recordings.ros import RawMessage

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import final
 
 from contactfusion.errors import ConfigurationError, WritingError
-from contactfusion.play import Observer
+from contactfusion.loop import Observer
 from contactfusion.readings import Reading, Transform
 from contactfusion.recordings.reading_messages import ros_name
 from contactfusion.recordings.ros import RawMessage, RosRecording

@@ -12,8 +12,8 @@ from contactfusion.errors import (
     RecordingError,
     name_hint,
 )
+from contactfusion.loop import Observer, play
 from contactfusion.pipeline import Ask, Pipeline, Step, asked
-from contactfusion.play import Observer, play
 from contactfusion.readings import Reading, Transform
 from contactfusion.recordings.opening import open_recording
 from contactfusion.recordings.recording import Recording

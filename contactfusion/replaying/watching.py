@@ -6,7 +6,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 from contactfusion.errors import ConfigurationError
-from contactfusion.play import Observer
+from contactfusion.loop import Observer
 from contactfusion.replaying.asking import Source
 from contactfusion.replaying.replay import Options, replay
 from contactfusion.replaying.session import Session

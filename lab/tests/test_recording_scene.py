@@ -15,8 +15,8 @@ import yaml
 from contactfusion.arrays import FloatArray
 from contactfusion.errors import ConfigurationError, ContactFusionError, WritingError
 from contactfusion.frames import FrameTree, Pose, pose_of
+from contactfusion.loop import Observer, play
 from contactfusion.pipeline import Pipeline
-from contactfusion.play import Observer, play
 from contactfusion.readings import JointState, Reading, TactileImage, Wrench
 from contactfusion.recording_scene import EPOCH_NS, TRUTH, record_scene
 from contactfusion.recordings.opening import open_recording

@@ -15,9 +15,9 @@ from contactfusion.arrays import FloatArray
 from contactfusion.contacts import Contact
 from contactfusion.errors import ConfigurationError
 from contactfusion.integrator.config import IntegratorConfig
+from contactfusion.loop import Observer, play
 from contactfusion.pipeline import Pipeline
 from contactfusion.pipeline_config import PipelineConfig
-from contactfusion.play import Observer, play
 from contactfusion.readings import Reading
 from contactfusion.robots.description import read_robot
 from contactfusion.running import run_file

@@ -14,8 +14,8 @@ from contactfusion.controllers.grasp_parameters import ENDS, GraspMode
 from contactfusion.errors import ConfigurationError, RobotError
 from contactfusion.frames import Pose
 from contactfusion.hooks import hookimpl
+from contactfusion.loop import play
 from contactfusion.pipeline import Pipeline, Step
-from contactfusion.play import play
 from contactfusion.readings import JointCommand, Reading, Wrench
 from contactfusion.robots.description import RobotConfig
 from contactfusion.robots.model import RobotModel, shared_robot

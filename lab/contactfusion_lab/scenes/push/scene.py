@@ -16,8 +16,8 @@ from contactfusion.controllers.pushing import ARRIVED
 from contactfusion.errors import ConfigurationError, RobotError, name_hint
 from contactfusion.frames import planar_pose, yaw_quaternion
 from contactfusion.hooks import hookimpl
+from contactfusion.loop import play
 from contactfusion.pipeline import Pipeline, Step
-from contactfusion.play import play
 from contactfusion.readings import Odometry, Reading, TactileImage, Twist
 from contactfusion.robots.description import RobotConfig, read_robot
 from contactfusion.scene import Facts, Scene, Verdict

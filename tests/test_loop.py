@@ -9,7 +9,7 @@ import pytest
 from contactfusion import Pipeline, PipelineConfig
 from contactfusion.controller import Command
 from contactfusion.errors import ConfigurationError
-from contactfusion.play import Observer, play
+from contactfusion.loop import Observer, play
 from contactfusion.readings import PointCloud, Reading, Transform
 from contactfusion.recordings.recording import Recording
 from contactfusion.stream import Arrival, Stream
