@@ -1,11 +1,14 @@
 """Rules and condensations with options, and the fields of 0.1.0 that became such options."""
 
+import subprocess
+import sys
 import warnings
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import pytest
+import yaml
 
 from contactfusion import Integrator, IntegratorConfig, Pipeline, PipelineConfig
 from contactfusion.errors import ConfigurationError, PluginError
@@ -121,6 +124,19 @@ def test_a_field_that_moved_is_read_with_a_sentence_that_names_its_new_place() -
 def test_a_field_that_moved_and_has_no_effect_is_left_out_and_reported() -> None:
     with pytest.warns(FutureWarning, match="`prior` .* has no effect with the rule 'de_morgan'"):
         assert config(prior=0.3) == config()
+
+
+def test_a_command_says_once_that_a_field_has_moved(tmp_path: Path) -> None:
+    surface = {"frame": "base", "shapes": [{"shape": "sphere", "radius": 0.1}]}
+    file = tmp_path / "pipeline.yaml"
+    file.write_text(yaml.safe_dump({"surface": surface, "integrator": {"min_voxels": 2}}))
+    command = [sys.executable, "-m", "contactfusion", "check", str(file)]
+    done = subprocess.run(command, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    assert done.stderr == (
+        "contactfusion: `min_voxels` of the integrator is an option of the condensation now: write "
+        "`condensation: {type: cluster_centroid, min_voxels: 2}`\n"
+    )
 
 
 def test_a_recording_of_an_earlier_version_is_replayed_with_its_options() -> None:

@@ -108,7 +108,7 @@ def main() -> None:
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     signal.signal(signal.SIGTERM, signal.default_int_handler)  # as Ctrl-C: what is whole is kept
     terminal.set_quiet(False)
-    warnings.showwarning = _show_warning
+    warnings.showwarning = _Warnings().show
     try:
         program, left_out = command_line()
         program(obj=left_out)
@@ -122,20 +122,28 @@ def main() -> None:
         sys.exit(1)
 
 
-def _show_warning(
-    message: Warning | str,
-    category: type[Warning],
-    filename: str,
-    lineno: int,
-    file: TextIO | None = None,
-    line: str | None = None,
-) -> None:
-    """What becomes of a warning: a sentence where it is for users, else as Python writes it."""
-    if issubclass(category, FutureWarning):
-        print(f"contactfusion: {message}", file=sys.stderr)
-    else:
+class _Warnings:
+    """Shows each warning once: a sentence where it is for users, else as Python writes it."""
+
+    def __init__(self) -> None:
+        self._shown: set[str] = set()
+
+    def show(
+        self,
+        message: Warning | str,
+        category: type[Warning],
+        filename: str,
+        lineno: int,
+        file: TextIO | None = None,
+        line: str | None = None,
+    ) -> None:
+        """Take the place of `warnings.showwarning`."""
         text = warnings.formatwarning(message, category, filename, lineno, line)
-        print(text, end="", file=file or sys.stderr)
+        if issubclass(category, FutureWarning):
+            text = f"contactfusion: {message}\n"
+        if text not in self._shown:
+            self._shown.add(text)
+            print(text, end="", file=file or sys.stderr)
 
 
 def _unexpected(error: Exception) -> str:
