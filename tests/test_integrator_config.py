@@ -127,10 +127,12 @@ def test_a_field_that_moved_and_has_no_effect_is_left_out_and_reported() -> None
 
 
 def test_a_command_says_once_that_a_field_has_moved(tmp_path: Path) -> None:
-    surface = {"frame": "base", "shapes": [{"shape": "sphere", "radius": 0.1}]}
+    skin = {"type": "tactile", "sensor": "skin", "patch": "skin", "baseline": {"noise": 0.05}}
+    robot = "contactfusion.robots:mobile_base.yaml"
+    fields = {"robot": robot, "generators": {"skin": skin}, "integrator": {"min_voxels": 2}}
     file = tmp_path / "pipeline.yaml"
-    file.write_text(yaml.safe_dump({"surface": surface, "integrator": {"min_voxels": 2}}))
-    command = [sys.executable, "-m", "contactfusion", "check", str(file)]
+    file.write_text(yaml.safe_dump(fields))
+    command = [sys.executable, "-m", "contactfusion", "check", str(file), str(MOVED_OPTIONS)]
     done = subprocess.run(command, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
     assert done.stderr == (
