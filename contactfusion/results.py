@@ -17,14 +17,25 @@ if TYPE_CHECKING:
 
 ENTRIES = {"xx": (0, 0), "xy": (0, 1), "xz": (0, 2), "yy": (1, 1), "yz": (1, 2), "zz": (2, 2)}
 """The entries of a covariance that differ."""
-COLUMNS = (
+COLUMNS: tuple[str, ...] = (
     *("stamp", "x", "y", "z", "likelihood", "dispersion", "voxels", "fx", "fy", "fz", "shares"),
     *(f"cov_{name}" for name in ENTRIES),
 )
 """Stamp [s], place [m], likelihood, dispersion [m], voxels, force [N], share of each source,
 covariance [m²]."""
 Row = tuple[str | int | float | None, ...]
-COMMAND_COLUMNS = ("stamp", "vx", "vy", "vz", "wx", "wy", "wz", "gripper", "mode", "reason")
+COMMAND_COLUMNS: tuple[str, ...] = (
+    "stamp",
+    "vx",
+    "vy",
+    "vz",
+    "wx",
+    "wy",
+    "wz",
+    "gripper",
+    "mode",
+    "reason",
+)
 """Stamp [s], twist [m/s, rad/s], gripper, mode, reason."""
 ROWS_AT_ONCE = 10_000
 """So many contacts make a group of rows of a Parquet file."""
