@@ -230,7 +230,7 @@ def _names_of_cuts(path: Path) -> Iterator[Path]:
 
 @contextmanager
 def telling(path: Path) -> Iterator[None]:
-    """Say in one sentence why a file can't be written, such as that the disk is full.
+    """Report in one sentence why a file can't be written, such as that the disk is full.
 
     Raises:
         WritingError: in place of the system's error.

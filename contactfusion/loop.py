@@ -121,7 +121,7 @@ def _on(pipeline: "Pipeline", arrivals: Iterable[Arrival]) -> Iterator["Step"]:
 
 
 def _taken(pipeline: "Pipeline", arrival: Arrival) -> Iterator["Step"]:
-    """Give the readings of an arrival to a pipeline, which steps where that is due."""
+    """Pass the readings of an arrival to a pipeline; the step that is then due, if any."""
     for reading in arrival.readings:
         pipeline.take(reading)
     if arrival.due:

@@ -204,7 +204,7 @@ class Pipeline:
         return is_robot or any(takes(one, sensor, kind) for one in self.generators.values())
 
     def receive(self, reading: Reading) -> None:
-        """Give a reading to every generator that takes it; one that fails harms no other.
+        """Receive a reading for every generator that takes it; one that fails harms no other.
 
         Raises:
             ConfigurationError: the configuration has faults, which act on what is played.
@@ -214,7 +214,7 @@ class Pipeline:
         self.take(reading)
 
     def take(self, reading: Reading) -> None:
-        """Give a reading, of which faults have left this, to every generator that takes it."""
+        """Receive what faults have left of a reading, for every generator that takes it."""
         self._robot.add(reading)
         kind = type(reading)
         takers = [one for one in self.generators.values() if takes(one, reading.sensor, kind)]

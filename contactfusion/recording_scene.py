@@ -101,7 +101,7 @@ class _Recorder:
         return last
 
     def told(self) -> str:
-        """Say how much was recorded."""
+        """How much was recorded, as text."""
         count = self._counts.total()
         return f"{count} readings on {len(self._counts)} topics in {self._newest:.2f} s"
 

@@ -112,7 +112,7 @@ def middle(model: RobotModel) -> FloatArray:
 
 
 def patch_faults(model: RobotModel) -> Iterator[str]:
-    """Say which patches do not lie on their link, or do not face out of it."""
+    """Report which patches do not lie on their link, or do not face out of it."""
     config = model.config
     for name, patch in config.patches.items():
         link, pose = model.link_of(patch.frame), model.pose_on_link(patch.frame)
@@ -138,7 +138,7 @@ def patch_faults(model: RobotModel) -> Iterator[str]:
 
 
 def wrist_faults(model: RobotModel) -> Iterator[str]:
-    """Say which wrists carry what has no mass."""
+    """Report which wrists carry what has no mass."""
     for name, wrist in model.config.wrists.items():
         links = {link: model.urdf.links[link] for link in model.beyond(wrist.frame)}
         for link, one in links.items():
@@ -149,7 +149,7 @@ def wrist_faults(model: RobotModel) -> Iterator[str]:
 
 
 def camera_faults(robot: PosedRobot) -> Iterator[str]:
-    """Say which cameras lie inside the robot."""
+    """Report which cameras lie inside the robot."""
     from scipy.spatial import KDTree
 
     surface = robot.surface
@@ -164,7 +164,7 @@ def camera_faults(robot: PosedRobot) -> Iterator[str]:
 
 
 def finger_faults(model: RobotModel) -> Iterator[str]:
-    """Say which links of fingers no joint of theirs moves."""
+    """Report which links of fingers no joint of theirs moves."""
     urdf = model.urdf
     for name, finger in model.config.fingers.items():
         moved = {one for joint in finger.joints for one in urdf.hanging_on(urdf.children[joint])}

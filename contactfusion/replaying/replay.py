@@ -197,7 +197,7 @@ def _tell(session: Session, tally: Tally, summary: Summary, took: float) -> None
 
 
 def _troubles(recording: RosRecording) -> dict[str, str]:
-    """Say by sensor what its reader met."""
+    """Report by sensor what its reader met."""
     troubles = {}
     for sensor, topics in recording.sensors.items():
         said = {topic: ", ".join(_met(recording, topic)) for topic in topics}
@@ -208,7 +208,7 @@ def _troubles(recording: RosRecording) -> dict[str, str]:
 
 
 def _met(recording: RosRecording, topic: str) -> Iterator[str]:
-    """Say what the reader of a topic met."""
+    """Report what the reader of a topic met."""
     heard, publishers = recording.tally[topic], recording.contents[topic].publishers
     if publishers > 1:
         yield f"{publishers} publishers"

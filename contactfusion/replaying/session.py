@@ -98,7 +98,7 @@ class Session(Stream):
             self._broken = error
 
     def complain(self) -> None:
-        """Say why the recording broke off, once what came of it until then is kept.
+        """Report why the recording broke off, once what came of it until then is kept.
 
         Raises:
             RecordingError: it did.

@@ -235,7 +235,7 @@ def _loaded(process: Popen[bytes], said: IO[str], port: int) -> tuple[Any, float
 
 
 def _failure(said: str) -> str:
-    """Say why the viewer ended."""
+    """The reason why the viewer ended."""
     if NO_DRIVER in said:
         return (
             "nothing here can draw a picture: install a Vulkan driver with "

@@ -197,7 +197,7 @@ class Series:
 
 
 def _states(colours: Mapping[str, Colour]) -> Any:
-    """Say what states there are, and their colours."""
+    """Report which states there are, and their colours."""
     opaque = [(*colour, 255) for colour in colours.values()]
     return loaded_rerun().StateConfiguration(values=list(colours), colors=opaque)
 
@@ -208,7 +208,7 @@ def _line(colour: Colour, name: str) -> Any:
 
 
 def _state(report: SourceReport) -> str:
-    """Say in a word how a source does."""
+    """The state of a source, in a word."""
     if not report.accepted:
         return "not heard yet"
     return "active" if report.active else "silent"
