@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from contactfusion.controller import Command, Controller
     from contactfusion.controllers.pushing import Decision, PushingConfig, PushingController
     from contactfusion.errors import ContactFusionError
-    from contactfusion.explain import explain_fusion, explain_moment
+    from contactfusion.explain.text import explain_fusion, explain_moment
     from contactfusion.generator import Generator, GeneratorConfig, OfRobot
     from contactfusion.generators.baselines import fit_baseline
     from contactfusion.generators.compensation import fit_compensation
@@ -116,8 +116,8 @@ _HOMES = {
     "Wrench": "contactfusion.readings",
     "check_file": "contactfusion.check",
     "check_generator": "contactfusion.testing",
-    "explain_fusion": "contactfusion.explain",
-    "explain_moment": "contactfusion.explain",
+    "explain_fusion": "contactfusion.explain.text",
+    "explain_moment": "contactfusion.explain.text",
     "fit_baseline": "contactfusion.generators.baselines",
     "fit_compensation": "contactfusion.generators.compensation",
     "hookimpl": "contactfusion.hooks",

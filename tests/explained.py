@@ -4,10 +4,8 @@ from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 from contactfusion import HypothesisCloud, HypothesisKind, Integrator
-from contactfusion.explaining.account import Account
-from contactfusion.explaining.accounting import account_of
-from contactfusion.explaining.moment import Moment, moment_at
-from contactfusion.explaining.settings import Settings
+from contactfusion.explain.explanation import Explanation, explanation_of
+from contactfusion.explain.moment import Moment, Settings, moment_at
 from contactfusion.pipeline import Step
 from contactfusion.surface import Surface
 from tests.clouds import NULL, REGULAR, SUPPORT, law
@@ -57,7 +55,7 @@ def account(
     timeouts: Mapping[str, float] | None = None,
     surface: Surface | None = None,
     **config: Any,
-) -> Account:
+) -> Explanation:
     """Give the account of the last step."""
     then = moment(*rounds, plugs=plugs, timeouts=timeouts, surface=surface, **config)
-    return account_of(then, settings(timeouts, **config), at)
+    return explanation_of(then, settings(timeouts, **config), at)

@@ -28,6 +28,7 @@ DATA = (
     "model",
     "nearest",
     "readings",
+    "reason",
     "surface",
     "time",
     "units",

@@ -91,10 +91,8 @@ def explain_recording(
     Raises:
         ContactFusionError: the time lies outside the recording, or nothing is near the place.
     """
-    from contactfusion.explaining import account, text
-    from contactfusion.explaining.accounting import account_of
-    from contactfusion.explaining.moment import moment_at
-    from contactfusion.explaining.settings import Settings
+    from contactfusion.explain import explanation, text
+    from contactfusion.explain.moment import Settings, moment_at
 
     with closing(source.session()) as session:
         settings = Settings.of(session.pipeline)
@@ -105,12 +103,12 @@ def explain_recording(
         except TimeError:
             session.complain()  # when it broke off before that time
             raise
-        told = account_of(moment, settings, at)
-    print(account.as_json(told) if as_json else text.told(told))
+        explained = explanation.explanation_of(moment, settings, at)
+    print(explanation.as_json(explained) if as_json else text.as_text(explained))
     if picture is not None:
-        from contactfusion.explaining.picture import picture as drawn
+        from contactfusion.explain.picture import picture as drawn
 
-        write_whole(picture, drawn(told, moment.step.fusion))
+        write_whole(picture, drawn(explained, moment.step.fusion))
     session.complain()
 
 
@@ -126,8 +124,7 @@ def ablate_recording(source: Source, out: Path) -> None:
     Raises:
         ContactFusionError: there is no step, or source is not what it should be.
     """
-    from contactfusion.explaining.ablation import ablated
-    from contactfusion.explaining.ablation_report import table, write_ablation, write_picture
+    from contactfusion.explain.ablation import ablated, table, write_ablation, write_picture
 
     with closing(source.session()) as session:
         task = f"leaving sources out of {source.recording}"

@@ -13,9 +13,11 @@ import numpy as np
 import pytest
 
 from contactfusion.errors import ContactFusionError
-from contactfusion.explaining.ablation import Worth, ablated
-from contactfusion.explaining.ablation_report import (
+from contactfusion.explain.ablation import (
     CAUTION,
+    Quantiles,
+    Worth,
+    ablated,
     as_csv,
     as_json,
     picture,
@@ -23,8 +25,7 @@ from contactfusion.explaining.ablation_report import (
     write_ablation,
     write_picture,
 )
-from contactfusion.explaining.quantiles import Quantiles
-from contactfusion.explaining.remains import paired
+from contactfusion.explain.counterfactual import paired
 from contactfusion.integrator.fusion import Fusion
 from contactfusion.pipeline import Step
 from tests.clouds import HERE, NULL, REGULAR, SUPPORT, THERE, cloud, fused

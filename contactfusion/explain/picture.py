@@ -9,29 +9,38 @@ from numpy.typing import NDArray
 
 from contactfusion.arrays import FloatArray
 from contactfusion.contacts import Contact
-from contactfusion.explaining.account import Account, Said
-from contactfusion.explaining.bars import add_legend, draw_sources
-from contactfusion.explaining.reason import Reason
-from contactfusion.explaining.remains import nearest
-from contactfusion.figures import AXES, VERDICT_STYLES, new_figure
+from contactfusion.explain.counterfactual import nearest
+from contactfusion.explain.explanation import Explanation
+from contactfusion.explain.neighbourhood import Part
+from contactfusion.figures import AXES, COLOURS, VERDICT_STYLES, new_figure
+from contactfusion.hypotheses import HypothesisKind
 from contactfusion.integrator.fusion import Fusion
+from contactfusion.reason import Reason
 
 NARROWEST = 0.04
 """At least so much is shown to each side [m]."""
 WIDEST = 0.3
 """Contacts that end further away do not widen the picture [m]."""
 SIGMAS = 2.0
-TOLD = "#cc0000"
 LIKELY = {"contact": "over the threshold"}
 """What a verdict is called where contacts do not come of voxels."""
+
+
+KINDS = {
+    HypothesisKind.REGULAR: COLOURS[0],
+    HypothesisKind.SUPPORT: COLOURS[5],
+    HypothesisKind.NULL: COLOURS[1],
+}
+TOLD = "#cc0000"
+BOX = {"facecolor": "white", "edgecolor": "none", "alpha": 0.8, "pad": 1.0}
 Axes = Any
 
 
-def picture(account: Account, fusion: Fusion) -> bytes:
+def picture(explanation: Explanation, fusion: Fusion) -> bytes:
     """Draw the place that was asked for, else the likeliest contact, else the first place.
 
     Args:
-        account: of the moment.
+        explanation: of the moment.
         fusion: of the same moment.
 
     Returns:
@@ -42,47 +51,47 @@ def picture(account: Account, fusion: Fusion) -> bytes:
     """
     figure = new_figure(13.0, 5.4)
     around, likelihoods, ages = figure.subplots(1, 3, width_ratios=(1.5, 1.0, 0.8))
-    centre, said, missing, title = _focus(account)
-    half = _half_width(account, fusion, centre)
+    centre, said, missing, title = _focus(explanation)
+    half = _half_width(explanation, fusion, centre)
     across = _across(fusion, centre, half)
     _draw_voxels(
-        around, fusion, centre, half, across, LIKELY if account.condensation == "modes" else {}
+        around, fusion, centre, half, across, LIKELY if explanation.condensation == "modes" else {}
     )
-    for number, contact in enumerate(fusion.contacts[: len(account.contacts)], 1):
+    for number, contact in enumerate(fusion.contacts[: len(explanation.contacts)], 1):
         _draw_contact(around, contact, number, across)
-    for place in account.places:
+    for place in explanation.places:
         _draw_place(around, np.array(place.position), place.reach, across)
     x, y = centre[across] * 1000.0
     around.set(xlim=(x - half, x + half), ylim=(y - half, y + half), aspect="equal")
-    around.set_xlabel(f"{AXES[across[0]]} [mm] in '{account.frame}'")
+    around.set_xlabel(f"{AXES[across[0]]} [mm] in '{explanation.frame}'")
     around.set_ylabel(f"{AXES[across[1]]} [mm]")
-    around.set_title(f"{account.stamp:.3f} s: {title}")
+    around.set_title(f"{explanation.stamp:.3f} s: {title}")
     add_legend(around, 3)
-    draw_sources(likelihoods, ages, said, missing, account)
+    draw_sources(likelihoods, ages, said, missing, explanation)
     content = io.BytesIO()
     figure.savefig(content, dpi=120, format="png")
     return content.getvalue()
 
 
-def _focus(account: Account) -> tuple[FloatArray, Sequence[Said], Sequence[Reason], str]:
+def _focus(explanation: Explanation) -> tuple[FloatArray, Sequence[Part], Sequence[Reason], str]:
     """Give where the picture looks, with what is and is not said there."""
-    asked = [place for place in account.places if place.asked]
-    if account.contacts and not asked:
-        contact = account.contacts[0]
+    asked = [place for place in explanation.places if place.asked]
+    if explanation.contacts and not asked:
+        contact = explanation.contacts[0]
         return np.array(contact.position), contact.said, contact.missing, "around contact 1"
-    if account.places:
-        place = (asked or account.places)[0]
+    if explanation.places:
+        place = (asked or explanation.places)[0]
         words = place.reasons[0].why.replace("_", " ")
         return np.array(place.position), place.said, place.missing, f"the circle, {words}"
     return np.zeros(3), (), (), "no contact"
 
 
-def _half_width(account: Account, fusion: Fusion, centre: FloatArray) -> float:
+def _half_width(explanation: Explanation, fusion: Fusion, centre: FloatArray) -> float:
     """Give how far the picture reaches from its middle [mm]."""
-    ends = [one.extent for one in fusion.contacts[: len(account.contacts)]]
+    ends = [one.extent for one in fusion.contacts[: len(explanation.contacts)]]
     far = [float(np.abs(end - centre).max()) for end in ends]
     return 1000.0 * max(
-        NARROWEST, 4.0 * account.tolerance, *(1.3 * one for one in far if one < WIDEST)
+        NARROWEST, 4.0 * explanation.tolerance, *(1.3 * one for one in far if one < WIDEST)
     )
 
 
@@ -144,3 +153,64 @@ def _draw_place(axes: Axes, place: FloatArray, reach: float, across: NDArray[np.
 
     x, y = place[across] * 1000.0
     axes.add_patch(Circle((x, y), reach * 1000.0, fill=False, linestyle="--", color="#222222"))
+
+
+def draw_sources(
+    likelihoods: Axes,
+    ages: Axes,
+    said: Sequence[Part],
+    missing: Sequence[Reason],
+    explanation: Explanation,
+) -> None:
+    """Draw a bar of likelihood and one of age for each source, missing ones below.
+
+    Args:
+        likelihoods: axes for likelihoods.
+        ages: axes for ages.
+        said: what sources say at the place.
+        missing: why others say nothing there.
+        explanation: of the moment.
+    """
+    names = [one.source for one in said] + [one.source for one in missing]
+    rows = {name: -row for row, name in enumerate(names)}
+    timeouts = {one.source: one.timeout for one in explanation.sources}
+    for one in said:
+        row, colour = rows[one.source], KINDS[one.kind]
+        likelihoods.barh(row, one.likelihood, color=colour, height=0.4)
+        ages.barh(row, one.age, color=colour, height=0.4)
+        words = f"{one.source} ({one.kind})"
+        likelihoods.text(0.02, row + 0.36, words, va="center", fontsize=9, bbox=BOX, zorder=4)
+        ages.text(one.age, row, f" {one.age:.2f}", va="center", zorder=4)
+        if one.fit == one.fit:
+            label = "fit: as a part of its best place" if one is said[0] else None
+            likelihoods.plot(one.fit, rows[one.source], "D", color="#000000", label=label, zorder=5)
+    for reason in missing:
+        row, words = rows[reason.source], reason.why.replace("_", " ")
+        likelihoods.text(
+            0.02, row, f"{reason.source}: {words}", va="center", color="#666666", bbox=BOX, zorder=4
+        )
+        age = reason.values.get("told_age_s", reason.values.get("newest_age_s", 0.0))
+        ages.barh(row, age, color="#dddddd", height=0.4)
+        if age:
+            ages.text(age, row, f" {age:.2f}", va="center", zorder=4)
+    for name, row in rows.items():
+        label = "hypotheses live so long" if row == 0 else None
+        ages.plot([timeouts[name]] * 2, [row - 0.4, row + 0.4], color=TOLD, label=label)
+    if explanation.condensation != "modes":
+        likelihoods.axvline(explanation.threshold, color=TOLD, linestyle=":", label="threshold")
+    likelihoods.set(xlim=(0.0, 1.0), xlabel="likelihood", title="what each source says here")
+    ages.set(xlabel="age [s]", title="how long ago")
+    ages.margins(x=0.15)
+    ages.set_xlim(left=0.0)
+    for axes in (likelihoods, ages):
+        add_legend(axes, 1)
+        axes.set_ylim(-max(len(rows), 5) + 0.3, 0.7)
+        axes.set_yticks([])
+
+
+def add_legend(axes: Axes, columns: int) -> None:
+    """Put the legend below, if there is anything to name."""
+    if axes.get_legend_handles_labels()[1]:
+        axes.legend(
+            loc="upper center", bbox_to_anchor=(0.5, -0.13), ncols=columns, fontsize="small"
+        )

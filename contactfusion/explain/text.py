@@ -1,19 +1,28 @@
-"""An account as text that is read in ten seconds."""
+"""An explanation as text that is read in ten seconds."""
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections import Counter
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 
-from contactfusion.explaining.account import (
-    Account,
-    ContactAccount,
-    PlaceAccount,
-    Said,
-    SourceAccount,
-    Without,
+import numpy as np
+
+from contactfusion.contacts import Contact
+from contactfusion.explain.counterfactual import Without, reach_of, without
+from contactfusion.explain.explanation import (
+    ContactExplanation,
+    Explanation,
+    PlaceExplanation,
+    SourceExplanation,
+    explanation_of,
+    place_words,
 )
-from contactfusion.explaining.reason import Reason, Why
-from contactfusion.explaining.words import counted, millimetres, place_words
+from contactfusion.explain.moment import Settings, moment_at
+from contactfusion.explain.neighbourhood import Part
 from contactfusion.hypotheses import HypothesisKind
+from contactfusion.integrator.fusion import Fusion
+from contactfusion.pipeline import Pipeline
+from contactfusion.readings import Reading
+from contactfusion.reason import Reason, Why, counted, millimetres
 
 KINDS = {
     HypothesisKind.REGULAR: "evidence",
@@ -24,31 +33,39 @@ USUAL = (Why.ELSEWHERE, Why.FOUND_NOTHING)
 """Sources with nothing to say for these reasons share a line."""
 
 
-def told(account: Account) -> str:
-    """Tell an account: first the contacts, then where there is none, then troubled sources."""
-    total = len(account.contacts) + account.untold
+REASONS = {
+    "below_threshold": "too unlikely",
+    "support_only": "predicted, but no sensor felt them",
+    "nulled": "ruled out",
+}
+
+
+def as_text(explanation: Explanation) -> str:
+    """An explanation as text: contacts, then places without one, then sources in trouble."""
+    total = len(explanation.contacts) + explanation.untold
     lines = [
-        f"{account.stamp:.3f} s: {counted(total, 'contact') if total else 'no contact'} in "
-        f"'{account.frame}' ({account.rule}, {account.condensation}, {_limits(account)})"
+        f"{explanation.stamp:.3f} s: {counted(total, 'contact') if total else 'no contact'} in "
+        f"'{explanation.frame}' ({explanation.rule}, {explanation.condensation}, "
+        f"{_limits(explanation)})"
     ]
-    for number, contact in enumerate(account.contacts, 1):
+    for number, contact in enumerate(explanation.contacts, 1):
         lines += ["", *_contact(number, contact)]
-    if account.untold:
-        lines += ["", f"and {counted(account.untold, 'further contact')}, less likely"]
-    for place in account.places:
+    if explanation.untold:
+        lines += ["", f"and {counted(explanation.untold, 'further contact')}, less likely"]
+    for place in explanation.places:
         lines += ["", *_place(place)]
-    lines += ["", *_sources(account.sources)]
+    lines += ["", *_sources(explanation.sources)]
     return "\n".join(lines)
 
 
-def _limits(account: Account) -> str:
-    tolerance = f"tolerance {millimetres(account.tolerance)}"
-    if account.condensation == "modes":
+def _limits(explanation: Explanation) -> str:
+    tolerance = f"tolerance {millimetres(explanation.tolerance)}"
+    if explanation.condensation == "modes":
         return tolerance
-    return f"threshold {account.threshold:g}, {tolerance}"
+    return f"threshold {explanation.threshold:g}, {tolerance}"
 
 
-def _contact(number: int, contact: ContactAccount) -> Iterator[str]:
+def _contact(number: int, contact: ContactExplanation) -> Iterator[str]:
     force = math.hypot(*contact.force)
     felt = "" if math.isnan(force) else f", {force:.1f} N"
     yield (
@@ -62,7 +79,7 @@ def _contact(number: int, contact: ContactAccount) -> Iterator[str]:
     yield from _missing(contact.missing)
 
 
-def _place(place: PlaceAccount) -> Iterator[str]:
+def _place(place: PlaceExplanation) -> Iterator[str]:
     here = place.reasons[0].why == Why.CONTACT
     words = "asked for:" if here else "no contact at"
     yield f"{words} {place_words(place.position)}: {place.reasons[0].sentence}"
@@ -78,7 +95,7 @@ def _place(place: PlaceAccount) -> Iterator[str]:
 
 
 def _spoken(
-    said: Sequence[Said], without: Sequence[Without], there: bool, likelihood: float
+    said: Sequence[Part], without: Sequence[Without], there: bool, likelihood: float
 ) -> Iterator[str]:
     """Give a line for each source that says something."""
     rest: Mapping[str, Without] = {one.source: one for one in without}
@@ -92,7 +109,7 @@ def _spoken(
         yield f"  {one.source} ({KINDS[one.kind]}): {', '.join(words)}{remains}"
 
 
-def _likelihood(said: Said) -> str:
+def _likelihood(said: Part) -> str:
     spread = f" ± {millimetres(said.spread)}" if said.spread else ""
     if not said.voxels:
         return (
@@ -104,7 +121,7 @@ def _likelihood(said: Said) -> str:
     return f"{most}{said.likelihood:.2f}{spread}{many}, {said.age:.2f} s old"
 
 
-def _fit(said: Said) -> str:
+def _fit(said: Part) -> str:
     if said.kind == HypothesisKind.NULL:
         return f"leaves {said.fit:.0%} of the belief here"
     return f"fits {said.fit:.0%} as well as its best place"
@@ -140,7 +157,7 @@ def _missing(missing: Sequence[Reason]) -> Iterator[str]:
         yield f"  nothing here from {', '.join(one.source for one in usual)}"
 
 
-def _sources(sources: Sequence[SourceAccount]) -> Iterator[str]:
+def _sources(sources: Sequence[SourceExplanation]) -> Iterator[str]:
     """Tell how the sources do: each troubled one in a line of its own."""
     sound = [one.age for one in sources if not _troubles(one)]
     for one in sources:
@@ -151,7 +168,7 @@ def _sources(sources: Sequence[SourceAccount]) -> Iterator[str]:
         yield f"the newest cloud of {every} source is at most {max(sound):.2f} s old"
 
 
-def _troubles(source: SourceAccount) -> list[str]:
+def _troubles(source: SourceExplanation) -> list[str]:
     """Say what is wrong with a source, in words."""
     troubles = []
     if math.isnan(source.age):
@@ -167,3 +184,56 @@ def _troubles(source: SourceAccount) -> list[str]:
     troubles += source.events
     troubles += [f"remarks: {note}" for note in source.notes]
     return troubles
+
+
+def explain_moment(pipeline: Pipeline, readings: Iterable[Reading], time: float) -> str:
+    """Explanation of the last step until a time, as `contactfusion explain` prints it.
+
+    Args:
+        pipeline: it receives the readings until then.
+        readings: in order of their stamps.
+        time: [s].
+
+    Returns:
+        For each contact what its sources say, how old that is, and what would remain without each;
+        where a contact might be expected, why there is none; then sources that are in trouble.
+
+    Raises:
+        TimeError: the time lies outside the steps, or there are none.
+    """
+    settings = Settings.of(pipeline)
+    moment = moment_at(pipeline.run(readings), time, settings.tolerance)
+    return as_text(explanation_of(moment, settings))
+
+
+def explain_fusion(fusion: Fusion) -> str:
+    """Short explanation of a single fusion, which needs no pipeline.
+
+    Returns:
+        One line a contact, a line for each of its sources with what would remain without it, and
+        one line on all other voxels.
+    """
+    lines = []
+    for contact in fusion.contacts:
+        lines.append(str(contact))
+        for source in sorted(name for name, share in contact.shares.items() if share > 0.0):
+            lines.append(f"  without {source}: {_without(fusion, contact, source)}")
+    if not lines:
+        lines.append("no contact")
+    verdicts = Counter(str(verdict) for verdict in fusion.space.verdicts)
+    others = [f"{verdicts[key]} {words}" for key, words in REASONS.items() if verdicts[key]]
+    if others:
+        lines.append(f"other voxels: {', '.join(others)}")
+    lines += [f"{source} remarks: {note}" for source, note in fusion.report.notes]
+    return "\n".join(lines)
+
+
+def _without(fusion: Fusion, contact: Contact, source: str) -> str:
+    """Tell what becomes of a contact without one source."""
+    reach = reach_of(contact, fusion.field.entries.grid.voxel_size)
+    rest = without(fusion, source, contact.position, reach)
+    if rest.contact:
+        return f"likelihood {rest.likelihood:.2f}, {rest.moved * 1000:.1f} mm from where it is now"
+    if np.isnan(rest.moved):
+        return "no contact remains"
+    return f"no contact remains here; the nearest is {rest.moved * 100:.1f} cm away"

@@ -8,12 +8,11 @@ import numpy as np
 import pytest
 
 from contactfusion.errors import ContactFusionError, TimeError
-from contactfusion.explaining.account import Account, PlaceAccount, as_json
-from contactfusion.explaining.moment import moment_at
-from contactfusion.explaining.past import Past
-from contactfusion.explaining.places import MOST
-from contactfusion.explaining.reason import Why
-from contactfusion.explaining.text import told
+from contactfusion.explain.explanation import Explanation, PlaceExplanation, as_json
+from contactfusion.explain.moment import Past, moment_at
+from contactfusion.explain.neighbourhood import MOST
+from contactfusion.explain.text import as_text
+from contactfusion.reason import Why
 from contactfusion.surface import Surface
 from tests.clouds import HERE, NULL, REGULAR, SUPPORT, THERE, Voxel, centres, cloud
 from tests.explained import Round, account, stepped
@@ -40,13 +39,13 @@ def motion(stamp: float, voxel: Voxel = HERE) -> Any:
     return cloud("motion", stamp, {voxel: 0.3}, SUPPORT)
 
 
-def place(one: Account) -> PlaceAccount:
+def place(one: Explanation) -> PlaceExplanation:
     (found,) = one.places
     return found
 
 
 def lines(*rounds: Round, **options: Any) -> list[str]:
-    return told(account(*rounds, **options)).split("\n")
+    return as_text(account(*rounds, **options)).split("\n")
 
 
 # Contacts
@@ -110,7 +109,7 @@ def test_further_contacts_are_counted_not_told() -> None:
     many = {(10 * x, 0, 0): 0.5 for x in range(11)}
     one = account((0.0, [cloud("skin", 0.0, many)]))
     assert (len(one.contacts), one.untold) == (8, 3)
-    assert "and 3 further contacts, less likely" in told(one)
+    assert "and 3 further contacts, less likely" in as_text(one)
 
 
 # Places
@@ -125,7 +124,9 @@ def test_null_is_named_with_its_likelihood_and_age() -> None:
     )
     assert found.reasons[0].values["free.age_s"] == pytest.approx(0.25)
     assert {rest.source: rest.contact for rest in found.without} == {"free": True, "skin": False}
-    assert any("without it: a contact of likelihood 0.80" in line for line in told(one).split("\n"))
+    assert any(
+        "without it: a contact of likelihood 0.80" in line for line in as_text(one).split("\n")
+    )
 
 
 def test_what_is_under_the_threshold_tells_by_how_much() -> None:
@@ -358,7 +359,7 @@ def test_only_a_newer_cloud_takes_back_what_a_source_said(rule: str, condensatio
     """The camera's hypothesis lies beside the contact, not in it, and is alive."""
     beside = cloud("lidar", 0.0, {(0, 0, 1): 0.05}, spreads=np.array([0.004]))
     clouds = [unsure("skin", 0.0), beside]
-    text = told(account((0.0, clouds), rule=rule, condensation=condensation, surface=PLATE))
+    text = as_text(account((0.0, clouds), rule=rule, condensation=condensation, surface=PLATE))
     assert "took it back" not in text
 
 

@@ -41,3 +41,15 @@ class Reason:
     sentence: str
     source: str = ""
     values: Mapping[str, float] = field(default_factory=dict)
+
+
+def millimetres(metres: float) -> str:
+    """Write a distance as one reads it: mm under 10 cm, then cm, then m."""
+    if metres < 0.1:
+        return f"{metres * 1000.0:.1f} mm"
+    return f"{metres * 100.0:.0f} cm" if metres < 1.0 else f"{metres:.1f} m"
+
+
+def counted(count: int, singular: str) -> str:
+    """Write a number of things."""
+    return f"{count} {singular}" if count == 1 else f"{count} {singular}s"

@@ -6,8 +6,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from contactfusion.explaining.accounting import account_of
-from contactfusion.explaining.picture import picture
+from contactfusion.explain.explanation import explanation_of
+from contactfusion.explain.picture import picture
 from tests.clouds import HERE, NULL, SUPPORT, THERE, cloud
 from tests.explained import Round, moment, settings
 
@@ -38,7 +38,7 @@ CASES: dict[str, tuple[list[Round], Sequence[float] | None, dict[str, Any]]] = {
 def drawn(case: str) -> bytes:
     rounds, at, config = CASES[case]
     then = moment(*rounds, **config)
-    return picture(account_of(then, settings(**config), at), then.step.fusion)
+    return picture(explanation_of(then, settings(**config), at), then.step.fusion)
 
 
 @pytest.mark.parametrize("case", CASES)

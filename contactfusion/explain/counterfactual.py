@@ -1,16 +1,34 @@
 """What would remain of contacts without a source."""
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from scipy.spatial.distance import cdist
 
 from contactfusion.arrays import FloatArray
 from contactfusion.contacts import Contact
-from contactfusion.explaining.account import Without
 from contactfusion.integrator.fusion import Fusion
 
 Pair = tuple[int, int, float]
+
+
+@dataclass(frozen=True, slots=True)
+class Without:
+    """What would be here without one source.
+
+    Attributes:
+        source: its name.
+        contact: whether there would be a contact here.
+        likelihood: of that contact; NaN: there would be none.
+        moved: how far it would lie from here [m]; of the nearest elsewhere if none were here, and
+            NaN if there were none at all.
+    """
+
+    source: str
+    contact: bool
+    likelihood: float
+    moved: float
 
 
 def reach_of(contact: Contact, voxel_size: float) -> float:
