@@ -43,9 +43,7 @@ def moment(*rounds: Round, **options: Any) -> Moment:
 
 
 def settings(timeouts: Mapping[str, float] | None = None, **config: Any) -> Settings:
-    integrator = Integrator(law(**config))
-    parts = integrator.rule.config, integrator.condensation.config
-    return Settings(integrator.config, *parts, timeouts or {})
+    return Settings(law(**config), timeouts or {})
 
 
 def account(

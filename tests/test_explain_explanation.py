@@ -402,8 +402,8 @@ def test_what_is_long_ago_is_forgotten() -> None:
     for step in stepped(*((0.1 * n, [skin(0.1 * n, voxel=(5 * n, 0, 0))]) for n in range(40))):
         past.add(step.stamp, step.fusion)
     early, late = centres([(5, 0, 0), (175, 0, 0)])
-    assert past.last_told("skin", early, 0.01) is None
-    assert past.last_told("skin", late, 0.01) == pytest.approx((0.8, 3.5))
+    assert past.last_reported("skin", early, 0.01) is None
+    assert past.last_reported("skin", late, 0.01) == pytest.approx((0.8, 3.5))
     assert len(past.dead(3.9)) == 10
 
 

@@ -9,38 +9,38 @@ from typing import Any
 import numpy as np
 
 from contactfusion.arrays import FloatArray
-from contactfusion.contacts import Contact
+from contactfusion.contacts import NONE, Contact
 from contactfusion.errors import ContactFusionError
 from contactfusion.explain.counterfactual import Without, nearest, reach_of, without
-from contactfusion.explain.moment import NOBODY, Moment, Settings, View
+from contactfusion.explain.moment import Moment, Settings, View
 from contactfusion.explain.neighbourhood import (
     Expected,
-    Neighbourhood,
     Part,
-    combined,
     expected_places,
+    explained_at,
     missing_at,
     nearest_hypotheses,
     neighbourhood_at,
     neighbourhood_of,
+    reasons_at,
     said_at,
     shares_at,
-    verdict,
 )
 from contactfusion.hypotheses import HypothesisKind
 from contactfusion.integrator.fusion import Fusion
 from contactfusion.reason import Reason, Why, millimetres
+from contactfusion.rule import Neighbourhood
 
 MOST = 8
-"""So many contacts are told of in full."""
+"""So many contacts are explained in full."""
 FAR = 0.05
-"""A place with nothing in so much of it cannot be told of [m]."""
+"""A place with nothing in so much of it cannot be explained [m]."""
 Place = tuple[float, float, float]
 
 
 @dataclass(frozen=True, slots=True)
 class ContactExplanation:
-    """One contact, and why it was told.
+    """One contact, and why it is there.
 
     Attributes:
         position: in the explanation's frame [m].
@@ -69,7 +69,7 @@ class ContactExplanation:
 
 @dataclass(frozen=True, slots=True)
 class PlaceExplanation:
-    """A place where a contact might be expected, and why none was told.
+    """A place where a contact might be expected, and why there is none.
 
     Attributes:
         position: in the explanation's frame [m].
@@ -141,6 +141,8 @@ class Explanation:
         rule: that fused.
         condensation: that made contacts.
         threshold: from which likelihood on a voxel is a contact.
+        judged: whether contacts come of voxels over the threshold, and not of a belief; JSON has
+            the name of the condensation instead.
         tolerance: what lies so near together belongs together [m].
         contacts: the likeliest first.
         untold: how many further contacts there are.
@@ -153,6 +155,7 @@ class Explanation:
     rule: str
     condensation: str
     threshold: float
+    judged: bool
     tolerance: float
     contacts: tuple[ContactExplanation, ...]
     untold: int
@@ -161,22 +164,24 @@ class Explanation:
 
 
 def as_json(explanation: Explanation) -> str:
-    """Give an explanation as JSON: names as in the classes, m, s and N, null for NaN."""
-    return json.dumps(_plain(asdict(explanation)), indent=1, ensure_ascii=False, allow_nan=False)
+    """An explanation as JSON: names as in the classes, m, s and N, null for NaN."""
+    fields = asdict(explanation)
+    del fields["judged"]
+    return json.dumps(_plain(fields), indent=1, ensure_ascii=False, allow_nan=False)
 
 
 def _plain(value: Any) -> Any:
     if isinstance(value, Mapping):
-        return {str(key): _plain(one) for key, one in value.items()}
+        return {str(key): _plain(item) for key, item in value.items()}
     if isinstance(value, list | tuple):
-        return [_plain(one) for one in value]
+        return [_plain(item) for item in value]
     if isinstance(value, float):
         return round(value, 6) if math.isfinite(value) else None
     return value
 
 
-def sources_of(view: View) -> list[SourceExplanation]:
-    """Tell how each source does."""
+def _sources(view: View) -> list[SourceExplanation]:
+    """How each source does."""
     fusion = view.fusion
     entries, found = fusion.field.entries, []
     live = np.diff(entries.begin)
@@ -206,7 +211,7 @@ def sources_of(view: View) -> list[SourceExplanation]:
 
 
 def place_words(place: Place | FloatArray) -> str:
-    """Write a place [m]."""
+    """A place [m] as text."""
     x, y, z = (float(value) for value in place)
     return f"({x:.3f}, {y:.3f}, {z:.3f}) m"
 
@@ -214,13 +219,13 @@ def place_words(place: Place | FloatArray) -> str:
 def explanation_of(
     moment: Moment, settings: Settings, at: Sequence[float] | None = None
 ) -> Explanation:
-    """Give the explanation of a moment.
+    """The explanation of a moment.
 
     Args:
         moment: the step and what was before.
         settings: of the pipeline that gave it.
         at: shape (3,) [m], the place that is asked for, in the frame of the space; None: those
-            where one might expect a contact.
+            where a contact may be expected.
 
     Raises:
         ContactFusionError: `at` is no place, or nothing is or was near it.
@@ -234,23 +239,26 @@ def explanation_of(
         rule=config.rule,
         condensation=config.condensation,
         threshold=view.fusion.threshold,
+        judged=not view.fusion.condensation.needs_belief,
         tolerance=settings.tolerance,
         contacts=tuple(_contact(view, number) for number in range(min(len(contacts), MOST))),
         untold=max(len(contacts) - MOST, 0),
-        places=tuple(_place(view, one, at is not None) for one in wanted),
-        sources=tuple(sources_of(view)),
+        places=tuple(_place(view, place, at is not None) for place in wanted),
+        sources=tuple(_sources(view)),
     )
 
 
 def _asked(view: View, at: Sequence[float]) -> Expected:
-    """Give the place that was asked for, with the last contact there."""
+    """The place that was asked for, with the last contact there."""
     place = np.asarray(at, np.float64)
     if place.shape != (3,) or not np.isfinite(place).all():
         raise ContactFusionError(f"{at} is no place: give x, y and z in m")
     _require_near(view, place)
     reach = view.settings.tolerance
-    dead = [one for one in view.past.dead(view.stamp) if _distance(one.contact, place) <= reach]
-    return Expected(place, dead[0].stamp if dead else np.nan)
+    for dead in view.past.dead(view.stamp):
+        if _distance(dead.contact, place) <= reach:
+            return Expected(place, dead.stamp)
+    return Expected(place)
 
 
 def _require_near(view: View, place: FloatArray) -> None:
@@ -261,7 +269,7 @@ def _require_near(view: View, place: FloatArray) -> None:
     here = nearest(place, fusion.contacts)
     if (around and around[0][0] <= far) or (here and here[1] <= far):
         return
-    if any(view.past.last_told(one.name, place, far) for one in sources):
+    if any(view.past.last_reported(source.name, place, far) for source in sources):
         return
     raise ContactFusionError(
         f"nothing was within {far * 100.0:.0f} cm of {place_words(place)} in "
@@ -271,12 +279,12 @@ def _require_near(view: View, place: FloatArray) -> None:
 
 
 def _contact(view: View, number: int) -> ContactExplanation:
-    contact, spot = view.fusion.contacts[number], neighbourhood_of(view, number)
+    contact, around = view.fusion.contacts[number], neighbourhood_of(view, number)
     shares = contact.shares
-    if view.fusion.field.belief is not None and not view.settings.by_modes:
-        shares = shares_at(view.fusion, spot)
-    said = [replace(one, share=shares.get(one.source, np.nan)) for one in said_at(view, spot)]
-    said.sort(key=lambda one: -np.nan_to_num(one.share))
+    if view.fusion.field.belief is not None and not view.fusion.condensation.needs_belief:
+        shares = shares_at(view.fusion, around)  # a belief knows more than the contact's voxels
+    said = [replace(part, share=shares.get(part.source, np.nan)) for part in said_at(view, around)]
+    said.sort(key=lambda part: -np.nan_to_num(part.share))
     limit = reach_of(contact, view.settings.integrator.voxel_size)
     return ContactExplanation(
         position=_place_of(contact.position),
@@ -285,67 +293,69 @@ def _contact(view: View, number: int) -> ContactExplanation:
         dispersion=contact.dispersion,
         voxels=contact.voxels,
         force=_place_of(contact.force),
-        combination=combined(view, spot, contact.likelihood),
+        combination=explained_at(view, around, contact),
         said=tuple(said),
-        missing=tuple(_missing(view, spot, said)),
-        without=_withouts(view, said, spot, limit),
+        missing=tuple(_missing(view, around, said)),
+        without=_withouts(view, said, around, limit),
     )
 
 
 def _place(view: View, wanted: Expected, asked: bool) -> PlaceExplanation:
     fusion = view.fusion
-    spot = neighbourhood_at(view, wanted.position, view.settings.tolerance)
-    said = said_at(view, spot)
-    missing = _missing(view, spot, said)
-    reasons = verdict(view, spot) or [_nothing(fusion, spot, said, missing)]
-    likelihood = np.nan if spot.best == NOBODY else float(fusion.field.likelihoods[spot.best])
+    around = neighbourhood_at(view, wanted.position, view.settings.tolerance)
+    said = said_at(view, around)
+    missing = _missing(view, around, said)
+    reasons = reasons_at(view, around)
+    if not reasons or reasons[0].why == Why.FAILED:
+        reasons.insert(0, _nothing(fusion, around, said, missing))
+    likelihood = np.nan if around.best == NONE else float(fusion.field.likelihoods[around.best])
     return PlaceExplanation(
         position=_place_of(wanted.position),
-        reach=spot.reach,
+        reach=around.reach,
         asked=asked,
         likelihood=likelihood,
-        combination=combined(view, spot),
+        combination=explained_at(view, around),
         reasons=tuple(reasons),
         said=tuple(said),
         missing=tuple(missing),
-        without=_withouts(view, said, spot, spot.reach),
+        without=_withouts(view, said, around, around.reach),
         last_contact=view.stamp - wanted.last_contact,
     )
 
 
 def _nearest_words(fusion: Fusion, place: FloatArray) -> str:
-    """Say what lies nearest to a place near which nobody says anything."""
-    around = nearest_hypotheses(fusion, place)
-    if not around:
+    """What lies nearest to a place near which no source says anything."""
+    nearest_of = nearest_hypotheses(fusion, place)
+    if not nearest_of:
         return "no hypothesis is alive anywhere"
-    away, source = around[0]
+    away, source = nearest_of[0]
     return f"the nearest hypothesis is {millimetres(away)} away, of {source}"
 
 
-def _missing(view: View, spot: Neighbourhood, said: Sequence[Part]) -> list[Reason]:
-    """Give why sources say nothing here, but for those whose belief reaches here from elsewhere."""
-    reach_here = {one.source for one in said}
-    return [one for one in missing_at(view, spot) if one.source not in reach_here]
+def _missing(view: View, around: Neighbourhood, said: Sequence[Part]) -> list[Reason]:
+    """Why sources say nothing here, without those whose belief reaches here from elsewhere."""
+    reach_here = {part.source for part in said}
+    return [reason for reason in missing_at(view, around) if reason.source not in reach_here]
 
 
 def _nothing(
-    fusion: Fusion, spot: Neighbourhood, said: Sequence[Part], missing: Sequence[Reason]
+    fusion: Fusion, around: Neighbourhood, said: Sequence[Part], missing: Sequence[Reason]
 ) -> Reason:
-    """Report that no hypothesis lies here, with the best reason of those that might have."""
+    """That no hypothesis lies here, with the best reason of those that might have."""
     if missing and missing[0].why in (Why.EXPIRED, Why.WITHDRAWN):
         return missing[0]
     what = (
-        f"no hypothesis lies within {millimetres(spot.reach)}"
+        f"no hypothesis lies within {millimetres(around.reach)}"
         if said
         else "no source says anything here"
     )
-    return Reason(Why.NOTHING, f"{what}; {_nearest_words(fusion, spot.position)}")
+    return Reason(Why.NOTHING, f"{what}; {_nearest_words(fusion, around.position)}")
 
 
 def _withouts(
-    view: View, said: Sequence[Part], spot: Neighbourhood, reach: float
+    view: View, said: Sequence[Part], around: Neighbourhood, reach: float
 ) -> tuple[Without, ...]:
-    return tuple(without(view.fusion, one.source, spot.position, reach) for one in said)
+    return tuple(without(view.fusion, part.source, around.position, reach) for part in said)
 
 
 def _distance(contact: Contact, place: FloatArray) -> float:

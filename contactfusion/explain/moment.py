@@ -1,6 +1,5 @@
 """The step at a time, and what was before: hypotheses, contacts that died, troubles of sources."""
 
-import itertools
 from collections import deque
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
@@ -9,20 +8,16 @@ from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
 from scipy.spatial.distance import cdist
 
 from contactfusion.arrays import FloatArray
-from contactfusion.contacts import Contact
-from contactfusion.errors import TimeError
+from contactfusion.contacts import NONE, Contact
+from contactfusion.errors import PluginError, TimeError
 from contactfusion.hypotheses import HypothesisKind
-from contactfusion.integrator import clusters, kernels
-from contactfusion.integrator.condensations import FAINTEST, reach_squared
 from contactfusion.integrator.config import IntegratorConfig
 from contactfusion.integrator.fusion import Fusion
 from contactfusion.integrator.sources import Event, EventKind
 from contactfusion.integrator.store import Int64Array, unpack
-from contactfusion.model import Model
 from contactfusion.pipeline import Pipeline, Step
 
 SAME = 1e-9
@@ -33,12 +28,9 @@ MOST_ROWS, MOST_CONTACTS, MOST_EVENTS = 1_000_000, 500, 1000
 """More hypotheses, contacts and events are not remembered: the oldest are forgotten first."""
 EVER = -(1 << 62)
 """A stamp before all others [ns]."""
-TOLD = (EventKind.LATE, EventKind.REFUSED, EventKind.EARLY, EventKind.OVERRUN)
+TROUBLES = (EventKind.LATE, EventKind.REFUSED, EventKind.EARLY, EventKind.OVERRUN)
 CLOSE = 1e-6
 """Stamps that differ by less are one [s]."""
-NOBODY = -1
-SIGMAS = 3.0
-"""A box that is filled evenly reaches so many standard deviations from its middle, its corners."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,46 +39,36 @@ class Settings:
 
     Attributes:
         integrator: its configuration.
-        rule: the options of its rule.
-        condensation: the options of its condensation.
         own_timeouts: how long the hypotheses of a source live [s], by name, where it says so.
     """
 
     integrator: IntegratorConfig
-    rule: Model
-    condensation: Model
     own_timeouts: Mapping[str, float]
 
     @classmethod
     def of(cls, pipeline: Pipeline) -> Self:
-        """Read them off a pipeline."""
+        """Those of a pipeline."""
         own = {
             source: generator.config.timeout
             for generator in pipeline.generators.values()
             for source in generator.sources
             if generator.config.timeout is not None
         }
-        config, integrator = pipeline.config.integrator, pipeline.integrator
-        timeouts = {} if config.expiry == "voxel" else own
-        return cls(config, integrator.rule.config, integrator.condensation.config, timeouts)
+        config = pipeline.config.integrator
+        return cls(config, {} if config.expiry == "voxel" else own)
 
     def timeout(self, source: str) -> float:
-        """Give how long the hypotheses of a source live [s]."""
+        """How long the hypotheses of a source live [s]."""
         return self.own_timeouts.get(source, self.integrator.timeout)
 
     @property
     def tolerance(self) -> float:
-        """What lies so near together belongs together [m]."""
+        """Linking distance: what lies so near together belongs together [m]."""
         return self.integrator.linking_distance
-
-    @property
-    def by_modes(self) -> bool:
-        """Whether contacts come of a belief, not of voxels."""
-        return self.integrator.condensation == "modes"
 
 
 @dataclass(frozen=True, slots=True)
-class Told:
+class Reported:
     """New hypotheses of one source: places, shape (n, 3) [m], likelihoods, stamps [ns]."""
 
     source: str
@@ -97,7 +79,7 @@ class Told:
 
 @dataclass(frozen=True, slots=True)
 class Dead:
-    """A contact that is no more, and the time of the last step that told it [s]."""
+    """A contact that is no more, and the time of the last step that had it [s]."""
 
     contact: Contact
     stamp: float
@@ -107,13 +89,13 @@ class Past:
     """Remembers some seconds of steps; however long a recording is, its memory is bounded.
 
     Args:
-        reach: contacts of two steps that lie so near together are one [m].
+        reach: contacts of two steps that lie so near together are the same [m].
         seconds: how far back it remembers [s].
     """
 
     def __init__(self, reach: float, seconds: float = SECONDS) -> None:
         self._reach, self._seconds = reach, seconds
-        self._told: deque[Told] = deque()
+        self._reported: deque[Reported] = deque()
         self._rows = 0
         self._newest: dict[str, int] = {}
         self._contacts: list[Dead] = []
@@ -122,50 +104,50 @@ class Past:
     def add(self, stamp: float, fusion: Fusion) -> None:
         """Remember a step at a time [s]; steps come in order."""
         entries = fusion.field.entries
-        for source, (begin, end) in zip(
-            entries.sources, itertools.pairwise(entries.begin.tolist()), strict=True
-        ):
-            if source.kind == HypothesisKind.NULL or end == begin:
+        for source, own in entries.by_source:
+            if source.kind == HypothesisKind.NULL or own.stop == own.start:
                 continue
-            stamps = entries.columns.stamps[begin:end]
+            stamps = entries.columns.stamps[own]
             new = stamps > self._newest.get(source.name, EVER)
             if new.any():
-                places = entries.grid.centres(unpack(entries.columns.keys[begin:end][new]))
-                likelihoods = entries.columns.likelihoods[begin:end][new].astype(np.float64)
-                self._told.append(Told(source.name, places, likelihoods, stamps[new]))
+                places = entries.grid.centres(unpack(entries.columns.keys[own][new]))
+                likelihoods = entries.columns.likelihoods[own][new].astype(np.float64)
+                self._reported.append(Reported(source.name, places, likelihoods, stamps[new]))
                 self._rows += len(places)
                 self._newest[source.name] = int(stamps.max())
         self._link(stamp, fusion)
         self._events.extend((stamp, event) for event in fusion.report.events)
         self._forget(stamp)
 
-    def last_told(self, source: str, place: FloatArray, reach: float) -> tuple[float, float] | None:
-        """Give the likelihood and the stamp [s] of what a source last said near a place.
+    def last_reported(
+        self, source: str, place: FloatArray, reach: float
+    ) -> tuple[float, float] | None:
+        """The likelihood and the stamp [s] of what a source last reported near a place.
 
         Args:
             source: its name.
             place: shape (3,) [m].
             reach: how near [m].
         """
-        for one in reversed(self._told):
-            if one.source == source:
-                near = ((one.places - place) ** 2).sum(axis=1) <= reach**2
+        for new in reversed(self._reported):
+            if new.source == source:
+                near = ((new.places - place) ** 2).sum(axis=1) <= reach**2
                 if near.any():
-                    row = np.flatnonzero(near)[one.likelihoods[near].argmax()]
-                    return float(one.likelihoods[row]), float(one.stamps[row]) / 1e9
+                    row = np.flatnonzero(near)[new.likelihoods[near].argmax()]
+                    return float(new.likelihoods[row]), float(new.stamps[row]) / 1e9
         return None
 
     def dead(self, stamp: float) -> list[Dead]:
-        """Give the contacts that are no more at a time [s], the newest first."""
-        dead = [one for one in self._contacts if one.stamp < stamp]
-        return sorted(dead, key=lambda one: -one.stamp)
+        """The contacts that are no more at a time [s], the newest first."""
+        dead = [contact for contact in self._contacts if contact.stamp < stamp]
+        return sorted(dead, key=lambda contact: -contact.stamp)
 
     def events(self, source: str) -> list[tuple[float, Event]]:
-        """Give what went wrong with the clouds of a source, with the time of each [s]."""
+        """What went wrong with the clouds of a source, with the time of each [s]."""
         return [
             (stamp, event)
             for stamp, event in self._events
-            if event.source == source and event.kind in TOLD
+            if event.source == source and event.kind in TROUBLES
         ]
 
     def _link(self, stamp: float, fusion: Fusion) -> None:
@@ -174,20 +156,22 @@ class Past:
         gone = self._contacts
         if now and gone:
             away = cdist(_places(gone), _places(now)).min(axis=1)
-            gone = [one for one, far in zip(gone, away, strict=True) if far > self._reach + SAME]
+            gone = [old for old, far in zip(gone, away, strict=True) if far > self._reach + SAME]
         self._contacts = (now + gone)[:MOST_CONTACTS]
 
     def _forget(self, stamp: float) -> None:
         oldest = stamp - self._seconds
-        while self._told and (self._told[0].stamps.max() / 1e9 < oldest or self._rows > MOST_ROWS):
-            self._rows -= len(self._told.popleft().places)
+        while self._reported and (
+            self._reported[0].stamps.max() / 1e9 < oldest or self._rows > MOST_ROWS
+        ):
+            self._rows -= len(self._reported.popleft().places)
         while self._events and self._events[0][0] < oldest:
             self._events.popleft()
-        self._contacts = [one for one in self._contacts if one.stamp >= oldest]
+        self._contacts = [held for held in self._contacts if held.stamp >= oldest]
 
 
 def _places(contacts: list[Dead]) -> FloatArray:
-    return np.array([one.contact.position for one in contacts])
+    return np.array([dead.contact.position for dead in contacts])
 
 
 @dataclass(frozen=True, slots=True)
@@ -199,12 +183,12 @@ class Moment:
 
 
 def moment_at(steps: Iterable[Step], time: float, reach: float, seconds: float = SECONDS) -> Moment:
-    """Give the last step until a time; no step after it is asked for more than once.
+    """The last step until a time; no step after it is asked for more than once.
 
     Args:
         steps: in order.
         time: [s].
-        reach: contacts of two steps that lie so near together are one [m].
+        reach: contacts of two steps that lie so near together are the same [m].
         seconds: how far back is remembered [s].
 
     Raises:
@@ -262,41 +246,17 @@ class View:
 
     @cached_property
     def owners(self) -> NDArray[np.intp]:
-        """The contact that each voxel belongs to, as a row of the contacts or `NOBODY`, (m,)."""
-        match self.settings.integrator.condensation:
-            case "threshold" | "cluster_centroid" | "cluster_mass":
-                return self._by_cluster()
-            case _:
-                return self._by_ellipsoid()
+        """The contact that each voxel belongs to, a row of the contacts or `NONE`, shape (m,)."""
+        return self._owned[0]
 
-    def _by_cluster(self) -> NDArray[np.intp]:
-        """Cluster the voxels again, and find the contact at the centroid of each cluster."""
-        fusion, config = self.fusion, self.settings.integrator
-        codes, likelihoods = fusion.verdict_codes, fusion.field.likelihoods
-        wanted = codes == kernels.CONTACT
-        if config.condensation == "cluster_mass":
-            wanted |= (codes == kernels.BELOW_THRESHOLD) & (likelihoods >= FAINTEST)
-        rows = np.flatnonzero(wanted)
-        owners = np.full(len(codes), NOBODY, np.intp)
-        if not fusion.contacts or not len(rows):
-            return owners
-        keys, labels = fusion.field.entries.keys[rows], np.arange(len(rows))
-        if config.condensation != "threshold":
-            reach = reach_squared(config.linking_distance, config.voxel_size)
-            labels = clusters.label(keys, reach)[0].astype(np.intp)
-        weights = likelihoods[rows]
-        sums = [np.bincount(labels, weights * x) for x in self.centres[rows].T]
-        centroids = np.stack(sums, axis=1) / np.bincount(labels, weights)[:, None]
-        away, nearest = cKDTree([one.position for one in fusion.contacts]).query(centroids)
-        of_cluster = np.where(away < 1e-3 * config.voxel_size, nearest, NOBODY)
-        owners[rows] = of_cluster[labels]
-        return owners
+    @property
+    def trouble(self) -> str:
+        """Why it is not known which voxels the contacts are made of; empty when it is."""
+        return self._owned[1]
 
-    def _by_ellipsoid(self) -> NDArray[np.intp]:
-        """Deal voxels to the likeliest contact within whose covariance they lie."""
-        owners = np.full(len(self.centres), NOBODY, np.intp)
-        for number, contact in reversed(list(enumerate(self.fusion.contacts))):
-            offsets = self.centres - contact.position
-            squared = (offsets * np.linalg.solve(contact.covariance, offsets.T).T).sum(axis=1)
-            owners[squared <= SIGMAS**2] = number
-        return owners
+    @cached_property
+    def _owned(self) -> tuple[NDArray[np.intp], str]:
+        try:
+            return self.fusion.owners, ""
+        except PluginError as error:  # a stranger's condensation; the rest stands
+            return np.full(len(self.centres), NONE, np.intp), str(error)

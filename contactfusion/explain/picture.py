@@ -54,9 +54,7 @@ def picture(explanation: Explanation, fusion: Fusion) -> bytes:
     centre, said, missing, title = _focus(explanation)
     half = _half_width(explanation, fusion, centre)
     across = _across(fusion, centre, half)
-    _draw_voxels(
-        around, fusion, centre, half, across, LIKELY if explanation.condensation == "modes" else {}
-    )
+    _draw_voxels(around, fusion, centre, half, across, {} if explanation.judged else LIKELY)
     for number, contact in enumerate(fusion.contacts[: len(explanation.contacts)], 1):
         _draw_contact(around, contact, number, across)
     for place in explanation.places:
@@ -196,7 +194,7 @@ def draw_sources(
     for name, row in rows.items():
         label = "hypotheses live so long" if row == 0 else None
         ages.plot([timeouts[name]] * 2, [row - 0.4, row + 0.4], color=TOLD, label=label)
-    if explanation.condensation != "modes":
+    if explanation.judged:
         likelihoods.axvline(explanation.threshold, color=TOLD, linestyle=":", label="threshold")
     likelihoods.set(xlim=(0.0, 1.0), xlabel="likelihood", title="what each source says here")
     ages.set(xlabel="age [s]", title="how long ago")

@@ -60,7 +60,7 @@ def as_text(explanation: Explanation) -> str:
 
 def _limits(explanation: Explanation) -> str:
     tolerance = f"tolerance {millimetres(explanation.tolerance)}"
-    if explanation.condensation == "modes":
+    if not explanation.judged:
         return tolerance
     return f"threshold {explanation.threshold:g}, {tolerance}"
 
