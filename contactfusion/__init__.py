@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from contactfusion.check import check_file
-    from contactfusion.contacts import Contact
+    from contactfusion.contacts import Contact, Contacts
     from contactfusion.controller import Command, Controller
     from contactfusion.controllers.pushing import Decision, PushingConfig, PushingController
     from contactfusion.errors import ContactFusionError
@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from contactfusion.hooks import hookimpl
     from contactfusion.hypotheses import ContactHypothesis, HypothesisCloud, HypothesisKind, Note
     from contactfusion.integrator.config import IntegratorConfig
+    from contactfusion.integrator.entries import Field
     from contactfusion.integrator.fusion import Fusion
     from contactfusion.integrator.integrator import Integrator
     from contactfusion.loop import Observer, play
@@ -43,6 +44,7 @@ if TYPE_CHECKING:
         Twist,
         Wrench,
     )
+    from contactfusion.reason import Reason
     from contactfusion.recordings.mcap import McapWriter
     from contactfusion.recordings.opening import open_recording
     from contactfusion.recordings.recording import Recording
@@ -66,11 +68,13 @@ _HOMES = {
     "Command": "contactfusion.controller",
     "Condensation": "contactfusion.rule",
     "Contact": "contactfusion.contacts",
+    "Contacts": "contactfusion.contacts",
     "ContactFusionError": "contactfusion.errors",
     "ContactHypothesis": "contactfusion.hypotheses",
     "Controller": "contactfusion.controller",
     "Decision": "contactfusion.controllers.pushing",
     "DepthImage": "contactfusion.readings",
+    "Field": "contactfusion.integrator.entries",
     "Fusion": "contactfusion.integrator.fusion",
     "Generator": "contactfusion.generator",
     "GeneratorConfig": "contactfusion.generator",
@@ -95,6 +99,7 @@ _HOMES = {
     "PushingConfig": "contactfusion.controllers.pushing",
     "PushingController": "contactfusion.controllers.pushing",
     "Reading": "contactfusion.readings",
+    "Reason": "contactfusion.reason",
     "Recording": "contactfusion.recordings.recording",
     "RobotModel": "contactfusion.robots.model",
     "Rule": "contactfusion.rule",
@@ -136,9 +141,11 @@ __all__ = [
     "Contact",
     "ContactFusionError",
     "ContactHypothesis",
+    "Contacts",
     "Controller",
     "Decision",
     "DepthImage",
+    "Field",
     "Fusion",
     "Generator",
     "GeneratorConfig",
@@ -163,6 +170,7 @@ __all__ = [
     "PushingConfig",
     "PushingController",
     "Reading",
+    "Reason",
     "Recording",
     "RobotModel",
     "Rule",

@@ -46,7 +46,7 @@ def settings(timeouts: Mapping[str, float] | None = None, **config: Any) -> Sett
     return Settings(law(**config), timeouts or {})
 
 
-def account(
+def explanation(
     *rounds: Round,
     at: Sequence[float] | None = None,
     plugs: Mapping[str, HypothesisKind] = PLUGS,

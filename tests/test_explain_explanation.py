@@ -15,7 +15,7 @@ from contactfusion.explain.text import as_text
 from contactfusion.reason import Why
 from contactfusion.surface import Surface
 from tests.clouds import HERE, NULL, REGULAR, SUPPORT, THERE, Voxel, centres, cloud
-from tests.explained import Round, account, stepped
+from tests.explained import Round, explanation, stepped
 
 BESIDE: Voxel = (1, 0, 0)
 MODES: dict[str, Any] = {"rule": "posterior", "condensation": "modes"}
@@ -45,7 +45,7 @@ def place(one: Explanation) -> PlaceExplanation:
 
 
 def lines(*rounds: Round, **options: Any) -> list[str]:
-    return as_text(account(*rounds, **options)).split("\n")
+    return as_text(explanation(*rounds, **options)).split("\n")
 
 
 # Contacts
@@ -67,7 +67,7 @@ def test_a_contact_tells_how_its_likelihood_comes_about_and_who_gave_what() -> N
 
 
 def test_one_source_alone_needs_no_formula_and_without_it_nothing_remains() -> None:
-    (contact,) = account((0.0, [skin(0.0)])).contacts
+    (contact,) = explanation((0.0, [skin(0.0)])).contacts
     assert contact.combination == ""
     (without,) = contact.without
     assert not without.contact and math.isnan(without.likelihood) and math.isnan(without.moved)
@@ -85,29 +85,31 @@ def test_one_source_alone_needs_no_formula_and_without_it_nothing_remains() -> N
     ],
 )
 def test_each_rule_tells_its_own_formula(rule: str, formula: str) -> None:
-    (contact,) = account((0.0, [skin(0.0), lidar(0.0)]), rule=rule).contacts
+    (contact,) = explanation((0.0, [skin(0.0), lidar(0.0)]), rule=rule).contacts
     assert contact.combination == formula
 
 
 def test_the_formulas_give_the_likelihood_that_was_fused() -> None:
-    fused = account((0.0, [skin(0.0), lidar(0.0)]), rule="log_odds").contacts[0].likelihood
+    fused = explanation((0.0, [skin(0.0), lidar(0.0)]), rule="log_odds").contacts[0].likelihood
     assert fused == pytest.approx(1.0 / (1.0 + math.exp(-4.33)), abs=1e-4)
-    fused = account((0.0, [skin(0.0), lidar(0.0)]), rule="dempster_shafer").contacts[0].likelihood
+    fused = (
+        explanation((0.0, [skin(0.0), lidar(0.0)]), rule="dempster_shafer").contacts[0].likelihood
+    )
     unknown = (1.0 - 0.9 / 1.9) * (1.0 - 15.0 / 19.0)
     assert fused == pytest.approx(1.0 - unknown + 0.05 * unknown, abs=1e-6)
 
 
 def test_a_wide_contact_owns_all_its_voxels_and_makes_no_place_of_them() -> None:
     row = {(x, 0, z): 0.5 for x in range(30) for z in range(10)}
-    one = account((0.0, [cloud("skin", 0.0, row)]))
+    one = explanation((0.0, [cloud("skin", 0.0, row)]))
     assert [said.voxels for said in one.contacts[0].said] == [300] and one.places == ()
-    asked = account((0.0, [cloud("skin", 0.0, row)]), at=centres([(29, 0, 9)])[0])
+    asked = explanation((0.0, [cloud("skin", 0.0, row)]), at=centres([(29, 0, 9)])[0])
     assert place(asked).reasons[0].why == Why.CONTACT
 
 
 def test_further_contacts_are_counted_not_told() -> None:
     many = {(10 * x, 0, 0): 0.5 for x in range(11)}
-    one = account((0.0, [cloud("skin", 0.0, many)]))
+    one = explanation((0.0, [cloud("skin", 0.0, many)]))
     assert (len(one.contacts), one.untold) == (8, 3)
     assert "and 3 further contacts, less likely" in as_text(one)
 
@@ -116,7 +118,7 @@ def test_further_contacts_are_counted_not_told() -> None:
 
 
 def test_null_is_named_with_its_likelihood_and_age() -> None:
-    one = account((0.0, [free(0.0), skin(0.0)]), (0.25, [skin(0.25)]))
+    one = explanation((0.0, [free(0.0), skin(0.0)]), (0.25, [skin(0.25)]))
     found = place(one)
     assert one.contacts == () and found.reasons[0].why == Why.NULLED
     assert found.reasons[0].sentence == (
@@ -130,41 +132,41 @@ def test_null_is_named_with_its_likelihood_and_age() -> None:
 
 
 def test_what_is_under_the_threshold_tells_by_how_much() -> None:
-    (reason,) = place(account((0.0, [skin(0.0, 0.0625)]))).reasons
+    (reason,) = place(explanation((0.0, [skin(0.0, 0.0625)]))).reasons
     assert reason.why == Why.BELOW_THRESHOLD
     assert reason.sentence == "likelihood 0.06 is 0.04 under the threshold 0.1"
 
 
 def test_very_little_under_the_threshold_is_not_told_as_nothing() -> None:
-    (reason,) = place(account((0.0, [skin(0.0, 0.0999)]))).reasons
+    (reason,) = place(explanation((0.0, [skin(0.0, 0.0999)]))).reasons
     assert reason.sentence == "likelihood 0.0999 is 0.0001 under the threshold 0.1"
 
 
 def test_support_alone_is_named() -> None:
-    found = place(account((0.0, [motion(0.0)])))
+    found = place(explanation((0.0, [motion(0.0)])))
     assert found.reasons[0].sentence == "predicted by motion, but no sensor felt it"
 
 
 def test_support_that_would_stay_under_the_threshold_is_no_place_but_can_be_asked_for() -> None:
     rounds = (0.0, [cloud("motion", 0.0, {HERE: 0.05}, SUPPORT)])
-    assert account(rounds).places == ()
-    assert place(account(rounds, at=(0.0, 0.0, 0.0))).reasons[0].why == Why.SUPPORT_ONLY
+    assert explanation(rounds).places == ()
+    assert place(explanation(rounds, at=(0.0, 0.0, 0.0))).reasons[0].why == Why.SUPPORT_ONLY
 
 
 def test_null_alone_is_no_place() -> None:
-    assert account((0.0, [free(0.0)])).places == ()
+    assert explanation((0.0, [free(0.0)])).places == ()
 
 
 def test_a_cluster_of_too_few_voxels_or_too_little_mass_says_so() -> None:
-    few = place(account((0.0, [skin(0.0)]), min_voxels=3))
+    few = place(explanation((0.0, [skin(0.0)]), min_voxels=3))
     assert few.reasons[0].why == Why.TOO_FEW_VOXELS and "wants 3" in few.reasons[0].sentence
-    thin = place(account((0.0, [skin(0.0, 0.3)]), condensation="cluster_mass"))
+    thin = place(explanation((0.0, [skin(0.0, 0.3)]), condensation="cluster_mass"))
     assert thin.reasons[0].values == pytest.approx({"mass": 0.3, "mass_threshold": 0.5})
 
 
 def test_evidence_comes_before_prediction_and_the_likelier_first() -> None:
     weak = {HERE: 0.02, THERE: 0.05}
-    one = account(
+    one = explanation(
         (0.0, [cloud("skin", 0.0, weak), cloud("motion", 0.0, {(90, 0, 0): 0.9}, SUPPORT)])
     )
     assert [found.position for found in one.places] == [
@@ -174,7 +176,7 @@ def test_evidence_comes_before_prediction_and_the_likelier_first() -> None:
 
 def test_no_more_than_a_few_places_are_told() -> None:
     weak = {(10 * x, 0, 0): 0.05 for x in range(20)}
-    assert len(account((0.0, [cloud("skin", 0.0, weak)])).places) == MOST
+    assert len(explanation((0.0, [cloud("skin", 0.0, weak)])).places) == MOST
 
 
 # What is missing
@@ -182,7 +184,7 @@ def test_no_more_than_a_few_places_are_told() -> None:
 
 def test_a_contact_that_died_tells_who_told_it_and_how_long_its_hypotheses_live() -> None:
     rounds = [(0.0, [skin(0.0)]), (0.5, []), (0.62, [])]
-    found = place(account(*rounds))
+    found = place(explanation(*rounds))
     assert found.last_contact == pytest.approx(0.12)
     assert found.reasons[0].why == Why.EXPIRED
     assert found.reasons[0].sentence == (
@@ -192,13 +194,13 @@ def test_a_contact_that_died_tells_who_told_it_and_how_long_its_hypotheses_live(
 
 def test_the_timeout_is_the_one_of_the_source() -> None:
     rounds = [(0.0, [skin(0.0)]), (0.2, [])]
-    found = place(account(*rounds, timeouts={"skin": 0.1}))
+    found = place(explanation(*rounds, timeouts={"skin": 0.1}))
     assert "its hypotheses live 0.1 s" in found.reasons[0].sentence
 
 
 def test_a_source_that_takes_back_what_it_said_is_told_apart_from_one_that_is_silent() -> None:
     rounds = [(0.0, [skin(0.0)]), (0.1, [cloud("skin", 0.1, {})])]
-    found = place(account(*rounds))
+    found = place(explanation(*rounds))
     assert found.reasons[0].why == Why.WITHDRAWN
     assert found.reasons[0].sentence == (
         "skin told 0.80 here 0.10 s ago, and took it back: 0.00 s ago it found nothing"
@@ -207,12 +209,12 @@ def test_a_source_that_takes_back_what_it_said_is_told_apart_from_one_that_is_si
 
 def test_a_contact_that_moved_did_not_die() -> None:
     path = [(0.1 * n, [skin(0.1 * n, voxel=(2 * n, 0, 0))]) for n in range(9)]
-    assert account(*path).places == ()
+    assert explanation(*path).places == ()
 
 
 def test_a_source_that_never_came_or_fell_silent_elsewhere_is_told() -> None:
     rounds = [(0.0, [lidar(0.0, voxel=THERE), skin(0.0)]), (1.3, [skin(1.3)])]
-    (contact,) = account(*rounds).contacts
+    (contact,) = explanation(*rounds).contacts
     why = {reason.source: reason for reason in contact.missing}
     assert why["lidar"].sentence == "lidar has been silent for 1.30 s; its hypotheses live 0.5 s"
     assert why["motion"].why == Why.NEVER_CAME
@@ -246,27 +248,27 @@ def test_remarks_are_told() -> None:
 
 
 def test_a_place_may_be_asked_for_and_tells_all_within_the_tolerance() -> None:
-    found = place(account((0.0, [skin(0.0, 0.05, BESIDE)]), at=(0.0, 0.0025, 0.0025)))
+    found = place(explanation((0.0, [skin(0.0, 0.05, BESIDE)]), at=(0.0, 0.0025, 0.0025)))
     assert found.asked and [said.source for said in found.said] == ["skin"]
     assert found.reasons[0].why == Why.BELOW_THRESHOLD
 
 
 def test_a_place_of_a_contact_says_so() -> None:
-    found = place(account((0.0, [skin(0.0)]), at=(0.005, 0.0025, 0.0025)))
+    found = place(explanation((0.0, [skin(0.0)]), at=(0.005, 0.0025, 0.0025)))
     assert found.reasons[0].sentence == (
         "this is contact 1, of likelihood 0.80, whose middle is 2.5 mm away"
     )
 
 
 def test_a_place_with_something_not_far_says_what_is_nearest() -> None:
-    found = place(account((0.0, [skin(0.0)]), at=(0.0425, 0.0025, 0.0025)))
+    found = place(explanation((0.0, [skin(0.0)]), at=(0.0425, 0.0025, 0.0025)))
     assert found.reasons[0].why == Why.NOTHING
     assert "the nearest hypothesis is 40.0 mm away, of skin" in found.reasons[0].sentence
 
 
 def test_a_place_far_from_everything_is_refused() -> None:
     with pytest.raises(ContactFusionError) as error:
-        account((0.0, [skin(0.0)]), at=(0.1225, 0.0025, 0.0025))
+        explanation((0.0, [skin(0.0)]), at=(0.1225, 0.0025, 0.0025))
     assert str(error.value) == (
         "nothing was within 5 cm of (0.122, 0.003, 0.003) m in 'base' at 0 s; the nearest "
         "hypothesis is 12 cm away, of skin"
@@ -275,13 +277,13 @@ def test_a_place_far_from_everything_is_refused() -> None:
 
 def test_a_place_where_something_lately_was_is_not_refused() -> None:
     rounds = [(0.0, [skin(0.0)]), (0.1, [skin(0.1, voxel=THERE)])]
-    assert place(account(*rounds, at=(0.0, 0.0, 0.0))).reasons[0].why == Why.WITHDRAWN
+    assert place(explanation(*rounds, at=(0.0, 0.0, 0.0))).reasons[0].why == Why.WITHDRAWN
 
 
 @pytest.mark.parametrize("at", [(np.nan, 0.0, 0.0), (0.0, 0.0)])
 def test_what_is_no_place_is_refused(at: tuple[float, ...]) -> None:
     with pytest.raises(ContactFusionError, match="is no place: give x, y and z in m"):
-        account((0.0, [skin(0.0)]), at=at)
+        explanation((0.0, [skin(0.0)]), at=at)
 
 
 # Beliefs
@@ -290,14 +292,14 @@ def test_what_is_no_place_is_refused(at: tuple[float, ...]) -> None:
 def test_a_belief_tells_how_well_the_place_fits_each_source() -> None:
     near = cloud("skin", 0.0, {HERE: 0.9}, spreads=np.array([0.004]))
     rounds = (0.0, [near, lidar(0.0, voxel=BESIDE)])
-    (contact,) = account(rounds, **MODES).contacts
+    (contact,) = explanation(rounds, **MODES).contacts
     fits = {said.source: said.fit for said in contact.said}
     assert all(0.3 < fit <= 1.0 for fit in fits.values())
     assert contact.combination.startswith("P(contact) 0.95 by all evidence, 100% of the belief")
 
 
 def test_null_leaves_part_of_a_belief() -> None:
-    one = account((0.0, [skin(0.0, 0.5), free(0.0)]), **MODES)
+    one = explanation((0.0, [skin(0.0, 0.5), free(0.0)]), **MODES)
     found = place(one)
     assert found.reasons[0].why == Why.IMPROBABLE
     (null,) = [said for said in found.said if said.kind == NULL]
@@ -307,13 +309,13 @@ def test_null_leaves_part_of_a_belief() -> None:
 
 def test_a_second_place_of_a_belief_tells_its_share() -> None:
     rounds = (0.0, [cloud("skin", 0.0, {HERE: 0.9, THERE: 0.3})])
-    (found,) = account(rounds, at=centres([THERE])[0], **MODES).places
+    (found,) = explanation(rounds, at=centres([THERE])[0], **MODES).places
     assert found.reasons[0].why == Why.SMALL_SHARE
     assert found.reasons[0].values["share"] < found.reasons[0].values["mode_share"] == 0.42
 
 
 def test_without_evidence_there_is_no_belief() -> None:
-    found = place(account((0.0, [motion(0.0)]), at=(0.0, 0.0, 0.0), **MODES))
+    found = place(explanation((0.0, [motion(0.0)]), at=(0.0, 0.0, 0.0), **MODES))
     assert found.reasons[0].why == Why.SUPPORT_ONLY
 
 
@@ -328,7 +330,7 @@ def test_over_a_surface_a_source_has_its_share_by_its_field_however_far_its_hypo
 ) -> None:
     clouds = [unsure("skin", 0.0, spread=0.004), unsure("lidar", 0.0, x=0.03, spread=0.02)]
     options = {**MODES, "condensation": condensation, "surface": PLATE}
-    contact = account((0.0, clouds), **options).contacts[0]
+    contact = explanation((0.0, clouds), **options).contacts[0]
     said = {one.source: one for one in contact.said}
     assert said["lidar"].voxels == 0 and said["lidar"].share > 0.2
     assert said["lidar"].away == pytest.approx(0.03, abs=0.006)
@@ -340,7 +342,7 @@ def test_over_a_surface_a_source_has_its_share_by_its_field_however_far_its_hypo
 
 def test_a_source_whose_field_does_not_reach_a_contact_has_no_line_there() -> None:
     clouds = [unsure("skin", 0.0), unsure("lidar", 0.0, x=0.2)]
-    contact = account((0.0, clouds), surface=PLATE, **MODES).contacts[0]
+    contact = explanation((0.0, clouds), surface=PLATE, **MODES).contacts[0]
     (here,) = contact.said
     other = {"skin": "lidar", "lidar": "skin"}[here.source]
     elsewhere = {reason.source: reason.why for reason in contact.missing}
@@ -359,13 +361,13 @@ def test_only_a_newer_cloud_takes_back_what_a_source_said(rule: str, condensatio
     """The camera's hypothesis lies beside the contact, not in it, and is alive."""
     beside = cloud("lidar", 0.0, {(0, 0, 1): 0.05}, spreads=np.array([0.004]))
     clouds = [unsure("skin", 0.0), beside]
-    text = as_text(account((0.0, clouds), rule=rule, condensation=condensation, surface=PLATE))
+    text = as_text(explanation((0.0, clouds), rule=rule, condensation=condensation, surface=PLATE))
     assert "took it back" not in text
 
 
 def test_the_likelihood_of_a_voxel_of_a_belief_is_in_relation_to_the_likeliest_place() -> None:
     clouds = [cloud("skin", 0.0, {HERE: 0.9, THERE: 0.6}, spreads=np.full(2, 0.004))]
-    first, second = account((0.0, clouds), rule="posterior").contacts
+    first, second = explanation((0.0, clouds), rule="posterior").contacts
     assert first.combination.endswith("100% as likely here as at the likeliest place: 0.90")
     assert second.combination.endswith(f": {second.likelihood:.2f}")
     assert "of the belief" not in first.combination + second.combination
@@ -411,7 +413,7 @@ def test_what_is_long_ago_is_forgotten() -> None:
 
 
 def test_json_has_no_nan_and_the_names_of_the_account() -> None:
-    text = as_json(account((0.0, [free(0.0), skin(0.0), lidar(0.0, voxel=THERE)])))
+    text = as_json(explanation((0.0, [free(0.0), skin(0.0), lidar(0.0, voxel=THERE)])))
     held = json.loads(text)
     assert held["contacts"][0]["force"] == [None, None, None]
     assert held["places"][0]["reasons"][0]["why"] == "nulled"
@@ -421,7 +423,7 @@ def test_json_has_no_nan_and_the_names_of_the_account() -> None:
 
 def test_the_same_is_told_twice() -> None:
     rounds = [(0.0, [skin(0.0), free(0.0)]), (0.4, [lidar(0.4)])]
-    assert as_json(account(*rounds)) == as_json(account(*rounds))
+    assert as_json(explanation(*rounds)) == as_json(explanation(*rounds))
 
 
 def test_a_source_without_clouds_is_told_so() -> None:

@@ -14,6 +14,7 @@ ROOT = Path(__file__).parents[1]
 OURS = ("contactfusion", "contactfusion_lab")
 PUBLIC = {
     *("Arrival", "Model", "Observer", "Stream", "play"),
+    *("Contacts", "Field", "Reason"),
     *("Command", "Condensation", "Contact", "ContactFusionError", "ContactHypothesis"),
     *("Controller", "Decision", "DepthImage", "Fusion", "Generator", "GeneratorConfig", "Grid"),
     *("HypothesisCloud", "HypothesisKind", "Integrator", "IntegratorConfig", "JointCommand"),
