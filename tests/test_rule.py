@@ -2,6 +2,7 @@
 
 from collections.abc import Iterable, Sequence
 from importlib.metadata import EntryPoint
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -37,6 +38,7 @@ from contactfusion.integrator.rules import DeMorgan
 from contactfusion.plugins import Plugins
 from contactfusion.rule import Neighbourhood
 from tests.clouds import HERE, NULL, SUPPORT, THERE, cloud
+from tests.test_public_names import blocks
 from tests.toys import FUSION, point
 
 TWO = (cloud("lidar", 0.0, {HERE: 0.5}), cloud("skin", 0.0, {HERE: 0.75}))
@@ -138,6 +140,9 @@ class Broken(First):
         raise ValueError("no objection")
 
 
+PAGE = Path(__file__).parents[1] / "docs" / "plugins.md"
+
+
 @hookimpl
 def contactfusion_rules() -> dict[str, type[Rule]]:
     return {"told": Told}
@@ -189,6 +194,15 @@ def test_so_does_one_that_is_found_by_its_entry_point(monkeypatch: pytest.Monkey
     pipeline = Pipeline(PipelineConfig(generators=eyes, integrator=integrator))
     text = explain_moment(pipeline, [point(0.0, 0.1, 0.0, 0.0, sensor="left")], 0.01)
     assert "  the mean of left and right is 0.900" in text.split("\n")
+
+
+def test_the_rule_of_the_page_explains_itself() -> None:
+    (code,) = [code for code in blocks(PAGE.read_text()) if "cf.Rule" in code]
+    names: dict[str, Any] = {}
+    exec(code, names)
+    (rule,) = names["contactfusion_rules"]().values()
+    (contact,) = explained(rule).contacts
+    assert contact.combination == "the mean of lidar 0.50, skin 0.75 is 0.62"
 
 
 @pytest.mark.parametrize(
