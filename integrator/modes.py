@@ -176,8 +176,8 @@ def _contact(
     total = float(told.sum()) or 1.0
     shares = {
         source.name: float(share) / total
-        for source, share, one in zip(entries.sources, told, counted, strict=True)
-        if one
+        for source, share, is_counted in zip(entries.sources, told, counted, strict=True)
+        if is_counted
     }
     forces = _force(field, mode, belief.places[basin], scale * BASIN)
     covariance = moments + np.eye(3) * (side**2 / 12.0 + float(weights @ belief.variances[basin]))

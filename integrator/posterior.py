@@ -100,7 +100,7 @@ class Posterior(Rule):
         total = there.sum(axis=0)
         weights = np.exp(total - total.max())
         exists = self._lowered(claims, exists, there)
-        spoken = np.array([[len(one.positions) > 0] for one in claims])
+        spoken = np.array([[len(claim.positions) > 0] for claim in claims])
         added = np.where(spoken, there - np.log(self._floor), 0.0)
         belief = Belief(
             found.places,
@@ -129,7 +129,7 @@ class Posterior(Rule):
         By Bayes; support has no say in whether there is a contact.
         """
         null, evidence = (
-            np.array([one.kind == kind for one in claims])
+            np.array([claim.kind == kind for claim in claims])
             for kind in (HypothesisKind.NULL, HypothesisKind.REGULAR)
         )
         if not null.any():
@@ -150,14 +150,14 @@ class Posterior(Rule):
         the cone of friction: that is a second field of its source, with a floor of its own.
         """
         logarithms = np.zeros_like(told)
-        for row, (one, field) in enumerate(zip(claims, told, strict=True)):
-            if one.kind == HypothesisKind.NULL:
+        for row, (claim, field) in enumerate(zip(claims, told, strict=True)):
+            if claim.kind == HypothesisKind.NULL:
                 logarithms[row] = np.log1p(-(1.0 - self._floor) * np.minimum(field, 1.0))
-            elif len(one.positions):
+            elif len(claim.positions):
                 highest = float(field.max(initial=np.finfo(np.float64).tiny))
                 logarithms[row] = np.log(field / highest + self._floor)
-                if one.force is not None and normals is not None:
-                    logarithms[row] += np.log(self._pushed(one.force, normals) + self._floor)
+                if claim.force is not None and normals is not None:
+                    logarithms[row] += np.log(self._pushed(claim.force, normals) + self._floor)
         return logarithms
 
     def _pushed(self, force: FloatArray, normals: FloatArray) -> FloatArray:
@@ -213,11 +213,11 @@ def existence(claims: Sequence[Claims], sources: Sequence[Source]) -> float:
     the probability that all of them miss one, it becomes e μ / (1 - e + e μ).
     """
     missed = silent = 1.0
-    for one, source in zip(claims, sources, strict=True):
-        if not len(one.positions):
+    for claim, source in zip(claims, sources, strict=True):
+        if not len(claim.positions):
             silent *= source.misses
-        elif one.kind == HypothesisKind.REGULAR:
-            total = one.likelihoods.sum() if one.single else one.likelihoods.max()
+        elif claim.kind == HypothesisKind.REGULAR:
+            total = claim.likelihoods.sum() if claim.single else claim.likelihoods.max()
             missed *= 1.0 - min(float(total), 1.0)
     kept = (1.0 - missed) * silent
     return kept / (missed + kept) if kept else 0.0
@@ -232,20 +232,20 @@ def _candidates(
     any, where evidence lies: then each is as uncertain as its hypothesis, and neighbours are a
     voxel apart, `side` [m].
     """
-    evidence = [one.kind == HypothesisKind.REGULAR for one in claims]
+    evidence = [claim.kind == HypothesisKind.REGULAR for claim in claims]
     if surface is not None and len(surface.points):
         told = _fields(claims, surface.points, evidence)
         highest = told.max(axis=1, keepdims=True)
         reached = ((told > floor * highest) & (highest > 0.0)).any(axis=0)
         if reached.any():
             places = surface.points[reached]
-            others = [not one for one in evidence]
+            others = [not is_evidence for is_evidence in evidence]
             told = told[:, reached] + _fields(claims, places, others)
             exact = np.zeros(len(places))  # the fields are as wide as the spreads
             return Candidates(places, surface.spacing, exact, surface.normals[reached], told)
-    regular = [one for one in claims if one.kind == HypothesisKind.REGULAR]
-    places = np.concatenate([one.positions for one in regular])
-    variances = np.concatenate([one.variances for one in regular])
+    regular = [claim for claim in claims if claim.kind == HypothesisKind.REGULAR]
+    places = np.concatenate([claim.positions for claim in regular])
+    variances = np.concatenate([claim.variances for claim in regular])
     return Candidates(places, side, variances, None, _fields(claims, places, [True] * len(claims)))
 
 
@@ -253,10 +253,10 @@ def _fields(claims: Sequence[Claims], places: FloatArray, wanted: Sequence[bool]
     """The fields of some sources, shape (k, c); 0 for the others."""
     told = np.zeros((len(claims), len(places)))
     tiles = fields.deal(places, fields.TILE)
-    for one, field, is_wanted in zip(claims, told, wanted, strict=True):
+    for claim, field, is_wanted in zip(claims, told, wanted, strict=True):
         if is_wanted:
-            variances = np.maximum(one.variances, NARROWEST**2)
-            given = (one.positions, one.likelihoods, variances, one.single)
-            tail = 0.0 if one.kind == HypothesisKind.NULL else TAIL
+            variances = np.maximum(claim.variances, NARROWEST**2)
+            given = (claim.positions, claim.likelihoods, variances, claim.single)
+            tail = 0.0 if claim.kind == HypothesisKind.NULL else TAIL
             fields.spread_out(places, tiles, *given, tail, field)
     return told

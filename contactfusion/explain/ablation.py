@@ -58,7 +58,7 @@ class Quantiles:
         return int(self.counts.sum())
 
     def at(self, share: float) -> float:
-        """Give the least value that so large a share does not exceed; NaN when none was counted."""
+        """The least value that so large a share does not exceed; NaN when none was counted."""
         if not self.count:
             return math.nan
         wanted = max(math.ceil(share * self.count - 1e-9), 1)
@@ -73,7 +73,7 @@ class Worth:
         name: of the generator whose sources were left out, or of one of several sources of it.
         whole: whether it is a generator as a whole.
         steps: how many steps it was plugged in.
-        contacts: how many contacts these steps told with it.
+        contacts: how many contacts these steps had with it.
         steps_with: in how many of these steps there was a contact with it.
         steps_without: in how many there was one without it.
         lost: contacts that are not there without it.
@@ -121,12 +121,12 @@ class _Tally:
         self.steps_without += bool(after)
         self.lost += len(before) - len(pairs)
         self.gained += len(after) - len(pairs)
-        for one, other, away in pairs:
+        for row, other, away in pairs:
             self.moved.add(away)
-            self.likelihood_change += after[other].likelihood - before[one].likelihood
+            self.likelihood_change += after[other].likelihood - before[row].likelihood
 
     def worth(self, name: str, whole: bool) -> Worth:
-        """Give what was counted."""
+        """What was counted."""
         remain = self.moved.count
         return Worth(
             name=name,
@@ -145,7 +145,7 @@ class _Tally:
 
 
 def ablated(steps: Iterable[Step]) -> list[Worth]:
-    """Fuse every step again without each generator, and without each source of one with several.
+    """The worth of each generator, and of each source of one with several: steps fused without it.
 
     Controllers, and generators that remember, are not run again: what they would have done without
     the source is not known.
@@ -164,14 +164,14 @@ def ablated(steps: Iterable[Step]) -> list[Worth]:
             tally = tallies.setdefault(name, _Tally())
             tally.add(fusion.contacts, _without(fusion, sources).contacts, side)
             tally.share += sum(
-                one.shares.get(source, 0.0) for one in fusion.contacts for source in sources
+                contact.shares.get(source, 0.0) for contact in fusion.contacts for source in sources
             )
     order = sorted(tallies, key=lambda name: (name[0].split("/")[0], not name[1], name[0]))
     return [tallies[name].worth(*name) for name in order]
 
 
 def groups(fusion: Fusion) -> dict[tuple[str, bool], list[str]]:
-    """Give what is left out: sources by a name and whether it is a generator as a whole."""
+    """What is left out: sources by a name and whether it is a generator as a whole."""
     generators: dict[str, list[str]] = {}
     for source in fusion.field.entries.sources:
         generators.setdefault(source.name.split("/")[0], []).append(source.name)
@@ -194,9 +194,9 @@ def _without(fusion: Fusion, sources: Sequence[str]) -> Fusion:
 
 
 def table(worths: Sequence[Worth]) -> str:
-    """Give the table for people; what belongs to a generator stands indented below it."""
+    """A table for people; what belongs to a generator stands indented below it."""
     names = _names(worths)
-    rows = [HEADS, *((name, *_cells(one)) for name, one in zip(names, worths, strict=True))]
+    rows = [HEADS, *((name, *_cells(worth)) for name, worth in zip(names, worths, strict=True))]
     widths = [max(len(row[column]) for row in rows) for column in range(len(HEADS))]
     lines = []
     for row in rows:
@@ -206,18 +206,18 @@ def table(worths: Sequence[Worth]) -> str:
 
 
 def as_csv(worths: Sequence[Worth]) -> str:
-    """Give one row a generator or source; lengths in m, empty for NaN."""
+    """One row a generator or source; lengths in m, empty for NaN."""
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(Worth.__dataclass_fields__)
-    for one in worths:
-        writer.writerow([_plain(value) for value in asdict(one).values()])
+    for worth in worths:
+        writer.writerow([_plain(value) for value in asdict(worth).values()])
     return text.getvalue()
 
 
 def as_json(worths: Sequence[Worth]) -> str:
-    """Give a list of objects; lengths in m, null for NaN."""
-    rows = [{name: _plain(value) for name, value in asdict(one).items()} for one in worths]
+    """A list of objects; lengths in m, null for NaN."""
+    rows = [{name: _plain(value) for name, value in asdict(worth).items()} for worth in worths]
     return json.dumps({"caution": CAUTION, "without": rows}, indent=1) + "\n"
 
 
@@ -230,13 +230,13 @@ def picture(worths: Sequence[Worth]) -> bytes:
     figure = new_figure(11.0, 1.8 + 0.45 * len(worths))
     counts, moves = figure.subplots(1, 2, sharey=True)
     rows = -np.arange(len(worths))
-    contacts = max((one.contacts for one in worths), default=0) or 1
-    lost = [100.0 * one.lost / contacts for one in worths]
-    gained = [100.0 * one.gained / contacts for one in worths]
+    contacts = max((worth.contacts for worth in worths), default=0) or 1
+    lost = [100.0 * worth.lost / contacts for worth in worths]
+    gained = [100.0 * worth.gained / contacts for worth in worths]
     counts.barh(rows + 0.2, lost, height=0.36, color=COLOURS[1], label="lost without it")
     counts.barh(rows - 0.2, gained, height=0.36, color=COLOURS[0], label="there only without it")
-    for row, one in zip(rows, worths, strict=True):
-        median, far = one.moved_median * 1000.0, one.moved_p95 * 1000.0
+    for row, worth in zip(rows, worths, strict=True):
+        median, far = worth.moved_median * 1000.0, worth.moved_p95 * 1000.0
         moves.plot([median, far], [row, row], color="#888888", zorder=1)
         first = row == 0
         moves.plot(median, row, "o", color=COLOURS[2], label="median" if first else None)
@@ -281,21 +281,21 @@ def write_picture(worths: Sequence[Worth], out: Path) -> Path:
 
 
 def _names(worths: Sequence[Worth]) -> list[str]:
-    """Give what people call the rows; sources of a generator with several stand indented."""
-    several = {one.name.split("/")[0] for one in worths if not one.whole}
+    """The names of the rows; sources of a generator with several stand indented."""
+    several = {worth.name.split("/")[0] for worth in worths if not worth.whole}
     return [
-        f"  {one.name}" if not one.whole else one.name + " (all)" * (one.name in several)
-        for one in worths
+        f"  {worth.name}" if not worth.whole else worth.name + " (all)" * (worth.name in several)
+        for worth in worths
     ]
 
 
-def _cells(one: Worth) -> tuple[str, ...]:
-    steps = f"{one.steps_with} -> {one.steps_without} of {one.steps}"
-    change = "-" if math.isnan(one.likelihood_change) else f"{one.likelihood_change:+.2f}"
-    share = "-" if math.isnan(one.share) else f"{one.share:.0%}"
-    lost = f"{one.lost} of {one.contacts}"
-    moves = (_millimetres(one.moved_median), _millimetres(one.moved_p95))
-    return lost, str(one.gained), steps, *moves, change, share
+def _cells(worth: Worth) -> tuple[str, ...]:
+    steps = f"{worth.steps_with} -> {worth.steps_without} of {worth.steps}"
+    change = "-" if math.isnan(worth.likelihood_change) else f"{worth.likelihood_change:+.2f}"
+    share = "-" if math.isnan(worth.share) else f"{worth.share:.0%}"
+    lost = f"{worth.lost} of {worth.contacts}"
+    moves = (_millimetres(worth.moved_median), _millimetres(worth.moved_p95))
+    return lost, str(worth.gained), steps, *moves, change, share
 
 
 def _millimetres(metres: float) -> str:

@@ -32,20 +32,20 @@ class Without:
 
 
 def reach_of(contact: Contact, voxel_size: float) -> float:
-    """Give how far away a contact is still the same one [m]: 3 dispersions, at least 2 voxels."""
+    """How far away a contact is still the same [m]: 3 dispersions, at least 2 voxels."""
     return max(3.0 * contact.dispersion, 2.0 * voxel_size)
 
 
 def nearest(place: FloatArray, contacts: Sequence[Contact]) -> tuple[Contact, float] | None:
-    """Give the contact that is nearest to a place, shape (3,) [m], and how far away it is [m]."""
+    """The contact that is nearest to a place, shape (3,) [m], and how far away it is [m]."""
     if not contacts:
         return None
-    away = np.linalg.norm([one.position - place for one in contacts], axis=1)
+    away = np.linalg.norm([contact.position - place for contact in contacts], axis=1)
     return contacts[int(away.argmin())], float(away.min())
 
 
 def without(fusion: Fusion, source: str, place: FloatArray, reach: float) -> Without:
-    """Tell what would be at a place without one source.
+    """What would be at a place without one source.
 
     Args:
         fusion: with it.
@@ -74,8 +74,8 @@ def paired(before: Sequence[Contact], after: Sequence[Contact], voxel_size: floa
     """
     if not before or not after:
         return []
-    away = cdist([one.position for one in before], [one.position for one in after])
-    reach = np.array([reach_of(one, voxel_size) for one in before])
+    away = cdist([contact.position for contact in before], [contact.position for contact in after])
+    reach = np.array([reach_of(contact, voxel_size) for contact in before])
     rows, columns = np.nonzero(away <= reach[:, None])
     order = np.argsort(away[rows, columns], kind="stable")
     pairs: list[Pair] = []

@@ -73,15 +73,15 @@ class PlaceExplanation:
 
     Attributes:
         position: in the explanation's frame [m].
-        reach: what lies within so much of it is told of [m].
-        asked: whether somebody asked for this place.
+        reach: what lies within so much of it is explained [m].
+        asked: whether this place was asked for.
         likelihood: the highest fused likelihood here; NaN: no source says anything.
         combination: how that comes of the likelihoods of the sources, or "".
         reasons: why there is no contact, the main one first; `Why.CONTACT`: there is one.
         said: what each source says here, likelier ones first.
         missing: why other sources of evidence and support say nothing here.
         without: what would be here without each source in `said`.
-        last_contact: how long ago a contact was told here [s]; NaN: not lately.
+        last_contact: how long ago there was a contact here [s]; NaN: not lately.
     """
 
     position: Place
@@ -133,7 +133,7 @@ class SourceExplanation:
 
 @dataclass(frozen=True, slots=True)
 class Explanation:
-    """Why contacts were told at one moment, and why not elsewhere.
+    """Why there are contacts at one moment, and why not elsewhere.
 
     Attributes:
         stamp: of the step [s].

@@ -30,7 +30,7 @@ EVER = -(1 << 62)
 """A stamp before all others [ns]."""
 TROUBLES = (EventKind.LATE, EventKind.REFUSED, EventKind.EARLY, EventKind.OVERRUN)
 CLOSE = 1e-6
-"""Stamps that differ by less are one [s]."""
+"""Stamps that differ by less are equal [s]."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -72,7 +72,7 @@ def picture(explanation: Explanation, fusion: Fusion) -> bytes:
 
 
 def _focus(explanation: Explanation) -> tuple[FloatArray, Sequence[Part], Sequence[Reason], str]:
-    """Give where the picture looks, with what is and is not said there."""
+    """Where the picture looks, with what is and is not said there."""
     asked = [place for place in explanation.places if place.asked]
     if explanation.contacts and not asked:
         contact = explanation.contacts[0]
@@ -85,26 +85,26 @@ def _focus(explanation: Explanation) -> tuple[FloatArray, Sequence[Part], Sequen
 
 
 def _half_width(explanation: Explanation, fusion: Fusion, centre: FloatArray) -> float:
-    """Give how far the picture reaches from its middle [mm]."""
-    ends = [one.extent for one in fusion.contacts[: len(explanation.contacts)]]
+    """How far the picture reaches from its middle [mm]."""
+    ends = [contact.extent for contact in fusion.contacts[: len(explanation.contacts)]]
     far = [float(np.abs(end - centre).max()) for end in ends]
     return 1000.0 * max(
-        NARROWEST, 4.0 * explanation.tolerance, *(1.3 * one for one in far if one < WIDEST)
+        NARROWEST, 4.0 * explanation.tolerance, *(1.3 * away for away in far if away < WIDEST)
     )
 
 
 def _across(fusion: Fusion, centre: FloatArray, half: float) -> NDArray[np.intp]:
-    """Give the two axes to draw along.
+    """The two axes to draw along.
 
     Where the nearest contact is away from the middle, those that show how far; else those along
-    which what is told near the middle reaches furthest.
+    which the hypotheses near the middle reach furthest.
     """
     space, found = fusion.space, nearest(centre, fusion.contacts)
-    told = _within(space.positions, centre, half) & fusion.field.entries.counted_voxels
+    spoken = _within(space.positions, centre, half) & fusion.field.entries.counted_voxels
     if found is not None and found[1] > 1e-9:
         reaches = np.abs(found[0].position - centre)
-    elif told.any():
-        reaches = np.ptp(space.positions[told], axis=0)
+    elif spoken.any():
+        reaches = np.ptp(space.positions[spoken], axis=0)
     else:
         return np.array([0, 1])
     return np.sort(np.argsort(-reaches, kind="stable")[:2])
@@ -169,19 +169,21 @@ def draw_sources(
         missing: why others say nothing there.
         explanation: of the moment.
     """
-    names = [one.source for one in said] + [one.source for one in missing]
+    names = [part.source for part in said] + [part.source for part in missing]
     rows = {name: -row for row, name in enumerate(names)}
-    timeouts = {one.source: one.timeout for one in explanation.sources}
-    for one in said:
-        row, colour = rows[one.source], KINDS[one.kind]
-        likelihoods.barh(row, one.likelihood, color=colour, height=0.4)
-        ages.barh(row, one.age, color=colour, height=0.4)
-        words = f"{one.source} ({one.kind})"
+    timeouts = {source.source: source.timeout for source in explanation.sources}
+    for part in said:
+        row, colour = rows[part.source], KINDS[part.kind]
+        likelihoods.barh(row, part.likelihood, color=colour, height=0.4)
+        ages.barh(row, part.age, color=colour, height=0.4)
+        words = f"{part.source} ({part.kind})"
         likelihoods.text(0.02, row + 0.36, words, va="center", fontsize=9, bbox=BOX, zorder=4)
-        ages.text(one.age, row, f" {one.age:.2f}", va="center", zorder=4)
-        if one.fit == one.fit:
-            label = "fit: as a part of its best place" if one is said[0] else None
-            likelihoods.plot(one.fit, rows[one.source], "D", color="#000000", label=label, zorder=5)
+        ages.text(part.age, row, f" {part.age:.2f}", va="center", zorder=4)
+        if part.fit == part.fit:
+            label = "fit: as a part of its best place" if part is said[0] else None
+            likelihoods.plot(
+                part.fit, rows[part.source], "D", color="#000000", label=label, zorder=5
+            )
     for reason in missing:
         row, words = rows[reason.source], reason.why.replace("_", " ")
         likelihoods.text(

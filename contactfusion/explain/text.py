@@ -90,23 +90,23 @@ def _place(place: PlaceExplanation) -> Iterator[str]:
     if place.combination and not here:
         yield f"  {place.combination}"
     yield from _spoken(place.said, place.without, here, place.likelihood)
-    shown = [one for one in place.missing if one.sentence != place.reasons[0].sentence]
+    shown = [reason for reason in place.missing if reason.sentence != place.reasons[0].sentence]
     yield from _missing(shown)
 
 
 def _spoken(
     said: Sequence[Part], without: Sequence[Without], there: bool, likelihood: float
 ) -> Iterator[str]:
-    """Give a line for each source that says something."""
-    rest: Mapping[str, Without] = {one.source: one for one in without}
-    for one in said:
-        words = [_likelihood(one)]
-        if not math.isnan(one.share):
-            words.append(f"share {one.share:.0%}")
-        if not math.isnan(one.fit):
-            words.append(_fit(one))
-        remains = _remains(rest[one.source], there, likelihood)
-        yield f"  {one.source} ({KINDS[one.kind]}): {', '.join(words)}{remains}"
+    """A line for each source that says something."""
+    rest: Mapping[str, Without] = {left.source: left for left in without}
+    for part in said:
+        words = [_likelihood(part)]
+        if not math.isnan(part.share):
+            words.append(f"share {part.share:.0%}")
+        if not math.isnan(part.fit):
+            words.append(_fit(part))
+        remains = _remains(rest[part.source], there, likelihood)
+        yield f"  {part.source} ({KINDS[part.kind]}): {', '.join(words)}{remains}"
 
 
 def _likelihood(said: Part) -> str:
@@ -128,7 +128,7 @@ def _fit(said: Part) -> str:
 
 
 def _remains(without: Without, there: bool, likelihood: float) -> str:
-    """Say what would be without a source.
+    """What would be without a source.
 
     Args:
         without: that source.
@@ -148,28 +148,28 @@ def _remains(without: Without, there: bool, likelihood: float) -> str:
 
 
 def _missing(missing: Sequence[Reason]) -> Iterator[str]:
-    """Give a line for each source that is missing, and one for all that look elsewhere."""
-    usual = [one for one in missing if one.why in USUAL]
-    for one in missing:
-        if one not in usual or len(usual) == 1:
-            yield f"  {one.sentence}"
+    """A line for each source that is missing, and one for all that look elsewhere."""
+    usual = [reason for reason in missing if reason.why in USUAL]
+    for reason in missing:
+        if reason not in usual or len(usual) == 1:
+            yield f"  {reason.sentence}"
     if len(usual) > 1:
-        yield f"  nothing here from {', '.join(one.source for one in usual)}"
+        yield f"  nothing here from {', '.join(reason.source for reason in usual)}"
 
 
 def _sources(sources: Sequence[SourceExplanation]) -> Iterator[str]:
-    """Tell how the sources do: each troubled one in a line of its own."""
-    sound = [one.age for one in sources if not _troubles(one)]
-    for one in sources:
-        if troubles := _troubles(one):
-            yield f"{one.source}: {'; '.join(troubles)}"
+    """How the sources do: each troubled one in a line of its own."""
+    sound = [source.age for source in sources if not _troubles(source)]
+    for source in sources:
+        if troubles := _troubles(source):
+            yield f"{source.source}: {'; '.join(troubles)}"
     if sound:
         every = "every" if len(sound) == len(sources) else "every other"
         yield f"the newest cloud of {every} source is at most {max(sound):.2f} s old"
 
 
 def _troubles(source: SourceExplanation) -> list[str]:
-    """Say what is wrong with a source, in words."""
+    """What is wrong with a source, in words."""
     troubles = []
     if math.isnan(source.age):
         troubles.append("never came")
@@ -179,8 +179,8 @@ def _troubles(source: SourceExplanation) -> list[str]:
             f"silent for {source.age:.2f} s{stale}; its hypotheses live {source.timeout:g} s"
         )
     counts = {"late": source.late, "early": source.early, "refused": source.refused}
-    if told := [f"{count} {what}" for what, count in counts.items() if count]:
-        troubles.append(f"clouds {', '.join(told)} so far")
+    if refused := [f"{count} {what}" for what, count in counts.items() if count]:
+        troubles.append(f"clouds {', '.join(refused)} so far")
     troubles += source.events
     troubles += [f"remarks: {note}" for note in source.notes]
     return troubles
@@ -229,7 +229,7 @@ def explain_fusion(fusion: Fusion) -> str:
 
 
 def _without(fusion: Fusion, contact: Contact, source: str) -> str:
-    """Tell what becomes of a contact without one source."""
+    """What becomes of a contact without one source."""
     reach = reach_of(contact, fusion.field.entries.grid.voxel_size)
     rest = without(fusion, source, contact.position, reach)
     if rest.contact:
