@@ -2,9 +2,11 @@
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import NamedTuple, final
+from pathlib import Path
+from typing import Any, ClassVar, NamedTuple, Self, final
 
 from contactfusion.errors import RecordingError, name_hint
+from contactfusion.model import Model
 from contactfusion.readings import Reading, Transform
 from contactfusion.robot_state import transforms_ahead
 from contactfusion.stream import Arrival, Stream, arrival_of
@@ -62,7 +64,25 @@ class Recording(Stream):
         has_messages: whether it holds messages that a tap can take as they are.
     """
 
+    Config: ClassVar[type[Model]] = Model
+    """The type of the options of a plug-in; a field `file` holds what is opened by its suffix."""
+    suffixes: ClassVar[tuple[str, ...]] = ()
+    """Files with these suffixes are opened without a description, e.g. ".c3d"."""
     has_messages: bool = False
+
+    @classmethod
+    def opened(cls, config: Any, folder: Path) -> Self:
+        """Open a recording; each type that a plug-in offers has its own.
+
+        Args:
+            config: an instance of `Config`.
+            folder: where relative file names start.
+
+        Raises:
+            RecordingError: the file is missing, truncated, or not what it says it is.
+            DependencyError: a package that reads it is not installed.
+        """
+        raise NotImplementedError
 
     @property
     def streams(self) -> Mapping[str, SensorTopics]:

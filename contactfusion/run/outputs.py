@@ -52,7 +52,7 @@ def folder_of(out: Path | None, recording: Path | None) -> Path | None:
             )
     if out.suffix in SUFFIXES:
         return None
-    if out.suffix and not out.is_dir():
+    if not (out.suffix[1:].isdecimal() or out.suffix == "" or out.is_dir()):
         raise RecordingError(
             f"{out}: contacts are written to {', '.join(SUFFIXES)}, not to '{out.suffix}'; or to a "
             "folder, by a name without a suffix"

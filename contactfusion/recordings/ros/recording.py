@@ -8,6 +8,7 @@ from typing import Any, final
 from pydantic import Field
 
 from contactfusion.errors import InvalidReadingError, RecordingError, name_hint
+from contactfusion.hooks import hookimpl
 from contactfusion.model import Model
 from contactfusion.readings import Reading
 from contactfusion.recordings.log import LONGEST_FALL
@@ -66,6 +67,8 @@ class RosRecording(Recording):
         RecordingError: the file is missing or can't be read, or a topic is not there or can't be.
     """
 
+    Config = RosConfig
+    suffixes = (".bag", ".active", ".db3", ".mcap")
     has_messages = True
 
     def __init__(
@@ -100,6 +103,11 @@ class RosRecording(Recording):
             for sensor, topics in self.sensors.items()
             if (kind := self.contents[topics[-1]].kind)
         }
+
+    @classmethod
+    def opened(cls, config: RosConfig, folder: Path) -> "RosRecording":
+        """Open the file."""
+        return cls(config, folder)
 
     @property
     def streams(self) -> Mapping[str, SensorTopics]:
@@ -330,3 +338,9 @@ def _tried(call: Callable[[Any], Any], raw: Any, tally: TopicTally) -> Any:
     except Exception as error:  # rosbags meets what is wrong with errors of many kinds
         tally.cannot_read(error)
         return None
+
+
+@hookimpl
+def contactfusion_recordings() -> dict[str, type[Recording]]:
+    """Offer the recording."""
+    return {"ros": RosRecording, "mcap": RosRecording}
