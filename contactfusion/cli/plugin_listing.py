@@ -186,6 +186,7 @@ def _build(kind: str, name: str) -> None:
     from contactfusion.assembly import built_controller, built_generator, built_integrator
     from contactfusion.integrator.config import IntegratorConfig
     from contactfusion.pipeline_config import PipelineConfig
+    from contactfusion.recordings.opening import recording_class
     from contactfusion.scene import scene_class
     from contactfusion.segmenter import built_segmenter, segmenter_class
 
@@ -196,6 +197,8 @@ def _build(kind: str, name: str) -> None:
             built_controller(PipelineConfig(controller={"type": name}))
         case "segmenters":
             built_segmenter(configured(name, segmenter_class(name), {"type": name}, ""))
+        case "recordings":
+            recording_class(name)
         case "scenes":
             scene_class(name)
         case "rules":

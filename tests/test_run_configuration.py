@@ -13,8 +13,8 @@ from contactfusion.errors import ConfigurationError, RecordingError, RobotError
 from contactfusion.pipeline import Pipeline
 from contactfusion.readings import Wrench
 from contactfusion.recordings.mcap import McapWriter
-from contactfusion.replaying.configuration import TOPIC, setting_of_file, setting_of_recording
-from contactfusion.replaying.session import Session
+from contactfusion.run.configuration import TOPIC, setting_of_file, setting_of_recording
+from contactfusion.run.session import Session
 from contactfusion.segmenters.sam2 import Sam2Config, Sam2Segmenter
 from tests.urdfs import link, written
 

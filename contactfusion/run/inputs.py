@@ -8,6 +8,7 @@ from typing import Any, final
 from contactfusion.assembly import generator_class
 from contactfusion.errors import ConfigurationError, name_hint
 from contactfusion.readings import (
+    READING_TYPES,
     DepthImage,
     JointCommand,
     JointState,
@@ -57,6 +58,7 @@ def find_inputs(
     told: Mapping[str, str],
     watched: bool = False,
     ignored: Mapping[str, type[Reading]] = NOTHING,
+    on: str | None = None,
 ) -> Inputs:
     """Find the topic for each generator.
 
@@ -71,6 +73,7 @@ def find_inputs(
         told: topics by role.
         watched: whether to read what sensors measure for nobody, too, so that it can be looked at.
         ignored: the kind of reading of each topic that is not read at all.
+        on: the sensor, or the kind of reading, whose topics are read as a step is due with each.
 
     Raises:
         ConfigurationError: a role or a topic is unknown, does not fit, or several fit.
@@ -87,6 +90,7 @@ def find_inputs(
     finding.refuse_strangers(roles_of(generators))
     if watched:
         finding.read(SENSED)
+    finding.clock(on)
     return Inputs(finding.sensors, fed, tuple(finding.missing), tuple(finding.taken))
 
 
@@ -161,6 +165,16 @@ class _Finding:
         """Read all topics of some kinds, under their own names where nobody wants them."""
         for topic in self._of(kinds):
             self.sensors.setdefault(topic, topic)
+
+    def clock(self, on: str | None) -> None:
+        """Read what steps wait for, where no generator does: a sensor, or a kind of reading."""
+        if on is None or on in self.sensors.values():
+            return
+        kind = READING_TYPES.get(on)
+        if on in self.topics:
+            self.sensors.setdefault(on, on)
+        elif kind and not any(issubclass(self.topics[topic], kind) for topic in self.sensors):
+            self.read((kind,))
 
     def refuse_strangers(self, roles: Sequence[str]) -> None:
         """Make sure that nothing was told of a role that there is not."""

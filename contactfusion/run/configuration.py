@@ -5,7 +5,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from os.path import relpath
 from pathlib import Path
-from typing import Any, Final, final
+from typing import Any, Final, Self, final
+
+from pydantic import Field, model_validator
 
 from contactfusion.errors import ConfigurationError, RecordingError, naming
 from contactfusion.files import require_file
@@ -19,6 +21,25 @@ from contactfusion.yaml_files import read_yaml
 
 TOPIC: Final = f"{OURS}configuration"
 """Where a replay keeps its configuration, as std_msgs/String."""
+
+
+class RunConfig(PipelineConfig):
+    """A pipeline, and what it listens to: a recording or a scene."""
+
+    recording: dict[str, Any] = Field(default_factory=dict)
+    """The `type` of the recording and its options."""
+    scene: dict[str, Any] = Field(default_factory=dict)
+    """The `type` of the scene and its options."""
+
+    @model_validator(mode="after")
+    def _one_stream(self) -> Self:
+        if not self.recording and not self.scene:
+            raise ConfigurationError("give a recording, or a scene", "recording")
+        if self.recording and self.scene:
+            raise ConfigurationError("give a recording or a scene, not both", "scene")
+        if self.scene and self.robot is None:
+            raise ConfigurationError("a scene needs a robot by URDF", "robot")
+        return self
 
 
 class Kept(Model):
@@ -37,10 +58,10 @@ class Kept(Model):
 @final
 @dataclass(frozen=True)
 class Setting:
-    """The fields of a pipeline's configuration, and where they come from.
+    """The fields of a configuration, and where they come from.
 
     Attributes:
-        fields: of `PipelineConfig`.
+        fields: of `RunConfig`, or of `PipelineConfig` alone.
         folder: where relative file names in them start.
         told: topics by role, as on the command line of this or of an earlier replay.
         origin: the file, for sentences.
@@ -57,21 +78,31 @@ class Setting:
     within: Path | None = None
 
     def config(self, generators: Mapping[str, Any] | None = None) -> PipelineConfig:
-        """Give the configuration, with other options of its generators.
+        """The configuration of the pipeline, with other options of its generators.
 
         Raises:
             ConfigurationError: a field is wrong; the sentence names the file.
         """
-        fields = {"folder": self.folder, **self.fields}
-        if self.within is not None:
-            fields["files_within"] = self.within
-        if generators is not None:
-            fields["generators"] = generators
+        fields = {**self._rooted, **({} if generators is None else {"generators": generators})}
         with naming(self.origin):
-            return PipelineConfig(**fields)
+            return PipelineConfig(**pipeline_fields(fields))
+
+    def run_config(self) -> RunConfig:
+        """The configuration with the recording or the scene that it names.
+
+        Raises:
+            ConfigurationError: it names none, or a field is wrong; the sentence names the file.
+        """
+        with naming(self.origin):
+            return RunConfig(**self._rooted)
+
+    @property
+    def _rooted(self) -> dict[str, Any]:
+        within = {} if self.within is None else {"files_within": self.within}
+        return {"folder": self.folder, **self.fields, **within}
 
     def changed(self, overrides: Sequence[str]) -> "Setting":
-        """Give the setting with fields changed as by "a.b=c"."""
+        """The setting with fields changed as by "a.b=c"."""
         return replace(self, fields=overridden(self.fields, overrides))
 
     def choosing(self, told: Mapping[str, str], ignored: Sequence[str]) -> "Setting":
@@ -79,13 +110,15 @@ class Setting:
         return replace(self, told={**self.told, **told}, ignored=(*self.ignored, *ignored))
 
     def text(self, beside: Path) -> str:
-        """Give it as the text that a recording keeps.
+        """The text that a recording keeps of it.
 
         Args:
-            beside: the folder of the recording, from which the folder of the files is told.
+            beside: the folder of the recording; that of the files is stated from there.
         """
         folder = relpath(self.folder.resolve(), beside.resolve())
-        kept = {"folder": folder, "topics": dict(self.told), "configuration": dict(self.fields)}
+        fields = pipeline_fields(self.fields)
+        kept: dict[str, Any] = {"folder": folder, "topics": dict(self.told)}
+        kept["configuration"] = fields
         if self.ignored:
             kept["ignored"] = self.ignored
         return json.dumps(kept, indent=1, sort_keys=True, default=str)
@@ -110,14 +143,19 @@ def read_fields(path: Path, overrides: Sequence[str] = ()) -> dict[str, Any]:
     return overridden(read_yaml(path), overrides)
 
 
-def setting_of_file(path: Path, overrides: Sequence[str] = ()) -> Setting:
-    """Read a configuration, or a file for `run`, of which recording and scene are left out.
+def setting_of_file(path: Path, overrides: Sequence[str] = (), seed: int | None = None) -> Setting:
+    """Read a configuration.
+
+    Args:
+        path: the file; relative names in it start at its folder.
+        overrides: fields to change, as "a.b=c".
+        seed: in place of the file's; None: that of the file.
 
     Raises:
-        ConfigurationError: the file is not what it should be.
+        ConfigurationError: the file is missing, a recording, or no YAML, or a change is none.
     """
-    fields = pipeline_fields(read_fields(path, overrides))
-    return Setting(fields, path.parent, {}, path)
+    fields = read_fields(path, overrides)
+    return Setting(fields if seed is None else {**fields, "seed": seed}, path.parent, {}, path)
 
 
 def setting_of_recording(path: Path, overrides: Sequence[str] = ()) -> Setting:

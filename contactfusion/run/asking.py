@@ -10,14 +10,14 @@ from typing import final
 from contactfusion.errors import DependencyError, TimeError
 from contactfusion.files import write_whole
 from contactfusion.pipeline import Pipeline
-from contactfusion.replaying.configuration import (
+from contactfusion.run.configuration import (
     Setting,
     kept_setting,
     setting_of_file,
     setting_of_recording,
 )
-from contactfusion.replaying.inputs import roles_of
-from contactfusion.replaying.session import Session
+from contactfusion.run.inputs import roles_of
+from contactfusion.run.session import Session
 from contactfusion.terminal import followed, note, progress
 
 
@@ -97,7 +97,7 @@ def explain_recording(
     with closing(source.session()) as session:
         settings = Settings.of(session.pipeline)
         try:
-            task = f"replaying {source.recording}"
+            task = f"playing {source.recording}"
             with closing(followed(session.steps(), task, time)) as steps:
                 moment = moment_at(steps, time, settings.tolerance)
         except TimeError:
@@ -128,7 +128,7 @@ def ablate_recording(source: Source, out: Path) -> None:
 
     with closing(source.session()) as session:
         task = f"leaving sources out of {source.recording}"
-        worths = ablated(followed(session.steps(), task, session.recording.end))
+        worths = ablated(followed(session.steps(), task, session.stream.end))
     paths = write_ablation(worths, out)
     note(table(worths))
     try:
