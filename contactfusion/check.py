@@ -106,7 +106,7 @@ class _Checking:
             built_controller(config)
         for name, options in config.generators.items():
             if robotless and _names_robot(options):
-                continue  # the robot's fault is told already
+                continue  # the robot's fault is reported already
             with self._gathering(f"generators.{name}"):
                 if self._pipeline:
                     self._pipeline.plug(name, options)
@@ -206,10 +206,10 @@ class _Checking:
             try:
                 return (RunConfig if sources else PipelineConfig)(**fields)
             except ConfigurationError as error:
-                told = {fault: fault.path.split(".")[0] for fault in error.faults}
+                roots = {fault: fault.path.split(".")[0] for fault in error.faults}
                 gone = self._fields.keys() - fields.keys()  # what lacks them now is no fault
-                self.faults += (str(fault) for fault, name in told.items() if name not in gone)
-                wrong = fields.keys() & told.values() or sources
+                self.faults += (str(fault) for fault, name in roots.items() if name not in gone)
+                wrong = fields.keys() & roots.values() or sources
                 if not wrong:
                     raise
                 fields = {name: value for name, value in fields.items() if name not in wrong}

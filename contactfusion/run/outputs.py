@@ -141,8 +141,8 @@ def _setting(session: Session) -> Setting:
     if isinstance(stream, Recording) and stream.has_messages:
         return setting
     sensors = session.inputs.sensors
-    told = {
+    topics = {
         role: ros_name(f"/{sensors[topic.removeprefix('/')]}")
-        for role, topic in setting.told.items()
+        for role, topic in setting.topics.items()
     }
-    return replace(setting, told=told, ignored=())
+    return replace(setting, topics=topics, ignored=())

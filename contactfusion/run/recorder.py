@@ -21,7 +21,7 @@ from contactfusion.stream import Stream
 from contactfusion.terminal import note
 
 TRUTH = "truth"
-"""Topics of what no sensor tells begin with this."""
+"""Topics of what no sensor measures begin with this."""
 ROUNDING = 1e-9
 """A stamp is the last when it is so nearly that [s]."""
 
