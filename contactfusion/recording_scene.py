@@ -13,7 +13,7 @@ from contactfusion.pipeline import Pipeline, Step
 from contactfusion.pipeline_config import PipelineConfig
 from contactfusion.readings import Reading, Transform
 from contactfusion.recordings.mcap import McapWriter
-from contactfusion.recordings.reading_messages import topic_of
+from contactfusion.recordings.messages import topic_of
 from contactfusion.running import RunConfig, opened_scene, run_fields
 from contactfusion.scene import Facts, Scene
 from contactfusion.terminal import note

@@ -6,7 +6,7 @@ The tests of a plug-in call `check_generator` on its class; so do those of the b
 import pickle
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import fields, replace
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
 
@@ -27,25 +27,12 @@ from contactfusion.generator import (
 from contactfusion.grid import Grid
 from contactfusion.hypotheses import SUM_TOLERANCE, HypothesisCloud, HypothesisKind
 from contactfusion.integrator.config import IntegratorConfig
-from contactfusion.readings import (
-    DepthImage,
-    JointCommand,
-    JointState,
-    Markers,
-    ObjectPose,
-    Odometry,
-    PointCloud,
-    Reading,
-    Switch,
-    TactileImage,
-    Transform,
-    Twist,
-    Wrench,
-)
+from contactfusion.readings import Reading
+from contactfusion.readings.reading import R
+from contactfusion.readings.registry import installed_kinds
 from contactfusion.state import State
 from contactfusion.time import LONGEST_SECONDS
 
-R = TypeVar("R", bound=Reading)
 EXAMPLES = 3
 """So many example readings of each type are tried."""
 LARGE = 1e6
@@ -104,15 +91,18 @@ def check_generator(
 
 
 def example_reading(kind: type[R], index: int = 0) -> R:
-    """Give a plausible reading of a type; a higher index gives a later one with other values.
+    """A plausible reading of a type; a higher index makes a later one with other values.
 
     Raises:
         ConformanceError: there is no example of the type.
     """
-    for reading in _examples(0.1 * index, 1.0 + 0.25 * index):
-        if isinstance(reading, kind):
-            return reading
-    raise ConformanceError(f"there is no example of {kind.__name__}: pass `readings`")
+    kinds = installed_kinds()
+    codec = next((codec for codec in kinds.all() if issubclass(codec.kind, kind)), None)
+    if codec is None:
+        raise ConformanceError(f"there is no example of {kind.__name__}: pass `readings`")
+    with kinds.guard(codec):
+        reading: R = codec.example(0.1 * index, 1.0 + 0.25 * index)
+    return reading
 
 
 class _Trial:
@@ -264,9 +254,11 @@ def _unexpected(samples: Sequence[Reading]) -> Iterator[tuple[str, Reading]]:
 
 def _filled(reading: R, value: float) -> R:
     """Give the reading with one value all over, as far as its type allows it."""
+    codec = installed_kinds().of(type(reading))
+    settings = codec.settings if codec else ()
     for field in fields(reading):
         held = getattr(reading, field.name)
-        if isinstance(held, np.ndarray) and field.name != "intrinsics" and held.dtype.kind == "f":
+        if isinstance(held, np.ndarray) and field.name not in settings and held.dtype.kind == "f":
             change: dict[str, Any] = {field.name: np.full_like(held, value)}
             try:
                 reading = replace(reading, **change)
@@ -290,66 +282,6 @@ def _bits(record: Reading | HypothesisCloud) -> Bits:
         return repr(value)
 
     return tuple(bits(getattr(record, field.name)) for field in fields(record))
-
-
-def _examples(stamp: float, scale: float) -> Iterator[Reading]:
-    """Give one reading of every type, in the order of their module."""
-    edge = np.linspace(-0.1, 0.1, 8)
-    y, z = (axis.ravel() for axis in np.meshgrid(edge, edge))
-    force, joints = np.array([1.0, -2.0, -8.0]), np.array([0.1, -0.2])
-    yield Wrench(
-        stamp=stamp,
-        frame="sensor",
-        force=scale * force,
-        torque=scale * np.cross([0.02, 0.01, 0.05], force),
-    )
-    yield TactileImage(stamp=stamp, frame="sensor", values=scale * np.linspace(0.0, 100.0, 16))
-    yield Switch(stamp=stamp, frame="sensor", closed=scale > 1.0)
-    yield PointCloud(
-        stamp=stamp, frame="sensor", points=np.stack([0.4 * scale + 0.0 * y, y, z], axis=1)
-    )
-    yield DepthImage(
-        stamp=stamp,
-        frame="sensor",
-        depth=np.full((48, 64), 0.5 * scale),
-        intrinsics=np.array([[60.0, 0.0, 32.0], [0.0, 60.0, 24.0], [0.0, 0.0, 1.0]]),
-        colour=np.full((48, 64, 3), 128, np.uint8),
-        mask=np.ones((48, 64), np.bool_),
-    )
-    yield JointState(
-        stamp=stamp,
-        frame="base",
-        names=("joint_1", "joint_2"),
-        positions=scale * joints,
-        velocities=joints,
-        efforts=10.0 * joints,
-    )
-    yield JointCommand(
-        stamp=stamp, frame="base", names=("joint_1", "joint_2"), positions=scale * joints
-    )
-    yield Twist(stamp=stamp, frame="base", linear=0.1 * scale * np.ones(3), angular=np.zeros(3))
-    yield Odometry(
-        stamp=stamp,
-        frame="odom",
-        child_frame="base",
-        position=np.array([scale, 0.0, 0.0]),
-        orientation=np.array([0.0, 0.0, np.sin(scale / 2.0), np.cos(scale / 2.0)]),
-    )
-    yield Transform(
-        stamp=stamp,
-        frame="base",
-        child_frame="sensor",
-        position=np.array([scale, 0.0, 0.0]),
-        orientation=np.array([0.0, 0.0, 0.0, 1.0]),
-    )
-    yield ObjectPose(
-        stamp=stamp,
-        frame="base",
-        name="object",
-        position=np.array([scale, 0.0, 0.0]),
-        orientation=np.array([0.0, 0.0, 0.0, 1.0]),
-    )
-    yield Markers(stamp=stamp, frame="sensor", names=("m1", "m2"), positions=scale * np.eye(3)[:2])
 
 
 def _require(kept: bool, cls: object, fault: str) -> None:

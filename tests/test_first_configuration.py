@@ -13,7 +13,7 @@ from contactfusion.check import check_file
 from contactfusion.errors import ConfigurationError, RobotError
 from contactfusion.pipeline_config import PipelineConfig
 from contactfusion.plugins import installed_plugins
-from contactfusion.recordings.messages import message
+from contactfusion.readings.messages import message
 from contactfusion.replaying.first_configuration import write_first
 from contactfusion.replaying.replay import Options, replay
 from contactfusion.running import RunConfig, run_file

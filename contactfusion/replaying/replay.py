@@ -10,7 +10,7 @@ from typing import final
 from contactfusion.errors import ConfigurationError, WritingError
 from contactfusion.loop import Observer
 from contactfusion.readings import Reading, Transform
-from contactfusion.recordings.reading_messages import ros_name
+from contactfusion.recordings.messages import ros_name
 from contactfusion.recordings.ros import RawMessage, RosRecording
 from contactfusion.replaying.configuration import setting_of_file
 from contactfusion.replaying.outputs import About, Output, open_output
