@@ -43,6 +43,11 @@ if TYPE_CHECKING:
         Twist,
         Wrench,
     )
+    from contactfusion.readings.canvas import Canvas
+    from contactfusion.readings.codec import Codec, Role
+    from contactfusion.readings.columns import ColumnsConfig
+    from contactfusion.readings.messages import message
+    from contactfusion.readings.values import ElementValues, PointValues, Values
     from contactfusion.recordings.mcap import McapWriter
     from contactfusion.recordings.opening import open_recording
     from contactfusion.recordings.recording import Recording
@@ -57,12 +62,15 @@ if TYPE_CHECKING:
     from contactfusion.state import State
     from contactfusion.stream import Arrival, Stream
     from contactfusion.surface import Surface
-    from contactfusion.testing import check_generator
+    from contactfusion.testing import check_codec, check_generator
     from contactfusion.view.plot import plot_fusion
     from contactfusion.view.viewer import Viewer
 
 _HOMES = {
     "Arrival": "contactfusion.stream",
+    "Canvas": "contactfusion.readings.canvas",
+    "Codec": "contactfusion.readings.codec",
+    "ColumnsConfig": "contactfusion.readings.columns",
     "Command": "contactfusion.controller",
     "Condensation": "contactfusion.rule",
     "Contact": "contactfusion.contacts",
@@ -71,6 +79,7 @@ _HOMES = {
     "Controller": "contactfusion.controller",
     "Decision": "contactfusion.controllers.pushing",
     "DepthImage": "contactfusion.readings",
+    "ElementValues": "contactfusion.readings.values",
     "Fusion": "contactfusion.integrator.fusion",
     "Generator": "contactfusion.generator",
     "GeneratorConfig": "contactfusion.generator",
@@ -86,17 +95,19 @@ _HOMES = {
     "Model": "contactfusion.model",
     "Note": "contactfusion.hypotheses",
     "ObjectPose": "contactfusion.readings",
-    "Odometry": "contactfusion.readings",
     "Observer": "contactfusion.loop",
+    "Odometry": "contactfusion.readings",
     "OfRobot": "contactfusion.generator",
     "Pipeline": "contactfusion.pipeline",
     "PipelineConfig": "contactfusion.pipeline_config",
     "PointCloud": "contactfusion.readings",
+    "PointValues": "contactfusion.readings.values",
     "PushingConfig": "contactfusion.controllers.pushing",
     "PushingController": "contactfusion.controllers.pushing",
     "Reading": "contactfusion.readings",
     "Recording": "contactfusion.recordings.recording",
     "RobotModel": "contactfusion.robots.model",
+    "Role": "contactfusion.readings.codec",
     "Rule": "contactfusion.rule",
     "Runner": "contactfusion.runner",
     "Scene": "contactfusion.scene",
@@ -112,8 +123,10 @@ _HOMES = {
     "TaxelMap": "contactfusion.generators.taxel_map",
     "Transform": "contactfusion.readings",
     "Twist": "contactfusion.readings",
+    "Values": "contactfusion.readings.values",
     "Viewer": "contactfusion.view.viewer",
     "Wrench": "contactfusion.readings",
+    "check_codec": "contactfusion.testing",
     "check_file": "contactfusion.check",
     "check_generator": "contactfusion.testing",
     "explain_fusion": "contactfusion.explain",
@@ -121,6 +134,7 @@ _HOMES = {
     "fit_baseline": "contactfusion.generators.baselines",
     "fit_compensation": "contactfusion.generators.compensation",
     "hookimpl": "contactfusion.hooks",
+    "message": "contactfusion.readings.messages",
     "open_recording": "contactfusion.recordings.opening",
     "open_scene": "contactfusion.scene",
     "play": "contactfusion.loop",
@@ -131,6 +145,9 @@ _HOMES = {
 
 __all__ = [
     "Arrival",
+    "Canvas",
+    "Codec",
+    "ColumnsConfig",
     "Command",
     "Condensation",
     "Contact",
@@ -139,6 +156,7 @@ __all__ = [
     "Controller",
     "Decision",
     "DepthImage",
+    "ElementValues",
     "Fusion",
     "Generator",
     "GeneratorConfig",
@@ -160,11 +178,13 @@ __all__ = [
     "Pipeline",
     "PipelineConfig",
     "PointCloud",
+    "PointValues",
     "PushingConfig",
     "PushingController",
     "Reading",
     "Recording",
     "RobotModel",
+    "Role",
     "Rule",
     "Runner",
     "Scene",
@@ -180,8 +200,10 @@ __all__ = [
     "TaxelMap",
     "Transform",
     "Twist",
+    "Values",
     "Viewer",
     "Wrench",
+    "check_codec",
     "check_file",
     "check_generator",
     "explain_fusion",
@@ -189,6 +211,7 @@ __all__ = [
     "fit_baseline",
     "fit_compensation",
     "hookimpl",
+    "message",
     "open_recording",
     "open_scene",
     "play",

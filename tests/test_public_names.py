@@ -14,6 +14,8 @@ ROOT = Path(__file__).parents[1]
 OURS = ("contactfusion", "contactfusion_lab")
 PUBLIC = {
     *("Arrival", "Model", "Observer", "Stream", "play"),
+    *("Canvas", "Codec", "ColumnsConfig", "ElementValues", "PointValues", "Role", "Values"),
+    *("check_codec", "message"),
     *("Command", "Condensation", "Contact", "ContactFusionError", "ContactHypothesis"),
     *("Controller", "Decision", "DepthImage", "Fusion", "Generator", "GeneratorConfig", "Grid"),
     *("HypothesisCloud", "HypothesisKind", "Integrator", "IntegratorConfig", "JointCommand"),
