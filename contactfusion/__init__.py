@@ -54,13 +54,13 @@ if TYPE_CHECKING:
     from contactfusion.robots.description import read_robot
     from contactfusion.robots.model import RobotModel
     from contactfusion.rule import Condensation, Rule
+    from contactfusion.run.execute import run_file
     from contactfusion.runner import Runner
-    from contactfusion.running import run_file
     from contactfusion.scene import Scene, open_scene
     from contactfusion.segmenter import Segmenter, SegmenterConfig
     from contactfusion.shapes import ShapeConfig
     from contactfusion.state import State
-    from contactfusion.stream import Arrival, Stream
+    from contactfusion.stream import Arrival, Facts, Stream, Verdict
     from contactfusion.surface import Surface
     from contactfusion.testing import check_codec, check_generator
     from contactfusion.view.plot import plot_fusion
@@ -80,6 +80,7 @@ _HOMES = {
     "Decision": "contactfusion.controllers.pushing",
     "DepthImage": "contactfusion.readings",
     "ElementValues": "contactfusion.readings.values",
+    "Facts": "contactfusion.stream",
     "Fusion": "contactfusion.integrator.fusion",
     "Generator": "contactfusion.generator",
     "GeneratorConfig": "contactfusion.generator",
@@ -124,6 +125,7 @@ _HOMES = {
     "Transform": "contactfusion.readings",
     "Twist": "contactfusion.readings",
     "Values": "contactfusion.readings.values",
+    "Verdict": "contactfusion.stream",
     "Viewer": "contactfusion.view.viewer",
     "Wrench": "contactfusion.readings",
     "check_codec": "contactfusion.testing",
@@ -140,7 +142,7 @@ _HOMES = {
     "play": "contactfusion.loop",
     "plot_fusion": "contactfusion.view.plot",
     "read_robot": "contactfusion.robots.description",
-    "run_file": "contactfusion.running",
+    "run_file": "contactfusion.run.execute",
 }
 
 __all__ = [
@@ -157,6 +159,7 @@ __all__ = [
     "Decision",
     "DepthImage",
     "ElementValues",
+    "Facts",
     "Fusion",
     "Generator",
     "GeneratorConfig",
@@ -201,6 +204,7 @@ __all__ = [
     "Transform",
     "Twist",
     "Values",
+    "Verdict",
     "Viewer",
     "Wrench",
     "check_codec",

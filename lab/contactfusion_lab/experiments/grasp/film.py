@@ -10,9 +10,10 @@ import numpy as np
 from contactfusion.errors import missing_extra
 from contactfusion.figures import COLOURS
 from contactfusion.files import write_whole
-from contactfusion.recording_scene import EPOCH_NS, TRUTH, fixed_frames
 from contactfusion.recordings.mcap import McapWriter
-from contactfusion.replaying.configuration import TOPIC, Setting
+from contactfusion.run.configuration import TOPIC, Setting
+from contactfusion.run.recorder import TRUTH, fixed_frames
+from contactfusion.scene import Scene
 from contactfusion.terminal import note
 from contactfusion_lab.experiments.grasp.plan import Column, Grasp, Plan
 from contactfusion_lab.experiments.grasp.trial import begun, trial_file
@@ -152,7 +153,7 @@ def recorded(
     if config.faults:
         fields["faults"] = [fault.model_dump(mode="json") for fault in config.faults]
     fields["cycle"] = {"every": scene.config.period}
-    with McapWriter(path, EPOCH_NS) as writer:
+    with McapWriter(path, Scene.epoch_ns) as writer:
         writer.text(TOPIC, Setting(fields, config.folder, {}, path).text(beside=path.parent))
         writer.static(fixed_frames(config))
         for cycle in cycles:

@@ -7,13 +7,13 @@ from typing import final
 from contactfusion.errors import FrameError, RecordingError, RobotError
 from contactfusion.pipeline import Pipeline, takes
 from contactfusion.readings import JointState, Odometry, Reading, Transform
-from contactfusion.recordings.recording import Recording
-from contactfusion.replaying.inputs import is_sensed
 from contactfusion.robot_state import Robot
+from contactfusion.run.inputs import is_sensed
+from contactfusion.stream import Stream
 from contactfusion.terminal import followed
 
 
-def joined(pipeline: Pipeline, recording: Recording) -> "Joining":
+def joined(pipeline: Pipeline, recording: Stream) -> "Joining":
     """What of a recording is joined to the hypothesis space, by readings until all is.
 
     They are read at most to their end; no generator is asked.

@@ -1,6 +1,6 @@
-"""Which topic of a recording feeds which generator: by name, by kind, or as one is told."""
+"""Which topic of a recording feeds which generator: by name, by kind, or as the user chooses."""
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Any, final
@@ -37,30 +37,32 @@ class Inputs:
 def find_inputs(
     topics: Mapping[str, type[Reading]],
     generators: Mapping[str, Mapping[str, Any]],
-    told: Mapping[str, str],
+    chosen: Mapping[str, str],
     watched: bool = False,
     ignored: Mapping[str, type[Reading]] = NOTHING,
+    on: str | None = None,
 ) -> Inputs:
     """Find the topic for each generator.
 
     A generator's role is its `sensor`, or its own name when it has none. It takes the topic that
-    one is told for its role, or else the topic called like its sensor, or else the only one of its
+    is chosen for its role, or else the topic called like its sensor, or else the only one of its
     kinds. Of context, such as joints and poses of objects, all topics are read; of what one topic
     alone may report, one is: of odometry, and of twists where a generator takes them.
 
     Args:
         topics: the kind of reading of each topic.
         generators: the `type` and the options of each by name.
-        told: topics by role.
-        watched: whether to read what sensors measure for nobody, too, so that it can be looked at.
+        chosen: topics by role.
+        watched: whether to read what no generator takes, too, so that it can be looked at.
         ignored: the kind of reading of each topic that is not read at all.
+        on: the sensor, or the kind of reading, whose topics are read as a step is due with each.
 
     Raises:
         ConfigurationError: a role or a topic is unknown, does not fit, or several fit.
         PluginError: a type of generator is not installed.
     """
-    told = {role: topic.removeprefix("/") for role, topic in told.items()}
-    finding = _Finding(topics, told, ignored)
+    chosen = {role: topic.removeprefix("/") for role, topic in chosen.items()}
+    finding = _Finding(topics, chosen, ignored)
     wanted = {name: _kinds(options) for name, options in generators.items()}
     fed = {
         name: finding.feed(name, dict(options), wanted[name])
@@ -70,11 +72,12 @@ def find_inputs(
     finding.refuse_strangers(roles_of(generators))
     if watched:
         finding.read_sensed()
+    finding.clock(on)
     return Inputs(finding.sensors, fed, tuple(finding.missing), tuple(finding.taken))
 
 
 def roles_of(generators: Mapping[str, Mapping[str, Any]]) -> list[str]:
-    """The roles that a topic can be told for: those of generators by name, and of the robot."""
+    """The roles that a topic can be chosen for: those of generators by name, and of the robot."""
     return [*_alone(), *(_role(name, options) for name, options in generators.items())]
 
 
@@ -90,26 +93,26 @@ class _Finding:
     def __init__(
         self,
         topics: Mapping[str, type[Reading]],
-        told: Mapping[str, str],
+        chosen: Mapping[str, str],
         ignored: Mapping[str, type[Reading]],
     ) -> None:
-        self.topics, self.told, self.ignored = topics, told, ignored
+        self.topics, self.chosen, self.ignored = topics, chosen, ignored
         self.sensors: dict[str, str] = {}
         """The name of the sensor of each topic that is read."""
         self.missing: list[str] = []
         self.taken: list[str] = []
 
     def feed(self, name: str, options: dict[str, Any], kinds: Kinds) -> dict[str, Any]:
-        """Give the options of a generator with its sensor."""
+        """The options of a generator with its sensor."""
         sensor = options.get("sensor")
         role = _role(name, options)
-        if sensor is None and not any(map(_is_of_one_sensor, kinds)) and role not in self.told:
+        if sensor is None and not any(map(_is_of_one_sensor, kinds)) and role not in self.chosen:
             return options  # it takes all context there is
         topic = self._topic(role, kinds)
         if topic is None:
             self.missing.append(f"generators.{name}: {self._absence(kinds)}")
             return options
-        if sensor and role not in self.told and topic != role.removeprefix("/"):
+        if sensor and role not in self.chosen and topic != role.removeprefix("/"):
             self.taken.append(
                 f"generators.{name}: no topic is called '{sensor}', so /{topic} feeds it, the only "
                 f"{_named(kinds)}"
@@ -132,33 +135,43 @@ class _Finding:
         return f"the recording holds no {_named(kinds)}"
 
     def context(self, wanted: Kinds) -> None:
-        """Read what tells of robot and world."""
+        """Read the state of robot and world."""
         for role, codec in _alone().items():
-            if role in self.told or codec.kind in wanted or codec.role is Role.CONTEXT:
+            if role in self.chosen or codec.kind in wanted or codec.role is Role.CONTEXT:
                 topic = self._topic(role, (codec.kind,))
                 if topic is not None:
                     self.sensors.setdefault(topic, topic)
-        self._read(_is_context)
+        self._read(topic for topic, kind in self.topics.items() if _is_context(kind))
 
     def read_sensed(self) -> None:
-        """Read all topics that one sensor measures, under their own names where none is wanted."""
-        self._read(_is_of_one_sensor)
+        """Read all topics that one sensor measures."""
+        self._read(topic for topic, kind in self.topics.items() if _is_of_one_sensor(kind))
 
-    def _read(self, is_wanted: Callable[[type[Reading]], bool]) -> None:
-        for topic, kind in self.topics.items():
-            if is_wanted(kind):
-                self.sensors.setdefault(topic, topic)
+    def _read(self, topics: Iterable[str]) -> None:
+        """Read topics, under their own names where no generator takes them."""
+        for topic in topics:
+            self.sensors.setdefault(topic, topic)
+
+    def clock(self, on: str | None) -> None:
+        """Read what steps wait for, where no generator does: a sensor, or a kind of reading."""
+        if on is None or on in self.sensors.values():
+            return
+        codec = installed_kinds().find(on)
+        if on in self.topics:
+            self.sensors.setdefault(on, on)
+        elif codec and not set(self._of((codec.kind,))) & self.sensors.keys():
+            self._read(self._of((codec.kind,)))
 
     def refuse_strangers(self, roles: Sequence[str]) -> None:
-        """Make sure that nothing was told of a role that there is not."""
-        for role in self.told:
+        """Refuse a topic that is chosen for a role that there is not."""
+        for role in self.chosen:
             if role not in roles:
                 hint = name_hint(role, roles, "roles")
                 raise ConfigurationError(f"--topic: unknown role '{role}'; {hint}")
 
     def _topic(self, role: str, kinds: Kinds) -> str | None:
-        if role in self.told:
-            return self._as_told(role, kinds)
+        if role in self.chosen:
+            return self._as_chosen(role, kinds)
         for name in (role, role.removeprefix("/")):
             if issubclass(self.topics.get(name, Reading), kinds):
                 return name
@@ -171,8 +184,8 @@ class _Finding:
             )
         return fit[0] if fit else None
 
-    def _as_told(self, role: str, kinds: Kinds) -> str:
-        topic = self.told[role]
+    def _as_chosen(self, role: str, kinds: Kinds) -> str:
+        topic = self.chosen[role]
         if topic not in self.topics:
             known = [f"/{name}" for name, kind in self.topics.items() if issubclass(kind, kinds)]
             hint = name_hint(f"/{topic}", known, "topics that fit")
