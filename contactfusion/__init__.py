@@ -44,6 +44,11 @@ if TYPE_CHECKING:
         Twist,
         Wrench,
     )
+    from contactfusion.readings.canvas import Canvas
+    from contactfusion.readings.codec import Codec, Role
+    from contactfusion.readings.columns import ColumnsConfig
+    from contactfusion.readings.messages import message
+    from contactfusion.readings.values import ElementValues, PointValues, Values
     from contactfusion.reason import Reason
     from contactfusion.recordings.mcap import McapWriter
     from contactfusion.recordings.opening import open_recording
@@ -59,12 +64,15 @@ if TYPE_CHECKING:
     from contactfusion.state import State
     from contactfusion.stream import Arrival, Facts, Stream, Verdict
     from contactfusion.surface import Surface
-    from contactfusion.testing import check_generator
+    from contactfusion.testing import check_codec, check_generator
     from contactfusion.view.plot import plot_fusion
     from contactfusion.view.viewer import Viewer
 
 _HOMES = {
     "Arrival": "contactfusion.stream",
+    "Canvas": "contactfusion.readings.canvas",
+    "Codec": "contactfusion.readings.codec",
+    "ColumnsConfig": "contactfusion.readings.columns",
     "Command": "contactfusion.controller",
     "Condensation": "contactfusion.rule",
     "Contact": "contactfusion.contacts",
@@ -74,6 +82,7 @@ _HOMES = {
     "Controller": "contactfusion.controller",
     "Decision": "contactfusion.controllers.pushing",
     "DepthImage": "contactfusion.readings",
+    "ElementValues": "contactfusion.readings.values",
     "Facts": "contactfusion.stream",
     "Field": "contactfusion.integrator.entries",
     "Fusion": "contactfusion.integrator.fusion",
@@ -91,18 +100,20 @@ _HOMES = {
     "Model": "contactfusion.model",
     "Note": "contactfusion.hypotheses",
     "ObjectPose": "contactfusion.readings",
-    "Odometry": "contactfusion.readings",
     "Observer": "contactfusion.loop",
+    "Odometry": "contactfusion.readings",
     "OfRobot": "contactfusion.generator",
     "Pipeline": "contactfusion.pipeline",
     "PipelineConfig": "contactfusion.pipeline_config",
     "PointCloud": "contactfusion.readings",
+    "PointValues": "contactfusion.readings.values",
     "PushingConfig": "contactfusion.controllers.pushing",
     "PushingController": "contactfusion.controllers.pushing",
     "Reading": "contactfusion.readings",
     "Reason": "contactfusion.reason",
     "Recording": "contactfusion.recordings.recording",
     "RobotModel": "contactfusion.robots.model",
+    "Role": "contactfusion.readings.codec",
     "Rule": "contactfusion.rule",
     "Runner": "contactfusion.runner",
     "Scene": "contactfusion.scene",
@@ -118,9 +129,11 @@ _HOMES = {
     "TaxelMap": "contactfusion.generators.taxel_map",
     "Transform": "contactfusion.readings",
     "Twist": "contactfusion.readings",
+    "Values": "contactfusion.readings.values",
     "Verdict": "contactfusion.stream",
     "Viewer": "contactfusion.view.viewer",
     "Wrench": "contactfusion.readings",
+    "check_codec": "contactfusion.testing",
     "check_file": "contactfusion.check",
     "check_generator": "contactfusion.testing",
     "explain_fusion": "contactfusion.explain.text",
@@ -128,6 +141,7 @@ _HOMES = {
     "fit_baseline": "contactfusion.generators.baselines",
     "fit_compensation": "contactfusion.generators.compensation",
     "hookimpl": "contactfusion.hooks",
+    "message": "contactfusion.readings.messages",
     "open_recording": "contactfusion.recordings.opening",
     "open_scene": "contactfusion.scene",
     "play": "contactfusion.loop",
@@ -138,6 +152,9 @@ _HOMES = {
 
 __all__ = [
     "Arrival",
+    "Canvas",
+    "Codec",
+    "ColumnsConfig",
     "Command",
     "Condensation",
     "Contact",
@@ -147,6 +164,7 @@ __all__ = [
     "Controller",
     "Decision",
     "DepthImage",
+    "ElementValues",
     "Facts",
     "Field",
     "Fusion",
@@ -170,12 +188,14 @@ __all__ = [
     "Pipeline",
     "PipelineConfig",
     "PointCloud",
+    "PointValues",
     "PushingConfig",
     "PushingController",
     "Reading",
     "Reason",
     "Recording",
     "RobotModel",
+    "Role",
     "Rule",
     "Runner",
     "Scene",
@@ -191,9 +211,11 @@ __all__ = [
     "TaxelMap",
     "Transform",
     "Twist",
+    "Values",
     "Verdict",
     "Viewer",
     "Wrench",
+    "check_codec",
     "check_file",
     "check_generator",
     "explain_fusion",
@@ -201,6 +223,7 @@ __all__ = [
     "fit_baseline",
     "fit_compensation",
     "hookimpl",
+    "message",
     "open_recording",
     "open_scene",
     "play",

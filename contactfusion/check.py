@@ -20,7 +20,8 @@ from contactfusion.errors import ConfigurationError, ContactFusionError, PluginE
 from contactfusion.estimate import HYPOTHESIS, SAMPLE, counted, size
 from contactfusion.pipeline import Pipeline
 from contactfusion.pipeline_config import NOT_OURS, PipelineConfig, pipeline_fields
-from contactfusion.readings import READING_TYPES, Reading
+from contactfusion.readings import Reading
+from contactfusion.readings.registry import installed_kinds
 from contactfusion.recordings.opening import open_recording
 from contactfusion.run.configuration import RunConfig, Setting, setting_of_file
 from contactfusion.run.joining import joined
@@ -251,7 +252,7 @@ class _Checking:
 
     def _unheard(self, held: Mapping[str, type[Reading]]) -> Iterator[str]:
         """What the cycle and the faults wait for in vain."""
-        known = {*held, *(name for name, kind in READING_TYPES.items() if kind in held.values())}
+        known = {*held, *installed_kinds().among(held.values())}
         hint = partial(name_hint, known=known, what="sensors and types")
         on = self._config.cycle.on
         if on is not None and on not in known:

@@ -15,6 +15,8 @@ OURS = ("contactfusion", "contactfusion_lab")
 PUBLIC = {
     *("Arrival", "Facts", "Model", "Observer", "Stream", "Verdict", "play"),
     *("Contacts", "Field", "Reason"),
+    *("Canvas", "Codec", "ColumnsConfig", "ElementValues", "PointValues", "Role", "Values"),
+    *("check_codec", "message"),
     *("Command", "Condensation", "Contact", "ContactFusionError", "ContactHypothesis"),
     *("Controller", "Decision", "DepthImage", "Fusion", "Generator", "GeneratorConfig", "Grid"),
     *("HypothesisCloud", "HypothesisKind", "Integrator", "IntegratorConfig", "JointCommand"),

@@ -1,35 +1,17 @@
 """Which topic of a recording feeds which generator: by name, by kind, or as the user chooses."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Any, final
 
 from contactfusion.assembly import generator_class
 from contactfusion.errors import ConfigurationError, name_hint
-from contactfusion.readings import (
-    READING_TYPES,
-    DepthImage,
-    JointCommand,
-    JointState,
-    Markers,
-    ObjectPose,
-    Odometry,
-    PointCloud,
-    Reading,
-    Switch,
-    TactileImage,
-    Twist,
-    Wrench,
-)
+from contactfusion.readings import Reading
+from contactfusion.readings.codec import Codec, Role
+from contactfusion.readings.registry import installed_kinds
 
 Kinds = tuple[type[Reading], ...]
-SENSED: Kinds = (Wrench, TactileImage, Switch, PointCloud, DepthImage, Markers)
-"""What one sensor measures: a generator takes it of one topic."""
-CONTEXT: Kinds = (JointState, JointCommand, ObjectPose)
-"""What several topics may report together; all of them are read."""
-ALONE: dict[str, type[Reading]] = {"odometry": Odometry, "twist": Twist}
-"""What a single topic reports, by its role."""
 NOTHING: Mapping[str, type[Reading]] = MappingProxyType({})
 
 
@@ -64,8 +46,8 @@ def find_inputs(
 
     A generator's role is its `sensor`, or its own name when it has none. It takes the topic that
     is chosen for its role, or else the topic called like its sensor, or else the only one of its
-    kinds. Joints, commands of joints and poses of objects are all read; of odometry, and of twists
-    where a generator takes them, one topic is.
+    kinds. Of context, such as joints and poses of objects, all topics are read; of what one topic
+    alone may report, one is: of odometry, and of twists where a generator takes them.
 
     Args:
         topics: the kind of reading of each topic.
@@ -89,14 +71,14 @@ def find_inputs(
     finding.context(tuple(kind for kinds in wanted.values() for kind in kinds))
     finding.refuse_strangers(roles_of(generators))
     if watched:
-        finding.read(SENSED)
+        finding.read_sensed()
     finding.clock(on)
     return Inputs(finding.sensors, fed, tuple(finding.missing), tuple(finding.taken))
 
 
 def roles_of(generators: Mapping[str, Mapping[str, Any]]) -> list[str]:
     """The roles that a topic can be chosen for: those of generators by name, and of the robot."""
-    return [*ALONE, *(_role(name, options) for name, options in generators.items())]
+    return [*_alone(), *(_role(name, options) for name, options in generators.items())]
 
 
 def _role(name: str, options: Mapping[str, Any]) -> str:
@@ -124,7 +106,7 @@ class _Finding:
         """The options of a generator with its sensor."""
         sensor = options.get("sensor")
         role = _role(name, options)
-        if sensor is None and not set(kinds) & set(SENSED) and role not in self.chosen:
+        if sensor is None and not any(map(_is_of_one_sensor, kinds)) and role not in self.chosen:
             return options  # it takes all context there is
         topic = self._topic(role, kinds)
         if topic is None:
@@ -154,27 +136,31 @@ class _Finding:
 
     def context(self, wanted: Kinds) -> None:
         """Read the state of robot and world."""
-        for role, kind in ALONE.items():
-            if role in self.chosen or kind in wanted or kind is Odometry:
-                topic = self._topic(role, (kind,))
+        for role, codec in _alone().items():
+            if role in self.chosen or codec.kind in wanted or codec.role is Role.CONTEXT:
+                topic = self._topic(role, (codec.kind,))
                 if topic is not None:
                     self.sensors.setdefault(topic, topic)
-        self.read(CONTEXT)
+        self._read(topic for topic, kind in self.topics.items() if _is_context(kind))
 
-    def read(self, kinds: Kinds) -> None:
-        """Read all topics of some kinds, under their own names where no generator takes them."""
-        for topic in self._of(kinds):
+    def read_sensed(self) -> None:
+        """Read all topics that one sensor measures."""
+        self._read(topic for topic, kind in self.topics.items() if _is_of_one_sensor(kind))
+
+    def _read(self, topics: Iterable[str]) -> None:
+        """Read topics, under their own names where no generator takes them."""
+        for topic in topics:
             self.sensors.setdefault(topic, topic)
 
     def clock(self, on: str | None) -> None:
         """Read what steps wait for, where no generator does: a sensor, or a kind of reading."""
         if on is None or on in self.sensors.values():
             return
-        kind = READING_TYPES.get(on)
+        codec = installed_kinds().find(on)
         if on in self.topics:
             self.sensors.setdefault(on, on)
-        elif kind and not any(issubclass(self.topics[topic], kind) for topic in self.sensors):
-            self.read((kind,))
+        elif codec and not set(self._of((codec.kind,))) & self.sensors.keys():
+            self._read(self._of((codec.kind,)))
 
     def refuse_strangers(self, roles: Sequence[str]) -> None:
         """Refuse a topic that is chosen for a role that there is not."""
@@ -215,6 +201,29 @@ class _Finding:
         for topic, kind in self.topics.items():
             if issubclass(kind, kinds):
                 yield topic
+
+
+def _alone() -> dict[str, Codec[Any]]:
+    """The kinds that one topic alone may report, by their names, which are their roles."""
+    return {codec.name: codec for codec in installed_kinds().all() if codec.alone}
+
+
+def is_sensed(kind: type[Reading]) -> bool:
+    """Whether readings of a kind mean nothing without the pose of their frame."""
+    codec = installed_kinds().of(kind)
+    return codec is not None and codec.role is Role.SENSED
+
+
+def _is_of_one_sensor(kind: type[Reading]) -> bool:
+    """Whether a generator takes readings of a kind of one topic."""
+    codec = installed_kinds().of(kind)
+    return codec is not None and codec.role is Role.SENSED and not codec.alone
+
+
+def _is_context(kind: type[Reading]) -> bool:
+    """Whether several topics may report readings of a kind together."""
+    codec = installed_kinds().of(kind)
+    return codec is not None and codec.role is Role.CONTEXT and not codec.alone
 
 
 def _named(kinds: Kinds) -> str:

@@ -10,8 +10,7 @@ from contactfusion.errors import ConfigurationError, RecordingError
 from contactfusion.files import make_folder
 from contactfusion.loop import Observer
 from contactfusion.recordings.mcap import McapWriter
-from contactfusion.recordings.messages import typestore
-from contactfusion.recordings.reading_messages import ros_name
+from contactfusion.recordings.messages import ros_name, typestore
 from contactfusion.recordings.recording import RawMessage, Recording
 from contactfusion.recordings.step_messages import OURS
 from contactfusion.results import (

@@ -14,7 +14,7 @@ from contactfusion.loop import Observer
 from contactfusion.pipeline_config import PipelineConfig
 from contactfusion.readings import Reading, Transform
 from contactfusion.recordings.mcap import McapWriter
-from contactfusion.recordings.reading_messages import topic_of
+from contactfusion.recordings.messages import topic_of
 from contactfusion.run.configuration import setting_of_file
 from contactfusion.run.session import Session
 from contactfusion.stream import Stream

@@ -17,7 +17,8 @@ from contactfusion.hypotheses import HypothesisKind, Note
 from contactfusion.integrator.sources import EventKind, SourceReport
 from contactfusion.loop import Observer
 from contactfusion.pipeline import Pipeline, Step
-from contactfusion.readings import READING_TYPES, Reading, Transform
+from contactfusion.readings import Reading, Transform
+from contactfusion.readings.registry import installed_kinds
 
 TELLING = (EventKind.REFUSED, EventKind.STALE, EventKind.OVERRUN)
 """What is worth a sentence at the end."""
@@ -283,7 +284,7 @@ class Summary:
         config = self._pipeline.config
         on = config.cycle.on
         if on is not None and not self.steps:
-            hint = name_hint(on, sensors | set(READING_TYPES), "sensors and types")
+            hint = name_hint(on, sensors.union(installed_kinds().names), "sensors and types")
             yield f"cycle.on: no reading of '{on}' came; {hint}"
         if not config.generators:
             yield "generators: none are configured, so nothing can be found"
