@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from contactfusion_lab.experiments.measures import holm, mcnemar, resampled
+from contactfusion_lab.trials.measures import holm, mcnemar, resampled
 
 P_VALUES = st.lists(st.floats(0.0, 1.0), min_size=1, max_size=8)
 

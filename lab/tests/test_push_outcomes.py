@@ -11,9 +11,9 @@ import pytest
 
 from contactfusion.errors import ConfigurationError
 from contactfusion.figures import new_figure
-from contactfusion_lab.experiments.folder import as_json
+from contactfusion.files import write_whole
 from contactfusion_lab.experiments.push import figures, tables
-from contactfusion_lab.experiments.push.evaluation import evaluate, trial_file
+from contactfusion_lab.experiments.push.evaluation import evaluate
 from contactfusion_lab.experiments.push.outcomes import (
     Outcome,
     cause,
@@ -31,9 +31,10 @@ from contactfusion_lab.experiments.push.plan import (
     read_targets,
 )
 from contactfusion_lab.experiments.push.tables import GROUPS, PAPER, Reached, perception
-from contactfusion_lab.experiments.push.trial import ARRAYS, Track, save
+from contactfusion_lab.experiments.push.trial import ARRAYS, Track, content_of
 from contactfusion_lab.scenes.push.config import SkinConfig
 from contactfusion_lab.scenes.push.scene import Ending
+from contactfusion_lab.trials.folder import as_json, trial_file
 
 PUSH = Push("box", "mu1", "grid", 3, (2.0, 1.0), 0.0, 0.0, 7)
 MODES = ("push", "search", "escape", "realign", "arrived")
@@ -80,6 +81,12 @@ def unfelt(rows: Any, one: Track) -> Track:
     estimate, lateral = one.estimate.copy(), one.lateral.copy()
     estimate[rows], lateral[rows] = 0, np.nan
     return replace(one, estimate=estimate, lateral=lateral)
+
+
+def keep(one: Track, out: Path) -> Path:
+    path = trial_file(out, f"{one.sensing}/{one.controller}/{one.push.name}", ".npz")
+    write_whole(path, content_of(one))
+    return path
 
 
 class TestOutcome:
@@ -345,7 +352,7 @@ def pushed(plan: Plan, controller: str, out: Path) -> None:
     """Write a track of every push."""
     for push in plan.pushes():
         one = track(push=push, sensing=plan.sensing.label, controller=controller)
-        save(one, trial_file(out, plan.sensing.label, controller, push))
+        keep(one, out)
 
 
 class TestEvaluation:
@@ -394,8 +401,7 @@ class TestEvaluation:
     ) -> None:
         made = planned(Targets("near", ((0.4, 0.0),)), ("box",))
         push = replace(made.pushes()[0], **change)
-        path = trial_file(tmp_path, "skin", "tuned", push)
-        save(track(push=push), path)
+        path = keep(track(push=push), tmp_path)
         with pytest.raises(ConfigurationError, match=f"^{path} holds another push than"):
             evaluate(made, made.settings(["tuned"]), [], tmp_path)
 

@@ -19,8 +19,8 @@ from contactfusion.pipeline import Pipeline
 from contactfusion.pipeline_config import CycleConfig, PipelineConfig
 from contactfusion.readings import Markers, TactileImage
 from contactfusion.recordings.opening import open_recording
-from contactfusion_lab.experiments.measures import Measure, bootstrap, p50, p90, proportion
 from contactfusion_lab.experiments.methods import Method
+from contactfusion_lab.trials.measures import Measure, bootstrap, p50, p90, proportion
 
 NAME = "eflesh"
 FOLDS = 10

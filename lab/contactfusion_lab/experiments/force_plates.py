@@ -21,8 +21,8 @@ from contactfusion.pipeline_config import CycleConfig, PipelineConfig
 from contactfusion.readings import Markers, Wrench
 from contactfusion.recordings.c3d import C3DConfig, C3DRecording
 from contactfusion.shapes import BodyConfig, ShapeConfig
-from contactfusion_lab.experiments.measures import Measure, bootstrap, p50, p90, proportion
 from contactfusion_lab.experiments.methods import Method
+from contactfusion_lab.trials.measures import Measure, bootstrap, p50, p90, proportion
 
 NAME = "force_plates"
 MIN_FORCE = 60.0

@@ -21,7 +21,7 @@ from contactfusion.pipeline import Pipeline
 from contactfusion.pipeline_config import PipelineConfig
 from contactfusion.readings import JointState, Odometry, Wrench
 from contactfusion.recordings.opening import open_recording
-from contactfusion_lab.experiments.measures import Measure, bootstrap, p50
+from contactfusion_lab.trials.measures import Measure, bootstrap, p50
 
 NAME = "hub"
 RATE = 240.0

@@ -10,8 +10,8 @@ from contactfusion.errors import RecordingError
 from contactfusion.files import make_folder, write_whole
 from contactfusion.terminal import note
 from contactfusion_lab.experiments import eflesh, force_plates, hub, icub, ouster
-from contactfusion_lab.experiments.measures import Measure, results_csv
 from contactfusion_lab.experiments.methods import Method
+from contactfusion_lab.trials.measures import Measure, results_csv
 
 VARIABLE = "CONTACTFUSION_DATA"
 NEIGHBOUR = Path("../shared/data")

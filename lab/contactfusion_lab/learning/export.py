@@ -24,6 +24,7 @@ from contactfusion_lab.learning.dataset import WINDOW, Dataset
 from contactfusion_lab.learning.networks import predict
 from contactfusion_lab.learning.rollout import MOUNTINGS
 from contactfusion_lab.learning.training import Trained
+from contactfusion_lab.trials.executor import Executor
 
 SEED = 7_000_000
 """Of the experiments, besides the seed of the training."""
@@ -118,14 +119,14 @@ def _sigma(errors: FloatArray, data: Dataset) -> dict[str, float]:
     return found
 
 
-def tested(weights: Path, count: int, seed: int, workers: int, out: Path) -> dict[str, float]:
+def tested(weights: Path, count: int, seed: int, executor: Executor, out: Path) -> dict[str, float]:
     """Let networks push to random targets from random starts, and the rule likewise.
 
     Args:
         weights: of the networks.
         count: how many pushes from each mounting.
         seed: of the training.
-        workers: how many processes.
+        executor: the workers.
         out: takes a folder of `experiment push` for each mounting.
 
     Returns:
@@ -136,7 +137,7 @@ def tested(weights: Path, count: int, seed: int, workers: int, out: Path) -> dic
         folder = out / mounting
         options = Options(
             sensings=SENSINGS, lidar=mounting, weights=weights, targets=f"random:{count}",
-            starts="random", seed=SEED + seed, workers=workers,
+            starts="random", seed=SEED + seed, executor=executor,
         )  # fmt: skip
         run_push(options, folder)
         for sensing in SENSINGS:

@@ -1,21 +1,17 @@
 """`experiment grasp`: the same grasps by several sources and rules, and what comes of them."""
 
-import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import partial
 from itertools import product
 from pathlib import Path
-from typing import Any
+from typing import Any, final
 
-from contactfusion.errors import ConfigurationError, RobotError
+from contactfusion.errors import ConfigurationError
 from contactfusion.faults import read_faults
-from contactfusion.files import make_folder, write_whole
+from contactfusion.files import write_whole
 from contactfusion.terminal import note
-from contactfusion_lab.experiments.choices import require_once, trial_called
-from contactfusion_lab.experiments.folder import as_json, joined
 from contactfusion_lab.experiments.grasp import tables
-from contactfusion_lab.experiments.grasp.film import film_all
+from contactfusion_lab.experiments.grasp.film import film
 from contactfusion_lab.experiments.grasp.plan import (
     DEFAULT,
     NONE,
@@ -27,21 +23,16 @@ from contactfusion_lab.experiments.grasp.plan import (
 )
 from contactfusion_lab.experiments.grasp.trial import (
     Row,
+    content_of,
     load,
     results_csv,
     run_trial,
-    save,
-    trial_file,
 )
 from contactfusion_lab.experiments.methods import Method
-from contactfusion_lab.experiments.workers import (
-    each,
-    failure,
-    one_thread_each,
-    progress,
-    reason_of,
-    require_workers,
-)
+from contactfusion_lab.trials.choices import require_once
+from contactfusion_lab.trials.executor import Executor, Local
+from contactfusion_lab.trials.folder import as_json, trial_file
+from contactfusion_lab.trials.runner import Experiment, Made, run
 
 DE_MORGAN, POSTERIOR = Method("de_morgan", "cluster_centroid"), Method("posterior", "modes")
 COLUMNS = (
@@ -53,14 +44,12 @@ COLUMNS = (
     Column("all", POSTERIOR),
 )
 """What the table is made for; the first is the paper's, the others are compared with it."""
-ADDABLE = ("columns", "objects")
-"""Of these a folder may take more."""
 Task = tuple[Column, Grasp]
 
 
 @dataclass(frozen=True)
 class Options:
-    """What the experiment can be told.
+    """Options of the experiment.
 
     Attributes:
         config: a YAML file as for `run`, with a scene of type `grasp`, and `objects`.
@@ -72,7 +61,7 @@ class Options:
         noise: of the sensors, by name; None: the scene's.
         faults: a YAML file of faults, or None.
         seed: of all chance.
-        workers: how many processes.
+        executor: the workers.
         record: grasps to film: COLUMN/NAME, or NAME for the first column.
     """
 
@@ -84,7 +73,7 @@ class Options:
     noise: str | None = None
     faults: Path | None = None
     seed: int = 0
-    workers: int = 2
+    executor: Executor = Local()
     record: Sequence[str] = ()
 
 
@@ -101,7 +90,6 @@ def run_grasp(options: Options, out: Path) -> None:
             ones.
         RobotError: a grasp or a film could not be made; the others are kept.
     """
-    require_workers(options.workers)
     if options.repeats < 1:
         raise ConfigurationError(f"it takes 1 grasp or more, not {options.repeats}", "repeats")
     require_once(options.objects, "objects")
@@ -109,29 +97,67 @@ def run_grasp(options: Options, out: Path) -> None:
     faults = read_faults(options.faults) if options.faults else ()
     plan = read_plan(options.config, options.objects, faults, options.noise, options.seed)
     check_columns(plan, columns, options.config)
-    settings = joined(plan.settings(columns), out, ADDABLE, "grasps")
-    grasps = plan.grasps(list(plan.scenes), options.repeats)
-    tasks = [(column, grasp) for grasp in grasps for column in columns]
-    by_name = {_name(task): task for task in tasks}
-    recorded = list(dict.fromkeys(trial_called(name, by_name) for name in options.record))
-    _found(columns, grasps, out)  # so that a damaged file is told before anything is made
-    missing = [task for task in tasks if not trial_file(out, *task).is_file()]
-    make_folder(out)
-    write_whole(out / "settings.json", json.dumps(settings, indent=1) + "\n")
-    note(f"{len(tasks)} grasps; {len(missing)} to make")
-    with one_thread_each():
-        failed = _grasp_all(plan, missing, options.workers, out)
-    found = _found(columns, grasps, out)
-    if any(found.values()):
-        evaluate(found, failed, plan.seed, out)
-    unfilmed = film_all(plan, recorded, out)
-    problems = []
-    if failed:
-        problems.append(f"{len(failed)} of {len(tasks)} grasps were not made: {failed[0]}")
-    if unfilmed:
-        problems.append(f"{len(unfilmed)} of {len(recorded)} films were not made: {unfilmed[0]}")
-    if problems:
-        raise RobotError("; ".join(problems))
+    experiment = GraspExperiment(plan, columns, options.repeats)
+    run(experiment, options.executor, out, options.record)
+
+
+@final
+@dataclass(frozen=True)
+class GraspExperiment(Experiment[Task]):
+    """The same grasps by several columns.
+
+    Attributes:
+        plan: how each is made.
+        columns: by what it is felt; the others are compared with the first.
+        repeats: of each object.
+    """
+
+    plan: Plan
+    columns: Sequence[Column]
+    repeats: int
+    trials = "grasps"
+    suffix = ".json"
+    addable = ("columns", "objects")
+
+    def tasks(self) -> dict[str, Task]:
+        """Each grasp by each column: COLUMN/NAME."""
+        grasps = self.plan.grasps(list(self.plan.scenes), self.repeats)
+        return {
+            f"{column.name}/{grasp.name}": (column, grasp)
+            for grasp in grasps
+            for column in self.columns
+        }
+
+    def settings(self) -> dict[str, Any]:
+        """The settings of the plan."""
+        return self.plan.settings(self.columns)
+
+    def check(self, out: Path, missing: Sequence[str], executor: Executor) -> None:
+        """Read the grasps that there are, so that a damaged file is named before any is made."""
+        self._found(out)
+
+    def make(self, task: Task) -> Made:
+        """Grasp once."""
+        return Made(content_of(run_trial(self.plan, *task)))
+
+    def evaluate(self, out: Path, settings: Mapping[str, Any], failed: Sequence[str]) -> None:
+        """Evaluate the grasps of this plan."""
+        found = self._found(out)
+        if any(found.values()):
+            evaluate(found, failed, self.plan.seed, out)
+
+    def film(self, task: Task, out: Path) -> tuple[Path, Path]:
+        """Grasp once more."""
+        return film(self.plan, *task, out / "films" / task[0].name)
+
+    def _found(self, out: Path) -> dict[str, list[Row]]:
+        """The grasps that there are, by column."""
+        found: dict[str, list[Row]] = {column.name: [] for column in self.columns}
+        for name, (column, grasp) in self.tasks().items():
+            path = trial_file(out, name, self.suffix)
+            if path.is_file():
+                found[column.name].append(load(path, column, grasp))
+        return found
 
 
 def columns_of(sources: Sequence[str], rules: Sequence[Method]) -> Sequence[Column]:
@@ -176,35 +202,3 @@ def evaluate(
     tables.draw_places(found, out / "places.png")
     note(success, end="\n\n")
     print(f"results: {out}/table.md, results.csv, summary.json, success.png, places.png")
-
-
-def _found(columns: Sequence[Column], grasps: Sequence[Grasp], out: Path) -> dict[str, list[Row]]:
-    """The grasps that are there, by column."""
-    return {
-        column.name: [
-            load(path, column, grasp)
-            for grasp in grasps
-            if (path := trial_file(out, column, grasp)).is_file()
-        ]
-        for column in columns
-    }
-
-
-def _grasp_all(plan: Plan, missing: Sequence[Task], workers: int, out: Path) -> list[str]:
-    """Make grasps; give a sentence for each that fails."""
-    made = each(partial(_make, plan, out), missing, workers)
-    return [failure(_name(task), one) for task, one in progress(made, len(missing)) if one]
-
-
-def _make(plan: Plan, out: Path, task: Task) -> str:
-    """Make one grasp; give why it failed, or nothing."""
-    try:
-        save(run_trial(plan, *task), trial_file(out, *task))
-    except Exception as error:  # a plug-in may raise anything, and no other grasp may suffer
-        return reason_of(error)
-    return ""
-
-
-def _name(task: Task) -> str:
-    column, grasp = task
-    return f"{column.name}/{grasp.name}"

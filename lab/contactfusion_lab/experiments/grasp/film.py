@@ -1,7 +1,7 @@
 """A film of one grasp: what is, what is felt, and what the controller does about it."""
 
 import io
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -13,10 +13,8 @@ from contactfusion.files import write_whole
 from contactfusion.recording_scene import EPOCH_NS, TRUTH, fixed_frames
 from contactfusion.recordings.mcap import McapWriter
 from contactfusion.replaying.configuration import TOPIC, Setting
-from contactfusion.terminal import note
 from contactfusion_lab.experiments.grasp.plan import Column, Grasp, Plan
-from contactfusion_lab.experiments.grasp.trial import begun, trial_file
-from contactfusion_lab.experiments.workers import failure, reason_of
+from contactfusion_lab.experiments.grasp.trial import begun
 from contactfusion_lab.scenes.grasp.scene import GraspCycle, GraspScene
 from contactfusion_lab.scenes.grasp.world import Eye
 
@@ -29,32 +27,6 @@ SIDE = np.array([0.2, -0.55, 0.65])
 """From where it is seen, from where the object should be [m]."""
 COUNT = 64
 """Of colours: a small file."""
-
-
-def film_all(plan: Plan, chosen: Sequence[tuple[Column, Grasp]], out: Path) -> list[str]:
-    """Film grasps that were made.
-
-    Args:
-        plan: the experiment.
-        chosen: which.
-        out: the folder of the results.
-
-    Returns:
-        A sentence for each that fails.
-    """
-    failed = []
-    for column, grasp in chosen:
-        name = f"{column.name}/{grasp.name}"
-        if not trial_file(out, column, grasp).is_file():
-            note(f"not recorded: {name}, which was not made")
-            continue
-        try:
-            gif, recording = film(plan, column, grasp, out / "films" / column.name)
-        except Exception as error:  # a plug-in may raise anything, and what there is must be told
-            failed.append(failure(name, reason_of(error)))
-        else:
-            print(f"film: {gif}; recording: {recording}")
-    return failed
 
 
 def film(plan: Plan, column: Column, grasp: Grasp, folder: Path) -> tuple[Path, Path]:

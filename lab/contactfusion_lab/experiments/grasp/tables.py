@@ -11,7 +11,7 @@ import numpy as np
 from contactfusion.figures import COLOURS, new_figure
 from contactfusion.files import write_whole
 from contactfusion_lab.experiments.grasp.trial import Row
-from contactfusion_lab.experiments.measures import holm, mcnemar, proportion, resampled
+from contactfusion_lab.trials.measures import holm, mcnemar, proportion, resampled
 
 MEASURES: dict[str, tuple[str, float, str]] = {
     "moved": ("moved before cm", 100.0, ".1f"),

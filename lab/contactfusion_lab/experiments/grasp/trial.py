@@ -13,7 +13,6 @@ from pydantic import ConfigDict, TypeAdapter, ValidationError
 from scipy.spatial.transform import Rotation
 
 from contactfusion.errors import ConfigurationError
-from contactfusion.files import write_whole
 from contactfusion.pipeline import Pipeline
 from contactfusion.robots.model import shared_robot
 from contactfusion_lab.experiments.grasp.plan import Column, Grasp, Plan
@@ -59,11 +58,6 @@ class Row:
     time: float
     force: float
     __pydantic_config__: ClassVar[ConfigDict] = ConfigDict(strict=True, extra="forbid")
-
-
-def trial_file(out: Path, column: Column, grasp: Grasp) -> Path:
-    """The file of a trial."""
-    return out / "trials" / column.name / f"{grasp.name}.json"
 
 
 def begun(plan: Plan, column: Column, grasp: Grasp) -> tuple[GraspScene, Iterator[GraspCycle]]:
@@ -113,9 +107,9 @@ def row_of(plan: Plan, column: Column, grasp: Grasp, cycles: Sequence[GraspCycle
     )
 
 
-def save(row: Row, path: Path) -> None:
-    """Write a row to a JSON file."""
-    write_whole(path, json.dumps(asdict(row), indent=1) + "\n")
+def content_of(row: Row) -> bytes:
+    """The JSON file of a row."""
+    return (json.dumps(asdict(row), indent=1) + "\n").encode()
 
 
 def load(path: Path, column: Column, grasp: Grasp) -> Row:

@@ -9,7 +9,6 @@ from typing import Any
 from contactfusion.errors import ConfigurationError
 from contactfusion.files import write_whole
 from contactfusion.terminal import note
-from contactfusion_lab.experiments.folder import TRIALS, as_json
 from contactfusion_lab.experiments.push import figures, tables
 from contactfusion_lab.experiments.push.outcomes import (
     Outcome,
@@ -18,15 +17,14 @@ from contactfusion_lab.experiments.push.outcomes import (
     outcome,
     results_csv,
 )
-from contactfusion_lab.experiments.push.plan import Plan, Push, Targets
+from contactfusion_lab.experiments.push.plan import Plan, Targets
 from contactfusion_lab.experiments.push.tables import perception
 from contactfusion_lab.experiments.push.trial import Track, load
 from contactfusion_lab.scenes.push.config import FRICTIONS
+from contactfusion_lab.trials.folder import TRIALS, as_json
 
 Order = tuple[int, int, int, int]
 """Of a push among all: its targets, object and friction, and its number."""
-ADDABLE = ("sensings", "controllers", "objects", "targets")
-"""Of these a folder may take more."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -151,11 +149,11 @@ def _gathered(plan: Plan, settings: Mapping[str, Any], out: Path) -> dict[str, l
 
 
 def _targets(name: str, places: Any) -> Targets:
-    return Targets(name, tuple((x, y) for x, y in places) if isinstance(places, list) else None)
+    return Targets(name, None if isinstance(places, str) else tuple((x, y) for x, y in places))
 
 
 def _tracks(out: Path, sensing: str, controller: str) -> Iterator[tuple[Path, Track]]:
-    for path in _trial_files(out, sensing, controller):
+    for path in sorted((out / TRIALS / sensing / controller).glob("*.npz")):
         track = load(path)
         told = track.sensing, track.controller, track.push.name
         if told != (sensing, controller, path.stem):
@@ -194,20 +192,3 @@ def _stranger(path: Path) -> ConfigurationError:
         f"{path} holds another push than this experiment's of its name: remove it, or give "
         "another --out"
     )
-
-
-def trial_file(out: Path, sensing: str, controller: str, push: Push) -> Path:
-    """The file of a trial."""
-    return out / TRIALS / sensing / controller / f"{push.name}.npz"
-
-
-def _trial_files(out: Path, sensing: str, controller: str) -> list[Path]:
-    """The files of all trials that were made with a sensing and a controller."""
-    return sorted((out / TRIALS / sensing / controller).glob("*.npz"))
-
-
-def settings_of(plans: Mapping[str, Plan], controllers: Sequence[str]) -> dict[str, Any]:
-    """The settings of plans that differ in what feels only."""
-    told = [plan.settings(controllers) for plan in plans.values()]
-    sensings = {label: one for each in told for label, one in each["sensings"].items()}
-    return {**told[0], "sensings": sensings}

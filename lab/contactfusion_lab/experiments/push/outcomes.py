@@ -11,9 +11,9 @@ from scipy.stats import wilcoxon
 
 from contactfusion.arrays import FloatArray
 from contactfusion.hypotheses import HypothesisKind
-from contactfusion_lab.experiments.measures import mcnemar
 from contactfusion_lab.experiments.push.trial import Track
 from contactfusion_lab.scenes.push.scene import Ending
+from contactfusion_lab.trials.measures import mcnemar
 
 EDGE = 0.22
 """Contacts further aside than this are at an edge of the face [m]."""

@@ -8,9 +8,9 @@ from zlib import crc32
 import numpy as np
 
 from contactfusion.arrays import FloatArray
-from contactfusion_lab.experiments.measures import CONFIDENCE, RESAMPLES, proportion, resampled
 from contactfusion_lab.experiments.push.outcomes import Outcome
 from contactfusion_lab.experiments.push.trial import Track
+from contactfusion_lab.trials.measures import CONFIDENCE, RESAMPLES, proportion, resampled
 
 SUCCESSES = {
     "success_true": "true",

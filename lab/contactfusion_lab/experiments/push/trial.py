@@ -14,12 +14,13 @@ from contactfusion.arrays import FloatArray
 from contactfusion.contacts import Contact
 from contactfusion.controllers.face import FaceConfig, on_face
 from contactfusion.errors import ConfigurationError
-from contactfusion.files import read_arrays, write_npz
+from contactfusion.files import read_arrays
 from contactfusion.hypotheses import HypothesisKind
 from contactfusion.pipeline import Pipeline
 from contactfusion_lab.experiments.push.plan import Plan, Push
 from contactfusion_lab.experiments.push.timers import Cost, StopWatch, WatchedScene
 from contactfusion_lab.scenes.push.scene import Cycle, PushScene, pushed
+from contactfusion_lab.trials.folder import as_npz
 
 KINDS = ("none", "point", "line")
 """How the object touches."""
@@ -75,8 +76,8 @@ class Track:
     command: FloatArray
 
 
-TOLD = ("push", "sensing", "controller", "ending", "within", "period", "modes", "sources")
-ARRAYS = tuple(field.name for field in fields(Track) if field.name not in TOLD)
+NAMED = ("push", "sensing", "controller", "ending", "within", "period", "modes", "sources")
+ARRAYS = tuple(field.name for field in fields(Track) if field.name not in NAMED)
 
 
 def run_trial(plan: Plan, push: Push, controller: str) -> tuple[Track, Cost]:
@@ -164,10 +165,10 @@ def shares_on_face(contacts: Sequence[Contact], face: FaceConfig) -> dict[str, f
     return shares
 
 
-def save(track: Track, path: Path) -> None:
-    """Write a track to an npz file."""
-    told = {name: getattr(track, name) for name in TOLD} | {"push": asdict(track.push)}
-    write_npz(path, told=json.dumps(told), **{name: getattr(track, name) for name in ARRAYS})
+def content_of(track: Track) -> bytes:
+    """The npz file of a track."""
+    named = {name: getattr(track, name) for name in NAMED} | {"push": asdict(track.push)}
+    return as_npz(told=json.dumps(named), **{name: getattr(track, name) for name in ARRAYS})
 
 
 def load(path: Path) -> Track:

@@ -3,21 +3,16 @@
 import csv
 import io
 import json
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
-from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, final
 
 import numpy as np
 
-from contactfusion.errors import RobotError
 from contactfusion.faults import read_faults
-from contactfusion.files import make_folder, write_whole
+from contactfusion.files import write_whole
 from contactfusion.terminal import note
-from contactfusion_lab.experiments.choices import require_known
-from contactfusion_lab.experiments.folder import joined
-from contactfusion_lab.experiments.measures import Measure
 from contactfusion_lab.experiments.methods import Method, with_spreads
 from contactfusion_lab.experiments.touch import figures, tables
 from contactfusion_lab.experiments.touch.plan import DEFAULT, Plan, Touch, read_plan
@@ -36,14 +31,12 @@ from contactfusion_lab.experiments.touch.rows import (
     shared,
 )
 from contactfusion_lab.experiments.touch.tables import coverage
-from contactfusion_lab.experiments.touch.trial import Trial, load, run_trial, save
-from contactfusion_lab.experiments.workers import (
-    each,
-    failure,
-    progress,
-    reason_of,
-    require_workers,
-)
+from contactfusion_lab.experiments.touch.trial import Trial, content_of, load, run_trial
+from contactfusion_lab.trials.choices import require_known
+from contactfusion_lab.trials.executor import Executor, Local
+from contactfusion_lab.trials.folder import trial_file
+from contactfusion_lab.trials.measures import Measure
+from contactfusion_lab.trials.runner import Experiment, Made, run
 
 METHODS = (
     Method("de_morgan", "cluster_centroid"),
@@ -62,7 +55,7 @@ Found = dict[str, list[Outcome]]
 
 @dataclass(frozen=True)
 class Options:
-    """What the experiment can be told.
+    """Options of the experiment.
 
     Attributes:
         config: a YAML file as for `run`, with a scene of type `touch`.
@@ -74,7 +67,7 @@ class Options:
         noise: of the sensors, by name; None: the scene's.
         faults: a YAML file of faults, or None.
         seed: of all chance.
-        workers: how many processes.
+        executor: the workers.
         draw: touches to draw, by their names; none: one of each object.
     """
 
@@ -87,7 +80,7 @@ class Options:
     noise: str | None = None
     faults: Path | None = None
     seed: int = 0
-    workers: int = 2
+    executor: Executor = Local()
     draw: Sequence[str] = ()
 
 
@@ -108,39 +101,50 @@ def run_touch(options: Options, out: Path) -> None:
     plan, targets = read_plan(
         options.config, options.objects, options.directions, options.noise, faults, options.seed
     )
-    touches = plan.touches(targets, options.repeats)
-    require_known(options.draw, [touch.name for touch in touches], "touch", "touches")
-    require_workers(options.workers)
-    settings = joined(plan.settings(targets), out, ("objects",), "touches")
-    make_folder(out)
-    write_whole(out / "settings.json", json.dumps(settings, indent=1) + "\n")
-    failed = _touch_all(plan, touches, options.workers, out)
-    trials = [load(path) for touch in touches if (path := _file(out, touch)).is_file()]
-    if trials:
-        _evaluate(plan, trials, methods, options.draw, out)
-    if failed:
-        raise RobotError(f"{len(failed)} of {len(touches)} touches were not made: {failed[0]}")
+    experiment = TouchExperiment(plan, targets, options.repeats, methods, options.draw)
+    require_known(options.draw, experiment.tasks(), "touch", "touches")
+    run(experiment, options.executor, out)
 
 
-def _touch_all(plan: Plan, touches: Sequence[Touch], workers: int, out: Path) -> list[str]:
-    """Make the touches that are not there yet; give a sentence for each that fails."""
-    missing = [touch for touch in touches if not _file(out, touch).is_file()]
-    note(f"{len(touches)} touches, half of them in free air; {len(missing)} to make")
-    made = each(partial(_make, plan, out), missing, workers)
-    return [failure(touch.name, one) for touch, one in progress(made, len(missing)) if one]
+@final
+@dataclass(frozen=True)
+class TouchExperiment(Experiment[Touch]):
+    """Touches of objects from all sides, each with a twin in free air.
 
+    Attributes:
+        plan: how each is made.
+        targets: the names of the objects.
+        repeats: of each direction.
+        methods: how hypotheses are fused.
+        draw: touches to draw, by their names; none: one of each object.
+    """
 
-def _make(plan: Plan, out: Path, touch: Touch) -> str:
-    """Make one touch; give why it failed, or nothing."""
-    try:
-        save(run_trial(plan, touch), _file(out, touch))
-    except Exception as error:  # a plug-in may raise anything, and no other touch may suffer
-        return reason_of(error)
-    return ""
+    plan: Plan
+    targets: Sequence[str]
+    repeats: int
+    methods: Sequence[Method]
+    draw: Sequence[str]
+    trials = "touches"
+    suffix = ".npz"
+    addable = ("objects",)
 
+    def tasks(self) -> dict[str, Touch]:
+        """The touches by name."""
+        return {touch.name: touch for touch in self.plan.touches(self.targets, self.repeats)}
 
-def _file(out: Path, touch: Touch) -> Path:
-    return out / "trials" / f"{touch.name}.npz"
+    def settings(self) -> dict[str, Any]:
+        """The settings of the plan."""
+        return self.plan.settings(self.targets)
+
+    def make(self, task: Touch) -> Made:
+        """Touch once."""
+        return Made(content_of(run_trial(self.plan, task)))
+
+    def evaluate(self, out: Path, settings: Mapping[str, Any], failed: Sequence[str]) -> None:
+        """Evaluate the touches of this plan."""
+        files = [trial_file(out, name, self.suffix) for name in self.tasks()]
+        if trials := [load(path) for path in files if path.is_file()]:
+            _evaluate(self.plan, trials, self.methods, self.draw, out)
 
 
 @dataclass

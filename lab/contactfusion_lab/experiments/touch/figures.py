@@ -12,7 +12,6 @@ from contactfusion.figures import COLOURS, new_figure
 from contactfusion.files import write_whole
 from contactfusion.pipeline_config import PipelineConfig
 from contactfusion.robots.posed import PosedRobot
-from contactfusion_lab.experiments.measures import Measure
 from contactfusion_lab.experiments.methods import Method
 from contactfusion_lab.experiments.touch.rows import (
     Outcome,
@@ -22,6 +21,7 @@ from contactfusion_lab.experiments.touch.rows import (
     modality_of,
 )
 from contactfusion_lab.experiments.touch.trial import Trial
+from contactfusion_lab.trials.measures import Measure
 
 AROUND = 0.09
 """Pictures show so much around the contact [m]."""

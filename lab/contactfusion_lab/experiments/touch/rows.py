@@ -15,10 +15,10 @@ from contactfusion.integrator.integrator import Integrator
 from contactfusion.pipeline_config import PipelineConfig
 from contactfusion.robots.model import shared_robot
 from contactfusion.robots.posed import PosedRobot
-from contactfusion_lab.experiments.measures import CONFIDENCE, RESAMPLES, mcnemar
 from contactfusion_lab.experiments.methods import Method
 from contactfusion_lab.experiments.touch.plan import Touch
 from contactfusion_lab.experiments.touch.trial import Trial
+from contactfusion_lab.trials.measures import CONFIDENCE, RESAMPLES, mcnemar
 
 NEAR = 0.03
 """A contact this near a true one has detected it [m] (method §8)."""

@@ -13,9 +13,9 @@ from contactfusion.arrays import FloatArray
 from contactfusion.grid import Grid
 from contactfusion.hypotheses import HypothesisCloud, HypothesisKind
 from contactfusion.pipeline_config import PipelineConfig
-from contactfusion_lab.experiments.measures import Measure, proportion, resampled
 from contactfusion_lab.experiments.touch.rows import Outcome, modality_of
 from contactfusion_lab.experiments.touch.trial import Trial
+from contactfusion_lab.trials.measures import Measure, proportion, resampled
 
 PUBLISHED = {
     "tactile": (0.209, 0.0125, 0.0020),

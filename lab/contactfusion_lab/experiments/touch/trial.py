@@ -11,7 +11,7 @@ import numpy as np
 from contactfusion.arrays import FloatArray
 from contactfusion.errors import ConfigurationError, name_hint
 from contactfusion.faults import broken, unmet
-from contactfusion.files import read_arrays, write_npz
+from contactfusion.files import read_arrays
 from contactfusion.frames import points_in
 from contactfusion.grid import Grid
 from contactfusion.hypotheses import HypothesisCloud, HypothesisKind
@@ -22,6 +22,7 @@ from contactfusion.robots.model import shared_robot
 from contactfusion.stream import Arrival, arrival_of
 from contactfusion_lab.experiments.touch.plan import Plan, Touch
 from contactfusion_lab.scenes.touch.scene import TouchScene
+from contactfusion_lab.trials.folder import as_npz
 
 REQUIRED = ("positions", "likelihoods")
 OPTIONAL = ("forces", "spreads")
@@ -103,8 +104,8 @@ def run_trial(plan: Plan, touch: Touch) -> Trial:
     )
 
 
-def save(trial: Trial, path: Path) -> None:
-    """Write a trial to an npz file."""
+def content_of(trial: Trial) -> bytes:
+    """The npz file of a trial."""
     told = {
         "touch": asdict(trial.touch),
         "stamp": trial.stamp,
@@ -128,7 +129,7 @@ def save(trial: Trial, path: Path) -> None:
         for name in (*REQUIRED, *OPTIONAL):
             if getattr(cloud, name) is not None:
                 arrays[f"{cloud.source}/{name}"] = getattr(cloud, name)
-    write_npz(path, told=json.dumps(told), **arrays)
+    return as_npz(told=json.dumps(told), **arrays)
 
 
 def load(path: Path) -> Trial:
