@@ -4,6 +4,7 @@ import hashlib
 import logging
 import os
 import platform
+import re
 import warnings
 from collections import deque
 from collections.abc import Callable, Generator, Iterator, Sequence
@@ -30,6 +31,8 @@ except ImportError:
 
 T = TypeVar("T")
 R = TypeVar("R")
+ADDRESS = r"(\w+://)?(\[[\da-fA-F:]+\]|[^\s:/]+):\d+"
+"""The form of the address of a scheduler."""
 CONNECT = 5.0
 """A scheduler answers within this [s]."""
 WITHOUT = 60.0
@@ -147,15 +150,19 @@ def _connected(scheduler: str) -> Iterator[Client]:
     Raises:
         ConfigurationError: there is none.
     """
-    for name in [
-        name for name in logging.root.manager.loggerDict if name.startswith("distributed")
-    ]:
-        logging.getLogger(name).setLevel(logging.CRITICAL)  # what matters becomes a sentence
+    if not re.fullmatch(ADDRESS, scheduler):
+        raise ConfigurationError(
+            f"a dask scheduler has an address such as tcp://HOST:8786, not '{scheduler}'",
+            "scheduler",
+        )
+    for name in list(logging.root.manager.loggerDict):
+        if name.startswith("distributed"):
+            logging.getLogger(name).setLevel(logging.CRITICAL)  # what matters becomes a sentence
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # of versions: they are compared below
             client = Client(scheduler, timeout=CONNECT, set_as_default=False)
-    except (OSError, ValueError, TypeError) as error:
+    except (OSError, ValueError) as error:
         why = str(error).split("\n")[0]
         raise ConfigurationError(
             f"no dask scheduler answers at '{scheduler}' within {CONNECT:.0f} s: {why}", "scheduler"
