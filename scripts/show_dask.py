@@ -18,7 +18,7 @@ from pathlib import Path
 OUT = Path("out/dask")
 BIN = Path(sys.executable).parent
 PUSHES = 200
-WORKER_DIES, SCHEDULER_DIES = 60, 130
+WORKER_DIES, SCHEDULER_DIES = 100, 170
 """After so many pushes."""
 TIMED = ("timing.json", "*.png")
 """What is not compared: times, and pictures, which hold no more than the other files."""

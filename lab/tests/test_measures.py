@@ -1,13 +1,9 @@
-"""Figures with their intervals, and tests of several at once."""
+"""Figures with their intervals."""
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
-from contactfusion_lab.trials.measures import holm, mcnemar, resampled
-
-P_VALUES = st.lists(st.floats(0.0, 1.0), min_size=1, max_size=8)
+from contactfusion_lab.trials.measures import grouped, mcnemar, resampled
 
 
 def test_a_mean_has_the_interval_of_its_standard_error() -> None:
@@ -23,15 +19,14 @@ def test_what_only_one_of_two_has_is_tested_by_coins() -> None:
     assert mcnemar(6, 0) == mcnemar(0, 6) == 2 * 0.5**6
 
 
-def test_of_several_p_values_the_least_counts_as_often_as_there_are() -> None:
-    assert holm([0.04, 0.01, 0.03]) == pytest.approx([0.06, 0.03, 0.06])
-    assert holm([0.6, 0.7]) == [1.0, 1.0]
+def test_a_single_value_is_its_own_interval() -> None:
+    assert resampled(np.array([2.0]), np.median, np.random.default_rng(0)) == (2.0, 2.0, 2.0)
 
 
-@given(P_VALUES)
-def test_corrected_p_values_are_no_less_and_in_the_same_order(values: list[float]) -> None:
-    corrected = holm(values)
-    assert all(value <= one <= 1.0 for value, one in zip(values, corrected, strict=True))
-    told = sorted(zip(values, corrected, strict=True))
-    assert [one for _, one in told] == sorted(corrected)
-    assert min(corrected) == min(len(values) * min(values), 1.0)
+def test_where_whole_groups_are_drawn_the_interval_is_as_wide_as_theirs() -> None:
+    values = np.repeat(np.random.default_rng(0).normal(0.0, 1.0, 20), 30)
+    groups = np.repeat(np.arange(20), 30)
+    _, low, high = grouped(
+        values, lambda some: float(some.mean()), groups, np.random.default_rng(1)
+    )
+    assert (high - low) / 2.0 == pytest.approx(1.96 * values.std() / np.sqrt(20.0), rel=0.15)

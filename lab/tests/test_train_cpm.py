@@ -7,6 +7,7 @@ from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
+import pandas as pd
 import pytest
 
 from contactfusion.errors import ConfigurationError, ContactFusionError, RobotError
@@ -315,8 +316,8 @@ def test_networks_and_rule_are_tested_from_each_mounting(
                 path.parent.mkdir(parents=True, exist_ok=True)
                 path.touch()
 
-    def success(name: str) -> SimpleNamespace:  # the rule misses one of four
-        return SimpleNamespace(success_true=name != "rule-2")
+    def successes(names: list[str]) -> pd.DataFrame:  # the rule misses one of four
+        return pd.DataFrame({"success_true": [name != "rule-2" for name in names]})
 
     found = SimpleNamespace(
         location_rmse=(0.02, 0.01, 0.03), type_accuracy=(0.9, 0.8, 1.0),
@@ -324,7 +325,7 @@ def test_networks_and_rule_are_tested_from_each_mounting(
     )  # fmt: skip
     monkeypatch.setattr(export, "run_push", run_push)
     monkeypatch.setattr(export, "load", lambda path: path.stem)
-    monkeypatch.setattr(export, "outcome", success)
+    monkeypatch.setattr(export, "outcomes_of", successes)
     monkeypatch.setattr(export, "perception", lambda tracks, seed: found)
     weights = tmp_path / "cpm.safetensors"
     figures = export.tested(weights, 4, 3, Here(), tmp_path)

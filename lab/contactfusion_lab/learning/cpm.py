@@ -1,6 +1,5 @@
 """`train cpm`: collects pushes, trains the contact networks, lets them drive, and tests them."""
 
-import io
 import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -13,7 +12,7 @@ import numpy as np
 from contactfusion.arrays import FloatArray
 from contactfusion.errors import RobotError
 from contactfusion.figures import COLOURS, new_figure
-from contactfusion.files import make_folder, write_whole
+from contactfusion.files import make_folder
 from contactfusion.generators.lstm import Weights
 from contactfusion.terminal import note
 from contactfusion_lab.learning import training
@@ -31,6 +30,7 @@ from contactfusion_lab.learning.rollout import (
 from contactfusion_lab.learning.training import Trained, train
 from contactfusion_lab.trials.executor import Executor, Local
 from contactfusion_lab.trials.folder import claim, trial_file
+from contactfusion_lab.trials.pictures import save_figure
 from contactfusion_lab.trials.runner import Failure, Made, kept, ordered
 from contactfusion_lab.trials.shipped import ShippedFile
 
@@ -252,7 +252,4 @@ def draw_curves(histories: Mapping[str, Sequence[FloatArray]], path: Path) -> Pa
         axes.set(title=TITLES.get(name, name), xlabel="epoch", yscale="log")
         axes.grid(which="both", linewidth=0.2)
         axes.legend(fontsize="small", loc="upper right", bbox_to_anchor=(1.0, 0.94))
-    content = io.BytesIO()
-    figure.savefig(content, dpi=110, format="png")
-    write_whole(path, content.getvalue())
-    return path
+    return save_figure(figure, path)

@@ -17,7 +17,7 @@ from contactfusion.generators.lstm import Weights
 from contactfusion.generators.networks import KINDS, NetworksCard
 from contactfusion.generators.proximity import ProximityConfig
 from contactfusion_lab.experiments.push.experiment import Options, run_push
-from contactfusion_lab.experiments.push.outcomes import outcome
+from contactfusion_lab.experiments.push.outcomes import outcomes_of
 from contactfusion_lab.experiments.push.tables import perception
 from contactfusion_lab.experiments.push.trial import load
 from contactfusion_lab.learning.dataset import WINDOW, Dataset
@@ -142,10 +142,10 @@ def tested(weights: Path, count: int, seed: int, executor: Executor, out: Path) 
         run_push(options, folder)
         for sensing in SENSINGS:
             tracks = [load(path) for path in sorted((folder / "trials" / sensing).rglob("*.npz"))]
-            found, outcomes = perception(tracks, seed), [outcome(one) for one in tracks]
+            found, outcomes = perception(tracks, seed), outcomes_of(tracks)
             name = f"{mounting}_{sensing}"
             figures |= {
-                f"{name}_success_true": sum(one.success_true for one in outcomes) / len(outcomes),
+                f"{name}_success_true": float(outcomes["success_true"].mean()),
                 f"{name}_location_rmse_m": found.location_rmse[0],
                 f"{name}_type_accuracy": found.type_accuracy[0],
                 f"{name}_contact_accuracy": found.contact_accuracy[0],

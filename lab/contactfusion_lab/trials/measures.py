@@ -1,14 +1,12 @@
-"""Figures with their intervals, and how they are told."""
+"""Figures with their intervals."""
 
-import csv
-import io
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import binomtest, rankdata
+from scipy.stats import binomtest, bootstrap, rankdata
 
 from contactfusion.arrays import FloatArray
 
@@ -71,7 +69,7 @@ def proportion(hits: NDArray[np.bool_]) -> tuple[float, float, float]:
     return k / n, float(interval.low), float(interval.high)
 
 
-def bootstrap(
+def grouped(
     values: FloatArray,
     statistic: Callable[[FloatArray], float],
     groups: Sequence[object] | NDArray[np.generic],
@@ -87,15 +85,12 @@ def bootstrap(
     """
     _, number = np.unique(np.asarray(groups), return_inverse=True)
     members = [values[number == group] for group in range(number.max() + 1)]
-    drawn = [
-        statistic(
-            np.concatenate([members[i] for i in rng.integers(len(members), size=len(members))])
-        )
-        for _ in range(RESAMPLES)
-    ]
-    tail = (1.0 - CONFIDENCE) / 2.0
-    low, high = np.quantile(drawn, [tail, 1.0 - tail])
-    return statistic(values), float(low), float(high)
+
+    def of_groups(drawn: NDArray[np.int64]) -> float:
+        return statistic(np.concatenate([members[group] for group in drawn]))
+
+    rows = np.arange(len(members))
+    return _bootstrap(rows, of_groups, rng, vectorized=False)
 
 
 def resampled(
@@ -108,10 +103,20 @@ def resampled(
         statistic: of the last axis of an array; takes `axis`.
         rng: draws the values.
     """
-    drawn = values[rng.integers(len(values), size=(RESAMPLES, len(values)))]
-    tail = (1.0 - CONFIDENCE) / 2.0
-    low, high = np.quantile(statistic(drawn, axis=-1), [tail, 1.0 - tail])
-    return float(statistic(values, axis=-1)), float(low), float(high)
+    return _bootstrap(values, statistic, rng, vectorized=True)
+
+
+def _bootstrap(
+    values: NDArray[Any], statistic: Any, rng: np.random.Generator, *, vectorized: bool
+) -> tuple[float, float, float]:
+    value = float(statistic(values, axis=-1) if vectorized else statistic(values))
+    if len(values) < 2:  # which scipy refuses
+        return value, value, value
+    interval = bootstrap(
+        (values,), statistic, vectorized=vectorized, axis=-1, n_resamples=RESAMPLES, rng=rng,
+        confidence_level=CONFIDENCE, method="percentile",
+    ).confidence_interval  # fmt: skip
+    return value, float(interval.low), float(interval.high)
 
 
 def mcnemar(only_one: int, only_other: int) -> float:
@@ -123,16 +128,6 @@ def mcnemar(only_one: int, only_other: int) -> float:
     """
     differing = only_one + only_other
     return float(binomtest(only_one, differing).pvalue) if differing else 1.0
-
-
-def holm(values: Sequence[float]) -> list[float]:
-    """The p-values of several tests as they count when all are made together (Holm 1979)."""
-    order = sorted(range(len(values)), key=values.__getitem__)
-    corrected, least = list(values), 0.0
-    for rank, number in enumerate(order):
-        least = max(least, min((len(values) - rank) * values[number], 1.0))
-        corrected[number] = least
-    return corrected
 
 
 def auc(positive: FloatArray, negative: FloatArray) -> float:
@@ -150,15 +145,3 @@ def p50(values: FloatArray) -> float:
 def p90(values: FloatArray) -> float:
     """The 90th percentile."""
     return float(np.quantile(values, 0.9))
-
-
-def results_csv(measures: Sequence[Measure]) -> str:
-    """One row a measure."""
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    names = [*Measure.__dataclass_fields__, "met"]
-    writer.writerow(names)
-    for measure in measures:
-        cells = [getattr(measure, name) for name in names]
-        writer.writerow([f"{cell:.6g}" if isinstance(cell, float) else cell for cell in cells])
-    return text.getvalue()

@@ -8,9 +8,6 @@ from typing import Any, final
 
 from contactfusion.errors import ConfigurationError
 from contactfusion.faults import read_faults
-from contactfusion.files import write_whole
-from contactfusion.terminal import note
-from contactfusion_lab.experiments.grasp import tables
 from contactfusion_lab.experiments.grasp.film import film
 from contactfusion_lab.experiments.grasp.plan import (
     DEFAULT,
@@ -21,17 +18,12 @@ from contactfusion_lab.experiments.grasp.plan import (
     check_columns,
     read_plan,
 )
-from contactfusion_lab.experiments.grasp.trial import (
-    Row,
-    content_of,
-    load,
-    results_csv,
-    run_trial,
-)
+from contactfusion_lab.experiments.grasp.tables import evaluate
+from contactfusion_lab.experiments.grasp.trial import Row, content_of, load, run_trial
 from contactfusion_lab.experiments.methods import Method
 from contactfusion_lab.trials.choices import require_once
 from contactfusion_lab.trials.executor import Executor, Local
-from contactfusion_lab.trials.folder import as_json, trial_file
+from contactfusion_lab.trials.folder import trial_file
 from contactfusion_lab.trials.runner import Experiment, Made, run
 
 DE_MORGAN, POSTERIOR = Method("de_morgan", "cluster_centroid"), Method("posterior", "modes")
@@ -142,22 +134,23 @@ class GraspExperiment(Experiment[Task]):
 
     def evaluate(self, out: Path, settings: Mapping[str, Any], failed: Sequence[str]) -> None:
         """Evaluate the grasps of this plan."""
-        found = self._found(out)
-        if any(found.values()):
-            evaluate(found, failed, self.plan.seed, out)
+        if found := self._found(out):
+            names = [column.name for column in self.columns]
+            evaluate(found, names, failed, self.plan.seed, out)
 
     def film(self, task: Task, out: Path) -> tuple[Path, Path]:
         """Grasp once more."""
         return film(self.plan, *task, out / "films" / task[0].name)
 
-    def _found(self, out: Path) -> dict[str, list[Row]]:
-        """The grasps that there are, by column."""
-        found: dict[str, list[Row]] = {column.name: [] for column in self.columns}
-        for name, (column, grasp) in self.tasks().items():
-            path = trial_file(out, name, self.suffix)
-            if path.is_file():
-                found[column.name].append(load(path, column, grasp))
-        return found
+    def _found(self, out: Path) -> list[Row]:
+        """The grasps that there are, column by column."""
+        files = {name: trial_file(out, name, self.suffix) for name in self.tasks()}
+        return [
+            load(files[name], *task)
+            for column in self.columns
+            for name, task in self.tasks().items()
+            if task[0] == column and files[name].is_file()
+        ]
 
 
 def columns_of(sources: Sequence[str], rules: Sequence[Method]) -> Sequence[Column]:
@@ -170,35 +163,3 @@ def columns_of(sources: Sequence[str], rules: Sequence[Method]) -> Sequence[Colu
         for source, rule in product(chosen, rules or [DE_MORGAN])
     ]
     return list(dict.fromkeys(pairs))
-
-
-def evaluate(
-    found: Mapping[str, Sequence[Row]], failed: Sequence[str], seed: int, out: Path
-) -> None:
-    """Write tables, files and figures.
-
-    Args:
-        found: grasps by column, of which the others are compared with the first; a column without
-            any is left out.
-        failed: a sentence for each grasp that could not be made.
-        seed: of the bootstrap.
-        out: the folder that takes the results.
-    """
-    compared = tables.comparisons_of(found)
-    found = {name: rows for name, rows in found.items() if rows}
-    summaries = {name: tables.summary_of(rows, seed) for name, rows in found.items()}
-    success = tables.success_text(found, summaries)
-    texts = ["## Success", success]
-    if compared:
-        texts += ["## Compared grasp by grasp", tables.comparisons_text(compared)]
-    texts += ["## Failures", tables.failures_text(found)]
-    if failed:
-        texts += ["## Not made", "\n".join(f"- {one}" for one in failed)]
-    summary: dict[str, Any] = {"reached": summaries, "tests": compared, "not made": list(failed)}
-    write_whole(out / "results.csv", results_csv([row for rows in found.values() for row in rows]))
-    write_whole(out / "summary.json", as_json(summary))
-    write_whole(out / "table.md", "\n\n".join(texts) + "\n")
-    tables.draw_success(summaries, out / "success.png")
-    tables.draw_places(found, out / "places.png")
-    note(success, end="\n\n")
-    print(f"results: {out}/table.md, results.csv, summary.json, success.png, places.png")

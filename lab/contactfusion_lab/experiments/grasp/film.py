@@ -1,15 +1,12 @@
 """A film of one grasp: what is, what is felt, and what the controller does about it."""
 
-import io
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from contactfusion.errors import missing_extra
 from contactfusion.figures import COLOURS
-from contactfusion.files import write_whole
 from contactfusion.recording_scene import EPOCH_NS, TRUTH, fixed_frames
 from contactfusion.recordings.mcap import McapWriter
 from contactfusion.replaying.configuration import TOPIC, Setting
@@ -17,11 +14,12 @@ from contactfusion_lab.experiments.grasp.plan import Column, Grasp, Plan
 from contactfusion_lab.experiments.grasp.trial import begun
 from contactfusion_lab.scenes.grasp.scene import GraspCycle, GraspScene
 from contactfusion_lab.scenes.grasp.world import Eye
+from contactfusion_lab.trials.pictures import loaded_pillow, save_film
 
 EVERY = 0.15
 """Of the grasp between two frames [s]."""
-SHOWN, LAST = 0.08, 2.0
-"""How long a frame is shown, and the last one [s]."""
+LAST = 2.0
+"""How long the last frame is shown [s]."""
 FELT, TRUE = COLOURS[1], COLOURS[2]
 SIDE = np.array([0.2, -0.55, 0.65])
 """From where it is seen, from where the object should be [m]."""
@@ -45,10 +43,7 @@ def film(plan: Plan, column: Column, grasp: Grasp, folder: Path) -> tuple[Path, 
         DependencyError: rosbags, or matplotlib, with which pillow comes, is not installed.
         ContactFusionError: the scene cannot be set up, or the controller failed.
     """
-    try:
-        from PIL import Image
-    except ImportError:
-        raise missing_extra("matplotlib", "plot") from None
+    image = loaded_pillow()
     scene, cycles = begun(plan, column, grasp)
     middle = scene.config.object.pose.pose()[:3, 3] + [0.0, 0.0, 0.1]
     eye = Eye(tuple(middle + SIDE), tuple(middle))
@@ -57,19 +52,8 @@ def film(plan: Plan, column: Column, grasp: Grasp, folder: Path) -> tuple[Path, 
         if cycle.truth.stamp >= due or cycle.ending:
             due += EVERY
             frames.append(_frame(scene, eye, cycle))
-    first, *others = (frame.quantize(COUNT, dither=Image.Dither.NONE) for frame in frames)
-    content = io.BytesIO()
-    first.save(
-        content,
-        format="GIF",
-        save_all=True,
-        append_images=others,
-        duration=[round(SHOWN * 1e3)] * len(others) + [round(LAST * 1e3)],
-        loop=0,
-    )
-    path = folder / f"{grasp.name}.gif"
-    write_whole(path, content.getvalue())
-    return path, recording
+    frames = [frame.quantize(COUNT, dither=image.Dither.NONE) for frame in frames]
+    return save_film(frames, folder / f"{grasp.name}.gif", LAST), recording
 
 
 def _frame(scene: GraspScene, eye: Eye, cycle: GraspCycle) -> Any:

@@ -1,10 +1,8 @@
 """One grasp of the experiment: what came of it, as one row."""
 
-import csv
-import io
 import json
 from collections.abc import Iterator, Sequence
-from dataclasses import asdict, dataclass, fields
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import ClassVar
 
@@ -134,21 +132,3 @@ def load(path: Path, column: Column, grasp: Grasp) -> Row:
             f"not {column.name}/{grasp.name} of seed {grasp.seed}: {remedy}"
         )
     return row
-
-
-def results_csv(rows: Sequence[Row]) -> str:
-    """One line a grasp."""
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    names = [field.name for field in fields(Row)]
-    writer.writerow(names)
-    for row in rows:
-        cells = [getattr(row, name) for name in names]
-        writer.writerow(
-            [
-                f"{cell:.6g}" if isinstance(cell, float) else int(cell)
-                if isinstance(cell, bool) else cell
-                for cell in cells
-            ]
-        )  # fmt: skip
-    return text.getvalue()

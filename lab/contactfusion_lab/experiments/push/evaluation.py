@@ -1,47 +1,33 @@
 """What comes of all pushes of a folder: measures, tables, comparisons and figures."""
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, replace
 from itertools import product
 from pathlib import Path
 from typing import Any
 
+import pandas as pd
+
 from contactfusion.errors import ConfigurationError
-from contactfusion.files import write_whole
 from contactfusion.terminal import note
 from contactfusion_lab.experiments.push import figures, tables
-from contactfusion_lab.experiments.push.outcomes import (
-    Outcome,
-    compare_all,
-    comparisons_text,
-    outcome,
-    results_csv,
-)
+from contactfusion_lab.experiments.push.outcomes import compare_all, outcomes_of
 from contactfusion_lab.experiments.push.plan import Plan, Targets
 from contactfusion_lab.experiments.push.tables import perception
 from contactfusion_lab.experiments.push.trial import Track, load
 from contactfusion_lab.scenes.push.config import FRICTIONS
-from contactfusion_lab.trials.folder import TRIALS, as_json
+from contactfusion_lab.trials.comparisons import comparisons_text
+from contactfusion_lab.trials.folder import TRIALS
+from contactfusion_lab.trials.tables import (
+    bullets,
+    measures_text,
+    parts_of,
+    summary_of,
+    write_results,
+)
 
 Order = tuple[int, int, int, int]
 """Of a push among all: its targets, object and friction, and its number."""
-
-
-@dataclass(frozen=True, eq=False)
-class Made:
-    """A push that was made.
-
-    Attributes:
-        track: of it.
-        outcome: what came of it.
-    """
-
-    track: Track
-    outcome: Outcome
-
-
-Found = dict[str, list[Made]]
-"""Pushes by SENSING/CONTROLLER."""
 
 
 def evaluate(plan: Plan, settings: Mapping[str, Any], failed: Sequence[str], out: Path) -> None:
@@ -57,62 +43,57 @@ def evaluate(plan: Plan, settings: Mapping[str, Any], failed: Sequence[str], out
     Raises:
         ConfigurationError: a file holds none of these pushes, or another than its name says.
     """
-    made = _gathered(plan, settings, out)
-    by_targets = _by_targets(made, settings["targets"])
-    found = {label: [one.outcome for one in part] for label, part in made.items()}
-    summaries = {label: tables.summary_of(part, plan.seed) for label, part in found.items()}
+    tracks = list(_gathered(plan, settings, out))
+    frame = outcomes_of(tracks)
+    sets = frame["trial"].map({track.push.name: track.push.targets for track in tracks})
+    by_targets = {name: frame[sets == name] for name in settings["targets"] if (sets == name).any()}
     perceived = {
         name: {
-            label: perception([one.track for one in pushes], plan.seed)
-            for label, pushes in part.items()
+            case: perception([tracks[row] for row in part.index], plan.seed)
+            for case, part in parts_of(outcomes).items()
         }
-        for name, part in by_targets.items()
+        for name, outcomes in by_targets.items()
     }
-    comparisons = compare_all(found)
-    summary = {
-        "targets": list(by_targets),
-        "starts": plan.starts,
-        "reached": summaries,
-        "perceived": {
-            name: {label: asdict(one) for label, one in part.items()}
-            for name, part in perceived.items()
+    summaries = {case: _summary(part, plan.seed) for case, part in parts_of(frame).items()}
+    comparisons = compare_all(frame, plan.seed)
+    success = _for_each(by_targets, tables.success_text, plan.starts)
+    write_results(
+        out,
+        frame,
+        {
+            "targets": list(by_targets),
+            "starts": plan.starts,
+            "reached": summaries,
+            "perceived": {
+                name: {case: asdict(each) for case, each in part.items()}
+                for name, part in perceived.items()
+            },
+            "tests": [asdict(each) for each in comparisons],
+            "not made": list(failed),
         },
-        "tests": [asdict(one) for one in comparisons],
-        "not made": list(failed),
-    }
-    succeeded = {
-        name: {label: [one.outcome for one in pushes] for label, pushes in part.items()}
-        for name, part in by_targets.items()
-    }
-    success = _for_each(succeeded, tables.success_text, plan.starts)
-    texts = ["## Success", success]
-    texts += ["## Perception", _for_each(perceived, tables.perception_text, plan.starts)]
-    texts += ["## Measures", tables.measures_text(summaries)]
-    if comparisons:
-        texts += ["## Compared push by push", comparisons_text(comparisons)]
-    texts += ["## Failures", tables.failures_text(found)]
-    if failed:
-        texts += ["## Not made", "\n".join(f"- {one}" for one in failed)]
-    write_whole(out / "results.csv", results_csv([one for part in found.values() for one in part]))
-    write_whole(out / "summary.json", as_json(summary))
-    write_whole(out / "table.md", "\n\n".join(texts) + "\n")
-    for label, part in made.items():
-        stem = label.replace("/", "_")
-        figures.draw_map(found[label], out / f"map_{stem}.png")
-        ways = [figures.Way.of(one.track, one.outcome) for one in part]
-        figures.draw_ways(ways, out / f"paths_{stem}.png")
-    figures.draw_bars(found, comparisons, out / "bars.png")
+        {
+            "Success": success,
+            "Perception": _for_each(perceived, tables.perception_text, plan.starts),
+            "Measures": measures_text(summaries, "median", tables.MEASURES, tables.COUNTED),
+            "Compared push by push": comparisons_text(comparisons, tables.DIFFERENCES),
+            "Failures": tables.failures_text(frame),
+            "Not made": bullets(failed),
+        },
+    )
+    for case, part in parts_of(frame).items():
+        stem = case.replace("/", "_")
+        figures.draw_map(part, out / f"map_{stem}.png")
+        ways = [figures.Way.of(tracks[row]) for row in part.index]
+        figures.draw_ways(part, ways, out / f"paths_{stem}.png")
+    figures.draw_bars(frame, comparisons, out / "bars.png")
     note(success, end="\n\n")
-    print(f"results: {out}/table.md, results.csv, summary.json, figures")
 
 
-def _by_targets(made: Found, sets: Mapping[str, Any]) -> dict[str, Found]:
-    """Deal pushes out to the sets of targets that have any, in their order."""
-    dealt: dict[str, Found] = {name: {} for name in sets}
-    for label, part in made.items():
-        for one in part:
-            dealt[one.track.push.targets].setdefault(label, []).append(one)
-    return {name: part for name, part in dealt.items() if part}
+def _summary(part: pd.DataFrame, seed: int) -> dict[str, dict[str, Any]]:
+    """What a case reached; of all pushes also how often its controller searched and escaped."""
+    summary = summary_of(part, tables.GROUPED, tables.SUCCESSES, tables.MEASURES, "median", seed)
+    summary["all"] |= {name: int(part[name].sum()) for name in tables.COUNTED}
+    return summary
 
 
 def _for_each(
@@ -123,8 +104,8 @@ def _for_each(
     )
 
 
-def _gathered(plan: Plan, settings: Mapping[str, Any], out: Path) -> dict[str, list[Made]]:
-    """The pushes of each sensing and controller, by SENSING/CONTROLLER; of some if any.
+def _gathered(plan: Plan, settings: Mapping[str, Any], out: Path) -> Iterator[Track]:
+    """The pushes of a folder by sensing and controller, those of each in their order.
 
     Args:
         plan: of pushes made last.
@@ -136,16 +117,12 @@ def _gathered(plan: Plan, settings: Mapping[str, Any], out: Path) -> dict[str, l
     """
     sets = {name: _targets(name, places) for name, places in settings["targets"].items()}
     plans = {name: replace(plan, targets=targets) for name, targets in sets.items()}
-    found = {}
     for sensing, controller in product(settings["sensings"], settings["controllers"]):
         ordered = [
-            (_order(track, path, plans, list(settings["objects"])), Made(track, outcome(track)))
+            (_order(track, path, plans, list(settings["objects"])), track)
             for path, track in _tracks(out, sensing, controller)
         ]
-        if ordered:
-            made = [one for _, one in sorted(ordered, key=lambda row: row[0])]
-            found[f"{sensing}/{controller}"] = made
-    return found
+        yield from (track for _, track in sorted(ordered, key=lambda row: row[0]))
 
 
 def _targets(name: str, places: Any) -> Targets:
@@ -155,8 +132,7 @@ def _targets(name: str, places: Any) -> Targets:
 def _tracks(out: Path, sensing: str, controller: str) -> Iterator[tuple[Path, Track]]:
     for path in sorted((out / TRIALS / sensing / controller).glob("*.npz")):
         track = load(path)
-        told = track.sensing, track.controller, track.push.name
-        if told != (sensing, controller, path.stem):
+        if (track.sensing, track.controller, track.push.name) != (sensing, controller, path.stem):
             raise _stranger(path)
         yield path, track
 

@@ -2,23 +2,24 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
-from zlib import crc32
 
 import numpy as np
+import pandas as pd
 
 from contactfusion.arrays import FloatArray
-from contactfusion_lab.experiments.push.outcomes import Outcome
 from contactfusion_lab.experiments.push.trial import Track
-from contactfusion_lab.trials.measures import CONFIDENCE, RESAMPLES, proportion, resampled
+from contactfusion_lab.trials import tables
+from contactfusion_lab.trials.measures import CONFIDENCE, RESAMPLES
 
 SUCCESSES = {
-    "success_true": "true",
-    "success_estimate": "by estimate",
-    "ever_true": "ever",
+    "success_true": ", true",
+    "success_estimate": ", by estimate",
+    "ever_true": ", ever",
 }
 """The three, and what the table calls them (method §7)."""
-MEASURES: dict[str, tuple[str, float, str]] = {
+GROUPED = ("object", "friction")
+"""Pushes of one object and friction stand together."""
+MEASURES: tables.Units = {
     "time": ("time s", 1.0, ".1f"),
     "path": ("path m", 1.0, ".2f"),
     "final_distance": ("final distance cm", 100.0, ".1f"),
@@ -33,10 +34,18 @@ MEASURES: dict[str, tuple[str, float, str]] = {
     "evidence_two": ("two of evidence %", 100.0, ".1f"),
     "realigning": ("realigning %", 100.0, ".1f"),
 }
-"""What is told of them beside success: heading, scale and form."""
-PERCEIVED: dict[str, tuple[str, float, str]] = {
+"""The units of what is measured beside success."""
+PERCEIVED: tables.Units = {
     name: MEASURES[name] for name in ("location_rmse", "type_accuracy", "contact_accuracy")
 }
+DIFFERENCES: tables.Units = {
+    "success_true": ("true success", 1.0, "g"),
+    "lateral_true": ("mean abs. l cm", 100.0, ".2f"),
+    "lateral_estimate": ("mean abs. l̂ cm", 100.0, ".2f"),
+    "swept": ("swept rad/s", 1.0, ".3f"),
+    "time": ("time s", 1.0, ".1f"),
+}
+"""The units of what is compared."""
 COUNTED = ("searches", "escapes")
 LISTED = 40
 """So many failures of a controller are listed in the table; all are in results.csv."""
@@ -49,54 +58,17 @@ START = "nominal"
 """Its pushes started so."""
 
 
-def groups_of(outcomes: Sequence[Outcome]) -> list[Group]:
-    """Pairs of object and friction, in their order."""
-    return list(dict.fromkeys((one.object, one.friction) for one in outcomes))
-
-
-def summary_of(outcomes: Sequence[Outcome], seed: int) -> dict[str, Any]:
-    """What one sensing and controller reached: of all, and of each object and friction.
-
-    Successes have Wilson intervals, medians percentile bootstrap intervals over pushes.
-
-    Args:
-        outcomes: of one sensing and controller.
-        seed: of the bootstrap; each figure has chance of its own.
-    """
-    parts = {"all": outcomes} | {
-        " ".join(group): [one for one in outcomes if (one.object, one.friction) == group]
-        for group in groups_of(outcomes)
-    }
-    return {name: _summary(name, part, seed) for name, part in parts.items()}
-
-
-def success_text(found: Mapping[str, Sequence[Outcome]], targets: str, starts: str) -> str:
+def success_text(frame: pd.DataFrame, targets: str, starts: str) -> str:
     """The paper's table as Markdown, with three rows a sensing and controller.
 
     Args:
-        found: outcomes by sensing and controller.
-        targets: the name of the set.
+        frame: of the outcomes of a set of targets.
+        targets: its name.
         starts: "nominal" or "random"; beside nominal starts stand the paper's rows of the set.
     """
-    groups = groups_of([one for outcomes in found.values() for one in outcomes])
-    headings = [f"{thing} {friction.replace('mu', 'µ')}" for thing, friction in groups]
-    lines = [_line(["", *headings, "all"]), "|" + "---|" * (len(groups) + 2)]
-    if starts == START:
-        lines += [_line(cells) for cells in _papers_successes(groups, targets)]
-    for label, outcomes in found.items():
-        for success, name in SUCCESSES.items():
-            cells = []
-            for group in groups:
-                hits = [
-                    getattr(one, success) for one in outcomes if (one.object, one.friction) == group
-                ]
-                cells.append(f"{sum(hits)}/{len(hits)}" if hits else "-")
-            won = np.array([getattr(one, success) for one in outcomes])
-            _, low, high = proportion(won)
-            interval = f" [{low * 100:.1f}, {high * 100:.1f}]"
-            whole = _share(int(won.sum()), len(won)) + interval
-            lines.append(_line([f"{label}, {name}", *cells, whole]))
-    return "\n".join(lines)
+    groups = list(tables.parts_of(frame, GROUPED))
+    published = _papers_successes(groups, targets) if starts == START else []
+    return tables.success_text(frame, GROUPED, SUCCESSES, published)
 
 
 @dataclass(frozen=True)
@@ -122,74 +94,30 @@ def perception_text(found: Mapping[str, Perception], targets: str, starts: str) 
         targets: the name of the set.
         starts: "nominal" or "random"; beside nominal starts stand the paper's rows of the set.
     """
-    lines = [
-        _line(["", *(heading for heading, _, _ in PERCEIVED.values())]),
-        "|" + "---|" * (1 + len(PERCEIVED)),
-    ]
+    lines = []
     for row in PAPER:
         if row.measures and row.targets == targets and starts == START:
             cells = [
                 f"{row.measures[name] * scale:{form}}" if name in row.measures else "-"
                 for name, (_, scale, form) in PERCEIVED.items()
             ]
-            lines.append(_line([f"*paper, {row.sensing}*", *cells]))
-    for label, one in found.items():
-        told = {name: getattr(one, name) for name in PERCEIVED}
-        cells = [_interval(*told[name], *scaled) for name, (_, *scaled) in PERCEIVED.items()]
-        lines.append(_line([label, *cells]))
-    return "\n".join(lines)
-
-
-def measures_text(summaries: Mapping[str, Mapping[str, Any]]) -> str:
-    """Medians over all pushes as Markdown, with their intervals, by sensing and controller."""
-    lines = [
-        _line(["median", *(heading for heading, _, _ in MEASURES.values()), *COUNTED]),
-        "|" + "---|" * (1 + len(MEASURES) + len(COUNTED)),
-    ]
-    for label, summary in summaries.items():
+            lines.append([f"*paper, {row.sensing}*", *cells])
+    for label, perceived in found.items():
         cells = []
-        for name, (_, scale, form) in MEASURES.items():
-            one = summary["all"][name]
-            cells.append(_interval(one["median"], one["low"], one["high"], scale, form))
-        lines.append(_line([label, *cells, *(str(summary["all"][n]) for n in COUNTED)]))
-    return "\n".join(lines)
+        for name, (_, scale, form) in PERCEIVED.items():
+            value, low, high = getattr(perceived, name)
+            cells.append(tables.cell(value, low, high, scale, form))
+        lines.append([label, *cells])
+    return tables.markdown(["", *(heading for heading, _, _ in PERCEIVED.values())], lines)
 
 
-def failures_text(found: Mapping[str, Sequence[Outcome]]) -> str:
-    """List the pushes without true success, each with its cause."""
-    lines = []
-    for label, outcomes in found.items():
-        failed = [one for one in outcomes if not one.success_true]
-        lines.append(f"**{label}**: {len(failed)} of {len(outcomes)} without true success")
-        lines += [
-            f"- {one.trial} to ({one.target_x:.2f}, {one.target_y:.2f}): {one.cause}"
-            for one in failed[:LISTED]
-        ]
-        if len(failed) > LISTED:
-            lines.append(f"- and {len(failed) - LISTED} more, in results.csv")
-        lines.append("")
-    return "\n".join(lines).strip()
-
-
-def _summary(name: str, outcomes: Sequence[Outcome], seed: int) -> dict[str, Any]:
-    told: dict[str, Any] = {"n": len(outcomes)}
-    for success in SUCCESSES:
-        hits = np.array([getattr(one, success) for one in outcomes])
-        value, low, high = proportion(hits)
-        told[success] = {"hits": int(hits.sum()), "share": value, "low": low, "high": high}
-    for measure in MEASURES:
-        values = np.array([getattr(one, measure) for one in outcomes])
-        entropy = f"{outcomes[0].label}, {name}, {measure}"
-        rng = np.random.default_rng([seed, crc32(entropy.encode())])
-        told[measure] = _median(values[np.isfinite(values)], rng)
-    return told | {name: sum(getattr(one, name) for one in outcomes) for name in COUNTED}
-
-
-def _median(values: FloatArray, rng: np.random.Generator) -> dict[str, float | int | None]:
-    if not len(values):
-        return {"n": 0, "mean": None, "median": None, "low": None, "high": None}
-    mean, (median, low, high) = float(values.mean()), resampled(values, np.median, rng)
-    return {"n": len(values), "mean": mean, "median": median, "low": low, "high": high}
+def failures_text(frame: pd.DataFrame) -> str:
+    """List the pushes without true success as Markdown, each with its cause."""
+    sentences = [
+        f"{one['trial']} to ({one['target_x']:.2f}, {one['target_y']:.2f}): {one['cause']}"
+        for one in frame.to_dict("records")
+    ]
+    return tables.failures_text(frame, "success_true", sentences, LISTED)
 
 
 def _papers_successes(groups: Sequence[Group], targets: str) -> list[list[str]]:
@@ -230,18 +158,8 @@ def _papers_row(row: Reached, groups: Sequence[Group]) -> list[str]:
     return [f"*paper, {row.sensing}*", *cells, _share(hits, n)]
 
 
-def _interval(value: float | None, low: float, high: float, scale: float, form: str) -> str:
-    if value is None or not np.isfinite(value):
-        return "-"
-    return f"{value * scale:{form}} [{low * scale:{form}}, {high * scale:{form}}]"
-
-
 def _share(hits: int, n: int) -> str:
     return f"{hits}/{n}, {100.0 * hits / n:.2f} %"
-
-
-def _line(cells: Sequence[str]) -> str:
-    return "| " + " | ".join(cells) + " |"
 
 
 PAPER = (
