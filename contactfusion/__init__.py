@@ -49,13 +49,13 @@ if TYPE_CHECKING:
     from contactfusion.robots.description import read_robot
     from contactfusion.robots.model import RobotModel
     from contactfusion.rule import Condensation, Rule
+    from contactfusion.run.execute import run_file
     from contactfusion.runner import Runner
-    from contactfusion.running import run_file
     from contactfusion.scene import Scene, open_scene
     from contactfusion.segmenter import Segmenter, SegmenterConfig
     from contactfusion.shapes import ShapeConfig
     from contactfusion.state import State
-    from contactfusion.stream import Arrival, Stream
+    from contactfusion.stream import Arrival, Facts, Stream, Verdict
     from contactfusion.surface import Surface
     from contactfusion.testing import check_generator
     from contactfusion.view.plot import plot_fusion
@@ -71,6 +71,7 @@ _HOMES = {
     "Controller": "contactfusion.controller",
     "Decision": "contactfusion.controllers.pushing",
     "DepthImage": "contactfusion.readings",
+    "Facts": "contactfusion.stream",
     "Fusion": "contactfusion.integrator.fusion",
     "Generator": "contactfusion.generator",
     "GeneratorConfig": "contactfusion.generator",
@@ -112,6 +113,7 @@ _HOMES = {
     "TaxelMap": "contactfusion.generators.taxel_map",
     "Transform": "contactfusion.readings",
     "Twist": "contactfusion.readings",
+    "Verdict": "contactfusion.stream",
     "Viewer": "contactfusion.view.viewer",
     "Wrench": "contactfusion.readings",
     "check_file": "contactfusion.check",
@@ -126,7 +128,7 @@ _HOMES = {
     "play": "contactfusion.loop",
     "plot_fusion": "contactfusion.view.plot",
     "read_robot": "contactfusion.robots.description",
-    "run_file": "contactfusion.running",
+    "run_file": "contactfusion.run.execute",
 }
 
 __all__ = [
@@ -139,6 +141,7 @@ __all__ = [
     "Controller",
     "Decision",
     "DepthImage",
+    "Facts",
     "Fusion",
     "Generator",
     "GeneratorConfig",
@@ -180,6 +183,7 @@ __all__ = [
     "TaxelMap",
     "Transform",
     "Twist",
+    "Verdict",
     "Viewer",
     "Wrench",
     "check_file",

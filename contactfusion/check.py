@@ -22,10 +22,10 @@ from contactfusion.pipeline import Pipeline
 from contactfusion.pipeline_config import NOT_OURS, PipelineConfig, pipeline_fields
 from contactfusion.readings import READING_TYPES, Reading
 from contactfusion.recordings.opening import open_recording
-from contactfusion.recordings.recording import Recording
-from contactfusion.replaying.configuration import setting_of_file
-from contactfusion.replaying.joining import joined
-from contactfusion.running import RunConfig, opened_scene, run_fields
+from contactfusion.run.configuration import RunConfig, Setting, setting_of_file
+from contactfusion.run.joining import joined
+from contactfusion.run.session import Session, stream_of
+from contactfusion.stream import Stream
 
 SLACK = 0.1
 """A joint that is `still` may stand so far beyond its limits, as recorded ones do [rad, m]."""
@@ -51,26 +51,25 @@ def check_file(
     overrides: Sequence[str] = (),
     topics: Mapping[str, str] | None = None,
 ) -> Check:
-    """Check a file for `run` or `replay`: build everything, run nothing.
+    """Check a configuration: build everything, run nothing.
 
     Args:
         path: a YAML file of a pipeline, with or without a recording or a scene.
-        recording: what a replay would play, in place of the file's own recording or scene.
+        recording: what is played in place of the file's own recording or scene.
         overrides: fields to change, as "a.b=c".
-        topics: topics by role, as for a replay.
+        topics: topics of the recording by role.
 
     Raises:
         ConfigurationError: the file is missing or no YAML, or a change is none.
     """
-    fields = run_fields(path, overrides)
+    setting = setting_of_file(path, overrides)
+    fields = {"folder": setting.folder, **setting.fields}
     if recording is not None:
         fields = pipeline_fields(fields)
     checking = _Checking(fields)
     try:
         checking.build()
-        checking.open_source()
-        if recording is not None and not checking.faults:
-            checking.match(path, recording, overrides, topics)
+        checking.open_stream(setting.choosing(topics or {}, ()), recording)
         lines = list(checking.report()) if not checking.faults else []
     finally:
         checking.close()
@@ -107,59 +106,52 @@ class _Checking:
             built_controller(config)
         for name, options in config.generators.items():
             if robotless and _names_robot(options):
-                continue  # the robot's fault is told already
+                continue  # the robot's fault is reported already
             with self._gathering(f"generators.{name}"):
                 if self._pipeline:
                     self._pipeline.plug(name, options)
                 else:
                     built_generator(name, options, config.folder, config.robot)
 
-    def open_source(self) -> None:
-        """Open the recording or the scene that the file names."""
+    def open_stream(self, setting: Setting, recording: Path | None) -> None:
+        """Open what is played; find topics for the generators, and frames for their sensors."""
         config = self._config
-        if not isinstance(config, RunConfig):
+        if recording is None and not isinstance(config, RunConfig):
             return
-        if config.recording:
-            with self._gathering("recording"):
-                recording = open_recording(config.recording, config.folder)
-                held = recording.topics
-                self._sources += [f"recording: {_listing(held)}"]
-                self.faults += [*self._unheard(held), *self._unfed(held)]
-                if self._pipeline and not self.faults:
-                    self._join(self._pipeline, recording)
-        elif config.robot is not None and not self.faults:
-            with self._gathering("scene"):
-                opened_scene(config)
-                self._sources.append(f"scene: {config.scene.get('type')}")
+        is_scene = isinstance(config, RunConfig) and bool(config.scene)
+        if is_scene and self.faults:
+            return
+        with self._gathering("scene" if is_scene else str(recording or "recording")):
+            if recording is not None:
+                stream: Stream = open_recording(recording)
+            else:
+                assert isinstance(config, RunConfig)
+                stream = stream_of(config)
+            if is_scene:
+                self._sources.append(f"scene: {setting.fields['scene'].get('type')}")
+            elif self.faults:
+                self.faults += self._unheard(stream.topics)
+            else:
+                self._match(setting, stream)
 
-    def match(
-        self,
-        path: Path,
-        recording: Path,
-        overrides: Sequence[str],
-        topics: Mapping[str, str] | None,
-    ) -> None:
-        """Find topics for the generators, and frames for their sensors, as a replay does."""
-        from contactfusion.replaying.session import Session
+    def _match(self, setting: Setting, stream: Stream) -> None:
+        """Find topics for the generators, and frames for their sensors."""
+        with closing(Session(setting, stream)) as session:
+            recording, inputs = session.stream, session.inputs
+            self.faults += inputs.missing
+            held = {
+                sensor: recording.topics[name]
+                for topic, sensor in inputs.sensors.items()
+                for name in (topic, sensor)  # a part of a ROS recording has sensors, others
+                if name in recording.topics  # topics
+            }
+            self.faults += self._unheard(held)
+            self._sources.append(f"recording: {_listing(held)}")
+            self._sources += inputs.taken
+            if not self.faults:
+                self._join(session.pipeline, recording)
 
-        with self._gathering(str(recording)):
-            setting = setting_of_file(path, overrides).choosing(topics or {}, ())
-            with closing(Session(setting, recording)) as session:
-                self.faults += session.inputs.missing
-                kinds = session.recording.topics
-                held = {
-                    sensor: kinds[name]
-                    for topic, sensor in session.inputs.sensors.items()
-                    for name in (topic, sensor)  # a part of a ROS recording has sensors, others
-                    if name in kinds  # topics
-                }
-                self.faults += self._unheard(held)
-                self._sources.append(f"recording: {_listing(held)}")
-                self._sources += session.inputs.taken
-                if not self.faults:
-                    self._join(session.pipeline, session.recording)
-
-    def _join(self, pipeline: Pipeline, recording: Recording) -> None:
+    def _join(self, pipeline: Pipeline, recording: Stream) -> None:
         """Find the places of all frames."""
         joining = joined(pipeline, recording)
         self.faults += joining.faults
@@ -214,10 +206,10 @@ class _Checking:
             try:
                 return (RunConfig if sources else PipelineConfig)(**fields)
             except ConfigurationError as error:
-                told = {fault: fault.path.split(".")[0] for fault in error.faults}
+                roots = {fault: fault.path.split(".")[0] for fault in error.faults}
                 gone = self._fields.keys() - fields.keys()  # what lacks them now is no fault
-                self.faults += (str(fault) for fault, name in told.items() if name not in gone)
-                wrong = fields.keys() & told.values() or sources
+                self.faults += (str(fault) for fault, name in roots.items() if name not in gone)
+                wrong = fields.keys() & roots.values() or sources
                 if not wrong:
                     raise
                 fields = {name: value for name, value in fields.items() if name not in wrong}
@@ -269,20 +261,6 @@ class _Checking:
                 yield (
                     f"faults.{number}.sensor: the recording holds no '{fault.sensor}'; "
                     f"{hint(fault.sensor)}"
-                )
-
-    def _unfed(self, held: Mapping[str, type[Reading]]) -> Iterator[str]:
-        """What generators wait for in vain."""
-        for name, generator in self._pipeline.generators.items() if self._pipeline else ():
-            fit = [sensor for sensor, kind in held.items() if issubclass(kind, generator.readings)]
-            wanted = generator.config.sensor
-            if not fit:
-                kinds = " or ".join(kind.__name__ for kind in generator.readings)
-                yield f"generators.{name}: the recording holds no {kinds}"
-            elif wanted is not None and wanted not in fit:
-                yield (
-                    f"generators.{name}.sensor: the recording holds no '{wanted}'; "
-                    f"{name_hint(wanted, fit, 'sensors')}"
                 )
 
     def _estimate(self, points: int) -> Iterator[str]:

@@ -8,6 +8,7 @@ import pluggy
 if TYPE_CHECKING:
     from contactfusion.controller import Controller
     from contactfusion.generator import Generator
+    from contactfusion.recordings.recording import Recording
     from contactfusion.rule import Condensation, Rule
     from contactfusion.scene import Scene
     from contactfusion.segmenter import Segmenter
@@ -46,6 +47,12 @@ def contactfusion_condensations() -> "Mapping[str, type[Condensation]]":
 @hookspec
 def contactfusion_segmenters() -> "Mapping[str, type[Segmenter[Any]]]":
     """Offer segmenters: which pixels of an image belong to the object."""
+    return {}
+
+
+@hookspec
+def contactfusion_recordings() -> "Mapping[str, type[Recording]]":
+    """Offer recordings: files whose readings are played."""
     return {}
 
 

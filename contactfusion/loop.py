@@ -2,16 +2,19 @@
 
 import math
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from contextlib import AbstractContextManager, contextmanager
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, TypeVar
 
+from contactfusion.errors import RecordingError
 from contactfusion.faults import broken
 from contactfusion.readings import READING_TYPES, Reading
-from contactfusion.stream import Arrival, Stream, arrival_of
+from contactfusion.stream import LONGEST_STEP_BACK, Arrival, Stream, arrival_of
 
 if TYPE_CHECKING:
     from contactfusion.pipeline import Pipeline, Step
 
+T = TypeVar("T")
 PAUSE = 60.0
 """When nothing is read for longer, no step is made until the one before the next reading [s]."""
 
@@ -20,17 +23,19 @@ def _ignore(what: object) -> None:
     """Take something, and do nothing."""
 
 
-@dataclass(frozen=True)
+@dataclass(eq=False)
 class Observer:
     """What looks on while a stream is played.
 
     Attributes:
         reading: takes each reading as the stream gives it, before faults change it.
         step: takes each step, once its command is sent.
+        failure: what it raised; it takes nothing from then on.
     """
 
     reading: Callable[[Reading], object] = _ignore
     step: Callable[["Step"], object] = _ignore
+    failure: Exception | None = field(default=None, init=False)
 
 
 def play(
@@ -38,7 +43,9 @@ def play(
 ) -> Iterator["Step"]:
     """Play a stream through a pipeline, with the faults of its configuration.
 
-    The pipeline steps where the stream says that a step is due, else as its cycle policy says.
+    The pipeline steps where the stream says that a step is due, else as its cycle policy says. A
+    stream that breaks off is played to there, and an observer that fails harms no other: what they
+    raised is raised after the last step.
 
     Args:
         pipeline: which listens.
@@ -49,15 +56,17 @@ def play(
         Each step, once its command is sent and all observers have taken it.
 
     Raises:
-        ConfigurationError: the pipeline does not fit the stream, or a fault a reading.
+        ConfigurationError: the pipeline does not fit the stream, or a fault a reading, or the
+            stream cannot take a command.
+        RecordingError: the stream broke off, or its clock jumped back.
     """
     if isinstance(stream, Stream):
         stream.begin(pipeline)
         arrivals = stream.arrivals()
     else:
         arrivals = map(arrival_of, stream)
-    config = pipeline.config
-    arrivals = _observed(arrivals, observers)
+    config, breaks = pipeline.config, list[RecordingError]()
+    arrivals = _observed(_until_it_breaks(arrivals, breaks), observers)
     if config.faults:
         arrivals = broken(arrivals, config.faults, config.seed)
     every = config.cycle.every
@@ -66,15 +75,83 @@ def play(
         if isinstance(stream, Stream):
             stream.send(step.command)
         for observer in observers:
-            observer.step(step)
+            _show(observer, observer.step, step)
         yield step
+    for error in (*breaks, *(observer.failure for observer in observers)):
+        if error is not None:
+            raise error
+
+
+@contextmanager
+def together(outputs: Iterable[AbstractContextManager[Observer]]) -> Iterator[list[Observer]]:
+    """Open outputs so that each is closed by itself: one that failed leaves the others whole.
+
+    Args:
+        outputs: each ends with what its own observer raised, if anything.
+
+    Yields:
+        The observers that are opened.
+
+    Raises:
+        Exception: the first that an output raised at its end.
+    """
+    opened: list[tuple[AbstractContextManager[Observer], Observer]] = []
+    raised: BaseException | None = None
+    try:
+        for output in outputs:
+            opened.append((output, output.__enter__()))
+        yield [observer for _, observer in opened]
+    except BaseException as error:
+        raised = error
+        raise
+    finally:
+        failures = list[Exception]()
+        for output, observer in reversed(opened):
+            cause = raised or observer.failure
+            try:
+                output.__exit__(type(cause) if cause else None, cause, None)
+            except Exception as met:  # such as an error of the system, with the file's name
+                observer.failure = observer.failure or met
+                failures.append(met)
+            else:
+                failures += [observer.failure] if observer.failure else []
+        if failures and raised is None:
+            raise failures[-1]
+
+
+def _show(observer: Observer, take: Callable[[T], object], what: T) -> None:
+    """Pass something on to an observer that has not failed."""
+    if observer.failure is None:
+        try:
+            take(what)
+        except Exception as error:  # no observer harms another, or the run
+            observer.failure = error
+
+
+def _until_it_breaks(
+    arrivals: Iterable[Arrival], breaks: list[RecordingError]
+) -> Iterator[Arrival]:
+    """The arrivals, up to where the stream breaks off or its clock jumps back: then the reason."""
+    newest = -math.inf
+    try:
+        for arrival in arrivals:
+            if arrival.stamp is not None:
+                if arrival.stamp < newest - LONGEST_STEP_BACK:
+                    raise RecordingError(
+                        f"the clock of the stream jumped back from {newest:.3f} s to "
+                        f"{arrival.stamp:.3f} s"
+                    )
+                newest = max(newest, arrival.stamp)
+            yield arrival
+    except RecordingError as error:
+        breaks.append(error)
 
 
 def _observed(arrivals: Iterable[Arrival], observers: Sequence[Observer]) -> Iterator[Arrival]:
     for arrival in arrivals:
         for reading in arrival.readings:
             for observer in observers:
-                observer.reading(reading)
+                _show(observer, observer.reading, reading)
         yield arrival
 
 

@@ -25,7 +25,10 @@ from contactfusion.errors import (
 from contactfusion.extras import extra_of, installs
 from contactfusion.hooks import GROUP
 
-KINDS = ("generators", "controllers", "rules", "condensations", "segmenters", "scenes")
+KINDS = (
+    *("generators", "controllers", "rules", "condensations", "segmenters", "recordings"),
+    "scenes",
+)
 """What plug-ins can offer; the hook of each is ``contactfusion_<kind>``."""
 
 HOME = "contactfusion"

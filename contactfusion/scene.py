@@ -2,11 +2,9 @@
 
 from abc import abstractmethod
 from collections.abc import Mapping
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, ClassVar, Self
 
-from contactfusion.contacts import Contact
 from contactfusion.errors import (
     ConfigurationError,
     DependencyError,
@@ -19,43 +17,12 @@ from contactfusion.extras import in_lab
 from contactfusion.model import Model, rooted
 from contactfusion.pipeline import Pipeline, Step
 from contactfusion.plugins import class_fault, configured, installed_plugins, refuse
-from contactfusion.readings import ObjectPose
 from contactfusion.robots.description import RobotConfig
 from contactfusion.robots.model import shared_robot
-from contactfusion.stream import Stream
+from contactfusion.stream import Facts, Stream, Verdict
 
 LAB_SCENES = ("grasp", "push", "touch")
 """Scenes that contactfusion-lab brings."""
-
-
-@dataclass(frozen=True)
-class Verdict:
-    """What really happened in a scene, beside what was found.
-
-    Attributes:
-        truth: for a summary; JSON.
-        sentences: for people.
-    """
-
-    truth: dict[str, Any]
-    sentences: tuple[str, ...]
-
-
-@dataclass(frozen=True, eq=False)
-class Facts:
-    """What is true in a scene at one instant, and no sensor tells.
-
-    Attributes:
-        stamp: [s].
-        frame: of the contacts.
-        contacts: where the robot is touched; each of likelihood 1.
-        objects: where the objects stand, by name.
-    """
-
-    stamp: float
-    frame: str
-    contacts: tuple[Contact, ...]
-    objects: tuple[ObjectPose, ...]
 
 
 class Scene(Stream):
@@ -63,6 +30,7 @@ class Scene(Stream):
 
     Config: ClassVar[type[Model]]
     """The type of the options; a field `type` holds the name of the scene."""
+    epoch_ns = 10**18  # 2001: to ROS a stamp of 0 means "the latest"
 
     @classmethod
     @abstractmethod

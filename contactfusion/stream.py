@@ -1,15 +1,19 @@
 """The contract of streams: readings in, commands out, from a recording, a scene or a robot."""
 
 from abc import ABC, abstractmethod
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
-from contactfusion.readings import Reading, Transform
+from contactfusion.contacts import Contact
+from contactfusion.readings import ObjectPose, Reading, Transform
 
 if TYPE_CHECKING:
     from contactfusion.controller import Command
-    from contactfusion.pipeline import Pipeline
+    from contactfusion.pipeline import Pipeline, Step
+
+LONGEST_STEP_BACK = 1.0
+"""Stamps may be so much out of order; a clock that falls further has jumped [s]."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -25,6 +29,53 @@ class Arrival:
     stamp: float | None
     readings: tuple[Reading, ...]
     due: bool = False
+
+
+@dataclass(frozen=True, eq=False)
+class Facts:
+    """What is true at one instant, and no sensor measures.
+
+    Attributes:
+        stamp: [s].
+        frame: of the contacts.
+        contacts: where the robot is touched; each of likelihood 1.
+        objects: where the objects stand, by name.
+    """
+
+    stamp: float
+    frame: str
+    contacts: tuple[Contact, ...]
+    objects: tuple[ObjectPose, ...]
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """What really happened in a stream, beside what was found.
+
+    Attributes:
+        truth: for a summary; JSON.
+        sentences: for people.
+    """
+
+    truth: dict[str, Any]
+    sentences: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class Trouble:
+    """What a stream met in the readings of one sensor.
+
+    Attributes:
+        sensor: its name.
+        kind: of its readings; None: it has none.
+        note: what was met, e.g. "3 out of order".
+        loss: a sentence where less than half of them could be used, else empty.
+    """
+
+    sensor: str
+    kind: type[Reading] | None
+    note: str
+    loss: str = ""
 
 
 class Stream(ABC):
@@ -50,7 +101,7 @@ class Stream(ABC):
         """
 
     def arrivals(self) -> Iterator[Arrival]:
-        """The readings with the times at which they come; here one by one, at their stamps."""
+        """The readings with the times at which they come; here each by itself, at its stamp."""
         for reading in self.readings():
             yield arrival_of(reading)
 
@@ -71,6 +122,27 @@ class Stream(ABC):
         Raises:
             ConfigurationError: the stream cannot take it.
         """
+        return None
+
+    def facts(self) -> Facts | None:
+        """The true contacts and poses of objects now; None where the stream knows of none."""
+        return None
+
+    def verdict(self, pipeline: "Pipeline", last: "Step") -> Verdict | None:
+        """What really happened, once all is played; None where the stream does not know.
+
+        Args:
+            pipeline: which listened.
+            last: its last step.
+        """
+        return None
+
+    def troubles(self) -> Iterable[Trouble]:
+        """What it met in its readings so far."""
+        return ()
+
+    def close(self) -> None:
+        """Release what it holds, such as files and connections; here nothing."""
         return None
 
 

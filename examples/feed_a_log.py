@@ -53,7 +53,7 @@ with (out / "wrist.csv").open("w", newline="") as file:
         writer.writerow([f"{t:.2f}", *(f"{value:.5f}" for value in wrench)])
 (out / "wrist.yaml").write_text(DESCRIPTION)
 
-cf.run_file(out / "wrist.yaml", [], out)
+cf.run_file(out / "wrist.yaml", out=out)
 
 with (out / "contacts.csv").open() as file:
     rows = list(csv.DictReader(file))

@@ -10,15 +10,15 @@ import pytest
 
 from contactfusion.errors import ConfigurationError, ContactFusionError, RecordingError
 from contactfusion.readings import Wrench
-from contactfusion.replaying.asking import (
+from contactfusion.run.asking import (
     Source,
     ablate_recording,
     explain_recording,
     tune_recording,
 )
-from contactfusion.replaying.replay import Options, replay
-from contactfusion.replaying.watching import view_recording
-from tests.test_replay import CONFIG, PLACE, recorded, touching
+from contactfusion.run.execute import run_file
+from contactfusion.run.watching import view_recording
+from tests.test_run import CONFIG, PLACE, recorded, touching
 from tests.toys import offer_toys
 
 
@@ -37,7 +37,7 @@ def config(tmp_path: Path) -> Path:
 @pytest.fixture
 def replayed(config: Path, tmp_path: Path) -> Source:
     recording = recorded(tmp_path / "drive.mcap", touching(4.0))
-    replay(Options(config, recording, out=tmp_path / "contacts.mcap"))
+    run_file(config, recording, out=tmp_path / "contacts.mcap")
     return Source(tmp_path / "contacts.mcap")
 
 
@@ -120,7 +120,7 @@ def chosen(config: Path, tmp_path: Path) -> Source:
         for reading in (one, *([replace(one, sensor="spare")] if isinstance(one, Wrench) else []))
     ]
     recording, out = recorded(tmp_path / "both.mcap", both), tmp_path / "chosen.mcap"
-    replay(Options(config, recording, topics={"hand": "/wrist"}, out=out))
+    run_file(config, recording, topics={"hand": "/wrist"}, out=out)
     return Source(out)
 
 
@@ -143,7 +143,7 @@ def test_topics_of_the_command_line_go_before_those_of_the_replay(chosen: Source
 
 def test_ignored_topics_are_those_of_the_replay_and_more(chosen: Source, config: Path) -> None:
     out = config.with_name("fewer.mcap")
-    replay(Options(config, chosen.recording, out=out, ignored=["/spare"]))
+    run_file(config, chosen.recording, out=out, ignored=["/spare"])
     for source in (Source(out), Source(out, config)):
         with closing(source.session()) as session:
             assert session.inputs.sensors == {"eye": "eye", "wrist": "wrist"}

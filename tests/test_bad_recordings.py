@@ -17,11 +17,11 @@ from contactfusion.readings import Reading
 from contactfusion.recordings.messages import typestore
 from contactfusion.recordings.opening import open_recording
 from contactfusion.recordings.reading_messages import reading_messages
+from contactfusion.recordings.recording import Window
 from contactfusion.recordings.ros import RosConfig, RosRecording
 from contactfusion.recordings.ros.order import LONGEST_LEAP, LONGEST_PAUSE
-from contactfusion.replaying.asking import Source, ablate_recording, explain_recording
-from contactfusion.replaying.replay import Options, replay
-from contactfusion.replaying.session import Window
+from contactfusion.run.asking import Source, ablate_recording, explain_recording
+from contactfusion.run.execute import run_file
 from tests.mcap_files import disk_of, read_by_mcap_ros2
 from tests.ros_bags import EPOCH, FORMATS, SECOND, Said, Write, ros1, text, transforms, wrench
 from tests.toys import offer_toys, point
@@ -92,7 +92,7 @@ def played(config: Path, path: Path) -> tuple[int, str]:
     """Replay to MCAP: give how many steps it holds then, and what was wrong."""
     out, problem = config.with_name("out.mcap"), ""
     try:
-        replay(Options(config, path, out=out))
+        run_file(config, path, out=out)
     except ContactFusionError as error:
         problem = str(error)
     assert "\n" not in problem
@@ -102,7 +102,7 @@ def played(config: Path, path: Path) -> tuple[int, str]:
 def places(config: Path, path: Path) -> list[Any]:
     """Give where contacts were found in a recording, and when."""
     out = config.with_name("out.csv")
-    replay(Options(config, path, out=out))
+    run_file(config, path, out=out)
     return [line.split(",")[:4] for line in out.read_text().splitlines()[1:]]
 
 
@@ -246,7 +246,7 @@ def test_channels_that_no_ros_wrote_are_passed_over(
             "frame: base", "frame: wrist"
         )
     )
-    replay(Options(config, path, out=tmp_path / "out.mcap"))
+    run_file(config, path, out=tmp_path / "out.mcap")
     told = capsys.readouterr().out
     assert "not copied: /log, as nothing defines foxglove.Log as jsonschema" in told
     assert "/wrist" in read_by_mcap_ros2(tmp_path / "out.mcap")
@@ -530,9 +530,8 @@ def test_a_start_after_the_end_is_named_and_an_older_file_stays(
 ) -> None:
     path, out = write(tmp_path / "bag", drive(1.0)), tmp_path / "out.mcap"
     out.write_text("of old")
-    late = Options(config, path, window=Window(start=100.0), out=out)
     with pytest.raises(ContactFusionError, match="--start: .* holds nothing after 100 s"):
-        replay(late)
+        run_file(config, path, window=Window(start=100.0), out=out)
     assert out.read_text() == "of old"
 
 
@@ -560,7 +559,7 @@ def test_a_replay_of_what_a_broken_clock_left_is_no_longer_broken(
     first = played(config, path)
     assert first[0] == 10 and "jumps back" in first[1]
     again = config.with_name("again.mcap")
-    replay(Options(config, config.with_name("out.mcap"), out=again))
+    run_file(config, config.with_name("out.mcap"), out=again)
     assert len(read_by_mcap_ros2(again)["/contactfusion/contacts"]) == 10
 
 
@@ -578,11 +577,11 @@ def test_on_a_full_disk_an_older_file_stays_and_what_was_written_is_kept_beside_
     out.write_text("of old")
     kept = "" if suffix == ".parquet" else f"what was written until then is {cut}"
     with disk_of(2_000), pytest.raises(WritingError, match=f"can't be written: .*{kept}"):
-        replay(Options(config, path, out=out))
+        run_file(config, path, out=out)
     assert out.read_text() == "of old"
     assert set(out.parent.iterdir()) == {out} | ({cut} if kept else set())
     assert " steps, " in capsys.readouterr().out
     if suffix == ".csv":
         whole = out.parent / "whole.csv"
-        replay(Options(config, path, out=whole))
+        run_file(config, path, out=whole)
         assert whole.read_text().startswith(cut.read_text()) and len(cut.read_text()) > 1000

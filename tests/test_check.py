@@ -111,7 +111,7 @@ def test_every_fault_is_told_not_only_the_first(file: Path) -> None:
     ("override", "sentence"),
     [
         ("generators.palm.type=tactle", "generators.palm: there is no generator 'tactle'; did you"),
-        ("generators.palm.sensor=plam", "generators.palm.sensor: the recording holds no 'plam'; d"),
+        ("generators.palm.sensor=plam", "faults.0.sensor: the recording holds no 'palm'; did you "),
         ("generators.eye={type: free_space}", "generators.eye: the recording holds no DepthImage"),
         ("integrator.rule=de_morgn", "there is no rule 'de_morgn'; did you mean 'de_morgan'?"),
         ("surface.file=a.npz", "surface: give shapes or a file"),
@@ -201,15 +201,16 @@ def test_a_surface_that_nothing_places_is_told_where_a_generator_needs_it(file: 
     assert faults(file, "surface.frame=tol", skin_alone, "cycle={every: 0.1}") == []
 
 
-def test_one_sensor_that_is_placed_is_enough_for_a_generator_of_all(file: Path) -> None:
+def test_of_several_sensors_that_a_generator_could_take_one_is_asked_for(file: Path) -> None:
     palm = {**CONFIGURATION["recording"]["readings"]["palm"], "columns": ["p0"]}
     patch = "generators={skin: {type: tactile, patch: {places: [[0, 0, 0]], size: [1, 1]}}}"
     fields = read_yaml(file)
     fields["recording"]["readings"] = {"lost": {**palm, "frame": "moon"}, "palm": palm}
     file.write_text(yaml.safe_dump(fields))
-    assert faults(file, patch, "cycle={every: 0.1}") == []
-    (told,) = faults(file, patch, "cycle={every: 0.1}", "frames={}")
-    assert told.startswith("generators.skin: unknown frame 'tool': there are no frames")
+    (told,) = faults(file, patch, "cycle={every: 0.1}")
+    assert told.endswith("several topics hold it: /lost, /palm; choose one: --topic skin=/lost")
+    (told,) = faults(file, patch, "cycle={every: 0.1}", "generators.skin.sensor=lost", "faults=[]")
+    assert told.startswith("generators.skin: unknown frame 'moon'")
 
 
 def bag(folder: Path, without: str = "", joint_name: str = "turn") -> Path:

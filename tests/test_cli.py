@@ -180,7 +180,7 @@ def test_quiet_prints_the_results_line_alone(
 ) -> None:
     expected = "results: out/run/contacts.csv, out/run/summary.json\n"
     assert ask(*arguments) == Answer(0, expected, "")
-    assert ask("run", "wrist.yaml").out.startswith("5 steps")  # quiet lasts for one command
+    assert ask("run", "wrist.yaml").out.startswith("input ")  # quiet lasts for one command
 
 
 def test_quiet_keeps_errors(folder: Path, ask: Ask) -> None:
@@ -218,7 +218,7 @@ def test_a_window_is_refused_before_anything_is_replayed(
     monkeypatch.setattr("sys.platform", "linux")
     for name in ("DISPLAY", "WAYLAND_DISPLAY"):
         monkeypatch.delenv(name, raising=False)
-    monkeypatch.setattr("contactfusion.replaying.session.Session.__init__", None)
+    monkeypatch.setattr("contactfusion.run.session.Session.__init__", None)
     (folder / "log.yaml").write_text(LOG_YAML)
     for arguments in (
         ("view", "log.yaml", "--config", "wrist.yaml"),
@@ -241,7 +241,7 @@ def test_a_viewer_that_is_not_installed_is_told_before_a_screen_that_is_not_ther
     arguments: tuple[str, ...], folder: Path, ask: Ask, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setitem(sys.modules, "rerun", None)
-    monkeypatch.setattr("contactfusion.replaying.session.Session.__init__", None)
+    monkeypatch.setattr("contactfusion.run.session.Session.__init__", None)
     (folder / "log.yaml").write_text(LOG_YAML)
     assert "install it with: pip install 'contactfusion[view]'" in one_sentence(ask(*arguments))
 
@@ -456,13 +456,12 @@ def test_a_log_that_is_broken_is_one_sentence_that_names_it(
 
 
 def test_a_list_that_several_faults_share_is_printed_once(folder: Path, ask: Ask) -> None:
-    changes = [f"generators.{name}.sensor=nose" for name in ("wrist", "other")]
-    other = "generators.other={type: force_torque, sign: on_robot}"
-    sets = [word for change in (other, *changes) for word in ("--set", change)]
+    changes = ["cycle={on: nose}", "faults=[{fault: zeros, sensor: nose}]"]
+    sets = [word for change in changes for word in ("--set", change)]
     answer = ask("check", "wrist.yaml", *sets)
     assert answer.status == 1
     assert [line.partition("the recording ")[2] for line in answer.err.splitlines()] == [
-        "holds no 'nose'; the sensors are: wrist",
+        "holds no 'nose'; the sensors and types are: wrench, wrist",
         "holds no 'nose'",
     ]
 
@@ -546,7 +545,7 @@ def test_a_command_that_is_none_is_told_how_to_use_it(arguments: list[str], ask:
 def test_what_nobody_expected_is_a_sentence_and_a_traceback_by_debug_alone(
     debug: list[str], folder: Path, ask: Ask, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("contactfusion.running.run_file", lambda *_: 1 / 0)
+    monkeypatch.setattr("contactfusion.run.execute.run_file", lambda *_, **__: 1 / 0)
     answer = ask("run", "wrist.yaml", *debug)
     assert answer.status == 1 and ("Traceback" in answer.err) == bool(debug)
     sentence = answer.err.splitlines()[-1]

@@ -22,7 +22,8 @@ from contactfusion.readings import JointState, TactileImage, Wrench
 from contactfusion.robots.description import RobotConfig
 from contactfusion.robots.model import RobotModel
 from contactfusion.robots.posed import PosedRobot
-from contactfusion.running import RunConfig, run_file
+from contactfusion.run.configuration import RunConfig
+from contactfusion.run.execute import run_file
 from contactfusion.testing import example_reading
 from contactfusion.yaml_files import read_yaml
 from scripts import links
@@ -282,7 +283,7 @@ def test_the_example_of_the_page_on_configuration_runs(tmp_path: Path) -> None:
         np.savetxt(
             tmp_path / f"{name}.csv", table, delimiter=",", header=f"t,{columns}", comments=""
         )
-    run_file(tmp_path / "robot.yaml", [], tmp_path / "results")
+    run_file(tmp_path / "robot.yaml", out=tmp_path / "results")
     summary = json.loads((tmp_path / "results" / "summary.json").read_text())
     assert {name: source["accepted"] for name, source in summary["sources"].items()} == {
         "wrist": 100,

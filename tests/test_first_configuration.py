@@ -11,12 +11,12 @@ import yaml
 
 from contactfusion.check import check_file
 from contactfusion.errors import ConfigurationError, RobotError
+from contactfusion.inspect.first_configuration import write_first
 from contactfusion.pipeline_config import PipelineConfig
 from contactfusion.plugins import installed_plugins
 from contactfusion.recordings.messages import message
-from contactfusion.replaying.first_configuration import write_first
-from contactfusion.replaying.replay import Options, replay
-from contactfusion.running import RunConfig, run_file
+from contactfusion.run.configuration import RunConfig
+from contactfusion.run.execute import run_file
 from tests.first_bags import arm, cloud, pressed
 from tests.ros_bags import SECOND, Said, joints, mcap, ros1, text, top, transforms, vector, wrench
 
@@ -60,7 +60,7 @@ def test_the_first_configuration_of_a_bag_replays_it(
     assert fields["integrator"]["rule"] == "posterior"
     assert fields["integrator"]["condensation"] == "modes"
     assert "A wrench alone gives a line of force" in out.read_text()
-    replay(Options(out, bag, out=tmp_path / "contacts.csv"))
+    run_file(out, bag, out=tmp_path / "contacts.csv")
     assert len(contacts(tmp_path / "contacts.csv")) > 10
 
 
@@ -81,8 +81,8 @@ def test_with_the_robot_contacts_lie_on_its_tool(
     assert "# joints: turn" in out.read_text()
     RunConfig(folder=out.parent, **fields)
     capsys.readouterr()
-    replay(Options(out, bag, out=tmp_path / "contacts.csv"))
-    run_file(out, [], tmp_path / "run")
+    run_file(out, bag, out=tmp_path / "contacts.csv")
+    run_file(out, out=tmp_path / "run")
     differently = "ft: the URDF and /tf_static place it differently, 1.1 m and 0.1 rad apart"
     assert capsys.readouterr().out.count(differently) == 2
     assert f"{differently}; the URDF counts" in check_file(out).lines
@@ -122,7 +122,7 @@ def test_the_robot_that_a_bag_describes_is_taken(tmp_path: Path) -> None:
     assert written(out)["robot"]["urdf"] == "first.urdf"
     assert (tmp_path / "out" / "first.urdf").read_text() == arm(tmp_path).read_text()
     assert {file.name for file in out.parent.iterdir()} == {"first.yaml", "first.urdf"}
-    replay(Options(out, bag))
+    run_file(out, bag)
 
 
 def test_a_robot_whose_meshes_are_elsewhere_is_left_out(tmp_path: Path, capsys: Printed) -> None:

@@ -9,9 +9,7 @@ import numpy as np
 import pytest
 
 from contactfusion.errors import RecordingError
-from contactfusion.readings import ObjectPose
-from contactfusion.recordings.mcap import McapWriter
-from contactfusion.replaying.inspection import (
+from contactfusion.inspect.inspection import (
     FrameInspection,
     Inspection,
     Jump,
@@ -20,6 +18,8 @@ from contactfusion.replaying.inspection import (
     as_text,
     inspect_recording,
 )
+from contactfusion.readings import ObjectPose
+from contactfusion.recordings.mcap import McapWriter
 from tests.first_bags import pressed
 from tests.real_data import real_data
 from tests.ros_bags import (

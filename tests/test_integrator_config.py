@@ -17,8 +17,8 @@ from contactfusion.integrator.config import MOVED
 from contactfusion.integrator.posterior import PosteriorConfig
 from contactfusion.integrator.rules import contactfusion_rules
 from contactfusion.pipeline_config import overridden
-from contactfusion.replaying.configuration import setting_of_recording
-from contactfusion.replaying.session import Session
+from contactfusion.run.configuration import setting_of_recording
+from contactfusion.run.session import Session
 
 MOVED_OPTIONS = Path(__file__).parent / "data" / "moved_options.mcap"
 """tests/data/kept.mcap, replayed at commit 539ebf7 with `integrator: {frame: base, rule: posterior,

@@ -12,10 +12,8 @@ import yaml
 
 from contactfusion.check import check_file
 from contactfusion.errors import RecordingError
-from contactfusion.recordings.log import LogRecording
-from contactfusion.recordings.opening import open_recording
-from contactfusion.replaying.first_configuration import write_first
-from contactfusion.replaying.log_columns import (
+from contactfusion.inspect.first_configuration import write_first
+from contactfusion.inspect.log_columns import (
     BLANK,
     Stamps,
     as_json,
@@ -23,7 +21,9 @@ from contactfusion.replaying.log_columns import (
     described,
     inspect_table,
 )
-from contactfusion.running import run_file
+from contactfusion.recordings.log import LogRecording
+from contactfusion.recordings.opening import open_recording
+from contactfusion.run.execute import run_file
 
 SIX = ("fx", "fy", "fz", "tx", "ty", "tz")
 
@@ -164,7 +164,7 @@ def test_the_first_configuration_of_a_table_runs_as_it_stands(tmp_path: Path) ->
     fields = yaml.safe_load(out.read_text())
     assert fields["recording"]["file"] == "../wrist.csv"
     assert fields["generators"]["wrist"]["tare"] == 0.5
-    run_file(out, [], tmp_path / "results")
+    run_file(out, out=tmp_path / "results")
     assert (tmp_path / "results" / "contacts.csv").exists()
 
 

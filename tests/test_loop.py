@@ -1,6 +1,7 @@
 """One loop plays recordings, scenes and readings: what is due, what is observed, what is sent."""
 
 from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from typing import Any
 
 import numpy as np
@@ -8,8 +9,8 @@ import pytest
 
 from contactfusion import Pipeline, PipelineConfig
 from contactfusion.controller import Command
-from contactfusion.errors import ConfigurationError
-from contactfusion.loop import Observer, play
+from contactfusion.errors import ConfigurationError, RecordingError, WritingError
+from contactfusion.loop import Observer, play, together
 from contactfusion.readings import PointCloud, Reading, Transform
 from contactfusion.recordings.recording import Recording
 from contactfusion.stream import Arrival, Stream
@@ -134,3 +135,95 @@ def test_a_stream_may_refuse_a_pipeline_before_anything_comes() -> None:
     with pytest.raises(ConfigurationError, match="^controller: it does not fit$"):
         next(play(pipeline(), stream))
     assert stream.sent == []
+
+
+class BrokenOff(Kept):
+    """A recording that is cut off."""
+
+    def readings(self) -> Iterator[Reading]:
+        yield from super().readings()
+        raise RecordingError("cut off")
+
+
+def test_a_stream_that_breaks_off_is_played_to_there_and_then_says_so() -> None:
+    config: dict[str, Any] = {"cycle": {"every": 0.1}}
+    readings = [seen(0.1 * n) for n in range(4)]
+    wanted = [step.stamp for step in pipeline(**config).run(readings)]
+    stamps = []
+    with pytest.raises(RecordingError, match="^cut off$"):
+        for step in pipeline(**config).run(BrokenOff(readings)):
+            stamps.append(step.stamp)
+    assert stamps == wanted and len(stamps) == 3
+
+
+def test_a_clock_that_jumps_back_ends_the_stream_and_stamps_out_of_order_do_not() -> None:
+    config: dict[str, Any] = {"cycle": {"on": "eye"}}
+    assert len(list(pipeline(**config).run([seen(2.0), seen(1.5), seen(2.1)]))) == 3
+    stamps = []
+    with pytest.raises(RecordingError, match=r"jumped back from 2.000 s to 0.900 s"):
+        for step in pipeline(**config).run([seen(1.0), seen(2.0), seen(0.9), seen(3.0)]):
+            stamps.append(step.stamp)
+    assert stamps == [1.0, 2.0]
+
+
+def test_a_clock_that_jumps_ahead_makes_no_steps_in_between() -> None:
+    steps = pipeline(cycle={"every": 0.1}).run([seen(0.0), seen(3600.0)])
+    assert len(list(steps)) < 1000
+
+
+def test_an_observer_that_fails_harms_no_other_and_is_told_at_the_end() -> None:
+    taken = list[float]()
+
+    def fails(step: Any) -> None:
+        raise ZeroDivisionError(f"at {step.stamp:.1f}")
+
+    failing, sound = Observer(step=fails), Observer(step=lambda step: taken.append(step.stamp))
+    readings = [seen(0.1 * n) for n in range(5)]
+    played = list[float]()
+    with pytest.raises(ZeroDivisionError, match="at 0.0"):
+        for step in play(pipeline(cycle={"on": "eye"}), readings, [failing, sound]):
+            played.append(step.stamp)
+    assert played == taken and len(taken) == 5
+    assert isinstance(failing.failure, ZeroDivisionError) and sound.failure is None
+
+
+def test_outputs_that_are_together_end_each_by_itself() -> None:
+    ended = dict[str, str]()
+
+    @contextmanager
+    def output(name: str, error: Exception | None = None) -> Iterator[Observer]:
+        def take(reading: Reading) -> None:
+            if error is not None:
+                raise error
+
+        try:
+            yield Observer(take)
+            ended[name] = "whole"
+        except OSError as met:
+            ended[name] = "cut"
+            raise WritingError(f"{name} can't be written: {met}") from None
+
+    full = OSError("no space")
+    with pytest.raises(WritingError, match="^two can't be written: no space$"):
+        with together([output("one"), output("two", full), output("three")]) as observers:
+            with pytest.raises(OSError, match="no space"):
+                list(play(pipeline(), [seen(0.0)], observers))
+    assert ended == {"one": "whole", "two": "cut", "three": "whole"}
+    ended.clear()
+    with pytest.raises(KeyboardInterrupt), together([output("one")]):
+        raise KeyboardInterrupt
+    assert ended == {}
+
+
+def test_a_command_that_a_stream_cannot_take_ends_the_run_with_its_reason() -> None:
+    class Fixed(Cycles):
+        def send(self, command: Command | None) -> None:
+            super().send(command)
+            if len(self.sent) == 2:
+                raise ConfigurationError("it has no gripper", "controller")
+
+    steps = []
+    with pytest.raises(ConfigurationError, match="^controller: it has no gripper$"):
+        for step in play(pipeline(), Fixed(4)):
+            steps.append(step)
+    assert len(steps) == 1

@@ -54,7 +54,7 @@ def test_a_wrong_field_is_refused_as_by_run(
     assert str(error.value).startswith(f"{path}: {sentence}")
     path.write_text(yaml.safe_dump({k: v for k, v in (FIELDS | fields).items() if k != "scene"}))
     with pytest.raises(ContactFusionError) as run:
-        run_file(path, [], tmp_path / "out")
+        run_file(path, out=tmp_path / "out")
     assert str(run.value) == str(error.value)
 
 

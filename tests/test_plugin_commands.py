@@ -79,7 +79,7 @@ def test_a_name_that_is_taken_and_a_group_that_is_not_there_are_listed(ask: Ask)
     assert "nowhere.hello cannot be used: there is no group 'nowhere'" in out
     assert "strange more command Greet a robot. stranger 1.0" in out
     assert "strange command Commands of a stranger. stranger 1.0" in out
-    assert "Run a pipeline" in ask("run", "-h").out
+    assert "Find contacts in" in ask("run", "-h").out
 
 
 def test_one_that_cannot_be_imported_says_why_and_the_others_work(ask: Ask) -> None:

@@ -18,7 +18,8 @@ SCENE = '''
 from contactfusion import hookimpl
 from contactfusion.model import Model
 from contactfusion.readings import Wrench
-from contactfusion.scene import Facts, Scene, Verdict
+from contactfusion.scene import Scene
+from contactfusion.stream import Facts, Verdict
 
 
 class Config(Model):
@@ -140,7 +141,7 @@ def test_the_others_run_beside_one_that_fails_and_one_whose_name_is_taken(ask: A
     ("scene", "cause"),
     [
         ("broken", "ZeroDivisionError: division by zero (cf_broken.py, line 1)"),
-        ("late", "does not implement `readings` of Scene (cf_late.py, line 17)"),
+        ("late", "does not implement `readings` of Scene (cf_late.py, line 18)"),
         ("touch", "No module named 'no_such_simulator' (cf_lab_touch.py, line 1)"),
         ("shov", "unknown type 'shov'; did you mean 'shove'?"),
     ],
@@ -177,7 +178,7 @@ def test_strict_lists_each_with_its_cause(ask: Ask) -> None:
     assert answer.status == 1
     for line in (
         "broken cannot be used: ZeroDivisionError: division by zero (cf_broken.py, line 1)",
-        "late cannot be used: Pushed does not implement `readings` of Scene (cf_late.py, line 17)",
+        "late cannot be used: Pushed does not implement `readings` of Scene (cf_late.py, line 18)",
         "shove: push cannot be used: the name 'push' is taken by cf_lab_push",
         "shove: touch cannot be used: the name 'touch' is taken by cf_lab_touch",
     ):

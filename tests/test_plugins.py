@@ -96,11 +96,13 @@ def contactfusion_condensations(): return {"d": A}
 @hookimpl
 def contactfusion_segmenters(): return {"e": A}
 @hookimpl
-def contactfusion_scenes(): return {"f": A}
+def contactfusion_recordings(): return {"f": A}
+@hookimpl
+def contactfusion_scenes(): return {"g": A}
 """
     )
     plugins = Plugins(points=[write("all", source)], strict=True)
-    assert [[*plugins.offers(kind)] for kind in KINDS] == [[letter] for letter in "abcdef"]
+    assert [[*plugins.offers(kind)] for kind in KINDS] == [[letter] for letter in "abcdefg"]
 
 
 def test_two_entry_points_may_lead_to_one_module(write: Writer) -> None:

@@ -13,7 +13,7 @@ import contactfusion
 ROOT = Path(__file__).parents[1]
 OURS = ("contactfusion", "contactfusion_lab")
 PUBLIC = {
-    *("Arrival", "Model", "Observer", "Stream", "play"),
+    *("Arrival", "Facts", "Model", "Observer", "Stream", "Verdict", "play"),
     *("Command", "Condensation", "Contact", "ContactFusionError", "ContactHypothesis"),
     *("Controller", "Decision", "DepthImage", "Fusion", "Generator", "GeneratorConfig", "Grid"),
     *("HypothesisCloud", "HypothesisKind", "Integrator", "IntegratorConfig", "JointCommand"),

@@ -10,9 +10,8 @@ from contactfusion import Pipeline
 from contactfusion.errors import ConfigurationError, FrameError
 from contactfusion.pipeline_config import PipelineConfig
 from contactfusion.readings import JointState
-from contactfusion.replaying.replay import Options, replay
 from contactfusion.robots.description import RobotConfig
-from contactfusion.running import run_file
+from contactfusion.run.execute import run_file
 from tests.gripper_bags import PUSHED, configured, messages_of
 from tests.ros_bags import SECOND, mcap, ros1, transforms
 
@@ -25,9 +24,9 @@ def contacts(folder: Path, bag: Path, command: str, **changes: Any) -> str:
     folder = folder / command
     folder.mkdir()
     if command == "run":
-        run_file(configured(folder, bag, **changes), (), folder / "out")
+        run_file(configured(folder, bag, **changes), out=folder / "out")
         return (folder / "out" / "contacts.csv").read_text()
-    replay(Options(configured(folder, **changes), bag, out=folder / "contacts.csv"))
+    run_file(configured(folder, **changes), bag, out=folder / "contacts.csv")
     return (folder / "contacts.csv").read_text()
 
 
@@ -140,8 +139,8 @@ def test_the_viewer_begins_with_what_can_be_placed(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     pytest.importorskip("rerun")
-    from contactfusion.replaying.asking import Source
-    from contactfusion.replaying.watching import view_recording
+    from contactfusion.run.asking import Source
+    from contactfusion.run.watching import view_recording
     from tests.test_view import Contents
 
     source = Source(begun_late(tmp_path), configured(tmp_path))
@@ -170,8 +169,8 @@ def test_the_viewer_says_how_long_the_robot_had_no_place_in_the_space(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     pytest.importorskip("rerun")
-    from contactfusion.replaying.asking import Source
-    from contactfusion.replaying.watching import view_recording
+    from contactfusion.run.asking import Source
+    from contactfusion.run.watching import view_recording
 
     source = Source(begun_late(tmp_path), configured(tmp_path, integrator={"frame": "map"}))
     view_recording(source, tmp_path / "late.rrd", screenshot=None, at=None, web=False)

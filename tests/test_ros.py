@@ -17,7 +17,8 @@ from contactfusion.recordings.log import LONGEST_FALL
 from contactfusion.recordings.mcap import McapWriter
 from contactfusion.recordings.messages import message, typestore
 from contactfusion.recordings.opening import open_recording
-from contactfusion.recordings.ros import RawMessage, RosConfig, RosRecording
+from contactfusion.recordings.recording import RawMessage
+from contactfusion.recordings.ros import RosConfig, RosRecording
 from tests.real_data import real_data
 from tests.ros_bags import (
     EPOCH,
@@ -613,7 +614,7 @@ def test_a_file_of_ouster_is_converted_for_as_long_as_it_is_read(
     recording = open_recording(tmp_path / "a.pcap")
     assert isinstance(recording, RosRecording)
     assert len(list(recording.readings())) == 1
-    part = recording.part({"ft": ["/wrist"]}, 0.0, None, None)
+    part = recording.part({"ft": ["/wrist"]})
     del recording
     assert [one.sensor for one in part.readings()] == ["ft"]
     assert made[0].is_file()

@@ -13,8 +13,8 @@ import pytest
 from contactfusion.pipeline import Step
 from contactfusion.readings import JointState, Reading, Transform, Wrench
 from contactfusion.recordings.mcap import McapWriter
-from contactfusion.replaying.configuration import Setting
-from contactfusion.replaying.session import Session
+from contactfusion.run.configuration import Setting
+from contactfusion.run.session import Session
 from tests.toys import offer_toys
 
 SYSTEM_PYTHON = Path("/usr/bin/python3")
@@ -103,7 +103,7 @@ def steps(path: Path) -> list[Step]:
 def test_its_readings_are_those_that_were_written(tmp_path: Path) -> None:
     recording = Session(
         Setting(CONFIG, Path(), {}, Path("robot.yaml")), bag(tmp_path / "a.bag", readings())
-    ).recording
+    ).stream
     assert recording.epoch_ns == EPOCH
     found, written = list(recording.readings()), list(readings())
     assert [type(one) for one in found] == [type(one) for one in written]

@@ -37,7 +37,7 @@ for function in (
     running.record,
     recordings.inspect,
     recordings.init,
-    recordings.replay,
+    running.replay,
     recordings.explain,
     recordings.ablate,
     recordings.view,

@@ -7,12 +7,13 @@ import typer
 
 from contactfusion.errors import ConfigurationError
 
+RECORDING = "A ROS bag, MCAP, folder of them, C3D, or YAML file that describes a log."
 Out = Annotated[Path, typer.Option(help="The output folder.")]
 Configured = Annotated[
     Path | None,
     typer.Option(
         "--config",
-        help="The configuration (YAML); default: the one that `replay` stored in the recording.",
+        help="The configuration (YAML); default: what `run` stored in the recording.",
     ),
 ]
 Topics = Annotated[
@@ -29,26 +30,45 @@ Changed = Annotated[
         "--set", help="FIELD=VALUE: override a field, e.g. integrator.timeout=1; may be repeated."
     ),
 ]
+Results = Annotated[
+    Path | None,
+    typer.Option(
+        "--out",
+        help="A folder for contacts.csv, commands.csv and summary.json; or a file for the "
+        "contacts: .mcap (with all topics), .csv or .parquet.",
+    ),
+]
+Seed = Annotated[int | None, typer.Option(help="Random seed; overrides the file's.")]
+Start = Annotated[float, typer.Option(min=0.0, help="Time to start at, from the beginning \\[s].")]
+Duration = Annotated[
+    float | None,
+    typer.Option(min=0.0, help="Length of the part to play \\[s]; default: to the end."),
+]
+Rate = Annotated[
+    float | None,
+    typer.Option(min=1e-3, help="Speed as a multiple of real time; default: as fast as possible."),
+]
+View = Annotated[bool, typer.Option("--view", help="Open the viewer at the end.")]
 
 
 def roles(topics: list[str] | None) -> dict[str, str]:
-    """Give the topic of each role.
+    """The topic of each role.
 
     Args:
         topics: each as ROLE=/NAME.
 
     Raises:
-        ConfigurationError: one is not.
+        ConfigurationError: an option is not.
     """
-    told = {}
+    chosen = {}
     for text in topics or []:
         role, _, name = text.partition("=")
         if not (role and name):
             raise ConfigurationError(f"--topic takes ROLE=/NAME, not '{text}'")
-        told[role] = name
-    return told
+        chosen[role] = name
+    return chosen
 
 
 def listed(names: str) -> list[str]:
-    """Give names that stand with commas between them."""
+    """Names that are separated by commas."""
     return [name.strip() for name in names.split(",") if name.strip()]

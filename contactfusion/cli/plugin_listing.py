@@ -71,8 +71,8 @@ def describe_plugin(name: str) -> None:
     for kind in KINDS:
         cls = plugins.offers(kind).get(name)
         if cls is not None:
-            one = kind.removesuffix("s")
-            console.print(f"{name} ({one}): {_first_line(cls.__doc__)}", highlight=False)
+            word = kind.removesuffix("s")
+            console.print(f"{name} ({word}): {_first_line(cls.__doc__)}", highlight=False)
             if hasattr(cls, "Config"):
                 refuse(name, cls, class_fault(cls, object, BaseModel))
                 console.print(_options(cls.Config))
@@ -156,7 +156,7 @@ def _spec(module: str) -> ModuleSpec | None:
     for depth in range(1, len(names) + 1):
         name = ".".join(names[:depth])
         found = (finder.find_spec(name, path) for finder in sys.meta_path)
-        spec = next((one for one in found if one is not None), None)
+        spec = next((spec for spec in found if spec is not None), None)
         if spec is None:
             return None
         path = spec.submodule_search_locations
@@ -186,6 +186,7 @@ def _build(kind: str, name: str) -> None:
     from contactfusion.assembly import built_controller, built_generator, built_integrator
     from contactfusion.integrator.config import IntegratorConfig
     from contactfusion.pipeline_config import PipelineConfig
+    from contactfusion.recordings.opening import recording_class
     from contactfusion.scene import scene_class
     from contactfusion.segmenter import built_segmenter, segmenter_class
 
@@ -196,6 +197,8 @@ def _build(kind: str, name: str) -> None:
             built_controller(PipelineConfig(controller={"type": name}))
         case "segmenters":
             built_segmenter(configured(name, segmenter_class(name), {"type": name}, ""))
+        case "recordings":
+            recording_class(name)
         case "scenes":
             scene_class(name)
         case "rules":
@@ -218,12 +221,12 @@ def _add_options(table: Table, model: type[BaseModel], prefix: str) -> None:
     for name, field in model.model_fields.items():
         inner = next((a for a in _types(field.annotation) if issubclass(a, BaseModel)), None)
         default = field.get_default(call_default_factory=True, validated_data={})
-        told = "required" if field.is_required() else "" if inner else str(default)
-        table.add_row(prefix + name, told, " ".join((field.description or "").split()))
+        shown = "required" if field.is_required() else "" if inner else str(default)
+        table.add_row(prefix + name, shown, " ".join((field.description or "").split()))
         if inner:
             _add_options(table, inner, f"{prefix}{name}.")
 
 
 def _types(annotation: Any) -> list[type]:
-    """Give the classes that an annotation such as ``X | None`` allows."""
+    """The classes that an annotation such as ``X | None`` allows."""
     return [a for a in (annotation, *get_args(annotation)) if isinstance(a, type)]

@@ -6,28 +6,90 @@ from typing import Annotated
 
 import typer
 
-from contactfusion.cli.options import Changed, Out, Topics, roles
+from contactfusion.cli.options import (
+    RECORDING,
+    Changed,
+    Duration,
+    Ignored,
+    Rate,
+    Results,
+    Seed,
+    Start,
+    Topics,
+    View,
+    roles,
+)
 from contactfusion.errors import ConfigurationError, listed_once
 
 
 def run(
-    configuration: Annotated[
-        Path, typer.Argument(help="The configuration (YAML), with `recording` or `scene`.")
-    ],
+    configuration: Annotated[Path, typer.Argument(help="The configuration (YAML).")],
+    recording: Annotated[
+        Path | None,
+        typer.Argument(help=f"{RECORDING[:-1]}; default: what the configuration names."),
+    ] = None,
     set_: Changed = None,
-    out: Out = Path("out/run"),
-    seed: Annotated[int | None, typer.Option(help="Random seed; overrides the file's.")] = None,
+    out: Results = Path("out/run"),
+    seed: Seed = None,
+    topic: Topics = None,
+    ignore: Ignored = None,
+    start: Start = 0.0,
+    duration: Duration = None,
+    rate: Rate = None,
+    view: View = False,
 ) -> None:
-    """Run a pipeline on a recording or in a scene: writes contacts.csv and summary.json."""
-    from contactfusion.running import run_file
+    """Find contacts in a recording or a scene, and report which inputs came and which did not."""
+    from contactfusion.recordings.recording import Window
+    from contactfusion.run.execute import Watch, run_file
 
-    run_file(configuration, set_ or [], out, seed)
+    def played(watch: Watch | None = None) -> None:
+        run_file(
+            configuration,
+            recording,
+            overrides=set_ or [],
+            out=out,
+            seed=seed,
+            topics=roles(topic),
+            ignored=ignore or [],
+            window=Window(start, duration),
+            rate=rate,
+            watch=watch,
+        )
+
+    if not view:
+        return played()
+    from contactfusion.run.watching import shown
+
+    with shown((recording or configuration).stem) as watch:
+        played(watch)
+
+
+def replay(
+    configuration: Annotated[Path, typer.Argument(help="The configuration (YAML).")],
+    recording: Annotated[Path | None, typer.Argument(help=RECORDING)] = None,
+    set_: Changed = None,
+    out: Results = None,
+    seed: Seed = None,
+    topic: Topics = None,
+    ignore: Ignored = None,
+    start: Start = 0.0,
+    duration: Duration = None,
+    rate: Rate = None,
+    view: View = False,
+) -> None:
+    """Run on a recording, as `run` does; without --out nothing is written."""
+    if recording is None:
+        raise ConfigurationError(
+            f"give the recording after {configuration}, or play the one that it names with "
+            f"`contactfusion run {configuration}`"
+        )
+    run(configuration, recording, set_, out, seed, topic, ignore, start, duration, rate, view)
 
 
 def check(
-    configuration: Annotated[Path, typer.Argument(help="A YAML file for `run` or `replay`.")],
+    configuration: Annotated[Path, typer.Argument(help="The configuration (YAML).")],
     recording: Annotated[
-        Path | None, typer.Argument(help="What `replay` would play: its topics are matched, too.")
+        Path | None, typer.Argument(help="What `run` would play: its topics are matched, too.")
     ] = None,
     topic: Topics = None,
     set_: Changed = None,
@@ -64,10 +126,10 @@ def record(
         float | None,
         typer.Option(min=0.0, help="Length of the recording \\[s]; default: until the scene ends."),
     ] = None,
-    seed: Annotated[int | None, typer.Option(help="Random seed; overrides the file's.")] = None,
+    seed: Seed = None,
 ) -> None:
     """Record the sensor readings of a scene, and the ground truth, as MCAP."""
-    from contactfusion.recording_scene import record_scene
+    from contactfusion.run.recorder import record_scene
 
     file = out or Path("out") / f"{configuration.stem}.mcap"
     record_scene(configuration, set_ or [], file, seed, duration)
@@ -75,10 +137,10 @@ def record(
 
 def plugins(
     context: typer.Context,
-    name: Annotated[str | None, typer.Argument(help="Show the options of this one.")] = None,
-    strict: Annotated[bool, typer.Option(help="Import all; fail if one cannot be used.")] = False,
+    name: Annotated[str | None, typer.Argument(help="Show the options of this plug-in.")] = None,
+    strict: Annotated[bool, typer.Option(help="Import all; fail if any cannot be used.")] = False,
 ) -> None:
-    """List the installed plug-ins, or the options of one."""
+    """List the installed plug-ins, or the options of a plug-in."""
     from contactfusion.cli.plugin_commands import import_failures, installed_commands
     from contactfusion.cli.plugin_listing import describe_plugin, list_plugins
 

@@ -37,7 +37,7 @@ def tune_fusion(
     out: Out = Path("out/tune_fusion"),
 ) -> None:
     """Find the parameters that detect labelled contacts best; resumes where it stopped."""
-    from contactfusion.replaying.asking import Source, tune_recording
+    from contactfusion.run.asking import Source, tune_recording
 
     source = Source(recording, config, roles(topic), set_ or [], ignore or [])
     tune_recording(source, labels, vary or [], within, out)

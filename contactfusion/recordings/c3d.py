@@ -18,6 +18,7 @@ from contactfusion.arrays import FloatArray
 from contactfusion.errors import RecordingError, missing_extra
 from contactfusion.files import require_file
 from contactfusion.frames import FrameConfig
+from contactfusion.hooks import hookimpl
 from contactfusion.model import Model
 from contactfusion.readings import Markers, Reading, Transform, Wrench
 from contactfusion.recordings.recording import Recording
@@ -80,6 +81,9 @@ class C3DRecording(Recording):
         DependencyError: ezc3d is not installed.
     """
 
+    Config = C3DConfig
+    suffixes = (".c3d", ".zip")
+
     def __init__(self, config: C3DConfig, folder: Path = Path()) -> None:
         path = folder / config.file
         with _unpacked(path) as unpacked:
@@ -112,6 +116,11 @@ class C3DRecording(Recording):
             reaction = np.hstack([plate["force"].T, plate["moment"].T * torque_scale])
             self._series.append(_sampled(path, -reaction, rate, start, partial(_wrench, name)))
             topics[name] = Wrench
+
+    @classmethod
+    def opened(cls, config: C3DConfig, folder: Path) -> "C3DRecording":
+        """Open the file."""
+        return cls(config, folder)
 
     def readings(self) -> Iterator[Reading]:
         """Give the readings in order of their stamps; of one stamp, markers come first.
@@ -268,3 +277,9 @@ def _events(parameters: Any, start: float) -> tuple[MotionEvent, ...]:
         for stamp, label, context in zip_longest(stamps, labels, contexts, fillvalue="")
     )
     return tuple(sorted(events, key=lambda event: event.stamp))
+
+
+@hookimpl
+def contactfusion_recordings() -> dict[str, type[Recording]]:
+    """Offer the recording."""
+    return {"c3d": C3DRecording}

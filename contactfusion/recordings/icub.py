@@ -16,6 +16,7 @@ from pydantic import Field
 from contactfusion.arrays import FloatArray
 from contactfusion.errors import RecordingError
 from contactfusion.files import require_file
+from contactfusion.hooks import hookimpl
 from contactfusion.model import Model
 from contactfusion.readings import JointState, Reading, TactileImage
 from contactfusion.recordings.recording import Recording
@@ -67,6 +68,9 @@ class IcubRecording(Recording):
         RecordingError: the file is missing, cut off, or no trial of the set.
     """
 
+    Config = IcubConfig
+    suffixes = (".txt",)
+
     def __init__(self, config: IcubConfig, folder: Path = Path()) -> None:
         path = folder / config.file
         frames = _frames(path)
@@ -85,6 +89,11 @@ class IcubRecording(Recording):
         for finger, taxels in zip(FINGERS, np.split(frames[:, 14:], 5, axis=1), strict=True):
             make = partial(_tactile_image, finger)
             self._series.append(Series(values=taxels, make=make, **shared))
+
+    @classmethod
+    def opened(cls, config: IcubConfig, folder: Path) -> "IcubRecording":
+        """Open the file."""
+        return cls(config, folder)
 
     def readings(self) -> Iterator[Reading]:
         """Give, frame by frame, the joints and then the fingers from thumb to little finger."""
@@ -126,3 +135,9 @@ def _frames(path: Path) -> NDArray[np.float64]:
         except ValueError as error:
             raise RecordingError(f"{path}, line {place + 2}: {error}") from None
     return np.array(numbers).reshape(-1, sum(WIDTHS))
+
+
+@hookimpl
+def contactfusion_recordings() -> dict[str, type[Recording]]:
+    """Offer the recording."""
+    return {"icub": IcubRecording}

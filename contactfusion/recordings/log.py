@@ -22,10 +22,10 @@ A log without stamps has ``time: {rate: 240}``; columns without a header are nam
 import logging
 import os
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from functools import partial
 from pathlib import Path
-from typing import Literal, Self, final
+from typing import Any, Literal, Self, final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,6 +33,7 @@ from pydantic import Field, model_validator
 
 from contactfusion.arrays import FloatArray
 from contactfusion.errors import ConfigurationError, RecordingError
+from contactfusion.hooks import hookimpl
 from contactfusion.model import Model
 from contactfusion.readings import READING_TYPES, Reading
 from contactfusion.recordings.log_readings import AnyColumns, ColumnsConfig
@@ -123,10 +124,16 @@ class LogFile(Model):
 
 
 class LogConfig(Model):
-    """A log of several files, each with stamps of one common clock."""
+    """A log of one file, with the fields of `LogFile`, or of several, with `files`."""
 
     files: tuple[LogFile, ...] = Field(min_length=1)
-    """The files."""
+    """The files, each with stamps of one common clock."""
+
+    @model_validator(mode="before")
+    @classmethod
+    def _single(cls, fields: Any) -> Any:
+        """Take the fields of a single file."""
+        return fields if "files" in fields else {"files": (LogFile(**fields),)}
 
 
 @final
@@ -139,14 +146,17 @@ class LogRecording(Recording):
     the platform's long double has 64 bits (Linux); elsewhere Unix times are rounded to 0.3 µs.
 
     Args:
-        files: the files and what is in them.
+        config: the files and what is in them.
         folder: where relative file names start.
 
     Raises:
         RecordingError: a file is missing, cut off, or does not hold what its description says.
     """
 
-    def __init__(self, files: Sequence[LogFile], folder: Path = Path()) -> None:
+    Config = LogConfig
+
+    def __init__(self, config: LogConfig, folder: Path = Path()) -> None:
+        files = config.files
         self.notes: list[str] = []
         """What was left out or put in order, in sentences."""
         self._series = [one for file in files for one in self._read(file, folder)]
@@ -158,6 +168,11 @@ class LogRecording(Recording):
         }
         for note in self.notes:
             log.warning(note)
+
+    @classmethod
+    def opened(cls, config: LogConfig, folder: Path) -> "LogRecording":
+        """Open the file."""
+        return cls(config, folder)
 
     def readings(self) -> Iterator[Reading]:
         """Give the readings in order of their stamps."""
@@ -278,3 +293,9 @@ def _nanoseconds(column: NDArray[np.longdouble], time: TimeConfig, source: Path)
             f"is the column right, and its unit?"
         )
     return np.rint(scaled).astype(np.int64)
+
+
+@hookimpl
+def contactfusion_recordings() -> dict[str, type[Recording]]:
+    """Offer the recording."""
+    return {"log": LogRecording}

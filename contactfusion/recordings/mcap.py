@@ -42,7 +42,7 @@ if TYPE_CHECKING:
     from rosbags.interfaces import Connection, Qos
     from rosbags.rosbag2 import Writer
 
-    from contactfusion.recordings.ros.recording import RawMessage
+    from contactfusion.recordings.recording import RawMessage
 
 DESCRIPTION = "robot_description"
 """The topic of ROS for the URDF of a robot."""

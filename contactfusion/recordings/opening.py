@@ -1,17 +1,24 @@
 """One way to open every recording: by a file, or by a description of what is in it."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from shutil import rmtree
 from tempfile import mkdtemp
 from typing import Any
 from weakref import finalize
 
-from contactfusion.errors import ConfigurationError, RecordingError, name_hint
+from contactfusion.errors import (
+    ConfigurationError,
+    Guard,
+    PluginError,
+    RecordingError,
+    name_hint,
+)
 from contactfusion.files import require_file
-from contactfusion.recordings.c3d import C3DConfig, C3DRecording
-from contactfusion.recordings.icub import IcubConfig, IcubRecording
-from contactfusion.recordings.log import LogConfig, LogFile, LogRecording
+from contactfusion.model import Model
+from contactfusion.plugins import class_fault, configured, installed_plugins, refuse
+from contactfusion.recordings.c3d import C3DRecording
+from contactfusion.recordings.icub import IcubRecording
 from contactfusion.recordings.ouster import convert
 from contactfusion.recordings.recording import Recording
 from contactfusion.recordings.ros import RosConfig, RosRecording
@@ -24,61 +31,40 @@ YAML = (".yaml", ".yml")
 """Files that describe recordings, or configure pipelines."""
 
 
-def _log(options: dict[str, Any], folder: Path) -> Recording:
-    files = LogConfig(**options).files if "files" in options else (LogFile(**options),)
-    return LogRecording(files, folder)
-
-
-def _c3d(options: dict[str, Any], folder: Path) -> Recording:
-    return C3DRecording(C3DConfig(**options), folder)
-
-
-def _icub(options: dict[str, Any], folder: Path) -> Recording:
-    return IcubRecording(IcubConfig(**options), folder)
-
-
-def _ros(options: dict[str, Any], folder: Path) -> Recording:
-    return RosRecording(RosConfig(**options), folder)
-
-
-def _ouster(options: dict[str, Any], folder: Path) -> Recording:
-    """Convert to MCAP in a folder that is removed when nobody holds the recording any more."""
-    made = Path(mkdtemp(prefix="contactfusion-"))
-    try:
-        convert(folder / options["file"], made / "scans.mcap")
-        recording = RosRecording(RosConfig(file=made / "scans.mcap"))
-    except BaseException:
-        rmtree(made)
-        raise
-    finalize(recording, rmtree, made)
-    return recording
-
-
-TYPES: dict[str, Callable[[dict[str, Any], Path], Recording]] = {
-    "log": _log,
-    "c3d": _c3d,
-    "icub": _icub,
-    "ros": _ros,
-    "mcap": _ros,
+SUFFIXES = {
+    **dict.fromkeys(C3DRecording.suffixes, "c3d"),
+    **dict.fromkeys(IcubRecording.suffixes, "icub"),
+    **dict.fromkeys(RosRecording.suffixes, "ros"),
+    **dict.fromkeys((".pcap", ".osf"), "ouster"),
 }
-"""What opens each type of recording, given the rest of its description and its folder."""
-SUFFIXES: dict[str, Callable[[dict[str, Any], Path], Recording]] = {
-    ".c3d": _c3d,
-    ".zip": _c3d,
-    ".txt": _icub,
-    ".bag": _ros,
-    ".active": _ros,
-    ".db3": _ros,
-    ".mcap": _ros,
-    ".pcap": _ouster,
-    ".osf": _ouster,
-}
-"""What opens a recording that needs no description, by the suffix of the file."""
+"""The type of a recording that needs no description, by the suffix of its file."""
 
 
 def is_ros(path: Path) -> bool:
     """Whether a file or a folder is read as a recording of ROS."""
-    return path.is_dir() or SUFFIXES.get(path.suffix) is _ros
+    return path.is_dir() or SUFFIXES.get(path.suffix) == "ros"
+
+
+def recording_class(name: str) -> type[Recording]:
+    """The class of a type of recording.
+
+    Raises:
+        ConfigurationError: no such type is installed.
+        PluginError: its class breaks the contract, or cannot be imported.
+    """
+    plugins = installed_plugins()
+    try:
+        cls: type[Recording] = plugins.find("recordings", name)
+    except PluginError:
+        if name in plugins.failures:
+            raise
+        hint = name_hint(name, plugins.offers("recordings"), "types of recording")
+        raise ConfigurationError(f"unknown type '{name}'; {hint}", "type") from None
+    fault = class_fault(cls, Recording, Model)
+    if not fault and cls.opened.__func__ is Recording.opened.__func__:  # type: ignore[attr-defined]
+        fault = "does not implement `opened` of Recording"
+    refuse(name, cls, fault)
+    return cls
 
 
 def open_recording(what: str | Path | Mapping[str, Any], folder: Path = Path()) -> Recording:
@@ -87,9 +73,8 @@ def open_recording(what: str | Path | Mapping[str, Any], folder: Path = Path()) 
     Args:
         what: a recording (`.c3d`, a `.zip` that holds one, an iCub trial `.txt`, of ROS `.bag`,
             `.db3`, `.mcap` or a folder of them, of Ouster `.pcap` or `.osf`), a YAML file with the
-            description of one, or that description as a mapping: its `type` (`log`, `c3d`, `icub`
-            or `ros`) and the fields of `LogFile` or `LogConfig`, `C3DConfig`, `IcubConfig` or
-            `RosConfig`.
+            description of one, or that description as a mapping: its `type` (`log`, `c3d`, `icub`,
+            `ros`, or one of a plug-in) and the fields of its `Config`.
         folder: where relative file names start; in a YAML file they start at its own folder.
 
     Raises:
@@ -110,15 +95,20 @@ def open_recording(what: str | Path | Mapping[str, Any], folder: Path = Path()) 
         except ConfigurationError as error:
             raise ConfigurationError(f"{path}: {error}") from None
     if path.is_dir():
-        return _ros({"file": path}, Path())
+        return _opened("ros", {"file": path}, Path())
     require_file(path, RecordingError)
     if path.suffix in SUFFIXES:
-        return SUFFIXES[path.suffix]({"file": path}, Path())
+        kind = SUFFIXES[path.suffix]
+        return _converted(path) if kind == "ouster" else _opened(kind, {"file": path}, Path())
     if path.suffix in DESCRIBED:
         raise RecordingError(
             f"{path} needs a description of its columns, a YAML file with 'type: log' and "
             f"'file: {path.name}': `contactfusion inspect {path}` prints one to copy"
         )
+    offers = installed_plugins().offers("recordings")
+    for kind, cls in offers.items():
+        if path.suffix and path.suffix in getattr(cls, "suffixes", ()):
+            return _opened(kind, {"file": path}, Path())
     raise RecordingError(
         f"{path} can't be read; what can: {', '.join(SUFFIXES)}, and by a description in .yaml: "
         f"{', '.join(DESCRIBED)}"
@@ -141,7 +131,7 @@ def unfit_configuration(path: Path, fields: Mapping[str, Any]) -> str:
     runs = f"{path} is a configuration that `contactfusion run {path}` runs, and no recording"
     if isinstance(recording, Mapping):
         kind, file = recording.get("type"), recording.get("file")
-        if kind in TYPES and kind != "log" and isinstance(file, str):
+        if isinstance(kind, str) and kind != "log" and isinstance(file, str):
             return f"{runs}: give the one that it names, {path.parent / file}"
         return f"{runs}: give a YAML file that holds only what stands under its `recording`"
     if "scene" in fields:
@@ -152,8 +142,28 @@ def unfit_configuration(path: Path, fields: Mapping[str, Any]) -> str:
 def _described(description: Mapping[str, Any], folder: Path) -> Recording:
     options = dict(description)
     kind = options.pop("type", None)
-    if kind not in TYPES:
-        hint = name_hint(str(kind or ""), TYPES, "types of recording")
+    if not isinstance(kind, str):
+        hint = name_hint("", installed_plugins().offers("recordings"), "types of recording")
         wrong = "this field is required" if kind is None else f"unknown type '{kind}'"
         raise ConfigurationError(f"{wrong}; {hint}", "type")
-    return TYPES[kind](options, folder)
+    return _opened(kind, options, folder)
+
+
+def _opened(kind: str, options: Mapping[str, Any], folder: Path) -> Recording:
+    cls = recording_class(kind)
+    config = configured(kind, cls, options, "")
+    with Guard(f"the plug-in '{kind}'", cls):
+        return cls.opened(config, folder)
+
+
+def _converted(path: Path) -> Recording:
+    """An Ouster file as MCAP in a folder that is removed with the recording."""
+    made = Path(mkdtemp(prefix="contactfusion-"))
+    try:
+        convert(path, made / "scans.mcap")
+        recording = RosRecording(RosConfig(file=made / "scans.mcap"))
+    except BaseException:
+        rmtree(made)
+        raise
+    finalize(recording, rmtree, made)
+    return recording

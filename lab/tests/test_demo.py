@@ -16,8 +16,8 @@ from rich.console import Console
 from contactfusion.cli import command_line
 from contactfusion.errors import ConfigurationError, ContactFusionError, DependencyError
 from contactfusion.recordings import messages
-from contactfusion.replaying.configuration import setting_of_recording
-from contactfusion.running import run_file
+from contactfusion.run.configuration import setting_of_recording
+from contactfusion.run.execute import run_file
 from contactfusion_lab.demo import run as demo
 from contactfusion_lab.demo.account import Story
 from contactfusion_lab.demo.run import show, told
@@ -146,7 +146,7 @@ def test_a_second_demo_gives_the_same_bytes(
 
 
 def test_the_scene_runs_again_from_its_file(shown: Shown, tmp_path: Path) -> None:
-    run_file(shown[0] / "scene.yaml", [], tmp_path)
+    run_file(shown[0] / "scene.yaml", out=tmp_path)
     again, first = (folder / "contacts.csv" for folder in (tmp_path, shown[0]))
     assert again.read_bytes() == first.read_bytes()
 

@@ -16,9 +16,9 @@ from contactfusion.errors import ConfigurationError, RobotError
 from contactfusion.faults import Fault, FaultFile
 from contactfusion.files import make_folder
 from contactfusion.pipeline import Pipeline
-from contactfusion.replaying.configuration import setting_of_recording
-from contactfusion.replaying.session import Session
 from contactfusion.robots.model import shared_robot
+from contactfusion.run.configuration import setting_of_recording
+from contactfusion.run.session import Session
 from contactfusion_lab.experiments.grasp import experiment, tables
 from contactfusion_lab.experiments.grasp.experiment import COLUMNS, Options, columns_of, run_grasp
 from contactfusion_lab.experiments.grasp.film import recorded

@@ -21,7 +21,7 @@ from contactfusion.pipeline import Pipeline, Step
 from contactfusion.pipeline_config import PipelineConfig
 from contactfusion.readings import JointCommand, JointState, TactileImage, Twist, Wrench
 from contactfusion.robots.model import RobotModel, shared_robot
-from contactfusion.running import run_file
+from contactfusion.run.execute import run_file
 from contactfusion.scene import open_scene
 from contactfusion_lab.experiments.grasp.plan import DEFAULT, NONE, Column, read_plan
 from contactfusion_lab.experiments.methods import Method
@@ -470,7 +470,7 @@ def test_a_push_counts_when_it_was_felt_on_the_way_to_the_object(mode: str, forc
 def test_a_scene_file_is_run_and_its_truth_told(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    run_file(SCENES / "grasp_bottle.yaml", ["scene.offset=0.04"], tmp_path, seed=2)
+    run_file(SCENES / "grasp_bottle.yaml", overrides=["scene.offset=0.04"], out=tmp_path, seed=2)
     truth = json.loads((tmp_path / "summary.json").read_text())["truth"]
     assert truth["ending"] == "lifted" and truth["success"]
     assert "lifted after" in capsys.readouterr().out
@@ -552,7 +552,7 @@ def test_the_type_of_a_scene_is_known() -> None:
 
 @pytest.mark.slow
 def test_a_mug_by_its_urdf_is_grasped_by_all_that_is_felt(tmp_path: Path) -> None:
-    run_file(SCENES / "grasp_mug.yaml", ["scene.offset=0.02"], tmp_path, seed=1)
+    run_file(SCENES / "grasp_mug.yaml", overrides=["scene.offset=0.02"], out=tmp_path, seed=1)
     truth = json.loads((tmp_path / "summary.json").read_text())["truth"]
     assert truth["ending"] == "lifted" and truth["success"]
 

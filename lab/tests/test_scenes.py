@@ -20,7 +20,7 @@ from contactfusion.pipeline import Pipeline
 from contactfusion.pipeline_config import PipelineConfig
 from contactfusion.readings import Reading
 from contactfusion.robots.description import read_robot
-from contactfusion.running import run_file
+from contactfusion.run.execute import run_file
 from contactfusion.scene import open_scene
 from contactfusion.yaml_files import read_yaml
 from contactfusion_lab.scenes.touch.scene import compared
@@ -60,7 +60,7 @@ def nearest(folder: Path) -> FloatArray:
 def test_an_example_finds_where_it_really_touches(
     name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    run_file(SCENES / f"{name}.yaml", [], tmp_path)
+    run_file(SCENES / f"{name}.yaml", out=tmp_path)
     truth = told(tmp_path)["truth"]
     assert len(truth["places"]) == len(truth["forces"]) == len(truth["links"]) > 0
     assert (nearest(tmp_path) < NEAR).all()
@@ -87,16 +87,16 @@ def test_every_example_of_a_scene_is_tried() -> None:
 
 @pytest.mark.parametrize("seed", range(1, 6))
 def test_a_robot_by_configuration_alone_finds_its_contact(seed: int, tmp_path: Path) -> None:
-    run_file(PANDA, [], tmp_path, seed)
+    run_file(PANDA, out=tmp_path, seed=seed)
     assert set(told(tmp_path)["truth"]["links"]) <= {"panda_leftfinger", "panda_rightfinger"}
     assert (nearest(tmp_path) < NEAR).all()
 
 
 def test_a_seed_rules_the_scene_and_the_same_gives_the_same(tmp_path: Path) -> None:
-    run_file(BOX, [], tmp_path / "one", 7)
-    run_file(BOX, [], tmp_path / "same", 7)
-    run_file(BOX, ["seed=7"], tmp_path / "by file")
-    run_file(BOX, ["seed=7"], tmp_path / "other", 8)
+    run_file(BOX, out=tmp_path / "one", seed=7)
+    run_file(BOX, out=tmp_path / "same", seed=7)
+    run_file(BOX, overrides=["seed=7"], out=tmp_path / "by file")
+    run_file(BOX, overrides=["seed=7"], out=tmp_path / "other", seed=8)
     for file in ("contacts.csv", "summary.json"):
         one = (tmp_path / "one" / file).read_bytes()
         assert one == (tmp_path / "same" / file).read_bytes()
@@ -113,7 +113,7 @@ def test_the_command_line_takes_a_seed(tmp_path: Path) -> None:
         text=True,
     )
     assert done.returncode == 0 and "truth: panda_" in done.stdout
-    run_file(PANDA, [], tmp_path / "again", 5)
+    run_file(PANDA, out=tmp_path / "again", seed=5)
     assert told(tmp_path)["truth"] == told(tmp_path / "again")["truth"]
 
 
@@ -124,7 +124,7 @@ def test_what_another_world_of_the_process_sets_changes_nothing(tmp_path: Path) 
     other = {"physicsClientId": pybullet.connect(pybullet.DIRECT)}
     for breaking in (0.02, 0.002):
         pybullet.setPhysicsEngineParameter(contactBreakingThreshold=breaking, **other)
-        run_file(PANDA, [], tmp_path / str(breaking), 5)
+        run_file(PANDA, out=tmp_path / str(breaking), seed=5)
     pybullet.disconnect(**other)
     assert told(tmp_path / "0.02")["truth"] == told(tmp_path / "0.002")["truth"]
 
@@ -132,15 +132,15 @@ def test_what_another_world_of_the_process_sets_changes_nothing(tmp_path: Path) 
 def test_a_hand_that_stops_short_touches_nothing_and_that_is_told(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    run_file(BOX, ["scene.short=0.02"], tmp_path)
+    run_file(BOX, overrides=["scene.short=0.02"], out=tmp_path)
     assert told(tmp_path)["truth"] == {"frame": "base", "places": [], "forces": [], "links": []}
     assert "truth: no contact, and none was there\n" in capsys.readouterr().out
 
 
 def test_the_truth_is_told_in_the_frame_of_the_contacts(tmp_path: Path) -> None:
-    run_file(BOX, [], tmp_path / "base")
+    run_file(BOX, out=tmp_path / "base")
     moved = "frames.base={parent: world, xyz: [1.0, 0.0, 0.0], rpy: [0.0, 0.0, 1.5707963267948966]}"
-    run_file(BOX, ["integrator.frame=world", moved], tmp_path / "world")
+    run_file(BOX, overrides=["integrator.frame=world", moved], out=tmp_path / "world")
     (x, y, z), *_ = told(tmp_path / "base")["truth"]["places"]
     truth = told(tmp_path / "world")["truth"]
     assert truth["frame"] == "world"
@@ -157,7 +157,7 @@ def test_a_copy_works_in_any_folder_with_meshes_of_its_own(tmp_path: Path) -> No
     box = {"mesh": "box.obj", "pose": {"parent": "base", "xyz": [0.7, 0.0, 0.35]}}
     fields["scene"]["objects"] = fields["generators"]["believed"]["objects"] = {"box": box}
     (tmp_path / "scene.yaml").write_text(yaml.safe_dump(fields))
-    run_file(tmp_path / "scene.yaml", [], tmp_path / "out")
+    run_file(tmp_path / "scene.yaml", out=tmp_path / "out")
     assert (nearest(tmp_path / "out") < NEAR).all()
 
 
@@ -223,7 +223,7 @@ def test_a_scene_that_is_wrong_is_one_sentence_that_names_the_field(
     changes: list[str], sentence: str, tmp_path: Path
 ) -> None:
     with pytest.raises(ConfigurationError) as caught:
-        run_file(BOX, changes, tmp_path / "out")
+        run_file(BOX, overrides=changes, out=tmp_path / "out")
     said = str(caught.value)
     begin, _, rest = sentence.partition("…")
     assert said.startswith(f"{BOX}: {begin}") and rest in said and "\n" not in said
@@ -246,7 +246,11 @@ def test_a_scene_can_be_opened_in_python() -> None:
 
 
 def test_a_controller_pushes_in_a_scene(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    run_file(SCENES / "push_box.yaml", ["controller.target=[1,0]", "scene.target=[1,0]"], tmp_path)
+    run_file(
+        SCENES / "push_box.yaml",
+        overrides=["controller.target=[1,0]", "scene.target=[1,0]"],
+        out=tmp_path,
+    )
     truth = told(tmp_path)["truth"]
     assert truth["success"] and truth["ending"] == "arrived" and truth["distance"] < 0.05
     assert "truth: arrived after" in capsys.readouterr().out
@@ -259,7 +263,7 @@ def test_a_controller_pushes_in_a_scene(tmp_path: Path, capsys: pytest.CaptureFi
 @pytest.mark.parametrize("name", ["push_fused", "push_five"])
 def test_several_sensors_push_together(name: str, tmp_path: Path) -> None:
     short = ["controller.target=[0.6,0.1]", "scene.target=[0.6,0.1]", "scene.yaw=0"]
-    run_file(SCENES / f"{name}.yaml", short, tmp_path)
+    run_file(SCENES / f"{name}.yaml", overrides=short, out=tmp_path)
     assert told(tmp_path)["truth"]["success"]
     sources = told(tmp_path)["sources"]
     assert len(sources) == (5 if name == "push_five" else 4)
@@ -269,7 +273,7 @@ def test_several_sensors_push_together(name: str, tmp_path: Path) -> None:
 def test_the_same_seed_pushes_the_same_way(tmp_path: Path) -> None:
     def pushed(seed: int, name: str) -> bytes:
         near = ["controller.target=[0.4,0.1]", "scene.target=[0.4,0.1]", f"seed={seed}"]
-        run_file(SCENES / "push_chair.yaml", near, tmp_path / name)
+        run_file(SCENES / "push_chair.yaml", overrides=near, out=tmp_path / name)
         return (tmp_path / name / "commands.csv").read_bytes()
 
     assert pushed(1, "one") == pushed(1, "again") != pushed(2, "other")
@@ -293,7 +297,7 @@ def test_a_push_that_is_wrong_is_one_sentence(
     changes: list[str], sentence: str, tmp_path: Path
 ) -> None:
     with pytest.raises(ConfigurationError) as caught:
-        run_file(SCENES / "push_box.yaml", changes, tmp_path / "out")
+        run_file(SCENES / "push_box.yaml", overrides=changes, out=tmp_path / "out")
     said = str(caught.value)
     assert said.startswith(f"{SCENES / 'push_box.yaml'}: {sentence}") and "\n" not in said
     assert not (tmp_path / "out").exists()
@@ -301,7 +305,7 @@ def test_a_push_that_is_wrong_is_one_sentence(
 
 def test_controller_and_scene_have_one_target(tmp_path: Path) -> None:
     with pytest.raises(ConfigurationError, match=r"pushes to \(2, 2\), but the scene's target is"):
-        run_file(SCENES / "push_box.yaml", ["controller.target=[2,2]"], tmp_path)
+        run_file(SCENES / "push_box.yaml", overrides=["controller.target=[2,2]"], out=tmp_path)
 
 
 # What is not loaded
@@ -319,8 +323,8 @@ def test_a_recording_needs_no_physics(tmp_path: Path) -> None:
     }
     (tmp_path / "run.yaml").write_text(yaml.safe_dump(described))
     code = (
-        "import sys; from pathlib import Path; from contactfusion.running import run_file\n"
-        "run_file(Path('run.yaml'), [], Path('out'))\n"
+        "import sys; from pathlib import Path; from contactfusion.run.execute import run_file\n"
+        "run_file(Path('run.yaml'), out=Path('out'))\n"
         "print({'pybullet', 'open3d', 'pinocchio'} & set(sys.modules))"
     )
     done = subprocess.run(

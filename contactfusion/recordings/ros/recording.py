@@ -3,44 +3,31 @@
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
-from typing import Any, NamedTuple, final
+from typing import Any, final
 
 from pydantic import Field
 
 from contactfusion.errors import InvalidReadingError, RecordingError, name_hint
+from contactfusion.hooks import hookimpl
 from contactfusion.model import Model
 from contactfusion.readings import Reading
 from contactfusion.recordings.log import LONGEST_FALL
 from contactfusion.recordings.messages import Message, typestore
-from contactfusion.recordings.recording import Recording
+from contactfusion.recordings.recording import (
+    WHOLE,
+    RawMessage,
+    Recording,
+    SensorTopics,
+    Tap,
+    Window,
+)
 from contactfusion.recordings.ros.channels import Channel
 from contactfusion.recordings.ros.contents import contents_of, topics_of
 from contactfusion.recordings.ros.files import Bag
 from contactfusion.recordings.ros.order import Entry, Heard, Sorter, TopicTally
-from contactfusion.recordings.ros.topics import SensorTopics, Topic, listeners
+from contactfusion.recordings.ros.topics import Topic, listeners
+from contactfusion.stream import Trouble
 from contactfusion.time import LONGEST_SECONDS, NANOSECONDS_PER_SECOND, to_nanoseconds
-
-
-class RawMessage(NamedTuple):
-    """A message as it lies in a recording.
-
-    Attributes:
-        topic: its topic.
-        msgtype: its type as ROS 2 calls it, e.g. "sensor_msgs/msg/Imu".
-        definition: that of its type in .msg of ROS 2; empty when the file does not tell.
-        log_stamp_ns: when it was logged [ns].
-        cdr: its bytes in the encoding of ROS 2.
-    """
-
-    topic: str
-    msgtype: str
-    definition: str
-    log_stamp_ns: int
-    cdr: bytes
-
-
-Tap = Callable[[RawMessage], None]
-"""Hears every message, once, as they lie in the file."""
 
 
 class RosConfig(Model):
@@ -80,6 +67,10 @@ class RosRecording(Recording):
         RecordingError: the file is missing or can't be read, or a topic is not there or can't be.
     """
 
+    Config = RosConfig
+    suffixes = (".bag", ".active", ".db3", ".mcap")
+    has_messages = True
+
     def __init__(
         self,
         config: RosConfig,
@@ -113,6 +104,11 @@ class RosRecording(Recording):
             if (kind := self.contents[topics[-1]].kind)
         }
 
+    @classmethod
+    def opened(cls, config: RosConfig, folder: Path) -> "RosRecording":
+        """Open the file."""
+        return cls(config, folder)
+
     @property
     def streams(self) -> Mapping[str, SensorTopics]:
         """Topics of one sensor and kind, by the name of the sensor.
@@ -132,15 +128,22 @@ class RosRecording(Recording):
         return found
 
     def part(
-        self,
-        sensors: Mapping[str, Sequence[str]],
-        start: float,
-        duration: float | None,
-        tap: Tap | None,
+        self, sensors: Mapping[str, Sequence[str]], window: Window = WHOLE, tap: Tap | None = None
     ) -> "RosRecording":
-        """The same recording with other choices, see `RosConfig`."""
-        choice = {"start": start, "duration": duration}
-        made = RosRecording(self._config.model_copy(update=choice), self._folder, tap, sensors)
+        """What some topics hold in a window of this part, and all transforms.
+
+        Args:
+            sensors: topics by the name that their sensor gets.
+            window: the part that is played.
+            tap: takes the messages as they are.
+        """
+        config = self._config
+        spans = [window.duration, config.duration and config.duration - window.start]
+        choice = {
+            "start": config.start + window.start,
+            "duration": min((span for span in spans if span is not None), default=None),
+        }
+        made = RosRecording(config.model_copy(update=choice), self._folder, tap, sensors)
         made._whole = self
         return made
 
@@ -150,7 +153,8 @@ class RosRecording(Recording):
         Raises:
             RecordingError: there is no such topic.
         """
-        choice = {"ignored": (*self._config.ignored, *topics)}
+        names = [f"/{topic.removeprefix('/')}" for topic in topics]
+        choice = {"ignored": (*self._config.ignored, *names)}
         made = RosRecording(self._config.model_copy(update=choice), self._folder)
         made._whole = self
         return made
@@ -182,6 +186,33 @@ class RosRecording(Recording):
             yield from self._made(entry)
         if problem:
             raise RecordingError(_in(self.path, problem))
+
+    def troubles(self) -> Iterator[Trouble]:
+        """What the reader of each topic met; nothing before the readings are read."""
+        for sensor, topics in self.sensors.items() if self.tally else ():
+            for topic in topics:
+                heard, kind = self.tally[topic], self.contents[topic].kind
+                met = ", ".join(self._met(topic))
+                if not met:
+                    continue
+                loss, several = "", len(topics) > 1
+                if heard.refused + heard.unreadable > heard.readings:
+                    some = f"only {heard.readings} readings" if heard.readings else "nothing"
+                    whose = f"'{sensor}', {topic}," if several else f"'{sensor}'"
+                    loss = f"of {whose} {some} could be used: {met}"
+                yield Trouble(sensor, kind, f"{topic}: {met}" if several else met, loss)
+
+    def _met(self, topic: str) -> Iterator[str]:
+        """What the reader of a topic met."""
+        heard, publishers = self.tally[topic], self.contents[topic].publishers
+        if publishers > 1:
+            yield f"{publishers} publishers"
+        if heard.out_of_order:
+            yield f"{heard.out_of_order} out of order"
+        if heard.unreadable:
+            yield f"{heard.unreadable} unreadable: {heard.why_unreadable}"
+        if heard.refused:
+            yield f"{heard.refused} refused: {heard.why_refused}"
 
     def _heard(self, tally: Mapping[str, TopicTally]) -> dict[str, Heard]:
         """What hears the topics that are read, by topic."""
@@ -307,3 +338,9 @@ def _tried(call: Callable[[Any], Any], raw: Any, tally: TopicTally) -> Any:
     except Exception as error:  # rosbags meets what is wrong with errors of many kinds
         tally.cannot_read(error)
         return None
+
+
+@hookimpl
+def contactfusion_recordings() -> dict[str, type[Recording]]:
+    """Offer the recording."""
+    return {"ros": RosRecording, "mcap": RosRecording}

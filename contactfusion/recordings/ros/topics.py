@@ -164,13 +164,6 @@ class Topic:
     publishers: int
 
 
-class SensorTopics(NamedTuple):
-    """Topics of one sensor that hold readings of one kind."""
-
-    kind: type[Reading]
-    topics: tuple[str, ...]
-
-
 def listeners(
     sensors: Mapping[str, Collection[str]], contents: Mapping[str, Topic]
 ) -> dict[str, Listener]:

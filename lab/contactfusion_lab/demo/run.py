@@ -14,7 +14,6 @@ from contactfusion.figures import new_figure
 from contactfusion.files import make_folder, write_whole
 from contactfusion.pipeline_config import pipeline_fields
 from contactfusion.recordings.mcap import McapWriter
-from contactfusion.replaying.configuration import TOPIC, Setting
 from contactfusion.results import (
     COLUMNS,
     COMMAND_COLUMNS,
@@ -22,6 +21,7 @@ from contactfusion.results import (
     contact_rows,
     table_file,
 )
+from contactfusion.run.configuration import TOPIC, Setting
 from contactfusion.terminal import is_quiet, note
 from contactfusion_lab.demo.account import Story, sentences, summary
 from contactfusion_lab.demo.film import distance_figure, film, lateral_figure, shares_figure

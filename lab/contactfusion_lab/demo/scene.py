@@ -17,7 +17,7 @@ from contactfusion.hypotheses import HypothesisKind
 from contactfusion.integrator.fusion import Fusion
 from contactfusion.pipeline import Pipeline, Step
 from contactfusion.readings import Reading
-from contactfusion.running import RunConfig
+from contactfusion.run.configuration import RunConfig
 from contactfusion.yaml_files import read_yaml
 from contactfusion_lab.experiments.push.suites import SENSINGS
 from contactfusion_lab.scenes.push.config import PushConfig

@@ -7,9 +7,10 @@ from typing import Any
 import numpy as np
 
 from contactfusion.figures import COLOURS
-from contactfusion.recording_scene import EPOCH_NS, TRUTH, fixed_frames
 from contactfusion.recordings.mcap import McapWriter
-from contactfusion.replaying.configuration import TOPIC, Setting
+from contactfusion.run.configuration import TOPIC, Setting
+from contactfusion.run.recorder import TRUTH, fixed_frames
+from contactfusion.scene import Scene
 from contactfusion_lab.experiments.grasp.plan import Column, Grasp, Plan
 from contactfusion_lab.experiments.grasp.trial import begun
 from contactfusion_lab.scenes.grasp.scene import GraspCycle, GraspScene
@@ -108,7 +109,7 @@ def recorded(
     if config.faults:
         fields["faults"] = [fault.model_dump(mode="json") for fault in config.faults]
     fields["cycle"] = {"every": scene.config.period}
-    with McapWriter(path, EPOCH_NS) as writer:
+    with McapWriter(path, Scene.epoch_ns) as writer:
         writer.text(TOPIC, Setting(fields, config.folder, {}, path).text(beside=path.parent))
         writer.static(fixed_frames(config))
         for cycle in cycles:

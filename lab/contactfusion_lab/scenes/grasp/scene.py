@@ -20,8 +20,8 @@ from contactfusion.readings import JointCommand, Reading, Wrench
 from contactfusion.robots.description import RobotConfig
 from contactfusion.robots.model import RobotModel, shared_robot
 from contactfusion.robots.objects import ObjectModel
-from contactfusion.scene import Facts, Scene, Verdict
-from contactfusion.stream import Arrival
+from contactfusion.scene import Scene
+from contactfusion.stream import Arrival, Facts, Verdict
 from contactfusion_lab.scenes.approach import led_by
 from contactfusion_lab.scenes.arm import STEP
 from contactfusion_lab.scenes.facts import standing, true_contact

@@ -20,8 +20,8 @@ from contactfusion.loop import play
 from contactfusion.pipeline import Pipeline, Step
 from contactfusion.readings import Odometry, Reading, TactileImage, Twist
 from contactfusion.robots.description import RobotConfig, read_robot
-from contactfusion.scene import Facts, Scene, Verdict
-from contactfusion.stream import Arrival
+from contactfusion.scene import Scene
+from contactfusion.stream import Arrival, Facts, Verdict
 from contactfusion_lab.scenes.facts import standing, true_contact
 from contactfusion_lab.scenes.push.bodies import ORIGIN_HEIGHT, Chassis, read_chassis
 from contactfusion_lab.scenes.push.config import RATE, PushConfig

@@ -19,7 +19,8 @@ from contactfusion.robots.description import RobotConfig
 from contactfusion.robots.model import RobotModel, shared_robot
 from contactfusion.robots.objects import ObjectModel
 from contactfusion.robots.solids import Solid, loaded_open3d
-from contactfusion.scene import Facts, Scene, Verdict
+from contactfusion.scene import Scene
+from contactfusion.stream import Facts, Verdict
 from contactfusion_lab.scenes.approach import Approach, led_by, straight, tries
 from contactfusion_lab.scenes.arm import STEP, SpringyArm
 from contactfusion_lab.scenes.facts import standing, true_contact

@@ -12,9 +12,9 @@ import numpy as np
 
 from contactfusion.arrays import FloatArray
 from contactfusion.errors import RecordingError
+from contactfusion.inspect.first_lines import text_of
 from contactfusion.recordings.log import FASTEST, NANOSECONDS, SLOW, stated_unit
 from contactfusion.recordings.tables import Column, Columns, column_names, read_columns
-from contactfusion.replaying.first_lines import text_of
 from contactfusion.time import NANOSECONDS_PER_SECOND
 
 BLANK = "FILL_IN"

@@ -7,16 +7,16 @@ from typing import final
 from contactfusion.errors import FrameError, RecordingError, RobotError
 from contactfusion.pipeline import Pipeline, takes
 from contactfusion.readings import JointState, Odometry, Reading, Transform, Twist
-from contactfusion.recordings.recording import Recording
-from contactfusion.replaying.inputs import SENSED
 from contactfusion.robot_state import Robot
+from contactfusion.run.inputs import SENSED
+from contactfusion.stream import Stream
 from contactfusion.terminal import followed
 
 MEASURED = (*SENSED, Twist)
 """Readings that mean nothing without the pose of their frame."""
 
 
-def joined(pipeline: Pipeline, recording: Recording) -> "Joining":
+def joined(pipeline: Pipeline, recording: Stream) -> "Joining":
     """What of a recording is joined to the hypothesis space, by readings until all is.
 
     They are read at most to their end; no generator is asked.

@@ -10,14 +10,14 @@ from typing import final
 from contactfusion.errors import DependencyError, TimeError
 from contactfusion.files import write_whole
 from contactfusion.pipeline import Pipeline
-from contactfusion.replaying.configuration import (
+from contactfusion.run.configuration import (
     Setting,
     kept_setting,
     setting_of_file,
     setting_of_recording,
 )
-from contactfusion.replaying.inputs import roles_of
-from contactfusion.replaying.session import Session
+from contactfusion.run.inputs import roles_of
+from contactfusion.run.session import Session
 from contactfusion.terminal import followed, note, progress
 
 
@@ -28,7 +28,7 @@ class Source:
 
     Attributes:
         recording: the file or folder.
-        configuration: a YAML file; None: the one that a replay left in the recording.
+        configuration: a YAML file; None: the configuration that a run left in the recording.
         topics: topics by role.
         overrides: fields of the configuration to change, as "a.b=c".
         ignored: topics that are not read at all.
@@ -41,7 +41,7 @@ class Source:
     ignored: Sequence[str] = ()
 
     def setting(self) -> Setting:
-        """Read the configuration; topics are those of the replay that wrote the recording, if any.
+        """Read the configuration; topics are those of the run that wrote the recording, if any.
 
         Raises:
             ContactFusionError: there is none, or it is not what it should be.
@@ -52,8 +52,8 @@ class Source:
             setting = setting_of_file(self.configuration, self.overrides)
             if kept := kept_setting(self.recording):
                 roles = roles_of(setting.config().generators)
-                told = {role: topic for role, topic in kept.told.items() if role in roles}
-                setting = setting.choosing(told, kept.ignored)
+                known = {role: topic for role, topic in kept.topics.items() if role in roles}
+                setting = setting.choosing(known, kept.ignored)
         return setting.choosing(self.topics, self.ignored)
 
     def session(self, watched: bool = False) -> Session:
@@ -99,7 +99,7 @@ def explain_recording(
     with closing(source.session()) as session:
         settings = Settings.of(session.pipeline)
         try:
-            task = f"replaying {source.recording}"
+            task = f"playing {source.recording}"
             with closing(followed(session.steps(), task, time)) as steps:
                 moment = moment_at(steps, time, settings.tolerance)
         except TimeError:
@@ -131,7 +131,7 @@ def ablate_recording(source: Source, out: Path) -> None:
 
     with closing(source.session()) as session:
         task = f"leaving sources out of {source.recording}"
-        worths = ablated(followed(session.steps(), task, session.recording.end))
+        worths = ablated(followed(session.steps(), task, session.stream.end))
     paths = write_ablation(worths, out)
     note(table(worths))
     try:
@@ -161,7 +161,7 @@ def tune_recording(
     from contactfusion.tune.report import table, write_tuning
 
     with closing(source.session()) as session:
-        chosen = {"topics": dict(session.setting.told), "ignored": list(session.setting.ignored)}
+        chosen = {"topics": dict(session.setting.topics), "ignored": list(session.setting.ignored)}
 
         def pipeline(overrides: Sequence[str]) -> Pipeline:
             setting = session.setting.changed(overrides)

@@ -1,8 +1,10 @@
-"""What the steps of a pipeline amounted to, counted as they pass, and what kept it from its job."""
+"""What came of each sensor, what its steps amounted to, and what kept a pipeline from its job."""
 
 import math
-from collections.abc import Collection, Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
+from statistics import median
 from typing import Any, final
 
 import numpy as np
@@ -12,21 +14,140 @@ from contactfusion.contacts import Contact
 from contactfusion.errors import ConfigurationError, listed_once, name_hint
 from contactfusion.faults import unmet
 from contactfusion.hypotheses import HypothesisKind, Note
-from contactfusion.integrator.sources import EventKind, Report, SourceReport
+from contactfusion.integrator.sources import EventKind, SourceReport
+from contactfusion.loop import Observer
 from contactfusion.pipeline import Pipeline, Step
-from contactfusion.readings import READING_TYPES, Reading
+from contactfusion.readings import READING_TYPES, Reading, Transform
 
 TELLING = (EventKind.REFUSED, EventKind.STALE, EventKind.OVERRUN)
 """What is worth a sentence at the end."""
 CAUSES: dict[str, str] = {Note.MORE_THAN_ONE_CONTACT: "tare?"}
 """The likely cause of a remark that most clouds of a source come with, of a force that changes."""
-Heard = Collection[tuple[str, type[Reading]]]
-"""The sensors and types of the readings that came, before any faults."""
+
+
+LEARNT = 200
+"""The period of a sensor is learnt from so many intervals."""
+GAP = 1.5
+"""An interval of more than so many periods is a gap: readings were dropped."""
+
+
+@final
+@dataclass
+class SensorTally:
+    """The readings of one sensor, counted as they pass.
+
+    Attributes:
+        kind: of its readings.
+        readings: how many came.
+        first: the first stamp [s].
+        last: the last stamp [s].
+        dropped: how many more would have come in its gaps.
+        longest: the longest interval [s].
+    """
+
+    kind: str
+    readings: int = 0
+    first: float = math.nan
+    last: float = math.nan
+    dropped: int = 0
+    longest: float = 0.0
+    _period: float = math.nan
+    _intervals: list[float] = field(default_factory=list)
+
+    def add(self, stamp: float) -> None:
+        """Count a reading [s]; stamps rise."""
+        if self.readings:
+            self._pass(stamp - self.last)
+        else:
+            self.first = stamp
+        self.readings += 1
+        self.last = stamp
+
+    def close(self) -> None:
+        """Learn the period of a sensor of which little came."""
+        if math.isnan(self._period) and self._intervals:
+            self._learn()
+
+    @property
+    def rate(self) -> float:
+        """Readings a second, over all its time; NaN before the second."""
+        span = self.last - self.first
+        return (self.readings - 1) / span if span > 0.0 else math.nan
+
+    def _pass(self, interval: float) -> None:
+        self.longest = max(self.longest, interval)
+        if math.isnan(self._period):
+            self._intervals.append(interval)
+            if len(self._intervals) == LEARNT:
+                self._learn()
+        else:
+            self._judge(interval)
+
+    def _learn(self) -> None:
+        self._period = median(self._intervals)
+        for interval in self._intervals:
+            self._judge(interval)
+        self._intervals.clear()
+
+    def _judge(self, interval: float) -> None:
+        if self._period > 0.0 and interval > GAP * self._period:
+            self.dropped += round(interval / self._period) - 1
+
+
+@final
+class Tally:
+    """Counts readings by sensor and kind, in constant memory."""
+
+    def __init__(self) -> None:
+        self.streams: dict[str, SensorTally] = {}
+        self.kinds: dict[tuple[str, type[Reading]], int] = {}
+        """How many readings came, by sensor and type."""
+
+    def add(self, reading: Reading) -> None:
+        """Count a reading."""
+        key = reading.sensor, type(reading)
+        self.kinds[key] = self.kinds.get(key, 0) + 1
+        name = reading.sensor or type(reading).__name__
+        stream = self.streams.get(name)
+        if stream is None:
+            stream = self.streams[name] = SensorTally(type(reading).__name__)
+        stream.add(reading.stamp)
+
+    @property
+    def span(self) -> float:
+        """How long the recording is [s]; 0 when nothing came."""
+        streams = [stream for stream in self.streams.values() if stream.readings]
+        if not streams:
+            return 0.0
+        return max(s.last for s in streams) - min(s.first for s in streams)
+
+    def table(self, troubles: Mapping[str, str]) -> Iterator[str]:
+        """The lines of the table.
+
+        Args:
+            troubles: what its reader met, by sensor.
+        """
+        rows = [("input", "kind", "readings", "rate Hz", "dropped", "longest gap s", "trouble")]
+        for name, stream in sorted(self.streams.items()):
+            stream.close()
+            rate = "-" if math.isnan(stream.rate) else f"{stream.rate:.4g}"
+            counts = f"{stream.readings}", rate, f"{stream.dropped}", f"{stream.longest:.3f}"
+            rows.append((name, stream.kind, *counts, troubles.get(name, "")))
+        for name in sorted(set(troubles) - set(self.streams)):
+            if troubles[name]:
+                rows.append((name, "-", "0", "-", "-", "-", troubles[name]))
+        widths = [max(len(row[column]) for row in rows) for column in range(len(rows[0]) - 1)]
+        for row in rows:
+            cells = [
+                cell.ljust(width) if column < 2 else cell.rjust(width)
+                for column, (cell, width) in enumerate(zip(row[:-1], widths, strict=True))
+            ]
+            yield "  ".join([*cells, row[-1]]).rstrip()
 
 
 @final
 class Summary:
-    """Counts steps and contacts, and keeps the first event of each kind and source.
+    """Counts readings, steps and contacts, and keeps events.
 
     Args:
         pipeline: whose steps are counted.
@@ -34,13 +155,14 @@ class Summary:
     Attributes:
         steps: how many there were.
         with_contact: in how many of them something was touched.
-        contacts: how many contacts they told.
+        contacts: how many contacts they reported.
         first: the likeliest contact of the first step with any, and the step's stamp [s]; None
             before it.
         likeliest: of all contacts, likewise.
         last: the likeliest contact of the last step with any, likewise.
-        report: of the last step; None before the first.
-        stamp: of the last step [s].
+        last_step: None before the first.
+        events: those of all steps; JSON.
+        tally: the readings that came, before any faults.
     """
 
     def __init__(self, pipeline: Pipeline) -> None:
@@ -49,10 +171,21 @@ class Summary:
         self.first: tuple[float, Contact] | None = None
         self.likeliest: tuple[float, Contact] | None = None
         self.last: tuple[float, Contact] | None = None
-        self.report: Report | None = None
-        self.stamp = math.nan
+        self.last_step: Step | None = None
+        self.events: list[dict[str, Any]] = []
+        self.tally = Tally()
         self._first_events: dict[tuple[EventKind, str], tuple[float, str]] = {}
         self._times: dict[tuple[EventKind, str], int] = {}
+
+    @property
+    def observer(self) -> Observer:
+        """What counts readings and steps while they are played."""
+        return Observer(self.tally.add, self.add)
+
+    @property
+    def came(self) -> bool:
+        """Whether anything came but transforms."""
+        return any(kind is not Transform for _, kind in self.tally.kinds)
 
     def add(self, step: Step) -> None:
         """Count a step."""
@@ -65,14 +198,17 @@ class Summary:
             self.first = self.first or self.last
             if not self.likeliest or self.last[1].likelihood > self.likeliest[1].likelihood:
                 self.likeliest = self.last
-        self.report, self.stamp = step.fusion.report, step.stamp
+        self.last_step = step
         for event in step.events:
+            self.events.append(
+                {"stamp": step.stamp, "kind": str(event.kind), "message": event.message}
+            )
             key = event.kind, event.source
             self._first_events.setdefault(key, (step.stamp, event.message))
             self._times[key] = self._times.get(key, 0) + 1
 
     def fields(self) -> dict[str, Any]:
-        """Counts of steps and contacts, and how each source did; JSON."""
+        """Counts of steps and contacts, how each source did, and what happened; JSON."""
         return {
             "steps": self.steps,
             "steps_with_contact": self.with_contact,
@@ -89,10 +225,11 @@ class Summary:
                 }
                 for name, source in self._sources.items()
             },
+            "events": self.events,
         }
 
     def lines(self) -> Iterator[str]:
-        """Give what there was, for people."""
+        """What there was, for people."""
         yield f"{self.steps} steps, {self.with_contact} with contact, {self.contacts} contacts"
         if self.first and self.likeliest and self.last:
             yield f"  first at {self.first[0]:.3f} s: {self.first[1]}"
@@ -117,7 +254,8 @@ class Summary:
             yield f"  {misplaced}"
         yield from listed_once(self._happened(), told=next(self._useless(), ""))
         for row, fault in enumerate(self._pipeline.config.faults):
-            if fault.start is not None and fault.start > self.stamp:
+            end = self.last_step.stamp if self.last_step else math.nan
+            if fault.start is not None and fault.start > end:
                 yield f"  faults.{row} did nothing: it starts at {fault.start:g} s, after the end"
 
     def _happened(self) -> Iterator[str]:
@@ -128,22 +266,20 @@ class Summary:
                 alike.setdefault((kind, message.replace(f"'{name}'", "")), []).append(name)
         for (kind, _), (name, *others) in alike.items():
             stamp, message = self._first_events[kind, name]
-            times = sum(self._times[kind, one] for one in (name, *others))
+            times = sum(self._times[kind, source] for source in (name, *others))
             often = f" ({times} times)" if times > 1 else ""
             likewise = f"; likewise {', '.join(map(repr, others))}" if others else ""
             yield f"  {kind} at {stamp:.3f} s{often}: {message}{likewise}"
 
-    def complaints(self, heard: Heard) -> Iterator[str]:
+    def complaints(self) -> Iterator[str]:
         """Report what kept the pipeline from its job.
-
-        Args:
-            heard: what came.
 
         Yields:
             A sentence for each input that it waited for in vain, each source that gave nothing of
             use, and each fault that met no reading.
         """
-        sensors = {sensor for sensor, _ in heard}
+        came = self.tally.kinds
+        sensors = {sensor for sensor, _ in came}
         config = self._pipeline.config
         on = config.cycle.on
         if on is not None and not self.steps:
@@ -152,7 +288,7 @@ class Summary:
         if not config.generators:
             yield "generators: none are configured, so nothing can be found"
         for name, generator in self._pipeline.generators.items():
-            fit = [sensor for sensor, kind in heard if issubclass(kind, generator.readings)]
+            fit = [sensor for sensor, kind in came if issubclass(kind, generator.readings)]
             wanted = generator.config.sensor
             if not fit:
                 kinds = " or ".join(kind.__name__ for kind in generator.readings)
@@ -161,13 +297,12 @@ class Summary:
                 hint = name_hint(wanted, fit, "sensors")
                 yield f"generators.{name}.sensor: no reading of '{wanted}' came; {hint}"
         yield from self._useless()
-        yield from unmet(config.faults, heard)
+        yield from unmet(config.faults, came)
 
     def _useless(self) -> Iterator[str]:
         """Report plug-ins that ended or never looked, and sources of which most was refused."""
         sources, ended = self._sources, self._pipeline.ended
-        for field, why in ended.items():
-            yield f"{field}: {why}"
+        yield from (f"{plugin}: {why}" for plugin, why in ended.items())
         for name, generator in self._pipeline.generators.items():
             if f"generators.{name}" in ended:
                 continue
@@ -190,17 +325,15 @@ class Summary:
 
     def _looked(self, generator: AnyGenerator) -> int:
         """How many clouds the busiest source of a generator gave, of use or not."""
-        reports = (one for name, one in self._sources.items() if name in generator.sources)
-        return max(
-            (one.accepted + one.late + one.early + one.invalid for one in reports), default=0
-        )
+        reports = (s for name, s in self._sources.items() if name in generator.sources)
+        return max((s.accepted + s.late + s.early + s.invalid for s in reports), default=0)
 
     def _why(self, kind: EventKind, source: str) -> str:
         return self._first_events[kind, source][1]
 
     @property
     def _sources(self) -> Mapping[str, SourceReport]:
-        return self.report.sources if self.report else {}
+        return self.last_step.fusion.report.sources if self.last_step else {}
 
 
 def _force(contact: Contact) -> str:

@@ -7,9 +7,9 @@ from tempfile import TemporaryDirectory
 
 from contactfusion.errors import ConfigurationError
 from contactfusion.loop import Observer
-from contactfusion.replaying.asking import Source
-from contactfusion.replaying.replay import Options, replay
-from contactfusion.replaying.session import Session
+from contactfusion.run.asking import Source
+from contactfusion.run.execute import Watch
+from contactfusion.run.session import Session
 from contactfusion.terminal import followed
 from contactfusion.view import show
 from contactfusion.view.recorder import loaded_rerun
@@ -21,7 +21,7 @@ DRAWN = ".rrd"
 
 @contextmanager
 def drawing(session: Session, rrd: Path) -> Iterator[Observer]:
-    """Give what draws a replay into a file of rerun; at the end, say what could not be placed."""
+    """What draws a run into a file of rerun, and reports at the end what could not be placed."""
     with Viewer(session.pipeline.config, rrd) as viewer:
         yield Observer(
             step=lambda step: viewer.step(step, session.pipeline.state(step.stamp)),
@@ -62,7 +62,7 @@ def view_recording(
             rrd = save or Path(folder) / f"{source.recording.stem}{DRAWN}"
             session = source.session(watched=True)
             with closing(session), drawing(session, rrd) as output:
-                task, end = f"drawing {source.recording}", session.recording.end
+                task, end = f"drawing {source.recording}", session.stream.end
                 for _ in followed(session.steps(output), task, end):
                     pass
         if screenshot is not None:
@@ -76,11 +76,20 @@ def view_recording(
         session.complain()
 
 
-def replay_and_show(options: Options) -> None:
-    """Replay, and show what came of it at the end."""
+@contextmanager
+def shown(name: str) -> Iterator[Watch]:
+    """Open what draws a run, and show what came of it at the end.
+
+    Args:
+        name: of the file of rerun, as its viewer shows it.
+
+    Raises:
+        DependencyError: rerun is not installed.
+        ConfigurationError: there is no screen.
+    """
     loaded_rerun()
     show.require_screen()
     with TemporaryDirectory() as folder:
-        rrd = Path(folder) / f"{options.recording.stem}{DRAWN}"
-        replay(options, watch=lambda session: drawing(session, rrd))
+        rrd = Path(folder) / f"{name}{DRAWN}"
+        yield lambda session: drawing(session, rrd)
         show.show(rrd)

@@ -1,11 +1,13 @@
-"""The configuration of a replay: from a file, or from the recording that a replay wrote."""
+"""The configuration of a run: from a file, or from the recording that an earlier run wrote."""
 
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from os.path import relpath
 from pathlib import Path
-from typing import Any, Final, final
+from typing import Any, Final, Self, final
+
+from pydantic import Field, model_validator
 
 from contactfusion.errors import ConfigurationError, RecordingError, naming
 from contactfusion.files import require_file
@@ -18,11 +20,30 @@ from contactfusion.recordings.step_messages import OURS
 from contactfusion.yaml_files import read_yaml
 
 TOPIC: Final = f"{OURS}configuration"
-"""Where a replay keeps its configuration, as std_msgs/String."""
+"""Where a run keeps its configuration, as std_msgs/String."""
+
+
+class RunConfig(PipelineConfig):
+    """A pipeline, and what it listens to: a recording or a scene."""
+
+    recording: dict[str, Any] = Field(default_factory=dict)
+    """The `type` of the recording and its options."""
+    scene: dict[str, Any] = Field(default_factory=dict)
+    """The `type` of the scene and its options."""
+
+    @model_validator(mode="after")
+    def _one_stream(self) -> Self:
+        if not self.recording and not self.scene:
+            raise ConfigurationError("give a recording, or a scene", "recording")
+        if self.recording and self.scene:
+            raise ConfigurationError("give a recording or a scene, not both", "scene")
+        if self.scene and self.robot is None:
+            raise ConfigurationError("a scene needs a robot by URDF", "robot")
+        return self
 
 
 class Kept(Model):
-    """What a recording holds of the replay that wrote it."""
+    """What a recording holds of the run that wrote it."""
 
     configuration: dict[str, Any]
     """The fields of the pipeline's configuration."""
@@ -37,12 +58,12 @@ class Kept(Model):
 @final
 @dataclass(frozen=True)
 class Setting:
-    """The fields of a pipeline's configuration, and where they come from.
+    """The fields of a configuration, and where they come from.
 
     Attributes:
-        fields: of `PipelineConfig`.
+        fields: of `RunConfig`, or of `PipelineConfig` alone.
         folder: where relative file names in them start.
-        told: topics by role, as on the command line of this or of an earlier replay.
+        topics: topics by role, as on the command line of this or of an earlier run.
         origin: the file, for sentences.
         ignored: topics that are not read at all, likewise.
         within: the folder that all files they name have to lie in, of a recording; None: they may
@@ -51,41 +72,53 @@ class Setting:
 
     fields: Mapping[str, Any]
     folder: Path
-    told: Mapping[str, str]
+    topics: Mapping[str, str]
     origin: Path
     ignored: tuple[str, ...] = ()
     within: Path | None = None
 
     def config(self, generators: Mapping[str, Any] | None = None) -> PipelineConfig:
-        """Give the configuration, with other options of its generators.
+        """The configuration of the pipeline, with other options of its generators.
 
         Raises:
             ConfigurationError: a field is wrong; the sentence names the file.
         """
-        fields = {"folder": self.folder, **self.fields}
-        if self.within is not None:
-            fields["files_within"] = self.within
-        if generators is not None:
-            fields["generators"] = generators
+        fields = {**self._rooted, **({} if generators is None else {"generators": generators})}
         with naming(self.origin):
-            return PipelineConfig(**fields)
+            return PipelineConfig(**pipeline_fields(fields))
+
+    def run_config(self) -> RunConfig:
+        """The configuration with the recording or the scene that it names.
+
+        Raises:
+            ConfigurationError: it names none, or a field is wrong; the sentence names the file.
+        """
+        with naming(self.origin):
+            return RunConfig(**self._rooted)
+
+    @property
+    def _rooted(self) -> dict[str, Any]:
+        within = {} if self.within is None else {"files_within": self.within}
+        return {"folder": self.folder, **self.fields, **within}
 
     def changed(self, overrides: Sequence[str]) -> "Setting":
-        """Give the setting with fields changed as by "a.b=c"."""
+        """The setting with fields changed as by "a.b=c"."""
         return replace(self, fields=overridden(self.fields, overrides))
 
-    def choosing(self, told: Mapping[str, str], ignored: Sequence[str]) -> "Setting":
+    def choosing(self, topics: Mapping[str, str], ignored: Sequence[str]) -> "Setting":
         """The setting with further topics by role, and further ones that are not read."""
-        return replace(self, told={**self.told, **told}, ignored=(*self.ignored, *ignored))
+        return replace(self, topics={**self.topics, **topics}, ignored=(*self.ignored, *ignored))
 
     def text(self, beside: Path) -> str:
-        """Give it as the text that a recording keeps.
+        """The text that a recording keeps of it.
 
         Args:
-            beside: the folder of the recording, from which the folder of the files is told.
+            beside: the folder of the recording; that of the files is stated from there.
         """
         folder = relpath(self.folder.resolve(), beside.resolve())
-        kept = {"folder": folder, "topics": dict(self.told), "configuration": dict(self.fields)}
+        fields = pipeline_fields(self.fields)
+        kept: dict[str, Any] = {"folder": folder, "topics": dict(self.topics)}
+        kept["configuration"] = fields
         if self.ignored:
             kept["ignored"] = self.ignored
         return json.dumps(kept, indent=1, sort_keys=True, default=str)
@@ -110,24 +143,29 @@ def read_fields(path: Path, overrides: Sequence[str] = ()) -> dict[str, Any]:
     return overridden(read_yaml(path), overrides)
 
 
-def setting_of_file(path: Path, overrides: Sequence[str] = ()) -> Setting:
-    """Read a configuration, or a file for `run`, of which recording and scene are left out.
+def setting_of_file(path: Path, overrides: Sequence[str] = (), seed: int | None = None) -> Setting:
+    """Read a configuration.
+
+    Args:
+        path: the file; relative names in it start at its folder.
+        overrides: fields to change, as "a.b=c".
+        seed: in place of the file's; None: that of the file.
 
     Raises:
-        ConfigurationError: the file is not what it should be.
+        ConfigurationError: the file is missing, a recording, or no YAML, or a change is none.
     """
-    fields = pipeline_fields(read_fields(path, overrides))
-    return Setting(fields, path.parent, {}, path)
+    fields = read_fields(path, overrides)
+    return Setting(fields if seed is None else {**fields, "seed": seed}, path.parent, {}, path)
 
 
 def setting_of_recording(path: Path, overrides: Sequence[str] = ()) -> Setting:
-    """Read the configuration that a replay left in its recording.
+    """Read the configuration that a run left in its recording.
 
     Whoever made the recording wrote it: the files that it names lie beside the recording, or in
     packages that are installed, and nothing is imported to find them.
 
     Raises:
-        RecordingError: there is none, or it is not what a replay writes.
+        RecordingError: there is none, or it is not what a run writes.
         ConfigurationError: the path is that of a configuration.
         DependencyError: rosbags is not installed.
     """
@@ -138,17 +176,17 @@ def setting_of_recording(path: Path, overrides: Sequence[str] = ()) -> Setting:
         if unfit:
             raise ConfigurationError(f"{unfit}, and the configuration by --config {path}")
         raise RecordingError(
-            f"{path} holds no configuration, as `contactfusion replay CONFIG {path.name} --out "
-            f"FILE.mcap` keeps one: replay it first, or name one with --config"
+            f"{path} holds no configuration, as `contactfusion run CONFIG {path.name} --out "
+            f"FILE.mcap` keeps one: run it first, or name a configuration with --config"
         )
     return setting.changed(overrides)
 
 
 def kept_setting(path: Path) -> Setting | None:
-    """Read the configuration that a replay left in its recording; None where none did.
+    """Read the configuration that a run left in its recording; None where none did.
 
     Raises:
-        RecordingError: the recording can't be read, or holds what no replay writes.
+        RecordingError: the recording can't be read, or holds what no run writes.
         DependencyError: rosbags is not installed.
     """
     text = _kept_text(path) if path.suffix == ".mcap" and path.is_file() else None
@@ -157,14 +195,14 @@ def kept_setting(path: Path) -> Setting | None:
     try:
         kept = Kept(**json.loads(text))
     except (ConfigurationError, ValueError, TypeError, RecursionError) as error:
-        raise RecordingError(f"{path}: {TOPIC} is not what a replay writes: {error}") from None
+        raise RecordingError(f"{path}: {TOPIC} is not what a run writes: {error}") from None
     folder = path.parent / kept.folder
     return Setting(kept.configuration, folder, kept.topics, path, kept.ignored, path.parent)
 
 
 def _kept_text(path: Path) -> str | None:
     with Bag(path) as bag:
-        here = [one for one in bag.channels if one.topic == TOPIC]
+        here = [channel for channel in bag.channels if channel.topic == TOPIC]
         for channel, _, raw in bag.messages(here) if here else ():
             try:
                 message: Any = typestore().deserialize_cdr(channel.cdr(raw), channel.msgtype)

@@ -14,7 +14,7 @@ from contactfusion.readings import (
     Twist,
     Wrench,
 )
-from contactfusion.replaying.inputs import Inputs, find_inputs
+from contactfusion.run.inputs import Inputs, find_inputs
 
 WRIST = {"type": "force_torque"}
 SKIN = {"type": "tactile", "sensor": "skin"}

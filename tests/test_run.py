@@ -4,6 +4,7 @@ import csv
 import re
 from collections import Counter
 from collections.abc import Iterable
+from contextlib import nullcontext
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +15,10 @@ from mcap_ros2.decoder import DecoderFactory
 from pyarrow import parquet
 
 from contactfusion.check import check_file
-from contactfusion.errors import ConfigurationError, RecordingError
+from contactfusion.cli import main
+from contactfusion.errors import ConfigurationError, RecordingError, WritingError
+from contactfusion.loop import Observer
+from contactfusion.pipeline import Step
 from contactfusion.readings import (
     DepthImage,
     JointState,
@@ -25,10 +29,11 @@ from contactfusion.readings import (
 )
 from contactfusion.recordings.mcap import McapWriter
 from contactfusion.recordings.messages import typestore
-from contactfusion.recordings.ros import RawMessage, RosConfig, RosRecording
-from contactfusion.replaying.configuration import setting_of_file, setting_of_recording
-from contactfusion.replaying.replay import Options, _lost, _troubles, replay  # pyright: ignore[reportPrivateUsage]
-from contactfusion.replaying.session import Session, Window
+from contactfusion.recordings.recording import RawMessage, Window
+from contactfusion.recordings.ros import RosConfig, RosRecording
+from contactfusion.run.configuration import setting_of_file, setting_of_recording
+from contactfusion.run.execute import run_file
+from contactfusion.run.session import Session
 from tests.toys import offer_toys, point, wrench
 
 EPOCH = 1_700_000_000_000_000_000
@@ -90,7 +95,7 @@ def rows(path: Path) -> list[dict[str, str]]:
 
 def test_a_recording_keeps_its_topics_and_gets_contacts(config: Path, recording: Path) -> None:
     out = config.with_name("out.mcap")
-    replay(Options(config, recording, out=out))
+    run_file(config, recording, out=out)
     before, after = messages(recording), messages(out)
     assert {topic: len(sent) for topic, sent in before.items()} == {"/eye": 21, "/wrist": 21}
     for topic, sent in before.items():
@@ -142,14 +147,14 @@ def test_of_several_topics_of_a_sensor_the_one_that_is_of_no_use_is_named(
     listening = ["generators.seen.type=follower", "generators.seen.sensor=tracker"]
     session = Session(setting_of_file(config, listening), path)
     assert len(list(session.readings())) > 0
-    played = session.recording
+    played = session.stream
     assert isinstance(played, RosRecording)
     tally = played.tally["/tracker/cup"]
     tally.readings, tally.refused, tally.why_refused = 0, 2, "odd"
-    assert list(_lost(session)) == [
+    assert list(session.losses()) == [
         "of 'tracker', /tracker/cup, nothing could be used: 2 refused: odd"
     ]
-    assert _troubles(played)["tracker"] == "/tracker/cup: 2 refused: odd"
+    assert [one.note for one in played.troubles()] == ["/tracker/cup: 2 refused: odd"]
 
 
 def without_frames(recording: Path, topic: str) -> Path:
@@ -182,34 +187,34 @@ def tracked(tmp_path: Path) -> Path:
 def test_what_nothing_listens_to_is_noted_and_no_failure(
     config: Path, tracked: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    replay(Options(config, tracked))
+    run_file(config, tracked)
     told = capsys.readouterr().out
     assert "42 refused: ObjectPose of 'tracker' needs the name of its frame" in told
     with pytest.raises(ConfigurationError, match="of 'tracker' nothing could be used: 42 refused"):
-        replay(Options(config, tracked, ["generators.seen.type=follower"]))
+        run_file(config, tracked, overrides=["generators.seen.type=follower"])
 
 
 def test_joints_that_no_robot_needs_are_no_failure(config: Path, tmp_path: Path) -> None:
     joints = JointState(stamp=0.0, frame="x", sensor="gripper", names=("a",), positions=np.zeros(1))
     session = Session(setting_of_file(config), recorded(tmp_path / "a.mcap", [joints, *touching()]))
     list(session.readings())
-    played = session.recording
+    played = session.stream
     assert isinstance(played, RosRecording)
     tally = played.tally["/gripper"]
     tally.readings, tally.unreadable, tally.why_unreadable = 0, 1, "it tells no positions"
-    assert list(_lost(session)) == []
+    assert list(session.losses()) == []
 
 
 def test_a_topic_can_be_ignored(
     config: Path, tracked: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     out = config.with_name("out.mcap")
-    replay(Options(config, tracked, out=out, ignored=["tracker/cup"]))
+    run_file(config, tracked, out=out, ignored=["tracker/cup"])
     assert "tracker" not in capsys.readouterr().out
     assert len(messages(out)["/tracker/cup"]) == 42, "it is kept, as all that was recorded"
     assert setting_of_recording(out).ignored == ("tracker/cup",)
     with pytest.raises(RecordingError, match="no topic '/tracker/cap' to ignore; did you mean '/t"):
-        replay(Options(config, tracked, ignored=["/tracker/cap"]))
+        run_file(config, tracked, ignored=["/tracker/cap"])
 
 
 def log_of(folder: Path) -> Path:
@@ -237,7 +242,7 @@ def test_a_chosen_topic_of_a_log_is_found_in_what_a_replay_wrote(
         f"generators: {{hand: {{type: feeler{options}}}}}\nintegrator: {{frame: base}}\n"
     )
     log = log_of(tmp_path)
-    replay(Options(config, log, topics={sensor or "hand": "/ft/1"}, out=out))
+    run_file(config, log, topics={sensor or "hand": "/ft/1"}, out=out)
     chosen = setting_of_file(config).choosing({sensor or "hand": "ft/1"}, ())
     first, second = Session(chosen, log), Session(setting_of_recording(out), out)
     found = [[len(step.fusion.contacts) for step in one.steps()] for one in (first, second)]
@@ -247,11 +252,11 @@ def test_a_chosen_topic_of_a_log_is_found_in_what_a_replay_wrote(
 def test_of_a_log_a_topic_can_be_ignored(tmp_path: Path) -> None:
     config, out, log = tmp_path / "robot.yaml", tmp_path / "out.mcap", log_of(tmp_path)
     config.write_text("generators: {hand: {type: feeler}}\nintegrator: {frame: base}\n")
-    replay(Options(config, log, ignored=["/ft/other"], out=out))
+    run_file(config, log, ignored=["/ft/other"], out=out)
     assert set(RosRecording(RosConfig(file=out)).topics) == {"ft/_1"}
     assert setting_of_recording(out).ignored == ()
     with pytest.raises(RecordingError, match="no topic 'ft/othr' to ignore; did you mean 'ft/oth"):
-        replay(Options(config, log, ignored=["/ft/othr"]))
+        run_file(config, log, ignored=["/ft/othr"])
 
 
 @pytest.mark.parametrize("suffix", ["mcap", "log"])
@@ -268,7 +273,7 @@ def test_of_a_generator_whose_only_topic_is_ignored_that_is_said(
     names = ", ".join(f"/{one.removeprefix('/')}" for one in ignored)
     sentence = f"generators.hand: nothing feeds it, as {names} is ignored (--ignore)"
     with pytest.raises(ConfigurationError, match=re.escape(sentence)):
-        replay(Options(config, path, ignored=ignored))
+        run_file(config, path, ignored=ignored)
     printed = capsys.readouterr().out
     assert sentence in printed and "holds no" not in printed
 
@@ -284,11 +289,11 @@ def test_a_topic_that_is_taken_for_another_name_is_told(
     sentence = (
         "generators.hand: no topic is called 'ft/wrnch', so /ft/wrench feeds it, the only Wrench"
     )
-    replay(Options(config, path))
+    run_file(config, path)
     assert sentence in capsys.readouterr().out
     assert sentence in check_file(config, path).lines
-    replay(Options(config, path, topics={"ft/wrnch": "/ft/wrench"}))
-    replay(Options(config, path, ["generators.hand.sensor=ft/wrench"]))
+    run_file(config, path, topics={"ft/wrnch": "/ft/wrench"})
+    run_file(config, path, overrides=["generators.hand.sensor=ft/wrench"])
     assert "no topic is called" not in capsys.readouterr().out
 
 
@@ -309,15 +314,15 @@ def test_of_a_camera_that_tells_clouds_too_the_images_feed_who_takes_images(
 
 def test_a_replay_of_what_a_replay_wrote_gives_the_same(config: Path, recording: Path) -> None:
     first, second = config.with_name("first.mcap"), config.with_name("second.mcap")
-    replay(Options(config, recording, out=first))
-    replay(Options(config, first, out=second))
+    run_file(config, recording, out=first)
+    run_file(config, first, out=second)
     assert second.read_bytes() == first.read_bytes()
 
 
 def test_rows_are_those_of_a_run_and_parquet_holds_the_same(config: Path, recording: Path) -> None:
     table, columns = config.with_name("out.csv"), config.with_name("out.parquet")
-    replay(Options(config, recording, out=table))
-    replay(Options(config, recording, out=columns))
+    run_file(config, recording, out=table)
+    run_file(config, recording, out=columns)
     found, held = rows(table), parquet.read_table(columns).to_pylist()
     assert len(found) == len(held) == 10
     assert [float(row["x"]) for row in found] == pytest.approx([row["x"] for row in held])
@@ -327,10 +332,16 @@ def test_rows_are_those_of_a_run_and_parquet_holds_the_same(config: Path, record
 
 def test_the_configuration_stays_with_the_contacts(config: Path, recording: Path) -> None:
     out = config.parent / "results" / "out.mcap"
-    replay(Options(config, recording, ["integrator.threshold=0.2"], {"hand": "/wrist"}, out=out))
+    run_file(
+        config,
+        recording,
+        overrides=["integrator.threshold=0.2"],
+        topics={"hand": "/wrist"},
+        out=out,
+    )
     setting = setting_of_recording(out)
     assert setting.config().integrator.threshold == 0.2
-    assert setting.told == {"hand": "/wrist"}
+    assert setting.topics == {"hand": "/wrist"}
     assert setting.folder.resolve() == config.parent.resolve()
     steps = list(Session(setting, out).steps())
     assert sum(len(step.fusion.contacts) for step in steps) == 10
@@ -344,12 +355,13 @@ def test_a_recording_without_a_configuration_asks_for_one(recording: Path) -> No
 def test_recording_and_scene_of_a_file_for_run_are_left_out(tmp_path: Path) -> None:
     path = tmp_path / "run.yaml"
     path.write_text(CONFIG + "recording: {type: log, file: nothing.csv}\n")
-    assert set(setting_of_file(path).fields) == {"generators", "integrator", "cycle"}
+    fields = setting_of_file(path).config().model_fields_set
+    assert fields == {"folder", "generators", "integrator", "cycle"}
 
 
 def test_a_part_can_be_played_by_the_clock_of_the_whole(config: Path, recording: Path) -> None:
     out = config.with_name("out.csv")
-    replay(Options(config, recording, window=Window(0.5, 0.3), out=out))
+    run_file(config, recording, window=Window(0.5, 0.3), out=out)
     stamps = [float(row["stamp"]) for row in rows(out)]
     assert stamps[0] >= 0.5 and stamps[-1] <= 0.9
 
@@ -360,7 +372,7 @@ def test_what_is_missing_is_said_and_the_rest_is_kept(
     blind = recorded(tmp_path / "blind.mcap", [one for one in touching() if one.sensor == "wrist"])
     out = tmp_path / "out.csv"
     with pytest.raises(ConfigurationError, match="generators.eye: the recording holds no PointCl"):
-        replay(Options(config, blind, out=out))
+        run_file(config, blind, out=out)
     assert "generators.eye: the recording holds no PointCloud" in capsys.readouterr().out
     assert len(rows(out)) == 10
 
@@ -369,7 +381,7 @@ def test_the_table_tells_rates_and_gaps(
     config: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     gap = [one for one in touching(4.0) if not 2.0 < one.stamp < 2.5 or one.sensor == "wrist"]
-    replay(Options(config, recorded(tmp_path / "gap.mcap", gap)))
+    run_file(config, recorded(tmp_path / "gap.mcap", gap))
     lines = capsys.readouterr().out.splitlines()
     eye = next(line.split() for line in lines if line.startswith("eye "))
     wrist = next(line.split() for line in lines if line.startswith("wrist "))
@@ -406,7 +418,7 @@ def test_missing_transforms_are_counted(
     readings = [moving(0.0, 0.0), moving(0.5, 0.0), *touching(2.0, frame="camera")]
     path = recorded(tmp_path / "short.mcap", sorted(readings, key=lambda one: one.stamp))
     with pytest.raises(ConfigurationError, match="30 of 41 clouds of 'eye' were refused: the tr"):
-        replay(Options(config, path))
+        run_file(config, path)
     told = capsys.readouterr().out
     assert "missing transforms: 30 clouds of 'eye' were refused" in told
     assert "'camera' in 'base' is not known at 0.550 s: there is one from 0.000 to 0.500 s" in told
@@ -424,7 +436,7 @@ def test_results_until_the_recording_breaks_off_are_kept(config: Path, tmp_path:
         writer.copy(early._replace(log_stamp_ns=heard[-1].log_stamp_ns + 1))
     out = tmp_path / "out.mcap"
     with pytest.raises(RecordingError, match="/eye"):
-        replay(Options(config, path, out=out))
+        run_file(config, path, out=out)
     assert len(messages(out)["/contactfusion/contacts"]) >= 39
 
 
@@ -432,14 +444,14 @@ def test_an_unknown_suffix_is_refused_before_anything_is_played(
     config: Path, recording: Path
 ) -> None:
     with pytest.raises(RecordingError, match=r"to \.mcap, \.csv, \.parquet, not to '\.txt'"):
-        replay(Options(config, recording, out=config.with_name("out.txt")))
+        run_file(config, recording, out=config.with_name("out.txt"))
 
 
 def test_a_folder_of_results_is_made_and_an_interrupt_keeps_what_was_found(
     config: Path, recording: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     out = config.parent / "new" / "out.csv"
-    played = Session.steps
+    played = Session.play
 
     def interrupted(self: Session, *args: Any) -> Any:
         for number, step in enumerate(played(self, *args)):
@@ -447,7 +459,72 @@ def test_a_folder_of_results_is_made_and_an_interrupt_keeps_what_was_found(
                 raise KeyboardInterrupt
             yield step
 
-    monkeypatch.setattr(Session, "steps", interrupted)
+    monkeypatch.setattr(Session, "play", interrupted)
     with pytest.raises(KeyboardInterrupt):
-        replay(Options(config, recording, out=out))
+        run_file(config, recording, out=out)
     assert len(rows(out)) == 6
+
+
+# One command
+
+
+def frames_above_the_space(seconds: float = 1.0) -> Iterable[Reading]:
+    """Readings in a frame that /tf places late and seldom, below a root that is not the space's."""
+    for stamp in np.arange(0.0, seconds + 1e-9, 0.05).tolist():
+        yield point(stamp, *PLACE, sensor="eye", frame="camera")
+        yield wrench(stamp, *PLACE, sensor="wrist")
+        if round(20 * stamp) % 5 == 3:
+            for parent, child in (("map", "base"), ("map", "camera")):
+                yield Transform(stamp=stamp, frame=parent, child_frame=child,
+                                position=np.array([stamp, 0.0, 0.0]),
+                                orientation=np.array([0.0, 0.0, 0.0, 1.0]))  # fmt: skip
+
+
+@pytest.mark.parametrize("readings", [touching, frames_above_the_space])
+def test_run_and_replay_are_one_command(
+    readings: Any, config: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """By the recording's name, by the configuration, and by the alias: the same bytes."""
+    recording = recorded(tmp_path / "drive.mcap", readings())
+    named = tmp_path / "named.yaml"
+    named.write_text(CONFIG + "recording: {type: ros, file: drive.mcap}\n")
+    monkeypatch.chdir(tmp_path)
+    commands = {
+        "run": ["run", str(config), str(recording)],
+        "replay": ["replay", str(config), str(recording)],
+        "named": ["run", str(named)],
+    }
+    for name, words in commands.items():
+        for out in (f"{name}.csv", f"{name}.mcap", name):
+            monkeypatch.setattr("sys.argv", ["contactfusion", *words, "--out", out])
+            with pytest.raises(SystemExit, match="^0$"):
+                main()
+    written = {
+        name: [Path(f"{name}.csv").read_bytes(), Path(name, "contacts.csv").read_bytes(),
+               Path(name, "summary.json").read_bytes(), Path(f"{name}.mcap").read_bytes()]
+        for name in commands
+    }  # fmt: skip
+    assert written["run"] == written["replay"] == written["named"]
+    assert written["run"][0] == written["run"][1] and len(written["run"][0].splitlines()) > 5
+
+
+def test_an_output_that_fails_leaves_the_others_whole(
+    config: Path, recording: Path, monkeypatch: pytest.MonkeyPatch, capsys: Any
+) -> None:
+    """The table of contacts meets a full disk; what watches goes on to the end."""
+    wanted = len(list(Session(setting_of_file(config), recording).play()))
+    seen = list[float]()
+
+    def rows(step: Step) -> Any:
+        if step.stamp > 0.45:
+            raise OSError(28, "No space left on device")
+        yield (str(step.stamp),)
+
+    monkeypatch.setattr("contactfusion.run.outputs.contact_rows", rows)
+    watch = nullcontext(Observer(step=lambda step: seen.append(step.stamp)))
+    out = config.parent / "results"
+    with pytest.raises(WritingError, match=r"contacts.csv can't be written: No space .*cut.csv"):
+        run_file(config, recording, out=out, watch=lambda session: watch)
+    assert len(seen) == wanted > 8
+    assert {path.name for path in out.iterdir()} == {"contacts.cut.csv", "summary.json"}
+    assert capsys.readouterr().out.endswith(f"results: {out / 'summary.json'}\n")

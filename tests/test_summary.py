@@ -12,8 +12,9 @@ from contactfusion import Pipeline, PipelineConfig
 from contactfusion.errors import ConfigurationError
 from contactfusion.hypotheses import HypothesisKind, Note
 from contactfusion.integrator.sources import Report, SourceReport
+from contactfusion.loop import play
 from contactfusion.readings import DepthImage, ObjectPose, Reading
-from contactfusion.step_summary import Summary, refuse
+from contactfusion.run.summary import Summary, refuse
 from tests.toys import offer_toys, point, wrench
 
 PLACE = (0.1, 0.0, 0.0)
@@ -27,10 +28,10 @@ def _toys(monkeypatch: pytest.MonkeyPatch) -> None:
 def ran(readings: Iterable[Reading], **fields: Any) -> tuple[Summary, list[str]]:
     """The summary of a pipeline that steps every 0.1 s, and its complaints."""
     pipeline = Pipeline(PipelineConfig(**{"cycle": {"every": 0.1}, **fields}))
-    summary, heard = Summary(pipeline), list(readings)
-    for step in pipeline.run(heard):
-        summary.add(step)
-    return summary, list(summary.complaints({(one.sensor, type(one)) for one in heard}))
+    summary = Summary(pipeline)
+    for _ in play(pipeline, readings, [summary.observer]):
+        pass
+    return summary, list(summary.complaints())
 
 
 def points(frames: str) -> list[Reading]:
@@ -76,7 +77,8 @@ def test_the_first_the_likeliest_and_the_last_contact_are_told() -> None:
         f"  likeliest at {summary.likeliest[0]:.3f} s: {told}, force (0.0, 0.0, 1.0) N",
         f"  last at {summary.last[0]:.3f} s: {told}",
     ]
-    assert summary.first[0] == summary.likeliest[0] == 0.1 and summary.last[0] == summary.stamp
+    assert summary.first[0] == summary.likeliest[0] == 0.1
+    assert summary.last_step and summary.last[0] == summary.last_step.stamp
 
 
 def test_without_a_contact_none_is_told() -> None:
@@ -130,8 +132,9 @@ def test_clouds_that_are_ahead_of_time_are_told() -> None:
     pipeline = Pipeline(PipelineConfig(generators=ECHO))
     pipeline.receive(point(9.0, *PLACE))
     summary = Summary(pipeline)
+    summary.tally.add(point(9.0, *PLACE))
     summary.add(pipeline.step(0.0))
-    (complaint,) = summary.complaints({("", type(point(9.0, *PLACE)))})
+    (complaint,) = summary.complaints()
     assert complaint == "no cloud of 'eye' was accepted: a cloud of 'eye' is 9 s early: held back"
 
 
@@ -172,12 +175,14 @@ def test_the_first_complaint_is_raised_with_the_count_of_the_others() -> None:
 
 
 def test_a_force_that_never_changes_is_not_blamed_on_the_tare() -> None:
-    summary = Summary(Pipeline(PipelineConfig(generators=ECHO)))
+    pipeline = Pipeline(PipelineConfig(generators=ECHO))
+    summary, step = Summary(pipeline), pipeline.step(0.0)
     cases: list[tuple[dict[str, int], str]] = [
         ({Note.MORE_THAN_ONE_CONTACT: 4}, "4 × more than one contact: tare?"),
         ({Note.MORE_THAN_ONE_CONTACT: 4, Note.UNCHANGED: 2}, "4 × more than one contact"),
     ]
     for remarks, line in cases:
         source = SourceReport(HypothesisKind.REGULAR, 10.0, 0.0, True, 4, 0, 0, 0, (), remarks)
-        summary.report = Report({"wrist": source}, ())
+        fusion = replace(step.fusion, report=Report({"wrist": source}, ()))
+        summary.add(replace(step, fusion=fusion))
         assert line in [one.strip() for one in summary.lines()]

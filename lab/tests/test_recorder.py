@@ -15,14 +15,18 @@ import yaml
 from contactfusion.arrays import FloatArray
 from contactfusion.errors import ConfigurationError, ContactFusionError, WritingError
 from contactfusion.frames import FrameTree, Pose, pose_of
-from contactfusion.loop import Observer, play
+from contactfusion.loop import Observer
 from contactfusion.pipeline import Pipeline
 from contactfusion.readings import JointState, Reading, TactileImage, Wrench
-from contactfusion.recording_scene import EPOCH_NS, TRUTH, record_scene
 from contactfusion.recordings.opening import open_recording
+from contactfusion.recordings.recording import Window
 from contactfusion.robots.description import located, read_robot
 from contactfusion.robots.model import shared_robot
-from contactfusion.running import RunConfig, opened_scene, run_fields
+from contactfusion.run.configuration import setting_of_file, setting_of_recording
+from contactfusion.run.execute import run_file
+from contactfusion.run.recorder import TRUTH, record_scene
+from contactfusion.run.session import Session
+from contactfusion.scene import Scene
 from contactfusion.yaml_files import read_yaml
 from contactfusion_lab.scenes.push.scene import PushScene
 from tests.mcap_files import Read, Recorded, channel_metadata, read_by_rosbags
@@ -50,11 +54,11 @@ def push(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def heard(path: Path, overrides: Sequence[str] = ()) -> tuple[list[Reading], dict[str, Any]]:
     """Give all readings of a scene that is not recorded, and its truth."""
-    config = RunConfig(**run_fields(path, overrides))
-    readings = list[Reading]()
-    scene, pipeline = opened_scene(config), Pipeline(config)
-    *_, last = play(pipeline, scene, [Observer(readings.append)])
-    return readings, scene.verdict(pipeline, last).truth
+    session, readings = Session(setting_of_file(path, overrides)), list[Reading]()
+    *_, last = session.play(Observer(readings.append))
+    verdict = session.stream.verdict(session.pipeline, last)
+    assert verdict is not None
+    return readings, verdict.truth
 
 
 def xyz(fields: Any) -> list[float]:
@@ -62,7 +66,7 @@ def xyz(fields: Any) -> list[float]:
 
 
 def seconds(message: Read) -> float:
-    return (message.stamp - EPOCH_NS) / 1e9
+    return (message.stamp - Scene.epoch_ns) / 1e9
 
 
 def places(message: Read) -> FloatArray:
@@ -200,11 +204,10 @@ def test_where_sensors_are_can_be_reconstructed(push: Path) -> None:
 
 
 def test_a_replay_finds_the_contacts_that_the_run_found(push: Path) -> None:
-    fields = run_fields(PUSH, NEAR)
-    scene, pipeline = opened_scene(RunConfig(**fields)), Pipeline(RunConfig(**fields))
-    wanted = {step.stamp: step.fusion.contacts for step in pipeline.run(scene)}
+    setting = setting_of_file(PUSH, NEAR)
+    wanted = {step.stamp: step.fusion.contacts for step in Session(setting).play()}
     assert sum(map(len, wanted.values())) > 10
-    replay = Pipeline(RunConfig(**{**fields, "controller": None}))
+    replay = Pipeline(setting.changed(["controller=null"]).config())
     readings = [one for one in open_recording(push).readings() if one.sensor != TRUTH]
     for stamp, contacts in wanted.items():
         while readings and readings[0].stamp < stamp + 1e-6:
@@ -396,3 +399,27 @@ def test_a_scene_that_fails_on_the_way_leaves_the_file_of_before(
     with pytest.raises(KeyboardInterrupt):
         record_scene(PUSH, [], path)
     assert path.read_text() == "of old" and list(tmp_path.iterdir()) == [path]
+
+
+# What a run writes
+
+
+def test_a_run_of_a_scene_writes_what_is_recorded_and_contacts_beside_it(
+    push: Path, tmp_path: Path
+) -> None:
+    run_file(PUSH, overrides=NEAR, out=tmp_path / "run.mcap")
+    ran, recorded = read_by_rosbags(tmp_path / "run.mcap"), read_by_rosbags(push)
+    assert {topic: ran[topic] for topic in recorded} == recorded
+    assert {topic for topic in ran if topic not in recorded and "marker" not in topic} == {
+        f"/contactfusion/{name}"
+        for name in ("cmd_vel", "command", "configuration", "contacts", "contacts/voxels")
+    }
+    kept = setting_of_recording(tmp_path / "run.mcap")
+    assert sum(len(step.fusion.contacts) for step in Session(kept, tmp_path / "run.mcap").play())
+
+
+def test_a_scene_is_played_as_it_is(tmp_path: Path) -> None:
+    for choice in ({"window": Window(1.0)}, {"topics": {"skin": "/x"}}, {"ignored": ["/x"]}):
+        with pytest.raises(ConfigurationError, match=r"push_box.yaml: --start, .* for recordings"):
+            run_file(PUSH, out=tmp_path / "run", **choice)
+    assert not (tmp_path / "run").exists()

@@ -3,25 +3,25 @@
 import math
 from collections import Counter
 from collections.abc import Sequence
+from contextlib import closing
 from pathlib import Path
+from typing import final
 
 from scipy.spatial.transform import Rotation
 
 from contactfusion.errors import ConfigurationError, naming
-from contactfusion.loop import Observer, play
-from contactfusion.pipeline import Pipeline, Step
+from contactfusion.loop import Observer
 from contactfusion.pipeline_config import PipelineConfig
 from contactfusion.readings import Reading, Transform
 from contactfusion.recordings.mcap import McapWriter
 from contactfusion.recordings.reading_messages import topic_of
-from contactfusion.running import RunConfig, opened_scene, run_fields
-from contactfusion.scene import Facts, Scene
+from contactfusion.run.configuration import setting_of_file
+from contactfusion.run.session import Session
+from contactfusion.stream import Stream
 from contactfusion.terminal import note
 
-EPOCH_NS = 10**18
-"""Scenes begin at this moment, in 2001 [ns]: to ROS a stamp of 0 means "the latest"."""
 TRUTH = "truth"
-"""Topics of what no sensor tells begin with this."""
+"""Topics of what no sensor measures begin with this."""
 ROUNDING = 1e-9
 """A stamp is the last when it is so nearly that [s]."""
 
@@ -50,79 +50,76 @@ def record_scene(
         RecordingError: the recording cannot be written.
         DependencyError: rosbags, or what the scene needs, is not installed.
     """
-    fields = run_fields(path, overrides, seed)
-    if not fields.get("scene"):
+    setting = setting_of_file(path, overrides, seed)
+    if not setting.fields.get("scene"):
         raise ConfigurationError(f"{path}: scene: only a scene can be recorded, and here is none")
     if out.suffix != ".mcap":
         raise ConfigurationError(f"--out: '{out}' is no name for a recording; let it end in .mcap")
-    with naming(path):
-        config = RunConfig(**fields)
-        scene, pipeline = opened_scene(config), Pipeline(config)
+    session, last = Session(setting), None
     end = math.inf if duration is None else duration + ROUNDING
-    recorder = _Recorder(McapWriter(out, EPOCH_NS), scene, end)
-    try:
-        with naming(path), recorder.writer:
-            recorder.robot(config)
-            last = recorder.run(pipeline)
-    finally:
-        pipeline.close()
-    print(f"{out}: {recorder.told()}, {out.stat().st_size / 1000.0:.0f} kB")
-    if last is not None:
-        for sentence in scene.verdict(pipeline, last).sentences:
+    with closing(session), naming(path), McapWriter(out, session.stream.epoch_ns) as writer:
+        write_robot(writer, session.pipeline.config)
+        recorder = Recorder(writer, session.stream, end)
+        observer = Observer(recorder.reading)
+        for last in session.play(observer):
+            if observer.failure:
+                raise observer.failure
+            if last.stamp >= end - 2.0 * ROUNDING:
+                last = None  # there was no time for all of it
+                break
+    print(f"{out}: {recorder.counts}, {out.stat().st_size / 1000.0:.0f} kB")
+    if verdict := session.verdict(last):
+        for sentence in verdict.sentences:
             note(f"truth: {sentence}")
 
 
-class _Recorder:
-    """Writes what a scene tells, and counts the readings.
+@final
+class Recorder:
+    """Writes what a scene's sensors read, beside it what is true, and counts the readings.
 
     Args:
         writer: of the file.
-        scene: at its start.
+        stream: at its start.
         end: what comes later is left out [s].
     """
 
-    def __init__(self, writer: McapWriter, scene: Scene, end: float) -> None:
-        self.writer, self._scene, self._end = writer, scene, end
+    def __init__(self, writer: McapWriter, stream: Stream, end: float = math.inf) -> None:
+        self._writer, self._stream, self._end = writer, stream, end
         self._counts: Counter[str] = Counter()
         self._newest = -math.inf
 
-    def robot(self, config: RunConfig) -> None:
-        """Write what holds from the start: the robot's URDF, and all frames that stand still."""
-        assert config.robot is not None
-        self.writer.robot_description(config.robot.path().read_text(encoding="utf-8"))
-        self.writer.static(fixed_frames(config))
-
-    def run(self, pipeline: Pipeline) -> Step | None:
-        """Record the scene; give the last step, or None when there was no time for all of it."""
-        last = None
-        for last in play(pipeline, self._scene, [Observer(self._hear)]):
-            if last.stamp >= self._end - 2.0 * ROUNDING:
-                return None
-        return last
-
-    def told(self) -> str:
-        """How much was recorded, as text."""
-        count = self._counts.total()
-        return f"{count} readings on {len(self._counts)} topics in {self._newest:.2f} s"
-
-    def _hear(self, reading: Reading) -> None:
+    def reading(self, reading: Reading) -> None:
         """Write a reading; at each new stamp, the truth before it."""
         if reading.stamp > self._end:
             return
         if reading.stamp > self._newest:
             self._newest = reading.stamp
-            self._truth(self._scene.facts())
-        self.writer.reading(reading)
+            self._facts()
+        self._writer.reading(reading)
         self._counts[topic_of(reading)] += 1
 
-    def _truth(self, facts: Facts) -> None:
-        self.writer.contacts(facts.contacts, facts.frame, facts.stamp, TRUTH)
-        for one in facts.objects:
-            self.writer.reading(one, TRUTH)
+    @property
+    def counts(self) -> str:
+        """How much was recorded, as text."""
+        count = self._counts.total()
+        return f"{count} readings on {len(self._counts)} topics in {self._newest:.2f} s"
+
+    def _facts(self) -> None:
+        if (facts := self._stream.facts()) is not None:
+            self._writer.contacts(facts.contacts, facts.frame, facts.stamp, TRUTH)
+            for pose in facts.objects:
+                self._writer.reading(pose, TRUTH)
+
+
+def write_robot(writer: McapWriter, config: PipelineConfig) -> None:
+    """Write what holds from the start: the robot's URDF, and all frames that stand still."""
+    if config.robot is not None:
+        writer.robot_description(config.robot.path().read_text(encoding="utf-8"))
+    writer.static(fixed_frames(config))
 
 
 def fixed_frames(config: PipelineConfig) -> tuple[Transform, ...]:
-    """Give the frames of a configuration, and of its robot, that stand still in their parents."""
+    """The frames of a configuration, and of its robot, that stand still in their parents."""
     on_robot = config.robot.frames if config.robot else {}
     return tuple(
         Transform(

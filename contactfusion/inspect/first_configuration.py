@@ -10,13 +10,7 @@ import yaml
 
 from contactfusion.errors import ConfigurationError, ContactFusionError
 from contactfusion.files import make_folder, write_whole
-from contactfusion.pipeline_config import PipelineConfig, pipeline_fields
-from contactfusion.readings import JointState, Reading, TactileImage, Wrench
-from contactfusion.recordings.messages import Message, typestore
-from contactfusion.recordings.opening import DESCRIBED, is_ros, open_recording
-from contactfusion.recordings.ros.files import Bag
-from contactfusion.recordings.ros.topics import last
-from contactfusion.replaying.first_lines import (
+from contactfusion.inspect.first_lines import (
     REST,
     WEIGHED,
     force_torque_lines,
@@ -31,14 +25,20 @@ from contactfusion.replaying.first_lines import (
     tactile_lines,
     text_of,
 )
-from contactfusion.replaying.inspection import (
+from contactfusion.inspect.inspection import (
     Inspection,
     TopicInspection,
     inspect_readings,
     inspect_recording,
 )
-from contactfusion.replaying.log_columns import BLANK, inspect_table, sensor_of, shown
-from contactfusion.replaying.log_columns import described as described_table
+from contactfusion.inspect.log_columns import BLANK, inspect_table, sensor_of, shown
+from contactfusion.inspect.log_columns import described as described_table
+from contactfusion.pipeline_config import PipelineConfig, pipeline_fields
+from contactfusion.readings import JointState, Reading, TactileImage, Wrench
+from contactfusion.recordings.messages import Message, typestore
+from contactfusion.recordings.opening import DESCRIBED, is_ros, open_recording
+from contactfusion.recordings.ros.files import Bag
+from contactfusion.recordings.ros.topics import last
 from contactfusion.robots.description import RobotConfig
 from contactfusion.robots.model import RobotModel
 from contactfusion.terminal import note

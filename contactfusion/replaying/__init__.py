@@ -1,1 +1,0 @@
-"""Replay: a configuration on a recording, its contacts beside what was recorded."""
