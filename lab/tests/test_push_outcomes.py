@@ -14,7 +14,6 @@ from contactfusion.errors import ConfigurationError
 from contactfusion.figures import new_figure
 from contactfusion.files import write_whole
 from contactfusion_lab.experiments.push import figures, tables
-from contactfusion_lab.experiments.push.evaluation import evaluate
 from contactfusion_lab.experiments.push.outcomes import (
     Outcome,
     cause,
@@ -29,12 +28,13 @@ from contactfusion_lab.experiments.push.plan import (
     read_plan,
     read_targets,
 )
-from contactfusion_lab.experiments.push.tables import GROUPS, PAPER, Reached, perception
+from contactfusion_lab.experiments.push.tables import GROUPS, PAPER, Reached, evaluate, perception
 from contactfusion_lab.experiments.push.trial import ARRAYS, Track, content_of
 from contactfusion_lab.scenes.push.config import SkinConfig
 from contactfusion_lab.scenes.push.scene import Ending
 from contactfusion_lab.trials.folder import as_json, trial_file
-from contactfusion_lab.trials.tables import CASE, as_csv, frame_of
+from contactfusion_lab.trials.measures import CASE
+from contactfusion_lab.trials.tables import as_csv, frame_of
 
 PUSH = Push("box", "mu1", "grid", 3, (2.0, 1.0), 0.0, 0.0, 7)
 MODES = ("push", "search", "escape", "realign", "arrived")

@@ -17,8 +17,14 @@ from contactfusion_lab.experiments.push import suites
 from contactfusion_lab.experiments.push.experiment import Options, read_plans, run_push
 from contactfusion_lab.experiments.push.plan import Plan
 from contactfusion_lab.experiments.push.suites import SENSINGS, Change, Sensing, read_sensing
-from contactfusion_lab.experiments.push.timers import Cost, costs_of, tell_costs
-from contactfusion_lab.experiments.push.trial import load, push_cycles, run_trial
+from contactfusion_lab.experiments.push.trial import (
+    Cost,
+    costs_of,
+    load,
+    push_cycles,
+    run_trial,
+    tell_costs,
+)
 from contactfusion_lab.scenes.push.scene import Cycle
 from contactfusion_lab.trials.executor import Local
 from lab.tests.test_push_experiment import content, small, target_file, targets

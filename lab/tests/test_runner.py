@@ -7,9 +7,8 @@ from pathlib import Path
 import pytest
 
 from contactfusion.errors import ConfigurationError, RobotError
-from contactfusion_lab.trials.executor import Local
+from contactfusion_lab.trials.executor import Local, ShippedFile
 from contactfusion_lab.trials.runner import ordered, run
-from contactfusion_lab.trials.shipped import ShippedFile
 from lab.tests.here import Here
 from lab.tests.trial_toys import Squares, content
 

@@ -10,7 +10,8 @@ import pandas as pd
 import pytest
 
 from contactfusion_lab.trials import tables
-from contactfusion_lab.trials.tables import CASE, as_csv, cell, frame_of, markdown, write_results
+from contactfusion_lab.trials.measures import CASE
+from contactfusion_lab.trials.tables import as_csv, cell, frame_of, markdown, write_results
 
 
 @dataclass(frozen=True)

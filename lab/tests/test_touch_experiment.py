@@ -37,7 +37,7 @@ from contactfusion_lab.experiments.touch.rows import (
 from contactfusion_lab.experiments.touch.tables import coverage, level_of
 from contactfusion_lab.experiments.touch.trial import Trial, content_of, load, run_trial
 from contactfusion_lab.scenes.touch.scene import TouchScene
-from contactfusion_lab.trials.tables import CASE
+from contactfusion_lab.trials.measures import CASE
 from lab.tests.here import Here
 
 DE_MORGAN = Method("de_morgan", "cluster_centroid")

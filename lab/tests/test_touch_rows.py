@@ -13,7 +13,8 @@ from contactfusion_lab.experiments.touch.rows import (
     compare_all,
     everything,
 )
-from contactfusion_lab.trials.tables import CASE, frame_of
+from contactfusion_lab.trials.measures import CASE
+from contactfusion_lab.trials.tables import frame_of
 
 
 def test_first_touch_believes_in_the_target_alone() -> None:

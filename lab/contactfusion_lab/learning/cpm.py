@@ -28,11 +28,9 @@ from contactfusion_lab.learning.rollout import (
     live,
 )
 from contactfusion_lab.learning.training import Trained, train
-from contactfusion_lab.trials.executor import Executor, Local
-from contactfusion_lab.trials.folder import claim, trial_file
-from contactfusion_lab.trials.pictures import save_figure
+from contactfusion_lab.trials.executor import Executor, Local, ShippedFile
+from contactfusion_lab.trials.folder import claim, save_figure, trial_file
 from contactfusion_lab.trials.runner import Failure, Made, kept, ordered
-from contactfusion_lab.trials.shipped import ShippedFile
 
 SUFFIX = ".npz"
 """Of the files of trials."""

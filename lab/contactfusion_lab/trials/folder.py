@@ -1,4 +1,4 @@
-"""The folder of an experiment: the settings that made its trials, a file each, and JSON."""
+"""The folder of an experiment: its settings, the files of its trials, figures and films."""
 
 import io
 import json
@@ -10,11 +10,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from contactfusion.errors import ConfigurationError
+from contactfusion.errors import ConfigurationError, missing_extra
 from contactfusion.files import make_folder, write_whole
 
 TRIALS = "trials"
 """The folder in it that keeps them."""
+SHOWN = 0.08
+"""How long a frame is shown [s]."""
 
 
 def trial_file(out: Path, name: str, suffix: str) -> Path:
@@ -86,6 +88,50 @@ def as_npz(**arrays: ArrayLike) -> bytes:
 def as_json(value: object) -> str:
     """JSON that any program reads: no NaN, nothing infinite, but null."""
     return json.dumps(_finite(value), indent=1, ensure_ascii=False, allow_nan=False) + "\n"
+
+
+def save_figure(figure: Any, path: Path, dpi: int = 110) -> Path:
+    """Write a figure as PNG; the path."""
+    content = io.BytesIO()
+    figure.savefig(content, dpi=dpi, format="png")
+    write_whole(path, content.getvalue())
+    return path
+
+
+def save_film(frames: Sequence[Any], path: Path, last: float, **how: Any) -> Path:
+    """Write frames as an animated GIF.
+
+    Args:
+        frames: pictures of few colours.
+        path: the GIF to write.
+        last: how long the last frame is shown [s].
+        how: options of `PIL.Image.Image.save`.
+
+    Returns:
+        The path.
+    """
+    first, *others = frames
+    durations = [round(SHOWN * 1e3)] * len(others) + [round(last * 1e3)]
+    content = io.BytesIO()
+    first.save(
+        content, format="GIF", save_all=True, append_images=others, duration=durations, loop=0,
+        **how,
+    )  # fmt: skip
+    write_whole(path, content.getvalue())
+    return path
+
+
+def loaded_pillow() -> Any:
+    """Pillow's module of images.
+
+    Raises:
+        DependencyError: matplotlib, with which it comes, is not installed.
+    """
+    try:
+        from PIL import Image
+    except ImportError:
+        raise missing_extra("matplotlib", "plot") from None
+    return Image
 
 
 def _is_held(path: Path) -> bool:

@@ -11,13 +11,11 @@ import pandas as pd
 
 from contactfusion.files import write_whole
 from contactfusion_lab.trials.folder import as_json
-from contactfusion_lab.trials.measures import proportion, resampled
+from contactfusion_lab.trials.measures import CASE, Comparison, parts_of, proportion, resampled
 
 Units = Mapping[str, tuple[str, float, str]]
 """Columns of a data frame: of each its heading, scale and form in a table."""
 STATISTICS: dict[str, Callable[..., Any]] = {"mean": np.mean, "median": np.median}
-CASE, TRIAL = "case", "trial"
-"""The columns of a data frame that name what is compared, and the trial that all make."""
 
 
 def frame_of(rows: Iterable[Any], kind: type) -> pd.DataFrame:
@@ -29,11 +27,6 @@ def frame_of(rows: Iterable[Any], kind: type) -> pd.DataFrame:
     """
     names = [field.name for field in fields(kind)]
     return pd.DataFrame([[getattr(row, name) for name in names] for row in rows], columns=names)
-
-
-def parts_of(frame: pd.DataFrame, by: str | Sequence[str] = CASE) -> dict[Any, pd.DataFrame]:
-    """The parts of a data frame by the value, or values, of columns, in their order."""
-    return dict(iter(frame.groupby(by if isinstance(by, str) else list(by), sort=False)))
 
 
 def as_csv(frame: pd.DataFrame, missing: str = "") -> str:
@@ -206,3 +199,27 @@ def failures_text(frame: pd.DataFrame, success: str, sentences: Sequence[str], m
             lines.append(f"- and {len(failed) - most} more, in results.csv")
         lines.append("")
     return "\n".join(lines).strip()
+
+
+def comparisons_text(comparisons: Sequence[Comparison], units: Units) -> str:
+    """Comparisons as Markdown; nothing without any.
+
+    Args:
+        comparisons: one row each.
+        units: of their columns; one that is not named is told by its name.
+    """
+    lines = []
+    for each in comparisons:
+        heading, scale, form = units.get(each.measure, (each.measure, 1.0, "g"))
+        counts = ["" if n is None else str(n) for n in (each.only_it, each.only_other)]
+        difference = medians = ""
+        if each.only_it is None:
+            difference = "-" if each.difference is None else f"{each.difference * scale:+{form}}"
+            low, high = each.low or 0.0, each.high or 0.0
+            medians = cell(each.of_medians, low, high, scale, f"+{form}")
+        lines.append(
+            [each.case, each.against, heading, str(each.trials), *counts, difference, medians,
+             f"{each.p:.2g}", f"{each.p_holm:.2g}"]
+        )  # fmt: skip
+    headings = ["", "against", "in", "trials", "only it", "only the other", "median difference"]
+    return markdown([*headings, "difference of medians", "p", "p (Holm)"], lines) if lines else ""

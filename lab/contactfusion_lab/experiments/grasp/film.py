@@ -15,7 +15,7 @@ from contactfusion_lab.experiments.grasp.plan import Column, Grasp, Plan
 from contactfusion_lab.experiments.grasp.trial import begun
 from contactfusion_lab.scenes.grasp.scene import GraspCycle, GraspScene
 from contactfusion_lab.scenes.grasp.world import Eye
-from contactfusion_lab.trials.pictures import loaded_pillow, save_film
+from contactfusion_lab.trials.folder import loaded_pillow, save_film
 
 EVERY = 0.15
 """Of the grasp between two frames [s]."""

@@ -11,16 +11,15 @@ import pandas as pd
 from contactfusion.figures import COLOURS, new_figure
 from contactfusion.terminal import note
 from contactfusion_lab.experiments.grasp.trial import Row
-from contactfusion_lab.trials.comparisons import compared, comparisons_text
-from contactfusion_lab.trials.pictures import save_figure
+from contactfusion_lab.trials.folder import save_figure
+from contactfusion_lab.trials.measures import CASE, compared, parts_of
 from contactfusion_lab.trials.tables import (
-    CASE,
     Units,
     bullets,
+    comparisons_text,
     failures_text,
     frame_of,
     measures_text,
-    parts_of,
     success_text,
     summary_of,
     write_results,

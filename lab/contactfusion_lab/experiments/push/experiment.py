@@ -10,13 +10,12 @@ from typing import Any, final
 from contactfusion.errors import ConfigurationError, RobotError, name_hint
 from contactfusion.pipeline import Pipeline
 from contactfusion.terminal import note
-from contactfusion_lab.experiments.push.evaluation import evaluate
 from contactfusion_lab.experiments.push.failing import read_failing
 from contactfusion_lab.experiments.push.film import record
 from contactfusion_lab.experiments.push.plan import Plan, Push, read_plan, read_targets
 from contactfusion_lab.experiments.push.suites import Change, Sensing, controller_options
-from contactfusion_lab.experiments.push.timers import Cost, tell_costs
-from contactfusion_lab.experiments.push.trial import content_of, run_trial
+from contactfusion_lab.experiments.push.tables import evaluate
+from contactfusion_lab.experiments.push.trial import Cost, content_of, run_trial, tell_costs
 from contactfusion_lab.scenes.push.config import SkinConfig
 from contactfusion_lab.scenes.push.scene import PushScene
 from contactfusion_lab.trials.choices import require_once

@@ -13,9 +13,8 @@ from contactfusion.arrays import FloatArray
 from contactfusion.figures import COLOURS, new_figure
 from contactfusion_lab.experiments.push.trial import Track
 from contactfusion_lab.scenes.push.scene import mobile_base
-from contactfusion_lab.trials.comparisons import Comparison
-from contactfusion_lab.trials.pictures import save_figure
-from contactfusion_lab.trials.tables import CASE
+from contactfusion_lab.trials.folder import save_figure
+from contactfusion_lab.trials.measures import CASE, Comparison
 
 STRIDE = 5
 """Ways are drawn through every so many cycles."""

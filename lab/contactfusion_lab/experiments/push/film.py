@@ -20,7 +20,7 @@ from contactfusion_lab.experiments.push.trial import KINDS, Track, push_cycles, 
 from contactfusion_lab.scenes.push.bodies import read_chassis
 from contactfusion_lab.scenes.push.objects import outlines
 from contactfusion_lab.scenes.push.scene import PushTruth
-from contactfusion_lab.trials.pictures import loaded_pillow, save_film
+from contactfusion_lab.trials.folder import loaded_pillow, save_film
 
 TRUTH = "truth"
 """Topics of what no sensor tells begin with this."""

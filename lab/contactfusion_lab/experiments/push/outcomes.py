@@ -11,8 +11,8 @@ from contactfusion.arrays import FloatArray
 from contactfusion.hypotheses import HypothesisKind
 from contactfusion_lab.experiments.push.trial import Track
 from contactfusion_lab.scenes.push.scene import Ending
-from contactfusion_lab.trials.comparisons import Comparison, compared
-from contactfusion_lab.trials.tables import CASE, frame_of
+from contactfusion_lab.trials.measures import CASE, Comparison, compared
+from contactfusion_lab.trials.tables import frame_of
 
 EDGE = 0.22
 """Contacts further aside than this are at an edge of the face [m]."""

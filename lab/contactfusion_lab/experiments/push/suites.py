@@ -23,7 +23,7 @@ from contactfusion.yaml_files import read_yaml
 from contactfusion_lab.experiments.methods import Method
 from contactfusion_lab.scenes.push.sensors import with_taxels
 from contactfusion_lab.trials.choices import require_known
-from contactfusion_lab.trials.shipped import ShippedFile
+from contactfusion_lab.trials.executor import ShippedFile
 
 SENSINGS = {
     name: Path(__file__).with_name(f"{name}.yaml")

@@ -22,11 +22,11 @@ from contactfusion_lab.experiments.touch.rows import (
 )
 from contactfusion_lab.experiments.touch.trial import Trial, content_of, load, run_trial
 from contactfusion_lab.trials.choices import require_known
-from contactfusion_lab.trials.comparisons import comparisons_text
 from contactfusion_lab.trials.executor import Executor, Local
 from contactfusion_lab.trials.folder import trial_file
+from contactfusion_lab.trials.measures import parts_of
 from contactfusion_lab.trials.runner import Experiment, Made, run
-from contactfusion_lab.trials.tables import Units, parts_of, write_results
+from contactfusion_lab.trials.tables import Units, comparisons_text, write_results
 
 METHODS = (
     Method("de_morgan", "cluster_centroid"),

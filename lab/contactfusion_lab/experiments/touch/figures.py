@@ -20,9 +20,8 @@ from contactfusion_lab.experiments.touch.rows import (
     modality_of,
 )
 from contactfusion_lab.experiments.touch.trial import Trial
-from contactfusion_lab.trials.measures import Measure
-from contactfusion_lab.trials.pictures import save_figure
-from contactfusion_lab.trials.tables import parts_of
+from contactfusion_lab.trials.folder import save_figure
+from contactfusion_lab.trials.measures import Measure, parts_of
 
 AROUND = 0.09
 """Pictures show so much around the contact [m]."""

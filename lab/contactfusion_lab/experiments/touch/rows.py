@@ -15,8 +15,8 @@ from contactfusion.robots.model import shared_robot
 from contactfusion.robots.posed import PosedRobot
 from contactfusion_lab.experiments.methods import Method
 from contactfusion_lab.experiments.touch.trial import Trial
-from contactfusion_lab.trials.comparisons import Comparison, compared
-from contactfusion_lab.trials.tables import CASE, TRIAL, frame_of
+from contactfusion_lab.trials.measures import CASE, TRIAL, Comparison, compared
+from contactfusion_lab.trials.tables import frame_of
 
 NEAR = 0.03
 """A contact this near a true one has detected it [m] (method §8)."""

@@ -16,8 +16,8 @@ from contactfusion.hypotheses import HypothesisCloud, HypothesisKind
 from contactfusion.pipeline_config import PipelineConfig
 from contactfusion_lab.experiments.touch.rows import felt, modality_of
 from contactfusion_lab.experiments.touch.trial import Trial
-from contactfusion_lab.trials.measures import Measure, proportion, resampled
-from contactfusion_lab.trials.tables import CASE, cell, markdown
+from contactfusion_lab.trials.measures import CASE, Measure, proportion, resampled
+from contactfusion_lab.trials.tables import cell, markdown
 
 PUBLISHED = {
     "tactile": (0.209, 0.0125, 0.0020),
