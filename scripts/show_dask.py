@@ -17,7 +17,7 @@ from pathlib import Path
 
 OUT = Path("out/dask")
 BIN = Path(sys.executable).parent
-PUSHES = 200
+PUSHES, TIMED_PUSHES = 200, 50
 WORKER_DIES, SCHEDULER_DIES = 100, 170
 """After so many pushes."""
 TIMED = ("timing.json", "*.png")
@@ -30,7 +30,8 @@ def main() -> int:
     started = time.monotonic()
     OUT.mkdir(parents=True, exist_ok=True)
     places = [[0.35 + 0.01 * (row % 20), -0.1 + 0.02 * (row // 20)] for row in range(PUSHES)]
-    (OUT / "near.yaml").write_text(json.dumps({"targets": places}) + "\n")
+    for name, some in (("near", places), ("some", places[:: PUSHES // TIMED_PUSHES])):
+        (OUT / f"{name}.yaml").write_text(json.dumps({"targets": some}) + "\n")
     if (status := _pushed("local", []).wait()) != 0:
         return status
     if len(_files("cluster")) < SCHEDULER_DIES:
@@ -42,49 +43,52 @@ def main() -> int:
     wrong = list(_differences())
     print(f"{len(_files('cluster'))} of {PUSHES} pushes on the cluster")
     print(f"differs from this machine alone: {', '.join(wrong) or 'nothing'}")
-    if (rates := OUT / "rates.json").exists():
-        for workers, rate in json.loads(rates.read_text()).items():
-            print(f"{rate:.0f} pushes a minute with {workers}")
+    for count in (1, 2):
+        print(f"{_rate(count):.0f} pushes a minute with {count} of {os.cpu_count()} cores")
     print(f"{time.monotonic() - started:.0f} s")
     return status or bool(wrong)
 
 
 def _lose(running: Process, scheduler: Process, workers: Sequence[Process]) -> None:
-    """Kill a worker, then the scheduler, and time what is made before each."""
-    kept = len(_files("cluster"))
-    first, begin = _reached(running, kept + 10)
-    second, middle = _reached(running, max(WORKER_DIES, first + 10))
+    """Kill a worker, then the scheduler."""
+    count = _reached(running, max(WORKER_DIES, len(_files("cluster")) + 1))
     workers[0].send_signal(signal.SIGKILL)
-    print(f"a worker was killed after {second} pushes", flush=True)
-    after, again = _reached(running, second + 2)
-    third, end = _reached(running, max(SCHEDULER_DIES, after + 10))
+    print(f"a worker was killed after {count} pushes", flush=True)
+    count = _reached(running, max(SCHEDULER_DIES, count + 1))
     scheduler.send_signal(signal.SIGKILL)
-    print(f"the scheduler was killed after {third} pushes", flush=True)
+    print(f"the scheduler was killed after {count} pushes", flush=True)
     status = running.wait()
     print(f"the experiment ended with status {status}; {len(_files('cluster'))} pushes are kept")
-    rates = {
-        "2 workers": 60.0 * (second - first) / (middle - begin),
-        "1 worker": 60.0 * (third - after) / (end - again),
-    }
-    (OUT / "rates.json").write_text(json.dumps(rates) + "\n")
 
 
-def _reached(running: Process, count: int) -> tuple[int, float]:
-    """How many pushes there are, and when, once there are so many."""
+def _rate(count: int) -> float:
+    """Pushes a minute of so many workers, once the first is made: the same pushes each time."""
+    folder = f"workers_{count}"
+    if not (OUT / folder / "results.csv").exists():
+        with _cluster(count) as (address, _, _):
+            options = ["--executor", "dask", "--scheduler", address]
+            if _pushed(folder, options, "some").wait():
+                sys.exit("the pushes to be timed failed")
+    times = [path.stat().st_mtime for path in _files(folder)]
+    return 60.0 * (len(times) - 1) / (max(times) - min(times))
+
+
+def _reached(running: Process, count: int) -> int:
+    """How many pushes there are, once there are so many."""
     while (found := len(_files("cluster"))) < count:
         if running.poll() is not None:
             sys.exit(f"the experiment ended after {found} pushes")
         time.sleep(0.05)
-    return found, time.monotonic()
+    return found
 
 
 def _files(folder: str) -> list[Path]:
     return list((OUT / folder / "trials").rglob("*.npz"))
 
 
-def _pushed(folder: str, options: Sequence[str]) -> Process:
+def _pushed(folder: str, options: Sequence[str], targets: str = "near") -> Process:
     command = [str(BIN / "contactfusion"), "experiment", "push", "--objects", "box"]
-    command += ["--friction", "mu1", "--targets", str(OUT / "near.yaml"), *options]
+    command += ["--friction", "mu1", "--targets", str(OUT / f"{targets}.yaml"), *options]
     return subprocess.Popen([*command, "--out", str(OUT / folder)], stdout=subprocess.DEVNULL)
 
 
