@@ -194,7 +194,7 @@ def test_torch_is_left_as_it_was(tmp_path: Path) -> None:
     torch.set_num_threads(3)
     try:
         with pytest.raises(StoppedError):
-            train("type", DATA, QUICK, tmp_path, told=stop_after(1))
+            train("type", DATA, QUICK, tmp_path, report=stop_after(1))
         assert torch.get_num_threads() == 3
         assert not torch.are_deterministic_algorithms_enabled()
     finally:
@@ -211,16 +211,16 @@ def test_a_training_that_was_stopped_ends_as_if_it_had_not_been(
 ) -> None:
     whole = train(name, DATA, QUICK, tmp_path / "whole")
     with pytest.raises(StoppedError):
-        train(name, DATA, QUICK, tmp_path / "parts", told=stop_after(epochs))
+        train(name, DATA, QUICK, tmp_path / "parts", report=stop_after(epochs))
     heard: list[int] = []
-    parts = train(name, DATA, QUICK, tmp_path / "parts", told=lambda *what: heard.append(what[0]))
+    parts = train(name, DATA, QUICK, tmp_path / "parts", report=lambda *what: heard.append(what[0]))
     assert heard == list(range(epochs + 1, QUICK.epochs + 1))
     assert bits(parts) == bits(whole)
 
 
 def test_a_finished_training_is_not_made_again(tmp_path: Path) -> None:
     whole = train("type", DATA, QUICK, tmp_path)
-    assert bits(train("type", DATA, QUICK, tmp_path, told=stop_after(1))) == bits(whole)
+    assert bits(train("type", DATA, QUICK, tmp_path, report=stop_after(1))) == bits(whole)
 
 
 def test_a_training_begins_with_the_weights_of_another(tmp_path: Path) -> None:
@@ -234,7 +234,7 @@ def test_a_training_begins_with_the_weights_of_another(tmp_path: Path) -> None:
 
 def test_progress_is_told(tmp_path: Path) -> None:
     heard: list[tuple[int, float, float, float]] = []
-    trained = train("type", DATA, QUICK, tmp_path, told=lambda *what: heard.append(what))
+    trained = train("type", DATA, QUICK, tmp_path, report=lambda *what: heard.append(what))
     assert [row[0] for row in heard] == [1, 2, 3, 4]
     assert [row[1:3] for row in heard] == [tuple(row) for row in trained.history]
     assert heard[0][3] > heard[2][3] > heard[3][3] == 0.0
@@ -279,7 +279,7 @@ def test_a_checkpoint_of_another_training_is_told(tmp_path: Path) -> None:
 
 def test_a_damaged_checkpoint_is_told(tmp_path: Path) -> None:
     with pytest.raises(StoppedError):
-        train("type", DATA, QUICK, tmp_path, told=stop_after(1))
+        train("type", DATA, QUICK, tmp_path, report=stop_after(1))
     path = tmp_path / "type.npz"
     held: dict[str, Any] = read_arrays(path)
     content = path.read_bytes()

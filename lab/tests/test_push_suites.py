@@ -22,8 +22,8 @@ from contactfusion_lab.experiments.push.trial import (
     costs_of,
     load,
     push_cycles,
+    report_costs,
     run_trial,
-    tell_costs,
 )
 from contactfusion_lab.scenes.push.scene import Cycle
 from contactfusion_lab.trials.executor import Local
@@ -276,6 +276,6 @@ def test_costs_are_shares_of_all(tmp_path: Path, capsys: pytest.CaptureFixture[s
     assert told["trials_per_cpu_minute"] == pytest.approx(40.0)
     assert (told["sensing_share"], told["fusion_share"]) == pytest.approx((0.2, 0.2))
     assert told["cycle_p99_ms"] == pytest.approx(4.0)
-    tell_costs({"fused": costs}, tmp_path)
+    report_costs({"fused": costs}, tmp_path)
     assert json.loads((tmp_path / "timing.json").read_text()) == {"fused": told}
     assert "fused: 40 pushes a minute" in capsys.readouterr().out

@@ -115,22 +115,22 @@ def train_cpm(options: Options, out: Path) -> None:
         before = rounds[-1][1] if rounds else None
         trained = _trained_round(data, how, before, options.executor.local, folder)
         rounds.append((data, trained))
-        networks = _write(folder / FILE, data, trained, _told(trials, options), {})
+        networks = _write(folder / FILE, data, trained, _described(trials, options), {})
     histories = {str(name): [one[name].history for _, one in rounds] for name in NAMES}
     print(f"learning curves: {draw_curves(histories, out / 'curves.png')}", flush=True)
     data, trained = rounds[-1]
-    shipped = _write(out / FILE, data, trained, _told(trials, options), {})
+    shipped = _write(out / FILE, data, trained, _described(trials, options), {})
     figures = tested(shipped, options.tested, options.seed, options.executor, out / "test")
-    _write(shipped, data, trained, _told(trials, options), figures)
+    _write(shipped, data, trained, _described(trials, options), figures)
     print(f"networks: {shipped}, their card: {shipped.with_suffix('.json')}")
 
 
 def _write(
-    path: Path, data: Dataset, trained: Round, told: str, figures: Mapping[str, float]
+    path: Path, data: Dataset, trained: Round, description: str, figures: Mapping[str, float]
 ) -> Path:
     """Write the networks of a round with their card; give the path."""
     card = write_networks(
-        path, trained["location"], trained["type"], data, PROXIMITY, RATE, told, figures
+        path, trained["location"], trained["type"], data, PROXIMITY, RATE, description, figures
     )
     _report(", ".join(f"{name} {value:.4g}" for name, value in card.figures.items()))
     return path
@@ -142,7 +142,7 @@ def _lessons(turn: int, options: Options) -> list[Lesson]:
     return driven_lessons(options.driven, turn, MOUNTINGS, options.seed)
 
 
-def _told(trials: Sequence[LabelledTrial], options: Options) -> str:
+def _described(trials: Sequence[LabelledTrial], options: Options) -> str:
     """What networks were trained on."""
     cycles = sum(len(trial.stamp) for trial in trials)
     return (

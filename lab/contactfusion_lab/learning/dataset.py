@@ -89,17 +89,17 @@ def load(path: Path) -> LabelledTrial:
     """
     held = read_arrays(path, "told", *ARRAYS)
     try:
-        return _told(held)
+        return _read(held)
     except ConfigurationError as error:
         raise ConfigurationError(error.problem, str(path)) from None
     except (KeyError, TypeError, ValueError):
         raise ConfigurationError(f"{path} is no labelled trial") from None
 
 
-def _told(held: Mapping[str, Any]) -> LabelledTrial:
-    told: dict[str, Any] = json.loads(str(held["told"]))
-    mountings = tuple(told.pop("mountings"))
-    return LabelledTrial(mountings=mountings, **told, **{name: held[name] for name in ARRAYS})
+def _read(held: Mapping[str, Any]) -> LabelledTrial:
+    named: dict[str, Any] = json.loads(str(held["told"]))
+    mountings = tuple(named.pop("mountings"))
+    return LabelledTrial(mountings=mountings, **named, **{name: held[name] for name in ARRAYS})
 
 
 @dataclass(frozen=True, eq=False)

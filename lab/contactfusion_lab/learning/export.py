@@ -38,7 +38,7 @@ def write_networks(
     data: Dataset,
     proximity: ProximityConfig,
     rate: float,
-    told: str,
+    description: str,
     figures: Mapping[str, float] | None = None,
 ) -> NetworksCard:
     """Write the weights of both networks and the card beside them; each file appears whole.
@@ -50,7 +50,7 @@ def write_networks(
         data: what they were trained on.
         proximity: how the proximity lengths were made.
         rate: of the cycles of the trials [Hz].
-        told: what the data are, in words.
+        description: what the data are, in words.
         figures: what else was measured; error and accuracy over validation are added.
 
     Returns:
@@ -85,7 +85,7 @@ def write_networks(
             **(figures or {}),
         },
         seeds={one.name: one.options.seed for one in (location, kind)},
-        data=told,
+        data=description,
         data_sha256=data.sha256,
         weights_sha256=hashlib.sha256(content).hexdigest(),
     )

@@ -61,7 +61,7 @@ TAXELS = 12
 
 @dataclass(frozen=True)
 class Detour:
-    """A while in which the base moves as told, whatever the controller says.
+    """A while in which the base moves so, whatever the controller says.
 
     Attributes:
         start: [s].
@@ -89,7 +89,7 @@ class Lesson:
         yaw: of the object [degrees].
         driver: "skin", or the mounting whose networks drive.
         controller: the parameters of reactive pushing.
-        detours: when the base moves as told.
+        detours: when the base moves otherwise.
         seed: of all chance in it.
     """
 

@@ -32,7 +32,7 @@ from contactfusion_lab.learning.networks import (
 
 RISE = 0.3
 """The part of the epochs in which the rate of one cycle rises."""
-Told = Callable[[int, float, float, float], None]
+Report = Callable[[int, float, float, float], None]
 """Hears after each epoch: its number from 1, training and validation loss, seconds left."""
 Batch = tuple[torch.Tensor, torch.Tensor]
 """Windows, and what a network is to say of them."""
@@ -90,7 +90,7 @@ def train(
     options: Options,
     folder: Path,
     warm: Weights | None = None,
-    told: Told | None = None,
+    report: Report | None = None,
 ) -> Trained:
     """Train a network; the same seed gives the same weights, however often it was stopped between.
 
@@ -100,7 +100,7 @@ def train(
         options: how.
         folder: takes the checkpoint `<name>.npz`, from which it goes on when it was stopped.
         warm: weights to begin with, such as those of the round before; None: drawn ones.
-        told: hears of each epoch.
+        report: takes each epoch.
 
     Raises:
         ConfigurationError: the folder holds a checkpoint that is damaged or of another training.
@@ -123,9 +123,9 @@ def train(
                 raise ContactFusionError(f"the training of {name} diverged in epoch {epoch + 1}")
             learner.note(learned, validated)
             learner.save(path, settings)
-            if told:
+            if report:
                 pace = (time.perf_counter() - start) / (epoch + 1 - before)
-                told(epoch + 1, learned, validated, pace * (options.epochs - epoch - 1))
+                report(epoch + 1, learned, validated, pace * (options.epochs - epoch - 1))
     return Trained(name, learner.best, np.array(learner.history), options)
 
 
@@ -302,8 +302,8 @@ def _settings(
     first = hashlib.sha256()
     for key, array in sorted((warm or {}).items()):
         first.update(key.encode() + array.tobytes())
-    told = {"network": name, "data": data.sha256, "first weights": first.hexdigest()}
-    return {**options.model_dump(mode="json"), **told}
+    sums = {"network": name, "data": data.sha256, "first weights": first.hexdigest()}
+    return {**options.model_dump(mode="json"), **sums}
 
 
 def _require_same(path: Path, held: Mapping[str, Any], settings: Mapping[str, Any]) -> None:

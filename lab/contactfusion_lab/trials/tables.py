@@ -206,7 +206,7 @@ def comparisons_text(comparisons: Sequence[Comparison], units: Units) -> str:
 
     Args:
         comparisons: one row each.
-        units: of their columns; one that is not named is told by its name.
+        units: of their columns; one that is not named stands by its name.
     """
     lines = []
     for each in comparisons:

@@ -190,13 +190,13 @@ def _report(
     """Write what was found; the best by the lower end of its rate of true success, then by time."""
     order = sorted(confirmed, key=lambda name: (-confirmed[name].rate[1], confirmed[name].cost))
     best = order[0]
-    told = changes(finals[best], start)
+    changed = changes(finals[best], start)
     rating = confirmed[best]
     heading = (
         f"# {best} of `tune push --seed {options.seed}`: true success "
         f"{sum(rating.success)}/{len(rating.success)}, {rating.mean_time:.1f} s, in PyBullet\n"
     )
-    text = yaml.safe_dump({"like": options.start, **told}, sort_keys=False)
+    text = yaml.safe_dump({"like": options.start, **changed}, sort_keys=False)
     write_whole(out / "parameters.yaml", heading + text)
     lines = ["| set | true success in PyBullet | 95 % | mean time |", "|---|---|---|---|"]
     for name in order:
@@ -210,7 +210,7 @@ def _report(
     write_whole(out / "tried.csv", _tried(start, rounds))
     summary = {
         "best": best,
-        "parameters": {"like": options.start, **told},
+        "parameters": {"like": options.start, **changed},
         "tried": sum(map(len, rounds)),
         "confirmed": {
             name: {
@@ -302,8 +302,8 @@ def _tell(ratings: Mapping[str, tuple[Rating, Rating]], out: Path) -> None:
             f"| {name} | {rate[0]:.1%} | {rate[1]:.1%} | {cost[0]:.0f} s | {cost[1]:.0f} s |"
         )
     lines += ["", f"Spearman's rank correlation: {by_rate:.2f} of rates, {by_cost:.2f} of costs."]
-    told = {"spearman_rate": by_rate, "spearman_cost": by_cost, "sets": len(ratings)}
+    summary = {"spearman_rate": by_rate, "spearman_cost": by_cost, "sets": len(ratings)}
     write_whole(out / "check.csv", text.getvalue())
     write_whole(out / "check.md", "\n".join(lines) + "\n")
-    write_whole(out / "check.json", json.dumps(told, indent=1) + "\n")
+    write_whole(out / "check.json", json.dumps(summary, indent=1) + "\n")
     note("\n".join(lines))

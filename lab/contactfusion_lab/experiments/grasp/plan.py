@@ -32,13 +32,13 @@ REACTIVE = "reactive_grasp"
 """The controller that can go ahead and close."""
 TRIALS = 3
 """Counts up when trials change, so that old ones are not taken for new."""
-UNTOLD: Any = {"object": {"folder"}, "surroundings": {"__all__": {"folder"}}}
+PLACES: Any = {"object": {"folder"}, "surroundings": {"__all__": {"folder"}}}
 """Where a checkout stands makes no other grasp."""
-OTHERWISE_TOLD: Any = {
+OTHERWISE: Any = {
     "generators": True, "integrator": True, "controller": True, "faults": True, "seed": True,
     "folder": True, "robot": {"folder"},
 }  # fmt: skip
-"""What settings tell column by column, or what makes no other grasp."""
+"""What settings hold column by column, or what makes no other grasp."""
 
 
 @dataclass(frozen=True)
@@ -126,14 +126,14 @@ class Plan:
 
     def _open_loop(self) -> dict[str, Any]:
         """What a hand does that heeds no contact: it closes where the object should stand."""
-        told = dict(self.pipeline.controller or {})
-        kind = told.pop("type", None)
+        fields = dict(self.pipeline.controller or {})
+        kind = fields.pop("type", None)
         if kind != REACTIVE:
             raise ConfigurationError(
                 f"open loop, '{NONE}', is for {REACTIVE}, not for '{kind}': choose other sources",
                 "sources",
             )
-        depth = ReactiveGraspConfig(**told).depth
+        depth = ReactiveGraspConfig(**fields).depth
         nearest = min(scene.distance for scene in self.scenes.values())
         return {"corrections": 0, "reach": nearest - depth}
 
@@ -162,10 +162,10 @@ class Plan:
                 for one in columns
             },
             "objects": {
-                name: {**scene.model_dump(mode="json", exclude=UNTOLD), "file": _digest(scene)}
+                name: {**scene.model_dump(mode="json", exclude=PLACES), "file": _digest(scene)}
                 for name, scene in self.scenes.items()
             },
-            "pipeline": self.pipeline.model_dump(mode="json", exclude=OTHERWISE_TOLD),
+            "pipeline": self.pipeline.model_dump(mode="json", exclude=OTHERWISE),
         }
 
     def _seed(self, thing: str, repeat: int) -> int:

@@ -15,7 +15,7 @@ from contactfusion_lab.experiments.push.film import record
 from contactfusion_lab.experiments.push.plan import Plan, Push, read_plan, read_targets
 from contactfusion_lab.experiments.push.suites import Change, Sensing, controller_options
 from contactfusion_lab.experiments.push.tables import evaluate
-from contactfusion_lab.experiments.push.trial import Cost, content_of, run_trial, tell_costs
+from contactfusion_lab.experiments.push.trial import Cost, content_of, report_costs, run_trial
 from contactfusion_lab.scenes.push.config import SkinConfig
 from contactfusion_lab.scenes.push.scene import PushScene
 from contactfusion_lab.trials.choices import require_once
@@ -142,7 +142,7 @@ class PushExperiment(Experiment[Task]):
         by_label = dict[str, list[Cost]]()
         for name, cost in costs.items():
             by_label.setdefault(name.split("/")[0], []).append(cost)
-        tell_costs(by_label, out)
+        report_costs(by_label, out)
 
     def evaluate(self, out: Path, settings: Mapping[str, Any], failed: Sequence[str]) -> None:
         """Evaluate all pushes of the folder."""
@@ -194,13 +194,13 @@ def read_plans(options: Options) -> dict[str, Plan]:
 def _require_use(options: Options, sensings: Sequence[Sensing]) -> None:
     """Make sure that nothing is chosen that no sensing uses."""
     used = {name for sensing in sensings for name in sensing.sees}
-    told = " and ".join(sensing.label for sensing in sensings)
+    labels = " and ".join(sensing.label for sensing in sensings)
     for name in filter(None, (options.lidar, options.camera)):
         if name not in used:
-            raise ConfigurationError(f"'{name}' was chosen, but what feels here is {told}")
+            raise ConfigurationError(f"'{name}' was chosen, but what feels here is {labels}")
     if options.weights and not any(sensing.networks for sensing in sensings):
         raise ConfigurationError(
-            f"{options.weights} was given, but there are no networks in {told}"
+            f"{options.weights} was given, but there are no networks in {labels}"
         )
 
 
@@ -250,7 +250,7 @@ def check(plans: Mapping[str, Plan], controller: str, executor: Executor) -> Non
 def _require_sensors(
     plans: Mapping[str, Plan], sensors: Collection[str], failing: Collection[int]
 ) -> None:
-    """Make sure that what fails or is misplaced is there; tell of what is switched off.
+    """Make sure that what fails or is misplaced is there; note what is switched off.
 
     Args:
         plans: by the label of what feels.
@@ -260,12 +260,12 @@ def _require_sensors(
     (plan, *_) = plans.values()
     robot, seen = plan.robot, {name for one in plans.values() for name in one.sensing.sees}
     eyes = {*robot.lidars, *robot.cameras}
-    told = [
-        (f"faults.{number}.sensor", str(fault.told.get("sensor")))
+    failing_at = [
+        (f"faults.{number}.sensor", str(fault.fields.get("sensor")))
         for number, fault in enumerate(plan.faults)
         if number not in failing
     ]
-    for path, name in told:
+    for path, name in failing_at:
         if name not in {*eyes, *KINDS}:
             hint = name_hint(name, {*sensors, *eyes}, "sensors")
             raise ConfigurationError(f"no reading of '{name}' comes; {hint}", path)
@@ -274,7 +274,7 @@ def _require_sensors(
         if name not in eyes:
             hint = name_hint(name, eyes, "LiDARs and cameras of the robot")
             raise ConfigurationError(f"the robot has no '{name}'; {hint}", path)
-    for path, name in told + misplaced:
+    for path, name in failing_at + misplaced:
         note(f"{path}: no sensing here uses '{name}', so that it changes nothing")
 
 

@@ -25,22 +25,22 @@ class RandomFault:
     """A fault whose times may be drawn for each push.
 
     Attributes:
-        told: its fields; `start` and `end` are stamps, or pairs of the first and the last that may
-            be drawn [s].
+        fields: of the fault; `start` and `end` are stamps, or pairs of the first and the last that
+            may be drawn [s].
     """
 
-    told: Mapping[str, Any]
+    fields: Mapping[str, Any]
 
     def at(self, rng: np.random.Generator) -> Fault:
         """Draw its times."""
-        times = {name: float(rng.uniform(*self.told[name])) for name in self.ranges}
-        (fault,) = _faults({**self.told, **times})
+        times = {name: float(rng.uniform(*self.fields[name])) for name in self.ranges}
+        (fault,) = _faults({**self.fields, **times})
         return fault
 
     @property
     def ranges(self) -> list[str]:
         """Which times are drawn."""
-        return [name for name in TIMES if isinstance(self.told.get(name), list)]
+        return [name for name in TIMES if isinstance(self.fields.get(name), list)]
 
 
 def drawn(faults: Sequence[RandomFault], seed: int) -> tuple[Fault, ...]:
@@ -74,8 +74,8 @@ def read_failing(path: Path) -> tuple[tuple[RandomFault, ...], dict[str, Misplac
         held = _FailingFile(**fields)
         if not held.faults and not held.misplaced:
             raise ConfigurationError("it holds neither faults nor anything misplaced")
-        for number, told in enumerate(held.faults):
-            _require_ranges(told, f"faults.{number}")
+        for number, described in enumerate(held.faults):
+            _require_ranges(described, f"faults.{number}")
         # a fault makes sense at all times if it does where it lasts shortest
         _faults(*map(_shortest, held.faults))
     except ConfigurationError as error:
@@ -83,14 +83,14 @@ def read_failing(path: Path) -> tuple[tuple[RandomFault, ...], dict[str, Misplac
     return tuple(map(RandomFault, held.faults)), held.misplaced
 
 
-def _faults(*told: Any) -> tuple[Fault, ...]:
-    fields: dict[str, Any] = {"faults": told}
+def _faults(*described: Any) -> tuple[Fault, ...]:
+    fields: dict[str, Any] = {"faults": described}
     return FaultFile(**fields).faults
 
 
-def _require_ranges(told: Any, path: str) -> None:
+def _require_ranges(described: Any, path: str) -> None:
     for name in TIMES:
-        value = told.get(name) if isinstance(told, Mapping) else None
+        value = described.get(name) if isinstance(described, Mapping) else None
         if isinstance(value, list) and not _is_range(value):
             raise ConfigurationError(
                 f"write a stamp, or a range [from, to] of stamps, not {value}", f"{path}.{name}"
@@ -102,11 +102,11 @@ def _is_range(value: Sequence[Any]) -> bool:
     return len(value) == len(numbers) == 2 and numbers[0] <= numbers[1]
 
 
-def _shortest(told: Any) -> Any:
-    if not isinstance(told, Mapping):
-        return told
+def _shortest(described: Any) -> Any:
+    if not isinstance(described, Mapping):
+        return described
     ends = {"start": -1, "end": 0}
     return {
         name: value[ends[name]] if name in ends and isinstance(value, list) else value
-        for name, value in told.items()
+        for name, value in described.items()
     }

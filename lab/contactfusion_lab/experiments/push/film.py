@@ -170,12 +170,12 @@ class _Scene:
         self._truth.set_data(*_placed(track.contact[row : row + 1], base).T)
         felt = np.array([[face.ahead, track.lateral[row]]])
         self._felt.set_data(*_placed(felt, base).T)
-        self._title.set_text(self._told(row))
+        self._title.set_text(self._heading(row))
         self._figure.canvas.draw()
         canvas: Any = self._figure.canvas
         return np.asarray(canvas.buffer_rgba())[:, :, :3].copy()
 
-    def _told(self, row: int) -> str:
+    def _heading(self, row: int) -> str:
         track = self._track
         kind, estimate = KINDS[track.kind[row]], KINDS[track.estimate[row]]
         far = track.distance[row]

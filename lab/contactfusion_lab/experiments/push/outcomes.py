@@ -50,11 +50,11 @@ class Outcome:
         lateral_estimate: mean of |l| of estimated contacts [m].
         swept: Σ|Δθ| / (t_min - t_start), until the true contact was nearest (O Eq 12) [rad/s].
         without_contact: [s].
-        type_accuracy: how often none, point or line was told right.
-        contact_accuracy: how often it was told right whether there is a contact.
+        type_accuracy: how often none, point or line was estimated right.
+        contact_accuracy: how often it was estimated right whether there is a contact.
         location_rmse: of the estimated l, in cycles in which both are there [m].
         sources_two: of the cycles with a true contact, in how many two sources or more have a share
-            in the contact that is told.
+            in the contact on the face.
         evidence_two: the same of sources of evidence alone, without support.
         searches: how often the controller began to search.
         escapes: how often it began to escape.

@@ -211,7 +211,7 @@ class Plan:
             "seed": self.seed,
             "starts": self.starts,
             "skin": self.skin.model_dump(mode="json"),
-            "faults": [fault.told for fault in self.faults],
+            "faults": [fault.fields for fault in self.faults],
             "misplaced": {name: how.model_dump() for name, how in self.misplaced.items()},
             "sensings": {self.sensing.label: self.sensing.settings()},
             "controllers": {name: controller_settings(name, self.face) for name in controllers},
@@ -362,23 +362,23 @@ class _TargetFile(Model):
     """Each x and y [m]."""
 
 
-def read_targets(told: str) -> Targets:
+def read_targets(text: str) -> Targets:
     """The targets of a named set, of `random:N`, or of a YAML file.
 
     Raises:
         ConfigurationError: it is none of these, or a target is no pair of finite numbers.
     """
-    if told in NAMED:
-        return Targets(told, NAMED[told])
-    name, colon, count = told.partition(":")
+    if text in NAMED:
+        return Targets(text, NAMED[text])
+    name, colon, count = text.partition(":")
     if name == RANDOM:
         if not colon or not count.isdecimal() or int(count) < 1:
-            raise ConfigurationError(f"'{told}': write random:N, with N trials in all")
+            raise ConfigurationError(f"'{text}': write random:N, with N trials in all")
         return Targets(RANDOM, None, int(count))
-    path = Path(told)
+    path = Path(text)
     if path.suffix not in (".yaml", ".yml"):
-        hint = name_hint(told, [*NAMED, "random:N"], "targets")
-        raise ConfigurationError(f"unknown targets '{told}'; {hint}, or a YAML file of `targets`")
+        hint = name_hint(text, [*NAMED, "random:N"], "targets")
+        raise ConfigurationError(f"unknown targets '{text}'; {hint}, or a YAML file of `targets`")
     if path.stem in (*NAMED, RANDOM):
         raise ConfigurationError(f"there are targets '{path.stem}' already: rename {path}")
     try:

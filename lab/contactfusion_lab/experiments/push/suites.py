@@ -33,7 +33,7 @@ SENSINGS = {
 BLUR = 2.5
 """One point may seem to a skin as wide as so many taxels."""
 REST = ("folder", "faults", "controller", "seed")
-"""Of a pipeline, what does not change a trial, or is told apart."""
+"""Of a pipeline, what does not change a trial, or is named apart."""
 
 
 @dataclass(frozen=True)
@@ -209,14 +209,14 @@ def controller_options(name: str, target: tuple[float, float], face: FaceConfig)
     Raises:
         ConfigurationError: there is neither of that name.
     """
-    told = {"target": target, "face": face.model_dump()}
+    fields = {"target": target, "face": face.model_dump()}
     if name in SETS:
-        return {"type": "reactive_pushing", "parameters": name, **told}
+        return {"type": "reactive_pushing", "parameters": name, **fields}
     installed = installed_plugins().offers("controllers")
     if name not in installed:
         hint = name_hint(name, [*SETS, *installed], "controllers")
         raise ConfigurationError(f"unknown controller '{name}'; {hint}")
-    return {"type": name, **told}
+    return {"type": name, **fields}
 
 
 def controller_settings(controller: str, face: FaceConfig) -> Any:

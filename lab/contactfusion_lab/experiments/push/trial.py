@@ -252,33 +252,33 @@ def load(path: Path) -> Track:
     """
     held = read_arrays(path, "told", *ARRAYS)
     try:
-        return _told(held)
+        return _read(held)
     except (KeyError, TypeError, ValueError):
         raise ConfigurationError(f"{path} is no push of this experiment") from None
 
 
-def _told(held: Mapping[str, Any]) -> Track:
-    told: dict[str, Any] = json.loads(str(held["told"]))
-    push = told.pop("push")
+def _read(held: Mapping[str, Any]) -> Track:
+    fields: dict[str, Any] = json.loads(str(held["told"]))
+    push = fields.pop("push")
     x, y = push.pop("target")
     return Track(
         push=Push(**push, target=(x, y)),
-        modes=tuple(told.pop("modes")),
-        **told,
+        modes=tuple(fields.pop("modes")),
+        **fields,
         **{name: held[name] for name in ARRAYS},
     )
 
 
-def tell_costs(costs: Mapping[str, Sequence[Cost]], out: Path) -> None:
+def report_costs(costs: Mapping[str, Sequence[Cost]], out: Path) -> None:
     """Print what pushes took, and write it to timing.json.
 
     Args:
         costs: of the pushes of this run, by what felt.
         out: the folder of the results.
     """
-    told = {label: costs_of(part) for label, part in costs.items()}
-    write_whole(out / "timing.json", json.dumps(told, indent=1) + "\n")
-    for label, one in told.items():
+    fields = {label: costs_of(part) for label, part in costs.items()}
+    write_whole(out / "timing.json", json.dumps(fields, indent=1) + "\n")
+    for label, one in fields.items():
         note(
             f"{label}: {one['trials_per_cpu_minute']:.0f} pushes a minute of CPU time, "
             f"{one['simulated_s_per_cpu_s']:.0f} times as fast as real; sensors take "

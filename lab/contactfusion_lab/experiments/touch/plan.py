@@ -25,7 +25,7 @@ ELEVATIONS = 3
 AROUND = 8.0
 """Azimuth and elevation may differ by so much, by chance [degrees]."""
 REST: Any = {"folder": True, "faults": True, "integrator": True, "robot": {"folder": True}}
-"""Of a pipeline, what does not change a trial, or is told apart."""
+"""Of a pipeline, what does not change a trial, or is named apart."""
 TRIALS = 1
 """Counts up when trials change, so that old ones are not taken for new."""
 BELIEVING = ("simulator", "first_touch")

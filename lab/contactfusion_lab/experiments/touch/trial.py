@@ -126,7 +126,7 @@ class _Whole(Stream):
 
 def content_of(trial: Trial) -> bytes:
     """The npz file of a trial."""
-    told = {
+    fields = {
         "touch": asdict(trial.touch),
         "stamp": trial.stamp,
         "links": trial.links,
@@ -149,7 +149,7 @@ def content_of(trial: Trial) -> bytes:
         for name in (*REQUIRED, *OPTIONAL):
             if getattr(cloud, name) is not None:
                 arrays[f"{cloud.source}/{name}"] = getattr(cloud, name)
-    return as_npz(told=json.dumps(told), **arrays)
+    return as_npz(told=json.dumps(fields), **arrays)
 
 
 def load(path: Path) -> Trial:
@@ -160,28 +160,28 @@ def load(path: Path) -> Trial:
     """
     held = read_arrays(path, "told", "places", "joints")
     try:
-        return _told(held)
+        return _read(held)
     except (KeyError, TypeError, ValueError):
         raise ConfigurationError(f"{path} is no touch of this experiment") from None
 
 
-def _told(held: Mapping[str, Any]) -> Trial:
-    told: dict[str, Any] = json.loads(str(held["told"]))
+def _read(held: Mapping[str, Any]) -> Trial:
+    fields: dict[str, Any] = json.loads(str(held["told"]))
     clouds = {}
-    for one in told["clouds"]:
+    for one in fields["clouds"]:
         arrays: dict[str, Any] = {
             name: held.get(f"{one['source']}/{name}") for name in (*REQUIRED, *OPTIONAL)
         }
         clouds[one["source"]] = HypothesisCloud(**one, **arrays)
     return Trial(
-        Touch(**told["touch"]),
-        told["stamp"],
+        Touch(**fields["touch"]),
+        fields["stamp"],
         clouds,
         held["places"],
-        tuple(told["links"]),
-        told["steady"],
+        tuple(fields["links"]),
+        fields["steady"],
         held["joints"],
-        tuple(told["refused"]),
+        tuple(fields["refused"]),
     )
 
 
