@@ -12,7 +12,7 @@ from contactfusion.errors import ConfigurationError
 from contactfusion.files import read_arrays, write_npz
 from contactfusion_lab.learning.dataset import (
     ARRAYS,
-    TOLD,
+    FIELDS,
     Dataset,
     LabelledTrial,
     Windows,
@@ -27,7 +27,7 @@ TRIAL = toy_trial(3, "validation", cycles=25)
 def test_a_trial_is_read_as_it_was_written(tmp_path: Path) -> None:
     save(TRIAL, tmp_path / "trial.npz")
     again = load(tmp_path / "trial.npz")
-    assert [getattr(again, name) for name in TOLD] == [getattr(TRIAL, name) for name in TOLD]
+    assert [getattr(again, name) for name in FIELDS] == [getattr(TRIAL, name) for name in FIELDS]
     for name in ARRAYS:
         assert getattr(again, name).dtype == getattr(TRIAL, name).dtype
         assert getattr(again, name).tobytes() == getattr(TRIAL, name).tobytes()

@@ -1,4 +1,4 @@
-"""Labelled trials, what a sensor saw and how the object touched, and windows of them."""
+"""Labelled trials, the readings of a sensor with the true contacts, and windows of them."""
 
 import hashlib
 import json
@@ -16,26 +16,26 @@ from contactfusion.files import read_arrays, write_npz
 from contactfusion.generators.networks import KINDS, Scale
 
 Split = Literal["training", "validation", "test"]
-"""What a trial is for; it is never for two of them."""
+"""Use of a trial; each has one."""
 NONE = KINDS.index("none")
-TOLD = ("name", "split", "round", "mountings")
+FIELDS = ("name", "split", "round", "mountings")
 WINDOW = 20
-"""Instants that the networks look at together (O §II-D)."""
+"""Instants in one input of the networks (O §II-D)."""
 
 
 @dataclass(frozen=True, eq=False)
 class LabelledTrial:
-    """One trial, seen by one sensor from k mountings; n cycles at the networks' rate.
+    """One trial, measured by one sensor from k mountings; n cycles at the networks' rate.
 
     Attributes:
         name: of the trial.
-        split: what the trial is for.
-        round: of the collection, from 0.
-        mountings: the names of the sensor's k places.
+        split: use of the trial.
+        round: DAgger iteration, from 0.
+        mountings: the names of the sensor's k poses.
         stamp: shape (n,) [s].
         descriptors: shape (k, n, S) [m], the proximity lengths.
         kind: shape (n,), the true kind of contact as a row of `KINDS`.
-        lateral: shape (n,), where it is, to the left [m]; NaN without contact.
+        lateral: shape (n,), true lateral position of the contact, to the left [m]; NaN without.
 
     Raises:
         ConfigurationError: arrays do not fit each other, or hold what no trial can have.
@@ -71,34 +71,34 @@ class LabelledTrial:
         object.__setattr__(self, name, array)
 
 
-ARRAYS = tuple(field.name for field in fields(LabelledTrial) if field.name not in TOLD)
+ARRAYS = tuple(field.name for field in fields(LabelledTrial) if field.name not in FIELDS)
 
 
 def save(trial: LabelledTrial, path: Path) -> None:
     """Write a trial to an npz file."""
-    told = {name: getattr(trial, name) for name in TOLD}
-    write_npz(path, told=json.dumps(told), **{name: getattr(trial, name) for name in ARRAYS})
+    header = {name: getattr(trial, name) for name in FIELDS}
+    write_npz(path, told=json.dumps(header), **{name: getattr(trial, name) for name in ARRAYS})
 
 
 def load(path: Path) -> LabelledTrial:
-    """Read a trial.
+    """A trial, from an npz file.
 
     Raises:
         ConfigurationError: the file is missing, or is no labelled trial.
     """
     held = read_arrays(path, "told", *ARRAYS)
     try:
-        return _told(held)
+        return _trial(held)
     except ConfigurationError as error:
         raise ConfigurationError(error.problem, str(path)) from None
     except (KeyError, TypeError, ValueError):
         raise ConfigurationError(f"{path} is no labelled trial") from None
 
 
-def _told(held: Mapping[str, Any]) -> LabelledTrial:
-    told: dict[str, Any] = json.loads(str(held["told"]))
-    mountings = tuple(told.pop("mountings"))
-    return LabelledTrial(mountings=mountings, **told, **{name: held[name] for name in ARRAYS})
+def _trial(held: Mapping[str, Any]) -> LabelledTrial:
+    header: dict[str, Any] = json.loads(str(held["told"]))
+    mountings = tuple(header.pop("mountings"))
+    return LabelledTrial(mountings=mountings, **header, **{name: held[name] for name in ARRAYS})
 
 
 @dataclass(frozen=True, eq=False)
@@ -112,7 +112,7 @@ class Windows:
         rows: shape (m, S) [m], the proximity lengths of all trials, one trial after the other.
         starts: shape (w,).
         kind: shape (w,), the true kind of contact at the end of the window, as a row of `KINDS`.
-        lateral: shape (w,), where it is [m], NaN without.
+        lateral: shape (w,), true lateral position of the contact [m], NaN without.
     """
 
     rows: FloatArray
@@ -122,7 +122,7 @@ class Windows:
 
     @classmethod
     def of(cls, trials: Iterable[LabelledTrial]) -> Self:
-        """Stack trials; there is at least one."""
+        """Windows of trials, of which there is at least one."""
         rows, starts, kinds, laterals, count = [], [], [], [], 0
         for trial in trials:
             for descriptors in trial.descriptors:
@@ -142,18 +142,18 @@ class Windows:
         return np.flatnonzero(self.kind != NONE)
 
     def gather(self, which: NDArray[np.int64]) -> FloatArray:
-        """These windows, shape (b, WINDOW, S) [m]."""
+        """Windows by number, shape (b, WINDOW, S) [m]."""
         windows: FloatArray = self.rows[self.starts[which, None] + np.arange(WINDOW)]
         return windows
 
 
 @dataclass(frozen=True, eq=False)
 class Dataset:
-    """What networks are trained on.
+    """The dataset on which networks are trained.
 
     Attributes:
-        training: the windows that the weights are fitted to.
-        validation: those that choose among weights.
+        training: the windows to which weights are fitted.
+        validation: the windows by which weights are chosen.
         length: the range of the proximity lengths in training [m].
         lateral: the range of the location in training [m].
         sha256: of all trials.
@@ -167,7 +167,7 @@ class Dataset:
 
     @classmethod
     def of(cls, trials: Sequence[LabelledTrial]) -> Self:
-        """Stack the trials of each split; those of the test split are left out.
+        """The dataset of trials; those of the test split are left out.
 
         Raises:
             ConfigurationError: a split has no contact, or trials do not fit each other.
@@ -190,7 +190,7 @@ class Dataset:
 
 
 def _touching(trials: Sequence[LabelledTrial], split: str) -> Windows:
-    """Stack the trials of a split, in which there must be contact."""
+    """Windows of the trials of a split, in which there must be contact."""
     here = [trial for trial in trials if trial.split == split]
     if not any((trial.kind != NONE).any() for trial in here):
         raise ConfigurationError(f"none of the {len(here)} trials for {split} has contact")
@@ -207,7 +207,7 @@ def _scale(values: FloatArray, what: str) -> Scale:
 def _sha256(trials: Iterable[LabelledTrial]) -> str:
     digest = hashlib.sha256()
     for trial in trials:
-        digest.update(json.dumps([getattr(trial, name) for name in TOLD]).encode())
+        digest.update(json.dumps([getattr(trial, name) for name in FIELDS]).encode())
         for name in ARRAYS:
             array = getattr(trial, name)
             digest.update(repr(array.shape).encode() + array.tobytes())

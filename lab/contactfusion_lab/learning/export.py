@@ -1,4 +1,4 @@
-"""Writes trained networks as the run-time reads them, and lets them drive in a test."""
+"""Export of trained networks in the format of the run-time, and their test in pushes."""
 
 import hashlib
 import json
@@ -26,7 +26,7 @@ from contactfusion_lab.learning.rollout import MOUNTINGS
 from contactfusion_lab.learning.training import Trained
 
 SEED = 7_000_000
-"""Of the experiments, besides the seed of the training."""
+"""Seed of the experiments, to which the seed of the training is added."""
 SENSINGS = ("lidar", "rule")
 
 
@@ -37,7 +37,7 @@ def write_networks(
     data: Dataset,
     proximity: ProximityConfig,
     rate: float,
-    told: str,
+    description: str,
     figures: Mapping[str, float] | None = None,
 ) -> NetworksCard:
     """Write the weights of both networks and the card beside them; each file appears whole.
@@ -47,10 +47,10 @@ def write_networks(
         location: the trained location estimator.
         kind: the trained type estimator.
         data: what they were trained on.
-        proximity: how the proximity lengths were made.
+        proximity: configuration of the proximity lengths.
         rate: of the cycles of the trials [Hz].
-        told: what the data are, in words.
-        figures: what else was measured; error and accuracy over validation are added.
+        description: of the data, in words.
+        figures: other measures; error and accuracy over validation are added.
 
     Returns:
         The card.
@@ -65,9 +65,9 @@ def write_networks(
             f"the data have {columns} proximity lengths, the cells give {proximity.columns}"
         )
     tensors = {
-        f"{one.name}.{name}": array
-        for one in (location, kind)
-        for name, array in one.weights.items()
+        f"{network.name}.{name}": array
+        for network in (location, kind)
+        for name, array in network.weights.items()
     }
     content = save(tensors)
     errors, right = _location_errors(location.weights, data), _types_right(kind.weights, data)
@@ -83,8 +83,8 @@ def write_networks(
             "validation_type_accuracy": float(right.mean()),
             **(figures or {}),
         },
-        seeds={one.name: one.options.seed for one in (location, kind)},
-        data=told,
+        seeds={network.name: network.options.seed for network in (location, kind)},
+        data=description,
         data_sha256=data.sha256,
         weights_sha256=hashlib.sha256(content).hexdigest(),
     )
@@ -119,17 +119,17 @@ def _sigma(errors: FloatArray, data: Dataset) -> dict[str, float]:
 
 
 def tested(weights: Path, count: int, seed: int, workers: int, out: Path) -> dict[str, float]:
-    """Let networks push to random targets from random starts, and the rule likewise.
+    """Measures of pushes to random targets from random starts, by networks and by the rule.
 
     Args:
         weights: of the networks.
-        count: how many pushes from each mounting.
+        count: number of pushes from each mounting.
         seed: of the training.
-        workers: how many processes.
+        workers: number of processes.
         out: takes a folder of `experiment push` for each mounting.
 
     Returns:
-        Figures by names that begin with the mounting and what perceives.
+        Measures, by names that begin with mounting and sensing.
     """
     figures: dict[str, float] = {}
     for mounting in MOUNTINGS:
@@ -141,13 +141,14 @@ def tested(weights: Path, count: int, seed: int, workers: int, out: Path) -> dic
         run_push(options, folder)
         for sensing in SENSINGS:
             tracks = [load(path) for path in sorted((folder / "trials" / sensing).rglob("*.npz"))]
-            found, outcomes = perception(tracks, seed), [outcome(one) for one in tracks]
+            found, outcomes = perception(tracks, seed), [outcome(track) for track in tracks]
             name = f"{mounting}_{sensing}"
             figures |= {
-                f"{name}_success_true": sum(one.success_true for one in outcomes) / len(outcomes),
+                f"{name}_success_true": sum(result.success_true for result in outcomes)
+                / len(outcomes),
                 f"{name}_location_rmse_m": found.location_rmse[0],
                 f"{name}_type_accuracy": found.type_accuracy[0],
                 f"{name}_contact_accuracy": found.contact_accuracy[0],
             }
-    # nothing was located, perhaps
+    # NaN when no contact was located
     return {name: value for name, value in figures.items() if math.isfinite(value)}
