@@ -5,27 +5,18 @@ from itertools import groupby
 from pathlib import Path
 
 from contactfusion.errors import RecordingError, name_hint
-from contactfusion.readings import DepthImage, ObjectPose, Reading, Transform
+from contactfusion.readings import DepthImage, Reading, Transform
+from contactfusion.readings.depth_image import CAMERA_INFO, DEPTHS, IMAGE, INFO
+from contactfusion.readings.registry import installed_kinds
 from contactfusion.recordings.messages import typestore
 from contactfusion.recordings.ouster import CONVERT
 from contactfusion.recordings.ros.channels import Channel
 from contactfusion.recordings.ros.files import Bag
-from contactfusion.recordings.ros.images import DEPTHS, INFO
-from contactfusion.recordings.ros.readings import (
-    CAMERA_INFO,
-    IMAGE,
-    MAKERS,
-    POSE,
-    READABLE,
-    TRANSFORMS,
-)
-from contactfusion.recordings.ros.topics import Topic, last, parent
+from contactfusion.recordings.ros.topics import Topic, parent, usual_sensor
 from contactfusion.recordings.step_messages import OURS
 
 TRUTH = "/truth/"
 """What a topic begins with that tells what no sensor knows."""
-DEPTH = "depth"
-"""The last part of the topic of a depth image that has the topic of its camera above it."""
 PACKETS = "/PacketMsg"
 """The types of Ouster's raw packets end with this."""
 SEVERAL = " and "
@@ -33,7 +24,7 @@ SEVERAL = " and "
 
 
 def contents_of(bag: Bag) -> dict[str, Topic]:
-    """Give all topics of a bag that is open, by name."""
+    """All topics of a bag that is open, by name."""
     by_topic = sorted(bag.channels, key=lambda one: one.topic)
     groups = {name: list(group) for name, group in groupby(by_topic, key=lambda one: one.topic)}
     types = {
@@ -54,7 +45,7 @@ def contents_of(bag: Bag) -> dict[str, Topic]:
 def topics_of(
     path: Path, contents: Mapping[str, Topic], wanted: Mapping[str, Sequence[str]]
 ) -> dict[str, tuple[str, ...]]:
-    """Give the topics to read by the names of their sensors, transforms among them.
+    """The topics to read by the names of their sensors, transforms among them.
 
     Args:
         path: the recording, for sentences.
@@ -69,7 +60,8 @@ def topics_of(
     usual: dict[str, tuple[str, ...]] = {}
     for name, topic in contents.items():
         if topic.kind and not name.startswith(TRUTH):
-            usual[_sensor(topic)] = (*usual.get(_sensor(topic), ()), name)
+            sensor = usual_sensor(topic)
+            usual[sensor] = (*usual.get(sensor, ()), name)
     if not wanted:
         _require_something(path, contents)
         return usual
@@ -90,7 +82,7 @@ def topics_of(
 def _meant(
     name: str, contents: Mapping[str, Topic], usual: Mapping[str, tuple[str, ...]]
 ) -> tuple[str, ...]:
-    """Give the topics that a name means: a topic, or all of what is usually called so."""
+    """The topics that a name means: a topic, or all of what is usually called so."""
     is_topic = name in contents or name.removeprefix("/") not in usual
     return (name,) if is_topic else usual[name.removeprefix("/")]
 
@@ -98,24 +90,19 @@ def _meant(
 def _kind(
     bag: Bag, name: str, group: list[Channel], types: Mapping[str, str]
 ) -> type[Reading] | None:
-    """Give what readings the messages of a topic give."""
+    """The kind of readings that the messages of a topic make; None: they make none."""
     msgtype = types[name]
-    if not all(one.standard for one in group):
+    codec = installed_kinds().by_message().get(msgtype)
+    if codec is None or not all(one.standard for one in group):
         return None
-    if msgtype in MAKERS:
-        return MAKERS[msgtype][0]
-    if msgtype == POSE:
-        return ObjectPose
-    if msgtype == TRANSFORMS:
-        return Transform
-    beside = types.get(f"{parent(name)}/{INFO}")
-    if msgtype == IMAGE and beside == CAMERA_INFO and _holds_depth(bag, group):
-        return DepthImage
-    return None
+    if codec.kind is DepthImage:
+        beside = types.get(f"{parent(name)}/{INFO}")
+        return DepthImage if beside == CAMERA_INFO and _holds_depth(bag, group) else None
+    return codec.kind
 
 
 def _holds_depth(bag: Bag, group: list[Channel]) -> bool:
-    """Tell whether the first image is one of depth."""
+    """Whether the first image is one of depth."""
     try:
         for channel, _, raw in bag.messages(group):
             image = typestore().deserialize_cdr(channel.cdr(raw), channel.msgtype)
@@ -123,16 +110,6 @@ def _holds_depth(bag: Bag, group: list[Channel]) -> bool:
     except Exception:  # of many kinds; what is wrong is told when it is read
         return False
     return False
-
-
-def _sensor(topic: Topic) -> str:
-    """Give what a topic's sensor is called unless the configuration names it."""
-    above = parent(topic.name).removeprefix("/")
-    if above and (
-        topic.kind is ObjectPose or (topic.kind is DepthImage and last(topic.name) == "depth")
-    ):
-        return above
-    return topic.name.removeprefix("/")
 
 
 def _require_readable(path: Path, contents: Mapping[str, Topic], name: str) -> None:
@@ -145,7 +122,7 @@ def _require_readable(path: Path, contents: Mapping[str, Topic], name: str) -> N
     if topic.kind is None:
         raise RecordingError(
             f"{path}: {name} holds {topic.msgtype}{why_unread(topic)}; "
-            f"what can be read: {', '.join(READABLE)}"
+            f"what can be read: {', '.join(_readable())}"
         )
 
 
@@ -153,21 +130,33 @@ def why_unread(topic: Topic) -> str:
     """Why a topic can't be read whose type can, as the end of a sentence; empty for other types."""
     if topic.msgtype == IMAGE:
         return f", and it is no image of depth, or has no {INFO} beside it"
-    if topic.name.startswith(OURS) and topic.msgtype in READABLE:
+    if topic.name.startswith(OURS) and topic.msgtype in installed_kinds().by_message():
         return ", which contactfusion wrote of what it did"
-    return ", but what the file calls so is something else" if topic.msgtype in READABLE else ""
+    return (
+        ", but what the file calls so is something else"
+        if topic.msgtype in installed_kinds().by_message()
+        else ""
+    )
+
+
+def _readable() -> tuple[str, ...]:
+    """All types of which readings are made."""
+    types = installed_kinds().by_message()
+    beside = {IMAGE: f"{IMAGE} (of depth, with {CAMERA_INFO} beside it)"}
+    return tuple(beside.get(msgtype, msgtype) for msgtype in types)
 
 
 def _require_something(path: Path, contents: Mapping[str, Topic]) -> None:
     for name, topic in contents.items():
         types = topic.msgtype.split(SEVERAL)
-        if len(types) > 1 and any(one in READABLE for one in types):
+        if len(types) > 1 and any(one in _readable() for one in types):
             _require_readable(path, contents, name)
     if any(topic.kind for topic in contents.values()):
         return
     if any(topic.msgtype.endswith(PACKETS) for topic in contents.values()):
         raise RecordingError(f"{path} holds raw packets of Ouster's; convert it by: {CONVERT}")
     held = ", ".join(f"{name} ({one.msgtype})" for name, one in contents.items()) or "nothing"
+    readable = ", ".join(_readable())
     raise RecordingError(
-        f"{path} holds nothing that can be read, which is {', '.join(READABLE)}; it holds: {held}"
+        f"{path} holds nothing that can be read, which is {readable}; it holds: {held}"
     )
