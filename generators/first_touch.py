@@ -105,7 +105,7 @@ class FirstTouchGenerator(Generator[FirstTouchConfig]):
             RobotError: an object of that name is not configured, or no link of a name.
         """
         if isinstance(reading, ObjectPose):
-            self._objects.tell(reading, self.name)
+            self._objects.update(reading, self.name)
             return ()
         robot = state.posed_robot(self.name)
         if not self._tufts:

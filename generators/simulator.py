@@ -75,7 +75,7 @@ class SimulatorGenerator(Generator[SimulatorConfig]):
             RobotError: an object of that name is not configured, or no link of a name.
         """
         if isinstance(reading, ObjectPose):
-            self._objects.tell(reading, self.name)
+            self._objects.update(reading, self.name)
             return ()
         robot = state.posed_robot(self.name)
         if self._world is None:
