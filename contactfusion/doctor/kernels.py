@@ -100,9 +100,9 @@ def _thin(positions: Any) -> None:
     from contactfusion.generators.proximity import BoxConfig
     from contactfusion.grid import Grid
     from contactfusion.patches import PatchConfig, TaxelAreas
-    from contactfusion.thinning import first_in_voxels
+    from contactfusion.thinning import voxel_downsample
 
-    moved(positions, positions, first_in_voxels(positions, Grid("base", 0.1)))
+    moved(positions, positions, voxel_downsample(positions, Grid("base", 0.1)))
     box = BoxConfig(x=(-0.1, 0.1), y=(-0.1, 0.1), z=(-0.1, 0.1))
     box.holds(positions)
     box.holds(positions.astype(np.float32))
