@@ -66,11 +66,11 @@ class ForceTorqueConfig(GeneratorConfig):
     gravity: tuple[Acceleration, Acceleration, Acceleration] = (0.0, 0.0, -9.81)
     """In the frame of the hypothesis space [m/s²]; used where the load has a mass."""
     tare: Memory = Field(default=0.0, ge=0)
-    """Duration of the rest, without contact, from the start whose mean wrench is a further bias;
-    there are no clouds before its end [s]."""
+    """Duration of the first rest, without contact, whose mean wrench is a further bias [s]; there
+    are no clouds before its end. 0: none."""
     average: Memory = Field(default=0.0, ge=0)
-    """Duration over which the newest wrenches are averaged [s]; the stated noise stays that of one
-    sample, for drift does not average out."""
+    """Duration over which the newest wrenches are averaged [s], 0: none; the stated noise is that
+    of one sample, for drift does not average out."""
 
     @model_validator(mode="after")
     def _one_sign_one_load(self) -> Self:

@@ -35,7 +35,7 @@ class FreeSpaceConfig(GeneratorConfig):
     reach: Reach = Field(default=0.05, gt=0)
     """Margin of the region around the links [m]."""
     margin: Spread = Field(default=0.03, ge=0)
-    """Distance before a return from which on space is free [m]; well above the noise of the camera,
+    """Margin before a return in which space is not free [m]; well above the noise of the camera,
     the error of its pose and a voxel's diagonal together."""
 
 
