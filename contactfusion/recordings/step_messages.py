@@ -1,4 +1,4 @@
-"""What a step of the pipeline gave, as ROS 2 messages: contacts, their picture, and the command."""
+"""Results of a step of the pipeline as ROS 2 messages: contacts, their picture, the command."""
 
 import math
 from collections.abc import Iterator
@@ -25,22 +25,22 @@ from contactfusion.recordings.messages import (
 from contactfusion.recordings.range_messages import voxel_cloud
 
 OURS = "/contactfusion/"
-"""What a topic begins with that this project writes, and that no sensor tells."""
+"""The prefix of topics that this project writes, and no sensor."""
 SMALLEST = 0.02
-"""The smallest diameter of a sphere that is still seen beside a robot [m]."""
+"""The smallest diameter of a visible sphere beside a robot [m]."""
 TEXT_HEIGHT = 0.03
-"""[m]"""
+"""Height of labels [m]."""
 ADD, DELETE_ALL, SPHERE, TEXT = 0, 3, 2, 9
-"""What visualization_msgs/Marker calls them."""
+"""Constants of visualization_msgs/Marker."""
 UPRIGHT = np.array([0.0, 0.0, 0.0, 1.0])
 
 
 def step_messages(step: Step, epoch_ns: int, pictures: bool = True) -> Iterator[Posting]:
-    """Give the messages of a step, each with its topic.
+    """The messages of a step, each with its topic.
 
     Args:
         step: the step.
-        epoch_ns: the moment from which stamps count [ns].
+        epoch_ns: the origin of stamps [ns].
         pictures: whether to draw the contacts and the voxels.
 
     Raises:
@@ -59,13 +59,13 @@ def step_messages(step: Step, epoch_ns: int, pictures: bool = True) -> Iterator[
 def contact_message(
     contacts: tuple[Contact, ...], top: Message, epoch_ns: int, below: str
 ) -> Posting:
-    """Give contacts as a list, with its topic.
+    """Contacts as a list, with its topic.
 
     Args:
         contacts: all of one instant.
         top: the header: that instant, and the frame of the contacts.
-        epoch_ns: the moment from which their own stamps count [ns].
-        below: what the topic begins with, from slash to slash.
+        epoch_ns: the origin of their own stamps [ns].
+        below: the prefix of the topic, from slash to slash.
 
     Raises:
         RecordingError: a stamp lies where ROS has none.
@@ -77,7 +77,7 @@ def contact_message(
 
 
 def marker_message(contacts: tuple[Contact, ...], top: Message, below: str) -> Posting:
-    """Give contacts as a picture, with its topic; what was drawn before goes."""
+    """Contacts as a picture, with its topic; earlier drawings are deleted."""
     markers = list(_markers(contacts, top))
     return f"{below}contacts/markers", message("visualization_msgs/MarkerArray", markers=markers)
 
@@ -103,7 +103,7 @@ def _command(command: Command, stamp: int) -> Iterator[Posting]:
     top = header(stamp, velocity.frame if velocity else "")
     moving = twist(velocity.linear, velocity.angular) if velocity else twist(None, None)
     joints = command.joint_velocities or {}
-    told = message(
+    report = message(
         "contactfusion_msgs/Command",
         header=top,
         twist=moving,
@@ -113,13 +113,13 @@ def _command(command: Command, stamp: int) -> Iterator[Posting]:
         mode=command.mode,
         reason=command.reason,
     )
-    yield f"{OURS}command", told
+    yield f"{OURS}command", report
     if velocity:
         yield f"{OURS}cmd_vel", message("geometry_msgs/TwistStamped", header=top, twist=moving)
 
 
 def _markers(contacts: tuple[Contact, ...], top: Message) -> Iterator[Message]:
-    """Give what draws the contacts as they are now, once all that was drawn before has gone."""
+    """The markers of the contacts, after one that deletes all earlier."""
     yield _marker(top, action=DELETE_ALL)
     for number, contact in enumerate(contacts):
         likelihood = float(contact.likelihood)
@@ -149,7 +149,7 @@ def _marker(top: Message, **fields: object) -> Message:
 
 @cache
 def _plain_marker() -> dict[str, object]:
-    """Give the fields of a white marker that does not say otherwise."""
+    """The fields of a white marker by default."""
     nowhen = message("builtin_interfaces/Time", sec=0, nanosec=0)
     nowhere = message("std_msgs/Header", stamp=nowhen, frame_id="")
     return {
