@@ -17,7 +17,7 @@ from contactfusion.doctor.kernels import MODULES, called, is_kept, touch_kernels
 from contactfusion.errors import ContactFusionError
 from contactfusion.extras import EXTRAS, installs
 from contactfusion.generators.networks import read_networks, shipped
-from contactfusion.plugins import HOME, NOBODY, Plugins, installed_plugins
+from contactfusion.plugins import HOME, NO_DISTRIBUTION, Plugins, installed_plugins
 from contactfusion.recordings import ouster
 from contactfusion.robots.spheres import sphere_folder
 from contactfusion.terminal import note
@@ -263,8 +263,8 @@ def _package(plugins: Plugins, failed: str) -> str:
     if rest:
         return rest.split(" ")[0]
     owners = {plugin.name: plugin.distribution for plugin in plugins.listing()}
-    owner = owners.get(name.partition(": ")[0], NOBODY)
-    return "" if owner == NOBODY else owner.split(" ")[0]
+    owner = owners.get(name.partition(": ")[0], NO_DISTRIBUTION)
+    return "" if owner == NO_DISTRIBUTION else owner.split(" ")[0]
 
 
 def _can_be_written(folder: Path) -> bool:

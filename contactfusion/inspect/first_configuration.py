@@ -332,7 +332,7 @@ def _uses(
     inspection: Inspection, start: _Start, model: RobotModel | None, space: str
 ) -> Iterator[_Use]:
     """The use of each sensor, in the order of the topics."""
-    without_robot = "" if model else "it needs the robot: name its URDF by --robot"
+    self_filtered = "" if model else "it needs the robot: name its URDF by --robot"
     felt, moving = "", False
     for topic in inspection.topics:
         sensor, name = topic.sensor, _name(topic.sensor)
@@ -345,14 +345,14 @@ def _uses(
                 lines = force_torque_lines(name, sensor, start.wrenches.get(sensor))
                 yield _Use(sensor, tuple(lines), lost)
             case "PointCloud":
-                yield _Use(sensor, tuple(range_lines(name, sensor, "")), without_robot or lost)
+                yield _Use(sensor, tuple(range_lines(name, sensor, "")), self_filtered or lost)
             case "TactileImage":
                 lines = tactile_lines(name, sensor, start.channels.get(sensor, 1))
                 yield _Use(sensor, tuple(lines), "say where its taxels are, under `patch`")
             case "DepthImage":
                 why = "it forbids contacts: make sure of the camera's place before"
                 lines = free_space_lines(name, sensor, "")
-                yield _Use(sensor, tuple(lines), without_robot or lost or why)
+                yield _Use(sensor, tuple(lines), self_filtered or lost or why)
             case "JointState" if model and not moving:
                 moving = True
                 yield _Use(sensor, tuple(motion_lines(name, sensor)))

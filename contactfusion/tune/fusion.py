@@ -182,7 +182,7 @@ def tune_fusion(
     progress = Progress("replays", 1 + sum(len(field.values) - 1 for field in fields))
     configured = _trial(job, progress, "", None, ())
     require_within(known, configured.score.first, configured.score.last, labels)
-    curves = {one.path: _curve(job, progress, one, configured) for one in fields}
+    curves = {field.path: _curve(job, progress, field, configured) for field in fields}
     best = {path: _best(curve, configured) for path, curve in curves.items()}
     together = _together(job, list(best.values()))
     candidates = [configured, *best.values(), *([together] if together else [])]
