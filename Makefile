@@ -7,7 +7,7 @@ DEMO_READY := $(VENV)/.ready-demo
 READY := $(VENV)/.ready
 SOAK_SCENARIOS ?= 2000
 
-.PHONY: demo test test-lab test-lab-changed lint soak bench goldens bare show-recordings show-touch show-push show-sensing show-replay show-grasp train clean
+.PHONY: demo test test-lab test-lab-changed lint soak bench goldens bare show-recordings show-touch show-push show-sensing show-replay show-grasp show-dask train clean
 
 demo: $(DEMO_READY)
 	$(BIN)/contactfusion demo --out out/demo
@@ -162,6 +162,10 @@ show-grasp: $(READY)
 		$(GRASP) --repeats 100 $(FELT) --sources tactile --faults examples/faults/$$fault.yaml \
 			--out out/grasp/$$fault || exit 1; \
 	done
+
+# Pushes on a cluster of this machine, which loses a worker, then its scheduler; about 5 minutes.
+show-dask: $(READY)
+	$(BIN)/python scripts/show_dask.py
 
 train: $(READY)
 	$(BIN)/contactfusion train cpm --out out/cpm

@@ -9,8 +9,7 @@ from benchmarks.interleave import Spread
 from benchmarks.table import Row
 from contactfusion.controllers.pushing_parameters import SETS
 from contactfusion_lab.experiments.push.plan import read_plan, read_targets
-from contactfusion_lab.experiments.push.timers import Cost
-from contactfusion_lab.experiments.push.trial import run_trial
+from contactfusion_lab.experiments.push.trial import Cost, run_trial
 from contactfusion_lab.scenes.push.config import SkinConfig
 from contactfusion_lab.tune_push.rating import random_pushes, rate_in_plane
 

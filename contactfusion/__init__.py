@@ -9,11 +9,11 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from contactfusion.check import check_file
-    from contactfusion.contacts import Contact
+    from contactfusion.contacts import Contact, Contacts
     from contactfusion.controller import Command, Controller
     from contactfusion.controllers.pushing import Decision, PushingConfig, PushingController
     from contactfusion.errors import ContactFusionError
-    from contactfusion.explain import explain_fusion, explain_moment
+    from contactfusion.explain.text import explain_fusion, explain_moment
     from contactfusion.generator import Generator, GeneratorConfig, OfRobot
     from contactfusion.generators.baselines import fit_baseline
     from contactfusion.generators.compensation import fit_compensation
@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from contactfusion.hooks import hookimpl
     from contactfusion.hypotheses import ContactHypothesis, HypothesisCloud, HypothesisKind, Note
     from contactfusion.integrator.config import IntegratorConfig
+    from contactfusion.integrator.entries import Field
     from contactfusion.integrator.fusion import Fusion
     from contactfusion.integrator.integrator import Integrator
     from contactfusion.loop import Observer, play
@@ -43,6 +44,12 @@ if TYPE_CHECKING:
         Twist,
         Wrench,
     )
+    from contactfusion.readings.canvas import Canvas
+    from contactfusion.readings.codec import Codec, Role
+    from contactfusion.readings.columns import ColumnsConfig
+    from contactfusion.readings.messages import message
+    from contactfusion.readings.values import ElementValues, PointValues, Values
+    from contactfusion.reason import Reason
     from contactfusion.recordings.mcap import McapWriter
     from contactfusion.recordings.opening import open_recording
     from contactfusion.recordings.recording import Recording
@@ -57,21 +64,27 @@ if TYPE_CHECKING:
     from contactfusion.state import State
     from contactfusion.stream import Arrival, Facts, Stream, Verdict
     from contactfusion.surface import Surface
-    from contactfusion.testing import check_generator
+    from contactfusion.testing import check_codec, check_generator
     from contactfusion.view.plot import plot_fusion
     from contactfusion.view.viewer import Viewer
 
 _HOMES = {
     "Arrival": "contactfusion.stream",
+    "Canvas": "contactfusion.readings.canvas",
+    "Codec": "contactfusion.readings.codec",
+    "ColumnsConfig": "contactfusion.readings.columns",
     "Command": "contactfusion.controller",
     "Condensation": "contactfusion.rule",
     "Contact": "contactfusion.contacts",
+    "Contacts": "contactfusion.contacts",
     "ContactFusionError": "contactfusion.errors",
     "ContactHypothesis": "contactfusion.hypotheses",
     "Controller": "contactfusion.controller",
     "Decision": "contactfusion.controllers.pushing",
     "DepthImage": "contactfusion.readings",
+    "ElementValues": "contactfusion.readings.values",
     "Facts": "contactfusion.stream",
+    "Field": "contactfusion.integrator.entries",
     "Fusion": "contactfusion.integrator.fusion",
     "Generator": "contactfusion.generator",
     "GeneratorConfig": "contactfusion.generator",
@@ -87,17 +100,20 @@ _HOMES = {
     "Model": "contactfusion.model",
     "Note": "contactfusion.hypotheses",
     "ObjectPose": "contactfusion.readings",
-    "Odometry": "contactfusion.readings",
     "Observer": "contactfusion.loop",
+    "Odometry": "contactfusion.readings",
     "OfRobot": "contactfusion.generator",
     "Pipeline": "contactfusion.pipeline",
     "PipelineConfig": "contactfusion.pipeline_config",
     "PointCloud": "contactfusion.readings",
+    "PointValues": "contactfusion.readings.values",
     "PushingConfig": "contactfusion.controllers.pushing",
     "PushingController": "contactfusion.controllers.pushing",
     "Reading": "contactfusion.readings",
+    "Reason": "contactfusion.reason",
     "Recording": "contactfusion.recordings.recording",
     "RobotModel": "contactfusion.robots.model",
+    "Role": "contactfusion.readings.codec",
     "Rule": "contactfusion.rule",
     "Runner": "contactfusion.runner",
     "Scene": "contactfusion.scene",
@@ -113,16 +129,19 @@ _HOMES = {
     "TaxelMap": "contactfusion.generators.taxel_map",
     "Transform": "contactfusion.readings",
     "Twist": "contactfusion.readings",
+    "Values": "contactfusion.readings.values",
     "Verdict": "contactfusion.stream",
     "Viewer": "contactfusion.view.viewer",
     "Wrench": "contactfusion.readings",
+    "check_codec": "contactfusion.testing",
     "check_file": "contactfusion.check",
     "check_generator": "contactfusion.testing",
-    "explain_fusion": "contactfusion.explain",
-    "explain_moment": "contactfusion.explain",
+    "explain_fusion": "contactfusion.explain.text",
+    "explain_moment": "contactfusion.explain.text",
     "fit_baseline": "contactfusion.generators.baselines",
     "fit_compensation": "contactfusion.generators.compensation",
     "hookimpl": "contactfusion.hooks",
+    "message": "contactfusion.readings.messages",
     "open_recording": "contactfusion.recordings.opening",
     "open_scene": "contactfusion.scene",
     "play": "contactfusion.loop",
@@ -133,15 +152,21 @@ _HOMES = {
 
 __all__ = [
     "Arrival",
+    "Canvas",
+    "Codec",
+    "ColumnsConfig",
     "Command",
     "Condensation",
     "Contact",
     "ContactFusionError",
     "ContactHypothesis",
+    "Contacts",
     "Controller",
     "Decision",
     "DepthImage",
+    "ElementValues",
     "Facts",
+    "Field",
     "Fusion",
     "Generator",
     "GeneratorConfig",
@@ -163,11 +188,14 @@ __all__ = [
     "Pipeline",
     "PipelineConfig",
     "PointCloud",
+    "PointValues",
     "PushingConfig",
     "PushingController",
     "Reading",
+    "Reason",
     "Recording",
     "RobotModel",
+    "Role",
     "Rule",
     "Runner",
     "Scene",
@@ -183,9 +211,11 @@ __all__ = [
     "TaxelMap",
     "Transform",
     "Twist",
+    "Values",
     "Verdict",
     "Viewer",
     "Wrench",
+    "check_codec",
     "check_file",
     "check_generator",
     "explain_fusion",
@@ -193,6 +223,7 @@ __all__ = [
     "fit_baseline",
     "fit_compensation",
     "hookimpl",
+    "message",
     "open_recording",
     "open_scene",
     "play",

@@ -20,7 +20,8 @@ from contactfusion.errors import ConfigurationError, ContactFusionError, PluginE
 from contactfusion.estimate import HYPOTHESIS, SAMPLE, counted, size
 from contactfusion.pipeline import Pipeline
 from contactfusion.pipeline_config import NOT_OURS, PipelineConfig, pipeline_fields
-from contactfusion.readings import READING_TYPES, Reading
+from contactfusion.readings import Reading
+from contactfusion.readings.registry import installed_kinds
 from contactfusion.recordings.opening import open_recording
 from contactfusion.run.configuration import RunConfig, Setting, setting_of_file
 from contactfusion.run.joining import joined
@@ -106,7 +107,7 @@ class _Checking:
             built_controller(config)
         for name, options in config.generators.items():
             if robotless and _names_robot(options):
-                continue  # the robot's fault is told already
+                continue  # the robot's fault is reported already
             with self._gathering(f"generators.{name}"):
                 if self._pipeline:
                     self._pipeline.plug(name, options)
@@ -206,10 +207,10 @@ class _Checking:
             try:
                 return (RunConfig if sources else PipelineConfig)(**fields)
             except ConfigurationError as error:
-                told = {fault: fault.path.split(".")[0] for fault in error.faults}
+                roots = {fault: fault.path.split(".")[0] for fault in error.faults}
                 gone = self._fields.keys() - fields.keys()  # what lacks them now is no fault
-                self.faults += (str(fault) for fault, name in told.items() if name not in gone)
-                wrong = fields.keys() & told.values() or sources
+                self.faults += (str(fault) for fault, name in roots.items() if name not in gone)
+                wrong = fields.keys() & roots.values() or sources
                 if not wrong:
                     raise
                 fields = {name: value for name, value in fields.items() if name not in wrong}
@@ -251,7 +252,7 @@ class _Checking:
 
     def _unheard(self, held: Mapping[str, type[Reading]]) -> Iterator[str]:
         """What the cycle and the faults wait for in vain."""
-        known = {*held, *(name for name, kind in READING_TYPES.items() if kind in held.values())}
+        known = {*held, *installed_kinds().among(held.values())}
         hint = partial(name_hint, known=known, what="sensors and types")
         on = self._config.cycle.on
         if on is not None and on not in known:

@@ -1,9 +1,15 @@
 """Contacts: what the hypotheses condense to."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 
+import numpy as np
+from numpy.typing import NDArray
+
 from contactfusion.arrays import FloatArray
+
+NONE = -1
+"""In place of a row: there is none."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -36,7 +42,7 @@ class Contact:
     frame: str
 
     def __str__(self) -> str:
-        """Tell place, likelihood and sources in one line."""
+        """Place, likelihood and sources in one line."""
         x, y, z = self.position
         shares = sorted(self.shares.items(), key=lambda item: -item[1])
         sources = ", ".join(f"{name} {share:.0%}" for name, share in shares if share > 0)
@@ -44,3 +50,21 @@ class Contact:
             f"contact at ({x:.3f}, {y:.3f}, {z:.3f}) m in '{self.frame}', "
             f"likelihood {self.likelihood:.2f}, from {sources}"
         )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Contacts:
+    """The contacts of a field, and the voxels that each is made of.
+
+    Attributes:
+        contacts: the most likely first.
+        owners: works out, when someone looks, the contact that each voxel of the field belongs to:
+            a row of `contacts` or `NONE`, shape (m,).
+    """
+
+    contacts: tuple[Contact, ...]
+    owners: Callable[[], NDArray[np.intp]]
+
+    def __iter__(self) -> Iterator[Contact]:
+        """The contacts, the most likely first."""
+        return iter(self.contacts)

@@ -1,10 +1,14 @@
-"""Sensors that fail on purpose: a model for each kind of fault, and readings that pass them."""
+"""Sensors that fail on purpose: a model for each kind of fault, and readings that pass them.
+
+What a fault changes in a kind of reading, the codec of the kind says (`readings/values.py`).
+"""
 
 import heapq
 import itertools
 import math
 from abc import abstractmethod
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal, Self, final
 
@@ -12,38 +16,20 @@ import numpy as np
 from pydantic import BeforeValidator, Field, NonNegativeInt, model_validator
 
 from contactfusion.errors import ConfigurationError, name_hint
-from contactfusion.fault_values import (
-    ELEMENT_ARRAYS,
-    added,
-    changes,
-    check_amount,
-    moved,
-    repeated,
-    zeroed,
-)
 from contactfusion.frames import Pose, pose_at
 from contactfusion.model import Model
-from contactfusion.readings import (
-    READING_TYPES,
-    DepthImage,
-    JointCommand,
-    JointState,
-    ObjectPose,
-    Odometry,
-    Reading,
-    Switch,
-    TactileImage,
-    Transform,
-)
+from contactfusion.readings import Reading
+from contactfusion.readings.registry import installed_kinds
+from contactfusion.readings.values import Change, Values
 from contactfusion.stream import Arrival
 from contactfusion.time import LONGEST_SECONDS, to_nanoseconds
 from contactfusion.yaml_files import read_yaml
 
 Vector = tuple[float, float, float]
-TAKE_BIAS = "which tells no places; take 'bias' for joints with a wrong zero"
-MOVE_ITS_FRAME = "which tells no places; change the pose of its frame under 'frames' instead"
 Channel = tuple[str, ...]
-"""What tells the readings of one sensor from those of others, also where sensors have no name."""
+"""Identity of what a sensor measures, also of one without a name: kind, sensor, frame, and the
+names of joints, of a frame, or of an object."""
+UNKNOWN: Values[Reading] = Values()
 
 
 def _numbers(value: Any) -> Any:
@@ -55,7 +41,7 @@ Amount = Annotated[tuple[float, ...], Field(min_length=1), BeforeValidator(_numb
 
 
 class Fault(Model):
-    """One way in which a sensor fails, between two stamps; a subclass for each way."""
+    """How a sensor fails between two stamps; a subclass for each kind of failure."""
 
     sensor: str | None = None
     """The sensor that fails, by its name, or all of a type of reading such as `wrench`; None: all
@@ -64,15 +50,15 @@ class Fault(Model):
     """The first stamp at which it fails [s]; None: from the beginning."""
     end: float | None = None
     """The last stamp at which it fails [s]; None: to the end."""
-    senseless: ClassVar[Mapping[type[Reading], str]] = {}
-    """The kinds of reading for which the fault makes no sense: why, and what to take instead."""
+    change: ClassVar[Change | None] = None
+    """What it does to values; None: nothing that depends on the kind of reading."""
 
     @model_validator(mode="after")
     def _fits(self) -> Self:
         if self.start is not None and self.end is not None and self.end < self.start:
             raise ConfigurationError(f"it lies before the start, {self.start} s", "end")
-        if kind := READING_TYPES.get(self.sensor or ""):
-            self.check(kind, kind.__name__)
+        if codec := installed_kinds().find(self.sensor or ""):
+            self.check(codec.kind, codec.kind.__name__)
         return self
 
     @property
@@ -84,34 +70,34 @@ class Fault(Model):
         """Whether readings of a kind are of a sensor that fails, at whatever time."""
         if self.sensor is None or self.sensor == sensor:
             return True
-        failing = READING_TYPES.get(self.sensor)
-        return failing is not None and issubclass(kind, failing)
+        failing = installed_kinds().find(self.sensor)
+        return failing is not None and issubclass(kind, failing.kind)
 
     def check(self, kind: type[Reading], label: str) -> None:
         """Refuse a kind of reading that cannot fail in this way.
 
         Args:
             kind: the type of the reading.
-            label: what to call the reading in a sentence.
+            label: the name of the reading in a sentence.
 
         Raises:
             ConfigurationError: the fault makes no sense for it, or a parameter does not fit it.
         """
-        for known, why in self.senseless.items():
-            if issubclass(kind, known):
-                raise ConfigurationError(f"this fault makes no sense for {label}, {why}", "fault")
+        why = _values(kind).senseless.get(self.change) if self.change else None
+        if why:
+            raise ConfigurationError(f"this fault makes no sense for {label}, {why}", "fault")
 
     @abstractmethod
     def act(self, reading: Reading, held: Reading, random: np.random.Generator) -> Reading | None:
-        """What comes of a reading while its sensor fails.
+        """The reading that arrives while its sensor fails.
 
         Args:
-            reading: what comes from the healthy sensor.
+            reading: that of the healthy sensor.
             held: its last reading before the start, or else the first one since.
             random: for this fault of this sensor alone.
 
         Returns:
-            What comes instead, or None for nothing.
+            The changed reading; None: none arrives.
         """
 
 
@@ -158,16 +144,10 @@ class Calibration(Fault):
 
     fault: Literal["calibration"] = "calibration"
     mm: Vector = (0.0, 0.0, 0.0)
-    """What it tells is shifted by so much in its frame [mm], after the turn."""
+    """Its readings are shifted by so much in its frame [mm], after the rotation."""
     degrees: Vector = (0.0, 0.0, 0.0)
-    """What it tells is turned by roll, pitch and yaw about its frame's fixed axes [degrees]."""
-    senseless: ClassVar[Mapping[type[Reading], str]] = {
-        TactileImage: MOVE_ITS_FRAME,
-        DepthImage: MOVE_ITS_FRAME,
-        Switch: MOVE_ITS_FRAME,
-        JointState: TAKE_BIAS,
-        JointCommand: TAKE_BIAS,
-    }
+    """Its readings are rotated by roll, pitch and yaw about its frame's fixed axes [degrees]."""
+    change: ClassVar[Change | None] = Change.MOVED
 
     @model_validator(mode="after")
     def _something(self) -> Self:
@@ -176,8 +156,8 @@ class Calibration(Fault):
         return self
 
     def act(self, reading: Reading, held: Reading, random: np.random.Generator) -> Reading:
-        """Move all that the reading tells."""
-        return moved(reading, self.pose())
+        """The reading, moved rigidly."""
+        return _values(type(reading)).moved(reading, self.pose())
 
     def pose(self) -> Pose:
         """The move [m]."""
@@ -201,8 +181,9 @@ class FaultOfValues(Fault):
     def check(self, kind: type[Reading], label: str) -> None:
         """Refuse a kind of reading that cannot fail in this way."""
         super().check(kind, label)
-        if self.elements is not None and not issubclass(kind, tuple(ELEMENT_ARRAYS)):
-            having = ", ".join(known.__name__ for known in ELEMENT_ARRAYS)
+        if self.elements is not None and not _values(kind).has_elements:
+            codecs = installed_kinds().all()
+            having = ", ".join(one.kind.__name__ for one in codecs if one.values.has_elements)
             raise ConfigurationError(f"{label} has none; those that do: {having}", "elements")
 
 
@@ -210,10 +191,12 @@ class Zeros(FaultOfValues):
     """The values are zero."""
 
     fault: Literal["zeros"] = "zeros"
+    change: ClassVar[Change | None] = Change.ZEROED
 
     def act(self, reading: Reading, held: Reading, random: np.random.Generator) -> Reading:
         """Zeros."""
-        return repeated(reading, zeroed(reading), self.elements)
+        values = _values(type(reading))
+        return values.repeated(reading, values.zeroed(reading), self.elements)
 
 
 class Stuck(FaultOfValues):
@@ -223,22 +206,20 @@ class Stuck(FaultOfValues):
 
     def act(self, reading: Reading, held: Reading, random: np.random.Generator) -> Reading:
         """The old values with the new stamp."""
-        return repeated(reading, held, self.elements)
+        return _values(type(reading)).repeated(reading, held, self.elements)
 
 
 class Offset(FaultOfValues):
     """A fault that adds to the values."""
 
     amount: Amount
-    """One number, or one for each value, in the units of the reading (`AMOUNTS`)."""
-    senseless: ClassVar[Mapping[type[Reading], str]] = {
-        Switch: "which has no number; take 'zeros' or 'stuck'"
-    }
+    """One number, or one for each value, in the units of the reading."""
+    change: ClassVar[Change | None] = Change.ADDED
 
     def check(self, kind: type[Reading], label: str) -> None:
         """Refuse a kind of reading that cannot fail in this way."""
         super().check(kind, label)
-        check_amount(kind, label, self.amount)
+        _values(kind).check_amount(self.amount, label)
 
 
 class Bias(Offset):
@@ -247,8 +228,9 @@ class Bias(Offset):
     fault: Literal["bias"] = "bias"
 
     def act(self, reading: Reading, held: Reading, random: np.random.Generator) -> Reading:
-        """Add the bias."""
-        return added(reading, changes(reading, self.amount, self.elements))
+        """The reading with the bias."""
+        values = _values(type(reading))
+        return values.added(reading, values.changes(reading, self.amount, self.elements))
 
 
 class Drift(Offset):
@@ -257,9 +239,10 @@ class Drift(Offset):
     fault: Literal["drift"] = "drift"
 
     def act(self, reading: Reading, held: Reading, random: np.random.Generator) -> Reading:
-        """Add what has gathered."""
+        """The reading with what has accumulated."""
         passed = reading.stamp - (held.stamp if self.start is None else self.start)
-        return added(reading, passed * changes(reading, self.amount, self.elements))
+        values = _values(type(reading))
+        return values.added(reading, passed * values.changes(reading, self.amount, self.elements))
 
 
 class Noise(Offset):
@@ -274,9 +257,10 @@ class Noise(Offset):
         return self
 
     def act(self, reading: Reading, held: Reading, random: np.random.Generator) -> Reading:
-        """Add noise."""
-        deviations = changes(reading, self.amount, self.elements)
-        return added(reading, deviations * random.standard_normal(deviations.shape))
+        """The reading with noise."""
+        values = _values(type(reading))
+        deviations = values.changes(reading, self.amount, self.elements)
+        return values.added(reading, deviations * random.standard_normal(deviations.shape))
 
 
 FAULTS: dict[str, type[Fault]] = {
@@ -366,7 +350,7 @@ class Faults:
         self._waiting: list[list[tuple[int, int, Reading]]] = [[] for _ in self._faults]
 
     def apply(self, reading: Reading) -> Sequence[Reading]:
-        """What comes when a healthy sensor has given a reading.
+        """The readings that arrive when a healthy sensor has given one.
 
         Args:
             reading: the newest reading of any sensor.
@@ -376,6 +360,7 @@ class Faults:
 
         Raises:
             ConfigurationError: a fault makes no sense for the reading.
+            PluginError: the plug-in of its kind fails.
         """
         if not self._faults:
             return (reading,)
@@ -387,7 +372,7 @@ class Faults:
         return readings
 
     def _passed(self, number: int, reading: Reading) -> Reading | None:
-        """What comes at once of a reading; None: it is lost, or waits."""
+        """The reading that arrives at once; None: it is lost, or waits."""
         fault = self._faults[number]
         if not fault.meets(reading.sensor, type(reading)) or (
             fault.end is not None and reading.stamp > fault.end
@@ -399,8 +384,9 @@ class Faults:
             return reading
         held = self._held.setdefault(key, reading)
         try:
-            fault.check(type(reading), reading.label)
-            changed = fault.act(reading, held, self._generator(key))
+            with _guard(type(reading)):
+                fault.check(type(reading), reading.label)
+                changed = fault.act(reading, held, self._generator(key))
         except ConfigurationError as error:
             raise error.under(f"faults.{number}") from None
         if changed is None or not fault.late:
@@ -455,19 +441,24 @@ def unmet(faults: Iterable[Fault], heard: Collection[tuple[str, type[Reading]]])
     for row, fault in enumerate(faults):
         if not any(fault.meets(*one) for one in heard):
             known = {sensor for sensor, _ in heard if sensor}
-            known |= {name for name, kind in READING_TYPES.items() if kind in types}
+            known |= installed_kinds().among(types)
             hint = name_hint(str(fault.sensor), known, "sensors and types")
             yield f"faults.{row}.sensor: no reading of '{fault.sensor}' came; {hint}"
 
 
+def _values(kind: type[Reading]) -> Values[Reading]:
+    """What faults can change in a kind of reading; nothing in one that no codec knows."""
+    codec = installed_kinds().of(kind)
+    return codec.values if codec else UNKNOWN
+
+
+def _guard(kind: type[Reading]) -> AbstractContextManager[None]:
+    codec = installed_kinds().of(kind)
+    return installed_kinds().guard(codec) if codec else nullcontext()
+
+
 def _channel(reading: Reading) -> Channel:
-    match reading:
-        case JointState() | JointCommand():
-            whose = reading.names
-        case Odometry() | Transform():
-            whose = (reading.child_frame,)
-        case ObjectPose():
-            whose = (reading.name,)
-        case _:
-            whose = ()
+    codec = installed_kinds().of(type(reading))
+    with _guard(type(reading)):
+        whose = codec.whose(reading) if codec else ()
     return type(reading).__name__, reading.sensor, reading.frame, *whose

@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, TypeVar
 
 from contactfusion.errors import RecordingError
 from contactfusion.faults import broken
-from contactfusion.readings import READING_TYPES, Reading
+from contactfusion.readings import Reading
+from contactfusion.readings.registry import installed_kinds
 from contactfusion.stream import LONGEST_STEP_BACK, Arrival, Stream, arrival_of
 
 if TYPE_CHECKING:
@@ -179,7 +180,7 @@ def _every(pipeline: "Pipeline", period: float, arrivals: Iterable[Arrival]) -> 
 def _on(pipeline: "Pipeline", arrivals: Iterable[Arrival]) -> Iterator["Step"]:
     """Steps after each reading that the policy names, or when all sources have reported."""
     on = pipeline.config.cycle.on
-    kind = READING_TYPES.get(on) if on else None
+    codec = installed_kinds().find(on) if on else None
     now = -math.inf
     for arrival in arrivals:
         yield from _taken(pipeline, arrival)
@@ -190,7 +191,7 @@ def _on(pipeline: "Pipeline", arrivals: Iterable[Arrival]) -> Iterator["Step"]:
             due = pipeline.integrator.ready(now)
         else:
             due = any(
-                reading.sensor == on or (kind is not None and isinstance(reading, kind))
+                reading.sensor == on or (codec is not None and isinstance(reading, codec.kind))
                 for reading in arrival.readings
             )
         if due:

@@ -249,7 +249,7 @@ class Pipeline:
         return play(self, stream)
 
     def state(self, stamp: float) -> State:
-        """Give what is known of the robot at a stamp [s]."""
+        """Robot state at a stamp [s]: joints, base pose, frames, surface."""
         return self._robot.state(stamp, self._fusion)
 
     def reset(self) -> None:
@@ -359,7 +359,7 @@ class Pipeline:
         """Bring a cloud into the frame of the hypothesis space."""
         if cloud.frame == self.grid.frame:
             return cloud
-        pose = self.state(cloud.stamp).frames.pose(self.grid.frame, of=cloud.frame)
+        pose = self._robot.frames(cloud.stamp).pose(self.grid.frame, of=cloud.frame)
         return replace(
             cloud,
             frame=self.grid.frame,

@@ -129,7 +129,7 @@ class Plugins:
         except PluginError as error:
             self._fail(name, str(error), error)
         except (Exception, SystemExit) as error:  # a third-party module may not take others down
-            self._fail(name, cause_in(error, point.module) + _remedy(error), error)
+            self._fail(name, cause_in(error, point.module) + remedy(error), error)
 
     def _register(self, name: str, module: ModuleType) -> None:
         try:
@@ -281,7 +281,7 @@ def _at(definition: Any) -> str:
     return f" ({origin})" if origin else ""
 
 
-def _remedy(error: BaseException) -> str:
+def remedy(error: BaseException) -> str:
     """The command that installs the module that a plug-in lacks, when it is one of an extra."""
     lacks = isinstance(error, ModuleNotFoundError) and error.name
     extra = extra_of(lacks) if lacks else None

@@ -1,5 +1,6 @@
 """Robot state at a stamp: joints, base pose, frames and surface, from the readings so far."""
 
+import functools
 import math
 from bisect import bisect_right
 from collections import deque
@@ -35,6 +36,10 @@ AHEAD = 1.0
 """Transforms of a recording come so much earlier than what needs them [s]: they are published late
 and seldom."""
 Quaternion = Sequence[float]
+BasePose = tuple[str, str, Pose]
+"""Parent frame, child frame, and the pose of the child in the parent."""
+STAMPS = 16
+"""The frames at so many stamps are kept: those of late clouds, beside those of the last state."""
 
 
 class Robot:
@@ -59,14 +64,16 @@ class Robot:
         self._history = History()
         self._transforms = Transforms()
         self._known: State | None = None
+        self._placed_at = functools.lru_cache(STAMPS)(self._places)
+        """Joints, base pose and frames at a stamp, until the next reading of the robot."""
         self._frames = self._fixed
-        """Those of the last state."""
+        """Those that were last asked for."""
 
     @property
     def misplaced(self) -> str:
         """A sentence on the links that /tf_static places elsewhere than the URDF, or nothing.
 
-        A link that a joint moves is where it was in the last state.
+        A link that a joint moves is where it was when frames were last asked for.
         """
         differing = dict(self._differing())
         if not differing:
@@ -85,20 +92,31 @@ class Robot:
             self._history.add(reading)
         else:
             return
-        self._known = None
+        self._forget()
 
     def clear(self) -> None:
         """Forget all readings."""
         self._history.clear()
         self._transforms.clear()
-        self._known = None
+        self._forget()
 
     def state(self, stamp: float, fusion: Fusion | None) -> State:
         """All that is known at a stamp [s], with the last step of the integrator."""
         known = self._known
         if known is None or known.now != stamp:
             known = self._known = self._at(stamp)
+        self._frames = known.frames
         return known if known.fusion is fusion else replace(known, fusion=fusion)
+
+    def frames(self, stamp: float) -> FrameTree:
+        """The poses of all frames at a stamp [s]; unlike `state` it moves no surface."""
+        _, _, self._frames = self._placed_at(stamp)
+        return self._frames
+
+    def _forget(self) -> None:
+        """Forget what was worked out before a reading."""
+        self._known = None
+        self._placed_at.cache_clear()
 
     def _differing(self) -> Iterator[tuple[str, str]]:
         """Each link that /tf_static places elsewhere than the URDF, and by how much."""
@@ -113,19 +131,22 @@ class Robot:
             if distance > SAME[0] or angle > SAME[1]:
                 yield link, f"{distance:.3g} m and {angle:.3g} rad apart"
 
-    def _at(self, stamp: float) -> State:
+    def _places(self, stamp: float) -> tuple[JointState | None, BasePose | None, FrameTree]:
         frames, joints = self._fixed, self._history.joints(stamp)
-        if told := self._transforms.at(stamp):
-            frames = frames.under(told)
+        if transforms := self._transforms.at(stamp):
+            frames = frames.under(transforms)
         base = self._history.base_pose(stamp)
         if base:
             parent, child, pose = base
             frames = frames.extended({child: (parent, pose)})
-        robot, surface, unplaced = None, None, ""
         if self.model is not None:
             positions, unknown = self.model.known_positions(joints)
             frames = frames.extended(self.model.frames_at(positions, unknown))
-        self._frames = frames
+        return joints, base, frames
+
+    def _at(self, stamp: float) -> State:
+        joints, base, frames = self._placed_at(stamp)
+        robot, surface, unplaced = None, None, ""
         try:
             if self.model is not None:
                 robot = self._posed(self.model, self.model.positions(joints), frames)
@@ -217,7 +238,7 @@ class History:
         parts = [_joints_between(readings, stamp) for readings in self._joints.values()]
         return _together(parts) if parts else None
 
-    def base_pose(self, stamp: float) -> tuple[str, str, Pose] | None:
+    def base_pose(self, stamp: float) -> BasePose | None:
         """Parent frame, child frame and pose of the base at a stamp [s].
 
         After the newest odometry it is moved on by the twists of its frame that came since; each

@@ -30,7 +30,7 @@ class Runner:
         self.pipeline = Pipeline(config, ask=self._timed, live=True)
 
     def receive(self, reading: Reading) -> None:
-        """Give a reading to the pipeline; then unplug who was too slow too often."""
+        """Pass a reading to the pipeline; then unplug generators that were too slow too often."""
         self.pipeline.receive(reading)
         for name, count in list(self._overruns.items()):
             if count >= OVERRUNS and name in self.pipeline.generators:

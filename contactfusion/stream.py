@@ -33,7 +33,7 @@ class Arrival:
 
 @dataclass(frozen=True, eq=False)
 class Facts:
-    """What is true at one instant, and no sensor tells.
+    """What is true at one instant, and no sensor measures.
 
     Attributes:
         stamp: [s].
@@ -101,7 +101,7 @@ class Stream(ABC):
         """
 
     def arrivals(self) -> Iterator[Arrival]:
-        """The readings with the times at which they come; here one by one, at their stamps."""
+        """The readings with the times at which they come; here each by itself, at its stamp."""
         for reading in self.readings():
             yield arrival_of(reading)
 

@@ -1,22 +1,30 @@
-"""The conformance kit: does a generator keep the contract?
+"""The conformance kit: does a generator, or a kind of reading, keep its contract?
 
-The tests of a plug-in call `check_generator` on its class; so do those of the built-in ones.
+The tests of a plug-in call `check_generator` and `check_codec` on its classes; so do those of the
+built-in ones.
 """
 
 import pickle
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
 from dataclasses import fields, replace
-from typing import Any, TypeVar
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
 
 import numpy as np
 
+from contactfusion.arrays import FloatArray
 from contactfusion.errors import (
+    ConfigurationError,
     ContactFusionError,
     DefaultError,
+    DependencyError,
     InvalidReadingError,
     cause_of,
 )
-from contactfusion.frames import FrameTree
+from contactfusion.faults import FAULTS, Fault, Faults
+from contactfusion.frames import FrameTree, Pose
 from contactfusion.generator import (
     Generator,
     GeneratorConfig,
@@ -27,27 +35,25 @@ from contactfusion.generator import (
 from contactfusion.grid import Grid
 from contactfusion.hypotheses import SUM_TOLERANCE, HypothesisCloud, HypothesisKind
 from contactfusion.integrator.config import IntegratorConfig
-from contactfusion.readings import (
-    DepthImage,
-    JointCommand,
-    JointState,
-    Markers,
-    ObjectPose,
-    Odometry,
-    PointCloud,
-    Reading,
-    Switch,
-    TactileImage,
-    Transform,
-    Twist,
-    Wrench,
-)
+from contactfusion.plugins import class_fault
+from contactfusion.readings import Reading
+from contactfusion.readings.canvas import PLAIN, Canvas, Colour, Colours
+from contactfusion.readings.codec import Codec
+from contactfusion.readings.columns import ColumnsConfig
+from contactfusion.readings.reading import R
+from contactfusion.readings.registry import GROUP as KINDS
+from contactfusion.readings.registry import installed_kinds
+from contactfusion.recordings.mcap import McapWriter
+from contactfusion.recordings.ros import RosConfig, RosRecording
 from contactfusion.state import State
 from contactfusion.time import LONGEST_SECONDS
 
-R = TypeVar("R", bound=Reading)
 EXAMPLES = 3
 """So many example readings of each type are tried."""
+COMMON = len(fields(Reading))
+"""The fields that readings of all kinds have come first."""
+EPOCH = 1_700_000_000_000_000_000
+"""When examples are recorded [ns]."""
 LARGE = 1e6
 """A value that no sensor gives in earnest, in any unit."""
 
@@ -59,7 +65,7 @@ Bits = tuple[str, ...]
 
 
 class ConformanceError(ContactFusionError, AssertionError):
-    """A generator breaks the contract."""
+    """A generator or a codec breaks the contract."""
 
 
 def check_generator(
@@ -104,15 +110,221 @@ def check_generator(
 
 
 def example_reading(kind: type[R], index: int = 0) -> R:
-    """Give a plausible reading of a type; a higher index gives a later one with other values.
+    """A plausible reading of a type; a higher index makes a later one with other values.
 
     Raises:
         ConformanceError: there is no example of the type.
     """
-    for reading in _examples(0.1 * index, 1.0 + 0.25 * index):
-        if isinstance(reading, kind):
-            return reading
-    raise ConformanceError(f"there is no example of {kind.__name__}: pass `readings`")
+    kinds = installed_kinds()
+    codec = next((codec for codec in kinds.all() if issubclass(codec.kind, kind)), None)
+    if codec is None:
+        raise ConformanceError(f"there is no example of {kind.__name__}: pass `readings`")
+    with kinds.guard(codec):
+        reading: R = codec.example(0.1 * index, 1.0 + 0.25 * index)
+    return reading
+
+
+def check_codec(cls: type[Codec[Any]]) -> None:
+    """Check that a kind of reading keeps the contract.
+
+    It must be registered. Its examples must be equal each time, travel to another process, come
+    back as they were from a recording of ROS and from the columns of a log, stay readings of the
+    kind, frame and stamp under every fault, and be drawn if the codec says how.
+
+    Args:
+        cls: the codec of the kind; what it does not declare is not checked.
+
+    Raises:
+        ConformanceError: the first rule that is broken.
+        DependencyError: rosbags is not installed, and the kind has messages.
+    """
+    codec = _registered(cls)
+    with _sentences(cls, "`example`"):
+        examples = [codec.example(0.1 * i, 1.0 + 0.25 * i) for i in range(EXAMPLES)]
+        again = [codec.example(0.1 * i, 1.0 + 0.25 * i) for i in range(EXAMPLES)]
+    for example, twin in zip(examples, again, strict=True):
+        fits = isinstance(example, codec.kind) and isinstance(twin, codec.kind)
+        _require(fits, cls, f"gives an example that is no {codec.kind.__name__}: {example!r}")
+        _require(_bits(example) == _bits(twin), cls, "gives another example each time")
+        with _sentences(cls, "pickling"):
+            travelled = pickle.loads(pickle.dumps(example))
+        _require(_bits(travelled) == _bits(example), cls, "is not the same after it was pickled")
+    stamps = [example.stamp for example in examples]
+    _require(stamps == [0.1 * i for i in range(EXAMPLES)], cls, f"gives stamps {stamps} of its own")
+    if codec.messages:
+        _check_messages(codec, examples)
+    if codec.Columns is not None:
+        for example in examples:
+            _check_columns(codec, codec.Columns, example)
+    for name, fault in FAULTS.items():
+        _check_fault(codec, name, fault, examples)
+    if codec.is_drawn:
+        sketch = _Sketch(cls)
+        with _sentences(cls, "`draw`"):
+            for example in examples:
+                codec.draw(sketch, example)
+        _require(sketch.count > 0, cls, "draws nothing of its examples, and has a `draw`")
+
+
+def _registered(cls: type[Codec[Any]]) -> Codec[Any]:
+    """The codec of a class, as the framework finds it."""
+    fault = class_fault(cls, Codec)
+    _require(not fault, cls, fault)
+    _require(bool(cls.__doc__), cls, "has no docstring")
+    try:
+        codec = installed_kinds().find(str(getattr(cls, "name", "")))
+    except ContactFusionError as error:
+        raise ConformanceError(str(error)) from error
+    if codec is None or type(codec) is not cls:
+        entry = f"{getattr(cls, 'name', 'NAME')} = {cls.__module__}:{cls.__name__}"
+        raise _broken(cls, f"is not registered: install an entry point of {KINDS} named {entry}")
+    return codec
+
+
+def _check_messages(codec: Codec[Any], examples: Sequence[Reading]) -> None:
+    """Record the examples, and compare with what is read of the recording."""
+    cls = type(codec)
+    with TemporaryDirectory() as folder, _sentences(cls, "recording"):
+        path = Path(folder) / "examples.mcap"
+        with McapWriter(path, EPOCH) as writer:
+            for example in examples:
+                writer.reading(example)
+        recording = RosRecording(RosConfig(file=path))
+        found = [one for one in recording.readings() if type(one) is type(examples[0])]
+        tallies = recording.tally.values()
+        why = "".join(one.why_unreadable or one.why_refused for one in tallies)
+    _require(len(found) == len(examples), cls, f"does not come back from a recording: {why}")
+    for example, back in zip(examples, found, strict=True):
+        wrong = ", ".join(_different(example, back))
+        _require(not wrong, cls, f"comes back from a recording with other {wrong}")
+
+
+def _check_columns(codec: Codec[Any], columns: type[ColumnsConfig], example: Reading) -> None:
+    """Make the example of a row that holds its numbers in the order of its fields."""
+    cls = type(codec)
+    held = {field.name: getattr(example, field.name) for field in fields(example)[COMMON:]}
+    given: dict[str, Any] = {
+        name: np.asarray(value).tolist()
+        for name, value in held.items()
+        if name in columns.model_fields
+    }
+    rest = [np.ravel(value) for name, value in held.items() if name not in given]
+    row = np.concatenate([one.astype(float) for one in rest if one.dtype.kind in "fb"])
+    with _sentences(cls, "`Columns`"):
+        config = columns(
+            type=codec.name, frame=example.frame, columns=tuple(range(1, len(row) + 1)), **given
+        )
+        counts = config.counts()
+        fits = not counts or len(row) in counts
+        _require(fits, cls, f"has `Columns` for {counts} values, and an example of {len(row)}")
+        made = config.reading({"stamp": example.stamp, "frame": config.frame, "sensor": ""}, row)
+    wrong = ", ".join(_different(example, made))
+    _require(not wrong, cls, f"comes from the columns of a log with other {wrong}")
+
+
+def _check_fault(
+    codec: Codec[Any], name: str, fault: type[Fault], examples: Sequence[Reading]
+) -> None:
+    """Let the examples pass a fault; a refusal in a sentence is an answer, too."""
+    cls = type(codec)
+    options: dict[str, Any] = {
+        "dropout": {"probability": 0.5},
+        "delay": {"seconds": 0.0},
+        "calibration": {"mm": (1.0, 2.0, 3.0), "degrees": (4.0, 5.0, 6.0)},
+        **dict.fromkeys(
+            ("bias", "drift", "noise"), {"amount": [0.1] * (*codec.values.counts, 1)[0]}
+        ),
+    }
+    faults = Faults([fault(**options.get(name, {}))])
+    for example in examples:
+        with suppress(ConfigurationError), _sentences(cls, f"the fault '{name}'"):
+            for left in faults.apply(example):
+                same = type(left) is type(example) and left.frame == example.frame
+                _require(same, cls, f"gives {left!r} for the fault '{name}' of {example!r}")
+
+
+@contextmanager
+def _sentences(cls: type[Any], what: str) -> Iterator[None]:
+    """Make what is raised a sentence that names the class; refusals of configurations pass."""
+    try:
+        yield
+    except (ConformanceError, ConfigurationError, DependencyError):
+        raise
+    except (Exception, SystemExit) as error:
+        raise _broken(cls, f"fails: {what} raised {cause_of(error, cls)}") from error
+
+
+def _different(one: Reading, other: Reading) -> Iterator[str]:
+    """The fields in which two readings differ by more than float32 does; the sensor may."""
+    for field in fields(one):
+        mine, theirs = getattr(one, field.name), getattr(other, field.name)
+        if isinstance(mine, np.ndarray) and isinstance(theirs, np.ndarray):
+            same = mine.shape == theirs.shape and np.allclose(
+                mine.astype(float), theirs.astype(float), rtol=1e-6, equal_nan=True
+            )
+        else:
+            same = mine == theirs or field.name == "sensor"
+        if not same:
+            yield f"`{field.name}`"
+
+
+class _Sketch(Canvas):
+    """A canvas that draws nothing, and refuses what none can draw."""
+
+    def __init__(self, cls: type[Codec[Any]]) -> None:
+        self._cls = cls
+        self.count = 0
+        """How often something was drawn."""
+
+    def points(
+        self,
+        points: FloatArray,
+        colours: Colour | Colours = PLAIN,
+        *,
+        labels: Sequence[str] = (),
+        large: bool = False,
+    ) -> None:
+        self._shaped("points", points, None, 3)
+        self._coloured(colours, len(points))
+        named = len(labels) in (0, len(points))
+        _require(named, self._cls, f"draws {len(points)} points with {len(labels)} labels")
+
+    def spheres(self, centres: FloatArray, radius: float, colour: Colour) -> None:
+        self._shaped("centres of spheres", centres, None, 3)
+        self._coloured(colour, 0)
+
+    def arrow(self, name: str, vector: FloatArray, unit: str, colour: Colour) -> None:
+        self._shaped(f"arrow '{name}'", vector, 3)
+        self._coloured(colour, 0)
+
+    def taxels(self, values: FloatArray) -> None:
+        self._shaped("values of taxels", values, None)
+
+    def depth_image(
+        self, depth: FloatArray, intrinsics: FloatArray, colour: Colours | None
+    ) -> None:
+        self._shaped("depth", depth, None, None)
+        self._shaped("intrinsics", intrinsics, 3, 3)
+        if colour is not None:
+            self._shaped("colour", colour, *depth.shape, 3)
+
+    def axes(self, name: str, pose: Pose) -> None:
+        self._shaped("pose of axes", pose, 4, 4)
+
+    def _shaped(self, what: str, array: Any, *shape: int | None) -> None:
+        self.count += 1
+        have = np.shape(array)
+        fits = len(have) == len(shape) and all(
+            b in (None, a) for a, b in zip(have, shape, strict=True)
+        )
+        wanted = tuple("n" if size is None else size for size in shape)
+        is_array = isinstance(array, np.ndarray)
+        _require(fits and is_array, self._cls, f"draws {what} of shape {have}, not {wanted}")
+
+    def _coloured(self, colours: Any, count: int) -> None:
+        have = np.shape(colours)
+        fits = have == (3,) or have in ((count, 3), (count, 4))
+        _require(fits, self._cls, f"draws in colours of shape {have}: RGB, or one a point")
 
 
 class _Trial:
@@ -264,9 +476,11 @@ def _unexpected(samples: Sequence[Reading]) -> Iterator[tuple[str, Reading]]:
 
 def _filled(reading: R, value: float) -> R:
     """Give the reading with one value all over, as far as its type allows it."""
+    codec = installed_kinds().of(type(reading))
+    settings = codec.settings if codec else ()
     for field in fields(reading):
         held = getattr(reading, field.name)
-        if isinstance(held, np.ndarray) and field.name != "intrinsics" and held.dtype.kind == "f":
+        if isinstance(held, np.ndarray) and field.name not in settings and held.dtype.kind == "f":
             change: dict[str, Any] = {field.name: np.full_like(held, value)}
             try:
                 reading = replace(reading, **change)
@@ -290,66 +504,6 @@ def _bits(record: Reading | HypothesisCloud) -> Bits:
         return repr(value)
 
     return tuple(bits(getattr(record, field.name)) for field in fields(record))
-
-
-def _examples(stamp: float, scale: float) -> Iterator[Reading]:
-    """Give one reading of every type, in the order of their module."""
-    edge = np.linspace(-0.1, 0.1, 8)
-    y, z = (axis.ravel() for axis in np.meshgrid(edge, edge))
-    force, joints = np.array([1.0, -2.0, -8.0]), np.array([0.1, -0.2])
-    yield Wrench(
-        stamp=stamp,
-        frame="sensor",
-        force=scale * force,
-        torque=scale * np.cross([0.02, 0.01, 0.05], force),
-    )
-    yield TactileImage(stamp=stamp, frame="sensor", values=scale * np.linspace(0.0, 100.0, 16))
-    yield Switch(stamp=stamp, frame="sensor", closed=scale > 1.0)
-    yield PointCloud(
-        stamp=stamp, frame="sensor", points=np.stack([0.4 * scale + 0.0 * y, y, z], axis=1)
-    )
-    yield DepthImage(
-        stamp=stamp,
-        frame="sensor",
-        depth=np.full((48, 64), 0.5 * scale),
-        intrinsics=np.array([[60.0, 0.0, 32.0], [0.0, 60.0, 24.0], [0.0, 0.0, 1.0]]),
-        colour=np.full((48, 64, 3), 128, np.uint8),
-        mask=np.ones((48, 64), np.bool_),
-    )
-    yield JointState(
-        stamp=stamp,
-        frame="base",
-        names=("joint_1", "joint_2"),
-        positions=scale * joints,
-        velocities=joints,
-        efforts=10.0 * joints,
-    )
-    yield JointCommand(
-        stamp=stamp, frame="base", names=("joint_1", "joint_2"), positions=scale * joints
-    )
-    yield Twist(stamp=stamp, frame="base", linear=0.1 * scale * np.ones(3), angular=np.zeros(3))
-    yield Odometry(
-        stamp=stamp,
-        frame="odom",
-        child_frame="base",
-        position=np.array([scale, 0.0, 0.0]),
-        orientation=np.array([0.0, 0.0, np.sin(scale / 2.0), np.cos(scale / 2.0)]),
-    )
-    yield Transform(
-        stamp=stamp,
-        frame="base",
-        child_frame="sensor",
-        position=np.array([scale, 0.0, 0.0]),
-        orientation=np.array([0.0, 0.0, 0.0, 1.0]),
-    )
-    yield ObjectPose(
-        stamp=stamp,
-        frame="base",
-        name="object",
-        position=np.array([scale, 0.0, 0.0]),
-        orientation=np.array([0.0, 0.0, 0.0, 1.0]),
-    )
-    yield Markers(stamp=stamp, frame="sensor", names=("m1", "m2"), positions=scale * np.eye(3)[:2])
 
 
 def _require(kept: bool, cls: object, fault: str) -> None:

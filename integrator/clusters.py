@@ -8,12 +8,13 @@ more than y and y more than z, so a segment is an interval of keys, and a row of
 """
 
 from collections.abc import Iterator
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 
 from contactfusion.arrays import FloatArray
-from contactfusion.contacts import Contact
+from contactfusion.contacts import NONE, Contact, Contacts
 from contactfusion.hypotheses import HypothesisKind
 from contactfusion.integrator import kernels, moments
 from contactfusion.integrator.entries import Field
@@ -259,7 +260,6 @@ class ContactTable:
     ) -> None:
         entries = field.entries
         self._field, self._selected, self._labels = field, selected, labels
-        self._kept = np.arange(count)
         self.sums = moments.add_up(
             selected,
             labels,
@@ -274,15 +274,21 @@ class ContactTable:
             entries.columns.stamps,
         )
 
-    def keep(self, wanted: NDArray[np.bool_]) -> "ContactTable":
-        """Leave out the clusters that are not wanted; `wanted` has shape (count,)."""
-        self._kept = np.flatnonzero(wanted)
-        return self
+    def contacts(self, wanted: NDArray[np.bool_] | None = None) -> Contacts:
+        """The contacts by falling likelihood, then by first voxel.
 
-    def __iter__(self) -> Iterator[Contact]:
-        """The contacts by falling likelihood, then by first voxel."""
-        sums, entries, kept = self.sums, self._field.entries, self._kept
-        if not len(kept):
+        Args:
+            wanted: shape (count,), which clusters are contacts; None: all.
+        """
+        largest, cluster_of = self.sums.largest, self.sums.cluster_of
+        kept = np.arange(len(largest)) if wanted is None else np.flatnonzero(wanted)
+        order = kept[np.argsort(-largest[kept].round(LIKELIHOOD_STEP), kind="stable")]
+        return Contacts(tuple(self._made(order)), partial(_owners, cluster_of, order, len(largest)))
+
+    def _made(self, order: NDArray[np.intp]) -> Iterator[Contact]:
+        """The contacts of some clusters, in their order."""
+        sums, entries = self.sums, self._field.entries
+        if not len(order):
             return
         grid = entries.grid
         found = moments.outline(self._selected, self._labels, entries.keys, sums, grid.voxel_size)
@@ -293,8 +299,7 @@ class ContactTable:
         shared = [source.name for source in entries.sources if source.kind != HypothesisKind.NULL]
         likelihoods, dispersions = sums.largest.tolist(), found.dispersions.tolist()
         voxels, stamps = sums.voxels.tolist(), sums.stamp.tolist()
-        falling = np.argsort(-sums.largest[kept].round(LIKELIHOOD_STEP), kind="stable")
-        for c in kept[falling].tolist():
+        for c in order.tolist():
             yield Contact(
                 position=found.positions[c],
                 likelihood=likelihoods[c],
@@ -316,3 +321,16 @@ class ContactTable:
         voxels = np.flatnonzero(felt)
         weights, forces = self._field.likelihoods[voxels], entries.forces_in(voxels)
         return moments.mean_forces(cluster_of[voxels], clusters, weights, forces)
+
+
+def _owners(cluster_of: Int32Array, order: NDArray[np.intp], clusters: int) -> NDArray[np.intp]:
+    """The contact of each voxel, shape (m,): its place in `order`, or `NONE`.
+
+    Args:
+        cluster_of: shape (m,), the cluster of each voxel, or the number of clusters.
+        order: the clusters that are contacts, in the order of these.
+        clusters: how many there are.
+    """
+    contact_of = np.full(clusters + 1, NONE, np.intp)
+    contact_of[order] = np.arange(len(order))
+    return contact_of[cluster_of]

@@ -1,12 +1,12 @@
 """The condensations that turn a field into contacts (F §III-C, method §3)."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field as FieldOf
 
-from contactfusion.contacts import Contact
+from contactfusion.contacts import NONE, Contacts
 from contactfusion.hooks import hookimpl
 from contactfusion.integrator import clusters, kernels
 from contactfusion.integrator.clusters import ContactTable
@@ -14,7 +14,8 @@ from contactfusion.integrator.entries import Field
 from contactfusion.integrator.modes import Modes
 from contactfusion.integrator.store import Int64Array, unpack
 from contactfusion.model import Model
-from contactfusion.rule import Condensation
+from contactfusion.reason import Reason, Why, counted, millimetres
+from contactfusion.rule import Condensation, Neighbourhood
 
 FAINTEST = 0.01
 """`cluster_mass` leaves out voxels less likely than this."""
@@ -25,11 +26,11 @@ WIDE, WIDEST = 64, float(1 << 22)
 class Threshold(Condensation):
     """Each voxel over the threshold is a contact (F §III-C 1)."""
 
-    def condense(self, field: Field, verdicts: NDArray[np.uint8]) -> Iterable[Contact]:
-        """Give one contact a voxel."""
+    def condense(self, field: Field, verdicts: NDArray[np.uint8]) -> Contacts:
+        """One contact a voxel."""
         selected, _ = _chosen(field, verdicts == kernels.CONTACT)
         labels = np.arange(len(selected), dtype=np.int32)
-        return ContactTable(field, selected, labels, len(selected))
+        return ContactTable(field, selected, labels, len(selected)).contacts()
 
 
 class ClusterCentroidConfig(Model):
@@ -48,10 +49,24 @@ class ClusterCentroid(Condensation):
         super().__init__(config, tolerance)
         self._min_voxels = config.min_voxels
 
-    def condense(self, field: Field, verdicts: NDArray[np.uint8]) -> Iterable[Contact]:
-        """Give one contact a cluster of enough voxels."""
+    def condense(self, field: Field, verdicts: NDArray[np.uint8]) -> Contacts:
+        """One contact a cluster of enough voxels."""
         table = _clustered(field, verdicts == kernels.CONTACT, self.tolerance)
-        return table.keep(table.sums.voxels >= self._min_voxels)
+        return table.contacts(table.sums.voxels >= self._min_voxels)
+
+    def objections(
+        self, field: Field, verdicts: NDArray[np.uint8], around: Neighbourhood
+    ) -> Sequence[Reason]:
+        """Too few voxels over the threshold."""
+        if around.best == NONE or verdicts[around.best] != kernels.CONTACT:
+            return ()
+        voxels = int((verdicts[around.inside] == kernels.CONTACT).sum())
+        sentence = (
+            f"{counted(voxels, 'voxel')} over the threshold within {millimetres(around.reach)}, "
+            f"where cluster_centroid wants {self._min_voxels} that hang together"
+        )
+        values = {"voxels": float(voxels), "min_voxels": float(self._min_voxels)}
+        return [Reason(Why.TOO_FEW_VOXELS, sentence, values=values)]
 
 
 class ClusterMassConfig(Model):
@@ -74,12 +89,24 @@ class ClusterMass(Condensation):
         super().__init__(config, tolerance)
         self._mass_threshold = config.mass_threshold
 
-    def condense(self, field: Field, verdicts: NDArray[np.uint8]) -> Iterable[Contact]:
-        """Give one contact a cluster of enough mass."""
-        judged = (verdicts == kernels.CONTACT) | (verdicts == kernels.BELOW_THRESHOLD)
-        wanted = judged & (field.likelihoods >= FAINTEST)
-        table = _clustered(field, wanted, self.tolerance)
-        return table.keep(table.sums.weight >= self._mass_threshold)
+    def condense(self, field: Field, verdicts: NDArray[np.uint8]) -> Contacts:
+        """One contact a cluster of enough mass."""
+        table = _clustered(field, _massive(field, verdicts), self.tolerance)
+        return table.contacts(table.sums.weight >= self._mass_threshold)
+
+    def objections(
+        self, field: Field, verdicts: NDArray[np.uint8], around: Neighbourhood
+    ) -> Sequence[Reason]:
+        """Too little mass."""
+        if around.best == NONE or not _judged(verdicts)[around.best]:
+            return ()
+        mass = float(field.likelihoods[around.inside & _massive(field, verdicts)].sum())
+        sentence = (
+            f"the likelihoods within {millimetres(around.reach)} sum to {mass:.2f}; a contact "
+            f"needs a cluster of {self._mass_threshold:g}"
+        )
+        values = {"mass": mass, "mass_threshold": self._mass_threshold}
+        return [Reason(Why.TOO_LITTLE_MASS, sentence, values=values)]
 
 
 def reach_squared(tolerance: float, voxel_size: float) -> int:
@@ -92,8 +119,18 @@ def reach_squared(tolerance: float, voxel_size: float) -> int:
     return int(np.floor(min(tolerance / voxel_size, WIDEST) ** 2 + 1e-6))
 
 
+def _judged(verdicts: NDArray[np.uint8]) -> NDArray[np.bool_]:
+    """Which voxels were judged by their likelihood, shape (m,)."""
+    return np.asarray((verdicts == kernels.CONTACT) | (verdicts == kernels.BELOW_THRESHOLD))
+
+
+def _massive(field: Field, verdicts: NDArray[np.uint8]) -> NDArray[np.bool_]:
+    """Which voxels add to the mass of a cluster, shape (m,)."""
+    return _judged(verdicts) & (field.likelihoods >= FAINTEST)
+
+
 def _chosen(field: Field, wanted: NDArray[np.bool_]) -> tuple[NDArray[np.int32], Int64Array]:
-    """Give the rows of the wanted voxels, and their keys."""
+    """The rows of the wanted voxels, and their keys."""
     keys = field.entries.keys
     rows, row_keys = np.empty(len(keys), np.int32), np.empty(len(keys), np.int64)
     count = kernels.choose(wanted, keys, rows, row_keys)

@@ -1,7 +1,7 @@
 """The live entries of the hypothesis space lined up by voxel, and the field made of them."""
 
 import itertools
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -77,7 +77,7 @@ class Entries:
         return Entries(grid, now, sources, columns, starts, keys[:m], places, bits[:m])
 
     def without(self, name: str) -> "Entries":
-        """Give the entries of all other sources."""
+        """The entries of all other sources."""
         at = next(i for i, source in enumerate(self.sources) if source.name == name)
         wanted = np.ones(len(self.columns.keys), np.bool_)
         wanted[self.starts[at, 0] : self.starts[at + 1, 0]] = False
@@ -87,11 +87,11 @@ class Entries:
         return Entries.lined_up(self.grid, self.now, sources, fewer.columns, starts)
 
     def in_voxels(self, wanted: NDArray[np.bool_]) -> "Entries":
-        """Give the entries of some voxels; `wanted` has shape (m,)."""
+        """The entries of some voxels; `wanted` has shape (m,)."""
         return self._picked(wanted[self.places])
 
     def _picked(self, wanted: NDArray[np.bool_]) -> "Entries":
-        """Give some of the entries; `wanted` has shape (n,)."""
+        """Some of the entries; `wanted` has shape (n,)."""
         kept_before = np.concatenate([[0], np.cumsum(wanted)])
         starts = self.starts.copy()
         starts[:, 0] = kept_before[self.starts[:, 0]]
@@ -108,7 +108,7 @@ class Entries:
         return Entries.lined_up(self.grid, self.now, self.sources, columns, starts)
 
     def flags(self, *kinds: HypothesisKind) -> NDArray[np.bool_]:
-        """Tell which sources are of one of these kinds, shape (k,)."""
+        """Which sources are of one of these kinds, shape (k,)."""
         return np.array([source.kind in kinds for source in self.sources], np.bool_)
 
     @property
@@ -125,6 +125,21 @@ class Entries:
     def begin(self) -> Int64Array:
         """Where the entries of each source begin, shape (k + 1,); the last is n."""
         return np.ascontiguousarray(self.starts[:, 0])
+
+    @property
+    def by_source(self) -> list[tuple[Source, slice]]:
+        """Each source with its entries, as rows of the columns."""
+        ends = itertools.pairwise(self.begin.tolist())
+        return [(source, slice(*end)) for source, end in zip(self.sources, ends, strict=True)]
+
+    def parts(self, inside: NDArray[np.bool_]) -> Iterator[tuple[Source, NDArray[np.intp]]]:
+        """Each source with its entries in some voxels, as rows of the columns.
+
+        Args:
+            inside: shape (m,), which voxels.
+        """
+        for source, own in self.by_source:
+            yield source, own.start + np.flatnonzero(inside[self.places[own]])
 
     @property
     def voxels(self) -> Int64Array:
@@ -167,7 +182,7 @@ class Entries:
         return self.forces_in(np.arange(len(self.keys)))
 
     def forces_in(self, voxels: Int64Array) -> FloatArray:
-        """Give the force in some voxels, shape (v, 3) [N], NaN where none; rows, ascending."""
+        """The force in some voxels, shape (v, 3) [N], NaN where none; rows, ascending."""
         return kernels.voxel_forces(
             voxels,
             self.places,
@@ -179,8 +194,8 @@ class Entries:
 
     def _by_voxel(self, column: NDArray[Any], absent: np.generic) -> NDArray[Any]:
         table = np.full((len(self.keys), len(self.sources)), absent, column.dtype)
-        for source, (begin, end) in enumerate(itertools.pairwise(self.begin)):
-            table[self.places[begin:end], source] = column[begin:end]
+        for number, (_, own) in enumerate(self.by_source):
+            table[self.places[own], number] = column[own]
         return table
 
 
@@ -196,6 +211,7 @@ class Belief:
             for there the weights are as wide as the spreads.
         exists: the probability that there is a contact.
         told: shape (k, c), what each source adds to the logarithm of each weight.
+        floor: what a source leaves to places that it does not believe in, as a part of its highest.
     """
 
     places: FloatArray
@@ -204,6 +220,12 @@ class Belief:
     variances: FloatArray
     exists: float
     told: FloatArray
+    floor: float = 0.01
+
+    def within(self, position: FloatArray, reach: float) -> float:
+        """The part of the belief that lies within reach [m] of a place, shape (3,) [m]."""
+        near = ((self.places - position) ** 2).sum(axis=1) <= reach**2
+        return float(self.weights[near].sum())
 
 
 class Field:
@@ -231,3 +253,12 @@ class Field:
     def likelihoods(self) -> FloatArray:
         """The fused likelihoods, shape (m,), in the order of `entries.keys`."""
         return self._likelihoods() if callable(self._likelihoods) else self._likelihoods
+
+    def given(self, row: int) -> dict[str, float]:
+        """The likelihood that each source gave that takes part in a voxel, by ascending name."""
+        entries = self.entries
+        return {
+            source.name: float(entries.columns.likelihoods[rows[0]])
+            for source, rows in entries.parts(np.arange(len(entries.keys)) == row)
+            if source.kind != HypothesisKind.NULL and len(rows)
+        }

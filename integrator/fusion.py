@@ -1,6 +1,5 @@
 """One step of the integrator as its users see it."""
 
-import itertools
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
@@ -9,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from contactfusion.arrays import FloatArray
-from contactfusion.contacts import Contact
+from contactfusion.contacts import NONE, Contact, Contacts
 from contactfusion.errors import Guard, SourceError, name_hint
 from contactfusion.hypotheses import ContactHypothesis, HypothesisKind
 from contactfusion.integrator import kernels
@@ -19,6 +18,8 @@ from contactfusion.integrator.store import Int64Array, unpack
 from contactfusion.rule import Condensation, Rule
 from contactfusion.surface import Surface
 
+SIGMAS = 3.0
+"""A box that is filled evenly reaches so many standard deviations from its middle, its corners."""
 VERDICTS = np.array(["support_only", "below_threshold", "contact", "nulled"])
 """What was decided about a voxel, by the codes of the kernels."""
 
@@ -50,7 +51,7 @@ class HypothesisSpace:
     stamps: FloatArray
 
     def hypothesis(self, row: int) -> ContactHypothesis:
-        """Give one voxel as the papers' record (F §III-A)."""
+        """A voxel as the papers' record (F §III-A)."""
         given = zip(self.sources, self.source_likelihoods[row], strict=True)
         force, magnitude = self.forces[row], float(np.linalg.norm(self.forces[row]))
         kind = {"nulled": HypothesisKind.NULL, "support_only": HypothesisKind.SUPPORT}
@@ -80,13 +81,19 @@ class Fusion:
         threshold: from which likelihood on a voxel is a contact.
         contacts: the contacts, the most likely first.
         report: how the sources do.
+        rule: that fused.
+        condensation: that made contacts.
+        surface: the robot's surface that the rule got, or None.
     """
 
     field: Field
     threshold: float
     contacts: tuple[Contact, ...]
     report: Report
-    _again: Callable[[Entries], "Fusion"]
+    rule: Rule
+    condensation: Condensation
+    surface: Surface | None
+    _owners: Callable[[], NDArray[np.intp]] | None
 
     def __repr__(self) -> str:
         count = len(self.field.entries.keys)
@@ -96,6 +103,38 @@ class Fusion:
     def verdict_codes(self) -> NDArray[np.uint8]:
         """The verdict on each voxel, shape (m,), see `VERDICTS`."""
         return kernels.judge(self.field.likelihoods, self.field.entries.bits, self.threshold)
+
+    @cached_property
+    def owners(self) -> NDArray[np.intp]:
+        """The contact that each voxel belongs to, a row of `contacts` or -1, shape (m,).
+
+        Of contacts that are not made of voxels those within three standard deviations count as
+        theirs, and the likeliest contact comes first.
+
+        Raises:
+            PluginError: the condensation raised, or gave what are no rows of its contacts.
+        """
+        with guarded(self.condensation):
+            owners = np.array(self._owners() if self._owners else self._by_ellipsoid())
+            shape, count = self.field.entries.keys.shape, len(self.contacts)
+            if owners.shape != shape or not ((owners >= NONE) & (owners < count)).all():
+                raise ValueError(
+                    f"it gave owners of shape {owners.shape}, not a row of {count} contacts, or "
+                    f"{NONE}, for each of {shape[0]} voxels"
+                )
+        owners.flags.writeable = False
+        return owners
+
+    def rows_of(self, contact: Contact) -> NDArray[np.intp]:
+        """The voxels that a contact is made of, as rows of the field and of `space`, ascending.
+
+        Raises:
+            ValueError: it is no contact of this step.
+        """
+        for number, own in enumerate(self.contacts):
+            if own is contact:
+                return np.flatnonzero(self.owners == number)
+        raise ValueError(f"this is no contact of this step: {contact}")
 
     @cached_property
     def space(self) -> HypothesisSpace:
@@ -120,18 +159,16 @@ class Fusion:
         return space
 
     def evidence(self, without: str) -> FloatArray:
-        """Give the places, shape (n, 3) [m], with evidence of generators other than one."""
+        """The places, shape (n, 3) [m], with evidence of generators other than one."""
         entries = self.field.entries
         found = np.zeros(len(entries.keys), np.bool_)
-        for source, (begin, end) in zip(
-            entries.sources, itertools.pairwise(entries.begin), strict=True
-        ):
+        for source, own in entries.by_source:
             if source.kind == HypothesisKind.REGULAR and source.name.split("/")[0] != without:
-                found[entries.places[begin:end]] = True
+                found[entries.places[own]] = True
         return entries.grid.centres(unpack(entries.keys[found]))
 
     def without(self, source: str) -> "Fusion":
-        """Fuse the same entries again without those of one source.
+        """The same entries fused again without those of one source.
 
         Raises:
             SourceError: no such source was plugged at this step.
@@ -139,7 +176,19 @@ class Fusion:
         names = [known.name for known in self.field.entries.sources]
         if source not in names:
             raise SourceError(f"unknown source '{source}': {name_hint(source, names, 'sources')}")
-        return self._again(self.field.entries.without(source))
+        fewer = self.field.entries.without(source)
+        return fuse(fewer, self.rule, self.condensation, self.threshold, self.surface, self.report)
+
+    def _by_ellipsoid(self) -> NDArray[np.intp]:
+        """The likeliest contact within whose covariance each voxel lies."""
+        entries = self.field.entries
+        centres = entries.grid.centres(entries.voxels)
+        owners = np.full(len(centres), NONE, np.intp)
+        for number, contact in reversed(list(enumerate(self.contacts))):
+            offsets = centres - contact.position
+            squared = (offsets * np.linalg.solve(contact.covariance, offsets.T).T).sum(axis=1)
+            owners[squared <= SIGMAS**2] = number
+        return owners
 
 
 def fuse(
@@ -155,7 +204,7 @@ def fuse(
     Raises:
         PluginError: rule or condensation raised.
     """
-    with Guard(f"the rule {type(rule).__name__}", type(rule)):
+    with guarded(rule):
         field = rule.fuse(entries, entries.sources, surface)
         if not isinstance(field, Field):
             raise TypeError(f"it gave {type(field).__name__}, not a Field")
@@ -163,10 +212,14 @@ def fuse(
         verdicts = np.empty(0, np.uint8)
     else:
         verdicts = kernels.judge(field.likelihoods, entries.bits, threshold)
-    with Guard(f"the condensation {type(condensation).__name__}", type(condensation)):
-        contacts = tuple(condensation.condense(field, verdicts))
+    with guarded(condensation):
+        found = condensation.condense(field, verdicts)
+        contacts = tuple(found)
+    owners = found.owners if isinstance(found, Contacts) else None
+    return Fusion(field, threshold, contacts, report, rule, condensation, surface, owners)
 
-    def again(fewer: Entries) -> Fusion:
-        return fuse(fewer, rule, condensation, threshold, surface, report)
 
-    return Fusion(field, threshold, contacts, report, again)
+def guarded(part: Rule | Condensation) -> Guard:
+    """A `with` around code of a rule or condensation: what it raises becomes a sentence."""
+    what = "rule" if isinstance(part, Rule) else "condensation"
+    return Guard(f"the {what} {type(part).__name__}", type(part))

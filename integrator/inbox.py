@@ -65,7 +65,7 @@ class Inbox:
         self._arrivals.append(Arrival(cloud, keys, to_nanoseconds(cloud.stamp)))
 
     def reported(self, now: int, sources: Mapping[str, SourceRecord]) -> set[str]:
-        """Give the sources that a step at this time would accept a cloud from."""
+        """The sources that a step at this time would accept a cloud from."""
         return {
             arrival.cloud.source
             for arrival in self._arrivals

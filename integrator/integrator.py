@@ -152,11 +152,11 @@ class Integrator:
         self.note(EventKind.REFUSED, source, reason)
 
     def note(self, kind: EventKind, source: str, message: str) -> None:
-        """Tell of something that happened to a source in the next step's report."""
+        """Note something that happened to a source, for the next step's report."""
         self._events.append(Event(kind, source, message))
 
     def ready(self, now: float) -> bool:
-        """Tell whether every active source has reported since the last step.
+        """Whether every active source has reported since the last step.
 
         Args:
             now: the time at which to ask [s].
@@ -265,7 +265,7 @@ def _built_in(part: str, name: str, known: Mapping[str, type[P]]) -> type[P]:
 
 
 def _lifetime(name: str, seconds: float) -> int:
-    """Give a time that must be positive in ns."""
+    """A time that must be positive, in ns."""
     if not seconds > 0.0:
         raise SourceError(f"{name} must be greater than 0 s, not {seconds}")
     return to_nanoseconds(seconds)

@@ -89,7 +89,7 @@ def align(
 
 @kernel
 def newest_stamps(places: Places, voxels: int, stamps: Int64Array) -> Int64Array:
-    """Give the newest stamp of each of so many voxels, shape (m,) [ns]."""
+    """The newest stamp of each of so many voxels, shape (m,) [ns]."""
     newest = np.full(voxels, np.iinfo(np.int64).min)
     for entry in range(len(places)):
         voxel = np.uintp(places[entry])
@@ -136,7 +136,7 @@ def voxel_forces(
     regular: NDArray[np.bool_],
     forces: FloatArray,
 ) -> FloatArray:
-    """Give the force in some voxels: the mean over regular sources, weighted by likelihood.
+    """The force in some voxels: the mean over regular sources, weighted by likelihood.
 
     Args:
         voxels: shape (v,), ascending.

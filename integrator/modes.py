@@ -1,18 +1,18 @@
 """The condensation `modes`: contacts are the modes of a belief (method §3)."""
 
-import itertools
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field as FieldOf
 
 from contactfusion.arrays import FloatArray
-from contactfusion.contacts import Contact
+from contactfusion.contacts import NONE, Contact
 from contactfusion.integrator import fields, kernels
 from contactfusion.integrator.entries import Belief, Entries, Field
 from contactfusion.model import Model
-from contactfusion.rule import Condensation
+from contactfusion.reason import Reason, Why, millimetres
+from contactfusion.rule import Condensation, Neighbourhood
 from contactfusion.thinning import voxel_downsample
 from contactfusion.time import to_seconds
 
@@ -29,11 +29,13 @@ LONG = 0.03
 BASIN = 0.02
 """What lies within so much of its core belongs to a contact [m]."""
 MOST = 8
-"""No more modes are told than this."""
+"""No more modes are contacts than this."""
 FAINT = 1e-4
 """Places of less than this part of the heaviest do not make a mode."""
 STEPS = 20
 """Of mean shift at most; along a line it may end before it has come to rest."""
+LITTLE = 0.01
+"""A place without hypotheses that holds less of a belief than this needs no reason."""
 
 
 class ModesConfig(Model):
@@ -57,7 +59,7 @@ class Modes(Condensation):
         self._existence, self._share = config.existence, config.mode_share
 
     def condense(self, field: Field, verdicts: NDArray[np.uint8]) -> Iterable[Contact]:
-        """Give the densest mode if a contact exists, and further ones that weigh enough."""
+        """The densest mode if a contact exists, and further ones that weigh enough."""
         belief = field.belief
         if belief is None or belief.exists < self._existence - kernels.EDGE:
             return ()
@@ -72,11 +74,50 @@ class Modes(Condensation):
             weights[basin] = 0.0
         return sorted(found, key=lambda contact: -round(contact.likelihood, 6))
 
+    def explain(self, field: Field, around: Neighbourhood, contact: Contact | None) -> str:
+        """The probability of any contact, and the part of the belief that lies here."""
+        belief = field.belief
+        if belief is None:
+            return ""
+        here = belief.exists * belief.within(around.position, around.reach)
+        likelihood = contact.likelihood if contact else here
+        return (
+            f"P(contact) {belief.exists:.2f} by all evidence, {likelihood / belief.exists:.0%} of "
+            f"the belief lies here: {likelihood:.2f}"
+        )
+
+    def objections(
+        self, field: Field, verdicts: NDArray[np.uint8], around: Neighbourhood
+    ) -> Sequence[Reason]:
+        """Existence first, then the part of the belief that lies here."""
+        belief = field.belief
+        share = belief.within(around.position, around.reach) if belief else 0.0
+        if around.best == NONE and share < LITTLE:
+            return ()
+        if belief is None:
+            names = [*field.given(around.best)]
+            sentence = f"predicted by {' and '.join(names)}, but no sensor felt anything"
+            return [Reason(Why.SUPPORT_ONLY, sentence, names[0])]
+        if belief.exists < self._existence:
+            short = self._existence - belief.exists
+            sentence = (
+                f"the probability of any contact is {belief.exists:.2f}, {short:.2f} under the "
+                f"existence {self._existence:g} that is asked for"
+            )
+            values = {"exists": belief.exists, "existence": self._existence, "short": short}
+            return [Reason(Why.IMPROBABLE, sentence, values=values)]
+        sentence = (
+            f"{share:.0%} of the belief lies within {millimetres(around.reach)}; beside a likelier "
+            f"place a contact needs {self._share:.0%}"
+        )
+        values = {"share": share, "mode_share": self._share}
+        return [Reason(Why.SMALL_SHARE, sentence, values=values)]
+
 
 def _mode(
     places: FloatArray, weights: FloatArray, scale: float
 ) -> tuple[FloatArray, NDArray[np.bool_]]:
-    """Give the place of the densest contact, shape (3,) [m], and what belongs to it, shape (c,).
+    """The place of the densest contact, shape (3,) [m], and what belongs to it, shape (c,).
 
     Heavy places that hang together are one contact, be it a point or a line; what is near them
     belongs to it. A point lies where mean shift leads from their mean, a line at their mean.
@@ -120,7 +161,7 @@ def _contact(
     mass: float,
     scale: float,
 ) -> Contact:
-    """Make a contact of a mode: its place is the mode, its covariance that of its basin."""
+    """The contact of a mode: its place is the mode, its covariance that of its basin."""
     entries, side = field.entries, field.entries.grid.voxel_size
     weights = belief.weights[basin] / belief.weights[basin].sum()
     offsets = belief.places[basin] - mode
@@ -135,8 +176,8 @@ def _contact(
     total = float(told.sum()) or 1.0
     shares = {
         source.name: float(share) / total
-        for source, share, one in zip(entries.sources, told, counted, strict=True)
-        if one
+        for source, share, is_counted in zip(entries.sources, told, counted, strict=True)
+        if is_counted
     }
     forces = _force(field, mode, belief.places[basin], scale * BASIN)
     covariance = moments + np.eye(3) * (side**2 / 12.0 + float(weights @ belief.variances[basin]))
@@ -157,17 +198,17 @@ def _contact(
 
 
 def _newest(entries: Entries, told: FloatArray) -> int:
-    """Give the newest stamp of the sources that have a part in a contact [ns]."""
+    """The newest stamp of the sources that have a part in a contact [ns]."""
     parts = [
-        entries.columns.stamps[begin:end].max()
-        for part, (begin, end) in zip(told, itertools.pairwise(entries.begin), strict=True)
-        if part > 0.0 and end > begin
+        entries.columns.stamps[own].max()
+        for part, (_, own) in zip(told, entries.by_source, strict=True)
+        if part > 0.0 and own.stop > own.start
     ]
     return int(max(parts, default=entries.columns.stamps.max()))
 
 
 def _force(field: Field, mode: FloatArray, basin: FloatArray, reach: float) -> FloatArray:
-    """Give the force of the voxel nearest to a mode, shape (3,) [N]; NaN when none is felt there.
+    """The force of the voxel nearest to a mode, shape (3,) [N]; NaN when none is felt there.
 
     Args:
         field: what was fused.

@@ -19,7 +19,7 @@ from contactfusion.hypotheses import HypothesisKind
 from contactfusion.integrator import fields
 from contactfusion.integrator.entries import Belief, Entries, Field, Source
 from contactfusion.model import Model
-from contactfusion.rule import Rule
+from contactfusion.rule import Rule, by_sources
 from contactfusion.surface import Surface
 
 NARROWEST = 4e-3
@@ -90,7 +90,7 @@ class Posterior(Rule):
         self._steepest = 1.0 / np.hypot(1.0, config.friction)
 
     def fuse(self, entries: Entries, sources: Sequence[Source], surface: Surface | None) -> Field:
-        """Fuse by a product of fields, over the surface near evidence, or over its own places."""
+        """The product of fields, over the surface near evidence, or over the evidence's places."""
         claims = claimed(entries)
         exists = existence(claims, sources)
         if exists == 0.0:
@@ -100,20 +100,36 @@ class Posterior(Rule):
         total = there.sum(axis=0)
         weights = np.exp(total - total.max())
         exists = self._lowered(claims, exists, there)
-        spoken = np.array([[len(one.positions) > 0] for one in claims])
+        spoken = np.array([[len(claim.positions) > 0] for claim in claims])
         added = np.where(spoken, there - np.log(self._floor), 0.0)
         belief = Belief(
-            found.places, found.spacing, weights / weights.sum(), found.variances, exists, added
+            found.places,
+            found.spacing,
+            weights / weights.sum(),
+            found.variances,
+            exists,
+            added,
+            self._floor,
         )
         return Field(entries, partial(_by_voxel, entries, belief), belief=belief)
 
+    def explain(self, field: Field, row: int) -> str:
+        """The probability of any contact, and how the voxel compares to the likeliest place."""
+        if (belief := field.belief) is None:
+            return by_sources(field, row, _of_support)
+        fused = float(field.likelihoods[row])
+        return (
+            f"P(contact) {belief.exists:.2f} by all evidence, {fused / belief.exists:.0%} as "
+            f"likely here as at the likeliest place: {fused:.2f}"
+        )
+
     def _lowered(self, claims: Sequence[Claims], exists: float, there: FloatArray) -> float:
-        """Lower the probability of a contact by what null takes from the places of evidence.
+        """The probability of a contact, less what null takes from the places of evidence.
 
         By Bayes; support has no say in whether there is a contact.
         """
         null, evidence = (
-            np.array([one.kind == kind for one in claims])
+            np.array([claim.kind == kind for claim in claims])
             for kind in (HypothesisKind.NULL, HypothesisKind.REGULAR)
         )
         if not null.any():
@@ -126,7 +142,7 @@ class Posterior(Rule):
     def _logarithms(
         self, claims: Sequence[Claims], told: FloatArray, normals: FloatArray | None
     ) -> FloatArray:
-        """Give log(field + floor) of each source at each place, shape (k, c).
+        """The log(field + floor) of each source at each place, shape (k, c).
 
         A field is relative to its own highest value, so that a source with many hypotheses says no
         more than one with few. What is null at a place speaks against a contact there by as much
@@ -134,18 +150,18 @@ class Posterior(Rule):
         the cone of friction: that is a second field of its source, with a floor of its own.
         """
         logarithms = np.zeros_like(told)
-        for row, (one, field) in enumerate(zip(claims, told, strict=True)):
-            if one.kind == HypothesisKind.NULL:
+        for row, (claim, field) in enumerate(zip(claims, told, strict=True)):
+            if claim.kind == HypothesisKind.NULL:
                 logarithms[row] = np.log1p(-(1.0 - self._floor) * np.minimum(field, 1.0))
-            elif len(one.positions):
+            elif len(claim.positions):
                 highest = float(field.max(initial=np.finfo(np.float64).tiny))
                 logarithms[row] = np.log(field / highest + self._floor)
-                if one.force is not None and normals is not None:
-                    logarithms[row] += np.log(self._pushed(one.force, normals) + self._floor)
+                if claim.force is not None and normals is not None:
+                    logarithms[row] += np.log(self._pushed(claim.force, normals) + self._floor)
         return logarithms
 
     def _pushed(self, force: FloatArray, normals: FloatArray) -> FloatArray:
-        """Tell how well a force fits the friction cone at each place, shape (c,), at most 1."""
+        """How well a force fits the friction cone at each place, shape (c,), at most 1."""
         push = force / np.abs(force).max()
         cosines = normals @ (push / -np.linalg.norm(push))
         beyond = np.maximum(self._steepest - cosines, 0.0) / SOFT
@@ -153,8 +169,12 @@ class Posterior(Rule):
         return fits
 
 
+def _of_support(given: Sequence[float], fused: float) -> str:
+    return f"posterior of {', '.join(f'{p:.2f}' for p in given)} = {fused:.2f}"
+
+
 def _by_voxel(entries: Entries, belief: Belief) -> FloatArray:
-    """Give each voxel the likelihood of the likeliest place within a side of its centre, (m,)."""
+    """The likelihood of the likeliest place within a side of each voxel's centre, shape (m,)."""
     likelihoods, counted = np.zeros(len(entries.keys)), entries.counted_voxels
     side, heights = entries.grid.voxel_size, belief.weights / belief.weights.max()
     dealt = fields.deal(belief.places, 2.0 * side)
@@ -165,7 +185,7 @@ def _by_voxel(entries: Entries, belief: Belief) -> FloatArray:
 
 
 def claimed(entries: Entries) -> list[Claims]:
-    """Give what each source says, the hypotheses where they were measured."""
+    """What each source says, the hypotheses where they were measured."""
     positions, columns = entries.positions, entries.columns
     claims = []
     for source, ((begin, felt), (end, _)) in zip(
@@ -186,18 +206,18 @@ def claimed(entries: Entries) -> list[Claims]:
 
 
 def existence(claims: Sequence[Claims], sources: Sequence[Source]) -> float:
-    """Give the probability that there is a contact at all, by evidence alone.
+    """The probability that there is a contact at all, by evidence alone.
 
     e = 1 - Π(1 - P) over Regular sources, P = Σp for one that describes a single contact, else the
     largest p. Sources that would have told of a contact and say nothing lower it by Bayes: with μ
     the probability that all of them miss one, it becomes e μ / (1 - e + e μ).
     """
     missed = silent = 1.0
-    for one, source in zip(claims, sources, strict=True):
-        if not len(one.positions):
+    for claim, source in zip(claims, sources, strict=True):
+        if not len(claim.positions):
             silent *= source.misses
-        elif one.kind == HypothesisKind.REGULAR:
-            total = one.likelihoods.sum() if one.single else one.likelihoods.max()
+        elif claim.kind == HypothesisKind.REGULAR:
+            total = claim.likelihoods.sum() if claim.single else claim.likelihoods.max()
             missed *= 1.0 - min(float(total), 1.0)
     kept = (1.0 - missed) * silent
     return kept / (missed + kept) if kept else 0.0
@@ -206,37 +226,37 @@ def existence(claims: Sequence[Claims], sources: Sequence[Source]) -> float:
 def _candidates(
     claims: Sequence[Claims], surface: Surface | None, floor: float, side: float
 ) -> Candidates:
-    """Give the places where a contact may be, and the field of each source over them.
+    """The places where a contact may be, and the field of each source over them.
 
     They are the points of the surface of which some evidence says more than its floor; without
     any, where evidence lies: then each is as uncertain as its hypothesis, and neighbours are a
     voxel apart, `side` [m].
     """
-    evidence = [one.kind == HypothesisKind.REGULAR for one in claims]
+    evidence = [claim.kind == HypothesisKind.REGULAR for claim in claims]
     if surface is not None and len(surface.points):
         told = _fields(claims, surface.points, evidence)
         highest = told.max(axis=1, keepdims=True)
         reached = ((told > floor * highest) & (highest > 0.0)).any(axis=0)
         if reached.any():
             places = surface.points[reached]
-            others = [not one for one in evidence]
+            others = [not is_evidence for is_evidence in evidence]
             told = told[:, reached] + _fields(claims, places, others)
             exact = np.zeros(len(places))  # the fields are as wide as the spreads
             return Candidates(places, surface.spacing, exact, surface.normals[reached], told)
-    regular = [one for one in claims if one.kind == HypothesisKind.REGULAR]
-    places = np.concatenate([one.positions for one in regular])
-    variances = np.concatenate([one.variances for one in regular])
+    regular = [claim for claim in claims if claim.kind == HypothesisKind.REGULAR]
+    places = np.concatenate([claim.positions for claim in regular])
+    variances = np.concatenate([claim.variances for claim in regular])
     return Candidates(places, side, variances, None, _fields(claims, places, [True] * len(claims)))
 
 
 def _fields(claims: Sequence[Claims], places: FloatArray, wanted: Sequence[bool]) -> FloatArray:
-    """Give the fields of some sources, shape (k, c); 0 for the others."""
+    """The fields of some sources, shape (k, c); 0 for the others."""
     told = np.zeros((len(claims), len(places)))
     tiles = fields.deal(places, fields.TILE)
-    for one, field, is_wanted in zip(claims, told, wanted, strict=True):
+    for claim, field, is_wanted in zip(claims, told, wanted, strict=True):
         if is_wanted:
-            variances = np.maximum(one.variances, NARROWEST**2)
-            given = (one.positions, one.likelihoods, variances, one.single)
-            tail = 0.0 if one.kind == HypothesisKind.NULL else TAIL
+            variances = np.maximum(claim.variances, NARROWEST**2)
+            given = (claim.positions, claim.likelihoods, variances, claim.single)
+            tail = 0.0 if claim.kind == HypothesisKind.NULL else TAIL
             fields.spread_out(places, tiles, *given, tail, field)
     return told

@@ -87,7 +87,7 @@ class Report:
     @property
     def notes(self) -> tuple[tuple[str, str], ...]:
         """Every (source, remark) on a newest cloud."""
-        return tuple((name, note) for name, one in self.sources.items() for note in one.notes)
+        return tuple((name, note) for name, report in self.sources.items() for note in report.notes)
 
 
 @dataclass(slots=True)

@@ -139,7 +139,7 @@ def _room(entries: int, forces: int, *, places: bool) -> Columns:
 
 
 def _most(old: Sequence[Range], new: Sequence[Range]) -> tuple[int, int]:
-    """Give the most entries and rows of forces that a merge can leave."""
+    """The most entries and rows of forces that a merge can leave."""
     rows = forces = 0
     for (begin, end, force), (new_begin, new_end, new_force) in zip(old, new, strict=True):
         most = end - begin + new_end - new_begin

@@ -4,10 +4,8 @@ from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 from contactfusion import HypothesisCloud, HypothesisKind, Integrator
-from contactfusion.explaining.account import Account
-from contactfusion.explaining.accounting import account_of
-from contactfusion.explaining.moment import Moment, moment_at
-from contactfusion.explaining.settings import Settings
+from contactfusion.explain.explanation import Explanation, explanation_of
+from contactfusion.explain.moment import Moment, Settings, moment_at
 from contactfusion.pipeline import Step
 from contactfusion.surface import Surface
 from tests.clouds import NULL, REGULAR, SUPPORT, law
@@ -45,19 +43,17 @@ def moment(*rounds: Round, **options: Any) -> Moment:
 
 
 def settings(timeouts: Mapping[str, float] | None = None, **config: Any) -> Settings:
-    integrator = Integrator(law(**config))
-    parts = integrator.rule.config, integrator.condensation.config
-    return Settings(integrator.config, *parts, timeouts or {})
+    return Settings(law(**config), timeouts or {})
 
 
-def account(
+def explanation(
     *rounds: Round,
     at: Sequence[float] | None = None,
     plugs: Mapping[str, HypothesisKind] = PLUGS,
     timeouts: Mapping[str, float] | None = None,
     surface: Surface | None = None,
     **config: Any,
-) -> Account:
+) -> Explanation:
     """Give the account of the last step."""
     then = moment(*rounds, plugs=plugs, timeouts=timeouts, surface=surface, **config)
-    return account_of(then, settings(timeouts, **config), at)
+    return explanation_of(then, settings(timeouts, **config), at)

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
-from contactfusion.recordings.messages import message
+from contactfusion.readings.messages import message
 from tests.ros_bags import SECOND, Said, joints, top, transforms, vector
 from tests.urdfs import joint, link, written
 

@@ -12,7 +12,7 @@ import numpy as np
 import yaml
 
 from contactfusion.arrays import FloatArray
-from contactfusion.recordings.messages import message
+from contactfusion.readings.messages import message
 from tests.ros_bags import SECOND, Said, joints, top, transforms
 from tests.urdfs import joint, link
 

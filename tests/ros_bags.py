@@ -7,7 +7,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from contactfusion.recordings.messages import header, message, typestore
+from contactfusion.readings.messages import header, message
+from contactfusion.recordings.messages import typestore
 
 rosbag1 = pytest.importorskip("rosbags.rosbag1")
 rosbag2 = pytest.importorskip("rosbags.rosbag2")

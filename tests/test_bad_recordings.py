@@ -14,9 +14,8 @@ import pytest
 
 from contactfusion.errors import ContactFusionError, RecordingError, WritingError
 from contactfusion.readings import Reading
-from contactfusion.recordings.messages import typestore
+from contactfusion.recordings.messages import reading_messages, typestore
 from contactfusion.recordings.opening import open_recording
-from contactfusion.recordings.reading_messages import reading_messages
 from contactfusion.recordings.recording import Window
 from contactfusion.recordings.ros import RosConfig, RosRecording
 from contactfusion.recordings.ros.order import LONGEST_LEAP, LONGEST_PAUSE

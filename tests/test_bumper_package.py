@@ -2,17 +2,13 @@
 
 import json
 import os
-import shutil
-import subprocess
-import sys
-import sysconfig
-import venv
 from pathlib import Path
 from typing import Any
 
 import pytest
 
-BUMPER = Path(__file__).parents[1] / "examples" / "bumper"
+from tests.strangers import EXAMPLES, Stranger
+
 RUN = """
 import json, numpy as np, contactfusion_bumper
 from contactfusion import Pipeline, PipelineConfig
@@ -35,47 +31,13 @@ print(json.dumps([contacts, listed["bumper"], contactfusion_bumper.__file__]))
 """
 
 
-class Stranger:
-    """An environment of its own that has the bumper installed and borrows everything else."""
-
-    def __init__(self, folder: Path) -> None:
-        self.source, self.home = folder / "bumper", folder / "env"
-        shutil.copytree(BUMPER, self.source, ignore=shutil.ignore_patterns("build", "*.egg-info"))
-        venv.create(self.home, symlinks=True)
-        paths = {"base": str(self.home), "platbase": str(self.home)}
-        site = Path(sysconfig.get_path("purelib", scheme="venv", vars=paths))
-        borrowed = sysconfig.get_path("purelib")
-        (site / "borrowed.pth").write_text(f"import site; site.addsitedir({borrowed!r})\n")
-        self.python = self.home / "bin" / "python"
-        pip = [sys.executable, "-m", "pip", "--disable-pip-version-check", "--quiet"]
-        offline = ["--no-deps", "--no-index"]
-        wheels = ["--wheel-dir", str(folder), "--no-build-isolation", str(self.source)]
-        subprocess.run([*pip, "wheel", *offline, *wheels], check=True)
-        (wheel,) = folder.glob("*.whl")
-        target = ["--python", str(self.python), "install"]
-        subprocess.run([*pip, *target, *offline, str(wheel)], check=True)
-
-    def run(self, *arguments: str) -> str:
-        given = {**os.environ, "PYTEST_DISABLE_PLUGIN_AUTOLOAD": "1"}
-        given.pop("PYTHONPATH", None)
-        done = subprocess.run(
-            [str(self.python), *arguments],
-            check=True,
-            capture_output=True,
-            text=True,
-            cwd=self.source,
-            env=given,
-        )
-        return done.stdout
-
-
 @pytest.fixture(scope="module")
 def stranger(tmp_path_factory: pytest.TempPathFactory) -> Stranger:
-    return Stranger(tmp_path_factory.mktemp("stranger"))
+    return Stranger(EXAMPLES / "bumper", tmp_path_factory.mktemp("stranger"))
 
 
 def test_its_bumper_finds_the_contact_by_configuration_alone(stranger: Stranger) -> None:
-    told: Any = json.loads(stranger.run("-I", "-c", RUN))
+    told: Any = json.loads(stranger.run("-P", "-c", RUN))
     (before, during, after), distribution, file = told
     assert before == after == []
     ((position, shares, frame),) = during

@@ -19,14 +19,17 @@ from contactfusion.integrator.config import PARTS, IntegratorConfig
 from contactfusion.pipeline_config import PipelineConfig
 from contactfusion.plugins import installed_plugins
 from contactfusion.readings import JointState, TactileImage, Wrench
+from contactfusion.readings.canvas import Canvas
+from contactfusion.readings.codec import Codec
 from contactfusion.robots.description import RobotConfig
 from contactfusion.robots.model import RobotModel
 from contactfusion.robots.posed import PosedRobot
 from contactfusion.run.configuration import RunConfig
 from contactfusion.run.execute import run_file
-from contactfusion.testing import example_reading
+from contactfusion.testing import check_codec, example_reading
 from contactfusion.yaml_files import read_yaml
 from scripts import links
+from tests.kinds import Stranger, codec_of, installed
 
 ROOT = Path(__file__).resolve().parents[1]
 CONFIGURATION = ROOT / "docs" / "configuration.md"
@@ -130,6 +133,41 @@ def test_the_example_of_the_first_fusion_prints_what_it_says(
     exec(python_of("first_fusion.md"), {})
     contact, without = capsys.readouterr().out.splitlines()
     assert "likelihood 0.90" in contact and without == "()"
+
+
+@pytest.fixture
+def stranger(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Stranger]:
+    with installed(tmp_path, monkeypatch) as found:
+        yield found
+
+
+def test_the_kind_of_reading_of_the_page_on_plugins_keeps_the_contract(
+    stranger: Stranger,
+) -> None:
+    pytest.importorskip("rosbags")
+    blocks = re.findall(
+        r"^```(python|toml)\n(.*?)^```",
+        (ROOT / "docs" / "plugins.md").read_text(),
+        re.MULTILINE | re.DOTALL,
+    )
+    (code,) = (text for language, text in blocks if language == "python" and "cf.Codec" in text)
+    (point,) = (text for language, text in blocks if "contactfusion_readings" in text)
+    (name, value) = re.findall(r'^(\w+) = "(.+)"$', point, re.MULTILINE)[0]
+    assert value == "my_sensor:WarmthCodec"
+    stranger.add(name, f"{code}\n\nTheCodec = WarmthCodec\n")
+    check_codec(type(codec_of(name)))
+    assert len(code.split("class WarmthColumns")[1].splitlines()) < 40
+
+
+def test_the_page_on_plugins_names_every_member_of_a_codec() -> None:
+    text = (ROOT / "docs" / "plugins.md").read_text()
+    members = {name for name in vars(Codec) if not name.startswith("_")} - {"is_drawn"}
+    assert {
+        name for name in members if not re.search(rf"`[^`\n]*\b{name}\b|self.{name}", text)
+    } == set()
+    assert {name for name in vars(Canvas) if not name.startswith("_")} <= set(
+        re.findall(r"`(\w+)`", text)
+    )
 
 
 def test_the_live_loop_reports_a_push_and_stops_the_robot(

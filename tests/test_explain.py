@@ -8,7 +8,7 @@ import pytest
 
 from contactfusion import HypothesisCloud, Pipeline, PipelineConfig, Wrench
 from contactfusion.errors import TimeError
-from contactfusion.explain import explain_fusion, explain_moment
+from contactfusion.explain.text import explain_fusion, explain_moment
 from tests.clouds import HERE, NULL, SUPPORT, THERE, cloud, fused
 
 

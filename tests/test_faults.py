@@ -13,12 +13,12 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from contactfusion import Pipeline, PipelineConfig, Reading, Step
+from contactfusion.arrays import FloatArray
 from contactfusion.errors import ConfigurationError
-from contactfusion.fault_values import added, changes, moved, repeated, zeroed
 from contactfusion.faults import FAULTS, Fault, Faults, read_faults
 from contactfusion.frames import pose_at
 from contactfusion.readings import (
-    READING_TYPES,
+    BUILT_IN,
     DepthImage,
     JointCommand,
     JointState,
@@ -31,7 +31,11 @@ from contactfusion.readings import (
     Twist,
     Wrench,
 )
+from contactfusion.readings.registry import installed_kinds
+from contactfusion.readings.values import Values
 from tests.toys import offer_toys, point, wrench
+
+READING_TYPES = {codec.name: codec.kind for codec in BUILT_IN}
 
 PAGE = Path(__file__).resolve().parents[1] / "docs" / "faults.md"
 NO_TURN = np.array([0.0, 0.0, 0.0, 1.0])
@@ -78,6 +82,24 @@ AMOUNTS: dict[str, list[float]] = {
 SPECIAL = {"switch", "odometry", "transform", "object_pose", "depth_image"}
 """Not all their values are zero when a driver sends zeros."""
 MOVABLE = ("wrench", "twist", "odometry", "transform", "object_pose", "point_cloud", "markers")
+
+
+def values_of(reading: Reading) -> Values[Any]:
+    codec = installed_kinds().of(type(reading))
+    assert codec is not None
+    return codec.values
+
+
+def zeroed(reading: Reading) -> Any:
+    return values_of(reading).zeroed(reading)
+
+
+def repeated(reading: Reading, other: Reading, elements: Any = None) -> Any:
+    return values_of(reading).repeated(reading, other, elements)
+
+
+def moved(reading: Reading, pose: FloatArray) -> Any:
+    return values_of(reading).moved(reading, pose)
 
 
 def made(kind: str, stamp: float = 0.0, sensor: str = "it", **fields: Any) -> Any:
@@ -334,7 +356,8 @@ def test_sensors_without_a_name_are_stuck_each_at_its_own_value() -> None:
 
 def biased(kind: str, amount: Sequence[float], elements: Any = None, **fields: Any) -> Any:
     reading = made(kind, **fields)
-    return added(reading, changes(reading, amount, elements))
+    values = values_of(reading)
+    return values.added(reading, values.changes(reading, amount, elements))
 
 
 def test_a_bias_of_a_wrench_is_a_force_and_a_torque() -> None:

@@ -14,7 +14,7 @@ from contactfusion.errors import ConfigurationError, RobotError
 from contactfusion.inspect.first_configuration import write_first
 from contactfusion.pipeline_config import PipelineConfig
 from contactfusion.plugins import installed_plugins
-from contactfusion.recordings.messages import message
+from contactfusion.readings.messages import message
 from contactfusion.run.configuration import RunConfig
 from contactfusion.run.execute import run_file
 from tests.first_bags import arm, cloud, pressed

@@ -28,6 +28,7 @@ DATA = (
     "model",
     "nearest",
     "readings",
+    "reason",
     "surface",
     "time",
     "units",
@@ -41,7 +42,6 @@ CORE = {
     "controllers",
     "estimate",
     "extras",
-    "fault_values",
     "faults",
     "frames",
     "generator",
@@ -82,6 +82,11 @@ FORBIDDEN = {
     "contactfusion/robots": {
         *PIPELINE,
         *("controller", "controllers", "generator", "generators", "integrator", "plugins"),
+    },
+    "contactfusion/readings": {
+        *PIPELINE,
+        *("controller", "controllers", "faults", "generator", "generators", "integrator"),
+        *("robot_state", "robots", "state"),
     },
     "contactfusion": {"controllers", "generators"},
 }
@@ -199,10 +204,30 @@ def test_imports_are_found_where_they_hide() -> None:
     assert set(runtime_imports(tree)) == {"typing", "typing.TYPE_CHECKING", "b", "b.c", "d.e"}
 
 
-@pytest.mark.parametrize("name", DATA)
-def test_data_types_import_data_types_only(name: str) -> None:
-    source = (ROOT / "contactfusion" / f"{name}.py").read_text()
-    assert {found.split(".")[0] for found in imported_by(source)} <= {*DATA, "frames"}
+def modules_of(name: str) -> list[Path]:
+    """The module of a name, or those of the folder of that name."""
+    path = ROOT / "contactfusion" / name
+    return sorted(path.glob("*.py")) if path.is_dir() else [path.with_suffix(".py")]
+
+
+@pytest.mark.parametrize(
+    "path", [path for name in DATA for path in modules_of(name)], ids=lambda path: path.stem
+)
+def test_data_types_import_data_types_only(path: Path) -> None:
+    finders = {"plugins"} if path.parts[-2:] == ("readings", "registry.py") else set()
+    found = {name.split(".")[0] for name in imported_by(path.read_text())}
+    assert found <= {*DATA, "frames", *finders}
+
+
+def test_only_what_needs_all_kinds_of_reading_imports_their_registry() -> None:
+    """Else a kind, or what a plug-in extends, would find plug-ins when it is imported."""
+    users = {
+        module_name(path).removeprefix("contactfusion.")
+        for path in framework()
+        if "readings.registry" in imported_by(path.read_text())
+    }
+    inner = {"controllers", "generator", "generators", "integrator", "readings", "robots", "state"}
+    assert not {user for user in users if user.split(".")[0] in inner}
 
 
 def arrows_of(folder: str) -> set[str]:

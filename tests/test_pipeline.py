@@ -1,17 +1,21 @@
 """The way of a reading through the pipeline, with toy generators."""
 
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from contactfusion import Pipeline, PipelineConfig, Reading, Step
+from contactfusion import HypothesisCloud, Pipeline, PipelineConfig, Reading, State, Step
+from contactfusion.assembly import AnyGenerator
 from contactfusion.errors import ConfigurationError, PluginError, SourceError
 from contactfusion.hypotheses import HypothesisKind
 from contactfusion.integrator.sources import EventKind
+from contactfusion.pipeline import asked
 from contactfusion.readings import JointState, Odometry, PointCloud
+from contactfusion.robot_state import Robot
 from tests.toys import Echo, offer_toys, point, wrench
 
 FRONT = (0.1025, 0.0025, 0.0025)
@@ -65,6 +69,37 @@ def test_a_cloud_in_the_frame_of_a_sensor_ends_up_in_that_of_the_space() -> None
     assert contact.frame == "base"
     assert contact.position == pytest.approx([1.5025, 0.0, 0.0], abs=0.003)
     assert contact.force == pytest.approx([1.0, 0.0, 0.0])
+
+
+def test_clouds_of_other_stamps_take_the_frames_of_these_and_build_no_state(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    built: list[float] = []
+    at = Robot._at
+
+    def counted(robot: Robot, stamp: float) -> State:
+        built.append(stamp)
+        return at(robot, stamp)
+
+    monkeypatch.setattr(Robot, "_at", counted)
+
+    def lagging(
+        generator: AnyGenerator, reading: Reading, state: State
+    ) -> Sequence[HypothesisCloud]:
+        (cloud,) = asked(generator, reading, state)
+        return [replace(cloud, stamp=reading.stamp - lag) for lag in (1.0, 0.5, 0.0)]
+
+    integrator: Any = {"frame": "odom", "timeout": 9.0}
+    config = PipelineConfig(generators={"eye": ECHO}, integrator=integrator)
+    heard: list[HypothesisCloud] = []
+    pipe = Pipeline(config, ask=lagging, tell=heard.append)
+    for reading in (driven(0.0, 0.0), driven(1.0, 8.0), point(1.0, *LEFT), point(1.0, *FRONT)):
+        pipe.receive(reading)
+    pipe.step(1.0)
+    pipe.state(1.0)
+    forward = [cloud.positions[0, 0] - LEFT[0] for cloud in heard[:3]]
+    assert forward == pytest.approx([0.0, 4.0, 8.0])
+    assert built == [1.0]
 
 
 def test_a_cloud_in_an_unknown_frame_is_counted_and_named_and_hurts_nobody() -> None:

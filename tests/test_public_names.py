@@ -14,6 +14,9 @@ ROOT = Path(__file__).parents[1]
 OURS = ("contactfusion", "contactfusion_lab")
 PUBLIC = {
     *("Arrival", "Facts", "Model", "Observer", "Stream", "Verdict", "play"),
+    *("Contacts", "Field", "Reason"),
+    *("Canvas", "Codec", "ColumnsConfig", "ElementValues", "PointValues", "Role", "Values"),
+    *("check_codec", "message"),
     *("Command", "Condensation", "Contact", "ContactFusionError", "ContactHypothesis"),
     *("Controller", "Decision", "DepthImage", "Fusion", "Generator", "GeneratorConfig", "Grid"),
     *("HypothesisCloud", "HypothesisKind", "Integrator", "IntegratorConfig", "JointCommand"),

@@ -22,7 +22,7 @@ from contactfusion.errors import (
 from contactfusion.hypotheses import HypothesisKind
 from contactfusion.pipeline import Step
 from contactfusion.readings import (
-    READING_TYPES,
+    BUILT_IN,
     DepthImage,
     JointCommand,
     JointState,
@@ -37,6 +37,7 @@ from contactfusion.readings import (
     Twist,
     Wrench,
 )
+from contactfusion.readings.messages import known_types
 from contactfusion.recordings.mcap import McapWriter
 from contactfusion.recordings.messages import typestore
 from contactfusion.recordings.ros import RosConfig, RosRecording
@@ -50,6 +51,8 @@ from tests.mcap_files import (
     read_by_rosbags,
     rosbag2,
 )
+
+READING_TYPES = {codec.name: codec.kind for codec in BUILT_IN}
 
 EPOCH = 1_700_000_000_123_456_789
 AT: dict[str, Any] = {"stamp": 0.25, "frame": "base"}
@@ -579,6 +582,7 @@ def test_without_rosbags_it_says_what_to_install(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     typestore.cache_clear()
+    monkeypatch.setattr("contactfusion.recordings.messages.known_types", known_types.__wrapped__)
     monkeypatch.setitem(sys.modules, "rosbags.typesys", None)
     with pytest.raises(DependencyError) as caught:
         McapWriter(tmp_path / "a.mcap")

@@ -12,10 +12,11 @@ import pytest
 
 from contactfusion.errors import ConfigurationError, DependencyError, RecordingError
 from contactfusion.readings import JointState, Odometry, PointCloud, Reading, Transform, Wrench
+from contactfusion.readings.messages import known_types, message
 from contactfusion.recordings import ouster
 from contactfusion.recordings.log import LONGEST_FALL
 from contactfusion.recordings.mcap import McapWriter
-from contactfusion.recordings.messages import message, typestore
+from contactfusion.recordings.messages import typestore
 from contactfusion.recordings.opening import open_recording
 from contactfusion.recordings.recording import RawMessage
 from contactfusion.recordings.ros import RosConfig, RosRecording
@@ -587,6 +588,7 @@ def test_without_rosbags_it_says_what_to_install(
 ) -> None:
     path = mcap(tmp_path, [("/wrist", 0, wrench())])
     typestore.cache_clear()
+    monkeypatch.setattr("contactfusion.recordings.messages.known_types", known_types.__wrapped__)
     monkeypatch.setitem(sys.modules, "rosbags.typesys", None)
     with pytest.raises(DependencyError, match=r"pip install 'contactfusion\[record\]'"):
         opened(path)

@@ -5,14 +5,15 @@ from typing import Any
 import pytest
 
 from contactfusion.errors import RecordingError
+from contactfusion.readings import BUILT_IN
+from contactfusion.readings.depth_image import CAMERA_INFO, IMAGE
 from contactfusion.recordings.ros.channels import is_standard, ros2_text, types_in
-from contactfusion.recordings.ros.readings import CAMERA_INFO, IMAGE, MAKERS, POSE, TRANSFORMS
 
 interfaces = pytest.importorskip("rosbags.interfaces")
 typesys = pytest.importorskip("rosbags.typesys")
 
 MSG, IDL = interfaces.MessageDefinitionFormat.MSG, interfaces.MessageDefinitionFormat.IDL
-READ = [*MAKERS, POSE, TRANSFORMS, IMAGE, CAMERA_INFO]
+READ = [*(msgtype for codec in BUILT_IN for msgtype in codec.messages), CAMERA_INFO]
 IDL_TEXT = """module my_msgs { module msg {
   struct Level { float height; sequence<uint8> data; };
 }; };

@@ -12,7 +12,7 @@ import pytest
 
 from contactfusion.errors import RecordingError
 from contactfusion.readings import (
-    READING_TYPES,
+    BUILT_IN,
     DepthImage,
     JointCommand,
     JointState,
@@ -27,9 +27,9 @@ from contactfusion.readings import (
     Twist,
     Wrench,
 )
+from contactfusion.readings.messages import message
+from contactfusion.readings.point_cloud import points_of
 from contactfusion.recordings.mcap import McapWriter
-from contactfusion.recordings.messages import message
-from contactfusion.recordings.range_messages import points_of
 from contactfusion.recordings.ros import RosConfig, RosRecording
 from tests.ros_bags import (
     EPOCH,
@@ -44,6 +44,8 @@ from tests.ros_bags import (
     vector,
     wrench,
 )
+
+READING_TYPES = {codec.name: codec.kind for codec in BUILT_IN}
 
 POINTS = np.array([[0.5, -0.25, 1.0], [np.nan, np.nan, np.nan], [2.0, 3.0, -4.0], [0.0, 0.0, 0.5]])
 NUMBERS = {"f4": 7, "f8": 8, "u2": 4}

@@ -341,7 +341,7 @@ def test_the_configuration_stays_with_the_contacts(config: Path, recording: Path
     )
     setting = setting_of_recording(out)
     assert setting.config().integrator.threshold == 0.2
-    assert setting.told == {"hand": "/wrist"}
+    assert setting.topics == {"hand": "/wrist"}
     assert setting.folder.resolve() == config.parent.resolve()
     steps = list(Session(setting, out).steps())
     assert sum(len(step.fusion.contacts) for step in steps) == 10

@@ -262,7 +262,7 @@ def test_a_recording_of_former_days_is_played_though_its_configuration_lay_elsew
 )  # fmt: skip
 def test_a_topic_that_no_replay_wrote_is_told_in_one_sentence(kept: Any, tmp_path: Path) -> None:
     path = recorded(tmp_path, kept)
-    assert said(path).startswith(f"{path}: {TOPIC} is not what a replay writes: ")
+    assert said(path).startswith(f"{path}: {TOPIC} is not what a run writes: ")
 
 
 def test_a_recording_names_files_of_this_package_wherever_it_is_installed(beside: Path) -> None:

@@ -12,8 +12,10 @@ from pydantic import Field
 from contactfusion import Grid, State
 from contactfusion.generator import Generator, GeneratorConfig
 from contactfusion.hypotheses import HypothesisCloud, HypothesisKind
-from contactfusion.readings import READING_TYPES, PointCloud, Reading, Switch, Wrench
+from contactfusion.readings import BUILT_IN, PointCloud, Reading, Switch, Wrench
 from contactfusion.testing import ConformanceError, check_generator, example_reading
+
+READING_TYPES = {codec.name: codec.kind for codec in BUILT_IN}
 
 REGULAR, NULL = HypothesisKind.REGULAR, HypothesisKind.NULL
 Clouds = Sequence[HypothesisCloud]

@@ -19,11 +19,12 @@ from hypothesis import strategies as st
 
 from contactfusion.errors import RecordingError
 from contactfusion.readings import Wrench
+from contactfusion.readings.depth_image import depth_of
+from contactfusion.readings.messages import message
+from contactfusion.readings.point_cloud import points_of
 from contactfusion.recordings import ouster_converter
-from contactfusion.recordings.messages import message, typestore
+from contactfusion.recordings.messages import typestore
 from contactfusion.recordings.opening import open_recording
-from contactfusion.recordings.range_messages import points_of
-from contactfusion.recordings.ros.images import depth_of
 from contactfusion.recordings.ros.readers import bound_rosbags
 from contactfusion.unpacking import SMALL, TIMES, Unpacker, most_bytes, unpacked
 from tests.ros_bags import image, rosbag1, rosbag2, top, wrench

@@ -33,9 +33,10 @@ from contactfusion.readings import (
     Twist,
     Wrench,
 )
+from contactfusion.readings.canvas import ramp
 from contactfusion.view.layout import FIELD_OF_VIEW, Extent
 from contactfusion.view.plot import plot_fusion
-from contactfusion.view.recorder import ROBOT, VOXELS, ramp
+from contactfusion.view.recorder import ROBOT, VOXELS
 from contactfusion.view.show import program, quiet_environment, screenshot, show
 from contactfusion.view.viewer import Viewer
 from tests.clouds import HERE, NULL, SUPPORT, THERE, cloud, fused

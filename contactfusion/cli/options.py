@@ -13,7 +13,7 @@ Configured = Annotated[
     Path | None,
     typer.Option(
         "--config",
-        help="The configuration (YAML); default: the one that `run` stored in the recording.",
+        help="The configuration (YAML); default: what `run` stored in the recording.",
     ),
 ]
 Topics = Annotated[
@@ -52,23 +52,23 @@ View = Annotated[bool, typer.Option("--view", help="Open the viewer at the end."
 
 
 def roles(topics: list[str] | None) -> dict[str, str]:
-    """Give the topic of each role.
+    """The topic of each role.
 
     Args:
         topics: each as ROLE=/NAME.
 
     Raises:
-        ConfigurationError: one is not.
+        ConfigurationError: an option is not.
     """
-    told = {}
+    chosen = {}
     for text in topics or []:
         role, _, name = text.partition("=")
         if not (role and name):
             raise ConfigurationError(f"--topic takes ROLE=/NAME, not '{text}'")
-        told[role] = name
-    return told
+        chosen[role] = name
+    return chosen
 
 
 def listed(names: str) -> list[str]:
-    """Give names that stand with commas between them."""
+    """Names that are separated by commas."""
     return [name.strip() for name in names.split(",") if name.strip()]

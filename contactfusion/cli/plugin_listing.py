@@ -12,7 +12,13 @@ from pydantic import BaseModel
 from rich.console import Console
 from rich.table import Table
 
-from contactfusion.errors import ConfigurationError, ContactFusionError, PluginError, name_hint
+from contactfusion.errors import (
+    ConfigurationError,
+    ContactFusionError,
+    PluginError,
+    cause_of,
+    name_hint,
+)
 from contactfusion.hooks import GROUP
 from contactfusion.plugins import (
     KINDS,
@@ -23,6 +29,11 @@ from contactfusion.plugins import (
     installed_plugins,
     refuse,
 )
+from contactfusion.readings.codec import Codec
+from contactfusion.readings.registry import Kinds, installed_kinds
+
+READING = "reading"
+"""What is listed as the kind of a plug-in that is a kind of reading."""
 
 
 def list_plugins(
@@ -49,10 +60,14 @@ def list_plugins(
     for plugin in commands:
         words = plugin.name.replace(".", " ")
         table.add_row(words, "command", declared_purpose(plugin.module), plugin.distribution)
+    kinds = installed_kinds()
+    for plugin in kinds.listing():
+        table.add_row(plugin.name, READING, declared_purpose(plugin.module), plugin.distribution)
     console = Console(markup=False, highlight=False)
     console.print(table)
     found = dict(_strict_failures(plugins)) if strict else dict(plugins.failures)
     found |= command_failures or {}
+    found |= dict(_strict_failures_of_kinds(kinds)) if strict else kinds.failures
     for name, why in found.items():
         console.print(f"{name} cannot be used: {why}", soft_wrap=True)
     if strict and found:
@@ -71,16 +86,32 @@ def describe_plugin(name: str) -> None:
     for kind in KINDS:
         cls = plugins.offers(kind).get(name)
         if cls is not None:
-            one = kind.removesuffix("s")
-            console.print(f"{name} ({one}): {_first_line(cls.__doc__)}", highlight=False)
+            word = kind.removesuffix("s")
+            console.print(f"{name} ({word}): {_first_line(cls.__doc__)}", highlight=False)
             if hasattr(cls, "Config"):
                 refuse(name, cls, class_fault(cls, object, BaseModel))
                 console.print(_options(cls.Config))
             return
+    if codec := installed_kinds().find(name):
+        _describe_kind(codec, console)
+        return
     if name in plugins.failures:
         raise PluginError(f"the plug-in '{name}' cannot be used: {plugins.failures[name]}")
     known = [key for kind in KINDS for key in plugins.offers(kind)]
     raise PluginError(f"there is no plug-in '{name}'; {name_hint(name, known, 'plug-ins')}")
+
+
+def _describe_kind(codec: Codec[Any], console: Console) -> None:
+    """Print what a kind of reading is: its ROS messages, and the columns of a log."""
+    console.print(f"{codec.name} ({READING}): {_first_line(codec.__doc__)}", highlight=False)
+    console.print(f"ROS messages: {', '.join(codec.messages) or 'none'}", highlight=False)
+    if codec.definition:
+        console.print(codec.definition.strip(), highlight=False, soft_wrap=True)
+    if codec.Columns is None:
+        console.print("a log can't hold it")
+    else:
+        console.print(f"columns of a log: {_first_line(codec.Columns.__doc__)}", highlight=False)
+        console.print(_options(codec.Columns))
 
 
 def declared(plugin: Plugin) -> tuple[str, str]:
@@ -156,7 +187,7 @@ def _spec(module: str) -> ModuleSpec | None:
     for depth in range(1, len(names) + 1):
         name = ".".join(names[:depth])
         found = (finder.find_spec(name, path) for finder in sys.meta_path)
-        spec = next((one for one in found if one is not None), None)
+        spec = next((spec for spec in found if spec is not None), None)
         if spec is None:
             return None
         path = spec.submodule_search_locations
@@ -179,6 +210,21 @@ def _strict_failures(plugins: Plugins) -> Iterator[tuple[str, str]]:
                 continue  # it says which options it needs
             except ContactFusionError as error:
                 yield name, str(error).removeprefix(f"the plug-in '{name}' cannot be used: ")
+
+
+def _strict_failures_of_kinds(kinds: Kinds) -> Iterator[tuple[str, str]]:
+    """Import all kinds of reading, make an example of each, and give why some cannot be used."""
+    codecs = kinds.load()
+    yield from kinds.failures.items()
+    for codec in codecs:
+        title = kinds.title(codec)
+        try:
+            example = codec.example(0.0, 1.0)
+        except (Exception, SystemExit) as error:
+            yield title, f"`example` raised {cause_of(error, type(codec))}"
+        else:
+            if not isinstance(example, codec.kind):
+                yield title, f"`example` gives {example!r}, not a {codec.kind.__name__}"
 
 
 def _build(kind: str, name: str) -> None:
@@ -221,12 +267,12 @@ def _add_options(table: Table, model: type[BaseModel], prefix: str) -> None:
     for name, field in model.model_fields.items():
         inner = next((a for a in _types(field.annotation) if issubclass(a, BaseModel)), None)
         default = field.get_default(call_default_factory=True, validated_data={})
-        told = "required" if field.is_required() else "" if inner else str(default)
-        table.add_row(prefix + name, told, " ".join((field.description or "").split()))
+        shown = "required" if field.is_required() else "" if inner else str(default)
+        table.add_row(prefix + name, shown, " ".join((field.description or "").split()))
         if inner:
             _add_options(table, inner, f"{prefix}{name}.")
 
 
 def _types(annotation: Any) -> list[type]:
-    """Give the classes that an annotation such as ``X | None`` allows."""
+    """The classes that an annotation such as ``X | None`` allows."""
     return [a for a in (annotation, *get_args(annotation)) if isinstance(a, type)]

@@ -137,10 +137,10 @@ def record(
 
 def plugins(
     context: typer.Context,
-    name: Annotated[str | None, typer.Argument(help="Show the options of this one.")] = None,
-    strict: Annotated[bool, typer.Option(help="Import all; fail if one cannot be used.")] = False,
+    name: Annotated[str | None, typer.Argument(help="Show the options of this plug-in.")] = None,
+    strict: Annotated[bool, typer.Option(help="Import all; fail if any cannot be used.")] = False,
 ) -> None:
-    """List the installed plug-ins, or the options of one."""
+    """List the installed plug-ins, or the options of a plug-in."""
     from contactfusion.cli.plugin_commands import import_failures, installed_commands
     from contactfusion.cli.plugin_listing import describe_plugin, list_plugins
 

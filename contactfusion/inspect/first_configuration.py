@@ -34,8 +34,16 @@ from contactfusion.inspect.inspection import (
 from contactfusion.inspect.log_columns import BLANK, inspect_table, sensor_of, shown
 from contactfusion.inspect.log_columns import described as described_table
 from contactfusion.pipeline_config import PipelineConfig, pipeline_fields
-from contactfusion.readings import JointState, Reading, TactileImage, Wrench
-from contactfusion.recordings.messages import Message, typestore
+from contactfusion.readings import (
+    DepthImage,
+    JointState,
+    PointCloud,
+    Reading,
+    TactileImage,
+    Wrench,
+)
+from contactfusion.readings.messages import Message
+from contactfusion.recordings.messages import typestore
 from contactfusion.recordings.opening import DESCRIBED, is_ros, open_recording
 from contactfusion.recordings.ros.files import Bag
 from contactfusion.recordings.ros.topics import last
@@ -332,32 +340,29 @@ def _uses(
     inspection: Inspection, start: _Start, model: RobotModel | None, space: str
 ) -> Iterator[_Use]:
     """The use of each sensor, in the order of the topics."""
-    self_filtered = "" if model else "it needs the robot: name its URDF by --robot"
+    without_robot = "" if model else "it needs the robot: name its URDF by --robot"
     felt, moving = "", False
     for topic in inspection.topics:
         sensor, name = topic.sensor, _name(topic.sensor)
         lost = _lost(topic, inspection, model, space)
-        match topic.reading:
-            case "Wrench":
-                if felt and model is None and not lost:
-                    lost = f"the `surface` hangs on {felt} alone"
-                felt = felt or ("" if lost else sensor)
-                lines = force_torque_lines(name, sensor, start.wrenches.get(sensor))
-                yield _Use(sensor, tuple(lines), lost)
-            case "PointCloud":
-                yield _Use(sensor, tuple(range_lines(name, sensor, "")), self_filtered or lost)
-            case "TactileImage":
-                lines = tactile_lines(name, sensor, start.channels.get(sensor, 1))
-                yield _Use(sensor, tuple(lines), "say where its taxels are, under `patch`")
-            case "DepthImage":
-                why = "it forbids contacts: make sure of the camera's place before"
-                lines = free_space_lines(name, sensor, "")
-                yield _Use(sensor, tuple(lines), self_filtered or lost or why)
-            case "JointState" if model and not moving:
-                moving = True
-                yield _Use(sensor, tuple(motion_lines(name, sensor)))
-            case _:
-                pass
+        if topic.reading == Wrench.__name__:
+            if felt and model is None and not lost:
+                lost = f"the `surface` hangs on {felt} alone"
+            felt = felt or ("" if lost else sensor)
+            lines = force_torque_lines(name, sensor, start.wrenches.get(sensor))
+            yield _Use(sensor, tuple(lines), lost)
+        elif topic.reading == PointCloud.__name__:
+            yield _Use(sensor, tuple(range_lines(name, sensor, "")), without_robot or lost)
+        elif topic.reading == TactileImage.__name__:
+            lines = tactile_lines(name, sensor, start.channels.get(sensor, 1))
+            yield _Use(sensor, tuple(lines), "say where its taxels are, under `patch`")
+        elif topic.reading == DepthImage.__name__:
+            why = "it forbids contacts: make sure of the camera's place before"
+            lines = free_space_lines(name, sensor, "")
+            yield _Use(sensor, tuple(lines), without_robot or lost or why)
+        elif topic.reading == JointState.__name__ and model and not moving:
+            moving = True
+            yield _Use(sensor, tuple(motion_lines(name, sensor)))
 
 
 def _name(sensor: str) -> str:

@@ -12,17 +12,19 @@ from typing import TypedDict, final
 
 from contactfusion.errors import RecordingError
 from contactfusion.plugins import installed_plugins
-from contactfusion.readings import JointState, Odometry, Reading, Transform
+from contactfusion.readings import Reading, Transform
+from contactfusion.readings.messages import Message
+from contactfusion.readings.poses import STATIC, TRANSFORMS
+from contactfusion.readings.registry import installed_kinds
 from contactfusion.recordings.log import LONGEST_FALL
-from contactfusion.recordings.messages import Message, typestore
+from contactfusion.recordings.messages import typestore
 from contactfusion.recordings.opening import is_ros, open_recording
 from contactfusion.recordings.recording import Recording
 from contactfusion.recordings.ros import RosRecording
 from contactfusion.recordings.ros.channels import Channel
 from contactfusion.recordings.ros.contents import TRUTH, contents_of, topics_of, why_unread
 from contactfusion.recordings.ros.files import Bag
-from contactfusion.recordings.ros.readings import TRANSFORMS
-from contactfusion.recordings.ros.topics import STATIC, Topic, last, listeners
+from contactfusion.recordings.ros.topics import Topic, last, listeners
 from contactfusion.recordings.step_messages import OURS
 from contactfusion.terminal import followed, progress
 from contactfusion.time import to_nanoseconds, to_seconds
@@ -31,12 +33,6 @@ DECODED = 20
 """Messages of /tf that are decoded, of those that begin alike and are of equal length."""
 SHOWN_EVERY = 1000
 """Messages between two updates of the progress bar."""
-USES: dict[type[Reading], str] = {
-    JointState: "joints of the robot",
-    Odometry: "pose of the base",
-    Transform: "frames",
-}
-"""Uses of readings beside generators."""
 EPOCHS = 1e8
 """Clocks beyond this count from 1970; others from when they started [s]."""
 FAR = 1.0
@@ -362,12 +358,13 @@ def _uses(kind: type[Reading] | None) -> _Uses:
     """The type of the readings, and what takes them."""
     if kind is None:
         return {"reading": "", "generators": (), "use": ""}
+    codec = installed_kinds().of(kind)
     offered = installed_plugins().offers("generators")
     takers = (name for name, cls in offered.items() if issubclass(kind, cls.readings))
     return {
         "reading": kind.__name__,
         "generators": tuple(sorted(takers)),
-        "use": USES.get(kind, ""),
+        "use": codec.use if codec else "",
     }
 
 

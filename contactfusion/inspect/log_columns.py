@@ -13,8 +13,9 @@ import numpy as np
 from contactfusion.arrays import FloatArray
 from contactfusion.errors import RecordingError
 from contactfusion.inspect.first_lines import text_of
+from contactfusion.readings.columns import Column
 from contactfusion.recordings.log import FASTEST, NANOSECONDS, SLOW, stated_unit
-from contactfusion.recordings.tables import Column, Columns, column_names, read_columns
+from contactfusion.recordings.tables import Columns, column_names, read_columns
 from contactfusion.time import NANOSECONDS_PER_SECOND
 
 BLANK = "FILL_IN"

@@ -22,24 +22,26 @@ A log without stamps has ``time: {rate: 240}``; columns without a header are nam
 import logging
 import os
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from functools import partial
 from pathlib import Path
-from typing import Any, Literal, Self, final
+from typing import Annotated, Any, Literal, Self, final
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import Field, model_validator
+from pydantic import BeforeValidator, Field, model_validator
 
 from contactfusion.arrays import FloatArray
-from contactfusion.errors import ConfigurationError, RecordingError
+from contactfusion.errors import ConfigurationError, Guard, RecordingError, name_hint
 from contactfusion.hooks import hookimpl
 from contactfusion.model import Model
-from contactfusion.readings import READING_TYPES, Reading
-from contactfusion.recordings.log_readings import AnyColumns, ColumnsConfig
+from contactfusion.readings import Reading
+from contactfusion.readings.codec import Codec
+from contactfusion.readings.columns import Column, ColumnsConfig
+from contactfusion.readings.registry import installed_kinds
 from contactfusion.recordings.recording import Recording
 from contactfusion.recordings.series import Series, StampArray, even_stamps, first_stamp, merged
-from contactfusion.recordings.tables import AS_FOUND, Column, Columns, TextFormat, read_columns
+from contactfusion.recordings.tables import AS_FOUND, Columns, TextFormat, read_columns
 from contactfusion.time import LONGEST_SECONDS, NANOSECONDS_PER_SECOND
 
 NANOSECONDS = {"s": NANOSECONDS_PER_SECOND, "ms": 1_000_000, "us": 1_000, "ns": 1}
@@ -108,6 +110,29 @@ class TimeConfig(Model):
         return self
 
 
+def _chosen(value: Any) -> Any:
+    """The columns of the kind of reading that is named.
+
+    Raises:
+        ConfigurationError: there is no such kind, or a log can't hold it.
+        PluginError: the plug-in that has it cannot be used.
+    """
+    if isinstance(value, ColumnsConfig):
+        return value
+    if not isinstance(value, Mapping):
+        raise ConfigurationError(f"{value!r} is none; write it as {{type: wrench, frame: …}}")
+    name = str(value.get("type") or "")
+    codec = installed_kinds().find(name)
+    if codec is None or codec.Columns is None:
+        wrong = f"unknown type '{name}'" if name else "this field is required"
+        if codec is not None:
+            wrong, name = f"a log can't hold readings of '{name}'", ""
+        known = [other.name for other in installed_kinds().all() if other.Columns]
+        raise ConfigurationError(f"{wrong}; {name_hint(name, known, 'types')}", "type")
+    with installed_kinds().guard(codec):
+        return codec.Columns(**value)
+
+
 class LogFile(Model):
     """One file of a log."""
 
@@ -119,7 +144,7 @@ class LogFile(Model):
     """Whether the first line has the names of columns; None: if no cell of it is a number."""
     time: TimeConfig
     """The stamps of the rows."""
-    readings: dict[str, AnyColumns] = Field(min_length=1)
+    readings: dict[str, Annotated[ColumnsConfig, BeforeValidator(_chosen)]] = Field(min_length=1)
     """By the name of the sensor: the reading of each row, and its columns."""
 
 
@@ -162,7 +187,7 @@ class LogRecording(Recording):
         self._series = [series for file in files for series in self._read(file, folder)]
         self.epoch_ns = first_stamp(self._series)
         self.topics = {
-            sensor: READING_TYPES[columns.type]
+            sensor: _codec(columns).kind
             for file in files
             for sensor, columns in file.readings.items()
         }
@@ -196,12 +221,13 @@ class LogRecording(Recording):
                     f"{path}: {left_out} of {len(values)} rows give no reading of '{sensor}', "
                     "because a value is missing"
                 )
+            guard = installed_kinds().guard(_codec(config))
             yield Series(
                 origin=str(path),
                 stamps=stamps[usable],
                 values=values[usable],
                 rows=np.flatnonzero(usable) + 1,
-                make=partial(config.reading, sensor),
+                make=partial(_reading, guard, config, sensor),
             )
 
     def _stamps(self, file: LogFile, path: Path, folder: Path, count: int) -> StampArray:
@@ -249,6 +275,26 @@ class LogRecording(Recording):
             raise RecordingError(
                 f"{source}: rows are {step:.5g} s apart; {_unit_meant(step, time)}"
             )
+
+
+def _codec(columns: ColumnsConfig) -> Codec[Any]:
+    """The codec whose columns they are."""
+    codec = installed_kinds().find(columns.type)
+    assert codec is not None  # or its columns would not have been taken
+    return codec
+
+
+def _reading(
+    guard: Guard, columns: ColumnsConfig, sensor: str, stamp: float, row: FloatArray
+) -> Reading:
+    """The reading of one row of a log.
+
+    Raises:
+        InvalidReadingError: no sensor can have given its values.
+        PluginError: the plug-in of its kind makes none.
+    """
+    with guard:
+        return columns.reading({"stamp": stamp, "frame": columns.frame, "sensor": sensor}, row)
 
 
 def _unit_meant(step: float, time: TimeConfig) -> str:

@@ -13,27 +13,21 @@ from contactfusion.errors import RecordingError
 from contactfusion.files import as_writing_error, kept_when_cut, make_folder
 from contactfusion.pipeline import Step
 from contactfusion.readings import Reading, Transform
+from contactfusion.readings.messages import Message, header, message
+from contactfusion.readings.poses import MOVING, STATIC, transforms_message
 from contactfusion.recordings.messages import (
-    Message,
     defined,
-    header,
-    message,
-    recorded_stamp,
-    type_hash,
-    typestore,
-)
-from contactfusion.recordings.range_messages import is_drawn
-from contactfusion.recordings.reading_messages import (
-    MOVING,
-    STATIC,
     reading_messages,
+    recorded_stamp,
     ros_name,
     topic_of,
-    transforms,
+    type_hash,
+    typestore,
 )
 from contactfusion.recordings.step_messages import (
     OURS,
     contact_message,
+    is_drawn,
     marker_message,
     step_messages,
 )
@@ -124,6 +118,7 @@ class McapWriter:
         Raises:
             RecordingError: there is no message for it, its topic is in use by another type, or its
                 stamp is out of the range of ROS.
+            PluginError: the plug-in of its kind makes no message.
             WritingError: the file can't be written.
         """
         topic = topic_of(reading, prefix)
@@ -167,7 +162,7 @@ class McapWriter:
         """
         if frames:
             when = recorded_stamp(stamp, self._epoch_ns)
-            self._write(f"/{STATIC}", transforms(frames, when), when)
+            self._write(f"/{STATIC}", transforms_message(frames, when), when)
 
     def robot_description(self, urdf: str, stamp: float = 0.0) -> None:
         """Write a robot's URDF, the text itself, on /robot_description.

@@ -1,58 +1,43 @@
-"""ROS 2 messages: their types, and the parts that most of them are made of.
+"""Messages of ROS 2 in recordings: the types that are known there, and readings as messages."""
 
-The types come from rosbags (extra `record`); those of `contactfusion_msgs` from the folder `msg`.
-"""
-
-from collections.abc import Iterable
+import re
+from collections.abc import Sequence
 from functools import cache
-from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
-import numpy as np
-
-from contactfusion.arrays import FloatArray
-from contactfusion.errors import RecordingError, missing_extra
+from contactfusion.errors import RecordingError, name_hint
+from contactfusion.readings import Reading
+from contactfusion.readings.messages import Posting, header, known_types
+from contactfusion.readings.registry import installed_kinds
 from contactfusion.time import NANOSECONDS_PER_SECOND, to_nanoseconds
 
 if TYPE_CHECKING:
     from rosbags.typesys.store import Typestore
 
-DEFINITIONS = Path(__file__).parent / "msg"
 LATEST_NS = 2**31 * NANOSECONDS_PER_SECOND
 """Headers hold seconds in 32 bits with a sign: stamps stay below this [ns]."""
-
-Message = Any
-"""A message of any type; rosbags makes their classes at run time."""
-Posting = tuple[str, Message]
-"""A topic, and the message that goes there."""
 
 
 @cache
 def typestore() -> "Typestore":
-    """Give all types of messages, those of ROS 2 Jazzy and our own.
+    """All types of messages: of ROS 2 Jazzy, of this project, and of the kinds of plug-ins.
 
     Raises:
         DependencyError: rosbags is not installed.
     """
-    try:
-        from rosbags.typesys import Stores, get_types_from_msg, get_typestore
-    except ImportError:
-        raise missing_extra("rosbags", "record") from None
-    store = get_typestore(Stores.ROS2_JAZZY)
-    for path in sorted(DEFINITIONS.glob("*.msg")):
-        name = f"contactfusion_msgs/msg/{path.stem}"
-        store.register(get_types_from_msg(path.read_text(encoding="utf-8"), name))
+    store = known_types()
+    installed_kinds().all()  # which adds their definitions
     return store
 
 
 def defined(msgtype: str) -> str:
-    """Give the definition of a type, with those that it is made of.
+    """The definition of a type, with those that it is made of.
 
     Args:
         msgtype: as ROS 2 calls it, e.g. "sensor_msgs/msg/Imu".
 
     Raises:
-        RecordingError: neither ROS 2 nor this project has it.
+        RecordingError: nothing that is installed has it.
     """
     if msgtype not in typestore().types:
         raise RecordingError(f"nothing defines the type {msgtype}")
@@ -61,7 +46,7 @@ def defined(msgtype: str) -> str:
 
 @cache
 def type_hash(msgtype: str, definition: str) -> str:
-    """Give the hash by which ROS 2 knows a type.
+    """The hash by which ROS 2 knows a type.
 
     Raises:
         RecordingError: its definition can't be parsed.
@@ -77,23 +62,8 @@ def type_hash(msgtype: str, definition: str) -> str:
         raise RecordingError(f"the definition of {msgtype} can't be parsed: {reason}") from None
 
 
-def message(kind: str, **fields: object) -> Message:
-    """Give a message.
-
-    Args:
-        kind: its package and name, e.g. "geometry_msgs/Point".
-        fields: all of its fields.
-    """
-    return _type(kind)(**fields)
-
-
-@cache
-def _type(kind: str) -> Any:
-    return typestore().types[kind.replace("/", "/msg/")]
-
-
 def recorded_stamp(seconds: float, epoch_ns: int) -> int:
-    """Give a stamp as recordings hold it, in nanoseconds since 1970.
+    """A stamp as recordings hold it, in nanoseconds since 1970.
 
     Args:
         seconds: since the epoch of the readings [s].
@@ -111,64 +81,47 @@ def recorded_stamp(seconds: float, epoch_ns: int) -> int:
     return stamp
 
 
-def ros_time(stamp: int) -> Message:
-    """Give builtin_interfaces/Time of a stamp [ns]."""
-    sec, nanosec = divmod(stamp, NANOSECONDS_PER_SECOND)
-    return message("builtin_interfaces/Time", sec=sec, nanosec=nanosec)
-
-
-def header(stamp: int, frame: str) -> Message:
-    """Give std_msgs/Header of a stamp [ns] and a frame."""
-    return message("std_msgs/Header", stamp=ros_time(stamp), frame_id=frame)
-
-
-def point(xyz: FloatArray) -> Message:
-    """Give geometry_msgs/Point of shape (3,) [m]."""
-    x, y, z = xyz.tolist()
-    return message("geometry_msgs/Point", x=x, y=y, z=z)
-
-
-def vector(xyz: FloatArray) -> Message:
-    """Give geometry_msgs/Vector3 of shape (3,)."""
-    x, y, z = xyz.tolist()
-    return message("geometry_msgs/Vector3", x=x, y=y, z=z)
-
-
-def quaternion(xyzw: FloatArray) -> Message:
-    """Give geometry_msgs/Quaternion of shape (4,)."""
-    x, y, z, w = xyzw.tolist()
-    return message("geometry_msgs/Quaternion", x=x, y=y, z=z, w=w)
-
-
-def pose(position: FloatArray, orientation: FloatArray) -> Message:
-    """Give geometry_msgs/Pose.
+def reading_messages(reading: Reading, topic: str, stamp: int) -> Sequence[Posting]:
+    """The messages of a reading, each with its topic.
 
     Args:
-        position: shape (3,) [m].
-        orientation: shape (4,), unit quaternion (x, y, z, w).
+        reading: any kind of reading.
+        topic: where it goes; a depth image takes topics below it.
+        stamp: when it was measured [ns].
+
+    Raises:
+        RecordingError: there is no message for this kind of reading.
+        PluginError: the plug-in of its kind makes none.
     """
-    return message(
-        "geometry_msgs/Pose", position=point(position), orientation=quaternion(orientation)
-    )
+    kinds = installed_kinds()
+    codec = kinds.of(type(reading))
+    if codec is None or not codec.messages:
+        known = [codec.kind.__name__ for codec in kinds.all() if codec.messages]
+        hint = name_hint(type(reading).__name__, known, "kinds that have one")
+        raise RecordingError(f"there is no message for a {reading.label}; {hint}")
+    with kinds.guard(codec):
+        return tuple(codec.postings(reading, topic, header(stamp, reading.frame)))
 
 
-def twist(linear: FloatArray | None, angular: FloatArray | None) -> Message:
-    """Give geometry_msgs/Twist; what is not known is NaN, as ROS has no word for it.
+def topic_of(reading: Reading, prefix: str = "") -> str:
+    """The topic of a reading: its sensor, or what kind it is.
+
+    The pose of an object goes by its name; that of a frame goes where ROS looks for it.
 
     Args:
-        linear: shape (3,) [m/s], or None.
-        angular: shape (3,) [rad/s], or None.
+        reading: the reading.
+        prefix: comes first, e.g. "truth".
     """
-    unknown = np.full(3, np.nan)
-    return message(
-        "geometry_msgs/Twist",
-        linear=vector(unknown if linear is None else linear),
-        angular=vector(unknown if angular is None else angular),
-    )
+    kinds = installed_kinds()
+    codec = kinds.of(type(reading))
+    if codec is None:
+        parts: tuple[str, ...] = prefix, reading.sensor or type(reading).__name__
+    else:
+        with kinds.guard(codec):
+            parts = codec.topic(reading, prefix)
+    return "/" + "/".join(word for part in parts for word in part.split("/") if word)
 
 
-def numbers(values: FloatArray | Iterable[float] | None) -> FloatArray:
-    """Give an array for a field of many numbers; nothing gives an empty one."""
-    if isinstance(values, np.ndarray):
-        return values
-    return np.fromiter(() if values is None else values, np.float64)
+def ros_name(topic: str) -> str:
+    """A topic as ROS allows it: letters, digits and _, and no part begins with a digit."""
+    return re.sub(r"/(?=\d)", "/_", re.sub(r"[^A-Za-z0-9_/]", "_", topic))

@@ -5,11 +5,15 @@ from collections.abc import Iterator
 from functools import cache
 
 import numpy as np
+from numpy.typing import NDArray
 
 from contactfusion.contacts import Contact
 from contactfusion.controller import Command
+from contactfusion.integrator.fusion import Fusion
+from contactfusion.integrator.kernels import REGULAR
+from contactfusion.integrator.store import unpack
 from contactfusion.pipeline import Step
-from contactfusion.recordings.messages import (
+from contactfusion.readings.messages import (
     Message,
     Posting,
     header,
@@ -17,12 +21,12 @@ from contactfusion.recordings.messages import (
     numbers,
     point,
     pose,
-    recorded_stamp,
     ros_time,
     twist,
     vector,
 )
-from contactfusion.recordings.range_messages import voxel_cloud
+from contactfusion.readings.point_cloud import FLOAT32
+from contactfusion.recordings.messages import recorded_stamp
 
 OURS = "/contactfusion/"
 """The prefix of topics that this project writes, and no sensor."""
@@ -32,6 +36,10 @@ TEXT_HEIGHT = 0.03
 """Height of labels [m]."""
 ADD, DELETE_ALL, SPHERE, TEXT = 0, 3, 2, 9
 """Constants of visualization_msgs/Marker."""
+UINT8 = 2
+"""The number of an unsigned byte in sensor_msgs/PointField."""
+VOXEL = np.dtype([("place", "<f4", 3), ("likelihood", "<f4"), ("verdict", "u1"), ("", "V3")])
+"""A voxel in a cloud, four bytes for each field."""
 UPRIGHT = np.array([0.0, 0.0, 0.0, 1.0])
 
 
@@ -80,6 +88,49 @@ def marker_message(contacts: tuple[Contact, ...], top: Message, below: str) -> P
     """Contacts as a picture, with its topic; earlier drawings are deleted."""
     markers = list(_markers(contacts, top))
     return f"{below}contacts/markers", message("visualization_msgs/MarkerArray", markers=markers)
+
+
+def is_drawn(fusion: Fusion) -> NDArray[np.bool_]:
+    """Which voxels a cloud of them holds: those with evidence, nulled or not."""
+    drawn: NDArray[np.bool_] = (fusion.field.entries.bits & REGULAR) > 0
+    return drawn
+
+
+def voxel_cloud(fusion: Fusion, top: Message) -> Message:
+    """Sensor_msgs/PointCloud2 of all voxels with evidence, for viewers.
+
+    What is only predicted, or only ruled out, is left out: the robot's motion and a healthy skin
+    cover all of it at each step. The fields are x, y, z [m] and `likelihood` as float32, and
+    `verdict` as uint8: 1 below the threshold, 2 contact, 3 nulled.
+
+    Args:
+        fusion: of one step.
+        top: the header, in the frame of the space.
+    """
+    entries, verdicts = fusion.field.entries, fusion.verdict_codes
+    rows = np.flatnonzero(is_drawn(fusion))
+    points = np.zeros(len(rows), VOXEL)
+    points["place"] = entries.grid.centres(unpack(entries.keys[rows]))
+    points["likelihood"] = fusion.field.likelihoods[rows]
+    points["verdict"] = verdicts[rows]
+    names = [*"xyz", "likelihood", "verdict"]
+    kinds = [*[FLOAT32] * 4, UINT8]
+    fields = [
+        message("sensor_msgs/PointField", name=name, offset=4 * i, datatype=kind, count=1)
+        for i, (name, kind) in enumerate(zip(names, kinds, strict=True))
+    ]
+    return message(
+        "sensor_msgs/PointCloud2",
+        header=top,
+        height=1,
+        width=len(points),
+        fields=fields,
+        is_bigendian=False,
+        point_step=VOXEL.itemsize,
+        row_step=points.nbytes,
+        data=points.view(np.uint8),
+        is_dense=True,
+    )
 
 
 def _contact(contact: Contact, epoch_ns: int) -> Message:

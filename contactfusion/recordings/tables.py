@@ -12,10 +12,9 @@ from numpy.typing import NDArray
 
 from contactfusion.errors import RecordingError, name_hint
 from contactfusion.files import BROKEN, require_file
+from contactfusion.readings.columns import Column
 from contactfusion.unpacking import require_arrays
 
-Column = int | str
-"""A column by its number, counted from 1, or by its name."""
 Columns = dict[Column, NDArray[Any]]
 """By column: its values, shape (n, 1), or (n, k) for an array of several columns in an .npz."""
 

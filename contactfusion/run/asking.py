@@ -28,7 +28,7 @@ class Source:
 
     Attributes:
         recording: the file or folder.
-        configuration: a YAML file; None: the one that a replay left in the recording.
+        configuration: a YAML file; None: the configuration that a run left in the recording.
         topics: topics by role.
         overrides: fields of the configuration to change, as "a.b=c".
         ignored: topics that are not read at all.
@@ -41,7 +41,7 @@ class Source:
     ignored: Sequence[str] = ()
 
     def setting(self) -> Setting:
-        """Read the configuration; topics are those of the replay that wrote the recording, if any.
+        """Read the configuration; topics are those of the run that wrote the recording, if any.
 
         Raises:
             ContactFusionError: there is none, or it is not what it should be.
@@ -52,8 +52,8 @@ class Source:
             setting = setting_of_file(self.configuration, self.overrides)
             if kept := kept_setting(self.recording):
                 roles = roles_of(setting.config().generators)
-                told = {role: topic for role, topic in kept.told.items() if role in roles}
-                setting = setting.choosing(told, kept.ignored)
+                known = {role: topic for role, topic in kept.topics.items() if role in roles}
+                setting = setting.choosing(known, kept.ignored)
         return setting.choosing(self.topics, self.ignored)
 
     def session(self, watched: bool = False) -> Session:
@@ -91,10 +91,8 @@ def explain_recording(
     Raises:
         ContactFusionError: the time lies outside the recording, or nothing is near the place.
     """
-    from contactfusion.explaining import account, text
-    from contactfusion.explaining.accounting import account_of
-    from contactfusion.explaining.moment import moment_at
-    from contactfusion.explaining.settings import Settings
+    from contactfusion.explain import explanation, text
+    from contactfusion.explain.moment import Settings, moment_at
 
     with closing(source.session()) as session:
         settings = Settings.of(session.pipeline)
@@ -105,12 +103,12 @@ def explain_recording(
         except TimeError:
             session.complain()  # when it broke off before that time
             raise
-        told = account_of(moment, settings, at)
-    print(account.as_json(told) if as_json else text.told(told))
+        explained = explanation.explanation_of(moment, settings, at)
+    print(explanation.as_json(explained) if as_json else text.as_text(explained))
     if picture is not None:
-        from contactfusion.explaining.picture import picture as drawn
+        from contactfusion.explain.picture import picture as drawn
 
-        write_whole(picture, drawn(told, moment.step.fusion))
+        write_whole(picture, drawn(explained, moment.step.fusion))
     session.complain()
 
 
@@ -126,8 +124,7 @@ def ablate_recording(source: Source, out: Path) -> None:
     Raises:
         ContactFusionError: there is no step, or source is not what it should be.
     """
-    from contactfusion.explaining.ablation import ablated
-    from contactfusion.explaining.ablation_report import table, write_ablation, write_picture
+    from contactfusion.explain.ablation import ablated, table, write_ablation, write_picture
 
     with closing(source.session()) as session:
         task = f"leaving sources out of {source.recording}"
@@ -161,7 +158,7 @@ def tune_recording(
     from contactfusion.tune.report import table, write_tuning
 
     with closing(source.session()) as session:
-        chosen = {"topics": dict(session.setting.told), "ignored": list(session.setting.ignored)}
+        chosen = {"topics": dict(session.setting.topics), "ignored": list(session.setting.ignored)}
 
         def pipeline(overrides: Sequence[str]) -> Pipeline:
             setting = session.setting.changed(overrides)

@@ -1,4 +1,4 @@
-"""The configuration of a replay: from a file, or from the recording that a replay wrote."""
+"""The configuration of a run: from a file, or from the recording that an earlier run wrote."""
 
 import json
 from collections.abc import Mapping, Sequence
@@ -20,7 +20,7 @@ from contactfusion.recordings.step_messages import OURS
 from contactfusion.yaml_files import read_yaml
 
 TOPIC: Final = f"{OURS}configuration"
-"""Where a replay keeps its configuration, as std_msgs/String."""
+"""Where a run keeps its configuration, as std_msgs/String."""
 
 
 class RunConfig(PipelineConfig):
@@ -43,7 +43,7 @@ class RunConfig(PipelineConfig):
 
 
 class Kept(Model):
-    """What a recording holds of the replay that wrote it."""
+    """What a recording holds of the run that wrote it."""
 
     configuration: dict[str, Any]
     """The fields of the pipeline's configuration."""
@@ -63,7 +63,7 @@ class Setting:
     Attributes:
         fields: of `RunConfig`, or of `PipelineConfig` alone.
         folder: where relative file names in them start.
-        told: topics by role, as on the command line of this or of an earlier replay.
+        topics: topics by role, as on the command line of this or of an earlier run.
         origin: the file, for sentences.
         ignored: topics that are not read at all, likewise.
         within: the folder that all files they name have to lie in, of a recording; None: they may
@@ -72,7 +72,7 @@ class Setting:
 
     fields: Mapping[str, Any]
     folder: Path
-    told: Mapping[str, str]
+    topics: Mapping[str, str]
     origin: Path
     ignored: tuple[str, ...] = ()
     within: Path | None = None
@@ -105,9 +105,9 @@ class Setting:
         """The setting with fields changed as by "a.b=c"."""
         return replace(self, fields=overridden(self.fields, overrides))
 
-    def choosing(self, told: Mapping[str, str], ignored: Sequence[str]) -> "Setting":
+    def choosing(self, topics: Mapping[str, str], ignored: Sequence[str]) -> "Setting":
         """The setting with further topics by role, and further ones that are not read."""
-        return replace(self, told={**self.told, **told}, ignored=(*self.ignored, *ignored))
+        return replace(self, topics={**self.topics, **topics}, ignored=(*self.ignored, *ignored))
 
     def text(self, beside: Path) -> str:
         """The text that a recording keeps of it.
@@ -117,7 +117,7 @@ class Setting:
         """
         folder = relpath(self.folder.resolve(), beside.resolve())
         fields = pipeline_fields(self.fields)
-        kept: dict[str, Any] = {"folder": folder, "topics": dict(self.told)}
+        kept: dict[str, Any] = {"folder": folder, "topics": dict(self.topics)}
         kept["configuration"] = fields
         if self.ignored:
             kept["ignored"] = self.ignored
@@ -159,13 +159,13 @@ def setting_of_file(path: Path, overrides: Sequence[str] = (), seed: int | None 
 
 
 def setting_of_recording(path: Path, overrides: Sequence[str] = ()) -> Setting:
-    """Read the configuration that a replay left in its recording.
+    """Read the configuration that a run left in its recording.
 
     Whoever made the recording wrote it: the files that it names lie beside the recording, or in
     packages that are installed, and nothing is imported to find them.
 
     Raises:
-        RecordingError: there is none, or it is not what a replay writes.
+        RecordingError: there is none, or it is not what a run writes.
         ConfigurationError: the path is that of a configuration.
         DependencyError: rosbags is not installed.
     """
@@ -176,17 +176,17 @@ def setting_of_recording(path: Path, overrides: Sequence[str] = ()) -> Setting:
         if unfit:
             raise ConfigurationError(f"{unfit}, and the configuration by --config {path}")
         raise RecordingError(
-            f"{path} holds no configuration, as `contactfusion replay CONFIG {path.name} --out "
-            f"FILE.mcap` keeps one: replay it first, or name one with --config"
+            f"{path} holds no configuration, as `contactfusion run CONFIG {path.name} --out "
+            f"FILE.mcap` keeps one: run it first, or name a configuration with --config"
         )
     return setting.changed(overrides)
 
 
 def kept_setting(path: Path) -> Setting | None:
-    """Read the configuration that a replay left in its recording; None where none did.
+    """Read the configuration that a run left in its recording; None where none did.
 
     Raises:
-        RecordingError: the recording can't be read, or holds what no replay writes.
+        RecordingError: the recording can't be read, or holds what no run writes.
         DependencyError: rosbags is not installed.
     """
     text = _kept_text(path) if path.suffix == ".mcap" and path.is_file() else None
@@ -195,14 +195,14 @@ def kept_setting(path: Path) -> Setting | None:
     try:
         kept = Kept(**json.loads(text))
     except (ConfigurationError, ValueError, TypeError, RecursionError) as error:
-        raise RecordingError(f"{path}: {TOPIC} is not what a replay writes: {error}") from None
+        raise RecordingError(f"{path}: {TOPIC} is not what a run writes: {error}") from None
     folder = path.parent / kept.folder
     return Setting(kept.configuration, folder, kept.topics, path, kept.ignored, path.parent)
 
 
 def _kept_text(path: Path) -> str | None:
     with Bag(path) as bag:
-        here = [one for one in bag.channels if one.topic == TOPIC]
+        here = [channel for channel in bag.channels if channel.topic == TOPIC]
         for channel, _, raw in bag.messages(here) if here else ():
             try:
                 message: Any = typestore().deserialize_cdr(channel.cdr(raw), channel.msgtype)

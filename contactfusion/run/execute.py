@@ -8,7 +8,7 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import final
 
-from contactfusion.errors import ConfigurationError
+from contactfusion.errors import ConfigurationError, WritingError
 from contactfusion.files import write_whole
 from contactfusion.loop import Observer, together
 from contactfusion.readings import Reading
@@ -108,8 +108,11 @@ def run_file(
             note(f"truth: {sentence}")
     whole = [file for file, output in zip(files, outputs, strict=False) if not output.failure]
     if folder is not None:
-        write_whole(folder / "summary.json", json.dumps(fields, indent=2) + "\n")
-        whole.append(folder / "summary.json")
+        try:
+            write_whole(folder / "summary.json", json.dumps(fields, indent=2) + "\n")
+            whole.append(folder / "summary.json")
+        except WritingError as error:
+            stopped = stopped or error
     if whole:
         print(f"results: {', '.join(map(str, whole))}")
     if stopped is not None:

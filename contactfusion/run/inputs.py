@@ -1,35 +1,17 @@
-"""Which topic of a recording feeds which generator: by name, by kind, or as one is told."""
+"""Which topic of a recording feeds which generator: by name, by kind, or as the user chooses."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Any, final
 
 from contactfusion.assembly import generator_class
 from contactfusion.errors import ConfigurationError, name_hint
-from contactfusion.readings import (
-    READING_TYPES,
-    DepthImage,
-    JointCommand,
-    JointState,
-    Markers,
-    ObjectPose,
-    Odometry,
-    PointCloud,
-    Reading,
-    Switch,
-    TactileImage,
-    Twist,
-    Wrench,
-)
+from contactfusion.readings import Reading
+from contactfusion.readings.codec import Codec, Role
+from contactfusion.readings.registry import installed_kinds
 
 Kinds = tuple[type[Reading], ...]
-SENSED: Kinds = (Wrench, TactileImage, Switch, PointCloud, DepthImage, Markers)
-"""What one sensor measures: a generator takes it of one topic."""
-CONTEXT: Kinds = (JointState, JointCommand, ObjectPose)
-"""What several topics may tell together; all of them are read."""
-ALONE: dict[str, type[Reading]] = {"odometry": Odometry, "twist": Twist}
-"""What only one topic may tell, by its role."""
 NOTHING: Mapping[str, type[Reading]] = MappingProxyType({})
 
 
@@ -55,7 +37,7 @@ class Inputs:
 def find_inputs(
     topics: Mapping[str, type[Reading]],
     generators: Mapping[str, Mapping[str, Any]],
-    told: Mapping[str, str],
+    chosen: Mapping[str, str],
     watched: bool = False,
     ignored: Mapping[str, type[Reading]] = NOTHING,
     on: str | None = None,
@@ -63,15 +45,15 @@ def find_inputs(
     """Find the topic for each generator.
 
     A generator's role is its `sensor`, or its own name when it has none. It takes the topic that
-    one is told for its role, or else the topic called like its sensor, or else the only one of its
-    kinds. Joints, commands of joints and poses of objects are all read; of odometry, and of twists
-    where a generator takes them, one topic is.
+    is chosen for its role, or else the topic called like its sensor, or else the only one of its
+    kinds. Of context, such as joints and poses of objects, all topics are read; of what one topic
+    alone may report, one is: of odometry, and of twists where a generator takes them.
 
     Args:
         topics: the kind of reading of each topic.
         generators: the `type` and the options of each by name.
-        told: topics by role.
-        watched: whether to read what sensors measure for nobody, too, so that it can be looked at.
+        chosen: topics by role.
+        watched: whether to read what no generator takes, too, so that it can be looked at.
         ignored: the kind of reading of each topic that is not read at all.
         on: the sensor, or the kind of reading, whose topics are read as a step is due with each.
 
@@ -79,8 +61,8 @@ def find_inputs(
         ConfigurationError: a role or a topic is unknown, does not fit, or several fit.
         PluginError: a type of generator is not installed.
     """
-    told = {role: topic.removeprefix("/") for role, topic in told.items()}
-    finding = _Finding(topics, told, ignored)
+    chosen = {role: topic.removeprefix("/") for role, topic in chosen.items()}
+    finding = _Finding(topics, chosen, ignored)
     wanted = {name: _kinds(options) for name, options in generators.items()}
     fed = {
         name: finding.feed(name, dict(options), wanted[name])
@@ -89,14 +71,14 @@ def find_inputs(
     finding.context(tuple(kind for kinds in wanted.values() for kind in kinds))
     finding.refuse_strangers(roles_of(generators))
     if watched:
-        finding.read(SENSED)
+        finding.read_sensed()
     finding.clock(on)
     return Inputs(finding.sensors, fed, tuple(finding.missing), tuple(finding.taken))
 
 
 def roles_of(generators: Mapping[str, Mapping[str, Any]]) -> list[str]:
-    """The roles that a topic can be told for: those of generators by name, and of the robot."""
-    return [*ALONE, *(_role(name, options) for name, options in generators.items())]
+    """The roles that a topic can be chosen for: those of generators by name, and of the robot."""
+    return [*_alone(), *(_role(name, options) for name, options in generators.items())]
 
 
 def _role(name: str, options: Mapping[str, Any]) -> str:
@@ -111,26 +93,26 @@ class _Finding:
     def __init__(
         self,
         topics: Mapping[str, type[Reading]],
-        told: Mapping[str, str],
+        chosen: Mapping[str, str],
         ignored: Mapping[str, type[Reading]],
     ) -> None:
-        self.topics, self.told, self.ignored = topics, told, ignored
+        self.topics, self.chosen, self.ignored = topics, chosen, ignored
         self.sensors: dict[str, str] = {}
         """The name of the sensor of each topic that is read."""
         self.missing: list[str] = []
         self.taken: list[str] = []
 
     def feed(self, name: str, options: dict[str, Any], kinds: Kinds) -> dict[str, Any]:
-        """Give the options of a generator with its sensor."""
+        """The options of a generator with its sensor."""
         sensor = options.get("sensor")
         role = _role(name, options)
-        if sensor is None and not set(kinds) & set(SENSED) and role not in self.told:
+        if sensor is None and not any(map(_is_of_one_sensor, kinds)) and role not in self.chosen:
             return options  # it takes all context there is
         topic = self._topic(role, kinds)
         if topic is None:
             self.missing.append(f"generators.{name}: {self._absence(kinds)}")
             return options
-        if sensor and role not in self.told and topic != role.removeprefix("/"):
+        if sensor and role not in self.chosen and topic != role.removeprefix("/"):
             self.taken.append(
                 f"generators.{name}: no topic is called '{sensor}', so /{topic} feeds it, the only "
                 f"{_named(kinds)}"
@@ -153,39 +135,43 @@ class _Finding:
         return f"the recording holds no {_named(kinds)}"
 
     def context(self, wanted: Kinds) -> None:
-        """Read what tells of robot and world."""
-        for role, kind in ALONE.items():
-            if role in self.told or kind in wanted or kind is Odometry:
-                topic = self._topic(role, (kind,))
+        """Read the state of robot and world."""
+        for role, codec in _alone().items():
+            if role in self.chosen or codec.kind in wanted or codec.role is Role.CONTEXT:
+                topic = self._topic(role, (codec.kind,))
                 if topic is not None:
                     self.sensors.setdefault(topic, topic)
-        self.read(CONTEXT)
+        self._read(topic for topic, kind in self.topics.items() if _is_context(kind))
 
-    def read(self, kinds: Kinds) -> None:
-        """Read all topics of some kinds, under their own names where nobody wants them."""
-        for topic in self._of(kinds):
+    def read_sensed(self) -> None:
+        """Read all topics that one sensor measures."""
+        self._read(topic for topic, kind in self.topics.items() if _is_of_one_sensor(kind))
+
+    def _read(self, topics: Iterable[str]) -> None:
+        """Read topics, under their own names where no generator takes them."""
+        for topic in topics:
             self.sensors.setdefault(topic, topic)
 
     def clock(self, on: str | None) -> None:
         """Read what steps wait for, where no generator does: a sensor, or a kind of reading."""
         if on is None or on in self.sensors.values():
             return
-        kind = READING_TYPES.get(on)
+        codec = installed_kinds().find(on)
         if on in self.topics:
             self.sensors.setdefault(on, on)
-        elif kind and not any(issubclass(self.topics[topic], kind) for topic in self.sensors):
-            self.read((kind,))
+        elif codec and not set(self._of((codec.kind,))) & self.sensors.keys():
+            self._read(self._of((codec.kind,)))
 
     def refuse_strangers(self, roles: Sequence[str]) -> None:
-        """Make sure that nothing was told of a role that there is not."""
-        for role in self.told:
+        """Refuse a topic that is chosen for a role that there is not."""
+        for role in self.chosen:
             if role not in roles:
                 hint = name_hint(role, roles, "roles")
                 raise ConfigurationError(f"--topic: unknown role '{role}'; {hint}")
 
     def _topic(self, role: str, kinds: Kinds) -> str | None:
-        if role in self.told:
-            return self._as_told(role, kinds)
+        if role in self.chosen:
+            return self._as_chosen(role, kinds)
         for name in (role, role.removeprefix("/")):
             if issubclass(self.topics.get(name, Reading), kinds):
                 return name
@@ -198,8 +184,8 @@ class _Finding:
             )
         return fit[0] if fit else None
 
-    def _as_told(self, role: str, kinds: Kinds) -> str:
-        topic = self.told[role]
+    def _as_chosen(self, role: str, kinds: Kinds) -> str:
+        topic = self.chosen[role]
         if topic not in self.topics:
             known = [f"/{name}" for name, kind in self.topics.items() if issubclass(kind, kinds)]
             hint = name_hint(f"/{topic}", known, "topics that fit")
@@ -215,6 +201,29 @@ class _Finding:
         for topic, kind in self.topics.items():
             if issubclass(kind, kinds):
                 yield topic
+
+
+def _alone() -> dict[str, Codec[Any]]:
+    """The kinds that one topic alone may report, by their names, which are their roles."""
+    return {codec.name: codec for codec in installed_kinds().all() if codec.alone}
+
+
+def is_sensed(kind: type[Reading]) -> bool:
+    """Whether readings of a kind mean nothing without the pose of their frame."""
+    codec = installed_kinds().of(kind)
+    return codec is not None and codec.role is Role.SENSED
+
+
+def _is_of_one_sensor(kind: type[Reading]) -> bool:
+    """Whether a generator takes readings of a kind of one topic."""
+    codec = installed_kinds().of(kind)
+    return codec is not None and codec.role is Role.SENSED and not codec.alone
+
+
+def _is_context(kind: type[Reading]) -> bool:
+    """Whether several topics may report readings of a kind together."""
+    codec = installed_kinds().of(kind)
+    return codec is not None and codec.role is Role.CONTEXT and not codec.alone
 
 
 def _named(kinds: Kinds) -> str:

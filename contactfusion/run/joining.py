@@ -6,14 +6,11 @@ from typing import final
 
 from contactfusion.errors import FrameError, RecordingError, RobotError
 from contactfusion.pipeline import Pipeline, takes
-from contactfusion.readings import JointState, Odometry, Reading, Transform, Twist
+from contactfusion.readings import JointState, Odometry, Reading, Transform
 from contactfusion.robot_state import Robot
-from contactfusion.run.inputs import SENSED
+from contactfusion.run.inputs import is_sensed
 from contactfusion.stream import Stream
 from contactfusion.terminal import followed
-
-MEASURED = (*SENSED, Twist)
-"""Readings that mean nothing without the pose of their frame."""
 
 
 def joined(pipeline: Pipeline, recording: Stream) -> "Joining":
@@ -62,7 +59,7 @@ class Joining:
         self._generators = {
             f"generators.{name}": generator
             for name, generator in pipeline.generators.items()
-            if any(issubclass(kind, MEASURED) for kind in generator.readings)
+            if any(map(is_sensed, generator.readings))
         }
         self._apart: dict[str, set[str]] = {}
         """By field the frames of which none has been joined."""
@@ -96,7 +93,7 @@ class Joining:
     def add(self, reading: Reading) -> None:
         """Take in what a reading says of the robot, and the frame that it comes in."""
         self._robot.add(reading)
-        if isinstance(reading, MEASURED):
+        if is_sensed(type(reading)):
             for field, generator in self._generators.items():
                 if field in self._apart and takes(generator, reading.sensor, type(reading)):
                     self._apart[field].add(reading.frame)

@@ -10,8 +10,7 @@ from contactfusion.errors import ConfigurationError, RecordingError
 from contactfusion.files import make_folder
 from contactfusion.loop import Observer
 from contactfusion.recordings.mcap import McapWriter
-from contactfusion.recordings.messages import typestore
-from contactfusion.recordings.reading_messages import ros_name
+from contactfusion.recordings.messages import ros_name, typestore
 from contactfusion.recordings.recording import RawMessage, Recording
 from contactfusion.recordings.step_messages import OURS
 from contactfusion.results import (
@@ -141,8 +140,8 @@ def _setting(session: Session) -> Setting:
     if isinstance(stream, Recording) and stream.has_messages:
         return setting
     sensors = session.inputs.sensors
-    told = {
+    topics = {
         role: ros_name(f"/{sensors[topic.removeprefix('/')]}")
-        for role, topic in setting.told.items()
+        for role, topic in setting.topics.items()
     }
-    return replace(setting, told=told, ignored=())
+    return replace(setting, topics=topics, ignored=())

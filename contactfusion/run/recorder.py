@@ -14,14 +14,14 @@ from contactfusion.loop import Observer
 from contactfusion.pipeline_config import PipelineConfig
 from contactfusion.readings import Reading, Transform
 from contactfusion.recordings.mcap import McapWriter
-from contactfusion.recordings.reading_messages import topic_of
+from contactfusion.recordings.messages import topic_of
 from contactfusion.run.configuration import setting_of_file
 from contactfusion.run.session import Session
 from contactfusion.stream import Stream
 from contactfusion.terminal import note
 
 TRUTH = "truth"
-"""Topics of what no sensor tells begin with this."""
+"""Topics of what no sensor measures begin with this."""
 ROUNDING = 1e-9
 """A stamp is the last when it is so nearly that [s]."""
 

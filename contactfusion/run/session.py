@@ -88,7 +88,7 @@ class Session:
         """The readings from the beginning; where the stream breaks off, `complain` says why."""
         self._broken = None
         try:
-            yield from (one for arrival in self.stream.arrivals() for one in arrival.readings)
+            yield from (item for arrival in self.stream.arrivals() for item in arrival.readings)
         except RecordingError as error:
             self._broken = error
 
@@ -150,7 +150,7 @@ def _matched(
 ) -> tuple[Stream, Inputs]:
     """What is played of a stream, and what it feeds; of a scene, all to all that listen."""
     if not isinstance(whole, Recording):
-        if window != WHOLE or setting.told or setting.ignored:
+        if window != WHOLE or setting.topics or setting.ignored:
             raise ConfigurationError(
                 f"{setting.origin}: --start, --duration, --topic and --ignore are for recordings; "
                 "a scene is played as it is"
@@ -161,15 +161,15 @@ def _matched(
         whole = whole.without([topic.removeprefix("/") for topic in setting.ignored])
     streams = whole.streams
     names = {topic: name for name, stream in streams.items() for topic in stream.topics}
-    told = {role: names.get(topic, topic) for role, topic in setting.told.items()}
+    roles = {role: names.get(topic, topic) for role, topic in setting.topics.items()}
     kinds = {name: stream.kind for name, stream in streams.items()}
     ignored = {name: kind for name, kind in held.items() if name not in kinds}
     config = setting.config()
     try:
-        inputs = find_inputs(kinds, config.generators, told, watched, ignored, config.cycle.on)
+        inputs = find_inputs(kinds, config.generators, roles, watched, ignored, config.cycle.on)
     except PluginError as error:
         raise ConfigurationError(f"{setting.origin}: {error}") from error
-    heard = dict[str, tuple[str, ...]]()
+    read = dict[str, tuple[str, ...]]()
     for name, sensor in inputs.sensors.items():
-        heard[sensor] = (*heard.get(sensor, ()), *streams[name].topics)
-    return whole.part(heard, window, tap), inputs
+        read[sensor] = (*read.get(sensor, ()), *streams[name].topics)
+    return whole.part(read, window, tap), inputs

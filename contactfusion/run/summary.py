@@ -17,7 +17,8 @@ from contactfusion.hypotheses import HypothesisKind, Note
 from contactfusion.integrator.sources import EventKind, SourceReport
 from contactfusion.loop import Observer
 from contactfusion.pipeline import Pipeline, Step
-from contactfusion.readings import READING_TYPES, Reading, Transform
+from contactfusion.readings import Reading, Transform
+from contactfusion.readings.registry import installed_kinds
 
 TELLING = (EventKind.REFUSED, EventKind.STALE, EventKind.OVERRUN)
 """What is worth a sentence at the end."""
@@ -266,7 +267,7 @@ class Summary:
                 alike.setdefault((kind, message.replace(f"'{name}'", "")), []).append(name)
         for (kind, _), (name, *others) in alike.items():
             stamp, message = self._first_events[kind, name]
-            times = sum(self._times[kind, one] for one in (name, *others))
+            times = sum(self._times[kind, source] for source in (name, *others))
             often = f" ({times} times)" if times > 1 else ""
             likewise = f"; likewise {', '.join(map(repr, others))}" if others else ""
             yield f"  {kind} at {stamp:.3f} s{often}: {message}{likewise}"
@@ -278,17 +279,17 @@ class Summary:
             A sentence for each input that it waited for in vain, each source that gave nothing of
             use, and each fault that met no reading.
         """
-        heard = self.tally.kinds
-        sensors = {sensor for sensor, _ in heard}
+        came = self.tally.kinds
+        sensors = {sensor for sensor, _ in came}
         config = self._pipeline.config
         on = config.cycle.on
         if on is not None and not self.steps:
-            hint = name_hint(on, sensors | set(READING_TYPES), "sensors and types")
+            hint = name_hint(on, sensors.union(installed_kinds().names), "sensors and types")
             yield f"cycle.on: no reading of '{on}' came; {hint}"
         if not config.generators:
             yield "generators: none are configured, so nothing can be found"
         for name, generator in self._pipeline.generators.items():
-            fit = [sensor for sensor, kind in heard if issubclass(kind, generator.readings)]
+            fit = [sensor for sensor, kind in came if issubclass(kind, generator.readings)]
             wanted = generator.config.sensor
             if not fit:
                 kinds = " or ".join(kind.__name__ for kind in generator.readings)
@@ -297,7 +298,7 @@ class Summary:
                 hint = name_hint(wanted, fit, "sensors")
                 yield f"generators.{name}.sensor: no reading of '{wanted}' came; {hint}"
         yield from self._useless()
-        yield from unmet(config.faults, heard)
+        yield from unmet(config.faults, came)
 
     def _useless(self) -> Iterator[str]:
         """Report plug-ins that ended or never looked, and sources of which most was refused."""
@@ -325,10 +326,8 @@ class Summary:
 
     def _looked(self, generator: AnyGenerator) -> int:
         """How many clouds the busiest source of a generator gave, of use or not."""
-        reports = (one for name, one in self._sources.items() if name in generator.sources)
-        return max(
-            (one.accepted + one.late + one.early + one.invalid for one in reports), default=0
-        )
+        reports = (s for name, s in self._sources.items() if name in generator.sources)
+        return max((s.accepted + s.late + s.early + s.invalid for s in reports), default=0)
 
     def _why(self, kind: EventKind, source: str) -> str:
         return self._first_events[kind, source][1]

@@ -10,7 +10,7 @@ from typing import Any, Self
 import numpy as np
 
 from contactfusion.errors import ConfigurationError
-from contactfusion.explaining.quantiles import Quantiles
+from contactfusion.explain.ablation import Quantiles
 from contactfusion.files import require_file
 from contactfusion.pipeline import Step
 

@@ -6,35 +6,23 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from contactfusion.arrays import FloatArray
 from contactfusion.errors import ContactFusionError, missing_extra
 from contactfusion.files import whole_file
 from contactfusion.frames import Pose
+from contactfusion.readings.canvas import Colour
 
 APPLICATION = "contactfusion"
 TIMELINE = "time"
 """Stamps as the pipeline counts them [s]."""
 UNENDING = 1e9
 """Longer than any run takes [s]."""
-Colours = NDArray[np.uint8]
-"""Shape (n, 3) or (n, 4): RGB or RGBA in 0..255."""
-Colour = tuple[int, int, int]
-"""RGB in 0..255."""
-RAMP = np.array([[156, 79, 217], [226, 84, 134], [251, 148, 70], [246, 236, 66]], np.float64)
-"""From little to much: violet, pink, orange, yellow, each lighter than the one before."""
 BACKGROUND = (13, 16, 17)
 ROBOT = (150, 158, 170)
-CLOUD = (205, 214, 224)
-CONTACT = (60, 255, 150)
-FORCE = (60, 255, 150)
-WRENCH = (120, 190, 255)
-TORQUE = (120, 120, 255)
 COMMAND = (255, 170, 60)
 TURN = (255, 110, 60)
-MARKER = (255, 255, 255)
 VOXELS = {
     "contact": (255, 140, 60),
     "below_threshold": (170, 90, 235),
@@ -182,12 +170,6 @@ def entity(*names: str) -> str:
     return path
 
 
-def ramp(values: FloatArray) -> Colours:
-    """The colours of values in 0..1, shape (n, 3); the lowest is still seen."""
-    at = np.linspace(0.0, 1.0, len(RAMP))
-    return np.stack([np.interp(values, at, RAMP[:, i]) for i in range(3)], axis=-1).astype(np.uint8)
-
-
 class Sheaf(NamedTuple):
     """Arrows of one path at one time.
 
@@ -236,6 +218,26 @@ class Arrows:
         for path, some in self._sheaves.items():
             _send(recorder, path, some, RULER / meaning)
         return f"{meaning:g} {self._unit}"
+
+
+class ArrowsByUnit:
+    """All arrows of a recording: those of one unit share a scale.
+
+    Args:
+        longest: the longest an arrow may be [m].
+    """
+
+    def __init__(self, longest: float) -> None:
+        self._longest = longest
+        self._arrows: dict[str, Arrows] = {}
+
+    def of(self, unit: str) -> Arrows:
+        """Those of a unit."""
+        return self._arrows.setdefault(unit, Arrows(unit, self._longest))
+
+    def finish(self, recorder: Recorder) -> str:
+        """Write all arrows; what one of 10 cm means, in each unit that was drawn."""
+        return " or ".join(filter(None, [one.finish(recorder) for one in self._arrows.values()]))
 
 
 def _send(recorder: Recorder, path: str, sheaves: list[Sheaf], scale: float) -> None:

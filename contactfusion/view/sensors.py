@@ -1,40 +1,28 @@
 """Draws what sensors measured, where they were at that time."""
 
-from collections.abc import Mapping
-from typing import Any
+from collections.abc import Hashable, Mapping, Sequence
+from contextlib import suppress
+from typing import Any, final
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from contactfusion.arrays import FloatArray
-from contactfusion.frames import Pose, points_in, pose_of
+from contactfusion.errors import ContactFusionError, PluginError
+from contactfusion.frames import Pose, points_in
 from contactfusion.patches import PatchConfig
 from contactfusion.pipeline_config import PipelineConfig
-from contactfusion.readings import (
-    DepthImage,
-    Markers,
-    ObjectPose,
-    PointCloud,
-    Reading,
-    Switch,
-    TactileImage,
-    Wrench,
-)
+from contactfusion.readings import Reading
+from contactfusion.readings.canvas import PLAIN, Canvas, Colour, Colours, ramp
+from contactfusion.readings.registry import installed_kinds
 from contactfusion.view.recorder import (
-    CLOUD,
-    CONTACT,
-    MARKER,
     ROBOT,
-    TORQUE,
-    WRENCH,
-    Arrows,
-    Colours,
+    ArrowsByUnit,
     Recorder,
     Sheaf,
     entity,
     loaded_rerun,
-    ramp,
 )
 from contactfusion.view.world import Absences, Places
 
@@ -44,8 +32,8 @@ WIDEST = 320
 """Wider depth images are thinned to whole steps of pixels."""
 DOT = 1.2
 """The radius of a point of a cloud, whatever its distance [points of the screen]."""
-MARKER_DOT = 3.0
-"""The same of a marker."""
+LARGE_DOT = 3.0
+"""The same of a point that is to be seen by itself."""
 FURTHEST = 65.535
 """The greatest depth that fits in 16 bits of millimetres [m]."""
 THICKNESS = 0.05
@@ -66,10 +54,10 @@ class Taxels:
         self._images: dict[str, list[tuple[float, FloatArray]]] = {}
         self._refused: set[str] = set()
 
-    def draw(self, recorder: Recorder, reading: TactileImage, path: str) -> None:
-        """Draw the patch when its first image comes, and remember the image."""
+    def draw(self, recorder: Recorder, reading: Reading, values: FloatArray, path: str) -> None:
+        """Draw the patch of a sensor when its first values, shape (n,), come; keep the values."""
         patch = self._patches.get(reading.sensor)
-        if patch is None or len(patch.centres()) != len(reading.values):
+        if patch is None or len(patch.centres()) != len(values):
             if reading.sensor not in self._refused:
                 self._refused.add(reading.sensor)
                 text = f"{reading.label} is not drawn: no patch says where its taxels are"
@@ -77,7 +65,7 @@ class Taxels:
             return
         if path not in self._images:
             recorder.draw(path, reading.stamp, _boxes(patch))
-        self._images.setdefault(path, []).append((reading.stamp, reading.values))
+        self._images.setdefault(path, []).append((reading.stamp, values))
 
     def finish(self, recorder: Recorder) -> None:
         """Colour the taxels of all images."""
@@ -134,116 +122,156 @@ def _patches(config: PipelineConfig) -> dict[str, PatchConfig]:
 
 
 class Sensors:
-    """Draws readings of clouds, depth images, taxels, wrenches, switches, markers and objects.
+    """Draws readings of all kinds whose codecs say how.
 
     Args:
         taxels: draws patches.
-        forces: draws forces.
-        torques: draws torques.
+        arrows: of the recording.
         absences: takes what cannot be placed.
     """
 
-    def __init__(self, taxels: Taxels, forces: Arrows, torques: Arrows, absences: Absences) -> None:
-        self._taxels, self._forces, self._torques = taxels, forces, torques
+    def __init__(self, taxels: Taxels, arrows: ArrowsByUnit, absences: Absences) -> None:
+        self.taxels, self.arrows = taxels, arrows
+        for unit in ("N", "N·m"):  # what an arrow means is reported in this order
+            arrows.of(unit)
         self._absences = absences
+        self._kinds = installed_kinds()
         self._lost: set[str] = set()
+        self._failed: set[type[Reading]] = set()
         self.cameras: dict[str, str] = {}
         """The path of each camera's image, by the name of the camera."""
 
+    def channel(self, reading: Reading) -> Hashable:
+        """Identity of what a reading is drawn of, until the next one of it."""
+        codec = self._kinds.of(type(reading))
+        whose: tuple[str, ...] = ()
+        if codec is not None:
+            with suppress(PluginError), self._kinds.guard(codec):  # reported when it is drawn
+                whose = codec.whose(reading)
+        return reading.sensor or reading.frame, type(reading), whose
+
     def draw(self, recorder: Recorder, reading: Reading, places: Places) -> FloatArray:
-        """Draw a reading of one of the kinds in `DRAWN`.
+        """Draw a reading.
 
         Returns:
             The points that it saw, in the world, shape (n, 3) [m].
         """
-        seen = np.empty((0, 3))
-        name = reading.sensor or reading.frame
-        path = entity("world", "sensors", name)
-        pose = places.find(reading.frame)
+        path = entity("world", "sensors", reading.sensor or reading.frame)
+        pose, codec = places.find(reading.frame), self._kinds.of(type(reading))
+        if codec is None or type(reading) in self._failed:
+            return np.empty((0, 3))
         if pose is None:
-            self._say_lost(recorder, reading, places)
-            return seen
+            self._report_lost(recorder, reading, places)
+            return np.empty((0, 3))
         recorder.place(path, reading.stamp, pose)
-        match reading:
-            case PointCloud():
-                seen = _thinned(reading.points[np.isfinite(reading.points).all(axis=1)])
-                recorder.draw(path, reading.stamp, _cloud(seen, CLOUD))
-            case DepthImage():
-                self.cameras[name] = f"{path}/image"
-                seen = _draw_image(recorder, reading, path)
-            case Wrench(force=force, torque=torque):
-                force_sheaf = Sheaf(reading.stamp, force[None])
-                self._forces.draw(recorder, f"{path}/force", WRENCH, force_sheaf)
-                torque_sheaf = Sheaf(reading.stamp, torque[None])
-                self._torques.draw(recorder, f"{path}/torque", TORQUE, torque_sheaf)
-            case TactileImage():
-                self._taxels.draw(recorder, reading, path)
-            case Switch():
-                recorder.draw(path, reading.stamp, _lamp(reading))
-            case Markers():
-                rows = np.flatnonzero(np.isfinite(reading.positions).all(axis=1))
-                seen = reading.positions[rows]
-                recorder.draw(path, reading.stamp, _markers(reading, rows))
-            case ObjectPose():
-                self._draw_object(recorder, reading, pose)
-        return points_in(pose, seen)
+        canvas = _RerunCanvas(self, recorder, reading, path, pose)
+        try:
+            with self._kinds.guard(codec):
+                codec.draw(canvas, reading)
+        except ContactFusionError as error:
+            self._failed.add(type(reading))
+            self._report(recorder, reading, f"{error}; no further one is drawn")
+        return points_in(pose, canvas.seen)
 
-    def _draw_object(self, recorder: Recorder, reading: ObjectPose, pose: Pose) -> None:
-        from scipy.spatial.transform import Rotation
-
-        rotation = Rotation.from_quat(reading.orientation).as_matrix()
-        path = entity("world", "objects", reading.name)
-        recorder.place(path, reading.stamp, pose @ pose_of(reading.position, rotation))
-        axes = loaded_rerun().Arrows3D(
-            vectors=0.1 * np.eye(3), colors=255 * np.eye(3, dtype=np.uint8)
-        )
-        recorder.draw(path, reading.stamp, axes)
-        name = loaded_rerun().Points3D(
-            [[0.0, 0.0, 0.1]], colors=CLOUD, radii=1e-4, labels=[reading.name], show_labels=True
-        )
-        recorder.draw(f"{path}/name", reading.stamp, name)
-
-    def _say_lost(self, recorder: Recorder, reading: Reading, places: Places) -> None:
+    def _report_lost(self, recorder: Recorder, reading: Reading, places: Places) -> None:
         """Report once for each frame that what comes in it cannot be drawn, and note since when."""
-        text, why = f"{reading.label} is not drawn", places.why_lost(reading.frame)
-        self._absences.add(text, reading.stamp, why)
+        why = places.why_lost(reading.frame)
         if reading.frame not in self._lost:
             self._lost.add(reading.frame)
-            recorder.say("events/viewer", reading.stamp, "WARN", f"{text}: {why}")
+            self._report(recorder, reading, why)
+        else:
+            self._absences.add(f"{reading.label} is not drawn", reading.stamp, why)
+
+    def _report(self, recorder: Recorder, reading: Reading, why: str) -> None:
+        text = f"{reading.label} is not drawn"
+        self._absences.add(text, reading.stamp, why)
+        recorder.say("events/viewer", reading.stamp, "WARN", f"{text}: {why}")
 
 
-DRAWN = (PointCloud, DepthImage, Wrench, TactileImage, Switch, Markers, ObjectPose)
+@final
+class _RerunCanvas(Canvas):
+    """Draws one reading at its path; points that it saw are kept in `seen`, shape (n, 3) [m]."""
 
+    def __init__(
+        self, sensors: Sensors, recorder: Recorder, reading: Reading, path: str, pose: Pose
+    ) -> None:
+        self._sensors, self._recorder, self._reading = sensors, recorder, reading
+        self._path, self._pose = path, pose
+        self.seen: FloatArray = np.empty((0, 3))
 
-def _cloud(points: FloatArray, colours: Any) -> Any:
-    rerun = loaded_rerun()
-    return rerun.Points3D(points, colors=colours, radii=rerun.Radius.ui_points(DOT))
+    def points(
+        self,
+        points: FloatArray,
+        colours: Colour | Colours = PLAIN,
+        *,
+        labels: Sequence[str] = (),
+        large: bool = False,
+    ) -> None:
+        """Draw points; larger clouds are thinned evenly."""
+        rows = _thinned(np.flatnonzero(np.isfinite(points).all(axis=1)))
+        self.seen = np.concatenate([self.seen, points[rows]])
+        rerun = loaded_rerun()
+        drawn = rerun.Points3D(
+            points[rows],
+            colors=colours[rows] if isinstance(colours, np.ndarray) else colours,
+            radii=rerun.Radius.ui_points(LARGE_DOT if large else DOT),
+            labels=[labels[row] for row in rows] if labels else None,
+            show_labels=False if labels else None,
+        )
+        self._recorder.draw(self._path, self._reading.stamp, drawn)
+
+    def spheres(self, centres: FloatArray, radius: float, colour: Colour) -> None:
+        """Draw spheres."""
+        drawn = loaded_rerun().Points3D(centres, colors=colour, radii=radius)
+        self._recorder.draw(self._path, self._reading.stamp, drawn)
+
+    def arrow(self, name: str, vector: FloatArray, unit: str, colour: Colour) -> None:
+        """Draw an arrow below the path."""
+        sheaf = Sheaf(self._reading.stamp, vector[None])
+        self._sensors.arrows.of(unit).draw(self._recorder, f"{self._path}/{name}", colour, sheaf)
+
+    def taxels(self, values: FloatArray) -> None:
+        """Draw the patch of the sensor."""
+        self._sensors.taxels.draw(self._recorder, self._reading, values, self._path)
+
+    def depth_image(
+        self, depth: FloatArray, intrinsics: FloatArray, colour: Colours | None
+    ) -> None:
+        """Draw the image beneath the path of its camera, and its points."""
+        path, stamp = f"{self._path}/image", self._reading.stamp
+        self._sensors.cameras[self._reading.sensor or self._reading.frame] = path
+        rerun = loaded_rerun()
+        step = -(-depth.shape[1] // WIDEST)
+        depth = np.nan_to_num(depth[::step, ::step], posinf=0.0, neginf=0.0)
+        colour = None if colour is None else colour[::step, ::step]
+        height, width = depth.shape
+        intrinsics = np.diag([1.0 / step, 1.0 / step, 1.0]) @ intrinsics
+        eye = rerun.Pinhole(
+            image_from_camera=intrinsics, resolution=[width, height], image_plane_distance=0.1
+        )
+        self._recorder.draw(path, stamp, eye)
+        seen = (depth > 0.0) & (depth < FURTHEST)
+        millimetres = np.rint(np.where(seen, 1000.0 * depth, 0.0)).astype(np.uint16)
+        image = rerun.DepthImage(millimetres, meter=1000.0, colormap="viridis")
+        self._recorder.draw(path, stamp, image if colour is None else rerun.Image(colour))
+        points = _seen_points(depth, intrinsics)[seen]
+        self.points(points, PLAIN if colour is None else colour[seen])
+
+    def axes(self, name: str, pose: Pose) -> None:
+        """Draw axes beneath the objects of the world."""
+        path, stamp = entity("world", "objects", name), self._reading.stamp
+        self._recorder.place(path, stamp, self._pose @ pose)
+        rerun = loaded_rerun()
+        axes = rerun.Arrows3D(vectors=0.1 * np.eye(3), colors=255 * np.eye(3, dtype=np.uint8))
+        self._recorder.draw(path, stamp, axes)
+        text = rerun.Points3D(
+            [[0.0, 0.0, 0.1]], colors=PLAIN, radii=1e-4, labels=[name], show_labels=True
+        )
+        self._recorder.draw(f"{path}/name", stamp, text)
 
 
 def _thinned(rows: NDArray[Any]) -> NDArray[Any]:
     return rows[:: -(-len(rows) // MOST_POINTS) or 1]
-
-
-def _draw_image(recorder: Recorder, reading: DepthImage, path: str) -> FloatArray:
-    """Draw the points of a depth image, and beneath its camera's path what the camera sees."""
-    rerun = loaded_rerun()
-    step = -(-reading.depth.shape[1] // WIDEST)
-    depth = np.nan_to_num(reading.depth[::step, ::step], posinf=0.0, neginf=0.0)
-    colour = None if reading.colour is None else reading.colour[::step, ::step]
-    height, width = depth.shape
-    intrinsics = np.diag([1.0 / step, 1.0 / step, 1.0]) @ reading.intrinsics
-    eye = rerun.Pinhole(
-        image_from_camera=intrinsics, resolution=[width, height], image_plane_distance=0.1
-    )
-    recorder.draw(f"{path}/image", reading.stamp, eye)
-    seen = (depth > 0.0) & (depth < FURTHEST)
-    millimetres = np.rint(np.where(seen, 1000.0 * depth, 0.0)).astype(np.uint16)
-    image = rerun.DepthImage(millimetres, meter=1000.0, colormap="viridis")
-    recorder.draw(f"{path}/image", reading.stamp, image if colour is None else rerun.Image(colour))
-    points = _thinned(_seen_points(depth, intrinsics)[seen])
-    colours = CLOUD if colour is None else _thinned(colour[seen])
-    recorder.draw(path, reading.stamp, _cloud(points, colours))
-    return points
 
 
 def _seen_points(depth: FloatArray, intrinsics: FloatArray) -> FloatArray:
@@ -252,20 +280,3 @@ def _seen_points(depth: FloatArray, intrinsics: FloatArray) -> FloatArray:
     pixels = np.stack([columns, rows, np.ones_like(rows)], axis=-1)
     points: FloatArray = depth[..., None] * (pixels @ np.linalg.inv(intrinsics).T)
     return points
-
-
-def _lamp(reading: Switch) -> Any:
-    colour = CONTACT if reading.closed else CLOUD
-    return loaded_rerun().Points3D([[0.0, 0.0, 0.0]], colors=colour, radii=0.02)
-
-
-def _markers(reading: Markers, rows: NDArray[np.intp]) -> Any:
-    names = [reading.names[row] for row in rows]
-    rerun = loaded_rerun()
-    return rerun.Points3D(
-        reading.positions[rows],
-        colors=MARKER,
-        radii=rerun.Radius.ui_points(MARKER_DOT),
-        labels=names,
-        show_labels=False,
-    )

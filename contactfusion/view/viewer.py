@@ -14,18 +14,12 @@ from contactfusion.integrator.sources import EventKind, SourceReport
 from contactfusion.pipeline import Step
 from contactfusion.pipeline_config import PipelineConfig
 from contactfusion.readings import Reading
+from contactfusion.readings.canvas import ACTIVE, Colour
+from contactfusion.readings.registry import installed_kinds
 from contactfusion.state import State
 from contactfusion.view.layout import Extent, layout
-from contactfusion.view.recorder import (
-    CONTACT,
-    LINES,
-    Arrows,
-    Colour,
-    Recorder,
-    entity,
-    loaded_rerun,
-)
-from contactfusion.view.sensors import DRAWN, Sensors, Taxels
+from contactfusion.view.recorder import LINES, ArrowsByUnit, Recorder, entity, loaded_rerun
+from contactfusion.view.sensors import Sensors, Taxels
 from contactfusion.view.world import Absences, Beliefs, Body, Places, draw_command
 
 LONGEST = 32.0
@@ -59,12 +53,12 @@ class Viewer:
     def __init__(self, config: PipelineConfig, save: Path) -> None:
         self._side = config.integrator.voxel_size
         self._recorder = Recorder(save)
-        longest = LONGEST * self._side
-        self._forces, self._torques = Arrows("N", longest), Arrows("N·m", longest)
+        self._arrows = ArrowsByUnit(LONGEST * self._side)
         self._body, self._taxels = Body(config), Taxels(config)
         self._absences = Absences()
-        self._sensors = Sensors(self._taxels, self._forces, self._torques, self._absences)
-        self._beliefs, self._series = Beliefs(self._side, self._forces), Series(self._recorder)
+        self._sensors = Sensors(self._taxels, self._arrows, self._absences)
+        self._beliefs = Beliefs(self._side, self._arrows.of("N"))
+        self._series = Series(self._recorder)
         self._extent = Extent()
         self._waiting: list[Reading] = []
         up = loaded_rerun().ViewCoordinates.RIGHT_HAND_Z_UP
@@ -91,14 +85,14 @@ class Viewer:
     def _finished(self) -> Any:
         """Draw what needs the whole recording; give what the viewer shows first."""
         self._taxels.finish(self._recorder)
-        scales = [arrows.finish(self._recorder) for arrows in (self._forces, self._torques)]
-        scale = " or ".join(filter(None, scales))
+        scale = self._arrows.finish(self._recorder)
         lanes = len(self._series.sources) + 1
         return layout(self._extent, self._side, self._sensors.cameras, lanes, scale)
 
     def reading(self, reading: Reading) -> None:
-        """Hear a reading; it is drawn with the first step that is not before it."""
-        if isinstance(reading, DRAWN):
+        """Take a reading; it is drawn with the first step that is not before it."""
+        codec = installed_kinds().of(type(reading))
+        if codec is not None and codec.is_drawn:
             self._waiting.append(reading)
 
     def step(self, step: Step, state: State) -> None:
@@ -127,12 +121,10 @@ class Viewer:
         return self._absences.lines()
 
     def _draw_readings(self, now: float, places: Places) -> FloatArray:
-        """Draw the readings that a step heard; give the points that they saw in the world."""
+        """The points, in the world, that the readings of a step saw, all of which are drawn."""
         due = [reading for reading in self._waiting if reading.stamp <= now]
         self._waiting = [reading for reading in self._waiting if reading.stamp > now]
-        newest = {
-            (one.sensor or one.frame, type(one), getattr(one, "name", "")): one for one in due
-        }
+        newest = {self._sensors.channel(one): one for one in due}
         drawn = [self._sensors.draw(self._recorder, one, places) for one in newest.values()]
         return np.concatenate([np.empty((0, 3)), *drawn])
 
@@ -150,8 +142,8 @@ class Series:
         self._modes: list[str] = []
         self.sources: set[str] = set()
         """All that were ever heard of."""
-        recorder.draw("contacts/count", None, _line(CONTACT, "how many"))
-        recorder.draw("contacts/likelihood", None, _line(CONTACT, "likelihood"))
+        recorder.draw("contacts/count", None, _line(ACTIVE, "how many"))
+        recorder.draw("contacts/likelihood", None, _line(ACTIVE, "likelihood"))
 
     def draw(self, step: Step) -> None:
         """Go on with all lines by one step."""

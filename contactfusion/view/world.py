@@ -17,13 +17,12 @@ from contactfusion.frames import FrameTree, Pose, points_in, pose_of, vectors_in
 from contactfusion.integrator.fusion import HypothesisSpace
 from contactfusion.pipeline import Step
 from contactfusion.pipeline_config import PipelineConfig
+from contactfusion.readings.canvas import ACTIVE
 from contactfusion.robots.urdf import Link
 from contactfusion.state import State
 from contactfusion.surface import Surface
 from contactfusion.view.recorder import (
     COMMAND,
-    CONTACT,
-    FORCE,
     ROBOT,
     THICKNESS,
     TURN,
@@ -278,7 +277,7 @@ class Beliefs:
         vectors = np.array([contact.force for contact in felt]).reshape(-1, 3)
         tips = np.array([contact.position for contact in felt]).reshape(-1, 3)
         sheaf = Sheaf(stamp, vectors, tips)
-        self._forces.draw(recorder, "world/space/forces", FORCE, sheaf)
+        self._forces.draw(recorder, "world/space/forces", ACTIVE, sheaf)
 
     def _draw_voxels(self, recorder: Recorder, space: HypothesisSpace, stamp: float) -> None:
         for verdict in VOXELS:
@@ -320,7 +319,7 @@ def _ellipsoids(contacts: Sequence[Contact]) -> Any:
         centers=[contact.position for contact in contacts],
         half_sizes=SIGMAS * np.sqrt(variances.clip(min=0.0)),
         quaternions=Rotation.from_matrix(axes).as_quat(),
-        colors=CONTACT,
+        colors=ACTIVE,
         fill_mode=rerun.components.FillMode.TransparentFillMajorWireframe,
         line_radii=rerun.Radius.ui_points(1.5),
     )
@@ -330,7 +329,7 @@ def _centres(contacts: Sequence[Contact]) -> Any:
     """Draw where contacts are as dots that are seen from afar."""
     rerun = loaded_rerun()
     places = np.array([contact.position for contact in contacts]).reshape(-1, 3)
-    return rerun.Points3D(places, colors=CONTACT, radii=rerun.Radius.ui_points(DOT))
+    return rerun.Points3D(places, colors=ACTIVE, radii=rerun.Radius.ui_points(DOT))
 
 
 def _labels(contacts: Sequence[Contact], side: float) -> Any:
@@ -344,7 +343,7 @@ def _labels(contacts: Sequence[Contact], side: float) -> Any:
     places = np.array([contact.position for contact in contacts]).reshape(-1, 3)
     return loaded_rerun().Points3D(
         places - np.outer(deep, [0.0, 0.0, 1.0]),
-        colors=CONTACT,
+        colors=ACTIVE,
         radii=1e-4,
         labels=[_label(contact) for contact in contacts],
         show_labels=True,

@@ -1,14 +1,25 @@
 """The commands that the laboratory adds to the command line: demo, experiment, train, tune push."""
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from contactfusion.cli.options import Out, listed
+from contactfusion.errors import ConfigurationError, name_hint
+
+if TYPE_CHECKING:
+    from contactfusion_lab.trials.executor import Executor
 
 Seed = Annotated[int, typer.Option(min=0, help="Random seed.")]
 Workers = Annotated[int, typer.Option(min=1, help="Number of processes.")]
+Executed = Annotated[
+    str,
+    typer.Option(
+        "--executor", help="local: processes on this machine; dask: workers of --scheduler."
+    ),
+]
+Scheduler = Annotated[str, typer.Option(help="Address of a dask scheduler, e.g. tcp://HOST:8786.")]
 Faults = Annotated[Path | None, typer.Option(help="Faults of sensors (YAML).")]
 Noise = Annotated[
     str | None,
@@ -22,6 +33,28 @@ experiments = typer.Typer(
 train = typer.Typer(
     name="train", help="Train networks in simulation, from scratch.", no_args_is_help=True,
 )  # fmt: skip
+
+
+def _executor(name: str, workers: int, scheduler: str) -> "Executor":
+    """The workers that the options name.
+
+    Raises:
+        ConfigurationError: an option does not fit, or no scheduler answers.
+        DependencyError: distributed is not installed.
+    """
+    if name == "dask":
+        from contactfusion_lab.trials.cluster import Dask
+
+        return Dask(scheduler)
+    from contactfusion_lab.trials.executor import Local
+
+    if name != "local":
+        raise ConfigurationError(
+            f"unknown executor '{name}'; {name_hint(name, ('dask', 'local'), 'executors')}"
+        )
+    if scheduler:
+        raise ConfigurationError("only --executor dask has a scheduler", "scheduler")
+    return Local(workers)
 
 
 def demo(out: Out = Path("out/demo")) -> None:
@@ -46,18 +79,21 @@ def tune_push(
     ] = False,
     seed: Seed = 0,
     workers: Workers = 2,
+    executor: Executed = "local",
+    scheduler: Scheduler = "",
     out: Out = Path("out/tune"),
 ) -> None:
     """Search parameters of reactive pushing in a planar model; resumes where it stopped."""
     if check:
         from contactfusion_lab.tune_push.push import check_ranking
 
-        check_ranking(trials, seed, workers, out)
+        check_ranking(trials, seed, _executor(executor, workers, scheduler), out)
         return
     from contactfusion_lab.tune_push.push import Options
     from contactfusion_lab.tune_push.push import tune_push as search
 
-    search(Options(seed, trials, rounds, confirm, start, workers), out)
+    shared = _executor(executor, workers, scheduler)
+    search(Options(seed, trials, rounds, confirm, start, shared), out)
 
 
 @train.command("cpm")
@@ -75,13 +111,16 @@ def train_cpm(
     stride: Annotated[int, typer.Option(min=1, help="An epoch uses every N-th window.")] = 4,
     seed: Seed = 0,
     workers: Workers = 2,
+    executor: Executed = "local",
+    scheduler: Scheduler = "",
     out: Out = Path("out/cpm"),
 ) -> None:
     """Train the networks that perceive contact; resumes where it stopped."""
     from contactfusion_lab.learning.cpm import Options
     from contactfusion_lab.learning.cpm import train_cpm as train_networks
 
-    options = Options(rounds, varied, driven, tested, epochs, early, stride, seed, workers)
+    shared = _executor(executor, workers, scheduler)
+    options = Options(rounds, varied, driven, tested, epochs, early, stride, seed, shared)
     train_networks(options, out)
 
 
@@ -123,6 +162,8 @@ def experiment_touch(
     faults: Faults = None,
     seed: Seed = 0,
     workers: Workers = 2,
+    executor: Executed = "local",
+    scheduler: Scheduler = "",
     draw: Annotated[
         list[str] | None, typer.Option(help="A touch to draw, e.g. box-03-0; may be repeated.")
     ] = None,
@@ -143,7 +184,7 @@ def experiment_touch(
         noise=noise,
         faults=faults,
         seed=seed,
-        workers=workers,
+        executor=_executor(executor, workers, scheduler),
         draw=draw or (),
     )
     run_touch(options, out)
@@ -193,6 +234,8 @@ def experiment_push(
     faults: Faults = None,
     seed: Seed = 0,
     workers: Workers = 2,
+    executor: Executed = "local",
+    scheduler: Scheduler = "",
     record: Annotated[
         list[str] | None,
         typer.Option(help="A trial to film, e.g. box-mu1-grid-007; may be repeated."),
@@ -220,7 +263,7 @@ def experiment_push(
         skin=SkinConfig(activation=activation),
         faults=faults,
         seed=seed,
-        workers=workers,
+        executor=_executor(executor, workers, scheduler),
         record=record or (),
     )
     run_push(options, out)
@@ -250,6 +293,8 @@ def experiment_grasp(
     faults: Faults = None,
     seed: Seed = 0,
     workers: Workers = 2,
+    executor: Executed = "local",
+    scheduler: Scheduler = "",
     record: Annotated[
         list[str] | None, typer.Option(help="A grasp to film, e.g. bottle-003; may be repeated.")
     ] = None,
@@ -269,7 +314,7 @@ def experiment_grasp(
         noise=noise,
         faults=faults,
         seed=seed,
-        workers=workers,
+        executor=_executor(executor, workers, scheduler),
         record=record or (),
     )
     run_grasp(options, out)

@@ -3,31 +3,31 @@
 import pytest
 
 from contactfusion.errors import ConfigurationError
-from contactfusion_lab.experiments.choices import trial_called
+from contactfusion_lab.trials.choices import trial_named
 
-TRIALS = {"skin/tuned/box-1": 1, "skin/tuned/chair-1": 2, "lidar/tuned/box-1": 3}
+TRIALS = ("skin/tuned/box-1", "skin/tuned/chair-1", "lidar/tuned/box-1")
 
 
 def test_a_trial_is_found_by_the_end_of_its_name_the_first_of_several() -> None:
-    assert trial_called("chair-1", TRIALS) == 2
-    assert trial_called("box-1", TRIALS) == 1
-    assert trial_called("lidar/tuned/box-1", TRIALS) == 3
+    assert trial_named("chair-1", TRIALS) == "skin/tuned/chair-1"
+    assert trial_named("box-1", TRIALS) == "skin/tuned/box-1"
+    assert trial_named("lidar/tuned/box-1", TRIALS) == "lidar/tuned/box-1"
 
 
 @pytest.mark.parametrize("told", ["ox-1", "tuned", "", "box-1/"])
 def test_parts_of_names_are_no_names(told: str) -> None:
     with pytest.raises(ConfigurationError, match=f"record: unknown trial '{told}'"):
-        trial_called(told, TRIALS)
+        trial_named(told, TRIALS)
 
 
 def test_of_many_trials_one_is_told() -> None:
-    many = {f"a/{number:03d}": number for number in range(31)}
+    many = [f"a/{number:03d}" for number in range(31)]
     with pytest.raises(ConfigurationError, match="unknown trial '7'; one is '000'"):
-        trial_called("7", many)
+        trial_named("7", many)
 
 
 def test_a_name_that_is_written_wrong_is_told_with_the_nearest_of_as_many_parts() -> None:
     with pytest.raises(ConfigurationError, match="unknown trial 'chair-2'; did you mean 'chair-1'"):
-        trial_called("chair-2", TRIALS)
+        trial_named("chair-2", TRIALS)
     with pytest.raises(ConfigurationError, match="did you mean 'tuned/chair-1'"):
-        trial_called("tunde/chair-1", TRIALS)
+        trial_named("tunde/chair-1", TRIALS)

@@ -8,8 +8,8 @@ import pytest
 from contactfusion.errors import PluginError
 from contactfusion.readings import TactileImage
 from contactfusion_lab.experiments import eflesh, force_plates, icub, recordings
-from contactfusion_lab.experiments.measures import Measure
 from contactfusion_lab.experiments.methods import Method
+from contactfusion_lab.trials.measures import Measure
 from tests.real_data import real_data
 
 POSTERIOR = Method("posterior", "modes")

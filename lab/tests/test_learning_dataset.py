@@ -12,12 +12,12 @@ from contactfusion.errors import ConfigurationError
 from contactfusion.files import read_arrays, write_npz
 from contactfusion_lab.learning.dataset import (
     ARRAYS,
-    TOLD,
+    NAMED,
     Dataset,
     LabelledTrial,
     Windows,
+    content_of,
     load,
-    save,
 )
 from lab.tests.learning_toys import toy_trial, toy_trials
 
@@ -25,9 +25,9 @@ TRIAL = toy_trial(3, "validation", cycles=25)
 
 
 def test_a_trial_is_read_as_it_was_written(tmp_path: Path) -> None:
-    save(TRIAL, tmp_path / "trial.npz")
+    (tmp_path / "trial.npz").write_bytes(content_of(TRIAL))
     again = load(tmp_path / "trial.npz")
-    assert [getattr(again, name) for name in TOLD] == [getattr(TRIAL, name) for name in TOLD]
+    assert [getattr(again, name) for name in NAMED] == [getattr(TRIAL, name) for name in NAMED]
     for name in ARRAYS:
         assert getattr(again, name).dtype == getattr(TRIAL, name).dtype
         assert getattr(again, name).tobytes() == getattr(TRIAL, name).tobytes()
@@ -52,7 +52,7 @@ def test_trials_that_cannot_be_are_refused(changes: dict[str, Any], what: str) -
 
 def test_other_files_are_refused(tmp_path: Path) -> None:
     path = tmp_path / "trial.npz"
-    save(TRIAL, path)
+    path.write_bytes(content_of(TRIAL))
     held: dict[str, Any] = read_arrays(path)
     write_npz(path, **(held | {"kind": held["kind"] + 9}))
     with pytest.raises(ConfigurationError, match=r"trial.npz: kind holds"):

@@ -7,7 +7,6 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -30,12 +29,12 @@ from contactfusion_lab.experiments.push.plan import (
     read_targets,
 )
 from contactfusion_lab.experiments.push.suites import controller_options
-from contactfusion_lab.experiments.push.trial import KINDS, load, run_trial, save
-from contactfusion_lab.experiments.workers import Died
+from contactfusion_lab.experiments.push.trial import KINDS, content_of, load, run_trial
 from contactfusion_lab.scenes.push.config import SkinConfig, named_object, read_object
 from contactfusion_lab.scenes.push.objects import outlines
 from contactfusion_lab.scenes.push.sensors import with_taxels
 from contactfusion_lab.scenes.push.world import PushWorld
+from lab.tests.here import Here
 
 ROOT = Path(__file__).parents[2]
 CONTACTFUSION = Path(sys.executable).with_name("contactfusion")
@@ -70,7 +69,7 @@ def plan(targets: Targets = TO_NEAR, **changes: Any) -> Plan:
 
 
 def small(targets: str, **changes: Any) -> Options:
-    one = Options(objects=("box",), frictions=("mu1",), targets=targets, seed=5, workers=1)
+    one = Options(objects=("box",), frictions=("mu1",), targets=targets, seed=5, executor=Here())
     return replace(one, **changes)
 
 
@@ -91,18 +90,6 @@ def urdf_file(folder: Path, shape: str = "") -> Path:
     path = folder / "bare.urdf"
     path.write_text(f"<robot name='bare'>{link}</robot>")
     return path
-
-
-@pytest.fixture
-def here(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Push in this process: processes are slow to start."""
-
-    def each(
-        make: Callable[[Any], Any], tasks: Sequence[Any], workers: int
-    ) -> Iterator[tuple[Any, Any]]:
-        return ((task, make(task)) for task in tasks)
-
-    monkeypatch.setattr(experiment, "each", each)
 
 
 class TestTargets:
@@ -285,7 +272,8 @@ class TestTrial:
     def test_the_same_push_gives_the_same_bytes(self, tmp_path: Path) -> None:
         made = plan(objects=["cylinder"], starts="random")
         for name in ("one", "other"):
-            save(run_trial(made, made.pushes()[0], "tuned")[0], tmp_path / name)
+            track, _ = run_trial(made, made.pushes()[0], "tuned")
+            (tmp_path / name).write_bytes(content_of(track))
         assert (tmp_path / "one").read_bytes() == (tmp_path / "other").read_bytes()
 
     def test_a_track_is_what_happened(self, tmp_path: Path) -> None:
@@ -305,7 +293,7 @@ class TestTrial:
         assert KINDS[track.estimate[0]] == "none" and np.isnan(track.lateral[0])
         assert len(cost.fused) == len(track.stamp) and 0.0 < cost.fused.sum() < cost.cpu
         assert cost.simulated == track.stamp[-1]
-        save(track, tmp_path / "track.npz")
+        (tmp_path / "track.npz").write_bytes(content_of(track))
         again = load(tmp_path / "track.npz")
         assert again.push == push and again.modes == track.modes
         np.testing.assert_array_equal(again.command, track.command)
@@ -316,7 +304,6 @@ class TestTrial:
             load(tmp_path / "odd.npz")
 
 
-@pytest.mark.usefixtures("here")
 class TestExperiment:
     @pytest.mark.slow
     def test_results_are_files(self, targets: str, tmp_path: Path) -> None:
@@ -334,7 +321,7 @@ class TestExperiment:
         assert {row["success_true"] for row in rows[:2]} == {"1"}
         summary = json.loads((out / "summary.json").read_text())
         assert summary["reached"]["skin/tuned"]["all"]["success_true"]["share"] == 1.0
-        assert [one["against"] for one in summary["tests"]] == ["skin/paper"]
+        assert {one["case"] for one in summary["tests"]} == {"skin/paper"}
 
     def test_what_is_there_is_not_made_again(self, targets: str, tmp_path: Path) -> None:
         out = tmp_path / "out"
@@ -364,7 +351,7 @@ class TestExperiment:
             ("paper", "prism-mu1-near-000"), ("paper", "prism-mu1-near-001"),
         ]  # fmt: skip
         summary = json.loads((out / "summary.json").read_text())
-        assert [one["against"] for one in summary["tests"]] == ["skin/paper"]
+        assert {one["case"] for one in summary["tests"]} == {"skin/paper"}
 
     @pytest.mark.parametrize(
         ("change", "told"),
@@ -384,7 +371,7 @@ class TestExperiment:
         options = small(targets)
         made = plan(read_targets(targets), objects=["box"], frictions=["mu1"], seed=5)
         (out / "trials").mkdir(parents=True)
-        (out / "settings.json").write_text(json.dumps(made.settings(["tuned"])))
+        (out / "settings.json").write_text(json.dumps(made.settings(["tuned"]), default=str))
         monkeypatch.setattr(experiment, "check", lambda *_: None)
         with pytest.raises(ConfigurationError, match=f"holds pushes of other .*{told}"):
             run_push(replace(options, **change), out)
@@ -437,20 +424,12 @@ class TestExperiment:
         assert (tmp_path / "out" / "table.md").is_file()
 
     def test_a_push_whose_process_dies_twice_is_told_and_the_others_are_kept(
-        self, targets: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
-        capsys: pytest.CaptureFixture[str],
-    ) -> None:  # fmt: skip
-        def each(make: Any, tasks: Sequence[Any], workers: int) -> Iterator[tuple[Any, Any]]:
-            dies = tasks[0] if len(tasks) > 1 and isinstance(tasks[0], tuple) else None
-            return (
-                (one, Died("was killed by SIGSEGV") if one is dies else make(one)) for one in tasks
-            )
-
-        monkeypatch.setattr(experiment, "each", each)
+        self, targets: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    ) -> None:
         with pytest.raises(
             RobotError, match="1 of 2 pushes were not made: skin/tuned/box-mu1-near-000"
         ):
-            run_push(small(targets), tmp_path / "out")
+            run_push(small(targets, executor=Here(crashing=(0,))), tmp_path / "out")
         assert "1/1" in capsys.readouterr().out
         summary = json.loads((tmp_path / "out" / "summary.json").read_text())
         assert summary["reached"]["skin/tuned"]["all"]["n"] == 1
@@ -528,7 +507,6 @@ class TestExperiment:
             ({"controllers": ("tuned", "tuned")}, "stands twice"),
             ({"record": ("box-mu1-near-007",)}, "unknown trial 'box-mu1-near-007'"),
             ({"frictions": ("mu1", "mu1")}, "stands twice among the frictions"),
-            ({"workers": 0}, "workers: it takes 1 worker or more, not 0"),
             ({"seed": -1}, "a seed is 0 or more, not -1"),
         ],
     )
@@ -546,7 +524,7 @@ class TestExperiment:
 
         names = ("box-mu1-near-000", "tuned/box-mu1-near-000")
         run_push(small(targets, record=names), tmp_path / "out")
-        assert capsys.readouterr().out.count("recorded: ") == 1
+        assert capsys.readouterr().out.count("film: ") == 1
         folder = tmp_path / "out" / "recordings" / "skin" / "tuned"
         with Image.open(folder / "box-mu1-near-000.gif") as film:
             assert film.format == "GIF"
@@ -566,7 +544,7 @@ class TestExperiment:
         monkeypatch.setattr(experiment, "record", lambda *_: pytest.fail("recorded"))
         with pytest.raises(RobotError, match="^1 of 2 pushes were not made: .*000: oh$"):
             run_push(small(targets, record=("box-mu1-near-000",)), tmp_path / "out")
-        assert "not recorded: skin/tuned/box-mu1-near-000" in capsys.readouterr().out
+        assert "not filmed: skin/tuned/box-mu1-near-000" in capsys.readouterr().out
         assert (tmp_path / "out" / "table.md").is_file()
 
     def test_a_recording_that_fails_is_told_after_the_results(
@@ -577,30 +555,15 @@ class TestExperiment:
 
         monkeypatch.setattr(experiment, "record", broken)
         names = ("box-mu1-near-000", "box-mu1-near-001")
-        told = (
-            "^2 of 2 recordings were not made: skin/tuned/box-mu1-near-000: ZeroDivisionError: oh$"
-        )
+        told = "^2 of 2 films were not made: skin/tuned/box-mu1-near-000: ZeroDivisionError: oh$"
         with pytest.raises(RobotError, match=told):
             run_push(small(targets, record=names), tmp_path / "out")
-        assert (tmp_path / "out" / "table.md").is_file()
-
-    def test_a_recording_whose_process_dies_takes_no_results_with_it(
-        self, targets: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-    ) -> None:
-        def each(make: Any, tasks: Sequence[Any], workers: int) -> Iterator[tuple[Any, Any]]:
-            dies = getattr(make, "func", None) is experiment._record  # pyright: ignore[reportPrivateUsage]
-            died = Died("was killed by SIGSEGV")
-            return ((one, died if dies else make(one)) for one in tasks)
-
-        monkeypatch.setattr(experiment, "each", each)
-        with pytest.raises(RobotError, match="recordings .*000: its process was killed by SIGSEGV"):
-            run_push(small(targets, record=("box-mu1-near-000",)), tmp_path / "out")
         assert (tmp_path / "out" / "table.md").is_file()
 
 
 @pytest.mark.slow
 def test_killed_and_gone_on_with_it_gives_the_bytes_of_an_undisturbed_run(
-    targets: str, tmp_path: Path, request: pytest.FixtureRequest
+    targets: str, tmp_path: Path
 ) -> None:
     more = target_file(tmp_path / "near.yaml", *NEAR, (0.5, 0.0), (0.4, -0.1), (0.45, 0.1))
     whole, killed = tmp_path / "whole", tmp_path / "killed"
@@ -614,7 +577,6 @@ def test_killed_and_gone_on_with_it_gives_the_bytes_of_an_undisturbed_run(
     running.wait()
     assert not (killed / "results.csv").exists()
     subprocess.run([*command, "1"], check=True, stdout=subprocess.DEVNULL)
-    request.getfixturevalue("here")
     run_push(small(more), whole)
     assert content(killed) == content(whole)
 

@@ -13,10 +13,10 @@ from contactfusion_lab.experiments.push.experiment import Options, read_plans, r
 from contactfusion_lab.experiments.push.failing import RandomFault, drawn, read_failing
 from contactfusion_lab.experiments.push.plan import Plan
 from contactfusion_lab.experiments.push.trial import Track, load, run_trial
-from lab.tests.test_push_experiment import content, here, small, target_file, targets
+from lab.tests.test_push_experiment import content, small, target_file, targets
 from tests.test_networks import some_weights, write
 
-__all__ = ["here", "targets"]  # fixtures
+__all__ = ["targets"]  # a fixture
 EXAMPLES = sorted((Path(__file__).parents[2] / "examples" / "faults").glob("push_*.yaml"))
 
 
@@ -148,7 +148,6 @@ class TestPushes:
         assert not np.array_equal(misplaced.lateral[:5], whole.lateral[:5], equal_nan=True)
 
 
-@pytest.mark.usefixtures("here")
 class TestExperiment:
     @pytest.mark.slow
     @pytest.mark.parametrize("path", EXAMPLES, ids=lambda path: path.stem)

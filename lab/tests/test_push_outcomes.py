@@ -7,21 +7,19 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pandas as pd
 import pytest
 
 from contactfusion.errors import ConfigurationError
 from contactfusion.figures import new_figure
-from contactfusion_lab.experiments.folder import as_json
+from contactfusion.files import write_whole
 from contactfusion_lab.experiments.push import figures, tables
-from contactfusion_lab.experiments.push.evaluation import evaluate, trial_file
 from contactfusion_lab.experiments.push.outcomes import (
     Outcome,
     cause,
-    compare,
     compare_all,
-    comparisons_text,
     outcome,
-    results_csv,
+    outcomes_of,
 )
 from contactfusion_lab.experiments.push.plan import (
     Plan,
@@ -30,10 +28,13 @@ from contactfusion_lab.experiments.push.plan import (
     read_plan,
     read_targets,
 )
-from contactfusion_lab.experiments.push.tables import GROUPS, PAPER, Reached, perception
-from contactfusion_lab.experiments.push.trial import ARRAYS, Track, save
+from contactfusion_lab.experiments.push.tables import GROUPS, PAPER, Reached, evaluate, perception
+from contactfusion_lab.experiments.push.trial import ARRAYS, Track, content_of
 from contactfusion_lab.scenes.push.config import SkinConfig
 from contactfusion_lab.scenes.push.scene import Ending
+from contactfusion_lab.trials.folder import as_json, trial_file
+from contactfusion_lab.trials.measures import CASE
+from contactfusion_lab.trials.tables import as_csv, frame_of
 
 PUSH = Push("box", "mu1", "grid", 3, (2.0, 1.0), 0.0, 0.0, 7)
 MODES = ("push", "search", "escape", "realign", "arrived")
@@ -80,6 +81,12 @@ def unfelt(rows: Any, one: Track) -> Track:
     estimate, lateral = one.estimate.copy(), one.lateral.copy()
     estimate[rows], lateral[rows] = 0, np.nan
     return replace(one, estimate=estimate, lateral=lateral)
+
+
+def keep(one: Track, out: Path) -> Path:
+    path = trial_file(out, f"{one.sensing}/{one.controller}/{one.push.name}", ".npz")
+    write_whole(path, content_of(one))
+    return path
 
 
 class TestOutcome:
@@ -172,7 +179,7 @@ class TestOutcome:
         assert np.isnan(values).all() and one.cause == "never touched"
 
     def test_a_row_tells_successes_as_0_or_1_and_nothing_for_no_value(self) -> None:
-        text = results_csv([outcome(without(slice(None), track()))])
+        text = as_csv(outcomes_of([without(slice(None), track())]))
         (row,) = csv.DictReader(text.splitlines())
         assert (row["success_true"], row["success_estimate"]) == ("0", "1")
         assert (row["trial"], row["target_x"], row["swept"]) == ("box-mu1-grid-003", "2", "")
@@ -218,42 +225,42 @@ def outcomes(won: list[bool], controller: str = "tuned", **changes: Any) -> list
     ]
 
 
+def framed(found: list[Outcome]) -> pd.DataFrame:
+    frame = frame_of(found, Outcome)
+    return frame.assign(**{CASE: frame["sensing"] + "/" + frame["controller"]})
+
+
 class TestTables:
     def test_the_table_stands_beside_the_papers(self) -> None:
-        found = {"skin/tuned": outcomes([True] * 18 + [False] * 6)}
+        found = framed(outcomes([True] * 18 + [False] * 6))
         text = tables.success_text(found, "grid", "nominal")
         assert "| *paper, contact skin* | 23/24 | 23/24, 95.83 % |" in text
         assert "| skin/tuned, true | 18/24 | 18/24, 75.00 % [" in text
         assert "| skin/tuned, by estimate | 24/24 |" in text
 
     def test_other_targets_and_objects_have_no_row_of_the_papers(self) -> None:
-        found = {"skin/tuned": outcomes([True])}
+        found = framed(outcomes([True]))
         assert "paper" in tables.success_text(found, "grid", "nominal")
         assert "paper" not in tables.success_text(found, "validation", "nominal")
         assert "paper" not in tables.success_text(found, "grid", "random")
-        assert "paper" not in tables.success_text(
-            {"skin/tuned": [replace(found["skin/tuned"][0], object="lshape")]}, "grid", "nominal"
-        )
+        lshape = framed(outcomes([True], object="lshape"))
+        assert "paper" not in tables.success_text(lshape, "grid", "nominal")
 
     def test_a_controller_that_lacks_an_object_has_no_share_of_it(self) -> None:
-        found = {
-            "skin/tuned": outcomes([True]) + outcomes([True], object="prism"),
-            "skin/paper": outcomes([False], "paper"),
-        }
+        one, other = outcomes([True]), outcomes([True], object="prism")
+        found = framed([*one, *other, *outcomes([False], "paper")])
         text = tables.success_text(found, "grid", "nominal")
         assert "| skin/tuned, true | 1/1 | 1/1 | 2/2" in text
         assert "| skin/paper, true | 0/1 | - | 0/1" in text
 
     def test_other_targets_have_other_rows_of_the_papers(self) -> None:
-        found = {"rule/tuned": outcomes([True])}
+        (one,) = outcomes([True])
+        found = framed([one])
         new = tables.success_text(found, "new", "nominal")
         assert "| *paper, LiDAR* | 12/12 | 12/12, 100.00 % |" in new
         assert "skin*" not in new and "RGB-D" not in new
-        whole = [
-            replace(found["rule/tuned"][0], object=thing, friction=friction)
-            for thing, friction in GROUPS
-        ]
-        new = tables.success_text({"rule/tuned": whole}, "new", "nominal")
+        whole = [replace(one, object=thing, friction=friction) for thing, friction in GROUPS]
+        new = tables.success_text(framed(whole), "new", "nominal")
         assert "| *paper, LiDAR* | 12/12 | 12/12 | 11/12 | 11/12 | 11/12 | 12/12 | 69/72" in new
         assert "| *paper, RGB-D* | - | - | - | - | - | - | 62/72, 86.11 % |" in new
 
@@ -272,69 +279,34 @@ class TestTables:
         hits = sum(row.hits) if row.hits else round(row.share * n)
         assert hits / n == pytest.approx(row.share, abs=5e-5)
 
-    def test_a_summary_tells_all_and_each_object_and_friction(self) -> None:
-        made = [*outcomes([True, False, True, True]), *outcomes([False], friction="mu2")]
-        summary = tables.summary_of(made, 0)
-        assert list(summary) == ["all", "box mu1", "box mu2"]
-        whole = summary["all"]
-        assert whole["n"] == 5 and whole["success_true"]["share"] == pytest.approx(0.6)
-        assert whole["success_true"]["low"] < 0.6 < whole["success_true"]["high"]
-        assert whole["lateral_true"]["median"] == pytest.approx(0.1)
-
-    def test_a_measure_that_no_push_has_is_none_and_no_nan(self) -> None:
-        made = outcomes([False, False], swept=np.nan)
-        summary = tables.summary_of(made, 0)
-        assert summary["all"]["swept"]["median"] is None
-        json.dumps(summary, allow_nan=False)
-        assert "| - |" in tables.measures_text({"skin/tuned": summary})
-
     def test_failures_are_listed_with_their_causes(self) -> None:
         made = outcomes([True, False], cause="never touched")
-        text = tables.failures_text({"tuned": made})
-        assert "1 of 2 without true success" in text
+        text = tables.failures_text(framed(made))
+        assert "1 of 2 without success" in text
         assert "- box-mu1-grid-001 to (2.00, 1.00): never touched" in text
-
-    def test_a_long_list_of_failures_is_cut(self) -> None:
-        text = tables.failures_text({"tuned": outcomes([False] * (tables.LISTED + 3))})
-        assert text.endswith("- and 3 more, in results.csv")
-        assert text.count("\n- ") == tables.LISTED + 1
 
 
 class TestComparisons:
-    def test_success_is_compared_push_by_push(self) -> None:
-        first = outcomes([True] * 8 + [False] * 2)
-        other = outcomes([True] * 2 + [False] * 7 + [True], "paper")
-        one = compare(first, other)
-        assert (one.pushes, one.first_only, one.other_only) == (10, 6, 1)
-        assert one.p_of_success == pytest.approx(2 * 8 / 2**7)
-
     def test_measures_are_compared_where_both_succeed(self) -> None:
         first = [replace(one, time=10.0 + n) for n, one in enumerate(outcomes([True] * 9))]
-        other = [replace(one, time=12.0 + 2.0 * n) for n, one in enumerate(outcomes([True] * 9))]
+        other = [replace(one, time=12.0 + 2.0 * n, controller="paper")
+                 for n, one in enumerate(outcomes([True] * 9))]  # fmt: skip
         other[0] = replace(other[0], success_true=False, time=1000.0)
-        by_measure = {one.measure: one for one in compare(first, other).differences}
-        assert (by_measure["time"].pushes, by_measure["time"].median) == (8, -6.5)
-        assert by_measure["time"].p == pytest.approx(2 / 2**8)
-        assert by_measure["time"].stars == "**"
-        assert by_measure["swept"].p == 1.0 and by_measure["swept"].stars == "n.s."
+        found = {each.measure: each for each in compare_all(framed([*first, *other]), 0)}
+        assert (found["success_true"].trials, found["time"].trials) == (9, 8)
+        assert found["time"].difference == 6.5 and found["time"].case == "skin/paper"
+        assert found["time"].stars == "**" and found["swept"].stars == "n.s."
 
     def test_each_is_compared_with_the_first_that_differs_in_one_thing(self) -> None:
         pairs = [(s, c) for s in ("skin", "rule") for c in ("tuned", "paper")] + [("fused", "own")]
-        found = {f"{s}/{c}": outcomes([True], c, sensing=s) for s, c in pairs}
-        assert [(one.first, one.against) for one in compare_all(found)] == [
+        found = [one for s, c in pairs for one in outcomes([True], c, sensing=s)]
+        tests = compare_all(framed(found), 0)
+        assert list(dict.fromkeys((one.against, one.case) for one in tests)) == [
             ("skin/tuned", "skin/paper"),
             ("skin/tuned", "rule/tuned"),
             ("skin/paper", "rule/paper"),
             ("skin/tuned", "fused/own"),
         ]
-
-    def test_pushes_that_only_one_made_have_no_say(self) -> None:
-        assert compare(outcomes([True] * 3), outcomes([True] * 2)).pushes == 2
-
-    def test_without_a_common_success_there_is_nothing_to_compare(self) -> None:
-        one = compare(outcomes([True]), outcomes([False], "paper"))
-        assert {each.median for each in one.differences} == {None}
-        assert "| skin/tuned | skin/paper | 1 | 0 | 1 | 0 | - |" in comparisons_text([one])
 
 
 def planned(targets: Targets, objects: tuple[str, ...] = (), starts: str = "nominal") -> Plan:
@@ -345,7 +317,7 @@ def pushed(plan: Plan, controller: str, out: Path) -> None:
     """Write a track of every push."""
     for push in plan.pushes():
         one = track(push=push, sensing=plan.sensing.label, controller=controller)
-        save(one, trial_file(out, plan.sensing.label, controller, push))
+        keep(one, out)
 
 
 class TestEvaluation:
@@ -371,9 +343,9 @@ class TestEvaluation:
         ]  # fmt: skip
         summary = json.loads((tmp_path / "summary.json").read_text())
         assert summary["targets"] == ["new", "random", "grid"]
-        assert [(one["first"], one["against"], one["pushes"]) for one in summary["tests"]] == [
+        assert [(one["against"], one["case"], one["trials"]) for one in summary["tests"]] == [
             ("skin/paper", "skin/tuned", 48)
-        ]
+        ] * 5
         table = (tmp_path / "table.md").read_text()
         assert table.count("*paper, contact skin*") == 1 and "| skin/paper, true | 12/12 |" in table
 
@@ -394,8 +366,7 @@ class TestEvaluation:
     ) -> None:
         made = planned(Targets("near", ((0.4, 0.0),)), ("box",))
         push = replace(made.pushes()[0], **change)
-        path = trial_file(tmp_path, "skin", "tuned", push)
-        save(track(push=push), path)
+        path = keep(track(push=push), tmp_path)
         with pytest.raises(ConfigurationError, match=f"^{path} holds another push than"):
             evaluate(made, made.settings(["tuned"]), [], tmp_path)
 
@@ -417,26 +388,12 @@ class TestEvaluation:
 
     def test_panels_reach_as_far_as_all_targets_and_one_without_any_does_not_fail(self) -> None:
         axes = new_figure(3.0, 3.0).subplots()
-        figures._floor(axes, [])  # pyright: ignore[reportPrivateUsage]
+        figures._floor(axes, framed([]))  # pyright: ignore[reportPrivateUsage]
         assert axes.get_xlim() == (-figures.REACH[0], figures.REACH[0])
         (far,) = outcomes([True], target_x=-4.0)
-        figures._floor(axes, [far])  # pyright: ignore[reportPrivateUsage]
+        figures._floor(axes, framed([far]))  # pyright: ignore[reportPrivateUsage]
         assert axes.get_xlim() == pytest.approx((-4.3, 4.3))
 
     def test_json_has_null_for_what_is_no_number(self) -> None:
-        told = {"p": float("nan"), "rows": [(float("inf"), 1.5, True, 3, "x", None)]}
-        assert json.loads(as_json(told)) == {"p": None, "rows": [[None, 1.5, True, 3, "x", None]]}
-
-    def test_a_p_value_that_is_nan_is_null_in_the_summary(
-        self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-    ) -> None:
-        made = planned(Targets("near", ((0.4, 0.0),)), ("box",))
-        for controller in ("tuned", "paper"):
-            pushed(made, controller, tmp_path)
-        monkeypatch.setattr(
-            "contactfusion_lab.experiments.push.outcomes.compare",
-            lambda *both: replace(compare(*both), p_of_success=float("nan")),
-        )
-        evaluate(made, made.settings(["tuned", "paper"]), [], tmp_path)
-        text = (tmp_path / "summary.json").read_text()
-        assert "NaN" not in text and json.loads(text)["tests"][0]["p_of_success"] is None
+        value = {"p": float("nan"), "rows": [(float("inf"), 1.5, True, 3, "x", None)]}
+        assert json.loads(as_json(value)) == {"p": None, "rows": [[None, 1.5, True, 3, "x", None]]}

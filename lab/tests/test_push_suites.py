@@ -17,14 +17,20 @@ from contactfusion_lab.experiments.push import suites
 from contactfusion_lab.experiments.push.experiment import Options, read_plans, run_push
 from contactfusion_lab.experiments.push.plan import Plan
 from contactfusion_lab.experiments.push.suites import SENSINGS, Change, Sensing, read_sensing
-from contactfusion_lab.experiments.push.timers import Cost, costs_of, tell_costs
-from contactfusion_lab.experiments.push.trial import load, push_cycles, run_trial
-from contactfusion_lab.experiments.workers import POOLS, one_thread_each
+from contactfusion_lab.experiments.push.trial import (
+    Cost,
+    costs_of,
+    load,
+    push_cycles,
+    run_trial,
+    tell_costs,
+)
 from contactfusion_lab.scenes.push.scene import Cycle
-from lab.tests.test_push_experiment import content, here, small, target_file, targets
+from contactfusion_lab.trials.executor import Local
+from lab.tests.test_push_experiment import content, small, target_file, targets
 from tests.test_networks import some_weights, write
 
-__all__ = ["here", "targets"]  # fixtures
+__all__ = ["targets"]  # a fixture
 FUSED = ("skin", "lidar", "motion", "skin/free")
 
 
@@ -191,7 +197,6 @@ class TestPlans:
             read_plans(small(targets, **changes))
 
 
-@pytest.mark.usefixtures("here")
 class TestExperiment:
     @pytest.mark.slow
     def test_sensings_stand_side_by_side(
@@ -253,7 +258,7 @@ class TestExperiment:
         options = small(near, sensings=("skin", "rule"), record=("rule/tuned/box-mu1-near-000",))
         run_push(options, tmp_path / "out")
         assert (tmp_path / "out/recordings/rule/tuned/box-mu1-near-000.mcap").is_file()
-        assert capsys.readouterr().out.count("recorded: ") == 1
+        assert capsys.readouterr().out.count("film: ") == 1
 
 
 @pytest.mark.slow
@@ -261,7 +266,7 @@ def test_one_worker_and_two_give_the_same_bytes(targets: str, tmp_path: Path) ->
     faults = Path(__file__).parents[2] / "examples" / "faults" / "push_lidar_dropout.yaml"
     options = small(targets, sensings=("rule",), faults=faults)
     for workers in (1, 2):
-        run_push(replace(options, workers=workers), tmp_path / str(workers))
+        run_push(replace(options, executor=Local(workers)), tmp_path / str(workers))
     assert content(tmp_path / "1") == content(tmp_path / "2")
 
 
@@ -274,16 +279,3 @@ def test_costs_are_shares_of_all(tmp_path: Path, capsys: pytest.CaptureFixture[s
     tell_costs({"fused": costs}, tmp_path)
     assert json.loads((tmp_path / "timing.json").read_text()) == {"fused": told}
     assert "fused: 40 pushes a minute" in capsys.readouterr().out
-
-
-def test_workers_have_one_thread_unless_the_user_says_how_many(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    import os
-
-    for name in POOLS:
-        monkeypatch.delenv(name, raising=False)
-    monkeypatch.setenv(POOLS[0], "3")
-    with one_thread_each():
-        assert [os.environ[name] for name in POOLS] == ["3", "1", "1"]
-    assert os.environ[POOLS[0]] == "3" and POOLS[1] not in os.environ

@@ -19,9 +19,11 @@ from contactfusion.loop import Observer
 from contactfusion.pipeline import Pipeline
 from contactfusion.readings import JointState, Reading, TactileImage, Wrench
 from contactfusion.recordings.opening import open_recording
+from contactfusion.recordings.recording import Window
 from contactfusion.robots.description import located, read_robot
 from contactfusion.robots.model import shared_robot
-from contactfusion.run.configuration import setting_of_file
+from contactfusion.run.configuration import setting_of_file, setting_of_recording
+from contactfusion.run.execute import run_file
 from contactfusion.run.recorder import TRUTH, record_scene
 from contactfusion.run.session import Session
 from contactfusion.scene import Scene
@@ -397,3 +399,27 @@ def test_a_scene_that_fails_on_the_way_leaves_the_file_of_before(
     with pytest.raises(KeyboardInterrupt):
         record_scene(PUSH, [], path)
     assert path.read_text() == "of old" and list(tmp_path.iterdir()) == [path]
+
+
+# What a run writes
+
+
+def test_a_run_of_a_scene_writes_what_is_recorded_and_contacts_beside_it(
+    push: Path, tmp_path: Path
+) -> None:
+    run_file(PUSH, overrides=NEAR, out=tmp_path / "run.mcap")
+    ran, recorded = read_by_rosbags(tmp_path / "run.mcap"), read_by_rosbags(push)
+    assert {topic: ran[topic] for topic in recorded} == recorded
+    assert {topic for topic in ran if topic not in recorded and "marker" not in topic} == {
+        f"/contactfusion/{name}"
+        for name in ("cmd_vel", "command", "configuration", "contacts", "contacts/voxels")
+    }
+    kept = setting_of_recording(tmp_path / "run.mcap")
+    assert sum(len(step.fusion.contacts) for step in Session(kept, tmp_path / "run.mcap").play())
+
+
+def test_a_scene_is_played_as_it_is(tmp_path: Path) -> None:
+    for choice in ({"window": Window(1.0)}, {"topics": {"skin": "/x"}}, {"ignored": ["/x"]}):
+        with pytest.raises(ConfigurationError, match=r"push_box.yaml: --start, .* for recordings"):
+            run_file(PUSH, out=tmp_path / "run", **choice)
+    assert not (tmp_path / "run").exists()

@@ -1,29 +1,29 @@
 """`train cpm`: a whole training, small enough for a test, that repeats itself and goes on."""
 
 import json
-import pickle
-from collections.abc import Callable, Iterator, Sequence
 from dataclasses import fields, replace
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
+import pandas as pd
 import pytest
 
-from contactfusion.errors import ConfigurationError, ContactFusionError
+from contactfusion.errors import ConfigurationError, ContactFusionError, RobotError
 from contactfusion.generators.networks import ContactNetworks, read_networks
 from contactfusion_lab.experiments.push import experiment
-from contactfusion_lab.experiments.workers import Died, each
 from contactfusion_lab.learning import cpm, export, rollout, training
 from contactfusion_lab.learning.cpm import Options, train_cpm
 from contactfusion_lab.learning.dataset import LabelledTrial, load
 from contactfusion_lab.learning.rollout import MOUNTINGS, Detour, Lesson, Split
+from contactfusion_lab.trials.executor import Local
+from lab.tests.here import Here
 from tests.test_cli import Ask, ask, one_sentence
 
 __all__ = ["ask"]  # a fixture
-OPTIONS = [field.name for field in fields(Options)]
-TINY = Options(rounds=1, varied=0, driven=1, tested=6, epochs=2, early=1, stride=1, workers=1)
+OPTIONS = [field.name for field in fields(Options) if field.name != "executor"]
+TINY = Options(rounds=1, varied=0, driven=1, tested=6, epochs=2, early=1, stride=1, executor=Here())
 FIGURES = {"lidar_lidar_success_true": 0.75}
 OFFSETS: dict[Split, float] = {"training": -0.1, "validation": 0.05}
 FIRST = [
@@ -40,16 +40,8 @@ FILES = {
 }  # fmt: skip
 
 
-def each_here(make: Callable[[Any], Any], tasks: Sequence[Any], workers: int) -> Iterator[Any]:
-    """Do tasks one by one in this process, with all that they would be given in another."""
-    for task in tasks:
-        there, given = pickle.loads(pickle.dumps((make, task)))
-        yield task, pickle.loads(pickle.dumps(there(given)))
-
-
 def make_small(patch: pytest.MonkeyPatch) -> None:
     """Make few and short pushes, no test, and no processes."""
-    patch.setattr(cpm, "each", each_here)
     patch.setattr(cpm, "first_lessons", lambda varied, seed: FIRST)
     patch.setattr(cpm, "driven_lessons", lambda count, turn, mountings, seed: THEN)
     patch.setattr(cpm, "tested", lambda *told: FIGURES)
@@ -186,7 +178,7 @@ def test_without_further_rounds_the_skin_is_the_only_driver(
 
 
 def test_the_same_options_give_the_same_bytes(whole: dict[str, bytes], tmp_path: Path) -> None:
-    train_cpm(replace(TINY, workers=3), tmp_path / "cpm")
+    train_cpm(TINY, tmp_path / "cpm")
     assert content(tmp_path / "cpm") == whole
 
 
@@ -227,18 +219,10 @@ def test_what_is_lost_is_made_again_to_the_byte(
 
 
 def test_a_training_that_was_stopped_among_its_pushes_goes_on(
-    whole: dict[str, bytes], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    whole: dict[str, bytes], tmp_path: Path
 ) -> None:
-    def stopping(make: Any, tasks: Sequence[Any], workers: int) -> Iterator[Any]:
-        for count, done in enumerate(each_here(make, tasks, workers)):
-            if count == 2:
-                raise KeyboardInterrupt
-            yield done
-
-    with monkeypatch.context() as patch:
-        patch.setattr(cpm, "each", stopping)
-        with pytest.raises(KeyboardInterrupt):
-            train_cpm(TINY, tmp_path / "cpm")
+    with pytest.raises(KeyboardInterrupt):
+        train_cpm(replace(TINY, executor=Here(stop=3)), tmp_path / "cpm")
     assert len(list((tmp_path / "cpm" / "trials").iterdir())) == 3
     train_cpm(TINY, tmp_path / "cpm")
     assert content(tmp_path / "cpm") == whole
@@ -254,8 +238,7 @@ def test_processes_of_their_own_give_the_same_bytes(
     monkeypatch.setattr(rollout, "LONGEST", 60.0)
     options = replace(TINY, rounds=0, epochs=1)
     train_cpm(options, tmp_path / "here")
-    monkeypatch.setattr(cpm, "each", each)
-    train_cpm(options, tmp_path / "there")
+    train_cpm(replace(options, executor=Local(2)), tmp_path / "there")
     assert content(tmp_path / "there") == content(tmp_path / "here")
 
 
@@ -270,7 +253,7 @@ def test_a_folder_of_other_options_is_refused(
     other = replace(TINY, **{field: getattr(TINY, field) + 1})
     with pytest.raises(ConfigurationError) as told:
         train_cpm(other, laid_out(whole, tmp_path))
-    sentence = f"{tmp_path} holds another training: give another --out, or remove it"
+    sentence = f"{tmp_path} holds pushes of other {field}: give another --out, or remove it"
     assert str(told.value) == sentence
     assert content(tmp_path) == whole
 
@@ -279,14 +262,14 @@ def test_a_folder_with_other_files_is_refused(tmp_path: Path) -> None:
     (tmp_path / "thesis.txt").write_text("mine")
     with pytest.raises(ConfigurationError) as told:
         train_cpm(TINY, tmp_path)
-    assert str(told.value) == f"{tmp_path} holds files, but no training: give another --out"
+    assert str(told.value) == f"{tmp_path} holds files, but no settings.json: give another --out"
     assert content(tmp_path) == {"thesis.txt": b"mine"}
 
 
 @pytest.mark.parametrize("held", [b"{", b"[]", b"\xff\xfe", b'{"collection": 0}'])
 def test_settings_that_are_not_ours_are_refused(held: bytes, tmp_path: Path) -> None:
     (tmp_path / "settings.json").write_bytes(held)
-    with pytest.raises(ConfigurationError, match="holds another training"):
+    with pytest.raises(ConfigurationError, match="is damaged|holds another experiment"):
         train_cpm(TINY, tmp_path)
 
 
@@ -298,13 +281,9 @@ def test_a_push_that_cannot_be_made_is_told_by_its_name(
         train_cpm(TINY, tmp_path / "cpm")
 
 
-def test_a_process_that_dies_twice_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    def dying(make: Any, tasks: Sequence[Any], workers: int) -> Iterator[Any]:
-        yield tasks[0], Died("was killed by SIGKILL")
-
-    monkeypatch.setattr(cpm, "each", dying)
-    with pytest.raises(ContactFusionError, match="was killed by SIGKILL, twice; start again"):
-        train_cpm(TINY, tmp_path / "cpm")
+def test_a_process_that_crashes_twice_is_reported(tmp_path: Path) -> None:
+    with pytest.raises(RobotError, match="was killed by SIGSEGV, twice; start again"):
+        train_cpm(replace(TINY, executor=Here(crashing=(1,))), tmp_path / "cpm")
 
 
 def test_a_checkpoint_of_another_training_is_told(whole: dict[str, bytes], tmp_path: Path) -> None:
@@ -319,12 +298,6 @@ def test_a_damaged_trial_is_told(whole: dict[str, bytes], tmp_path: Path) -> Non
     (out / "trials" / "training-box.npz").write_bytes(b"PK")
     with pytest.raises(ConfigurationError, match=r"training-box.npz is no npz file of numbers"):
         train_cpm(TINY, out)
-
-
-def test_somebody_must_work(tmp_path: Path) -> None:
-    with pytest.raises(ConfigurationError, match="workers: it takes 1 worker or more, not 0"):
-        train_cpm(replace(TINY, workers=0), tmp_path / "cpm")
-    assert not (tmp_path / "cpm").exists()
 
 
 # The test
@@ -343,8 +316,8 @@ def test_networks_and_rule_are_tested_from_each_mounting(
                 path.parent.mkdir(parents=True, exist_ok=True)
                 path.touch()
 
-    def success(name: str) -> SimpleNamespace:  # the rule misses one of four
-        return SimpleNamespace(success_true=name != "rule-2")
+    def successes(names: list[str]) -> pd.DataFrame:  # the rule misses one of four
+        return pd.DataFrame({"success_true": [name != "rule-2" for name in names]})
 
     found = SimpleNamespace(
         location_rmse=(0.02, 0.01, 0.03), type_accuracy=(0.9, 0.8, 1.0),
@@ -352,10 +325,10 @@ def test_networks_and_rule_are_tested_from_each_mounting(
     )  # fmt: skip
     monkeypatch.setattr(export, "run_push", run_push)
     monkeypatch.setattr(export, "load", lambda path: path.stem)
-    monkeypatch.setattr(export, "outcome", success)
+    monkeypatch.setattr(export, "outcomes_of", successes)
     monkeypatch.setattr(export, "perception", lambda tracks, seed: found)
     weights = tmp_path / "cpm.safetensors"
-    figures = export.tested(weights, 4, 3, 2, tmp_path)
+    figures = export.tested(weights, 4, 3, Here(), tmp_path)
     assert [(options.lidar, out) for options, out in asked] == [
         (name, tmp_path / name) for name in MOUNTINGS
     ]
@@ -387,14 +360,19 @@ def test_the_command_gives_each_option_its_place(
 ) -> None:
     heard: list[tuple[Options, Path]] = []
     monkeypatch.setattr(cpm, "train_cpm", lambda *told: heard.append(told))
-    numbers = {name: 20 + row for row, name in enumerate(OPTIONS)}
+    numbers: dict[str, Any] = {name: 20 + row for row, name in enumerate(OPTIONS)}
     told = [part for name, number in numbers.items() for part in (f"--{name}", str(number))]
     assert ask("train", "cpm", *told, "--out", str(tmp_path)).status == 0
     assert ask("train", "cpm").status == 0
-    assert heard == [(Options(**numbers), tmp_path), (Options(), Path("out/cpm"))]
+    assert ask("train", "cpm", "--workers", "7").status == 0
+    assert heard == [
+        (Options(**numbers), tmp_path),
+        (Options(), Path("out/cpm")),
+        (Options(executor=Local(7)), Path("out/cpm")),
+    ]
 
 
 def test_the_command_says_in_one_sentence_what_is_wrong(ask: Ask, tmp_path: Path) -> None:
     (tmp_path / "thesis.txt").write_text("mine")
     sentence = one_sentence(ask("train", "cpm", "--out", str(tmp_path)))
-    assert "holds files, but no training: give another --out" in sentence
+    assert "holds files, but no settings.json: give another --out" in sentence

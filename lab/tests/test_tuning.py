@@ -16,6 +16,7 @@ from contactfusion.errors import ConfigurationError
 from contactfusion.terminal import Progress
 from contactfusion_lab.experiments.push.plan import Plan, Push
 from contactfusion_lab.scenes.push.config import PAPER, PushConfig
+from contactfusion_lab.trials.executor import Local
 from contactfusion_lab.tune_push import push, rating
 from contactfusion_lab.tune_push.push import (
     Options,
@@ -40,9 +41,10 @@ from contactfusion_lab.tune_push.search import (
     decoded,
     encoded,
 )
+from lab.tests.here import Here
 
 TUNED = SETS["tuned"]
-FEW = Options(seed=4, trials=6, rounds=2, confirm=6, workers=1)
+FEW = Options(seed=4, trials=6, rounds=2, confirm=6, executor=Here())
 
 
 @pytest.fixture
@@ -129,7 +131,10 @@ def test_frictions_vary_in_the_plane_alike_for_all_sets(monkeypatch: pytest.Monk
 
 def test_the_number_of_workers_changes_nothing() -> None:
     sets = [TUNED, SETS["tuned_neither"]]
-    one, two = (rating.rated_in_plane(sets, 6, 3, n, Progress("sets", 2)) for n in (1, 2))
+    one, two = (
+        rating.rated_in_plane(sets, 6, 3, executor, Progress("sets", 2))
+        for executor in (Here(), Local(2))
+    )
     assert one == two
 
 
@@ -139,7 +144,7 @@ def test_a_search_goes_on_where_it_stopped(tmp_path: Path, quick: list[int]) -> 
     assert len(quick) == sets
     tune_push(FEW, tmp_path / "whole")
     assert len(quick) == sets
-    tune_push(replace(FEW, workers=2), tmp_path / "part")
+    tune_push(replace(FEW, executor=Local(2)), tmp_path / "part")
     for gone in ("rounds/001.json", "choice.json", "confirmed/found_2.json", "parameters.yaml"):
         (tmp_path / "part" / gone).unlink()
     tune_push(FEW, tmp_path / "part")
@@ -147,7 +152,7 @@ def test_a_search_goes_on_where_it_stopped(tmp_path: Path, quick: list[int]) -> 
         assert (tmp_path / "part" / path.relative_to(tmp_path / "whole")).read_bytes() == (
             path.read_bytes()
         )
-    with pytest.raises(ConfigurationError, match="work of other trials"):
+    with pytest.raises(ConfigurationError, match="pushes of other trials"):
         tune_push(replace(FEW, trials=7), tmp_path / "part")
     (tmp_path / "part" / "rounds" / "000.json").write_text("[{}]")
     with pytest.raises(ConfigurationError, match="damaged"):
@@ -173,15 +178,15 @@ def test_wrong_options_are_told(tmp_path: Path) -> None:
     with pytest.raises(ConfigurationError, match="that realigns"):
         tune_push(replace(FEW, start="tuned_neither"), tmp_path / "out")
     (tmp_path / "notes.txt").touch()
-    with pytest.raises(ConfigurationError, match="holds something else"):
+    with pytest.raises(ConfigurationError, match="holds files, but no settings.json"):
         tune_push(FEW, tmp_path)
 
 
 def test_pushes_in_pybullet_are_rated_by_what_is_true(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(Plan, "scene_of", shortened(Plan.scene_of))
     plan, pushes = random_pushes(6, 7)
-    good = rate_in_bullet(plan, pushes[:2], TUNED)
-    blind = rate_in_bullet(plan, pushes[:1], TUNED.model_copy(update={"arrival": 9.0}))
+    good = rate_in_bullet(plan, TUNED, pushes[:2])
+    blind = rate_in_bullet(plan, TUNED.model_copy(update={"arrival": 9.0}), pushes[:1])
     assert good.success == (True, True)
     assert blind.success == (False,)
     assert blind.time[0] < 1.0  # arrival is declared at once, and is not true
@@ -200,7 +205,7 @@ def test_the_plane_ranks_sets_as_pybullet_does(monkeypatch: pytest.MonkeyPatch) 
     plan, pushes = random_pushes(6, 7)
     sets = [TUNED, check_sets()["length_0.30"], SETS["paper_neither"]]
     plane = [rate_in_plane(plan, pushes, False, one).cost for one in sets]
-    bullet = [rate_in_bullet(plan, pushes, one).cost for one in sets]
+    bullet = [rate_in_bullet(plan, one, pushes).cost for one in sets]
     assert correlation(plane, bullet) == pytest.approx(1.0)
 
 
@@ -218,7 +223,7 @@ def test_the_check_tells_rates_and_their_correlation(
         "contactfusion_lab.tune_push.push.rated_in_plane",
         lambda sets, trials, *rest, vary: [made(one, trials) for one in sets],
     )
-    check_ranking(20, 1, 1, tmp_path)
+    check_ranking(20, 1, Here(), tmp_path)
     assert "1.00 of rates, 1.00 of costs" in capsys.readouterr().out
     assert json.loads((tmp_path / "check.json").read_text())["sets"] == len(check_sets())
     assert np.isnan(correlation([1.0, 1.0], [0.0, 1.0]))

@@ -7,8 +7,8 @@ from struct import unpack_from
 from typing import TYPE_CHECKING, Any
 
 from contactfusion.errors import RecordingError
+from contactfusion.readings.poses import TRANSFORMS
 from contactfusion.recordings.messages import typestore
-from contactfusion.recordings.ros.readings import TRANSFORMS
 from contactfusion.time import NANOSECONDS_PER_SECOND
 
 if TYPE_CHECKING:

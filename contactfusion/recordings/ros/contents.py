@@ -5,27 +5,18 @@ from itertools import groupby
 from pathlib import Path
 
 from contactfusion.errors import RecordingError, name_hint
-from contactfusion.readings import DepthImage, ObjectPose, Reading, Transform
+from contactfusion.readings import DepthImage, Reading, Transform
+from contactfusion.readings.depth_image import CAMERA_INFO, DEPTHS, IMAGE, INFO
+from contactfusion.readings.registry import installed_kinds
 from contactfusion.recordings.messages import typestore
 from contactfusion.recordings.ouster import CONVERT
 from contactfusion.recordings.ros.channels import Channel
 from contactfusion.recordings.ros.files import Bag
-from contactfusion.recordings.ros.images import DEPTHS, INFO
-from contactfusion.recordings.ros.readings import (
-    CAMERA_INFO,
-    IMAGE,
-    MAKERS,
-    POSE,
-    READABLE,
-    TRANSFORMS,
-)
-from contactfusion.recordings.ros.topics import Topic, last, parent
+from contactfusion.recordings.ros.topics import Topic, parent, usual_sensor
 from contactfusion.recordings.step_messages import OURS
 
 TRUTH = "/truth/"
 """The prefix of topics with ground truth, which no sensor measures."""
-DEPTH = "depth"
-"""The last part of the topic of a depth image that has the topic of its camera above it."""
 PACKETS = "/PacketMsg"
 """The suffix of the types of Ouster's raw packets."""
 SEVERAL = " and "
@@ -71,7 +62,8 @@ def topics_of(
     usual: dict[str, tuple[str, ...]] = {}
     for name, topic in contents.items():
         if topic.kind and not name.startswith(TRUTH):
-            usual[_sensor(topic)] = (*usual.get(_sensor(topic), ()), name)
+            sensor = usual_sensor(topic)
+            usual[sensor] = (*usual.get(sensor, ()), name)
     if not wanted:
         _require_something(path, contents)
         return usual
@@ -104,18 +96,13 @@ def _kind(
 ) -> type[Reading] | None:
     """The kind of the readings of a topic; None where it has none."""
     msgtype = types[name]
-    if not all(channel.standard for channel in group):
+    codec = installed_kinds().by_message().get(msgtype)
+    if codec is None or not all(channel.standard for channel in group):
         return None
-    if msgtype in MAKERS:
-        return MAKERS[msgtype][0]
-    if msgtype == POSE:
-        return ObjectPose
-    if msgtype == TRANSFORMS:
-        return Transform
-    beside = types.get(f"{parent(name)}/{INFO}")
-    if msgtype == IMAGE and beside == CAMERA_INFO and _holds_depth(bag, group):
-        return DepthImage
-    return None
+    if codec.kind is DepthImage:
+        beside = types.get(f"{parent(name)}/{INFO}")
+        return DepthImage if beside == CAMERA_INFO and _holds_depth(bag, group) else None
+    return codec.kind
 
 
 def _holds_depth(bag: Bag, group: list[Channel]) -> bool:
@@ -129,16 +116,6 @@ def _holds_depth(bag: Bag, group: list[Channel]) -> bool:
     return False
 
 
-def _sensor(topic: Topic) -> str:
-    """The default name of a topic's sensor."""
-    above = parent(topic.name).removeprefix("/")
-    if above and (
-        topic.kind is ObjectPose or (topic.kind is DepthImage and last(topic.name) == "depth")
-    ):
-        return above
-    return topic.name.removeprefix("/")
-
-
 def _require_readable(path: Path, contents: Mapping[str, Topic], name: str) -> None:
     if name not in contents:
         hint = name_hint(name, contents, "topics")
@@ -149,7 +126,7 @@ def _require_readable(path: Path, contents: Mapping[str, Topic], name: str) -> N
     if topic.kind is None:
         raise RecordingError(
             f"{path}: {name} holds {topic.msgtype}{why_unread(topic)}; "
-            f"what can be read: {', '.join(READABLE)}"
+            f"what can be read: {', '.join(_readable())}"
         )
 
 
@@ -157,21 +134,33 @@ def why_unread(topic: Topic) -> str:
     """Why a topic of a readable type can't be read, as a clause; empty for other types."""
     if topic.msgtype == IMAGE:
         return f", and it is no image of depth, or has no {INFO} beside it"
-    if topic.name.startswith(OURS) and topic.msgtype in READABLE:
+    if topic.name.startswith(OURS) and topic.msgtype in installed_kinds().by_message():
         return ", which contactfusion wrote of what it did"
-    return ", but what the file calls so is something else" if topic.msgtype in READABLE else ""
+    return (
+        ", but what the file calls so is something else"
+        if topic.msgtype in installed_kinds().by_message()
+        else ""
+    )
+
+
+def _readable() -> tuple[str, ...]:
+    """All types of which readings are made."""
+    types = installed_kinds().by_message()
+    beside = {IMAGE: f"{IMAGE} (of depth, with {CAMERA_INFO} beside it)"}
+    return tuple(beside.get(msgtype, msgtype) for msgtype in types)
 
 
 def _require_something(path: Path, contents: Mapping[str, Topic]) -> None:
     for name, topic in contents.items():
         types = topic.msgtype.split(SEVERAL)
-        if len(types) > 1 and any(msgtype in READABLE for msgtype in types):
+        if len(types) > 1 and any(msgtype in _readable() for msgtype in types):
             _require_readable(path, contents, name)
     if any(topic.kind for topic in contents.values()):
         return
     if any(topic.msgtype.endswith(PACKETS) for topic in contents.values()):
         raise RecordingError(f"{path} holds raw packets of Ouster's; convert it by: {CONVERT}")
     held = ", ".join(f"{name} ({topic.msgtype})" for name, topic in contents.items()) or "nothing"
+    readable = ", ".join(_readable())
     raise RecordingError(
-        f"{path} holds nothing that can be read, which is {', '.join(READABLE)}; it holds: {held}"
+        f"{path} holds nothing that can be read, which is {readable}; it holds: {held}"
     )

@@ -7,12 +7,13 @@ from typing import Any, final
 
 from pydantic import Field
 
-from contactfusion.errors import InvalidReadingError, RecordingError, name_hint
+from contactfusion.errors import InvalidReadingError, PluginError, RecordingError, name_hint
 from contactfusion.hooks import hookimpl
 from contactfusion.model import Model
 from contactfusion.readings import Reading
+from contactfusion.readings.messages import Message
 from contactfusion.recordings.log import LONGEST_FALL
-from contactfusion.recordings.messages import Message, typestore
+from contactfusion.recordings.messages import typestore
 from contactfusion.recordings.recording import (
     WHOLE,
     RawMessage,
@@ -240,7 +241,7 @@ class RosRecording(Recording):
             reading = state.listener.reading(part, (stamp - self.epoch_ns) / NANOSECONDS_PER_SECOND)
         except InvalidReadingError as error:
             state.tally.refuse(error)
-        except RecordingError as error:
+        except (RecordingError, PluginError) as error:
             state.tally.cannot_read(error)
         else:
             state.tally.readings += 1

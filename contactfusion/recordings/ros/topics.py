@@ -3,24 +3,27 @@
 from abc import ABC, abstractmethod
 from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass
-from typing import NamedTuple, final
+from typing import Any, NamedTuple, final
 
-from contactfusion.readings import DepthImage, ObjectPose, Reading, Transform
-from contactfusion.recordings.messages import Message
-from contactfusion.recordings.ros.images import COLOUR, INFO, MASK, Beside
-from contactfusion.recordings.ros.readings import (
+from contactfusion.errors import RecordingError
+from contactfusion.readings import DepthImage, Reading, Transform
+from contactfusion.readings.codec import Codec
+from contactfusion.readings.depth_image import (
     CAMERA_INFO,
+    COLOUR,
+    DEPTH,
     IMAGE,
-    MAKERS,
-    POSE,
-    Maker,
-    object_pose,
-    stamp_of,
-    transform,
+    INFO,
+    MASK,
+    colour_of,
+    require_depth,
 )
-
-STATIC = "tf_static"
-"""The last part of topics whose transforms hold at all times."""
+from contactfusion.readings.messages import Message
+from contactfusion.readings.poses import STATIC
+from contactfusion.readings.reading import At
+from contactfusion.readings.registry import installed_kinds
+from contactfusion.recordings.log import LONGEST_FALL
+from contactfusion.time import NANOSECONDS_PER_SECOND
 
 
 class Part(NamedTuple):
@@ -68,10 +71,18 @@ class Listener(ABC):
 
 @final
 class Stamped(Listener):
-    """Makes one reading of each message that has a header."""
+    """Makes one reading of each message that has a header.
 
-    def __init__(self, sensor: str, kind: type[Reading], make: Maker) -> None:
-        self.kind, self._sensor, self._make = kind, sensor, make
+    Args:
+        sensor: the name of the sensor.
+        topic: the topic.
+        codec: of the kind of the readings.
+    """
+
+    def __init__(self, sensor: str, topic: str, codec: Codec[Any]) -> None:
+        self.kind, self._sensor, self._codec = codec.kind, sensor, codec
+        self._guard = installed_kinds().guard(codec)
+        self._named = {codec.topic_field: last(topic)} if codec.topic_field else {}
 
     def hear(self, message: Message) -> Iterable[Part]:
         """The whole message."""
@@ -79,8 +90,10 @@ class Stamped(Listener):
 
     def reading(self, part: Part, stamp: float) -> Reading:
         """Make the reading of a message."""
-        frame = part.message.header.frame_id.removeprefix("/")
-        return self._make(part.message, {"stamp": stamp, "frame": frame, "sensor": self._sensor})
+        at = {**_at(part, stamp, self._sensor), **self._named}
+        with self._guard:
+            reading: Reading = self._codec.from_message(part.message, at)
+        return reading
 
 
 @final
@@ -89,8 +102,8 @@ class Transforms(Listener):
 
     kind = Transform
 
-    def __init__(self, sensor: str, is_static: bool) -> None:
-        self._sensor, self.is_static = sensor, is_static
+    def __init__(self, sensor: str, codec: Codec[Any], is_static: bool) -> None:
+        self._sensor, self._codec, self.is_static = sensor, codec, is_static
 
     def hear(self, message: Message) -> Iterable[Part]:
         """Its transforms; those of one child frame have one clock."""
@@ -98,13 +111,9 @@ class Transforms(Listener):
 
     def reading(self, part: Part, stamp: float) -> Reading:
         """Make the reading of a transform."""
-        at = {
-            "stamp": stamp,
-            "frame": part.message.header.frame_id.removeprefix("/"),
-            "sensor": self._sensor,
-            "static": self.is_static,
-        }
-        return transform(part.message, at)
+        at = {**_at(part, stamp, self._sensor), "static": self.is_static}
+        reading: Reading = self._codec.from_message(part.message, at)
+        return reading
 
 
 @final
@@ -113,8 +122,8 @@ class Camera(Listener):
 
     kind = DepthImage
 
-    def __init__(self, sensor: str) -> None:
-        self._sensor, self.beside = sensor, Beside()
+    def __init__(self, sensor: str, codec: Codec[Any]) -> None:
+        self._sensor, self._codec, self.beside = sensor, codec, Beside()
 
     def hear(self, message: Message) -> Iterable[Part]:
         """The whole image."""
@@ -122,9 +131,63 @@ class Camera(Listener):
 
     def reading(self, part: Part, stamp: float) -> Reading:
         """Make the reading of an image, with all that was heard beside it by now."""
-        frame = part.message.header.frame_id.removeprefix("/")
-        at = {"stamp": stamp, "frame": frame, "sensor": self._sensor}
-        return self.beside.image(part.message, part.stamp, at)
+        require_depth(part.message)
+        beside = self.beside.fields(part.message, part.stamp)
+        at = {**_at(part, stamp, self._sensor), **beside}
+        reading: Reading = self._codec.from_message(part.message, at)
+        return reading
+
+
+class Beside:
+    """What was heard beside the depth images of a camera, of the last two seconds."""
+
+    def __init__(self) -> None:
+        self._parts: dict[str, dict[int, Message]] = {INFO: {}, COLOUR: {}, MASK: {}}
+
+    def hear(self, name: str, stamp: int, message: Message) -> None:
+        """Keep a message; the last one is kept however old it is.
+
+        Args:
+            name: `INFO`, `COLOUR` or `MASK`.
+            stamp: that of its header [ns].
+            message: sensor_msgs/CameraInfo for `INFO`, else sensor_msgs/Image.
+        """
+        part = self._parts[name]
+        part[stamp] = message
+        for old in [one for one in part if one < stamp - 2 * LONGEST_FALL]:
+            del part[old]
+
+    def fields(self, image: Message, stamp: int) -> At:
+        """The fields of a depth image beside its depths.
+
+        The camera is that reported last; colours and mask are of the same stamp and size.
+
+        Args:
+            image: sensor_msgs/Image.
+            stamp: that of its header [ns].
+
+        Raises:
+            RecordingError: no camera is known, or it is of another size.
+        """
+        infos, size = self._parts[INFO], (image.height, image.width)
+        if not infos:
+            raise RecordingError("no camera_info was there by then")
+        info = infos[max((one for one in infos if one <= stamp), default=min(infos))]
+        if (info.height, info.width) not in ((0, 0), size):
+            raise RecordingError(
+                f"its camera_info is of {info.height} x {info.width} pixels, "
+                f"and the image has {size[0]} x {size[1]}"
+            )
+        colour, mask = (self._of_size(name, stamp, size) for name in (COLOUR, MASK))
+        return {
+            "intrinsics": info.k.reshape(3, 3),
+            "colour": None if colour is None else colour_of(colour),
+            "mask": None if mask is None else colour_of(mask)[:, :, 0] > 0,
+        }
+
+    def _of_size(self, name: str, stamp: int, size: tuple[int, int]) -> Message | None:
+        image = self._parts[name].get(stamp)
+        return None if image is None or (image.height, image.width) != size else image
 
 
 @final
@@ -188,13 +251,32 @@ def listeners(
 
 
 def _listener(sensor: str, topic: Topic) -> Listener:
-    if topic.kind is Transform:
-        return Transforms(sensor, is_static=last(topic.name) == STATIC)
-    if topic.kind is DepthImage:
-        return Camera(sensor)
-    if topic.msgtype == POSE:
-        return Stamped(sensor, ObjectPose, object_pose(last(topic.name)))
-    return Stamped(sensor, *MAKERS[topic.msgtype])
+    codec = installed_kinds().by_message()[topic.msgtype]
+    if codec.kind is Transform:
+        return Transforms(sensor, codec, is_static=last(topic.name) == STATIC)
+    if codec.kind is DepthImage:
+        return Camera(sensor, codec)
+    return Stamped(sensor, topic.name, codec)
+
+
+def usual_sensor(topic: Topic) -> str:
+    """The name of the sensor of a topic that is read, unless a configuration gives another."""
+    above = parent(topic.name).removeprefix("/")
+    codec = installed_kinds().by_message()[topic.msgtype]
+    is_depth = topic.kind is DepthImage and last(topic.name) == DEPTH
+    return above if above and (codec.topic_field or is_depth) else topic.name.removeprefix("/")
+
+
+def stamp_of(message: Message) -> int:
+    """The stamp of the header of a message [ns]."""
+    stamp = message.header.stamp
+    nanoseconds: int = stamp.sec * NANOSECONDS_PER_SECOND + stamp.nanosec
+    return nanoseconds
+
+
+def _at(part: Part, stamp: float, sensor: str) -> At:
+    frame = part.message.header.frame_id.removeprefix("/")
+    return {"stamp": stamp, "frame": frame, "sensor": sensor}
 
 
 def parent(topic: str) -> str:

@@ -6,7 +6,7 @@ from html import escape
 from importlib.resources import files
 from string import Template
 
-from contactfusion.explain import explain_fusion
+from contactfusion.explain.text import explain_fusion
 from contactfusion.hypotheses import HypothesisKind
 from contactfusion_lab.demo.account import NAMES, Story, sentences
 from contactfusion_lab.demo.scene import Moment

@@ -19,8 +19,8 @@ from contactfusion.pipeline import Pipeline
 from contactfusion.pipeline_config import CycleConfig, PipelineConfig
 from contactfusion.readings import Markers, TactileImage
 from contactfusion.recordings.opening import open_recording
-from contactfusion_lab.experiments.measures import Measure, bootstrap, p50, p90, proportion
 from contactfusion_lab.experiments.methods import Method
+from contactfusion_lab.trials.measures import Measure, grouped, p50, p90, proportion
 
 NAME = "eflesh"
 FOLDS = 10
@@ -148,8 +148,8 @@ def _errors(
     errors = np.linalg.norm(located - places[:, :2], axis=1)
     known = np.isfinite(errors)
     rng = np.random.default_rng(0)
-    middle = bootstrap(errors[known], p50, point[known], rng)
-    tail = bootstrap(errors[known], p90, point[known], rng)
+    middle = grouped(errors[known], p50, point[known], rng)
+    tail = grouped(errors[known], p90, point[known], rng)
     n = int(known.sum())
     return [
         Measure(NAME, case, "contact reported", *proportion(known), "", len(known)),

@@ -21,8 +21,8 @@ from contactfusion.pipeline_config import CycleConfig, PipelineConfig
 from contactfusion.readings import Markers, Wrench
 from contactfusion.recordings.c3d import C3DConfig, C3DRecording
 from contactfusion.shapes import BodyConfig, ShapeConfig
-from contactfusion_lab.experiments.measures import Measure, bootstrap, p50, p90, proportion
 from contactfusion_lab.experiments.methods import Method
+from contactfusion_lab.trials.measures import Measure, grouped, p50, p90, proportion
 
 NAME = "force_plates"
 MIN_FORCE = 60.0
@@ -229,8 +229,8 @@ def _lateral(
     known = np.isfinite(errors)
     errors, groups, n = errors[known], groups[known], int(known.sum())
     note = f"intervals over moments of {MOMENT} s"
-    middle = bootstrap(errors, p50, groups, rng)
-    tail = bootstrap(errors, p90, groups, rng)
+    middle = grouped(errors, p50, groups, rng)
+    tail = grouped(errors, p90, groups, rng)
     return [
         Measure(NAME, case, "lateral error p50", *middle, "m", n, asked, "less", note),
         Measure(NAME, case, "lateral error p90", *tail, "m", n, None, "less", note),

@@ -21,7 +21,7 @@ from contactfusion.pipeline import Pipeline
 from contactfusion.pipeline_config import PipelineConfig
 from contactfusion.readings import JointState, Odometry, Wrench
 from contactfusion.recordings.opening import open_recording
-from contactfusion_lab.experiments.measures import Measure, bootstrap, p50
+from contactfusion_lab.trials.measures import Measure, grouped, p50
 
 NAME = "hub"
 RATE = 240.0
@@ -172,7 +172,7 @@ def _left(case: str, residual: FloatArray, stamps: FloatArray) -> list[Measure]:
     measures = []
     for axis, name in enumerate("xy"):
         values, n = np.abs(residual[:, axis]), len(residual)
-        middle, rms = (bootstrap(values, statistic, seconds, rng) for statistic in (p50, _rms))
+        middle, rms = (grouped(values, statistic, seconds, rng) for statistic in (p50, _rms))
         note = "intervals over seconds"
         measures += [
             Measure(NAME, case, f"|F{name}| left, median", *middle, "N", n, 0.7, "less", note),

@@ -21,8 +21,8 @@ from contactfusion.pipeline import Pipeline
 from contactfusion.pipeline_config import CycleConfig, PipelineConfig
 from contactfusion.readings import Reading, TactileImage
 from contactfusion.recordings.icub import FINGERS, IcubConfig, IcubRecording
-from contactfusion_lab.experiments.measures import CONFIDENCE, RESAMPLES, Measure, auc, proportion
 from contactfusion_lab.experiments.methods import Method
+from contactfusion_lab.trials.measures import CONFIDENCE, RESAMPLES, Measure, auc, proportion
 
 NAME = "icub_grasp"
 EMPTY, BEAR, UNRELIABLE = "none", "blue_bear", "full_coke"

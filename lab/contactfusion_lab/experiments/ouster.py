@@ -21,7 +21,7 @@ from contactfusion.generators.proximity import ProximityConfig
 from contactfusion.readings import PointCloud
 from contactfusion.recordings.ouster import COMMAND, convert, is_ready
 from contactfusion.recordings.ros import RosConfig, RosRecording
-from contactfusion_lab.experiments.measures import Measure, p50
+from contactfusion_lab.trials.measures import Measure, p50
 
 NAME = "ouster"
 REPEATS = 21

@@ -3,15 +3,16 @@
 import dataclasses
 import json
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from contactfusion.errors import RecordingError
 from contactfusion.files import make_folder, write_whole
 from contactfusion.terminal import note
 from contactfusion_lab.experiments import eflesh, force_plates, hub, icub, ouster
-from contactfusion_lab.experiments.measures import Measure, results_csv
 from contactfusion_lab.experiments.methods import Method
+from contactfusion_lab.trials.measures import Measure
+from contactfusion_lab.trials.tables import as_csv, frame_of
 
 VARIABLE = "CONTACTFUSION_DATA"
 NEIGHBOUR = Path("../shared/data")
@@ -57,11 +58,19 @@ def run_recordings(data: Path | None, method: Method | None, out: Path) -> None:
         for one in found:
             note(f"  {one}")
         measures += found
-        write_whole(out / "results.csv", results_csv(measures))
+        write_whole(out / "results.csv", _csv(measures))
     summary = [{**dataclasses.asdict(one), "met": one.met} for one in measures]
     write_whole(out / "summary.json", json.dumps(summary, indent=2, ensure_ascii=False) + "\n")
     asked = [one for one in measures if one.met is not None]
     print(f"{sum(bool(one.met) for one in asked)} of {len(asked)} figures as asked; results: {out}")
+
+
+def _csv(measures: Sequence[Measure]) -> str:
+    """One row a measure."""
+    frame = frame_of(measures, Measure)
+    asked = ["" if one.asked is None else f"{one.asked:.6g}" for one in measures]
+    met = ["" if one.met is None else str(one.met) for one in measures]
+    return as_csv(frame.assign(asked=asked, met=met), missing="nan")
 
 
 def _experiments(method: Method | None) -> dict[str, Experiment]:

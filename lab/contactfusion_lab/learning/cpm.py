@@ -1,26 +1,22 @@
 """`train cpm`: collects pushes, trains the contact networks, lets them drive, and tests them."""
 
-import io
-import json
 import sys
-import time
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import TypeVar, get_args
+from typing import get_args
 
 import numpy as np
 
 from contactfusion.arrays import FloatArray
-from contactfusion.errors import ConfigurationError, ContactFusionError
+from contactfusion.errors import RobotError
 from contactfusion.figures import COLOURS, new_figure
-from contactfusion.files import make_folder, write_whole
+from contactfusion.files import make_folder
 from contactfusion.generators.lstm import Weights
 from contactfusion.terminal import note
-from contactfusion_lab.experiments.workers import Died, each, require_workers
 from contactfusion_lab.learning import training
-from contactfusion_lab.learning.dataset import Dataset, LabelledTrial, load, save
+from contactfusion_lab.learning.dataset import Dataset, LabelledTrial, content_of, load
 from contactfusion_lab.learning.export import tested, write_networks
 from contactfusion_lab.learning.networks import Name
 from contactfusion_lab.learning.rollout import (
@@ -32,22 +28,25 @@ from contactfusion_lab.learning.rollout import (
     live,
 )
 from contactfusion_lab.learning.training import Trained, train
+from contactfusion_lab.trials.executor import Executor, Local, ShippedFile
+from contactfusion_lab.trials.folder import claim, save_figure, trial_file
+from contactfusion_lab.trials.runner import Failure, Made, kept, ordered
 
+SUFFIX = ".npz"
+"""Of the files of trials."""
 RATE = 10.0
 """Of the cycles [Hz]."""
 COLLECTION = 3
 """Counts up when lessons change, so that old ones are not taken for new."""
 FILE = "cpm.safetensors"
 """The networks, in the folder of a round and in that of the whole."""
-T = TypeVar("T")
-R = TypeVar("R")
 NAMES: tuple[Name, ...] = get_args(Name)
 Round = dict[Name, Trained]
 """Both networks of a round."""
 Task = tuple[Name, Weights | None]
 """A network to train, and its first weights."""
 EVERY = 10
-"""It tells how far it is after so many pushes, or epochs."""
+"""A loss is reported after so many epochs."""
 TITLES = {
     "location": "location: mean square error of the scaled l",
     "type": "type: cross-entropy",
@@ -56,7 +55,7 @@ TITLES = {
 
 @dataclass(frozen=True)
 class Options:
-    """What the training can be told.
+    """Options of the training.
 
     Attributes:
         rounds: how often the networks drive, and learn from what came of it.
@@ -67,7 +66,7 @@ class Options:
         early: epochs of the trainings before, each of which begins with the weights of the last.
         stride: an epoch sees every so-manieth window.
         seed: of all chance.
-        workers: how many processes.
+        executor: the workers that make the pushes.
     """
 
     rounds: int = 3
@@ -78,7 +77,7 @@ class Options:
     early: int = 50
     stride: int = 4
     seed: int = 0
-    workers: int = 2
+    executor: Executor = Local()
 
 
 def train_cpm(options: Options, out: Path) -> None:
@@ -95,17 +94,18 @@ def train_cpm(options: Options, out: Path) -> None:
 
     Raises:
         ConfigurationError: an option is wrong, or `out` holds a training of other options.
-        ContactFusionError: a push could not be made, or a training diverged.
+        RobotError: a push could not be made, or a training diverged.
         DependencyError: torch, pybullet or open3d is not installed.
     """
-    require_workers(options.workers)
-    _claim(options, out)
+    settings = {"collection": COLLECTION, **vars(options)}
+    del settings["executor"]
+    claim(settings, out, (), "pushes")
     trials: list[LabelledTrial] = []
     rounds: list[tuple[Dataset, Round]] = []
     networks = None
     for turn in range(options.rounds + 1):
         note(f"round {turn} of {options.rounds}")
-        trials += _collected(_lessons(turn, options), networks, options.workers, out / "trials")
+        trials += _collected(_lessons(turn, options), networks, options.executor, out)
         data, folder = Dataset.of(trials), out / f"round_{turn}"
         how = training.Options(
             seed=options.seed,
@@ -113,14 +113,14 @@ def train_cpm(options: Options, out: Path) -> None:
             stride=options.stride,
         )
         before = rounds[-1][1] if rounds else None
-        trained = _trained_round(data, how, before, options.workers, folder)
+        trained = _trained_round(data, how, before, options.executor.local, folder)
         rounds.append((data, trained))
         networks = _write(folder / FILE, data, trained, _told(trials, options), {})
     histories = {str(name): [one[name].history for _, one in rounds] for name in NAMES}
     print(f"learning curves: {draw_curves(histories, out / 'curves.png')}", flush=True)
     data, trained = rounds[-1]
     shipped = _write(out / FILE, data, trained, _told(trials, options), {})
-    figures = tested(shipped, options.tested, options.seed, options.workers, out / "test")
+    figures = tested(shipped, options.tested, options.seed, options.executor, out / "test")
     _write(shipped, data, trained, _told(trials, options), figures)
     print(f"networks: {shipped}, their card: {shipped.with_suffix('.json')}")
 
@@ -142,27 +142,6 @@ def _lessons(turn: int, options: Options) -> list[Lesson]:
     return driven_lessons(options.driven, turn, MOUNTINGS, options.seed)
 
 
-def _claim(options: Options, out: Path) -> None:
-    """Take a folder that is empty, or that holds a training of the same options."""
-    told = {"collection": COLLECTION, **asdict(options)}
-    del told["workers"]
-    path = out / "settings.json"
-    if path.is_file():
-        try:
-            held = json.loads(path.read_text())
-        except ValueError:
-            held = None
-        if held != told:
-            raise ConfigurationError(
-                f"{out} holds another training: give another --out, or remove it"
-            )
-        return
-    if out.is_dir() and any(out.iterdir()):
-        raise ConfigurationError(f"{out} holds files, but no training: give another --out")
-    make_folder(out)
-    write_whole(path, json.dumps(told, indent=1) + "\n")
-
-
 def _told(trials: Sequence[LabelledTrial], options: Options) -> str:
     """What networks were trained on."""
     cycles = sum(len(trial.stamp) for trial in trials)
@@ -173,52 +152,34 @@ def _told(trials: Sequence[LabelledTrial], options: Options) -> str:
     )
 
 
-@dataclass(frozen=True)
-class Failure:
-    """What a process gives in place of a result.
-
-    Attributes:
-        why: in a sentence.
-    """
-
-    why: str
-
-
 def _collected(
-    lessons: Sequence[Lesson], weights: Path | None, workers: int, folder: Path
+    lessons: Sequence[Lesson], weights: Path | None, executor: Executor, out: Path
 ) -> list[LabelledTrial]:
-    """Live the lessons that are not kept yet, and give the trials of all.
+    """Make the pushes that are not kept yet; the trials of all.
 
     Args:
-        lessons: of a round.
+        lessons: the pushes of a round.
         weights: of the networks that drive, when they do.
-        workers: how many processes.
-        folder: takes a file for each trial.
+        executor: the workers.
+        out: the folder that takes a file for each trial.
 
     Raises:
-        ContactFusionError: one cannot be lived.
+        RobotError: a push cannot be made.
     """
-    missing = [lesson for lesson in lessons if not _file(folder, lesson).is_file()]
-    start, work = time.monotonic(), partial(_live, weights, folder)
-    for done, _ in enumerate(_sound(each(work, missing, workers)), 1):
-        if done % EVERY == 0 or done == len(missing):
-            left = (time.monotonic() - start) / done * (len(missing) - done)
-            _report(f"{done} of {len(missing)} pushes, {left:.0f} s left")
-    return [load(_file(folder, lesson)) for lesson in lessons]
+    tasks = {lesson.name: lesson for lesson in lessons}
+    shipped = ShippedFile(weights) if weights else None
+    for _, made in kept(partial(_made, shipped), tasks, out, SUFFIX, "pushes", executor):
+        if isinstance(made, Failure):
+            raise RobotError(f"{made.why}; start again to go on")
+    return [load(trial_file(out, name, SUFFIX)) for name in tasks]
 
 
-def _live(weights: Path | None, folder: Path, lesson: Lesson) -> Failure | None:
-    try:
-        save(live(lesson, weights), _file(folder, lesson))
-    except ContactFusionError as error:
-        return Failure(f"{lesson.name}: {error}")
-    except Exception as error:  # a plug-in may raise anything, and the push must be named
-        return Failure(f"{lesson.name}: {type(error).__name__}: {error}")
-    return None
+def _made(weights: Path | None, lesson: Lesson) -> Made:
+    return Made(content_of(live(lesson, weights)))
 
 
 def _trained_round(
-    data: Dataset, how: training.Options, before: Round | None, workers: int, folder: Path
+    data: Dataset, how: training.Options, before: Round | None, executor: Executor, folder: Path
 ) -> Round:
     """Train both networks, each in a process, on from those of the round before.
 
@@ -226,48 +187,31 @@ def _trained_round(
         data: of this round and all before.
         how: they are trained.
         before: the networks of the round before, or None.
-        workers: how many processes.
+        executor: workers on this machine, as checkpoints are files of it.
         folder: takes the checkpoints.
 
     Raises:
-        ContactFusionError: a training diverged, or its checkpoint is another's.
+        RobotError: a training diverged, or its checkpoint is another's.
     """
     make_folder(folder)
-    tasks: list[Task] = [(name, before[name].weights if before else None) for name in NAMES]
-    work = partial(_train, data, how, folder)
-    return {one.name: one for _, one in _sound(each(work, tasks, workers))}
+    tasks: dict[str, Task] = {
+        name: (name, before[name].weights if before else None) for name in NAMES
+    }
+    trained = ordered(partial(_train, data, how, folder), tasks, executor)
+    return dict(zip(NAMES, trained, strict=True))
 
 
-def _train(data: Dataset, how: training.Options, folder: Path, task: Task) -> Trained | Failure:
+def _train(data: Dataset, how: training.Options, folder: Path, task: Task) -> Trained:
     name, warm = task
 
-    def told(epoch: int, learned: float, validated: float, left: float) -> None:
+    def report(epoch: int, learned: float, validated: float, left: float) -> None:
         if epoch % EVERY == 0:
             _report(
                 f"{name}: epoch {epoch} of {how.epochs}, loss {learned:.5f}, "
                 f"validation {validated:.5f}, {left:.0f} s left"
             )
 
-    try:
-        return train(name, data, how, folder, warm, told)
-    except ContactFusionError as error:
-        return Failure(str(error))
-
-
-def _sound(results: Iterable[tuple[T, R | Failure | Died]]) -> Iterator[tuple[T, R]]:
-    """Pass results on, until one is a failure."""
-    for task, made in results:
-        if isinstance(made, Died):
-            raise ContactFusionError(
-                f"the process of a task {made.how}, twice; start again to go on"
-            )
-        if isinstance(made, Failure):
-            raise ContactFusionError(made.why)
-        yield task, made
-
-
-def _file(folder: Path, lesson: Lesson) -> Path:
-    return folder / f"{lesson.name}.npz"
+    return train(name, data, how, folder, warm, report)
 
 
 def _report(line: str) -> None:
@@ -306,7 +250,4 @@ def draw_curves(histories: Mapping[str, Sequence[FloatArray]], path: Path) -> Pa
         axes.set(title=TITLES.get(name, name), xlabel="epoch", yscale="log")
         axes.grid(which="both", linewidth=0.2)
         axes.legend(fontsize="small", loc="upper right", bbox_to_anchor=(1.0, 0.94))
-    content = io.BytesIO()
-    figure.savefig(content, dpi=110, format="png")
-    write_whole(path, content.getvalue())
-    return path
+    return save_figure(figure, path)

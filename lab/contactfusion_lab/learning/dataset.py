@@ -12,13 +12,14 @@ from numpy.typing import NDArray
 
 from contactfusion.arrays import FloatArray, frozen_array
 from contactfusion.errors import ConfigurationError, name_hint
-from contactfusion.files import read_arrays, write_npz
+from contactfusion.files import read_arrays
 from contactfusion.generators.networks import KINDS, Scale
+from contactfusion_lab.trials.folder import as_npz
 
 Split = Literal["training", "validation", "test"]
 """What a trial is for; it is never for two of them."""
 NONE = KINDS.index("none")
-TOLD = ("name", "split", "round", "mountings")
+NAMED = ("name", "split", "round", "mountings")
 WINDOW = 20
 """Instants that the networks look at together (O §II-D)."""
 
@@ -71,13 +72,13 @@ class LabelledTrial:
         object.__setattr__(self, name, array)
 
 
-ARRAYS = tuple(field.name for field in fields(LabelledTrial) if field.name not in TOLD)
+ARRAYS = tuple(field.name for field in fields(LabelledTrial) if field.name not in NAMED)
 
 
-def save(trial: LabelledTrial, path: Path) -> None:
-    """Write a trial to an npz file."""
-    told = {name: getattr(trial, name) for name in TOLD}
-    write_npz(path, told=json.dumps(told), **{name: getattr(trial, name) for name in ARRAYS})
+def content_of(trial: LabelledTrial) -> bytes:
+    """The npz file of a trial."""
+    named = {name: getattr(trial, name) for name in NAMED}
+    return as_npz(told=json.dumps(named), **{name: getattr(trial, name) for name in ARRAYS})
 
 
 def load(path: Path) -> LabelledTrial:
@@ -207,7 +208,7 @@ def _scale(values: FloatArray, what: str) -> Scale:
 def _sha256(trials: Iterable[LabelledTrial]) -> str:
     digest = hashlib.sha256()
     for trial in trials:
-        digest.update(json.dumps([getattr(trial, name) for name in TOLD]).encode())
+        digest.update(json.dumps([getattr(trial, name) for name in NAMED]).encode())
         for name in ARRAYS:
             array = getattr(trial, name)
             digest.update(repr(array.shape).encode() + array.tobytes())

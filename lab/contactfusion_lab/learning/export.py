@@ -17,13 +17,14 @@ from contactfusion.generators.lstm import Weights
 from contactfusion.generators.networks import KINDS, NetworksCard
 from contactfusion.generators.proximity import ProximityConfig
 from contactfusion_lab.experiments.push.experiment import Options, run_push
-from contactfusion_lab.experiments.push.outcomes import outcome
+from contactfusion_lab.experiments.push.outcomes import outcomes_of
 from contactfusion_lab.experiments.push.tables import perception
 from contactfusion_lab.experiments.push.trial import load
 from contactfusion_lab.learning.dataset import WINDOW, Dataset
 from contactfusion_lab.learning.networks import predict
 from contactfusion_lab.learning.rollout import MOUNTINGS
 from contactfusion_lab.learning.training import Trained
+from contactfusion_lab.trials.executor import Executor
 
 SEED = 7_000_000
 """Of the experiments, besides the seed of the training."""
@@ -118,14 +119,14 @@ def _sigma(errors: FloatArray, data: Dataset) -> dict[str, float]:
     return found
 
 
-def tested(weights: Path, count: int, seed: int, workers: int, out: Path) -> dict[str, float]:
+def tested(weights: Path, count: int, seed: int, executor: Executor, out: Path) -> dict[str, float]:
     """Let networks push to random targets from random starts, and the rule likewise.
 
     Args:
         weights: of the networks.
         count: how many pushes from each mounting.
         seed: of the training.
-        workers: how many processes.
+        executor: the workers.
         out: takes a folder of `experiment push` for each mounting.
 
     Returns:
@@ -136,15 +137,15 @@ def tested(weights: Path, count: int, seed: int, workers: int, out: Path) -> dic
         folder = out / mounting
         options = Options(
             sensings=SENSINGS, lidar=mounting, weights=weights, targets=f"random:{count}",
-            starts="random", seed=SEED + seed, workers=workers,
+            starts="random", seed=SEED + seed, executor=executor,
         )  # fmt: skip
         run_push(options, folder)
         for sensing in SENSINGS:
             tracks = [load(path) for path in sorted((folder / "trials" / sensing).rglob("*.npz"))]
-            found, outcomes = perception(tracks, seed), [outcome(one) for one in tracks]
+            found, outcomes = perception(tracks, seed), outcomes_of(tracks)
             name = f"{mounting}_{sensing}"
             figures |= {
-                f"{name}_success_true": sum(one.success_true for one in outcomes) / len(outcomes),
+                f"{name}_success_true": float(outcomes["success_true"].mean()),
                 f"{name}_location_rmse_m": found.location_rmse[0],
                 f"{name}_type_accuracy": found.type_accuracy[0],
                 f"{name}_contact_accuracy": found.contact_accuracy[0],

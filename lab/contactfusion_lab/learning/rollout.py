@@ -3,20 +3,23 @@
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, final
 from zlib import crc32
 
 import numpy as np
 
 from contactfusion.arrays import FloatArray
+from contactfusion.controller import Command
 from contactfusion.controllers.pushing import ARRIVED
 from contactfusion.frames import points_in
 from contactfusion.generators.networks import KINDS
 from contactfusion.generators.perceived import ROBOT
 from contactfusion.generators.proximity import ProximityConfig, without
+from contactfusion.loop import play
 from contactfusion.pipeline import Pipeline
 from contactfusion.readings import PointCloud, Reading, Twist
 from contactfusion.robots.description import RobotConfig
+from contactfusion.stream import Arrival, Stream
 from contactfusion_lab.experiments.push.plan import GRID, VALIDATION, Place
 from contactfusion_lab.experiments.push.suites import Change, controller_options, read_sensing
 from contactfusion_lab.learning.dataset import LabelledTrial
@@ -212,7 +215,12 @@ def live(lesson: Lesson, weights: Path | None) -> LabelledTrial:
         lesson: the push.
         weights: of the networks that drive; None: it is driven by skin.
     """
-    moments = list(_moments(lesson, weights))
+    pipeline = _pipeline(lesson, weights)
+    assert pipeline.config.robot is not None
+    rollout = _Rollout(lesson, pipeline.config.robot)
+    for _ in play(pipeline, rollout):
+        pass
+    moments = rollout.moments
     truths = [moment.truth for moment in moments]
     touches = [_touch(truth) for truth in truths]
     return LabelledTrial(
@@ -235,38 +243,58 @@ def _touch(truth: PushTruth) -> tuple[str, float]:
     return truth.kind, lateral
 
 
-def _moments(lesson: Lesson, weights: Path | None) -> Iterator[Moment]:
-    """Let a lesson pass, cycle by cycle."""
-    pipeline = _pipeline(lesson, weights)
-    robot = pipeline.config.robot
-    assert robot is not None
-    fields: dict[str, Any] = {"object": lesson.object, "friction": lesson.friction}
-    config = PushConfig(
-        **fields,
-        target=lesson.target,
-        offset=lesson.offset,
-        yaw=lesson.yaw,
-        sees=MOUNTINGS,
-    )
-    scene = PushScene(config, robot, lesson.seed)
-    ahead, aside, turn = np.random.default_rng([lesson.seed, 3]).uniform(SLOWEST, FASTEST).tolist()
-    end = LONGEST
-    while True:
-        readings, truth = scene.readings(), scene.truth()
-        for reading in readings:
-            pipeline.receive(reading)
-        command = pipeline.step(scene.stamp).command
-        assert command is not None  # the pipeline has a controller
-        assert command.twist is not None
-        yield Moment(_descriptors(readings, robot), truth)
-        if command.mode == ARRIVED:
-            end = min(end, scene.stamp + 2.0 * ONCE_MORE)
-        if scene.stamp >= end or np.hypot(*truth.object[:2]) > config.furthest:
-            return
-        if end < LONGEST:
-            scene.drive(-ahead if scene.stamp < end - ONCE_MORE else ahead, aside, turn)
-        else:
-            scene.drive(*(lesson.detour_at(scene.stamp) or _motion(command.twist)))
+@final
+class _Rollout(Stream):
+    """A lesson that passes cycle by cycle, by the commands of a pipeline and its detours.
+
+    Args:
+        lesson: the push.
+        robot: the base.
+    """
+
+    def __init__(self, lesson: Lesson, robot: RobotConfig) -> None:
+        fields: dict[str, Any] = {"object": lesson.object, "friction": lesson.friction}
+        config = PushConfig(
+            **fields,
+            target=lesson.target,
+            offset=lesson.offset,
+            yaw=lesson.yaw,
+            sees=MOUNTINGS,
+        )
+        self.moments: list[Moment] = []
+        """Of the cycles so far."""
+        self._lesson, self._robot = lesson, robot
+        self._scene = PushScene(config, robot, lesson.seed)
+        self._command: Command | None = None
+
+    def readings(self) -> Iterator[Reading]:
+        """What the sensors read."""
+        return (reading for arrival in self.arrivals() for reading in arrival.readings)
+
+    def arrivals(self) -> Iterator[Arrival]:
+        """What the sensors read in each cycle, at its end, until the lesson ends."""
+        scene, lesson, end = self._scene, self._lesson, LONGEST
+        drawn = np.random.default_rng([lesson.seed, 3]).uniform(SLOWEST, FASTEST).tolist()
+        ahead, aside, turn = drawn
+        while True:
+            readings, truth = scene.readings(), scene.truth()
+            self.moments.append(Moment(_descriptors(readings, self._robot), truth))
+            yield Arrival(scene.stamp, tuple(readings), due=True)
+            command = self._command
+            assert command is not None  # the pipeline has a controller
+            assert command.twist is not None
+            if command.mode == ARRIVED:
+                end = min(end, scene.stamp + 2.0 * ONCE_MORE)
+            if scene.stamp >= end or np.hypot(*truth.object[:2]) > scene.config.furthest:
+                return
+            if end < LONGEST:
+                scene.drive(-ahead if scene.stamp < end - ONCE_MORE else ahead, aside, turn)
+            else:
+                scene.drive(*(lesson.detour_at(scene.stamp) or _motion(command.twist)))
+
+    def send(self, command: Command | None) -> None:
+        """Take the command of a cycle."""
+        self._command = command
 
 
 def _pipeline(lesson: Lesson, weights: Path | None) -> Pipeline:

@@ -4,7 +4,7 @@ import csv
 import io
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -15,8 +15,10 @@ from scipy.stats import spearmanr
 from contactfusion.arrays import FloatArray
 from contactfusion.controllers.pushing_parameters import SETS, PushingParameters
 from contactfusion.errors import ConfigurationError, name_hint
-from contactfusion.files import make_folder, require_settings, write_whole
+from contactfusion.files import write_whole
 from contactfusion.terminal import Progress, note
+from contactfusion_lab.trials.executor import Executor, Local
+from contactfusion_lab.trials.folder import claim
 from contactfusion_lab.tune_push.rating import (
     REPORTED,
     Rating,
@@ -67,7 +69,7 @@ NAMED = (
 
 @dataclass(frozen=True)
 class Options:
-    """What the search can be told.
+    """Options of the search.
 
     Attributes:
         seed: of all that is drawn.
@@ -75,7 +77,7 @@ class Options:
         rounds: how many.
         confirm: pushes that each of the last sets makes in PyBullet.
         start: the name of the set that is begun with.
-        workers: how many processes; they change nothing but the time.
+        executor: the workers; they change nothing but the time.
     """
 
     seed: int = 0
@@ -83,7 +85,7 @@ class Options:
     rounds: int = 10
     confirm: int = 150
     start: str = "tuned"
-    workers: int = 2
+    executor: Executor = Local()
 
 
 def tune_push(options: Options, out: Path) -> None:
@@ -105,10 +107,10 @@ def tune_push(options: Options, out: Path) -> None:
         raise ConfigurationError(f"results are reported on seed {options.seed}: choose another")
     start = SETS[options.start]
     require_searchable(start)
-    make_folder(out)
-    settings = {**asdict(options), "parameters": start.model_dump(mode="json"), "limits": LIMITS}
-    del settings["workers"]
-    require_settings(settings, out)
+    parameters = start.model_dump(mode="json")
+    settings = {**vars(options), "parameters": parameters, "limits": LIMITS}
+    del settings["executor"]
+    claim(settings, out, (), "pushes")
     rounds = _searched(options, start, out)
     finals = _finals(options, start, rounds, out)
     confirmed = _confirmed(options, finals, out)
@@ -128,7 +130,7 @@ def _searched(options: Options, start: PushingParameters, out: Path) -> list[lis
             vectors = search.draw()
             seed = drawn_seed(options.seed, SEARCHING, number)
             sets = [decoded(vector, start) for vector in vectors]
-            ratings = rated_in_plane(sets, options.trials, seed, options.workers, progress)
+            ratings = rated_in_plane(sets, options.trials, seed, options.executor, progress)
             candidates = [_candidate(*pair) for pair in zip(vectors, ratings, strict=True)]
             save_round(candidates, path)
         search.learn(candidates)
@@ -150,7 +152,7 @@ def _finals(
         sets = [decoded(np.array(vector), start) for vector in vectors]
         progress = Progress("of the best sets rated once more", len(sets))
         seed = drawn_seed(options.seed, CHOOSING, 0)
-        ratings = rated_in_plane(sets, MORE * options.trials, seed, options.workers, progress)
+        ratings = rated_in_plane(sets, MORE * options.trials, seed, options.executor, progress)
         candidates = [
             _candidate(np.array(vector), rating)
             for vector, rating in zip(vectors, ratings, strict=True)
@@ -172,7 +174,7 @@ def _confirmed(
     for name, parameters in finals.items():
         path = out / "confirmed" / f"{name}.json"
         ratings[name] = kept_in_bullet(
-            parameters, options.confirm, seed, options.workers, progress, path
+            parameters, options.confirm, seed, options.executor, progress, path
         )
     return ratings
 
@@ -260,24 +262,23 @@ def correlation(one: Sequence[float], other: Sequence[float]) -> float:
     return float(spearmanr(one, other).statistic)
 
 
-def check_ranking(trials: int, seed: int, workers: int, out: Path) -> None:
+def check_ranking(trials: int, seed: int, executor: Executor, out: Path) -> None:
     """Rate the same sets on the same pushes in both, compare, and tell.
 
     Args:
         trials: pushes of each set.
         seed: of all that is drawn.
-        workers: how many processes.
+        executor: the workers.
         out: takes check.csv, check.md and check.json.
     """
     sets, drawn = check_sets(), drawn_seed(seed, CHECKING, 0)
-    make_folder(out)
     dumped = {name: one.model_dump(mode="json") for name, one in sets.items()}
-    require_settings({"seed": seed, "trials": trials, "sets": dumped}, out)
+    claim({"seed": seed, "trials": trials, "sets": dumped}, out, (), "pushes")
     progress = Progress("sets rated in the plane", len(sets))
-    plane = rated_in_plane(list(sets.values()), trials, drawn, workers, progress, vary=False)
+    plane = rated_in_plane(list(sets.values()), trials, drawn, executor, progress, vary=False)
     progress = Progress("pushes in PyBullet", len(sets) * trials)
     bullet = [
-        kept_in_bullet(one, trials, drawn, workers, progress, out / "bullet" / f"{name}.json")
+        kept_in_bullet(one, trials, drawn, executor, progress, out / "bullet" / f"{name}.json")
         for name, one in sets.items()
     ]
     _tell(dict(zip(sets, zip(plane, bullet, strict=True), strict=True)), out)

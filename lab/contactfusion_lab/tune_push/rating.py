@@ -11,17 +11,18 @@ import numpy as np
 
 from contactfusion.controllers.pushing_parameters import PushingParameters
 from contactfusion.controllers.reactive_pushing import ReactivePushing, ReactivePushingConfig
-from contactfusion.errors import ConfigurationError, RobotError
+from contactfusion.errors import ConfigurationError
 from contactfusion.files import write_whole
 from contactfusion.pipeline import Pipeline
 from contactfusion.terminal import Progress
-from contactfusion_lab.experiments.measures import proportion
 from contactfusion_lab.experiments.push.plan import Plan, Push, Targets, read_plan
 from contactfusion_lab.experiments.push.trial import push_cycles
-from contactfusion_lab.experiments.workers import Died, each
 from contactfusion_lab.scenes.push.config import FrictionConfig, PushConfig, SkinConfig
 from contactfusion_lab.scenes.push.planar import planar_trial
 from contactfusion_lab.scenes.push.scene import Ending
+from contactfusion_lab.trials.executor import Executor
+from contactfusion_lab.trials.measures import proportion
+from contactfusion_lab.trials.runner import ordered
 
 REPORTED = (500, 2025)
 """Seeds of trials that results are reported on; nothing is tuned on them."""
@@ -100,7 +101,7 @@ def rate_in_plane(
     return Rating(tuple(one.success_true for one in outcomes), tuple(one.time for one in outcomes))
 
 
-def rate_in_bullet(plan: Plan, pushes: Sequence[Push], parameters: PushingParameters) -> Rating:
+def rate_in_bullet(plan: Plan, parameters: PushingParameters, pushes: Sequence[Push]) -> Rating:
     """Push in PyBullet, through skin, generator and integrator."""
     success, times = [], []
     for push in pushes:
@@ -135,7 +136,7 @@ def rated_in_plane(
     sets: Sequence[PushingParameters],
     trials: int,
     seed: int,
-    workers: int,
+    executor: Executor,
     progress: Progress,
     vary: bool = True,
 ) -> list[Rating]:
@@ -145,26 +146,24 @@ def rated_in_plane(
         sets: the parameters.
         trials: how many pushes each makes.
         seed: of the pushes.
-        workers: how many processes.
-        progress: is told of each set.
+        executor: the workers.
+        progress: counts the sets.
         vary: whether frictions are varied.
 
     Raises:
-        RobotError: a process has died twice.
+        RobotError: a set could not be rated.
     """
     plan, pushes = random_pushes(trials, seed)
-    rate = partial(_one_in_plane, plan, pushes, vary)
-    tasks = list(enumerate(sets))
-    done: dict[int, Rating] = {}
-    pairs = ((task, rate(task)) for task in tasks) if workers == 1 else each(rate, tasks, workers)
-    for (row, _), rating in pairs:
-        done[row] = _alive(rating)
+    tasks = {f"set {row}": parameters for row, parameters in enumerate(sets)}
+    ratings = []
+    for rating in ordered(partial(rate_in_plane, plan, pushes, vary), tasks, executor):
+        ratings.append(rating)
         progress.add(1)
-    return [done[row] for row in range(len(sets))]
+    return ratings
 
 
 def rated_in_bullet(
-    parameters: PushingParameters, trials: int, seed: int, workers: int, progress: Progress
+    parameters: PushingParameters, trials: int, seed: int, executor: Executor, progress: Progress
 ) -> Rating:
     """Rate a set of parameters in PyBullet.
 
@@ -172,36 +171,27 @@ def rated_in_bullet(
         parameters: the set.
         trials: how many pushes it makes.
         seed: of the pushes.
-        workers: how many processes.
-        progress: is told of each push.
+        executor: the workers.
+        progress: counts the pushes.
 
     Raises:
-        RobotError: a process has died twice.
+        RobotError: a push could not be made.
     """
     plan, pushes = random_pushes(trials, seed)
-    chunks = [(row, tuple(pushes[row : row + CHUNK])) for row in range(0, len(pushes), CHUNK)]
-    done: dict[int, Rating] = {}
-    for (row, chunk), rating in each(partial(_chunk, plan, parameters), chunks, workers):
-        done[row] = _alive(rating)
-        progress.add(len(chunk))
-    ratings = [done[row] for row, _ in chunks]
-    return Rating(
-        tuple(one for rating in ratings for one in rating.success),
-        tuple(one for rating in ratings for one in rating.time),
-    )
-
-
-def _alive(rating: Rating | Died) -> Rating:
-    if isinstance(rating, Died):
-        raise RobotError(f"a process that pushed {rating.how}, twice; start again to go on")
-    return rating
+    chunks = {f"push {row}": pushes[row : row + CHUNK] for row in range(0, len(pushes), CHUNK)}
+    success, time = list[bool](), list[float]()
+    for rating in ordered(partial(rate_in_bullet, plan, parameters), chunks, executor):
+        success += rating.success
+        time += rating.time
+        progress.add(len(rating.time))
+    return Rating(tuple(success), tuple(time))
 
 
 def kept_in_bullet(
     parameters: PushingParameters,
     trials: int,
     seed: int,
-    workers: int,
+    executor: Executor,
     progress: Progress,
     path: Path,
 ) -> Rating:
@@ -211,16 +201,16 @@ def kept_in_bullet(
         parameters: the set.
         trials: how many pushes it makes.
         seed: of the pushes.
-        workers: how many processes.
-        progress: is told of each push.
+        executor: the workers.
+        progress: counts the pushes.
         path: the file.
 
     Raises:
-        RobotError: a process has died twice.
+        RobotError: a push could not be made.
         ConfigurationError: the file is damaged.
     """
     if not path.is_file():
-        rating = rated_in_bullet(parameters, trials, seed, workers, progress)
+        rating = rated_in_bullet(parameters, trials, seed, executor, progress)
         write_whole(path, json.dumps(asdict(rating)) + "\n")
         return rating
     try:
@@ -230,15 +220,3 @@ def kept_in_bullet(
         raise ConfigurationError(f"{path} is damaged: remove it, and it is made again") from None
     progress.skip(len(rating.time))
     return rating
-
-
-def _one_in_plane(
-    plan: Plan, pushes: Sequence[Push], vary: bool, task: tuple[int, PushingParameters]
-) -> Rating:
-    return rate_in_plane(plan, pushes, vary, task[1])
-
-
-def _chunk(
-    plan: Plan, parameters: PushingParameters, chunk: tuple[int, tuple[Push, ...]]
-) -> Rating:
-    return rate_in_bullet(plan, chunk[1], parameters)

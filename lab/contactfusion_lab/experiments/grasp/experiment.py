@@ -1,21 +1,14 @@
 """`experiment grasp`: the same grasps by several sources and rules, and what comes of them."""
 
-import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import partial
 from itertools import product
 from pathlib import Path
-from typing import Any
+from typing import Any, final
 
-from contactfusion.errors import ConfigurationError, RobotError
+from contactfusion.errors import ConfigurationError
 from contactfusion.faults import read_faults
-from contactfusion.files import make_folder, write_whole
-from contactfusion.terminal import note
-from contactfusion_lab.experiments.choices import require_once, trial_called
-from contactfusion_lab.experiments.folder import as_json, joined
-from contactfusion_lab.experiments.grasp import tables
-from contactfusion_lab.experiments.grasp.film import film_all
+from contactfusion_lab.experiments.grasp.film import film
 from contactfusion_lab.experiments.grasp.plan import (
     DEFAULT,
     NONE,
@@ -25,23 +18,13 @@ from contactfusion_lab.experiments.grasp.plan import (
     check_columns,
     read_plan,
 )
-from contactfusion_lab.experiments.grasp.trial import (
-    Row,
-    load,
-    results_csv,
-    run_trial,
-    save,
-    trial_file,
-)
+from contactfusion_lab.experiments.grasp.tables import evaluate
+from contactfusion_lab.experiments.grasp.trial import Row, content_of, load, run_trial
 from contactfusion_lab.experiments.methods import Method
-from contactfusion_lab.experiments.workers import (
-    each,
-    failure,
-    one_thread_each,
-    progress,
-    reason_of,
-    require_workers,
-)
+from contactfusion_lab.trials.choices import require_once
+from contactfusion_lab.trials.executor import Executor, Local
+from contactfusion_lab.trials.folder import trial_file
+from contactfusion_lab.trials.runner import Experiment, Made, run
 
 DE_MORGAN, POSTERIOR = Method("de_morgan", "cluster_centroid"), Method("posterior", "modes")
 COLUMNS = (
@@ -53,14 +36,12 @@ COLUMNS = (
     Column("all", POSTERIOR),
 )
 """What the table is made for; the first is the paper's, the others are compared with it."""
-ADDABLE = ("columns", "objects")
-"""Of these a folder may take more."""
 Task = tuple[Column, Grasp]
 
 
 @dataclass(frozen=True)
 class Options:
-    """What the experiment can be told.
+    """Options of the experiment.
 
     Attributes:
         config: a YAML file as for `run`, with a scene of type `grasp`, and `objects`.
@@ -72,7 +53,7 @@ class Options:
         noise: of the sensors, by name; None: the scene's.
         faults: a YAML file of faults, or None.
         seed: of all chance.
-        workers: how many processes.
+        executor: the workers.
         record: grasps to film: COLUMN/NAME, or NAME for the first column.
     """
 
@@ -84,7 +65,7 @@ class Options:
     noise: str | None = None
     faults: Path | None = None
     seed: int = 0
-    workers: int = 2
+    executor: Executor = Local()
     record: Sequence[str] = ()
 
 
@@ -101,7 +82,6 @@ def run_grasp(options: Options, out: Path) -> None:
             ones.
         RobotError: a grasp or a film could not be made; the others are kept.
     """
-    require_workers(options.workers)
     if options.repeats < 1:
         raise ConfigurationError(f"it takes 1 grasp or more, not {options.repeats}", "repeats")
     require_once(options.objects, "objects")
@@ -109,29 +89,68 @@ def run_grasp(options: Options, out: Path) -> None:
     faults = read_faults(options.faults) if options.faults else ()
     plan = read_plan(options.config, options.objects, faults, options.noise, options.seed)
     check_columns(plan, columns, options.config)
-    settings = joined(plan.settings(columns), out, ADDABLE, "grasps")
-    grasps = plan.grasps(list(plan.scenes), options.repeats)
-    tasks = [(column, grasp) for grasp in grasps for column in columns]
-    by_name = {_name(task): task for task in tasks}
-    recorded = list(dict.fromkeys(trial_called(name, by_name) for name in options.record))
-    _found(columns, grasps, out)  # so that a damaged file is told before anything is made
-    missing = [task for task in tasks if not trial_file(out, *task).is_file()]
-    make_folder(out)
-    write_whole(out / "settings.json", json.dumps(settings, indent=1) + "\n")
-    note(f"{len(tasks)} grasps; {len(missing)} to make")
-    with one_thread_each():
-        failed = _grasp_all(plan, missing, options.workers, out)
-    found = _found(columns, grasps, out)
-    if any(found.values()):
-        evaluate(found, failed, plan.seed, out)
-    unfilmed = film_all(plan, recorded, out)
-    problems = []
-    if failed:
-        problems.append(f"{len(failed)} of {len(tasks)} grasps were not made: {failed[0]}")
-    if unfilmed:
-        problems.append(f"{len(unfilmed)} of {len(recorded)} films were not made: {unfilmed[0]}")
-    if problems:
-        raise RobotError("; ".join(problems))
+    experiment = GraspExperiment(plan, columns, options.repeats)
+    run(experiment, options.executor, out, options.record)
+
+
+@final
+@dataclass(frozen=True)
+class GraspExperiment(Experiment[Task]):
+    """The same grasps by several columns.
+
+    Attributes:
+        plan: how each is made.
+        columns: by what it is felt; the others are compared with the first.
+        repeats: of each object.
+    """
+
+    plan: Plan
+    columns: Sequence[Column]
+    repeats: int
+    trials = "grasps"
+    suffix = ".json"
+    addable = ("columns", "objects")
+
+    def tasks(self) -> dict[str, Task]:
+        """Each grasp by each column: COLUMN/NAME."""
+        grasps = self.plan.grasps(list(self.plan.scenes), self.repeats)
+        return {
+            f"{column.name}/{grasp.name}": (column, grasp)
+            for grasp in grasps
+            for column in self.columns
+        }
+
+    def settings(self) -> dict[str, Any]:
+        """The settings of the plan."""
+        return self.plan.settings(self.columns)
+
+    def check(self, out: Path, missing: Sequence[str], executor: Executor) -> None:
+        """Read the grasps that there are, so that a damaged file is named before any is made."""
+        self._found(out)
+
+    def make(self, task: Task) -> Made:
+        """Grasp once."""
+        return Made(content_of(run_trial(self.plan, *task)))
+
+    def evaluate(self, out: Path, settings: Mapping[str, Any], failed: Sequence[str]) -> None:
+        """Evaluate the grasps of this plan."""
+        if found := self._found(out):
+            names = [column.name for column in self.columns]
+            evaluate(found, names, failed, self.plan.seed, out)
+
+    def film(self, task: Task, out: Path) -> tuple[Path, Path]:
+        """Grasp once more."""
+        return film(self.plan, *task, out / "films" / task[0].name)
+
+    def _found(self, out: Path) -> list[Row]:
+        """The grasps that there are, column by column."""
+        files = {name: trial_file(out, name, self.suffix) for name in self.tasks()}
+        return [
+            load(files[name], *task)
+            for column in self.columns
+            for name, task in self.tasks().items()
+            if task[0] == column and files[name].is_file()
+        ]
 
 
 def columns_of(sources: Sequence[str], rules: Sequence[Method]) -> Sequence[Column]:
@@ -144,67 +163,3 @@ def columns_of(sources: Sequence[str], rules: Sequence[Method]) -> Sequence[Colu
         for source, rule in product(chosen, rules or [DE_MORGAN])
     ]
     return list(dict.fromkeys(pairs))
-
-
-def evaluate(
-    found: Mapping[str, Sequence[Row]], failed: Sequence[str], seed: int, out: Path
-) -> None:
-    """Write tables, files and figures.
-
-    Args:
-        found: grasps by column, of which the others are compared with the first; a column without
-            any is left out.
-        failed: a sentence for each grasp that could not be made.
-        seed: of the bootstrap.
-        out: the folder that takes the results.
-    """
-    compared = tables.comparisons_of(found)
-    found = {name: rows for name, rows in found.items() if rows}
-    summaries = {name: tables.summary_of(rows, seed) for name, rows in found.items()}
-    success = tables.success_text(found, summaries)
-    texts = ["## Success", success]
-    if compared:
-        texts += ["## Compared grasp by grasp", tables.comparisons_text(compared)]
-    texts += ["## Failures", tables.failures_text(found)]
-    if failed:
-        texts += ["## Not made", "\n".join(f"- {one}" for one in failed)]
-    summary: dict[str, Any] = {"reached": summaries, "tests": compared, "not made": list(failed)}
-    write_whole(out / "results.csv", results_csv([row for rows in found.values() for row in rows]))
-    write_whole(out / "summary.json", as_json(summary))
-    write_whole(out / "table.md", "\n\n".join(texts) + "\n")
-    tables.draw_success(summaries, out / "success.png")
-    tables.draw_places(found, out / "places.png")
-    note(success, end="\n\n")
-    print(f"results: {out}/table.md, results.csv, summary.json, success.png, places.png")
-
-
-def _found(columns: Sequence[Column], grasps: Sequence[Grasp], out: Path) -> dict[str, list[Row]]:
-    """The grasps that are there, by column."""
-    return {
-        column.name: [
-            load(path, column, grasp)
-            for grasp in grasps
-            if (path := trial_file(out, column, grasp)).is_file()
-        ]
-        for column in columns
-    }
-
-
-def _grasp_all(plan: Plan, missing: Sequence[Task], workers: int, out: Path) -> list[str]:
-    """Make grasps; give a sentence for each that fails."""
-    made = each(partial(_make, plan, out), missing, workers)
-    return [failure(_name(task), one) for task, one in progress(made, len(missing)) if one]
-
-
-def _make(plan: Plan, out: Path, task: Task) -> str:
-    """Make one grasp; give why it failed, or nothing."""
-    try:
-        save(run_trial(plan, *task), trial_file(out, *task))
-    except Exception as error:  # a plug-in may raise anything, and no other grasp may suffer
-        return reason_of(error)
-    return ""
-
-
-def _name(task: Task) -> str:
-    column, grasp = task
-    return f"{column.name}/{grasp.name}"

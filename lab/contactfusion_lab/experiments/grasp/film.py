@@ -1,61 +1,31 @@
 """A film of one grasp: what is, what is felt, and what the controller does about it."""
 
-import io
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from contactfusion.errors import missing_extra
 from contactfusion.figures import COLOURS
-from contactfusion.files import write_whole
 from contactfusion.recordings.mcap import McapWriter
 from contactfusion.run.configuration import TOPIC, Setting
 from contactfusion.run.recorder import TRUTH, fixed_frames
 from contactfusion.scene import Scene
-from contactfusion.terminal import note
 from contactfusion_lab.experiments.grasp.plan import Column, Grasp, Plan
-from contactfusion_lab.experiments.grasp.trial import begun, trial_file
-from contactfusion_lab.experiments.workers import failure, reason_of
+from contactfusion_lab.experiments.grasp.trial import begun
 from contactfusion_lab.scenes.grasp.scene import GraspCycle, GraspScene
 from contactfusion_lab.scenes.grasp.world import Eye
+from contactfusion_lab.trials.folder import loaded_pillow, save_film
 
 EVERY = 0.15
 """Of the grasp between two frames [s]."""
-SHOWN, LAST = 0.08, 2.0
-"""How long a frame is shown, and the last one [s]."""
+LAST = 2.0
+"""How long the last frame is shown [s]."""
 FELT, TRUE = COLOURS[1], COLOURS[2]
 SIDE = np.array([0.2, -0.55, 0.65])
 """From where it is seen, from where the object should be [m]."""
 COUNT = 64
 """Of colours: a small file."""
-
-
-def film_all(plan: Plan, chosen: Sequence[tuple[Column, Grasp]], out: Path) -> list[str]:
-    """Film grasps that were made.
-
-    Args:
-        plan: the experiment.
-        chosen: which.
-        out: the folder of the results.
-
-    Returns:
-        A sentence for each that fails.
-    """
-    failed = []
-    for column, grasp in chosen:
-        name = f"{column.name}/{grasp.name}"
-        if not trial_file(out, column, grasp).is_file():
-            note(f"not recorded: {name}, which was not made")
-            continue
-        try:
-            gif, recording = film(plan, column, grasp, out / "films" / column.name)
-        except Exception as error:  # a plug-in may raise anything, and what there is must be told
-            failed.append(failure(name, reason_of(error)))
-        else:
-            print(f"film: {gif}; recording: {recording}")
-    return failed
 
 
 def film(plan: Plan, column: Column, grasp: Grasp, folder: Path) -> tuple[Path, Path]:
@@ -74,10 +44,7 @@ def film(plan: Plan, column: Column, grasp: Grasp, folder: Path) -> tuple[Path, 
         DependencyError: rosbags, or matplotlib, with which pillow comes, is not installed.
         ContactFusionError: the scene cannot be set up, or the controller failed.
     """
-    try:
-        from PIL import Image
-    except ImportError:
-        raise missing_extra("matplotlib", "plot") from None
+    image = loaded_pillow()
     scene, cycles = begun(plan, column, grasp)
     middle = scene.config.object.pose.pose()[:3, 3] + [0.0, 0.0, 0.1]
     eye = Eye(tuple(middle + SIDE), tuple(middle))
@@ -86,19 +53,8 @@ def film(plan: Plan, column: Column, grasp: Grasp, folder: Path) -> tuple[Path, 
         if cycle.truth.stamp >= due or cycle.ending:
             due += EVERY
             frames.append(_frame(scene, eye, cycle))
-    first, *others = (frame.quantize(COUNT, dither=Image.Dither.NONE) for frame in frames)
-    content = io.BytesIO()
-    first.save(
-        content,
-        format="GIF",
-        save_all=True,
-        append_images=others,
-        duration=[round(SHOWN * 1e3)] * len(others) + [round(LAST * 1e3)],
-        loop=0,
-    )
-    path = folder / f"{grasp.name}.gif"
-    write_whole(path, content.getvalue())
-    return path, recording
+    frames = [frame.quantize(COUNT, dither=image.Dither.NONE) for frame in frames]
+    return save_film(frames, folder / f"{grasp.name}.gif", LAST), recording
 
 
 def _frame(scene: GraspScene, eye: Eye, cycle: GraspCycle) -> Any:

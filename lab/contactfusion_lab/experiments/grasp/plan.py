@@ -1,6 +1,5 @@
 """Which grasps make up the experiment, by what each is felt, and the file that says so."""
 
-import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from hashlib import sha256
@@ -152,7 +151,7 @@ class Plan:
 
     def settings(self, columns: Sequence[Column]) -> dict[str, Any]:
         """What makes two trials of one name equal, for a folder that is gone on with."""
-        told = {
+        return {
             "trials": TRIALS,
             "seed": self.seed,
             "faults": [fault.model_dump(mode="json") for fault in self.pipeline.faults],
@@ -168,8 +167,6 @@ class Plan:
             },
             "pipeline": self.pipeline.model_dump(mode="json", exclude=OTHERWISE_TOLD),
         }
-        settings: dict[str, Any] = json.loads(json.dumps(told, default=str))
-        return settings
 
     def _seed(self, thing: str, repeat: int) -> int:
         entropy = [self.seed, crc32(thing.encode()), repeat]

@@ -1,161 +1,102 @@
 """Tables and figures of the grasp experiment, and its summary."""
 
-import io
 from collections.abc import Mapping, Sequence
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
-from zlib import crc32
 
 import numpy as np
+import pandas as pd
 
 from contactfusion.figures import COLOURS, new_figure
-from contactfusion.files import write_whole
+from contactfusion.terminal import note
 from contactfusion_lab.experiments.grasp.trial import Row
-from contactfusion_lab.experiments.measures import holm, mcnemar, proportion, resampled
+from contactfusion_lab.trials.folder import save_figure
+from contactfusion_lab.trials.measures import CASE, compared, parts_of
+from contactfusion_lab.trials.tables import (
+    Units,
+    bullets,
+    comparisons_text,
+    failures_text,
+    frame_of,
+    measures_text,
+    success_text,
+    summary_of,
+    write_results,
+)
 
-MEASURES: dict[str, tuple[str, float, str]] = {
+MEASURES: Units = {
     "moved": ("moved before cm", 100.0, ".1f"),
     "corrections": ("corrections", 1.0, ".2f"),
     "time": ("time s", 1.0, ".1f"),
     "force": ("greatest push N", 1.0, ".1f"),
 }
-"""What is told beside success: heading, scale and form."""
+"""The units of what is measured beside success."""
 LISTED = 40
 """So many failures of a column are listed; all are in results.csv."""
-Found = Mapping[str, Sequence[Row]]
-"""Grasps by column."""
 GOOD, BAD = COLOURS[2], COLOURS[1]
 
 
-def summary_of(rows: Sequence[Row], seed: int) -> dict[str, Any]:
-    """What a column reached: of all objects, and of each.
-
-    Successes have Wilson intervals, means percentile bootstrap intervals over grasps.
-
-    Args:
-        rows: of one column.
-        seed: of the bootstrap; each figure has chance of its own.
-    """
-    parts = {"all": rows} | {
-        thing: [row for row in rows if row.object == thing]
-        for thing in dict.fromkeys(row.object for row in rows)
-    }
-    return {name: _summary(name, part, seed) for name, part in parts.items()}
+def rows_of(found: Sequence[Row]) -> pd.DataFrame:
+    """Grasps as a data frame, one row each; the column is the case."""
+    frame = frame_of(found, Row)
+    return frame.assign(**{CASE: frame["column"]})
 
 
-def success_text(found: Found, summaries: Mapping[str, Mapping[str, Any]]) -> str:
-    """The table of all columns as Markdown: success by object, and the measures of all.
+def evaluate(
+    found: Sequence[Row], columns: Sequence[str], failed: Sequence[str], seed: int, out: Path
+) -> None:
+    """Write tables, files and figures.
 
     Args:
-        found: grasps by column.
-        summaries: of each column, as `summary_of` gives it.
+        found: grasps that were made.
+        columns: the first is the one that the others are compared with, if it has grasps.
+        failed: a sentence for each grasp that could not be made.
+        seed: of the bootstrap.
+        out: the folder that takes the results.
     """
-    things = list(dict.fromkeys(row.object for rows in found.values() for row in rows))
-    headings = ["", *things, "all, 95 % interval", *(told[0] for told in MEASURES.values())]
-    lines = [_line(headings), "|" + "---|" * len(headings)]
-    for column in found:
-        told = summaries[column]
-        cells = [column]
-        for thing in things:
-            part = told.get(thing)
-            cells.append(f"{part['success']['hits']}/{part['n']}" if part else "-")
-        share = told["all"]["success"]
-        cells.append(
-            f"{100.0 * share['share']:.1f} % [{100.0 * share['low']:.1f}, "
-            f"{100.0 * share['high']:.1f}]"
-        )
-        for measure, (_, scale, form) in MEASURES.items():
-            mean, low, high = (scale * told["all"][measure][key] for key in ("mean", "low", "high"))
-            cells.append(f"{mean:{form}} [{low:{form}}, {high:{form}}]")
-        lines.append(_line(cells))
-    return "\n".join(lines)
-
-
-def comparisons_of(found: Found) -> list[dict[str, Any]]:
-    """Compare each column with the first, grasp by grasp, by McNemar's exact test.
-
-    Every p-value is told twice: by itself, and as it counts among all of them. Nothing is compared
-    when the first has no grasps.
-
-    Args:
-        found: grasps by column, perhaps none.
-    """
-    (first, ours), *others = found.items()
-    if not ours:
-        return []
-    by_name = {row.trial: row.success for row in ours}
-    compared = list[dict[str, Any]]()
-    for column, rows in others:
-        if not rows:
-            continue
-        pairs = [(by_name[row.trial], row.success) for row in rows if row.trial in by_name]
-        only, other = pairs.count((True, False)), pairs.count((False, True))
-        compared.append(
-            {
-                "column": column,
-                "against": first,
-                "grasps": len(pairs),
-                "only it": other,
-                "only the other": only,
-                "p": mcnemar(only, other),
-            }
-        )
-    corrected = holm([one["p"] for one in compared])
-    return [{**one, "p (Holm)": p} for one, p in zip(compared, corrected, strict=True)]
-
-
-def comparisons_text(compared: Sequence[Mapping[str, Any]]) -> str:
-    """Comparisons as Markdown."""
-    names = ["column", "against", "grasps", "only it", "only the other", "p", "p (Holm)"]
-    lines = [_line(names), "|" + "---|" * len(names)]
-    lines += [
-        _line([f"{one[name]:.2g}" if name.startswith("p") else str(one[name]) for name in names])
-        for one in compared
-    ]
-    return "\n".join(lines)
-
-
-def failures_text(found: Found) -> str:
-    """List the grasps that failed by column, with their ends and reasons."""
-    lines: list[str] = []
-    for column, rows in found.items():
-        failed = [row for row in rows if not row.success]
-        lines.append(f"{column}: {len(failed)} of {len(rows)}")
-        for row in failed[:LISTED]:
-            fallen = ", fallen over" if row.fallen else ""
-            lines.append(
-                f"- {row.trial}: {100.0 * row.offset:+.1f} cm aside: {row.ending}, {row.reason}; "
-                f"{100.0 * row.height:.1f} cm high{fallen}"
-            )
-        if len(failed) > LISTED:
-            lines.append(f"- … and {len(failed) - LISTED} more: results.csv")
-        lines.append("")
-    return "\n".join(lines).strip()
-
-
-def _summary(name: str, rows: Sequence[Row], seed: int) -> dict[str, Any]:
-    value, low, high = proportion(np.array([row.success for row in rows]))
-    hits = sum(row.success for row in rows)
-    told: dict[str, Any] = {
-        "n": len(rows),
-        "success": {"hits": hits, "share": value, "low": low, "high": high},
-        "endings": {
-            ending: sum(row.ending == ending for row in rows)
-            for ending in dict.fromkeys(row.ending for row in rows)
+    frame = rows_of(found)
+    cases = list(frame[CASE].unique())
+    pairs = [(case, columns[0]) for case in cases if columns[0] in cases and case != columns[0]]
+    compared_all = compared(frame, pairs, "success", list(MEASURES), seed)
+    summaries = {case: _summary(part, seed) for case, part in parts_of(frame).items()}
+    success = success_text(frame, ["object"], {"success": ""})
+    measures = measures_text(summaries, "mean", MEASURES)
+    write_results(
+        out,
+        frame,
+        {
+            "reached": summaries,
+            "tests": [asdict(each) for each in compared_all],
+            "not made": list(failed),
         },
-        "fallen": sum(row.fallen for row in rows),
-    }
-    for measure in MEASURES:
-        values = np.array([getattr(row, measure) for row in rows], np.float64)
-        entropy = f"{rows[0].column}, {name}, {measure}"
-        rng = np.random.default_rng([seed, crc32(entropy.encode())])
-        mean, low, high = resampled(values, np.mean, rng)
-        told[measure] = {"mean": mean, "low": low, "high": high}
-    return told
+        {
+            "Success": success,
+            "Measures": measures,
+            "Compared grasp by grasp": comparisons_text(compared_all, MEASURES),
+            "Failures": failures_text(frame, "success", [*map(_failure, found)], LISTED),
+            "Not made": bullets(failed),
+        },
+    )
+    draw_success(summaries, out / "success.png")
+    draw_places(frame, out / "places.png")
+    note(f"{success}\n\n{measures}", end="\n\n")
 
 
-def _line(cells: Sequence[str]) -> str:
-    return "| " + " | ".join(cells) + " |"
+def _summary(part: pd.DataFrame, seed: int) -> dict[str, dict[str, Any]]:
+    """What a column reached; of all grasps also how they ended."""
+    summary = summary_of(part, ["object"], ["success"], MEASURES, "mean", seed)
+    endings = part["ending"].value_counts(sort=False).to_dict()
+    summary["all"] |= {"endings": endings, "fallen": int(part["fallen"].sum())}
+    return summary
+
+
+def _failure(row: Row) -> str:
+    fallen = ", fallen over" if row.fallen else ""
+    return (
+        f"{row.trial}: {100.0 * row.offset:+.1f} cm aside: {row.ending}, {row.reason}; "
+        f"{100.0 * row.height:.1f} cm high{fallen}"
+    )
 
 
 def draw_success(summaries: Mapping[str, Mapping[str, Any]], path: Path) -> Path:
@@ -169,9 +110,10 @@ def draw_success(summaries: Mapping[str, Mapping[str, Any]], path: Path) -> Path
     left, right = figure.subplots(1, 2, sharey=True)
     rows = np.arange(len(summaries))
     for axes, part, scale in ((left, "success", 100.0), (right, "moved", 100.0)):
-        told = [summary["all"][part] for summary in summaries.values()]
-        middle = scale * np.array([one["share" if part == "success" else "mean"] for one in told])
-        ends = scale * np.array([[one["low"], one["high"]] for one in told]).T
+        reached = [summary["all"][part] for summary in summaries.values()]
+        value = "share" if part == "success" else "mean"
+        middle = scale * np.array([each[value] for each in reached])
+        ends = scale * np.array([[each["low"], each["high"]] for each in reached]).T
         axes.barh(rows, middle, color=COLOURS[0], alpha=0.8)
         axes.errorbar(
             middle, rows, xerr=np.abs(ends - middle), fmt="none", color="black", capsize=3
@@ -182,40 +124,33 @@ def draw_success(summaries: Mapping[str, Mapping[str, Any]], path: Path) -> Path
     left.invert_yaxis()
     left.set(xlabel="lifted and held [%]", xlim=(0.0, 101.0))
     right.set(xlabel="moved before it was grasped [cm]")
-    return _saved(figure, path)
+    return save_figure(figure, path, 120)
 
 
-def draw_places(found: Found, path: Path) -> Path:
+def draw_places(frame: pd.DataFrame, path: Path) -> Path:
     """Draw for each column how far aside the object stood, and what came of the grasp.
 
     Args:
-        found: grasps by column.
+        frame: of all grasps.
         path: the PNG to write.
     """
-    figure = new_figure(9.0, 1.2 + 0.6 * len(found))
+    columns = parts_of(frame)
+    figure = new_figure(9.0, 1.2 + 0.6 * len(columns))
     axes: Any = figure.subplots()
-    for number, rows in enumerate(found.values()):
-        offsets = 100.0 * np.array([row.offset for row in rows])
-        good = np.array([row.success for row in rows])
+    for number, part in enumerate(columns.values()):
+        offsets, good = 100.0 * part["offset"].to_numpy(), part["success"].to_numpy()
         # the order of the trials spreads the dots
-        spread = number + 0.3 * np.linspace(-1.0, 1.0, len(rows))
+        spread = number + 0.3 * np.linspace(-1.0, 1.0, len(part))
         for kept, colour, name in ((good, GOOD, "held"), (~good, BAD, "not held")):
             label = name if number == 0 else None
             axes.plot(offsets[kept], spread[kept], "o", markersize=3.0, color=colour, label=label)
-    axes.set_yticks(range(len(found)), [_label(name) for name in found])
+    axes.set_yticks(range(len(columns)), [_label(name) for name in columns])
     axes.invert_yaxis()
     axes.set(xlabel="how far beside the hand's way the object stood, to the left [cm]")
     figure.legend(loc="outside upper right", ncols=2, fontsize="small")
-    return _saved(figure, path)
+    return save_figure(figure, path, 120)
 
 
 def _label(column: str) -> str:
     sources, _, method = column.partition("-")
     return f"{sources}\n{method.replace('_', ' ')}" if method else "open loop"
-
-
-def _saved(figure: Any, path: Path) -> Path:
-    content = io.BytesIO()
-    figure.savefig(content, dpi=120, format="png")
-    write_whole(path, content.getvalue())
-    return path

@@ -1,10 +1,8 @@
 """One grasp of the experiment: what came of it, as one row."""
 
-import csv
-import io
 import json
 from collections.abc import Iterator, Sequence
-from dataclasses import asdict, dataclass, fields
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import ClassVar
 
@@ -13,7 +11,6 @@ from pydantic import ConfigDict, TypeAdapter, ValidationError
 from scipy.spatial.transform import Rotation
 
 from contactfusion.errors import ConfigurationError
-from contactfusion.files import write_whole
 from contactfusion.pipeline import Pipeline
 from contactfusion.robots.model import shared_robot
 from contactfusion_lab.experiments.grasp.plan import Column, Grasp, Plan
@@ -59,11 +56,6 @@ class Row:
     time: float
     force: float
     __pydantic_config__: ClassVar[ConfigDict] = ConfigDict(strict=True, extra="forbid")
-
-
-def trial_file(out: Path, column: Column, grasp: Grasp) -> Path:
-    """The file of a trial."""
-    return out / "trials" / column.name / f"{grasp.name}.json"
 
 
 def begun(plan: Plan, column: Column, grasp: Grasp) -> tuple[GraspScene, Iterator[GraspCycle]]:
@@ -113,9 +105,9 @@ def row_of(plan: Plan, column: Column, grasp: Grasp, cycles: Sequence[GraspCycle
     )
 
 
-def save(row: Row, path: Path) -> None:
-    """Write a row to a JSON file."""
-    write_whole(path, json.dumps(asdict(row), indent=1) + "\n")
+def content_of(row: Row) -> bytes:
+    """The JSON file of a row."""
+    return (json.dumps(asdict(row), indent=1) + "\n").encode()
 
 
 def load(path: Path, column: Column, grasp: Grasp) -> Row:
@@ -140,21 +132,3 @@ def load(path: Path, column: Column, grasp: Grasp) -> Row:
             f"not {column.name}/{grasp.name} of seed {grasp.seed}: {remedy}"
         )
     return row
-
-
-def results_csv(rows: Sequence[Row]) -> str:
-    """One line a grasp."""
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    names = [field.name for field in fields(Row)]
-    writer.writerow(names)
-    for row in rows:
-        cells = [getattr(row, name) for name in names]
-        writer.writerow(
-            [
-                f"{cell:.6g}" if isinstance(cell, float) else int(cell)
-                if isinstance(cell, bool) else cell
-                for cell in cells
-            ]
-        )  # fmt: skip
-    return text.getvalue()

@@ -1,55 +1,43 @@
 """`experiment push`: pushes by several controllers, and what comes of them."""
 
-import json
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import product
 from pathlib import Path
+from typing import Any, final
 
-from contactfusion.errors import ConfigurationError, ContactFusionError, RobotError, name_hint
-from contactfusion.files import make_folder, write_whole
+from contactfusion.errors import ConfigurationError, RobotError, name_hint
 from contactfusion.pipeline import Pipeline
 from contactfusion.terminal import note
-from contactfusion_lab.experiments.choices import require_once, trial_called
-from contactfusion_lab.experiments.folder import joined
-from contactfusion_lab.experiments.push.evaluation import ADDABLE, evaluate, settings_of, trial_file
 from contactfusion_lab.experiments.push.failing import read_failing
 from contactfusion_lab.experiments.push.film import record
 from contactfusion_lab.experiments.push.plan import Plan, Push, read_plan, read_targets
 from contactfusion_lab.experiments.push.suites import Change, Sensing, controller_options
-from contactfusion_lab.experiments.push.timers import Cost, tell_costs
-from contactfusion_lab.experiments.push.trial import run_trial, save
-from contactfusion_lab.experiments.workers import (
-    Died,
-    each,
-    failure,
-    one_thread_each,
-    progress,
-    reason_of,
-    require_workers,
-)
+from contactfusion_lab.experiments.push.tables import evaluate
+from contactfusion_lab.experiments.push.trial import Cost, content_of, run_trial, tell_costs
 from contactfusion_lab.scenes.push.config import SkinConfig
 from contactfusion_lab.scenes.push.scene import PushScene
+from contactfusion_lab.trials.choices import require_once
+from contactfusion_lab.trials.executor import Executor, Local
+from contactfusion_lab.trials.runner import Experiment, Made, ordered, run
 
 Task = tuple[str, str, Push]
 """What feels, by its label; a controller; and a push."""
-Plans = Mapping[str, Plan]
-"""By the label of what feels."""
 KINDS = ("point_cloud", "depth_image")
 """What LiDARs and cameras give; where none is switched on, none comes."""
 
 
 @dataclass(frozen=True)
 class Options:
-    """What the experiment can be told.
+    """Options of the experiment.
 
     Attributes:
         sensings: what feels the object, by name; the others are compared with the first.
         controllers: names of sets of parameters, or of installed controllers; the others are
             compared with the first.
         rules: how it is fused, RULE or RULE/CONDENSATION; none: as the file of a sensing says.
-        without: sources that nobody listens to.
+        without: sources that are left out.
         lidar: the LiDAR that takes the place of any other.
         camera: the camera likewise.
         weights: of contact networks; None: those of the package.
@@ -62,7 +50,7 @@ class Options:
         skin: how well the skin feels.
         faults: a YAML file of how sensors fail, or None.
         seed: of all chance.
-        workers: how many processes.
+        executor: the workers.
         record: trials to film and record: NAME, CONTROLLER/NAME or SENSING/CONTROLLER/NAME.
     """
 
@@ -82,7 +70,7 @@ class Options:
     skin: SkinConfig = SkinConfig()
     faults: Path | None = None
     seed: int = 0
-    workers: int = 2
+    executor: Executor = Local()
     record: Sequence[str] = ()
 
 
@@ -96,43 +84,79 @@ def run_push(options: Options, out: Path) -> None:
 
     Raises:
         ConfigurationError: an option is wrong, or `out` holds pushes of other options.
-        RobotError: a push or a recording could not be made; the others are kept.
+        RobotError: a push or a film could not be made; the others are kept.
     """
     require_once(options.controllers, "controllers")
-    require_workers(options.workers)
     plans = read_plans(options)
-    first, *_ = plans.values()
+    face = next(iter(plans.values())).face
     for name in options.controllers:
-        controller_options(name, (0.0, 0.0), first.face)
-    pushes = first.pushes()
-    tasks = [
-        (label, name, push) for label in plans for name in options.controllers for push in pushes
-    ]
-    by_name = {_name(task): task for task in tasks}
-    recorded = list(dict.fromkeys(trial_called(name, by_name) for name in options.record))
-    settings = settings_of(plans, options.controllers)
-    joined(settings, out, ADDABLE, "pushes")
-    missing = [task for task in tasks if not trial_file(out, *task).is_file()]
-    if missing:
-        check(plans, options.controllers[0])
-    make_folder(out)
-    settings = joined(settings, out, ADDABLE, "pushes")
-    write_whole(out / "settings.json", json.dumps(settings, indent=1) + "\n")
-    note(f"{len(tasks)} pushes; {len(missing)} to make")
-    with one_thread_each():
-        failed = _push_all(plans, missing, options.workers, out)
-    if any(out.glob("trials/*/*/*.npz")):
-        evaluate(first, settings, failed, out)
-    unrecorded = _record_all(plans, recorded, out)
-    problems = []
-    if failed:
-        problems.append(f"{len(failed)} of {len(tasks)} pushes were not made: {failed[0]}")
-    if unrecorded:
-        problems.append(
-            f"{len(unrecorded)} of {len(recorded)} recordings were not made: {unrecorded[0]}"
-        )
-    if problems:
-        raise RobotError("; ".join(problems))
+        controller_options(name, (0.0, 0.0), face)
+    run(PushExperiment(plans, options.controllers), options.executor, out, options.record)
+
+
+@final
+@dataclass(frozen=True)
+class PushExperiment(Experiment[Task]):
+    """Pushes that differ in what feels, and by what controller they are steered.
+
+    Attributes:
+        plans: by the label of what feels.
+        controllers: their names.
+    """
+
+    plans: Mapping[str, Plan]
+    controllers: Sequence[str]
+    trials = "pushes"
+    suffix = ".npz"
+    addable = ("sensings", "controllers", "objects", "targets")
+
+    def tasks(self) -> dict[str, Task]:
+        """Each push by each controller in each plan: SENSING/CONTROLLER/NAME."""
+        pushes = self._first.pushes()
+        return {
+            f"{label}/{name}/{push.name}": (label, name, push)
+            for label in self.plans
+            for name in self.controllers
+            for push in pushes
+        }
+
+    def settings(self) -> dict[str, Any]:
+        """The settings of plans that differ in what feels only."""
+        settings = [plan.settings(self.controllers) for plan in self.plans.values()]
+        sensings = {label: one for each in settings for label, one in each["sensings"].items()}
+        return {**settings[0], "sensings": sensings}
+
+    def check(self, out: Path, missing: Sequence[str], executor: Executor) -> None:
+        """Set up pushes, when any is to be made; see `check`."""
+        if missing:
+            check(self.plans, self.controllers[0], executor)
+
+    def make(self, task: Task) -> Made:
+        """Push once."""
+        label, controller, push = task
+        track, cost = run_trial(self.plans[label], push, controller)
+        return Made(content_of(track), cost)
+
+    def report(self, costs: Mapping[str, Cost], out: Path) -> None:
+        """Report what pushes took, by what felt."""
+        by_label = dict[str, list[Cost]]()
+        for name, cost in costs.items():
+            by_label.setdefault(name.split("/")[0], []).append(cost)
+        tell_costs(by_label, out)
+
+    def evaluate(self, out: Path, settings: Mapping[str, Any], failed: Sequence[str]) -> None:
+        """Evaluate all pushes of the folder."""
+        evaluate(self._first, settings, failed, out)
+
+    def film(self, task: Task, out: Path) -> tuple[Path, Path]:
+        """Push once more."""
+        label, controller, push = task
+        folder = out / "recordings" / label / controller
+        return record(self.plans[label], push, controller, folder)
+
+    @property
+    def _first(self) -> Plan:
+        return next(iter(self.plans.values()))
 
 
 def read_plans(options: Options) -> dict[str, Plan]:
@@ -180,77 +204,20 @@ def _require_use(options: Options, sensings: Sequence[Sensing]) -> None:
         )
 
 
-def _push_all(plans: Plans, missing: Sequence[Task], workers: int, out: Path) -> list[str]:
-    """Make pushes; give a sentence for each that fails."""
-    failed, costs = [], dict[str, list[Cost]]()
-    made = each(partial(_make, plans, out), missing, workers)
-    for task, one in progress(made, len(missing)):
-        if isinstance(one, Cost):
-            costs.setdefault(task[0], []).append(one)
-        else:
-            failed.append(failure(_name(task), one))
-    if costs:
-        tell_costs(costs, out)
-    return failed
-
-
-def _make(plans: Plans, out: Path, task: Task) -> Cost | str:
-    """Make one push; give what it took, or why it failed."""
-    label, controller, push = task
-    try:
-        track, cost = run_trial(plans[label], push, controller)
-        save(track, trial_file(out, *task))
-    except Exception as error:  # a plug-in may raise anything, and no other push may suffer
-        return reason_of(error)
-    return cost
-
-
-def _name(task: Task) -> str:
-    label, controller, push = task
-    return f"{label}/{controller}/{push.name}"
-
-
-def _record_all(plans: Plans, recorded: Sequence[Task], out: Path) -> list[str]:
-    """Make recordings of pushes that were made; give a sentence for each that fails."""
-    failed, tasks = [], []
-    for task in recorded:
-        if trial_file(out, *task).is_file():
-            tasks.append(task)
-        else:
-            note(f"not recorded: {_name(task)}, which was not made")
-    for task, made in each(partial(_record, plans, out), tasks, 1):
-        if isinstance(made, tuple):
-            print(f"recorded: {made[0]} and {made[1]}")
-        else:
-            failed.append(failure(_name(task), made))
-    return failed
-
-
-def _record(plans: Plans, out: Path, task: Task) -> tuple[Path, Path] | str:
-    """Film and record one push; give both files, or why it failed."""
-    label, controller, push = task
-    try:
-        return record(plans[label], push, controller, out / "recordings" / label / controller)
-    except Exception as error:  # a plug-in may raise anything, and what there is must be told
-        return reason_of(error)
-
-
 @dataclass(frozen=True)
 class Found:
     """What setting up a push has shown.
 
     Attributes:
-        problem: what stands against it, or nothing.
         sensors: what reads in it, by name.
         failing: which of the faults change a reading in it.
     """
 
-    problem: str
-    sensors: frozenset[str] = frozenset()
-    failing: frozenset[int] = frozenset()
+    sensors: frozenset[str]
+    failing: frozenset[int]
 
 
-def check(plans: Mapping[str, Plan], controller: str) -> None:
+def check(plans: Mapping[str, Plan], controller: str, executor: Executor) -> None:
     """Set up pushes, apart: PyBullet may crash.
 
     By the first sensing those to each target and of each object, by the others of each object.
@@ -258,6 +225,7 @@ def check(plans: Mapping[str, Plan], controller: str) -> None:
     Args:
         plans: by the label of what feels.
         controller: by name.
+        executor: the workers.
 
     Raises:
         ConfigurationError: a target cannot be reached, an object not be pushed, or what fails or is
@@ -269,13 +237,13 @@ def check(plans: Mapping[str, Plan], controller: str) -> None:
         chosen = {push.object: push for push in reversed(pushes)}
         if plan.targets.places and number == 0:
             chosen |= {str(push.target): push for push in reversed(pushes)}
-        for push, found in each(partial(_found, plan, controller), list(chosen.values()), 1):
-            if isinstance(found, Died):
-                found = Found(f"a world with it cannot be set up: the process {found.how}")
-            if found.problem:
-                raise ConfigurationError(f"{push.object} to {push.target}: {found.problem}")
-            sensors |= found.sensors
-            failing |= found.failing
+        tasks = {f"{push.object} to {push.target}": push for push in chosen.values()}
+        try:
+            for found in ordered(partial(_found, plan, controller), tasks, executor):
+                sensors |= found.sensors
+                failing |= found.failing
+        except RobotError as error:
+            raise ConfigurationError(str(error)) from None
     _require_sensors(plans, sensors, failing)
 
 
@@ -312,18 +280,12 @@ def _require_sensors(
 
 def _found(plan: Plan, controller: str, push: Push) -> Found:
     """Set up one push."""
-    try:
-        readings = PushScene(plan.scene_of(push), plan.robot).readings()
-        pipeline = Pipeline(plan.pipeline_of(push, controller))
-        pipeline.close()
-    except ContactFusionError as error:
-        return Found(str(error))
-    except Exception as error:  # a plug-in may raise anything
-        return Found(f"{type(error).__name__}: {error}")
-    heard = {(reading.sensor, type(reading)) for reading in readings}
+    readings = PushScene(plan.scene_of(push), plan.robot).readings()
+    pipeline = Pipeline(plan.pipeline_of(push, controller))
+    pipeline.close()
+    sensors = {(reading.sensor, type(reading)) for reading in readings}
     faults = enumerate(pipeline.config.faults)
     return Found(
-        "",
-        frozenset(sensor for sensor, _ in heard),
-        frozenset(row for row, fault in faults if any(fault.meets(*one) for one in heard)),
+        frozenset(sensor for sensor, _ in sensors),
+        frozenset(row for row, fault in faults if any(fault.meets(*one) for one in sensors)),
     )

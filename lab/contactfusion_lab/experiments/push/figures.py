@@ -1,19 +1,20 @@
 """Figures of the push experiment: where it succeeds, which ways it goes, how it moves."""
 
-import io
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import compress, product
 from pathlib import Path
 from typing import Any, Self
 
 import numpy as np
+import pandas as pd
 
 from contactfusion.arrays import FloatArray
 from contactfusion.figures import COLOURS, new_figure
-from contactfusion.files import write_whole
-from contactfusion_lab.experiments.push.outcomes import Comparison, Outcome
 from contactfusion_lab.experiments.push.trial import Track
 from contactfusion_lab.scenes.push.scene import mobile_base
+from contactfusion_lab.trials.folder import save_figure
+from contactfusion_lab.trials.measures import CASE, Comparison
 
 STRIDE = 5
 """Ways are drawn through every so many cycles."""
@@ -38,115 +39,101 @@ class Way:
     """Where robot and object went.
 
     Attributes:
-        outcome: of the push.
         base: shape (n, 2), of the robot's frame in `odom` [m].
         object: shape (n, 2), of the object [m].
     """
 
-    outcome: Outcome
     base: FloatArray
     object: FloatArray
 
     @classmethod
-    def of(cls, track: Track, outcome: Outcome) -> Self:
+    def of(cls, track: Track) -> Self:
         """Thin out a track."""
         rows = np.unique(np.append(np.arange(0, len(track.stamp), STRIDE), len(track.stamp) - 1))
-        return cls(outcome, track.base[rows, :2], track.object[rows, :2])
+        return cls(track.base[rows, :2], track.object[rows, :2])
 
 
-def draw_map(outcomes: Sequence[Outcome], path: Path) -> Path:
+def draw_map(outcomes: pd.DataFrame, path: Path) -> Path:
     """Draw what became of the pushes to each target, one panel an object (as O Fig 3).
 
     Args:
         outcomes: of one sensing and controller.
         path: the PNG to write.
     """
-    things = list(dict.fromkeys(one.object for one in outcomes))
-    frictions = list(dict.fromkeys(one.friction for one in outcomes))
-    figure = new_figure(4.3 * len(things), 5.1)
-    panels = figure.subplots(1, len(things), squeeze=False, sharey=True)[0]
-    for axes, thing in zip(panels, things, strict=True):
-        here = [one for one in outcomes if one.object == thing]
+    objects, frictions = (list(outcomes[name].unique()) for name in ("object", "friction"))
+    figure = new_figure(4.3 * len(objects), 5.1)
+    panels = figure.subplots(1, len(objects), squeeze=False, sharey=True)[0]
+    for axes, name in zip(panels, objects, strict=True):
+        here = outcomes[outcomes["object"] == name]
         large = len(here) <= LARGE * len(frictions)
         for number, friction in enumerate(frictions):
             shift = (number - (len(frictions) - 1) / 2.0) * 0.3 * large
-            _mark([one for one in here if one.friction == friction], axes, shift, large, number)
+            _mark(here[here["friction"] == friction], axes, shift, large, number)
         _floor(axes, outcomes)
-        won = sum(one.success_true for one in here)
-        axes.set_title(f"{thing}: {won} of {len(here)} true successes")
-    title = f"{outcomes[0].label}; numbers: least true distance without true success [cm]"
+        axes.set_title(f"{name}: {here['success_true'].sum()} of {len(here)} true successes")
+    title = f"{outcomes[CASE].iloc[0]}; numbers: least true distance without true success [cm]"
     _dress(figure, title, _map_legend(frictions))
-    return _saved(figure, path)
+    return save_figure(figure, path)
 
 
-def draw_ways(ways: Sequence[Way], path: Path) -> Path:
+def draw_ways(outcomes: pd.DataFrame, ways: Sequence[Way], path: Path) -> Path:
     """Draw the ways of robot and object, one panel an object and friction.
 
     Args:
-        ways: of one sensing and controller.
+        outcomes: of one sensing and controller.
+        ways: of these pushes.
         path: the PNG to write.
     """
     from matplotlib.lines import Line2D
 
-    things = list(dict.fromkeys(way.outcome.object for way in ways))
-    frictions = list(dict.fromkeys(way.outcome.friction for way in ways))
-    shape = len(frictions), len(things)
-    figure = new_figure(4.3 * len(things), 4.3 * len(frictions) + 0.8)
+    objects, frictions = (list(outcomes[name].unique()) for name in ("object", "friction"))
+    shape = len(frictions), len(objects)
+    figure = new_figure(4.3 * len(objects), 4.3 * len(frictions) + 0.8)
     panels = figure.subplots(*shape, squeeze=False, sharex=True, sharey=True)
-    for row, friction in enumerate(frictions):
-        for axes, thing in zip(panels[row], things, strict=True):
-            here = [
-                way
-                for way in ways
-                if (way.outcome.object, way.outcome.friction) == (thing, friction)
-            ]
-            for way in here:
-                colour = COLOURS[0] if way.outcome.success_true else FAILED
-                axes.plot(*way.base.T, color="#bbbbbb", linewidth=0.5, zorder=1)
-                axes.plot(*way.object.T, color=colour, linewidth=0.9, zorder=2, alpha=0.8)
-                target = way.outcome.target_x, way.outcome.target_y
-                axes.plot(*target, "+", color=colour, markersize=7.0, zorder=3)
-            _floor(axes, [way.outcome for way in ways])
-            axes.set_title(f"{thing} {FRICTIONS.get(friction, friction)}")
+    for (row, friction), (column, name) in product(enumerate(frictions), enumerate(objects)):
+        axes = panels[row, column]
+        chosen = (outcomes["object"] == name) & (outcomes["friction"] == friction)
+        pushes = outcomes[chosen].to_dict("records")
+        for way, one in zip(compress(ways, chosen), pushes, strict=True):
+            colour = COLOURS[0] if one["success_true"] else FAILED
+            axes.plot(*way.base.T, color="#bbbbbb", linewidth=0.5, zorder=1)
+            axes.plot(*way.object.T, color=colour, linewidth=0.9, zorder=2, alpha=0.8)
+            axes.plot(one["target_x"], one["target_y"], "+", color=colour, markersize=7.0, zorder=3)
+        _floor(axes, outcomes)
+        axes.set_title(f"{name} {FRICTIONS.get(friction, friction)}")
     handles = [
         Line2D([], [], color=COLOURS[0], label="object, true success"),
         Line2D([], [], color=FAILED, label="object, none"),
         Line2D([], [], color="#bbbbbb", label="robot's frame"),
         Line2D([], [], color="black", marker="+", linestyle="", label="target"),
     ]
-    _dress(figure, ways[0].outcome.label, handles)
-    return _saved(figure, path)
+    _dress(figure, outcomes[CASE].iloc[0], handles)
+    return save_figure(figure, path)
 
 
-def draw_bars(
-    found: Mapping[str, Sequence[Outcome]], comparisons: Sequence[Comparison], path: Path
-) -> Path:
+def draw_bars(outcomes: pd.DataFrame, comparisons: Sequence[Comparison], path: Path) -> Path:
     """Draw means with standard errors (as O Fig 4), stars by Wilcoxon's test.
 
     Args:
-        found: outcomes by sensing and controller.
+        outcomes: of all sensings and controllers.
         comparisons: of each but the first with one before it.
         path: the PNG to write.
     """
-    names = list(found)
+    names = outcomes[CASE].unique()
     figure = new_figure(max(10.0, 1.1 * len(names) * len(BARS) / 2.0), 0.34 * len(names) + 1.8)
     panels = figure.subplots(1, len(BARS), sharey=True)
     places = np.arange(len(names))[::-1]
-    stars = {
-        (one.against, each.measure): each.stars for one in comparisons for each in one.differences
-        if each.pushes
-    }  # fmt: skip
+    stars = {(each.case, each.measure): each.stars for each in comparisons if each.trials}
     for axes, (measure, (title, scale)) in zip(panels, BARS.items(), strict=True):
         for row, (place, name) in enumerate(zip(places, names, strict=True)):
-            values = np.array([getattr(one, measure) for one in found[name]]) * scale
-            values = values[np.isfinite(values)]
+            values = outcomes.loc[outcomes[CASE] == name, measure].dropna().to_numpy() * scale
             if not len(values):
                 continue
             mean = float(values.mean())
             error = float(values.std(ddof=1) / np.sqrt(len(values))) if len(values) > 1 else 0.0
             axes.barh([place], [mean], xerr=[error], height=0.7, color=COLOURS[5 * (row > 0)])
-            told = stars.get((name, measure), "")
-            axes.text(mean + error, place, f" {told}", va="center", fontsize=8)
+            text = f" {stars.get((name, measure), '')}"
+            axes.text(mean + error, place, text, va="center", fontsize=8)
         axes.set_title(title, fontsize=10)
         axes.margins(x=0.18)
         axes.grid(axis="x", linewidth=0.3)
@@ -154,30 +141,32 @@ def draw_bars(
     panels[0].set_yticks(places, names)
     figure.supxlabel(
         "mean and standard error over all pushes; against the first with the same controller, or "
-        "else the same sensing, where both truly succeed: *** p < 0.001, ** p < 0.01, * p < 0.05"
+        "else the same sensing, where both truly succeed: *** p (Holm) < 0.001, ** < 0.01, * < 0.05"
         if comparisons
         else "mean and standard error over all pushes",
         fontsize=8,
     )
-    return _saved(figure, path)
+    return save_figure(figure, path)
 
 
-def _mark(outcomes: Sequence[Outcome], axes: Any, shift: float, large: bool, number: int) -> None:
+def _mark(outcomes: pd.DataFrame, axes: Any, shift: float, large: bool, number: int) -> None:
     """Mark targets by what became of their pushes."""
-    for one in outcomes:
-        colour = TRUE if one.success_true else DECLARED if one.success_estimate else FAILED
+    for one in outcomes.to_dict("records"):
+        declared, won = one["success_estimate"], one["success_true"]
+        colour = TRUE if won else DECLARED if declared else FAILED
         axes.scatter(
-            [one.target_x + shift],
-            [one.target_y],
+            [one["target_x"] + shift],
+            [one["target_y"]],
             s=130.0 if large else 28.0,
-            marker=("o", "s", "D", "^")[number % 4] if one.success_estimate else "x",
+            marker=("o", "s", "D", "^")[number % 4] if declared else "x",
             color=colour,
-            linewidths=2.0 if not one.success_estimate else 0.0,
-            zorder=2 if one.success_true else 3,
+            linewidths=2.0 if not declared else 0.0,
+            zorder=2 if won else 3,
         )
-        if large and not one.success_true:
-            text = f"{one.least_distance * 100:.1f}" if np.isfinite(one.least_distance) else "–"
-            place = (one.target_x + shift, one.target_y - 0.22)
+        if large and not won:
+            least = one["least_distance"]
+            text = f"{least * 100:.1f}" if np.isfinite(least) else "–"
+            place = (one["target_x"] + shift, one["target_y"] - 0.22)
             axes.annotate(text, place, ha="center", va="top", fontsize=7, color=colour)
 
 
@@ -205,7 +194,7 @@ def _dress(figure: Any, title: str, handles: Sequence[Any]) -> None:
     figure.text(0.5, 1.0 - head / 2.0, title, ha="center", va="center", fontsize=11)
 
 
-def _floor(axes: Any, outcomes: Sequence[Outcome]) -> None:
+def _floor(axes: Any, outcomes: pd.DataFrame) -> None:
     """Draw robot and axes; every panel shows as much, for all outcomes, also one that has none."""
     from matplotlib.patches import Rectangle
 
@@ -214,16 +203,9 @@ def _floor(axes: Any, outcomes: Sequence[Outcome]) -> None:
         (-length, -width / 2.0), length, width, facecolor="#dddddd", edgecolor="#777777", zorder=0
     )
     axes.add_patch(robot)
-    furthest = max((max(abs(one.target_x), abs(one.target_y)) for one in outcomes), default=0.0)
+    furthest = float(outcomes[["target_x", "target_y"]].abs().to_numpy().max(initial=0.0))
     reach = max(REACH[furthest > FAR], furthest + 0.3)
     axes.set(xlim=(-reach, reach), ylim=(-reach, reach), aspect="equal")
     axes.set_xlabel("x [m]", fontsize=8)
     axes.set_ylabel("y [m]", fontsize=8)
     axes.label_outer()
-
-
-def _saved(figure: Any, path: Path) -> Path:
-    content = io.BytesIO()
-    figure.savefig(content, dpi=110, format="png")
-    write_whole(path, content.getvalue())
-    return path

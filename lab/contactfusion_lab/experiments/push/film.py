@@ -1,6 +1,5 @@
 """One push again, as a film and as a recording."""
 
-import io
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,9 +10,7 @@ from numpy.typing import NDArray
 
 from contactfusion.arrays import FloatArray
 from contactfusion.controllers.face import FaceConfig
-from contactfusion.errors import missing_extra
 from contactfusion.figures import COLOURS, new_figure
-from contactfusion.files import write_whole
 from contactfusion.frames import yaw_quaternion
 from contactfusion.pipeline import Pipeline
 from contactfusion.readings import ObjectPose
@@ -23,13 +20,12 @@ from contactfusion_lab.experiments.push.trial import KINDS, Track, push_cycles, 
 from contactfusion_lab.scenes.push.bodies import read_chassis
 from contactfusion_lab.scenes.push.objects import outlines
 from contactfusion_lab.scenes.push.scene import PushTruth
+from contactfusion_lab.trials.folder import loaded_pillow, save_film
 
 TRUTH = "truth"
 """Topics of what no sensor tells begin with this."""
 FRAMES = 150
 """At most [frames]."""
-SHOWN = 0.08
-"""How long one frame is shown [s]."""
 LAST = 2.5
 """How long the last one is [s]."""
 AROUND = 0.75
@@ -113,29 +109,15 @@ def _drawn(track: Track, reasons: Sequence[str], shapes: Shapes, path: Path) -> 
     Raises:
         DependencyError: matplotlib is not installed.
     """
-    try:
-        from PIL import Image
-    except ImportError:
-        raise missing_extra("matplotlib", "plot") from None
+    image = loaded_pillow()
     scene = _Scene(track, reasons, shapes)
     stride = max(1, -(-len(track.stamp) // FRAMES))
     rows = sorted({*range(0, len(track.stamp), stride), len(track.stamp) - 1})
-    pictures = [Image.fromarray(scene.picture(row)) for row in rows]
-    palette = Image.new("P", (1, 1))
+    pictures = [image.fromarray(scene.picture(row)) for row in rows]
+    palette = image.new("P", (1, 1))
     palette.putpalette(_palette())
-    frames = [picture.quantize(palette=palette, dither=Image.Dither.NONE) for picture in pictures]
-    content = io.BytesIO()
-    frames[0].save(
-        content,
-        format="GIF",
-        save_all=True,
-        append_images=frames[1:],
-        duration=[round(SHOWN * 1e3)] * (len(frames) - 1) + [round(LAST * 1e3)],
-        loop=0,
-        optimize=False,
-    )
-    write_whole(path, content.getvalue())
-    return path
+    frames = [picture.quantize(palette=palette, dither=image.Dither.NONE) for picture in pictures]
+    return save_film(frames, path, LAST, optimize=False)
 
 
 class _Scene:

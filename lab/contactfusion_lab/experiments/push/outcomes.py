@@ -1,19 +1,18 @@
 """What came of pushes: the measures of method §8, causes of failure, and comparisons in pairs."""
 
-import csv
-import io
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+import pandas as pd
 from numpy.typing import NDArray
-from scipy.stats import wilcoxon
 
 from contactfusion.arrays import FloatArray
 from contactfusion.hypotheses import HypothesisKind
-from contactfusion_lab.experiments.measures import mcnemar
 from contactfusion_lab.experiments.push.trial import Track
 from contactfusion_lab.scenes.push.scene import Ending
+from contactfusion_lab.trials.measures import CASE, Comparison, compared
+from contactfusion_lab.trials.tables import frame_of
 
 EDGE = 0.22
 """Contacts further aside than this are at an edge of the face [m]."""
@@ -21,9 +20,8 @@ SILENT, FAINT = 0.2, 0.6
 """A contact that is felt in less than these shares of its time is not felt, or hardly."""
 PROGRESS = 0.02
 """Coming nearer to the target by less than this is no progress [m]."""
-COMPARED = ("lateral_true", "lateral_estimate", "swept", "time")
-"""By Wilcoxon's signed ranks, over pushes that both bring to true success (O §III-C)."""
-STARS = ((0.001, "***"), (0.01, "**"), (0.05, "*"))
+COMPARED = ["lateral_true", "lateral_estimate", "swept", "time"]
+"""Over pushes that both bring to true success (O §III-C)."""
 
 
 @dataclass(frozen=True)
@@ -95,11 +93,6 @@ class Outcome:
     realigning: float
     cause: str
 
-    @property
-    def label(self) -> str:
-        """What felt and what steered."""
-        return f"{self.sensing}/{self.controller}"
-
 
 def outcome(track: Track) -> Outcome:
     """Measure a push; its first row is before any cycle, and has no part in shares and durations.
@@ -166,17 +159,6 @@ def beginnings(track: Track, mode: str) -> int:
     return int((inside[1:] & ~inside[:-1]).sum()) + int(inside[0])
 
 
-def results_csv(outcomes: Sequence[Outcome]) -> str:
-    """One line a push and controller."""
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    names = list(Outcome.__dataclass_fields__)
-    writer.writerow(names)
-    for one in outcomes:
-        writer.writerow([_cell(getattr(one, name)) for name in names])
-    return text.getvalue()
-
-
 def _sharing(track: Track, kinds: Sequence[str]) -> NDArray[np.intp]:
     """Count the sources of some kinds that have a share, in each cycle with a true contact."""
     counted = np.array([kind in kinds for kind in track.sources.values()], np.bool_)
@@ -196,12 +178,6 @@ def _share(cycles: NDArray[np.bool_]) -> float:
 def _mean(values: FloatArray) -> float:
     there = values[~np.isnan(values)]
     return float(there.mean()) if len(there) else np.nan
-
-
-def _cell(value: object) -> object:
-    if isinstance(value, float):
-        return "" if np.isnan(value) else f"{value:.6g}"
-    return int(value) if isinstance(value, bool) else value
 
 
 def cause(track: Track) -> str:
@@ -251,113 +227,29 @@ def _idle(track: Track) -> str:
     return f"{track.stamp[-1] - track.stamp[since]:.0f} s, mostly {track.modes[modes.argmax()]}"
 
 
-@dataclass(frozen=True)
-class Difference:
-    """How one measure differs.
-
-    Attributes:
-        measure: its name in results.csv.
-        pushes: how many pairs there are.
-        median: of the differences, in the measure's unit; less than 0 where the first has less.
-        p: by Wilcoxon's signed ranks, not corrected for the number of tests.
-    """
-
-    measure: str
-    pushes: int
-    median: float | None
-    p: float
-
-    @property
-    def stars(self) -> str:
-        """The p-value as figures tell it."""
-        return next((stars for level, stars in STARS if self.p < level), "n.s.")
+def outcomes_of(tracks: Sequence[Track]) -> pd.DataFrame:
+    """The outcomes of pushes, one row each; SENSING/CONTROLLER is the case."""
+    frame = frame_of(map(outcome, tracks), Outcome)
+    return frame.assign(**{CASE: frame["sensing"] + "/" + frame["controller"]})
 
 
-@dataclass(frozen=True)
-class Comparison:
-    """One sensing and controller against another.
-
-    Attributes:
-        first: SENSING/CONTROLLER.
-        against: the other likewise.
-        pushes: that both made.
-        first_only: true successes of the first alone.
-        other_only: true successes of the other alone.
-        p_of_success: by McNemar's exact test.
-        differences: of the measures `COMPARED`.
-    """
-
-    first: str
-    against: str
-    pushes: int
-    first_only: int
-    other_only: int
-    p_of_success: float
-    differences: tuple[Difference, ...]
-
-
-def compare_all(found: Mapping[str, Sequence[Outcome]]) -> list[Comparison]:
+def compare_all(frame: pd.DataFrame, seed: int) -> list[Comparison]:
     """Compare each sensing and controller but the first with one before it.
 
     That is the first with the same controller; without one, the first with the same sensing;
-    without that, too, the first of all.
+    without that, too, the first of all. Measures are compared where both truly succeed.
 
     Args:
-        found: outcomes by sensing and controller.
+        frame: of all outcomes.
+        seed: of the intervals.
     """
-    comparisons, before = [], list[Sequence[Outcome]]()
-    for outcomes in found.values():
-        other = outcomes[0]
-        alike = [one for one in before if one[0].controller == other.controller]
-        alike += [one for one in before if one[0].sensing == other.sensing]
+    before, pairs = list[str](), list[tuple[str, str]]()
+    for case in frame[CASE].unique():
+        sensing, controller = case.split("/")
+        alike = [each for each in before if each.endswith(f"/{controller}")]
+        alike += [each for each in before if each.startswith(f"{sensing}/")]
         if before:
-            comparisons.append(compare([*alike, before[0]][0], outcomes))
-        before.append(outcomes)
-    return comparisons
-
-
-def compare(first: Sequence[Outcome], other: Sequence[Outcome]) -> Comparison:
-    """Compare two sensings or controllers on the pushes that both made."""
-    by_name = {one.trial: one for one in other}
-    pairs = [(one, by_name[one.trial]) for one in first if one.trial in by_name]
-    first_only = sum(one.success_true > another.success_true for one, another in pairs)
-    other_only = sum(one.success_true < another.success_true for one, another in pairs)
-    both = [pair for pair in pairs if pair[0].success_true and pair[1].success_true]
-    return Comparison(
-        first[0].label,
-        other[0].label,
-        len(pairs),
-        first_only,
-        other_only,
-        mcnemar(first_only, other_only),
-        tuple(_difference(both, measure) for measure in COMPARED),
-    )
-
-
-def _difference(pairs: Sequence[tuple[Outcome, Outcome]], measure: str) -> Difference:
-    found = np.array([getattr(one, measure) - getattr(other, measure) for one, other in pairs])
-    found = found[np.isfinite(found)]
-    changed = found[found != 0.0]
-    p = float(wilcoxon(changed).pvalue) if len(changed) else 1.0
-    return Difference(measure, len(found), float(np.median(found)) if len(found) else None, p)
-
-
-def comparisons_text(comparisons: Sequence[Comparison]) -> str:
-    """Comparisons as Markdown."""
-    lines = [
-        "| | against | true success only it | only the other | p | both | "
-        "Δ mean abs. l cm | p | Δ mean abs. l̂ cm | p | Δ swept rad/s | p | Δ time s | p |",
-        "|" + "---|" * 14,
-    ]
-    for one in comparisons:
-        cells = [one.first, one.against, f"{one.first_only}", f"{one.other_only}"]
-        cells += [f"{one.p_of_success:.2g}", f"{one.differences[0].pushes}"]
-        for each, (scale, form) in zip(
-            one.differences,
-            ((100.0, ".2f"), (100.0, ".2f"), (1.0, ".3f"), (1.0, ".1f")),
-            strict=True,
-        ):
-            median = "-" if each.median is None else f"{each.median * scale:+{form}}"
-            cells += [median, f"{each.p:.2g}"]
-        lines.append("| " + " | ".join(cells) + " |")
-    return "\n".join(lines)
+            pairs.append((case, [*alike, before[0]][0]))
+        before.append(case)
+    succeeded = frame[COMPARED].where(frame["success_true"])
+    return compared(frame.assign(**succeeded), pairs, "success_true", COMPARED, seed)

@@ -1,7 +1,6 @@
 """Which pushes make up the experiment: objects, targets, starts, and what they are felt with."""
 
 import hashlib
-import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -19,7 +18,6 @@ from contactfusion.model import Model
 from contactfusion.pipeline_config import PipelineConfig
 from contactfusion.robots.description import RobotConfig
 from contactfusion.yaml_files import read_yaml
-from contactfusion_lab.experiments.choices import require_known, require_once
 from contactfusion_lab.experiments.push.failing import RandomFault, drawn
 from contactfusion_lab.experiments.push.suites import (
     Change,
@@ -41,6 +39,7 @@ from contactfusion_lab.scenes.push.config import (
 )
 from contactfusion_lab.scenes.push.objects import ObjectConfig, UrdfObjectConfig, outlines
 from contactfusion_lab.scenes.push.scene import mobile_base
+from contactfusion_lab.trials.choices import require_known, require_once
 
 STARTS = ("nominal", "random")
 OFFSET, YAW = 0.2, 45.0
@@ -207,7 +206,7 @@ class Plan:
     def settings(self, controllers: Sequence[str]) -> dict[str, Any]:
         """What makes two trials of one name equal, for a folder that is gone on with."""
         places = self.targets.places
-        told = {
+        return {
             "trials": TRIALS,
             "seed": self.seed,
             "starts": self.starts,
@@ -219,8 +218,6 @@ class Plan:
             "objects": {name: _object_settings(one) for name, one in self.objects.items()},
             "targets": {self.targets.name: places or "by chance"},
         }
-        settings: dict[str, Any] = json.loads(json.dumps(told, default=str))
-        return settings
 
     def push(self, thing: str, friction: str, number: int) -> Push:
         """One push; of others nothing changes it.

@@ -20,9 +20,10 @@ from contactfusion.readings import Reading
 from contactfusion.robots.description import RobotConfig
 from contactfusion.state import State
 from contactfusion.yaml_files import read_yaml
-from contactfusion_lab.experiments.choices import require_known
 from contactfusion_lab.experiments.methods import Method
 from contactfusion_lab.scenes.push.sensors import with_taxels
+from contactfusion_lab.trials.choices import require_known
+from contactfusion_lab.trials.executor import ShippedFile
 
 SENSINGS = {
     name: Path(__file__).with_name(f"{name}.yaml")
@@ -143,7 +144,7 @@ def read_sensing(name: str, taxels: int, change: Change) -> Sensing:
         if "weights" in installed_plugins().find("generators", options["type"]).Config.model_fields:
             weights = change.weights or shipped()
             read_networks(weights)  # once, before any push
-            changed["weights"] = str(weights.absolute())
+            changed["weights"] = ShippedFile(weights.absolute())
             networks[generator] = hashlib.sha256(weights.read_bytes()).hexdigest()
         generators[generator] = changed
     patches = {**robot.patches, "skin": with_taxels(robot.patches["skin"], taxels)}

@@ -1,24 +1,35 @@
-"""The push experiment's tables beside the paper's: success, perception and measures."""
+"""What comes of all pushes of a folder: tables beside the paper's, files and figures."""
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
+from itertools import product
+from pathlib import Path
 from typing import Any
-from zlib import crc32
 
 import numpy as np
+import pandas as pd
 
 from contactfusion.arrays import FloatArray
-from contactfusion_lab.experiments.measures import CONFIDENCE, RESAMPLES, proportion, resampled
-from contactfusion_lab.experiments.push.outcomes import Outcome
-from contactfusion_lab.experiments.push.trial import Track
+from contactfusion.errors import ConfigurationError
+from contactfusion.terminal import note
+from contactfusion_lab.experiments.push import figures
+from contactfusion_lab.experiments.push.outcomes import compare_all, outcomes_of
+from contactfusion_lab.experiments.push.plan import Plan, Targets
+from contactfusion_lab.experiments.push.trial import Track, load
+from contactfusion_lab.scenes.push.config import FRICTIONS
+from contactfusion_lab.trials import tables
+from contactfusion_lab.trials.folder import TRIALS
+from contactfusion_lab.trials.measures import CONFIDENCE, RESAMPLES, parts_of
 
 SUCCESSES = {
-    "success_true": "true",
-    "success_estimate": "by estimate",
-    "ever_true": "ever",
+    "success_true": ", true",
+    "success_estimate": ", by estimate",
+    "ever_true": ", ever",
 }
 """The three, and what the table calls them (method §7)."""
-MEASURES: dict[str, tuple[str, float, str]] = {
+GROUPED = ("object", "friction")
+"""Pushes of one object and friction stand together."""
+MEASURES: tables.Units = {
     "time": ("time s", 1.0, ".1f"),
     "path": ("path m", 1.0, ".2f"),
     "final_distance": ("final distance cm", 100.0, ".1f"),
@@ -33,10 +44,18 @@ MEASURES: dict[str, tuple[str, float, str]] = {
     "evidence_two": ("two of evidence %", 100.0, ".1f"),
     "realigning": ("realigning %", 100.0, ".1f"),
 }
-"""What is told of them beside success: heading, scale and form."""
-PERCEIVED: dict[str, tuple[str, float, str]] = {
+"""The units of what is measured beside success."""
+PERCEIVED: tables.Units = {
     name: MEASURES[name] for name in ("location_rmse", "type_accuracy", "contact_accuracy")
 }
+DIFFERENCES: tables.Units = {
+    "success_true": ("true success", 1.0, "g"),
+    "lateral_true": ("mean abs. l cm", 100.0, ".2f"),
+    "lateral_estimate": ("mean abs. l̂ cm", 100.0, ".2f"),
+    "swept": ("swept rad/s", 1.0, ".3f"),
+    "time": ("time s", 1.0, ".1f"),
+}
+"""The units of what is compared."""
 COUNTED = ("searches", "escapes")
 LISTED = 40
 """So many failures of a controller are listed in the table; all are in results.csv."""
@@ -45,58 +64,163 @@ Group = tuple[str, str]
 GROUPS: tuple[Group, ...] = tuple(
     (thing, friction) for thing in ("box", "cylinder", "nonuniform") for friction in ("mu1", "mu2")
 )
+Order = tuple[int, int, int, int]
+"""Of a push among all: its targets, object and friction, and its number."""
 START = "nominal"
 """Its pushes started so."""
 
 
-def groups_of(outcomes: Sequence[Outcome]) -> list[Group]:
-    """Pairs of object and friction, in their order."""
-    return list(dict.fromkeys((one.object, one.friction) for one in outcomes))
-
-
-def summary_of(outcomes: Sequence[Outcome], seed: int) -> dict[str, Any]:
-    """What one sensing and controller reached: of all, and of each object and friction.
-
-    Successes have Wilson intervals, medians percentile bootstrap intervals over pushes.
+def evaluate(plan: Plan, settings: Mapping[str, Any], failed: Sequence[str], out: Path) -> None:
+    """Measure every push that a folder holds; write tables, files and figures.
 
     Args:
-        outcomes: of one sensing and controller.
-        seed: of the bootstrap; each figure has chance of its own.
+        plan: of pushes made last.
+        settings: of the folder: its sensings and controllers, of which the others are compared with
+            the first, its objects and its sets of targets.
+        failed: a sentence for each push that could not be made.
+        out: the folder with the pushes, which takes the results.
+
+    Raises:
+        ConfigurationError: a file holds none of these pushes, or another than its name says.
     """
-    parts = {"all": outcomes} | {
-        " ".join(group): [one for one in outcomes if (one.object, one.friction) == group]
-        for group in groups_of(outcomes)
+    tracks = list(_gathered(plan, settings, out))
+    frame = outcomes_of(tracks)
+    sets = frame["trial"].map({track.push.name: track.push.targets for track in tracks})
+    by_targets = {name: frame[sets == name] for name in settings["targets"] if (sets == name).any()}
+    perceived = {
+        name: {
+            case: perception([tracks[row] for row in part.index], plan.seed)
+            for case, part in parts_of(outcomes).items()
+        }
+        for name, outcomes in by_targets.items()
     }
-    return {name: _summary(name, part, seed) for name, part in parts.items()}
+    summaries = {case: _summary(part, plan.seed) for case, part in parts_of(frame).items()}
+    comparisons = compare_all(frame, plan.seed)
+    success = _for_each(by_targets, success_text, plan.starts)
+    tables.write_results(
+        out,
+        frame,
+        {
+            "targets": list(by_targets),
+            "starts": plan.starts,
+            "reached": summaries,
+            "perceived": {
+                name: {case: asdict(each) for case, each in part.items()}
+                for name, part in perceived.items()
+            },
+            "tests": [asdict(each) for each in comparisons],
+            "not made": list(failed),
+        },
+        {
+            "Success": success,
+            "Perception": _for_each(perceived, perception_text, plan.starts),
+            "Measures": tables.measures_text(summaries, "median", MEASURES, COUNTED),
+            "Compared push by push": tables.comparisons_text(comparisons, DIFFERENCES),
+            "Failures": failures_text(frame),
+            "Not made": tables.bullets(failed),
+        },
+    )
+    for case, part in parts_of(frame).items():
+        stem = case.replace("/", "_")
+        figures.draw_map(part, out / f"map_{stem}.png")
+        ways = [figures.Way.of(tracks[row]) for row in part.index]
+        figures.draw_ways(part, ways, out / f"paths_{stem}.png")
+    figures.draw_bars(frame, comparisons, out / "bars.png")
+    note(success, end="\n\n")
 
 
-def success_text(found: Mapping[str, Sequence[Outcome]], targets: str, starts: str) -> str:
+def _summary(part: pd.DataFrame, seed: int) -> dict[str, dict[str, Any]]:
+    """What a case reached; of all pushes also how often its controller searched and escaped."""
+    summary = tables.summary_of(part, GROUPED, SUCCESSES, MEASURES, "median", seed)
+    summary["all"] |= {name: int(part[name].sum()) for name in COUNTED}
+    return summary
+
+
+def _for_each(
+    by_targets: Mapping[str, Any], text: Callable[[Any, str, str], str], starts: str
+) -> str:
+    return "\n\n".join(
+        f"Targets `{name}`:\n\n{text(part, name, starts)}" for name, part in by_targets.items()
+    )
+
+
+def _gathered(plan: Plan, settings: Mapping[str, Any], out: Path) -> Iterator[Track]:
+    """The pushes of a folder by sensing and controller, those of each in their order.
+
+    Args:
+        plan: of pushes made last.
+        settings: of the folder.
+        out: the folder.
+
+    Raises:
+        ConfigurationError: a file holds none of these pushes, or another than its name says.
+    """
+    sets = {name: _targets(name, places) for name, places in settings["targets"].items()}
+    plans = {name: replace(plan, targets=targets) for name, targets in sets.items()}
+    for sensing, controller in product(settings["sensings"], settings["controllers"]):
+        ordered = [
+            (_order(track, path, plans, list(settings["objects"])), track)
+            for path, track in _tracks(out, sensing, controller)
+        ]
+        yield from (track for _, track in sorted(ordered, key=lambda row: row[0]))
+
+
+def _targets(name: str, places: Any) -> Targets:
+    return Targets(name, None if isinstance(places, str) else tuple((x, y) for x, y in places))
+
+
+def _tracks(out: Path, sensing: str, controller: str) -> Iterator[tuple[Path, Track]]:
+    for path in sorted((out / TRIALS / sensing / controller).glob("*.npz")):
+        track = load(path)
+        if (track.sensing, track.controller, track.push.name) != (sensing, controller, path.stem):
+            raise _stranger(path)
+        yield path, track
+
+
+def _order(track: Track, path: Path, plans: Mapping[str, Plan], objects: Sequence[str]) -> Order:
+    """The place of a push among all, after a look at whether it is the plan's.
+
+    Raises:
+        ConfigurationError: the plan has none of its name, or another one.
+    """
+    push = track.push
+    try:
+        rows = (
+            list(plans).index(push.targets),
+            objects.index(push.object),
+            list(FRICTIONS).index(push.friction),
+            push.number,
+        )
+        plan = plans[push.targets]
+        if plan.targets.places or push.object in plan.objects:  # else where it is touched is gone
+            planned = plan.push(push.object, push.friction, push.number)
+        else:
+            planned = push
+    except (ValueError, IndexError):
+        raise _stranger(path) from None
+    if planned != push:
+        raise _stranger(path)
+    return rows
+
+
+def _stranger(path: Path) -> ConfigurationError:
+    return ConfigurationError(
+        f"{path} holds another push than this experiment's of its name: remove it, or give "
+        "another --out"
+    )
+
+
+def success_text(frame: pd.DataFrame, targets: str, starts: str) -> str:
     """The paper's table as Markdown, with three rows a sensing and controller.
 
     Args:
-        found: outcomes by sensing and controller.
-        targets: the name of the set.
+        frame: of the outcomes of a set of targets.
+        targets: its name.
         starts: "nominal" or "random"; beside nominal starts stand the paper's rows of the set.
     """
-    groups = groups_of([one for outcomes in found.values() for one in outcomes])
-    headings = [f"{thing} {friction.replace('mu', 'µ')}" for thing, friction in groups]
-    lines = [_line(["", *headings, "all"]), "|" + "---|" * (len(groups) + 2)]
-    if starts == START:
-        lines += [_line(cells) for cells in _papers_successes(groups, targets)]
-    for label, outcomes in found.items():
-        for success, name in SUCCESSES.items():
-            cells = []
-            for group in groups:
-                hits = [
-                    getattr(one, success) for one in outcomes if (one.object, one.friction) == group
-                ]
-                cells.append(f"{sum(hits)}/{len(hits)}" if hits else "-")
-            won = np.array([getattr(one, success) for one in outcomes])
-            _, low, high = proportion(won)
-            interval = f" [{low * 100:.1f}, {high * 100:.1f}]"
-            whole = _share(int(won.sum()), len(won)) + interval
-            lines.append(_line([f"{label}, {name}", *cells, whole]))
-    return "\n".join(lines)
+    groups = list(parts_of(frame, GROUPED))
+    published = _papers_successes(groups, targets) if starts == START else []
+    return tables.success_text(frame, GROUPED, SUCCESSES, published)
 
 
 @dataclass(frozen=True)
@@ -122,74 +246,30 @@ def perception_text(found: Mapping[str, Perception], targets: str, starts: str) 
         targets: the name of the set.
         starts: "nominal" or "random"; beside nominal starts stand the paper's rows of the set.
     """
-    lines = [
-        _line(["", *(heading for heading, _, _ in PERCEIVED.values())]),
-        "|" + "---|" * (1 + len(PERCEIVED)),
-    ]
+    lines = []
     for row in PAPER:
         if row.measures and row.targets == targets and starts == START:
             cells = [
                 f"{row.measures[name] * scale:{form}}" if name in row.measures else "-"
                 for name, (_, scale, form) in PERCEIVED.items()
             ]
-            lines.append(_line([f"*paper, {row.sensing}*", *cells]))
-    for label, one in found.items():
-        told = {name: getattr(one, name) for name in PERCEIVED}
-        cells = [_interval(*told[name], *scaled) for name, (_, *scaled) in PERCEIVED.items()]
-        lines.append(_line([label, *cells]))
-    return "\n".join(lines)
-
-
-def measures_text(summaries: Mapping[str, Mapping[str, Any]]) -> str:
-    """Medians over all pushes as Markdown, with their intervals, by sensing and controller."""
-    lines = [
-        _line(["median", *(heading for heading, _, _ in MEASURES.values()), *COUNTED]),
-        "|" + "---|" * (1 + len(MEASURES) + len(COUNTED)),
-    ]
-    for label, summary in summaries.items():
+            lines.append([f"*paper, {row.sensing}*", *cells])
+    for label, perceived in found.items():
         cells = []
-        for name, (_, scale, form) in MEASURES.items():
-            one = summary["all"][name]
-            cells.append(_interval(one["median"], one["low"], one["high"], scale, form))
-        lines.append(_line([label, *cells, *(str(summary["all"][n]) for n in COUNTED)]))
-    return "\n".join(lines)
+        for name, (_, scale, form) in PERCEIVED.items():
+            value, low, high = getattr(perceived, name)
+            cells.append(tables.cell(value, low, high, scale, form))
+        lines.append([label, *cells])
+    return tables.markdown(["", *(heading for heading, _, _ in PERCEIVED.values())], lines)
 
 
-def failures_text(found: Mapping[str, Sequence[Outcome]]) -> str:
-    """List the pushes without true success, each with its cause."""
-    lines = []
-    for label, outcomes in found.items():
-        failed = [one for one in outcomes if not one.success_true]
-        lines.append(f"**{label}**: {len(failed)} of {len(outcomes)} without true success")
-        lines += [
-            f"- {one.trial} to ({one.target_x:.2f}, {one.target_y:.2f}): {one.cause}"
-            for one in failed[:LISTED]
-        ]
-        if len(failed) > LISTED:
-            lines.append(f"- and {len(failed) - LISTED} more, in results.csv")
-        lines.append("")
-    return "\n".join(lines).strip()
-
-
-def _summary(name: str, outcomes: Sequence[Outcome], seed: int) -> dict[str, Any]:
-    told: dict[str, Any] = {"n": len(outcomes)}
-    for success in SUCCESSES:
-        hits = np.array([getattr(one, success) for one in outcomes])
-        value, low, high = proportion(hits)
-        told[success] = {"hits": int(hits.sum()), "share": value, "low": low, "high": high}
-    for measure in MEASURES:
-        values = np.array([getattr(one, measure) for one in outcomes])
-        entropy = f"{outcomes[0].label}, {name}, {measure}"
-        rng = np.random.default_rng([seed, crc32(entropy.encode())])
-        told[measure] = _median(values[np.isfinite(values)], rng)
-    return told | {name: sum(getattr(one, name) for one in outcomes) for name in COUNTED}
-
-
-def _median(values: FloatArray, rng: np.random.Generator) -> dict[str, float | int | None]:
-    if not len(values):
-        return {"n": 0, "mean": None, "median": None, "low": None, "high": None}
-    mean, (median, low, high) = float(values.mean()), resampled(values, np.median, rng)
-    return {"n": len(values), "mean": mean, "median": median, "low": low, "high": high}
+def failures_text(frame: pd.DataFrame) -> str:
+    """List the pushes without true success as Markdown, each with its cause."""
+    sentences = [
+        f"{one['trial']} to ({one['target_x']:.2f}, {one['target_y']:.2f}): {one['cause']}"
+        for one in frame.to_dict("records")
+    ]
+    return tables.failures_text(frame, "success_true", sentences, LISTED)
 
 
 def _papers_successes(groups: Sequence[Group], targets: str) -> list[list[str]]:
@@ -230,18 +310,8 @@ def _papers_row(row: Reached, groups: Sequence[Group]) -> list[str]:
     return [f"*paper, {row.sensing}*", *cells, _share(hits, n)]
 
 
-def _interval(value: float | None, low: float, high: float, scale: float, form: str) -> str:
-    if value is None or not np.isfinite(value):
-        return "-"
-    return f"{value * scale:{form}} [{low * scale:{form}}, {high * scale:{form}}]"
-
-
 def _share(hits: int, n: int) -> str:
     return f"{hits}/{n}, {100.0 * hits / n:.2f} %"
-
-
-def _line(cells: Sequence[str]) -> str:
-    return "| " + " | ".join(cells) + " |"
 
 
 PAPER = (

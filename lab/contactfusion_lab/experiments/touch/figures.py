@@ -1,27 +1,27 @@
 """Figures of the touch experiment."""
 
-import io
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pandas as pd
 
 from contactfusion.arrays import FloatArray
 from contactfusion.figures import COLOURS, new_figure
-from contactfusion.files import write_whole
 from contactfusion.pipeline_config import PipelineConfig
 from contactfusion.robots.posed import PosedRobot
-from contactfusion_lab.experiments.measures import Measure
 from contactfusion_lab.experiments.methods import Method
 from contactfusion_lab.experiments.touch.rows import (
-    Outcome,
     believed_robot,
     everything,
+    felt,
     fused,
     modality_of,
 )
 from contactfusion_lab.experiments.touch.trial import Trial
+from contactfusion_lab.trials.folder import save_figure
+from contactfusion_lab.trials.measures import Measure, parts_of
 
 AROUND = 0.09
 """Pictures show so much around the contact [m]."""
@@ -31,21 +31,22 @@ SLICE = 0.04
 """And the surface of the robot so far before and behind it [m]."""
 
 
-def draw_touches(outcomes: Mapping[str, Sequence[Outcome]], path: Path) -> Path:
+def draw_touches(outcomes: pd.DataFrame, path: Path) -> Path:
     """Draw ε and σ of every touch, one panel a row of the table (as F Fig 7).
 
     Args:
-        outcomes: of one method, by row.
+        outcomes: of one method, of the rows that are drawn.
         path: the PNG to write.
     """
-    figure = new_figure(13.0, 2.0 * len(outcomes) + 0.6)
-    targets: list[str] = []
-    panels = figure.subplots(len(outcomes), 1, sharex=True, squeeze=False)[:, 0]
-    for number, (axes, (row, found)) in enumerate(zip(panels, outcomes.items(), strict=True)):
-        touches = [one for one in found if not one.touch.short and one.true_contacts]
-        touches.sort(key=lambda one: (one.touch.target, one.touch.direction, one.touch.repeat))
-        errors = np.array([one.error for one in touches]) * 100.0
-        sigmas = np.array([one.sigma for one in touches]) * 100.0
+    rows = {
+        row: part.sort_values(["object", "direction", "repeat"])
+        for row, part in parts_of(felt(outcomes), "row").items()
+    }
+    figure = new_figure(13.0, 2.0 * len(rows) + 0.6)
+    objects: list[str] = []
+    panels = figure.subplots(len(rows), 1, sharex=True, squeeze=False)[:, 0]
+    for number, (axes, (row, touches)) in enumerate(zip(panels, rows.items(), strict=True)):
+        errors, sigmas = (touches[name].to_numpy() * 100.0 for name in ("error", "sigma"))
         colour = COLOURS[number % len(COLOURS)]
         x = np.arange(len(touches))
         axes.errorbar(x, errors, sigmas, fmt="o", markersize=3.0, linewidth=0.8, color=colour)
@@ -54,14 +55,14 @@ def draw_touches(outcomes: Mapping[str, Sequence[Outcome]], path: Path) -> Path:
         silent = x[np.isnan(errors)]
         axes.plot(silent, np.zeros(len(silent)), "|", color="#999999", markersize=6.0)
         axes.axhline(3.0, color="#999999", linewidth=0.6, linestyle="--")
-        targets = [one.touch.target for one in touches]
-        for border in (i for i in range(1, len(targets)) if targets[i] != targets[i - 1]):
+        objects = touches["object"].tolist()
+        for border in (i for i in range(1, len(objects)) if objects[i] != objects[i - 1]):
             axes.axvline(border - 0.5, color="black", linewidth=0.6)
         axes.set(ylabel="ε ± σ [cm]", ylim=(-0.5, HIGHEST + 0.6))
         axes.set_title(f"{row}: {len(x) - len(silent)} of {len(x)} report", loc="left", fontsize=9)
-    names = ", then ".join(dict.fromkeys(targets))
+    names = ", then ".join(dict.fromkeys(objects))
     panels[-1].set_xlabel(f"touch: {names}; grey ticks report nothing, triangles lie beyond")
-    return _saved(figure, path)
+    return save_figure(figure, path)
 
 
 def draw_rows(measures: Sequence[Measure], rows: Sequence[str], method: str, path: Path) -> Path:
@@ -97,7 +98,7 @@ def draw_rows(measures: Sequence[Measure], rows: Sequence[str], method: str, pat
         axes.grid(axis="x", linewidth=0.3)
     panels[0].set_yticks(places, rows)
     figure.suptitle(method, fontsize=10)
-    return _saved(figure, path)
+    return save_figure(figure, path)
 
 
 def draw_touch(trial: Trial, config: PipelineConfig, method: Method, path: Path) -> Path:
@@ -137,7 +138,7 @@ def draw_touch(trial: Trial, config: PipelineConfig, method: Method, path: Path)
     for axes in panels[1]:
         axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.14), ncols=3, fontsize="small")
     figure.suptitle(f"{trial.touch.name}: every generator, {method}")
-    return _saved(figure, path)
+    return save_figure(figure, path)
 
 
 def _middle(trial: Trial, robot: PosedRobot) -> FloatArray:
@@ -186,10 +187,3 @@ def _draw_contacts(axes: Any, contacts: Sequence[Any], across: tuple[int, int]) 
         axes.add_patch(Ellipse((x, y), wide, high, angle=turn, fill=False, color=colour))
         axes.scatter([x], [y], s=120.0, marker="+", color=colour, linewidths=2.0,
                      label=f"{number + 1}: {contact.likelihood:.2f}")  # fmt: skip
-
-
-def _saved(figure: Any, path: Path) -> Path:
-    content = io.BytesIO()
-    figure.savefig(content, dpi=110, format="png")
-    write_whole(path, content.getvalue())
-    return path

@@ -1,6 +1,5 @@
 """Which touches make up the experiment, and what they are felt with."""
 
-import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -112,7 +111,7 @@ class Plan:
 
     def settings(self, targets: Sequence[str]) -> dict[str, Any]:
         """What makes two trials of one name equal, for a folder that is gone on with."""
-        told = {
+        return {
             "trials": TRIALS,
             "directions": self.directions,
             "seed": self.seed,
@@ -123,8 +122,6 @@ class Plan:
             "scene": self.scene.model_dump(mode="json", exclude={"objects", "noise", "target"}),
             "objects": {name: self.scene.objects[name].model_dump(mode="json") for name in targets},
         }
-        settings: dict[str, Any] = json.loads(json.dumps(told, default=str))
-        return settings
 
     def _seed(self, target: str, direction: int, repeat: int) -> int:
         entropy = [self.seed, crc32(target.encode()), direction, repeat]

@@ -1,13 +1,11 @@
 """Rows of the table: what is fused in each, what comes of it, and rows against each other."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from zlib import crc32
 
 import numpy as np
-from scipy.stats import wilcoxon
+import pandas as pd
 
-from contactfusion.arrays import FloatArray
 from contactfusion.grid import Grid
 from contactfusion.hypotheses import HypothesisKind
 from contactfusion.integrator.fusion import Fusion
@@ -15,10 +13,10 @@ from contactfusion.integrator.integrator import Integrator
 from contactfusion.pipeline_config import PipelineConfig
 from contactfusion.robots.model import shared_robot
 from contactfusion.robots.posed import PosedRobot
-from contactfusion_lab.experiments.measures import CONFIDENCE, RESAMPLES, mcnemar
 from contactfusion_lab.experiments.methods import Method
-from contactfusion_lab.experiments.touch.plan import Touch
 from contactfusion_lab.experiments.touch.trial import Trial
+from contactfusion_lab.trials.measures import CASE, TRIAL, Comparison, compared
+from contactfusion_lab.trials.tables import frame_of
 
 NEAR = 0.03
 """A contact this near a true one has detected it [m] (method §8)."""
@@ -71,10 +69,14 @@ ALL, ALL_AND_SIMULATOR = ROWS[3:5]
 
 @dataclass(frozen=True)
 class Outcome:
-    """What one touch gave under one row and method.
+    """What a touch gave under a row and method.
 
     Attributes:
-        touch: which.
+        touch: its name.
+        object: by name.
+        direction: counted from 0.
+        repeat: counted from 0.
+        short: whether it was stopped before the touch.
         true_contacts: how many there were.
         row: the name of the row.
         method: how it was fused.
@@ -85,7 +87,11 @@ class Outcome:
         sigma: the dispersion of the most likely [m]; NaN without any.
     """
 
-    touch: Touch
+    touch: str
+    object: str
+    direction: int
+    repeat: int
+    short: bool
     true_contacts: int
     row: str
     method: str
@@ -166,8 +172,13 @@ def outcome(
     if len(trial.places):
         away = np.linalg.norm(places[:, None] - trial.places, axis=2).min(axis=1)
     known = bool(len(contacts) and len(trial.places))
+    touch = trial.touch
     return Outcome(
-        touch=trial.touch,
+        touch=touch.name,
+        object=touch.target,
+        direction=touch.direction,
+        repeat=touch.repeat,
+        short=touch.short,
         true_contacts=len(trial.places),
         row=row.name + (f" without {without}" if without else ""),
         method=str(method),
@@ -195,113 +206,61 @@ def shared(trial: Trial, config: PipelineConfig) -> dict[tuple[str, str], bool]:
     }
 
 
-@dataclass(frozen=True)
-class Comparison:
-    """One row and method against another.
-
-    Attributes:
-        row: the name of the row.
-        method: how it was fused.
-        against_row: the row that it is compared with.
-        against_method: how that was fused.
-        touches: how many both went through.
-        detected_by_it_only: touches.
-        detected_by_the_other_only: touches.
-        p_of_detection: by McNemar's exact test, on the touches that only one of them detects.
-        both_report: touches in which both report a contact: ε is compared on these.
-        median_difference: the median over touches of the difference of ε [m]; None without any.
-        p_of_error: by Wilcoxon's signed ranks.
-        difference_of_medians: of ε [m], less than 0 where it is better; None without any.
-        low: the lower end of its 95 % interval [m].
-        high: the upper end [m].
-    """
-
-    row: str
-    method: str
-    against_row: str
-    against_method: str
-    touches: int
-    detected_by_it_only: int
-    detected_by_the_other_only: int
-    p_of_detection: float
-    both_report: int
-    median_difference: float | None
-    p_of_error: float
-    difference_of_medians: float | None
-    low: float | None
-    high: float | None
-
-
-def compare(found: Sequence[Outcome], other: Sequence[Outcome], seed: int) -> Comparison:
-    """Compare outcomes touch by touch; those in free air have no say.
+def outcomes_of(
+    trials: Sequence[Trial], methods: Sequence[Method], config: PipelineConfig
+) -> pd.DataFrame:
+    """Fuse every touch by every row, and again without each modality of two rows.
 
     Args:
-        found: of one row and method.
-        other: of another, of the same touches in the same order.
-        seed: of the interval, a bootstrap over touches; each comparison has chance of its own.
+        trials: what every source said.
+        methods: how hypotheses are fused.
+        config: the pipeline that felt the touches.
+
+    Returns:
+        One row an outcome; ROW, METHOD is the case.
     """
-    pairs = [
-        (one, another)
-        for one, another in zip(found, other, strict=True)
-        if not one.touch.short and one.true_contacts
+    every = everything(config)
+    fewer = [(row, name) for row in (ALL_AND_SIMULATOR, every) for name in row.modalities]
+    outcomes = [
+        outcome(trial, row, method, config, without=without)
+        for method in methods
+        for row, without in [*((row, "") for row in (*ROWS, every)), *fewer]
+        for trial in trials
     ]
-    only_it = sum(one.detected and not another.detected for one, another in pairs)
-    only_other = sum(another.detected and not one.detected for one, another in pairs)
-    errors = np.array([(one.error, another.error) for one, another in pairs]).reshape(-1, 2)
-    errors = errors[np.isfinite(errors).all(axis=1)]
-    differences = errors[:, 0] - errors[:, 1]
-    names = (found[0].row, found[0].method, other[0].row, other[0].method)
-    rng = np.random.default_rng([seed, crc32(", ".join(names).encode())])
-    return Comparison(
-        *names,
-        len(pairs),
-        only_it,
-        only_other,
-        mcnemar(only_it, only_other),
-        len(errors),
-        float(np.median(differences)) if len(errors) else None,
-        float(wilcoxon(differences).pvalue) if differences.any() else 1.0,
-        *(_difference_of_medians(errors, rng) if len(errors) else (None, None, None)),
-    )
+    frame = frame_of(outcomes, Outcome)
+    return frame.assign(**{CASE: frame["row"] + ", " + frame["method"]})
 
 
-def _difference_of_medians(
-    errors: FloatArray, rng: np.random.Generator
-) -> tuple[float, float, float]:
-    """The difference of two medians with its interval; pairs of shape (n, 2) are drawn."""
-    drawn = np.median(errors[rng.integers(len(errors), size=(RESAMPLES, len(errors)))], axis=1)
-    tail = (1.0 - CONFIDENCE) / 2.0
-    low, high = np.quantile(drawn[:, 0] - drawn[:, 1], [tail, 1.0 - tail])
-    one, other = np.median(errors, axis=0)
-    return float(one - other), float(low), float(high)
+def felt(outcomes: pd.DataFrame) -> pd.DataFrame:
+    """Of outcomes those with a true contact, but for those in free air."""
+    return outcomes[~outcomes["short"] & (outcomes["true_contacts"] > 0)]
 
 
-def best_single(outcomes: Mapping[str, Sequence[Outcome]]) -> str:
-    """Name the one of `SINGLE` that detects the most touches; by row, of one method."""
+def compare_all(
+    outcomes: pd.DataFrame, methods: Sequence[Method], config: PipelineConfig, seed: int
+) -> list[Comparison]:
+    """Compare rows with the best single modality, and with the same rows by the first method.
 
-    def detected(row: str) -> int:
-        return sum(one.detected for one in outcomes[row] if not one.touch.short)
-
-    return max((row for row in SINGLE if row in outcomes), key=detected)
-
-
-def comparisons_text(comparisons: Sequence[Comparison]) -> str:
-    """Comparisons of one method as Markdown; another method is named, if it is one."""
-    lines = [
-        "| row | against | detected by it only | by the other only | p | both report | "
-        "ε median difference cm | p | difference of medians cm |",
-        "|---|---|---|---|---|---|---|---|---|",
-    ]
-    for one in comparisons:
-        against = one.against_row if one.method == one.against_method else one.against_method
-        lines.append(
-            f"| {one.row} | {against} | {one.detected_by_it_only} | "
-            f"{one.detected_by_the_other_only} | {one.p_of_detection:.2g} | {one.both_report} | "
-            f"{_cm(one.median_difference)} | {one.p_of_error:.2g} | "
-            f"{_cm(one.difference_of_medians)} [{_cm(one.low)}, {_cm(one.high)}] |"
-        )
-    return "\n".join(lines)
+    Args:
+        outcomes: of all touches.
+        methods: how hypotheses are fused.
+        config: the pipeline that felt the touches.
+        seed: of the intervals.
+    """
+    wide = [row.name for row in (*ROWS, everything(config)) if len(row.modalities) > 1]
+    first, pairs = str(methods[0]), list[tuple[str, str]]()
+    for method in map(str, methods):
+        best = best_single(outcomes[outcomes["method"] == method])
+        pairs += [(f"{row}, {method}", f"{best}, {method}") for row in wide]
+        pairs.append((f"{ALL_AND_SIMULATOR.name}, {method}", f"{ALL.name}, {method}"))
+        if method != first:
+            pairs += [(f"{row}, {method}", f"{row}, {first}") for row in wide]
+    frame = felt(outcomes).rename(columns={"touch": TRIAL})
+    return compared(frame, pairs, "detected", ["error"], seed)
 
 
-def _cm(metres: float | None) -> str:
-    return "-" if metres is None else f"{metres * 100.0:.2f}"
+def best_single(outcomes: pd.DataFrame) -> str:
+    """The one of `SINGLE` that detects the most touches."""
+    touches = outcomes[~outcomes["short"]]
+    detected = touches.groupby("row")["detected"].sum()
+    return str(detected.reindex(SINGLE).dropna().idxmax())

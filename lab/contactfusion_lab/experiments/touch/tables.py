@@ -7,15 +7,17 @@ from typing import Any
 from zlib import crc32
 
 import numpy as np
+import pandas as pd
 from numpy.typing import NDArray
 
 from contactfusion.arrays import FloatArray
 from contactfusion.grid import Grid
 from contactfusion.hypotheses import HypothesisCloud, HypothesisKind
 from contactfusion.pipeline_config import PipelineConfig
-from contactfusion_lab.experiments.measures import Measure, proportion, resampled
-from contactfusion_lab.experiments.touch.rows import Outcome, modality_of
+from contactfusion_lab.experiments.touch.rows import felt, modality_of
 from contactfusion_lab.experiments.touch.trial import Trial
+from contactfusion_lab.trials.measures import CASE, Measure, proportion, resampled
+from contactfusion_lab.trials.tables import cell, markdown
 
 PUBLISHED = {
     "tactile": (0.209, 0.0125, 0.0020),
@@ -31,7 +33,7 @@ STATISTICS: dict[str, Callable[..., Any]] = {
     "p90": partial(np.quantile, q=0.9),
 }
 Column = tuple[str, str, Callable[[Measure], str]]
-"""A heading, a metric, and how it is told."""
+"""A heading, a metric, and its form."""
 LEVELS = (0.68, 0.95)
 """So many true contacts should lie within."""
 DRAWN = 1000
@@ -41,15 +43,15 @@ LEAST = 1e-3
 
 
 def _percent(one: Measure) -> str:
-    return f"{one.value * 100:.0f} [{one.low * 100:.0f}, {one.high * 100:.0f}]"
+    return cell(one.value, one.low, one.high, 100.0, ".0f")
 
 
 def _number(one: Measure) -> str:
-    return f"{one.value:.2f} [{one.low:.2f}, {one.high:.2f}]"
+    return cell(one.value, one.low, one.high, 1.0, ".2f")
 
 
 def _cm(one: Measure) -> str:
-    return f"{one.value * 100:.2f} [{one.low * 100:.2f}, {one.high * 100:.2f}]"
+    return cell(one.value, one.low, one.high, 100.0, ".2f")
 
 
 def _count(one: Measure) -> str:
@@ -77,46 +79,44 @@ BY_CONTACTS: tuple[Column, ...] = (
 )
 
 
-def measures_of(outcomes: Sequence[Outcome], seed: int) -> Iterator[Measure]:
-    """Measure one row under one method.
+def measures_of(outcomes: pd.DataFrame, seed: int) -> Iterator[Measure]:
+    """Measure a row under a method.
 
     Args:
         outcomes: of all touches and of their twins in free air.
         seed: of the intervals; each row and method has chance of its own.
     """
-    row, method = outcomes[0].row, outcomes[0].method
-    touches = [one for one in outcomes if not one.touch.short and one.true_contacts]
-    in_air = [one for one in outcomes if one.touch.short and not one.true_contacts]
-    case = f"{row}, {method}"
+    case = str(outcomes[CASE].iloc[0])
+    touches = felt(outcomes)
+    in_air = outcomes[outcomes["short"] & (outcomes["true_contacts"] == 0)]
     rng = np.random.default_rng([seed, crc32(case.encode())])
 
-    def share(metric: str, hits: Sequence[bool]) -> Iterator[Measure]:
-        if hits:
-            value, low, high = proportion(np.array(hits))
-            yield Measure("touch", case, metric, value, low, high, "", len(hits))
+    def share(metric: str, hits: "pd.Series[bool]") -> Iterator[Measure]:
+        if len(hits):
+            figures = proportion(hits.to_numpy())
+            yield Measure("touch", case, metric, *figures, "", len(hits))
 
-    yield from share("detected", [one.detected for one in touches])
-    yield from share("any contact", [one.contacts > 0 for one in touches])
-    yield from share("false alarms in free air", [one.contacts > 0 for one in in_air])
-    if touches:
-        false = np.array([one.false for one in touches], np.float64)
-        figures = resampled(false, np.mean, rng)
-        yield Measure("touch", case, "false contacts a touch", *figures, "", len(false))
-    kinds: dict[str, Sequence[Outcome]] = {
+    def figure(metric: str, values: FloatArray, statistic: Any, unit: str) -> Iterator[Measure]:
+        if len(values):
+            figures = resampled(values, statistic, rng)
+            yield Measure("touch", case, metric, *figures, unit, len(values))
+
+    yield from share("detected", touches["detected"])
+    yield from share("any contact", touches["contacts"] > 0)
+    yield from share("false alarms in free air", in_air["contacts"] > 0)
+    false = touches["false"].to_numpy(np.float64)
+    yield from figure("false contacts a touch", false, np.mean, "")
+    kinds = {
         "": touches,
-        " of one contact": [one for one in touches if one.true_contacts == 1],
-        " of several contacts": [one for one in touches if one.true_contacts > 1],
+        " of one contact": touches[touches["true_contacts"] == 1],
+        " of several contacts": touches[touches["true_contacts"] > 1],
     }
     for kind, chosen in kinds.items():
-        errors = np.array([one.error for one in chosen if np.isfinite(one.error)])
+        errors = chosen["error"].dropna().to_numpy()
         for name, statistic in STATISTICS.items():
-            if len(errors) and (not kind or name != "mean"):
-                figures = resampled(errors, statistic, rng)
-                yield Measure("touch", case, f"ε {name}{kind}", *figures, "m", len(errors))
-    sigmas = np.array([one.sigma for one in touches if np.isfinite(one.sigma)])
-    if len(sigmas):
-        figures = resampled(sigmas, np.mean, rng)
-        yield Measure("touch", case, "σ mean", *figures, "m", len(sigmas))
+            if not kind or name != "mean":
+                yield from figure(f"ε {name}{kind}", errors, statistic, "m")
+    yield from figure("σ mean", touches["sigma"].dropna().to_numpy(), np.mean, "m")
 
 
 def sharing(shares: Sequence[Mapping[tuple[str, str], bool]]) -> list[Measure]:
@@ -146,7 +146,7 @@ def table_text(measures: Sequence[Measure], rows: Sequence[str], method: str) ->
         method: which.
     """
     cells = _cells(measures, rows, method, COLUMNS)
-    return _markdown(
+    return markdown(
         [method, "paper: detected %, ε, σ cm", *(heading for heading, _, _ in COLUMNS)],
         [[row, _published(row), *own] for row, own in zip(rows, cells, strict=True)],
     )
@@ -155,7 +155,7 @@ def table_text(measures: Sequence[Measure], rows: Sequence[str], method: str) ->
 def contacts_text(measures: Sequence[Measure], rows: Sequence[str], method: str) -> str:
     """ε of touches at one place and of those at several as Markdown; see `table_text`."""
     cells = _cells(measures, rows, method, BY_CONTACTS)
-    return _markdown(
+    return markdown(
         [method, *(heading for heading, _, _ in BY_CONTACTS)],
         [[row, *own] for row, own in zip(rows, cells, strict=True)],
     )
@@ -164,26 +164,19 @@ def contacts_text(measures: Sequence[Measure], rows: Sequence[str], method: str)
 def _cells(
     measures: Sequence[Measure], rows: Sequence[str], method: str, columns: Sequence[Column]
 ) -> list[list[str]]:
-    found = {(one.case, one.metric): one for one in measures}
+    found = {(each.case, each.metric): each for each in measures}
     cells = []
     for row in rows:
-        told = [(found.get((f"{row}, {method}", metric)), form) for _, metric, form in columns]
-        cells.append(["-" if one is None else form(one) for one, form in told])
+        figures = [(found.get((f"{row}, {method}", metric)), form) for _, metric, form in columns]
+        cells.append(["-" if figure is None else form(figure) for figure, form in figures])
     return cells
 
 
 def _published(row: str) -> str:
-    told = PUBLISHED.get(row)
-    return f"{told[0] * 100:.1f}, {told[1] * 100:.2f}, {told[2] * 100:.2f}" if told else ""
-
-
-def _markdown(headings: Sequence[str], lines: Sequence[Sequence[str]]) -> str:
-    ruled = "|" + "---|" * len(headings)
-    return "\n".join([_line(headings), ruled, *map(_line, lines)])
-
-
-def _line(cells: Sequence[str]) -> str:
-    return "| " + " | ".join(cells) + " |"
+    return ", ".join(
+        f"{figure * 100:.{digits}f}"
+        for figure, digits in zip(PUBLISHED.get(row, ()), (1, 2, 2), strict=False)
+    )
 
 
 def shares_text(measures: Sequence[Measure], experiment: str) -> str:
@@ -193,11 +186,12 @@ def shares_text(measures: Sequence[Measure], experiment: str) -> str:
         measures: of any kind.
         experiment: which of them.
     """
-    lines = ["| | | % | n |", "|---|---|---|---|"]
-    for one in measures:
-        if one.experiment == experiment:
-            lines.append(f"| {one.case} | {one.metric} | {_percent(one)} | {one.n} |")
-    return "\n".join(lines)
+    lines = [
+        [each.case, each.metric, _percent(each), str(each.n)]
+        for each in measures
+        if each.experiment == experiment
+    ]
+    return markdown(["", "", "%", "n"], lines)
 
 
 def level_of(cloud: HypothesisCloud, place: FloatArray, rng: np.random.Generator) -> float:

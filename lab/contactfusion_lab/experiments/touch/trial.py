@@ -4,24 +4,26 @@ import json
 from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, final
 
 import numpy as np
 
 from contactfusion.arrays import FloatArray
 from contactfusion.errors import ConfigurationError, name_hint
-from contactfusion.faults import broken, unmet
-from contactfusion.files import read_arrays, write_npz
+from contactfusion.faults import unmet
+from contactfusion.files import read_arrays
 from contactfusion.frames import points_in
 from contactfusion.grid import Grid
 from contactfusion.hypotheses import HypothesisCloud, HypothesisKind
 from contactfusion.integrator.sources import EventKind
+from contactfusion.loop import Observer, play
 from contactfusion.pipeline import Pipeline
 from contactfusion.readings import JointState, Reading
 from contactfusion.robots.model import shared_robot
-from contactfusion.stream import Arrival, arrival_of
+from contactfusion.stream import Arrival, Stream
 from contactfusion_lab.experiments.touch.plan import Plan, Touch
 from contactfusion_lab.scenes.touch.scene import TouchScene
+from contactfusion_lab.trials.folder import as_npz
 
 REQUIRED = ("positions", "likelihoods")
 OPTIONAL = ("forces", "spreads")
@@ -69,24 +71,19 @@ def run_trial(plan: Plan, touch: Touch) -> Trial:
         config.model_copy(update={"seed": touch.seed}),
         tell=lambda cloud: clouds.update({cloud.source: cloud}),
     )
-    stamp, joints = 0.0, np.zeros(len(robot.joint_names))
-    heard: set[tuple[str, type[Reading]]] = set()
+    joints = np.zeros(len(robot.joint_names))
+    measured: set[tuple[str, type[Reading]]] = set()
 
-    def noted() -> Iterator[Arrival]:
-        nonlocal stamp, joints
-        for reading in scene.readings():
-            heard.add((reading.sensor, type(reading)))
-            stamp = reading.stamp
-            if isinstance(reading, JointState):
-                joints = robot.positions(reading)
-            yield arrival_of(reading)
+    def note(reading: Reading) -> None:
+        nonlocal joints
+        measured.add((reading.sensor, type(reading)))
+        if isinstance(reading, JointState):
+            joints = robot.positions(reading)
 
-    for arrival in broken(noted(), config.faults, touch.seed):
-        for reading in arrival.readings:
-            pipeline.take(reading)
-    events = pipeline.step(stamp).events
+    (step,) = play(pipeline, _Whole(scene), [Observer(reading=note)])
+    stamp, events = step.stamp, step.events
     pipeline.close()
-    _require_heard(pipeline, heard)
+    _require_measured(pipeline, measured)
     refused = dict.fromkeys(event.message for event in events if event.kind == EventKind.REFUSED)
     contacts = scene.truth.contacts
     pose = config.frame_tree().pose(config.integrator.frame, of=robot.root)
@@ -103,8 +100,32 @@ def run_trial(plan: Plan, touch: Touch) -> Trial:
     )
 
 
-def save(trial: Trial, path: Path) -> None:
-    """Write a trial to an npz file."""
+@final
+class _Whole(Stream):
+    """A touch that is fused once, when it has ended.
+
+    Args:
+        scene: the touch.
+    """
+
+    def __init__(self, scene: TouchScene) -> None:
+        self._scene = scene
+
+    def readings(self) -> Iterator[Reading]:
+        """The readings of the touch."""
+        return self._scene.readings()
+
+    def arrivals(self) -> Iterator[Arrival]:
+        """The readings, of which none moves a clock; at the stamp of the last a step is due."""
+        stamp = 0.0
+        for reading in self.readings():
+            stamp = reading.stamp
+            yield Arrival(None, (reading,))
+        yield Arrival(stamp, (), due=True)
+
+
+def content_of(trial: Trial) -> bytes:
+    """The npz file of a trial."""
     told = {
         "touch": asdict(trial.touch),
         "stamp": trial.stamp,
@@ -128,7 +149,7 @@ def save(trial: Trial, path: Path) -> None:
         for name in (*REQUIRED, *OPTIONAL):
             if getattr(cloud, name) is not None:
                 arrays[f"{cloud.source}/{name}"] = getattr(cloud, name)
-    write_npz(path, told=json.dumps(told), **arrays)
+    return as_npz(told=json.dumps(told), **arrays)
 
 
 def load(path: Path) -> Trial:
@@ -164,20 +185,20 @@ def _told(held: Mapping[str, Any]) -> Trial:
     )
 
 
-def _require_heard(pipeline: Pipeline, heard: set[tuple[str, type[Reading]]]) -> None:
+def _require_measured(pipeline: Pipeline, measured: set[tuple[str, type[Reading]]]) -> None:
     """Make sure that nothing waits for a sensor that there is not.
 
     Raises:
         ConfigurationError: something does.
     """
-    sensors = {sensor for sensor, _ in heard if sensor}
-    for problem in unmet(pipeline.config.faults, heard):
+    sensors = {sensor for sensor, _ in measured if sensor}
+    for problem in unmet(pipeline.config.faults, measured):
         raise ConfigurationError(problem)
     for name, generator in pipeline.generators.items():
         wanted = generator.config.sensor
         if not any(
             issubclass(kind, generator.readings) and wanted in (None, sensor)
-            for sensor, kind in heard
+            for sensor, kind in measured
         ):
             hint = name_hint(str(wanted), sensors, "sensors")
             problem = f"no reading of '{wanted}' came; {hint}"

@@ -1,0 +1,89 @@
+"""What would remain of contacts without a source."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.spatial.distance import cdist
+
+from contactfusion.arrays import FloatArray
+from contactfusion.contacts import Contact
+from contactfusion.integrator.fusion import Fusion
+
+Pair = tuple[int, int, float]
+
+
+@dataclass(frozen=True, slots=True)
+class Without:
+    """What would be here without one source.
+
+    Attributes:
+        source: its name.
+        contact: whether there would be a contact here.
+        likelihood: of that contact; NaN: there would be none.
+        moved: how far it would lie from here [m]; of the nearest elsewhere if none were here, and
+            NaN if there were none at all.
+    """
+
+    source: str
+    contact: bool
+    likelihood: float
+    moved: float
+
+
+def reach_of(contact: Contact, voxel_size: float) -> float:
+    """How far away a contact is still the same [m]: 3 dispersions, at least 2 voxels."""
+    return max(3.0 * contact.dispersion, 2.0 * voxel_size)
+
+
+def nearest(place: FloatArray, contacts: Sequence[Contact]) -> tuple[Contact, float] | None:
+    """The contact that is nearest to a place, shape (3,) [m], and how far away it is [m]."""
+    if not contacts:
+        return None
+    away = np.linalg.norm([contact.position - place for contact in contacts], axis=1)
+    return contacts[int(away.argmin())], float(away.min())
+
+
+def without(fusion: Fusion, source: str, place: FloatArray, reach: float) -> Without:
+    """What would be at a place without one source.
+
+    Args:
+        fusion: with it.
+        source: its name.
+        place: shape (3,) [m].
+        reach: how far away a contact may be to be here [m].
+    """
+    found = nearest(place, fusion.without(source).contacts)
+    if found is None:
+        return Without(source, False, np.nan, np.nan)
+    contact, away = found
+    here = away <= reach
+    return Without(source, here, contact.likelihood if here else np.nan, away)
+
+
+def paired(before: Sequence[Contact], after: Sequence[Contact], voxel_size: float) -> list[Pair]:
+    """Pair contacts that are the same, the nearest first, each at most once.
+
+    Args:
+        before: the contacts of one fusion.
+        after: those of another; one within `reach_of` a contact of `before` may be the same.
+        voxel_size: [m].
+
+    Returns:
+        Rows of `before`, rows of `after`, and how far apart they are [m].
+    """
+    if not before or not after:
+        return []
+    away = cdist([contact.position for contact in before], [contact.position for contact in after])
+    reach = np.array([reach_of(contact, voxel_size) for contact in before])
+    rows, columns = np.nonzero(away <= reach[:, None])
+    order = np.argsort(away[rows, columns], kind="stable")
+    pairs: list[Pair] = []
+    used_before: set[int] = set()
+    used_after: set[int] = set()
+    for row, column in zip(rows[order].tolist(), columns[order].tolist(), strict=True):
+        if row not in used_before and column not in used_after:
+            used_before.add(row)
+            used_after.add(column)
+            pairs.append((row, column, float(away[row, column])))
+    return pairs

@@ -1,0 +1,437 @@
+"""A place in the hypothesis space: what each source says there, and why there is no contact."""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from contactfusion.arrays import FloatArray
+from contactfusion.contacts import NONE, Contact
+from contactfusion.errors import PluginError
+from contactfusion.explain.counterfactual import nearest
+from contactfusion.explain.moment import View
+from contactfusion.hypotheses import HypothesisKind
+from contactfusion.integrator import clusters, kernels
+from contactfusion.integrator.condensations import reach_squared
+from contactfusion.integrator.fusion import Fusion, guarded
+from contactfusion.integrator.sources import SourceReport
+from contactfusion.reason import Reason, Why, counted, millimetres
+from contactfusion.rule import Condensation, Neighbourhood, Rule
+
+MOST, MOST_DEAD = 3, 2
+"""So many places are found at most, so many of them of contacts that died."""
+APART = 2.0
+"""What lies within so many tolerances of a contact, or of another place, is no place of its own."""
+ORDER: tuple[str, ...] = (
+    Why.WITHDRAWN,
+    Why.EXPIRED,
+    Why.SILENT,
+    Why.NEVER_CAME,
+    Why.FOUND_NOTHING,
+    Why.ELSEWHERE,
+)
+"""What explains most comes first."""
+
+
+@dataclass(frozen=True, slots=True)
+class Part:
+    """What one source says at a place.
+
+    Attributes:
+        source: its name.
+        kind: what it stands on.
+        likelihood: of its likeliest hypothesis within reach, or of its nearest if none is.
+        age: of that hypothesis [s].
+        timeout: how long it lives [s].
+        voxels: in how many voxels within reach it says something; 0: only by its spread.
+        spread: the standard deviation of that hypothesis's place [m], 0 if the source gave none.
+        away: how far from the place that hypothesis lies [m].
+        share: of the contact's likelihood; NaN where there is no contact.
+        fit: with a rule that has a belief, how well the place fits what the source says: as a part
+            of what its best place has, and for null what it leaves of the others' belief; else NaN.
+    """
+
+    source: str
+    kind: HypothesisKind
+    likelihood: float
+    age: float
+    timeout: float
+    voxels: int
+    spread: float
+    away: float
+    share: float = math.nan
+    fit: float = math.nan
+
+
+def neighbourhood_at(view: View, position: FloatArray, reach: float) -> Neighbourhood:
+    """What lies within reach of a place, and the voxel that the place lies in."""
+    offsets = np.abs(view.centres - position)
+    inside = (offsets**2).sum(axis=1) <= reach**2 + 1e-12
+    inside |= (offsets <= 0.5 * view.fusion.field.entries.grid.voxel_size).all(axis=1)
+    return Neighbourhood(position, reach, inside, _best(view, inside, position))
+
+
+def neighbourhood_of(view: View, number: int) -> Neighbourhood:
+    """The voxels that a contact is made of, by its row in the contacts."""
+    contact, inside = view.fusion.contacts[number], view.owners == number
+    reach = max(view.settings.tolerance, 2.0 * contact.dispersion)
+    if view.fusion.condensation.needs_belief:  # contacts that are not made of voxels
+        near = neighbourhood_at(view, contact.position, view.settings.tolerance).inside
+        inside |= near & (view.owners == NONE)
+    return Neighbourhood(contact.position, reach, inside, _best(view, inside, contact.position))
+
+
+def said_at(view: View, around: Neighbourhood) -> list[Part]:
+    """What each source says at a place, likelier first; those that say nothing are left out.
+
+    Where a rule has a belief, a source whose field reaches here from further away says something.
+    """
+    entries, said = view.fusion.field.entries, []
+    positions = entries.positions
+    fits, reached = fits_at(view.fusion, around)
+    parts = zip(entries.by_source, entries.parts(around.inside), fits, reached, strict=True)
+    for (_, own), (source, rows), fit, is_reached in parts:
+        if own.stop == own.start or not (len(rows) or is_reached):
+            continue
+        columns = entries.columns
+        away = np.linalg.norm(positions[own] - around.position, axis=1)
+        row = rows[columns.likelihoods[rows].argmax()] if len(rows) else own.start + away.argmin()
+        said.append(
+            Part(
+                source=source.name,
+                kind=source.kind,
+                likelihood=float(columns.likelihoods[row]),
+                age=float(entries.now - columns.stamps[row]) / 1e9,
+                timeout=view.settings.timeout(source.name),
+                voxels=len(rows),
+                spread=float(columns.spreads[row]),
+                away=float(away[row - own.start]),
+                fit=float(fit),
+            )
+        )
+    return sorted(said, key=lambda part: -np.nan_to_num(part.likelihood))
+
+
+def fits_at(fusion: Fusion, around: Neighbourhood) -> tuple[FloatArray, NDArray[np.bool_]]:
+    """How well a place fits the evidence of each source, and whether its field stands out there.
+
+    Of evidence and support: the source's factor at the place of the belief that is nearest, as a
+    part of its largest; it stands out where the field exceeds its floor. Of null: the factor
+    itself, which is what it leaves of the others' belief; it stands out where it takes some.
+
+    Returns:
+        Both of shape (k,); NaN and False where no place of a belief lies in the around.
+    """
+    belief, entries = fusion.field.belief, fusion.field.entries
+    nowhere = np.full(len(entries.sources), np.nan), np.zeros(len(entries.sources), np.bool_)
+    if belief is None:
+        return nowhere
+    squared = ((belief.places - around.position) ** 2).sum(axis=1)
+    if squared.min() > around.reach**2:
+        return nowhere
+    added, floor = belief.told[:, squared.argmin()], belief.floor
+    null = entries.flags(HypothesisKind.NULL)
+    fits: FloatArray = np.exp(added - belief.told.max(axis=1))
+    fits[null] = np.minimum(floor * np.exp(added[null]), 1.0)
+    return fits, np.where(null, fits < 1.0 - floor, added > np.log(2.0))
+
+
+def shares_at(fusion: Fusion, around: Neighbourhood) -> dict[str, float]:
+    """The share of each source in a belief at a place, summing to 1; null has none."""
+    belief, entries = fusion.field.belief, fusion.field.entries
+    assert belief is not None
+    squared = ((belief.places - around.position) ** 2).sum(axis=1)
+    near = squared <= max(around.reach**2, squared.min())
+    added = np.maximum(belief.told[:, near] @ belief.weights[near], 0.0) * entries.counted
+    parts = added / (added.sum() or 1.0)
+    return {own.name: float(part) for own, part in zip(entries.sources, parts, strict=True)}
+
+
+def _best(view: View, wanted: NDArray[np.bool_], position: FloatArray) -> int:
+    """The likeliest of the wanted voxels with more than null, of equals the nearest; or `NONE`."""
+    rows = np.flatnonzero(wanted & view.fusion.field.entries.counted_voxels)
+    if not len(rows):
+        return NONE
+    likelihoods = np.round(view.fusion.field.likelihoods[rows], 6)
+    tops = rows[likelihoods == likelihoods.max()]
+    return int(tops[((view.centres[tops] - position) ** 2).sum(axis=1).argmin()])
+
+
+@dataclass(frozen=True, slots=True)
+class Expected:
+    """A place where a contact may be expected.
+
+    Attributes:
+        position: shape (3,) [m].
+        last_contact: the time of the last step that had one there [s]; NaN: not lately.
+    """
+
+    position: FloatArray
+    last_contact: float = np.nan
+
+
+def expected_places(view: View) -> list[Expected]:
+    """Places where contacts died lately, and where hypotheses came to nothing.
+
+    Returns:
+        A few contacts that died, the newest first; then a few places that are no such, evidence
+        before prediction, the likeliest first.
+    """
+    died = [Expected(dead.contact.position, dead.stamp) for dead in view.past.dead(view.stamp)]
+    places = _apart(view, died)[:MOST_DEAD]
+    places += _apart(view, [Expected(place) for place in _hopeless(view)], places)
+    return places[:MOST]
+
+
+def _hopeless(view: View) -> list[FloatArray]:
+    """The likeliest voxel of each cluster of hypotheses without a contact, the best first.
+
+    Null alone makes no place: no contact is expected there; nor does support alone that would
+    stay under the threshold even with evidence.
+    """
+    entries, likelihoods = view.fusion.field.entries, view.fusion.field.likelihoods
+    evidence = (entries.bits & kernels.REGULAR) > 0
+    wanted = entries.counted_voxels & (evidence | (likelihoods >= view.fusion.threshold))
+    rows = np.flatnonzero(wanted & (view.owners == NONE))
+    if not len(rows):
+        return []
+    config = view.settings.integrator
+    reach = reach_squared(config.linking_distance, config.voxel_size)
+    labels, _ = clusters.label(entries.keys[rows], reach)
+    order = np.lexsort((rows, -np.round(likelihoods[rows], 6), ~evidence[rows]))
+    _, first = np.unique(labels[order], return_index=True)
+    return list(view.centres[rows[order[np.sort(first)]]])
+
+
+def _apart(
+    view: View, candidates: list[Expected], others: list[Expected] | None = None
+) -> list[Expected]:
+    """The places that lie apart from every contact and from each other, in order."""
+    owned = view.centres[view.owners != NONE]
+    taken = [contact.position for contact in view.fusion.contacts]
+    tree = cKDTree(np.concatenate([owned, np.reshape(taken, (-1, 3))]))
+    apart, found = APART * view.settings.tolerance, list(others or [])
+    kept: list[Expected] = []
+    for candidate in candidates:
+        if len(kept) == MOST:
+            break
+        near = [np.linalg.norm(candidate.position - place.position) for place in found + kept]
+        if tree.query(candidate.position)[0] > apart and all(far > apart for far in near):
+            kept.append(candidate)
+    return kept
+
+
+def missing_at(view: View, around: Neighbourhood) -> list[Reason]:
+    """Why each source of evidence or support says nothing that says nothing at a place.
+
+    Those come first that once reported it.
+    """
+    entries, reasons = view.fusion.field.entries, []
+    for source, rows in entries.parts(around.inside):
+        if source.kind != HypothesisKind.NULL and not len(rows):
+            reasons.append(_reason(view, around, source.name))
+    return sorted(reasons, key=lambda reason: ORDER.index(reason.why))
+
+
+def nearest_hypotheses(fusion: Fusion, place: FloatArray) -> list[tuple[float, str]]:
+    """How far from a place, shape (3,) [m], each source's nearest hypothesis is [m]."""
+    entries, found = fusion.field.entries, []
+    centres = entries.grid.centres(entries.voxels)
+    for source, own in entries.by_source:
+        if own.stop > own.start:
+            offsets = centres[entries.places[own]] - place
+            found.append((float(np.sqrt((offsets**2).sum(axis=1).min())), source.name))
+    return sorted(found)
+
+
+def _reason(view: View, around: Neighbourhood, source: str) -> Reason:
+    fusion, timeout = view.fusion, view.settings.timeout(source)
+    report = fusion.report.sources[source]
+    if math.isnan(report.age):
+        return Reason(Why.NEVER_CAME, f"{source} has never told anything{_refused(report)}", source)
+    values = {"newest_age_s": report.age, "timeout_s": timeout}
+    reported = view.past.last_reported(source, around.position, around.reach)
+    if reported is not None:
+        likelihood, stamp = reported
+        age = fusion.field.entries.now / 1e9 - stamp
+        values |= {"told_age_s": age, "told_likelihood": likelihood}
+        sentence = f"{source} told {likelihood:.2f} here {age:.2f} s ago"
+        if age > timeout:
+            since = "" if report.age < age - 1e-6 else ", and nothing came since"
+            sentence += f"; its hypotheses live {timeout:g} s{since}"
+            return Reason(Why.EXPIRED, sentence, source, values)
+        if report.age < age - 1e-6:
+            sentence += f", and took it back: {_now(fusion, around, source, report)}"
+            return Reason(Why.WITHDRAWN, sentence, source, values)
+    if report.age > timeout:
+        sentence = f"{source} has been silent for {report.age:.2f} s; its hypotheses live"
+        return Reason(Why.SILENT, f"{sentence} {timeout:g} s{_refused(report)}", source, values)
+    away = _distance(fusion, around, source)
+    why = Why.FOUND_NOTHING if away is None else Why.ELSEWHERE
+    if away is not None:
+        values["nearest_m"] = away
+    return Reason(why, f"{source}: {_now(fusion, around, source, report)}", source, values)
+
+
+def _now(fusion: Fusion, around: Neighbourhood, source: str, report: SourceReport) -> str:
+    """What a source reported last."""
+    away = _distance(fusion, around, source)
+    notes = f" ({', '.join(report.notes)})" if report.notes else ""
+    if away is None:
+        return f"{report.age:.2f} s ago it found nothing{notes}"
+    return f"its nearest hypothesis now is {millimetres(away)} away{notes}"
+
+
+def _distance(fusion: Fusion, around: Neighbourhood, source: str) -> float | None:
+    away = {name: far for far, name in nearest_hypotheses(fusion, around.position)}
+    return away.get(source)
+
+
+def _refused(report: SourceReport) -> str:
+    refused = {"refused": report.invalid, "late": report.late}
+    counts = [f"{count} {what}" for what, count in refused.items() if count]
+    return f" ({' and '.join(counts)} so far)" if counts else ""
+
+
+def explained_at(view: View, around: Neighbourhood, contact: Contact | None = None) -> str:
+    """How the likelihood here comes about, as the condensation and the rule explain it.
+
+    Args:
+        view: of the moment.
+        around: the place.
+        contact: that there is; None: there is none.
+
+    Returns:
+        Empty where no source says anything, or one alone, whose likelihood it is. What a plug-in
+        raises stands in place of its explanation.
+    """
+    fusion = view.fusion
+    lines = [
+        _words(
+            fusion.condensation, lambda: fusion.condensation.explain(fusion.field, around, contact)
+        )
+    ]
+    if not lines[0] and around.best != NONE:
+        lines = [_words(fusion.rule, lambda: fusion.rule.explain(fusion.field, around.best))]
+    if contact is not None:
+        lines.append(view.trouble)
+    return "; ".join(filter(None, lines))
+
+
+def _words(part: Rule | Condensation, explain: Callable[[], str]) -> str:
+    """What a rule or condensation says, or the sentence on what it raised."""
+    try:
+        with guarded(part):
+            if not isinstance(words := explain(), str):
+                raise TypeError(f"`explain` gave {type(words).__name__}, not a str")
+        return words
+    except PluginError as error:  # the rest of the explanation stands
+        return str(error)
+
+
+def reasons_at(view: View, around: Neighbourhood) -> list[Reason]:
+    """What kept the hypotheses at a place from being a contact, the main reason first.
+
+    Returns:
+        Empty where there are no hypotheses of evidence or support: then their absence is the
+        reason.
+    """
+    if (contact := _contact_in(view, around)) is not None:
+        return [contact]
+    reasons, trouble = _objections(view, around)
+    if around.best != NONE:
+        code = int(view.fusion.verdict_codes[around.best])
+        reasons = reasons or [_of_verdict(code, view, around)]
+        if code != kernels.NULLED and not view.fusion.condensation.needs_belief:
+            reasons += _nulled(view, around)
+    return reasons + trouble
+
+
+def _objections(view: View, around: Neighbourhood) -> tuple[list[Reason], list[Reason]]:
+    """What the condensation says against a contact, and what it raised."""
+    fusion, condensation = view.fusion, view.fusion.condensation
+    try:
+        with guarded(condensation):
+            found = [*condensation.objections(fusion.field, fusion.verdict_codes, around)]
+            if strangers := [item for item in found if not isinstance(item, Reason)]:
+                raise TypeError(f"`objections` gave {type(strangers[0]).__name__}, not a Reason")
+        return found, []
+    except PluginError as error:  # the rest of the explanation stands
+        return [], [Reason(Why.FAILED, str(error))]
+
+
+def _contact_in(view: View, around: Neighbourhood) -> Reason | None:
+    """Which contact lies at a place, or reaches into it."""
+    contacts = view.fusion.contacts
+    here = nearest(around.position, contacts)
+    if here is not None and here[1] <= around.reach:
+        contact, away = here
+    elif around.best != NONE and view.owners[around.best] != NONE:
+        contact = contacts[view.owners[around.best]]
+        away = float(np.linalg.norm(contact.position - around.position))
+    else:
+        return None
+    number = next(n for n, own in enumerate(contacts, 1) if own is contact)
+    sentence = (
+        f"this is contact {number}, of likelihood {contact.likelihood:.2f}, whose middle is "
+        f"{millimetres(away)} away"
+    )
+    values = {"distance_m": away, "likelihood": contact.likelihood}
+    return Reason(Why.CONTACT, sentence, values=values)
+
+
+def _of_verdict(code: int, view: View, around: Neighbourhood) -> Reason:
+    """Why the likeliest voxel is no contact, by the verdict on it."""
+    match code:
+        case kernels.NULLED:
+            return _nulled(view, around)[0]
+        case kernels.SUPPORT_ONLY:
+            names = [*view.fusion.field.given(around.best)]
+            sentence = f"predicted by {' and '.join(names)}, but no sensor felt it"
+            return Reason(Why.SUPPORT_ONLY, sentence, names[0])
+        case kernels.BELOW_THRESHOLD:
+            return _below(view, around)
+        case _:
+            voxels = int((view.fusion.verdict_codes[around.inside] == kernels.CONTACT).sum())
+            sentence = (
+                f"{counted(voxels, 'voxel')} over the threshold within "
+                f"{millimetres(around.reach)}, of which {view.settings.integrator.condensation} "
+                "made no contact"
+            )
+            return Reason(Why.NOT_CONDENSED, sentence, values={"voxels": float(voxels)})
+
+
+def _nulled(view: View, around: Neighbourhood) -> list[Reason]:
+    """Which sources rule out how much of the evidence and support at a place; empty: none does."""
+    entries = view.fusion.field.entries
+    held = around.inside & entries.counted_voxels
+    ruled = held & (view.fusion.verdict_codes == kernels.NULLED)
+    if not ruled.any():
+        return []
+    found = []
+    for source, rows in entries.parts(ruled):
+        if source.kind == HypothesisKind.NULL and len(rows):
+            row = rows[entries.columns.stamps[rows].argmax()]
+            age = float(entries.now - entries.columns.stamps[row]) / 1e9
+            found.append((source.name, float(entries.columns.likelihoods[row]), age))
+    who = " and ".join(f"{name} (likelihood {p:.2f}, {age:.2f} s old)" for name, p, age in found)
+    part = f"{int(ruled.sum())} of {counted(int(held.sum()), 'voxel')}"
+    values = {"nulled_voxels": float(ruled.sum()), "told_voxels": float(held.sum())}
+    for name, likelihood, age in found:
+        values |= {f"{name}.likelihood": likelihood, f"{name}.age_s": age}
+    return [Reason(Why.NULLED, f"ruled out by {who} in {part}", found[0][0], values)]
+
+
+def _below(view: View, around: Neighbourhood) -> Reason:
+    likelihood = float(view.fusion.field.likelihoods[around.best])
+    short = view.fusion.threshold - likelihood
+    digits = 2 if short >= 0.005 else max(2, math.ceil(-math.log10(max(short, 1e-9))))
+    return Reason(
+        Why.BELOW_THRESHOLD,
+        f"likelihood {likelihood:.{digits}f} is {short:.{digits}f} under the threshold "
+        f"{view.fusion.threshold:g}",
+        values={"likelihood": likelihood, "threshold": view.fusion.threshold, "short": short},
+    )

@@ -1,0 +1,216 @@
+"""A picture of a place: the voxels around it by verdict, and what each source says there."""
+
+import io
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from contactfusion.arrays import FloatArray
+from contactfusion.contacts import Contact
+from contactfusion.explain.counterfactual import nearest
+from contactfusion.explain.explanation import Explanation
+from contactfusion.explain.neighbourhood import Part
+from contactfusion.figures import AXES, COLOURS, VERDICT_STYLES, new_figure
+from contactfusion.hypotheses import HypothesisKind
+from contactfusion.integrator.fusion import Fusion
+from contactfusion.reason import Reason
+
+NARROWEST = 0.04
+"""At least so much is shown to each side [m]."""
+WIDEST = 0.3
+"""Contacts that end further away do not widen the picture [m]."""
+SIGMAS = 2.0
+LIKELY = {"contact": "over the threshold"}
+"""What a verdict is called where contacts do not come of voxels."""
+
+
+KINDS = {
+    HypothesisKind.REGULAR: COLOURS[0],
+    HypothesisKind.SUPPORT: COLOURS[5],
+    HypothesisKind.NULL: COLOURS[1],
+}
+TOLD = "#cc0000"
+BOX = {"facecolor": "white", "edgecolor": "none", "alpha": 0.8, "pad": 1.0}
+Axes = Any
+
+
+def picture(explanation: Explanation, fusion: Fusion) -> bytes:
+    """Draw the place that was asked for, else the likeliest contact, else the first place.
+
+    Args:
+        explanation: of the moment.
+        fusion: of the same moment.
+
+    Returns:
+        A PNG file.
+
+    Raises:
+        DependencyError: matplotlib is not installed.
+    """
+    figure = new_figure(13.0, 5.4)
+    around, likelihoods, ages = figure.subplots(1, 3, width_ratios=(1.5, 1.0, 0.8))
+    centre, said, missing, title = _focus(explanation)
+    half = _half_width(explanation, fusion, centre)
+    across = _across(fusion, centre, half)
+    _draw_voxels(around, fusion, centre, half, across, {} if explanation.judged else LIKELY)
+    for number, contact in enumerate(fusion.contacts[: len(explanation.contacts)], 1):
+        _draw_contact(around, contact, number, across)
+    for place in explanation.places:
+        _draw_place(around, np.array(place.position), place.reach, across)
+    x, y = centre[across] * 1000.0
+    around.set(xlim=(x - half, x + half), ylim=(y - half, y + half), aspect="equal")
+    around.set_xlabel(f"{AXES[across[0]]} [mm] in '{explanation.frame}'")
+    around.set_ylabel(f"{AXES[across[1]]} [mm]")
+    around.set_title(f"{explanation.stamp:.3f} s: {title}")
+    add_legend(around, 3)
+    draw_sources(likelihoods, ages, said, missing, explanation)
+    content = io.BytesIO()
+    figure.savefig(content, dpi=120, format="png")
+    return content.getvalue()
+
+
+def _focus(explanation: Explanation) -> tuple[FloatArray, Sequence[Part], Sequence[Reason], str]:
+    """Where the picture looks, with what is and is not said there."""
+    asked = [place for place in explanation.places if place.asked]
+    if explanation.contacts and not asked:
+        contact = explanation.contacts[0]
+        return np.array(contact.position), contact.said, contact.missing, "around contact 1"
+    if explanation.places:
+        place = (asked or explanation.places)[0]
+        words = place.reasons[0].why.replace("_", " ")
+        return np.array(place.position), place.said, place.missing, f"the circle, {words}"
+    return np.zeros(3), (), (), "no contact"
+
+
+def _half_width(explanation: Explanation, fusion: Fusion, centre: FloatArray) -> float:
+    """How far the picture reaches from its middle [mm]."""
+    ends = [contact.extent for contact in fusion.contacts[: len(explanation.contacts)]]
+    far = [float(np.abs(end - centre).max()) for end in ends]
+    return 1000.0 * max(
+        NARROWEST, 4.0 * explanation.tolerance, *(1.3 * away for away in far if away < WIDEST)
+    )
+
+
+def _across(fusion: Fusion, centre: FloatArray, half: float) -> NDArray[np.intp]:
+    """The two axes to draw along.
+
+    Where the nearest contact is away from the middle, those that show how far; else those along
+    which the hypotheses near the middle reach furthest.
+    """
+    space, found = fusion.space, nearest(centre, fusion.contacts)
+    spoken = _within(space.positions, centre, half) & fusion.field.entries.counted_voxels
+    if found is not None and found[1] > 1e-9:
+        reaches = np.abs(found[0].position - centre)
+    elif spoken.any():
+        reaches = np.ptp(space.positions[spoken], axis=0)
+    else:
+        return np.array([0, 1])
+    return np.sort(np.argsort(-reaches, kind="stable")[:2])
+
+
+def _within(positions: FloatArray, centre: FloatArray, half: float) -> NDArray[np.bool_]:
+    return np.asarray((np.abs(positions - centre) * 1000.0 <= half).all(axis=1))
+
+
+def _draw_voxels(
+    axes: Axes,
+    fusion: Fusion,
+    centre: FloatArray,
+    half: float,
+    across: NDArray[np.intp],
+    names: Mapping[str, str],
+) -> None:
+    space = fusion.space
+    near = _within(space.positions, centre, half)
+    for verdict, (marker, colour) in reversed(VERDICT_STYLES.items()):  # contacts last
+        here = near & (space.verdicts == verdict)
+        if here.any():
+            x, y = (space.positions[here][:, across] * 1000.0).T
+            size = 12.0 + 100.0 * space.likelihoods[here]
+            label = f"voxel, {names.get(verdict, verdict.replace('_', ' '))}"
+            axes.scatter(x, y, s=size, color=colour, marker=marker, alpha=0.6, label=label)
+
+
+def _draw_contact(axes: Axes, contact: Contact, number: int, across: NDArray[np.intp]) -> None:
+    """Draw a contact as the ellipse of two standard deviations of its covariance."""
+    from matplotlib.patches import Ellipse
+
+    x, y = contact.position[across] * 1000.0
+    values, vectors = np.linalg.eigh(contact.covariance[np.ix_(across, across)])
+    wide, high = 2.0 * SIGMAS * np.sqrt(np.maximum(values, 0.0)) * 1000.0
+    turn = float(np.degrees(np.arctan2(vectors[1, 0], vectors[0, 0])))
+    axes.add_patch(Ellipse((x, y), wide, high, angle=turn, fill=False, color=TOLD, linewidth=1.5))
+    label = f"contact {number}: {contact.likelihood:.2f}, 2σ"
+    axes.scatter([x], [y], s=150.0, color=TOLD, marker="+", linewidths=2.0, label=label)
+
+
+def _draw_place(axes: Axes, place: FloatArray, reach: float, across: NDArray[np.intp]) -> None:
+    from matplotlib.patches import Circle
+
+    x, y = place[across] * 1000.0
+    axes.add_patch(Circle((x, y), reach * 1000.0, fill=False, linestyle="--", color="#222222"))
+
+
+def draw_sources(
+    likelihoods: Axes,
+    ages: Axes,
+    said: Sequence[Part],
+    missing: Sequence[Reason],
+    explanation: Explanation,
+) -> None:
+    """Draw a bar of likelihood and one of age for each source, missing ones below.
+
+    Args:
+        likelihoods: axes for likelihoods.
+        ages: axes for ages.
+        said: what sources say at the place.
+        missing: why others say nothing there.
+        explanation: of the moment.
+    """
+    names = [part.source for part in said] + [part.source for part in missing]
+    rows = {name: -row for row, name in enumerate(names)}
+    timeouts = {source.source: source.timeout for source in explanation.sources}
+    for part in said:
+        row, colour = rows[part.source], KINDS[part.kind]
+        likelihoods.barh(row, part.likelihood, color=colour, height=0.4)
+        ages.barh(row, part.age, color=colour, height=0.4)
+        words = f"{part.source} ({part.kind})"
+        likelihoods.text(0.02, row + 0.36, words, va="center", fontsize=9, bbox=BOX, zorder=4)
+        ages.text(part.age, row, f" {part.age:.2f}", va="center", zorder=4)
+        if part.fit == part.fit:
+            label = "fit: as a part of its best place" if part is said[0] else None
+            likelihoods.plot(
+                part.fit, rows[part.source], "D", color="#000000", label=label, zorder=5
+            )
+    for reason in missing:
+        row, words = rows[reason.source], reason.why.replace("_", " ")
+        likelihoods.text(
+            0.02, row, f"{reason.source}: {words}", va="center", color="#666666", bbox=BOX, zorder=4
+        )
+        age = reason.values.get("told_age_s", reason.values.get("newest_age_s", 0.0))
+        ages.barh(row, age, color="#dddddd", height=0.4)
+        if age:
+            ages.text(age, row, f" {age:.2f}", va="center", zorder=4)
+    for name, row in rows.items():
+        label = "hypotheses live so long" if row == 0 else None
+        ages.plot([timeouts[name]] * 2, [row - 0.4, row + 0.4], color=TOLD, label=label)
+    if explanation.judged:
+        likelihoods.axvline(explanation.threshold, color=TOLD, linestyle=":", label="threshold")
+    likelihoods.set(xlim=(0.0, 1.0), xlabel="likelihood", title="what each source says here")
+    ages.set(xlabel="age [s]", title="how long ago")
+    ages.margins(x=0.15)
+    ages.set_xlim(left=0.0)
+    for axes in (likelihoods, ages):
+        add_legend(axes, 1)
+        axes.set_ylim(-max(len(rows), 5) + 0.3, 0.7)
+        axes.set_yticks([])
+
+
+def add_legend(axes: Axes, columns: int) -> None:
+    """Put the legend below, if there is anything to name."""
+    if axes.get_legend_handles_labels()[1]:
+        axes.legend(
+            loc="upper center", bbox_to_anchor=(0.5, -0.13), ncols=columns, fontsize="small"
+        )

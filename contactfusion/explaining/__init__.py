@@ -1,1 +1,0 @@
-"""Why a contact was told or not, and what each source is worth."""
