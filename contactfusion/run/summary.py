@@ -259,7 +259,7 @@ class Summary:
                 yield f"  no generator takes the {kind.__name__} of '{sensor}'"
         if misplaced := self._pipeline.misplaced:
             yield f"  {misplaced}"
-        yield from listed_once(self._happened(), told=next(self._useless(), ""))
+        yield from listed_once(self._happened(), printed=next(self._useless(), ""))
         for row, fault in enumerate(self._pipeline.config.faults):
             end = self.last_step.stamp if self.last_step else math.nan
             if fault.start is not None and fault.start > end:

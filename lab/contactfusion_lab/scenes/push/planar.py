@@ -204,7 +204,7 @@ def planar_trial(config: PushConfig, controller: PushingController[Any]) -> Outc
         elif now >= config.longest:
             ending = Ending.TIMEOUT
         else:
-            push.drive(decision.ahead, decision.aside, decision.turn)
+            push.drive(decision.forward, decision.lateral, decision.yaw_rate)
             cycles += 1
             continue
         distance = push.truth()[1]
