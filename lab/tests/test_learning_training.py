@@ -18,7 +18,7 @@ from contactfusion.generators.networks import OUTPUTS
 from contactfusion_lab.learning import training
 from contactfusion_lab.learning.dataset import WINDOW, Dataset, LabelledTrial, Split
 from contactfusion_lab.learning.networks import Name, gathered, predict
-from contactfusion_lab.learning.training import Options, Told, Trained, train
+from contactfusion_lab.learning.training import Options, Report, Trained, train
 from lab.tests.learning_toys import EMPTY, MIDDLES, toy_trial, toy_trials
 
 DATA = Dataset.of(toy_trials(4, 2))
@@ -36,7 +36,7 @@ class StoppedError(Exception):
     """What a signal would do."""
 
 
-def stop_after(epochs: int) -> Told:
+def stop_after(epochs: int) -> Report:
     def told(epoch: int, training: float, validation: float, left: float) -> None:
         if epoch == epochs:
             raise StoppedError
