@@ -95,7 +95,7 @@ def test_a_killed_worker_costs_no_trial_and_what_kills_all_is_named(
     two: Cluster, marks: Path, tmp_path: Path
 ) -> None:
     squares = Squares(12, marks, crashes_once=(1,), crashes=(3,))
-    told = "^1 of 12 squares were not made: odd/003: its worker was lost, 2 times, the last one at "
+    told = "^1 of 12 squares were not made: odd/003: its workers were lost, the last at "
     with pytest.raises(RobotError, match=told):
         run(squares, Dask(two.address), tmp_path / "there")
     assert len(list((tmp_path / "there" / "trials").rglob("*.txt"))) == 11

@@ -3,7 +3,7 @@
 import numpy as np
 import pandas as pd
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from contactfusion.arrays import FloatArray
@@ -146,6 +146,7 @@ def test_of_several_p_values_the_least_counts_as_often_as_there_are() -> None:
     )
 
 
+@settings(max_examples=20)
 @given(st.lists(st.integers(0, 12), min_size=2, max_size=6))
 def test_corrected_p_values_are_no_less_and_in_the_same_order(worse: list[int]) -> None:
     cases = [case("first", np.zeros(12))]

@@ -86,23 +86,38 @@ class Dask(Executor):
     def results(
         self, make: Callable[[T], R], tasks: Sequence[T]
     ) -> Generator[tuple[int, R | WorkerCrashed]]:
-        """Do tasks; one whose worker is lost is tried again, as often as the scheduler allows.
+        """Do tasks; one that a worker was lost with, too often, is tried once more, alone.
+
+        As often as the scheduler allows, it has other workers try it before: also where it only
+        waited at a worker that another task made crash.
 
         Raises:
             ContactFusionError: the scheduler is lost, or all of its workers.
         """
         with _connected(self.scheduler) as client:
-            ahead = max(AHEAD, 2 * len(_workers(client)))
-            waiting = deque(enumerate(tasks))
-            at_work: dict[int, Future[Any]] = {}
-            ready = SimpleQueue[int]()
-            while waiting or at_work:
-                while waiting and len(at_work) < ahead:
-                    row, task = waiting.popleft()
-                    at_work[row] = client.submit(_do, _versions(), make, task, pure=False)
-                    at_work[row].add_done_callback(partial(_note, ready, row))
-                row = self._next(client, ready)
-                yield row, self._result(at_work.pop(row))
+            again = []
+            for row, result in self._shared(client, make, list(enumerate(tasks))):
+                if isinstance(result, WorkerCrashed):
+                    again.append(row)
+                else:
+                    yield row, result
+            for row in again:
+                yield from self._shared(client, make, [(row, tasks[row])])
+
+    def _shared(
+        self, client: Client, make: Callable[[T], R], tasks: Sequence[tuple[int, T]]
+    ) -> Iterator[tuple[int, R | WorkerCrashed]]:
+        ahead = max(AHEAD, 2 * len(_workers(client)))
+        waiting = deque(tasks)
+        at_work: dict[int, Future[Any]] = {}
+        ready = SimpleQueue[int]()
+        while waiting or at_work:
+            while waiting and len(at_work) < ahead:
+                row, task = waiting.popleft()
+                at_work[row] = client.submit(_do, _versions(), make, task, pure=False)
+                at_work[row].add_done_callback(partial(_note, ready, row))
+            row = self._next(client, ready)
+            yield row, self._result(at_work.pop(row))
 
     def _next(self, client: Client, ready: SimpleQueue[int]) -> int:
         """The row of a task that is done."""
@@ -122,8 +137,7 @@ class Dask(Executor):
         try:
             result = future.result()
         except KilledWorker as error:
-            times, where = error.allowed_failures + 1, error.last_worker.address
-            return WorkerCrashed(f"its worker was lost, {times} times, the last one at {where}")
+            return WorkerCrashed(f"its workers were lost, the last at {error.last_worker.address}")
         except (OSError, CancelledError):
             raise self._lost() from None
         except Exception as error:

@@ -272,7 +272,7 @@ def _corrected(comparisons: Sequence[Comparison], column: str) -> list[Compariso
     rows = [row for row, each in enumerate(comparisons) if each.measure == column]
     found = list(comparisons)
     if rows:
-        values = multipletests([found[row].p for row in rows], method="holm")[1]
+        values = np.asarray(multipletests([found[row].p for row in rows], method="holm")[1])
         for row, p in zip(rows, values.tolist(), strict=True):
             found[row] = replace(found[row], p_holm=p)
     return found

@@ -251,5 +251,6 @@ def compare_all(frame: pd.DataFrame, seed: int) -> list[Comparison]:
         if before:
             pairs.append((case, [*alike, before[0]][0]))
         before.append(case)
-    succeeded = frame[COMPARED].where(frame["success_true"])
-    return compared(frame.assign(**succeeded), pairs, "success_true", COMPARED, seed)
+    succeeded = frame.copy()
+    succeeded[COMPARED] = frame[COMPARED].where(frame["success_true"])
+    return compared(succeeded, pairs, "success_true", COMPARED, seed)
