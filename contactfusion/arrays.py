@@ -8,7 +8,7 @@ from numpy.typing import ArrayLike, DTypeLike, NDArray
 
 FloatArray = NDArray[np.float64]
 SHORT = 8192
-"""A product of arrays of so many numbers is never shared among threads."""
+"""The greatest size of arrays whose product is never shared among threads."""
 
 
 def frozen_array(
@@ -22,18 +22,18 @@ def frozen_array(
 ) -> NDArray[Any]:
     """An array of the wanted shape that can never be written, see `frozen`.
 
-    One that is frozen already is shared, any other input is copied.
+    An array that is frozen already is shared, any other input is copied.
 
     Args:
-        value: what the caller gave.
-        shape: the wanted shape; None stands for any length.
-        name: what to call it in an error.
+        value: the input.
+        shape: the wanted shape; None: any length.
+        name: in an error.
         error: the type of error to raise.
         dtype: the wanted type of the elements.
         finite: whether NaN and infinity are refused.
 
     Raises:
-        error: the shape differs, the values are no numbers, or one is not finite.
+        error: the shape differs, the values are no numbers, or a number is not finite.
     """
     try:
         array = np.asarray(value, dtype=dtype)
@@ -47,15 +47,15 @@ def frozen_array(
             wanted = f"({wanted},)" if len(shape) == 1 else f"({wanted})"
             raise error(f"{name} have shape {array.shape}, not {wanted}")
     if finite and not _is_finite(array):
-        place = np.argwhere(~np.isfinite(array))[0]
-        raise error(f"row {place[0]} of the {name} is not finite: {array[place[0]]}")
+        index = np.argwhere(~np.isfinite(array))[0]
+        raise error(f"row {index[0]} of the {name} is not finite: {array[index[0]]}")
     return array if isinstance(array.base, bytes) and array.flags.c_contiguous else frozen(array)
 
 
 def frozen(array: NDArray[Any]) -> NDArray[Any]:
     """A contiguous copy that can never be written: its numbers are those of a bytes object.
 
-    An array that owns its numbers can be made writeable again by whoever holds it.
+    An array that owns its numbers can be made writeable again by any holder.
     """
     return np.ndarray(array.shape, array.dtype, array.tobytes())
 
@@ -75,7 +75,7 @@ def _fits(have: tuple[int, ...], want: tuple[int | None, ...]) -> bool:
 
 
 def finite_number(value: float, name: str, error: type[Exception]) -> float:
-    """Give the number as a float; raise `error` when it is none, or not finite."""
+    """The number as a float; raises `error` when it is none, or not finite."""
     try:
         number = float(value)
     except (TypeError, ValueError, OverflowError):

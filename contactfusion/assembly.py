@@ -1,4 +1,4 @@
-"""Builds the plug-ins that a configuration names."""
+"""Construction of the plug-ins that a configuration names."""
 
 from pathlib import Path
 from typing import Any
@@ -26,12 +26,12 @@ def built_generator(
     """Build a generator from its `type` and options.
 
     Args:
-        name: what it is called.
+        name: of the generator.
         options: its `type` and the fields of its `Config`; those marked by `OfRobot` may be names
             from the robot's description.
-        folder: where relative file names start.
+        folder: that of relative file names.
         robot: the description of the robot.
-        within: the folder that all files have to lie in; None: they may lie anywhere.
+        within: the folder that all files have to lie in; None: no limit.
 
     Raises:
         PluginError: no such type is installed, or it breaks the contract.
@@ -52,7 +52,7 @@ def built_generator(
 
 
 def generator_class(name: str) -> type[AnyGenerator]:
-    """Give the class of a type of generators.
+    """The class of a type of generators.
 
     Raises:
         PluginError: no such type is installed, or its class breaks the contract.
@@ -121,7 +121,7 @@ def _part_options(
 
 
 def described_options(config: type[Model]) -> dict[str, str]:
-    """The options that may be names from the robot's description, and its field that holds them."""
+    """Options that may be names from the robot's description, with its field that holds them."""
     return {
         option: mark.kind
         for option, field in config.model_fields.items()
@@ -150,7 +150,7 @@ def _described(
 
 
 def _own(config: Model, path: str, folder: Path, within: Path | None) -> Model:
-    """The options of a plug-in with file names that start at a folder."""
+    """The options of a plug-in, with file names rooted at a folder."""
     try:
         return rooted(config, folder, within)
     except ConfigurationError as error:

@@ -13,14 +13,14 @@ from contactfusion.state import State
 
 @dataclass(frozen=True, eq=False)
 class Command:
-    """What the robot is to do until the next command; a field that is None commands nothing.
+    """The motion of the robot until the next command; a field that is None commands nothing.
 
     Attributes:
         twist: the velocity of the base or hand.
         joint_velocities: by joint [rad/s, m/s].
         gripper: from 0, open, to 1, closed.
         mode: the state of the controller, e.g. "push", "realign", "search".
-        reason: why, in a few words.
+        reason: of the motion, in a few words.
     """
 
     twist: Twist | None = None
@@ -31,7 +31,7 @@ class Command:
 
 
 class Controller(ABC):
-    """Turns contacts into commands; it sees contacts and the state only.
+    """Turns contacts into commands, by contacts and the state only.
 
     Args:
         config: the options, an instance of `Config`.
@@ -45,7 +45,7 @@ class Controller(ABC):
 
     @abstractmethod
     def command(self, contacts: Sequence[Contact], state: State) -> Command:
-        """Give the command that follows from the contacts of one step.
+        """The command that follows from the contacts of one step.
 
         Args:
             contacts: the most likely first, in the grid's frame.
@@ -53,5 +53,5 @@ class Controller(ABC):
         """
 
     def reset(self) -> None:
-        """Start again."""
+        """Drop all state of earlier steps."""
         return None

@@ -1,4 +1,4 @@
-"""The errors of contactfusion, and the sentences that name what exists, and where code failed."""
+"""The errors of contactfusion, sentences that list what exists, and the origin of failures."""
 
 import functools
 import inspect
@@ -14,12 +14,12 @@ from types import TracebackType
 from typing import Any
 
 LONGEST_CAUSE = 300
-"""The message of a foreign exception is cut to so many characters."""
+"""The greatest length of a foreign exception's message [characters]; longer ones are cut."""
 
 LISTING = re.compile(r"[:;]? [Tt]he ([\w ]+ are: [^;]+)")
 """The list in a sentence with a `name_hint`, and what joins it to the rest."""
 GOES_ON = re.compile(r"\?; (.)")
-"""Where a sentence goes on after the question of a `name_hint` whose list is left out."""
+"""The continuation of a sentence after the question of a `name_hint` without its list."""
 
 
 class ContactFusionError(Exception):
@@ -27,10 +27,10 @@ class ContactFusionError(Exception):
 
 
 class ConfigurationError(ContactFusionError, ValueError):
-    """A configuration holds a field or a value that it may not hold.
+    """A configuration holds a field or a value that is not allowed.
 
     Args:
-        problem: what is wrong.
+        problem: a clause on it.
         path: the field, e.g. "generators.skin.timeout".
     """
 
@@ -55,7 +55,7 @@ class ConfigurationError(ContactFusionError, ValueError):
         return self._faults or (self,)
 
     def under(self, path: str) -> "ConfigurationError":
-        """Give the same error as seen from the configuration that holds this one at `path`."""
+        """The same error, with its field below `path`."""
         return self.of([f._below(path) for f in self.faults])
 
     def _below(self, path: str) -> "ConfigurationError":
@@ -67,15 +67,15 @@ class DefaultError(ConfigurationError):
 
 
 class InvalidCloudError(ContactFusionError, ValueError):
-    """A cloud of hypotheses holds values that no likelihood or place can have."""
+    """A cloud of hypotheses holds invalid likelihoods or positions."""
 
 
 class InvalidReadingError(ContactFusionError, ValueError):
-    """A reading holds values that its sensor cannot have given."""
+    """A reading holds values that are invalid for its sensor."""
 
 
 class FrameError(ContactFusionError, ValueError):
-    """A frame is unknown, unconnected, or not the one that is asked for."""
+    """A frame is unknown, unconnected, or not the requested one."""
 
 
 class SourceError(ContactFusionError, ValueError):
@@ -87,11 +87,11 @@ class TimeError(ContactFusionError, ValueError):
 
 
 class PluginError(ContactFusionError):
-    """A plug-in is missing, broken, or breaks the contract."""
+    """A plug-in is missing, cannot be imported, or breaks the contract."""
 
 
 class RecordingError(ContactFusionError):
-    """A recording is missing, truncated, or not what it says it is."""
+    """A recording is missing, truncated, or not of its declared format."""
 
 
 class WritingError(ContactFusionError):
@@ -99,7 +99,7 @@ class WritingError(ContactFusionError):
 
 
 class RobotError(ContactFusionError, ValueError):
-    """The description of a robot does not hold together, or does not fit its readings."""
+    """The description of a robot is not valid, or does not match its readings."""
 
 
 class DependencyError(ContactFusionError, ImportError):
@@ -107,10 +107,10 @@ class DependencyError(ContactFusionError, ImportError):
 
 
 def name_hint(name: str, known: Iterable[str], what: str) -> str:
-    """Say what exists and which of it was probably meant.
+    """The clause on the names that exist, and on the one that was probably meant.
 
     Args:
-        name: the name that was not found.
+        name: that was not found.
         known: the names that exist.
         what: the plural of what they name, e.g. "sources".
 
@@ -121,21 +121,21 @@ def name_hint(name: str, known: Iterable[str], what: str) -> str:
     if not names:
         return f"there are no {what}"
     listing = f"the {what} are: {', '.join(names)}"
-    folded = {one.casefold(): one for one in names}
+    folded = {existing.casefold(): existing for existing in names}
     close = get_close_matches(name.casefold(), folded, n=1)
     if not close:
         return listing
     return f"did you mean '{folded[close[0]]}'? {listing[0].upper()}{listing[1:]}"
 
 
-def listed_once(sentences: Iterable[str], told: str = "") -> Iterator[str]:
-    """Sentences without the lists of `name_hint` that one before them holds.
+def listed_once(sentences: Iterable[str], printed: str = "") -> Iterator[str]:
+    """Sentences without the lists of `name_hint` that an earlier one holds.
 
     Args:
-        sentences: what is printed, one after the other.
-        told: what is printed beside them.
+        sentences: that are printed, in this order.
+        printed: text that is printed beside them.
     """
-    seen = set(LISTING.findall(told))
+    seen = set(LISTING.findall(printed))
     for sentence in sentences:
         short = LISTING.sub(lambda found: "" if found[1] in seen else found[0], sentence)
         yield GOES_ON.sub(lambda found: f"? {found[1].upper()}", short)
@@ -143,7 +143,7 @@ def listed_once(sentences: Iterable[str], told: str = "") -> Iterator[str]:
 
 
 def missing_extra(package: str, extra: str) -> DependencyError:
-    """Give the error for a package that belongs to an extra that is not installed."""
+    """The error for a package of an extra that is not installed."""
     return DependencyError(
         f"{package} is not installed; install it with: pip install 'contactfusion[{extra}]'"
     )
@@ -151,7 +151,7 @@ def missing_extra(package: str, extra: str) -> DependencyError:
 
 @contextmanager
 def naming(path: Path) -> Iterator[None]:
-    """Name the file in what is said of a wrong configuration.
+    """Name the file in errors of a wrong configuration.
 
     Raises:
         ConfigurationError: in place of the error that does not name it.
@@ -163,12 +163,12 @@ def naming(path: Path) -> Iterator[None]:
 
 
 class Guard:
-    """A `with` around code of a plug-in: what it raises becomes a sentence that names it.
+    """A `with` around code of a plug-in: its exceptions become a sentence that names it.
 
-    Errors of contactfusion are such sentences, and pass.
+    Errors of contactfusion are such sentences already, and pass.
 
     Args:
-        who: what to call the plug-in.
+        who: the name of the plug-in in the sentence.
         cls: its class.
 
     Raises:
@@ -181,39 +181,39 @@ class Guard:
         self._who, self._cls = who, cls
 
     def __enter__(self) -> None:
-        """Do nothing yet."""
+        """No set-up."""
 
     def __exit__(
         self, kind: object, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        """Take what was raised."""
+        """Convert an exception of the plug-in."""
         if isinstance(error, Exception | SystemExit) and not isinstance(error, ContactFusionError):
             raise PluginError(f"{self._who} raised {cause_of(error, self._cls)}") from error
 
 
 def cause_of(error: BaseException, cls: type[Any]) -> str:
-    """What a plug-in raised, and where, see `cause_in`."""
+    """The exception of a plug-in, and its origin, see `cause_in`."""
     return cause_in(error, cls.__module__, cls)
 
 
 def cause_in(error: BaseException, module: str, definition: Any = None) -> str:
-    """What was raised, and where.
+    """An exception and its origin, in words.
 
     Args:
         error: any exception.
-        module: the name of the module whose package is looked for in the traceback.
-        definition: a class or function, whose place is named when the package is not there.
+        module: the name of the module whose package is searched for in the traceback.
+        definition: a class or function, whose position is named when the package is not found.
 
     Returns:
         A clause such as ``ValueError: no taxels (my_sensor/skin.py, line 12)``; an error of
-        contactfusion says all by itself, so that file and line are left out.
+        contactfusion needs no origin, so that file and line are left out.
     """
     if isinstance(error, ContactFusionError):
         return f"{type(error).__name__}: {error}"
     message = textwrap.shorten(str(error), LONGEST_CAUSE, placeholder=" …")
-    told = ": ".join(filter(None, (type(error).__name__, message)))
-    place = _place_in(error, module.partition(".")[0]) or place_of(definition)
-    return f"{told} ({place})" if place else told
+    problem = ": ".join(filter(None, (type(error).__name__, message)))
+    origin = _place_in(error, module.partition(".")[0]) or place_of(definition)
+    return f"{problem} ({origin})" if origin else problem
 
 
 @functools.cache
@@ -239,6 +239,6 @@ def _place_in(error: BaseException, package: str) -> str:
 
 
 def _place(package: str | None, file: str, line: int) -> str:
-    """Name a file as it is imported: equal on every machine."""
+    """A file as it is imported, with a line: equal on every machine."""
     folders = (package or "").replace(".", "/")
     return f"{'/'.join(filter(None, (folders, Path(file).name)))}, line {line}"

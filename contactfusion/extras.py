@@ -1,4 +1,4 @@
-"""What is installed apart: the extras of contactfusion with their packages, and its laboratory."""
+"""Optional packages: the extras of contactfusion, and its laboratory."""
 
 EXTRAS: dict[str, dict[str, str]] = {
     "plot": {"matplotlib": "matplotlib"},
@@ -12,20 +12,20 @@ EXTRAS: dict[str, dict[str, str]] = {
     "view": {"rerun-sdk": "rerun"},
     "c3d": {"ezc3d": "ezc3d"},
 }
-"""For each extra the packages that it is for, and the module that each package brings."""
+"""For each extra its packages, with the module of each."""
 
 
 def installs(extra: str) -> str:
-    """Give the command that installs an extra."""
+    """The command that installs an extra."""
     return f"pip install 'contactfusion[{extra}]'"
 
 
 def extra_of(module: str) -> str | None:
-    """Give the extra that brings a module, such as "learn" for "torch.nn"; None: none does."""
+    """The extra that installs a module, such as "learn" for "torch.nn"; None: none does."""
     top = module.partition(".")[0]
     return next((extra for extra, packages in EXTRAS.items() if top in packages.values()), None)
 
 
 def in_lab(what: str) -> str:
-    """The sentence that something comes with the laboratory, and the command that installs it."""
+    """The sentence that a feature comes with the laboratory, and the command that installs it."""
     return f"{what} comes with contactfusion-lab; install it with: pip install contactfusion-lab"

@@ -1,4 +1,4 @@
-"""What pictures share: figures without a screen, colours and markers (extra `plot`)."""
+"""Common parts of pictures: figures without a screen, colours and markers (extra `plot`)."""
 
 from typing import TYPE_CHECKING
 
@@ -19,7 +19,7 @@ VERDICT_STYLES = {
 
 
 def new_figure(width: float, height: float) -> "Figure":
-    """Give an empty figure, drawn without a screen.
+    """An empty figure, drawn without a screen.
 
     Args:
         width: [inches].

@@ -1,4 +1,4 @@
-"""Files: written whole or not at all, where a name may lead, and arrays in npz files."""
+"""Files: written whole or not at all, bounds of names in recordings, and arrays in npz files."""
 
 import io
 import json
@@ -20,9 +20,9 @@ from contactfusion.errors import ConfigurationError, ContactFusionError, Writing
 from contactfusion.unpacking import require_arrays
 
 GIVE_CONFIG: Final = "give the configuration itself by --config FILE"
-"""What to do where a configuration that comes from a recording may not name what it names."""
+"""The advice where a configuration in a recording names a file that it may not."""
 SHIPPED: Final = Path(__file__).resolve().parent
-"""The files of this package."""
+"""The folder of this package."""
 BROKEN = (
     EOFError,
     MemoryError,
@@ -34,18 +34,18 @@ BROKEN = (
     zipfile.BadZipFile,
     zlib.error,
 )
-"""What numpy and zipfile raise when a file is none of their own, or packed in an unknown way."""
+"""Exceptions of numpy and zipfile for files of other formats, or of unknown compression."""
 
 
 def write_whole(path: str | Path, content: str | bytes) -> None:
-    """Write a file so that nobody ever finds half of it, whatever interrupts the writing.
+    """Write a file whole or not at all, also when the writing is interrupted.
 
     Args:
-        path: the file; its folder is made when it does not exist.
+        path: the file; its folder is made if necessary.
         content: text, written as UTF-8, or bytes.
 
     Raises:
-        WritingError: the disk does not take it; an older file stays.
+        WritingError: the file can't be written; an older file stays.
         ContactFusionError: its folder cannot be made.
     """
     path = Path(path)
@@ -64,12 +64,12 @@ def write_whole(path: str | Path, content: str | bytes) -> None:
 
 @contextmanager
 def whole_file(path: Path) -> Iterator[Path]:
-    """The name under which a file may be written bit by bit; it gets its own at the end.
+    """A temporary name for a file that is written in parts; it gets its own at the end.
 
-    After an exception nothing is left of it, and an older file stays as it was.
+    After an exception the parts are removed, and an older file stays.
 
     Args:
-        path: the file; its folder is made when it does not exist.
+        path: the file; its folder is made if necessary.
     """
     make_folder(path.parent)
     temporary = path.with_name(f".{path.name}.{secrets.token_hex(4)}")
@@ -94,13 +94,13 @@ def make_folder(path: Path) -> None:
 
 
 def file_in(folder: Path, name: str | Path, within: Path | None) -> Path:
-    """Path of a file by its name.
+    """The path of a file, within bounds.
 
     Args:
-        folder: where a relative name starts.
-        name: the name.
+        folder: that of a relative name.
+        name: of the file.
         within: the folder that the file has to lie in, links resolved, unless it is one of this
-            package, as of a configuration that comes from a recording; None: any file will do.
+            package, as of a configuration in a recording; None: no limit.
 
     Raises:
         ConfigurationError: the name leads elsewhere, or is absolute where `within` is given.
@@ -125,10 +125,10 @@ def file_in(folder: Path, name: str | Path, within: Path | None) -> Path:
 
 
 def require_file(path: Path, error: type[ContactFusionError]) -> None:
-    """Make sure that a file is there.
+    """Refuse a file that does not exist.
 
     Raises:
-        error: it is not; the sentence names the file of the folder that was probably meant.
+        error: it does not exist; the sentence names the file of the folder that was probably meant.
     """
     if path.is_file():
         return
@@ -142,10 +142,10 @@ def require_file(path: Path, error: type[ContactFusionError]) -> None:
 
 
 def require_settings(settings: dict[str, Any], out: Path) -> None:
-    """Make sure that a folder holds the work of these settings and no other.
+    """Refuse a folder with results of other settings.
 
     Raises:
-        ConfigurationError: it holds something else.
+        ConfigurationError: it holds others.
     """
     settings, path = json.loads(json.dumps(settings)), out / "settings.json"
     if path.is_file():
@@ -203,14 +203,14 @@ def write_npz(path: str | Path, **arrays: ArrayLike) -> None:
 
 @contextmanager
 def kept_when_cut(written: Path, path: Path) -> Iterator[None]:
-    """Keep what the disk took of a file before it was full, under a name that says so.
+    """Keep the part of a file that was written before an error, under a name that says so.
 
     Args:
-        written: the file, as it is called while it is written.
-        path: as it would be called.
+        written: the temporary path of the file.
+        path: its final path.
 
     Raises:
-        WritingError: the one that was met, with the name of what is kept.
+        WritingError: that which was raised, with the name of the part.
     """
     try:
         yield
@@ -229,8 +229,8 @@ def _names_of_cuts(path: Path) -> Iterator[Path]:
 
 
 @contextmanager
-def telling(path: Path) -> Iterator[None]:
-    """Report in one sentence why a file can't be written, such as that the disk is full.
+def as_writing_error(path: Path) -> Iterator[None]:
+    """Convert errors of the system, such as of a full disk, to a sentence.
 
     Raises:
         WritingError: in place of the system's error.

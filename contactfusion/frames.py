@@ -1,4 +1,4 @@
-"""Frames: a tree of poses, what one frame is in another, and frames by configuration."""
+"""Frames: trees of poses, lookup of one frame in another, and frames by configuration."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -15,7 +15,7 @@ from contactfusion.model import Model
 from contactfusion.units import Angles, Position
 
 Pose = FloatArray
-"""A rigid transform as a homogeneous matrix, shape (4, 4): it takes a frame to its parent."""
+"""A rigid transform as a homogeneous matrix, shape (4, 4), from a frame to its parent."""
 Parent = tuple[str, Pose]
 """The parent of a frame, and the frame's pose there."""
 PlanarPose = tuple[float, float, float]
@@ -25,11 +25,11 @@ Planar = tuple[float, float]
 
 
 class Above(Protocol):
-    """Frames beside those of a tree, whose poses are worked out only when a chain leads there."""
+    """Frames beside those of a tree, whose poses are computed only when a chain needs them."""
 
     @property
     def frames(self) -> frozenset[str]:
-        """All of them."""
+        """All frames."""
         ...
 
     def parent_of(self, frame: str) -> Parent | None:
@@ -41,12 +41,12 @@ class Above(Protocol):
         ...
 
     def nearest(self) -> "Above":
-        """The same frames, with unknown poses as they were known nearest in time."""
+        """The same frames; unknown poses are those known nearest in time."""
         ...
 
 
 def pose_of(xyz: ArrayLike, rotation: ArrayLike | None = None) -> Pose:
-    """The pose of a frame whose origin lies at `xyz` [m], turned by a matrix (3, 3)."""
+    """The pose of a frame with its origin at `xyz` [m], rotated by a matrix (3, 3)."""
     pose = np.eye(4)
     pose[:3, 3] = xyz
     if rotation is not None:
@@ -55,7 +55,7 @@ def pose_of(xyz: ArrayLike, rotation: ArrayLike | None = None) -> Pose:
 
 
 def pose_at(xyz: Sequence[float], rpy: Sequence[float]) -> Pose:
-    """The pose at `xyz` [m], turned by roll, pitch and yaw about fixed axes [rad]."""
+    """The pose at `xyz` [m], rotated by roll, pitch and yaw about fixed axes [rad]."""
     from scipy.spatial.transform import Rotation
 
     return pose_of(xyz, Rotation.from_euler("xyz", rpy).as_matrix())
@@ -68,7 +68,7 @@ def inverse(pose: Pose) -> Pose:
 
 
 def apart(pose: Pose, other: Pose) -> tuple[float, float]:
-    """How far two poses of a frame lie apart [m], and by what angle they are turned [rad]."""
+    """The distance [m] and the angle [rad] between two poses of a frame."""
     cosine = (np.trace(pose[:3, :3].T @ other[:3, :3]) - 1.0) / 2.0
     distance = float(np.linalg.norm(pose[:3, 3] - other[:3, 3]))
     return distance, float(np.arccos(np.clip(cosine, -1.0, 1.0)))
@@ -79,9 +79,9 @@ class FrameTree:
 
     Args:
         parents: for each child frame its parent and its pose there (child to parent).
-        above: further frames; where both tell of a child frame, `parents` counts.
-        origins: for frames that no pose may name, such as that of the hypothesis space, what
-            sentences call them: the frame and where it comes from.
+        above: further frames; `parents` takes precedence.
+        origins: for frames that no pose may name, such as that of the hypothesis space, their words
+            in sentences: the frame and its origin.
 
     Raises:
         FrameError: the frames of `parents` form a circle.
@@ -110,11 +110,11 @@ class FrameTree:
     @property
     def frames(self) -> frozenset[str]:
         """All frames of the tree."""
-        told = frozenset(self._parents) | {parent for parent, _ in self._parents.values()}
-        return told if self._above is None else told | self._above.frames
+        names = frozenset(self._parents) | {parent for parent, _ in self._parents.values()}
+        return names if self._above is None else names | self._above.frames
 
     def under(self, above: Above) -> "FrameTree":
-        """The tree with further frames, such as those that a recording tells."""
+        """The tree with further frames, such as those of a recording."""
         return FrameTree(self._parents, above, self._origins)
 
     def extended(self, parents: Mapping[str, Parent]) -> "FrameTree":
@@ -122,11 +122,11 @@ class FrameTree:
         return FrameTree({**self._parents, **parents}, self._above, self._origins)
 
     def nearest(self) -> "FrameTree":
-        """The tree with unknown poses as they were known nearest in time."""
+        """The tree in which unknown poses are those known nearest in time."""
         return self if self._above is None else self.under(self._above.nearest())
 
     def pose(self, frame: str, of: str) -> Pose:
-        """The pose of frame `of` in `frame`: it takes coordinates of `of` to `frame`.
+        """The pose of frame `of` in `frame`: it transforms coordinates from `of` to `frame`.
 
         Raises:
             FrameError: a frame is unknown, or no chain of poses joins the two.
@@ -148,7 +148,7 @@ class FrameTree:
         return next(reversed(chain))
 
     def ancestors(self, of: str) -> tuple[str, ...]:
-        """The frame itself and those above it, nearest first, as far as poses are known.
+        """The frame itself and its ancestors, nearest first, as far as poses are known.
 
         Raises:
             FrameError: the frames form a circle.
@@ -163,7 +163,7 @@ class FrameTree:
             raise FrameError(self._unknown(of, frame, unknown_names))
         (up_from, unknown), (up_to, unknown_to) = self._chain(of), self._chain(frame)
         shared = next((name for name in up_from if name in up_to), None)
-        if shared is not None:  # what is not known above it does not matter
+        if shared is not None:  # unknown poses above it do not matter
             return inverse(up_to[shared]) @ up_from[shared]
         raise (
             unknown
@@ -176,7 +176,7 @@ class FrameTree:
         )
 
     def _unknown(self, of: str, frame: str, unknown: Sequence[str]) -> str:
-        """The sentence on frames that no pose names, of the two that should be joined."""
+        """The sentence on frames without a pose, of the two to be joined."""
         name = next((name for name in unknown if name not in self._origins), unknown[0])
         other = frame if name == of else of
         hint = name_hint(name, self.frames, "frames")
@@ -196,7 +196,7 @@ class FrameTree:
     def _chain(self, frame: str) -> tuple[dict[str, Pose], FrameError | None]:
         """Each ancestor of a frame with the frame's pose in it, nearest first.
 
-        The second is why the chain ends before the root: a pose that is not known at this time.
+        Second, why the chain ends before the root: a pose that is unknown at this time.
         """
         pose = pose_of((0.0, 0.0, 0.0))
         chain = {frame: pose}
@@ -225,20 +225,20 @@ def _circle(chain: Sequence[str]) -> FrameError:
 
 
 def points_in(pose: Pose, points: FloatArray) -> FloatArray:
-    """Take points of shape (n, 3) [m] to the frame that the pose is given in."""
+    """Points of shape (n, 3) [m], transformed to the parent frame of the pose."""
     moved: FloatArray = points @ pose[:3, :3].T
     moved += pose[:3, 3]
     return moved
 
 
 def vectors_in(pose: Pose, vectors: FloatArray) -> FloatArray:
-    """Turn vectors of shape (n, 3) into another frame."""
+    """Vectors of shape (n, 3), rotated to the parent frame of the pose."""
     turned: FloatArray = vectors @ pose[:3, :3].T
     return turned
 
 
 def planar_pose(planar: PlanarPose, height: float) -> Pose:
-    """The pose at x and y, `height` [m] above the floor, turned by the yaw."""
+    """The pose at x and y, `height` [m] above the floor, rotated by the yaw."""
     x, y, yaw = planar
     return pose_at((x, y, height), (0.0, 0.0, yaw))
 
@@ -251,35 +251,35 @@ def planar_point(planar: PlanarPose, point: Planar) -> Planar:
 
 
 def planar_turned(vector: Planar, yaw: float) -> Planar:
-    """A vector of a frame that is turned by a yaw [rad], in the frame around it: R v."""
+    """A vector of a frame that is rotated by a yaw [rad], in its parent frame: R v."""
     cos, sin, (x, y) = math.cos(yaw), math.sin(yaw), vector
     return cos * x - sin * y, sin * x + cos * y
 
 
 def planar_turned_back(vector: Planar, yaw: float) -> Planar:
-    """A vector in the frame that is turned by a yaw [rad]: Rᵀ v."""
+    """A vector of the parent frame in a frame that is rotated by a yaw [rad]: Rᵀ v."""
     cos, sin, (x, y) = math.cos(yaw), math.sin(yaw), vector
     return cos * x + sin * y, cos * y - sin * x
 
 
 def planar_rotation(yaw: float) -> FloatArray:
-    """The matrix of a turn by a yaw [rad], shape (2, 2)."""
+    """The matrix of a rotation by a yaw [rad], shape (2, 2)."""
     cos, sin = np.cos(yaw), np.sin(yaw)
     return np.array([[cos, -sin], [sin, cos]])
 
 
 def yaw_quaternion(yaw: float) -> FloatArray:
-    """The quaternion x, y, z, w of a turn by a yaw [rad], shape (4,)."""
+    """The quaternion x, y, z, w of a rotation by a yaw [rad], shape (4,)."""
     return np.array([0.0, 0.0, np.sin(yaw / 2.0), np.cos(yaw / 2.0)])
 
 
 class FrameConfig(Model):
-    """Where a frame stands in its parent, for good."""
+    """A static frame in its parent."""
 
     parent: str = Field(min_length=1)
-    """The frame in which `xyz` and the rotation are given."""
+    """The parent frame, in which `xyz` and the rotation are given."""
     xyz: Position = (0.0, 0.0, 0.0)
-    """The origin [m]."""
+    """The origin in the parent [m]."""
     rpy: Angles | None = None
     """Roll, pitch and yaw about the parent's fixed axes [rad]."""
     quaternion: tuple[float, float, float, float] | None = None

@@ -37,26 +37,26 @@ class OfRobot:
 
 
 class GeneratorConfig(Model):
-    """What every generator can be told; each adds its own fields."""
+    """Options of all generators; each adds its own fields."""
 
     sensor: str | None = None
-    """Take the readings of this sensor only; None: of every sensor of the right type."""
+    """The only sensor whose readings it takes; None: all sensors of the right type."""
     timeout: Memory | None = Field(default=None, gt=0)
-    """How long its hypotheses live [s]; None: the integrator's timeout."""
+    """Lifetime of its hypotheses [s]; None: the integrator's timeout."""
     stale_after: Memory | None = Field(default=None, gt=0)
-    """The silence after which it counts as inactive [s]; None: the integrator's."""
+    """Silence after which it is inactive [s]; None: the integrator's."""
     replace: bool = True
-    """Whether each of its clouds replaces all that it said before, as for a moving contact."""
+    """Whether each of its clouds replaces all earlier ones, as for a moving contact."""
     sensitivity: float = Field(default=0.0, ge=0, lt=1)
-    """How probably it tells of a contact when there is one; from 0 on, its silence speaks against
-    contacts, where the rule listens to that (`posterior`)."""
+    """Probability of detection of a contact; from 0 on, an empty cloud is evidence against
+    contacts, where the rule uses it (`posterior`)."""
     budget: Memory = Field(default=0.1, gt=0)
-    """How long one reading may take [s] before it counts as an overrun."""
+    """Time for one reading [s] above which it is an overrun."""
     isolate: bool = False
     """Whether it runs in a process of its own, so that no cycle waits for it."""
     patience: Memory = Field(default=60.0, gt=0)
-    """Where there is no clock, as in a replay: how long a step waits for one answer of its process
-    [s] before that is ended, and the generator stays out."""
+    """Without a clock, as in a replay: time for which a step waits for one answer of its process
+    [s] before the process is ended, and the generator stays out."""
 
 
 ConfigT = TypeVar("ConfigT", bound=GeneratorConfig)
@@ -65,26 +65,26 @@ ConfigT = TypeVar("ConfigT", bound=GeneratorConfig)
 class Generator(ABC, Generic[ConfigT]):
     """Turns the readings of one sensor into contact hypotheses (F §IV).
 
-    A subclass names its `Config`, the `readings` that it takes and the `outputs` that it gives, and
-    implements `generate`. Its module ends with a hook that offers it:
+    A subclass declares its `Config`, the `readings` that it takes and its `outputs`, and implements
+    `generate`. Its module ends with a hook that offers it:
 
         @hookimpl
         def contactfusion_generators():
             return {"bumper": BumperGenerator}
 
     Args:
-        name: what this instance is called; its sources are named after it.
+        name: of this instance; its sources are named after it.
         config: the options, an instance of `Config`.
     """
 
     Config: ClassVar[type[GeneratorConfig]] = GeneratorConfig
     """The type of the options."""
     readings: ClassVar[tuple[type[Reading], ...]]
-    """The types of reading that it takes."""
+    """The types of the readings that it takes."""
     outputs: Mapping[str, HypothesisKind] = {"": HypothesisKind.REGULAR}
     """The kind of each output; output "free" of the generator "skin" is the source "skin/free"."""
     needs_body: ClassVar[bool] = False
-    """Whether it gives no clouds without the robot or its surface; `check` then looks for it."""
+    """Whether it needs the robot or its surface for any cloud; `check` then requires it."""
 
     def __init__(self, name: str, config: ConfigT) -> None:
         self.name = name
@@ -92,9 +92,9 @@ class Generator(ABC, Generic[ConfigT]):
 
     @abstractmethod
     def generate(self, reading: Reading, state: State) -> Sequence[HypothesisCloud]:
-        """Give at most one cloud an output.
+        """The clouds of a reading, at most one for each output.
 
-        An empty cloud says "looked, found nothing"; no cloud says "did not look".
+        An empty cloud means "looked, found nothing"; no cloud means "did not look".
 
         Args:
             reading: one of the types in `readings`.
@@ -102,11 +102,11 @@ class Generator(ABC, Generic[ConfigT]):
         """
 
     def prepare(self, robot: "RobotModel") -> None:
-        """Do what takes long and hangs on the robot alone, before the first reading comes."""
+        """Do long computations that depend on the robot alone, before the first reading."""
         return None
 
     def most_hypotheses(self, grid: Grid) -> int | None:
-        """The greatest number of hypotheses in a cloud; None: not known before readings come.
+        """The greatest number of hypotheses in a cloud; None: unknown before readings come.
 
         Args:
             grid: the hypothesis space.
@@ -114,21 +114,21 @@ class Generator(ABC, Generic[ConfigT]):
         return None
 
     def reset(self) -> None:
-        """Forget what was remembered of earlier readings."""
+        """Drop all state of earlier readings."""
         return None
 
     @property
     def waits_for(self) -> str:
-        """What keeps it from looking, in a sentence, as long as it gives no clouds."""
+        """What it waits for, in a sentence, as long as it yields no clouds; else empty."""
         return ""
 
     @property
     def sources(self) -> dict[str, HypothesisKind]:
-        """The sources that its clouds come from, by name."""
+        """The sources of its clouds, by name."""
         return {self.source(output): kind for output, kind in self.outputs.items()}
 
     def source(self, output: str = "") -> str:
-        """Give the name of the source of one output."""
+        """The name of the source of one output."""
         return f"{self.name}/{output}" if output else self.name
 
     def cloud(
@@ -141,39 +141,39 @@ class Generator(ABC, Generic[ConfigT]):
         frame: str | None = None,
         **optional: Any,
     ) -> HypothesisCloud:
-        """Make the cloud of one output, stamped as the reading.
+        """A cloud of one output, with the stamp of the reading.
 
         Args:
-            reading: what it follows from.
+            reading: from which it follows.
             positions: shape (n, 3) [m].
             likelihoods: shape (n,), or one number for all.
-            output: the output that gives it.
-            frame: the frame of the positions; the reading's by default.
+            output: that it belongs to.
+            frame: the frame of the positions; that of the reading by default.
             **optional: `forces`, `spreads`, `single` and `notes` of the cloud.
         """
         if output not in self.outputs:
             hint = name_hint(output, self.outputs, "outputs")
             raise PluginError(f"'{self.name}' has no output '{output}'; {hint}")
-        places = np.asarray(positions, np.float64).reshape(-1, 3)
+        points = np.asarray(positions, np.float64).reshape(-1, 3)
         return HypothesisCloud(
             source=self.source(output),
             kind=self.outputs[output],
             stamp=reading.stamp,
             frame=frame or reading.frame,
-            positions=places,
-            likelihoods=np.broadcast_to(np.asarray(likelihoods, np.float64), len(places)),
+            positions=points,
+            likelihoods=np.broadcast_to(np.asarray(likelihoods, np.float64), len(points)),
             **optional,
         )
 
     def nothing(
         self, reading: Reading, *, output: str = "", notes: Sequence[str] = ()
     ) -> HypothesisCloud:
-        """Make the empty cloud of one output: looked, found nothing."""
+        """The empty cloud of one output: looked, found nothing."""
         return self.cloud(reading, np.empty((0, 3)), 0.0, output=output, notes=tuple(notes))
 
 
 def generator_fault(cls: type[Generator[Any]]) -> str:
-    """What keeps a class from the contract of generators, see `class_fault`."""
+    """Why a class breaks the contract of generators, see `class_fault`; empty if it does not."""
     if fault := class_fault(cls, Generator, GeneratorConfig):
         return fault
     kinds: object = getattr(cls, "readings", ())
@@ -186,7 +186,7 @@ def generator_fault(cls: type[Generator[Any]]) -> str:
 
 
 def instance_fault(generator: Generator[Any], name: str) -> str:
-    """What keeps a generator that was built under a name from the contract; empty when nothing."""
+    """Why a generator that was built under a name breaks the contract; empty if it does not."""
     config = getattr(generator, "config", None)
     if getattr(generator, "name", None) != name or not isinstance(config, generator.Config):
         return "does not hand `name` and `config` to `super().__init__`"
@@ -201,12 +201,12 @@ def instance_fault(generator: Generator[Any], name: str) -> str:
 
 
 def checked_clouds(clouds: object) -> Sequence[HypothesisCloud]:
-    """Make sure that a generator gave clouds.
+    """The output of a generator, refused where it is no sequence of clouds.
 
     Raises:
-        TypeError: it gave anything else.
+        TypeError: it is anything else.
     """
-    if not isinstance(clouds, Sequence):  # one that is read once would be spent by the check
+    if not isinstance(clouds, Sequence):  # an iterator would be spent by the check
         raise TypeError(f"it gave {type(clouds).__name__}, not a sequence of clouds")
     for cloud in clouds:
         if not isinstance(cloud, HypothesisCloud):

@@ -1,4 +1,4 @@
-"""The voxel grid: the one rounding of places to voxels."""
+"""The voxel grid, with the one rounding of positions to voxels."""
 
 from dataclasses import dataclass
 
@@ -8,15 +8,15 @@ from numpy.typing import NDArray
 from contactfusion.arrays import FloatArray
 
 VOXEL_LIMIT = 1 << 20
-"""Voxel indices stay below this in magnitude: 5 mm voxels reach 5 km."""
+"""Bound of the magnitude of voxel indices: 5 mm voxels reach 5 km."""
 
 
 @dataclass(frozen=True, slots=True)
 class Grid:
-    """A grid of half-open cubes fixed in one frame.
+    """A grid of half-open cubes, fixed in one frame.
 
     Attributes:
-        frame: the frame in which the grid stands still.
+        frame: that the grid is fixed in.
         voxel_size: the side of a voxel [m].
     """
 
@@ -24,7 +24,7 @@ class Grid:
     voxel_size: float
 
     def voxels(self, positions: FloatArray) -> NDArray[np.int64]:
-        """Give the voxel that each place lies in.
+        """The voxel of each position.
 
         Args:
             positions: shape (n, 3) [m], in the grid's frame.
@@ -36,5 +36,5 @@ class Grid:
         return np.floor(scaled).astype(np.int64)
 
     def centres(self, voxels: NDArray[np.int64]) -> FloatArray:
-        """Give the places of voxels: their centres, shape (n, 3) [m]."""
+        """The centres of voxels, shape (n, 3) [m]."""
         return (np.asarray(voxels, np.float64) + 0.5) * np.float64(self.voxel_size)

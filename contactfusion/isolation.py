@@ -27,29 +27,29 @@ if TYPE_CHECKING:
     from contactfusion.robots.model import RobotModel
 
 START = 60.0
-"""A process has so long to start, or the patience of its generator where that is longer [s]."""
+"""Time to start a process, or the patience of its generator where that is longer [s]."""
 RESTARTS = 3
-"""A process that ended is started again so often; then its generator stays out."""
+"""Number of restarts of a process that ended; then its generator stays out."""
 Packed = Any
-"""What goes to the process, as bytes in a buffer: the generator with the robot that it is prepared
-for, then readings, each with the state at its stamp."""
+"""Input of the process, as bytes in a buffer: the generator with the robot that it is prepared for,
+then readings, each with the state at its stamp."""
 Answer = Sequence[HypothesisCloud] | PluginError | None
-"""What comes from it: clouds, why there are none, or None when the process has ended."""
+"""Output of the process: clouds, why there are none, or None when the process has ended."""
 
 
 class Isolated(Generator[GeneratorConfig]):
-    """Stands for a generator that runs elsewhere.
+    """Proxy of a generator that runs in another process.
 
-    Nobody waits for it on a live robot: a reading that comes while the generator is busy takes the
-    place of the one that waits, so it always works on the newest, and its clouds come with the step
-    after it is done. Where there is no clock, every reading is worked on, and each step waits for
-    those before it, so that equal input gives equal contacts; an answer that takes longer than the
+    On a live robot no step waits for it: a reading that arrives while the generator is busy
+    replaces the waiting one, so it always works on the newest, and its clouds come with the step
+    after they are done. Without a clock, every reading is processed, and each step waits for those
+    before it, so that equal input gives equal contacts; an answer that takes longer than the
     `patience` of the generator ends its process, and the generator stays out. A process that ends
     by itself is started again at most `RESTARTS` times.
 
     Args:
-        inner: the generator that goes to a process of its own.
-        live: whether nobody waits for it.
+        inner: the generator that runs in a process of its own.
+        live: whether no step waits for it.
         model: the robot that it is prepared for, or None.
 
     Raises:
@@ -60,7 +60,7 @@ class Isolated(Generator[GeneratorConfig]):
         self, inner: Generator[Any], live: bool, model: "RobotModel | None" = None
     ) -> None:
         super().__init__(inner.name, inner.config)
-        # what a class declares for all its instances, this one borrows from another class
+        # a class declares these for all its instances; this one takes those of another class
         self.readings = inner.readings  # type: ignore[misc]
         self.needs_body = inner.needs_body  # type: ignore[misc]
         self.outputs = inner.outputs
@@ -82,13 +82,13 @@ class Isolated(Generator[GeneratorConfig]):
         self._start()
 
     def generate(self, reading: Reading, state: State) -> Sequence[HypothesisCloud]:
-        """Hand the reading over; live, give what has been finished."""
+        """Send the reading; live, the clouds that are done."""
         given = reading, _portable(state, self.name)
         self._waiting.append(ForkingPickler.dumps(given))  # the state as it is now
         return self.collect(wait=False) if self._live or not self._busy else ()
 
     def most_hypotheses(self, grid: Grid) -> int | None:
-        """As many as the generator that runs elsewhere gives."""
+        """That of the inner generator."""
         most: int | None = self._inner.most_hypotheses(grid)
         return most
 
@@ -98,10 +98,10 @@ class Isolated(Generator[GeneratorConfig]):
         return not self._live and bool(self._busy or self._waiting)
 
     def collect(self, wait: bool) -> Sequence[HypothesisCloud]:
-        """Give the clouds of a reading that has been finished, and start on what waits.
+        """The clouds of a reading that is done; the next reading is sent.
 
         Args:
-            wait: whether to wait until one is.
+            wait: whether to wait for them.
 
         Raises:
             PluginError: the generator raised, its process ended or gave no answer in time, or it
@@ -133,7 +133,7 @@ class Isolated(Generator[GeneratorConfig]):
         return clouds
 
     def reset(self) -> None:
-        """Forget what waits and what is being worked on; a process that ended starts again."""
+        """Drop the readings that wait or are being processed; a process that ended starts again."""
         self._waiting.clear()
         self._ends = 0
         if self.out:
@@ -150,7 +150,7 @@ class Isolated(Generator[GeneratorConfig]):
         if self._process.is_alive():
             self._process.kill()
             self._process.join()
-        self._courier.join(timeout=0.2)  # what the process itself started may hold the pipe
+        self._courier.join(timeout=0.2)  # children of the process may hold the pipe
 
     def _start(self) -> None:
         context = multiprocessing.get_context("spawn")
@@ -173,8 +173,8 @@ class Isolated(Generator[GeneratorConfig]):
         self._patience = max(START, self.config.patience)
 
     def _after_end(self) -> PluginError:
-        """Start again after the process ended, or stay out; the reading in work is lost."""
-        self._process.join(timeout=1.0)  # its pipe closes just before it is gone
+        """Start again after the process ended, or stay out; the reading in process is lost."""
+        self._process.join(timeout=1.0)  # its pipe closes just before it ends
         how = f"has ended (exit code {self._process.exitcode})"
         if self._ends == RESTARTS:
             return self._stay_out(f"{how} {RESTARTS + 1} times")
@@ -193,7 +193,7 @@ class Isolated(Generator[GeneratorConfig]):
 
 @dataclass(frozen=True)
 class _Travelling:
-    """The last step as a generator may ask it; a whole `Fusion` does not travel."""
+    """The last step as a generator may access it; a whole `Fusion` is not sent."""
 
     contacts: tuple[Contact, ...]
     places: FloatArray
@@ -203,7 +203,7 @@ class _Travelling:
 
 
 def _portable(state: State, name: str) -> State:
-    """Leave at home what is large and can be found again there."""
+    """The state without large parts that the process can compute itself."""
     if state.robot is not None:
         state = replace(state, surface=None)
     if state.fusion is None:
@@ -217,7 +217,7 @@ def _unpacked(state: State) -> State:
 
 
 END = object()
-"""What sends the courier home."""
+"""The message that ends the courier."""
 RESET = b""
 """The message that resets the generator; it gets no answer."""
 
@@ -225,7 +225,7 @@ RESET = b""
 def _carry(
     pipe: Connection, todo: "queue.SimpleQueue[Packed]", answers: "queue.SimpleQueue[Answer]"
 ) -> None:
-    """Carry work to a process and its answers back; only this thread ever waits for the pipe."""
+    """Send work to a process and receive its answers; only this thread ever waits for the pipe."""
     with pipe:
         while (given := todo.get()) is not END:
             answer: Answer = ()
@@ -235,18 +235,18 @@ def _carry(
                     answer = pipe.recv()
             except (EOFError, OSError):
                 answer = None
-            except Exception as error:  # what a plug-in packed may raise anything when unpacked
+            except Exception as error:  # unpickling the plug-in's objects may raise anything
                 answer = PluginError(f"an answer cannot be unpickled: {cause_in(error, '')}")
             if given is not RESET:
                 answers.put(answer)
 
 
 def _serve(pipe: Connection, name: str, module: str) -> None:
-    """Answer what comes: the generator itself, then readings; a reset gets no answer.
+    """Answer messages: the generator itself, then readings; a reset gets no answer.
 
     A generator that cannot be prepared, or be reset, answers every reading with the reason.
     """
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # who is interrupted closes the pipe
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # an interrupted parent closes the pipe
     generator: Any = None
     unfit: PluginError | None = None
     unready: PluginError | None = None

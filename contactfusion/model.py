@@ -1,4 +1,4 @@
-"""The base of every configuration: refuses what it does not know."""
+"""The base of every configuration, which refuses unknown fields."""
 
 from collections.abc import Mapping
 from pathlib import Path
@@ -13,11 +13,11 @@ from contactfusion.units import unit_of
 
 
 class Model(BaseModel):
-    """A configuration that is frozen, knows all its fields, and takes no NaN.
+    """A frozen configuration without unknown fields or NaN.
 
     Raises:
-        ConfigurationError: a field is unknown, missing, or holds what it may not; one sentence.
-        DefaultError: a default of the class is what the class itself refuses.
+        ConfigurationError: a field is unknown, missing, or has an invalid value; one sentence.
+        DefaultError: the class refuses one of its own defaults.
     """
 
     model_config = ConfigDict(
@@ -41,20 +41,20 @@ class Model(BaseModel):
 
 M = TypeVar("M", bound=Model)
 FILES_WITHIN = "files_within"
-"""The field of a configuration that bounds where its files lie."""
+"""The field of a configuration that bounds the location of its files."""
 
 
 def rooted(config: M, folder: Path, within: Path | None = None) -> M:
-    """A configuration whose relative file names start at a folder, also in models within.
+    """A configuration whose relative file names are rooted at a folder, also in nested models.
 
-    Names in lists and mappings stay as they are, for who holds them to root; where they may lie is
+    Names in lists and mappings stay as they are, for their holders to root; their bounds are
     checked all the same.
 
     Args:
         config: any.
-        folder: where relative file names start.
+        folder: that of relative file names.
         within: the folder that all files have to lie in, which fields `files_within` then hold,
-            too; None: files may lie anywhere.
+            too; None: no limit.
 
     Raises:
         ConfigurationError: a file lies elsewhere.
@@ -69,11 +69,11 @@ def rooted(config: M, folder: Path, within: Path | None = None) -> M:
         elif isinstance(value, dict):
             found = {key: _rooted(value[key], folder, within, f"{name}.{key}") for key in value}
             changes[name] = {
-                key: found[key] if isinstance(one, Model) else one for key, one in value.items()
+                key: found[key] if isinstance(item, Model) else item for key, item in value.items()
             }
         elif isinstance(value, list | tuple):
-            for number, one in enumerate(value):
-                _rooted(one, folder, within, f"{name}.{number}")
+            for number, item in enumerate(value):
+                _rooted(item, folder, within, f"{name}.{number}")
         else:
             changes[name] = _rooted(value, folder, within, name)
     return config.model_copy(update=changes)
@@ -93,13 +93,13 @@ def _rooted(value: Any, folder: Path, within: Path | None, path: str) -> Any:
 
 
 def explained(error: ValidationError, model: type[BaseModel]) -> ConfigurationError:
-    """Say in one sentence which field is wrong, and which name was probably meant."""
+    """The sentence on the wrong field, and on the name that was probably meant."""
     details = sorted(error.errors(), key=lambda detail: detail["type"] != "extra_forbidden")
     return ConfigurationError.of([f for d in details for f in _wrong(d, model).faults])
 
 
 def _is_default(detail: ErrorDetails, given: Mapping[str, object]) -> bool:
-    """Whether a field was not given, and yet holds what it may not."""
+    """Whether a field was not given, and its default is invalid."""
     return (
         detail["type"] != "missing" and bool(detail["loc"]) and str(detail["loc"][0]) not in given
     )
@@ -135,7 +135,7 @@ def _implausible(detail: ErrorDetails, model: type[BaseModel]) -> str:
 
 
 def _fields_at(model: type[BaseModel], path: tuple[int | str, ...]) -> list[str]:
-    """Give the fields of the model that the path leads to."""
+    """The fields of the model at a path."""
     for part in path:
         field = model.model_fields.get(str(part))
         annotation = field.annotation if field else None

@@ -1,4 +1,4 @@
-"""The nearest sample of a rigid body: looked up in a grid, then sought along the surface."""
+"""The nearest sample of a rigid body: looked up in a grid, then searched along the surface."""
 
 from dataclasses import dataclass
 
@@ -12,23 +12,24 @@ from contactfusion.jit import kernel
 CELL = 0.01
 """The distance between neighbouring nodes of the grid [m]."""
 MOST_NODES = 4_000_000
-"""The grid of a body that would have more is coarser: each takes 50 bytes while it is built."""
+"""The greatest number of nodes; a larger body has a coarser grid: a node takes 50 bytes to
+build."""
 PADDING = 0.03
-"""The grid reaches so far beyond the body [m]; further off, its nearest node serves."""
+"""The margin of the grid around the body [m]; further off, the nearest node of its rim serves."""
 NEIGHBOURS = 8
-"""So many samples around each are looked at on the way to the nearest."""
+"""Number of neighbours of a sample that the search visits."""
 
 Int32Array = NDArray[np.int32]
 
 
 @dataclass(frozen=True, eq=False)
 class NearestGrid:
-    """What is needed to find the nearest of a body's samples quickly.
+    """A grid and neighbours for fast search of a body's nearest sample.
 
     Attributes:
         samples: shape (n, 3) [m].
         low: shape (3,) [m], the least corner of the samples.
-        high: shape (3,) [m], the greatest.
+        high: shape (3,) [m], their greatest corner.
         cell: the distance between neighbouring nodes [m].
         nodes: shape (a, b, c), the sample nearest to each node of the grid.
         neighbours: shape (n, k), the samples nearest to each sample.
@@ -43,7 +44,7 @@ class NearestGrid:
 
     @staticmethod
     def of(samples: FloatArray) -> "NearestGrid":
-        """Build the grid of samples of shape (n, 3) [m], n at least 1."""
+        """The grid of samples of shape (n, 3) [m], n at least 1."""
         from scipy.spatial import KDTree
 
         tree = KDTree(samples)
@@ -53,8 +54,8 @@ class NearestGrid:
             cell *= 2.0
             counts = _counts(low, high, cell)
         axes = [start - PADDING + cell * np.arange(n) for start, n in zip(low, counts, strict=True)]
-        places = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
-        nodes = np.asarray(tree.query(places)[1], np.int32).reshape(counts)
+        positions = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
+        nodes = np.asarray(tree.query(positions)[1], np.int32).reshape(counts)
         k = min(NEIGHBOURS + 1, len(samples))
         around = np.asarray(tree.query(samples, k=k)[1], np.int32).reshape(len(samples), k)
         return NearestGrid(samples, low, high, cell, nodes, around)
@@ -67,14 +68,14 @@ class NearestGrid:
         distances: FloatArray,
         rows: NDArray[np.intp],
     ) -> None:
-        """Write the distances that are less than those so far, and their samples.
+        """Update distances and rows where a sample is nearer than those so far.
 
         Args:
             points: shape (m, 3) [m], in any frame.
-            back: takes that frame to the samples'.
-            begin: what to add to the number of a sample.
-            distances: shape (m,) [m], changed where a sample is nearer.
-            rows: shape (m,), changed likewise.
+            back: transforms that frame to the samples'.
+            begin: offset of the rows of the samples.
+            distances: shape (m,) [m], updated where a sample is nearer.
+            rows: shape (m,), likewise.
         """
         _improve(
             points,
@@ -109,7 +110,7 @@ def _improve(
     distances: FloatArray,
     rows: NDArray[np.intp],
 ) -> None:
-    place, at, middle = np.empty(3), np.empty(3, np.int64), np.zeros(3)
+    position, at, middle = np.empty(3), np.empty(3, np.int64), np.zeros(3)
     half = np.sqrt(np.square(high - low).sum()) / 2.0
     for axis in range(3):  # of the box, in the frame of the points
         for j in range(3):
@@ -121,31 +122,31 @@ def _improve(
             continue
         best, beyond = distances[i] * distances[i], 0.0
         for axis in range(3):
-            place[axis] = back[axis, 3]
+            position[axis] = back[axis, 3]
             for j in range(3):
-                place[axis] += back[axis, j] * points[i, j]
-            out = max(low[axis] - place[axis], place[axis] - high[axis], 0.0)
+                position[axis] += back[axis, j] * points[i, j]
+            out = max(low[axis] - position[axis], position[axis] - high[axis], 0.0)
             beyond += out * out
         if beyond >= best:
             continue
         for axis in range(3):
-            node = np.floor((place[axis] - low[axis] + PADDING) / cell)
+            node = np.floor((position[axis] - low[axis] + PADDING) / cell)
             at[axis] = int(min(max(node, 0.0), nodes.shape[axis] - 2.0))
         sample, square, last = -1, np.inf, -2
-        for corner in range(8):  # of the cell that holds the place, or of the nearest one
+        for corner in range(8):  # of the cell of the position, or of the nearest one
             a, b, c = at[0] + (corner & 1), at[1] + (corner >> 1 & 1), at[2] + (corner >> 2)
             candidate = int(nodes[int(a), int(b), int(c)])
-            other = _square(samples, candidate, place)
+            other = _square(samples, candidate, position)
             if other < square:
                 square, sample = other, candidate
         slack = distances[i] + cell
         if square > slack * slack:
-            continue  # the walk gains less than a cell
-        while sample != last:  # walk over the surface while it comes nearer
+            continue  # the search gains less than a cell
+        while sample != last:  # descend along the surface while it comes nearer
             last = sample
             for column in range(neighbours.shape[1]):
                 neighbour = int(neighbours[last, column])
-                other = _square(samples, neighbour, place)
+                other = _square(samples, neighbour, position)
                 if other < square:
                     square, sample = other, neighbour
         if square < best:
@@ -153,6 +154,7 @@ def _improve(
 
 
 @kernel
-def _square(samples: FloatArray, row: int, place: FloatArray) -> float:
-    x, y, z = samples[row, 0] - place[0], samples[row, 1] - place[1], samples[row, 2] - place[2]
+def _square(samples: FloatArray, row: int, position: FloatArray) -> float:
+    x, y = samples[row, 0] - position[0], samples[row, 1] - position[1]
+    z = samples[row, 2] - position[2]
     return float(x * x + y * y + z * z)

@@ -1,4 +1,4 @@
-"""Patches of taxels: where they are, and what they cover."""
+"""Patches of taxels: their positions, and the areas that they cover."""
 
 from typing import Self
 
@@ -18,13 +18,13 @@ class TaxelGridConfig(Model):
     """Taxels in rows and columns on a plane."""
 
     rows: int = Field(ge=1)
-    """Along x."""
+    """Number of taxels along x."""
     columns: int = Field(ge=1)
-    """Along y; values come row by row."""
+    """Number of taxels along y; values come row by row."""
     pitch: tuple[TaxelEdge, TaxelEdge]
     """The distance between neighbours along x and y [m]; also the size of a taxel."""
     xyz: Offset = (0.0, 0.0, 0.0)
-    """The middle of the grid in the frame of the patch [m]."""
+    """The centre of the grid in the frame of the patch [m]."""
     rpy: Angles = (0.0, 0.0, 0.0)
     """Roll, pitch and yaw of the grid in the frame of the patch [rad]; taxels face its z."""
 
@@ -35,11 +35,11 @@ class TaxelGridConfig(Model):
         return self
 
     def pose(self) -> Pose:
-        """Give the pose of the grid in the frame of the patch."""
+        """The pose of the grid in the frame of the patch."""
         return pose_at(self.xyz, self.rpy)
 
     def places(self) -> FloatArray:
-        """Give the centres of the taxels on the grid's own plane, shape (rows · columns, 3) [m]."""
+        """The centres of the taxels on the grid's own plane, shape (rows · columns, 3) [m]."""
         x = (np.arange(self.rows, dtype=np.float64) - (self.rows - 1) / 2.0) * self.pitch[0]
         y = (np.arange(self.columns, dtype=np.float64) - (self.columns - 1) / 2.0) * self.pitch[1]
         return _on_plane(x, y)
@@ -66,7 +66,7 @@ class PatchConfig(Model):
         return self
 
     def sheets(self) -> list[tuple[Pose, FloatArray, tuple[float, float]]]:
-        """Give the planes that taxels lie on.
+        """The planes of the taxels.
 
         Returns:
             For each plane its pose, the centres on it, shape (n, 3) [m], and the edges of a taxel
@@ -79,11 +79,11 @@ class PatchConfig(Model):
         return [(np.eye(4), np.array(self.places), self.size)]
 
     def centres(self) -> FloatArray:
-        """Give the centre of each taxel, shape (n, 3) [m]."""
+        """The centre of each taxel, shape (n, 3) [m]."""
         return np.concatenate([points_in(pose, centres) for pose, centres, _ in self.sheets()])
 
     def spreads(self) -> FloatArray:
-        """Give the standard deviation, by axis, of a place somewhere on each taxel, (n,) [m]."""
+        """The standard deviation, by axis, of a position anywhere on each taxel, shape (n,) [m]."""
         return np.concatenate(
             [
                 np.full(len(centres), np.hypot(*edges) / np.sqrt(24.0))
@@ -92,37 +92,37 @@ class PatchConfig(Model):
         )
 
     def count(self, side: float) -> int:
-        """How many places `covered` gives, for voxels of a side [m]."""
+        """The number of positions of `covered`, for voxels of a side [m]."""
         return sum(
             len(centres) * _cells(edges[0], side) * _cells(edges[1], side)
             for _, centres, edges in self.sheets()
         )
 
     def covered(self, side: float) -> tuple[FloatArray, NDArray[np.intp]]:
-        """Cover each taxel with places no further apart than a voxel.
+        """Positions that cover each taxel, no further apart than a voxel.
 
         Args:
             side: of a voxel [m].
 
         Returns:
-            Places of shape (m, 3) [m], and the taxel that each belongs to, shape (m,).
+            Positions of shape (m, 3) [m], and the taxel of each, shape (m,).
         """
-        places, taxels, count = [], [], 0
+        positions, taxels, count = [], [], 0
         for pose, centres, edges in self.sheets():
             axes = []
             for edge in edges:
                 cells = _cells(edge, side)
                 axes.append(((2.0 * np.arange(cells) + 1.0) / cells - 1.0) * edge / 2.0)
             offsets = _on_plane(*axes)
-            places.append(points_in(pose, (centres[:, None, :] + offsets).reshape(-1, 3)))
+            positions.append(points_in(pose, (centres[:, None, :] + offsets).reshape(-1, 3)))
             rows = np.arange(count, count + len(centres), dtype=np.intp)
             taxels.append(np.repeat(rows, len(offsets)))
             count += len(centres)
-        return np.concatenate(places), np.concatenate(taxels)
+        return np.concatenate(positions), np.concatenate(taxels)
 
 
 class TaxelAreas:
-    """The areas of a patch's taxels, to ask what lies over them.
+    """The areas of a patch's taxels, to test points against.
 
     Args:
         patch: the taxels.
@@ -135,7 +135,7 @@ class TaxelAreas:
         ]
 
     def near(self, points: FloatArray, reach: float) -> NDArray[np.bool_]:
-        """Tell which taxels have a point over their area, or closer to it than `reach` [m].
+        """Which taxels have a point over their area, or closer to it than `reach` [m].
 
         Args:
             points: shape (m, 3) [m], in the frame of the patch.
@@ -146,15 +146,15 @@ class TaxelAreas:
         """
         return np.concatenate(
             [
-                _any_within(points_in(way, points), centres, half + reach)
-                for way, centres, half in self._planes
+                _any_within(points_in(to_plane, points), centres, half + reach)
+                for to_plane, centres, half in self._planes
             ]
         )
 
 
 @kernel
 def _any_within(points: FloatArray, centres: FloatArray, half: FloatArray) -> NDArray[np.bool_]:
-    """Tell around which centres (n, 3) a box of half edges (3,) holds one of the points (m, 3)."""
+    """Around which centres (n, 3) a box of half edges (3,) holds one of the points (m, 3)."""
     found = np.zeros(len(centres), np.bool_)
     for row in range(len(centres)):
         for point in range(len(points)):
@@ -168,12 +168,12 @@ def _any_within(points: FloatArray, centres: FloatArray, half: FloatArray) -> ND
 
 
 def _cells(edge: float, side: float) -> int:
-    """How many voxels an edge takes."""
+    """The number of voxels along an edge."""
     return max(1, int(np.ceil(edge / side - 1e-9)))
 
 
 def _on_plane(x: FloatArray, y: FloatArray) -> FloatArray:
-    """Give all points of these coordinates on the plane z = 0, x by x, shape (m, 3)."""
+    """All points of these coordinates on the plane z = 0, x by x, shape (m, 3)."""
     points = np.zeros((len(x) * len(y), 3))
     points[:, 0], points[:, 1] = np.repeat(x, len(y)), np.tile(y, len(x))
     return points

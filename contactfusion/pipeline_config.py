@@ -18,7 +18,7 @@ from contactfusion.units import Period
 from contactfusion.yaml_files import read_yaml, with_overrides
 
 NOT_OURS = ("recording", "scene")
-"""Fields of a file for `run` that a pipeline has no use for."""
+"""Fields of a file for `run` that are not of the pipeline."""
 
 
 class CycleConfig(Model):
@@ -51,11 +51,11 @@ class PipelineConfig(Model):
     generators: dict[str, dict[str, Any]] = Field(default_factory=dict)
     """By name: the `type` of the generator and its options."""
     integrator: IntegratorConfig = Field(default_factory=IntegratorConfig)
-    """How hypotheses are fused."""
+    """The fusion of hypotheses."""
     cycle: CycleConfig = Field(default_factory=lambda: CycleConfig(every=0.01))
     """When to step: `ready`, `{every: seconds}` or `{on: sensor or type}`."""
     frames: dict[str, FrameConfig] = Field(default_factory=dict)
-    """Frames that stand still in their parents, by name."""
+    """Static frames, by name."""
     surface: BodyConfig | None = None
     """The surface of a robot that is one rigid body."""
     robot: RobotConfig | None = None
@@ -64,20 +64,20 @@ class PipelineConfig(Model):
     controller: dict[str, Any] | None = None
     """The `type` of the controller and its options."""
     faults: tuple[FaultConfig, ...] = ()
-    """How sensors fail on purpose, in the order in which the faults act."""
+    """Faults of sensors, in the order in which they act."""
     seed: int = Field(default=0, ge=0)
-    """Of the randomness of faults, and of a scene; the same seed gives the same."""
+    """Of the random numbers of faults, and of a scene; equal seeds give equal numbers."""
     folder: Path = Path()
-    """Where relative file names start, those in options of plug-ins too; `contactfusion run` takes
-    the folder of the configuration."""
+    """The folder of relative file names, also in options of plug-ins; `contactfusion run` takes
+    that of the configuration."""
     files_within: Path | None = None
-    """The folder that all files have to lie in, but for those of packages; None: they may lie
-    anywhere. Of a configuration that a recording holds, it is the folder of the recording."""
+    """The folder that all files have to lie in, but for those of packages; None: anywhere. Of a
+    configuration in a recording, it is the folder of the recording."""
 
     @model_validator(mode="before")
     @classmethod
     def _read(cls, fields: Any) -> Any:
-        """Read the robot's file, and root what it names."""
+        """Read the robot's file, and root the file names in it."""
         robot, folder = fields.get("robot"), Path(fields.get("folder", ""))
         within = Path(fields["files_within"]) if fields.get("files_within") is not None else None
         try:
@@ -119,11 +119,11 @@ class PipelineConfig(Model):
 
     @classmethod
     def from_file(cls, path: str | Path) -> Self:
-        """Configuration in a YAML file, which may be one for `contactfusion run`.
+        """The configuration in a YAML file, which may be one for `contactfusion run`.
 
         Args:
             path: the file; relative names in it start at its folder, and its recording or scene is
-                left out.
+                ignored.
 
         Raises:
             ConfigurationError: the file is missing or no YAML, or a field is wrong; the sentence
@@ -135,7 +135,7 @@ class PipelineConfig(Model):
             return cls(**fields)
 
     def frame_tree(self) -> FrameTree:
-        """Give the tree of the frames that stand still.
+        """The tree of the static frames.
 
         Raises:
             FrameError: the frames form a circle.
@@ -153,7 +153,7 @@ class PipelineConfig(Model):
 
 
 def pipeline_fields(fields: Mapping[str, Any]) -> dict[str, Any]:
-    """The fields of a file for `run` that are those of its pipeline."""
+    """The fields of a file for `run` that are of its pipeline."""
     return {name: value for name, value in fields.items() if name not in NOT_OURS}
 
 
@@ -165,7 +165,7 @@ def overridden(fields: Mapping[str, Any], overrides: Sequence[str]) -> dict[str,
         overrides: such as `integrator.voxel_size=0.01`.
 
     Raises:
-        ConfigurationError: one is no change, or is of a generator that is not there.
+        ConfigurationError: one is no change, or is of a generator that does not exist.
     """
     changed = with_overrides(_with_types(fields, overrides), overrides)
     known, held = _mapping(fields.get("generators")), _mapping(changed.get("generators"))

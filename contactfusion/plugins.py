@@ -1,4 +1,4 @@
-"""Plug-ins: found by entry point, imported only when asked for, none able to take others down."""
+"""Plug-ins: found by entry point, imported on demand, and unable to take others down."""
 
 import functools
 import importlib
@@ -29,23 +29,23 @@ KINDS = (
     *("generators", "controllers", "rules", "condensations", "segmenters", "recordings"),
     "scenes",
 )
-"""What plug-ins can offer; the hook of each is ``contactfusion_<kind>``."""
+"""Kinds of plug-ins; the hook of each is ``contactfusion_<kind>``."""
 
 HOME = "contactfusion"
 HOMES = (HOME, "contactfusion-lab")
-"""The distributions whose names are taken first."""
-NOBODY = "no distribution"
-"""What stands for the distribution of an entry point that has none."""
+"""The distributions whose names take precedence."""
+NO_DISTRIBUTION = "no distribution"
+"""The distribution of an entry point without one."""
 
 
 @dataclass(frozen=True, slots=True)
 class Plugin:
-    """An installed plug-in as its entry point tells it; nothing is imported.
+    """An installed plug-in, by its entry point; it is not imported.
 
     Attributes:
-        name: the entry point's name.
-        module: the module it points to.
-        distribution: the package that brought it, with its version.
+        name: of the entry point.
+        module: that it points to.
+        distribution: the package that installed it, with its version.
     """
 
     name: str
@@ -58,7 +58,7 @@ class Plugins:
 
     Args:
         strict: raise at the first plug-in that fails, instead of listing it in `failures`.
-        points: the entry points to use; those installed by default.
+        points: the entry points; those installed by default.
 
     Raises:
         PluginError: in strict mode, when a plug-in fails or its name is taken.
@@ -85,11 +85,11 @@ class Plugins:
                 self._points[point.name] = point
 
     def listing(self) -> tuple[Plugin, ...]:
-        """List what is installed, without importing any of it."""
+        """The installed plug-ins; none is imported."""
         return tuple(map(plugin_of, self._points.values()))
 
     def find(self, kind: str, name: str) -> type[Any]:
-        """Give the class that a plug-in offers under a name; import no more than needed.
+        """The class of a plug-in; no more is imported than needed.
 
         Args:
             kind: one of `KINDS`.
@@ -105,14 +105,14 @@ class Plugins:
                 self._load(other)
         if name in self._offers[kind]:
             return self._offers[kind][name]
-        one = kind.removesuffix("s")
+        singular = kind.removesuffix("s")
         if name in self.failures:
-            raise PluginError(f"the {one} '{name}' cannot be used: {self.failures[name]}")
+            raise PluginError(f"the {singular} '{name}' cannot be used: {self.failures[name]}")
         hint = name_hint(name, self._offers[kind], kind)
-        raise PluginError(f"there is no {one} '{name}'; {hint}")
+        raise PluginError(f"there is no {singular} '{name}'; {hint}")
 
     def offers(self, kind: str) -> Mapping[str, type[Any]]:
-        """Give all classes of a kind by name; imports every plug-in."""
+        """All classes of a kind by name; imports every plug-in."""
         for name in self._points:
             self._load(name)
         return self._offers[kind]
@@ -128,7 +128,7 @@ class Plugins:
                 self._register(name, module)
         except PluginError as error:
             self._fail(name, str(error), error)
-        except (Exception, SystemExit) as error:  # no stranger's module may take others down
+        except (Exception, SystemExit) as error:  # a third-party module may not take others down
             self._fail(name, cause_in(error, point.module) + remedy(error), error)
 
     def _register(self, name: str, module: ModuleType) -> None:
@@ -145,7 +145,7 @@ class Plugins:
             raise
 
     def _collect(self, name: str, kind: str, module: ModuleType) -> None:
-        """Ask one module for one kind; pluggy's own call would stop at the first that raises."""
+        """Collect one kind from one module; pluggy's own call would stop at the first failure."""
         implementations = getattr(self._manager.hook, f"{GROUP}_{kind}").get_hookimpls()
         for implementation in (i for i in implementations if i.plugin is module):
             offer = implementation.function()
@@ -167,7 +167,7 @@ class Plugins:
                     self._offers[kind][key] = cls
 
     def _owner_of(self, kind: str, key: str, module: str) -> str:
-        """The module that has a name before another; empty when there is none.
+        """The module that owns a name before another; empty when there is none.
 
         A name belongs to the entry point of that name, whichever module is imported first, and
         also when it cannot be used: a configuration never gets another plug-in than it names.
@@ -186,15 +186,15 @@ class Plugins:
 
 
 def class_fault(cls: type[Any], contract: type[Any], config: type[Any] | None = None) -> str:
-    """What keeps a class from its contract.
+    """Why a class breaks its contract.
 
     Args:
-        cls: the class that a plug-in offers.
-        contract: the abstract class that it is to implement.
-        config: the class that its `Config` is to extend; None: it has none.
+        cls: the class of a plug-in.
+        contract: the abstract class to implement.
+        config: the class that its `Config` has to extend; None: it has none.
 
     Returns:
-        The end of a sentence that starts with the name of the class; empty when nothing does.
+        The end of a sentence that starts with the name of the class; empty when it keeps it.
     """
     if not (inspect.isclass(cls) and issubclass(cls, contract)):
         return f"is no subclass of {contract.__name__}"
@@ -209,7 +209,7 @@ def class_fault(cls: type[Any], contract: type[Any], config: type[Any] | None = 
 
 
 def _misspelt_flag(cls: type[Any], contract: type[Any]) -> str:
-    """A flag of a class that its contract does not have, though one of nearly that name."""
+    """A flag of a class that its contract lacks, though it has one of nearly that name."""
     public = [name for name in dir(contract) if not name.startswith("_")]
     flags = [name for name in public if isinstance(getattr(contract, name), bool)]
     for name in dir(cls):
@@ -230,13 +230,13 @@ def refuse(name: str, cls: type[Any], fault: str) -> None:
 
 
 def configured(name: str, cls: type[Any], options: Mapping[str, Any], path: str) -> Any:
-    """The `Config` of a plug-in's class, made of options.
+    """The `Config` of a plug-in's class, built from options.
 
     Args:
-        name: the plug-in.
+        name: of the plug-in.
         cls: its class.
-        options: the fields that are given.
-        path: where they stand in the configuration.
+        options: the given fields.
+        path: of the options in the configuration.
 
     Raises:
         ConfigurationError: an option is wrong.
@@ -254,12 +254,12 @@ def configured(name: str, cls: type[Any], options: Mapping[str, Any], path: str)
 
 @functools.cache
 def installed_plugins() -> Plugins:
-    """Give the plug-ins that are installed; found once in a process."""
+    """The installed plug-ins, found once in a process."""
     return Plugins()
 
 
 def in_order(points: Iterable[EntryPoint]) -> list[EntryPoint]:
-    """Entry points in the order in which they take names: those of contactfusion first."""
+    """Entry points in the order of precedence of names: those of contactfusion first."""
     return sorted(points, key=lambda p: (_owner(p) not in HOMES, _owner(p), p.name))
 
 
@@ -273,23 +273,23 @@ def _owner(point: EntryPoint) -> str:
 
 
 def _distribution(point: EntryPoint) -> str:
-    return f"{point.dist.name} {point.dist.version}" if point.dist else NOBODY
+    return f"{point.dist.name} {point.dist.version}" if point.dist else NO_DISTRIBUTION
 
 
 def _at(definition: Any) -> str:
-    place = place_of(definition)
-    return f" ({place})" if place else ""
+    origin = place_of(definition)
+    return f" ({origin})" if origin else ""
 
 
 def remedy(error: BaseException) -> str:
-    """How to install the module that a plug-in lacks, when it is one of an extra."""
+    """The command that installs the module that a plug-in lacks, when it is one of an extra."""
     lacks = isinstance(error, ModuleNotFoundError) and error.name
     extra = extra_of(lacks) if lacks else None
     return f"; install it with: {installs(extra)}" if extra else ""
 
 
 def _unmarked(module: ModuleType) -> str:
-    """Report that a module offers nothing, and where the mark of a hook was forgotten."""
+    """The sentence that a module offers no plug-in, and where the mark of a hook is missing."""
     for kind in KINDS:
         hook = getattr(module, f"{GROUP}_{kind}", None)
         if inspect.isfunction(hook):

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from contactfusion.errors import missing_extra
-from contactfusion.files import kept_when_cut, telling, whole_file
+from contactfusion.files import as_writing_error, kept_when_cut, whole_file
 from contactfusion.loop import Observer
 from contactfusion.pipeline import Step
 from contactfusion.recordings.messages import recorded_stamp
@@ -82,10 +82,10 @@ def table_file(
         WritingError: the file can't be written; what the disk took is kept under another name.
     """
     with (
-        telling(path),
+        as_writing_error(path),
         whole_file(path) as temporary,
         kept_when_cut(temporary, path),
-        telling(path),
+        as_writing_error(path),
         temporary.open("w", encoding="utf-8", newline="") as file,
     ):
         table = csv.writer(file, lineterminator="\n")
@@ -113,7 +113,7 @@ def parquet_file(path: Path, epoch_ns: int) -> Iterator[Observer]:
     rows: list[dict[str, Any]] = []
 
     with (
-        telling(path),
+        as_writing_error(path),
         whole_file(path) as temporary,
         parquet.ParquetWriter(temporary, schema) as table,
     ):

@@ -1,4 +1,4 @@
-"""The contract of segmenters: an image in, the pixels of the object that is pushed out."""
+"""The contract of segmenters: an image in, the mask of the pushed object out."""
 
 from abc import ABC, abstractmethod
 from typing import Annotated, Any, ClassVar, Generic, TypeVar
@@ -17,20 +17,20 @@ Mask = NDArray[np.bool_]
 
 
 class SegmenterConfig(Model):
-    """What every segmenter can be told; each adds its own fields."""
+    """Options of all segmenters; each adds its own fields."""
 
     type: str = Field(min_length=1)
-    """Which segmenter, by name."""
+    """The segmenter, by name."""
 
 
 SegmenterConfigT = TypeVar("SegmenterConfigT", bound=SegmenterConfig)
 
 
 class Segmenter(ABC, Generic[SegmenterConfigT]):
-    """Finds one object in the images of one camera, and follows it.
+    """Finds one object in the images of one camera, and tracks it.
 
-    A subclass names its `Config` and implements `segment`. Its module ends with a hook that offers
-    it:
+    A subclass declares its `Config` and implements `segment`. Its module ends with a hook that
+    offers it:
 
         @hookimpl
         def contactfusion_segmenters():
@@ -50,19 +50,19 @@ class Segmenter(ABC, Generic[SegmenterConfigT]):
 
     @abstractmethod
     def segment(self, image: DepthImage, pose: Pose) -> Mask | None:
-        """Tell which pixels are the object's.
+        """The mask of the object.
 
         Args:
             image: later than the one before.
-            pose: of the camera in the robot's frame, whose x points ahead and whose z points up.
+            pose: of the camera in the robot's frame, whose x points forward and whose z points up.
 
         Returns:
-            Shape (h, w); None when the object is lost. A mask without a pixel says that there is no
-            object.
+            Shape (h, w); None when the object is lost. A mask without a pixel means that there is
+            no object.
         """
 
     def reset(self) -> None:
-        """Forget what was remembered of earlier images."""
+        """Drop all state of earlier images."""
         return None
 
 
@@ -79,7 +79,7 @@ def built_segmenter(config: SegmenterConfig) -> Segmenter[Any]:
 
 
 def segmenter_class(name: str) -> type[Segmenter[Any]]:
-    """Give the class of a type of segmenters.
+    """The class of a type of segmenters.
 
     Raises:
         PluginError: no such type is installed, or its class breaks the contract.
@@ -90,7 +90,7 @@ def segmenter_class(name: str) -> type[Segmenter[Any]]:
 
 
 def _configured(value: Any) -> Any:
-    """Take the options of a segmenter, or its name alone, for its configuration."""
+    """The configuration of a segmenter by its options, or by its name alone."""
     options = {"type": value} if isinstance(value, str) else value
     if not isinstance(options, dict):
         return value
@@ -101,4 +101,4 @@ def _configured(value: Any) -> Any:
 
 
 AnySegmenter = Annotated[SerializeAsAny[SegmenterConfig], BeforeValidator(_configured)]
-"""The options of any segmenter, with its `type`; its name alone takes its defaults."""
+"""The options of any segmenter, with its `type`; its name alone gives its defaults."""

@@ -17,22 +17,22 @@ from contactfusion.surface import Surface
 from contactfusion.units import Angles, Edge, Position, Spacing
 
 LONG, SLENDER = 100.0, 1000.0
-"""A box or cylinder from this length on [m] is no longer than so many times its next edge: the boom
-of a crane is 100 times as long as wide."""
+"""The length [m] from which on a box or cylinder is checked, and its greatest ratio to the next
+edge: the boom of a crane is 100 times as long as wide."""
 GOLDEN_ANGLE = np.pi * (3.0 - np.sqrt(5.0))
 
 
 class ShapeConfig(Model):
-    """A primitive, centred at `xyz` and turned by `rpy` in the frame of its body."""
+    """A primitive, centred at `xyz` and rotated by `rpy` in the frame of its body."""
 
     shape: Literal["box", "cylinder", "sphere", "rectangle"]
-    """What it is; a cylinder's axis is its z (`rpy` turns it), a rectangle faces its +z."""
+    """The kind; a cylinder's axis is its z (rotated by `rpy`), a rectangle faces its +z."""
     size: tuple[Edge, ...] | None = None
     """Edges of a box or rectangle [m]."""
     radius: Edge | None = Field(default=None, gt=0)
-    """Of a cylinder or sphere [m]."""
+    """Radius of a cylinder or sphere [m]."""
     length: Edge | None = Field(default=None, gt=0)
-    """Of a cylinder, along its z, half of it to either side of `xyz` [m]."""
+    """Length of a cylinder, along its z, half of it to either side of `xyz` [m]."""
     xyz: Position = (0.0, 0.0, 0.0)
     """The centre of the shape, of a cylinder too, in the frame of its body [m]."""
     rpy: Angles = (0.0, 0.0, 0.0)
@@ -91,11 +91,11 @@ class ShapeConfig(Model):
         return " x ".join(f"{edge:g}" for edge in sizes) + " m"
 
     def pose(self) -> Pose:
-        """Give the pose of the shape in the frame of its body."""
+        """The pose of the shape in the frame of its body."""
         return pose_at(self.xyz, self.rpy)
 
     def sampled(self, frame: str, spacing: Spacing) -> Surface:
-        """Sample the primitive with points at most about `spacing` [m] apart."""
+        """The surface of the primitive as points at most about `spacing` [m] apart."""
         pose = self.pose()
         match self.shape:
             case "rectangle":
@@ -141,7 +141,7 @@ class BodyConfig(Model):
         return self
 
     def samples(self) -> float:
-        """How many points the shapes have, about."""
+        """The approximate number of points on the shapes."""
         return sum(shape.area() for shape in self.shapes) / self.spacing**2
 
     def sampled(self, folder: Path) -> Surface:
@@ -191,7 +191,7 @@ def _cylinder(frame: str, radius: float, length: float, spacing: Spacing) -> Sur
 
 
 def _disc(radius: float, spacing: Spacing) -> FloatArray:
-    """Sample a disc evenly, along a spiral of golden angles."""
+    """A disc, evenly sampled along a spiral of golden angles."""
     count = max(1, int(np.ceil(np.pi * (radius / spacing) ** 2)))
     step = np.arange(count, dtype=np.float64)
     distance, angle = radius * np.sqrt((step + 0.5) / count), step * GOLDEN_ANGLE
@@ -204,7 +204,7 @@ def _sphere(frame: str, radius: float, spacing: Spacing) -> Surface:
 
 
 def unit_vectors(count: int) -> FloatArray:
-    """Spread unit vectors evenly over all directions, along a spiral of golden angles.
+    """Unit vectors, evenly spread over all directions, along a spiral of golden angles.
 
     Returns:
         Shape (count, 3).

@@ -19,21 +19,21 @@ if TYPE_CHECKING:
 
 
 class LastStep(Protocol):
-    """What may be asked of the last step of the integrator, also in a process of its own."""
+    """Access to the last step of the integrator, also from a process of its own."""
 
     @property
     def contacts(self) -> tuple[Contact, ...]:
-        """The contacts, the likeliest first."""
+        """The contacts, the most likely first."""
         ...
 
     def evidence(self, without: str) -> FloatArray:
-        """The places with evidence of other generators than `without`, shape (n, 3) [m]."""
+        """The positions with evidence of other generators than `without`, shape (n, 3) [m]."""
         ...
 
 
 @dataclass(frozen=True, eq=False)
 class State:
-    """What a generator or controller may know, all at `now`.
+    """The state of the robot for generators and controllers, at `now`.
 
     Attributes:
         now: the stamp of the reading, or of the step [s].
@@ -46,8 +46,8 @@ class State:
         objects: the believed poses of objects in the grid's frame, by name.
         fusion: the last step of the integrator, or None before the first; a `Fusion`, unless the
             generator is isolated.
-        unplaced: why the configured robot or surface is not known in the grid's frame; empty when
-            it is, or when none is configured.
+        unplaced: why the pose of the configured robot or surface in the grid's frame is unknown;
+            empty when it is known, or when none is configured.
     """
 
     now: float
@@ -67,13 +67,13 @@ class State:
         return self.fusion.contacts if self.fusion else ()
 
     def posed_robot(self, asked_by: str) -> "PosedRobot":
-        """Give the robot.
+        """The robot.
 
         Args:
-            asked_by: the generator that cannot do without.
+            asked_by: the generator that requires it.
 
         Raises:
-            ConfigurationError: none is configured, or its joints or its place are not known yet.
+            ConfigurationError: none is configured, or its joints or its pose are not known yet.
         """
         if self.robot is None:
             raise ConfigurationError(
@@ -85,7 +85,7 @@ class State:
         """The robot's surface in the grid's frame.
 
         Args:
-            asked_by: the generator that cannot do without.
+            asked_by: the generator that requires it.
 
         Raises:
             ConfigurationError: none is configured, or its joints or its pose are not known yet.
@@ -98,7 +98,7 @@ class State:
         return self.surface
 
     def link_of(self, frame: str) -> str:
-        """The link of the robot that a sensor's frame is, or that it hangs on through other frames.
+        """The link of the robot that a sensor's frame is, or is fixed to through other frames.
 
         Raises:
             RobotError: there is no robot, or no chain of frames leads to one of its links.
@@ -113,12 +113,12 @@ class State:
         )
 
     def evidence(self, without: str) -> FloatArray:
-        """Give the places where the last step had evidence of other generators.
+        """The positions where the last step had evidence of other generators.
 
         Args:
             without: the generator to leave out.
 
         Returns:
-            Shape (n, 3) [m], in the grid's frame; also places that were nulled.
+            Shape (n, 3) [m], in the grid's frame; nulled voxels are included.
         """
         return self.fusion.evidence(without) if self.fusion else np.empty((0, 3))

@@ -1,4 +1,4 @@
-"""How long generators take, against their budgets."""
+"""Processing times of generators, against their budgets."""
 
 import time
 from collections import Counter
@@ -13,10 +13,10 @@ from contactfusion.state import State
 
 @final
 class StopWatch:
-    """Asks generators for their clouds, and counts the calls that exceed a budget.
+    """Calls generators for their clouds, and counts the calls that exceed a budget.
 
     Args:
-        clock: gives seconds.
+        clock: the time [s].
     """
 
     def __init__(self, clock: Callable[[], float] = time.perf_counter) -> None:
@@ -30,7 +30,7 @@ class StopWatch:
     def ask(
         self, generator: AnyGenerator, reading: Reading, state: State
     ) -> Sequence[HypothesisCloud]:
-        """Ask a generator for its clouds."""
+        """The clouds of a generator for a reading, timed."""
         start = self._clock()
         try:
             return generator.generate(reading, state)

@@ -44,19 +44,19 @@ class RigidPart:
         """The median distance of a point from its nearest neighbour [m]; 0 for a single point."""
         if len(self.points) == 1:
             return 0.0
-        away = np.asarray(self.tree.query(self.points, k=2)[0])
-        return float(np.median(away[:, 1]))
+        distances = np.asarray(self.tree.query(self.points, k=2)[0])
+        return float(np.median(distances[:, 1]))
 
     @cached_property
     def grid(self) -> "NearestGrid":
-        """The grid that finds the nearest of the points."""
+        """The grid for search of the nearest point."""
         from contactfusion.nearest import NearestGrid
 
         return NearestGrid.of(self.points)
 
     @cached_property
     def ball(self) -> tuple[FloatArray, float]:
-        """A ball that holds all points: its centre, shape (3,) [m], and its radius [m]."""
+        """A bounding ball of the points: its centre, shape (3,) [m], and its radius [m]."""
         centre = (self.points.min(axis=0) + self.points.max(axis=0)) / 2.0
         return centre, float(np.linalg.norm(self.points - centre, axis=1).max())
 
@@ -64,7 +64,7 @@ class RigidPart:
 class Surface:
     """The surface of a rigid body or of a whole robot in one pose, as sampled points.
 
-    A robot's is made of rigid parts in their poses; its points are worked out when asked for.
+    A robot's is made of rigid parts in their poses; its points are computed on access.
 
     Args:
         frame: the frame of points and normals.
@@ -74,7 +74,7 @@ class Surface:
         link_names: the links of the body; empty: one link, named as the frame.
 
     Raises:
-        ConfigurationError: the arrays do not fit each other, or hold what they may not.
+        ConfigurationError: the arrays do not match, or hold invalid values.
     """
 
     def __init__(
@@ -106,14 +106,14 @@ class Surface:
     def of_parts(
         cls, frame: str, parts: Sequence[tuple[RigidPart, Pose]], link_names: Sequence[str]
     ) -> "Surface":
-        """Put rigid parts together; each pose takes its part to `frame`."""
+        """The surface of rigid parts, each transformed by its pose to `frame`."""
         surface = cls(frame, np.empty((0, 3)), np.empty((0, 3)), (), link_names)
         surface._parts = tuple(parts)
         return surface
 
     @classmethod
     def joined(cls, surfaces: Sequence["Surface"]) -> "Surface":
-        """Join surfaces of one frame; each becomes a link of its own."""
+        """The surface of several in one frame; each becomes a link of its own."""
         frame = surfaces[0].frame
         links = np.repeat(np.arange(len(surfaces)), [len(surface.points) for surface in surfaces])
         return cls(
@@ -133,7 +133,7 @@ class Surface:
         second: FloatArray,
         spacing: float,
     ) -> "Surface":
-        """Sample a rectangle such as a force plate or the face of a box.
+        """A sampled rectangle such as a force plate or the face of a box.
 
         Args:
             frame: the frame of all vectors.
@@ -170,18 +170,18 @@ class Surface:
 
     @property
     def spacing(self) -> float:
-        """How far neighbouring points lie apart [m]: that of its parts, each by its points."""
+        """The distance between neighbouring points [m]: the mean over parts, weighted by points."""
         counts = [len(part.points) for part, _ in self._parts]
         spacings = [part.spacing for part, _ in self._parts]
         return float(np.average(spacings, weights=counts)) if counts else 0.0
 
     def moved(self, pose: Pose, frame: str) -> "Surface":
-        """Give the surface in another frame; `pose` takes this frame to that one."""
+        """The surface in another frame; `pose` transforms this frame to that one."""
         parts = [(part, pose @ own) for part, own in self._parts]
         return Surface.of_parts(frame, parts, self.link_names)
 
     def near_line(self, start: FloatArray, direction: FloatArray, reach: float) -> "Surface":
-        """Leave out the parts that lie further than `reach` [m] from a line.
+        """The surface without the parts that lie further than `reach` [m] from a line.
 
         Args:
             start: shape (3,) [m], a point of the line.
@@ -197,23 +197,23 @@ class Surface:
     def nearest(
         self, points: FloatArray, reach: float = np.inf
     ) -> tuple[FloatArray, NDArray[np.intp]]:
-        """Find the nearest point of the surface, or one that is hardly further.
+        """The nearest point of the surface, or one that is hardly further.
 
         Near the surface one in a hundred is a few mm further than the nearest; see `nearest.py`.
 
         Args:
             points: shape (m, 3) [m], in the surface's frame.
-            reach: look no further than this [m].
+            reach: greatest distance [m].
 
         Returns:
-            Distances, shape (m,) [m], inf where nothing is within reach, and the rows of `points`
-            that are nearest, shape (m,), there the number of points.
+            Distances, shape (m,) [m], inf where no point is within reach, and the rows of the
+            nearest points, shape (m,), there the number of points.
         """
         points = np.ascontiguousarray(points, np.float64)
         begins = np.cumsum([0, *(len(part.points) for part, _ in self._parts)])
         total = int(begins[-1])
         distances, rows = np.full(len(points), reach), np.full(len(points), total, np.intp)
-        # the parts in the midst of the points first: what they find rules the others out
+        # the parts in the midst of the points first: their distances exclude the others
         middle = points.mean(axis=0) if len(points) else np.zeros(3)
         centres, radii = self._balls
         away = np.linalg.norm(centres - middle, axis=1) - radii
@@ -225,7 +225,7 @@ class Surface:
 
     @cached_property
     def _balls(self) -> tuple[FloatArray, FloatArray]:
-        """Balls that hold the parts: centres, shape (k, 3) [m], and radii, shape (k,) [m]."""
+        """Bounding balls of the parts: centres, shape (k, 3) [m], and radii, shape (k,) [m]."""
         centres = np.empty((len(self._parts), 3))
         for row, (part, pose) in enumerate(self._parts):
             centres[row] = pose[:3, :3] @ part.ball[0] + pose[:3, 3]

@@ -1,4 +1,4 @@
-"""What a command shows beside its results: notes on stdout, and progress on stderr."""
+"""Output of a command beside its results: notes on stdout, and progress on stderr."""
 
 import sys
 import time
@@ -7,12 +7,12 @@ from contextlib import ExitStack, contextmanager
 from typing import Protocol, TextIO, TypeVar, final
 
 COMPILING = "compiling kernels, once, about 40 s"
-"""Shown while numba compiles what is not in its cache on disk."""
+"""The text while numba compiles kernels that are not in its cache on disk."""
 _quiet = False
 
 
 class Stamped(Protocol):
-    """What has a stamp [s], such as a reading or a step."""
+    """An object with a stamp [s], such as a reading or a step."""
 
     @property
     def stamp(self) -> float:
@@ -24,7 +24,7 @@ S = TypeVar("S", bound=Stamped)
 
 
 def set_quiet(quiet: bool) -> None:
-    """Choose whether only results and errors are printed (`--quiet`)."""
+    """Set whether only results and errors are printed (`--quiet`)."""
     global _quiet
     _quiet = quiet
 
@@ -42,13 +42,13 @@ def note(text: str, end: str = "\n", file: TextIO | None = None) -> None:
 
 @contextmanager
 def progress(task: str, end: float | None = None) -> Iterator[Callable[[float], None]]:
-    """Show on stderr that a task is under way; nothing where that is no terminal, or `--quiet`.
+    """Progress of a task on stderr; none where that is no terminal, or with `--quiet`.
 
-    While numba compiles kernels it says so, as the first run of an installation waits for that.
+    Compilation by numba is reported, as the first run of an installation waits for it.
 
     Args:
-        task: what is done, e.g. "replay".
-        end: the stamp at which it is complete [s]; None where that is not known.
+        task: its name, e.g. "replay".
+        end: the stamp at which it is complete [s]; None: unknown.
 
     Yields:
         A function that takes the stamp reached so far [s].
@@ -113,30 +113,30 @@ def _compilation(describe: Callable[[str], None], task: str) -> Iterator[None]:
 
 
 class Progress:
-    """Reports on stderr how much is done, and how long the rest will take.
+    """Progress on stderr: how much is done, and the remaining time.
 
     Args:
-        what: is counted.
-        total: of them.
+        what: the plural of what is counted.
+        total: its number.
     """
 
     def __init__(self, what: str, total: int) -> None:
         self._what, self._total = what, total
         self._done = self._skipped = 0
-        self._start = self._told = time.monotonic()
+        self._start = self._reported = time.monotonic()
 
     def skip(self, count: int) -> None:
-        """Note what was done before."""
+        """Count work that was done before."""
         self._skipped += count
 
     def add(self, count: int) -> None:
-        """Note what is done now."""
+        """Count work that is done now."""
         self._done += count
         now, there = time.monotonic(), self._done + self._skipped
         tty = sys.stderr.isatty()
-        if there < self._total and now - self._told < (0.5 if tty else 20.0):
+        if there < self._total and now - self._reported < (0.5 if tty else 20.0):
             return
-        self._told = now
+        self._reported = now
         left = (now - self._start) / self._done * (self._total - there)
         end = "\r" if tty and there < self._total else "\n"
         text = f"  {there} of {self._total} {self._what}, {left:.0f} s left "

@@ -1,4 +1,4 @@
-"""One place a voxel: thins clouds out to what the integrator tells apart."""
+"""Voxel downsampling: one position a voxel, as the integrator distinguishes no more."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -9,11 +9,11 @@ from contactfusion.jit import kernel
 
 COUNTABLE = 2.0**62
 DENSE = 64
-"""Up to so many voxels for each place a table of all of them is faster than sorting."""
+"""Voxels for each position up to which a table of all voxels is faster than sorting."""
 
 
-def first_in_voxels(positions: FloatArray, grid: Grid) -> NDArray[np.intp]:
-    """Give the rows of the first place in each voxel that has one, ascending.
+def voxel_downsample(positions: FloatArray, grid: Grid) -> NDArray[np.intp]:
+    """The rows of the first position in each occupied voxel, ascending.
 
     Args:
         positions: shape (n, 3) [m], in the grid's frame.
@@ -23,7 +23,7 @@ def first_in_voxels(positions: FloatArray, grid: Grid) -> NDArray[np.intp]:
     if not len(positions):
         return np.zeros(0, np.intp)
     keys, count = _numbered(positions, 1.0 / grid.voxel_size)
-    if not count <= DENSE * len(keys):  # nor where a place is not finite
+    if not count <= DENSE * len(keys):  # nor where a position is not finite
         voxels = grid.voxels(positions)
         return np.sort(np.unique(voxels, axis=0, return_index=True)[1])
     return _first_rows(keys, int(count))
@@ -31,15 +31,15 @@ def first_in_voxels(positions: FloatArray, grid: Grid) -> NDArray[np.intp]:
 
 @kernel
 def _numbered(positions: FloatArray, scale: float) -> tuple[NDArray[np.int64], float]:
-    """Number the voxels of the box around some places, and give the number of each place's.
+    """Numbers of the voxels of positions, counted in their bounding box.
 
     Args:
         positions: shape (n, 3) [m], at least one.
         scale: 1 / side [1/m].
 
     Returns:
-        Shape (n,), and how many voxels the box has; infinity, and no numbers, where a place is not
-        finite or there are more than a number can count.
+        Shape (n,), and the number of voxels of the box; infinity, and no numbers, where a position
+        is not finite or there are more voxels than a number can count.
     """
     low = np.floor(positions[0] * scale)
     high = low.copy()
@@ -66,7 +66,7 @@ def _numbered(positions: FloatArray, scale: float) -> tuple[NDArray[np.int64], f
 
 @kernel
 def _first_rows(keys: NDArray[np.int64], count: int) -> NDArray[np.intp]:
-    """Give the rows whose key no earlier row has, for keys below `count`."""
+    """The rows whose key no earlier row has, for keys below `count`."""
     seen = np.zeros(count, np.bool_)
     rows = np.empty(len(keys), np.intp)
     found = 0

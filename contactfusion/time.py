@@ -8,7 +8,7 @@ LONGEST_SECONDS = 4.0e9
 
 
 def to_nanoseconds(seconds: float) -> int:
-    """Round seconds to nanoseconds.
+    """Seconds, rounded to nanoseconds.
 
     Raises:
         TimeError: the number is NaN, or too large for int64 nanoseconds.
@@ -19,5 +19,5 @@ def to_nanoseconds(seconds: float) -> int:
 
 
 def to_seconds(nanoseconds: int) -> float:
-    """Give seconds for nanoseconds."""
+    """Nanoseconds as seconds."""
     return nanoseconds / NANOSECONDS_PER_SECOND

@@ -4,8 +4,8 @@ A field declares its unit by its type and its plausible limits by pydantic's own
 
     voxel_size: Metres = Field(default=0.005, gt=0, le=0.5)
 
-Limits are an order of magnitude beyond any robot that is known, from a gripper with voxels of
-0.1 mm to a crane of 100 m: they are there to find millimetres, degrees and milliseconds.
+Limits are an order of magnitude beyond any known robot, from a gripper with voxels of 0.1 mm to a
+crane of 100 m: they exist to find millimetres, degrees and milliseconds.
 """
 
 import math
@@ -18,12 +18,12 @@ from pydantic.fields import FieldInfo
 
 @dataclass(frozen=True)
 class Unit:
-    """The unit of a number, and the one that it is mistaken for.
+    """The unit of a number, and the one for which it is mistaken.
 
     Attributes:
-        symbol: what follows the number.
+        symbol: after the number.
         rule: the clause that states the unit.
-        factor: what brings a number in the mistaken unit to this one.
+        factor: converts a number in the mistaken unit to this one.
         hint: the question or statement; `given` is the number, `meant` the same in this unit.
     """
 
@@ -33,7 +33,7 @@ class Unit:
     hint: str = "did you mean {meant:.5g}?"
 
     def implausible(self, given: float, limit: float) -> str:
-        """The sentence on a number beyond a limit; the hint only where it leads within it."""
+        """The sentence on a number beyond a limit; with the hint only where it leads within it."""
         meant = given * self.factor
         beyond = f"{given:g} {self.symbol} is implausible, the limit is {limit:g} {self.symbol}"
         helps = meant <= limit if given > limit else meant >= limit
@@ -43,7 +43,7 @@ class Unit:
 
 @dataclass(frozen=True)
 class LengthScale:
-    """Marks the length that a generator's likelihood falls with; `tune fusion` varies it."""
+    """Marks the length scale of a generator's likelihood; `tune fusion` varies it."""
 
 
 LENGTH = Unit("m", "lengths are in metres")
@@ -74,7 +74,7 @@ Degrees = Annotated[
 ]
 
 Coordinate = Annotated[Metres, Field(ge=-1000, le=1000)]
-"""Of a frame or a shape: the largest cranes reach 100 m, a work place is within a kilometre."""
+"""Of a frame or a shape: the largest cranes reach 100 m, a work cell is within a kilometre."""
 Position = tuple[Coordinate, Coordinate, Coordinate]
 Edge = Annotated[Metres, Field(le=1000)]
 """Of a body: as far as its coordinates may reach."""
@@ -82,7 +82,7 @@ Nearby = Annotated[Metres, Field(ge=-10, le=10)]
 """Within a sensor, a hand or a load: a skin around a bus is 10 m long."""
 Offset = tuple[Nearby, Nearby, Nearby]
 Reach = Annotated[Metres, Field(le=10)]
-"""How far is looked or gone at once: beyond 10 m nothing is about to touch."""
+"""Of a range or a single motion: beyond 10 m no contact is imminent."""
 Spread = Annotated[Metres, Field(le=1)]
 """Of a standard deviation or a tolerance: a contact that is known to a metre is not located."""
 Spacing = Annotated[Metres, Field(le=1)]
@@ -92,18 +92,18 @@ Tolerance = Annotated[Metres, Field(le=5)]
 TaxelEdge = Annotated[Metres, Field(gt=0, le=1)]
 """The pads of bumpers and of sensing floors are tiles of up to a metre."""
 Angle = Annotated[Radians, Field(ge=-6.3, le=6.3)]
-"""A full turn either way, 2π, rounded up so that 6.2832 passes."""
+"""A full turn in either direction, 2π, rounded up so that 6.2832 passes."""
 Angles = tuple[Angle, Angle, Angle]
 Memory = Annotated[Seconds, Field(le=300)]
-"""How long something counts or is waited for: within five minutes a robot has moved on."""
+"""Time that something counts or is waited for: within five minutes a robot has moved on."""
 Period = Annotated[Seconds, Field(le=5)]
-"""Of steps and samples: even a rover on Mars senses more often than every five seconds."""
+"""Of steps and samples: even a rover on Mars measures more often than every five seconds."""
 Limit = Annotated[Seconds, Field(le=3600)]
 """Of a whole attempt: none takes more than an hour."""
 Speed = Annotated[MetresPerSecond, Field(le=10)]
-"""Nothing touches on purpose at 36 km/h."""
+"""There is no contact on purpose at 36 km/h."""
 Force = Annotated[Newtons, Field(le=10_000)]
-"""Of a contact that is to be told: a ton rests on it, as on the bucket of an excavator."""
+"""Of a contact to be reported: a ton rests on it, as on the bucket of an excavator."""
 ForceNoise = Annotated[Newtons, Field(le=1000)]
 """1 % of the range of the largest force-torque sensors, 100 kN."""
 TorqueNoise = Annotated[NewtonMetres, Field(le=1000)]
@@ -112,7 +112,7 @@ ForceBias = Annotated[Newtons, Field(ge=-100_000, le=100_000)]
 TorqueBias = Annotated[NewtonMetres, Field(ge=-100_000, le=100_000)]
 """The whole range of the largest force-torque sensors."""
 Load = Annotated[Kilograms, Field(le=10_000)]
-"""Of what a sensor carries: the strongest arms lift 2.3 t."""
+"""Of a sensor's load: the strongest arms lift 2.3 t."""
 Acceleration = Annotated[MetresPerSecondSquared, Field(ge=-30, le=30)]
 """Of gravity: on Jupiter 25 m/s²."""
 

@@ -1,4 +1,4 @@
-"""How much a packed file may hold: a few kilobytes can stand for more than any memory."""
+"""Limits of packed files: a few kilobytes can unpack to more than any memory."""
 
 import math
 import zipfile
@@ -9,52 +9,53 @@ from typing import IO, Final, Protocol
 import numpy as np
 
 TIMES: Final = 100
-"""What unpacks to so many times its size is refused, unless it is small."""
+"""The greatest ratio of unpacked to packed size, unless it is small."""
 SMALL: Final = 2**28
-"""Up to so much, anything may be unpacked [bytes]."""
+"""The size up to which any ratio is allowed [bytes]."""
 TOO_MANY: Final = f"more than {TIMES} times as many"
 STEP: Final = 2**22
-"""So much is unpacked at once [bytes]."""
+"""The size of a step of unpacking [bytes]."""
 
 
 class Unpacker(Protocol):
-    """What unpacks one stream, as those of bz2, lz4 and zstd do."""
+    """The unpacker of one stream, as those of bz2, lz4 and zstd."""
 
     @property
     def eof(self) -> bool:
-        """Whether the stream has come to its end."""
+        """Whether the stream has ended."""
         ...
 
     @property
     def needs_input(self) -> bool:
-        """Whether no more can be unpacked of what was given."""
+        """Whether no more can be unpacked of the input so far."""
         ...
 
     @property
     def unused_data(self) -> bytes | None:
-        """What stood behind its end."""
+        """The input after its end."""
         ...
 
     def decompress(self, data: bytes, max_length: int = -1) -> bytes:
-        """At most so many bytes of the stream."""
+        """At most this number of bytes of the stream."""
         ...
 
 
 def most_bytes(packed: int) -> int:
-    """The most that so many bytes may unpack to [bytes]."""
+    """The greatest size to which packed bytes may unpack [bytes]."""
     return max(SMALL, TIMES * packed)
 
 
 def unpacked(packed: bytes, unpacker: Callable[[], Unpacker], most: int | None = None) -> bytes:
-    """What stands in packed bytes, of one stream or of several.
+    """The content of packed bytes, of one stream or of several.
 
     Args:
         packed: the bytes.
-        unpacker: makes what unpacks one stream.
-        most: how many bytes the file says that there are; None: it does not say.
+        unpacker: makes the unpacker of one stream.
+        most: size of the content by the file [bytes]; None: the file does not hold it.
 
     Raises:
-        ValueError: there are more than the file says, or than may be; or a stream is cut off.
+        ValueError: there are more bytes than the file declares, or than allowed; or a stream is cut
+            off.
     """
     limit = most_bytes(len(packed))
     if most is not None and most > limit:
@@ -76,22 +77,22 @@ def unpacked(packed: bytes, unpacker: Callable[[], Unpacker], most: int | None =
 
 
 def require_zip(archive: zipfile.ZipFile, size: int) -> None:
-    """Make sure that a zip file of so many bytes does not unpack to more than it may.
+    """Refuse a zip file of some size [bytes] that would unpack to more than allowed.
 
     Raises:
         ValueError: it does.
     """
-    whole = sum(one.file_size for one in archive.infolist())
+    whole = sum(member.file_size for member in archive.infolist())
     if whole > most_bytes(size):
         raise ValueError(f"{size} packed bytes that would unpack to {whole}, {TOO_MANY}")
 
 
 def require_arrays(path: Path) -> None:
-    """Make sure that an `.npy` or `.npz` holds as many numbers as the shapes in it promise.
+    """Refuse an `.npy` or `.npz` with fewer numbers than its shapes declare.
 
     Raises:
-        ValueError: it does not, or it is no file of NumPy; so say `OSError`, `zlib.error` and
-            `zipfile.BadZipFile`, too.
+        ValueError: it has fewer, or is no file of NumPy; the latter is also reported by `OSError`,
+            `zlib.error` and `zipfile.BadZipFile`.
     """
     size = path.stat().st_size
     with path.open("rb") as file:
@@ -101,9 +102,10 @@ def require_arrays(path: Path) -> None:
             return
         with zipfile.ZipFile(file) as archive:
             require_zip(archive, size)
-            for one in archive.infolist():
-                with archive.open(one) as member:
-                    _require_array(member, one.file_size, f"'{one.filename.removesuffix('.npy')}'")
+            for entry in archive.infolist():
+                with archive.open(entry) as member:
+                    label = f"'{entry.filename.removesuffix('.npy')}'"
+                    _require_array(member, entry.file_size, label)
 
 
 def _require_array(file: IO[bytes], size: int, label: str) -> None:

@@ -1,4 +1,4 @@
-"""Images: pixels and where they lie, and OpenCV, which knows how to look at them."""
+"""Images: back-projection of pixels, returns of depth, brightness, and OpenCV."""
 
 from typing import Any
 
@@ -10,7 +10,7 @@ from contactfusion.errors import missing_extra
 
 
 def loaded_opencv() -> Any:
-    """Give the library.
+    """The library OpenCV.
 
     Raises:
         DependencyError: it is not installed.
@@ -25,7 +25,7 @@ def loaded_opencv() -> Any:
 def back_projected(
     rows: ArrayLike, columns: ArrayLike, depth: ArrayLike, intrinsics: FloatArray
 ) -> FloatArray:
-    """Give the places of pixels: x = z (u - c_x)/f_x, y = z (v - c_y)/f_y (O Eq 13).
+    """The positions of pixels: x = z (u - c_x)/f_x, y = z (v - c_y)/f_y (O Eq 13).
 
     The paper prints f_z under x; f_x is meant.
 
@@ -36,7 +36,7 @@ def back_projected(
         intrinsics: the camera matrix, shape (3, 3) [pixels].
 
     Returns:
-        Shape (n, 3) [m], in the camera's frame: x right, y down, z ahead.
+        Shape (n, 3) [m], in the camera's frame: x right, y down, z forward.
     """
     z = np.asarray(depth, np.float64)
     (focal_x, _, middle_x), (_, focal_y, middle_y), _ = intrinsics
@@ -46,12 +46,12 @@ def back_projected(
 
 
 def returns(depth: FloatArray) -> FloatArray:
-    """Give a depth image with 0 for all that is no return."""
+    """A depth image with 0 for all that is no return."""
     return np.where(np.isfinite(depth) & (depth > 0.0), depth, 0.0)
 
 
 def grey(colour: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """Give the brightness of a colour image, shape (h, w)."""
+    """The brightness of a colour image, shape (h, w)."""
     cv2 = loaded_opencv()
     brightness: NDArray[np.uint8] = cv2.cvtColor(colour, cv2.COLOR_RGB2GRAY)
     return brightness

@@ -1,4 +1,4 @@
-"""Configurations in YAML: read with errors that name the place, changed by `--set a.b=c`."""
+"""Configurations in YAML: read with errors that name line and column, changed by `--set a.b=c`."""
 
 import copy
 from collections.abc import Hashable, Iterable, Mapping
@@ -12,7 +12,7 @@ from contactfusion.files import require_file
 
 
 def read_yaml(path: str | Path) -> dict[str, Any]:
-    """Read a mapping from a YAML file.
+    """The mapping in a YAML file.
 
     Raises:
         ConfigurationError: the file is missing, is no YAML, holds a key twice, or holds something
@@ -23,7 +23,7 @@ def read_yaml(path: str | Path) -> dict[str, Any]:
     try:
         content = _parsed(path.read_text(encoding="utf-8"))
     except yaml.MarkedYAMLError as error:
-        raise ConfigurationError(f"{path}{_place(error)}: {_problem(error)}") from None
+        raise ConfigurationError(f"{path}{_position(error)}: {_problem(error)}") from None
     except (yaml.YAMLError, UnicodeDecodeError) as error:
         raise ConfigurationError(f"{path} is no YAML text: {_one_line(error)}") from None
     except OSError as error:
@@ -35,12 +35,12 @@ def read_yaml(path: str | Path) -> dict[str, Any]:
 
 
 def with_overrides(mapping: Mapping[str, Any], overrides: Iterable[str]) -> dict[str, Any]:
-    """Give a copy of a configuration in which single values are changed.
+    """A copy of a configuration in which single values are changed.
 
     Args:
         mapping: the configuration; it stays as it is.
         overrides: such as ``integrator.voxel_size=0.01``; the value is YAML, so that numbers,
-            true and lists may be given; numbers in the path are places in a list, from 0.
+            true and lists may be given; numbers in the path are indices of a list, from 0.
 
     Raises:
         ConfigurationError: one has no `=`, leads through a value that holds no others, or beyond
@@ -59,20 +59,20 @@ def with_overrides(mapping: Mapping[str, Any], overrides: Iterable[str]) -> dict
         holder: Any = changed
         for depth, key in enumerate(keys):
             if isinstance(holder, list):
-                place: Any = _place_in_list(holder, key, override)
+                index: Any = _list_index(holder, key, override)
             elif isinstance(holder, dict):
-                place = key
+                index = key
             else:
                 parent = ".".join(keys[:depth])
                 raise ConfigurationError(f"'{override}': '{parent}' is {holder!r}, not a mapping")
             if depth == len(keys) - 1:
-                holder[place] = value
+                holder[index] = value
             else:
-                holder = holder.setdefault(place, {}) if isinstance(holder, dict) else holder[place]
+                holder = holder.setdefault(index, {}) if isinstance(holder, dict) else holder[index]
     return changed
 
 
-def _place_in_list(items: list[Any], key: str, override: str) -> int:
+def _list_index(items: list[Any], key: str, override: str) -> int:
     if not key.isdecimal() or int(key) >= len(items):
         raise ConfigurationError(
             f"'{override}': '{key}' is no place in a list of {len(items)}, counted from 0"
@@ -123,7 +123,7 @@ def _parsed(text: str) -> Any:
     return yaml.load(text, _Loader)
 
 
-def _place(error: yaml.MarkedYAMLError) -> str:
+def _position(error: yaml.MarkedYAMLError) -> str:
     mark = error.problem_mark or error.context_mark
     return f", line {mark.line + 1}, column {mark.column + 1}" if mark else ""
 

@@ -1,4 +1,4 @@
-"""Where an object touches the face that a robot pushes with, told by contacts alone (O §III-A)."""
+"""The contact on the face that a robot pushes with, by fused contacts alone (O §III-A)."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -13,31 +13,32 @@ from contactfusion.model import Model
 from contactfusion.units import Nearby, Reach, Spread
 
 NARROW = 0.05
-"""What spans less is a point, what spans more a line (O §III-A) [m]."""
+"""The span that separates a point from a line (O §III-A) [m]."""
 
 
 class FaceConfig(Model):
     """The face that a robot pushes with, upright and square to the x of its frame."""
 
     frame: str = "base"
-    """The robot's frame; contacts must be told in it."""
+    """The robot's frame; contacts must be in it."""
     ahead: Nearby = 0.30
-    """Where the face lies along x [m]."""
+    """The x of the face [m]."""
     half_width: Reach = Field(default=0.30, gt=0)
-    """The face reaches so far to the left, and to the right [m]."""
+    """Half the width of the face along y [m]."""
     tolerance: Spread = Field(default=0.03, gt=0)
-    """A contact so near to the face is on it [m]."""
+    """The greatest distance of a contact from the face [m]."""
     blur: Spread = Field(default=0.125, gt=0)
-    """The sensor may make one point as wide as this: twice the width of a taxel, and a bit [m]."""
+    """The width at which the sensor may show one point: twice the width of a taxel, and a bit
+    [m]."""
 
 
 @dataclass(frozen=True, slots=True)
 class FaceContact:
-    """Where the object touches the face.
+    """The contact of the object with the face.
 
     Attributes:
         lateral: l, the middle of the contact, to the left of the robot's middle [m].
-        kind: whether the object touches at a point or along a line.
+        kind: point or line.
         right: the right end of the contact [m].
         left: the left end of the contact [m].
         likelihood: of the likeliest contact on the face.
@@ -51,17 +52,17 @@ class FaceContact:
 
 
 def on_face(contacts: Sequence[Contact], face: FaceConfig) -> FaceContact | None:
-    """Say where the object touches the face; None when no contact is on it.
+    """The contact of the object with the face; None when there is none.
 
-    A contact wider than the sensor's blur is told by its two ends, any other by its place; over all
-    contacts on the face, the outermost of these count, as if only they touched (O §III-A).
+    A contact wider than the sensor's blur counts by its two ends, any other by its position; over
+    all contacts on the face, the outermost of these count, as if only they touched (O §III-A).
 
     Args:
         contacts: of one step, in the face's frame.
         face: the face.
 
     Raises:
-        ConfigurationError: the contacts are told in another frame.
+        ConfigurationError: the contacts are in another frame.
     """
     right, left, likelihood = np.inf, -np.inf, 0.0
     for contact in contacts:
@@ -84,18 +85,18 @@ def on_face(contacts: Sequence[Contact], face: FaceConfig) -> FaceContact | None
 
 
 def _half_width(contact: Contact) -> float:
-    """Half of the width along y of a line of even likelihood that scatters as the contact [m].
+    """Half the width along y of a line of even likelihood with the contact's variance [m].
 
-    The covariance also holds how unsure each hypothesis is, the same along every axis; dispersion
-    does not. `extent` cannot serve: it runs along the longest axis, which is upright for all
-    contacts that are narrower than the skin is high.
+    The covariance also holds the uncertainty of each hypothesis, the same along every axis;
+    dispersion does not. `extent` cannot serve: it runs along the longest axis, which is upright for
+    all contacts that are narrower than the skin is high.
     """
     unsure = (np.trace(contact.covariance) - contact.dispersion**2) / 3.0
     return float(np.sqrt(3.0 * max(contact.covariance[1, 1] - unsure, 0.0)))
 
 
 def beside(contacts: Sequence[Contact], face: FaceConfig) -> float:
-    """Say on which side of the robot, behind its face, something touches.
+    """The side of the robot, behind its face, with a contact.
 
     Args:
         contacts: of one step, in the face's frame.

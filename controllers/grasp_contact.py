@@ -1,4 +1,4 @@
-"""What a contact on a hand says of the object: where it is touched, where its middle should be."""
+"""Contacts on a hand: position, push, and the centre of the touched object."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -15,23 +15,23 @@ from contactfusion.surface import Surface
 from contactfusion.units import Offset, Reach, Spread
 
 IMPLAUSIBLE = 2.5
-"""No object is further aside than so many standard deviations."""
+"""The greatest lateral offset of an object, in standard deviations."""
 APART = 0.5
-"""Unit vectors whose median is shorter have no direction in common."""
+"""The length of the median of unit vectors under which they have no direction in common."""
 
 
 class HandConfig(Model):
-    """A hand that grasps, and what it expects; in the frame of its tool x is aside, z ahead."""
+    """A hand, and the expected object; in the frame of its tool x is lateral, z forward."""
 
     box: tuple[Offset, Offset] = (
         (-0.15, -0.1, 0.0),
         (0.15, 0.1, 0.3),
     )
-    """The contacts of the hand lie in it: its least and its greatest x, y and z [m]."""
+    """The region of contacts on the hand: its least and its greatest x, y and z [m]."""
     radius: Reach = Field(default=0.032, ge=0)
-    """About that of objects: so far behind the place where it is touched lies its middle [m]."""
+    """Typical radius of objects: the centre lies this far behind a contact [m]."""
     sigma: Spread = Field(default=0.03, gt=0)
-    """Standard deviation of how far aside the middle of the object is [m]."""
+    """Standard deviation of the lateral offset of the object's centre [m]."""
 
     @model_validator(mode="after")
     def _ordered(self) -> "HandConfig":
@@ -46,83 +46,83 @@ class HandConfig(Model):
 
 @dataclass(frozen=True, eq=False)
 class HandContact:
-    """Where the hand is touched, in the frame of the tool: x aside, y up, z ahead.
+    """A contact on the hand, in the frame of the tool: x lateral, y up, z forward.
 
     Attributes:
-        place: shape (3,) [m].
-        push: shape (3,), the unit vector in which the hand is pushed.
-        sources: who felt it, the greatest share first.
+        position: shape (3,) [m].
+        push: shape (3,), unit vector of the force on the hand.
+        sources: of the contact, the greatest share first.
     """
 
-    place: FloatArray
+    position: FloatArray
     push: FloatArray
     sources: tuple[str, ...]
 
     def middle(self, radius: float) -> FloatArray:
-        """Give where the middle of a round object should be, shape (3,) [m].
+        """The centre of a round object with this contact, shape (3,) [m].
 
         Args:
             radius: of the object [m].
         """
-        place: FloatArray = self.place - radius * self.push
-        return place
+        centre: FloatArray = self.position - radius * self.push
+        return centre
 
 
 def on_hand(
     contacts: Sequence[Contact], tool: Pose, surface: Surface | None, hand: HandConfig
 ) -> HandContact | None:
-    """Give the most plausible contact on a hand; None when there is none.
+    """The most plausible contact on a hand; None when there is none.
 
-    Its push is that of its force. Where nobody felt a force, it is the normal into the nearest
-    point of the robot's surface: who touches it pushes into it. The line of a force may meet the
-    hand at several places; as the object should stand ahead, the likelihood of each is weighed by
-    that of the place aside where the middle of the object would be then; where it would be further
-    off than it can be, the contact is none of the object's.
+    Its push is that of its force; without a force, the normal into the nearest point of the robot's
+    surface, since contacts push into it. The line of a force may meet the hand at several
+    positions; as the object should stand forward of the hand, the likelihood of each is weighed by
+    that of the lateral offset of the object's centre. Where the offset is implausible, the contact
+    is not with the object.
 
     Args:
         contacts: of one step.
         tool: its pose in the frame of the contacts.
         surface: of the robot, in that frame.
-        hand: the hand, and what is known of the object.
+        hand: the hand, and the expected object.
     """
     back, best, found = inverse(tool), 0.0, None
     low, high = np.array(hand.box)
     for contact in contacts:
-        place = points_in(back, contact.position[None])[0]
+        position = points_in(back, contact.position[None])[0]
         push = _push(contact, surface)
-        if push is None or (place < low).any() or (place > high).any():
+        if push is None or (position < low).any() or (position > high).any():
             continue
         shares = sorted(contact.shares, key=lambda name: -contact.shares[name])
         sources = tuple(name for name in shares if contact.shares[name] > 0.0)
-        touch = HandContact(place, vectors_in(back, push[None])[0], sources)
-        aside = float(touch.middle(hand.radius)[0])
-        if abs(aside) > IMPLAUSIBLE * hand.sigma:
+        touch = HandContact(position, vectors_in(back, push[None])[0], sources)
+        lateral = float(touch.middle(hand.radius)[0])
+        if abs(lateral) > IMPLAUSIBLE * hand.sigma:
             continue
-        score = contact.likelihood * float(np.exp(-0.5 * (aside / hand.sigma) ** 2))
+        score = contact.likelihood * float(np.exp(-0.5 * (lateral / hand.sigma) ** 2))
         if score > best:
             best, found = score, touch
     return found
 
 
 def typical(touches: Sequence[HandContact]) -> HandContact:
-    """Give what several contacts of one touch have in common: medians, by axis.
+    """Medians, by axis, of several contacts of one touch.
 
-    Where pushes have no direction in common, that of the contact nearest to the median counts.
+    Where pushes have no direction in common, the push of the contact nearest to the median counts.
     """
-    place = np.median([touch.place for touch in touches], axis=0)
+    position = np.median([touch.position for touch in touches], axis=0)
     push = np.median([touch.push for touch in touches], axis=0)
     size = float(np.linalg.norm(push))
     if size < APART:
-        away = [float(np.linalg.norm(touch.place - place)) for touch in touches]
+        away = [float(np.linalg.norm(touch.position - position)) for touch in touches]
         push = touches[int(np.argmin(away))].push
         size = 1.0
-    return HandContact(place, push / size, touches[-1].sources)
+    return HandContact(position, push / size, touches[-1].sources)
 
 
 def _push(contact: Contact, surface: Surface | None) -> FloatArray | None:
-    """Give the direction in which a contact pushes the robot, shape (3,)."""
+    """The direction in which a contact pushes the robot, shape (3,)."""
     size = float(np.linalg.norm(contact.force))
-    if size > 0.0:  # NaN where nobody felt a force
+    if size > 0.0:  # NaN without a measured force
         direct: FloatArray = contact.force / size
         return direct
     if surface is None or not len(surface.points):

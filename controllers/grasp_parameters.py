@@ -1,4 +1,4 @@
-"""The options of `reactive_grasp`, and the names of its states."""
+"""The options of `reactive_grasp`, and its states."""
 
 from collections.abc import Mapping
 from enum import StrEnum
@@ -14,104 +14,108 @@ Range = tuple[float, float]
 
 
 class GraspMode(StrEnum):
-    """The states of a grasp; those from `LIFTED` on are ends, in which the arm stands still."""
+    """The states of a grasp; those from `LIFTED` on are final, and the arm is at rest in them."""
 
     WAIT = "wait"
-    """Where the joints are is not known yet."""
+    """The joints' positions are not known yet."""
     OPEN = "open"
-    """The gripper opens; after an attempt that has missed the hand goes back, too."""
+    """The gripper opens; after a missed attempt the hand also moves back."""
     APPROACH = "approach"
-    """The hand goes ahead until it is touched."""
+    """The hand moves forward until a contact."""
     BACK = "back"
-    """It goes back from a contact that is not where it should be."""
+    """It moves back from a contact that is not between the fingers."""
     ASIDE = "aside"
-    """It goes sideways, as the place of the contact says."""
+    """It moves laterally, by the position of the contact."""
     ENTER = "enter"
-    """What touches it is between the fingers: it goes on until that is deep enough, unheeding."""
+    """The contact is between the fingers: it moves forward to the grasp depth; contacts are
+    ignored."""
     CLOSE = "close"
-    """The gripper closes, until its joints rest."""
+    """The gripper closes, until its joints are at rest."""
     LIFT = "lift"
-    """The hand goes up."""
+    """The hand moves up."""
     LOWER = "lower"
-    """It comes no higher: it puts down again what it holds."""
+    """It is blocked on its way up: it puts the object down again."""
     HOLD = "hold"
-    """It stands, for as long as a grasp has to hold."""
+    """It rests, for as long as a grasp has to hold."""
     RETREAT = "retreat"
-    """The grasp has failed: the gripper opens, and the hand goes straight back, as it came."""
+    """The grasp has failed: the gripper opens, and the hand moves straight back."""
     LIFTED = "lifted"
     """The object is held."""
     MISSED = "missed"
     """The gripper closed on nothing."""
     DROPPED = "dropped"
-    """The fingers closed further while the object was lifted or held: it has slipped out."""
+    """The fingers closed further while the object was lifted or held: it has slipped."""
     STUCK = "stuck"
     """A finger does not follow its commands."""
     OBSTRUCTED = "obstructed"
-    """Whatever the hand did, it was touched from below or above, as by the table."""
+    """All corrections ended in contacts from below or above, as by the table."""
     BLOCKED = "blocked"
-    """The hand does not move as it is told: something is in its way, or it is out of reach."""
+    """The hand does not follow its commands: there is an obstacle, or the goal is out of reach."""
     TIMEOUT = "timeout"
-    """It took too long."""
+    """The time limit was reached."""
     BLIND = "blind"
-    """The joints are silent: the hand stops where it is."""
+    """The joints are silent: the hand stops."""
 
 
 ENDS = tuple(GraspMode)[tuple(GraspMode).index(GraspMode.LIFTED) :]
-"""The states in which a grasp has ended."""
+"""The final states."""
 
 
 class ReactiveGraspConfig(Model):
     """The options of `reactive_grasp`.
 
-    In the frame of the tool x is aside, y up, and z ahead.
+    In the frame of the tool x is lateral, y up, and z forward.
     """
 
     tool: str
-    """The link that is led."""
+    """The controlled link."""
     gripper: dict[str, Range] = Field(min_length=1)
-    """The joints of the fingers: where they are when the gripper is open, and when it is closed on
+    """The joints of the fingers: their positions when the gripper is open, and when it is closed on
     nothing [rad, m]."""
     reach: Reach = Field(default=0.22, gt=0)
-    """So far ahead of the start an object would lie in the palm; the hand goes no further [m]."""
+    """Distance forward of the start at which an object would touch the palm; the limit of the
+    approach [m]."""
     inside: Reach = Field(default=0.028, gt=0)
-    """An object whose middle is so little aside goes between the fingers [m]."""
+    """The greatest lateral offset of an object's centre between the fingers [m]."""
     depth: Reach = Field(default=0.135, gt=0)
-    """So far ahead of the tool's origin the middle of an object should be when the gripper closes
-    [m]."""
+    """Distance of an object's centre forward of the tool's origin when the gripper closes [m]."""
     confirm: int = Field(default=3, ge=1)
-    """A decision is made by the typical one of so many contacts, step by step."""
+    """Number of contacts, one a step, whose median decides."""
     hand: HandConfig = Field(default_factory=HandConfig)
-    """Where contacts are the hand's, and where the object should be."""
+    """The region of contacts on the hand, and the expected object."""
     corrections: int = Field(default=8, ge=0)
-    """So often the hand is corrected at most; 0: it goes ahead and closes, whatever it feels."""
+    """The greatest number of corrections; 0: the hand moves forward and closes, whatever it
+    touches."""
     attempts: int = Field(default=3, ge=1)
-    """So often the gripper closes at most when it closes on nothing."""
+    """The greatest number of times that the gripper closes on nothing."""
     back: Reach = Field(default=0.04, gt=0)
-    """So far it goes back before it is corrected; before a further attempt twice as far [m]."""
+    """Distance back before a correction; twice as far before a further attempt [m]."""
     aside: Reach = Field(default=0.06, gt=0)
-    """So far it goes sideways at most at once [m]."""
+    """The greatest lateral correction [m]."""
     raised: Reach = Field(default=0.02, gt=0)
-    """So far it goes up, or down, from what touches it from below, or above [m]."""
+    """Distance up, or down, from a contact below, or above [m]."""
     speed: Speed = Field(default=0.05, gt=0)
-    """Of the hand [m/s]."""
+    """Speed of the hand [m/s]."""
     lift: Reach = Field(default=0.13, gt=0)
-    """How high [m]."""
+    """Height to which the object is lifted [m]."""
     hold: Memory = Field(default=2.5, ge=0)
-    """How long the object is held before the grasp has succeeded [s]."""
+    """Duration for which the object is held until the grasp has succeeded [s]."""
     settle: Memory = Field(default=0.4, ge=0)
-    """Contacts count so long after the hand has begun to move: the wrist feels its own jerk [s]."""
+    """Time after the start of a motion before contacts count: the wrist measures its own jerk
+    [s]."""
     empty: float = Field(default=0.9, gt=0, le=1)
-    """Fingers of which each joint has come this part of its way have closed on nothing."""
+    """The share of its travel at which a joint of the fingers has closed on nothing, if all
+    have."""
     slip: float = Field(default=0.12, gt=0, lt=1)
-    """What is held has slipped when a joint of the fingers goes on by this part of its way."""
+    """The further share of its travel by which a joint closes when the object has slipped."""
     resting: float = Field(default=0.05, gt=0)
-    """A joint of the fingers that is slower rests [rad/s, m/s]."""
+    """The speed under which a joint of the fingers is at rest [rad/s, m/s]."""
     closing: Memory = Field(default=4.0, gt=0)
-    """Fingers that tremble for so long are as closed as they will be [s]."""
+    """Time after which fingers that still tremble count as closed [s]."""
     patience: Memory = Field(default=1.5, gt=0)
-    """The hand is blocked when it comes no nearer to its goal for so long [s]."""
+    """Time without progress to its goal after which the hand is blocked [s]."""
     longest: Limit = Field(default=50.0, gt=0)
-    """The grasp is given up after so long [s]."""
+    """The time limit of a grasp [s]."""
 
     @model_validator(mode="after")
     def _closes(self) -> "ReactiveGraspConfig":
@@ -120,10 +124,10 @@ class ReactiveGraspConfig(Model):
 
 
 def require_way(gripper: Mapping[str, Range]) -> None:
-    """Make sure that every joint of a gripper moves when it closes.
+    """Refuse a gripper with a joint that does not move when it closes.
 
     Raises:
-        ConfigurationError: one is open and closed at the same place.
+        ConfigurationError: a joint is open and closed at the same position.
     """
     for name, (opened, closed) in gripper.items():
         if opened == closed:

@@ -1,4 +1,4 @@
-"""A baseline: pushing by an inverse model that is learnt while it pushes."""
+"""A baseline: pushing by an inverse model that is learned while pushing."""
 
 import math
 from collections.abc import Mapping
@@ -9,7 +9,7 @@ from contactfusion.controllers.object_pushing import (
     Motion,
     ObjectPushing,
     ObjectPushingConfig,
-    Place,
+    Point,
     Sight,
 )
 from contactfusion.controllers.pushing_law import wrapped
@@ -21,21 +21,21 @@ class InverseModelConfig(ObjectPushingConfig):
     """The options of `inverse_model`."""
 
     spread: Angle = Field(default=0.5, gt=0)
-    """Standard deviation of α before anything is learnt [rad]."""
+    """Standard deviation of α before anything is learned [rad]."""
     least_spread: Angle = Field(default=0.1, gt=0)
-    """It never becomes less than this [rad]."""
+    """The least standard deviation of α [rad]."""
     prior: float = Field(default=100.0, ge=1)
-    """What was believed before counts as much as so many pushes."""
+    """Weight of the prior, in pushes."""
     stride: Spread = Field(default=0.02, gt=0)
-    """An object that moved less than this has not moved [m]."""
+    """The least displacement of a moved object [m]."""
     bias_gain: float = Field(default=0.05, ge=0)
-    """K_1: how much the direction is turned against the mean of γ."""
+    """K_1: gain of the direction against the mean of γ."""
     error_gain: float = Field(default=0.1, ge=0)
-    """K_2: how much the direction is turned against γ."""
+    """K_2: gain of the direction against γ."""
 
 
 class InverseModel(ObjectPushing[InverseModelConfig]):
-    """Pushes from where pushes have moved the object as expected, and goes there when it is not.
+    """Pushes from angles at which pushes moved the object as expected, or relocates there.
 
     Krivić and Piater, "Pushing corridors for delivering unknown objects with a mobile robot"
     (Autonomous Robots 43, 2019). Only abstract, introduction and the first author's program
@@ -44,39 +44,39 @@ class InverseModel(ObjectPushing[InverseModelConfig]):
     Kept, the adaptive controller and its local inverse model:
 
     - α is the angle between the direction from robot to object and that from object to goal, here
-      0 straight behind (theirs differs by π). A Gaussian over α, of mean μ and deviation σ, tells
-      which pushes move the object as they should.
+      0 straight behind (theirs differs by π). A Gaussian over α, of mean μ and deviation σ, models
+      the pushes that move the object as expected.
     - ψ_push = exp(-(α - μ)²/2σ²), at most |cos α|, and 0 in front of the object;
       ψ_relocate = √(1 - ψ_push²). The robot moves along ψ_push · (to the object)
       + ψ_relocate · (round the object, to where α = μ).
-    - γ is the angle from the direction in which the object moved to that in which it should have.
-      Where |γ| has become less, the push was a good one: μ and σ take in its α, by running mean and
+    - γ is the angle from the direction in which the object moved to the expected one. Where |γ| has
+      decreased, the push was a good one: μ and σ are updated by its α, as running mean and
       variance. The direction is turned by -(K_1 · mean of γ + K_2 · γ), and the speed divided by
       1 + |mean of γ|.
-    - Out of contact, it goes straight to where it believes the object.
+    - Out of contact, it moves straight to the believed object.
 
     Left out: the corridor, the choice of a point on the path ahead, and the map of what is
     occupied. The floor is free here and the path is the straight line to the target. The stop of
     all translation while the face points elsewhere is left out too: the contact would be lost.
 
-    The object's place and motion are theirs by markers; here the place is believed beyond the
+    They measure the object's pose and motion by markers; here its position is believed beyond the
     contact (see `ObjectPushing`), so that a contact that slides along the object looks like an
-    object that moves. The model is learnt from that, which is the point of the comparison.
+    object that moves. The model is learned from that, which is the point of the comparison.
     """
 
     Config = InverseModelConfig
 
     def reset(self) -> None:
-        """Forget the object, and what was learnt."""
+        """Drop the object, and the learned model."""
         super().reset()
         self._count, self._mean, self._variance = self.options.prior, 0.0, self.options.spread**2
         self._errors, self._bias, self._error = 0, 0.0, math.pi
-        self._before: tuple[Place, float, float] | None = None
+        self._before: tuple[Point, float, float] | None = None
 
     def move(self, sight: Sight) -> Motion:
-        """Learn from the last push, then blend pushing and going round."""
+        """Learn from the last push, then blend pushing and relocating."""
         options = self.options
-        alpha = wrapped(sight.bearing - sight.way)
+        alpha = wrapped(sight.bearing - sight.course)
         if not sight.touched:
             self._before = None
             return Motion(sight.bearing, self._pace(sight), "return", "to where the object was")
@@ -100,12 +100,12 @@ class InverseModel(ObjectPushing[InverseModelConfig]):
         return math.exp(-((alpha - self._mean) ** 2) / (2.0 * self._variance))
 
     def _learn(self, sight: Sight, alpha: float) -> None:
-        """Take in how the object moved since it was last looked at."""
+        """Update the model by the motion of the object since the last update."""
         if self._before is None:
-            self._before = sight.thing, sight.way, alpha
+            self._before = sight.object, sight.course, alpha
             return
         (x, y), expected, pushed = self._before
-        x, y = sight.thing[0] - x, sight.thing[1] - y
+        x, y = sight.object[0] - x, sight.object[1] - y
         if math.hypot(x, y) < self.options.stride:
             return
         error = wrapped(expected - math.atan2(y, x))
@@ -119,10 +119,10 @@ class InverseModel(ObjectPushing[InverseModelConfig]):
             self._variance += spread / self._count
             self._variance = max(self._variance, self.options.least_spread**2)
         self._error = error
-        self._before = sight.thing, sight.way, alpha
+        self._before = sight.object, sight.course, alpha
 
 
 @hookimpl
 def contactfusion_controllers() -> Mapping[str, type[InverseModel]]:
-    """Offer pushing by a learnt inverse model."""
+    """Pushing by a learned inverse model."""
     return {"inverse_model": InverseModel}

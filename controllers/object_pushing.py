@@ -1,4 +1,4 @@
-"""What pushers share that go by where the object is, and know only where it was touched."""
+"""Pushing by the believed position of the object, of which only contacts are known."""
 
 import math
 from abc import abstractmethod
@@ -19,42 +19,42 @@ from contactfusion.errors import ConfigurationError
 from contactfusion.frames import PlanarPose, planar_turned_back
 from contactfusion.units import Reach, Speed, Spread
 
-Place = tuple[float, float]
+Point = tuple[float, float]
 """x and y in the odometry's frame [m]."""
 
 
 @dataclass(frozen=True, slots=True)
 class Sight:
-    """What is believed; all angles in the odometry's frame [rad].
+    """Beliefs of a step; all angles in the odometry's frame [rad].
 
     Attributes:
-        robot: the middle of the robot.
-        thing: the middle of the object.
-        goal: where the middle of the object is to go.
+        robot: the centre of the robot.
+        object: the centre of the object.
+        goal: the target of the object's centre.
         bearing: from the robot to the object.
-        way: from the object to the goal.
-        left: how far the object is from the goal [m].
+        course: from the object to the goal.
+        left: distance of the object from the goal [m].
         touched: whether the object touches the face now.
     """
 
-    robot: Place
-    thing: Place
-    goal: Place
+    robot: Point
+    object: Point
+    goal: Point
     bearing: float
-    way: float
+    course: float
     left: float
     touched: bool
 
 
 @dataclass(frozen=True, slots=True)
 class Motion:
-    """Where to move, in the odometry's frame.
+    """A velocity, in the odometry's frame.
 
     Attributes:
         direction: [rad].
         speed: [m/s].
         mode: the state of the controller.
-        reason: why, in a few words.
+        reason: of the motion, in a few words.
     """
 
     direction: float
@@ -64,21 +64,21 @@ class Motion:
 
 
 class ObjectPushingConfig(PushingConfig):
-    """What every controller can be told that goes by a believed place of the object."""
+    """Options of all controllers that push by a believed position of the object."""
 
     reach: Reach = Field(default=0.25, ge=0)
-    """The middle of the object is believed so far beyond the contact, straight ahead of the face
+    """Believed distance of the object's centre beyond the contact, straight forward of the face
     [m]."""
     arrival: Spread = Field(default=0.05, gt=0)
-    """The contact has arrived when it is so near to the target [m]."""
+    """Distance of the contact from the target at which it has arrived [m]."""
     speed_gain: float = Field(default=0.3, gt=0)
-    """The speed is this times the distance to the target [1/s], within the next two."""
+    """Speed for each metre to the target [1/s], within the next two."""
     slowest: Speed = Field(default=0.05, gt=0)
     """The least speed [m/s]."""
     fastest: Speed = Field(default=0.15, gt=0)
     """The greatest speed [m/s]."""
     turn_gain: float = Field(default=1.0, ge=0)
-    """How fast the face turns to the object: ω is this times the angle between [1/s]."""
+    """Yaw rate ω for each radian between the face and the object [1/s]."""
     fastest_turn: float = Field(default=0.4, gt=0)
     """The greatest ω [rad/s]."""
 
@@ -93,20 +93,20 @@ ConfigT = TypeVar("ConfigT", bound=ObjectPushingConfig)
 
 
 class ObjectPushing(PushingController[ConfigT]):
-    """Pushes by the place of the object, which it believes to lie beyond the contact.
+    """Pushes by the object's position, which is believed to lie beyond the contact.
 
-    The methods of this kind see the object; here only contacts are known. Three beliefs stand in:
+    The published methods measure the object; here only contacts are known. Three beliefs stand in:
 
-    - the middle of the object lies `reach` beyond the contact, straight ahead of the face;
-    - without contact it stays where it was in the world, but not where the robot's face has passed
-      in the meantime: what is not felt is further ahead;
-    - the middle is to go as far as the contact has to go, since it is the contact that shall
-      arrive: the way from object to goal is d = p_T - (p_R + R p_C) (O Eq 1).
+    - the centre of the object lies `reach` beyond the contact, straight forward of the face;
+    - without contact it stays at its position in the world, but not where the robot's face has
+      passed in the meantime: an object that is not felt is further forward;
+    - the centre is to move as far as the contact, since it is the contact that shall arrive: the
+      displacement from object to goal is d = p_T - (p_R + R p_C) (O Eq 1).
 
     Their robots are round, so a heading does not matter; this base feels only with its face. The
-    base moves in any direction, so the face always turns to the object's middle. Where the contact
-    is, the object is believed straight ahead of it, hence turning brings the contact to the middle
-    of the face; and while it goes round the object the robot does not lose sight of it.
+    base moves in any direction, so the face always turns to the object's centre. The object is
+    believed straight forward of the contact, hence yawing brings the contact to the middle of the
+    face; and while it circles the object the robot keeps facing it.
 
     Args:
         config: the options.
@@ -115,14 +115,14 @@ class ObjectPushing(PushingController[ConfigT]):
     Config: ClassVar[type[PushingConfig]] = ObjectPushingConfig
 
     def reset(self) -> None:
-        """Forget the object."""
-        self._contact: Place | None = None
-        self._thing: Place = (0.0, 0.0)
+        """Drop the object."""
+        self._contact: Point | None = None
+        self._object: Point = (0.0, 0.0)
         self._arrived: Decision | None = None
 
     @abstractmethod
     def move(self, sight: Sight) -> Motion:
-        """Decide where to move.
+        """The motion by the believed object.
 
         Args:
             sight: the believed object, and its goal.
@@ -131,7 +131,7 @@ class ObjectPushing(PushingController[ConfigT]):
     def decide(
         self, touch: FaceContact | None, pose: PlanarPose, now: float, side: float = 0.0
     ) -> Decision:
-        """Go straight ahead to the first contact, then where `move` says; stop at arrival."""
+        """Move forward to the first contact, then as `move` decides; stop at arrival."""
         options = self.options
         if self._arrived is not None:
             return self._arrived
@@ -144,14 +144,15 @@ class ObjectPushing(PushingController[ConfigT]):
             self._arrived = Decision(0.0, 0.0, 0.0, ARRIVED, reason)
             return self._arrived
         motion = self.move(sight)
-        turn = limited(options.turn_gain * wrapped(sight.bearing - pose[2]), options.fastest_turn)
-        ahead = motion.speed * math.cos(motion.direction - pose[2])
-        aside = motion.speed * math.sin(motion.direction - pose[2])
+        error = wrapped(sight.bearing - pose[2])
+        yaw_rate = limited(options.turn_gain * error, options.fastest_turn)
+        forward = motion.speed * math.cos(motion.direction - pose[2])
+        lateral = motion.speed * math.sin(motion.direction - pose[2])
         reason = motion.reason if sight.touched else motion.reason + ", contact lost"
-        return Decision(ahead, aside, turn, motion.mode, reason)
+        return Decision(forward, lateral, yaw_rate, motion.mode, reason)
 
     def speed(self, left: float) -> float:
-        """Give the speed for the distance that is left [m] [m/s]."""
+        """The speed for the remaining distance [m] [m/s]."""
         options = self.options
         return min(max(options.speed_gain * left, options.slowest), options.fastest)
 
@@ -160,26 +161,26 @@ class ObjectPushing(PushingController[ConfigT]):
         if touch is not None:
             self._place(pose, touch.lateral)
         elif self._contact is not None:
-            way = self._thing[0] - pose[0], self._thing[1] - pose[1]
-            ahead, aside = planar_turned_back(way, pose[2])
-            if ahead < face.ahead + reach and abs(aside) <= face.half_width:
-                self._place(pose, aside)
+            offset = self._object[0] - pose[0], self._object[1] - pose[1]
+            forward, lateral = planar_turned_back(offset, pose[2])
+            if forward < face.ahead + reach and abs(lateral) <= face.half_width:
+                self._place(pose, lateral)
 
     def _place(self, pose: PlanarPose, lateral: float) -> None:
-        """Believe that the object is at the face, so far to the left [m]."""
-        ahead, reach = self.options.face.ahead, self.options.reach
-        self._contact = place_of((ahead, lateral), pose)
-        self._thing = place_of((ahead + reach, lateral), pose)
+        """Believe the object at the face, at this lateral position [m]."""
+        forward, reach = self.options.face.ahead, self.options.reach
+        self._contact = place_of((forward, lateral), pose)
+        self._object = place_of((forward + reach, lateral), pose)
 
-    def _sight(self, contact: Place, pose: PlanarPose, touched: bool) -> Sight:
-        robot, thing, target = (pose[0], pose[1]), self._thing, self.options.target
+    def _sight(self, contact: Point, pose: PlanarPose, touched: bool) -> Sight:
+        robot, centre, target = (pose[0], pose[1]), self._object, self.options.target
         x, y = target[0] - contact[0], target[1] - contact[1]
         return Sight(
             robot=robot,
-            thing=thing,
-            goal=(thing[0] + x, thing[1] + y),
-            bearing=math.atan2(thing[1] - robot[1], thing[0] - robot[0]),
-            way=math.atan2(y, x),
+            object=centre,
+            goal=(centre[0] + x, centre[1] + y),
+            bearing=math.atan2(centre[1] - robot[1], centre[0] - robot[0]),
+            course=math.atan2(y, x),
             left=math.hypot(x, y),
             touched=touched,
         )

@@ -1,4 +1,4 @@
-"""What controllers that push to a target share: contacts and odometry in, a twist out."""
+"""The common part of controllers that push to a target: contacts and odometry in, a twist out."""
 
 import math
 from abc import abstractmethod
@@ -20,44 +20,44 @@ from contactfusion.state import State
 from contactfusion.units import Coordinate
 
 PATIENCE = 1.0
-"""It waits so long for odometry [s]."""
+"""Time to wait for odometry [s]."""
 ARRIVED = "arrived"
-"""The mode of a controller that has declared arrival; it holds still from then on."""
+"""The mode of a controller that has declared arrival; it rests from then on."""
 
 
 @dataclass(frozen=True, slots=True)
 class Decision:
-    """A velocity in the robot's frame, and why.
+    """A velocity in the robot's frame, and its reason.
 
     Attributes:
-        ahead: v_x [m/s].
-        aside: v_y, to the left [m/s].
-        turn: ω, counterclockwise [rad/s].
+        forward: v_x [m/s].
+        lateral: v_y, to the left [m/s].
+        yaw_rate: ω, counterclockwise [rad/s].
         mode: the state of the controller.
-        reason: why, in a few words.
+        reason: of the velocity, in a few words.
     """
 
-    ahead: float
-    aside: float
-    turn: float
+    forward: float
+    lateral: float
+    yaw_rate: float
     mode: str
     reason: str
 
 
 class PushingConfig(Model):
-    """What every controller that pushes to a target can be told."""
+    """Options of all controllers that push to a target."""
 
     target: tuple[Coordinate, Coordinate]
-    """Where the contact shall come to, x and y in the odometry's frame [m]."""
+    """The target of the contact, x and y in the odometry's frame [m]."""
     face: FaceConfig = Field(default_factory=FaceConfig)
-    """The face that pushes."""
+    """The face of the robot that pushes."""
 
 
 ConfigT = TypeVar("ConfigT", bound=PushingConfig)
 
 
 class PushingController(Controller, Generic[ConfigT]):
-    """Pushes what its face touches to a target; a subclass decides how.
+    """Pushes the object on its face to a target; a subclass decides the velocity.
 
     Args:
         config: the options.
@@ -75,17 +75,17 @@ class PushingController(Controller, Generic[ConfigT]):
     def decide(
         self, touch: FaceContact | None, pose: PlanarPose, now: float, side: float = 0.0
     ) -> Decision:
-        """Decide what to do next.
+        """The next velocity.
 
         Args:
-            touch: where the object touches the face, or None.
+            touch: the contact on the face, or None.
             pose: of the robot.
             now: the stamp of the step [s].
             side: 1.0 if something touches the robot's left side, -1.0 if its right, else 0.0.
         """
 
     def command(self, contacts: Sequence[Contact], state: State) -> Command:
-        """Give the twist that follows from the contacts of one step.
+        """The twist that follows from the contacts of one step.
 
         Without odometry it waits, for the first reading may be lost.
 
@@ -103,13 +103,13 @@ class PushingController(Controller, Generic[ConfigT]):
             return Command(twist=still, mode="wait", reason="no odometry yet")
         self._waits_since = math.inf
         pose = state.base_pose
-        place = float(pose[0, 3]), float(pose[1, 3]), math.atan2(pose[1, 0], pose[0, 0])
+        planar = float(pose[0, 3]), float(pose[1, 3]), math.atan2(pose[1, 0], pose[0, 0])
         face = self.options.face
-        one = self.decide(on_face(contacts, face), place, state.now, beside(contacts, face))
+        decision = self.decide(on_face(contacts, face), planar, state.now, beside(contacts, face))
         twist = Twist(
             stamp=state.now,
             frame=face.frame,
-            linear=np.array([one.ahead, one.aside, 0.0]),
-            angular=np.array([0.0, 0.0, one.turn]),
+            linear=np.array([decision.forward, decision.lateral, 0.0]),
+            angular=np.array([0.0, 0.0, decision.yaw_rate]),
         )
-        return Command(twist=twist, mode=one.mode, reason=one.reason)
+        return Command(twist=twist, mode=decision.mode, reason=decision.reason)

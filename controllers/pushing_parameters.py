@@ -15,16 +15,16 @@ Pace = Annotated[Speed, Field(gt=0)]
 
 
 class RealignmentParameters(Model):
-    """When the contact is near an edge of the face: mostly aside, hardly turning."""
+    """Realignment of a contact near an edge of the face: mostly lateral motion, hardly any yaw."""
 
     enter: Length
-    """l_cr: it begins when |l| is above this [m]."""
+    """l_cr: |l| above which it begins [m]."""
     leave: Length
-    """It ends when |l| is below this [m]."""
+    """|l| below which it ends [m]."""
     rate: Positive
     """a_r meanwhile."""
     turning: float | None = Field(default=None, ge=0, le=1)
-    """ω is multiplied by this; None: by 1 - |l|/l_cr, or 0 where that is negative."""
+    """Factor of ω; None: 1 - |l|/l_cr, or 0 where that is negative."""
 
     @model_validator(mode="after")
     def _hysteresis(self) -> Self:
@@ -34,37 +34,37 @@ class RealignmentParameters(Model):
 
 
 class SearchParameters(Model):
-    """How to look for a contact that is lost; not in the papers."""
+    """Search for a lost contact; not in the papers."""
 
     patience: Memory = Field(ge=0)
-    """Before, the last contact counts for so long [s]."""
+    """Time for which the last contact counts before the search [s]."""
     speed: Pace
-    """Of the search [m/s]."""
+    """Speed of the search [m/s]."""
     clearance: Length
-    """Back off until the place of the last contact is so far ahead of the face [m]."""
+    """Distance of the last contact forward of the face to which the robot backs off [m]."""
     beyond: Length
-    """Then go ahead until the face is so far beyond it; each round further by as much [m]."""
+    """Distance by which the face then moves past it; each round adds as much [m]."""
     shift: Length
-    """A round of tries goes straight, then by so much to one side, and to the other [m]."""
+    """Lateral shift of the second try of a round, and of the third to the other side [m]."""
 
 
 class EscapeParameters(Model):
-    """How to leave a cycle that leads nowhere: go around the object; not in the papers."""
+    """Escape from a cycle without progress, around the object; not in the papers."""
 
     patience: Pause
-    """Without progress for so long [s]."""
+    """Time without progress before the escape [s]."""
     progress: Length
-    """Coming nearer to the target than ever by so much is progress [m]."""
+    """Decrease of the least distance to the target that is progress [m]."""
     within: Reach = Field(ge=0)
-    """Or at once when it was nearer to the target than this [m],"""
+    """Immediate escape once the robot was nearer to the target than this [m],"""
     overshoot: Length
-    """and is so much further away again [m]."""
+    """and is further away again by this [m]."""
     clearance: Length
-    """Back off until the place of the contact is so far ahead of the face [m]."""
+    """Distance of the contact forward of the face to which the robot backs off [m]."""
     reach: Reach = Field(ge=0)
-    """The middle of the object is believed to be so far beyond the contact [m]."""
+    """Believed distance of the object's centre beyond the contact [m]."""
     speed: Pace
-    """Of going around [m/s]."""
+    """Speed of the escape [m/s]."""
 
 
 class PushingParameters(Model):
@@ -81,30 +81,30 @@ class PushingParameters(Model):
     zeta: float = Field(ge=0)
     """ζ, the lateral rate at the middle."""
     beta: Reach = Field(ge=0)
-    """β, where the rate is halfway between [m]."""
+    """β, the |l| of half the change of the rate [m]."""
     k: Positive
-    """How steep the rate changes there [1/m]."""
+    """Steepness of the change of the rate there [1/m]."""
     near: Reach = Field(ge=0)
-    """d_th: nearer to the target than this there is no lateral motion [m]."""
+    """d_th: the distance to the target below which there is no lateral motion [m]."""
     heading_gain: float = Field(gt=0, le=1)
     """K_h; the heading's error times this is limited to below 90 degrees."""
     length: Length
-    """L, the smaller the sharper it turns [m]."""
+    """L; a smaller one turns sharper [m]."""
     fastest_turn: Positive
     """The greatest ω [rad/s]."""
     realign: RealignmentParameters | None
-    """Near the edge; None: never."""
+    """Realignment near an edge of the face; None: never."""
     settle: Reach = Field(default=0.0, ge=0)
-    """Nearer to the target than this the greatest ω falls with the distance; 0: never [m]. Not in
+    """Distance to the target below which the greatest ω falls in proportion; 0: never [m]. Not in
     the papers."""
     smoothing: Memory = Field(default=0.0, ge=0)
     """Time constant of a low-pass on l [s]; 0: none. Not in the papers."""
     search: SearchParameters | None = None
-    """How to look for a lost contact; None: keep it, and go ahead."""
+    """Search for a lost contact; None: keep the last one, and move forward."""
     escape: EscapeParameters | None = None
-    """How to leave a cycle; None: never."""
+    """Escape from a cycle; None: never."""
     arrival: Length
-    """The contact has arrived when it is so near to the target [m]."""
+    """Distance of the contact from the target at which it has arrived [m]."""
 
     @model_validator(mode="after")
     def _speeds(self) -> Self:
@@ -171,12 +171,12 @@ SETS: dict[str, PushingParameters] = {
         )
     },
 }
-"""By name; `paper_neither` is the strategy without lateral motion and without realignment that the
-authors compare with."""
+"""The sets by name; `paper_neither` is the strategy without lateral motion and without realignment
+with which the authors compare."""
 
 
 def _named(value: Any) -> Any:
-    """Take a name, or fields that change the set of the name `like`."""
+    """A set by name, or by fields that change the set named `like`."""
     if isinstance(value, PushingParameters):
         return value
     changes = dict(value) if isinstance(value, dict) else {"like": value}

@@ -1,7 +1,7 @@
-"""Reactive grasp: go ahead until touched, correct by the place of the touch, close, lift (F §VI-B).
+"""Reactive grasp: forward until a contact, correct by its position, close, lift (F §VI-B).
 
-The paper's hand goes towards a bottle that is not quite before it, is told by fused contacts where
-it has touched it, and corrects itself; the states and their numbers are ours.
+The paper's hand moves towards a bottle that is not quite in front of it, and corrects itself by
+the position of fused contacts; the states and their numbers are ours.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -24,34 +24,34 @@ from contactfusion.state import State
 NEAR = 0.002
 """Goal tolerance [m]."""
 PROGRESS = 0.002
-"""A hand that comes nearer by less makes no progress [m]."""
+"""The least decrease of the distance to the goal that is progress [m]."""
 SLOWING = 4.0
-"""The hand is so much slower for each metre that is left [1/s]."""
+"""Speed of the hand for each metre to the goal, near the goal [1/s]."""
 QUIET = 0.2
-"""Fingers have stopped when they rest for so long [s]."""
+"""Time at rest after which fingers have stopped [s]."""
 NARROW = 0.005
-"""Nothing lies between places that are nearer to each other [m]."""
+"""The least width between two touched sides [m]."""
 STILL_CLOSED = 0.1
-"""A joint of the fingers that rests after more than this part of its way has not opened."""
+"""Share of its travel beyond which a joint of the fingers at rest has not opened."""
 LEVEL = 0.7
-"""A push whose part along y is greater comes from below or above."""
+"""Component along y beyond which a push comes from below or above."""
 RECENT = 0.3
-"""A contact that comes so long after the last is of another touch [s]."""
+"""Time between contacts after which they belong to different touches [s]."""
 SILENT = 0.5
-"""Joints that have told nothing for so long are silent [s]."""
+"""Time without a reading after which joints are silent [s]."""
 ENDED_SOON = (*ENDS, GraspMode.RETREAT, GraspMode.LIFT, GraspMode.LOWER, GraspMode.HOLD)
-"""States that a time limit does not end: what is held would be dropped."""
+"""States that a time limit does not end: the object would be dropped."""
 
 
 @dataclass(frozen=True, eq=False)
 class Sense:
-    """What the hand knows.
+    """State of the hand at a step.
 
     Attributes:
         now: [s].
         tool: the pose of the tool in the frame of the hypothesis space.
-        closed: shape (k,), how far each joint of the gripper is closed, from 0 to 1.
-        speeds: shape (k,), of these [rad/s, m/s].
+        closed: shape (k,), the share of its travel by which each joint of the gripper is closed.
+        speeds: shape (k,), of these joints [rad/s, m/s].
         touch: the contact on the hand, or None.
     """
 
@@ -62,20 +62,20 @@ class Sense:
     touch: HandContact | None
 
     @property
-    def ahead(self) -> FloatArray:
-        """Where the tool looks, shape (3,)."""
+    def forward(self) -> FloatArray:
+        """The forward axis of the tool, shape (3,)."""
         return self.tool[:3, 2]
 
     @property
-    def place(self) -> FloatArray:
-        """Where the tool is, shape (3,) [m]."""
+    def position(self) -> FloatArray:
+        """The position of the tool, shape (3,) [m]."""
         return self.tool[:3, 3]
 
 
 def _sensed(
     contacts: Sequence[Contact], joints: JointState, state: State, options: ReactiveGraspConfig
 ) -> Sense:
-    """Bring contacts and joints into the form in which the hand is controlled.
+    """The state of the hand by contacts and joints.
 
     Args:
         contacts: of one step, in the frame of the hypothesis space.
@@ -85,7 +85,7 @@ def _sensed(
 
     Raises:
         FrameError: the frame of the tool is not known.
-        ConfigurationError: a joint of the gripper is not told, or no velocities are.
+        ConfigurationError: a joint of the gripper, or its velocity, is not reported.
     """
     for name in options.gripper:
         if name not in joints.names:
@@ -109,12 +109,12 @@ def _sensed(
 
 @final
 class Move:
-    """A way of the hand, and whether its fingers rest since it began.
+    """A motion of the hand, and whether its fingers are at rest.
 
     Args:
-        now: when it begins [s].
-        goal: where the tool shall be, shape (3,) [m], in the frame of the hypothesis space; None:
-            it shall stand.
+        now: its start [s].
+        goal: target position of the tool, shape (3,) [m], in the frame of the hypothesis space;
+            None: the hand rests.
         options: speeds and patience.
     """
 
@@ -124,13 +124,13 @@ class Move:
         self._now = self._nearer = self._moved = now
 
     def follow(self, sense: Sense) -> None:
-        """Take in how far the hand has come, and whether its fingers rest."""
+        """Update the progress of the hand, and the rest of its fingers."""
         self._now = now = sense.now
         if (np.abs(sense.speeds) > self._options.resting).any():
             self._moved = now
         if self.goal is None:
             return
-        self._left = float(np.linalg.norm(self.goal - sense.place))
+        self._left = float(np.linalg.norm(self.goal - sense.position))
         if self._left < self._nearest - PROGRESS:
             self._nearest, self._nearer = self._left, now
 
@@ -141,44 +141,44 @@ class Move:
 
     @property
     def is_blocked(self) -> bool:
-        """Whether it comes no nearer."""
+        """Whether the hand makes no progress."""
         return self.goal is not None and self._now - self._nearer > self._options.patience
 
     @property
     def fingers_rest(self) -> bool:
-        """Whether the fingers have had time to begin, and rest since."""
+        """Whether the fingers have had time to start, and are at rest."""
         return min(self._now - self._moved, self._now - self.began - QUIET) > QUIET
 
     def velocity(self, sense: Sense) -> FloatArray:
         """Velocity of the tool in its own frame, shape (3,) [m/s]."""
         if self.goal is None:
             return np.zeros(3)
-        way = sense.tool[:3, :3].T @ (self.goal - sense.place)
-        left = max(float(np.linalg.norm(way)), 1e-9)
-        velocity: FloatArray = way / left * min(self._options.speed, SLOWING * left)
+        offset = sense.tool[:3, :3].T @ (self.goal - sense.position)
+        left = max(float(np.linalg.norm(offset)), 1e-9)
+        velocity: FloatArray = offset / left * min(self._options.speed, SLOWING * left)
         return velocity
 
 
 @final
 class Between:
-    """What was touched on one side here, and on the other there, lies between the two.
+    """Bisection between positions of contacts on opposite sides of the object.
 
-    So it is wider than it was taken for: the hand does not go beyond, but half-way.
+    The object is wider than assumed: the hand does not pass the other contact, but moves half-way.
     """
 
     def __init__(self) -> None:
         self.forget()
 
     def forget(self) -> None:
-        """Forget all touches, as after the object may have been moved."""
+        """Drop all contacts, as after the object may have been moved."""
         self._low, self._high = -np.inf, np.inf
 
     def shift(self, here: float, wanted: float) -> float:
-        """How far aside the hand goes [m].
+        """The lateral shift of the hand [m].
 
         Args:
-            here: where it was touched, aside [m].
-            wanted: how far it would go by this touch alone [m].
+            here: lateral position of the contact [m].
+            wanted: shift by this contact alone [m].
         """
         low, high = (here, self._high) if wanted > 0.0 else (self._low, here)
         if high - low < NARROW:  # the object has been pushed aside meanwhile
@@ -188,7 +188,7 @@ class Between:
 
 
 class ReactiveGrasp(Controller):
-    """Grasps what stands about ahead of the hand; it sees contacts and joints, never the world."""
+    """Grasps an object in front of the hand, by contacts and joints alone."""
 
     Config = ReactiveGraspConfig
 
@@ -199,7 +199,7 @@ class ReactiveGrasp(Controller):
             GraspMode.OPEN: self._open,
             GraspMode.APPROACH: self._approach,
             GraspMode.BACK: self._back,
-            GraspMode.ASIDE: self._aside,
+            GraspMode.ASIDE: self._lateral,
             GraspMode.ENTER: self._enter,
             GraspMode.CLOSE: self._close,
             GraspMode.LIFT: self._lift,
@@ -210,7 +210,7 @@ class ReactiveGrasp(Controller):
         self.reset()
 
     def reset(self) -> None:
-        """Begin again, with the gripper still as it is."""
+        """Restart, with the gripper as it is."""
         self._mode, self._reason = GraspMode.WAIT, "no joints yet"
         self._began: float | None = None
         self._move: Move | None = None
@@ -224,25 +224,25 @@ class ReactiveGrasp(Controller):
         self._end = GraspMode.MISSED
 
     def command(self, contacts: Sequence[Contact], state: State) -> Command:
-        """Velocity of the tool and opening of the gripper that follow from the contacts.
+        """Velocity of the tool and opening of the gripper, by the contacts.
 
         Raises:
             FrameError: the frame of the tool is not known.
-            ConfigurationError: a joint of the gripper is not told.
+            ConfigurationError: a joint of the gripper is not reported.
         """
         options, now = self.options, state.now
         if self._mode in ENDS:
-            return self._told(now, np.zeros(3))
+            return self._command(now, np.zeros(3))
         self._began = now if self._began is None else self._began
         if state.joints is None or now - state.joints.stamp > SILENT:
             if state.joints is not None:
                 self._mode, self._reason = GraspMode.BLIND, f"joints are silent for {SILENT:g} s"
             elif now - self._began > options.patience:
                 self._mode, self._reason = GraspMode.BLIND, "nobody tells where the joints are"
-            return self._told(now, np.zeros(3))
+            return self._command(now, np.zeros(3))
         sense = _sensed(contacts, state.joints, state, options)
         if self._move is None:
-            self._start = sense.place
+            self._start = sense.position
             move = self._go(GraspMode.OPEN, "it begins", sense, gripper=0.0)
         else:
             move = self._move
@@ -251,7 +251,7 @@ class ReactiveGrasp(Controller):
             self._fail(GraspMode.TIMEOUT, f"not done after {options.longest:g} s", sense)
         if self._mode in self._states:
             self._states[self._mode](sense, self._moving)
-        return self._told(now, self._moving.velocity(sense))
+        return self._command(now, self._moving.velocity(sense))
 
     def _open(self, sense: Sense, move: Move) -> None:
         going = move.goal is not None and not (move.is_there or move.is_blocked)
@@ -277,25 +277,25 @@ class ReactiveGrasp(Controller):
             self._fail(GraspMode.BLOCKED, "the hand comes no further", sense)
 
     def _touched(self, sense: Sense, touch: HandContact) -> None:
-        """Decide by the place of a contact: close, go in, or correct."""
-        options, (aside, _, ahead) = self.options, touch.place
-        felt = f"touched {100.0 * aside:+.1f} cm aside, {100.0 * ahead:.1f} ahead"
+        """Close, enter, or correct, by the position of a contact."""
+        options, (lateral, _, forward) = self.options, touch.position
+        felt = f"touched {100.0 * lateral:+.1f} cm aside, {100.0 * forward:.1f} ahead"
         felt += f" ({', '.join(touch.sources)})"
         middle, _, depth = touch.middle(options.hand.radius).tolist()
         vertical = abs(touch.push[1]) > LEVEL
         if not vertical and abs(middle) <= options.inside:
-            goal = sense.place + max(depth - options.depth, 0.0) * sense.ahead
+            goal = sense.position + max(depth - options.depth, 0.0) * sense.forward
             self._go(GraspMode.ENTER, f"{felt}: between the fingers", sense, goal)
             return
         if vertical:
             self._shift = np.array([0.0, np.copysign(options.raised, touch.push[1]), 0.0])
         else:
             wanted = float(np.clip(middle, -options.aside, options.aside))
-            here = float(sense.place @ sense.tool[:3, 0])
+            here = float(sense.position @ sense.tool[:3, 0])
             self._shift = np.array([self._between.shift(here, wanted), 0.0, 0.0])
         if self._corrections < options.corrections:
             self._corrections += 1
-            goal = sense.place - options.back * sense.ahead
+            goal = sense.position - options.back * sense.forward
             self._go(GraspMode.BACK, felt, sense, goal)
         elif vertical:
             self._fail(GraspMode.OBSTRUCTED, f"{felt}, by what is below or above", sense)
@@ -308,12 +308,12 @@ class ReactiveGrasp(Controller):
 
     def _back(self, sense: Sense, move: Move) -> None:
         if move.is_there or move.is_blocked:
-            goal = sense.place + sense.tool[:3, :3] @ self._shift
-            aside, up, _ = 100.0 * self._shift
-            way = f"{up:+.1f} cm up" if up else f"{aside:+.1f} cm aside"
-            self._go(GraspMode.ASIDE, f"correction {self._corrections}: {way}", sense, goal)
+            goal = sense.position + sense.tool[:3, :3] @ self._shift
+            lateral, up, _ = 100.0 * self._shift
+            shift = f"{up:+.1f} cm up" if up else f"{lateral:+.1f} cm aside"
+            self._go(GraspMode.ASIDE, f"correction {self._corrections}: {shift}", sense, goal)
 
-    def _aside(self, sense: Sense, move: Move) -> None:
+    def _lateral(self, sense: Sense, move: Move) -> None:
         if move.is_there or move.is_blocked:
             self._approach_from(sense, f"after correction {self._corrections}")
 
@@ -323,19 +323,19 @@ class ReactiveGrasp(Controller):
         if (sense.closed >= self.options.empty).all():
             self._miss(sense)
             return
-        self._held, self._taken = sense.closed, sense.place
-        goal = sense.place + self.options.lift * sense.tool[:3, 1]
+        self._held, self._taken = sense.closed, sense.position
+        goal = sense.position + self.options.lift * sense.tool[:3, 1]
         self._go(GraspMode.LIFT, f"fingers rest {sense.closed.mean():.0%} closed", sense, goal)
 
     def _miss(self, sense: Sense) -> None:
-        """Try again, or give up; what the hand has missed it may have pushed ahead."""
+        """Try again, or give up; a missed object may have been pushed forward."""
         reason = "the fingers closed on nothing"
         if self._attempt == self.options.attempts:
             self._fail(GraspMode.MISSED, reason, sense)
             return
         self._attempt += 1
         self._between.forget()  # the fingers may have moved it
-        goal = sense.place - 2.0 * self.options.back * sense.ahead
+        goal = sense.position - 2.0 * self.options.back * sense.forward
         self._go(GraspMode.OPEN, reason, sense, goal, gripper=0.0)
 
     def _lift(self, sense: Sense, move: Move) -> None:
@@ -343,7 +343,7 @@ class ReactiveGrasp(Controller):
             return
         if move.is_there:
             self._go(GraspMode.HOLD, "high enough", sense)
-        elif move.is_blocked:  # what it holds would fall from here
+        elif move.is_blocked:  # the object would fall from here
             self._go(GraspMode.LOWER, "the hand comes no higher", sense, self._taken)
 
     def _lower(self, sense: Sense, move: Move) -> None:
@@ -355,18 +355,19 @@ class ReactiveGrasp(Controller):
             self._go(GraspMode.LIFTED, f"held for {self.options.hold:g} s", sense)
 
     def _retreat(self, sense: Sense, move: Move) -> None:
-        """Open first, for the fingers would drag along what is between them; then go back."""
+        """Open first, for the fingers would drag along the object between them; then move back."""
         if move.goal is None:
             if move.fingers_rest or sense.now - move.began > self.options.closing:
-                goal = sense.place - ((sense.place - self._start) @ sense.ahead) * sense.ahead
+                gone = (sense.position - self._start) @ sense.forward
+                goal = sense.position - gone * sense.forward
                 self._move = Move(sense.now, goal, self.options)
         elif move.is_there or move.is_blocked:
             self._go(self._end, self._reason, sense)
 
     def _approach_from(self, sense: Sense, reason: str) -> None:
         reach = self.options.reach + (self._attempt - 1) * self.options.back
-        left = reach - float((sense.place - self._start) @ sense.ahead)
-        goal = sense.place + max(left, 0.0) * sense.ahead
+        left = reach - float((sense.position - self._start) @ sense.forward)
+        goal = sense.position + max(left, 0.0) * sense.forward
         self._touches.clear()
         self._go(GraspMode.APPROACH, reason, sense, goal)
 
@@ -388,7 +389,7 @@ class ReactiveGrasp(Controller):
         goal: FloatArray | None = None,
         gripper: float | None = None,
     ) -> Move:
-        """Go into a state, with the hand to move to a goal, or to stand."""
+        """Enter a state, with the hand to move to a goal, or to rest."""
         self._mode, self._reason = mode, reason
         self._gripper = self._gripper if gripper is None else gripper
         self._move = Move(sense.now, goal, self.options)
@@ -399,7 +400,7 @@ class ReactiveGrasp(Controller):
         assert self._move is not None
         return self._move
 
-    def _told(self, now: float, velocity: FloatArray) -> Command:
+    def _command(self, now: float, velocity: FloatArray) -> Command:
         twist = Twist(stamp=now, frame=self.options.tool, linear=velocity, angular=np.zeros(3))
         return Command(
             twist=twist, gripper=self._gripper, mode=str(self._mode), reason=self._reason
@@ -408,5 +409,5 @@ class ReactiveGrasp(Controller):
 
 @hookimpl
 def contactfusion_controllers() -> Mapping[str, type[ReactiveGrasp]]:
-    """Offer reactive grasping."""
+    """Reactive grasping."""
     return {"reactive_grasp": ReactiveGrasp}

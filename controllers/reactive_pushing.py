@@ -1,4 +1,4 @@
-"""Reactive pushing: what to do next follows from where the object touches (O §II-B).
+"""Reactive pushing: the next velocity follows from the contact on the face (O §II-B).
 
 Search and escape are ours; the set `paper` has neither.
 """
@@ -33,19 +33,19 @@ from contactfusion.frames import PlanarPose, planar_turned_back
 from contactfusion.hooks import hookimpl
 
 ALIGNED = 0.02
-"""Lateral tolerance of a place that is tried [m]."""
+"""Lateral tolerance of a position that is tried [m]."""
 SHIFTS = (0, 1, -1)
-"""Each round of tries goes straight, to the side of the loss, to the other side [shift]."""
+"""Lateral shifts of a round of tries: none, to the side of the loss, to the other side [shift]."""
 GAIN = 2.0
-"""Errors fall by this part a second [1/s]."""
+"""Gain of heading and position [1/s]."""
 BEHIND, CENTRED = 0.05, 0.03
-"""Behind the object is where heading [rad] and place [m] are so near to what they shall be."""
+"""Tolerances of heading [rad] and position [m] behind the object."""
 SHARE = 0.7
-"""So much of the speed goes into circling; the rest keeps the object before the face."""
+"""The share of the speed for circling; the rest keeps the object in front of the face."""
 MORE = 0.15
-"""Clearance that is added when something is touched while searching or circling [m]."""
+"""Clearance that is added on contact while searching or circling [m]."""
 GRACE = 0.3
-"""The object may be so much further away than it is believed to be [m]."""
+"""The greatest distance by which the object may be further away than believed [m]."""
 
 
 class ReactivePushingConfig(PushingConfig):
@@ -56,12 +56,12 @@ class ReactivePushingConfig(PushingConfig):
 
 
 class ReactivePushing(PushingController[ReactivePushingConfig]):
-    """Keeps the object before the middle of the face while it turns it to the target."""
+    """Keeps the object at the middle of the face while turning it to the target."""
 
     Config = ReactivePushingConfig
 
     def reset(self) -> None:
-        """Forget the contact and all progress."""
+        """Drop the contact and all progress."""
         self._arrived: Decision | None = None
         self._lateral = 0.0
         self._touched: float | None = None
@@ -74,14 +74,14 @@ class ReactivePushing(PushingController[ReactivePushingConfig]):
     def decide(
         self, touch: FaceContact | None, pose: PlanarPose, now: float, side: float = 0.0
     ) -> Decision:
-        """Push on; or look for the contact, escape from a cycle, or stop where it has arrived."""
+        """Push on; or search for the contact, escape from a cycle, or stop at arrival."""
         if self._arrived is not None:
             return self._arrived
         lost_for = self._follow(touch, pose, now)
         if lost_for is None:
             return self._approach()
-        way = self._way(self._lateral if touch is None else touch.lateral, pose)
-        distance = math.hypot(*way)
+        remaining = self._remaining(self._lateral if touch is None else touch.lateral, pose)
+        distance = math.hypot(*remaining)
         if touch is not None and distance <= self.options.parameters.arrival:
             reason = f"contact {distance:.3f} m from the target"
             self._arrived = Decision(0.0, 0.0, 0.0, ARRIVED, reason)
@@ -94,7 +94,7 @@ class ReactivePushing(PushingController[ReactivePushingConfig]):
         return self._push(pose, lost_for)
 
     def _follow(self, touch: FaceContact | None, pose: PlanarPose, now: float) -> float | None:
-        """Take in where the object touches; give for how long it has not, None: not yet at all."""
+        """The time since the last contact [s], updated by the contact; None: none so far."""
         if touch is None:
             return None if self._touched is None else now - self._touched
         smoothing = self.options.parameters.smoothing
@@ -107,7 +107,7 @@ class ReactivePushing(PushingController[ReactivePushingConfig]):
         self._place = place_of((self.options.face.ahead, touch.lateral), pose)
         return 0.0
 
-    def _way(self, lateral: float, pose: PlanarPose) -> tuple[float, float]:
+    def _remaining(self, lateral: float, pose: PlanarPose) -> tuple[float, float]:
         return displacement(self.options.target, pose, (self.options.face.ahead, lateral))
 
     def _speed(self, distance: float) -> float:
@@ -116,15 +116,15 @@ class ReactivePushing(PushingController[ReactivePushingConfig]):
 
     def _approach(self) -> Decision:
         p = self.options.parameters
-        ahead = p.search.speed if p.search else p.fastest
-        return Decision(ahead, 0.0, 0.0, "approach", "no contact yet")
+        speed = p.search.speed if p.search else p.fastest
+        return Decision(speed, 0.0, 0.0, "approach", "no contact yet")
 
     def _push(self, pose: PlanarPose, lost_for: float) -> Decision:
-        """Follow O Eq 1-4, or realign where the contact is near an edge."""
+        """Pushing by O Eq 1-4, or realignment where the contact is near an edge."""
         p, lateral = self.options.parameters, self._lateral
-        way = self._way(lateral, pose)
-        distance = math.hypot(*way)
-        speed, error = self._speed(distance), heading_error(way, pose[2])
+        remaining = self._remaining(lateral, pose)
+        distance = math.hypot(*remaining)
+        speed, error = self._speed(distance), heading_error(remaining, pose[2])
         realign = p.realign
         if realign is not None:
             edge = realign.leave if self._realigning else realign.enter
@@ -133,29 +133,29 @@ class ReactivePushing(PushingController[ReactivePushingConfig]):
             rate = math.copysign(realign.rate, lateral)
             fading = max(0.0, 1.0 - abs(lateral) / realign.enter)
             share = fading if realign.turning is None else realign.turning
-            turn = share * turn_rate(speed, error, p.heading_gain, p.length)
-            ahead, aside = velocities(speed, rate)
+            omega = share * turn_rate(speed, error, p.heading_gain, p.length)
+            v_x, v_y = velocities(speed, rate)
             mode, reason = "realign", f"contact {lateral:+.3f} m aside"
         else:
             far = distance > p.near
             rate = adaptive_rate(lateral, p.eta, p.zeta, p.beta, p.k) if far else 0.0
-            ahead, aside = velocities(speed, rate)
-            turn = turn_rate(ahead, error, p.heading_gain, p.length)
+            v_x, v_y = velocities(speed, rate)
+            omega = turn_rate(v_x, error, p.heading_gain, p.length)
             mode, reason = "push", f"{distance:.2f} m to go, contact {lateral:+.3f} m aside"
         if lost_for > 0.0:
             reason += f", lost {lost_for:.1f} s ago"
-        turn = limited(turn, p.fastest_turn * min(1.0, distance / p.settle if p.settle else 1.0))
-        return Decision(ahead, aside, turn, mode, reason)
+        omega = limited(omega, p.fastest_turn * min(1.0, distance / p.settle if p.settle else 1.0))
+        return Decision(v_x, v_y, omega, mode, reason)
 
     def _searched(
         self, parameters: SearchParameters, pose: PlanarPose, lost_for: float, side: float
     ) -> Decision:
-        """Look for the contact around the place where it was last."""
+        """The next velocity of the search around the last contact."""
         if self._search is None:
             last = math.copysign(1.0, self._lateral)
             self._search = Search(parameters, self.options.face, self._place, last)
-        ahead, aside, doing = self._search.velocity(pose, side)
-        return Decision(ahead, aside, 0.0, "search", f"no contact for {lost_for:.1f} s, {doing}")
+        v_x, v_y, doing = self._search.velocity(pose, side)
+        return Decision(v_x, v_y, 0.0, "search", f"no contact for {lost_for:.1f} s, {doing}")
 
     def _escaped(
         self,
@@ -165,7 +165,7 @@ class ReactivePushing(PushingController[ReactivePushingConfig]):
         distance: float,
         side: float,
     ) -> Decision | None:
-        """Go around the object when pushing came no nearer for a while; None: push on."""
+        """Circle the object once pushing has made no progress for a while; None: push on."""
         escape = self.options.parameters.escape
         if escape is None:
             return None
@@ -184,17 +184,17 @@ class ReactivePushing(PushingController[ReactivePushingConfig]):
         if velocity is None:
             self._escape, self._nearest, self._progressed = None, distance, now
             return None
-        ahead, aside, turn, doing = velocity
-        return Decision(ahead, aside, turn, "escape", f"no progress, {doing}")
+        v_x, v_y, omega, doing = velocity
+        return Decision(v_x, v_y, omega, "escape", f"no progress, {doing}")
 
 
 class Search:
-    """Tries places one after the other: that of the last contact, then to its sides.
+    """Tries positions one after the other: that of the last contact, then beside it.
 
     Args:
         parameters: speed and distances.
-        face: the face that shall find the contact.
-        place: where the contact was last, x and y in the world [m].
+        face: that has to touch the object.
+        place: position of the last contact, x and y in the world [m].
         side: 1.0 if it was to the left of the robot's middle, -1.0 if to the right.
     """
 
@@ -211,7 +211,7 @@ class Search:
         self._clearance = parameters.clearance
 
     def velocity(self, pose: tuple[float, float, float], beside: float) -> tuple[float, float, str]:
-        """The next velocity: ahead, to the left [m/s], and what it is for.
+        """The next velocity, forward and lateral [m/s], and its purpose.
 
         Args:
             pose: of the robot, x, y [m] and yaw [rad] in the world; it does not turn meanwhile.
@@ -219,42 +219,42 @@ class Search:
         """
         p = self._parameters
         x, y, yaw = pose
-        way = self._place[0] - x, self._place[1] - y
-        ahead, aside = planar_turned_back(way, yaw)
-        ahead, aside = ahead - self._face.ahead, aside + self._shift()
-        if beside and self._phase != "back":  # the object stands beside the robot, or reaches there
+        offset = self._place[0] - x, self._place[1] - y
+        forward, lateral = planar_turned_back(offset, yaw)
+        forward, lateral = forward - self._face.ahead, lateral + self._shift()
+        if beside and self._phase != "back":  # the object is beside the robot, or extends there
             self._place = place_of((self._face.ahead, beside * self._face.half_width), pose)
             self._clearance += MORE * (self._phase == "aside")
             self._tries, self._phase = 0, "back"
-        if self._phase == "back" and ahead >= self._clearance and not beside:
+        if self._phase == "back" and forward >= self._clearance and not beside:
             self._phase = "aside"
-        if self._phase == "aside" and abs(aside) <= ALIGNED:
+        if self._phase == "aside" and abs(lateral) <= ALIGNED:
             self._phase = "ahead"
-        if self._phase == "ahead" and ahead <= -p.beyond * (1 + self._tries // len(SHIFTS)):
+        if self._phase == "ahead" and forward <= -p.beyond * (1 + self._tries // len(SHIFTS)):
             self._tries, self._phase = self._tries + 1, "back"
         match self._phase:
             case "back":
                 return -p.speed, 0.0, f"back, try {self._tries + 1}"
             case "aside":
-                slowed = min(p.speed, max(abs(aside) * 5.0, 0.02))
-                return 0.0, math.copysign(slowed, aside), f"aside, try {self._tries + 1}"
+                slowed = min(p.speed, max(abs(lateral) * 5.0, 0.02))
+                return 0.0, math.copysign(slowed, lateral), f"aside, try {self._tries + 1}"
             case _:
                 return p.speed, 0.0, f"ahead, try {self._tries + 1}"
 
     def _shift(self) -> float:
-        """How far this try goes beside the place, to the left [m]."""
+        """The lateral shift of this try from the position, to the left [m]."""
         return self._side * self._parameters.shift * SHIFTS[self._tries % len(SHIFTS)]
 
 
 class GoAround:
-    """Circles around where the object is believed to be, until it lies before the target.
+    """Circles the believed position of the object, until it lies between robot and target.
 
     Args:
         parameters: speed and distances.
         face: the face that pushes.
         target: x and y in the world [m].
         pose: of the robot, x, y [m] and yaw [rad] in the world.
-        lateral: l, where the object touches the face [m].
+        lateral: l, of the contact on the face [m].
     """
 
     def __init__(
@@ -272,42 +272,42 @@ class GoAround:
     def velocity(
         self, pose: tuple[float, float, float], touched: bool
     ) -> tuple[float, float, float, str] | None:
-        """The next velocity, and what it is for.
+        """The next velocity, and its purpose.
 
         Args:
             pose: of the robot, x, y [m] and yaw [rad] in the world.
             touched: whether anything touches the robot.
 
         Returns:
-            Ahead, to the left [m/s], of turning [rad/s], and a word on why; None when it is done:
-            the face touches the object from behind, or has not met it where it was believed to be.
+            Forward and lateral velocity [m/s], yaw rate [rad/s], and purpose; None at the end: the
+            face touches the object from behind, or has not met it at its believed position.
         """
         p, (x, y, yaw) = self._parameters, pose
-        way = self._middle[0] - x, self._middle[1] - y
-        ahead, aside = planar_turned_back(way, yaw)
-        if touched and self._phase == "around":  # the object is larger, or reaches back
+        offset = self._middle[0] - x, self._middle[1] - y
+        forward, lateral = planar_turned_back(offset, yaw)
+        if touched and self._phase == "around":  # the object is larger, or extends back
             self._clearance += MORE
             self._phase = "back"
         radius = self._face.ahead + self._clearance + p.reach
         error = heading_error(
             (self._target[0] - self._middle[0], self._target[1] - self._middle[1]), yaw
         )
-        if self._phase == "back" and ahead >= radius - BEHIND:
+        if self._phase == "back" and forward >= radius - BEHIND:
             self._phase = "around"
-        if self._phase == "around" and abs(error) < BEHIND and abs(aside) < CENTRED:
+        if self._phase == "around" and abs(error) < BEHIND and abs(lateral) < CENTRED:
             self._phase = "ahead"
         match self._phase:
             case "back":
                 return -p.speed, 0.0, 0.0, "back off"
             case "around":
-                turn = limited(GAIN * error, SHARE * p.speed / radius)
+                omega = limited(GAIN * error, SHARE * p.speed / radius)
                 return (
-                    limited(GAIN * (ahead - radius), p.speed),
-                    limited(GAIN * aside - turn * ahead, p.speed),
-                    turn,
+                    limited(GAIN * (forward - radius), p.speed),
+                    limited(GAIN * lateral - omega * forward, p.speed),
+                    omega,
                     "go around",
                 )
-            case _ if ahead > self._face.ahead - GRACE and not touched:
+            case _ if forward > self._face.ahead - GRACE and not touched:
                 return p.speed, 0.0, 0.0, "go ahead"
             case _:
                 return None
@@ -315,5 +315,5 @@ class GoAround:
 
 @hookimpl
 def contactfusion_controllers() -> Mapping[str, type[ReactivePushing]]:
-    """Offer reactive pushing."""
+    """Reactive pushing."""
     return {"reactive_pushing": ReactivePushing}

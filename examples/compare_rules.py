@@ -1,6 +1,6 @@
-"""When to use which rule: five situations, each fused in three ways; docs/rules.md tells of them.
+"""When to use which rule: five situations, each fused by three methods, as in docs/rules.md.
 
-Run it with `python examples/compare_rules.py [FOLDER]`; it needs the extra `plot`. Places in mm.
+Run it with `python examples/compare_rules.py [FOLDER]`; it needs the extra `plot`. Positions in mm.
 """
 
 import sys
@@ -24,50 +24,50 @@ COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#f
 CIRCLE = np.array([(np.cos(a), np.sin(a)) for a in np.linspace(0.0, 2.0 * np.pi, 60)]).T
 
 
-def say(source: str, kind: Any, spread: float, p: Any, mm: Any, **more: Any) -> cf.HypothesisCloud:
-    """What a source says: places, how likely each is, and how far off they may be."""
+def emit(source: str, kind: Any, spread: float, p: Any, mm: Any, **more: Any) -> cf.HypothesisCloud:
+    """A cloud of a source: positions [mm], likelihoods and spreads [mm]."""
     at = np.array(mm, np.float64).reshape(-1, 3) / 1e3
-    given, spreads = np.broadcast_to(p, len(at)), np.full(len(at), spread / 1e3)
-    return cf.HypothesisCloud(source, kind, 1.0, "hand", at, given, spreads=spreads, **more)
+    likelihoods, spreads = np.broadcast_to(p, len(at)), np.full(len(at), spread / 1e3)
+    return cf.HypothesisCloud(source, kind, 1.0, "hand", at, likelihoods, spreads=spreads, **more)
 
 
-SKIN = say("skin", "regular", 4.0, (0.9, 0.5, 0.4), [(0, 1, 0), (5, 1, 0), (0, 6, 0)])
+SKIN = emit("skin", "regular", 4.0, (0.9, 0.5, 0.4), [(0, 1, 0), (5, 1, 0), (0, 6, 0)])
 ENDS = [(x + (144 - y * y) ** 0.5, y, z) for x in (-22, 22) for y in (-1, 4, 9) for z in (-2, 2)]
 PRESSES = np.array([(-35, -25, 0), (-20, 20, 0), (15, -10, 0), (35, 25, 0)])
-PATCH = np.array([(x, y, 0) for x in (-5, 0, 5) for y in (-5, 0, 5)])  # a place a voxel
+PATCH = np.array([(x, y, 0) for x in (-5, 0, 5) for y in (-5, 0, 5)])  # a position a voxel
 SITUATIONS: dict[str, tuple[str, Any, Any, Any]] = {
     "apart": ("a skin and a camera never meet in a voxel", PALM, [(0, 3, 0)], [
-        SKIN, say("camera", "regular", 12.0, 0.4, PATCH + (18, 8, 0))]),
+        SKIN, emit("camera", "regular", 12.0, 0.4, PATCH + (18, 8, 0))]),
     "line": ("a line of force meets two fingers", FINGERS, [(33.3, 4, 0)], [
-        say("force", "regular", 4.0, 0.9 / 12, ENDS, single=True, forces=[(-8, 0, 0)] * 12),
-        say("prediction", "support", 15.0, 0.4, PATCH + (42, 10, 0))]),
+        emit("force", "regular", 4.0, 0.9 / 12, ENDS, single=True, forces=[(-8, 0, 0)] * 12),
+        emit("prediction", "support", 15.0, 0.4, PATCH + (42, 10, 0))]),
     "stuck": ("a taxel is stuck, a camera and a wrist agree", PALM, [(20, 8, 0)], [
-        say("skin", "regular", 4.0, 0.95, [(-30, -20, 0)]),
-        say("camera", "regular", 12.0, 0.4, PATCH + (28, 14, 0)),
-        say("force", "regular", 6.0, 0.1, PATCH + (20, 10, 0), single=True)]),
+        emit("skin", "regular", 4.0, 0.95, [(-30, -20, 0)]),
+        emit("camera", "regular", 12.0, 0.4, PATCH + (28, 14, 0)),
+        emit("force", "regular", 6.0, 0.1, PATCH + (20, 10, 0), single=True)]),
     "free": ("a camera that was moved sees free space at a touch", PALM, [(0, 3, 0)], [
-        SKIN, say("camera", "null", 4.0, 0.6, PATCH + (5, 2, 0))]),
+        SKIN, emit("camera", "null", 4.0, 0.6, PATCH + (5, 2, 0))]),
     "many": ("a skin is pressed in four places", PALM, PRESSES, [
-        say("skin", "regular", 4.0, 0.8, PRESSES[:, None] + PATCH / 2)]),
+        emit("skin", "regular", 4.0, 0.8, PRESSES[:, None] + PATCH / 2)]),
 }  # fmt: skip
 
 
 def fuse(name: str, how: str, sensitivity: float = 0.0, **config: Any) -> cf.Fusion:
-    """Fuse a situation, and print how likely each contact is, and how far from a touch."""
+    """Fuse a situation, and print the likelihood of each contact and its distance from a touch."""
     _, surface, touches, clouds = SITUATIONS[name]
     integrator = cf.Integrator(cf.IntegratorConfig(frame="hand", **config))
     integrator.plug("other skin", sensitivity=sensitivity)
-    for cloud in (*clouds, say("other skin", "regular", 0.0, 0.0, [])):  # it feels nothing
+    for cloud in (*clouds, emit("other skin", "regular", 0.0, 0.0, [])):  # it reports no contact
         integrator.receive(cloud)
     fusion = integrator.step(1.0, surface)
-    told = [f"{c.likelihood:.2f} ({np.hypot(*(c.position * 1e3 - touches).T[:2]).min():.0f} mm off)"
+    rows = [f"{c.likelihood:.2f} ({np.hypot(*(c.position * 1e3 - touches).T[:2]).min():.0f} mm off)"
             for c in fusion.contacts]  # fmt: skip
-    print(f"  {how:28s} {', '.join(told) or 'no contact'}")
+    print(f"  {how:28s} {', '.join(rows) or 'no contact'}")
     return fusion
 
 
 def draw(name: str, path: Path) -> None:
-    """Draw what each source says, and the voxels and contacts of each method, from above."""
+    """Draw the clouds of the sources, and the voxels and contacts of each method, from above."""
     _, surface, touches, clouds = SITUATIONS[name]
     panels = (figure := Figure((14.0, 4.2), layout="constrained")).subplots(1, 4, subplot_kw=VIEW)
     for colour, cloud in zip(COLOURS, clouds, strict=False):

@@ -1,4 +1,4 @@
-"""From a log to contacts: a wrist sensor feels a touch on a cylindrical tool.
+"""From a log to contacts: a wrist sensor measures a touch on a cylindrical tool.
 
 Writes the log that a robot would have written, describes it in YAML, and runs a pipeline on it.
 Run it with `python examples/feed_a_log.py [FOLDER]`; then change the YAML and run
@@ -28,7 +28,7 @@ surface:                      # what can be touched, in the frame it is fixed to
   frame: tool
   shapes: [{shape: cylinder, radius: 0.03, length: 0.2}]
 
-frames:                       # where the tool and the sensor stand in each other
+frames:                       # poses of the sensor and the tool in their parents
   wrist: {parent: base, xyz: [0, 0, 1]}
   tool: {parent: wrist, xyz: [0, 0, 0.12]}
 
@@ -41,14 +41,14 @@ out.mkdir(parents=True, exist_ok=True)
 
 # Three seconds at 100 Hz; for the second one, 5 N press on the tool's side, 15 cm from the sensor.
 rng = np.random.default_rng(0)
-place, force = np.array([0.03, 0.0, 0.15]), np.array([-5.0, 0.0, 0.0])
+position, force = np.array([0.03, 0.0, 0.15]), np.array([-5.0, 0.0, 0.0])
 bias = np.array([0.4, -0.2, 7.0, 0.01, 0.0, -0.02])
 with (out / "wrist.csv").open("w", newline="") as file:
     writer = csv.writer(file)
     writer.writerow(["t", "fx", "fy", "fz", "tx", "ty", "tz"])
     for t in np.arange(0.0, 3.0, 0.01):
         touch = 1.0 if 1.0 <= t < 2.0 else 0.0
-        wrench = touch * np.concatenate([force, np.cross(place, force)]) + bias
+        wrench = touch * np.concatenate([force, np.cross(position, force)]) + bias
         wrench += rng.normal(0.0, [0.1] * 3 + [0.01] * 3)
         writer.writerow([f"{t:.2f}", *(f"{value:.5f}" for value in wrench)])
 (out / "wrist.yaml").write_text(DESCRIPTION)
@@ -58,6 +58,6 @@ cf.run_file(out / "wrist.yaml", out=out)
 with (out / "contacts.csv").open() as file:
     rows = list(csv.DictReader(file))
 found = np.array([[float(row[axis]) for axis in "xyz"] for row in rows])
-errors = np.linalg.norm(found - (place + [0.0, 0.0, 1.0]), axis=1)
+errors = np.linalg.norm(found - (position + [0.0, 0.0, 1.0]), axis=1)
 print(f"{len(rows)} contacts while it was touched for 100 samples")
-print(f"median distance from the true place: {np.median(errors) * 1000:.1f} mm")
+print(f"median distance from the true position: {np.median(errors) * 1000:.1f} mm")

@@ -1,4 +1,4 @@
-"""Fuse by hand what a skin, a force-torque sensor and a camera believe about a gripper's touch.
+"""Fuse by hand the hypotheses of a skin, a force-torque sensor and a camera on a gripper's touch.
 
 Run it with `python examples/fuse_by_hand.py [FOLDER]`; the picture needs the extra `plot`.
 """
@@ -14,7 +14,7 @@ STAMP = 1.0
 regular, support = cf.HypothesisKind.REGULAR, cf.HypothesisKind.SUPPORT
 null = cf.HypothesisKind.NULL
 
-# The skin feels one touch, well placed.
+# The skin reports one touch, well localized.
 touched = np.array([[0.041, 0.002, 0.0], [0.046, 0.002, 0.0], [0.041, 0.007, 0.0]])
 skin = cf.HypothesisCloud("skin", regular, STAMP, "palm", touched, np.array([0.9, 0.5, 0.4]))
 
@@ -22,7 +22,7 @@ skin = cf.HypothesisCloud("skin", regular, STAMP, "palm", touched, np.array([0.9
 line = np.array([[0.045 - 0.08 * s, 0.004 + 0.06 * s, 0.0] for s in (0.0, 0.06, 1.0, 1.06)])
 wrench = cf.HypothesisCloud("wrench", regular, STAMP, "palm", line, np.full(4, 0.25), single=True)
 
-# The camera sees an object near the touch, and free space around the palm's other side.
+# The camera sees an object near the touch, and free space at the palm's other side.
 x, y = np.meshgrid(np.arange(0.03, 0.06, 0.005), np.arange(-0.01, 0.02, 0.005))
 seen = np.stack([x.ravel(), y.ravel(), np.zeros(x.size)], axis=1) + 0.001
 near = np.linalg.norm(seen - [0.05, 0.01, 0.0], axis=1)
@@ -34,7 +34,7 @@ for cloud in (skin, wrench, camera, free):
     integrator.receive(cloud)
 fusion = integrator.step(STAMP)
 
-# Every contact says who gave it, and what would remain without each source.
+# Each contact has the shares of its sources; the explanation has what remains without each.
 print(cf.explain_fusion(fusion))
 print(f"without free space: {len(fusion.without('camera/free').contacts)} contacts")
 

@@ -1,4 +1,4 @@
-"""Grasp a bottle that does not stand quite before the hand, by what wrist and motion tell.
+"""Grasp a bottle that is not quite in front of the hand, by a wrist sensor and motion.
 
 Run it with `python examples/grasp_bottle.py [FOLDER]`; it needs contactfusion-lab. In YAML:
 `contactfusion run examples/scenes/grasp_bottle.yaml`.
@@ -14,13 +14,13 @@ from matplotlib.figure import Figure
 import contactfusion as cf
 from contactfusion_lab import GraspConfig, GraspScene, grasped, result_of
 
-# The robot: an arm with three fingers and a wrist that feels force and torque.
+# The robot: an arm with three fingers and a wrist that measures force and torque.
 robot = cf.read_robot("contactfusion.robots:arm_hand.yaml")
 fingers = [f"finger_{number}" for number in (1, 2, 3)]
 gripper = {f"{finger}_proximal_joint": (-0.15, 1.3) for finger in fingers}
 gripper |= {f"{finger}_distal_joint": (0.0, 0.6) for finger in fingers}
 
-# The world: a bottle on a table, 4.5 cm to the left of where the hand goes.
+# The world: a bottle on a table, 4.5 cm to the left of the hand's path.
 scene = GraspScene(
     GraspConfig.model_validate(
         {
@@ -45,7 +45,7 @@ scene = GraspScene(
     seed=1,
 )
 
-# What the wrist feels counts where the hand is about to move to: contacts, and a hand that obeys.
+# A wrench is evidence, motion supports it where the hand is about to be: contacts drive the hand.
 hand = ["palm", *(f"{finger}_{part}" for finger in fingers for part in ("proximal", "distal"))]
 fresh = {"timeout": 0.1, "replace": True}
 wrist = {"type": "force_torque", "sensor": "wrist", "wrist": "wrist", "load": "robot"}

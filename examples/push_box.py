@@ -1,4 +1,4 @@
-"""Push a box to a place behind the robot, by what the robot's skin feels and nothing else.
+"""Push a box to a target behind the robot, by the robot's skin alone.
 
 Run it with `python examples/push_box.py [FOLDER]`; it needs contactfusion-lab. In YAML:
 `contactfusion run examples/scenes/push_box.yaml`.
@@ -19,10 +19,10 @@ TARGET = (-1.0, 1.0)
 # The robot: an omnidirectional base with a skin. Yours is another URDF with one box that pushes.
 robot = cf.read_robot("contactfusion.robots:mobile_base.yaml")
 
-# The world: a box of 20 kg that the robot knows nothing of.
+# The world: a box of 20 kg that is unknown to the robot.
 scene = PushScene(PushConfig(target=TARGET, yaw=20.0), robot, seed=1)
 
-# What it feels becomes contacts in the robot's frame, and contacts become motion.
+# Tactile images become contacts in the robot's frame, and contacts become motion.
 pipeline = cf.Pipeline(
     cf.PipelineConfig(
         robot=robot,
@@ -42,7 +42,7 @@ pipeline = cf.Pipeline(
 cycles = list(pushed(scene, pipeline))
 last = cycles[-1]
 
-# Each command says in which state the controller is, and why.
+# Each command carries the mode of the controller, and its reason.
 commands = [(cycle.truth.stamp, cycle.step.command) for cycle in cycles]
 for mode, some in groupby(commands, lambda pair: pair[1].mode if pair[1] else ""):
     stamp, command = next(some)

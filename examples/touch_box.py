@@ -1,4 +1,4 @@
-"""See it touch: a simulated hand touches a box, and what it feels becomes a contact.
+"""A simulated hand touches a box, and its readings become a contact.
 
 Run it with `python examples/touch_box.py [FOLDER]`; it needs contactfusion-lab. In YAML:
 `contactfusion run examples/scenes/touch_box.yaml`.
@@ -15,14 +15,14 @@ from contactfusion_lab import TouchConfig, TouchScene
 
 out = Path(sys.argv[1] if len(sys.argv) > 1 else "out/touch_box")
 
-# The robot: a URDF, and where on it the sensors are. Yours is another ROBOT.yaml.
+# The robot: a URDF, and the poses of its sensors. Yours is another ROBOT.yaml.
 robot = cf.read_robot("contactfusion.robots:arm_hand.yaml")
 box = {
     "shapes": [{"shape": "box", "size": [0.08, 0.14, 0.2]}],
     "pose": {"parent": "base", "xyz": [0.7, 0.0, 0.35]},
 }
 
-# The world: the palm goes ahead until something pushes the hand. Its sensors err as real ones do.
+# The world: the palm goes forward until the hand is pushed. Its sensors err as real ones do.
 scene = TouchScene(
     TouchConfig.model_validate(
         {
@@ -35,7 +35,7 @@ scene = TouchScene(
     seed=9,
 )
 
-# The pipeline: what each sensor makes believe, and how beliefs are fused.
+# The pipeline: a generator for each sensor, and how their hypotheses are fused.
 skin: dict[str, Any] = {"type": "tactile", "baseline": {"noise": 0.02}}
 pipeline = cf.Pipeline(
     cf.PipelineConfig(
@@ -51,15 +51,15 @@ pipeline = cf.Pipeline(
     )
 )
 
-# Whatever gives readings can take the place of the scene: a recording, or the driver of a robot.
+# Any source of readings can replace the scene: a recording, or the driver of a robot.
 *_, last = pipeline.run(scene.readings())
 print(cf.explain_fusion(last.fusion))
 
 truth = scene.truth.contacts
-for place, link in zip(truth.places, truth.links, strict=True):
-    print(f"truth: {link} touched at {place.round(3)} m")
+for position, link in zip(truth.places, truth.links, strict=True):
+    print(f"truth: {link} touched at {position.round(3)} m")
     for contact in last.fusion.contacts:
-        print(f"  a contact is {np.linalg.norm(contact.position - place) * 1000:.0f} mm away")
+        print(f"  a contact is {np.linalg.norm(contact.position - position) * 1000:.0f} mm away")
 
 out.mkdir(parents=True, exist_ok=True)
 cf.plot_fusion(last.fusion).savefig(out / "contacts.png", dpi=120)

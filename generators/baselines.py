@@ -1,4 +1,4 @@
-"""What taxels read untouched, and how they answer to touch."""
+"""Untouched values of taxels, and their response to touch."""
 
 from pathlib import Path
 from typing import Literal
@@ -13,7 +13,7 @@ from contactfusion.model import Model
 
 
 class BaselineConfig(Model):
-    """What taxels read untouched, and how they answer to touch."""
+    """Untouched values of taxels, and their response to touch."""
 
     values: float | tuple[float, ...] = 0.0
     """The untouched value of all taxels, or of each."""
@@ -25,7 +25,7 @@ class BaselineConfig(Model):
     """Whether a touch raises the value, lowers it, or either."""
 
     def load(self, taxels: int) -> tuple[FloatArray, FloatArray]:
-        """Give values and noise of each taxel, both of shape (taxels,).
+        """Values and noise of each taxel, both of shape (taxels,).
 
         Raises:
             ConfigurationError: the file is missing, or the numbers are not one a taxel.
@@ -38,7 +38,7 @@ class BaselineConfig(Model):
 
 
 def _for_each(numbers: ArrayLike, taxels: int) -> FloatArray:
-    """Give one finite number a taxel, from one for all or one for each."""
+    """One finite number a taxel, from one for all or one for each."""
     if np.ndim(numbers) == 0:
         numbers = np.full(taxels, numbers)
     elif len(np.asarray(numbers)) != taxels:
@@ -49,11 +49,11 @@ def _for_each(numbers: ArrayLike, taxels: int) -> FloatArray:
 
 
 def fit_baseline(images: FloatArray, least_noise: float) -> tuple[FloatArray, FloatArray]:
-    """Learn what each taxel reads untouched.
+    """Untouched values of taxels.
 
     Args:
         images: shape (m, n), values without any touch.
-        least_noise: the least standard deviation to believe, e.g. half a digit.
+        least_noise: the least standard deviation, e.g. half a digit.
 
     Returns:
         Median and standard deviation of each taxel, both of shape (n,).

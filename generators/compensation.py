@@ -1,4 +1,4 @@
-"""What hangs on a force-torque sensor: its weight, its centre of mass, and the sensor's bias."""
+"""Load and bias of a force-torque sensor: mass, centre of mass, and offsets."""
 
 from dataclasses import dataclass
 
@@ -11,27 +11,27 @@ from contactfusion.model import Model
 from contactfusion.units import ForceBias, Load, Offset, TorqueBias
 
 LEAST_SPAN = 0.05
-"""The directions of gravity must leave every line by this much: root mean square, per length."""
+"""The least spread of gravity's directions about a line: root mean square, per length."""
 
 
 class Compensation(Model):
-    """The wrench that a sensor feels without any contact, in its own frame.
+    """The wrench that a sensor measures without any contact, in its own frame.
 
     A load of mass m at c under gravity g gives f = m g + b_f and τ = c × m g + b_τ, where f is the
     force that the world exerts on the robot, whatever the sign of the sensor.
     """
 
     mass: Load = Field(default=0.0, ge=0)
-    """Of what hangs on the sensor [kg]."""
+    """Mass of the load [kg]."""
     centre_of_mass: Offset = (0.0, 0.0, 0.0)
-    """In the sensor's frame [m]."""
+    """Centre of mass of the load, in the sensor's frame [m]."""
     force_bias: tuple[ForceBias, ForceBias, ForceBias] = (0.0, 0.0, 0.0)
-    """[N]."""
+    """Offset of the force, in the sensor's frame [N]."""
     torque_bias: tuple[TorqueBias, TorqueBias, TorqueBias] = (0.0, 0.0, 0.0)
-    """[N·m]."""
+    """Offset of the torque, in the sensor's frame [N·m]."""
 
     def contactless(self, gravity: FloatArray) -> FloatArray:
-        """Give the wrench (f, τ) without contact, shape (6,) [N, N·m].
+        """The wrench (f, τ) without contact, shape (6,) [N, N·m].
 
         Args:
             gravity: shape (3,) [m/s²], in the sensor's frame.
@@ -43,7 +43,7 @@ class Compensation(Model):
 
 @dataclass(frozen=True, eq=False)
 class CompensationFit:
-    """A compensation with how well it explains the poses it was fitted to.
+    """A compensation with its residuals over the poses of the fit.
 
     Attributes:
         compensation: mass, centre of mass and bias.
@@ -62,14 +62,14 @@ def fit_compensation(
     """Fit mass, centre of mass and bias by least squares over poses without contact.
 
     Args:
-        forces: shape (n, 3) [N], on the robot, in the sensor's frame; those of a sensor that gives
-            the reverse must be negated first.
+        forces: shape (n, 3) [N], on the robot, in the sensor's frame; those of a sensor that
+            measures the force by the robot must be negated first.
         torques: shape (n, 3) [N·m], likewise.
         gravities: shape (n, 3) [m/s²], gravity in the sensor's frame at each pose.
 
     Raises:
-        ConfigurationError: the arrays do not fit each other, the poses do not tell weight and bias
-            apart, or the mass comes out negative.
+        ConfigurationError: the arrays do not match, the poses do not separate weight and bias, or
+            the mass comes out negative.
     """
     n, error = len(forces), ConfigurationError
     forces = frozen_array(forces, (n, 3), "forces", error)
@@ -81,10 +81,10 @@ def fit_compensation(
             f"{n} poses whose gravity leaves a line by {span:.3f} of its length do not tell weight "
             "and bias apart; turn the sensor further"
         )
-    one = np.tile(np.eye(3), (n, 1))
-    by_mass = np.hstack([gravities.reshape(-1, 1), one])
+    identity = np.tile(np.eye(3), (n, 1))
+    by_mass = np.hstack([gravities.reshape(-1, 1), identity])
     mass, *force_bias = np.linalg.lstsq(by_mass, forces.ravel(), rcond=None)[0]
-    moments = np.hstack([-_cross_matrices(gravities).reshape(-1, 3), one])
+    moments = np.hstack([-_cross_matrices(gravities).reshape(-1, 3), identity])
     solution = np.linalg.lstsq(moments, torques.ravel(), rcond=None)[0]
     if mass <= 0.0:
         raise ConfigurationError(
@@ -105,12 +105,12 @@ def fit_compensation(
 
 
 def _span(gravities: FloatArray) -> float:
-    """Give how far the vectors are from one line, as a fraction of their length."""
+    """Distance of the vectors from one line, as a fraction of their length."""
     across = np.linalg.svd(gravities - gravities.mean(axis=0), compute_uv=False)[1]
     length = np.sqrt(np.square(gravities).sum())
     return float(across / length) if length else 0.0
 
 
 def _cross_matrices(vectors: FloatArray) -> FloatArray:
-    """Give the matrices that multiply by v ×, shape (n, 3, 3)."""
+    """The matrices that multiply by v ×, shape (n, 3, 3)."""
     return np.cross(vectors[:, None, :], np.eye(3)).transpose(0, 2, 1)

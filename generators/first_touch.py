@@ -1,4 +1,4 @@
-"""Where the robot would touch an object first, if the object is about where it is believed."""
+"""First contacts of objects near their believed poses with the robot."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -22,20 +22,20 @@ from contactfusion.state import State
 from contactfusion.units import Spread
 
 REACH = 4.0
-"""An object is off by so many standard deviations at most."""
+"""The greatest offset of an object, in standard deviations."""
 ROOM = 0.12
-"""An object begins to slide at least so far from where it is believed [m]: beyond the surface, also
-where it is believed to be inside the robot."""
+"""The least distance from the believed pose at which an object begins to slide [m]: clear of the
+surface, also where it is believed to be inside the robot."""
 CELL = 0.004
-"""The distance between neighbouring nodes of the grid [m], of an object that is not too large."""
+"""The distance between neighbouring nodes of the grid [m]; larger objects have a coarser grid."""
 NODES = 500_000
-"""About as many nodes at most; a larger object has a coarser grid."""
+"""The greatest number of nodes, about."""
 PADDING = 0.03
-"""The grid reaches so far beyond the object [m]; further off, the distance to its box serves."""
+"""The margin of the grid around the object [m]; further off, the distance to its box serves."""
 TUFT = 0.02
-"""Points of a surface are bundled by cubes of this side [m]: most bundles are never opened."""
+"""Edge of the cubes by which points of a surface are bundled [m]; most bundles are never opened."""
 TOUCHING = 3e-4
-"""What is nearer than this touches [m]."""
+"""The greatest gap of a contact [m]."""
 
 Int64Array = NDArray[np.int64]
 
@@ -44,31 +44,32 @@ class FirstTouchConfig(GeneratorConfig):
     """The options of `first_touch`."""
 
     objects: dict[str, ObjectConfig] = Field(min_length=1)
-    """What stands around, by name, where it is believed to be; `sigma` and `sigma_yaw` of each say
-    how far off it may be."""
+    """The objects, by name, with their believed poses; `sigma` and `sigma_yaw` of each are the
+    uncertainty of its pose."""
     links: tuple[str, ...] = ()
-    """The links that may touch, such as those of the hand; none: the whole robot."""
+    """The links that may touch, such as those of the hand; empty: the whole robot."""
     particles: int = Field(default=100, ge=1, le=10_000)
-    """In so many places each object is tried."""
+    """Number of poses that are drawn for each object."""
     likelihood: float = Field(default=1.0, ge=0, le=1)
-    """Of a contact with one of the objects, anywhere: what the cloud sums to."""
+    """Of a contact with any of the objects: the sum over the cloud."""
     noise: Spread = Field(default=0.003, ge=0)
-    """Standard deviation of where the robot believes its surface to be [m]."""
+    """Standard deviation of the position of the robot's surface [m]."""
     seed: int = Field(default=0, ge=0)
-    """Of the places that are tried; they are drawn once."""
+    """Of the poses, which are drawn once."""
 
 
 class FirstTouchGenerator(Generator[FirstTouchConfig]):
-    """Support, single contact: what objects touch first when they slide to the hand.
+    """Support, single contact: points that objects touch first when they slide to the hand.
 
-    An object is drawn in many places about the believed one: shifted by N(0, σ²) across the way
-    from the surface's centroid to the object's middle, and turned about the vertical by
-    N(0, σ_yaw²). Each slides along the way until it touches. The point p that it touches is a
-    hypothesis, weighed by how probably the object is as far along the way as it then is:
+    Poses of an object are drawn about the believed one: shifted by N(0, σ²) across the direction d
+    from the surface's centroid to the object's centre, and yawed by N(0, σ_yaw²). Each slides
+    along d until it touches. The point p of contact is a hypothesis, weighed by the probability
+    of the object's offset s along d:
 
-        w(p) ∝ Σ N(s; 0, σ² + spread²), over the draws that touch p when shifted by s
+        w(p) ∝ Σ N(s; 0, σ² + spread²), over the draws that touch p at offset s
 
-    An `ObjectPose` moves an object. Equal input gives equal output: the draws are made once.
+    An `ObjectPose` updates an object's pose. Equal input gives equal output: the draws are made
+    once.
     """
 
     Config = FirstTouchConfig
@@ -83,29 +84,31 @@ class FirstTouchGenerator(Generator[FirstTouchConfig]):
         self._tufts: dict[str, Tufts] = {}
         rng = np.random.default_rng(config.seed)
         self._shifts = rng.standard_normal((config.particles, 3))
-        self._turns = rng.standard_normal(config.particles)
+        self._yaws = rng.standard_normal(config.particles)
 
     def prepare(self, robot: RobotModel) -> None:
-        """Work out the distances of the objects, and bundle the surface."""
+        """Compute the distance grids of the objects, and bundle the surface."""
         self._tufts = {name: Tufts.of(part.points) for name, part in robot.parts.items()}
-        self._grids = {name: shared_grid(one) for name, one in self.config.objects.items()}
+        self._grids = {name: shared_grid(model) for name, model in self.config.objects.items()}
         grid, tufts = next(iter(self._grids.values())), next(iter(self._tufts.values()))
-        here, turn, up = tufts.points[:1], np.eye(3)[None], np.array([0.0, 0.0, 1.0])
-        first_touches(grid, tufts, here, turn, up, ROOM, 0.0)  # no reading waits for the compiler
+        here, rotation, up = tufts.points[:1], np.eye(3)[None], np.array([0.0, 0.0, 1.0])
+        first_touches(
+            grid, tufts, here, rotation, up, ROOM, 0.0
+        )  # compiled before the first reading
 
     def reset(self) -> None:
-        """Believe again what is configured."""
+        """Return to the configured poses."""
         self._objects.reset()
 
     def generate(self, reading: Reading, state: State) -> Sequence[HypothesisCloud]:
-        """The points that are touched first.
+        """The points that objects touch first.
 
         Raises:
             ConfigurationError: there is no robot.
-            RobotError: an object of that name is not configured, or no link of a name.
+            RobotError: a reading names an object, or `links` a link, that does not exist.
         """
         if isinstance(reading, ObjectPose):
-            self._objects.tell(reading, self.name)
+            self._objects.update(reading, self.name)
             return ()
         robot = state.posed_robot(self.name)
         if not self._tufts:
@@ -124,7 +127,7 @@ class FirstTouchGenerator(Generator[FirstTouchConfig]):
             self.cloud(
                 reading,
                 hand.points[points] if hand is not None else np.empty((0, 3)),
-                self.config.likelihood * weights.clip(max=1.0),  # rounding may go beyond
+                self.config.likelihood * weights.clip(max=1.0),  # rounding may exceed 1
                 frame=state.grid.frame,
                 spreads=np.full(len(points), spread),
                 single=True,
@@ -140,43 +143,45 @@ class FirstTouchGenerator(Generator[FirstTouchConfig]):
     def _touched(
         self, name: str, pose: Pose, hand: "Tufts", spread: float
     ) -> tuple[Int64Array, FloatArray]:
-        """Slide one object from all its places.
+        """Slide one object from all its poses.
 
         Args:
             name: of the object.
-            pose: where it is believed to be.
+            pose: as believed.
             hand: the surface, in the same frame, whose z is vertical.
             spread: standard deviation of a point of the surface [m].
 
         Returns:
-            The points that are touched, and the logarithm of each one's weight, both of shape (k,).
+            The points that are touched, and the logarithms of their weights, both of shape (k,).
         """
         grid, config = self._grids[name], self._objects.models[name].config
-        way = points_in(pose, grid.centre[None])[0] - hand.points.mean(axis=0)
-        if np.allclose(way, 0.0):
-            return np.empty(0, np.int64), np.empty(0)  # it may come from anywhere
-        way /= np.linalg.norm(way)
-        shifts = config.sigma * (self._shifts - np.outer(self._shifts @ way, way))
-        turns = _about_z(config.sigma_yaw * self._turns) @ pose[:3, :3]
+        direction = points_in(pose, grid.centre[None])[0] - hand.points.mean(axis=0)
+        if np.allclose(direction, 0.0):
+            return np.empty(0, np.int64), np.empty(0)  # the direction of approach is unknown
+        direction /= np.linalg.norm(direction)
+        shifts = config.sigma * (self._shifts - np.outer(self._shifts @ direction, direction))
+        rotations = _about_z(config.sigma_yaw * self._yaws) @ pose[:3, :3]
         doubt = float(np.hypot(config.sigma, spread))
         room, reach = max(ROOM, REACH * doubt), REACH * doubt
-        rows, along = first_touches(grid, hand, pose[:3, 3] + shifts, turns, way, room, -reach)
+        rows, along = first_touches(
+            grid, hand, pose[:3, 3] + shifts, rotations, direction, room, -reach
+        )
         hit = rows >= 0
         return rows[hit], -0.5 * np.square(along[hit] / doubt) - np.log(doubt)
 
 
 def _about_z(angles: FloatArray) -> FloatArray:
     """Rotations about z by angles of shape (n,) [rad], shape (n, 3, 3)."""
-    turns = np.zeros((len(angles), 3, 3))
-    turns[:, 0, 0] = turns[:, 1, 1] = np.cos(angles)
-    turns[:, 1, 0] = np.sin(angles)
-    turns[:, 0, 1] = -turns[:, 1, 0]
-    turns[:, 2, 2] = 1.0
-    return turns
+    rotations = np.zeros((len(angles), 3, 3))
+    rotations[:, 0, 0] = rotations[:, 1, 1] = np.cos(angles)
+    rotations[:, 1, 0] = np.sin(angles)
+    rotations[:, 0, 1] = -rotations[:, 1, 0]
+    rotations[:, 2, 2] = 1.0
+    return rotations
 
 
 def _weights(scores: FloatArray) -> FloatArray:
-    """Turn logarithms of shape (k,) into weights that sum to 1."""
+    """Weights that sum to 1 from logarithms, both of shape (k,)."""
     if not len(scores):
         return scores
     weights = np.exp(scores - scores.max())
@@ -189,7 +194,7 @@ class DistanceGrid:
 
     Attributes:
         low: shape (3,) [m], the least corner of the object.
-        high: shape (3,) [m], the greatest.
+        high: shape (3,) [m], its greatest corner.
         corner: shape (3,) [m], the first node.
         cell: the distance between neighbouring nodes [m].
         nodes: shape (a, b, c) [m], negative inside.
@@ -205,7 +210,7 @@ class DistanceGrid:
 
     @staticmethod
     def of(model: ObjectModel) -> "DistanceGrid":
-        """Work out the grid of an object."""
+        """The grid of an object."""
         vertices = np.concatenate([vertices for vertices, _ in model.solid.meshes])
         low, high = vertices.min(axis=0), vertices.max(axis=0)
         extent = high - low + 2.0 * PADDING
@@ -213,18 +218,18 @@ class DistanceGrid:
         counts = np.ceil(extent / cell).astype(np.int64) + 1
         corner = low - PADDING
         axes = [start + cell * np.arange(n) for start, n in zip(corner, counts, strict=True)]
-        places = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
-        nodes = model.solid.signed_distances(places).reshape(counts).astype(np.float32)
+        positions = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
+        nodes = model.solid.signed_distances(positions).reshape(counts).astype(np.float32)
         radius = float(np.linalg.norm(vertices, axis=1).max())
         return DistanceGrid(low, high, corner, cell, nodes, radius)
 
     @property
     def centre(self) -> FloatArray:
-        """The middle of the object's box, shape (3,) [m]."""
+        """The centre of the object's box, shape (3,) [m]."""
         return (self.low + self.high) / 2.0
 
     def distances(self, points: FloatArray) -> FloatArray:
-        """Signed distances, shape (n,) [m]; beyond the grid, they may come out too small.
+        """Signed distances, shape (n,) [m]; outside the grid, they may be too small.
 
         Args:
             points: shape (n, 3) [m], in the object's frame.
@@ -235,7 +240,7 @@ class DistanceGrid:
 
 
 def shared_grid(config: ObjectConfig) -> DistanceGrid:
-    """The distances of an object, worked out once in a process: that takes up to a second."""
+    """The distance grid of an object, computed once in a process: that takes up to a second."""
     return _grid(config.model_dump_json())
 
 
@@ -250,7 +255,7 @@ class Tufts:
 
     Attributes:
         points: shape (n, 3) [m], bundle by bundle.
-        ends: shape (m + 1,), where each bundle begins, and where the last one ends.
+        ends: shape (m + 1,), the first point of each bundle, then the number of points.
         centres: shape (m, 3) [m], of the balls.
         radii: shape (m,) [m].
     """
@@ -262,7 +267,7 @@ class Tufts:
 
     @staticmethod
     def of(points: FloatArray) -> "Tufts":
-        """Bundle points of shape (n, 3) [m], n at least 1."""
+        """Bundles of points of shape (n, 3) [m], n at least 1."""
         cells = np.floor(points / TUFT).astype(np.int64)
         _, tuft, counts = np.unique(cells, axis=0, return_inverse=True, return_counts=True)
         points = points[np.argsort(tuft.reshape(-1), kind="stable")]
@@ -274,7 +279,7 @@ class Tufts:
 
     @staticmethod
     def joined(parts: Sequence[tuple["Tufts", Pose]]) -> "Tufts":
-        """Put bundles of rigid parts together, at least one; each pose takes its part there."""
+        """The bundles of rigid parts, at least one, each moved by its pose."""
         begins = np.cumsum([0, *(len(part.points) for part, _ in parts)])
         ends = [part.ends[:-1] + begin for (part, _), begin in zip(parts, begins, strict=False)]
         return Tufts(
@@ -288,34 +293,35 @@ class Tufts:
 def first_touches(
     grid: DistanceGrid,
     tufts: Tufts,
-    places: FloatArray,
-    turns: FloatArray,
-    way: FloatArray,
+    positions: FloatArray,
+    rotations: FloatArray,
+    direction: FloatArray,
     start: float,
     end: float,
 ) -> tuple[Int64Array, FloatArray]:
-    """Slide an object against a surface, once from each place, and tell what it touches first.
+    """The points that an object touches first, sliding against a surface from each position.
 
     Args:
-        grid: the object.
+        grid: of the object.
         tufts: the surface, in any frame.
-        places: shape (n, 3) [m], of the object in that frame.
-        turns: shape (n, 3, 3), likewise.
-        way: shape (3,), of unit length; the object comes from far along it, and moves against it.
-        start: how far along the way it begins, seen from its place [m].
-        end: where it stops [m].
+        positions: shape (n, 3) [m], of the object in that frame.
+        rotations: shape (n, 3, 3), likewise.
+        direction: shape (3,), of unit length; the object comes from far along it, and moves against
+            it.
+        start: offset along the direction at which it begins [m].
+        end: offset at which it stops [m].
 
     Returns:
-        The point that is touched first, shape (n,), -1 where none is, or where the object has no
-        room to begin with; and how far along the way the object then is, shape (n,) [m].
+        Rows of the points, shape (n,), -1 where the object touches none, or overlaps the surface at
+        the start; and offsets of the object along the direction at contact, shape (n,) [m].
     """
-    hits, shifts = np.full(len(places), -1, np.int64), np.full(len(places), np.nan)
-    # a ball holds all that the object sweeps from any place; what it misses is left out
-    middle = places.mean(axis=0)
-    wide = grid.radius + np.linalg.norm(places - middle, axis=1).max()
+    hits, shifts = np.full(len(positions), -1, np.int64), np.full(len(positions), np.nan)
+    # a ball bounds the object's sweep from all positions; bundles outside it are left out
+    middle = positions.mean(axis=0)
+    wide = grid.radius + np.linalg.norm(positions - middle, axis=1).max()
     offsets = tufts.centres - middle
-    along = (offsets @ way).clip(end, start)
-    away = np.linalg.norm(offsets - along[:, None] * way, axis=1)
+    along = (offsets @ direction).clip(end, start)
+    away = np.linalg.norm(offsets - along[:, None] * direction, axis=1)
     near = np.flatnonzero(away <= wide + tufts.radii)
     if not len(near):
         return hits, shifts
@@ -325,9 +331,9 @@ def first_touches(
         tufts.centres,
         tufts.radii,
         near,
-        np.ascontiguousarray(places),
-        np.ascontiguousarray(turns),
-        np.ascontiguousarray(way),
+        np.ascontiguousarray(positions),
+        np.ascontiguousarray(rotations),
+        np.ascontiguousarray(direction),
         start,
         end,
         grid.low,
@@ -348,9 +354,9 @@ def _slide(
     centres: FloatArray,
     radii: FloatArray,
     near: NDArray[np.intp],
-    places: FloatArray,
-    turns: FloatArray,
-    way: FloatArray,
+    positions: FloatArray,
+    rotations: FloatArray,
+    direction: FloatArray,
     start: float,
     end: float,
     low: FloatArray,
@@ -362,14 +368,18 @@ def _slide(
     shifts: FloatArray,
 ) -> None:
     bounds, step = np.empty(len(near)), np.empty(3)
-    for i in range(len(places)):
-        place, turn = places[i], turns[i]
-        for axis in range(3):  # the way in the object's frame, where the surface moves
-            step[axis] = turn[0, axis] * way[0] + turn[1, axis] * way[1] + turn[2, axis] * way[2]
-        for k in range(len(near)):  # as late as its ball is touched, so late is the tuft
+    for i in range(len(positions)):
+        position, rotation = positions[i], rotations[i]
+        for axis in range(3):  # the direction in the object's frame, in which the surface moves
+            step[axis] = (
+                rotation[0, axis] * direction[0]
+                + rotation[1, axis] * direction[1]
+                + rotation[2, axis] * direction[2]
+            )
+        for k in range(len(near)):  # no point of a tuft is touched before its ball
             tuft = near[k]
             bounds[k] = _traced(
-                centres[tuft], float(radii[tuft]), place, turn, step, start, end,
+                centres[tuft], float(radii[tuft]), position, rotation, step, start, end,
                 low, high, corner, cell, nodes,
             )  # fmt: skip
         best, hit = end, -1
@@ -381,7 +391,7 @@ def _slide(
             bounds[k] = -np.inf
             for row in range(ends[tuft], ends[tuft + 1]):
                 shift = _traced(
-                    points[row], 0.0, place, turn, step, bound, best,
+                    points[row], 0.0, position, rotation, step, bound, best,
                     low, high, corner, cell, nodes,
                 )  # fmt: skip
                 if shift > best:
@@ -394,8 +404,8 @@ def _slide(
 def _traced(
     point: FloatArray,
     radius: float,
-    place: FloatArray,
-    turn: FloatArray,
+    position: FloatArray,
+    rotation: FloatArray,
     step: FloatArray,
     start: float,
     end: float,
@@ -405,11 +415,11 @@ def _traced(
     cell: float,
     nodes: NDArray[np.float32],
 ) -> float:
-    """Trace a ball until it touches; it moves by each distance, for nothing is nearer than that."""
-    x, y, z = point[0] - place[0], point[1] - place[1], point[2] - place[2]
-    a = turn[0, 0] * x + turn[1, 0] * y + turn[2, 0] * z
-    b = turn[0, 1] * x + turn[1, 1] * y + turn[2, 1] * z
-    c = turn[0, 2] * x + turn[1, 2] * y + turn[2, 2] * z
+    """The offset at which a ball touches, by sphere tracing: each step is the distance; or -inf."""
+    x, y, z = point[0] - position[0], point[1] - position[1], point[2] - position[2]
+    a = rotation[0, 0] * x + rotation[1, 0] * y + rotation[2, 0] * z
+    b = rotation[0, 1] * x + rotation[1, 1] * y + rotation[2, 1] * z
+    c = rotation[0, 2] * x + rotation[1, 2] * y + rotation[2, 2] * z
     shift = start
     while shift > end:
         p, q, r = a - shift * step[0], b - shift * step[1], c - shift * step[2]
@@ -446,7 +456,7 @@ def _distance(
     cell: float,
     nodes: NDArray[np.float32],
 ) -> float:
-    """Interpolate between the eight nodes around a place [m]."""
+    """The distance [m] at a position, interpolated between the eight nodes around it."""
     a, b, c = (x - corner[0]) / cell, (y - corner[1]) / cell, (z - corner[2]) / cell
     inside = a >= 0.0 and b >= 0.0 and c >= 0.0
     if not (
@@ -469,5 +479,5 @@ def _distance(
 
 @hookimpl
 def contactfusion_generators() -> Mapping[str, type[Generator[FirstTouchConfig]]]:
-    """Offer the first-touch generator."""
+    """The first-touch generator."""
     return {"first_touch": FirstTouchGenerator}

@@ -23,13 +23,13 @@ from contactfusion.readings import Reading, Wrench
 from contactfusion.robots.description import WristConfig
 from contactfusion.state import State
 from contactfusion.surface import Surface
-from contactfusion.thinning import first_in_voxels
+from contactfusion.thinning import voxel_downsample
 from contactfusion.units import Acceleration, Force, ForceNoise, Memory, Spread, TorqueNoise
 
 STEADY = 2.0
-"""At rest, samples scatter by less than so many standard deviations of the noise."""
+"""Scatter of samples at rest, in standard deviations of the noise, at most."""
 LOADED = 1.0
-"""A load that lasts so long from the first reading on may be a bias [s]."""
+"""Duration of a load from the first reading on after which it may be a bias [s]."""
 AXES = ("force x", "force y", "force z", "torque x", "torque y", "torque z")
 
 
@@ -37,39 +37,40 @@ class ForceTorqueConfig(GeneratorConfig):
     """The options of `force_torque`."""
 
     sign: Literal["on_robot", "by_robot"] | None = None
-    """Whether the sensor gives the force that the world exerts on the robot, or the reverse;
-    drivers differ, so it must be said, here or by `wrist`."""
+    """Whether the sensor measures the force of the world on the robot, or of the robot on the
+    world; drivers differ, so it must be configured, here or by `wrist`."""
     wrist: Annotated[WristConfig | None, OfRobot("wrists")] = None
     """The sensor, by its name in the robot's description."""
     load: Literal["configured", "robot"] = "configured"
-    """Whether the weight that hangs on the sensor is that of `compensation`, or follows from the
-    robot's URDF and joints."""
+    """Whether the load on the sensor is that of `compensation`, or follows from the robot's URDF
+    and joints."""
     force_noise: ForceNoise = Field(default=0.2, gt=0)
     """Standard deviation of one sample of force, by axis [N]."""
     torque_noise: TorqueNoise = Field(default=0.01, gt=0)
     """Standard deviation of one sample of torque, by axis [N·m]."""
     min_force: Force | None = Field(default=None, gt=0)
-    """No contact under this force [N]; None: five standard deviations of the noise."""
+    """The force under which there is no contact [N]; None: five standard deviations of the
+    noise."""
     patch: Spread = Field(default=0.0, ge=0)
     """For contacts that are no points but patches: standard deviation of the moment that torsional
     friction carries, per force [m]."""
     noise: Spread = Field(default=0.003, ge=0)
-    """Standard deviation, by axis, of where the robot believes its surface to be [m]."""
+    """Standard deviation, by axis, of the position of the robot's surface [m]."""
     friction: float = Field(default=2.0, gt=0)
     """The largest tangential force of a contact, per normal force."""
     surface_tolerance: Spread = Field(default=0.01, gt=0)
-    """A contact lies at most this far from a point of the surface [m]; more than the spacing of
+    """The greatest distance of a contact from a point of the surface [m]; more than the spacing of
     its points."""
     compensation: Compensation = Field(default_factory=Compensation)
-    """What the sensor feels without contact."""
+    """Load and bias of the sensor."""
     gravity: tuple[Acceleration, Acceleration, Acceleration] = (0.0, 0.0, -9.81)
-    """In the frame of the hypothesis space [m/s²]; used when the load has a mass."""
+    """In the frame of the hypothesis space [m/s²]; used where the load has a mass."""
     tare: Memory = Field(default=0.0, ge=0)
-    """Take the mean over the first so many seconds at rest, without contact, as further bias; say
-    nothing before [s]."""
+    """Duration of the first rest, without contact, whose mean wrench is a further bias [s]; there
+    are no clouds before its end. 0: none."""
     average: Memory = Field(default=0.0, ge=0)
-    """Average the wrench over the newest so many seconds [s]; the stated noise stays that of one
-    sample, for drift does not average out."""
+    """Duration over which the newest wrenches are averaged [s], 0: none; the stated noise is that
+    of one sample, for drift does not average out."""
 
     @model_validator(mode="after")
     def _one_sign_one_load(self) -> Self:
@@ -80,12 +81,12 @@ class ForceTorqueConfig(GeneratorConfig):
         return self
 
     def on_robot(self) -> bool:
-        """Whether the sensor gives the force that the world exerts on the robot."""
+        """Whether the sensor measures the force of the world on the robot."""
         return (self.wrist.sign if self.wrist else self.sign) == "on_robot"
 
 
 class ForceTorqueGenerator(Generator[ForceTorqueConfig]):
-    """Regular, single contact: the places where one contact explains the wrench (F §V-B)."""
+    """Regular, single contact: the positions where one contact explains the wrench (F §V-B)."""
 
     Config = ForceTorqueConfig
     readings = (Wrench,)
@@ -96,18 +97,18 @@ class ForceTorqueGenerator(Generator[ForceTorqueConfig]):
         self.reset()
 
     def reset(self) -> None:
-        """Forget the tare, the samples of the average, and how both began."""
+        """Drop the tare, the samples of the average, and the state at their start."""
         self._bias: FloatArray | None = None if self.config.tare else np.zeros(6)
         self._rest: list[tuple[float, FloatArray]] = []
         self._recent: deque[tuple[float, FloatArray]] = deque()
         self._span: tuple[float, float] | None = None
-        self._was_free = self._bias is None  # as the tare makes sure
+        self._was_free = self._bias is None  # a tare requires it
         self._first_force: FloatArray | None = None
         self._has_changed = False
         self._calmest: tuple[float, str] | None = None
 
     def generate(self, reading: Reading, state: State) -> Sequence[HypothesisCloud]:
-        """Give the places on the surface where one contact explains the wrench.
+        """The positions on the surface where one contact explains the wrench.
 
         Raises:
             ConfigurationError: there is no surface to place contacts on.
@@ -135,22 +136,22 @@ class ForceTorqueGenerator(Generator[ForceTorqueConfig]):
         pose = state.frames.pose(state.grid.frame, of=reading.frame)
         nearest = points_in(pose, line_of_action(force, torque)[None])[0]
         force = vectors_in(pose, force[None])[0]
-        if state.robot is not None:  # what does not hang on the sensor cannot be felt by it
+        if state.robot is not None:  # the sensor measures contacts on the links it carries only
             link = state.link_of(reading.frame)
             surface = state.robot.surface_of(state.robot.model.beyond(link))
-        places = self._on_surface(nearest, force, surface, state.grid)
-        if not len(places):
+        positions = self._on_surface(nearest, force, surface, state.grid)
+        if not len(positions):
             pulls = len(self._on_surface(nearest, -force, surface, state.grid))
             why = Note.PULLS if pulls else Note.OFF_SURFACE
             return (self.nothing(reading, notes=(*notes, why)),)
-        levers = places - pose[:3, 3]
+        levers = positions - pose[:3, 3]
         return (
             self.cloud(
                 reading,
-                places,
-                probability / len(places),
+                positions,
+                probability / len(positions),
                 frame=state.grid.frame,
-                forces=np.tile(force, (len(places), 1)),
+                forces=np.tile(force, (len(positions), 1)),
                 spreads=self.spreads(force, levers),
                 single=True,
                 notes=notes,
@@ -159,7 +160,7 @@ class ForceTorqueGenerator(Generator[ForceTorqueConfig]):
 
     @property
     def waits_for(self) -> str:
-        """What keeps the tare from being taken; empty once it is."""
+        """What prevents the tare; empty once it is taken."""
         if self._bias is not None or self._span is None:
             return ""
         tare, span = self.config.tare, self._span[1] - self._span[0]
@@ -179,7 +180,7 @@ class ForceTorqueGenerator(Generator[ForceTorqueConfig]):
         )
 
     def _watch(self, reading: Wrench) -> None:
-        """Notice a force that changes: that of a sensor does, if only by its noise."""
+        """Register a force that changes: that of a working sensor does, if only by its noise."""
         if self._first_force is None:
             self._first_force = reading.force
         self._has_changed |= bool((reading.force != self._first_force).any())
@@ -191,11 +192,11 @@ class ForceTorqueGenerator(Generator[ForceTorqueConfig]):
 
     @property
     def least_force(self) -> float:
-        """The force under which nothing is believed [N]."""
+        """The force under which no contact is reported [N]."""
         return self.config.min_force or 5.0 * self.config.force_noise
 
     def compensated(self, reading: Wrench, state: State) -> FloatArray | None:
-        """Give the contact's wrench on the robot, shape (6,) [N, N·m]; None before the tare."""
+        """The contact's wrench on the robot, shape (6,) [N, N·m]; None before the tare."""
         sign = 1.0 if self.config.on_robot() else -1.0
         wrench = sign * np.concatenate([reading.force, reading.torque])
         compensation, gravity = self.config.compensation, np.zeros(3)
@@ -214,13 +215,13 @@ class ForceTorqueGenerator(Generator[ForceTorqueConfig]):
     def _weighed(
         self, compensation: Compensation, reading: Reading, state: State, pose: Pose
     ) -> Compensation:
-        """Give the compensation with the load that hangs on the sensor in this pose."""
+        """The compensation with the load on the sensor in this pose."""
         mass, centre = state.posed_robot(self.name).load_on(state.link_of(reading.frame))
         x, y, z = points_in(pose, centre[None])[0].tolist()
         return compensation.model_copy(update={"mass": mass, "centre_of_mass": (x, y, z)})
 
     def explained(self, force: FloatArray, torque: FloatArray) -> float:
-        """Give the probability that one contact explains a wrench.
+        """The probability that one contact explains a wrench.
 
         A single contact has no torque along its force. With r = |τ·f|/(|f||τ|) and its standard
         deviation σ_r under the noise, P is 1 up to 3 σ_r and falls to 0 at 6 σ_r (method §5). Here
@@ -237,15 +238,15 @@ class ForceTorqueGenerator(Generator[ForceTorqueConfig]):
         return float(np.clip(2.0 - along / (3.0 * sigma), 0.0, 1.0))
 
     def spreads(self, force: FloatArray, levers: FloatArray) -> FloatArray:
-        """Give the standard deviation of places by axis across the line, shape (n,) [m].
+        """Standard deviations of positions by axis across the line, shape (n,) [m].
 
         The noises t and e of torque and force move the line at r by f × (t - r × e)/|f|². Of the
-        two axes across the line, one sees the whole lever, the other its part along the force;
-        their mean square counts.
+        two axes across the line, one has the whole lever, the other its part along the force; the
+        result is the root of their mean square.
 
         Args:
             force: shape (3,) [N].
-            levers: shape (n, 3) [m], the places from the sensor's origin, in the same axes.
+            levers: shape (n, 3) [m], the positions from the sensor's origin, in the same axes.
         """
         magnitude = np.linalg.norm(force)
         lever_squared = (np.square(levers).sum(axis=1) + (levers @ force / magnitude) ** 2) / 2.0
@@ -257,7 +258,7 @@ class ForceTorqueGenerator(Generator[ForceTorqueConfig]):
     def _on_surface(
         self, start: FloatArray, force: FloatArray, surface: Surface, grid: Grid
     ) -> FloatArray:
-        """Sample the line of action; keep what is on the surface where the force pushes into it.
+        """Samples of the line of action on the surface, where the force pushes into it.
 
         Args:
             start: shape (3,) [m], a point of the line.
@@ -266,7 +267,7 @@ class ForceTorqueGenerator(Generator[ForceTorqueConfig]):
             grid: samples lie a voxel apart, or closer where the tolerance is smaller than that.
 
         Returns:
-            Shape (n, 3) [m], at most one place a voxel.
+            Shape (n, 3) [m], at most one position a voxel.
         """
         direction = force / np.linalg.norm(force)
         reach = self.config.surface_tolerance
@@ -280,18 +281,18 @@ class ForceTorqueGenerator(Generator[ForceTorqueConfig]):
         if not pushed.any():
             return np.empty((0, 3))
         first, last = along[close][pushed].min() - reach, along[close][pushed].max() + reach
-        places = start + np.arange(first, last + step, step)[:, None] * direction
-        distances = cdist(places, surface.points[close])
+        samples = start + np.arange(first, last + step, step)[:, None] * direction
+        distances = cdist(samples, surface.points[close])
         nearest = distances.argmin(axis=1)
-        found = pushed[nearest] & (distances[np.arange(len(places)), nearest] <= reach)
-        kept: FloatArray = places[found]
-        return kept[first_in_voxels(kept, grid)]
+        found = pushed[nearest] & (distances[np.arange(len(samples)), nearest] <= reach)
+        kept: FloatArray = samples[found]
+        return kept[voxel_downsample(kept, grid)]
 
     def _tared(self, stamp: float, wrench: FloatArray, touched: bool) -> FloatArray | None:
-        """Give the mean over the rest, when it has lasted long enough.
+        """The mean wrench over the rest, once it has lasted long enough; None before.
 
-        It starts again when samples scatter more than noise does, and while the robot is touched by
-        what others say: a tare during a contact would erase that contact.
+        The rest starts again when samples scatter more than noise does, and while another source
+        reports a contact: a tare during a contact would remove that contact.
         """
         if touched:
             self._rest.clear()
@@ -321,10 +322,10 @@ class ForceTorqueGenerator(Generator[ForceTorqueConfig]):
 
 
 def line_of_action(force: FloatArray, torque: FloatArray) -> FloatArray:
-    """Give the point of the line of action nearest the origin: (f × τ)/|f|², shape (3,) [m].
+    """The point of the line of action nearest the origin: (f × τ)/|f|², shape (3,) [m].
 
-    The line goes on along the force. Where τ has a part along f, which no force at one place can
-    have, the line is that of the rest.
+    The line is parallel to the force. A part of τ along f, which no single force can have, is
+    ignored.
     """
     nearest: FloatArray = np.cross(force, torque) / (force @ force)
     return nearest
@@ -332,5 +333,5 @@ def line_of_action(force: FloatArray, torque: FloatArray) -> FloatArray:
 
 @hookimpl
 def contactfusion_generators() -> Mapping[str, type[Generator[ForceTorqueConfig]]]:
-    """Offer the force-torque generator."""
+    """The force-torque generator."""
     return {"force_torque": ForceTorqueGenerator}

@@ -1,4 +1,4 @@
-"""Where a range camera sees through, nothing touches (F §III-A: Null)."""
+"""Free space in the view of a range camera: no contact there (F §III-A: Null)."""
 
 from collections.abc import Mapping, Sequence
 
@@ -18,32 +18,33 @@ from contactfusion.state import State
 from contactfusion.units import Position, Reach, Spread
 
 MOST_VOXELS = 2_000_000
-"""A region of more voxels is a mistake in its units."""
+"""The greatest number of voxels; a larger region is a mistake in its units."""
 WINDOWS = (1, 2, 4, 8, 16, 32, 64)
-"""So many pixels to each side of its centre are looked at for a voxel: the first that cover it. One
-that is so near that it covers more is not free."""
+"""Half widths, in pixels, of the windows in which the image is compared with a voxel: the first
+that covers it is used. A voxel that is so near that it covers more is not free."""
 
 
 class FreeSpaceConfig(GeneratorConfig):
     """The options of `free_space`."""
 
     box: tuple[Position, Position] | None = None
-    """Two corners of the region to look at, in the frame of the hypothesis space [m]; none: around
+    """Two corners of the region, in the frame of the hypothesis space [m]; None: the region around
     `links`."""
     links: tuple[str, ...] = ()
-    """The links of the robot to look around, such as those of the hand; none: all."""
+    """The links of the robot in the region, such as those of the hand; empty: all."""
     reach: Reach = Field(default=0.05, gt=0)
-    """How far around the links to look [m]."""
+    """Margin of the region around the links [m]."""
     margin: Spread = Field(default=0.03, ge=0)
-    """What ends so much before a return is free [m]: well over the noise of the camera, the error
-    of its place and a voxel's diagonal together."""
+    """Margin before a return in which space is not free [m]; well above the noise of the camera,
+    the error of its pose and a voxel's diagonal together."""
 
 
 class FreeSpaceGenerator(Generator[FreeSpaceConfig]):
     """Null: voxels that the camera sees through, a margin before any return; p = 1.
 
-    A voxel is free when all pixels that it covers have a return, and all of them lie behind it: at
-    least the nine about its centre. No return is not free: glass, black and too near look alike.
+    A voxel is free when all pixels that it covers have a return, and all returns lie behind it: at
+    least the nine about its centre. A missing return is not free: glass, black and too near look
+    alike.
     """
 
     Config = FreeSpaceConfig
@@ -51,13 +52,13 @@ class FreeSpaceGenerator(Generator[FreeSpaceConfig]):
     outputs = {"": HypothesisKind.NULL}
 
     def most_hypotheses(self, grid: Grid) -> int | None:
-        """The voxels of the box; around links it is not known before the joints come."""
+        """The voxels of the box; None around links, since the joints are unknown yet."""
         if self.config.box is None:
             return None
         return round(_count(*_corners(self.config.box), grid))
 
     def generate(self, reading: Reading, state: State) -> Sequence[HypothesisCloud]:
-        """Give the centres of the free voxels.
+        """The centres of the free voxels.
 
         Raises:
             ConfigurationError: there is neither a box nor a robot to look around, or the region has
@@ -69,11 +70,11 @@ class FreeSpaceGenerator(Generator[FreeSpaceConfig]):
         axes = _centres(*self._region(state), state.grid, self.name)
         to_camera = state.frames.pose(reading.frame, of=state.grid.frame)
         free = seen_through(axes, to_camera, reading, self.config.margin, state.grid.voxel_size)
-        places = [axis[rows] for axis, rows in zip(axes, np.nonzero(free), strict=True)]
-        return (self.cloud(reading, np.stack(places, axis=1), 1.0, frame=state.grid.frame),)
+        centres = [axis[rows] for axis, rows in zip(axes, np.nonzero(free), strict=True)]
+        return (self.cloud(reading, np.stack(centres, axis=1), 1.0, frame=state.grid.frame),)
 
     def _region(self, state: State) -> tuple[FloatArray, FloatArray]:
-        """Give the least and the greatest corner of where to look, shape (3,) [m]."""
+        """The least and the greatest corner of the region, shape (3,) [m]."""
         if self.config.box is not None:
             return _corners(self.config.box)
         if state.robot is None:
@@ -91,11 +92,11 @@ class FreeSpaceGenerator(Generator[FreeSpaceConfig]):
 def seen_through(
     axes: Sequence[FloatArray], to_camera: Pose, image: DepthImage, margin: float, side: float
 ) -> NDArray[np.bool_]:
-    """Tell which voxels lie on the way from the camera to what it sees, a margin before it.
+    """Which voxels lie between the camera and its returns, a margin before them.
 
     Args:
-        axes: where along x, y and z their centres lie [m]; a voxel is one of each.
-        to_camera: takes centres to the camera's frame: x right, y down, z ahead.
+        axes: coordinates of their centres along x, y and z [m]; each combination is a voxel.
+        to_camera: transforms centres to the camera's frame: x right, y down, z forward.
         image: the depth image.
         margin: [m], along the optical axis.
         side: of a voxel [m].
@@ -111,7 +112,7 @@ def seen_through(
     seen: NDArray[np.bool_] = (z >= half + spread / WINDOWS[-1]) & (z < furthest)
     z = z[seen]
     columns, rows = (
-        # what falls outside the image falls on its rim, which is never seen through
+        # voxels outside the image fall on its rim, which is never seen through
         np.rint(_over_voxels(line, axes)[seen] / z).clip(0, size - 1).astype(np.intp)
         for line, size in zip(
             image.intrinsics[:2] @ to_camera[:3], returned.shape[::-1], strict=True
@@ -119,7 +120,7 @@ def seen_through(
     )
     free = np.zeros(len(z), np.bool_)
     far = np.inf
-    for window in WINDOWS:  # from here to where the one before began, it is the first that covers
+    for window in WINDOWS:  # in the interval of distances where it is the first that covers
         near = half + spread / window
         here = np.flatnonzero((z >= near) & (z < far))
         if len(here):
@@ -131,14 +132,14 @@ def seen_through(
 
 
 def _over_voxels(line: FloatArray, axes: Sequence[FloatArray]) -> FloatArray:
-    """Give a·x + b·y + c·z + d for each voxel; `line` has shape (4,)."""
+    """a·x + b·y + c·z + d for each voxel; `line` has shape (4,)."""
     (a, b, c, d), (x, y, z) = line, axes
     values: FloatArray = (a * x)[:, None, None] + (b * y)[:, None] + (c * z + d)
     return values
 
 
 def _pixels_a_radian(image: DepthImage) -> float:
-    """Give the most pixels that a ball at a distance of 1 covers for each unit of its radius."""
+    """Upper bound of the pixels that a ball at a distance of 1 covers per unit of its radius."""
     (focal_x, _, x), (_, focal_y, y), _ = image.intrinsics
     height, width = image.depth.shape
     corner = np.hypot(max(x, width - 1 - x), max(y, height - 1 - y))
@@ -148,7 +149,7 @@ def _pixels_a_radian(image: DepthImage) -> float:
 def _least_about(
     depth: FloatArray, rows: NDArray[np.intp], columns: NDArray[np.intp], window: int
 ) -> FloatArray:
-    """Give the least depth about pixels, `window` to each side; beyond the image it is 0 [m]."""
+    """The least depth about pixels, `window` to each side; outside the image it is 0 [m]."""
     from scipy.ndimage import minimum_filter
 
     top, left = (max(int(each.min()) - window, 0) for each in (rows, columns))
@@ -158,18 +159,18 @@ def _least_about(
 
 
 def _corners(box: tuple[Position, Position]) -> tuple[FloatArray, FloatArray]:
-    """Give the least and the greatest corner, shape (3,) [m]."""
+    """The least and the greatest corner, shape (3,) [m]."""
     corners = np.array(box)
     return corners.min(axis=0), corners.max(axis=0)
 
 
 def _count(low: FloatArray, high: FloatArray, grid: Grid) -> float:
-    """Give how many voxels a region has."""
+    """The number of voxels of a region."""
     return float(np.prod(np.ceil((high - low) / grid.voxel_size) + 1.0))
 
 
 def _centres(low: FloatArray, high: FloatArray, grid: Grid, name: str) -> list[FloatArray]:
-    """Give where along x, y and z the centres of the voxels of a region lie [m]."""
+    """Coordinates of the centres of a region's voxels along x, y and z [m]."""
     count = _count(low, high, grid)
     if count > MOST_VOXELS:
         raise ConfigurationError(
@@ -182,5 +183,5 @@ def _centres(low: FloatArray, high: FloatArray, grid: Grid, name: str) -> list[F
 
 @hookimpl
 def contactfusion_generators() -> Mapping[str, type[Generator[FreeSpaceConfig]]]:
-    """Offer the free-space generator."""
+    """The free-space generator."""
     return {"free_space": FreeSpaceGenerator}

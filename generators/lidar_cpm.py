@@ -12,13 +12,13 @@ from contactfusion.state import State
 
 
 class LidarCpmGenerator(LearnedFace[LearnedConfig]):
-    """Regular, multi contact: what the last two seconds of scans say of the face."""
+    """Regular, multi contact: the face's contact by the last two seconds of scans."""
 
     Config = LearnedConfig
     readings = (PointCloud,)
 
     def generate(self, reading: Reading, state: State) -> Sequence[HypothesisCloud]:
-        """Give the contact on the face.
+        """The contact on the face.
 
         Raises:
             FrameError: nothing joins the LiDAR's frame to the robot's.
@@ -30,5 +30,5 @@ class LidarCpmGenerator(LearnedFace[LearnedConfig]):
 
 @hookimpl
 def contactfusion_generators() -> Mapping[str, type[Generator[LearnedConfig]]]:
-    """Offer the generator."""
+    """The generator."""
     return {"lidar_cpm": LidarCpmGenerator}

@@ -1,4 +1,4 @@
-"""Contacts on the face of a base from one LiDAR scan, by a rule that needs no training."""
+"""Contacts on the face of a base from one LiDAR scan, by a rule without training."""
 
 from collections.abc import Mapping, Sequence
 
@@ -28,11 +28,11 @@ class LidarRuleConfig(PerceivedConfig):
     """The options of `lidar_rule`."""
 
     proximity: ProximityConfig = Field(default_factory=lambda: ProximityConfig(occupied=2))
-    """The region before the face, and its cells."""
+    """The region in front of the face, and its cells."""
     touch: Spread = Field(default=0.01, gt=0)
-    """An object whose proximity is less touches [m]."""
+    """The proximity below which an object touches [m]."""
     near: Spread = Field(default=NEAR, ge=0)
-    """Strips that are further than the nearest by no more than this touch, too [m]."""
+    """Strips of an object that are further than its nearest by no more than this touch, too [m]."""
 
 
 class LidarRuleGenerator(FaceGenerator[LidarRuleConfig]):
@@ -42,7 +42,7 @@ class LidarRuleGenerator(FaceGenerator[LidarRuleConfig]):
     readings = (PointCloud,)
 
     def generate(self, reading: Reading, state: State) -> Sequence[HypothesisCloud]:
-        """Give the contact on the face.
+        """The contact on the face.
 
         Raises:
             FrameError: nothing joins the LiDAR's frame to the robot's.
@@ -70,5 +70,5 @@ class LidarRuleGenerator(FaceGenerator[LidarRuleConfig]):
 
 @hookimpl
 def contactfusion_generators() -> Mapping[str, type[Generator[LidarRuleConfig]]]:
-    """Offer the rule."""
+    """The rule."""
     return {"lidar_rule": LidarRuleGenerator}

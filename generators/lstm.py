@@ -10,17 +10,17 @@ from contactfusion.arrays import FloatArray
 from contactfusion.jit import kernel
 
 LAYERS, UNITS = 2, 32
-"""Of each network: two LSTM layers, one on the other, of so many units."""
+"""Layers of each network, and units of each layer."""
 
 Weights = dict[str, NDArray[np.float32]]
 """The tensors of a network by their names in torch, such as `lstm.weight_ih_l0`."""
 
 
 def tensor_shapes(columns: int, outputs: int) -> dict[str, tuple[int, ...]]:
-    """Give the names and shapes of the weights, named and laid out as in torch.
+    """Names and shapes of the weights, as in torch.
 
     Args:
-        columns: S, the inputs of an instant.
+        columns: S, the inputs of a time step.
         outputs: of the read-out.
     """
     shapes: dict[str, tuple[int, ...]] = {}
@@ -37,7 +37,7 @@ def tensor_shapes(columns: int, outputs: int) -> dict[str, tuple[int, ...]]:
 def lstm_layer(
     sequence: FloatArray, inputs: FloatArray, recurrent: FloatArray, bias: FloatArray
 ) -> FloatArray:
-    """Run a layer of long short-term memory over a sequence, from a state of zeros.
+    """Hidden states of a layer of long short-term memory over a sequence, from a state of zeros.
 
     i, f, o = σ(W x + U h + b), g = tanh(W x + U h + b), c ← f c + i g, h ← o tanh c.
 
@@ -56,9 +56,7 @@ def lstm_layer(
     for step in range(len(sequence)):
         gates[:] = bias
         for row in range(len(inputs)):
-            for gate in range(
-                4 * units
-            ):  # in a loop: numba gives `+=` of a row an array of its own
+            for gate in range(4 * units):  # in a loop: for `+=` of a row, numba allocates an array
                 gates[gate] += sequence[step, row] * inputs[row, gate]
         for row in range(units):
             for gate in range(4 * units):
@@ -75,7 +73,7 @@ def lstm_layer(
 @final
 @dataclass(frozen=True, slots=True, eq=False)
 class Network:
-    """A network, laid out as the kernel goes through it.
+    """A network, laid out for the kernel.
 
     Attributes:
         layers: `inputs`, `recurrent` and `bias` of each layer, as `lstm_layer` takes them.
@@ -89,7 +87,7 @@ class Network:
 
     @classmethod
     def of(cls, weights: Weights) -> Self:
-        """Lay out weights as torch names them."""
+        """The network of weights named as in torch."""
         wide = {name: tensor.astype(np.float64) for name, tensor in weights.items()}
         layers = tuple(
             (
@@ -102,7 +100,7 @@ class Network:
         return cls(layers, wide["readout.weight"], wide["readout.bias"])
 
     def outputs(self, sequence: FloatArray) -> FloatArray:
-        """Give what is read out after the last step, shape (outputs,), for a shape (n, S)."""
+        """Outputs after the last step, shape (outputs,), of a sequence of shape (n, S)."""
         for layer in self.layers:
             sequence = lstm_layer(sequence, *layer)
         result: FloatArray = self.readout @ sequence[-1] + self.bias

@@ -1,4 +1,4 @@
-"""Where the robot is about to be: contacts are to be expected there (F §V-F, Eq 8)."""
+"""Predicted positions of the robot's surface, where contacts are to be expected (F §V-F, Eq 8)."""
 
 from collections.abc import Mapping, Sequence
 
@@ -15,7 +15,7 @@ from contactfusion.jit import kernel
 from contactfusion.readings import JointState, Reading, Twist
 from contactfusion.state import State
 from contactfusion.surface import Surface
-from contactfusion.thinning import first_in_voxels
+from contactfusion.thinning import voxel_downsample
 from contactfusion.units import Period, Spread
 
 
@@ -23,21 +23,21 @@ class MotionConfig(GeneratorConfig):
     """The options of `motion`."""
 
     links: tuple[str, ...] = ()
-    """The links whose surface is predicted, such as those of the hand; none: the whole robot."""
+    """The links whose surface is predicted, such as those of the hand; empty: the whole robot."""
     ahead: Period = Field(default=0.05, gt=0)
-    """How far to predict [s]."""
+    """Prediction horizon [s]."""
     likelihood: float = Field(default=0.3, ge=0, le=1)
-    """Of a contact at the predicted surface."""
+    """Likelihood of a contact at the predicted surface."""
     noise: Spread = Field(default=0.003, ge=0)
-    """Standard deviation of where the robot believes its surface to be [m]."""
+    """Standard deviation of the position of the robot's surface [m]."""
 
 
 class MotionGenerator(Generator[MotionConfig]):
     """Support, multi contact: the voxels of the surface at q + Δq (F Eq 8).
 
-    Δq is the speed of the joints, or of the base, times `ahead`; where a reading tells no speed, it
-    is that since the last reading of the same joint. The contact may come anywhere on the way: the
-    spread of a place holds the way's length over √12.
+    Δq is the speed of the joints, or of the base, times `ahead`; where a reading has no speed, it
+    is that since the last reading of the same joint. The contact may come anywhere on the path: the
+    spread of a position holds the path's length over √12.
     """
 
     Config = MotionConfig
@@ -50,12 +50,12 @@ class MotionGenerator(Generator[MotionConfig]):
         self.reset()
 
     def reset(self) -> None:
-        """Forget the joints and their speeds."""
+        """Drop the joints' positions and speeds."""
         self._last: dict[str, tuple[float, float]] = {}
         self._speeds: dict[str, float] = {}
 
     def generate(self, reading: Reading, state: State) -> Sequence[HypothesisCloud]:
-        """Give the surface where it will be.
+        """The predicted surface.
 
         Raises:
             ConfigurationError: there is no robot, or no surface, to move.
@@ -64,7 +64,7 @@ class MotionGenerator(Generator[MotionConfig]):
         """
         if isinstance(reading, Twist):
             now = self._surface(state)
-            there = now.moved(self._driven(reading, state), now.frame)
+            predicted = now.moved(self._driven(reading, state), now.frame)
         else:
             assert isinstance(reading, JointState)
             self._learn_speeds(reading)
@@ -73,24 +73,24 @@ class MotionGenerator(Generator[MotionConfig]):
             if not self._speeds.keys() & set(reading.names) & set(names):
                 return ()
             speeds = robot.model.speeds(self._speeds)
-            ahead = robot.at(robot.positions + speeds * self.config.ahead)
-            now, there = (one.surface_of(self.config.links) for one in (robot, ahead))
-        kept = first_in_voxels(there.points, state.grid)
-        places, way = moved(now.points, there.points, kept)
+            future = robot.at(robot.positions + speeds * self.config.ahead)
+            now, predicted = (posed.surface_of(self.config.links) for posed in (robot, future))
+        kept = voxel_downsample(predicted.points, state.grid)
+        positions, lengths = moved(now.points, predicted.points, kept)
         return (
             self.cloud(
                 reading,
-                places,
+                positions,
                 self.config.likelihood,
                 frame=state.grid.frame,
-                spreads=np.hypot(self.config.noise, way / np.sqrt(12.0)),
+                spreads=np.hypot(self.config.noise, lengths / np.sqrt(12.0)),
             ),
         )
 
     def _learn_speeds(self, reading: JointState) -> None:
-        """Remember how fast each joint moves [rad/s, m/s].
+        """Update the speed of each joint [rad/s, m/s].
 
-        Arm and hand may come in readings of their own, even with one stamp: each joint has a last
+        Arm and hand may report in readings of their own, even with one stamp: each joint has a last
         reading of its own, and keeps its speed until the next.
         """
         if reading.velocities is not None:
@@ -110,39 +110,39 @@ class MotionGenerator(Generator[MotionConfig]):
         return state.placed_surface(self.name)
 
     def _driven(self, reading: Twist, state: State) -> Pose:
-        """Give the motion ahead in the grid's frame, by the twist of the reading's frame."""
+        """The predicted motion in the grid's frame, by the twist of the reading's frame."""
         from scipy.spatial.transform import Rotation
 
-        way, turn = reading.linear * self.config.ahead, reading.angular * self.config.ahead
-        step = pose_of(way, Rotation.from_rotvec(turn).as_matrix())
-        there = state.frames.pose(state.grid.frame, of=reading.frame)
+        shift, rotation = reading.linear * self.config.ahead, reading.angular * self.config.ahead
+        step = pose_of(shift, Rotation.from_rotvec(rotation).as_matrix())
+        to_grid = state.frames.pose(state.grid.frame, of=reading.frame)
         back = state.frames.pose(reading.frame, of=state.grid.frame)
-        return there @ step @ back
+        return to_grid @ step @ back
 
 
 @kernel
 def moved(
-    now: FloatArray, there: FloatArray, rows: NDArray[np.intp]
+    now: FloatArray, predicted: FloatArray, rows: NDArray[np.intp]
 ) -> tuple[FloatArray, FloatArray]:
-    """Give where some of the points will be, shape (k, 3), and how far they go, shape (k,) [m].
+    """Predicted positions of some points, shape (k, 3), and their displacements, shape (k,) [m].
 
     Args:
-        now: shape (n, 3) [m], where they are.
-        there: shape (n, 3) [m], where they will be.
-        rows: shape (k,), of those that count.
+        now: shape (n, 3) [m], current positions.
+        predicted: shape (n, 3) [m], predicted positions.
+        rows: shape (k,), of the points.
     """
-    places, ways = np.empty((len(rows), 3)), np.empty(len(rows))
+    positions, lengths = np.empty((len(rows), 3)), np.empty(len(rows))
     for number in range(len(rows)):
         row = rows[number]
         square = 0.0
         for axis in range(3):
-            places[number, axis] = there[row, axis]
-            square += (there[row, axis] - now[row, axis]) ** 2
-        ways[number] = np.sqrt(square)
-    return places, ways
+            positions[number, axis] = predicted[row, axis]
+            square += (predicted[row, axis] - now[row, axis]) ** 2
+        lengths[number] = np.sqrt(square)
+    return positions, lengths
 
 
 @hookimpl
 def contactfusion_generators() -> Mapping[str, type[Generator[MotionConfig]]]:
-    """Offer the motion generator."""
+    """The motion generator."""
     return {"motion": MotionGenerator}

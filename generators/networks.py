@@ -1,4 +1,4 @@
-"""The contact networks: where an object touches, and how, from proximity (O §II-D, IV-A)."""
+"""The contact networks: location and kind of a contact, from proximity (O §II-D, IV-A)."""
 
 import hashlib
 import json
@@ -27,15 +27,15 @@ from contactfusion.state import State
 
 Kinds = tuple[Literal["none"], Literal["point"], Literal["line"]]
 KINDS: Kinds = ("none", "point", "line")
-"""How an object touches, in the order of the type's outputs."""
+"""Kinds of contact, in the order of the type network's outputs."""
 OUTPUTS = {"location": 1, "type": len(KINDS)}
-"""The networks, and how many outputs each has."""
+"""The networks, with the number of outputs of each."""
 GAP = 0.5
-"""A silence up to this is bridged; after a longer one the past is forgotten [s]."""
+"""The longest silence that is bridged; after a longer one the memory is cleared [s]."""
 
 
 class Scale(Model):
-    """The range of a quantity in the training set; scaled, it reaches from 0 to 1."""
+    """The range of a quantity in the training set; scaled, it is 0 to 1."""
 
     minimum: float
     maximum: float
@@ -47,38 +47,38 @@ class Scale(Model):
         return self
 
     def scaled(self, values: ArrayLike) -> FloatArray:
-        """Bring values from the range to [0, 1]."""
+        """Values scaled from the range to [0, 1]."""
         return (np.asarray(values, np.float64) - self.minimum) / (self.maximum - self.minimum)
 
     def unscaled(self, values: ArrayLike) -> FloatArray:
-        """Bring values from [0, 1] to the range."""
+        """Values scaled back from [0, 1] to the range."""
         return self.minimum + np.asarray(values, np.float64) * (self.maximum - self.minimum)
 
 
 class NetworksCard(Model):
-    """The model card of two networks: what they were trained for, on what, and how well."""
+    """The model card of two networks: task, training data, and figures of validation."""
 
     proximity: ProximityConfig
-    """The region, and the cells that give its proximity lengths."""
+    """The region, and the cells of its proximity lengths."""
     window: int = Field(ge=1, le=1000)
-    """The lengths of so many instants, one after the other, are looked at together."""
+    """Number of successive instants in a window."""
     rate: float = Field(gt=0)
-    """Of these instants [Hz]."""
+    """Rate of these instants [Hz]."""
     kinds: Kinds = KINDS
-    """In the order of the type's outputs."""
+    """Kinds of contact, in the order of the type network's outputs."""
     length: Scale
-    """Of the proximity lengths [m]."""
+    """Range of the proximity lengths [m]."""
     lateral: Scale
-    """Of the location [m]."""
+    """Range of the location [m]."""
     sigma: dict[str, Annotated[float, Field(gt=0)]]
-    """How far the location errs over validation, root mean square, where the true contact is a
-    `point` and where it is a `line` [m]."""
+    """Root mean square error of the location over validation, where the true contact is a `point`
+    and where it is a `line` [m]."""
     figures: dict[str, float]
-    """What was measured of the networks, by names that end in the unit."""
+    """Figures of the networks, by names that end in the unit."""
     seeds: dict[str, int]
-    """Of the training of each network."""
+    """Seeds of the training of each network."""
     data: str
-    """What the networks were trained on, in words."""
+    """Description of the training data."""
     data_sha256: str
     weights_sha256: str
 
@@ -90,7 +90,7 @@ class NetworksCard(Model):
 
 
 def read_card(path: Path) -> NetworksCard:
-    """Read a card.
+    """A model card from its file.
 
     Raises:
         ConfigurationError: the file is missing, or is no card.
@@ -110,10 +110,10 @@ def read_card(path: Path) -> NetworksCard:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Perception:
-    """What the networks say about one window.
+    """Outputs of the networks for one window.
 
     Attributes:
-        lateral: where the object touches if it does, to the left [m].
+        lateral: position of the contact if there is one, to the left [m].
         probabilities: shape (3,), of no contact, a point and a line.
     """
 
@@ -126,7 +126,7 @@ class ContactNetworks:
     """The location and the type estimator, each two LSTM layers and a read-out.
 
     Args:
-        card: what they were trained for.
+        card: of the networks.
         weights: of the networks `location` and `type`.
     """
 
@@ -137,7 +137,7 @@ class ContactNetworks:
 
     @classmethod
     def load(cls, path: Path) -> Self:
-        """Read both networks.
+        """Both networks, from their files.
 
         Args:
             path: the safetensors file; the card lies beside it, as a JSON file of the same name.
@@ -148,7 +148,7 @@ class ContactNetworks:
         return cls(*read_networks(path))
 
     def perceive(self, window: FloatArray) -> Perception:
-        """Where and how an object touches at the end of a window.
+        """The contact at the end of a window: location and probabilities of its kinds.
 
         Args:
             window: shape (20, 12) [m], proximity lengths, the newest last.
@@ -166,12 +166,12 @@ class ContactNetworks:
 
 
 def shipped() -> Path:
-    """The weights that come with the package."""
+    """The weights of the package."""
     return Path(__file__).parent / "data" / "contact.safetensors"
 
 
 def read_networks(path: Path) -> tuple[NetworksCard, dict[str, Weights]]:
-    """Read the card and the weights of both networks, and make sure that they fit.
+    """The card and the weights of both networks; refuses those that do not match.
 
     Raises:
         ConfigurationError: a file is missing or damaged, or one does not fit the other.
@@ -208,7 +208,7 @@ def _tensor(tensors: Weights, name: str, shape: tuple[int, ...], path: Path) -> 
 
 
 class LearnedConfig(PerceivedConfig):
-    """The options of all generators that read the contact networks."""
+    """The options of all generators that use the contact networks."""
 
     weights: Path | None = Field(default=None)
     """The networks, as `contactfusion train cpm` writes them; None: those of the package."""
@@ -223,11 +223,11 @@ class LearnedFace(FaceGenerator[ConfigT]):
         self._networks = ContactNetworks.load(config.weights or shipped())
         card = self._networks.card
         self.proximity = card.proximity
-        """The region before the face, and its cells, as the networks learned them."""
+        """The region in front of the face, and its cells, as in training."""
         self._memory = Memory(card.window, 1.0 / card.rate, GAP)
 
     def reset(self) -> None:
-        """Forget what was seen."""
+        """Clear the memory."""
         self._memory.clear()
 
     def perceived(
@@ -236,7 +236,7 @@ class LearnedFace(FaceGenerator[ConfigT]):
         """The contact on the face; none for a reading that is not newer than the last.
 
         Args:
-            reading: what was seen.
+            reading: that the lengths follow from.
             state: of the robot.
             lengths: shape (S,), the proximity of each strip [m].
         """

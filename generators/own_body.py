@@ -1,4 +1,4 @@
-"""Where a camera stands that sees the robot itself: its pose, mended by the robot's own edges."""
+"""Extrinsic self-calibration of a camera by the edges of the robot's own body."""
 
 from collections.abc import Sequence
 
@@ -11,37 +11,35 @@ from contactfusion.generators.proximity import BoxConfig
 from contactfusion.vision import back_projected
 
 REACH = 0.08
-"""Edges may seem to lie so far from where they are [m]: 3 cm and 2 degrees at 1.2 m."""
+"""The greatest apparent offset of edges [m]: 3 cm and 2 degrees at 1.2 m."""
 OWN = 0.015
-"""What is so near to the plane of the body's upper side is the body [m]."""
+"""The greatest distance of the body's points from the plane of its upper side [m]."""
 STRIP = 0.05
-"""Edges are looked at in strips of this width [m]."""
+"""Width of the strips of an edge [m]."""
 LEAST = 12
-"""So many pixels of a strip have to be seen, and of the upper side its square."""
+"""The least number of pixels of a strip; of the upper side, its square."""
 PIXELS = 20_000
-"""Larger images are thinned to about so many pixels."""
+"""Larger images are thinned to about this number of pixels."""
 PRIOR = np.array([0.02, 0.02, 0.02])
-"""Standard deviation of how far ahead [m], to the left [m] and turned [rad] a camera may stand from
-where it is said to."""
+"""Standard deviations of a camera's configured position, forward and lateral [m], and yaw [rad]."""
 EDGE = 0.015
-"""Standard deviation of where a strip seems to end in an image [m]. It is stated too large: pixels
-are coarse, and those of the next image err alike."""
+"""Standard deviation of the position of an edge in a strip of an image [m]. It is overestimated:
+pixels are coarse, and errors of successive images are correlated."""
 SETTLED = np.array([0.002, 0.002, 0.008])
-"""Once all is known as well as this, the pose is kept."""
+"""Standard deviations at which the calibration ends."""
 STEPS = 4
-"""The first image is gone through so often, each time from where the last ended."""
+"""Iterations over the first image, each from the result of the last."""
 
 Mask = NDArray[np.bool_]
 
 
 class OwnBody:
-    """Mends the pose of a camera by what it sees of the body that carries it.
+    """Corrects the pose of a camera by its view of the body that carries it.
 
-    The plane of the body's upper side tells height, roll and pitch; its sides tell yaw and how far
-    to the left the camera stands, its front edge how far ahead. An edge lies where the share of
-    pixels that see the upper side says, among those in a band around it. Strips of it in which
-    something higher stands are left out, since it may hide the edge; what no strip tells stays as
-    it is said to be.
+    The plane of the body's upper side determines height, roll and pitch; its sides determine yaw
+    and the lateral position, its front edge the forward position. An edge lies where the share of
+    pixels in a band around it that see the upper side puts it. Strips with something higher are
+    left out, since it may hide the edge; what no strip determines stays as configured.
 
     Args:
         box: the body in the robot's frame, upright.
@@ -52,7 +50,7 @@ class OwnBody:
         self.reset()
 
     def reset(self) -> None:
-        """Forget what was seen."""
+        """Return to the configured pose."""
         self._mending: Pose = np.eye(4)
         self._images = 0
         self._known = np.diag(PRIOR**-2.0)
@@ -60,17 +58,17 @@ class OwnBody:
 
     @property
     def sigma(self) -> FloatArray:
-        """How well is known where the camera is ahead, aside [m] and turned [rad], shape (3,)."""
+        """Standard deviations, forward and lateral [m] and yaw [rad], shape (3,)."""
         sigma: FloatArray = np.sqrt(np.diag(np.linalg.inv(self._known)))
         return sigma
 
     def mended(self, depth: FloatArray, intrinsics: FloatArray, pose: Pose) -> Pose:
-        """Give the pose that puts the body where it is, as far as it was seen.
+        """The corrected pose of the camera in the robot's frame.
 
         Args:
             depth: shape (h, w) [m], 0 where there is no return.
             intrinsics: the camera matrix, shape (3, 3) [pixels].
-            pose: of the camera in the robot's frame, as it is said to be.
+            pose: of the camera in the robot's frame, as configured.
         """
         if not self._settled:
             every = max(1, round((depth.size / PIXELS) ** 0.5))
@@ -81,30 +79,30 @@ class OwnBody:
         return self._mending @ pose
 
     def _look(self, points: FloatArray, pose: Pose) -> None:
-        """Learn from what points, shape (n, 3) [m] in the camera's frame, tell of the body."""
+        """Update the correction by points, shape (n, 3) [m], in the camera's frame."""
         mending, known, moved = self._mending, self._known, np.zeros(3)
         for _ in range(1 if self._images else STEPS):
             held = mending @ pose
-            seen, eye = points_in(held, points), held[:3, 3]
+            seen, camera = points_in(held, points), held[:3, 3]
             plane = self._plane(seen)
             if plane is None:
                 return
             height, slope_x, slope_y = plane / (self._images + 1.0)
-            lift = height + slope_x * eye[0] + slope_y * eye[1]
-            level = _moved(eye, (-slope_y, slope_x, 0.0), (0.0, 0.0, -lift))
-            terms, seems = self._edges(points_in(level, seen), points_in(level, eye))
+            lift = height + slope_x * camera[0] + slope_y * camera[1]
+            level = _moved(camera, (-slope_y, slope_x, 0.0), (0.0, 0.0, -lift))
+            terms, seems = self._edges(points_in(level, seen), points_in(level, camera))
             known = self._known + terms.T @ terms / EDGE**2
-            told = terms.T @ seems / EDGE**2 - self._known @ moved
-            ahead, aside, yaw = step = np.linalg.solve(known, told)
+            rhs = terms.T @ seems / EDGE**2 - self._known @ moved
+            forward, lateral, yaw = step = np.linalg.solve(known, rhs)
             moved = moved + step
-            turn = _moved(points_in(level, eye), (0.0, 0.0, -yaw), (-ahead, -aside, 0.0))
-            mending = turn @ level @ mending
+            about, back = points_in(level, camera), (-forward, -lateral, 0.0)
+            mending = _moved(about, (0.0, 0.0, -yaw), back) @ level @ mending
         self._mending, self._known = mending, known
         self._images += 1
         self._settled = bool(np.all(self.sigma <= SETTLED))
 
     def _plane(self, points: FloatArray) -> FloatArray | None:
-        """Fit the upper side: how much too high it seems at the frame's axis, and its slopes."""
+        """The fitted upper side: height above the nominal at the frame's axis, and slopes."""
         box, top = self._box, self._box.z[1]
         near = np.abs(points[:, 2] - top) < REACH
         for axis, (first, last) in ((0, box.x), (1, box.y)):
@@ -117,32 +115,32 @@ class OwnBody:
         fitted: FloatArray = np.linalg.lstsq(terms[kept], z[kept] - top, rcond=None)[0]
         return fitted
 
-    def _edges(self, points: FloatArray, eye: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Give how far out edges seem to lie, and what that tells of where the camera is.
+    def _edges(self, points: FloatArray, camera: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Apparent offsets of edges, and their derivatives by the camera's position and yaw.
 
         Args:
             points: shape (n, 3) [m], the upper side already level.
-            eye: where the camera is, shape (3,) [m].
+            camera: its position, shape (3,) [m].
 
         Returns:
-            For each strip by how much it would seem moved, were the camera taken to be ahead [m],
-            to the left [m] and turned [rad] by one, shape (s, 3), and by how much it seems to be,
-            shape (s,) [m].
+            For each strip the derivatives of its offset by the camera's forward and lateral error
+            [m] and its yaw error [rad], shape (s, 3), and the offset, shape (s,) [m].
         """
         (back, front), (right, left), (_, top) = self._box.x, self._box.y, self._box.z
-        below = points[points[:, 2] < eye[2]]
+        below = points[points[:, 2] < camera[2]]
         height = below[:, 2] - top
         own, higher = np.abs(height) < OWN, height >= OWN
-        share = (eye[2] - top) / (eye[2] - below[:, 2])
-        x, y = (eye[:2] + share[:, None] * (below[:, :2] - eye[:2])).T
+        share = (camera[2] - top) / (camera[2] - below[:, 2])
+        x, y = (camera[:2] + share[:, None] * (below[:, :2] - camera[:2])).T
         across, along = (right + REACH, left - REACH), (back + REACH, front - REACH)
-        offsets, places = _offsets(x - front, y, across, own, higher)
-        terms = [np.column_stack([np.ones(len(places)), np.zeros(len(places)), eye[1] - places])]
+        offsets, strips = _offsets(x - front, y, across, own, higher)
+        ones, zeros = np.ones(len(strips)), np.zeros(len(strips))
+        terms = [np.column_stack([ones, zeros, camera[1] - strips])]
         seems = [offsets]
         for edge, sign in ((left, 1.0), (right, -1.0)):
-            offsets, places = _offsets(sign * (y - edge), x, along, own, higher)
-            lever = places - eye[0]
-            terms.append(np.column_stack([np.zeros(len(places)), np.ones(len(places)), lever]))
+            offsets, strips = _offsets(sign * (y - edge), x, along, own, higher)
+            ones, zeros = np.ones(len(strips)), np.zeros(len(strips))
+            terms.append(np.column_stack([zeros, ones, strips - camera[0]]))
             seems.append(sign * offsets)
         return np.concatenate(terms), np.concatenate(seems)
 
@@ -150,14 +148,14 @@ class OwnBody:
 def _offsets(
     beyond: FloatArray, along: FloatArray, span: tuple[float, float], own: Mask, higher: Mask
 ) -> tuple[FloatArray, FloatArray]:
-    """Give how far out an edge seems to lie in each free strip, and where along the edge that is.
+    """Apparent offset of an edge in each free strip, outward, and the strip's position along it.
 
     Args:
-        beyond: shape (n,) [m], how far outside the edge pixels lie, on the plane of the upper side.
-        along: shape (n,) [m], where along the edge.
-        span: the edge is looked at between these.
+        beyond: shape (n,) [m], distance of pixels outside the edge, on the plane of the upper side.
+        along: shape (n,) [m], their position along the edge.
+        span: range of positions that are used [m].
         own: shape (n,), whether they see the upper side.
-        higher: shape (n,), whether they see what is higher.
+        higher: shape (n,), whether they see something higher.
     """
     band = (np.abs(beyond) < REACH) & (along > span[0]) & (along < span[1])
     strip = ((along[band] - span[0]) / STRIP).astype(np.intp)
@@ -170,9 +168,9 @@ def _offsets(
     return (2.0 * mine[free] / count[free] - 1.0) * REACH, middles
 
 
-def _moved(about: FloatArray, turn: Sequence[float], shift: Sequence[float]) -> Pose:
-    """Give the pose that turns by a rotation vector [rad] about a place, then shifts [m]."""
+def _moved(about: FloatArray, rotation_vector: Sequence[float], shift: Sequence[float]) -> Pose:
+    """The pose that rotates by a rotation vector [rad] about a point, then shifts [m]."""
     from scipy.spatial.transform import Rotation
 
-    rotation = Rotation.from_rotvec(turn).as_matrix()
-    return pose_of(about - rotation @ about + np.asarray(shift), rotation)
+    matrix = Rotation.from_rotvec(rotation_vector).as_matrix()
+    return pose_of(about - matrix @ about + np.asarray(shift), matrix)

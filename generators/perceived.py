@@ -1,4 +1,4 @@
-"""A contact on the face of a base, as eyes perceive it: a place, a kind, a likelihood (O §II-D)."""
+"""Contacts on the face of a base by exteroceptive sensors: position, kind, likelihood (O §II-D)."""
 
 from abc import abstractmethod
 from collections import deque
@@ -18,22 +18,22 @@ from contactfusion.readings import PointCloud, Reading
 from contactfusion.state import State
 
 LEAST_LINE = 0.05
-"""A line spans at least as much (O §III-A) [m]."""
+"""The least length of a line (O §III-A) [m]."""
 NEAR = 0.005
-"""Strips as near as the nearest, or further by no more than this, touch, too [m]."""
+"""Strips further than the nearest by no more than this touch, too [m]."""
 
 
 ROBOT = (BoxConfig(x=(0.20, 0.305), y=(-0.32, 0.32), z=(-0.45, -0.035)),)
-"""Where the base of the package is, seen with the noise of a LiDAR, in its frame [m]."""
+"""The base of the package, with a margin for the noise of a LiDAR, in its frame [m]."""
 
 NOTHING_NEAR = "nothing in the region"
-"""Noted of a cloud; when it is so all the time, the sensor's frame may stand in the wrong place."""
+"""Note on a cloud; if it is permanent, the sensor's frame may be wrong."""
 ROUNDING = 1e-9
-"""A length so nearly that of an empty strip is one [m]."""
+"""Tolerance within which a length is that of an empty strip [m]."""
 
 
 class Kind(StrEnum):
-    """How an object touches."""
+    """The kind of contact."""
 
     NONE = "none"
     POINT = "point"
@@ -42,12 +42,12 @@ class Kind(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Percept:
-    """What eyes make of a contact.
+    """A perceived contact.
 
     Attributes:
-        kind: how the object touches.
+        kind: of the contact.
         lateral: l̂, the middle of the contact, to the left of the robot's middle [m].
-        likelihood: that it touches at all.
+        likelihood: of any contact.
         sigma: standard deviation of l̂ [m].
     """
 
@@ -58,18 +58,18 @@ class Percept:
 
 
 class PerceivedConfig(GeneratorConfig):
-    """What all who perceive contacts on a face can be told."""
+    """Options of all generators that perceive contacts on a face."""
 
     frame: str = "base"
-    """The robot's frame, x ahead; its face is upright and square to x."""
+    """The robot's frame, x forward; its face is upright and square to x."""
     height: Span = (-0.40, -0.05)
-    """The face reaches from and to this height in the robot's frame [m]."""
+    """The lower and the upper end of the face in the robot's frame [m]."""
     robot: tuple[BoxConfig, ...] = ROBOT
-    """Where the sensor sees the robot itself, in the robot's frame; nothing there counts."""
+    """Boxes around the robot's own parts that the sensor sees, in the robot's frame."""
     p_max: float = Field(default=0.95, gt=0, le=1)
     """The largest likelihood."""
     p_min: float = Field(default=0.5, ge=0, le=1)
-    """Under this likelihood no contact is told."""
+    """The likelihood under which no contact is reported."""
 
 
 class FaceGenerator(Generator[ConfigT]):
@@ -86,18 +86,18 @@ class FaceGenerator(Generator[ConfigT]):
         proximity: ProximityConfig,
         near: float = NEAR,
     ) -> HypothesisCloud:
-        """Put a contact on the face; there is none before an empty region, whatever is perceived.
+        """The contact on the face as a cloud; without hypotheses where the region is empty.
 
         A point is a column of voxels at l̂ over the face's height; a line reaches as far to either
         side of l̂ as the strips that are as near as the nearest.
 
         Args:
-            reading: what it follows from.
+            reading: that the cloud follows from.
             state: of the robot.
             percept: the contact.
             lengths: shape (S,), the proximity of each strip [m].
-            proximity: what the strips are.
-            near: strips of a line may be further than the nearest by so much [m].
+            proximity: the region and its strips.
+            near: strips of a line may be further than the nearest by this [m].
         """
         config = self.config
         assert isinstance(config, PerceivedConfig)
@@ -114,19 +114,19 @@ class FaceGenerator(Generator[ConfigT]):
             half = min(half_length(lengths, proximity, near), left - middle, middle - right)
         y = _spaced(middle - half, middle + half, side)
         z = _spaced(config.height[0] + side / 2.0, config.height[1] - side / 2.0, side)
-        places = np.empty((len(y) * len(z), 3))
-        places[:, 0] = proximity.region.x[0]
-        places[:, 1], places[:, 2] = np.repeat(y, len(z)), np.tile(z, len(y))
-        spreads = np.full(len(places), percept.sigma)
-        return self.cloud(reading, places, likelihood, frame=config.frame, spreads=spreads)
+        positions = np.empty((len(y) * len(z), 3))
+        positions[:, 0] = proximity.region.x[0]
+        positions[:, 1], positions[:, 2] = np.repeat(y, len(z)), np.tile(z, len(y))
+        spreads = np.full(len(positions), percept.sigma)
+        return self.cloud(reading, positions, likelihood, frame=config.frame, spreads=spreads)
 
     @abstractmethod
     def generate(self, reading: Reading, state: State) -> Sequence[HypothesisCloud]:
-        """Give the contact on the face."""
+        """The contact on the face."""
 
 
 def points_before(reading: PointCloud, state: State, config: PerceivedConfig) -> FloatArray:
-    """Give what a LiDAR sees but the robot itself, shape (n, 3) [m], in the robot's frame.
+    """Points of a LiDAR without the robot itself, shape (n, 3) [m], in the robot's frame.
 
     Raises:
         FrameError: nothing joins the LiDAR's frame to the robot's.
@@ -136,29 +136,29 @@ def points_before(reading: PointCloud, state: State, config: PerceivedConfig) ->
 
 
 def half_length(lengths: FloatArray, proximity: ProximityConfig, near: float) -> float:
-    """Give half of what the nearest strips span, at least half of the shortest line [m]."""
+    """Half the span of the nearest strips, at least that of the shortest line [m]."""
     first, last = nearest_strips(lengths, near)
     return max((last - first) * proximity.cell[1], LEAST_LINE) / 2.0
 
 
 def nearest_strips(lengths: FloatArray, near: float) -> tuple[int, int]:
-    """Give the outermost strips, from right to left, that are as near as the nearest.
+    """The outermost of the strips that are as near as the nearest, from right to left.
 
     Args:
         lengths: shape (S,) [m].
-        near: they may be further by so much [m].
+        near: greatest difference from the nearest [m].
     """
     found = np.flatnonzero(lengths <= lengths.min() + near)
     return int(found[0]), int(found[-1])
 
 
 class Memory:
-    """The last descriptors, brought to a fixed rate.
+    """The last descriptors, resampled to a fixed rate.
 
     Args:
-        count: how many make a window.
+        count: number of descriptors in a window.
         period: between two of a window [s].
-        gap: a longer silence makes it forget all before [s].
+        gap: the longest silence within a window; a longer one clears the memory [s].
     """
 
     def __init__(self, count: int, period: float, gap: float) -> None:
@@ -167,7 +167,7 @@ class Memory:
         self._held: deque[tuple[float, FloatArray]] = deque()
 
     def window(self, stamp: float, lengths: FloatArray) -> FloatArray | None:
-        """Add a descriptor, and give the window that ends with it.
+        """The window that ends with a descriptor, which is added.
 
         Where one is missing, the nearest in time is repeated.
 
@@ -187,16 +187,16 @@ class Memory:
         held.append((stamp, lengths))
         while held[0][0] < stamp - self._ages[0] - self._gap:
             held.popleft()
-        stamps = np.array([one for one, _ in held])
-        asked = stamp - self._ages
-        nearest = np.searchsorted((stamps[1:] + stamps[:-1]) / 2.0, asked)
-        return np.stack([one for _, one in held])[nearest]
+        stamps = np.array([time for time, _ in held])
+        wanted = stamp - self._ages
+        nearest = np.searchsorted((stamps[1:] + stamps[:-1]) / 2.0, wanted)
+        return np.stack([descriptor for _, descriptor in held])[nearest]
 
     def clear(self) -> None:
-        """Forget all."""
+        """Drop all descriptors."""
         self._held.clear()
 
 
 def _spaced(first: float, last: float, side: float) -> FloatArray:
-    """Give places from first to last, no further apart than a voxel."""
+    """Positions from first to last, no further apart than a voxel, shape (n,) [m]."""
     return np.linspace(first, last, int(np.ceil((last - first) / side - 1e-9)) + 1)

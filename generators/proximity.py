@@ -1,4 +1,4 @@
-"""How near things are to the face of a base, a strip of it at a time (O §II-C, IV-A)."""
+"""Proximity of objects to the face of a base, strip by strip (O §II-C, IV-A)."""
 
 from collections.abc import Sequence
 from typing import Annotated
@@ -14,10 +14,10 @@ from contactfusion.model import Model
 from contactfusion.units import Nearby, Spacing
 
 ROUNDING = 1e-9
-"""A region that is so nearly a whole number of cells is one."""
+"""Tolerance within which a region is a whole number of cells."""
 
 MOST_CELLS = 1000
-"""Along each axis."""
+"""The greatest number of cells along each axis."""
 
 
 def _ordered(value: tuple[float, float]) -> tuple[float, float]:
@@ -34,40 +34,41 @@ class BoxConfig(Model):
     """An upright box in the robot's frame."""
 
     x: Span
-    """[m]."""
+    """Least and greatest x [m]."""
     y: Span
-    """[m]."""
+    """Least and greatest y [m]."""
     z: Span
-    """[m]."""
+    """Least and greatest z [m]."""
 
     def holds(self, points: FloatArray) -> NDArray[np.bool_]:
-        """Tell which points lie inside, shape (n,); those that are not finite do not."""
+        """Which points lie inside, shape (n,); those that are not finite do not."""
         bounds = np.array((self.x, self.y, self.z), points.dtype)
         return _between(np.ascontiguousarray(points), bounds)
 
 
 @kernel
 def _between(points: FloatArray, bounds: FloatArray) -> NDArray[np.bool_]:
-    """Tell which points (n, 3) lie between bounds (3, 2)."""
+    """Which points (n, 3) lie between bounds (3, 2)."""
     inside = np.ones(len(points), np.bool_)
     for row in range(len(points)):
         for axis in range(3):
-            place = points[row, axis]
-            inside[row] &= (place > bounds[axis, 0]) & (place < bounds[axis, 1])
+            coordinate = points[row, axis]
+            inside[row] &= (coordinate > bounds[axis, 0]) & (coordinate < bounds[axis, 1])
     return inside
 
 
 class ProximityConfig(Model):
-    """The region before the face, and its cells as seen from above (O §III-A)."""
+    """The region in front of the face, and its cells as seen from above (O §III-A)."""
 
     region: BoxConfig = Field(
         default_factory=lambda: BoxConfig(x=(0.30, 0.62), y=(-0.30, 0.30), z=(-0.40, 0.50))
     )
-    """What is looked at, in the robot's frame; its lower x is the face [m]."""
+    """The region, in the robot's frame; its lower x is the face [m]."""
     cell: tuple[CellEdge, CellEdge] = (0.02, 0.05)
     """The edges of a cell along x and along y [m]."""
     occupied: int = Field(default=1, ge=1)
-    """So many points of a LiDAR occupy a cell; with 2, a single wrong range does not."""
+    """The least number of points of a LiDAR in an occupied cell; with 2, one false range is
+    ignored."""
 
     @model_validator(mode="after")
     def _whole_cells(self) -> "ProximityConfig":
@@ -89,17 +90,17 @@ class ProximityConfig(Model):
 
     @property
     def columns(self) -> int:
-        """S, how many strips there are along y."""
+        """S, the number of strips along y."""
         return round((self.region.y[1] - self.region.y[0]) / self.cell[1])
 
     @property
     def rows(self) -> int:
-        """M, how many cells a strip has along x."""
+        """M, the number of cells of a strip along x."""
         return round((self.region.x[1] - self.region.x[0]) / self.cell[0])
 
     @property
     def start(self) -> float:
-        """Where proximity vectors start along x: the middle of the first cell (O Eq 8) [m]."""
+        """The origin of proximity vectors along x: the middle of the first cell (O Eq 8) [m]."""
         return self.region.x[0] + self.cell[0] / 2.0
 
     @property
@@ -108,15 +109,15 @@ class ProximityConfig(Model):
         return abs(self.region.x[1] - self.start)
 
     def bounds(self) -> FloatArray:
-        """Give the bounds of the strips along y, shape (S + 1,) [m], from right to left."""
+        """The bounds of the strips along y, shape (S + 1,) [m], from right to left."""
         bounds: FloatArray = self.region.y[0] + self.cell[1] * np.arange(self.columns + 1.0)
         return bounds
 
     def lengths_of_cloud(self, points: FloatArray) -> FloatArray:
-        """Give the proximity of what a LiDAR sees, strip by strip (O Eq 5-11).
+        """The proximity of points of a LiDAR, strip by strip (O Eq 5-11).
 
         A vector starts in the middle of a strip's first cell and ends at the mean x of the points
-        in its nearest occupied cell. The norm forgets the sign, as in the paper: a mean 2 mm before
+        in its nearest occupied cell. The norm drops the sign, as in the paper: a mean 2 mm before
         the middle of the first cell and one 2 mm behind it are equal.
 
         Args:
@@ -140,7 +141,7 @@ class ProximityConfig(Model):
         return lengths
 
     def lengths_of_edges(self, points: FloatArray) -> FloatArray:
-        """Give the proximity of an object whose edges a camera sees, strip by strip (O Eq 14-16).
+        """The proximity of an object by its edges in a camera, strip by strip (O Eq 14-16).
 
         A vector ends at the nearest of a strip's points.
 
@@ -154,10 +155,11 @@ class ProximityConfig(Model):
         return lengths
 
     def lengths_of_surface_edges(self, points: FloatArray) -> FloatArray:
-        """Give the proximity that a LiDAR would see of surfaces which begin at these edges.
+        """The proximity that a LiDAR would measure of surfaces that begin at these edges.
 
-        A surface that begins at x and goes on fills the rest of its cell, whose mean x ends the
-        vector (O Eq 9) where its edge x would by O Eq 15: what touches has the length 0, not g_x/2.
+        A surface that begins at x and continues fills the rest of its cell, whose mean x ends the
+        vector (O Eq 9) where its edge x would by O Eq 15: an object in contact has the length 0,
+        not g_x/2.
 
         Args:
             points: shape (n, 3) [m], in the robot's frame; rows that are not finite are no points.
@@ -172,21 +174,21 @@ class ProximityConfig(Model):
         return lengths
 
     def _nearest(self, points: FloatArray) -> FloatArray:
-        """Give the nearest x of each strip, shape (S,) [m]; of an empty one the region's end."""
+        """The nearest x of each strip, shape (S,) [m]; of an empty one the region's end."""
         x, strip = self._inside(points)
         nearest = np.full(self.columns, self.region.x[1])
         np.minimum.at(nearest, strip, x)
         return nearest
 
     def _inside(self, points: FloatArray) -> tuple[FloatArray, NDArray[np.intp]]:
-        """Give x and strip of the points in the region."""
+        """The x of the points in the region, and their strips."""
         x, y, _ = points[self.region.holds(points)].T
         strip = ((y - self.region.y[0]) * (1.0 / self.cell[1])).astype(np.intp)
         return x, np.minimum(strip, self.columns - 1)
 
 
 def without(points: FloatArray, boxes: Sequence[BoxConfig]) -> FloatArray:
-    """Leave out the points in boxes, such as those of the robot itself.
+    """Points outside of boxes, such as those of the robot itself.
 
     Args:
         points: shape (n, 3) [m].

@@ -1,4 +1,4 @@
-"""Contacts from a range camera: what moves near the robot is being pushed (F §V-D)."""
+"""Contacts from a range camera: objects that move near the robot (F §V-D)."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -19,58 +19,59 @@ from contactfusion.robots.model import RobotModel
 from contactfusion.robots.posed import PosedRobot
 from contactfusion.robots.solids import loaded_open3d
 from contactfusion.state import State
-from contactfusion.thinning import first_in_voxels
+from contactfusion.thinning import voxel_downsample
 from contactfusion.units import LengthScale, Memory, Reach, Spacing, Spread
 
 FAINTEST = 0.01
-"""Less likely places are dropped (method §5)."""
+"""The least likelihood of a position (method §5)."""
 WIDER = 0.1
-"""Earlier sights hold so much more around the links [m]: what comes into view has not moved."""
+"""Additional margin of earlier clouds around the links [m]: what enters the view has not moved."""
 NEIGHBOURS = 20
-"""So many neighbours at most make up the plane at a point."""
+"""The greatest number of neighbours that define the plane at a point."""
 SHOWN = 0.1
-"""A motion is seen when it moves the surface along its normals by this part of the mean square of
-the ways of its points."""
+"""The share of a motion's mean square displacement that must lie along the normals of the surface
+for the motion to be observable."""
 LEAST = 10
-"""Fewer points have no shape to compare."""
+"""The least number of points whose shape can be compared."""
 
 
 class RangeConfig(GeneratorConfig):
     """The options of `range`."""
 
     links: tuple[str, ...] = ()
-    """The links that may touch, such as those of the hand; none: the whole robot."""
+    """The links that may touch, such as those of the hand; empty: the whole robot."""
     evidence: Literal["motion", "proximity"] = "motion"
-    """`motion`: objects that move count, as Regular. `proximity`: all that is near counts, as
-    Support: for objects that cannot move."""
+    """`motion`: objects that move, as Regular. `proximity`: everything near, as Support: for
+    objects that cannot move."""
     scale: Annotated[Spread, LengthScale()] = Field(default=0.01, gt=0)
     """λ: the likelihood is a half at this distance from the robot [m] (F Eq 5)."""
     around: Reach = Field(default=0.15, gt=0)
-    """How far around the links to look for objects [m]."""
+    """Margin of the region around the links [m]."""
     resolution: Spacing = Field(default=0.004, gt=0)
-    """Points are thinned to one in a cube of this side [m]."""
+    """Edge of the cubes in which points are thinned to one [m]."""
     margin: Spread = Field(default=0.015, ge=0)
-    """Points so near the robot are its own [m]: as much as the camera and its place may err."""
+    """Distance from the robot within which points are its own [m]; at least the error of the camera
+    and its pose."""
     gap: Spread = Field(default=0.02, gt=0)
-    """Points that no chain of so short steps joins are of different objects [m]."""
+    """The least gap between objects [m]: points that shorter steps join are of one object."""
     min_points: int = Field(default=20, ge=3)
-    """Of an object."""
+    """The least number of points of an object."""
     min_motion: Spread = Field(default=0.006, gt=0)
-    """An object has moved when its points have by so much, root mean square [m]."""
+    """The least displacement of an object's points, root mean square, when it has moved [m]."""
     memory: Memory = Field(default=0.3, gt=0)
-    """An object is compared with how it lay so long ago at most [s]."""
+    """The greatest age of the cloud with which an object is compared [s]."""
     noise: Spread = Field(default=0.005, ge=0)
-    """Standard deviation of a point, by the camera and by its place [m]."""
+    """Standard deviation of a point, by the camera and by its pose [m]."""
 
 
 @dataclass(frozen=True, eq=False)
 class Sight:
-    """What was seen of the objects at one stamp.
+    """Points of objects at one stamp.
 
     Attributes:
         stamp: [s].
         points: shape (n, 3) [m], in the grid's frame.
-        hand: shape (3,) [m], the middle of the links then.
+        hand: shape (3,) [m], the centroid of the links then.
     """
 
     stamp: float
@@ -81,8 +82,8 @@ class Sight:
 class RangeGenerator(Generator[RangeConfig]):
     """Points of objects near the robot, likely by their distance to its surface (F Eq 5).
 
-    With `evidence: motion` an object counts while it moves, and only on the side that the hand
-    moves to.
+    With `evidence: motion` an object counts while it moves, and only on the side to which the hand
+    moves.
     """
 
     Config = RangeConfig
@@ -104,7 +105,7 @@ class RangeGenerator(Generator[RangeConfig]):
                 robot.parts[link].grid  # noqa: B018 it is kept
 
     def reset(self) -> None:
-        """Forget where the objects lay."""
+        """Drop the earlier clouds."""
         self._sights: list[Sight] = []
 
     def generate(self, reading: Reading, state: State) -> Sequence[HypothesisCloud]:
@@ -126,17 +127,17 @@ class RangeGenerator(Generator[RangeConfig]):
     def _around(
         self, reading: PointCloud, state: State, robot: PosedRobot, hand: FloatArray
     ) -> FloatArray:
-        """The points around the links, thinned, without the robot's own, shape (n, 3) [m]."""
+        """Points around the links, thinned, without the robot's own, shape (n, 3) [m]."""
         pose = state.frames.pose(state.grid.frame, of=reading.frame)
         points = points_in(pose, reading.points[np.isfinite(reading.points).all(axis=1)])
         points = points[_within(points, hand, self.config.around + WIDER)]
-        points = points[first_in_voxels(points, Grid(state.grid.frame, self.config.resolution))]
-        return without_robot(points, robot, self.config.margin)
+        points = points[voxel_downsample(points, Grid(state.grid.frame, self.config.resolution))]
+        return self_filtered(points, robot, self.config.margin)
 
     def _moving(self, sight: Sight, near: NDArray[np.bool_]) -> NDArray[np.bool_]:
-        """Which points are of an object that moves, ahead of the hand, shape (n,).
+        """Which points are of an object that moves, forward of the hand, shape (n,).
 
-        Only what is near now is compared: all of that was in view before.
+        Only points that are near now are compared: all of them were in view before.
         """
         counted = np.zeros(len(sight.points), np.bool_)
         self._sights = [
@@ -146,10 +147,10 @@ class RangeGenerator(Generator[RangeConfig]):
             before = self._sights[0]
             objects = clustered(sight.points, self.config.gap, self.config.min_points)
             for rows in objects:
-                way = moved_by(sight.points[rows[near[rows]]], before.points, self.config.gap)
-                counted[rows] = way >= self.config.min_motion
-            ahead = (sight.points - sight.hand) @ (sight.hand - before.hand) > 0.0
-            counted &= ahead
+                shift = moved_by(sight.points[rows[near[rows]]], before.points, self.config.gap)
+                counted[rows] = shift >= self.config.min_motion
+            forward = (sight.points - sight.hand) @ (sight.hand - before.hand) > 0.0
+            counted &= forward
         self._sights.append(sight)
         return counted
 
@@ -161,27 +162,27 @@ class RangeGenerator(Generator[RangeConfig]):
         reach = scale * np.sqrt(1.0 / FAINTEST - 1.0)
         distances, _ = robot.surface_of(self.config.links).nearest(points, reach)
         near = distances < reach
-        places, distances = points[near], distances[near]
+        chosen, distances = points[near], distances[near]
         return self.cloud(
             reading,
-            places,
+            chosen,
             scale**2 / (scale**2 + distances**2),
             frame=state.grid.frame,
-            # the contact is no further than the robot, but what was near it is hidden or removed:
-            # in a ball of that radius, an axis has a mean square of d²/5
+            # the contact is no further than the robot, but points near it are hidden or removed: in
+            # a ball of that radius, an axis has a mean square of d²/5
             spreads=np.hypot(self.config.noise, distances / np.sqrt(5.0)),
         )
 
 
 def _within(points: FloatArray, hand: FloatArray, reach: float) -> NDArray[np.bool_]:
-    """Which points lie in the box around the hand's, widened by `reach` [m], shape (n,)."""
+    """Which points lie in the bounding box of the hand, widened by `reach` [m], shape (n,)."""
     low, high = hand.min(axis=0) - reach, hand.max(axis=0) + reach
     inside: NDArray[np.bool_] = ((points >= low) & (points <= high)).all(axis=1)
     return inside
 
 
-def without_robot(points: FloatArray, robot: PosedRobot, margin: float) -> FloatArray:
-    """Leave out what lies within `margin` [m] of the robot's spheres; points have shape (n, 3)."""
+def self_filtered(points: FloatArray, robot: PosedRobot, margin: float) -> FloatArray:
+    """Points further than `margin` [m] from the robot's spheres; all have shape (n, 3) [m]."""
     from scipy.spatial import KDTree
 
     if not len(points):
@@ -199,25 +200,25 @@ def without_robot(points: FloatArray, robot: PosedRobot, margin: float) -> Float
 def clustered(points: FloatArray, gap: float, min_points: int) -> list[NDArray[np.intp]]:
     """The rows of each object: points that chains of steps up to `gap` [m] join."""
     if not len(points):
-        return []  # of which Open3D would warn
+        return []  # Open3D would warn
     labels = np.asarray(_cloud(points).cluster_dbscan(gap, min_points))
     return [np.flatnonzero(labels == label) for label in range(labels.max(initial=-1) + 1)]
 
 
 def moved_by(points: FloatArray, before: FloatArray, reach: float) -> float:
-    """Measure how far an object has moved since a cloud was seen, by point-to-plane ICP.
+    """The displacement of an object since an earlier cloud, by point-to-plane ICP.
 
-    Points of a surface lie on the camera's raster, whatever the object does: point to point would
-    hold them there. But a plane may slide in itself, and a cylinder turn about its axis, without
-    that anything is seen of it, and there ICP follows noise: such motions do not count.
+    Points of a surface lie on the camera's raster, whatever the object does: point-to-point ICP
+    would hold them there. But a plane may slide in itself, and a cylinder rotate about its axis,
+    unobserved, and there ICP follows noise: such motions do not count.
 
     Args:
         points: shape (n, 3) [m], of the object now.
         before: shape (m, 3) [m], of all objects then.
-        reach: the furthest that a point is believed to have moved [m].
+        reach: the greatest displacement of a point [m].
 
     Returns:
-        The root mean square of the ways of its points [m]; 0 where nothing was near it then.
+        The root mean square displacement of its points [m]; 0 where nothing was near it then.
     """
     open3d = loaded_open3d()
     if len(points) < LEAST or len(before) < LEAST:
@@ -235,7 +236,7 @@ def moved_by(points: FloatArray, before: FloatArray, reach: float) -> float:
 
 
 def _seen_motion(points: FloatArray, normals: FloatArray, motion: Pose) -> float:
-    """The root mean square of the ways of points [m], without what nobody can see of them.
+    """The root mean square displacement of points [m], without its unobservable part.
 
     Args:
         points: shape (n, 3) [m].
@@ -247,15 +248,15 @@ def _seen_motion(points: FloatArray, normals: FloatArray, motion: Pose) -> float
     centre = points.mean(axis=0)
     levers = points - centre
     size = np.sqrt(np.square(levers).sum(axis=1).mean())
-    turn = Rotation.from_matrix(motion[:3, :3]).as_rotvec()
+    rotation = Rotation.from_matrix(motion[:3, :3]).as_rotvec()
     shift = motion[:3, :3] @ centre + motion[:3, 3] - centre
-    # what turns and shifts, both as ways [m], do to the surface along its normals
+    # effect of rotation and shift, both as displacements [m], on the surface along its normals
     along = np.concatenate([np.cross(levers / size, normals), normals], axis=1)
     shown, directions = np.linalg.eigh(along.T @ along / len(points))
     seen = directions[:, shown >= SHOWN]
-    turn_size, shift = np.split(seen @ seen.T @ np.concatenate([size * turn, shift]), 2)
-    ways = np.cross(turn_size / size, levers) + shift
-    return float(np.sqrt(np.square(ways).sum(axis=1).mean()))
+    rotation_part, shift = np.split(seen @ seen.T @ np.concatenate([size * rotation, shift]), 2)
+    displacements = np.cross(rotation_part / size, levers) + shift
+    return float(np.sqrt(np.square(displacements).sum(axis=1).mean()))
 
 
 def _cloud(points: FloatArray) -> Any:
@@ -265,5 +266,5 @@ def _cloud(points: FloatArray) -> Any:
 
 @hookimpl
 def contactfusion_generators() -> Mapping[str, type[Generator[RangeConfig]]]:
-    """Offer the range generator."""
+    """The range generator."""
     return {"range": RangeGenerator}

@@ -23,7 +23,7 @@ from contactfusion.units import Spread
 from contactfusion.vision import back_projected, grey, loaded_opencv, returns
 
 RIM = 2
-"""So many pixels around the object are looked at, too."""
+"""Margin of the image around the object [pixels]."""
 
 Threshold = Annotated[float, Field(ge=0)]
 Thresholds = tuple[Threshold, Threshold]
@@ -33,23 +33,23 @@ class RgbdCpmConfig(LearnedConfig):
     """The options of `rgbd_cpm`."""
 
     segmenter: AnySegmenter = Field(default="clusters", validate_default=True)
-    """What finds the object in the image: its `type` and options, or the type alone."""
+    """The segmenter of the object: its `type` and options, or the type alone."""
     ends: Literal["surface", "edge"] = "surface"
-    """Where a strip's vector ends. `edge`: at the object's nearest edge (O Eq 15). `surface`: at
-    the middle between that edge and the end of its cell, as a LiDAR, which the networks were
-    trained on, sees a surface that begins there."""
+    """The end of a strip's vector. `edge`: at the object's nearest edge (O Eq 15). `surface`: at
+    the middle between that edge and the end of its cell, where a LiDAR, on which the networks were
+    trained, measures a surface that begins there."""
     margin: Spread = Field(default=0.06, ge=0)
-    """Edges that lie no further behind the face are taken to lie on it [m]: as much as the camera
-    and its place may err."""
+    """The greatest distance behind the face at which edges are moved onto it [m]; at least the
+    error of the camera and its pose."""
     body: BoxConfig | None = None
-    """The body that carries the camera, in the robot's frame: its upper side and the edges of that
-    mend the camera's pose. None: the pose is trusted."""
+    """The body that carries the camera, in the robot's frame: the edges of its upper side correct
+    the camera's pose. None: no correction."""
     canny: Thresholds = (50.0, 150.0)
     """The lower and the upper threshold of Canny's edges, of brightness in 0..255."""
 
 
 class RgbdCpmGenerator(LearnedFace[RgbdCpmConfig]):
-    """Regular, multi contact: what the last two seconds of images say of the face."""
+    """Regular, multi contact: the face's contact by the last two seconds of images."""
 
     Config = RgbdCpmConfig
     readings = (DepthImage,)
@@ -65,7 +65,7 @@ class RgbdCpmGenerator(LearnedFace[RgbdCpmConfig]):
         }[config.ends]
 
     def reset(self) -> None:
-        """Forget what was seen, and which object was followed."""
+        """Clear the memory, and drop the object."""
         super().reset()
         self._segmenter.reset()
         if self._body:
@@ -94,7 +94,7 @@ class RgbdCpmGenerator(LearnedFace[RgbdCpmConfig]):
         return self.perceived(reading, state, self._lengths(points))
 
     def _before(self, points: FloatArray) -> FloatArray:
-        """Move what lies a little behind the face onto it."""
+        """Points with those a little behind the face moved onto it."""
         face = self.proximity.region.x[0]
         x = points[:, 0]
         behind = (x > face - self.config.margin) & (x <= face)
@@ -104,20 +104,20 @@ class RgbdCpmGenerator(LearnedFace[RgbdCpmConfig]):
 def edge_points(
     depth: FloatArray, mask: Mask, image: DepthImage, thresholds: Thresholds
 ) -> FloatArray:
-    """The places of an object's edges.
+    """The positions of an object's edges.
 
     Depth is worst at the silhouette, where it is missing, or is that of the floor behind. So each
-    edge pixel takes the depth of the nearest pixel that has one and whose neighbours are all the
-    object's; or, where the object is too thin for that, of the nearest of its own.
+    edge pixel takes the depth of the nearest pixel that has one and whose neighbours all belong to
+    the object; or, where the object is too thin for that, of the nearest of its own.
 
     Args:
         depth: shape (h, w) [m], 0 where there is no return.
-        mask: shape (h, w), where the object is.
-        image: has the colours, if any, and the camera matrix.
+        mask: shape (h, w), of the object.
+        image: with the camera matrix, and colours if any.
         thresholds: the lower and the upper one of Canny, of brightness in 0..255.
 
     Returns:
-        Shape (n, 3) [m], in the camera's frame; none when the object has no depth at all.
+        Shape (n, 3) [m], in the camera's frame; empty when the object has no depth at all.
     """
     rows, columns = (np.flatnonzero(mask.any(axis=axis)) for axis in (1, 0))
     if not len(rows):
@@ -134,12 +134,12 @@ def edge_points(
 def edge_pixels(mask: Mask, colour: NDArray[np.uint8] | None, thresholds: Thresholds) -> Mask:
     """The edges of the masked image by Canny, all of them on the object.
 
-    Outside the mask the image is black, or white if the object is dark. What Canny finds just
-    outside is moved to the object's side. The rim of the image is no edge.
+    Outside the mask the image is black, or white if the object is dark. Edges just outside are
+    moved to the object's side. The rim of the image is no edge.
 
     Args:
         mask: shape (h, w).
-        colour: shape (h, w, 3), or None: the mask alone is looked at.
+        colour: shape (h, w, 3); None: the edges of the mask alone.
         thresholds: of Canny.
     """
     cv2 = loaded_opencv()
@@ -154,11 +154,11 @@ def edge_pixels(mask: Mask, colour: NDArray[np.uint8] | None, thresholds: Thresh
 
 
 def nearest_depth(depth: FloatArray, mask: Mask) -> FloatArray:
-    """The depth of the nearest pixel that certainly is the object's, for each pixel, or 0.
+    """The depth of the nearest pixel that surely belongs to the object, for each pixel, or 0.
 
     Args:
         depth: shape (h, w) [m], 0 where there is no return.
-        mask: shape (h, w), where the object is.
+        mask: shape (h, w), of the object.
     """
     cv2 = loaded_opencv()
     solid = (cv2.erode(mask.astype(np.uint8), np.ones((3, 3), np.uint8)) > 0) & (depth > 0.0)
@@ -177,5 +177,5 @@ def nearest_depth(depth: FloatArray, mask: Mask) -> FloatArray:
 
 @hookimpl
 def contactfusion_generators() -> Mapping[str, type[Generator[Any]]]:
-    """Offer the generator."""
+    """The generator."""
     return {"rgbd_cpm": RgbdCpmGenerator}

@@ -1,4 +1,4 @@
-"""Contacts from patches of taxels (F §V-C), and where a healthy patch feels none (method §5)."""
+"""Contacts from patches of taxels (F §V-C), and free space over a healthy patch (method §5)."""
 
 from collections.abc import Mapping, Sequence
 from typing import Annotated, Self
@@ -21,19 +21,20 @@ from contactfusion.state import State
 from contactfusion.units import Memory, Spread
 
 PERSISTS = 0.2
-"""Evidence of others that lasts longer than this silences a taxel [s]."""
+"""Evidence of other sources that lasts longer than this silences a taxel [s]."""
 ALIVE = 0.5
-"""A patch shows noise when at least this part of its taxels has changed."""
+"""The share of taxels that must have changed for a patch to show noise."""
 MARGIN = 2.0
-"""A taxel so many voxels from a contact may share a voxel with it, and does not rule it out."""
+"""Distance in voxels within which a taxel may share a voxel with a contact, and can't exclude
+it."""
 
 
 class Health:
-    """Watches a patch: a dead one reads zeros, or its last value, and must not forbid contacts.
+    """Health of a patch: a dead one reads zeros, or its last value, and must not exclude contacts.
 
     Args:
-        taxels: how many there are.
-        window: how long a sign of life counts [s].
+        taxels: their number.
+        window: time for which a sign of life counts [s].
     """
 
     def __init__(self, taxels: int, window: float) -> None:
@@ -44,18 +45,18 @@ class Health:
         self._disputed_since = np.full(taxels, np.inf)
 
     def watch(self, stamp: float, values: FloatArray) -> None:
-        """Look for noise: a taxel that changes is alive.
+        """Register noise: a taxel that changes is alive.
 
         Args:
             stamp: of the reading [s].
-            values: shape (n,), as the sensor gives them.
+            values: shape (n,), as measured.
         """
         if self._values is not None:
             self._changed[values != self._values] = stamp
         self._values = values
 
     def confirm(self, stamp: float) -> None:
-        """Note that a self-test passed, or that another source confirmed a contact."""
+        """Register a passed self-test, or a contact that another source confirms."""
         self._confirmed = stamp
 
     def healthy(self, stamp: float) -> bool:
@@ -64,7 +65,7 @@ class Health:
         return noisy or stamp - self._confirmed <= self._window
 
     def disputed(self, stamp: float, contradicted: NDArray[np.bool_]) -> NDArray[np.bool_]:
-        """Over which taxels another source has seen a contact for long, shape (n,).
+        """Taxels over which another source has reported a contact for long, shape (n,).
 
         Args:
             stamp: of the reading [s].
@@ -81,18 +82,19 @@ class TactileConfig(GeneratorConfig):
     patch: Annotated[PatchConfig, OfRobot("patches")]
     """The taxels, in the frame of the readings, in the order of their values."""
     baseline: BaselineConfig = Field(default_factory=BaselineConfig)
-    """What the taxels read untouched."""
+    """The values of untouched taxels."""
     floor: float = Field(default=5.0, ge=1)
-    """No contact under so many standard deviations of the noise."""
+    """The least value of a contact, in standard deviations of the noise."""
     p_max: float = Field(default=0.95, gt=0, le=1)
     """The largest likelihood; 1 would saturate a voxel for good."""
     noise: Spread = Field(default=0.004, ge=0)
-    """Standard deviation, by axis, of where the robot believes the patch to be, and of how far a
-    push spreads in the skin, together [m]."""
+    """Standard deviation, by axis, of the position of the patch and of the spread of a push in the
+    skin, together [m]."""
     free: bool = False
-    """Whether a healthy patch says where it feels nothing, as Null."""
+    """Whether a healthy patch excludes contacts where it measures none, as Null."""
     health_window: Memory = Field(default=2.0, gt=0)
-    """How long noise, a self-test or a confirmed contact shows a patch to be healthy [s]."""
+    """Time for which noise, a self-test or a confirmed contact shows that a patch is healthy
+    [s]."""
 
     @model_validator(mode="after")
     def _forgets(self) -> Self:
@@ -110,8 +112,8 @@ class TactileGenerator(Generator[TactileConfig]):
     """Regular, multi contact: the value of each touched taxel over the largest (F Eq 4).
 
     A taxel wider than a voxel gives hypotheses over its area, so that active neighbours form one
-    cluster whose centroid lies between them. Output "free" is Null, p = 1, for taxels that are not
-    touched, nor next to one that is.
+    cluster whose centroid lies between them. Output "free" is Null, p = 1, for taxels that are
+    neither touched nor next to a touched one.
     """
 
     Config = TactileConfig
@@ -129,7 +131,7 @@ class TactileGenerator(Generator[TactileConfig]):
         self.reset()
 
     def reset(self) -> None:
-        """Forget all signs of health."""
+        """Drop all signs of health."""
         self._health = Health(self._taxels, self.config.health_window)
 
     def most_hypotheses(self, grid: Grid) -> int:
@@ -137,14 +139,14 @@ class TactileGenerator(Generator[TactileConfig]):
         return self.config.patch.count(grid.voxel_size)
 
     def self_test_passed(self, stamp: float) -> None:
-        """Note that the sensor's own test has shown the patch to be healthy."""
+        """Register a passed self-test of the sensor."""
         self._health.confirm(stamp)
 
     def generate(self, reading: Reading, state: State) -> Sequence[HypothesisCloud]:
         """Hypotheses over the area of each touched taxel."""
         assert isinstance(reading, TactileImage)
         touch = self.touch(reading)
-        places, taxels = self._places(state.grid.voxel_size)
+        positions, taxels = self._positions(state.grid.voxel_size)
         touched = touch >= self.config.floor * self._noise
         chosen = touched[taxels]
         largest = touch[touched].max(initial=0.0)
@@ -152,7 +154,7 @@ class TactileGenerator(Generator[TactileConfig]):
         clouds = [
             self.cloud(
                 reading,
-                places[chosen],
+                positions[chosen],
                 likelihoods,
                 spreads=self._spreads[taxels[chosen]],
             )
@@ -162,10 +164,10 @@ class TactileGenerator(Generator[TactileConfig]):
         return clouds
 
     def touch(self, reading: TactileImage) -> FloatArray:
-        """How much each taxel is touched, at least 0, in the unit of the sensor.
+        """The signal of touch of each taxel, at least 0, in the unit of the sensor.
 
         Raises:
-            InvalidReadingError: the reading has not one value a taxel.
+            InvalidReadingError: the reading does not have one value a taxel.
         """
         if len(reading.values) != self._taxels:
             raise InvalidReadingError(
@@ -184,7 +186,7 @@ class TactileGenerator(Generator[TactileConfig]):
     def _free(
         self, reading: TactileImage, state: State, touched: NDArray[np.bool_]
     ) -> HypothesisCloud:
-        """Say where nothing touches, unless the patch may be dead or another source objects."""
+        """Taxels without contact, unless the patch may be dead or another source disagrees."""
         stamp, side, near = reading.stamp, state.grid.voxel_size, self._areas.near
         others = state.evidence(without=self.name)
         if len(others):
@@ -196,11 +198,11 @@ class TactileGenerator(Generator[TactileConfig]):
         disputed = self._health.disputed(stamp, claimed)
         if not self._health.healthy(stamp):
             return self.nothing(reading, output="free", notes=(Note.UNHEALTHY,))
-        places, taxels = self._places(side)
-        felt = near(places[touched[taxels]], MARGIN * side)
-        return self.cloud(reading, places[~(felt | disputed)[taxels]], 1.0, output="free")
+        positions, taxels = self._positions(side)
+        felt = near(positions[touched[taxels]], MARGIN * side)
+        return self.cloud(reading, positions[~(felt | disputed)[taxels]], 1.0, output="free")
 
-    def _places(self, side: float) -> tuple[FloatArray, NDArray[np.intp]]:
+    def _positions(self, side: float) -> tuple[FloatArray, NDArray[np.intp]]:
         if self._covered is None or self._covered[0] != side:
             self._covered = (side, *self.config.patch.covered(side))
         return self._covered[1], self._covered[2]
@@ -208,5 +210,5 @@ class TactileGenerator(Generator[TactileConfig]):
 
 @hookimpl
 def contactfusion_generators() -> Mapping[str, type[Generator[TactileConfig]]]:
-    """Offer the tactile generator."""
+    """The tactile generator."""
     return {"tactile": TactileGenerator}

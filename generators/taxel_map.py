@@ -22,20 +22,20 @@ if TYPE_CHECKING:
     from scipy.spatial import KDTree
 
 FOLDS = 5
-"""A map is judged by leaving every fifth place out, in turn."""
+"""Folds of the cross-validation over positions."""
 RIDGE = 1e-3
 """Shrinks the local plane towards the mean, relative to the neighbours' own scatter."""
 
 
 @dataclass(frozen=True, eq=False)
 class TaxelMap:
-    """Calibrated presses: what the sensor read, and where it was pressed.
+    """Calibrated presses: signals and positions.
 
     Attributes:
         signals: shape (m, c), readings less their untouched value; none is zero.
-        places: shape (m, 3) [m], in the frame of the sensor.
-        neighbours: how many presses a location follows from.
-        sigma: standard deviation of a location by axis [m], on presses that were left out.
+        places: positions, shape (m, 3) [m], in the frame of the sensor.
+        neighbours: number of presses from which a location is interpolated.
+        sigma: standard deviation of a location by axis [m], cross-validated.
     """
 
     signals: FloatArray
@@ -56,24 +56,24 @@ class TaxelMap:
 
     @staticmethod
     def fit(signals: FloatArray, places: FloatArray, neighbours: int = 30) -> "TaxelMap":
-        """Learn a map from presses; its sigma comes from places that it did not see.
+        """Learn a map from presses; its sigma is cross-validated over positions.
 
         Args:
             signals: shape (m, c), readings less their untouched value; none is zero.
-            places: shape (m, 3) [m], each pressed once or several times.
-            neighbours: how many presses a location follows from.
+            places: positions, shape (m, 3) [m], each pressed once or several times.
+            neighbours: number of presses from which a location is interpolated.
 
         Raises:
             ConfigurationError: the arrays do not fit each other, a press has no signal, or all
-                presses are at one place.
+                presses are at one position.
         """
         whole = TaxelMap(signals, places, neighbours)
-        place = np.unique(places, axis=0, return_inverse=True)[1].ravel()
-        if not place.any():
+        position = np.unique(places, axis=0, return_inverse=True)[1].ravel()
+        if not position.any():
             raise ConfigurationError("a taxel map needs presses at two places or more")
         offsets = []
         for fold in range(FOLDS):
-            left_out = place % FOLDS == fold
+            left_out = position % FOLDS == fold
             rest = TaxelMap(signals[~left_out], places[~left_out], neighbours)
             offsets += [
                 rest.locate(signal) - truth
@@ -91,10 +91,11 @@ class TaxelMap:
         return KDTree(_directions(self.signals))
 
     def locate(self, signal: FloatArray) -> FloatArray:
-        """Locate one press, shape (3,) [m], by its signal of shape (c,).
+        """The location of one press, shape (3,) [m], by its signal of shape (c,).
 
-        The direction of the signal tells the place, its length tells the force. A plane is fitted
-        to the places of the nearest presses, weighted by nearness; it never leaves their bounds.
+        The direction of the signal depends on the location, its length on the force. A plane is
+        fitted to the positions of the nearest presses, weighted by nearness; results stay within
+        their bounds.
         """
         direction = _directions(signal[None])[0]
         wanted = np.arange(1, min(self.neighbours, len(self.places)) + 1)
@@ -125,7 +126,7 @@ class TaxelMap:
 
     @staticmethod
     def load(path: Path) -> "TaxelMap":
-        """Read a map from an npz file.
+        """A map from an npz file.
 
         Raises:
             ConfigurationError: the file is missing, or holds no map.
@@ -142,16 +143,16 @@ class TaxelMapConfig(GeneratorConfig):
     map: Path
     """The npz file of a `TaxelMap`."""
     baseline: tuple[float, ...] | float = 0.0
-    """What all channels, or each, read untouched."""
+    """The untouched value of all channels, or of each."""
     min_signal: float = Field(gt=0)
-    """No contact under this length of the signal, in the unit of the sensor; well above the length
-    of its noise."""
+    """The length of the signal under which there is no contact, in the unit of the sensor; well
+    above that of its noise."""
     p_max: float = Field(default=0.95, gt=0, le=1)
     """The likelihood of a contact when there is a signal."""
 
 
 class TaxelMapGenerator(Generator[TaxelMapConfig]):
-    """Regular, single contact: the place that calibrated presses with like signals had."""
+    """Regular, single contact: the position of calibrated presses with similar signals."""
 
     Config = TaxelMapConfig
     readings = (TactileImage,)
@@ -167,7 +168,7 @@ class TaxelMapGenerator(Generator[TaxelMapConfig]):
             )
 
     def generate(self, reading: Reading, state: State) -> Sequence[HypothesisCloud]:
-        """Give the one place that is pressed, if any is."""
+        """The position that is pressed, if any."""
         assert isinstance(reading, TactileImage)
         channels = self._map.signals.shape[1]
         if len(reading.values) != channels:
@@ -178,11 +179,11 @@ class TaxelMapGenerator(Generator[TaxelMapConfig]):
         signal = reading.values - self._baseline
         if np.linalg.norm(signal) < self.config.min_signal:
             return (self.nothing(reading),)
-        place = self._map.locate(signal)
+        position = self._map.locate(signal)
         return (
             self.cloud(
                 reading,
-                place[None],
+                position[None],
                 self.config.p_max,
                 spreads=np.array([self._map.sigma]),
                 single=True,
@@ -197,5 +198,5 @@ def _directions(signals: FloatArray) -> FloatArray:
 
 @hookimpl
 def contactfusion_generators() -> Mapping[str, type[Generator[TaxelMapConfig]]]:
-    """Offer the taxel map."""
+    """The taxel map."""
     return {"taxel_map": TaxelMapGenerator}

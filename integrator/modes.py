@@ -13,7 +13,7 @@ from contactfusion.integrator.entries import Belief, Entries, Field
 from contactfusion.model import Model
 from contactfusion.reason import Reason, Why, millimetres
 from contactfusion.rule import Condensation, Neighbourhood
-from contactfusion.thinning import first_in_voxels
+from contactfusion.thinning import voxel_downsample
 from contactfusion.time import to_seconds
 
 SPACING = 0.005
@@ -190,7 +190,7 @@ def _contact(
         covariance=covariance,
         extent=extent,
         force=forces,
-        voxels=int(len(first_in_voxels(belief.places[basin], entries.grid))),
+        voxels=int(len(voxel_downsample(belief.places[basin], entries.grid))),
         shares=shares,
         stamp=to_seconds(_newest(entries, told)),
         frame=entries.grid.frame,

@@ -67,36 +67,36 @@ def test_more_strength_across_turns_further_from_the_goal(
 
 def test_it_pushes_straight_what_lies_straight_ahead() -> None:
     decision = field().decide(TOUCH, (0.0, 0.0, 0.0), 0.0)
-    assert (decision.aside, decision.turn) == pytest.approx((0.0, 0.0))
-    assert decision.ahead == field().options.fastest
+    assert (decision.lateral, decision.yaw_rate) == pytest.approx((0.0, 0.0))
+    assert decision.forward == field().options.fastest
 
 
 def test_with_the_target_to_the_left_it_goes_to_the_right() -> None:
     """The object lies at (0.55, 0), the way of the contact goes to the left: θ = -90°."""
     decision = field(target=(0.3, 2.0)).decide(TOUCH, (0.0, 0.0, 0.0), 0.0)
-    assert decision.aside < -0.9 * field().options.fastest
+    assert decision.lateral < -0.9 * field().options.fastest
     assert "-90°" in decision.reason or "+90°" in decision.reason
 
 
 def test_with_the_target_behind_it_goes_round() -> None:
     decision = field(target=(-2.0, 0.1)).decide(TOUCH, (0.0, 0.0, 0.0), 0.0)
     assert decision.mode == "orbit"
-    assert decision.ahead == pytest.approx(0.0, abs=1e-6)
-    assert abs(decision.aside) == pytest.approx(field().options.fastest)
+    assert decision.forward == pytest.approx(0.0, abs=1e-6)
+    assert abs(decision.lateral) == pytest.approx(field().options.fastest)
 
 
 def test_the_face_turns_to_the_object() -> None:
     """The contact at l = 0.2 is believed to have the object at (0.55, 0.2)."""
     touch = FaceContact(0.2, "point", 0.2, 0.2, 0.8)
     decision = field(turn_gain=0.5).decide(touch, (0.0, 0.0, 0.0), 0.0)
-    assert decision.turn == pytest.approx(0.5 * math.atan2(0.2, 0.55))
+    assert decision.yaw_rate == pytest.approx(0.5 * math.atan2(0.2, 0.55))
 
 
 def test_a_lost_object_stays_where_it_was() -> None:
     one = field(turn_gain=1.0)
     one.decide(TOUCH, (0.0, 0.0, 0.0), 0.0)
     decision = one.decide(None, (0.55, -1.0, 0.0), 0.1)  # the object is a metre to the left
-    assert decision.turn == one.options.fastest_turn
+    assert decision.yaw_rate == one.options.fastest_turn
     assert decision.reason.endswith("contact lost")
 
 
@@ -105,15 +105,15 @@ def test_a_lost_object_is_not_where_the_face_has_passed() -> None:
     one = field()
     one.decide(TOUCH, (0.0, 0.0, 0.0), 0.0)
     decision = one.decide(None, (1.0, 0.0, 0.0), 5.0)
-    assert decision.turn == pytest.approx(0.0)
-    assert decision.ahead > 0.0
+    assert decision.yaw_rate == pytest.approx(0.0)
+    assert decision.forward > 0.0
 
 
 def test_it_holds_still_after_arrival() -> None:
     one = field()
     assert one.decide(TOUCH, (1.7, 0.0, 0.0), 0.0).mode == ARRIVED
     later = one.decide(None, (1.7, 0.0, 0.0), 0.1)
-    assert (later.mode, later.ahead, later.aside, later.turn) == (ARRIVED, 0.0, 0.0, 0.0)
+    assert (later.mode, later.forward, later.lateral, later.yaw_rate) == (ARRIVED, 0.0, 0.0, 0.0)
     one.reset()
     assert one.decide(None, (1.7, 0.0, 0.0), 0.2).mode == "approach"
 

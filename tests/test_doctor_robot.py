@@ -17,9 +17,9 @@ from contactfusion.doctor.robot import (
     camera_faults,
     check_robot,
     finger_faults,
-    heard,
     middle,
     patch_faults,
+    recorded_wrenches,
     resting,
     weigh,
     wrist_faults,
@@ -638,7 +638,7 @@ def test_wrenches_before_the_first_joints_are_left_out(tmp_path: Path, model: Ro
     (tmp_path / "log.csv").write_text(
         "\n".join([text[0].replace("yaw", "late"), *empty, *text[2:]]) + "\n"
     )
-    assert len(heard(model, path)["wrist"]) == len(PITCHES) - 1
+    assert len(recorded_wrenches(model, path)["wrist"]) == len(PITCHES) - 1
 
 
 @pytest.mark.parametrize(
@@ -657,5 +657,5 @@ def test_a_recording_that_does_not_fit_is_one_sentence(
 ) -> None:
     path = logged(tmp_path, rows(), readings)
     with pytest.raises(ContactFusionError) as caught:
-        heard(model, path)
+        recorded_wrenches(model, path)
     assert "log.yaml" in str(caught.value) and words in str(caught.value)

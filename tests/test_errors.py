@@ -113,4 +113,4 @@ def test_a_list_stands_in_the_first_sentence_alone() -> None:
     short = ["unknown frame 'sun'; name it", others[1], "no sensor 'toe'"]
     short += ["unknown frame 'bas': did you mean 'base'? Name it"]
     assert list(listed_once([first, *others])) == [first, *short]
-    assert list(listed_once(others, told=first)) == short
+    assert list(listed_once(others, printed=first)) == short

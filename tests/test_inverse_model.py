@@ -32,14 +32,14 @@ def pushed(one: InverseModel, headings: list[float], stride: float = 0.05) -> li
 
 
 def direction(decision: Decision) -> float:
-    return math.atan2(decision.aside, decision.ahead)
+    return math.atan2(decision.lateral, decision.forward)
 
 
 def test_straight_behind_the_object_it_pushes() -> None:
     decision = model().decide(TOUCH, (0.0, 0.0, 0.0), 0.0)
     assert decision.mode == "push"
     assert direction(decision) == pytest.approx(0.0)
-    assert decision.ahead == model().options.fastest
+    assert decision.forward == model().options.fastest
 
 
 def test_push_and_relocate_are_blended_by_the_gaussian() -> None:
@@ -95,7 +95,7 @@ def test_it_turns_against_the_error_and_slows_down() -> None:
     way = math.atan2(-0.05 * math.sin(0.4), 8.7 - 0.05 * math.cos(0.4))
     without = pushed(model(error_gain=0.0, bias_gain=0.0), [0.4])[-1]
     assert direction(last) - direction(without) == pytest.approx(0.5 * 0.4)
-    assert math.hypot(last.ahead, last.aside) == pytest.approx(one.options.fastest / 1.4)
+    assert math.hypot(last.forward, last.lateral) == pytest.approx(one.options.fastest / 1.4)
     assert way < 0.0
 
 
@@ -104,7 +104,7 @@ def test_what_hardly_moved_teaches_nothing() -> None:
     decisions = [
         pushed(one, [1.0, 0.0], stride)[-1] for one, stride in ((still, 0.005), (moved, 0.05))
     ]
-    speeds = [math.hypot(one.ahead, one.aside) for one in decisions]
+    speeds = [math.hypot(one.forward, one.lateral) for one in decisions]
     assert speeds[0] == pytest.approx(still.options.fastest)
     assert speeds[1] < speeds[0]
 
@@ -115,7 +115,7 @@ def test_out_of_contact_it_goes_to_where_the_object_was() -> None:
     decision = one.decide(None, (0.55, -1.0, 0.0), 0.1)
     assert decision.mode == "return"
     assert direction(decision) == pytest.approx(math.pi / 2.0)
-    assert decision.turn > 0.0
+    assert decision.yaw_rate > 0.0
 
 
 def test_a_jump_while_out_of_contact_teaches_nothing() -> None:
@@ -123,4 +123,4 @@ def test_a_jump_while_out_of_contact_teaches_nothing() -> None:
     one.decide(TOUCH, (0.0, 0.0, 0.0), 0.0)
     one.decide(None, (0.5, 0.5, 0.0), 0.1)
     decision = one.decide(TOUCH, (0.5, 0.5, 0.0), 0.2)
-    assert math.hypot(decision.ahead, decision.aside) == pytest.approx(one.options.fastest)
+    assert math.hypot(decision.forward, decision.lateral) == pytest.approx(one.options.fastest)

@@ -14,7 +14,7 @@ from contactfusion.generators.range import (
     RangeGenerator,
     clustered,
     moved_by,
-    without_robot,
+    self_filtered,
 )
 from contactfusion.readings import PointCloud
 from contactfusion.robots.model import RobotModel
@@ -153,7 +153,7 @@ def test_an_unknown_link_is_told(robot: RobotModel) -> None:
 
 def test_points_within_the_margin_of_the_robot_are_removed(robot: RobotModel) -> None:
     points = np.array([[0.0, 0.0, 0.0], [0.05, 0.0, 0.0], [0.065, 0.0, 0.0], [0.08, 0.0, 0.0]])
-    kept = without_robot(points, posed(robot), 0.015)
+    kept = self_filtered(points, posed(robot), 0.015)
     assert kept[:, 0].tolist()[-1] == 0.08 and len(kept) <= 2
 
 

@@ -108,7 +108,7 @@ def test_pushes_without_a_common_direction_count_by_the_nearest_to_the_middle() 
         for x, way in zip((0.0, 0.01, 0.05), ways, strict=True)
     ]
     found = typical(touches)
-    assert found.place.tolist() == [0.01, 0.0, 0.1] and found.push.tolist() == ways[1].tolist()
+    assert found.position.tolist() == [0.01, 0.0, 0.1] and found.push.tolist() == ways[1].tolist()
 
 
 @pytest.mark.parametrize(("ahead", "way"), [(0.07, 0.0), (0.153, 0.05), (0.183, 0.08)])
@@ -392,7 +392,7 @@ def test_the_push_of_a_contact_is_that_of_its_force() -> None:
     hand = ToyHand(controller())
     felt = on_hand([hand.touched((0.05, 0.01, 0.2), (3.0, 0.0, -4.0))], hand.pose, None, HAND)
     assert felt is not None
-    assert felt.place == pytest.approx([0.05, 0.01, 0.2])
+    assert felt.position == pytest.approx([0.05, 0.01, 0.2])
     assert felt.push == pytest.approx([0.6, 0.0, -0.8])
     assert felt.sources == ("wrist", "motion")
     assert felt.middle(0.03) == pytest.approx([0.032, 0.01, 0.224])
@@ -414,7 +414,7 @@ def test_contacts_elsewhere_on_the_robot_are_not_the_hands() -> None:
     elbow = hand.touched((0.0, 0.0, -0.4), (0.0, 0.0, -1.0))
     tip = hand.touched((0.06, 0.0, 0.2), (0.0, 0.0, -1.0))
     felt = on_hand([elbow, tip], hand.pose, None, HAND)
-    assert felt is not None and felt.place[2] == pytest.approx(0.2)
+    assert felt is not None and felt.position[2] == pytest.approx(0.2)
     assert on_hand([elbow], hand.pose, None, HAND) is None
 
 
@@ -424,7 +424,7 @@ def test_of_two_places_that_explain_a_push_the_object_ahead_is_the_likelier() ->
     inside = hand.touched((0.037, 0.0, 0.13), (0.6, 0.0, -0.8))
     outside = hand.touched((-0.064, 0.0, 0.19), (0.6, 0.0, -0.8))
     felt = on_hand([outside, inside], hand.pose, None, HAND)
-    assert felt is not None and felt.place[0] == pytest.approx(0.037)
+    assert felt is not None and felt.position[0] == pytest.approx(0.037)
     assert on_hand([outside], hand.pose, None, HAND) is None
 
 
@@ -436,7 +436,7 @@ def test_one_wrong_contact_of_three_does_not_count() -> None:
         HandContact(right, ahead, ("wrist",)),
     ]
     told = typical(touches)
-    assert told.place == pytest.approx(right)
+    assert told.position == pytest.approx(right)
     assert told.push == pytest.approx(ahead)
 
 

@@ -59,10 +59,10 @@ def driven(
         touch, side = script(cycle, pose)
         decision = one.decide(touch, pose, PERIOD * cycle, side)
         told.append((pose, decision))
-        heading = pose[2] + decision.turn * PERIOD / 2.0
-        way = PERIOD * decision.ahead, PERIOD * decision.aside
+        heading = pose[2] + decision.yaw_rate * PERIOD / 2.0
+        way = PERIOD * decision.forward, PERIOD * decision.lateral
         x, y = place_of(way, (pose[0], pose[1], heading))
-        pose = x, y, pose[2] + PERIOD * decision.turn
+        pose = x, y, pose[2] + PERIOD * decision.yaw_rate
     return told
 
 
@@ -72,7 +72,7 @@ def modes(told: Iterable[Decision]) -> list[str]:
 
 
 def numbers(decision: Decision) -> tuple[float, float, float]:
-    return decision.ahead, decision.aside, decision.turn
+    return decision.forward, decision.lateral, decision.yaw_rate
 
 
 # Before and at contact
@@ -95,7 +95,7 @@ def test_the_paper_s_robot_slows_down_before_the_target(distance: float, speed: 
 
 def test_the_tuned_robot_is_never_slower_than_its_slowest() -> None:
     (decision,) = decided(pusher("tuned", (0.36, 0.0)), [0.0])
-    assert decision.ahead == TUNED.slowest
+    assert decision.forward == TUNED.slowest
 
 
 def test_a_contact_aside_is_followed_at_the_same_speed() -> None:
@@ -111,12 +111,12 @@ def test_near_the_target_there_is_no_lateral_motion() -> None:
     near, far = (
         decided(pusher("paper", (0.3 + distance, 0.1)), [0.1])[0] for distance in (0.49, 0.51)
     )
-    assert near.aside == 0.0 and far.aside > 0.01
+    assert near.lateral == 0.0 and far.lateral > 0.01
 
 
 @pytest.mark.parametrize("name", ["paper_realign_only", "tuned_neither"])
 def test_a_set_without_lateral_motion_has_none(name: str) -> None:
-    assert decided(pusher(name), [0.1])[0].aside == 0.0
+    assert decided(pusher(name), [0.1])[0].lateral == 0.0
 
 
 # Realignment
@@ -144,7 +144,7 @@ def test_realignment_begins_far_aside_and_ends_near_the_middle(
     ]
     told = decided(pusher(parameters), [side * lateral for lateral, _ in steps])
     assert [decision.mode for decision in told] == [mode for _, mode in steps]
-    assert [math.copysign(1.0, told[row].aside) * side for row in (2, 4, 8)] == [1.0, 1.0, -1.0]
+    assert [math.copysign(1.0, told[row].lateral) * side for row in (2, 4, 8)] == [1.0, 1.0, -1.0]
 
 
 def test_while_realigning_it_moves_mostly_aside_and_hardly_turns() -> None:
@@ -157,9 +157,9 @@ def test_while_realigning_it_moves_mostly_aside_and_hardly_turns() -> None:
     turn = REALIGN.turning * speed * math.tan(TUNED.heading_gain * math.pi / 4.0)
     assert numbers(tuned) == pytest.approx((ahead, REALIGN.rate * ahead, turn))
     first, second = decided(pusher("paper", (5.0, 0.5)), [0.25, 0.18])
-    assert first.turn == 0.0
+    assert first.yaw_rate == 0.0
     error = math.atan2(0.5 - 0.18, 4.7)
-    assert second.turn == pytest.approx(0.25 * 0.05 * math.tan(error) / 0.2)
+    assert second.yaw_rate == pytest.approx(0.25 * 0.05 * math.tan(error) / 0.2)
 
 
 @pytest.mark.parametrize("name", ["paper_lateral_only", "tuned_neither"])
@@ -174,13 +174,13 @@ def test_a_set_without_realignment_never_realigns(name: str) -> None:
 @pytest.mark.parametrize("y", [3.0, -3.0])
 def test_the_turn_is_limited(name: str, y: float) -> None:
     (decision,) = decided(pusher(name, (0.3, y)), [0.0])
-    assert decision.turn == math.copysign(SETS[name].fastest_turn, y)
+    assert decision.yaw_rate == math.copysign(SETS[name].fastest_turn, y)
 
 
 @pytest.mark.parametrize(("part", "share"), [(1.1, 1.0), (1.0, 1.0), (0.5, 0.5), (0.1, 0.1)])
 def test_the_greatest_turn_falls_when_the_target_is_near(part: float, share: float) -> None:
     (decision,) = decided(pusher("tuned", (0.3, part * TUNED.settle)), [0.0])
-    assert decision.turn == pytest.approx(share * TUNED.fastest_turn)
+    assert decision.yaw_rate == pytest.approx(share * TUNED.fastest_turn)
 
 
 def test_the_contact_is_smoothed() -> None:
@@ -264,7 +264,7 @@ def test_a_search_finds_what_stayed_where_it_was() -> None:
     told = [decision for _, decision in driven(one, script, range(10, 100), (0.1, -0.2, 0.5))]
     assert modes(told)[0] == "search" and {"push", "realign"} & set(modes(told))
     searched = [decision for decision in told if decision.mode == "search"]
-    assert all(decision.turn == 0.0 for decision in searched)
+    assert all(decision.yaw_rate == 0.0 for decision in searched)
     assert {decision.reason.split(", ")[-1] for decision in searched} == {"try 1"}
 
 
@@ -279,7 +279,7 @@ def test_who_is_touched_at_a_side_while_searching_backs_off_further() -> None:
     beside = aside(driven(pusher(SHARP), script, range(100)))[0] + 1
     told = driven(pusher(SHARP), script, range(beside + 30))
     assert aside(told) == [beside - 1]
-    assert {decision.ahead < 0.0 for _, decision in told[beside:]} == {True}
+    assert {decision.forward < 0.0 for _, decision in told[beside:]} == {True}
 
 
 # A cycle that leads nowhere

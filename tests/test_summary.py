@@ -186,3 +186,24 @@ def test_a_force_that_never_changes_is_not_blamed_on_the_tare() -> None:
         fusion = replace(step.fusion, report=Report({"wrist": source}, ()))
         summary.add(replace(step, fusion=fusion))
         assert line in [one.strip() for one in summary.lines()]
+
+
+def test_readings_that_no_generator_takes_are_noted() -> None:
+    """Also of a kind that is not registered; joints and poses are of use without a generator."""
+
+    class Smell(Reading):
+        """A kind that no codec knows."""
+
+    readings = [
+        point(0.0, *PLACE, sensor="eye"),
+        Smell(stamp=0.1, frame="base", sensor="nose"),
+        ObjectPose(stamp=0.2, frame="base", name="box", position=np.zeros(3),
+                   orientation=np.array([0.0, 0.0, 0.0, 1.0])),
+        point(0.3, *PLACE, sensor="spare"),
+    ]  # fmt: skip
+    summary, _ = ran(readings, generators={"eye": {"type": "echo", "sensor": "eye"}})
+    lines = [line.strip() for line in summary.lines() if "no generator takes" in line]
+    assert lines == [
+        "no generator takes the Smell of 'nose'",
+        "no generator takes the PointCloud of 'spare'",
+    ]

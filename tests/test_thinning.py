@@ -4,7 +4,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from contactfusion.grid import Grid
-from contactfusion.thinning import first_in_voxels
+from contactfusion.thinning import voxel_downsample
 
 SIDE = 0.01
 
@@ -15,7 +15,7 @@ SIDE = 0.01
 def test_of_each_voxel_the_first_place_is_kept(cells: list[tuple[int, ...]], apart: int) -> None:
     places = (apart * np.array(cells, np.float64).reshape(-1, 3) + 0.5) * SIDE
     expected = [row for row, cell in enumerate(cells) if cell not in cells[:row]]
-    assert first_in_voxels(places, Grid("base", SIDE)).tolist() == expected
+    assert voxel_downsample(places, Grid("base", SIDE)).tolist() == expected
 
 
 @pytest.mark.parametrize(
@@ -24,13 +24,13 @@ def test_of_each_voxel_the_first_place_is_kept(cells: list[tuple[int, ...]], apa
 def test_voxels_are_those_of_the_grid(x: float, same: bool) -> None:
     places = np.array([[0.105, 0.0, 0.0], [x, 0.0, 0.0]])
     grid = Grid("base", SIDE)
-    assert (len(first_in_voxels(places, grid)) == 1) is same
+    assert (len(voxel_downsample(places, grid)) == 1) is same
     assert bool((grid.voxels(places)[0] == grid.voxels(places)[1]).all()) is same
 
 
 def test_rows_of_any_layout_are_taken() -> None:
     places = np.zeros((3, 4)).T[:, :3] + np.arange(4)[:, None]
-    assert first_in_voxels(places, Grid("base", SIDE)).tolist() == [0, 1, 2, 3]
+    assert voxel_downsample(places, Grid("base", SIDE)).tolist() == [0, 1, 2, 3]
 
 
 @pytest.mark.parametrize("wrong", [np.inf, -np.inf, 1e300, 2.0**21 * SIDE])
@@ -38,5 +38,5 @@ def test_places_that_no_table_can_hold_are_no_end_of_the_process(wrong: float) -
     places = np.zeros((1000, 3))
     places[500], places[700] = wrong, [-2.0 * SIDE * 2**20, 0.0, 4.0]
     with np.errstate(invalid="ignore"):
-        rows = first_in_voxels(places, Grid("base", SIDE))
+        rows = voxel_downsample(places, Grid("base", SIDE))
     assert rows[0] == 0 and set(rows.tolist()) <= {0, 500, 700}

@@ -1,1 +1,1 @@
-"""What the doctor looks at: packages, system libraries, plug-ins, networks, compiled kernels."""
+"""Checks of packages, system libraries, plug-ins, networks, compiled kernels and robots."""

@@ -1,4 +1,4 @@
-"""Checks an installation, and names the one command that mends each fault."""
+"""Checks of an installation, each fault with the one command that mends it."""
 
 import ctypes
 import os
@@ -17,20 +17,20 @@ from contactfusion.doctor.kernels import MODULES, called, is_kept, touch_kernels
 from contactfusion.errors import ContactFusionError
 from contactfusion.extras import EXTRAS, installs
 from contactfusion.generators.networks import read_networks, shipped
-from contactfusion.plugins import HOME, NOBODY, Plugins, installed_plugins
+from contactfusion.plugins import HOME, NO_DISTRIBUTION, Plugins, installed_plugins
 from contactfusion.recordings import ouster
 from contactfusion.robots.spheres import sphere_folder
 from contactfusion.terminal import note
 
 VULKAN_DRIVER = "a driver for Vulkan"
-"""What libvulkan needs beside itself; its file tells where the library is."""
+"""A driver that libvulkan needs; its JSON file names the library."""
 DRIVER_FOLDERS = ("/etc/vulkan/icd.d", "/usr/local/share/vulkan/icd.d", "/usr/share/vulkan/icd.d")
-"""Where libvulkan looks for drivers, unless the environment names one."""
+"""Folders in which libvulkan finds drivers, unless the environment names one."""
 DRIVER_VARIABLES = ("VK_DRIVER_FILES", "VK_ICD_FILENAMES")
 WARM = "contactfusion doctor --warm"
-"""What compiles the kernels."""
+"""The command that compiles the kernels."""
 AGAIN = f"pip install --force-reinstall --no-deps {HOME}"
-"""What brings back parts of the package itself."""
+"""The command that restores files of the package itself."""
 
 
 @dataclass(frozen=True)
@@ -39,8 +39,8 @@ class Finding:
 
     Attributes:
         text: what was found.
-        mend: the one command that mends it; empty: there is nothing to mend.
-        core: whether contactfusion itself does not work until then.
+        mend: the command that mends it; empty: there is nothing to mend.
+        core: whether contactfusion itself does not work without it.
     """
 
     text: str
@@ -85,7 +85,7 @@ def _findings() -> Iterator[Finding]:
 
 
 def package_findings() -> Iterator[Finding]:
-    """Look for each package of the core, then for the extras; a missing extra is no fault."""
+    """Packages of the core, then the extras; a missing extra is no fault."""
     for requirement in requires("contactfusion") or []:
         if "extra ==" not in requirement:
             name = re.split(r"[^A-Za-z0-9._-]", requirement)[0]
@@ -116,12 +116,12 @@ def _found_version(package: str) -> str | None:
 
 @dataclass(frozen=True)
 class Need:
-    """What a module needs of the system.
+    """System libraries that a module needs.
 
     Attributes:
-        module: of Python.
-        purpose: what does not work without, for people.
-        libraries: for each library the package of Debian that brings it.
+        module: its import name.
+        purpose: what does not work without them, for people.
+        libraries: for each library the package of Debian that holds it.
     """
 
     module: str
@@ -142,11 +142,11 @@ NEEDS = (
         {"libvulkan.so.1": "libvulkan1", VULKAN_DRIVER: "mesa-vulkan-drivers"},
     ),
 )
-"""Proven on a bare Debian 12."""
+"""Verified on a bare Debian 12."""
 
 
 def library_findings() -> Iterator[Finding]:
-    """Look for the libraries of the packages that are installed; one line, all that is missing."""
+    """System libraries of the installed packages; all that are missing in one line."""
     if sys.platform != "linux":
         return
     needs = [need for need in NEEDS if _is_importable(need.module)]
@@ -187,29 +187,29 @@ def _has_driver() -> bool:
 
 
 def plugin_findings(plugins: Plugins) -> Iterator[Finding]:
-    """Import every plug-in; say why one cannot be used, and what mends it.
+    """Plug-ins that cannot be used, with the cause and what mends it; every plug-in is imported.
 
-    One of contactfusion itself that breaks by itself is a fault of the core. One that lacks an
-    extra says so itself; one of another package harms no other.
+    A fault in contactfusion's own plug-ins is a fault of the core. A plug-in without its extra
+    names it; one of another package harms no other.
     """
     plugins.offers("generators")
     for failed, why in plugins.failures.items():
-        told = f"plug-in {failed} cannot be used: {why}"
+        problem = f"plug-in {failed} cannot be used: {why}"
         package = _package(plugins, failed)
         if "pip install " in why:
-            yield Finding(told)
+            yield Finding(problem)
         elif package == HOME:
-            yield Finding(told, AGAIN, core=True)
+            yield Finding(problem, AGAIN, core=True)
         elif package:
-            yield Finding(f"{told}; mend it, or take it out", f"pip uninstall {package}")
+            yield Finding(f"{problem}; mend it, or take it out", f"pip uninstall {package}")
         else:
-            yield Finding(told)
+            yield Finding(problem)
     usable = sum(plugin.name not in plugins.failures for plugin in plugins.listing())
     yield Finding(f"{usable} plug-ins can be used")
 
 
 def network_finding() -> Finding:
-    """Look whether the networks that come with the package are there, and are those of the card."""
+    """Whether the networks of the package are present and match their card."""
     path = shipped()
     try:
         read_networks(path)
@@ -226,7 +226,7 @@ def ouster_finding() -> Finding:
 
 
 def sphere_finding() -> Finding:
-    """Report where the spheres of robots are kept, and of how many."""
+    """The folder in which spheres of robots are kept, and their number."""
     folder = sphere_folder()
     if folder is None or not _can_be_written(folder):
         return Finding("spheres of robots cannot be kept, and are fitted anew by every command")
@@ -235,7 +235,7 @@ def sphere_finding() -> Finding:
 
 
 def kernel_finding() -> Finding:
-    """Look whether the kernels can be kept, and are; nothing is compiled."""
+    """Whether kernels can be cached, and are; nothing is compiled."""
     kernels = [kernel for name in MODULES for kernel in called(import_module(name))]
     folders = {kernel.stats.cache_path for kernel in kernels}
     if not all(folder and _can_be_written(Path(folder)) for folder in folders):
@@ -263,8 +263,8 @@ def _package(plugins: Plugins, failed: str) -> str:
     if rest:
         return rest.split(" ")[0]
     owners = {plugin.name: plugin.distribution for plugin in plugins.listing()}
-    owner = owners.get(name.partition(": ")[0], NOBODY)
-    return "" if owner == NOBODY else owner.split(" ")[0]
+    owner = owners.get(name.partition(": ")[0], NO_DISTRIBUTION)
+    return "" if owner == NO_DISTRIBUTION else owner.split(" ")[0]
 
 
 def _can_be_written(folder: Path) -> bool:

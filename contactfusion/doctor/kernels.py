@@ -1,4 +1,4 @@
-"""The compiled kernels: which there are, whether their machine code is kept, and a call of each."""
+"""The compiled kernels: their modules, the state of their cache, and a call of each."""
 
 from collections.abc import Iterator
 from types import ModuleType
@@ -18,39 +18,39 @@ MODULES = (
     "contactfusion.patches",
     "contactfusion.thinning",
 )
-"""All that hold kernels."""
+"""All modules with kernels."""
 
 
 def called(module: ModuleType) -> Iterator[Any]:
-    """The kernels of a module that are not only called by other kernels, which hold them."""
+    """The kernels of a module that are not only called by other kernels, whose code holds them."""
     from numba.extending import is_jitted
 
     kernels: dict[str, Any] = {
-        name: thing
-        for name, thing in vars(module).items()
-        if is_jitted(thing) and thing.py_func.__module__ == module.__name__
+        name: member
+        for name, member in vars(module).items()
+        if is_jitted(member) and member.py_func.__module__ == module.__name__
     }
-    within = {name for one in kernels.values() for name in one.py_func.__code__.co_names}
+    within = {name for kernel in kernels.values() for name in kernel.py_func.__code__.co_names}
     return (kernel for name, kernel in kernels.items() if name not in within)
 
 
 def is_kept(kernel: Any) -> bool:
-    """Whether numba takes machine code of a kernel from its cache: it knows when that is stale."""
-    return bool(kernel._cache._cache_file._load_index())  # no public name tells
+    """Whether numba has cached machine code of a kernel that is not stale."""
+    return bool(kernel._cache._cache_file._load_index())  # numba has no public name for it
 
 
 def touch_kernels() -> None:
-    """Call every kernel, so that it is compiled: a small cycle through every rule and the rest."""
+    """Call every kernel, so that it is compiled: one small cycle for each rule, and the rest."""
     import numpy as np
 
-    places = np.random.default_rng(0).uniform(-0.1, 0.1, (100, 3))
-    _fuse(places)
+    positions = np.random.default_rng(0).uniform(-0.1, 0.1, (100, 3))
+    _fuse(positions)
     _perceive()
-    _thin(places)
-    _slide(places)
+    _thin(positions)
+    _slide(positions)
 
 
-def _fuse(places: Any) -> None:
+def _fuse(positions: Any) -> None:
     import numpy as np
 
     from contactfusion.hypotheses import HypothesisCloud, HypothesisKind
@@ -59,8 +59,8 @@ def _fuse(places: Any) -> None:
     from contactfusion.nearest import NearestGrid
     from contactfusion.surface import Surface
 
-    NearestGrid.of(places).improve(places, np.eye(4), 0, np.ones(100), np.zeros(100, np.intp))
-    surface = Surface("base", places, np.tile([0.0, 0.0, 1.0], (100, 1)))
+    NearestGrid.of(positions).improve(positions, np.eye(4), 0, np.ones(100), np.zeros(100, np.intp))
+    surface = Surface("base", positions, np.tile([0.0, 0.0, 1.0], (100, 1)))
     likelihoods, spreads = np.linspace(0.1, 0.9, 100), np.linspace(0.001, 0.01, 100)
     for rule in ("de_morgan", "max", "log_odds", "dempster_shafer", "posterior"):
         condensation = "modes" if rule == "posterior" else "cluster_mass"
@@ -74,9 +74,9 @@ def _fuse(places: Any) -> None:
                     kind=HypothesisKind.REGULAR,
                     stamp=stamp,
                     frame="base",
-                    positions=places,
+                    positions=positions,
                     likelihoods=likelihoods,
-                    forces=places,
+                    forces=positions,
                     spreads=spreads,
                 )
             )
@@ -93,29 +93,29 @@ def _perceive() -> None:
     Network.of(weights).outputs(np.zeros((1, 1)))
 
 
-def _thin(places: Any) -> None:
+def _thin(positions: Any) -> None:
     import numpy as np
 
     from contactfusion.generators.motion import moved
     from contactfusion.generators.proximity import BoxConfig
     from contactfusion.grid import Grid
     from contactfusion.patches import PatchConfig, TaxelAreas
-    from contactfusion.thinning import first_in_voxels
+    from contactfusion.thinning import voxel_downsample
 
-    moved(places, places, first_in_voxels(places, Grid("base", 0.1)))
+    moved(positions, positions, voxel_downsample(positions, Grid("base", 0.1)))
     box = BoxConfig(x=(-0.1, 0.1), y=(-0.1, 0.1), z=(-0.1, 0.1))
-    box.holds(places)
-    box.holds(places.astype(np.float32))
-    TaxelAreas(PatchConfig(places=((0.0, 0.0, 0.0),), size=(0.1, 0.1))).near(places, 0.0)
+    box.holds(positions)
+    box.holds(positions.astype(np.float32))
+    TaxelAreas(PatchConfig(places=((0.0, 0.0, 0.0),), size=(0.1, 0.1))).near(positions, 0.0)
 
 
-def _slide(places: Any) -> None:
+def _slide(positions: Any) -> None:
     import numpy as np
 
     from contactfusion.generators.first_touch import DistanceGrid, Tufts, first_touches
 
     corner, nodes = np.full(3, -0.1), np.zeros((3, 3, 3), np.float32)
     grid = DistanceGrid(corner, -corner, corner, 0.1, nodes, 0.2)
-    grid.distances(places)
+    grid.distances(positions)
     up = np.array([0.0, 0.0, 1.0])
-    first_touches(grid, Tufts.of(places), np.zeros((1, 3)), np.eye(3)[None], up, 0.1, 0.0)
+    first_touches(grid, Tufts.of(positions), np.zeros((1, 3)), np.eye(3)[None], up, 0.1, 0.0)

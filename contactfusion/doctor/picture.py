@@ -1,4 +1,4 @@
-"""A picture of a robot: its surface, frames, patches, and what its cameras see."""
+"""A picture of a robot: its surface, frames, patches, and fields of view."""
 
 import io
 from pathlib import Path
@@ -14,22 +14,22 @@ from contactfusion.robots.description import CameraConfig
 from contactfusion.robots.posed import PosedRobot
 
 ELEVATION, AZIMUTH = 22.0, 40.0
-"""From where it is seen [degrees]."""
+"""The direction of view [degrees]."""
 MOST_POINTS = 20_000
 WIDTH = 480.0
-"""About the width of a robot on paper [points]."""
+"""The approximate width of a robot on paper [points]."""
 AXES = ("#d62728", "#2ca02c", "#1f77b4")
 """The colours of x, y and z."""
 BACKGROUND, LINES, TEXT = 1, 2, 3
-"""What is drawn over what."""
+"""Drawing order, from back to front."""
 
 
 def draw_robot(robot: PosedRobot, path: Path) -> Path:
-    """Draw the whole robot, and beside it from near what carries patches.
+    """Draw the whole robot, and beside it a close-up of the parts with patches.
 
     Args:
         robot: in the pose to draw.
-        path: the PNG to write.
+        path: of the PNG.
 
     Returns:
         The path.
@@ -39,13 +39,13 @@ def draw_robot(robot: PosedRobot, path: Path) -> Path:
         ContactFusionError: the picture, or its folder, can't be written.
     """
     config, points = robot.model.config, robot.surface.points
-    eyes = [robot.pose_of(camera.frame)[None, :3, 3] for camera in config.cameras.values()]
+    origins = [robot.pose_of(camera.frame)[None, :3, 3] for camera in config.cameras.values()]
     taxels = [
         points_in(robot.pose_of(patch.frame), patch.centres()) for patch in config.patches.values()
     ]
     figure = new_figure(14.0, 8.5)
     whole: Any = figure.add_subplot(1, 2 if taxels else 1, 1, projection="3d")
-    _draw_surface(whole, robot, np.concatenate([points, *eyes]), margin=0.02)
+    _draw_surface(whole, robot, np.concatenate([points, *origins]), margin=0.02)
     size = 0.08 * float(np.ptp(points, axis=0).max())
     for name, wrist in config.wrists.items():
         _draw_frame(whole, robot.pose_of(wrist.frame), size, name)
@@ -55,10 +55,10 @@ def draw_robot(robot: PosedRobot, path: Path) -> Path:
     whole.set_title("joints at the middle of their limits")
     if taxels:
         close: Any = figure.add_subplot(1, 2, 2, projection="3d")
-        places = np.concatenate(taxels)
-        size = float(np.ptp(places, axis=0).max())
-        _draw_surface(close, robot, places, margin=0.02 + 0.2 * size)
-        close.scatter(*places.T, s=3.0, color="black", zorder=LINES, depthshade=False)
+        centres = np.concatenate(taxels)
+        size = float(np.ptp(centres, axis=0).max())
+        _draw_surface(close, robot, centres, margin=0.02 + 0.2 * size)
+        close.scatter(*centres.T, s=3.0, color="black", zorder=LINES, depthshade=False)
         for name, patch in config.patches.items():
             _draw_frame(close, robot.pose_of(patch.frame), 0.01 + 0.08 * size, name)
         close.set_title("patches: taxels in black, z in blue")
@@ -69,7 +69,7 @@ def draw_robot(robot: PosedRobot, path: Path) -> Path:
 
 
 def _draw_surface(axes: Any, robot: PosedRobot, shown: FloatArray, margin: float) -> None:
-    """Draw the points around what is shown, as far as they face the eye."""
+    """Draw the surface around what is shown, as far as it faces the viewer."""
     from matplotlib.ticker import MultipleLocator
 
     axes.view_init(elev=ELEVATION, azim=AZIMUTH)
@@ -78,8 +78,8 @@ def _draw_surface(axes: Any, robot: PosedRobot, shown: FloatArray, margin: float
     low, high = shown.min(axis=0) - margin, shown.max(axis=0) + margin
     surface, colours = robot.surface, _colours(robot)
     up, around = np.radians([ELEVATION, AZIMUTH])
-    eye = np.array([np.cos(up) * np.cos(around), np.cos(up) * np.sin(around), np.sin(up)])
-    facing = surface.normals @ eye
+    viewer = np.array([np.cos(up) * np.cos(around), np.cos(up) * np.sin(around), np.sin(up)])
+    facing = surface.normals @ viewer
     seen = (facing > 0.0) & ((surface.points > low) & (surface.points < high)).all(axis=1)
     rows = np.flatnonzero(seen)
     stride = max(1, -(-len(rows) // MOST_POINTS))
@@ -88,7 +88,7 @@ def _draw_surface(axes: Any, robot: PosedRobot, shown: FloatArray, margin: float
     shaded = table[surface.links[rows]] * (0.45 + 0.55 * facing[rows, None])
     extent = float((high - low).max())
     apart = robot.model.config.spacing * np.sqrt(stride)
-    # dots touch each other, so that they hide what is behind
+    # dots touch each other, so that they hide those behind
     dot = float(np.clip((WIDTH * apart / extent) ** 2, 2.5, 150.0))
     look = {"s": dot, "color": shaded, "linewidths": 0.0, "depthshade": False}
     axes.scatter(*surface.points[rows].T, zorder=BACKGROUND, **look)
@@ -112,24 +112,24 @@ def _draw_frame(axes: Any, pose: Pose, size: float, name: str) -> None:
 
 
 def _draw_camera(axes: Any, pose: Pose, camera: CameraConfig, length: float, name: str) -> None:
-    """Draw the pyramid that a camera sees, up to a length [m]."""
+    """Draw the field of view of a camera as a pyramid, up to a length [m]."""
     half = np.tan(np.radians(camera.fov) / 2.0)
     x, y = half, half * camera.height / camera.width
     corners = length * np.array([[-x, -y, 1.0], [x, -y, 1.0], [x, y, 1.0], [-x, y, 1.0]])
     corners = points_in(pose, corners)
-    eye = pose[:3, 3]
+    origin = pose[:3, 3]
     loop = np.concatenate([corners, corners[:1]])
     axes.plot(*loop.T, color="black", linewidth=0.8, zorder=LINES)
     for corner in corners:
-        axes.plot(*zip(eye, corner, strict=True), color="black", linewidth=0.8, zorder=LINES)
-    _draw_name(axes, eye - 0.1 * length * pose[:3, 2], name)
+        axes.plot(*zip(origin, corner, strict=True), color="black", linewidth=0.8, zorder=LINES)
+    _draw_name(axes, origin - 0.1 * length * pose[:3, 2], name)
 
 
-def _draw_name(axes: Any, place: FloatArray, name: str) -> None:
+def _draw_name(axes: Any, position: FloatArray, name: str) -> None:
     from matplotlib.patheffects import withStroke
 
     halo = [withStroke(linewidth=2.5, foreground="white")]
-    axes.text(*place, name, fontsize="small", ha="center", zorder=TEXT, path_effects=halo)
+    axes.text(*position, name, fontsize="small", ha="center", zorder=TEXT, path_effects=halo)
 
 
 def _colours(robot: PosedRobot) -> dict[str, tuple[float, ...]]:

@@ -1,7 +1,7 @@
-"""Looks a ROBOT.yaml over: what it says, what cannot be right, what a recording says of it.
+"""Checks of a ROBOT.yaml: its contents, implausible values, and comparison with a recording.
 
-A wrench sensor at rest feels the weight of what it carries. Of both signs only one gives a positive
-mass, so gravity tells whether the sensor gives the force on the robot or by it.
+A wrench sensor at rest measures the weight of its load. Of both signs only one gives a positive
+mass, so gravity decides whether the sensor measures the force on the robot or by it.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -25,32 +25,32 @@ from contactfusion.robots.solids import Solid
 from contactfusion.yaml_files import read_yaml
 
 NEAR = 0.01
-"""A patch lies no further from the surface of its link, and a camera's eye no deeper in it [m]."""
+"""The greatest distance of a patch from its link's surface, and depth of a camera's origin [m]."""
 FACING = 0.5
 """The cosine of the angle between a patch's z and the normal of the surface is at least this."""
 GRAVITY = np.array([[0.0, 0.0, -9.81]])
-"""In the root link's frame, whose z is taken to point up [m/s²]."""
+"""Gravity in the root link's frame, whose z is taken to point up [m/s²]."""
 STILL = 0.01
 """Joints that move by less are at rest [rad, m]."""
 LASTING = 0.2
-"""A rest lasts so long, or is that far in time from its neighbours [s]."""
+"""The least duration of a rest, or distance in time of a single sample from its neighbours [s]."""
 LEAST_POSES = 3
 LEFT_OVER = 0.2
-"""A fit that leaves more of the weight unexplained explains nothing."""
+"""The greatest share of the weight that a fit may leave unexplained."""
 SIGNS = {"on_robot": 1.0, "by_robot": -1.0}
 
 
 def check_robot(name: str, out: Path | None = None, recording: Path | None = None) -> bool:
-    """Print what a description says of a robot, and warn about what cannot be right.
+    """Print a robot's description, and warnings about implausible values.
 
     Args:
         name: ROBOT.yaml, a configuration with a `robot`, or a URDF; MODULE:FILE for one in an
             installed Python package.
-        out: the picture to draw.
-        recording: wrenches of the wrists at rest in several poses, and joints.
+        out: the PNG of the picture; None: no picture.
+        recording: joints and wrenches of the wrists, at rest in several poses.
 
     Returns:
-        Whether there was nothing to warn about.
+        Whether there are no warnings.
 
     Raises:
         ContactFusionError: the description, its URDF or the recording cannot be used.
@@ -63,9 +63,9 @@ def check_robot(name: str, out: Path | None = None, recording: Path | None = Non
         raise ConfigurationError(f"{path}: {error}") from None
     robot = PosedRobot(model, middle(model), model.root, np.eye(4))
     print(f"{path}: {len(model.link_names)} links, {len(model.joint_names)} joints")
-    _tell_links(model)
-    _tell_joints(robot)
-    _tell_sensors(robot)
+    _print_links(model)
+    _print_joints(robot)
+    _print_sensors(robot)
     faults = [*patch_faults(model), *wrist_faults(model), *camera_faults(robot)]
     faults += finger_faults(model)
     if out is not None:
@@ -73,7 +73,7 @@ def check_robot(name: str, out: Path | None = None, recording: Path | None = Non
 
         print(f"picture: {draw_robot(robot, out)}")
     if recording is not None:
-        wrenches = heard(model, recording)
+        wrenches = recorded_wrenches(model, recording)
         for wrist in config.wrists:
             lines, wrong = weigh(model, wrist, wrenches)
             print("\n".join(lines))
@@ -85,7 +85,7 @@ def check_robot(name: str, out: Path | None = None, recording: Path | None = Non
 
 
 def _described(path: Path) -> RobotConfig:
-    """The description in ROBOT.yaml, or in a configuration, or of a URDF and nothing else."""
+    """The description in ROBOT.yaml, or in a configuration, or of a URDF alone."""
     if path.suffix == ".urdf":
         return RobotConfig(urdf=path.name, folder=path.parent)
     robot = read_yaml(path).get("robot")
@@ -102,8 +102,8 @@ def _described(path: Path) -> RobotConfig:
 def middle(model: RobotModel) -> FloatArray:
     """The middle of the joints' limits, shape (n,) [rad, m].
 
-    A joint without ends is at 0, one that mimics another where it follows, and one that is `still`
-    where it stays.
+    A joint without limits is at 0, one that mimics another follows it, and one that is `still`
+    has its configured position.
     """
     positions: FloatArray = np.where(np.isfinite(model.limits), model.limits, 0.0).mean(axis=1)
     for name, position in model.config.still.items():
@@ -112,7 +112,7 @@ def middle(model: RobotModel) -> FloatArray:
 
 
 def patch_faults(model: RobotModel) -> Iterator[str]:
-    """Report which patches do not lie on their link, or do not face out of it."""
+    """Patches that do not lie on their link, or do not face outward."""
     config = model.config
     for name, patch in config.patches.items():
         link, pose = model.link_of(patch.frame), model.pose_on_link(patch.frame)
@@ -138,42 +138,42 @@ def patch_faults(model: RobotModel) -> Iterator[str]:
 
 
 def wrist_faults(model: RobotModel) -> Iterator[str]:
-    """Report which wrists carry what has no mass."""
+    """Wrists whose load has no mass."""
     for name, wrist in model.config.wrists.items():
         links = {link: model.urdf.links[link] for link in model.beyond(wrist.frame)}
-        for link, one in links.items():
-            if one.is_shaped and not one.mass:
+        for link, part in links.items():
+            if part.is_shaped and not part.mass:
                 yield f"link '{link}' hangs on wrist '{name}' and has a shape, but no mass"
-        if not any(one.mass for one in links.values()):
+        if not any(part.mass for part in links.values()):
             yield f"nothing that hangs on wrist '{name}' has a mass"
 
 
 def camera_faults(robot: PosedRobot) -> Iterator[str]:
-    """Report which cameras lie inside the robot."""
+    """Cameras that lie inside the robot."""
     from scipy.spatial import KDTree
 
     surface = robot.surface
     tree = KDTree(surface.points)
     for name, camera in robot.model.config.cameras.items():
-        eye = robot.pose_of(camera.frame)[:3, 3]
-        distance, row = tree.query(eye)
-        depth = min(distance, (surface.points[row] - eye) @ surface.normals[row])
+        origin = robot.pose_of(camera.frame)[:3, 3]
+        distance, row = tree.query(origin)
+        depth = min(distance, (surface.points[row] - origin) @ surface.normals[row])
         if depth > NEAR:
             link = surface.link_names[surface.links[row]]
             yield f"camera '{name}' lies {depth * 1000:.0f} mm inside link '{link}'"
 
 
 def finger_faults(model: RobotModel) -> Iterator[str]:
-    """Report which links of fingers no joint of theirs moves."""
+    """Links of fingers that none of the finger's joints moves."""
     urdf = model.urdf
     for name, finger in model.config.fingers.items():
-        moved = {one for joint in finger.joints for one in urdf.hanging_on(urdf.children[joint])}
+        moved = {link for joint in finger.joints for link in urdf.hanging_on(urdf.children[joint])}
         for link in finger.links:
             if link not in moved:
                 yield f"link '{link}' of finger '{name}' hangs on none of its joints"
 
 
-def _tell_links(model: RobotModel) -> None:
+def _print_links(model: RobotModel) -> None:
     spheres = np.bincount(model.spheres.links, minlength=len(model.link_names))
     width = max(map(len, model.link_names))
     print(f"  {'link':{width}}  mass [kg]  points  spheres")
@@ -189,7 +189,7 @@ def _tell_links(model: RobotModel) -> None:
     )
 
 
-def _tell_joints(robot: PosedRobot) -> None:
+def _print_joints(robot: PosedRobot) -> None:
     model = robot.model
     width = max((len(name) for name in model.joint_names), default=0)
     rows = zip(model.joint_names, model.limits, model.units, robot.positions, strict=True)
@@ -206,8 +206,8 @@ def _mimicry(model: RobotModel, name: str) -> str:
     return f", follows {driver}: {multiplier:g} times its position, plus {offset:g}"
 
 
-def _tell_sensors(robot: PosedRobot) -> None:
-    """Print where sensors are; it is what the eye checks first, so each is one line."""
+def _print_sensors(robot: PosedRobot) -> None:
+    """Print the poses of the sensors, one line each: they are compared by eye."""
     config, model = robot.model.config, robot.model
     if not (config.patches or config.cameras or config.wrists or config.fingers):
         return
@@ -237,14 +237,14 @@ def _tell_sensors(robot: PosedRobot) -> None:
 
 
 def triple(vector: FloatArray) -> str:
-    """Write three numbers down."""
+    """Three numbers as text."""
     rounded = np.round(vector, 3) + 0.0  # no -0
     return "(" + ", ".join(f"{number:.3f}" for number in rounded) + ")"
 
 
 @dataclass(frozen=True, eq=False)
 class Sample:
-    """A wrench, and where the joints were.
+    """A wrench, with the joints' positions at its stamp.
 
     Attributes:
         reading: the wrench.
@@ -255,12 +255,12 @@ class Sample:
     positions: FloatArray
 
 
-def heard(model: RobotModel, path: Path) -> dict[str, list[Sample]]:
-    """The wrenches of a recording by the name of their sensor, with the joints then.
+def recorded_wrenches(model: RobotModel, path: Path) -> dict[str, list[Sample]]:
+    """The wrenches of a recording by the name of their sensor, with the joints' positions.
 
     Raises:
         RecordingError: the recording cannot be read.
-        RobotError: the joints of the robot are not all in it.
+        RobotError: joints of the robot are missing in it.
     """
     history, samples = History(), dict[str, list[Sample]]()
     unknown: RobotError | None = None
@@ -291,7 +291,7 @@ def weigh(
         samples: by the name of the sensor, in the order of their stamps.
 
     Returns:
-        Lines that say what was found, and sentences on what is wrong.
+        Lines of the report, and warnings.
     """
     sensor, config = f"wrist '{wrist}'", model.config.wrists[wrist]
     if wrist not in samples:
@@ -340,8 +340,8 @@ def weigh(
 def resting(samples: Sequence[Sample]) -> list[tuple[FloatArray, FloatArray]]:
     """The poses at which the robot rested.
 
-    A log may be dense, or have one row a pose: what counts is how long the joints stay, or how far
-    in time a pose stands from its neighbours.
+    A log may be dense, or have one row a pose: a rest is defined by how long the joints stay, or
+    by the distance in time of a pose from its neighbours.
 
     Returns:
         For each the joints, shape (n,) [rad, m], and the mean wrench, shape (6,) [N, N·m].
@@ -361,7 +361,8 @@ def resting(samples: Sequence[Sample]) -> list[tuple[FloatArray, FloatArray]]:
         if number + 1 < len(groups):
             spans.append(groups[number + 1][0].reading.stamp - last)
         if max(spans) >= LASTING:
-            wrenches = [np.hstack([one.reading.force, one.reading.torque]) for one in group]
+            readings = (sample.reading for sample in group)
+            wrenches = [np.hstack([wrench.force, wrench.torque]) for wrench in readings]
             poses.append((group[0].positions, np.mean(wrenches, axis=0)))
     return poses
 

@@ -1,1 +1,1 @@
-"""What a recording holds, and a first configuration for it."""
+"""Contents of a recording, and a first configuration for it."""

@@ -1,4 +1,4 @@
-"""A first configuration for a recording or a robot: it runs as it stands, its comments say why."""
+"""A first configuration for a recording or a robot, which runs as it is; comments explain it."""
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
@@ -52,26 +52,26 @@ from contactfusion.robots.model import RobotModel
 from contactfusion.terminal import note
 
 URDF = (".urdf", ".xacro", ".xml")
-"""Files that describe robots end with this."""
+"""Suffixes of files that describe robots."""
 C3D = (".c3d", ".zip")
 DESCRIPTION, STRING = "robot_description", "std_msgs/msg/String"
 """The last part of the topic that holds a URDF, and the type of its message."""
 LOOK = 5.0
-"""So much of a recording is looked at [s]."""
+"""The part of a recording that is read, from its start [s]."""
 
 
 def write_first(source: Path, out: Path, robot: Path | None = None, force: bool = False) -> None:
     """Write a first configuration for a recording or a URDF, and print what to do next.
 
     Args:
-        source: a recording as `open_recording` takes it, a table that nothing describes, or a URDF.
+        source: a recording as `open_recording` takes it, a table without a description, or a URDF.
         out: the YAML file.
-        robot: the URDF of the robot that was recorded; None: that which the recording holds.
+        robot: the URDF of the recorded robot; None: that in the recording.
         force: whether to replace files that exist.
 
     Raises:
         ConfigurationError: a file exists already, or no generator takes any of the readings.
-        ContactFusionError: the recording or the URDF is not what it should be.
+        ContactFusionError: the recording or the URDF is not valid.
     """
     _refuse_existing(out, force)
     if source.suffix in URDF:
@@ -103,8 +103,8 @@ class _First:
 
     Attributes:
         text: of the YAML file.
-        then: what to do next.
-        remarks: what else to know, in sentences.
+        then: the next step for the user.
+        remarks: further sentences for the user.
         urdf: of the robot, where the recording holds it and it is to be written beside the YAML.
     """
 
@@ -139,7 +139,7 @@ def _of_robot(urdf: Path, out: Path) -> _First:
 
 
 def _examples(model: RobotModel) -> Iterator[str]:
-    """One generator of each kind of sensor, as lines of YAML."""
+    """A generator for each kind of sensor, as lines of YAML."""
     shaped = [name for name, link in model.urdf.links.items() if link.collision]
     link = text_of([*shaped, model.root][-1] if not shaped else shaped[-1])
     yield "generators:"
@@ -167,7 +167,7 @@ def _examples(model: RobotModel) -> Iterator[str]:
 @final
 @dataclass(frozen=True)
 class _Use:
-    """What a sensor of a recording is used for.
+    """The use of a sensor of a recording.
 
     Attributes:
         sensor: its name.
@@ -183,7 +183,7 @@ class _Use:
 @final
 @dataclass
 class _Start:
-    """What the first seconds of a recording hold."""
+    """The first seconds of a recording."""
 
     joints: set[str] = field(default_factory=set)
     """The names of all joints that report positions."""
@@ -196,14 +196,14 @@ class _Start:
 @final
 @dataclass(frozen=True)
 class _Held:
-    """What a recording holds, and how it is played.
+    """A recording, and how it is played.
 
     Attributes:
         inspection: its topics.
         start: its first seconds.
-        shown: the same as lines of a comment.
+        shown: its contents as lines of a comment.
         recording: the `recording` of the configuration, as lines of YAML.
-        play: what plays it.
+        play: the command that plays it.
     """
 
     inspection: Inspection
@@ -223,7 +223,7 @@ def _of_recording(path: Path, out: Path, robot: Path | None) -> _First:
 
 
 def _of_table(path: Path, out: Path, robot: Path | None) -> _First:
-    """A first configuration of a table; what its columns do not say is a blank."""
+    """A first configuration of a table; what its columns leave open is a blank."""
     table = inspect_table(path)
     described = tuple(described_table(table, named_from(path, out)))
     if table.known:
@@ -233,7 +233,7 @@ def _of_table(path: Path, out: Path, robot: Path | None) -> _First:
         play = f"contactfusion run {out} --out results"
     else:
         sensor = sensor_of(path)
-        told = TopicInspection(
+        topic = TopicInspection(
             name=sensor,
             type="",
             messages=table.rows,
@@ -242,7 +242,7 @@ def _of_table(path: Path, out: Path, robot: Path | None) -> _First:
             reading=Wrench.__name__,
             generators=("force_torque",),
         )
-        inspection, start = Inspection(path, 0, 0.0, (told,), ()), _Start()
+        inspection, start = Inspection(path, 0, 0.0, (topic,), ()), _Start()
         play = f"put in what {BLANK} stands for, then: contactfusion check {out}"
     lines = ("recording:", *indented(described), "")
     return _of_sensors(_Held(inspection, start, tuple(shown(table)), lines, play), out, robot)
@@ -339,7 +339,7 @@ def _start(readings: Iterable[Reading]) -> _Start:
 def _uses(
     inspection: Inspection, start: _Start, model: RobotModel | None, space: str
 ) -> Iterator[_Use]:
-    """What each sensor is used for, in the order of the topics."""
+    """The use of each sensor, in the order of the topics."""
     without_robot = "" if model else "it needs the robot: name its URDF by --robot"
     felt, moving = "", False
     for topic in inspection.topics:
@@ -373,7 +373,7 @@ def _name(sensor: str) -> str:
 def _lost(
     topic: TopicInspection, inspection: Inspection, model: RobotModel | None, space: str
 ) -> str:
-    """Why a sensor has no place in the space; empty where it has."""
+    """Why the frame of a sensor is not joined to that of the space; empty where it is."""
     frame = topic.frames[0] if topic.frames else ""
     if not frame:
         return "its headers name no frame"
@@ -385,9 +385,9 @@ def _lost(
 
 
 def _space(inspection: Inspection) -> str:
-    """The frame of the space where no robot is known: the root above the first sensor."""
-    sensors = [one for one in inspection.topics if one.generators and any(one.frames)]
-    sensors.sort(key=lambda one: one.reading != Wrench.__name__)
+    """The frame of the space where there is no robot: the root above the first sensor."""
+    sensors = [topic for topic in inspection.topics if topic.generators and any(topic.frames)]
+    sensors.sort(key=lambda topic: topic.reading != Wrench.__name__)
     return inspection.ancestors(sensors[0].frames[0])[-1] if sensors else "base"
 
 
@@ -396,7 +396,7 @@ def _frame(inspection: Inspection, sensor: str) -> str:
 
 
 def _robot_description(path: Path, inspection: Inspection) -> str:
-    """The URDF that a recording of ROS holds; empty where it holds none."""
+    """The URDF in a recording of ROS; empty where there is none."""
     names = [
         topic.name
         for topic in inspection.topics
@@ -405,7 +405,7 @@ def _robot_description(path: Path, inspection: Inspection) -> str:
     if not names:
         return ""
     with Bag(path) as bag:
-        mine = [one for one in bag.channels if one.topic == names[0]]
+        mine = [channel for channel in bag.channels if channel.topic == names[0]]
         for channel, _, raw in bag.messages(mine):
             message: Message = typestore().deserialize_cdr(channel.cdr(raw), channel.msgtype)
             return str(message.data)
@@ -413,10 +413,10 @@ def _robot_description(path: Path, inspection: Inspection) -> str:
 
 
 def _described(text: str, out: Path) -> RobotModel:
-    """The robot of a URDF, as if it stood beside the configuration.
+    """The robot of a URDF, as if its file stood beside the configuration.
 
     Raises:
-        ContactFusionError: it does not hold together, or its meshes are not at hand.
+        ContactFusionError: it is not valid, or its meshes are not found.
     """
     make_folder(out.parent)
     with TemporaryDirectory(prefix=".", dir=out.parent) as folder:
@@ -440,7 +440,7 @@ def _held(inspection: Inspection) -> Iterator[str]:
 
 
 def _recording(path: Path, out: Path) -> Iterator[str]:
-    """What `contactfusion run` plays; a replay is told."""
+    """The recording as `contactfusion run` reads it; `replay` takes it as an argument."""
     kind = "ros" if is_ros(path) else "c3d" if path.suffix in C3D else ""
     if kind:
         file = text_of(named_from(path, out))

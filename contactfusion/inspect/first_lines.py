@@ -13,9 +13,9 @@ from contactfusion.readings import Wrench
 from contactfusion.robots.model import RobotModel
 
 REST = 0.5
-"""Noise and bias are those of a sensor's first seconds [s]."""
+"""The first seconds of a sensor, from which noise and bias are estimated [s]."""
 FORCE_NOISE, TORQUE_NOISE = 0.2, 0.01
-"""Noise is stated as no less than this [N, N·m], as a sensor drifts, too."""
+"""The least noise that is written [N, N·m], as a sensor drifts, too."""
 PLAIN = re.compile(r"[A-Za-z_][\w/.-]*")
 """Text that YAML takes without quotes, also within braces."""
 WEIGHED = (
@@ -27,7 +27,7 @@ WEIGHED = (
 
 
 def robot_lines(urdf: str, model: RobotModel, unreported: Sequence[str]) -> Iterator[str]:
-    """The robot, with the joints that nothing reports, and its links and joints by name."""
+    """The robot, with the joints that no topic reports, and its links and joints by name."""
     yield "robot:  # its collision shapes are the surface that is touched"
     yield f"  urdf: {text_of(urdf)}"
     if unreported:
@@ -41,7 +41,7 @@ def robot_lines(urdf: str, model: RobotModel, unreported: Sequence[str]) -> Iter
 
 
 def stand_in_lines(sensor: str, frame: str) -> Iterator[str]:
-    """A ball in place of the surface of what hangs on a sensor."""
+    """A ball in place of the surface that a sensor carries."""
     yield f"# Contacts lie on a surface. This ball stands in for what hangs on {sensor}: put in its"
     yield "# shapes (box, cylinder, sphere, rectangle), or in its place a `robot` by its URDF."
     yield "# The `xyz` of a shape is its centre, the axis of a cylinder is z: from z = 3 to 23 cm"
@@ -62,7 +62,7 @@ def integrator_lines(space: str, rule: Sequence[str]) -> Iterator[str]:
 
 
 def force_torque_lines(name: str, sensor: str, wrenches: Sequence[Wrench] | None) -> Iterator[str]:
-    """A six-axis force-torque sensor, by its first wrenches; None where they are not known."""
+    """A six-axis force-torque sensor, by its first wrenches; None where they are unknown."""
     yield f"{text_of(name)}:  # a six-axis force-torque sensor"
     yield "  type: force_torque"
     yield f"  sensor: {text_of(sensor)}"
@@ -79,10 +79,10 @@ def force_torque_lines(name: str, sensor: str, wrenches: Sequence[Wrench] | None
 
 
 def _noise(wrenches: Sequence[Wrench]) -> tuple[float, float, float]:
-    """The noise of force [N] and torque [N·m], and the bias that a tare can take off [N], or 0."""
+    """The noise of force [N] and torque [N·m], and the bias that a tare removes [N], or 0."""
     if len(wrenches) < 3:
         return FORCE_NOISE, TORQUE_NOISE, 0.0
-    samples = np.array([[*one.force, *one.torque] for one in wrenches])
+    samples = np.array([[*wrench.force, *wrench.torque] for wrench in wrenches])
     noise = np.diff(samples, axis=0).std(axis=0) / np.sqrt(2.0)
     force, torque = max(FORCE_NOISE, *noise[:3]), max(TORQUE_NOISE, *noise[3:])
     lasts = wrenches[-1].stamp - wrenches[0].stamp >= 0.9 * REST  # a tare needs all of it
@@ -134,11 +134,11 @@ def indented(lines: Iterable[str]) -> Iterator[str]:
 
 
 def text_of(text: str) -> str:
-    """A text as YAML."""
+    """Text as YAML."""
     plain = PLAIN.fullmatch(text) and yaml.safe_load(text) == text
     return text if plain else yaml.safe_dump(text, default_style='"', width=10**6).strip()
 
 
 def named_from(path: Path, out: Path) -> str:
-    """A file as named from the folder of the configuration; MODULE:FILE as it is."""
+    """The path of a file from the folder of the configuration; MODULE:FILE as it is."""
     return str(path) if ":" in str(path) else relpath(path.resolve(), out.parent.resolve())

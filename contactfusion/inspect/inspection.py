@@ -1,4 +1,4 @@
-"""What a recording holds, before there is a configuration: topics, frames, clocks, uses."""
+"""Contents of a recording, before there is a configuration: topics, frames, clocks, uses."""
 
 import json
 import struct
@@ -30,23 +30,23 @@ from contactfusion.terminal import followed, progress
 from contactfusion.time import to_nanoseconds, to_seconds
 
 DECODED = 20
-"""Of the messages of /tf that begin alike and are of equal length, so many are decoded."""
+"""Messages of /tf that are decoded, of those that begin alike and are of equal length."""
 SHOWN_EVERY = 1000
-"""Progress is shown after so many messages."""
+"""Messages between two updates of the progress bar."""
 EPOCHS = 1e8
-"""A clock that counts from 1970 has passed this [s]; any other counts from when it started."""
+"""Clocks beyond this count from 1970; others from when they started [s]."""
 FAR = 1.0
-"""A clock further from that of the log is worth a remark [s]."""
+"""The least difference between a clock and that of the log that is remarked [s]."""
 
 
 @final
 @dataclass(frozen=True)
 class Jump:
-    """A header's clock that is set: it falls, or gets ahead of the log, by more than a second.
+    """A jump of a header's clock: it falls, or passes the log, by more than a second.
 
     Attributes:
-        at: when, since the recording's start by the log [s].
-        by: how far the clock jumps [s]; negative is back.
+        at: time since the recording's start by the log [s].
+        by: change of the clock [s]; negative is back.
     """
 
     at: float
@@ -64,14 +64,14 @@ class TopicInspection:
         messages: number of messages.
         rate: messages a second, by the log [Hz]; None under two.
         frames: the frames that its headers name, in order of appearance.
-        publishers: number of nodes that sent it, as far as the file tells.
+        publishers: number of nodes that sent it, as far as the file holds it.
         sensor: its name in a configuration; empty where it is not read.
-        reading: the type of reading that its messages become; empty where they become none.
+        reading: the type of reading that its messages become; empty where there is none.
         generators: the installed types of generators that take such readings.
-        use: what the readings are for beside generators.
+        use: the use of the readings beside generators.
         unread: why it becomes no readings.
         delay: the least and the greatest time from the stamp of a header to that of the log [s];
-            None where headers have none, or hold at all times.
+            None where headers have none, or are static.
         unstamped: number of headers whose stamp was never set.
         jumps: of its headers' clock.
     """
@@ -95,12 +95,12 @@ class TopicInspection:
 @final
 @dataclass(frozen=True)
 class FrameInspection:
-    """A frame that a transform places.
+    """A frame that a transform defines.
 
     Attributes:
         name: the frame.
-        parent: that in which it is placed.
-        static: whether for good.
+        parent: its parent frame.
+        static: whether the transform is static.
     """
 
     name: str
@@ -111,15 +111,15 @@ class FrameInspection:
 @final
 @dataclass(frozen=True)
 class Inspection:
-    """What a recording holds.
+    """Contents of a recording.
 
     Attributes:
         path: the file or folder.
         start_ns: when it starts, by the log, or by its own clock where it has none [ns].
         duration: from its first message to its last [s].
         topics: by name.
-        frames: those that transforms place, by name.
-        problem: why not all of it could be read; empty when all was.
+        frames: those that transforms define, by name.
+        problem: why some of it could not be read; empty when all was.
     """
 
     path: Path
@@ -130,8 +130,8 @@ class Inspection:
     problem: str = ""
 
     def ancestors(self, frame: str) -> tuple[str, ...]:
-        """A frame and those above it in its tree, the root last."""
-        parents = {one.name: one.parent for one in self.frames}
+        """A frame and its ancestors, the root last."""
+        parents = {frame.name: frame.parent for frame in self.frames}
         chain = [frame]
         while (parent := parents.get(chain[-1])) is not None and parent not in chain:
             chain.append(parent)
@@ -139,9 +139,9 @@ class Inspection:
 
 
 def inspect_recording(path: Path) -> Inspection:
-    """What a recording holds: topics, rates, frames and clocks, and what each can be used for.
+    """The contents of a recording: topics, rates, frames, clocks, and the uses of its readings.
 
-    All messages pass once, of which only headers and a few transforms are decoded.
+    All messages are read once; only headers and a few transforms are decoded.
 
     Args:
         path: whatever `open_recording` opens.
@@ -167,8 +167,8 @@ def as_json(inspection: Inspection) -> str:
 
 @final
 @dataclass
-class _Heard:
-    """What the messages of a topic say of its clocks and frames; stamps in [ns]."""
+class _Statistics:
+    """Statistics of a topic's clocks and frames; stamps in [ns]."""
 
     clocked: bool = False
     """Whether the messages of a channel should come in the order of their headers."""
@@ -176,7 +176,7 @@ class _Heard:
     first: int = 0
     last: int = 0
     delays: list[int] = field(default_factory=list)
-    """The least and the greatest."""
+    """The least and the greatest delay from header to log."""
     unstamped: int = 0
     jumps: list[tuple[int, int]] = field(default_factory=list)
     frames: dict[str, None] = field(default_factory=dict)
@@ -190,13 +190,13 @@ class _Heard:
         return (self.count - 1) / span if span > 0.0 else None
 
     def message(self, stamp: int) -> None:
-        """Take a message that was logged at a stamp."""
+        """Count a message, by its stamp in the log."""
         self.first = min(self.first, stamp) if self.count else stamp
         self.last = max(self.last, stamp)
         self.count += 1
 
     def header(self, channel: Channel, stamp: int, frame: str, logged: int) -> None:
-        """Take the header of a message that was logged at a stamp."""
+        """Count the header of a message, with its stamp in the log."""
         self.frames[frame] = None
         if not stamp:
             self.unstamped += 1
@@ -219,8 +219,9 @@ def _of_ros(path: Path, sensors: Mapping[str, Sequence[str]] | None) -> Inspecti
     problem = ""
     with Bag(path) as bag:
         contents = contents_of(bag)
-        heard = {
-            name: _Heard(clocked=topic.msgtype != TRANSFORMS) for name, topic in contents.items()
+        statistics = {
+            name: _Statistics(clocked=topic.msgtype != TRANSFORMS)
+            for name, topic in contents.items()
         }
         duration = to_seconds(max(0, bag.last_ns - bag.first_ns))
         with progress(f"reading {path}", duration) as reach:
@@ -228,60 +229,60 @@ def _of_ros(path: Path, sensors: Mapping[str, Sequence[str]] | None) -> Inspecti
                 for number, (channel, logged, raw) in enumerate(bag.messages(bag.channels)):
                     if number % SHOWN_EVERY == 0:
                         reach(to_seconds(logged - bag.first_ns))
-                    topic = heard[channel.topic]
+                    topic = statistics[channel.topic]
                     topic.message(logged)
                     if channel.header is None:
                         continue
-                    with suppress(struct.error):  # there is none in an empty list of transforms
+                    with suppress(struct.error):  # an empty list of transforms has no header
                         stamp, frame = channel.header(raw)
                         topic.header(channel, stamp, frame, logged)
                         key = channel, frame, len(raw)
                         if channel.msgtype == TRANSFORMS and decoded[key] < DECODED:
                             decoded[key] += 1
-                            frames |= {one.name: one for one in _placed(channel, raw)}
+                            frames |= {frame.name: frame for frame in _placed(channel, raw)}
             except RecordingError as error:
                 problem = str(error)
         first_ns = bag.first_ns
     if sensors is None:
         sensors = {}
-        with suppress(RecordingError):  # it holds nothing that can be read
+        with suppress(RecordingError):  # it holds no readable topic
             sensors = topics_of(path, contents, {})
     names = {topic: sensor for sensor, topics in sensors.items() for topic in topics}
     beside = listeners(sensors, contents).keys() - names.keys()
     topics = tuple(
-        _topic(topic, heard[name], names.get(name, ""), name in beside, first_ns)
+        _topic(topic, statistics[name], names.get(name, ""), name in beside, first_ns)
         for name, topic in sorted(contents.items())
     )
     return Inspection(path, first_ns, duration, topics, _sorted(frames), problem)
 
 
 def _placed(channel: Channel, raw: bytes) -> Iterator[FrameInspection]:
-    """The frames that a message of transforms places."""
+    """The frames that a message of transforms defines."""
     static = last(channel.topic) == STATIC
     with suppress(Exception):  # of many kinds; a replay counts what is wrong with messages
         message: Message = typestore().deserialize_cdr(channel.cdr(raw), channel.msgtype)
-        for one in message.transforms:
-            name, parent = one.child_frame_id, one.header.frame_id
+        for transform in message.transforms:
+            name, parent = transform.child_frame_id, transform.header.frame_id
             yield FrameInspection(name.removeprefix("/"), parent.removeprefix("/"), static)
 
 
 def _topic(
-    topic: Topic, heard: _Heard, sensor: str, is_beside: bool, first_ns: int
+    topic: Topic, statistics: _Statistics, sensor: str, is_beside: bool, first_ns: int
 ) -> TopicInspection:
     static = last(topic.name) == STATIC
-    delays = [to_seconds(one) for one in heard.delays]
+    delays = [to_seconds(delay) for delay in statistics.delays]
     return TopicInspection(
         name=topic.name,
         type=topic.msgtype,
         messages=topic.count,
-        rate=heard.rate,
-        frames=tuple(heard.frames),
+        rate=statistics.rate,
+        frames=tuple(statistics.frames),
         publishers=topic.publishers,
         sensor=sensor,
         unread="" if sensor else _unread(topic, is_beside),
         delay=(delays[0], delays[1]) if delays and not static else None,
-        unstamped=0 if static else heard.unstamped,
-        jumps=tuple(Jump(to_seconds(at - first_ns), to_seconds(by)) for at, by in heard.jumps),
+        unstamped=0 if static else statistics.unstamped,
+        jumps=tuple(Jump(to_seconds(at - first_ns), to_seconds(by)) for at, by in statistics.jumps),
         **_uses(topic.kind if sensor else None),
     )
 
@@ -304,38 +305,38 @@ def _unread(topic: Topic, is_beside: bool) -> str:
 
 
 def inspect_readings(path: Path, recording: Recording) -> Inspection:
-    """What a recording that is open holds, of its readings alone.
+    """The contents of an open recording, by its readings alone.
 
     Args:
-        path: how the inspection calls it.
-        recording: any but one of ROS.
+        path: its name in the inspection.
+        recording: of any format but ROS.
     """
-    heard: dict[tuple[str, type[Reading]], _Heard] = {}
+    statistics: dict[tuple[str, type[Reading]], _Statistics] = {}
     frames: dict[str, FrameInspection] = {}
     problem = ""
     try:
         for reading in followed(recording.readings(), f"reading {path}"):
-            one = heard.setdefault((reading.sensor, type(reading)), _Heard())
-            one.message(to_nanoseconds(reading.stamp))
-            one.frames[reading.frame] = None
+            topic = statistics.setdefault((reading.sensor, type(reading)), _Statistics())
+            topic.message(to_nanoseconds(reading.stamp))
+            topic.frames[reading.frame] = None
             if isinstance(reading, Transform):
                 name = reading.child_frame
                 frames[name] = FrameInspection(name, reading.frame, reading.static)
     except RecordingError as error:
         problem = str(error)
-    first = min((one.first for one in heard.values()), default=0)
-    latest = max((one.last for one in heard.values()), default=0)
+    first = min((topic.first for topic in statistics.values()), default=0)
+    latest = max((topic.last for topic in statistics.values()), default=0)
     topics = [
         TopicInspection(
             name=sensor,
             type="",
-            messages=one.count,
-            rate=one.rate,
-            frames=tuple(one.frames),
+            messages=topic.count,
+            rate=topic.rate,
+            frames=tuple(topic.frames),
             sensor=sensor,
             **_uses(kind),
         )
-        for (sensor, kind), one in heard.items()
+        for (sensor, kind), topic in statistics.items()
     ]
     topics.sort(key=lambda topic: (topic.name, topic.reading))
     start_ns = recording.epoch_ns + first
@@ -354,7 +355,7 @@ class _Uses(TypedDict):
 
 
 def _uses(kind: type[Reading] | None) -> _Uses:
-    """What readings of a kind are called, and what takes them."""
+    """The type of the readings, and what takes them."""
     if kind is None:
         return {"reading": "", "generators": (), "use": ""}
     codec = installed_kinds().of(kind)
@@ -384,7 +385,7 @@ def _lines(inspection: Inspection) -> Iterator[str]:
     start = f"{seconds:.3f} s"
     if seconds > EPOCHS:
         start = f"{datetime.fromtimestamp(seconds, UTC):%Y-%m-%d %H:%M:%S} UTC"
-    messages = sum(one.messages for one in inspection.topics)
+    messages = sum(topic.messages for topic in inspection.topics)
     yield (
         f"{inspection.path}: {messages} messages on {len(inspection.topics)} topics in "
         f"{inspection.duration:.1f} s, from {start}"
@@ -423,9 +424,9 @@ def _table(rows: Sequence[tuple[str, ...]]) -> Iterator[str]:
 def _tree(inspection: Inspection) -> Iterator[str]:
     """The frames as a tree, each below its parent."""
     children: dict[str, list[FrameInspection]] = {}
-    for one in inspection.frames:
-        children.setdefault(one.parent, []).append(one)
-    roots = {inspection.ancestors(one.name)[-1] for one in inspection.frames}
+    for frame in inspection.frames:
+        children.setdefault(frame.parent, []).append(frame)
+    roots = {inspection.ancestors(frame.name)[-1] for frame in inspection.frames}
     if roots:
         yield "frames:"
     waiting = [(root, "", 1) for root in sorted(roots, reverse=True)]
@@ -435,9 +436,9 @@ def _tree(inspection: Inspection) -> Iterator[str]:
         yield f"{'  ' * depth}{name}{how}"
         shown.add(name)
         waiting += [
-            (one.name, " (static)" if one.static else "", depth + 1)
-            for one in reversed(children.get(name, []))
-            if one.name not in shown
+            (frame.name, " (static)" if frame.static else "", depth + 1)
+            for frame in reversed(children.get(name, []))
+            if frame.name not in shown
         ]
     named = {frame for topic in inspection.topics if topic.generators for frame in topic.frames}
     if alone := sorted(named - shown - {""}):
@@ -445,7 +446,7 @@ def _tree(inspection: Inspection) -> Iterator[str]:
 
 
 def _remarks(topic: TopicInspection) -> Iterator[str]:
-    """What of a topic's clock and publishers may spoil a replay."""
+    """Remarks on faults of a topic's clock and publishers that may spoil a replay."""
     if topic.publishers > 1:
         yield f"{topic.name}: {topic.publishers} publishers"
     if topic.unstamped:

@@ -1,4 +1,4 @@
-"""A table of numbers that nothing describes yet: its columns, and a first description of them."""
+"""A table of numbers without a description: its columns, and a first description of them."""
 
 import json
 import re
@@ -19,11 +19,11 @@ from contactfusion.recordings.tables import Columns, column_names, read_columns
 from contactfusion.time import NANOSECONDS_PER_SECOND
 
 BLANK = "FILL_IN"
-"""Stands where a person has to say what a table does not."""
+"""Placeholder for what the user has to fill in."""
 SHOWN = 3
-"""So many first values of a column are shown."""
+"""Number of first values of a column that are shown."""
 USUAL = 0.5
-"""Rows are rarely further apart [s]: a step of 1 is rather a millisecond than a second."""
+"""The usual upper limit of the step between rows [s]: a step of 1 is then a millisecond."""
 AXES = "xyz"
 STAMPS = ("t", "time", "stamp", "timestamp", "timestamps")
 WRENCH = re.compile(
@@ -42,9 +42,9 @@ class ColumnInspection:
         name: as the header has it, or its number from 1.
         first: its first values.
         least: the least value; None where it holds no number.
-        greatest: likewise.
+        greatest: the greatest value, likewise.
         missing: number of rows without a value.
-        use: what it seems to be; empty where its name says nothing.
+        use: its probable meaning; empty where its name gives none.
     """
 
     name: Column
@@ -74,13 +74,13 @@ class Stamps:
 @final
 @dataclass(frozen=True)
 class TableInspection:
-    """A table that nothing describes.
+    """A table without a description.
 
     Attributes:
         path: the file.
         rows: their number.
         columns: in their order.
-        stamps: the column of stamps; None where no column is called like one, and rises.
+        stamps: the column of stamps; None where no rising column has such a name.
         wrenches: by the name of a sensor, the columns of its force and torque.
     """
 
@@ -97,7 +97,7 @@ class TableInspection:
 
 
 def inspect_table(path: Path) -> TableInspection:
-    """The columns of a table, and what their names say.
+    """The columns of a table, and the meaning of their names.
 
     Args:
         path: a file as `type: log` takes it.
@@ -108,15 +108,15 @@ def inspect_table(path: Path) -> TableInspection:
     columns = _numbers(path)
     if not any(values is not None for values in columns.values()):
         raise RecordingError(f"{path} holds no column of numbers")
-    stamps = next(filter(None, (_stamps(name, one) for name, one in columns.items())), None)
-    wrenches = _wrenches(path, [name for name, one in columns.items() if one is not None])
+    stamps = next(filter(None, (_stamps(name, values) for name, values in columns.items())), None)
+    wrenches = _wrenches(path, [name for name, values in columns.items() if values is not None])
     uses = {stamps.column: f"stamps in {stamps.unit}: {stamps.rate:.4g} Hz"} if stamps else {}
     for sensor, six in wrenches.items():
         for number, name in enumerate(six):
             what, unit = ("force", "N") if number < len(AXES) else ("torque", "N·m")
             uses[name] = f"{what} {AXES[number % len(AXES)]} of '{sensor}' [{unit}]"
     rows = max(len(values) for values in columns.values() if values is not None)
-    held = tuple(_inspected(name, one, uses.get(name, "")) for name, one in columns.items())
+    held = tuple(_inspected(name, values, uses.get(name, "")) for name, values in columns.items())
     return TableInspection(path, rows, held, stamps, wrenches)
 
 
@@ -154,11 +154,11 @@ def shown(table: TableInspection) -> Iterator[str]:
 
 
 def described(table: TableInspection, file: str) -> Iterator[str]:
-    """A description of the table as lines of YAML; what its columns do not say is a blank.
+    """A description of the table as lines of YAML; what its columns leave open is a blank.
 
     Args:
         table: the table.
-        file: how the description names it.
+        file: its path in the description.
     """
     yield "type: log"
     yield f"file: {text_of(file)}"
@@ -181,7 +181,7 @@ def described(table: TableInspection, file: str) -> Iterator[str]:
 
 
 def sensor_of(path: Path) -> str:
-    """The name of a sensor by that of its file."""
+    """The name of a sensor, from that of its file."""
     return _name(path.stem) or "sensor"
 
 
@@ -191,7 +191,7 @@ def _numbers(path: Path) -> dict[Column, FloatArray | None]:
     found: Columns = {}
     try:
         found = read_columns(path, names)
-    except RecordingError:  # of some column alone, which is then found by reading each
+    except RecordingError:  # of a single column, which is then found by reading each
         for name in names:
             with suppress(RecordingError):
                 found |= read_columns(path, [name])
@@ -220,7 +220,7 @@ def _row(column: ColumnInspection) -> tuple[str, ...]:
 
 
 def _stamps(name: Column, values: FloatArray | None) -> Stamps | None:
-    """The stamps that a column holds; None where it is not called like stamps, or does not rise."""
+    """The stamps that a column holds; None where its name is no stamp's, or it does not rise."""
     words = re.findall(r"[a-z]+", str(name).lower())
     stated = stated_unit(name)
     is_called_so = any(word in STAMPS or word.endswith(("time", "stamp")) for word in words)
@@ -238,22 +238,22 @@ def _stamps(name: Column, values: FloatArray | None) -> Stamps | None:
 
 
 def _wrenches(path: Path, names: Sequence[Column]) -> dict[str, tuple[Column, ...]]:
-    """The columns of each wrench, by the name of its sensor: what stands before force and axis."""
+    """The columns of each wrench by the name of its sensor: the text before force and axis."""
     found: dict[str, dict[str, Column]] = {}
     for name in names:
         if match := WRENCH.fullmatch(str(name).lower()):
             what = "force" if match["kind"].startswith("f") else "torque"
             found.setdefault(match["before"], {}).setdefault(what + match["axis"], name)
-    places = [what + axis for what in ("force", "torque") for axis in AXES]
+    components = [what + axis for what in ("force", "torque") for axis in AXES]
     return {
-        _name(before) or sensor_of(path): tuple(six[place] for place in places)
+        _name(before) or sensor_of(path): tuple(six[component] for component in components)
         for before, six in found.items()
-        if len(six) == len(places)
+        if len(six) == len(components)
     }
 
 
 def _name(text: str) -> str:
-    """A text as the name of a sensor."""
+    """A sensor's name from a text."""
     return re.sub(r"[^A-Za-z0-9]+", "_", text).strip("_")
 
 

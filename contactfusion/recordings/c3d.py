@@ -27,13 +27,13 @@ from contactfusion.time import to_nanoseconds
 from contactfusion.unpacking import require_zip
 
 LAB = "lab"
-"""The frame of the laboratory, in which markers and corners are given."""
+"""The frame of the laboratory, in which markers and corners are."""
 METRES = {"m": 1.0, "cm": 0.01, "mm": 0.001}
 NEWTON_METRES = {"nm": 1.0, "ncm": 0.01, "nmm": 0.001}
-NO_PLACES = ("ANGLES", "FORCES", "MOMENTS", "POWERS", "SCALARS", "REACTIONS")
-"""Where a file lists points that are none, but results of a model of the body."""
+NOT_POINTS = ("ANGLES", "FORCES", "MOMENTS", "POWERS", "SCALARS", "REACTIONS")
+"""Parameters that list points that are results of a model of the body."""
 BIG_ENDIAN = 86
-"""The byte by which a C3D says that its numbers begin with the large end."""
+"""The byte by which a C3D declares big-endian numbers."""
 
 
 class C3DConfig(Model):
@@ -45,12 +45,12 @@ class C3DConfig(Model):
 
 @dataclass(frozen=True)
 class MotionEvent:
-    """A moment that was marked in a motion recording.
+    """A marked event of a motion recording.
 
     Attributes:
-        stamp: when it was, on the clock of the readings [s].
-        label: what happened, e.g. "Foot Strike".
-        context: to which side, e.g. "Left"; may be empty.
+        stamp: on the clock of the readings [s].
+        label: its kind, e.g. "Foot Strike".
+        context: the side, e.g. "Left"; may be empty.
     """
 
     stamp: float
@@ -64,17 +64,17 @@ class C3DRecording(Recording):
 
     Each sample of a plate gives a `Wrench` of the sensor `plate_0`, `plate_1`, … in the frame of
     that name, which is parallel to the lab frame with its origin at the centre of the plate's
-    surface. The plate takes the place of the robot: force and torque are what the world exerts on
-    the plate, so that somebody who stands on it presses down. (Files and ezc3d give the reaction,
-    the plate on the body; both are reversed here.) Each frame of the cameras gives a `Markers`
-    reading of the sensor `markers` in the frame `lab`; a lost marker is NaN. Points that the file
-    lists as angles, forces, moments or powers are no places, and are left out.
+    surface. The plate stands for the robot: force and torque are those of the world on the plate,
+    so that a person on it presses down. (Files and ezc3d hold the reaction, of the plate on the
+    body; both are reversed here.) Each frame of the cameras gives a `Markers` reading of the
+    sensor `markers` in the frame `lab`; a lost marker is NaN. Points that the file lists as angles,
+    forces, moments or powers are left out.
 
-    The clock starts with the original trial: `epoch_ns` is where this file was cut out of it.
+    The clock starts with the original trial: `epoch_ns` is where this file was cut from it.
 
     Args:
         config: the file.
-        folder: where a relative file name starts.
+        folder: that of a relative file name.
 
     Raises:
         RecordingError: the file is missing, cut off, no C3D, or has a plate that can't be read.
@@ -97,7 +97,7 @@ class C3DRecording(Recording):
         self.corners: dict[str, FloatArray] = {}
         """By the frame of the plate: its corners in the lab frame, shape (4, 3) [m]."""
         self.events = _events(parameters, start)
-        """What was marked in the recording, in order of time."""
+        """The marked events, in order of time."""
         self._series = []
         topics: dict[str, type[Reading]] = {}
         self.topics: Mapping[str, type[Reading]] = topics
@@ -119,13 +119,13 @@ class C3DRecording(Recording):
 
     @classmethod
     def opened(cls, config: C3DConfig, folder: Path) -> "C3DRecording":
-        """Open the file."""
+        """The recording in the file."""
         return cls(config, folder)
 
     def readings(self) -> Iterator[Reading]:
-        """Give the readings in order of their stamps; of one stamp, markers come first.
+        """The readings in order of their stamps; of one stamp, markers come first.
 
-        Before all, a static transform says of each plate where it stands in the lab frame.
+        Before all, a static transform gives the pose of each plate in the lab frame.
         """
         for name, frame in self.frames().items():
             yield Transform(
@@ -140,7 +140,7 @@ class C3DRecording(Recording):
         yield from merged(self._series, self.epoch_ns)
 
     def frames(self) -> dict[str, FrameConfig]:
-        """Give where the frame of each plate stands in the lab frame."""
+        """The frame of each plate, in the lab frame."""
         return {
             name: FrameConfig(parent=LAB, xyz=tuple(corners.mean(axis=0).tolist()))
             for name, corners in self.corners.items()
@@ -168,7 +168,7 @@ def _wrench(name: str, stamp: float, row: FloatArray) -> Reading:
 
 @contextmanager
 def _unpacked(path: Path) -> Iterator[Path]:
-    """Give the file itself, or the one C3D of a zip for as long as it is read."""
+    """The file itself, or the one C3D of a zip, which exists while it is read."""
     require_file(path, RecordingError)
     if path.suffix != ".zip":
         yield path
@@ -183,13 +183,13 @@ def _unpacked(path: Path) -> Iterator[Path]:
                 unpacked = Path(archive.extract(names[0], folder))
         except (zipfile.BadZipFile, zlib.error, EOFError) as error:
             raise RecordingError(f"{path} is cut off, or no zip file: {error}") from None
-        except (ValueError, RuntimeError) as error:  # packed too tightly, with a password, oddly
+        except (ValueError, RuntimeError) as error:  # encrypted, or an unknown compression
             raise RecordingError(f"{path} can't be unpacked: {error}") from None
         yield unpacked
 
 
 def _content(path: Path, unpacked: Path) -> Any:
-    """Read all with ezc3d, which takes a file that is cut off for a shorter one."""
+    """The content by ezc3d, which reads a file that is cut off as a shorter one."""
     try:
         import ezc3d
     except ImportError:
@@ -208,7 +208,7 @@ def _content(path: Path, unpacked: Path) -> Any:
 
 
 def _promised_frames(path: Path) -> int:
-    """Give how many frames the header promises, modulo 65536 as it holds two bytes."""
+    """The number of frames in the header, modulo 65536 as it has two bytes."""
     content = path.read_bytes()
     processor = content[(content[0] - 1) * 512 + 3]
     first, last = struct.unpack_from(">2H" if processor == BIG_ENDIAN else "<2H", content, 6)
@@ -220,17 +220,17 @@ def _values(parameters: Any, group: str, name: str) -> Any:
 
 
 def _marker_names(parameters: Any) -> dict[int, str]:
-    """Give by index the names of the points that are places; beyond 255 they go on in LABELS2."""
+    """The names of the points that are markers, by index; beyond 255 they continue in LABELS2."""
     keys = [key for key in parameters["POINT"] if key.startswith("LABELS")]
     keys.sort(key=lambda key: int(key.removeprefix("LABELS") or 1))
     names = [name.strip() for key in keys for name in _values(parameters, "POINT", key)]
     names = names[: int(parameters["POINT"]["USED"]["value"][0])]
-    others = {name.strip() for key in NO_PLACES for name in _values(parameters, "POINT", key)}
-    return {index: name for index, name in enumerate(names) if name not in others}
+    results = {name.strip() for key in NOT_POINTS for name in _values(parameters, "POINT", key)}
+    return {index: name for index, name in enumerate(names) if name not in results}
 
 
 def _unit(parameters: Any, group: str, channel: int) -> str:
-    """Give the unit of a channel as bare small letters, "nmm" for N·mm; empty when not given."""
+    """The unit of a channel as bare small letters, "nmm" for N·mm; empty when there is none."""
     units = _values(parameters, group, "UNITS")
     return "".join(filter(str.isalpha, units[channel])).lower() if channel < len(units) else ""
 
@@ -243,9 +243,9 @@ def _metres(path: Path, parameters: Any) -> float:
 
 
 def _torque_scale(path: Path, parameters: Any, index: int, plate: Any) -> float:
-    """Give what brings the torques of a plate to N·m.
+    """The factor that converts the torques of a plate to N·m.
 
-    ezc3d takes the unit for force times length. A file may say otherwise of the channels, and then
+    ezc3d takes the unit for force times length. A file may declare another for the channels; then
     ezc3d has shifted the torque to the surface in a wrong unit, unless there was no shift.
     """
     if plate["unit_force"] != "N":
@@ -265,7 +265,7 @@ def _torque_scale(path: Path, parameters: Any, index: int, plate: Any) -> float:
 
 
 def _events(parameters: Any, start: float) -> tuple[MotionEvent, ...]:
-    """Give the events, whose times (minutes, seconds) count from the original trial's start."""
+    """The events, whose times (minutes, seconds) count from the original trial's start."""
     times = np.asarray(_values(parameters, "EVENT", "TIMES"), dtype=np.float64)
     if not times.size:
         return ()
@@ -281,5 +281,5 @@ def _events(parameters: Any, start: float) -> tuple[MotionEvent, ...]:
 
 @hookimpl
 def contactfusion_recordings() -> dict[str, type[Recording]]:
-    """Offer the recording."""
+    """The recording."""
     return {"c3d": C3DRecording}

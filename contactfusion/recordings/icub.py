@@ -57,12 +57,12 @@ class IcubRecording(Recording):
     Each frame gives a `JointState` of the sensor `hand` (frame `hand`, [rad]) and a `TactileImage`
     of each finger (sensor and frame `thumb`, `index`, `middle`, `ring`, `little`), with its 12
     values as recorded: 0 to 255, about 243 untouched, falling under pressure. The second line of a
-    frame, maxima that were not taken at the same moment, is left out. The files hold no stamps:
+    frame, maxima of different moments, is left out. The files hold no stamps:
     frames are `period` apart (0.1 s, a nominal value).
 
     Args:
         config: the file and the period.
-        folder: where a relative file name starts.
+        folder: that of a relative file name.
 
     Raises:
         RecordingError: the file is missing, cut off, or no trial of the set.
@@ -92,11 +92,11 @@ class IcubRecording(Recording):
 
     @classmethod
     def opened(cls, config: IcubConfig, folder: Path) -> "IcubRecording":
-        """Open the file."""
+        """The recording in the file."""
         return cls(config, folder)
 
     def readings(self) -> Iterator[Reading]:
-        """Give, frame by frame, the joints and then the fingers from thumb to little finger."""
+        """Frame by frame, the joints and then the fingers from thumb to little finger."""
         return merged(self._series, self.epoch_ns)
 
 
@@ -109,7 +109,7 @@ def _tactile_image(finger: str, stamp: float, row: FloatArray) -> Reading:
 
 
 def _frames(path: Path) -> NDArray[np.float64]:
-    """Give all numbers of each frame, shape (n, 74)."""
+    """The numbers of each frame, shape (n, 74)."""
     require_file(path, RecordingError)
     try:
         first, *lines = path.read_text(encoding="utf-8").split("\n")
@@ -124,20 +124,18 @@ def _frames(path: Path) -> NDArray[np.float64]:
             f"{path} is cut off: {len(lines)} lines are no whole number of frames of {len(WIDTHS)}"
         )
     numbers: list[float] = []
-    for place, line in enumerate(lines):
-        cells, width = line.split(), WIDTHS[place % len(WIDTHS)]
+    for row, line in enumerate(lines):
+        cells, width = line.split(), WIDTHS[row % len(WIDTHS)]
         if len(cells) != width:
-            raise RecordingError(
-                f"{path}, line {place + 2}: {len(cells)} numbers instead of {width}"
-            )
+            raise RecordingError(f"{path}, line {row + 2}: {len(cells)} numbers instead of {width}")
         try:
             numbers.extend(float(cell) for cell in cells)
         except ValueError as error:
-            raise RecordingError(f"{path}, line {place + 2}: {error}") from None
+            raise RecordingError(f"{path}, line {row + 2}: {error}") from None
     return np.array(numbers).reshape(-1, sum(WIDTHS))
 
 
 @hookimpl
 def contactfusion_recordings() -> dict[str, type[Recording]]:
-    """Offer the recording."""
+    """The recording."""
     return {"icub": IcubRecording}

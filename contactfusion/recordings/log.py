@@ -51,39 +51,39 @@ UNITS = {
     **dict.fromkeys(("us", "usec", "usecs", "microseconds"), "us"),
     **dict.fromkeys(("ns", "nsec", "nsecs", "nanoseconds"), "ns"),
 }
-"""Units of time by the words in the names of columns."""
+"""Units of time, by words in the names of columns."""
 LONGEST_FALL = NANOSECONDS_PER_SECOND
-"""Rows may lie so much out of order [ns]; beyond, the clock was set back."""
+"""The greatest disorder of rows [ns]; beyond, the clock was set back."""
 
 TELLING = 10
-"""Of so many rows the rate shows in which unit their stamps are."""
+"""The least number of rows whose rate shows the unit of their stamps."""
 FASTEST = 9000.0
-"""Rows in a second [Hz]: the fastest force-torque sensors give 8 kHz, and a sensor of 10 Hz whose
-seconds are taken for milliseconds seems to give 10 kHz."""
+"""The greatest rate of rows [Hz]: the fastest force-torque sensors have 8 kHz, and a sensor of 10
+Hz whose seconds are taken for milliseconds seems to have 10 kHz."""
 SLOW = 5.0
-"""Rows further apart follow no contact [s]; milliseconds of a sensor of 100 Hz that are taken for
-seconds are 10 s apart."""
+"""The greatest distance of rows [s]; slower ones follow no contact, and milliseconds of a sensor of
+100 Hz that are taken for seconds are 10 s apart."""
 
 log = logging.getLogger(__name__)
 
 
 def stated_unit(column: Column) -> str | None:
-    """The unit of time that the name of a column ends with, as in `t_ms`; None: it states none."""
+    """The unit of time at the end of a column's name, as in `t_ms`; None: it has none."""
     words = re.findall(r"[a-z]+", str(column).lower())
     return next((UNITS[word] for word in reversed(words) if word in UNITS), None)
 
 
 class TimeConfig(Model):
-    """Where the stamps of a log come from: a column, or a constant rate."""
+    """The stamps of a log: a column, or a constant rate."""
 
     column: Column | None = None
     """The column of stamps, by name or by number from 1."""
     unit: Literal["s", "ms", "us", "ns"] = "s"
     """The unit of that column."""
     file: Path | None = None
-    """The file with that column, when it is another one; its rows pair with this file's rows."""
+    """The file with that column, when it is another; its rows pair with this file's rows."""
     rate: float | None = Field(default=None, gt=0)
-    """Rows in a second [Hz], for a log without stamps."""
+    """Rows a second [Hz], for a log without stamps."""
     start: float = Field(default=0.0, ge=-LONGEST_SECONDS, le=LONGEST_SECONDS)
     """The stamp of the first row of a log without stamps [s]."""
 
@@ -127,7 +127,7 @@ def _chosen(value: Any) -> Any:
         wrong = f"unknown type '{name}'" if name else "this field is required"
         if codec is not None:
             wrong, name = f"a log can't hold readings of '{name}'", ""
-        known = [one.name for one in installed_kinds().all() if one.Columns]
+        known = [other.name for other in installed_kinds().all() if other.Columns]
         raise ConfigurationError(f"{wrong}; {name_hint(name, known, 'types')}", "type")
     with installed_kinds().guard(codec):
         return codec.Columns(**value)
@@ -139,13 +139,13 @@ class LogFile(Model):
     file: Path
     """A `.npy`, a `.npz`, or else a text table such as CSV."""
     delimiter: str | None = Field(default=None, min_length=1, max_length=1)
-    """What stands between cells; None: tab, `;`, `,` or white space, as found."""
+    """The delimiter of cells; None: tab, `;`, `,` or white space, as found."""
     header: bool | None = None
-    """Whether the first line names the columns; None: it does when no cell of it is a number."""
+    """Whether the first line has the names of columns; None: if no cell of it is a number."""
     time: TimeConfig
     """The stamps of the rows."""
     readings: dict[str, Annotated[ColumnsConfig, BeforeValidator(_chosen)]] = Field(min_length=1)
-    """By the name of the sensor: the reading that each row gives, and its columns."""
+    """By the name of the sensor: the reading of each row, and its columns."""
 
 
 class LogConfig(Model):
@@ -157,7 +157,7 @@ class LogConfig(Model):
     @model_validator(mode="before")
     @classmethod
     def _single(cls, fields: Any) -> Any:
-        """Take the fields of a single file."""
+        """The fields of a single file as those of several."""
         return fields if "files" in fields else {"files": (LogFile(**fields),)}
 
 
@@ -171,11 +171,11 @@ class LogRecording(Recording):
     the platform's long double has 64 bits (Linux); elsewhere Unix times are rounded to 0.3 µs.
 
     Args:
-        config: the files and what is in them.
-        folder: where relative file names start.
+        config: the files and their contents.
+        folder: that of relative file names.
 
     Raises:
-        RecordingError: a file is missing, cut off, or does not hold what its description says.
+        RecordingError: a file is missing, cut off, or contradicts its description.
     """
 
     Config = LogConfig
@@ -183,8 +183,8 @@ class LogRecording(Recording):
     def __init__(self, config: LogConfig, folder: Path = Path()) -> None:
         files = config.files
         self.notes: list[str] = []
-        """What was left out or put in order, in sentences."""
-        self._series = [one for file in files for one in self._read(file, folder)]
+        """What was left out or sorted, in sentences."""
+        self._series = [series for file in files for series in self._read(file, folder)]
         self.epoch_ns = first_stamp(self._series)
         self.topics = {
             sensor: _codec(columns).kind
@@ -196,16 +196,16 @@ class LogRecording(Recording):
 
     @classmethod
     def opened(cls, config: LogConfig, folder: Path) -> "LogRecording":
-        """Open the file."""
+        """The recording in the files."""
         return cls(config, folder)
 
     def readings(self) -> Iterator[Reading]:
-        """Give the readings in order of their stamps."""
+        """The readings in order of their stamps."""
         return merged(self._series, self.epoch_ns)
 
     def _read(self, file: LogFile, folder: Path) -> Iterator[Series]:
         path = folder / file.file
-        wanted = dict.fromkeys(name for one in file.readings.values() for name in one.columns)
+        wanted = dict.fromkeys(name for row in file.readings.values() for name in row.columns)
         text = TextFormat(file.delimiter, file.header)
         table = read_columns(path, list(wanted), text=text)
         if path.suffix not in (".npy", ".npz") and not _last_line_ends(path):
@@ -238,7 +238,7 @@ class LogRecording(Recording):
             return stamps
         source = folder / time.file if time.file else path
         text = AS_FOUND if time.file else TextFormat(file.delimiter, file.header)
-        assert time.column is not None  # or it would have a rate
+        assert time.column is not None  # otherwise it has a rate
         column = read_columns(source, [time.column], np.longdouble, text)[time.column]
         if column.shape != (count, 1):
             raise RecordingError(
@@ -258,7 +258,7 @@ class LogRecording(Recording):
         return stamps
 
     def _check_rate(self, stamps: StampArray, time: TimeConfig, source: Path) -> None:
-        """Refuse rows that come faster or slower than any sensor's.
+        """Refuse rows that are faster or slower than any sensor's.
 
         Raises:
             RecordingError: their unit is a mistake.
@@ -269,8 +269,8 @@ class LogRecording(Recording):
         step = float(np.median(np.diff(np.sort(stamps)))) / NANOSECONDS_PER_SECOND
         mean = span / (len(stamps) - 1)
         if 0.0 < mean < 1.0 / FASTEST:
-            told = f"{source}: {len(stamps)} rows in {span:.3g} s are {1.0 / mean:.3g} a second"
-            raise RecordingError(f"{told}, faster than any sensor; {_unit_meant(mean, time)}")
+            counted = f"{source}: {len(stamps)} rows in {span:.3g} s are {1.0 / mean:.3g} a second"
+            raise RecordingError(f"{counted}, faster than any sensor; {_unit_meant(mean, time)}")
         if step > SLOW:
             raise RecordingError(
                 f"{source}: rows are {step:.5g} s apart; {_unit_meant(step, time)}"
@@ -298,7 +298,7 @@ def _reading(
 
 
 def _unit_meant(step: float, time: TimeConfig) -> str:
-    """The clause on the unit or rate that puts rows so far apart [s], and on the unit that fits."""
+    """The clause on the unit or rate that gives such a step [s], and on the unit that fits."""
     if time.rate is not None:
         return f"`rate` is {time.rate:g}, in rows a second"
     seconds = {unit: step * size / NANOSECONDS[time.unit] for unit, size in NANOSECONDS.items()}
@@ -343,5 +343,5 @@ def _nanoseconds(column: NDArray[np.longdouble], time: TimeConfig, source: Path)
 
 @hookimpl
 def contactfusion_recordings() -> dict[str, type[Recording]]:
-    """Offer the recording."""
+    """The recording."""
     return {"log": LogRecording}

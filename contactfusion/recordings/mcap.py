@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, Final, Self, final
 
 from contactfusion.contacts import Contact
 from contactfusion.errors import RecordingError
-from contactfusion.files import kept_when_cut, make_folder, telling
+from contactfusion.files import as_writing_error, kept_when_cut, make_folder
 from contactfusion.pipeline import Step
 from contactfusion.readings import Reading, Transform
 from contactfusion.readings.messages import Message, header, message
@@ -41,15 +41,15 @@ if TYPE_CHECKING:
 DESCRIPTION = "robot_description"
 """The topic of ROS for the URDF of a robot."""
 LATCHED = (STATIC, DESCRIPTION, "configuration")
-"""Topics that end with these words are told once, and hold from then on."""
+"""Topics that end with these words are sent once, and remain valid."""
 VERSION: Final = 8
-"""Of the metadata of rosbag2: the newest that ROS 2 Iron reads, too."""
+"""Version of the metadata of rosbag2: the newest that ROS 2 Iron reads, too."""
 BAG = "recording"
-"""What the file is called within itself: two of equal content are equal, whatever their names."""
+"""The name of the file within itself: equal contents give equal bytes, whatever the file's name."""
 KEPT = 100
-"""So many messages of a topic are kept for those who come late."""
+"""Number of messages of a topic that are kept for late subscribers."""
 NEVER = 9223372036, 854775807
-"""What ROS 2 calls an endless time [s, ns]."""
+"""An endless time in ROS 2 [s, ns]."""
 
 
 @final
@@ -57,13 +57,13 @@ class McapWriter:
     """Writes a recording as one MCAP file: profile ros2, CDR, message definitions inside.
 
     Use as a context manager: the file appears whole at its end, or not at all after an exception;
-    then one that was there before stays.
+    then an older one stays.
     The same input gives the same bytes, with one version of rosbags and of zstd. A message is
-    logged at the stamp of what it tells; stamps need not rise.
+    logged at the stamp of its content; stamps need not rise.
 
     Args:
-        path: the file; one that exists is replaced.
-        epoch_ns: the moment from which stamps count, since 1970 [ns].
+        path: the file; an existing one is replaced.
+        epoch_ns: the origin of stamps, since 1970 [ns].
 
     Raises:
         DependencyError: rosbags is not installed.
@@ -80,15 +80,15 @@ class McapWriter:
         self._bag: Writer | None = None
 
     def __enter__(self) -> Self:
-        """Begin the file, under a name of its own.
+        """Open the file, under a name of its own.
 
         Raises:
-            WritingError: the disk does not take it.
+            WritingError: the file can't be written.
         """
         self._channels.clear()
-        self._drawn = True  # a viewer may show what another recording drew
+        self._drawn = True  # a viewer may show the drawing of another recording
         self._file = _bag_that_becomes(self._path)
-        with telling(self._path):
+        with as_writing_error(self._path):
             self._bag = self._file.__enter__()
         return self
 
@@ -98,28 +98,28 @@ class McapWriter:
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
-        """Close the file under its name, or remove what there is of it.
+        """Close the file under its name, or remove it after an exception.
 
         Raises:
-            WritingError: the disk does not take it.
+            WritingError: the file can't be written.
         """
         assert self._file
         self._bag = None
-        with telling(self._path):
+        with as_writing_error(self._path):
             self._file.__exit__(kind, error, trace)
 
     def reading(self, reading: Reading, prefix: str = "") -> None:
         """Write a reading, on the topic of its sensor; odometry goes to /tf, too.
 
         Args:
-            reading: any kind of reading.
-            prefix: what the topic begins with, e.g. "truth"; what has one does not go to /tf.
+            reading: of any kind.
+            prefix: of the topic, e.g. "truth"; readings with one do not go to /tf.
 
         Raises:
-            RecordingError: there is no message for it, its topic is taken by something else, or its
-                stamp lies where ROS has none.
+            RecordingError: there is no message for it, its topic is in use by another type, or its
+                stamp is out of the range of ROS.
             PluginError: the plug-in of its kind makes no message.
-            WritingError: the disk does not take it.
+            WritingError: the file can't be written.
         """
         topic = topic_of(reading, prefix)
         if topic.startswith(OURS):
@@ -128,37 +128,37 @@ class McapWriter:
                 f"written by steps; call the sensor otherwise"
             )
         stamp = recorded_stamp(reading.stamp, self._epoch_ns)
-        for place, told in reading_messages(reading, topic, stamp):
-            if place != f"/{MOVING}" or not prefix:
-                self._write(place, told, stamp)
+        for name, sent in reading_messages(reading, topic, stamp):
+            if name != f"/{MOVING}" or not prefix:
+                self._write(name, sent, stamp)
 
     def step(self, step: Step) -> None:
         """Write the contacts and the command of a step.
 
         Below /contactfusion, contacts go to /contacts, and for viewers to /contacts/markers as
         spheres with their likelihoods and to /contacts/voxels as a cloud of those with evidence; of
-        steps with nothing to draw only the first is drawn. A command goes to /command, and its
-        twist to /cmd_vel.
+        successive steps with nothing to draw only the first is drawn. A command goes to /command,
+        and its twist to /cmd_vel.
 
         Raises:
-            RecordingError: a stamp lies where ROS has none.
+            RecordingError: a stamp is out of the range of ROS.
         """
         stamp = recorded_stamp(step.stamp, self._epoch_ns)
         fusion, drawn = step.fusion, self._drawn
         self._drawn = bool(fusion.contacts) or bool(is_drawn(fusion).any())
-        for topic, told in step_messages(step, self._epoch_ns, drawn or self._drawn):
-            self._write(topic, told, stamp)
+        for topic, sent in step_messages(step, self._epoch_ns, drawn or self._drawn):
+            self._write(topic, sent, stamp)
 
     def static(self, frames: Sequence[Transform], stamp: float = 0.0) -> None:
-        """Write where frames stand for good, as one message on /tf_static.
+        """Write static transforms, as one message on /tf_static.
 
         Args:
             frames: the poses of frames in their parents.
-            stamp: from when on they are known [s].
+            stamp: of the message [s].
 
         Raises:
-            RecordingError: the stamp lies where ROS has none.
-            WritingError: the disk does not take it.
+            RecordingError: the stamp is out of the range of ROS.
+            WritingError: the file can't be written.
         """
         if frames:
             when = recorded_stamp(stamp, self._epoch_ns)
@@ -168,18 +168,18 @@ class McapWriter:
         """Write a robot's URDF, the text itself, on /robot_description.
 
         Raises:
-            RecordingError: the stamp [s] lies where ROS has none.
-            WritingError: the disk does not take it.
+            RecordingError: the stamp [s] is out of the range of ROS.
+            WritingError: the file can't be written.
         """
         when = recorded_stamp(stamp, self._epoch_ns)
         self._write(f"/{DESCRIPTION}", message("std_msgs/String", data=urdf), when)
 
     def text(self, topic: str, text: str, stamp: float = 0.0) -> None:
-        """Write a text, as std_msgs/String; who comes late to the topic hears it, too.
+        """Write a text, as std_msgs/String; late subscribers of the topic receive it, too.
 
         Raises:
-            RecordingError: the stamp [s] lies where ROS has none.
-            WritingError: the disk does not take it.
+            RecordingError: the stamp [s] is out of the range of ROS.
+            WritingError: the file can't be written.
         """
         when = recorded_stamp(stamp, self._epoch_ns)
         self._write(topic, message("std_msgs/String", data=text), when)
@@ -188,9 +188,9 @@ class McapWriter:
         """Write a message of another recording as it is.
 
         Raises:
-            RecordingError: its file does not define its type, or its topic is taken by something
-                else.
-            WritingError: the disk does not take it.
+            RecordingError: its file does not define its type, or its topic is in use by another
+                type.
+            WritingError: the file can't be written.
         """
         channel = self._channels.get(raw.topic)
         if channel is None:
@@ -206,17 +206,17 @@ class McapWriter:
     def contacts(
         self, contacts: tuple[Contact, ...], frame: str, stamp: float, prefix: str
     ) -> None:
-        """Write contacts that no step gave, such as the true ones; topics are as for a step.
+        """Write contacts that are of no step, such as the true ones; topics are as for a step.
 
         Args:
             contacts: all of one instant.
-            frame: theirs.
+            frame: of the contacts.
             stamp: that instant [s].
-            prefix: what the topics begin with, e.g. "truth".
+            prefix: of the topics, e.g. "truth".
 
         Raises:
-            RecordingError: a stamp lies where ROS has none.
-            WritingError: the disk does not take it.
+            RecordingError: a stamp is out of the range of ROS.
+            WritingError: the file can't be written.
         """
         when = recorded_stamp(stamp, self._epoch_ns)
         below = f"/{prefix.strip('/')}/"
@@ -224,13 +224,13 @@ class McapWriter:
         self._write(*contact_message(contacts, top, self._epoch_ns, below), when)
         self._write(*marker_message(contacts, top, below), when)
 
-    def _write(self, topic: str, told: Message, stamp: int) -> None:
-        kind = told.__msgtype__
+    def _write(self, topic: str, sent: Message, stamp: int) -> None:
+        kind = sent.__msgtype__
         channel = self._channels.get(topic) or self._opened(topic, kind, typestore=self._store)
-        self._put(channel, kind, stamp, self._store.serialize_cdr(told, kind))
+        self._put(channel, kind, stamp, self._store.serialize_cdr(sent, kind))
 
     def _opened(self, topic: str, kind: str, **definition: Any) -> "Connection":
-        """Begin a topic; the definition of its type is a typestore, or text and hash."""
+        """A new channel of a topic; the definition of its type is a typestore, or text and hash."""
         name = ros_name(topic)
         if any(other.topic == name for other in self._channels.values()):
             raise RecordingError(f"'{topic}' and another topic would both be {name} in ROS")
@@ -245,7 +245,7 @@ class McapWriter:
                 f"the topic {channel.topic} holds {channel.msgtype}, and can't hold {kind}; "
                 f"call one of the two sensors otherwise"
             )
-        with telling(self._path):
+        with as_writing_error(self._path):
             self._open.write(channel, stamp, cdr)
 
     @property
@@ -260,7 +260,7 @@ def _bag_that_becomes(path: Path) -> Iterator["Writer"]:
     """A bag of rosbags, which is a folder; at the end its one MCAP file becomes the file.
 
     Raises:
-        WritingError: the disk takes no more; what it took is kept beside the file.
+        WritingError: the file can't be written; what was written is kept beside it.
     """
     from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
 
@@ -271,15 +271,15 @@ def _bag_that_becomes(path: Path) -> Iterator["Writer"]:
         written = bag.path / f"{BAG}.mcap"
         with kept_when_cut(written, path), ExitStack() as stack:
             yield stack.enter_context(bag)
-            with telling(path):
+            with as_writing_error(path):
                 stack.close()
         os.replace(written, path)
 
 
 def _latched() -> "Qos":
-    """The quality of service of what is told once: `ros2 bag play` tells it late comers, too.
+    """The quality of service of latched topics: late subscribers of `ros2 bag play` receive them.
 
-    It is that of /tf_static and /robot_description in ROS 2: reliable and transient_local.
+    As of /tf_static and /robot_description in ROS 2: reliable and transient_local.
     """
     from rosbags.interfaces import (
         Qos,

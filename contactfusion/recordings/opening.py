@@ -1,4 +1,4 @@
-"""One way to open every recording: by a file, or by a description of what is in it."""
+"""Opening of every recording: by a file, or by a description of its contents."""
 
 from collections.abc import Mapping
 from pathlib import Path
@@ -25,7 +25,7 @@ from contactfusion.recordings.ros import RosConfig, RosRecording
 from contactfusion.yaml_files import read_yaml
 
 DESCRIBED = (".csv", ".tsv", ".dat", ".npy", ".npz")
-"""Files that say too little of themselves: a description must say what their columns are."""
+"""Files that need a description of their columns."""
 
 YAML = (".yaml", ".yml")
 """Files that describe recordings, or configure pipelines."""
@@ -68,20 +68,21 @@ def recording_class(name: str) -> type[Recording]:
 
 
 def open_recording(what: str | Path | Mapping[str, Any], folder: Path = Path()) -> Recording:
-    """Open a recording.
+    """The recording of a file or of a description.
 
     Args:
         what: a recording (`.c3d`, a `.zip` that holds one, an iCub trial `.txt`, of ROS `.bag`,
             `.db3`, `.mcap` or a folder of them, of Ouster `.pcap` or `.osf`), a YAML file with the
             description of one, or that description as a mapping: its `type` (`log`, `c3d`, `icub`,
             `ros`, or one of a plug-in) and the fields of its `Config`.
-        folder: where relative file names start; in a YAML file they start at its own folder.
+        folder: that of relative file names; in a YAML file it is the file's own.
 
     Raises:
         ConfigurationError: the description is wrong.
-        RecordingError: the file is missing, cut off, not what it says it is, or of no known type.
+        RecordingError: the file is missing, cut off, not of its declared format, or of no known
+            type.
         DependencyError: the package that reads it is not installed, or for a file of Ouster's the
-            environment that converts it is not there.
+            environment that converts it does not exist.
     """
     if isinstance(what, Mapping):
         return _described(what, folder)
@@ -116,14 +117,14 @@ def open_recording(what: str | Path | Mapping[str, Any], folder: Path = Path()) 
 
 
 def unfit_configuration(path: Path, fields: Mapping[str, Any]) -> str:
-    """The sentence on a configuration that stands where a recording is asked for.
+    """The sentence on a configuration in place of a recording.
 
     Args:
         path: a YAML file.
-        fields: what it holds.
+        fields: its fields.
 
     Returns:
-        What to give in its place; empty where it is no configuration.
+        The recording to use in its place; empty where it is no configuration.
     """
     if "type" in fields or fields.keys().isdisjoint(("recording", "scene", "generators")):
         return ""

@@ -1,6 +1,6 @@
 """Ouster files (.pcap, .osf, bags of packets): converted to MCAP in an environment of its own.
 
-ouster-sdk holds an old rosbags fast, so it can't be installed beside contactfusion.
+ouster-sdk pins an old rosbags, so it can't be installed beside contactfusion.
 """
 
 import os
@@ -14,28 +14,28 @@ from contactfusion.files import make_folder, write_whole
 from contactfusion.terminal import note
 
 REQUIREMENTS = ("ouster-sdk==1.0.0", "mcap>=1.2,<2")
-"""What the environment holds; ouster-sdk brings numpy and rosbags."""
+"""Packages of the environment; ouster-sdk installs numpy and rosbags."""
 CONVERTER = Path(__file__).with_name("ouster_converter.py")
 COMMAND = "contactfusion doctor --ouster"
-"""What makes the environment."""
+"""The command that makes the environment."""
 CONVERT = "contactfusion convert SOURCE OUT.mcap"
-"""What converts, then."""
+"""The command that converts, then."""
 
 
 def environment() -> Path:
-    """Give the folder of the environment, below that of the user's data."""
+    """The folder of the environment, below that of the user's data."""
     home = os.environ.get("XDG_DATA_HOME") or Path.home() / ".local" / "share"
     return Path(home) / "contactfusion" / "ouster"
 
 
 def is_ready() -> bool:
-    """Tell whether the environment is there and holds what is needed."""
+    """Whether the environment exists and holds what is needed."""
     mark = _mark()
     return _python().exists() and mark.is_file() and mark.read_text() == _content()
 
 
 def make_environment() -> None:
-    """Make the environment unless it is there, and say what is done.
+    """Make the environment unless it exists, and print progress.
 
     Raises:
         DependencyError: it can't be made.
@@ -53,19 +53,19 @@ def make_environment() -> None:
 
 
 def convert(source: Path, out: Path, every_nth_row: int = 1, meta: Path | None = None) -> str:
-    """Convert a file of Ouster's to MCAP.
+    """Convert a file of Ouster's to MCAP; a sentence on what was written.
 
     Args:
         source: a .pcap with its .json beside it, an .osf, or a bag of packets.
-        out: the MCAP file; one that exists is replaced.
-        every_nth_row: only these rows of the scans are kept, from the first on.
-        meta: the sensor's description, when it is neither in the file nor beside it.
+        out: the MCAP file; an existing one is replaced.
+        every_nth_row: number of rows from one that is kept to the next, from the first on.
+        meta: the sensor's metadata, when it is neither in the file nor beside it.
 
     Returns:
-        What was written, as a sentence.
+        The converter's sentence.
 
     Raises:
-        DependencyError: the environment is not there.
+        DependencyError: there is no environment.
         RecordingError: the file can't be converted.
     """
     if not is_ready():
@@ -73,13 +73,13 @@ def convert(source: Path, out: Path, every_nth_row: int = 1, meta: Path | None =
             f"Ouster files need an environment of their own; make it by: {COMMAND}"
         )
     options = ["--every-nth-row", str(every_nth_row), *(["--meta", str(meta)] if meta else [])]
-    # isolated: or the modules beside the converter would hide the packages of the same names
+    # isolated: else the modules beside the converter would hide the packages of the same names
     command = [str(_python()), "-I", str(CONVERTER), *options, "--", str(source), str(out)]
     done = subprocess.run(command, capture_output=True, text=True)
-    said = _lines(done.stderr)
+    messages = _lines(done.stderr)
     if done.returncode:
-        raise RecordingError(said[-1] if said else f"{source} can't be converted")
-    for warning in said:  # such as that a file is cut off
+        raise RecordingError(messages[-1] if messages else f"{source} can't be converted")
+    for warning in messages:  # such as that a file is cut off
         print(warning, file=sys.stderr)
     return done.stdout.strip()
 
@@ -90,7 +90,7 @@ def _python() -> Path:
 
 
 def _mark() -> Path:
-    """Give the file that is written when all is installed, and says what."""
+    """The file that lists what is installed, written once all is."""
     return environment() / "contactfusion.txt"
 
 
@@ -101,8 +101,8 @@ def _content() -> str:
 def _run(*command: str) -> None:
     done = subprocess.run(command, capture_output=True, text=True)
     if done.returncode:
-        said = _lines(done.stderr) or _lines(done.stdout) or ["no reason was given"]
-        errors = [line for line in said if line.startswith("ERROR: ")] or said[-1:]
+        messages = _lines(done.stderr) or _lines(done.stdout) or ["no reason was given"]
+        errors = [line for line in messages if line.startswith("ERROR: ")] or messages[-1:]
         raise DependencyError(
             f"the environment for Ouster files can't be made: {errors[-1].removeprefix('ERROR: ')}"
         )

@@ -1,7 +1,7 @@
-"""Ouster recordings to MCAP: a program of its own, for the environment of ouster-sdk.
+"""Conversion of Ouster recordings to MCAP: a program of its own, run where ouster-sdk is.
 
-ouster-sdk holds an old rosbags fast, so the two can't live in one environment. This file runs where
-ouster-sdk is installed, imports nothing of contactfusion, and loads packages where it uses them.
+ouster-sdk pins an old rosbags, so the two can't be in one environment. This file runs where
+ouster-sdk is installed, imports nothing of contactfusion, and loads packages on use.
 """
 
 import argparse
@@ -20,12 +20,12 @@ TOPIC, FRAME = "/ouster/points", "os_sensor"
 CLOUD, FIELD = "sensor_msgs/msg/PointCloud2", "sensor_msgs/msg/PointField"
 FIELDS = ("x", "y", "z", "range")
 FLOAT32 = 7
-"""What sensor_msgs/PointField calls a float32."""
+"""The number of a float32 in sensor_msgs/PointField."""
 SEEN = 1
-"""The bit of a column's status that says that its packet came."""
+"""The bit of a column's status that is set when its packet arrived."""
 SECOND = 1_000_000_000
 MOST_PIXELS = 2**22
-"""No sensor has more rings times columns: an OS-2-128 of 4096 columns has an eighth of it."""
+"""More rings times columns than any sensor has: an OS-2-128 of 4096 columns has an eighth."""
 
 
 class ConversionError(Exception):
@@ -35,15 +35,15 @@ class ConversionError(Exception):
 def convert(source: Path, out: Path, every_nth_row: int = 1, meta: Path | None = None) -> str:
     """Write each scan of a recording as one organised sensor_msgs/PointCloud2.
 
-    A row is a ring, a column is what all rings measured at one moment; no return is NaN. Fields are
-    x, y, z in the sensor's own frame and the measured range [m], all float32; of two returns the
+    A row is a ring, a column is the measurements of all rings at one moment; no return is NaN.
+    Fields are x, y, z in the sensor's own frame and the range [m], all float32; of two returns the
     first is kept. A scan has the stamp of its first column, in the clock of the sensor.
 
     Args:
         source: a .pcap with its .json beside it, an .osf, or a bag of Ouster's packets.
-        out: the MCAP file; one that exists is replaced.
+        out: the MCAP file; an existing one is replaced.
         every_nth_row: of an OS-0-128, every 4th row makes an OS-0-32.
-        meta: the sensor's description, when it is neither in the file nor beside it.
+        meta: the sensor's metadata, when it is neither in the file nor beside it.
 
     Returns:
         What was written, as a sentence.
@@ -73,8 +73,8 @@ def convert(source: Path, out: Path, every_nth_row: int = 1, meta: Path | None =
 
 
 def _scans(source: Path, meta: Path | None) -> Iterator[tuple[Any, Any]]:
-    """Give each scan, and what turns it into points in the frame of the sensor."""
-    # only the environment in which this runs has it
+    """Each scan, with the projection of its ranges to points in the frame of the sensor."""
+    # installed only in the environment in which this runs
     from ouster.sdk import open_source  # type: ignore[import-not-found]
     from ouster.sdk.core import XYZLut  # type: ignore[import-not-found]
 
@@ -100,14 +100,14 @@ def _scans(source: Path, meta: Path | None) -> Iterator[tuple[Any, Any]]:
             yield from ((scan, project) for scan in scans if scan is not None)
     except ConversionError:
         raise
-    except Exception as error:  # the SDK has no error of its own for what it can't read
+    except Exception as error:  # the SDK has no error of its own for files that it can't read
         why = str(error).split("more details: ")[-1].strip().rstrip(".")
         hint = "; name it by --meta FILE.json" if "find matching metadata" in why else ""
         raise ConversionError(f"{source} can't be read: {why}{hint}") from None
 
 
 def _points(scan: Any, project: Any) -> NDArray[np.float32]:
-    """Give x, y, z and range [m], shape (rings, columns, 4)."""
+    """x, y, z and range [m], shape (rings, columns, 4)."""
     ranges = scan.field("RANGE")
     seen = ranges > 0
     points = np.full((*ranges.shape, len(FIELDS)), np.nan, np.float32)
@@ -118,7 +118,7 @@ def _points(scan: Any, project: Any) -> NDArray[np.float32]:
 
 @contextmanager
 def _writer(file: IO[bytes]) -> Iterator[Any]:
-    """Give a function that writes the points of one scan, shape (rings, columns, 4), at a stamp."""
+    """A function that writes the points of one scan, shape (rings, columns, 4), at a stamp."""
     from mcap.writer import Writer
     from rosbags.typesys import Stores, get_typestore
 
@@ -159,7 +159,7 @@ def _writer(file: IO[bytes]) -> Iterator[Any]:
 
 @contextmanager
 def _whole(out: Path) -> Iterator[IO[bytes]]:
-    """Open a file that gets its name when all is written, or is removed after an exception."""
+    """A file that gets its name when all is written, and is removed after an exception."""
     temporary = out.with_name(f".{out.name}.{secrets.token_hex(4)}")
     try:
         out.parent.mkdir(parents=True, exist_ok=True)
@@ -174,7 +174,7 @@ def _whole(out: Path) -> Iterator[IO[bytes]]:
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Convert what the command line names; give the exit status."""
+    """Convert what the command line names; the exit status."""
     parser = argparse.ArgumentParser(description="Ouster recordings to MCAP.")
     parser.add_argument("source", type=Path)
     parser.add_argument("out", type=Path)

@@ -1,4 +1,4 @@
-"""Series of samples, and the readings that they make in order of their stamps."""
+"""Series of samples, and their readings in order of stamps."""
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
@@ -20,11 +20,11 @@ class Series:
     """The samples of one sensor.
 
     Attributes:
-        origin: the file that they come from.
+        origin: the file of the samples.
         stamps: shape (n,) [ns], in the order of the file.
         values: shape (n, k).
-        rows: shape (n,), the row of the file that each came from, counted from 1.
-        make: gives the reading for a stamp [s] and the values (k,) of one sample.
+        rows: shape (n,), the row of each in the file, counted from 1.
+        make: the reading of one sample, from its stamp [s] and values (k,).
     """
 
     origin: str
@@ -35,38 +35,38 @@ class Series:
 
 
 def even_stamps(count: int, rate: float, start: float = 0.0) -> StampArray:
-    """Give `count` stamps [ns] at `rate` [Hz], the first at `start` [s]."""
+    """`count` stamps [ns] at `rate` [Hz], the first at `start` [s]."""
     return np.rint((start + np.arange(count) / rate) * NANOSECONDS_PER_SECOND).astype(np.int64)
 
 
 def first_stamp(series: Sequence[Series]) -> int:
-    """Give the earliest stamp [ns] of all; 0 when there is no sample."""
-    return min((int(one.stamps.min()) for one in series if one.stamps.size), default=0)
+    """The earliest stamp [ns] of all; 0 when there is no sample."""
+    return min((int(samples.stamps.min()) for samples in series if samples.stamps.size), default=0)
 
 
 def merged(series: Sequence[Series], epoch_ns: int) -> Iterator[Reading]:
-    """Give the readings of all series in order of their stamps.
+    """The readings of all series in order of their stamps.
 
     Readings of one stamp come in the order of the series, those of one series in that of the file.
 
     Args:
         series: the samples.
-        epoch_ns: where the readings' seconds start [ns].
+        epoch_ns: the origin of the readings' seconds [ns].
 
     Raises:
-        RecordingError: a sample is none that its sensor can have given.
+        RecordingError: a sample is invalid for its sensor.
     """
     if not series:
         return
-    stamps = np.concatenate([one.stamps for one in series])
-    owners = np.repeat(np.arange(len(series)), [one.stamps.size for one in series])
-    places = np.concatenate([np.arange(one.stamps.size) for one in series])
+    stamps = np.concatenate([samples.stamps for samples in series])
+    owners = np.repeat(np.arange(len(series)), [samples.stamps.size for samples in series])
+    indices = np.concatenate([np.arange(samples.stamps.size) for samples in series])
     order = np.argsort(stamps, kind="stable")
     seconds = (stamps[order] - epoch_ns) / NANOSECONDS_PER_SECOND
-    samples = zip(seconds, owners[order], places[order], strict=True)
-    for second, owner, place in samples:
-        one = series[owner]
+    samples = zip(seconds, owners[order], indices[order], strict=True)
+    for second, owner, index in samples:
+        source = series[owner]
         try:
-            yield one.make(float(second), one.values[place])
+            yield source.make(float(second), source.values[index])
         except InvalidReadingError as error:
-            raise RecordingError(f"{one.origin}, row {one.rows[place]}: {error}") from None
+            raise RecordingError(f"{source.origin}, row {source.rows[index]}: {error}") from None

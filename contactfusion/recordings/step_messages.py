@@ -1,4 +1,4 @@
-"""What a step of the pipeline gave, as ROS 2 messages: contacts, their picture, and the command."""
+"""Results of a step of the pipeline as ROS 2 messages: contacts, their picture, the command."""
 
 import math
 from collections.abc import Iterator
@@ -29,15 +29,15 @@ from contactfusion.readings.point_cloud import FLOAT32
 from contactfusion.recordings.messages import recorded_stamp
 
 OURS = "/contactfusion/"
-"""What a topic begins with that this project writes, and that no sensor tells."""
+"""The prefix of topics that this project writes, and no sensor."""
 SMALLEST = 0.02
-"""The smallest diameter of a sphere that is still seen beside a robot [m]."""
+"""The smallest diameter of a visible sphere beside a robot [m]."""
 TEXT_HEIGHT = 0.03
-"""[m]"""
+"""Height of labels [m]."""
 ADD, DELETE_ALL, SPHERE, TEXT = 0, 3, 2, 9
-"""What visualization_msgs/Marker calls them."""
+"""Constants of visualization_msgs/Marker."""
 UINT8 = 2
-"""What sensor_msgs/PointField calls it."""
+"""The number of an unsigned byte in sensor_msgs/PointField."""
 VOXEL = np.dtype([("place", "<f4", 3), ("likelihood", "<f4"), ("verdict", "u1"), ("", "V3")])
 """A voxel in a cloud, four bytes for each field."""
 UPRIGHT = np.array([0.0, 0.0, 0.0, 1.0])
@@ -48,7 +48,7 @@ def step_messages(step: Step, epoch_ns: int, pictures: bool = True) -> Iterator[
 
     Args:
         step: the step.
-        epoch_ns: the moment from which stamps count [ns].
+        epoch_ns: the origin of stamps [ns].
         pictures: whether to draw the contacts and the voxels.
 
     Raises:
@@ -72,8 +72,8 @@ def contact_message(
     Args:
         contacts: all of one instant.
         top: the header: that instant, and the frame of the contacts.
-        epoch_ns: the moment from which their own stamps count [ns].
-        below: what the topic begins with, from slash to slash.
+        epoch_ns: the origin of their own stamps [ns].
+        below: the prefix of the topic, from slash to slash.
 
     Raises:
         RecordingError: a stamp lies where ROS has none.
@@ -85,7 +85,7 @@ def contact_message(
 
 
 def marker_message(contacts: tuple[Contact, ...], top: Message, below: str) -> Posting:
-    """Contacts as a picture, with its topic; what was drawn before goes."""
+    """Contacts as a picture, with its topic; earlier drawings are deleted."""
     markers = list(_markers(contacts, top))
     return f"{below}contacts/markers", message("visualization_msgs/MarkerArray", markers=markers)
 
@@ -154,7 +154,7 @@ def _command(command: Command, stamp: int) -> Iterator[Posting]:
     top = header(stamp, velocity.frame if velocity else "")
     moving = twist(velocity.linear, velocity.angular) if velocity else twist(None, None)
     joints = command.joint_velocities or {}
-    told = message(
+    report = message(
         "contactfusion_msgs/Command",
         header=top,
         twist=moving,
@@ -164,13 +164,13 @@ def _command(command: Command, stamp: int) -> Iterator[Posting]:
         mode=command.mode,
         reason=command.reason,
     )
-    yield f"{OURS}command", told
+    yield f"{OURS}command", report
     if velocity:
         yield f"{OURS}cmd_vel", message("geometry_msgs/TwistStamped", header=top, twist=moving)
 
 
 def _markers(contacts: tuple[Contact, ...], top: Message) -> Iterator[Message]:
-    """What draws the contacts as they are now, once all that was drawn before has gone."""
+    """The markers of the contacts, after one that deletes all earlier."""
     yield _marker(top, action=DELETE_ALL)
     for number, contact in enumerate(contacts):
         likelihood = float(contact.likelihood)
@@ -200,7 +200,7 @@ def _marker(top: Message, **fields: object) -> Message:
 
 @cache
 def _plain_marker() -> dict[str, object]:
-    """The fields of a white marker that does not say otherwise."""
+    """The fields of a white marker by default."""
     nowhen = message("builtin_interfaces/Time", sec=0, nanosec=0)
     nowhere = message("std_msgs/Header", stamp=nowhen, frame_id="")
     return {

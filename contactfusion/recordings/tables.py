@@ -20,12 +20,12 @@ Columns = dict[Column, NDArray[Any]]
 
 
 class TextFormat(NamedTuple):
-    """How a text table is laid out.
+    """The layout of a text table.
 
     Attributes:
-        delimiter: what stands between cells; None: the first of tab, `;` and `,` that the first
-            line holds, else white space.
-        header: whether the first line holds names; None: it does when no cell of it is a number.
+        delimiter: between cells; None: the first of tab, `;` and `,` in the first line, else white
+            space.
+        header: whether the first line has names; None: if no cell of it is a number.
     """
 
     delimiter: str | None = None
@@ -41,16 +41,16 @@ def read_columns(
     dtype: type[np.floating[Any]] = np.float64,
     text: TextFormat = AS_FOUND,
 ) -> Columns:
-    """Read some columns of a table.
+    """Some columns of a table.
 
-    In text, `#` starts a comment, empty lines are passed over and an empty cell is NaN. In an
+    In text, `#` starts a comment, empty lines are skipped and an empty cell is NaN. In an
     `.npz` columns are arrays by name, in an `.npy` columns by number, or fields by name.
 
     Args:
         path: the file; `.npy` and `.npz` are NumPy's, all others are text.
         columns: the wanted columns.
         dtype: the type of the numbers.
-        text: how cells are told apart in text.
+        text: the layout of text.
 
     Raises:
         RecordingError: the file is missing, cut off or empty, a column is unknown, or a cell is
@@ -71,7 +71,7 @@ def read_columns(
 
 
 def column_names(path: Path) -> list[Column]:
-    """The columns of a table, in their order: by name, by number where no name is theirs alone.
+    """The columns of a table, in their order: by name, or by number where the name is not unique.
 
     Raises:
         RecordingError: the file is missing, cut off or empty.
@@ -106,14 +106,14 @@ def _text_columns(
     text: TextFormat,
 ) -> Columns:
     layout = _layout(path, text)
-    places = [_place(path, layout, column) for column in columns]
+    indices = [_index(path, layout, column) for column in columns]
     read = partial(
         np.loadtxt,
         path,
         dtype,
         delimiter=layout.delimiter,
         skiprows=layout.skip,
-        usecols=places,
+        usecols=indices,
         ndmin=2,
         encoding="utf-8-sig",
         quotechar='"',
@@ -121,12 +121,12 @@ def _text_columns(
     try:
         try:
             table = read()
-        except ValueError:  # an empty cell, or a bad one; asking for each is five times slower
+        except ValueError:  # an empty cell, or a bad one; converting each is five times slower
             table = read(converters=lambda cell: dtype(cell.strip() or "nan"))
     except UnicodeDecodeError:
         raise RecordingError(f"{path} is no text in UTF-8") from None
     except ValueError as error:
-        problem = _bad_cell(path, columns, places, layout) or f"{path}: {error}"
+        problem = _bad_cell(path, columns, indices, layout) or f"{path}: {error}"
         raise RecordingError(problem) from None
     return {column: table[:, [index]] for index, column in enumerate(columns)}
 
@@ -161,7 +161,7 @@ def _laid_out(path: Path, text: TextFormat) -> _Layout:
 
 
 def _lines(path: Path) -> Iterator[tuple[int, str]]:
-    """Give the lines that hold cells, with their numbers from 1."""
+    """The lines with cells, with their numbers from 1."""
     with path.open(encoding="utf-8-sig") as file:
         for number, line in enumerate(file, 1):
             line = line.partition("#")[0].rstrip("\n")
@@ -177,7 +177,7 @@ def _is_number(cell: str) -> bool:
     return True
 
 
-def _place(path: Path, layout: _Layout, column: Column) -> int:
+def _index(path: Path, layout: _Layout, column: Column) -> int:
     if isinstance(column, int):
         if not 1 <= column <= layout.width:
             raise RecordingError(f"{path} has columns 1 to {layout.width}, not {column}")
@@ -197,26 +197,26 @@ def _place(path: Path, layout: _Layout, column: Column) -> int:
 
 
 def _bad_cell(
-    path: Path, columns: Sequence[Column], places: Sequence[int], layout: _Layout
+    path: Path, columns: Sequence[Column], indices: Sequence[int], layout: _Layout
 ) -> str | None:
-    """Name the first cell that is missing or no number."""
+    """The sentence on the first cell that is missing or no number."""
     for number, line in _lines(path):
         if number <= layout.skip:
             continue
         cells = layout.cells(line)
-        for column, place in zip(columns, places, strict=True):
+        for column, index in zip(columns, indices, strict=True):
             where = f"{path}, line {number}: column {_named(column)}"
-            if place >= len(cells):
+            if index >= len(cells):
                 end = _cut_off(path, number)
                 return f"{where} is missing: the line has {len(cells)} cells{end}"
-            if cells[place].strip() and not _is_number(cells[place]):
+            if cells[index].strip() and not _is_number(cells[index]):
                 end = _cut_off(path, number)
-                return f"{where} holds '{cells[place]}', not a number{end}"
+                return f"{where} holds '{cells[index]}', not a number{end}"
     return None
 
 
 def _cut_off(path: Path, number: int) -> str:
-    """Say that the file is cut off when the bad line is its last, and does not end."""
+    """The clause that the file is cut off, when the bad line is its last and does not end."""
     lines = path.read_text(encoding="utf-8-sig").split("\n")
     return "; the file is cut off there" if number == len(lines) else ""
 

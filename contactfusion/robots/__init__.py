@@ -1,1 +1,1 @@
-"""Robots by URDF: kinematics, surface, spheres, and where their sensors are."""
+"""Robots by URDF: kinematics, surface, spheres, and the frames of their sensors."""

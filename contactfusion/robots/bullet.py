@@ -15,12 +15,12 @@ from contactfusion.shapes import ShapeConfig
 
 
 class BulletWorld:
-    """One robot and bodies that stay where they are put, apart from every other such world.
+    """One robot and static bodies, in a PyBullet world of their own.
 
     Args:
         robot: the robot; its root link stands at the origin until it is placed.
         hollow: whether the mesh of a body is taken as it is; otherwise, as always for the robot,
-            its convex hull counts, which tells of more than touches, never of less, and is faster.
+            its convex hull: faster, and contacts are overestimated, never underestimated.
 
     Raises:
         DependencyError: pybullet is not installed.
@@ -36,7 +36,7 @@ class BulletWorld:
         self.client = {"physicsClientId": pybullet.connect(pybullet.DIRECT)}
         weakref.finalize(self, pybullet.disconnect, **self.client)
         self._mesh_flags = {"flags": pybullet.GEOM_FORCE_CONCAVE_TRIMESH} if hollow else {}
-        # by default PyBullet would make inertias up from the shapes
+        # by default PyBullet would derive inertias from the shapes
         flags = pybullet.URDF_USE_INERTIA_FROM_FILE
         try:
             self.robot: int = pybullet.loadURDF(
@@ -50,7 +50,7 @@ class BulletWorld:
         self.joints = [by_name[name] for name in robot.joint_names]
         """The row of each of the robot's `joint_names`."""
         self.links = {row: info[12].decode() for row, info in zip(rows, infos, strict=True)}
-        """The link behind each row."""
+        """The link of each row."""
         self.links[-1] = robot.root
         for row, link in self.links.items():
             if not robot.urdf.links[link].mass:  # PyBullet would take it for 1 kg
@@ -60,22 +60,22 @@ class BulletWorld:
         self.place_robot(np.eye(4))
 
     def place_robot(self, base: Pose) -> None:
-        """Put the robot's root link into a pose."""
+        """Set the pose of the robot's root link in the world."""
         self.place(self.robot, base @ self._inertial)
 
     def place(self, body: int, pose: Pose) -> None:
-        """Put a body into a pose."""
-        turn = Rotation.from_matrix(pose[:3, :3]).as_quat()
-        place = self.bullet.resetBasePositionAndOrientation
-        place(body, pose[:3, 3], turn, **self.client)
+        """Set the pose of a body in the world."""
+        orientation = Rotation.from_matrix(pose[:3, :3]).as_quat()
+        reset = self.bullet.resetBasePositionAndOrientation
+        reset(body, pose[:3, 3], orientation, **self.client)
 
     def bend(self, positions: FloatArray) -> None:
-        """Put the joints where they shall be, at rest; shape (n,) [rad, m], by `joint_names`."""
+        """Set the joints' positions, at rest; shape (n,) [rad, m], by `joint_names`."""
         for row, position in zip(self.joints, positions.tolist(), strict=True):
             self.bullet.resetJointState(self.robot, row, position, **self.client)
 
     def add(self, shape: ShapeConfig | Mesh) -> int:
-        """Add a body that nothing moves, at the origin; its number names it from then on.
+        """Add a static body at the origin; its number, by which it is placed.
 
         Raises:
             RobotError: PyBullet cannot read its mesh.
@@ -102,6 +102,6 @@ class BulletWorld:
         return body
 
     def near(self, body: int, reach: float) -> set[str]:
-        """Give the links that lie within `reach` [m] of a body."""
+        """The links that lie within `reach` [m] of a body."""
         found = self.bullet.getClosestPoints(self.robot, body, reach, **self.client)
         return {self.links[point[3]] for point in found}

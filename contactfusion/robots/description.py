@@ -1,4 +1,4 @@
-"""ROBOT.yaml: a URDF, and where on it the sensors are."""
+"""ROBOT.yaml: a URDF, and the sensors on the robot."""
 
 from importlib.metadata import entry_points
 from importlib.util import find_spec
@@ -17,16 +17,16 @@ from contactfusion.units import Degrees, Metres, Spacing
 from contactfusion.yaml_files import read_yaml
 
 CameraRange = Annotated[Metres, Field(le=100)]
-"""Time-of-flight and stereo cameras see some tens of metres."""
+"""The range of time-of-flight and stereo cameras is some tens of metres."""
 LidarRange = Annotated[Metres, Field(le=1000)]
-"""The furthest of LiDARs on vehicles see 600 m."""
+"""The greatest range of LiDARs on vehicles is 600 m."""
 
 
 class PatchOnLink(PatchConfig):
     """A patch of taxels that is fixed to a link."""
 
     frame: str
-    """A link, or one of `frames`."""
+    """Its parent: a link, or one of `frames`."""
 
 
 class WristConfig(Model):
@@ -35,24 +35,24 @@ class WristConfig(Model):
     frame: str
     """The frame of its wrenches: a link, or one of `frames`."""
     sign: Literal["on_robot", "by_robot"]
-    """Whether it gives the force that the world exerts on the robot, or the reverse."""
+    """Whether it measures the force of the world on the robot, or of the robot on the world."""
 
 
 class CameraConfig(Model):
-    """A range camera; it looks along its z, x goes right, y goes down."""
+    """A range camera; z is the optical axis, x points right, y down."""
 
     frame: str
-    """A link, or one of `frames`."""
+    """The optical frame: a link, or one of `frames`."""
     width: int = Field(ge=1)
-    """[pixels]."""
+    """Image width [pixels]."""
     height: int = Field(ge=1)
-    """[pixels]."""
+    """Image height [pixels]."""
     fov: Degrees = Field(ge=3.2, lt=180)
     """The horizontal field of view [degrees]; above π, so that radians are found."""
     rate: float = Field(default=10.0, gt=0)
-    """Images a second [Hz]; a touch gives them at its own `camera_rate`."""
+    """Image rate [Hz]; scenes of touches have a `camera_rate` of their own."""
     reach: tuple[CameraRange, CameraRange] = (0.2, 4.0)
-    """The least and the greatest distance that it sees [m]."""
+    """The least and the greatest distance that it measures [m]."""
 
     @model_validator(mode="after")
     def _ordered(self) -> Self:
@@ -61,22 +61,22 @@ class CameraConfig(Model):
 
 
 class LidarConfig(Model):
-    """A spinning LiDAR: it spins about its z, from x to y; rings fan out along z."""
+    """A spinning LiDAR: it rotates about its z, from x to y; rings fan out along z."""
 
     frame: str
-    """A link, or one of `frames`."""
+    """Its frame: a link, or one of `frames`."""
     rings: int = Field(default=32, ge=1)
-    """How many beams lie one above the other."""
+    """The number of beams, one above the other."""
     fov: float = Field(default=90.0, gt=0, lt=180)
-    """Between the lowest and the highest ring [degrees]."""
+    """The vertical field of view, from the lowest to the highest ring [degrees]."""
     columns: int = Field(default=1024, ge=1)
-    """Measurements in a full turn."""
+    """Measurements in a full revolution."""
     window: tuple[float, float] = (-180.0, 180.0)
-    """It measures between these turns from its x only [degrees]."""
+    """The azimuths between which it measures, from its x [degrees]."""
     rate: float = Field(default=10.0, gt=0)
-    """Turns a second [Hz]."""
+    """Revolutions a second [Hz]."""
     reach: tuple[LidarRange, LidarRange] = (0.3, 50.0)
-    """The least and the greatest distance at which it has returns [m]."""
+    """The least and the greatest distance that it measures [m]."""
 
     @model_validator(mode="after")
     def _ordered(self) -> Self:
@@ -88,30 +88,30 @@ class LidarConfig(Model):
 
 
 class FingerConfig(Model):
-    """A compliant finger: a push moves its joints."""
+    """A compliant finger: a contact force moves its joints."""
 
     joints: tuple[str, ...] = Field(min_length=1)
-    """Its joints."""
+    """The joints of the finger."""
     links: tuple[str, ...] = Field(min_length=1)
-    """Its links."""
+    """The links of the finger."""
 
 
 class RobotConfig(Model):
-    """A robot: its URDF, and where on it the sensors are."""
+    """A robot: its URDF, and the sensors on it."""
 
     urdf: str = Field(min_length=1)
-    """The file, or MODULE:FILE for one in an installed Python package, as in
+    """The URDF file, or MODULE:FILE for one in an installed Python package, as in
     `pybullet_data:franka_panda/panda.urdf` or `contactfusion.robots:arm_hand.urdf`."""
     packages: tuple[Path, ...] = ()
-    """Folders in which `package://NAME/...` is looked for."""
+    """Folders that are searched for `package://NAME/...`."""
     shapes: Literal["collision", "visual"] = "collision"
-    """Which shapes make up the surface."""
+    """The kind of shapes that make up the surface."""
     links: tuple[str, ...] | None = None
     """The links that make up the surface; None: all that have shapes."""
     spacing: Spacing = Field(default=0.004, gt=0)
-    """The distance between neighbouring points of the surface [m]."""
+    """The distance between neighbouring samples of the surface [m]."""
     still: dict[str, float] = Field(default_factory=dict)
-    """Positions of joints that no reading tells [rad, m]."""
+    """Positions of joints that no reading measures [rad, m]."""
     frames: dict[str, FrameConfig] = Field(default_factory=dict)
     """Further frames on links, by name."""
     patches: dict[str, PatchOnLink] = Field(default_factory=dict)
@@ -125,13 +125,13 @@ class RobotConfig(Model):
     fingers: dict[str, FingerConfig] = Field(default_factory=dict)
     """Compliant fingers, by name."""
     folder: Path = Path()
-    """Where relative file names start; the folder of the file by default."""
+    """The folder of relative file names; that of the file by default."""
     files_within: Path | None = None
-    """The folder that all files have to lie in, but for those of packages; None: they may lie
-    anywhere. It is set where the description is named by a recording."""
+    """The folder that all files have to lie in, but for those of packages; None: anywhere. It is
+    set where a recording names the description."""
 
     def path(self) -> Path:
-        """Give the URDF file.
+        """The URDF file.
 
         Raises:
             ConfigurationError: the Python package that should hold it is not installed.
@@ -142,13 +142,14 @@ class RobotConfig(Model):
             raise error.under("urdf") from None
 
     def package_folders(self) -> tuple[Path, ...]:
-        """Give the folders of `packages`.
+        """The folders of `packages`.
 
         Raises:
-            ConfigurationError: one does not lie in `within`.
+            ConfigurationError: a folder does not lie in `files_within`.
         """
         try:
-            return tuple(file_in(self.folder, one, self.files_within) for one in self.packages)
+            folders = (file_in(self.folder, path, self.files_within) for path in self.packages)
+            return tuple(folders)
         except ConfigurationError as error:
             raise error.under("packages") from None
 
@@ -159,15 +160,15 @@ def _require_ordered(reach: tuple[float, float]) -> None:
 
 
 def located(name: str, folder: Path = Path(), within: Path | None = None) -> Path:
-    """Give the file of a name: in a folder, or MODULE:FILE in an installed Python package.
+    """The file of a name: in a folder, or MODULE:FILE in an installed Python package.
 
     The package is found without importing anything.
 
     Args:
-        name: the name.
-        folder: where a relative name starts.
+        name: of the file.
+        folder: that of a relative name.
         within: the folder that the file has to lie in, when a recording holds the name; then a
-            package must be this one, or offer plug-ins for it. None: any will do.
+            package must be this one, or offer plug-ins for it. None: no limit.
 
     Raises:
         ConfigurationError: there is no such package, or the name leads elsewhere.
@@ -186,14 +187,14 @@ def located(name: str, folder: Path = Path(), within: Path | None = None) -> Pat
 
 
 def _package(module: str) -> Path:
-    """Folder of an installed Python package; not even the packages that hold it are imported."""
+    """The folder of an installed Python package; not even its parent packages are imported."""
     top, *inner = module.split(".")
     try:
         spec = find_spec(top)
     except (ImportError, ValueError):
         spec = None
-    for place in (spec and spec.submodule_search_locations) or ():
-        folder = Path(place, *inner)
+    for root in (spec and spec.submodule_search_locations) or ():
+        folder = Path(root, *inner)
         if folder.is_dir():
             return folder
     raise ConfigurationError(f"the Python package '{module}' is not installed")
@@ -209,9 +210,9 @@ def read_robot(name: str | Path, folder: Path = Path(), within: Path | None = No
 
     Args:
         name: the file, or MODULE:FILE for one in an installed Python package.
-        folder: where a relative name starts.
-        within: the folder that it and all files it names have to lie in, see `located`; None: they
-            may lie anywhere.
+        folder: that of a relative name.
+        within: the folder that it and all files it names have to lie in, see `located`; None: no
+            limit.
 
     Raises:
         ConfigurationError: the file is missing, or a field of it is wrong.

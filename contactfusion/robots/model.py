@@ -1,4 +1,4 @@
-"""A robot by URDF: where its links are, how they move, what hangs on a sensor, its surface."""
+"""A robot by URDF: kinematics, load on a sensor, sampled surface."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -26,20 +26,20 @@ from contactfusion.surface import RigidPart
 from contactfusion.units import LENGTH
 
 SPHERE_SPACING = 0.008
-"""Spheres are fitted to points about so far apart [m]."""
+"""The distance between the points that spheres are fitted to, about [m]."""
 MOUNTED = 10.0
-"""Nothing is mounted further from a link [m], but where links reach half as far from the root."""
+"""The furthest that a frame is mounted from its link [m]; half of the links' reach if greater."""
 
 
 class _Known(NamedTuple):
-    """What a reading of certain joints tells of a robot's.
+    """The joints that a message holds, sorted by what gives each joint of the robot its position.
 
     Attributes:
-        found: of `joint_names` those that it names.
-        rows: where it does.
-        still: the positions of the others, shape (n,) [rad, m].
-        following: the joints that follow another.
-        unknown: the joints whose positions are not known.
+        found: the joints of `joint_names` that the message holds, as rows of `joint_names`.
+        rows: their rows in the message.
+        still: configured positions of the others, 0 where there is none, shape (n,) [rad, m].
+        following: the joints that mimic another.
+        unknown: the joints without a position.
     """
 
     found: NDArray[np.intp]
@@ -50,13 +50,13 @@ class _Known(NamedTuple):
 
 
 class RobotModel:
-    """A robot of one URDF; poses are given in the frame of its root link.
+    """A robot of one URDF; poses are in the frame of its root link.
 
     Args:
-        config: the file, and where on the robot the sensors are.
+        config: the URDF, and the frames of the sensors on the robot.
 
     Raises:
-        RobotError: the URDF does not hold together.
+        RobotError: the URDF is not valid.
         ConfigurationError: a sensor is on a link that the URDF lacks, or further away than a robot
             of this size can carry it, or frames form a circle.
         DependencyError: pinocchio is not installed.
@@ -86,14 +86,14 @@ class RobotModel:
         self.require_mounted(config.frames)
 
     def __reduce__(self) -> tuple[Any, ...]:
-        """Travel to another process as the configuration; there it is built once."""
+        """Pickle as the configuration; the robot is built once in each process."""
         return _built, (self.config.model_dump_json(),)
 
     @property
     def units(self) -> tuple[str, ...]:
-        """The unit of each joint's position: "m" of one that slides, "rad" of one that turns."""
-        slides = (joint.shortname().startswith("JointModelP") for joint in self._joints)
-        return tuple("m" if one else "rad" for one in slides)
+        """The unit of each joint's position: "m" if prismatic, "rad" if revolute."""
+        prismatic = (joint.shortname().startswith("JointModelP") for joint in self._joints)
+        return tuple("m" if slides else "rad" for slides in prismatic)
 
     @property
     def limits(self) -> FloatArray:
@@ -111,10 +111,10 @@ class RobotModel:
         return np.array(self._model.effortLimit)
 
     def positions(self, joints: JointState | None) -> FloatArray:
-        """Give the position of each of `joint_names`, shape (n,) [rad, m].
+        """The position of each of `joint_names`, shape (n,) [rad, m].
 
         Args:
-            joints: of this robot, and perhaps of others; those that are `still`, or mimic another,
+            joints: of this robot, and perhaps of others; joints that are `still` or mimic another
                 may be left out.
 
         Raises:
@@ -128,7 +128,7 @@ class RobotModel:
     def known_positions(self, joints: JointState | None) -> tuple[FloatArray, tuple[str, ...]]:
         """The position of each of `joint_names`, shape (n,) [rad, m], 0 for unknown joints.
 
-        The second are the names of those.
+        Second, the names of the unknown joints.
         """
         known = self._known(joints.names if joints else ())
         positions = known.still.copy()
@@ -139,7 +139,7 @@ class RobotModel:
     def followed(self, positions: FloatArray) -> FloatArray:
         """Positions, shape (n,) [rad, m], in which each joint that mimics another follows it.
 
-        One that is `still` stays.
+        A joint that is `still` stays.
         """
         following = [name for name in self._mimics if name not in self.config.still]
         return self._followed(positions.copy(), following)
@@ -148,7 +148,7 @@ class RobotModel:
         """The speed of each of `joint_names`, shape (n,) [rad/s, m/s].
 
         Args:
-            measured: by joint; a joint that mimics another follows it, and others stand still.
+            measured: by joint; a joint that mimics another follows it, and others have speed 0.
         """
         speeds = {name: measured.get(name, 0.0) for name in self.joint_names}
         for name, (driver, multiplier, _) in self._mimics.items():
@@ -157,7 +157,7 @@ class RobotModel:
         return np.array([*speeds.values()])
 
     def poses(self, joints: JointState | None) -> dict[str, Pose]:
-        """Give the pose of each link in the root link's frame.
+        """The pose of each link in the root link's frame.
 
         Raises:
             RobotError: a joint of the robot is not among `joints`.
@@ -165,7 +165,7 @@ class RobotModel:
         return self.poses_at(self.positions(joints))
 
     def poses_at(self, positions: FloatArray) -> dict[str, Pose]:
-        """Give the pose of each link with the joints at `positions`, shape (n,) [rad, m]."""
+        """The pose of each link with the joints at `positions`, shape (n,) [rad, m]."""
         self._pin.framesForwardKinematics(self._model, self._data, self._configuration(positions))
         placed = self._data.oMf
         return {name: placed[number].homogeneous for name, number in self._body.items()}
@@ -175,7 +175,7 @@ class RobotModel:
 
         Args:
             positions: shape (n,) [rad, m].
-            unknown: the joints whose positions are not known, and do not count.
+            unknown: the joints whose positions are not known; their positions are ignored.
 
         Returns:
             By link its pose in the root link, or in the nearest link above it that an unknown
@@ -188,10 +188,10 @@ class RobotModel:
         }
 
     def jacobian(self, link: str, positions: FloatArray) -> FloatArray:
-        """Give how a link's origin moves with the joints.
+        """The Jacobian of a link's origin.
 
         Args:
-            link: which.
+            link: its name.
             positions: shape (n,) [rad, m].
 
         Returns:
@@ -209,10 +209,10 @@ class RobotModel:
             self._body[link],
             self._pin.LOCAL_WORLD_ALIGNED,
         )
-        return np.reshape(jacobian, (6, -1))  # of one joint, it comes as a vector
+        return np.reshape(jacobian, (6, -1))  # of a single joint, it comes as a vector
 
     def gravity_torques(self, positions: FloatArray) -> FloatArray:
-        """Give what the joints need to hold the robot up, shape (n,) [N·m, N].
+        """The torques and forces that hold the robot against gravity, shape (n,) [N·m, N].
 
         The root link's z points up.
         """
@@ -222,7 +222,7 @@ class RobotModel:
         return torques
 
     def inertias(self, positions: FloatArray) -> FloatArray:
-        """Give what each joint has to move when all others yield, shape (n,) [kg·m², kg].
+        """The inertia at each joint while all others are free, shape (n,) [kg·m², kg].
 
         Raises:
             RobotError: a joint moves no mass.
@@ -235,14 +235,14 @@ class RobotModel:
         return 1.0 / np.diag(np.linalg.inv(matrix))
 
     def load_on(self, frame: str, poses: Mapping[str, Pose]) -> tuple[float, FloatArray]:
-        """Give what hangs on a sensor: its mass [kg] and its centre of mass, shape (3,) [m].
+        """The load of a sensor: mass [kg] and centre of mass, shape (3,) [m].
 
         Args:
-            frame: of the sensor; the mass of its own link hangs on it, too.
+            frame: of the sensor; its own link belongs to the load.
             poses: of all links, in one frame.
 
         Returns:
-            The centre is given in the frame of the poses.
+            The centre is in the frame of the poses.
 
         Raises:
             RobotError: no link and no frame of the description has that name.
@@ -259,7 +259,7 @@ class RobotModel:
         return mass, masses @ centres / mass if mass else centres[0]
 
     def link_of(self, frame: str) -> str:
-        """Give the link that a frame of the description is fixed to; a link is fixed to itself.
+        """The link that a frame of the description is fixed to; a link is fixed to itself.
 
         Raises:
             RobotError: no link and no frame of the description has that name.
@@ -270,7 +270,7 @@ class RobotModel:
         return frame
 
     def known_links(self, links: Sequence[str]) -> Sequence[str]:
-        """Give the links, all when none is named.
+        """The links of these names, all links when none is named.
 
         Raises:
             RobotError: there is no link of a name.
@@ -280,7 +280,7 @@ class RobotModel:
         return links or self.link_names
 
     def pose_on_link(self, frame: str) -> Pose:
-        """Give the pose of a frame of the description in the link that it is fixed to.
+        """The pose of a frame of the description in the link that it is fixed to.
 
         Raises:
             RobotError: no link and no frame of the description has that name.
@@ -288,7 +288,7 @@ class RobotModel:
         return self._frames.pose(self.link_of(frame), of=frame)
 
     def beyond(self, frame: str) -> tuple[str, ...]:
-        """Give the links that hang on a sensor's frame, its own link among them.
+        """The links that a sensor's frame carries, its own link among them.
 
         Raises:
             RobotError: no link and no frame of the description has that name.
@@ -332,7 +332,7 @@ class RobotModel:
         return list(self._model.joints)[1:]
 
     def _configuration(self, positions: FloatArray) -> FloatArray:
-        """Give pinocchio's vector, in which a joint without ends is a cosine and a sine."""
+        """Pinocchio's configuration vector: a joint without limits is a cosine and a sine."""
         vector = np.empty(self._model.nq)
         for joint, position in zip(self._joints, positions, strict=True):
             if joint.nq == 2:
@@ -343,7 +343,7 @@ class RobotModel:
 
     @lru_cache(maxsize=16)  # noqa: B019 a robot lives as long as its process
     def _known(self, names: tuple[str, ...]) -> "_Known":
-        """What a reading of these joints tells of the robot's."""
+        """The joints of the robot, sorted by what a message with these joints holds."""
         still = self.config.still
         known = {*names, *still} & {*self.joint_names}
         following = [name for name in self._mimics if name not in known]
@@ -360,7 +360,7 @@ class RobotModel:
         )
 
     def _followed(self, positions: FloatArray, following: Sequence[str]) -> FloatArray:
-        """Put joints that mimic another where they follow it."""
+        """Set the positions of joints that mimic another, in place."""
         number = self.joint_names.index
         for name in following:
             driver, multiplier, offset = self._mimics[name]
@@ -368,7 +368,7 @@ class RobotModel:
         return positions
 
     def _unknown(self, unknown: Sequence[str], joints: JointState | None) -> str:
-        """The sentence on the joints whose position is not known, and on what places them."""
+        """The sentence on the joints whose position is not known, and on how to configure them."""
         first = next(name for name in unknown if name not in self._mimics)
         mimics = [name for name, mimic in self._mimics.items() if mimic.joint == first]
         mimicked = "".join(f", which '{name}' mimics" for name in mimics if name in unknown)
@@ -383,7 +383,7 @@ class RobotModel:
 
     @lru_cache(maxsize=16)  # noqa: B019 a robot lives as long as its process
     def _tops(self, unknown: tuple[str, ...]) -> dict[str, str]:
-        """By link the root, or the nearest link above it that one of the joints carries."""
+        """By link the root, or the nearest link above it that one of the unknown joints carries."""
         carried, parents = {self.urdf.children[name] for name in unknown}, self.urdf.parents
         tops = {}
         for link in self.link_names:
@@ -416,7 +416,7 @@ class RobotModel:
         return frozenset(n for n in self.link_names if tops.get(n, n) != self.root)
 
     def _check_names(self) -> None:
-        """Make sure that all that the description names is there."""
+        """Refuse names of joints, links and frames that the URDF lacks."""
         config, joints, links = self.config, self.joint_names, self.urdf.links
         frames = {*links, *config.frames}
         named: list[tuple[str, str, Sequence[str] | set[str], str]] = []
@@ -428,8 +428,9 @@ class RobotModel:
             for name, sensor in getattr(config, kind).items():
                 named.append((f"{kind}.{name}.frame", sensor.frame, frames, "frame"))
         for name, finger in config.fingers.items():
-            named += [(f"fingers.{name}.joints", one, joints, "joint") for one in finger.joints]
-            named += [(f"fingers.{name}.links", one, tuple(links), "link") for one in finger.links]
+            at = f"fingers.{name}"
+            named += [(f"{at}.joints", joint, joints, "joint") for joint in finger.joints]
+            named += [(f"{at}.links", link, tuple(links), "link") for link in finger.links]
         for path, name, known, what in named:
             if name not in known:
                 hint = name_hint(name, known, f"{what}s")
@@ -437,13 +438,13 @@ class RobotModel:
                 raise ConfigurationError(f"unknown {what} '{name}': {hint}{cure}", path)
 
     def _fixed_frames(self) -> FrameTree:
-        """Give the frames of the description in their links."""
+        """The tree of the description's frames, from their links."""
         frames = self.config.frames
         for name in frames:
             if name in self.urdf.links:
                 raise ConfigurationError("a link has this name already", f"frames.{name}")
         try:
-            return FrameTree({name: (one.parent, one.pose()) for name, one in frames.items()})
+            return FrameTree({name: (frame.parent, frame.pose()) for name, frame in frames.items()})
         except FrameError as error:
             raise ConfigurationError(str(error), "frames") from None
 
@@ -461,10 +462,10 @@ def _kinematics(urdf: Urdf) -> tuple[Any, Any]:
 
 
 def shared_robot(config: RobotConfig) -> RobotModel:
-    """Give the robot of a description, built once in a process: spheres take seconds to fit.
+    """The robot of a description, built once in a process: fitting spheres takes seconds.
 
     Raises:
-        RobotError: the URDF does not hold together.
+        RobotError: the URDF is not valid.
         ConfigurationError: a sensor is on a link that the URDF lacks, or frames form a circle.
         DependencyError: pinocchio is not installed.
     """

@@ -1,4 +1,4 @@
-"""Objects that a robot may touch: their shapes, and where they are believed to be."""
+"""Objects that a robot may touch: their shapes and believed poses."""
 
 from collections.abc import Mapping
 from functools import cached_property
@@ -21,25 +21,25 @@ from contactfusion.units import Angle, Spread
 
 
 class ObjectConfig(Model):
-    """An object: by shapes, a mesh or a URDF, and where it is believed to be."""
+    """An object: by shapes, a mesh or a URDF, with its believed pose."""
 
     shapes: tuple[ShapeConfig, ...] = ()
     """The primitives that make it up."""
     mesh: Path | None = None
-    """A mesh file, in m."""
+    """A mesh file, in metres."""
     urdf: str | None = None
     """A URDF file of one link, or MODULE:FILE as in a robot's description."""
     pose: FrameConfig
-    """Where it is believed to be."""
+    """Its believed pose."""
     sigma: Spread = Field(default=0.02, ge=0)
-    """Standard deviation of the believed place, by axis [m]."""
+    """Standard deviation of the believed position, by axis [m]."""
     sigma_yaw: Angle = Field(default=0.087, ge=0)
-    """Standard deviation of the believed turn about the vertical [rad]."""
+    """Standard deviation of the believed yaw [rad]."""
     folder: Path = Path()
-    """Where a relative `urdf` starts; the folder of the configuration."""
+    """The folder of a relative `urdf`; that of the configuration."""
     files_within: Path | None = None
-    """The folder that its files have to lie in, but for those of packages; None: they may lie
-    anywhere. It is set where a recording names the object."""
+    """The folder that its files have to lie in, but for those of packages; None: anywhere. It is
+    set where a recording names the object."""
 
     @model_validator(mode="after")
     def _one_shape(self) -> Self:
@@ -82,11 +82,11 @@ class ObjectModel:
 
     @cached_property
     def solid(self) -> Solid:
-        """The shape as what can be touched."""
+        """The collision geometry."""
         return Solid(self.shapes)
 
     def distances(self, pose: Pose, points: FloatArray) -> FloatArray:
-        """Give signed distances of places from the object, shape (n,) [m], inside negative.
+        """Signed distances of points from the object, shape (n,) [m], negative inside.
 
         Args:
             pose: of the object in the frame of the points.
@@ -95,20 +95,20 @@ class ObjectModel:
         return self.solid.signed_distances(points_in(inverse(pose), points))
 
     def spreads(self, pose: Pose, points: FloatArray) -> FloatArray:
-        """Give the standard deviation, by axis, of where the object has these points, shape (n,).
+        """Standard deviations, by axis, of points that are fixed to the object, shape (n,) [m].
 
         Args:
             pose: of the object in the frame of the points, whose z is vertical.
             points: shape (n, 3) [m].
         """
         lever = np.linalg.norm((points - pose[:3, 3])[:, :2], axis=1)
-        # a turn about z moves a point along one horizontal axis: its mean square over three axes
-        turned = self.config.sigma_yaw * lever / np.sqrt(3.0)
-        return np.asarray(np.hypot(self.config.sigma, turned))
+        # a yaw moves a point along one horizontal axis: its mean square over three axes
+        yawed = self.config.sigma_yaw * lever / np.sqrt(3.0)
+        return np.asarray(np.hypot(self.config.sigma, yawed))
 
 
 class BelievedObjects:
-    """Objects, and where each is believed to be: as configured, until a reading tells of it.
+    """Objects with their believed poses: as configured, until a reading reports another.
 
     Args:
         configs: the objects by name; their files are rooted already.
@@ -118,41 +118,41 @@ class BelievedObjects:
     """
 
     def __init__(self, configs: Mapping[str, ObjectConfig]) -> None:
-        self.models = {name: ObjectModel(one) for name, one in configs.items()}
+        self.models = {name: ObjectModel(config) for name, config in configs.items()}
         self.reset()
 
     def reset(self) -> None:
-        """Believe again what is configured."""
-        self._told: dict[str, tuple[str, Pose]] = {
-            name: (one.config.pose.parent, one.config.pose.pose())
-            for name, one in self.models.items()
+        """Return to the configured poses."""
+        self._believed: dict[str, tuple[str, Pose]] = {
+            name: (model.config.pose.parent, model.config.pose.pose())
+            for name, model in self.models.items()
         }
 
-    def tell(self, reading: ObjectPose, asked_by: str) -> None:
-        """Believe an object to be where a reading has it.
+    def update(self, reading: ObjectPose, asked_by: str) -> None:
+        """Update the believed pose of an object by a reading.
 
         Args:
             reading: its name is the object's.
-            asked_by: the generator that believes it.
+            asked_by: the generator that holds the belief.
 
         Raises:
             RobotError: there is no object of that name.
         """
         from scipy.spatial.transform import Rotation
 
-        if reading.name not in self._told:
-            hint = name_hint(reading.name, self._told, f"objects of '{asked_by}'")
+        if reading.name not in self._believed:
+            hint = name_hint(reading.name, self._believed, f"objects of '{asked_by}'")
             raise RobotError(f"unknown object '{reading.name}': {hint}")
-        turn = Rotation.from_quat(reading.orientation).as_matrix()
-        self._told[reading.name] = reading.frame, pose_of(reading.position, turn)
+        orientation = Rotation.from_quat(reading.orientation).as_matrix()
+        self._believed[reading.name] = reading.frame, pose_of(reading.position, orientation)
 
     def poses(self, frames: FrameTree, frame: str) -> dict[str, Pose]:
-        """Give where each object is believed to be in one frame, by name.
+        """The believed pose of each object in one frame, by name.
 
         Raises:
             FrameError: nothing joins an object's frame to that frame.
         """
         return {
             name: frames.pose(frame, of=parent) @ pose
-            for name, (parent, pose) in self._told.items()
+            for name, (parent, pose) in self._believed.items()
         }

@@ -15,7 +15,7 @@ from contactfusion.surface import Surface
 
 @dataclass(frozen=True, eq=False)
 class PosedRobot:
-    """A robot with its joints at some positions; everything is given in one frame.
+    """A robot with its joints at some positions; all poses and points are in one frame.
 
     Attributes:
         model: the robot.
@@ -30,7 +30,7 @@ class PosedRobot:
     base: Pose
 
     def __reduce__(self) -> tuple[Any, ...]:
-        """Travel to another process without what has been worked out."""
+        """Pickle without cached results."""
         return PosedRobot, (self.model, self.positions, self.frame, self.base)
 
     @cached_property
@@ -40,7 +40,7 @@ class PosedRobot:
         return {name: self.base @ pose for name, pose in links.items()}
 
     def pose_of(self, frame: str) -> Pose:
-        """Give the pose of a link or of a frame of the description.
+        """The pose of a link or of a frame of the description.
 
         Raises:
             RobotError: no link and no frame of the description has that name.
@@ -53,7 +53,7 @@ class PosedRobot:
         return self.surface_of(())
 
     def surface_of(self, links: Sequence[str]) -> Surface:
-        """Give the surface of some links; of all when none is named.
+        """The surface of some links; of all when none is named.
 
         Raises:
             RobotError: there is no link of a name.
@@ -65,11 +65,11 @@ class PosedRobot:
         return Surface.of_parts(self.frame, parts, self.model.link_names)
 
     def load_on(self, frame: str) -> tuple[float, FloatArray]:
-        """Give the mass [kg] of what hangs on a sensor, and its centre, shape (3,) [m]."""
+        """The load of a sensor: mass [kg] and centre of mass, shape (3,) [m]."""
         return self.model.load_on(frame, self.poses)
 
     def spheres_of(self, links: Sequence[str]) -> tuple[FloatArray, FloatArray]:
-        """Give spheres in place of some links, or of all when none is named.
+        """Spheres in place of some links, or of all when none is named.
 
         Returns:
             Centres, shape (n, 3) [m], and radii, shape (n,) [m].
@@ -88,5 +88,5 @@ class PosedRobot:
         return np.concatenate(centres), np.concatenate(radii)
 
     def at(self, positions: FloatArray) -> "PosedRobot":
-        """Give the robot with its joints elsewhere; `positions` has shape (n,)."""
+        """The robot with its joints at other positions, shape (n,) [rad, m]."""
         return replace(self, positions=positions)

@@ -1,8 +1,7 @@
-"""The shapes of one link as what can be touched: sampled surface, and distance to it.
+"""Collision geometry of a link: sampled surface, and distance to it.
 
-Meshes come as they come: open, of many parts one inside the other, with triangles that face either
-way. So nothing here asks what is inside: a point is on the surface when rays from it get away, on
-the side from which more of them do.
+Meshes may be open, nested or of inconsistent orientation. So nothing here asks what is inside: a
+point is on the surface when rays from it escape, on the side from which more of them do.
 """
 
 from collections.abc import Sequence
@@ -20,15 +19,15 @@ from contactfusion.robots.urdf import Mesh
 from contactfusion.shapes import ShapeConfig, unit_vectors
 
 CROWD = 6.0
-"""A mesh is sampled so many times as densely as wanted, and thinned to one point a cell."""
+"""Factor of oversampling of a mesh, before it is thinned to one point a cell."""
 ROUNDNESS = 64
-"""So many corners make up the circumference of a round primitive."""
+"""Corners of the circumference of a round primitive."""
 RAYS = 24
-"""A point that sends so many rays in all directions is hidden when none gets away."""
+"""Rays cast from a point in all directions; it is hidden when none escapes."""
 WIDEST = 1e3
-"""Holes of meshes up to this size are closed [m]."""
+"""The greatest hole of a mesh that is closed [m]."""
 LIFT = 2e-4
-"""Rays start so far from the surface [m]."""
+"""Distance from the surface at which rays start [m]."""
 
 
 class Solid:
@@ -45,10 +44,10 @@ class Solid:
     def __init__(self, shapes: Sequence[ShapeConfig | Mesh]) -> None:
         self._shapes = tuple(shapes)
         if any(isinstance(shape, Mesh) for shape in shapes):
-            _ = self.meshes  # a file that can't be read is told at once
+            _ = self.meshes  # a file that can't be read is reported when the solid is built
 
     def __reduce__(self) -> tuple[Any, ...]:
-        """Travel to another process as the shapes."""
+        """Pickle as the shapes."""
         return Solid, (self._shapes,)
 
     @cached_property
@@ -62,42 +61,42 @@ class Solid:
 
     @cached_property
     def _insides(self) -> list[Any]:
-        # where shapes overlap, a ray counts no insides and outsides: each is asked alone
+        # where shapes overlap, counting crossings fails: each shape has a scene of its own
         return [_scene([mesh]) for mesh in self.meshes]
 
     def samples(self, spacing: float) -> tuple[FloatArray, FloatArray]:
-        """Give points about `spacing` [m] apart and outward normals, both of shape (n, 3)."""
+        """Points about `spacing` [m] apart and outward normals, both of shape (n, 3)."""
         points, normals = [], []
         for number, shape in enumerate(self._shapes):
             self._require_affordable(number, spacing)
             if isinstance(shape, Mesh):
-                places, directions = _on_triangles(*self.meshes[number], spacing)
+                samples, directions = _on_triangles(*self.meshes[number], spacing)
             else:
                 surface = shape.sampled("link", spacing)
-                places, directions = surface.points, surface.normals
-            points.append(places)
+                samples, directions = surface.points, surface.normals
+            points.append(samples)
             normals.append(directions)
         if len(self._shapes) == 1 and isinstance(self._shapes[0], ShapeConfig):
             return points[0], normals[0]  # nothing hides a primitive from itself
         return self._seen(np.concatenate(points), np.concatenate(normals))
 
     def _require_affordable(self, number: int, spacing: float) -> None:
-        """Make sure that a shape has not more points than memory holds."""
+        """Refuse a shape with more samples than memory holds."""
         shape = self._shapes[number]
         if isinstance(shape, ShapeConfig):
-            told, area, each = shape.extent(), shape.area(), SAMPLE
+            extent, area, each = shape.extent(), shape.area(), SAMPLE
             cure = "sizes are in metres"
         else:
             vertices, triangles = self.meshes[number]
             edges = " x ".join(f"{edge:.3g}" for edge in np.ptp(vertices, axis=0))
-            told, area = f"{shape.file}: {edges} m", float(_areas(vertices, triangles)[1].sum())
+            extent, area = f"{shape.file}: {edges} m", float(_areas(vertices, triangles)[1].sum())
             each, cure = MESH_SAMPLE, 'a mesh in millimetres needs scale="0.001 0.001 0.001"'
-        problem = too_much(f"{told} at {spacing * 1e3:g} mm spacing", area / spacing**2, each)
+        problem = too_much(f"{extent} at {spacing * 1e3:g} mm spacing", area / spacing**2, each)
         if problem:
             raise RobotError(f"{problem}; {cure}")
 
     def distances(self, points: FloatArray) -> FloatArray:
-        """Give distances to the nearest triangle, shape (n,) [m], of points of shape (n, 3).
+        """Distances of points, shape (n, 3) [m], to the nearest triangle, shape (n,) [m].
 
         Triangles inside the link count, too.
         """
@@ -105,23 +104,24 @@ class Solid:
         return np.asarray(self._scene.compute_distance(query).numpy(), np.float64)
 
     def signed_distances(self, points: FloatArray) -> FloatArray:
-        """Give distances to the surface, shape (n,) [m], negative inside; of closed shapes only.
+        """Signed distances to the surface of closed shapes, shape (n,) [m], negative inside.
 
-        Where shapes overlap, the depth is that in the one in which it is greatest.
+        Where shapes overlap, the depth is the greatest of theirs.
         """
         query = loaded_open3d().core.Tensor(np.ascontiguousarray(points, np.float32))
-        found = [one.compute_signed_distance(query, nsamples=3).numpy() for one in self._insides]
-        return np.asarray(np.min(found, axis=0), np.float64)
+        scenes = self._insides
+        signed = [scene.compute_signed_distance(query, nsamples=3).numpy() for scene in scenes]
+        return np.asarray(np.min(signed, axis=0), np.float64)
 
     def _seen(self, points: FloatArray, normals: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Keep what can be seen from outside, and turn its normals there."""
+        """The points that are visible from outside, with their normals turned outward."""
         front, back = (self._escaping(points + side * normals) for side in (LIFT, -LIFT))
         turned = np.where((back > front)[:, None], -normals, normals)
         seen = np.maximum(front, back) > 0
         return points[seen], turned[seen]
 
     def _escaping(self, points: FloatArray) -> FloatArray:
-        """Count the rays from each point that meet nothing, shape (n,)."""
+        """The number of rays from each point that hit nothing, shape (n,)."""
         count = np.zeros(len(points))
         for direction in unit_vectors(RAYS):
             rays = np.concatenate([points, np.broadcast_to(direction, points.shape)], axis=1)
@@ -131,7 +131,7 @@ class Solid:
 
 
 def _triangles(shape: ShapeConfig | Mesh) -> tuple[FloatArray, NDArray[np.uint32]]:
-    """Give vertices (v, 3) [m] in the link's frame, and triangles (t, 3) of their rows."""
+    """Vertices (v, 3) [m] in the link's frame, and triangles (t, 3) of their rows."""
     open3d = loaded_open3d()
     create = open3d.geometry.TriangleMesh
     scale: tuple[float, ...] = (1.0, 1.0, 1.0)
@@ -149,7 +149,7 @@ def _triangles(shape: ShapeConfig | Mesh) -> tuple[FloatArray, NDArray[np.uint32
 
 
 def _scene(meshes: Sequence[tuple[FloatArray, NDArray[np.uint32]]]) -> Any:
-    """Put triangles where rays can find them."""
+    """A ray-casting scene of triangles."""
     open3d = loaded_open3d()
     scene = open3d.t.geometry.RaycastingScene()
     for vertices, triangles in meshes:
@@ -159,7 +159,7 @@ def _scene(meshes: Sequence[tuple[FloatArray, NDArray[np.uint32]]]) -> Any:
 
 
 def _closed(shape: Mesh) -> Any:
-    """Read a mesh, and close its holes: ends that are open where the next link begins."""
+    """A mesh with its holes closed: links' meshes are often open where the next link begins."""
     open3d = loaded_open3d()
     with open3d.utility.VerbosityContextManager(open3d.utility.VerbosityLevel.Error):
         mesh = open3d.io.read_triangle_mesh(str(shape.file))
@@ -177,17 +177,17 @@ def _closed(shape: Mesh) -> Any:
 def _on_triangles(
     vertices: FloatArray, triangles: NDArray[np.uint32], spacing: float
 ) -> tuple[FloatArray, FloatArray]:
-    """Spread points evenly over triangles, with a fixed seed, and keep one a cell.
+    """Sample triangles evenly, with a fixed seed, and keep one point a cell.
 
     Returns:
-        Points, and the normals of their triangles, either way; both of shape (n, 3).
+        Points, and the normals of their triangles, of either sign; both of shape (n, 3).
     """
     corner, first, second = (vertices[triangles[:, i]] for i in range(3))
     across, areas = _areas(vertices, triangles)
     count = max(64, int(np.ceil(CROWD * areas.sum() / spacing**2)))
     rng = np.random.default_rng(0)
-    places = (np.arange(count) + rng.random(count)) / count * areas.sum()
-    chosen = np.searchsorted(np.cumsum(areas), places).clip(max=len(areas) - 1)
+    along = (np.arange(count) + rng.random(count)) / count * areas.sum()
+    chosen = np.searchsorted(np.cumsum(areas), along).clip(max=len(areas) - 1)
     root, side = np.sqrt(rng.random(count))[:, None], rng.random(count)[:, None]
     points = (
         (1.0 - root) * corner[chosen]
@@ -208,7 +208,7 @@ def _areas(vertices: FloatArray, triangles: NDArray[np.uint32]) -> tuple[FloatAr
 
 
 def loaded_open3d() -> Any:
-    """Give the library.
+    """The library open3d.
 
     Raises:
         DependencyError: it is not installed.

@@ -1,12 +1,11 @@
-"""Spheres in place of links: quick to ask whether a point belongs to the robot.
+"""Spheres in place of links: a fast test whether a point belongs to the robot.
 
 A sphere whose centre lies at depth d inside a link may have the radius d + m: it protrudes by m at
-most. Of many such spheres those are chosen, one after the other, that cover most of the surface
-that no other covers yet.
+most. Spheres are chosen greedily: each covers most of the surface that none covers yet.
 
 Fitted spheres are kept in the user's cache: a robot whose shapes stay the same is fitted once. A
-file is named by the hash of all that its spheres follow from: the shapes with the bytes of their
-meshes, the spacing, the source of the algorithm and the libraries that it calls.
+file is named by the hash of all inputs of the fit: the shapes with the bytes of their meshes, the
+spacing, the source of the algorithm and the libraries that it calls.
 """
 
 import os
@@ -28,18 +27,18 @@ from contactfusion.robots.urdf import Mesh, Shapes
 from contactfusion.shapes import unit_vectors
 
 MARGIN, SLACK = 0.003, 0.002
-"""A sphere protrudes by the first at most, and may leave the second of the surface bare [m]."""
+"""The greatest protrusion of a sphere, and the greatest gap that counts as covered [m]."""
 DEPTHS = np.geomspace(0.002, 0.2, 12)
-"""How deep under the surface centres are tried [m]."""
+"""Depths under the surface at which centres are tried [m]."""
 MOST = 0.005
-"""No sphere is seen to reach further out of its link [m]."""
+"""The greatest measured protrusion of a sphere that is accepted [m]."""
 PROBES = unit_vectors(128)
-"""A sphere's protrusion is measured at so many of its points; half as many miss 0.1 mm."""
+"""Points at which the protrusion of a sphere is measured; with half as many it is 0.1 mm off."""
 ALGORITHM = ("shapes.py", "robots/solids.py", "robots/spheres.py")
-"""The modules whose source counts as the version of the algorithm."""
+"""The modules whose source is the version of the algorithm."""
 PACKAGE = Path(__file__).parents[1]
 LIBRARIES = ("numpy", "scipy", "open3d", "open3d-cpu")
-"""The packages whose versions do, where they are installed."""
+"""The packages whose versions enter the hash, where they are installed."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,8 +50,8 @@ class SphereModel:
         radii: shape (n,) [m].
         links: shape (n,), the link that each belongs to, as an index into `link_names`.
         link_names: the links.
-        protrusion: the furthest that a sphere reaches out of its link [m].
-        gap: the furthest that a point of a link lies outside all of its spheres [m].
+        protrusion: the greatest protrusion of a sphere from its link [m].
+        gap: the greatest distance of a point of a link from its spheres [m].
     """
 
     centres: FloatArray
@@ -66,7 +65,7 @@ class SphereModel:
 def fit_spheres(
     solids: Mapping[str, Solid], link_names: Sequence[str], spacing: float
 ) -> SphereModel:
-    """Cover links with spheres.
+    """Spheres that cover links.
 
     Args:
         solids: the shapes of each link that has some.
@@ -77,10 +76,10 @@ def fit_spheres(
     protrusion = gap = 0.0
     for name, solid in solids.items():
         link = _Sampled(*solid.samples(spacing / 2.0))
-        places, sizes, furthest = _covering(solid, link, *solid.samples(spacing))
+        positions, sizes, furthest = _covering(solid, link, *solid.samples(spacing))
         protrusion = max(protrusion, furthest)
-        gap = max(gap, _gap(link.points, places, sizes))
-        centres.append(places)
+        gap = max(gap, _gap(link.points, positions, sizes))
+        centres.append(positions)
         radii.append(sizes)
         links.append(np.full(len(sizes), link_names.index(name), np.int32))
     return SphereModel(
@@ -94,27 +93,27 @@ def fit_spheres(
 
 
 class _Sampled:
-    """The surface of a link that tells inside from outside by the nearest of its points."""
+    """The sampled surface of a link; the nearest sample decides between inside and outside."""
 
     def __init__(self, points: FloatArray, normals: FloatArray) -> None:
         from scipy.spatial import KDTree
 
         self.points, self._normals, self._tree = points, normals, KDTree(points)
 
-    def depths(self, places: FloatArray) -> FloatArray:
-        """How deep places lie under the surface, shape (n,) [m], outside negative."""
-        distances, rows = self._tree.query(places)
-        depths = np.einsum("ij,ij->i", self.points[rows] - places, self._normals[rows])
+    def depths(self, positions: FloatArray) -> FloatArray:
+        """Depths of positions under the surface, shape (n,) [m], negative outside."""
+        distances, rows = self._tree.query(positions)
+        depths = np.einsum("ij,ij->i", self.points[rows] - positions, self._normals[rows])
         return np.asarray(np.minimum(depths, distances))
 
 
 def _covering(
     solid: Solid, link: _Sampled, points: FloatArray, normals: FloatArray
 ) -> tuple[FloatArray, FloatArray, float]:
-    """Choose centres and radii of spheres that cover the points, greedily.
+    """Centres and radii of spheres that cover the points, chosen greedily.
 
     Returns:
-        The centres and the radii, and how far a sphere protrudes at most [m].
+        Centres (k, 3) [m], radii (k,) [m], and the greatest protrusion [m].
     """
     from scipy.sparse import csc_array
     from scipy.spatial import KDTree
@@ -122,7 +121,7 @@ def _covering(
     centres = (points - DEPTHS[:, None, None] * normals).reshape(-1, 3)
     depths = link.depths(centres)
     inside = depths > 0.0
-    # on the surface itself, for what is too thin to hold a centre
+    # on the surface itself, for shapes that are too thin to hold a centre
     centres = np.concatenate([points, centres[inside]])
     radii = np.concatenate([np.zeros(len(points)), depths[inside]]) + MARGIN
     covered = KDTree(points).query_ball_point(centres, radii + SLACK)
@@ -140,7 +139,7 @@ def _covering(
         best = int(np.argmax(gain))
         protrusion = _protrusion(solid, link, centres[best], radii[best])
         if protrusion > MOST:
-            gain[best] = 0  # the nearest points told inside from outside wrongly
+            gain[best] = 0  # the nearest samples mistook outside for inside
             continue
         furthest = max(furthest, protrusion)
         picked.append(best)
@@ -151,14 +150,14 @@ def _covering(
 
 
 def _protrusion(solid: Solid, link: _Sampled, centre: FloatArray, radius: float) -> float:
-    """Measure how far a sphere reaches out of the solid [m], at points spread over it."""
+    """The protrusion of a sphere from the solid [m], measured at points spread over it."""
     probes = centre + radius * PROBES
     outside = probes[link.depths(probes) < 0.0]
     return float(solid.distances(outside).max(initial=0.0)) if len(outside) else 0.0
 
 
 def _gap(points: FloatArray, centres: FloatArray, radii: FloatArray) -> float:
-    """Measure how far points lie outside all spheres [m]."""
+    """The greatest distance of points from all spheres [m]."""
     nearest = np.full(len(points), np.inf)
     for centre, radius in zip(centres, radii, strict=True):
         nearest = np.minimum(nearest, np.linalg.norm(points - centre, axis=1) - radius)
@@ -180,7 +179,7 @@ def fitted_spheres(
 ) -> SphereModel:
     """The spheres that `fit_spheres` fits, bit for bit, from the cache where it holds them.
 
-    A cache that is damaged or cannot be written changes nothing but the time that it takes.
+    A cache that is damaged or cannot be written costs time only.
 
     Args:
         links: the shapes of each link that has some.
@@ -217,7 +216,7 @@ def _file(links: Mapping[str, Shapes], link_names: Sequence[str], spacing: float
 
 
 def _digest(links: Mapping[str, Shapes], link_names: Sequence[str], spacing: float) -> str:
-    """The hash of all that the spheres follow from."""
+    """The hash of all inputs of the fit."""
     digest = sha256()
     for module in ALGORITHM:
         digest.update(sha256((PACKAGE / module).read_bytes()).digest())
@@ -243,7 +242,7 @@ def _read(path: Path, link_names: Sequence[str]) -> SphereModel | None:
     except (ContactFusionError, OSError):
         return None
     count = len(radii) if radii.ndim else -1
-    held = [(one.dtype, one.shape) for one in (centres, radii, links, reach)]
+    held = [(array.dtype, array.shape) for array in (centres, radii, links, reach)]
     number = np.dtype(np.float64)
     if held != [
         (number, (count, 3)),

@@ -1,7 +1,7 @@
-"""What a URDF file says of links: their shapes and their inertia; checked before any library reads.
+"""Links of a URDF file: shapes and inertia, checked before any library reads the file.
 
 The kinematics are pinocchio's (`model.py`). It stops at the first fault with a word or none, so
-what users get wrong most often is looked for here: files, meshes, limits, parents.
+the most frequent mistakes are found here: files, meshes, limits, parents.
 """
 
 import math
@@ -22,12 +22,12 @@ from contactfusion.shapes import ShapeConfig
 Vector = tuple[float, float, float]
 SHAPES = ("box", "cylinder", "sphere", "mesh")
 JOINT_TYPES = ("revolute", "continuous", "prismatic", "fixed")
-"""Those of which one number tells the position, or none."""
+"""Types of joints with one position, or none."""
 PACKAGE = "package://"
 MANIFEST = "package.xml"
-"""The file by which a folder is a package of ROS."""
+"""The file that marks a folder as a package of ROS."""
 FOLDER = "urdf"
-"""The folder of a package that usually holds its robots; meshes stand beside it."""
+"""The usual folder of robots in a package; meshes stand beside it."""
 XACRO = "ros.org/wiki/xacro"
 
 
@@ -36,7 +36,7 @@ class Mesh:
     """A mesh as the shape of a link.
 
     Attributes:
-        file: where it is.
+        file: its path.
         scale: along each axis.
         xyz: its origin in the link [m].
         rpy: roll, pitch and yaw in the link [rad].
@@ -48,19 +48,19 @@ class Mesh:
     rpy: Vector
 
     def pose(self) -> Pose:
-        """Give the pose of the mesh in the link."""
+        """The pose of the mesh in the link."""
         return pose_at(self.xyz, self.rpy)
 
 
 @dataclass(frozen=True)
 class Link:
-    """What a URDF says of one link, in the link's frame.
+    """A link of a URDF, in the link's frame.
 
-    Its shapes are checked when they are asked for: those that are not used may be wrong.
+    Its shapes are checked on first access: those that are not used may be wrong.
 
     Attributes:
         name: its name.
-        mass: [kg], 0 where the file names none.
+        mass: [kg], 0 where the file gives none.
         centre_of_mass: [m].
     """
 
@@ -78,26 +78,26 @@ class Link:
 
     @cached_property
     def visual(self) -> "Shapes":
-        """The shapes to look at.
+        """The visual shapes.
 
         Raises:
-            RobotError: one of them is wrong, or its mesh is missing.
+            RobotError: a shape is wrong, or its mesh is missing.
         """
         return self._shapes("visual")
 
     @cached_property
     def collision(self) -> "Shapes":
-        """The shapes to touch.
+        """The collision shapes.
 
         Raises:
-            RobotError: one of them is wrong, or its mesh is missing.
+            RobotError: a shape is wrong, or its mesh is missing.
         """
         return self._shapes("collision")
 
     def _shapes(self, kind: str) -> "Shapes":
         try:
             elements = self._element.findall(kind)
-            return tuple(_shape(one, self._places) for one in elements)
+            return tuple(_shape(element, self._places) for element in elements)
         except ConfigurationError as error:
             raise RobotError(f"{self._path}: link '{self.name}': {error}") from None
 
@@ -107,7 +107,7 @@ Shapes = tuple[ShapeConfig | Mesh, ...]
 
 
 class Mimic(NamedTuple):
-    """How a joint follows another: at `multiplier` times its position, plus `offset`.
+    """A joint that follows another: at `multiplier` times its position, plus `offset`.
 
     Attributes:
         joint: the joint that is followed.
@@ -125,9 +125,9 @@ class Urdf:
     """A URDF file.
 
     Attributes:
-        path: where it is.
+        path: of the file.
         links: by name, in the order of the file.
-        parents: for each link but the root the link that it hangs on.
+        parents: by link, but for the root, its parent link.
         children: the link that each joint carries.
         mimics: the joints that follow another, which follows none itself.
     """
@@ -144,7 +144,7 @@ class Urdf:
         return next(name for name in self.links if name not in self.parents)
 
     def hanging_on(self, link: str) -> tuple[str, ...]:
-        """Give a link and all that hang on it, in the order of the file.
+        """A link and all that it carries, in the order of the file.
 
         Raises:
             RobotError: there is no such link.
@@ -153,10 +153,10 @@ class Urdf:
         return tuple(name for name in self.links if link in self._upwards(name))
 
     def require_link(self, name: str) -> None:
-        """Make sure that there is a link of that name.
+        """Refuse a name that no link has.
 
         Raises:
-            RobotError: there is not.
+            RobotError: there is no such link.
         """
         if name not in self.links:
             raise RobotError(
@@ -171,7 +171,7 @@ class Urdf:
 
 
 class _Places(NamedTuple):
-    """Where the meshes of a file are looked for, and where they may lie.
+    """The folders that are searched for meshes, and those that meshes may lie in.
 
     Attributes:
         searched: folders, in this order.
@@ -184,10 +184,10 @@ class _Places(NamedTuple):
     bounded: bool
 
     def hold(self, file: Path, others: Sequence[Path]) -> bool:
-        """Whether a file lies where it may, in one of these or of other folders."""
+        """Whether a file lies in a permitted folder, one of these or of others."""
         # a workspace that is installed by links has its files elsewhere
         forms = [file.resolve()] if self.bounded else [file.resolve(), Path(os.path.abspath(file))]
-        return any(form.is_relative_to(one) for form in forms for one in (*self.own, *others))
+        return any(form.is_relative_to(folder) for form in forms for folder in (*self.own, *others))
 
 
 def read_urdf(
@@ -200,12 +200,12 @@ def read_urdf(
 
     Meshes lie in the package of the file, in `packages`, or in another package of ROS in a folder
     above the file. The package of the file is the nearest folder above with a `package.xml`; else
-    its own folder, or the one above when that is called `urdf`.
+    its own folder, or its parent when that is called `urdf`.
 
     Args:
         path: the file.
         packages: folders in which `package://NAME/...` is looked for, before those above the file.
-        within: of a file in this folder, no mesh may lie outside of it; None: nothing is bounded.
+        within: of a file in this folder, no mesh may lie outside of it; None: no limit.
         shapes: the kinds of shapes that are used, and checked at once.
 
     Raises:
@@ -261,7 +261,7 @@ def _parsed(path: Path) -> Element:
 
 
 def _named(robot: Element, tag: str, path: Path) -> dict[str, Element]:
-    """Give the links or the joints by name, in the order of the file."""
+    """The links or the joints by name, in the order of the file."""
     named: dict[str, Element] = {}
     for element in robot.findall(tag):
         name = element.get("name", "")
@@ -304,7 +304,7 @@ def _shape(element: Element, places: _Places) -> ShapeConfig | Mesh:
 
 
 def _found(name: str, places: _Places) -> Path:
-    """Find a mesh by the name that the file gives it.
+    """The mesh of a name in the file.
 
     ROS looks packages up in its own tables, which are not at hand: a package is a folder of that
     name, or the folder of the file when the package part is left out.
@@ -331,7 +331,7 @@ def _found(name: str, places: _Places) -> Path:
 
 
 def _check_joint(joint: Element, links: Mapping[str, Link]) -> None:
-    """Make sure that a joint is what pinocchio can read; the sentence goes on after its name."""
+    """Refuse a joint that pinocchio can't read; the sentence continues after its name."""
     kind = joint.get("type", "")
     if kind not in JOINT_TYPES:
         hint = name_hint(kind, JOINT_TYPES, "types")
@@ -359,7 +359,7 @@ def _check_joint(joint: Element, links: Mapping[str, Link]) -> None:
 
 
 def _end(joint: Element, end: str) -> str:
-    """Give the link at one end of a joint."""
+    """The link at one end of a joint."""
     element = joint.find(end)
     return element.get("link", "") if element is not None else ""
 
@@ -389,7 +389,7 @@ def _parents(
 
 
 def _mimics(joints: Mapping[str, Element], path: Path) -> dict[str, Mimic]:
-    """The joints that follow another, each with the one at the end of its chain."""
+    """The joints that mimic another, each with the joint at the end of its chain."""
     moving = {name: joint for name, joint in joints.items() if joint.get("type") != "fixed"}
     followed = {}
     for name, joint in moving.items():
@@ -413,7 +413,7 @@ def _mimic(element: Element, joints: Mapping[str, Element]) -> Mimic:
 
 
 def _unchained(name: str, followed: Mapping[str, Mimic], path: Path) -> Mimic:
-    """How a joint follows the first that follows none, through those between."""
+    """The mimicry of a joint, through a chain of others, of a joint that follows none."""
     joint, multiplier, offset = followed[name]
     chain = [name, joint]
     while joint in followed:

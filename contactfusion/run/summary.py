@@ -18,6 +18,7 @@ from contactfusion.integrator.sources import EventKind, SourceReport
 from contactfusion.loop import Observer
 from contactfusion.pipeline import Pipeline, Step
 from contactfusion.readings import Reading, Transform
+from contactfusion.readings.codec import Role
 from contactfusion.readings.registry import installed_kinds
 
 TELLING = (EventKind.REFUSED, EventKind.STALE, EventKind.OVERRUN)
@@ -251,9 +252,14 @@ class Summary:
             given, looked = self._pipeline.given[name], self._looked(generator)
             if 0 < 2 * looked < given and HypothesisKind.REGULAR in generator.sources.values():
                 yield f"  {name}: {given - looked} of {given} readings gave no cloud"
+        for sensor, kind in self.tally.kinds:
+            codec = installed_kinds().of(kind)
+            is_context = codec is not None and codec.role is not Role.SENSED
+            if not is_context and not self._pipeline.listens(sensor, kind):
+                yield f"  no generator takes the {kind.__name__} of '{sensor}'"
         if misplaced := self._pipeline.misplaced:
             yield f"  {misplaced}"
-        yield from listed_once(self._happened(), told=next(self._useless(), ""))
+        yield from listed_once(self._happened(), printed=next(self._useless(), ""))
         for row, fault in enumerate(self._pipeline.config.faults):
             end = self.last_step.stamp if self.last_step else math.nan
             if fault.start is not None and fault.start > end:

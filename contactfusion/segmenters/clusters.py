@@ -1,4 +1,4 @@
-"""The object as what stands on the floor before the face: by depth, without learned weights."""
+"""Segmentation of the pushed object by depth: what stands on the floor before the robot's face."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -17,52 +17,52 @@ from contactfusion.units import Metres, Nearby, Reach, Spread
 from contactfusion.vision import back_projected, loaded_opencv, returns
 
 CELL = 0.01
-"""Of the view from above [m]."""
-BEFORE, BEHIND, ASIDE = 2.0, 0.8, 1.4
-"""It reaches so far ahead of the face, behind it, and to either side [m]."""
+"""Cell of the view from above [m]."""
+FORWARD, BEHIND, LATERAL = 2.0, 0.8, 1.4
+"""How far the view reaches forward of the face, behind it, and to either side [m]."""
 KEPT = 0.3
-"""An object is lost when less of where it was is covered by what stands on the floor now."""
+"""The object is lost when a smaller share of its last mask is covered by what stands there now."""
 NARROW = 160
-"""Holes next to the object are filled a pixel wide in images of this width, wider in larger."""
+"""Width of images in which holes beside the object are filled by one pixel, by more in larger."""
 
 Ground = NDArray[np.int32]
 BITS = 3
-"""Of red, green and blue each that tell colours apart."""
+"""Leading bits of red, green and blue that tell colours apart."""
 SMALL = 160
-"""Colours are learned from an image of this width at most [pixels]."""
+"""The greatest width of the image from which colours are learned [pixels]."""
 ROUNDS = 2
-"""Of GrabCut."""
+"""Iterations of GrabCut."""
 NEAREST = 3
-"""It may move the border of the object by so many pixels of that image."""
+"""The greatest correction of the object's border by GrabCut, in pixels of that image."""
 
 
 class ClustersConfig(SegmenterConfig):
     """The options of `clusters`."""
 
     type: str = "clusters"
-    """Which segmenter, by name."""
+    """The segmenter, by name."""
     floor: Nearby = -0.45
-    """The height of the floor in the robot's frame [m]."""
+    """Height of the floor in the robot's frame [m]."""
     clearance: Spread = Field(default=0.05, ge=0)
-    """What is no further above the floor is floor [m]."""
+    """What rises less above the floor counts as floor [m]."""
     face: Nearby = 0.30
-    """The x of the robot's face; at the start the nearest thing to it is the object [m]."""
+    """The x of the robot's face; the object is what stands nearest to it at the start [m]."""
     width: Reach = Field(default=0.60, gt=0)
-    """Of the face [m]."""
+    """Width of the face [m]."""
     robot: tuple[BoxConfig, ...] = (BoxConfig(x=(-1.0, 0.31), y=(-0.35, 0.35), z=(-0.45, -0.02)),)
-    """Where the camera sees the robot itself, in the robot's frame."""
+    """Boxes around the robot's own parts that the camera sees, in the robot's frame."""
     gap: Metres = Field(default=0.03, gt=0, le=0.5)
-    """Things that stand nearer to each other, seen from above, are one [m]."""
+    """Objects that stand nearer to each other, seen from above, are merged [m]."""
     least: float = Field(default=0.003, ge=0)
-    """A thing that covers less, seen from above, is none [m²]."""
+    """The least area of an object, seen from above [m²]."""
 
 
 class ClustersSegmenter(Segmenter[ClustersConfig]):
-    """What stands on the floor, the robot left out, falls into clusters as seen from above.
+    """Clusters of what stands on the floor, seen from above, without the robot itself.
 
-    At the start the cluster nearest to the face is the object; from then on it is the one that
-    covers most of where the object was. Pixels without depth beside it are the object's when their
-    colour is more its than the rest's; GrabCut tells which colours these are, when it is found.
+    At the start the cluster nearest to the face is the object; from then on it is the cluster that
+    covers most of the last mask. Pixels without depth beside it belong to the object when their
+    colour is more frequent in it than in the rest; GrabCut learns the colours, once it is found.
     """
 
     Config = ClustersConfig
@@ -72,9 +72,9 @@ class ClustersSegmenter(Segmenter[ClustersConfig]):
         loaded_opencv()
         self._view: tuple[bytes, NDArray[np.float32]] | None = None
         x, y = (CELL * (np.arange(n) + 0.5) for n in _GRID)
-        ahead = np.maximum(x - BEHIND, 0.0)
-        aside = np.maximum(np.abs(y - ASIDE) - config.width / 2.0, 0.0)
-        self._distance = np.hypot(ahead[:, None], aside)
+        forward = np.maximum(x - BEHIND, 0.0)
+        lateral = np.maximum(np.abs(y - LATERAL) - config.width / 2.0, 0.0)
+        self._distance = np.hypot(forward[:, None], lateral)
         self.reset()
 
     def reset(self) -> None:
@@ -83,7 +83,7 @@ class ClustersSegmenter(Segmenter[ClustersConfig]):
         self._paint: Paint | None = None
 
     def segment(self, image: DepthImage, pose: Pose) -> Mask | None:
-        """The object; None when nothing stands where it was, or nowhere at the start."""
+        """The mask of the object; None when it is lost, or there is none at the start."""
         depth = returns(image.depth).astype(np.float32)
         pixels, cells = self._standing(image, depth, pose)
         ground = self._ground(cells)
@@ -102,49 +102,49 @@ class ClustersSegmenter(Segmenter[ClustersConfig]):
     def _standing(
         self, image: DepthImage, depth: NDArray[np.float32], pose: Pose
     ) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-        """The pixels of what is neither floor nor robot, and the cells of the ground below."""
-        ways, config = self._ways(image, pose), self.config
-        height = depth * ways[2] + np.float32(pose[2, 3])
+        """Pixels of what is neither floor nor robot, and their cells on the ground."""
+        rays, config = self._rays(image, pose), self.config
+        height = depth * rays[2] + np.float32(pose[2, 3])
         above = (depth > 0.0) & (height > config.floor + config.clearance)
         pixels = np.flatnonzero(above)
         z, far = height.ravel()[pixels], depth.ravel()[pixels]
         x, y = (
-            far * way.ravel()[pixels] + np.float32(start)
-            for way, start in zip(ways[:2], pose[:2, 3], strict=True)
+            far * ray.ravel()[pixels] + np.float32(start)
+            for ray, start in zip(rays[:2], pose[:2, 3], strict=True)
         )
         points = np.stack([x, y, z]).T
-        kept = (np.abs(y) < ASIDE) & (x > config.face - BEHIND) & (x < config.face + BEFORE)
+        kept = (np.abs(y) < LATERAL) & (x > config.face - BEHIND) & (x < config.face + FORWARD)
         for box in config.robot:
             kept &= ~box.holds(points)
         rows = ((x[kept] - (config.face - BEHIND)) / CELL).astype(np.intp)
-        columns = ((y[kept] + ASIDE) / CELL).astype(np.intp)
+        columns = ((y[kept] + LATERAL) / CELL).astype(np.intp)
         rows, columns = np.minimum(rows, _GRID[0] - 1), np.minimum(columns, _GRID[1] - 1)
         return pixels[kept], rows * _GRID[1] + columns
 
-    def _ways(self, image: DepthImage, pose: Pose) -> NDArray[np.float32]:
+    def _rays(self, image: DepthImage, pose: Pose) -> NDArray[np.float32]:
         """The ray of each pixel for a depth of 1 m in the robot's frame, shape (3, h, w)."""
         key = b"".join(a.tobytes() for a in (image.intrinsics, pose, np.array(image.depth.shape)))
         if self._view is None or self._view[0] != key:
             rows, columns = np.indices(image.depth.shape)
-            ahead = back_projected(rows, columns, np.ones(image.depth.shape), image.intrinsics)
-            ways = vectors_in(pose, ahead.reshape(-1, 3)).T.astype(np.float32)
-            self._view = key, np.ascontiguousarray(ways).reshape(3, *image.depth.shape)
+            optical = back_projected(rows, columns, np.ones(image.depth.shape), image.intrinsics)
+            rays = vectors_in(pose, optical.reshape(-1, 3)).T.astype(np.float32)
+            self._view = key, np.ascontiguousarray(rays).reshape(3, *image.depth.shape)
         return self._view[1]
 
     def _ground(self, cells: NDArray[np.intp]) -> Ground:
-        """The cluster of each cell of the ground from 1 on, 0 where nothing stands."""
+        """The cluster of each cell of the ground, from 1 on; 0 where nothing stands."""
         cv2 = loaded_opencv()
         occupied = np.zeros(_GRID, np.uint8)
         occupied.reshape(-1)[cells] = 1
         reach = round(self.config.gap / CELL)
         joined = cv2.dilate(occupied, np.ones((reach, reach), np.uint8))
         count, components = cv2.connectedComponents(joined)
-        places = np.flatnonzero(occupied)
-        found = components.reshape(-1)[places]
+        standing = np.flatnonzero(occupied)
+        found = components.reshape(-1)[standing]
         sizes = np.bincount(found, minlength=count)
         large = np.where(sizes * CELL**2 < self.config.least, 0, np.arange(count))
         labels: Ground = np.zeros(_GRID, np.int32)
-        labels.reshape(-1)[places] = large[found]
+        labels.reshape(-1)[standing] = large[found]
         return labels
 
     def _nearest(self, ground: Ground) -> int:
@@ -154,7 +154,7 @@ class ClustersSegmenter(Segmenter[ClustersConfig]):
     def _filled(
         self, mask: Mask, depth: NDArray[np.float32], colour: NDArray[np.uint8] | None
     ) -> Mask:
-        """Add pixels beside the object that have no depth and its colour, or it mostly around."""
+        """The mask with pixels around that lack depth and have its colour, or lie mostly in it."""
         cv2 = loaded_opencv()
         side = 2 * max(1, round(mask.shape[1] / NARROW)) + 1
         share = cv2.blur(mask.astype(np.float32), (side, side))
@@ -168,11 +168,11 @@ class ClustersSegmenter(Segmenter[ClustersConfig]):
         return filled
 
 
-_GRID = round((BEFORE + BEHIND) / CELL), round(2.0 * ASIDE / CELL)
+_GRID = round((FORWARD + BEHIND) / CELL), round(2.0 * LATERAL / CELL)
 
 
 def _covering(labels: Ground, last: Mask) -> int:
-    """The cluster that covers most of where the object was, 0 if it is too little."""
+    """The cluster that covers most of the last mask, 0 if it is too little."""
     if labels.shape != last.shape:
         return 0
     counts = np.bincount(labels[last])
@@ -183,13 +183,13 @@ def _covering(labels: Ground, last: Mask) -> int:
 
 @hookimpl
 def contactfusion_segmenters() -> Mapping[str, type[Segmenter[Any]]]:
-    """Offer the segmenter."""
+    """The segmenter."""
     return {"clusters": ClustersSegmenter}
 
 
 @dataclass(frozen=True, eq=False)
 class Paint:
-    """The colours that are more an object's than those of the rest of the image.
+    """Colours that are more frequent in an object than in the rest of the image.
 
     Attributes:
         own: shape (8 ** BITS,), by the leading bits of red, green and blue.
@@ -198,19 +198,19 @@ class Paint:
     own: NDArray[np.bool_]
 
     def covers(self, colours: NDArray[np.uint8]) -> NDArray[np.bool_]:
-        """Which of these are its colours, shape (n,), of shape (n, 3)."""
+        """Which colours, shape (n, 3), are the object's; shape (n,)."""
         return self.own[_bins(colours)]
 
 
 def learned_paint(colour: NDArray[np.uint8], mask: Mask) -> Paint:
-    """Learn an object's colours from one image.
+    """Colours of an object, learned from one image.
 
-    GrabCut mends the border of the mask, where depth is wrong or missing; the colours inside and
-    outside are counted then.
+    GrabCut corrects the border of the mask, where depth is wrong or missing; then the colours
+    inside and outside are counted.
 
     Args:
         colour: shape (h, w, 3).
-        mask: shape (h, w), roughly where the object is.
+        mask: shape (h, w), approximate mask of the object.
     """
     step = -(-mask.shape[1] // SMALL)
     small = np.ascontiguousarray(colour[::step, ::step])
@@ -230,7 +230,7 @@ def _mended(colour: NDArray[np.uint8], mask: Mask) -> Mask:
     marks[cv2.dilate(rough, around) == 0] = cv2.GC_BGD
     if not (marks % 2).any() or (marks % 2).all():
         return mask
-    cv2.setRNGSeed(0)  # GrabCut draws from OpenCV's own chance: equal images, equal masks
+    cv2.setRNGSeed(0)  # GrabCut draws from OpenCV's own random numbers: equal images, equal masks
     models = np.zeros((2, 1, 65))
     cv2.grabCut(colour, marks, None, *models, ROUNDS, cv2.GC_INIT_WITH_MASK)
     inside: Mask = (marks == cv2.GC_FGD) | (marks == cv2.GC_PR_FGD)

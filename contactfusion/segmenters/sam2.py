@@ -1,4 +1,4 @@
-"""The object as SAM 2 follows it, from one pixel of it on."""
+"""The object as tracked by SAM 2, from one of its pixels on."""
 
 from collections.abc import Mapping
 from importlib import import_module
@@ -19,32 +19,32 @@ from contactfusion.segmenters.clusters import ClustersConfig, ClustersSegmenter
 from contactfusion.vision import loaded_opencv
 
 MEAN, DEVIATION = (0.485, 0.456, 0.406), (0.229, 0.224, 0.225)
-"""Of red, green and blue in ImageNet, of 1; images are scaled by them as in training."""
+"""Mean and deviation of red, green and blue in ImageNet, of 1; they scale images as in training."""
 OBJECT, INSIDE = 1, 1
-"""The name of the object in a session, and the label of a pixel that belongs to it."""
+"""The object's number in a session, and the label of a pixel that belongs to it."""
 
 
 class Sam2Config(SegmenterConfig):
     """The options of `sam2`."""
 
     type: str = "sam2"
-    """Which segmenter, by name."""
+    """The segmenter, by name."""
     weights: str = Field(min_length=1)
     """A folder with the model, or its name on the Hugging Face hub, such as
     `facebook/sam2.1-hiera-tiny`."""
     folder: Path = Path()
-    """Where a relative `weights` starts; the folder of the configuration."""
+    """The folder of a relative `weights`; that of the configuration."""
     files_within: Path | None = None
-    """Set where a recording names the model, which then is refused: it might ask the network, or
+    """Set where a recording names the model, which then is refused: it might access the network, or
     hold code."""
     device: str = "cpu"
-    """Where it is computed, as torch calls it."""
+    """The device of the model, as torch calls it."""
     start: ClustersConfig = Field(default_factory=ClustersConfig)
-    """How the object is found at the start; SAM 2 is then shown one pixel of it."""
+    """The segmenter that finds the object at the start; one of its pixels then prompts SAM 2."""
 
 
 class Sam2Segmenter(Segmenter[Sam2Config]):
-    """SAM 2 (O §IV-A): shown a pixel of the object nearest to the face, it follows it by colour."""
+    """SAM 2 (O §IV-A), prompted by a pixel of the object nearest to the face; tracks by colour."""
 
     Config = Sam2Config
 
@@ -61,7 +61,7 @@ class Sam2Segmenter(Segmenter[Sam2Config]):
         self._frame = 0
 
     def segment(self, image: DepthImage, pose: Pose) -> Mask | None:
-        """Give the object; None while SAM 2 does not see it, and as long as none was found.
+        """The mask of the object; None while SAM 2 does not detect it, or none has been found.
 
         Raises:
             InvalidReadingError: the image has no colour.
@@ -75,20 +75,20 @@ class Sam2Segmenter(Segmenter[Sam2Config]):
         return mask
 
     def _shown(self, image: DepthImage, pose: Pose) -> bool:
-        """Begin with a pixel of the object, if there is one."""
+        """Prompt a new session with a pixel of the object; False when there is none."""
         found = self._finder.segment(image, pose)
         if found is None:
             return False
         torch = _torch()
         row, column = innermost(found)
         scale = self._model.config.image_size / np.array(found.shape[::-1])
-        place = torch.tensor(np.array([column, row]) * scale, dtype=torch.float32)
+        pixel = torch.tensor(np.array([column, row]) * scale, dtype=torch.float32)
         device = self.config.device
         session = _transformers().Sam2VideoInferenceSession(
             inference_device=device, inference_state_device=device, dtype=torch.float32
         )
         shown = {
-            "point_coords": place[None, None, None],
+            "point_coords": pixel[None, None, None],
             "point_labels": torch.full((1, 1, 1), INSIDE),
         }
         session.add_point_inputs(session.obj_id_to_idx(OBJECT), self._frame, shown)
@@ -111,7 +111,7 @@ class Sam2Segmenter(Segmenter[Sam2Config]):
         return mask if mask.any() else None
 
     def _forget_old(self) -> None:
-        """Drop what the model looks at no more; a session keeps all there ever was."""
+        """Drop what the model attends to no more; a session keeps all frames."""
         config, session = self._model.config, self._session
         session.processed_frames.clear()
         kept = max(config.num_maskmem, config.max_object_pointers_in_encoder)
@@ -120,7 +120,7 @@ class Sam2Segmenter(Segmenter[Sam2Config]):
 
 
 def innermost(mask: Mask) -> tuple[int, int]:
-    """Give row and column of the pixel that is furthest from the rim of a mask."""
+    """Row and column of the pixel that is furthest from the rim of a mask."""
     cv2 = loaded_opencv()
     rimmed = np.pad(mask.astype(np.uint8), 1)
     depth = cv2.distanceTransform(rimmed, cv2.DIST_L2, cv2.DIST_MASK_5)[1:-1, 1:-1]
@@ -129,7 +129,7 @@ def innermost(mask: Mask) -> tuple[int, int]:
 
 
 def normalised(colour: NDArray[np.uint8], side: int) -> NDArray[np.float32]:
-    """Give an image as SAM 2 was trained on: square, by mean and deviation of ImageNet.
+    """An image as SAM 2 was trained on: square, scaled by mean and deviation of ImageNet.
 
     Args:
         colour: shape (h, w, 3), of 255.
@@ -178,5 +178,5 @@ def _loaded(config: Sam2Config) -> Any:
 
 @hookimpl
 def contactfusion_segmenters() -> Mapping[str, type[Segmenter[Any]]]:
-    """Offer the segmenter."""
+    """The segmenter."""
     return {"sam2": Sam2Segmenter}

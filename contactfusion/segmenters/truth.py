@@ -1,4 +1,4 @@
-"""The object as a simulation or a person has marked it in the image."""
+"""The object as marked in the image by a simulation or a person."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -14,16 +14,16 @@ class TruthConfig(SegmenterConfig):
     """The options of `truth`."""
 
     type: str = "truth"
-    """Which segmenter, by name."""
+    """The segmenter, by name."""
 
 
 class TruthSegmenter(Segmenter[TruthConfig]):
-    """The mask that came with the image; a mask without a pixel says that there is no object."""
+    """The mask that comes with the image; a mask without a pixel means that there is no object."""
 
     Config = TruthConfig
 
     def segment(self, image: DepthImage, pose: Pose) -> Mask:
-        """Give the image's own mask.
+        """The image's own mask.
 
         Raises:
             InvalidReadingError: it has none.
@@ -37,5 +37,5 @@ class TruthSegmenter(Segmenter[TruthConfig]):
 
 @hookimpl
 def contactfusion_segmenters() -> Mapping[str, type[Segmenter[Any]]]:
-    """Offer the segmenter."""
+    """The segmenter."""
     return {"truth": TruthSegmenter}

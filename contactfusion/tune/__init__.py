@@ -1,1 +1,1 @@
-"""Searches the settings that detect labelled contacts best."""
+"""Search of the settings that detect labelled contacts best."""

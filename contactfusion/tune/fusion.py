@@ -1,4 +1,4 @@
-"""`tune fusion`: which settings fit a labelled recording best, and what that is worth."""
+"""`tune fusion`: the settings that fit a labelled recording best, and what that is worth."""
 
 import json
 import math
@@ -31,17 +31,17 @@ from contactfusion.tune.score import (
 from contactfusion.units import LengthScale
 
 WITHIN = 0.03
-"""A contact so near a labelled place is right, unless told otherwise [m]."""
+"""Default distance from a labelled position within which a contact is right [m]."""
 EVEN = 1e-9
-"""Costs that differ by less are equal."""
+"""Costs with a smaller difference are equal."""
 LADDER = (0.25, 0.5, 0.7, 1.0, 1.4, 2.0, 4.0)
-"""By default a field is set to so many times what is configured."""
-JUDGES = {"modes": "condensation.existence", "cluster_mass": "condensation.mass_threshold"}
+"""Default factors of the configured value at which a field is tried."""
+DECISIVE = {"modes": "condensation.existence", "cluster_mass": "condensation.mass_threshold"}
 """The field of the integrator that decides whether there is a contact, by condensation."""
 MakePipeline = Callable[[Sequence[str]], Pipeline]
 """Makes a pipeline with fields changed as `--set` changes them."""
 Readings = Callable[[], Iterable[Reading]]
-"""Gives the readings of the recording, from its start."""
+"""The readings of the recording, from its start."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,8 +50,8 @@ class Varied:
 
     Attributes:
         path: e.g. "integrator.threshold".
-        configured: what it is without change.
-        values: all that is tried, what is configured among them.
+        configured: its configured value.
+        values: all that are tried, the configured value among them.
     """
 
     path: str
@@ -61,15 +61,15 @@ class Varied:
 
 @dataclass(frozen=True, slots=True)
 class Job:
-    """What every run has in common.
+    """Inputs that all runs share.
 
     Attributes:
         make_pipeline: makes the pipeline of a run.
         readings: of the recording.
-        labels: in order.
-        split: the time that parts the halves [s].
-        within: a contact so near a labelled place is right [m].
-        out: the folder that keeps the runs.
+        labels: in order, without overlap.
+        split: the time that splits the halves [s].
+        within: a contact is right within this distance of a labelled position [m].
+        out: the folder in which runs are kept.
     """
 
     make_pipeline: MakePipeline
@@ -85,7 +85,7 @@ class Trial:
     """A run with changed settings.
 
     Attributes:
-        field: the path of what was changed; "" for the configuration as it is, and for several.
+        field: the path of the changed field; "" for no change, and for several fields.
         value: what it was set to.
         overrides: the changes, as `--set` takes them.
         score: of the run.
@@ -109,15 +109,15 @@ class Trial:
 
 @dataclass(frozen=True, slots=True)
 class Tuned:
-    """What was found.
+    """Result of a tuning.
 
     Attributes:
         configured: the run without change.
         curves: for each field the runs along its values, by the field's path.
-        best: for each field the run that the first half chooses.
-        together: all of these changes at once; None: fewer than two fields changed.
-        chosen: what the first half chooses of all of them.
-        split: the time that parts the halves [s].
+        best: for each field the best run on the first half.
+        together: the run with all of these changes; None: fewer than two fields changed.
+        chosen: the best of all on the first half.
+        split: the time that splits the halves [s].
     """
 
     configured: Trial
@@ -136,7 +136,7 @@ class Tuned:
         """Every run once: as configured, along each field, together."""
         yield self.configured
         for curve in self.curves.values():
-            yield from (one for one in curve if one.overrides)
+            yield from (trial for trial in curve if trial.overrides)
         if self.together:
             yield self.together
 
@@ -153,17 +153,17 @@ def tune_fusion(
 ) -> Tuned:
     """Replay a recording with one field after the other set to several values.
 
-    A field is chosen on the first half of the labels and reported on the second. A run that was
-    made before is not made again, so that what was stopped goes on.
+    A field is chosen on the first half of the labels and reported on the second. Runs that `out`
+    holds are not repeated, so that an interrupted tuning continues.
 
     Args:
         make_pipeline: makes the pipeline with fields changed.
-        readings: gives the readings of the recording, from its start.
+        readings: the readings of the recording, from its start.
         labels: a CSV file, see `read_labels`.
-        out: the folder that keeps the runs.
-        vary: what is varied, see `fields_to_vary`.
-        within: a contact so near a labelled place is right [m].
-        inputs: what tells the recording apart from others, such as `fingerprint` gives.
+        out: the folder in which runs are kept.
+        vary: fields and values, see `fields_to_vary`.
+        within: a contact is right within this distance of a labelled position [m].
+        inputs: what distinguishes the recording from others, such as its `fingerprint`.
 
     Raises:
         ConfigurationError: the labels, a field or a value is not what it should be, or `out` holds
@@ -179,19 +179,20 @@ def tune_fusion(
     settings = {**inputs_of(pipeline, labels, within), "recording": dict(inputs or {})}
     require_settings(settings, out)
     job = Job(make_pipeline, readings, known, halving(known), within, out)
-    progress = Progress("replays", 1 + sum(len(one.values) - 1 for one in fields))
+    progress = Progress("replays", 1 + sum(len(field.values) - 1 for field in fields))
     configured = _trial(job, progress, "", None, ())
     require_within(known, configured.score.first, configured.score.last, labels)
-    curves = {one.path: _curve(job, progress, one, configured) for one in fields}
+    curves = {field.path: _curve(job, progress, field, configured) for field in fields}
     best = {path: _best(curve, configured) for path, curve in curves.items()}
     together = _together(job, list(best.values()))
     candidates = [configured, *best.values(), *([together] if together else [])]
-    chosen = min(candidates, key=lambda one: round(one.chosen_on.cost, 9))  # the first of equals
+    # of equals, the first
+    chosen = min(candidates, key=lambda trial: round(trial.chosen_on.cost, 9))
     return Tuned(configured, curves, best, together, chosen, job.split)
 
 
 def _curve(job: Job, progress: Progress, field: Varied, configured: Trial) -> tuple[Trial, ...]:
-    """Run along the values of a field."""
+    """The runs along the values of a field."""
     return tuple(
         Trial(field.path, value, (), configured.score)
         if value == field.configured
@@ -210,28 +211,28 @@ def _trial(
 
 
 def _best(curve: Sequence[Trial], configured: Trial) -> Trial:
-    """The run of least cost on the first half; of equals what is configured, or near it."""
-    at = next((row for row, one in enumerate(curve) if not one.overrides), 0)
+    """The run of least cost on the first half; of equals that next to the configured value."""
+    at = next((row for row, trial in enumerate(curve) if not trial.overrides), 0)
     order = sorted(range(len(curve)), key=lambda row: abs(row - at))
     best = min(order, key=lambda row: round(curve[row].chosen_on.cost, 9))
     return curve[best] if curve else configured
 
 
 def _together(job: Job, best: Sequence[Trial]) -> Trial | None:
-    """Run with every change that the first half chooses."""
-    overrides = tuple(change for one in best for change in one.overrides)
+    """The run with every change that the first half chooses."""
+    overrides = tuple(change for trial in best for change in trial.overrides)
     if len(overrides) < 2:
         return None
     return Trial("", None, overrides, run_score(job, overrides))
 
 
 def override(path: str, value: Any) -> str:
-    """Write a change as `--set` takes it."""
+    """A change as `--set` takes it."""
     return f"{path}={yaml.safe_dump(value).splitlines()[0]}"
 
 
 def fields_to_vary(pipeline: Pipeline, vary: Sequence[str]) -> list[Varied]:
-    """What is varied.
+    """The fields to vary, with their values.
 
     Args:
         pipeline: as configured.
@@ -245,17 +246,18 @@ def fields_to_vary(pipeline: Pipeline, vary: Sequence[str]) -> list[Varied]:
     holders = _holders(pipeline)
     if not vary:
         paths = _default_paths(pipeline)
-        return [one for one in (_ladder(holders, path) for path in paths) if len(one.values) > 1]
-    fields = [_asked(holders, text) for text in vary]
-    for number, one in enumerate(fields):
-        if one.path in [other.path for other in fields[:number]]:
-            raise ConfigurationError(f"'{one.path}' is to be varied twice")
+        ladders = (_ladder(holders, path) for path in paths)
+        return [field for field in ladders if len(field.values) > 1]
+    fields = [_requested(holders, text) for text in vary]
+    for number, field in enumerate(fields):
+        if field.path in [other.path for other in fields[:number]]:
+            raise ConfigurationError(f"'{field.path}' is to be varied twice")
     return fields
 
 
 def _holders(pipeline: Pipeline) -> dict[str, Model]:
-    """What holds fields, by the path that leads there."""
-    generators = {f"generators.{name}": one.config for name, one in pipeline.generators.items()}
+    """The configurations that hold fields, by their paths."""
+    generators = {f"generators.{name}": g.config for name, g in pipeline.generators.items()}
     integrator = {
         "integrator": pipeline.config.integrator,
         "integrator.rule": pipeline.integrator.rule.config,
@@ -266,10 +268,10 @@ def _holders(pipeline: Pipeline) -> dict[str, Model]:
 
 def _default_paths(pipeline: Pipeline) -> list[str]:
     integrator = pipeline.config.integrator
-    paths = [f"integrator.{JUDGES.get(integrator.condensation, 'threshold')}"]
+    paths = [f"integrator.{DECISIVE.get(integrator.condensation, 'threshold')}"]
     if integrator.condensation in ("cluster_centroid", "cluster_mass"):
         paths.append("integrator.tolerance")
-    own = [name for name, one in pipeline.generators.items() if one.config.timeout is not None]
+    own = [name for name, g in pipeline.generators.items() if g.config.timeout is not None]
     if len(own) < len(pipeline.generators) or integrator.expiry == "voxel":
         paths.append("integrator.timeout")
     if integrator.expiry == "source":
@@ -279,12 +281,12 @@ def _default_paths(pipeline: Pipeline) -> list[str]:
         scales = [
             field for field, info in known if any(isinstance(m, LengthScale) for m in info.metadata)
         ]
-        paths += [f"generators.{name}.{one}" for one in scales]
+        paths += [f"generators.{name}.{field}" for field in scales]
     return paths
 
 
 def _ladder(holders: dict[str, Model], path: str) -> Varied:
-    """The steps of a ladder that the field may hold."""
+    """The values of the ladder that the field accepts."""
     configured = _configured(holders, path)
     values = []
     for factor in LADDER:
@@ -297,18 +299,18 @@ def _ladder(holders: dict[str, Model], path: str) -> Varied:
     return Varied(path, configured, tuple(values))
 
 
-def _asked(holders: dict[str, Model], text: str) -> Varied:
-    """Read "field=value,value"."""
+def _requested(holders: dict[str, Model], text: str) -> Varied:
+    """A field with the values of "field=value,value"."""
     path, equals, listing = text.partition("=")
     path = path.strip()
     if not equals or not listing.strip():
         raise ConfigurationError(f"'{text}' varies nothing; write it as FIELD=value,value")
     configured = _configured(holders, path)
-    values = [_value(one, text) for one in listing.split(",")]
+    values = [_value(word, text) for word in listing.split(",")]
     for value in values:
         _require_valid(holders, path, value)
     every = list(dict.fromkeys([*values, configured]))
-    if all(isinstance(one, int | float) for one in every):
+    if all(isinstance(value, int | float) for value in every):
         every.sort()
     return Varied(path, configured, tuple(every))
 
@@ -336,7 +338,7 @@ def _is_number(text: str) -> bool:
 
 
 def _configured(holders: dict[str, Model], path: str) -> Any:
-    """What a field holds; a tolerance that is left to the integrator is two voxels.
+    """The value of a field; a tolerance that is left to the integrator is two voxels.
 
     Raises:
         ConfigurationError: there is no such field.
@@ -392,7 +394,7 @@ def run_score(job: Job, overrides: Sequence[str]) -> Score:
 
 
 def kept_in(out: Path, overrides: Sequence[str]) -> Path:
-    """The file that keeps a run."""
+    """The file of a run."""
     name = quote(" ".join(overrides), safe="=. ").replace(" ", "+") or "configured"
     if len(name) > 150:
         name = f"{name[:120]}-{sha256(name.encode()).hexdigest()[:16]}"
@@ -400,7 +402,7 @@ def kept_in(out: Path, overrides: Sequence[str]) -> Path:
 
 
 def inputs_of(pipeline: Pipeline, labels: Path, within: float) -> dict[str, Any]:
-    """What tells apart the inputs of a folder of runs, but for the recording."""
+    """What distinguishes the inputs of a folder of runs, but for the recording."""
     config = pipeline.config.model_dump(
         mode="json", exclude={"folder": True, "within": True, "robot": {"within": True}}
     )
@@ -415,7 +417,8 @@ def inputs_of(pipeline: Pipeline, labels: Path, within: float) -> dict[str, Any]
 def fingerprint(recording: Path) -> dict[str, str]:
     """The SHA-256 of a recording, or of each file in the folder that it is, by name."""
     files = [recording] if recording.is_file() else sorted(recording.rglob("*"))
-    return {str(one.relative_to(recording.parent)): _digest(one) for one in files if one.is_file()}
+    files = [file for file in files if file.is_file()]
+    return {str(file.relative_to(recording.parent)): _digest(file) for file in files}
 
 
 def _digest(path: Path) -> str:
@@ -429,8 +432,8 @@ def _digest(path: Path) -> str:
 def _read(path: Path) -> Score:
     try:
         held: Mapping[str, Any] = json.loads(path.read_text())
-        one, other = held["halves"]
-        halves = (Half.from_dict(one), Half.from_dict(other))
+        first, second = held["halves"]
+        halves = (Half.from_dict(first), Half.from_dict(second))
         return Score(float(held["first_s"]), float(held["last_s"]), halves)
     except (ValueError, TypeError, KeyError, IndexError):
         raise ConfigurationError(f"{path} is damaged: remove it, and it is made again") from None

@@ -1,4 +1,4 @@
-"""What `tune fusion` found: a table, a picture, a CSV file, a JSON file and the line to use."""
+"""Report of `tune fusion`: a table, a picture, a CSV file, a JSON file and the line to use."""
 
 import csv
 import io
@@ -13,7 +13,7 @@ import numpy as np
 from contactfusion.figures import COLOURS, new_figure
 from contactfusion.files import write_whole
 from contactfusion.tune.fusion import Trial, Tuned
-from contactfusion.tune.score import ALIKE, Half
+from contactfusion.tune.score import ALIKE, Half, Rate
 
 HEADS = ("setting", "missed", "false", "off by", "| missed", "false", "off by")
 COLUMNS = (
@@ -23,14 +23,14 @@ COLUMNS = (
 )  # fmt: skip
 TITLES = ("first half: chosen here", "second half: reported here")
 CLEAR = 6.0
-"""Values that lie so near to a named one are not named [%]."""
+"""Values of one field that lie nearer to a named point are not named [%]."""
 Axes = Any
 
 
 def table(tuned: Tuned) -> str:
     """The table for people: each run on the first half, and after the bar on the second."""
     idle = {path for path, curve in tuned.curves.items() if _is_idle(tuned, curve)}
-    rows = [HEADS, *(_cells(tuned, one) for one in tuned.trials() if one.field not in idle)]
+    rows = [HEADS, *(_cells(tuned, trial) for trial in tuned.trials() if trial.field not in idle)]
     widths = [max(len(row[column]) for row in rows) for column in range(len(HEADS))]
     lines = [
         f"chosen on the first half, until {tuned.split:.6g} s | reported on the second; parts of "
@@ -47,11 +47,11 @@ def table(tuned: Tuned) -> str:
 
 
 def advice(tuned: Tuned) -> str:
-    """Say what to use."""
+    """The settings to use, and how they do on the second half."""
     before, after = tuned.configured.reported_on, tuned.chosen.reported_on
     if not tuned.chosen.overrides:
         return "keep what is configured: nothing that was tried is better on the first half"
-    told = (
+    shares = (
         f"on the second half it misses {_percent(after.missed.share)} and tells "
         f"{_percent(after.false.share)} falsely, as configured {_percent(before.missed.share)} "
         f"and {_percent(before.false.share)}"
@@ -59,9 +59,9 @@ def advice(tuned: Tuned) -> str:
     if not tuned.is_better:
         return (
             f"keep what is configured: {set_line(tuned)} is better on the first half, but not on "
-            f"the second: {told}"
+            f"the second: {shares}"
         )
-    return f"use {set_line(tuned)}\n{told}"
+    return f"use {set_line(tuned)}\n{shares}"
 
 
 def set_line(tuned: Tuned) -> str:
@@ -92,14 +92,14 @@ def as_json(tuned: Tuned) -> str:
         "chosen": list(tuned.chosen.overrides),
         "better_on_second_half": tuned.is_better,
         "split_s": tuned.split,
-        "best_by_field": {path: one.value for path, one in tuned.best.items()},
+        "best_by_field": {path: trial.value for path, trial in tuned.best.items()},
         "runs": rows,
     }
     return json.dumps(held, indent=1, allow_nan=False) + "\n"
 
 
 def write_tuning(tuned: Tuned, out: Path) -> list[Path]:
-    """Write tuning.csv, tuning.json and tuning.png, and give their paths.
+    """Write tuning.csv, tuning.json and tuning.png; their paths.
 
     Raises:
         DependencyError: matplotlib is not installed.
@@ -149,22 +149,21 @@ def _cells(tuned: Tuned, trial: Trial) -> tuple[str, ...]:
 
 
 def _is_idle(tuned: Tuned, curve: Sequence[Trial]) -> bool:
-    """Whether all values of a field lead to the same."""
+    """Whether all values of a field give the same score."""
     same = [half.as_dict() for half in tuned.configured.score.halves]
-    return all([half.as_dict() for half in one.score.halves] == same for one in curve)
+    return all([half.as_dict() for half in trial.score.halves] == same for trial in curve)
 
 
 def _half_cells(half: Half) -> tuple[str, str, str]:
     error = "-" if math.isnan(half.error) else f"{half.error * 1000.0:.1f} mm"
-    missed, false = half.missed, half.false
-    return _told(missed.share, missed.interval), _told(false.share, false.interval), error
+    return _share_cell(half.missed), _share_cell(half.false), error
 
 
-def _told(share: float, interval: tuple[float, float]) -> str:
-    if math.isnan(share):
+def _share_cell(rate: Rate) -> str:
+    if math.isnan(rate.share):
         return "-"
-    low, high = interval
-    return f"{_percent(share)} ({low:.0%} to {high:.0%})"
+    low, high = rate.interval
+    return f"{_percent(rate.share)} ({low:.0%} to {high:.0%})"
 
 
 def _percent(share: float) -> str:
@@ -227,9 +226,9 @@ def _draw(axes: Axes, tuned: Tuned, half: int) -> None:
 
 
 def _points(trials: Sequence[Trial], half: int) -> tuple[list[float], list[float]]:
-    halves = [one.score.halves[half] for one in trials]
-    false = [100.0 * float(np.nan_to_num(one.false.share)) for one in halves]
-    return false, [100.0 * float(np.nan_to_num(one.missed.share)) for one in halves]
+    halves = [trial.score.halves[half] for trial in trials]
+    false = [100.0 * float(np.nan_to_num(trial.false.share)) for trial in halves]
+    return false, [100.0 * float(np.nan_to_num(trial.missed.share)) for trial in halves]
 
 
 def _short(value: Any) -> str:

@@ -1,4 +1,4 @@
-"""How well the contacts of a run fit labels: missed, false, and how far off."""
+"""Score of a run against labels: missed and false contacts, and position errors."""
 
 import csv
 import math
@@ -16,20 +16,20 @@ from contactfusion.pipeline import Step
 
 COLUMNS = ("start", "end", "x", "y", "z")
 ALIKE = 0.5
-"""Steps of one stretch of so many seconds count as one sample of an interval: they are alike."""
+"""Steps within this time are correlated, and count as one sample of an interval [s]."""
 Z = 1.959964
-"""Of a 95 % interval."""
+"""Quantile of a 95 % interval."""
 ERROR_STEP, ERROR_MOST = 5e-4, 2.0
 
 
 @dataclass(frozen=True, slots=True)
 class Label:
-    """A time with a contact.
+    """An interval with a contact.
 
     Attributes:
-        start: from then on, counted as the recording counts [s].
-        end: until then, itself excluded [s].
-        place: where, in the frame of the space [m]; None: somewhere.
+        start: of the contact, on the recording's clock [s].
+        end: of the contact, excluded [s].
+        place: of the contact, in the frame of the space [m]; None: unknown.
     """
 
     start: float
@@ -38,7 +38,7 @@ class Label:
 
 
 def read_labels(path: Path) -> list[Label]:
-    """Read labels from a CSV file with the columns start, end, x, y, z.
+    """The labels in a CSV file with the columns start, end, x, y, z.
 
     Raises:
         ConfigurationError: the file is missing, a value is no finite number, a label ends before it
@@ -55,11 +55,11 @@ def read_labels(path: Path) -> list[Label]:
     except (UnicodeDecodeError, csv.Error) as error:
         raise ConfigurationError(f"{path} is no CSV text: {error}") from None
     labels = [_label(row, f"{path}, line {line}") for line, row in rows]
-    for one, after, (line, _) in zip(labels, labels[1:], rows[1:], strict=False):
-        if after.start < one.end:
+    for label, after, (line, _) in zip(labels, labels[1:], rows[1:], strict=False):
+        if after.start < label.end:
             raise ConfigurationError(
                 f"{path}, line {line}: a label that begins at {after.start:g} s follows one that "
-                f"ends at {one.end:g} s; write them in order, without overlap"
+                f"ends at {label.end:g} s; write them in order, without overlap"
             )
     if len(labels) < 2:
         raise ConfigurationError(
@@ -70,21 +70,21 @@ def read_labels(path: Path) -> list[Label]:
 
 
 def require_within(labels: Sequence[Label], first: float, last: float, path: Path) -> None:
-    """Make sure that all labels lie in the time of the recording, from first to last step [s].
+    """Refuse labels outside the recording, from first to last step [s].
 
     Raises:
-        ConfigurationError: one does not.
+        ConfigurationError: a label lies outside.
     """
-    for one in labels:
-        if one.start > last or one.end < first:
+    for label in labels:
+        if label.start > last or label.end < first:
             raise ConfigurationError(
-                f"{path}: the contact from {one.start:g} s to {one.end:g} s lies outside the "
+                f"{path}: the contact from {label.start:g} s to {label.end:g} s lies outside the "
                 f"recording, whose steps reach from {first:g} s to {last:g} s"
             )
 
 
 def halving(labels: Sequence[Label]) -> float:
-    """The time that parts the labels into two halves [s]: the middle of the gap between."""
+    """The time that splits the labels into two halves [s]: the middle of the gap between."""
     half = len(labels) // 2
     return (labels[half - 1].end + labels[half].start) / 2.0
 
@@ -120,11 +120,11 @@ def _number(text: str | None, name: str, where: str) -> float | None:
 
 @dataclass
 class Rate:
-    """How often something went wrong.
+    """Frequency of an error.
 
     Attributes:
-        steps: in which it could have.
-        wrong: in which it has.
+        steps: in which it was possible.
+        wrong: in which it occurred.
         stretches: how many stretches of `ALIKE` seconds these steps lie in.
     """
 
@@ -134,7 +134,7 @@ class Rate:
     _stretch: int | None = field(default=None, repr=False)
 
     def add(self, stamp: float, wrong: bool) -> None:
-        """Count a step at a time [s]; steps come in order."""
+        """Count a step at a stamp [s]; steps come in order."""
         self.steps += 1
         self.wrong += wrong
         stretch = math.floor(stamp / ALIKE)
@@ -143,12 +143,12 @@ class Rate:
 
     @property
     def share(self) -> float:
-        """The part of the steps in which it went wrong; NaN without any."""
+        """The share of the steps with the error; NaN without any step."""
         return self.wrong / self.steps if self.steps else math.nan
 
     @property
     def interval(self) -> tuple[float, float]:
-        """The Wilson interval of the share, as of so many samples as there are stretches."""
+        """The Wilson interval of the share, for as many samples as there are stretches."""
         return wilson(self.share, min(self.stretches, self.steps))
 
 
@@ -157,9 +157,9 @@ class Half:
     """The score of one half of a recording.
 
     Attributes:
-        missed: steps with a labelled contact, of which none was told within reach.
-        false: steps without a labelled contact, in which one was told.
-        errors: from labelled places to the nearest contact, however far [m].
+        missed: steps with a labelled contact, without a detected one within reach.
+        false: steps without a labelled contact, with a detected one.
+        errors: distances from labelled positions to the nearest contact, however far [m].
     """
 
     missed: Rate = field(default_factory=Rate)
@@ -168,42 +168,42 @@ class Half:
 
     @property
     def cost(self) -> float:
-        """The part missed plus the part false; what cannot go wrong costs nothing."""
+        """The share missed plus the share false; a share without steps counts as 0."""
         return float(np.nansum([self.missed.share, self.false.share]))
 
     @property
     def error(self) -> float:
-        """The median distance from a labelled place to the nearest contact [m]; NaN: none."""
+        """The median distance from a labelled position to the nearest contact [m]; NaN: none."""
         return self.errors.at(0.5)
 
     def add(self, step: Step, label: Label | None, within: float) -> None:
-        """Count a step; a contact within so much of a labelled place is right [m]."""
+        """Count a step; a contact within `within` [m] of a labelled position is right."""
         contacts = step.fusion.contacts
         if label is None:
             self.false.add(step.stamp, bool(contacts))
         elif label.place is None:
             self.missed.add(step.stamp, not contacts)
         else:
-            away = [math.dist(one.position, label.place) for one in contacts]
+            away = [math.dist(contact.position, label.place) for contact in contacts]
             self.missed.add(step.stamp, not away or min(away) > within)
             if away:
                 self.errors.add(min(away))
 
     def as_dict(self) -> dict[str, Any]:
-        """What JSON holds of it."""
+        """The counts, as JSON holds them."""
         rows = np.flatnonzero(self.errors.counts)
         rates = {"missed": self.missed, "false": self.false}
         return {
-            **{name: [one.steps, one.wrong, one.stretches] for name, one in rates.items()},
+            **{name: [rate.steps, rate.wrong, rate.stretches] for name, rate in rates.items()},
             "errors": [[int(row), int(self.errors.counts[row])] for row in rows],
         }
 
     @classmethod
     def from_dict(cls, held: dict[str, Any]) -> Self:
-        """Read it back.
+        """The score of a half from JSON.
 
         Raises:
-            ValueError, TypeError, KeyError, IndexError: it is something else.
+            ValueError, TypeError, KeyError, IndexError: it holds something else.
         """
         missed, false = (Rate(*map(int, held[name])) for name in ("missed", "false"))
         half = cls(missed, false)
@@ -228,13 +228,13 @@ class Score:
 
 
 def scored(steps: Iterable[Step], labels: Sequence[Label], split: float, within: float) -> Score:
-    """Compare steps with labels.
+    """The score of steps against labels.
 
     Args:
-        steps: in order; each is looked at once.
+        steps: in order; each is used once.
         labels: in order, without overlap.
-        split: the time that parts the halves [s].
-        within: a contact so near a labelled place is right [m].
+        split: the time that splits the halves [s].
+        within: a contact is right within this distance of a labelled position [m].
     """
     halves, first, last, at = (Half(), Half()), math.nan, math.nan, 0
     for step in steps:

@@ -16,13 +16,13 @@ class BumperConfig(cf.GeneratorConfig):
     centre: Vector = (0.0, 0.0, 0.0)
     """The middle of the face [m]."""
     u: Vector = (0.0, 0.1, 0.0)
-    """From the centre to the middle of one edge [m]."""
+    """Vector from the centre to the middle of an edge [m]."""
     v: Vector = (0.0, 0.0, 0.05)
-    """From the centre to the middle of the next edge [m]."""
+    """Vector from the centre to the middle of the next edge [m]."""
     spacing: float = Field(default=0.005, gt=0)
     """The greatest distance between neighbouring hypotheses [m]; at most the side of a voxel."""
     probability: float = Field(default=1.0, ge=0, le=1)
-    """How surely a closed switch means a contact."""
+    """Probability of a contact when the switch is closed; 1: certain."""
 
 
 class BumperGenerator(cf.Generator[BumperConfig]):
@@ -32,7 +32,7 @@ class BumperGenerator(cf.Generator[BumperConfig]):
     readings = (cf.Switch,)
 
     def generate(self, reading: cf.Reading, state: cf.State) -> Sequence[cf.HypothesisCloud]:
-        """Give the face while the switch is closed; each place stands for a cell around it."""
+        """The face while the switch is closed; each position stands for a cell around it."""
         assert isinstance(reading, cf.Switch)
         if not reading.closed:
             return [self.nothing(reading)]
@@ -46,5 +46,5 @@ class BumperGenerator(cf.Generator[BumperConfig]):
 
 @cf.hookimpl
 def contactfusion_generators() -> Mapping[str, type[cf.Generator[BumperConfig]]]:
-    """Offer the bumper."""
+    """The bumper, as a plug-in."""
     return {"bumper": BumperGenerator}

@@ -1,4 +1,4 @@
-"""The bumper keeps the contract, and says what it should."""
+"""The bumper keeps the contract, and its clouds hold the right probabilities."""
 
 import numpy as np
 import pytest
@@ -10,13 +10,13 @@ STATE = State(now=0.0, grid=Grid("base", 0.005))
 
 
 def test_it_keeps_the_contract() -> None:
-    """The kit has nothing to say against it."""
+    """The conformance kit finds no fault."""
     check_generator(BumperGenerator)
     check_generator(BumperGenerator, config=BumperConfig(probability=0.9, spacing=0.001))
 
 
 def test_a_closed_switch_spreads_its_probability_over_the_face() -> None:
-    """The sum is P(contact), the places lie on the face."""
+    """The sum is P(contact), the positions lie on the face."""
     bumper = BumperGenerator("front", BumperConfig(centre=(0.3, 0.0, 0.1), probability=0.8))
     (cloud,) = bumper.generate(Switch(stamp=0.0, frame="base", closed=True), STATE)
     assert cloud.single

@@ -14,7 +14,7 @@ from contactfusion.robots.model import RobotModel
 from contactfusion.robots.objects import ObjectConfig, ObjectModel
 from contactfusion_lab.scenes.approach import Approach, led_by, solved, straight, tries
 from contactfusion_lab.scenes.touch.config import TouchConfig
-from contactfusion_lab.scenes.touch.scene import FAR, aimed, drawn_posture, way_to_touch
+from contactfusion_lab.scenes.touch.scene import FAR, aimed, distance_to_touch, drawn_posture
 from tests.hands import slide
 from tests.poker import poker
 from tests.urdfs import ARM_HAND, real
@@ -73,8 +73,8 @@ def test_the_way_is_within_the_limits_and_moves_the_arm_only(way: Approach) -> N
     assert (way.joints >= low).all() and (way.joints <= high).all()
     fingers = [number for number, name in enumerate(model.joint_names) if "finger" in name]
     assert len(fingers) == 8
-    assert np.array_equal(way.joints[:, fingers], np.tile(bent()[fingers], (len(way.ways), 1)))
-    assert way.ways[0] == -BEFORE and way.ways[-1] == BEYOND
+    assert np.array_equal(way.joints[:, fingers], np.tile(bent()[fingers], (len(way.distances), 1)))
+    assert way.distances[0] == -BEFORE and way.distances[-1] == BEYOND
     assert np.abs(np.diff(way.joints, axis=0)).max() < 0.1
 
 
@@ -103,7 +103,7 @@ def test_a_way_that_can_be_gone_in_part_only_is_none(tmp_path: Path) -> None:
         assert (found is not None) is reached
         if found is not None:
             assert np.allclose(found.joints[:, 0], 0.1, atol=2e-4)
-            assert np.allclose(found.joints[:, 1], place + found.ways, atol=2e-4)
+            assert np.allclose(found.joints[:, 1], place + found.distances, atol=2e-4)
 
 
 def test_the_joints_that_lead_a_link_are_those_before_it(tmp_path: Path) -> None:
@@ -237,7 +237,7 @@ def cube(tmp_path_factory: pytest.TempPathFactory) -> RobotModel:
 
 def way_of(model: RobotModel, target: ObjectModel, ahead: tuple[float, ...] = (1, 0, 0)) -> float:
     poses = model.poses_at(np.zeros(1))
-    return way_to_touch(model, {"hand"}, poses, np.array(ahead, np.float64), target)
+    return distance_to_touch(model, {"hand"}, poses, np.array(ahead, np.float64), target)
 
 
 def test_the_way_to_a_box_ahead_is_the_gap_between_the_faces(cube: RobotModel) -> None:
@@ -271,7 +271,7 @@ def test_only_the_links_that_may_touch_count(tmp_path: Path) -> None:
             | {"pose": {"parent": "base", "xyz": (0.0, 0.0, above + 0.1)}}
         )
     )
-    palm = way_to_touch(model, {"palm"}, poses, up, target)
+    palm = distance_to_touch(model, {"palm"}, poses, up, target)
     assert palm == pytest.approx(above - poses["palm"][2, 3] - 0.07, abs=1e-6)
-    hand = way_to_touch(model, {"palm", "finger_3_distal"}, poses, up, target)
+    hand = distance_to_touch(model, {"palm", "finger_3_distal"}, poses, up, target)
     assert hand < palm - 0.05

@@ -20,7 +20,7 @@ from contactfusion.run.configuration import setting_of_recording
 from contactfusion.run.execute import run_file
 from contactfusion_lab.demo import run as demo
 from contactfusion_lab.demo.account import Story
-from contactfusion_lab.demo.run import show, told
+from contactfusion_lab.demo.run import reported, show
 from contactfusion_lab.demo.scene import DIES, scene_fields
 
 pytestmark = pytest.mark.slow
@@ -182,7 +182,7 @@ def test_in_a_terminal_the_state_is_live(shown: Shown) -> None:
     moments = shown[2].moments[95:110]
     screen = StringIO()
     console = Console(file=screen, force_terminal=True, width=100)
-    assert list(told(moments, console)) == moments
+    assert list(reported(moments, console)) == moments
     assert "by lidar" in screen.getvalue() and "█" in screen.getvalue()
     assert "silent for" in screen.getvalue()
 

@@ -230,7 +230,7 @@ def led(command: Command, seconds: float, **start: float) -> FloatArray:
     stiffness = np.full(len(names), 400.0)
     driver = GraspDriver(robot(), "palm", one.gripper, one.grip, stiffness, wanted)
     driver.obey(command)
-    ways = [wanted, *(driver.advance(driver.wanted) for _ in range(round(seconds / STEP)))]
+    ways = [wanted, *(driver.advance(driver.commanded) for _ in range(round(seconds / STEP)))]
     arm = [row for row, name in enumerate(names) if name.startswith("arm_")]
     fastest: FloatArray = np.abs(np.diff(ways, axis=0)).max(axis=0)[arm] / STEP
     return fastest

@@ -205,9 +205,9 @@ def test_a_misplaced_lidar_sees_the_same_scene_from_elsewhere() -> None:
 
 
 def chance_of(name: str, seed: int = 0) -> np.random.Generator:
-    from contactfusion_lab.scenes.push.sensors import _chance
+    from contactfusion_lab.scenes.push.sensors import _rng_of
 
-    return _chance(seed, name)
+    return _rng_of(seed, name)
 
 
 @pytest.mark.parametrize(

@@ -255,7 +255,7 @@ def test_what_is_wrong_in_a_file_is_told_with_its_name(
     with pytest.raises(ConfigurationError, match=problem) as error:
         read_object(path)
     assert str(error.value).startswith(str(path)) and str(error.value).count(str(path)) == 1
-    assert "thing." not in str(error.value)
+    assert "object." not in str(error.value)
 
 
 @pytest.mark.parametrize("name", ["crate.yaml", "crate.urdf"])

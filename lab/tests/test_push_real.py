@@ -44,9 +44,9 @@ def dent(one: PushWorld) -> float:
 
 def in_the_box(one: PushWorld) -> FloatArray:
     """Give where the ball is, shape (3,) [m], in the frame of its box."""
-    assert one._thing.ball is not None
+    assert one._pushed.ball is not None
     x, y, yaw = one.object_pose
-    ahead, aside, height = place(one, one._thing.ball) - (x, y, 0.0)
+    ahead, aside, height = place(one, one._pushed.ball) - (x, y, 0.0)
     cos, sin = math.cos(yaw), math.sin(yaw)
     return np.array([cos * ahead + sin * aside, cos * aside - sin * ahead, height])
 
@@ -124,7 +124,7 @@ def test_a_ball_keeps_rolling_when_its_box_has_stopped() -> None:
 
 def test_a_box_without_a_ball_is_hollow_and_lighter() -> None:
     one = world(object=told_box(ball=None))
-    assert one._thing.ball is None and one.mass() == pytest.approx(6.0)
+    assert one._pushed.ball is None and one.mass() == pytest.approx(6.0)
     assert moved(one, 10, 0.2, 0.0, 0.0) == pytest.approx([0.2, 0.0, 0.0], abs=4e-3)
 
 

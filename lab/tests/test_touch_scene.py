@@ -350,7 +350,7 @@ def test_a_poker_goes_as_fast_as_it_is_told(pokes: RobotModel, speed: float) -> 
 
 
 def test_a_hand_that_may_not_touch_finds_no_way(pokes: RobotModel) -> None:
-    with pytest.raises(RobotError, match="reaches 'wall' in none of 60 ways"):
+    with pytest.raises(RobotError, match="reaches 'wall' on none of 60 paths"):
         done(poke(hand=("flange",)), pokes)
 
 
@@ -366,7 +366,7 @@ def test_a_hand_does_not_go_through_what_stands_in_its_way(
     if free:
         assert done(scene, pokes).truth.contacts.links == ("palm",)
     else:
-        with pytest.raises(RobotError, match="reaches 'wall' in none of 60 ways"):
+        with pytest.raises(RobotError, match="reaches 'wall' on none of 60 paths"):
             done(scene, pokes)
 
 
@@ -407,7 +407,7 @@ def test_an_object_by_urdf_is_touched() -> None:
 def test_an_object_out_of_the_workspace_is_told_by_name() -> None:
     box = {**SCENE["objects"]["box"], "pose": {"parent": "base", "xyz": (5.0, 0.0, 0.3)}}
     scene = TouchScene(config(objects={"crate": box}), arm_and_hand())
-    with pytest.raises(RobotError, match="reaches 'crate' in none of .* outside the workspace"):
+    with pytest.raises(RobotError, match="reaches 'crate' on none of .* outside the workspace"):
         next(scene.readings())
 
 

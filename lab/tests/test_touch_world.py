@@ -11,7 +11,7 @@ from contactfusion.arrays import FloatArray
 from contactfusion.frames import Pose, points_in, vectors_in
 from contactfusion.robots.model import RobotModel
 from contactfusion.robots.objects import ObjectConfig, ObjectModel
-from contactfusion_lab.scenes.arm import SpringyArm
+from contactfusion_lab.scenes.arm import CompliantArm
 from contactfusion_lab.scenes.touch.world import FAINT, Touching, TouchWorld, contacts_of
 from tests.poker import RADIUS, WRISTS, poker
 from tests.urdfs import ARM_HAND, random_joints, real
@@ -36,7 +36,7 @@ class Poke:
 
     model: RobotModel
     world: TouchWorld
-    arm: SpringyArm
+    arm: CompliantArm
     wanted: float
 
     @property

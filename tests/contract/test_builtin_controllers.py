@@ -64,7 +64,7 @@ def arrival(one: PushingController[Any]) -> float:
 
 
 def numbers(decision: Decision) -> tuple[float, float, float]:
-    return decision.ahead, decision.aside, decision.turn
+    return decision.forward, decision.lateral, decision.yaw_rate
 
 
 @st.composite
@@ -119,8 +119,8 @@ def test_every_decision_is_finite_and_explained(
     for step in taken:
         decision = one.decide(*step)
         assert np.isfinite(numbers(decision)).all()
-        assert math.hypot(decision.ahead, decision.aside) < 0.5
-        assert abs(decision.turn) < 0.5
+        assert math.hypot(decision.forward, decision.lateral) < 0.5
+        assert abs(decision.yaw_rate) < 0.5
         assert decision.mode
         assert decision.reason
 
@@ -203,8 +203,8 @@ def test_before_the_first_contact_it_goes_straight_ahead(
     name: str, options: dict[str, Any]
 ) -> None:
     decision = controller(name, options).decide(None, (0.3, 0.2, 1.0), 0.0)
-    assert decision.ahead > 0.0
-    assert (decision.aside, decision.turn) == (0.0, 0.0)
+    assert decision.forward > 0.0
+    assert (decision.lateral, decision.yaw_rate) == (0.0, 0.0)
 
 
 @each_pusher
@@ -216,9 +216,9 @@ def test_what_sticks_to_the_middle_of_the_face_gets_to_a_target_ahead(
     x, y, yaw, index = -0.3, 0.0, 0.0, 0
     decision = one.decide(None, (x, y, yaw), 0.0)
     while decision.mode != ARRIVED and index < 3000:
-        x += PERIOD * (math.cos(yaw) * decision.ahead - math.sin(yaw) * decision.aside)
-        y += PERIOD * (math.sin(yaw) * decision.ahead + math.cos(yaw) * decision.aside)
-        yaw += PERIOD * decision.turn
+        x += PERIOD * (math.cos(yaw) * decision.forward - math.sin(yaw) * decision.lateral)
+        y += PERIOD * (math.sin(yaw) * decision.forward + math.cos(yaw) * decision.lateral)
+        yaw += PERIOD * decision.yaw_rate
         index += 1
         touch = touched(0.0, 0.0) if index > 5 else None
         decision = one.decide(touch, (x, y, yaw), PERIOD * index)

@@ -19,11 +19,11 @@ Types = dict[str, Any]
 """By the names of types: their constants and their fields, as rosbags holds them."""
 HEADER = "std_msgs/msg/Header"
 SAME_IN_BOTH = ("builtin_interfaces/msg/Time", "builtin_interfaces/msg/Duration")
-"""Types that ROS 1 has no definition of, as they are built in."""
+"""Built-in types of ROS 1, which have no definition there."""
 RENAMED = {"tf/msg/tfMessage": "tf2_msgs/msg/TFMessage"}
-"""Types of ROS 1 that ROS 2 calls otherwise."""
+"""Types of ROS 1 with another name in ROS 2."""
 RULE = 80 * "=" + "\n"
-"""What stands between the parts of a definition."""
+"""The separator of the parts of a definition."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,14 +32,14 @@ class Channel:
 
     Attributes:
         topic: the topic.
-        msgtype: the type as ROS 2 calls it, e.g. "geometry_msgs/msg/WrenchStamped".
-        count: how many messages there are.
-        publisher: the node that sent them, or what stands for it where none is told.
-        standard: whether the type is what ROS 2 or this project means by it.
-        cdr: gives the CDR of bytes from the file; a RecordingError when nobody knows their layout.
-        definition: gives the definition in .msg of ROS 2, with those that it is made of.
-        header: gives the stamp [ns] and the frame of the first header in bytes from the file; None
-            when the type has none, or its definition can't be parsed.
+        msgtype: the type's name in ROS 2, e.g. "geometry_msgs/msg/WrenchStamped".
+        count: number of messages.
+        publisher: the node that sent them, or a number where the file names none.
+        standard: whether the type is defined as in ROS 2 or in this project.
+        cdr: the CDR of bytes from the file; a RecordingError when their layout is unknown.
+        definition: the definition in .msg of ROS 2, with those of its parts.
+        header: the stamp [ns] and the frame of the first header in bytes from the file; None when
+            the type has none, or its definition can't be parsed.
     """
 
     topic: str
@@ -52,33 +52,33 @@ class Channel:
     header: Callable[[bytes], tuple[int, str]] | None
 
 
-def channel_of(one: "Connection", number: int, *, ros1: bool) -> Channel:
+def channel_of(connection: "Connection", number: int, *, ros1: bool) -> Channel:
     """A connection of rosbags' as a channel; one with a wrong definition is not standard.
 
     Args:
-        one: the connection.
-        number: which of its topic's it is, for where no publisher is told.
+        connection: of rosbags.
+        number: its number among those of its topic, for where no publisher is named.
         ros1: whether it is one of ROS 1.
     """
-    msgtype = RENAMED.get(one.msgtype, one.msgtype)
+    msgtype = RENAMED.get(connection.msgtype, connection.msgtype)
     header = None
     try:
-        types = types_in(one.msgdef, msgtype)
+        types = types_in(connection.msgdef, msgtype)
         standard = is_standard(msgtype, types)
         if msgtype == TRANSFORMS or _starts_with_header(msgtype, types):
             header = partial(_header, at=8 if msgtype == TRANSFORMS else 4, ros1=ros1)
     except RecordingError:
         standard = False
     return Channel(
-        topic=one.topic,
+        topic=connection.topic,
         msgtype=msgtype,
-        count=one.msgcount,
-        publisher=getattr(one.ext, "callerid", None) or f"publisher {number}",
+        count=connection.msgcount,
+        publisher=getattr(connection.ext, "callerid", None) or f"publisher {number}",
         standard=standard,
-        cdr=partial(_cdr_of_ros1, definition=one.msgdef, msgtype=msgtype, standard=standard)
+        cdr=partial(_cdr_of_ros1, definition=connection.msgdef, msgtype=msgtype, standard=standard)
         if ros1
         else bytes,
-        definition=partial(ros2_text, one.msgdef, msgtype, ros1=ros1),
+        definition=partial(ros2_text, connection.msgdef, msgtype, ros1=ros1),
         header=header,
     )
 
@@ -92,8 +92,8 @@ def types_in(definition: "MessageDefinition", msgtype: str) -> Types:
     """The types that a definition defines; those of ROS 2 when there is no definition.
 
     Args:
-        definition: in .msg or .idl, with those that it is made of.
-        msgtype: what it defines.
+        definition: in .msg or .idl, with those of its parts.
+        msgtype: its type.
 
     Raises:
         RecordingError: it can't be parsed.
@@ -113,11 +113,11 @@ def types_in(definition: "MessageDefinition", msgtype: str) -> Types:
 
 
 def is_standard(msgtype: str, types: Types) -> bool:
-    """Whether a type, and all that it is made of, is what ROS 2 or this project means by it.
+    """Whether a type, and all its parts, are defined as in ROS 2 or in this project.
 
     Args:
         msgtype: the type.
-        types: what a file says of types.
+        types: as a file defines them.
     """
     known = typestore().fielddefs
     if types is known:
@@ -136,11 +136,11 @@ def _header_of(raw: bytes, at: int, *, big_endian: bool) -> tuple[int, str]:
 
     Args:
         raw: the message as the file holds it.
-        at: where the seconds are [bytes].
-        big_endian: the order of bytes in it.
+        at: offset of the seconds [bytes].
+        big_endian: the byte order.
 
     Raises:
-        struct.error: the message ends before.
+        struct.error: the message is too short.
     """
     seconds, nanoseconds, length = unpack_from(">III" if big_endian else "<III", raw, at)
     frame = bytes(raw[at + 12 : at + 12 + length]).rstrip(b"\0").decode(errors="replace")
@@ -162,22 +162,22 @@ def _cdr_of_ros1(
 
     Args:
         raw: the message as a bag holds it.
-        definition: that of its type.
+        definition: of its type.
         msgtype: its type.
         standard: whether the type is a standard one.
 
     Raises:
-        RecordingError: the definition does not hold together.
+        RecordingError: the definition is not complete.
     """
     store = typestore() if standard else _store(definition, msgtype)
     return store.ros1_to_cdr(raw, msgtype)
 
 
 def ros2_text(definition: "MessageDefinition", msgtype: str, *, ros1: bool) -> str:
-    """A definition as ROS 2 writes it in .msg; nothing when nobody knows it.
+    """A definition as ROS 2 writes it in .msg; empty when it is unknown.
 
     Args:
-        definition: as it stands in the file.
+        definition: as in the file.
         msgtype: the type.
         ros1: whether the file is one of ROS 1.
     """

@@ -1,4 +1,4 @@
-"""What a recording of ROS holds, and which of it is read as which sensor."""
+"""Topics of a recording of ROS, and the sensors as which they are read."""
 
 from collections.abc import Mapping, Sequence
 from itertools import groupby
@@ -16,27 +16,29 @@ from contactfusion.recordings.ros.topics import Topic, parent, usual_sensor
 from contactfusion.recordings.step_messages import OURS
 
 TRUTH = "/truth/"
-"""What a topic begins with that tells what no sensor knows."""
+"""The prefix of topics with ground truth, which no sensor measures."""
 PACKETS = "/PacketMsg"
-"""The types of Ouster's raw packets end with this."""
+"""The suffix of the types of Ouster's raw packets."""
 SEVERAL = " and "
-"""What stands between the types of a topic that has several."""
+"""The separator of the types of a topic that has several."""
 
 
 def contents_of(bag: Bag) -> dict[str, Topic]:
-    """All topics of a bag that is open, by name."""
-    by_topic = sorted(bag.channels, key=lambda one: one.topic)
-    groups = {name: list(group) for name, group in groupby(by_topic, key=lambda one: one.topic)}
+    """All topics of an open bag, by name."""
+    by_topic = sorted(bag.channels, key=lambda channel: channel.topic)
+    by_name = groupby(by_topic, key=lambda channel: channel.topic)
+    groups = {name: list(group) for name, group in by_name}
     types = {
-        name: SEVERAL.join(sorted({one.msgtype for one in group})) for name, group in groups.items()
+        name: SEVERAL.join(sorted({channel.msgtype for channel in group}))
+        for name, group in groups.items()
     }
     return {
         name: Topic(
             name,
             types[name],
-            sum(one.count for one in group),
+            sum(channel.count for channel in group),
             None if name.startswith(OURS) else _kind(bag, name, group, types),
-            len({one.publisher for one in group}),
+            len({channel.publisher for channel in group}),
         )
         for name, group in groups.items()
     }
@@ -50,12 +52,12 @@ def topics_of(
     Args:
         path: the recording, for sentences.
         contents: all its topics.
-        wanted: topics by sensor, or what sensors are called without; when empty, all that can be
-            read, but for what a simulation tells of the truth.
+        wanted: topics, or default names of sensors, by sensor; when empty, all topics that can be
+            read, but for ground truth.
 
     Raises:
-        RecordingError: a topic is not there, can't be read, or is wanted twice; or there is none
-            that can be.
+        RecordingError: a topic does not exist, can't be read, or is wanted twice; or none can be
+            read.
     """
     usual: dict[str, tuple[str, ...]] = {}
     for name, topic in contents.items():
@@ -69,10 +71,12 @@ def topics_of(
     taken: dict[str, str] = {}
     for sensor, group in wanted.items():
         found[sensor] = tuple(topic for name in group for topic in _meant(name, contents, usual))
-        for one in found[sensor]:
-            _require_readable(path, contents, one)
-            if taken.setdefault(one, sensor) != sensor:
-                raise RecordingError(f"'{taken[one]}' and '{sensor}' are both {one}; name it once")
+        for full in found[sensor]:
+            _require_readable(path, contents, full)
+            if taken.setdefault(full, sensor) != sensor:
+                raise RecordingError(
+                    f"'{taken[full]}' and '{sensor}' are both {full}; name it once"
+                )
     for sensor, names in usual.items():
         if contents[names[0]].kind is Transform and names[0] not in taken:
             found[names[0] if sensor in found else sensor] = names
@@ -82,7 +86,7 @@ def topics_of(
 def _meant(
     name: str, contents: Mapping[str, Topic], usual: Mapping[str, tuple[str, ...]]
 ) -> tuple[str, ...]:
-    """The topics that a name means: a topic, or all of what is usually called so."""
+    """The topics of a name: itself, or all of the sensor with this default name."""
     is_topic = name in contents or name.removeprefix("/") not in usual
     return (name,) if is_topic else usual[name.removeprefix("/")]
 
@@ -90,10 +94,10 @@ def _meant(
 def _kind(
     bag: Bag, name: str, group: list[Channel], types: Mapping[str, str]
 ) -> type[Reading] | None:
-    """The kind of readings that the messages of a topic make; None: they make none."""
+    """The kind of the readings of a topic; None where it has none."""
     msgtype = types[name]
     codec = installed_kinds().by_message().get(msgtype)
-    if codec is None or not all(one.standard for one in group):
+    if codec is None or not all(channel.standard for channel in group):
         return None
     if codec.kind is DepthImage:
         beside = types.get(f"{parent(name)}/{INFO}")
@@ -102,12 +106,12 @@ def _kind(
 
 
 def _holds_depth(bag: Bag, group: list[Channel]) -> bool:
-    """Whether the first image is one of depth."""
+    """Whether the first image is a depth image."""
     try:
         for channel, _, raw in bag.messages(group):
             image = typestore().deserialize_cdr(channel.cdr(raw), channel.msgtype)
             return getattr(image, "encoding", "") in DEPTHS
-    except Exception:  # of many kinds; what is wrong is told when it is read
+    except Exception:  # of many kinds; it is reported when the topic is read
         return False
     return False
 
@@ -127,7 +131,7 @@ def _require_readable(path: Path, contents: Mapping[str, Topic], name: str) -> N
 
 
 def why_unread(topic: Topic) -> str:
-    """Why a topic can't be read whose type can, as the end of a sentence; empty for other types."""
+    """Why a topic of a readable type can't be read, as a clause; empty for other types."""
     if topic.msgtype == IMAGE:
         return f", and it is no image of depth, or has no {INFO} beside it"
     if topic.name.startswith(OURS) and topic.msgtype in installed_kinds().by_message():
@@ -149,13 +153,13 @@ def _readable() -> tuple[str, ...]:
 def _require_something(path: Path, contents: Mapping[str, Topic]) -> None:
     for name, topic in contents.items():
         types = topic.msgtype.split(SEVERAL)
-        if len(types) > 1 and any(one in _readable() for one in types):
+        if len(types) > 1 and any(msgtype in _readable() for msgtype in types):
             _require_readable(path, contents, name)
     if any(topic.kind for topic in contents.values()):
         return
     if any(topic.msgtype.endswith(PACKETS) for topic in contents.values()):
         raise RecordingError(f"{path} holds raw packets of Ouster's; convert it by: {CONVERT}")
-    held = ", ".join(f"{name} ({one.msgtype})" for name, one in contents.items()) or "nothing"
+    held = ", ".join(f"{name} ({topic.msgtype})" for name, topic in contents.items()) or "nothing"
     readable = ", ".join(_readable())
     raise RecordingError(
         f"{path} holds nothing that can be read, which is {readable}; it holds: {held}"

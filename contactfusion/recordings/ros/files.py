@@ -28,15 +28,15 @@ from contactfusion.recordings.ros.readers import (
 )
 
 ROS1 = (".bag", ".active")
-"""What bags of ROS 1 end with; `.bag.active` is one whose recorder was killed."""
+"""Suffixes of bags of ROS 1; `.bag.active` is one whose recorder was killed."""
 ROS2 = (".mcap", ".db3")
 Logged = tuple[Channel, int, bytes]
-"""A message: its channel, when it was logged [ns], and its bytes as they lie in the file."""
+"""A message: its channel, its stamp in the log [ns], and its bytes as in the file."""
 
 
 @dataclass(eq=False)
 class _File:
-    """One file that is open: its reader, of rosbags, its channels, and what is wrong with it."""
+    """An open file: its reader, of rosbags, its channels, and what is wrong with it."""
 
     path: Path
     reader: Any
@@ -45,42 +45,43 @@ class _File:
     problem: str = ""
 
     def __post_init__(self) -> None:
-        """Name its channels."""
+        """Make the channels."""
         alike: Counter[str] = Counter()
-        for one in self.reader.connections:
-            alike[one.topic] += 1
-            ros1 = _is_ros1(self.path) or one.ext.serialization_format == ROS1_IN_MCAP
-            self.channels[one.id] = channel_of(one, alike[one.topic], ros1=ros1)
+        for connection in self.reader.connections:
+            alike[connection.topic] += 1
+            ros1 = _is_ros1(self.path) or connection.ext.serialization_format == ROS1_IN_MCAP
+            number = alike[connection.topic]
+            self.channels[connection.id] = channel_of(connection, number, ros1=ros1)
 
     @property
     def count(self) -> int:
-        """How many messages it holds."""
-        return sum(one.count for one in self.channels.values())
+        """The number of its messages."""
+        return sum(channel.count for channel in self.channels.values())
 
 
 @final
 class Bag:
-    """One recording of ROS, be it one file or a folder of several; use as a context manager.
+    """A recording of ROS of one file or of a folder of several; use as a context manager.
 
     Args:
         path: a `.bag`, `.db3` or `.mcap`, a folder of rosbag2, or one of files without metadata.
 
     Raises:
         DependencyError: rosbags is not installed.
-        RecordingError: there is no such file, or nothing in it can be read.
+        RecordingError: there is no such file, or none of it can be read.
     """
 
     def __init__(self, path: Path) -> None:
         self.path = path
         self.channels: list[Channel] = []
-        """What it holds."""
+        """All channels."""
         self.first_ns = 0
-        """When its first message was logged [ns]."""
+        """Stamp of its first message in the log [ns]."""
         self.last_ns = 0
-        """When its last message was logged [ns]."""
+        """Stamp of its last message in the log [ns]."""
         self._files: list[_File] = []
         self._lost: list[str] = []
-        """What is wrong with files of which nothing can be read."""
+        """Problems of files that can't be read at all."""
         self._stack = ExitStack()
 
     def __enter__(self) -> Self:
@@ -99,10 +100,10 @@ class Bag:
             if not self._files:
                 raise RecordingError(self._lost[0])
             self._stack = stack.pop_all()
-        self.channels = [one for file in self._files for one in file.channels.values()]
-        told = [file.reader for file in self._files if file.count]
-        self.first_ns = min((reader.start_time for reader in told), default=0)
-        self.last_ns = max((reader.end_time for reader in told), default=0)
+        self.channels = [channel for file in self._files for channel in file.channels.values()]
+        filled = [file.reader for file in self._files if file.count]
+        self.first_ns = min((reader.start_time for reader in filled), default=0)
+        self.last_ns = max((reader.end_time for reader in filled), default=0)
         return self
 
     def __exit__(
@@ -117,18 +118,18 @@ class Bag:
     def messages(
         self, channels: Collection[Channel], start_ns: int | None = None, stop_ns: int | None = None
     ) -> Iterator[Logged]:
-        """Give messages in the order in which they were logged.
+        """The messages in the order of the log.
 
         Args:
-            channels: some of this bag.
-            start_ns: only what was logged then or later [ns].
-            stop_ns: only what was logged earlier [ns].
+            channels: of this bag.
+            start_ns: earliest stamp in the log [ns].
+            stop_ns: stamp in the log before which messages end [ns].
 
         Raises:
             RecordingError: at the end, when a file is cut off or damaged.
         """
         parts = [self._messages(file, channels, start_ns, stop_ns) for file in self._files]
-        yield from parts[0] if len(parts) == 1 else merge(*parts, key=lambda one: one[1])
+        yield from parts[0] if len(parts) == 1 else merge(*parts, key=lambda logged: logged[1])
         for problem in filter(None, (*(file.problem for file in self._files), *self._lost)):
             raise RecordingError(problem)
 
@@ -136,7 +137,7 @@ class Bag:
         self, file: _File, channels: Collection[Channel], start: int | None, stop: int | None
     ) -> Iterator[Logged]:
         table = file.channels
-        wanted = [one for one in file.reader.connections if table[one.id] in channels]
+        wanted = [link for link in file.reader.connections if table[link.id] in channels]
         if not wanted:
             return
         given = 0
@@ -150,7 +151,7 @@ class Bag:
             for connection, stamp, raw in file.reader.messages(wanted, start, stop):
                 given += 1
                 yield table[connection.id], stamp, raw
-        except Exception as error:  # rosbags meets damage with errors of many kinds
+        except Exception as error:  # rosbags raises errors of many kinds for damage
             file.problem = file.problem or (
                 f"{file.path} is damaged after {given} messages ({_why(error)}); mend it by: {mend}"
             )
@@ -161,14 +162,14 @@ def _is_ros1(path: Path) -> bool:
 
 
 def _files_in(path: Path) -> list[Path]:
-    """Give what rosbags opens: a file, a folder of rosbag2, or each file of another folder."""
+    """The paths that rosbags opens: a file, a folder of rosbag2, or each file of another folder."""
     if not path.is_dir():
         require_file(path, RecordingError)
         return [path]
-    whole = not any(_lacks_its_end(one) for one in path.glob("*.mcap"))
+    whole = not any(_lacks_its_end(file) for file in path.glob("*.mcap"))
     if (path / "metadata.yaml").is_file() and whole:
         return [path]
-    files = sorted(one for one in path.iterdir() if one.suffix in (*ROS1, *ROS2))
+    files = sorted(file for file in path.iterdir() if file.suffix in (*ROS1, *ROS2))
     if not files:
         raise RecordingError(f"there is no {', '.join((*ROS1, *ROS2))} in the folder {path}")
     return files
@@ -197,12 +198,12 @@ def _opened(path: Path) -> _File:
 
 
 def _why(error: Exception) -> str:
-    """What rosbags met; of records that are longer than the file it says nothing."""
+    """The problem that rosbags reported; for records longer than the file it has no words."""
     return str(error) or "it promises more than fits into memory"
 
 
 def _heed_order(reader: Any) -> None:
-    """See to it that what was recorded after a clock was set back does not come before."""
+    """Keep messages after a clock was set back from being sorted before earlier ones."""
     from rosbags.rosbag1 import Reader as Bag1
     from rosbags.rosbag2.storage_mcap import McapReader
 
@@ -215,15 +216,15 @@ def _heed_order(reader: Any) -> None:
 
 
 def _of_others(path: Path) -> _File | None:
-    """Give an MCAP file that is whole, but not of ROS 2 alone."""
+    """An MCAP file that is complete, but not of ROS 2 alone."""
     if path.suffix == ".mcap" and path.is_file() and not _lacks_its_end(path):
-        with suppress(Exception):  # of many kinds: then it is none
+        with suppress(Exception):  # of many kinds: then it is no such file
             return _File(path, AnyMcap(path), is_cut=False)
     return None
 
 
 def _scanned(path: Path) -> _File | None:
-    """Give a file that lacks its end, or nothing when it is none of which a part can be read."""
+    """A file that lacks its end; None when it is none of which a part can be read."""
     if _lacks_its_end(path) and _begins(path, MCAP_MAGIC):
         return _File(path, ScannedMcap(path), is_cut=True)
     if path.suffix in ROS1 and _begins(path, BAG_MAGIC):
@@ -234,7 +235,7 @@ def _scanned(path: Path) -> _File | None:
 
 
 def _lacks_its_end(path: Path) -> bool:
-    """Tell whether this is the beginning of an MCAP file, or nothing of one."""
+    """Whether this is the beginning of an MCAP file, or an empty file."""
     if path.suffix != ".mcap" or not path.is_file():
         return False
     with suppress(OSError), path.open("rb") as file:

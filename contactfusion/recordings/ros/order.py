@@ -1,4 +1,4 @@
-"""The order of what a recording of ROS holds: by header stamps, with an eye on the clocks."""
+"""The order of a recording of ROS: by header stamps, with checks of the clocks."""
 
 import heapq
 from collections.abc import Iterator
@@ -12,30 +12,30 @@ from contactfusion.recordings.ros.topics import Listener, Part
 from contactfusion.time import NANOSECONDS_PER_SECOND
 
 LONGEST_LEAP = 3600 * NANOSECONDS_PER_SECOND
-"""A clock that gets so far ahead of the log from one message to the next was set [ns]."""
+"""The greatest lead of a clock over the log between messages [ns]; beyond, the clock was set."""
 LONGEST_PAUSE = 24 * LONGEST_LEAP
-"""Where the log itself leaps so far its clock was set, too: nobody waits for so long [ns]."""
+"""The greatest leap of the log itself [ns]; beyond, its clock was set, too."""
 LONGEST_WAY = LONGEST_FALL // 2
-"""What was measured before a clock was set is in the log so soon after it [ns]."""
+"""The greatest delay in the log of messages that were stamped before a clock was set [ns]."""
 
 
 @dataclass(slots=True)
 class TopicTally:
-    """What was heard of a topic.
+    """Statistics of a topic.
 
     Attributes:
-        messages: how many messages there were.
-        readings: how many readings were made of them.
-        out_of_order: how many stamps were lower than the one before.
-        unreadable: how many messages could not be read, or held no reading.
-        why_unreadable: what was wrong with the first of them.
-        refused: how many held values that no sensor can have given, or came more than a second
-            after later ones.
-        why_refused: what was wrong with the first of them.
+        messages: number of messages.
+        readings: number of readings that were made of them.
+        out_of_order: number of stamps that are lower than the one before.
+        unreadable: number of messages that could not be read, or held no reading.
+        why_unreadable: the problem of the first of them.
+        refused: number of messages with values that are invalid for their sensor, or that came more
+            than a second after later ones.
+        why_refused: the problem of the first of them.
         first: its lowest stamp [s], or None.
-        last: its highest [s], or None.
+        last: its highest stamp [s], or None.
         longest_gap: the longest time from one stamp to the next [s].
-        gap_at: the stamp at which that gap began [s].
+        gap_at: the stamp at the start of that gap [s].
     """
 
     messages: int = 0
@@ -60,8 +60,8 @@ class TopicTally:
         self.refused += 1
         self.why_refused = self.why_refused or str(reason)
 
-    def heard(self, stamp: float) -> None:
-        """Note the stamp of what is in order [s]."""
+    def received(self, stamp: float) -> None:
+        """Count a stamp that is in order [s]."""
         if self.first is None or self.last is None:
             self.first = self.last = stamp
         elif stamp - self.last > self.longest_gap:
@@ -70,14 +70,14 @@ class TopicTally:
 
 
 @dataclass(frozen=True, eq=False, slots=True)
-class Heard:
-    """One topic that is heard.
+class TopicState:
+    """The state of a topic that is read.
 
     Attributes:
         topic: the topic.
-        listener: who hears it.
-        tally: what was heard of it.
-        clocks: by clock the newest stamp, and when that was logged [ns].
+        listener: the reader of its messages.
+        tally: its statistics.
+        clocks: by clock the newest stamp, and its stamp in the log [ns].
     """
 
     topic: str
@@ -88,144 +88,146 @@ class Heard:
 
 @dataclass(frozen=True, slots=True)
 class _Leap:
-    """A clock that got more than a second ahead of the log, for which there may be reasons.
+    """A clock that passed the log by more than a second, for which there may be reasons.
 
     Attributes:
-        heard: the topic.
+        state: of the topic.
         before: the latest stamp of all topics before it [ns].
-        after: that to which it leapt [ns].
-        logged: when it did [ns].
+        after: the stamp to which it leapt [ns].
+        logged: its stamp in the log [ns].
     """
 
-    heard: Heard
+    state: TopicState
     before: int
     after: int
     logged: int
 
 
-Entry = tuple[int, int, Heard, Part]
-"""The stamp [ns], the number, the topic, and the part."""
+Entry = tuple[int, int, TopicState, Part]
+"""The stamp [ns], the number, the topic's state, and the part."""
 
 
 @final
 class Sorter:
-    """Holds parts for a second of header time, and gives them in the order of their stamps.
+    """Holds parts for a second of header time, and yields them in the order of their stamps.
 
     Args:
-        epoch_ns: from where the stamps of readings count [ns].
-        begin_ns: the first stamp that is expected [ns].
+        epoch_ns: the origin of the stamps of readings [ns].
+        begin_ns: the first expected stamp [ns].
     """
 
     def __init__(self, epoch_ns: int, begin_ns: int) -> None:
         self._epoch, self._begin, self._latest = epoch_ns, begin_ns, begin_ns
-        self._logged: int | None = None  # when the latest was
+        self._logged: int | None = None  # stamp of the latest in the log
         self._held: list[Entry] = []
         self._count = 0
         self._leap: _Leap | None = None
-        """The last one."""
+        """The last leap."""
 
-    def put(self, heard: Heard, part: Part, logged: int) -> None:
-        """Take a part that was logged at a stamp [ns].
+    def put(self, state: TopicState, part: Part, logged: int) -> None:
+        """Insert a part that was logged at a stamp [ns].
 
         Raises:
             RecordingError: its clock jumped.
         """
-        stamp, tally = part.stamp, heard.tally
-        if heard.listener.is_static:
+        stamp, tally = part.stamp, state.tally
+        if state.listener.is_static:
             near = abs(stamp - self._latest) <= LONGEST_FALL
-            self._push(max(self._begin, stamp) if near else self._latest, heard, part)
+            self._push(max(self._begin, stamp) if near else self._latest, state, part)
             return
         if stamp == 0:
             tally.cannot_read("its header has no stamp")
             return
-        before = heard.clocks.get(part.clock)
+        before = state.clocks.get(part.clock)
         step = LONGEST_LEAP + 1 if before is None else stamp - before[0]
         if not -LONGEST_FALL <= step <= LONGEST_LEAP:
-            jump = self._jump(heard, stamp, logged, before)
-            if jump and heard.listener.kind is Transform:  # an old tree of frames stops nothing
+            jump = self._jump(state, stamp, logged, before)
+            if jump and state.listener.kind is Transform:  # an old tree of frames stops nothing
                 tally.refuse(jump)
                 return
             if jump:
-                raise RecordingError(self._leapt(heard, stamp) or jump)
+                raise RecordingError(self._leapt(state, stamp) or jump)
         elif step < 0:
             tally.out_of_order += 1
-        heard.clocks[part.clock] = stamp, logged
+        state.clocks[part.clock] = stamp, logged
         if stamp < self._latest - LONGEST_FALL:
-            self._blame_leap(heard, stamp, logged, before)
+            self._blame_leap(state, stamp, logged, before)
             late = (self._latest - stamp) / NANOSECONDS_PER_SECOND
             tally.refuse(f"it came {late:.3g} s after later stamps")
             return
-        tally.heard((stamp - self._epoch) / NANOSECONDS_PER_SECOND)
-        self._advance(heard, stamp, logged, before)
-        self._push(stamp, heard, part)
+        tally.received((stamp - self._epoch) / NANOSECONDS_PER_SECOND)
+        self._advance(state, stamp, logged, before)
+        self._push(stamp, state, part)
 
     def due(self) -> Iterator[Entry]:
-        """Give what no later part can come before."""
+        """The parts that no later part can precede."""
         limit = self._latest - LONGEST_FALL
         while self._held and self._held[0][0] < limit:
             yield heapq.heappop(self._held)
 
     def rest(self) -> Iterator[Entry]:
-        """Give all that is held."""
+        """All parts that are left."""
         while self._held:
             yield heapq.heappop(self._held)
 
-    def _push(self, stamp: int, heard: Heard, part: Part) -> None:
+    def _push(self, stamp: int, state: TopicState, part: Part) -> None:
         self._count += 1
-        heapq.heappush(self._held, (stamp, self._count, heard, part))
+        heapq.heappush(self._held, (stamp, self._count, state, part))
 
     def _advance(
-        self, heard: Heard, stamp: int, logged: int, before: tuple[int, int] | None
+        self, state: TopicState, stamp: int, logged: int, before: tuple[int, int] | None
     ) -> None:
-        """Note that it is as late as a stamp [ns], and a clock that got ahead of itself and all."""
-        is_transform = heard.listener.kind is Transform
+        """Advance the latest stamp [ns]; record a clock that passed both its log and all topics."""
+        is_transform = state.listener.kind is Transform
         if stamp < self._latest:
             return
         passed = 0 if self._logged is None else max(0, logged - self._logged)
-        if is_transform:  # some are told for times to come, and nothing else is late for that
+        if is_transform:  # some are stamped in the future, and make no other topic late
             stamp = min(stamp, self._latest + passed)
         elif (
             before is not None
             and stamp - before[0] - (logged - before[1]) > LONGEST_FALL
             and stamp - self._latest - passed > LONGEST_FALL
         ):
-            self._leap = _Leap(heard, self._latest, stamp, logged)
+            self._leap = _Leap(state, self._latest, stamp, logged)
         self._latest, self._logged = stamp, logged
 
     def _blame_leap(
-        self, heard: Heard, stamp: int, logged: int, before: tuple[int, int] | None
+        self, state: TopicState, stamp: int, logged: int, before: tuple[int, int] | None
     ) -> None:
-        """Tell that one clock leapt ahead, when another goes on by the log as if nothing had been.
+        """Blame one clock for a leap when another follows the log without one.
 
         Raises:
-            RecordingError: so it is; what that clock told since then is forgotten.
+            RecordingError: it does; later parts of the blamed clock are dropped.
         """
         leap = self._leap
-        if leap is None or before is None or heard is leap.heard:
+        if leap is None or before is None or state is leap.state:
             return
         goes_on = abs(stamp - before[0] - (logged - before[1])) <= LONGEST_FALL
         is_between = leap.before - LONGEST_FALL <= stamp < leap.after
         if goes_on and is_between and logged - leap.logged >= LONGEST_WAY:
-            raise RecordingError(self._leapt(leap.heard, stamp))
+            raise RecordingError(self._leapt(leap.state, stamp))
 
-    def _leapt(self, heard: Heard, stamp: int) -> str:
-        """Say that a clock leapt ahead, if it did, and forget what it told since then."""
+    def _leapt(self, state: TopicState, stamp: int) -> str:
+        """The sentence that a clock leapt, if it did; then its later parts are dropped."""
         leap = self._leap
-        if leap is None or heard is not leap.heard or stamp >= leap.after:
+        if leap is None or state is not leap.state or stamp >= leap.after:
             return ""
         self._held = [entry for entry in self._held if entry[0] < leap.after]
         heapq.heapify(self._held)
         apart, at = _long(leap.after - leap.before), self._seconds(leap.before)
-        return f"{heard.topic}: its clock jumps ahead by {apart} at {at} s"
+        return f"{state.topic}: its clock jumps ahead by {apart} at {at} s"
 
-    def _jump(self, heard: Heard, stamp: int, logged: int, before: tuple[int, int] | None) -> str:
-        """Say by how much a clock jumped, and when; nothing when the log tells of a pause."""
+    def _jump(
+        self, state: TopicState, stamp: int, logged: int, before: tuple[int, int] | None
+    ) -> str:
+        """The sentence on a clock's jump and its time; empty when the log has a pause."""
         if before is None:
             passed = 0 if self._logged is None else logged - self._logged
             apart = stamp - self._latest - passed
             if abs(apart) > LONGEST_LEAP:
                 return (
-                    f"{heard.topic}: its clock is {_long(apart)} {_side(apart)} the others', as if "
+                    f"{state.topic}: its clock is {_long(apart)} {_side(apart)} the others', as if "
                     f"it counted from being switched on; name by 'sensors' which topics to read, "
                     f"or leave it out by 'ignored' (--ignore)"
                 )
@@ -233,12 +235,12 @@ class Sorter:
         jumped = stamp - before[0]
         if 0 < jumped <= logged - before[1] + LONGEST_LEAP:
             return self._pause(stamp)
-        way = "ahead" if jumped > 0 else "back"
+        direction = "ahead" if jumped > 0 else "back"
         at = self._seconds(before[0])
-        return f"{heard.topic}: its clock jumps {way} by {_long(jumped)} at {at} s"
+        return f"{state.topic}: its clock jumps {direction} by {_long(jumped)} at {at} s"
 
     def _pause(self, stamp: int) -> str:
-        """Say that headers and log leap together, as where the clock of all was set."""
+        """The sentence that headers and log leap together, as where the clocks of all were set."""
         pause = stamp - self._latest
         if pause <= LONGEST_PAUSE:
             return ""
@@ -256,7 +258,7 @@ def _side(apart: int) -> str:
 
 
 def _long(nanoseconds: int) -> str:
-    """Give a time in a unit that is easy to read."""
+    """A duration in a unit that is easy to read."""
     seconds = abs(nanoseconds) / NANOSECONDS_PER_SECOND
     for unit, size in (("days", 86400.0), ("h", 3600.0)):
         if seconds >= 2.0 * size:

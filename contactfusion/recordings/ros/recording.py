@@ -25,7 +25,7 @@ from contactfusion.recordings.recording import (
 from contactfusion.recordings.ros.channels import Channel
 from contactfusion.recordings.ros.contents import contents_of, topics_of
 from contactfusion.recordings.ros.files import Bag
-from contactfusion.recordings.ros.order import Entry, Heard, Sorter, TopicTally
+from contactfusion.recordings.ros.order import Entry, Sorter, TopicState, TopicTally
 from contactfusion.recordings.ros.topics import Topic, listeners
 from contactfusion.stream import Trouble
 from contactfusion.time import LONGEST_SECONDS, NANOSECONDS_PER_SECOND, to_nanoseconds
@@ -37,15 +37,16 @@ class RosConfig(Model):
     file: Path
     """A `.bag`, `.db3` or `.mcap`, a folder of rosbag2, or a folder of such files."""
     sensors: dict[str, str] = Field(default_factory=dict)
-    """Topics by the names of their sensors, and no others are read but for transforms; when empty,
-    all that can be read are. Then a sensor is called like its topic without the first slash, or
-    like the topic above for `/<sensor>/depth` of a camera and `/<sensor>/<object>` of a pose."""
+    """Topics by the names of their sensors; no others are read but transforms. When empty, all that
+    can be read are. Then a sensor is named as its topic without the first slash, or as the topic
+    above for `/<sensor>/depth` of a camera and `/<sensor>/<object>` of a pose."""
     ignored: tuple[str, ...] = ()
     """Topics that are not read at all; those of transforms may be among them."""
     start: float = Field(default=0.0, ge=0, le=LONGEST_SECONDS)
-    """What was logged earlier is left out, but for static transforms [s after the first]."""
+    """Start of the part that is read, in time of the log [s after the first message]; static
+    transforms before it are read, too."""
     duration: float | None = Field(default=None, gt=0, le=LONGEST_SECONDS)
-    """What was logged so long after `start`, or later, is left out [s]; None: nothing is."""
+    """Duration of the part that is read [s]; None: to the end."""
 
 
 @final
@@ -53,19 +54,19 @@ class RosRecording(Recording):
     """The readings of a recording of ROS 1 or 2.
 
     The stamp and the frame of a reading are those of its header; stamps count from the first of the
-    whole recording, also when only a part of it is read. Headers that are up to a second
-    out of order are sorted; a message is only held for so long, so long files need no more memory.
+    whole recording, also when only a part of it is read. Headers that are up to a second out of
+    order are sorted; messages are held for no longer, so long files need no more memory.
 
     Args:
         config: the file, the topics, and the time.
-        folder: where a relative file name starts.
-        tap: hears every message of the file within the time, also those that are no readings, each
-            time that the readings are read.
+        folder: that of a relative file name.
+        tap: receives every message of the file within the time, also those that are no readings,
+            each time that the readings are read.
         sensors: topics by the names of sensors, in place of those of the configuration.
 
     Raises:
         DependencyError: rosbags is not installed.
-        RecordingError: the file is missing or can't be read, or a topic is not there or can't be.
+        RecordingError: the file is missing or can't be read, or a topic does not exist or can't be.
     """
 
     Config = RosConfig
@@ -84,9 +85,9 @@ class RosRecording(Recording):
         self.path, self._config, self._tap = folder / config.file, config, tap
         self._folder = folder
         self._whole: RosRecording | None = None
-        """That of which this is a part: as long as it lives, so does a file made for it."""
+        """The recording of which this is a part: it keeps a file that was made for it."""
         self.tally: dict[str, TopicTally] = {}
-        """By topic what was heard of it, while readings are read."""
+        """Statistics by topic, while readings are read."""
         with Bag(self.path) as bag:
             self.contents: dict[str, Topic] = contents_of(bag)
             """All its topics by name."""
@@ -107,23 +108,23 @@ class RosRecording(Recording):
 
     @classmethod
     def opened(cls, config: RosConfig, folder: Path) -> "RosRecording":
-        """Open the file."""
+        """The recording in the file."""
         return cls(config, folder)
 
     @property
     def streams(self) -> Mapping[str, SensorTopics]:
         """Topics of one sensor and kind, by the name of the sensor.
 
-        Where topics of other kinds are of the same sensor, as the images of a camera that tells
-        clouds, too, they stand under their own names.
+        Where topics of other kinds are of the same sensor, as the images of a camera that also
+        gives clouds, they have entries under their own names.
         """
         found: dict[str, SensorTopics] = {}
         for sensor, topics in self.sensors.items():
             for topic in topics:
                 kind = self.contents[topic].kind
                 assert kind is not None
-                told = found.setdefault(sensor, SensorTopics(kind, ()))
-                name = sensor if told.kind is kind else topic.removeprefix("/")
+                group = found.setdefault(sensor, SensorTopics(kind, ()))
+                name = sensor if group.kind is kind else topic.removeprefix("/")
                 before = found[name].topics if name in found else ()
                 found[name] = SensorTopics(kind, (*before, topic))
         return found
@@ -131,12 +132,12 @@ class RosRecording(Recording):
     def part(
         self, sensors: Mapping[str, Sequence[str]], window: Window = WHOLE, tap: Tap | None = None
     ) -> "RosRecording":
-        """What some topics hold in a window of this part, and all transforms.
+        """Some topics in a window of this recording, with all transforms.
 
         Args:
-            sensors: topics by the name that their sensor gets.
-            window: the part that is played.
-            tap: takes the messages as they are.
+            sensors: topics by the name of their sensor.
+            window: the part in time.
+            tap: receives the messages as they are.
         """
         config = self._config
         spans = [window.duration, config.duration and config.duration - window.start]
@@ -149,7 +150,7 @@ class RosRecording(Recording):
         return made
 
     def without(self, topics: Sequence[str]) -> "RosRecording":
-        """The same recording, of which some topics are not read at all.
+        """The same recording without some topics.
 
         Raises:
             RecordingError: there is no such topic.
@@ -164,21 +165,21 @@ class RosRecording(Recording):
         """The readings in order of their stamps; of one stamp, as they lie in the file.
 
         Raises:
-            RecordingError: once all readings before it are given, a clock that jumps, or the end of
-                a file that is cut off or damaged.
+            RecordingError: after the readings before it, a clock that jumps, or the end of a file
+                that is cut off or damaged.
         """
         self.tally = {topic: TopicTally() for topic in self.contents}
-        topics = self._heard(self.tally)
+        topics = self._states(self.tally)
         sorter = Sorter(self.epoch_ns, self._begin_ns)
         problem: RecordingError | None = None
         with Bag(self.path) as bag:
-            for said in self._static_before(bag, topics):
-                _put(sorter, *said)
+            for arrival in self._static_before(bag, topics):
+                _put(sorter, *arrival)
             try:
                 start, stop = self._window(bag)
                 found = messages(bag, topics, start, stop, self.tally, self._tap)
-                for said in found:
-                    _put(sorter, *said)
+                for arrival in found:
+                    _put(sorter, *arrival)
                     for entry in sorter.due():
                         yield from self._made(entry)
             except RecordingError as error:
@@ -189,36 +190,39 @@ class RosRecording(Recording):
             raise RecordingError(_in(self.path, problem))
 
     def troubles(self) -> Iterator[Trouble]:
-        """What the reader of each topic met; nothing before the readings are read."""
+        """Problems of each topic; none before the readings are read."""
         for sensor, topics in self.sensors.items() if self.tally else ():
             for topic in topics:
-                heard, kind = self.tally[topic], self.contents[topic].kind
-                met = ", ".join(self._met(topic))
-                if not met:
+                tally, kind = self.tally[topic], self.contents[topic].kind
+                problems = ", ".join(self._met(topic))
+                if not problems:
                     continue
                 loss, several = "", len(topics) > 1
-                if heard.refused + heard.unreadable > heard.readings:
-                    some = f"only {heard.readings} readings" if heard.readings else "nothing"
+                if tally.refused + tally.unreadable > tally.readings:
+                    some = f"only {tally.readings} readings" if tally.readings else "nothing"
                     whose = f"'{sensor}', {topic}," if several else f"'{sensor}'"
-                    loss = f"of {whose} {some} could be used: {met}"
-                yield Trouble(sensor, kind, f"{topic}: {met}" if several else met, loss)
+                    loss = f"of {whose} {some} could be used: {problems}"
+                yield Trouble(sensor, kind, f"{topic}: {problems}" if several else problems, loss)
 
     def _met(self, topic: str) -> Iterator[str]:
-        """What the reader of a topic met."""
-        heard, publishers = self.tally[topic], self.contents[topic].publishers
+        """Problems of a topic, in words."""
+        tally, publishers = self.tally[topic], self.contents[topic].publishers
         if publishers > 1:
             yield f"{publishers} publishers"
-        if heard.out_of_order:
-            yield f"{heard.out_of_order} out of order"
-        if heard.unreadable:
-            yield f"{heard.unreadable} unreadable: {heard.why_unreadable}"
-        if heard.refused:
-            yield f"{heard.refused} refused: {heard.why_refused}"
+        if tally.out_of_order:
+            yield f"{tally.out_of_order} out of order"
+        if tally.unreadable:
+            yield f"{tally.unreadable} unreadable: {tally.why_unreadable}"
+        if tally.refused:
+            yield f"{tally.refused} refused: {tally.why_refused}"
 
-    def _heard(self, tally: Mapping[str, TopicTally]) -> dict[str, Heard]:
-        """What hears the topics that are read, by topic."""
+    def _states(self, tally: Mapping[str, TopicTally]) -> dict[str, TopicState]:
+        """The states of the topics that are read, by topic."""
         found = listeners(self.sensors, self._readable)
-        return {topic: Heard(topic, one, tally[topic], {}) for topic, one in found.items()}
+        return {
+            topic: TopicState(topic, listener, tally[topic], {})
+            for topic, listener in found.items()
+        }
 
     def _not_ignored(self) -> dict[str, Topic]:
         """The topics that may be read."""
@@ -227,30 +231,30 @@ class RosRecording(Recording):
                 hint = name_hint(name, self.contents, "topics")
                 raise RecordingError(f"{self.path} has no topic '{name}' to ignore; {hint}")
         return {
-            name: one for name, one in self.contents.items() if name not in self._config.ignored
+            name: topic for name, topic in self.contents.items() if name not in self._config.ignored
         }
 
     def _made(self, entry: Entry) -> Iterator[Reading]:
-        """Make the reading of an entry, or count why there is none."""
-        stamp, _, heard, part = entry
+        """The reading of an entry; without one, the reason is counted."""
+        stamp, _, state, part = entry
         try:
-            reading = heard.listener.reading(part, (stamp - self.epoch_ns) / NANOSECONDS_PER_SECOND)
+            reading = state.listener.reading(part, (stamp - self.epoch_ns) / NANOSECONDS_PER_SECOND)
         except InvalidReadingError as error:
-            heard.tally.refuse(error)
+            state.tally.refuse(error)
         except (RecordingError, PluginError) as error:
-            heard.tally.cannot_read(error)
+            state.tally.cannot_read(error)
         else:
-            heard.tally.readings += 1
+            state.tally.readings += 1
             yield reading
 
     def _static_before(
-        self, bag: Bag, topics: Mapping[str, Heard]
-    ) -> Iterator[tuple[Heard, int, Message]]:
+        self, bag: Bag, topics: Mapping[str, TopicState]
+    ) -> Iterator[tuple[TopicState, int, Message]]:
         """Messages of static transforms that were logged before the time that is read."""
         start, _ = self._window(bag)
-        static = {name: one for name, one in topics.items() if one.listener.is_static}
+        static = {name: state for name, state in topics.items() if state.listener.is_static}
         if start is not None and static:
-            with suppress(RecordingError):  # it comes up again later
+            with suppress(RecordingError):  # it is raised again later
                 yield from messages(bag, static, stop_ns=start, tap=self._tap, taps_all=False)
 
     def _window(self, bag: Bag) -> tuple[int | None, int | None]:
@@ -261,23 +265,23 @@ class RosRecording(Recording):
         return begin if start else None, end
 
     def _first_stamp(self, bag: Bag, start_ns: int | None) -> int:
-        """The lowest stamp within a second of the first one since a moment in the log [ns]."""
+        """The lowest stamp within a second of the first since a stamp in the log [ns]."""
         stamps: list[int] = []
         unused = {topic: TopicTally() for topic in self.contents}
-        topics = {topic: one for topic, one in self._heard(unused).items()
-                  if not one.listener.is_static}  # fmt: skip
+        topics = {topic: state for topic, state in self._states(unused).items()
+                  if not state.listener.is_static}  # fmt: skip
         with suppress(RecordingError):
-            for heard, _, message in messages(bag, topics, start_ns):
-                stamps += [one.stamp for one in heard.listener.hear(message) if one.stamp]
-                # what comes later than this can't have an earlier stamp than what came
+            for state, _, message in messages(bag, topics, start_ns):
+                stamps += [part.stamp for part in state.listener.hear(message) if part.stamp]
+                # later messages have no earlier stamps than this
                 if stamps and stamps[-1] > stamps[0] + LONGEST_FALL:
                     break
-        return min((one for one in stamps if one >= stamps[0] - LONGEST_FALL), default=0)
+        return min((stamp for stamp in stamps if stamp >= stamps[0] - LONGEST_FALL), default=0)
 
 
-def _put(sorter: Sorter, heard: Heard, logged: int, message: Message) -> None:
-    for part in heard.listener.hear(message):
-        sorter.put(heard, part, logged)
+def _put(sorter: Sorter, state: TopicState, logged: int, message: Message) -> None:
+    for part in state.listener.hear(message):
+        sorter.put(state, part, logged)
 
 
 def _in(path: Path, problem: RecordingError) -> str:
@@ -287,61 +291,70 @@ def _in(path: Path, problem: RecordingError) -> str:
 
 def messages(
     bag: Bag,
-    topics: Mapping[str, Heard],
+    topics: Mapping[str, TopicState],
     start_ns: int | None = None,
     stop_ns: int | None = None,
     tally: Mapping[str, TopicTally] | None = None,
     tap: Tap | None = None,
     taps_all: bool = True,
-) -> Iterator[tuple[Heard, int, Message]]:
-    """The messages of topics that are heard, with the stamps of the log [ns].
+) -> Iterator[tuple[TopicState, int, Message]]:
+    """The messages of topics that are read, with the stamps of the log [ns].
 
     Args:
         bag: an open one.
-        topics: those that are heard.
-        start_ns: only what was logged then or later [ns].
-        stop_ns: only what was logged earlier [ns].
-        tally: where messages are counted, of all topics; None: of those that are heard.
-        tap: hears every message.
-        taps_all: of every topic, or of those that are heard.
+        topics: the topics, with their states.
+        start_ns: earliest stamp in the log [ns].
+        stop_ns: stamp in the log before which messages end [ns].
+        tally: the statistics that count messages, of all topics; None: of those that are read.
+        tap: receives every message.
+        taps_all: of every topic, or of those that are read.
 
     Raises:
         RecordingError: at the end, when a file is cut off or damaged.
     """
-    counts = tally or {topic: one.tally for topic, one in topics.items()}
-    channels = [one for one in bag.channels if (tap and taps_all) or one.topic in topics]
-    routes = {one: (topics.get(one.topic), counts[one.topic], _decoder(one)) for one in channels}
-    told = {one: (one.topic, one.msgtype, one.definition()) for one in channels if tap}
+    counts = tally or {topic: state.tally for topic, state in topics.items()}
+    channels = [
+        channel for channel in bag.channels if (tap and taps_all) or channel.topic in topics
+    ]
+    routes = {
+        channel: (topics.get(channel.topic), counts[channel.topic], _decoder(channel))
+        for channel in channels
+    }
+    described = {
+        channel: (channel.topic, channel.msgtype, channel.definition())
+        for channel in channels
+        if tap
+    }
     for channel, logged, raw in bag.messages(channels, start_ns, stop_ns):
-        heard, count, decode = routes[channel]
+        state, count, decode = routes[channel]
         count.messages += 1
         cdr = _tried(channel.cdr, raw, count)
         if cdr is None:
             continue
-        message = _tried(decode, cdr, count) if heard else None
-        if heard and message is not None:
-            yield heard, logged, message
-        if tap:  # not of what ended the reading, such as a clock that jumped
-            tap(RawMessage(*told[channel], logged, bytes(cdr)))
+        message = _tried(decode, cdr, count) if state else None
+        if state and message is not None:
+            yield state, logged, message
+        if tap:  # but not of a message that ended the reading, such as of a clock that jumped
+            tap(RawMessage(*described[channel], logged, bytes(cdr)))
 
 
 def _decoder(channel: Channel) -> Callable[[Any], Message]:
-    """What makes a message of the CDR of a channel whose type is standard."""
+    """The decoder of the CDR of a channel whose type is standard."""
     decode, msgtype = typestore().deserialize_cdr, channel.msgtype
-    # of a view: what is large is not copied
+    # of a view: large messages are not copied
     return lambda cdr: decode(memoryview(cdr), msgtype)
 
 
 def _tried(call: Callable[[Any], Any], raw: Any, tally: TopicTally) -> Any:
-    """What is made of bytes; None where nothing can be, which is counted."""
+    """The result of a decoder; None where it fails, which is counted."""
     try:
         return call(raw)
-    except Exception as error:  # rosbags meets what is wrong with errors of many kinds
+    except Exception as error:  # rosbags raises errors of many kinds
         tally.cannot_read(error)
         return None
 
 
 @hookimpl
 def contactfusion_recordings() -> dict[str, type[Recording]]:
-    """Offer the recording."""
+    """The recording."""
     return {"ros": RosRecording, "mcap": RosRecording}

@@ -1,4 +1,4 @@
-"""What came of the push: the numbers of summary.json, and the account of it in sentences."""
+"""The result of the push: the numbers of summary.json, and an explanation in sentences."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -12,17 +12,17 @@ from contactfusion_lab.scenes.push.config import PushConfig
 from contactfusion_lab.scenes.push.scene import Ending
 
 NAMES = {"skin": "the skin", "lidar": "the LiDAR", "motion": "the base's own motion"}
-"""What sentences call the sources."""
+"""Names of the sources in sentences."""
 
 
 @dataclass(frozen=True, eq=False)
 class Story:
-    """All that the demo tells of.
+    """The data of the demo.
 
     Attributes:
         fields: of the scene.
         moments: of the push.
-        alone: of the same push by nothing but the skin.
+        alone: moments of the same push with the skin as the only sensor.
     """
 
     fields: Mapping[str, Any]
@@ -31,27 +31,27 @@ class Story:
 
     @property
     def push(self) -> PushConfig:
-        """What is pushed, and where to."""
+        """The push: object, start and target."""
         return PushConfig(**self.fields["scene"])
 
     @property
     def dies(self) -> float:
-        """When the skin falls silent [s]."""
+        """Time at which the skin falls silent [s]."""
         return float(self.fields["faults"][0]["start"])
 
     @property
     def last(self) -> Moment:
-        """How it ended."""
+        """The last moment."""
         return self.moments[-1]
 
     @property
     def arrived(self) -> bool:
-        """Whether the box truly arrived where the robot believes that it did."""
+        """Whether arrival was declared, and the true contact is within the target."""
         return self.last.ending == Ending.ARRIVED and (self.last.truth.distance <= self.push.within)
 
     @property
     def sources(self) -> list[str]:
-        """Who can have a share in a contact: evidence before support, larger shares first."""
+        """Sources with a share in contacts: evidence before support, larger shares first."""
         report = self.last.fusion.report.sources
         return sorted(
             sources_of(self.last),
@@ -59,39 +59,41 @@ class Story:
         )
 
     def part(self, before: bool) -> list[Moment]:
-        """The moments before the skin's death, or those after its last words are forgotten."""
+        """The moments before the skin's death, or those after its last hypotheses have expired."""
         timeout = float(self.fields["integrator"]["timeout"])
         if before:
-            return [one for one in self.moments if one.stamp < self.dies]
-        return [one for one in self.moments if one.stamp >= self.dies + timeout]
+            return [moment for moment in self.moments if moment.stamp < self.dies]
+        return [moment for moment in self.moments if moment.stamp >= self.dies + timeout]
 
     def share(self, source: str, before: bool) -> float:
         """The mean share of a source in the contact, before or after the skin's death."""
-        shares = [one.shares.get(source, 0.0) for one in self.part(before) if one.contact]
+        shares = [moment.shares.get(source, 0.0) for moment in self.part(before) if moment.contact]
         return float(np.mean(shares)) if shares else 0.0
 
     def error(self, before: bool) -> float:
-        """How wrong the contact's place along the face is, as root mean square [m]."""
+        """Root mean square error of the contact's lateral position on the face [m]."""
         errors = [
-            one.touch.lateral - one.truth.contact[1]
-            for one in self.part(before)
-            if one.touch and one.truth.kind != "none"
+            moment.touch.lateral - moment.truth.contact[1]
+            for moment in self.part(before)
+            if moment.touch and moment.truth.kind != "none"
         ]
         return float(np.sqrt(np.mean(np.square(errors)))) if errors else math.nan
 
     def unfelt(self) -> float:
-        """For how long after the skin's death the robot knew of no contact [s]."""
+        """Time without a believed contact after the skin's death [s]."""
         period = self.moments[1].stamp - self.moments[0].stamp
-        return period * sum(one.touch is None for one in self.moments if one.stamp >= self.dies)
+        return period * sum(
+            moment.touch is None for moment in self.moments if moment.stamp >= self.dies
+        )
 
     def at(self, stamp: float) -> Moment:
-        """The moment with a contact that is nearest to a time."""
-        touching = [one for one in self.moments if one.contact] or self.moments
-        return min(touching, key=lambda one: abs(one.stamp - stamp))
+        """The moment with a contact that is nearest to a stamp [s]."""
+        touching = [moment for moment in self.moments if moment.contact] or self.moments
+        return min(touching, key=lambda moment: abs(moment.stamp - stamp))
 
 
 def summary(story: Story) -> dict[str, Any]:
-    """What came of the push, in m and s; the same push gives the same."""
+    """The result of the push as fields of summary.json [m, s]; deterministic."""
     last, alone = story.last, story.alone[-1]
     parts = {"before": True, "after": False}
     return {
@@ -119,11 +121,11 @@ def summary(story: Story) -> dict[str, Any]:
 
 
 def sentences(story: Story) -> list[str]:
-    """What happened, in sentences."""
-    touching = [one for one in story.part(True) if one.truth.kind != "none"]
+    """Explanation of the push, in sentences."""
+    touching = [moment for moment in story.part(True) if moment.truth.kind != "none"]
     left = f", {touching[-1].truth.distance:.2f} m from the target" if touching else ""
-    told = [
-        f"Until {story.dies:.1f} s the contact was told by {_felt(story, True)}, and its place "
+    lines = [
+        f"Until {story.dies:.1f} s the contact was reported by {_felt(story, True)}, and its place "
         f"along the robot's front was known to {story.error(True) * 100.0:.1f} cm (root mean "
         "square).",
         f"Then the skin fell silent{left}.",
@@ -131,11 +133,11 @@ def sentences(story: Story) -> list[str]:
     if len(story.part(False)):
         unfelt = story.unfelt()
         lost = f"it was lost for {unfelt:.1f} s in all" if unfelt else "it was never lost"
-        told.append(
-            f"From then on the contact was told by {_felt(story, False)}, to "
+        lines.append(
+            f"From then on the contact was reported by {_felt(story, False)}, to "
             f"{story.error(False) * 100.0:.1f} cm; {lost}."
         )
-    return [*told, _end(story), _alone(story)]
+    return [*lines, _end(story), _alone(story)]
 
 
 def _end(story: Story) -> str:
@@ -162,7 +164,7 @@ def _alone(story: Story) -> str:
 def _felt(story: Story, before: bool) -> str:
     shares = [(name, story.share(name, before)) for name in story.sources]
     named = [f"{NAMES.get(name, name)} ({share:.0%})" for name, share in shares if share >= 0.005]
-    return " and ".join(filter(None, [", ".join(named[:-1]), *named[-1:]])) or "nobody"
+    return " and ".join(filter(None, [", ".join(named[:-1]), *named[-1:]])) or "no source"
 
 
 def _rounded(value: float) -> float | None:

@@ -17,20 +17,21 @@ from contactfusion_lab.scenes.push.objects import outlines
 from contactfusion_lab.scenes.push.scene import mobile_base
 
 SHOWN, DEATH, LAST = 100, 1500, 3000
-"""How long a frame is shown: any, the one in which the skin dies, the last one [ms]."""
+"""Durations of frames: of most, of that in which the skin dies, of the last one [ms]."""
 SHADES = 96
-"""Of the GIF."""
+"""Colours in the palette of the GIF."""
 AROUND = 0.55
-"""So much is seen around all ways [m]."""
+"""Margin around the paths of robot and object [m]."""
 CLOSE = (-34.0, 34.0, -12.0, 24.0)
-"""What is seen close up, to the robot's right, left, behind and before its face [cm]."""
+"""Limits of the close-up, relative to the middle of the robot's face: lateral from right to left,
+and from behind to before the face [cm]."""
 SIGMAS = 2.0
-"""The ellipse holds so many standard deviations."""
+"""Standard deviations of the ellipse."""
 TARGET, BOX, EDGE = COLOURS[3], "#b9d7ea", "#51748a"
 TURN = np.array([[0.0, -1.0], [1.0, 0.0]])
-"""Rows of x ahead and y left become rows of right and up."""
+"""Rotation of rows of x forward and y left into rows of right and up."""
 SKIN = np.array([[-0.41, 0.3], [0.3, 0.3], [0.3, -0.3], [-0.41, -0.3]])
-"""Where the skin is, in the robot's frame [m]."""
+"""Outline of the skin, in the robot's frame [m]."""
 SOURCES = {"skin": COLOURS[1], "lidar": COLOURS[0], "motion": COLOURS[2]}
 """The colour of each source, here and in the film."""
 TRUTH, BELIEVED, DEAD = "#222222", COLOURS[3], "#cc0000"
@@ -46,7 +47,7 @@ def film(story: Story, path: Path, still: Path, stride: int = 2) -> tuple[int, i
         story: of the push.
         path: the GIF to write.
         still: the PNG to write: the frame in which the skin dies.
-        stride: every so many cycles is a frame.
+        stride: cycles from frame to frame.
 
     Returns:
         Width and height [pixels].
@@ -55,10 +56,10 @@ def film(story: Story, path: Path, still: Path, stride: int = 2) -> tuple[int, i
 
     moments = [*story.moments[:-1:stride], story.last]
     drawn = Frames(story, stride)
-    pictures = [Image.fromarray(drawn.picture(one)) for one in moments]
-    death = next((n for n, one in enumerate(moments) if dies(story, one, stride)), -1)
+    pictures = [Image.fromarray(drawn.picture(moment)) for moment in moments]
+    death = next((n for n, moment in enumerate(moments) if dies(story, moment, stride)), -1)
     palette = pictures[death].quantize(SHADES)
-    frames = [one.quantize(palette=palette, dither=Image.Dither.NONE) for one in pictures]
+    frames = [picture.quantize(palette=palette, dither=Image.Dither.NONE) for picture in pictures]
     shown = [SHOWN] * len(frames)
     shown[death], shown[-1] = DEATH, LAST
     content = io.BytesIO()
@@ -84,7 +85,7 @@ class Frames:
 
     Args:
         story: of the push.
-        stride: every so many cycles is a frame.
+        stride: cycles from frame to frame.
     """
 
     def __init__(self, story: Story, stride: int) -> None:
@@ -95,12 +96,12 @@ class Frames:
         self._floor = self._figure.add_subplot(grid[0, :])
         self._close = self._figure.add_subplot(grid[1, 0])
         self._bars = self._figure.add_subplot(grid[1, 1])
-        self._base = np.array([one.truth.base[:2] for one in story.moments])
-        self._box = np.array([one.truth.object[:2] for one in story.moments])
+        self._base = np.array([moment.truth.base[:2] for moment in story.moments])
+        self._box = np.array([moment.truth.object[:2] for moment in story.moments])
         self._settled = False
 
     def picture(self, moment: Moment) -> NDArray[np.uint8]:
-        """Draw one moment, shape (height, width, 3)."""
+        """The picture of a moment, shape (height, width, 3)."""
         for axes in (self._floor, self._close, self._bars):
             axes.clear()
         self._draw_floor(moment)
@@ -118,7 +119,7 @@ class Frames:
 
         axes: Any = self._floor
         push, truth = self._story.push, moment.truth
-        far = sum(one.stamp <= moment.stamp for one in self._story.moments)
+        far = sum(past.stamp <= moment.stamp for past in self._story.moments)
         axes.add_patch(Circle(push.target, push.within, color=TARGET, alpha=0.4))
         axes.plot(*push.target, "+", color=TARGET, markersize=14.0, markeredgewidth=2.0)
         axes.annotate("target", push.target, (8, 8), textcoords="offset points", color=TARGET)
@@ -134,15 +135,15 @@ class Frames:
             corners = _placed(piece, truth.object)
             axes.add_patch(Polygon(corners, facecolor=BOX, edgecolor=EDGE))
         if moment.touch is not None:
-            place = _placed(np.array([[FACE.ahead, moment.touch.lateral]]), truth.base)
-            axes.plot(*place.T, "o", color=BELIEVED, markersize=7.0, markeredgecolor="white")
+            position = _placed(np.array([[FACE.ahead, moment.touch.lateral]]), truth.base)
+            axes.plot(*position.T, "o", color=BELIEVED, markersize=7.0, markeredgecolor="white")
         if moment.stamp >= self._story.dies:
-            row = sum(one.stamp < self._story.dies for one in self._story.moments)
+            row = sum(past.stamp < self._story.dies for past in self._story.moments)
             axes.plot(*self._base[row], "X", color=DEAD, markersize=10.0)
             near = {"textcoords": "offset points", "color": DEAD}
             axes.annotate("here the skin died", self._base[row], (8, -12), **near)
-        places = np.concatenate([self._base, self._box, [push.target]])
-        (left, low), (right, high) = places.min(axis=0) - AROUND, places.max(axis=0) + AROUND
+        points = np.concatenate([self._base, self._box, [push.target]])
+        (left, low), (right, high) = points.min(axis=0) - AROUND, points.max(axis=0) + AROUND
         axes.set(xlim=(left, right), ylim=(low, high), aspect="equal")
         axes.set(xlabel="x [m]", ylabel="y [m]")
         axes.grid(linewidth=0.3, color="#cccccc")
@@ -156,13 +157,13 @@ class Frames:
         dead = moment.stamp >= self._story.dies
         health = f"SKIN SILENT for {moment.silent:.1f} s" if dead else "skin well"
         left_over = f"{moment.left:.2f} m to go" if moment.touch else "no contact"
-        told = f"{moment.stamp:4.1f} s   {moment.mode}   {left_over}"
-        axes.set_title(told, loc="left", fontsize=11)
+        title = f"{moment.stamp:4.1f} s   {moment.mode}   {left_over}"
+        axes.set_title(title, loc="left", fontsize=11)
         colour = DEAD if dead else SOURCES["skin"]
         axes.set_title(health, loc="right", color=colour, fontsize=11, fontweight="bold")
 
     def _draw_close(self, moment: Moment) -> None:
-        """Draw the contact in the robot's frame, ahead is up [cm]."""
+        """Draw the contact in the robot's frame, forward is up [cm]."""
         from matplotlib.patches import Ellipse, Polygon
 
         axes, truth, centre = self._close, moment.truth, np.array([FACE.ahead, 0.0])
@@ -177,9 +178,11 @@ class Frames:
         axes.add_patch(Polygon(shown(mobile_base().corners), facecolor="#dddddd", edgecolor="none"))
         axes.plot(*shown(SKIN).T, **_skin(moment, 4.0))
         if moment.contact is not None:
-            place = shown(moment.contact.position[None, :2])[0]
+            position = shown(moment.contact.position[None, :2])[0]
             sigmas = 100.0 * np.sqrt(np.diag(moment.contact.covariance)[[1, 0]])
-            ellipse = Ellipse(place, *(2.0 * SIGMAS * sigmas), color=BELIEVED, alpha=0.45, zorder=4)
+            ellipse = Ellipse(
+                position, *(2.0 * SIGMAS * sigmas), color=BELIEVED, alpha=0.45, zorder=4
+            )
             axes.add_patch(ellipse)
         for source, lateral in moment.alone.items():
             at = shown(np.array([[FACE.ahead - 0.02, lateral]]))[0]
@@ -195,7 +198,7 @@ class Frames:
         axes.set_xlabel("○ truth   ● fused, with 2σ   ▲ one source alone", fontsize=8)
 
     def _draw_bars(self, moment: Moment) -> None:
-        """Draw who feels the contact."""
+        """Draw the shares of sources in the contact."""
         axes, sources = self._bars, self._story.sources[::-1]
         shares = [100.0 * moment.shares.get(name, 0.0) for name in sources]
         colours = [SOURCES.get(name, "#555555") for name in sources]
@@ -213,40 +216,40 @@ def dies(story: Story, moment: Moment, stride: int) -> bool:
     Args:
         story: of the push.
         moment: that is drawn.
-        stride: every so many cycles is a frame.
+        stride: cycles from frame to frame.
     """
     return 0.0 <= moment.stamp - story.dies < stride * story.push.period - 1e-6
 
 
 def _skin(moment: Moment, width: float) -> dict[str, Any]:
-    """The style of a skin that is well, or silent."""
+    """Style of the skin's line, healthy or silent."""
     if moment.silent > 0.0:
         return {"color": DEAD, "linestyle": ":", "linewidth": width, "zorder": 3}
     return {"color": SOURCES["skin"], "linewidth": width, "zorder": 3}
 
 
 def _placed(points: FloatArray, pose: tuple[float, float, float]) -> FloatArray:
-    """Bring points of shape (n, 2) into the world by x, y and yaw."""
+    """Points of shape (n, 2) [m] in the world, from the frame at x, y [m] and yaw [rad]."""
     placed: FloatArray = points @ planar_rotation(pose[2]).T + pose[:2]
     return placed
 
 
 def _seen(points: FloatArray, pose: tuple[float, float, float]) -> FloatArray:
-    """Bring points of shape (n, 2) from the world into the frame at x, y and yaw."""
+    """Points of shape (n, 2) [m] in the frame at x, y [m] and yaw [rad], from the world."""
     seen: FloatArray = (points - np.array(pose[:2])) @ planar_rotation(pose[2])
     return seen
 
 
 def distance_figure(story: Story) -> bytes:
-    """Draw how far the contact is from the target, in truth and as the robot believes."""
+    """Figure of the distance of the contact from the target, true and believed, as PNG."""
     figure, axes = _empty(story, "to the target [m]")
-    alone = [one for one in story.alone if one.truth.kind != "none"]
+    alone = [moment for moment in story.alone if moment.truth.kind != "none"]
     # between two touches the box stands still
-    stamps = [*(one.stamp for one in alone), story.alone[-1].stamp]
-    distances = [*(one.truth.distance for one in alone), alone[-1].truth.distance]
+    stamps = [*(moment.stamp for moment in alone), story.alone[-1].stamp]
+    distances = [*(moment.truth.distance for moment in alone), alone[-1].truth.distance]
     style = {"color": "#888888", "linestyle": ":", "label": "with the skin alone"}
     axes.step(stamps, distances, where="post", **style)
-    rows = [(one.stamp, one.truth.distance, one.left) for one in story.moments]
+    rows = [(moment.stamp, moment.truth.distance, moment.left) for moment in story.moments]
     stamp, true, believed = np.array(rows).T
     axes.plot(stamp, true, color=TRUTH, linewidth=2.5, label="truth")
     axes.plot(stamp, believed, color=BELIEVED, linestyle="--", label="believed")
@@ -256,14 +259,14 @@ def distance_figure(story: Story) -> bytes:
 
 
 def lateral_figure(story: Story) -> bytes:
-    """Draw where along the face the contact is, in truth, fused, and by each source alone."""
+    """Figure of the lateral position of the contact, true, fused and by single sources, as PNG."""
     figure, axes = _empty(story, "contact, left of the middle [cm]")
-    stamp = [one.stamp for one in story.moments]
-    true = [100.0 * one.truth.contact[1] for one in story.moments]
-    fused = [100.0 * one.touch.lateral if one.touch else np.nan for one in story.moments]
+    stamp = [moment.stamp for moment in story.moments]
+    true = [100.0 * moment.truth.contact[1] for moment in story.moments]
+    fused = [100.0 * moment.touch.lateral if moment.touch else np.nan for moment in story.moments]
     axes.plot(stamp, true, color=TRUTH, linewidth=2.5, label="truth")
     for source in story.last.alone:
-        beliefs = [100.0 * one.alone[source] for one in story.moments]
+        beliefs = [100.0 * moment.alone[source] for moment in story.moments]
         colour = SOURCES.get(source, "#555555")
         axes.plot(stamp, beliefs, ".", color=colour, markersize=4.0, label=f"{source} alone")
     axes.plot(stamp, fused, color=BELIEVED, linestyle="--", label="fused")
@@ -272,11 +275,12 @@ def lateral_figure(story: Story) -> bytes:
 
 
 def shares_figure(story: Story) -> bytes:
-    """Draw how much of the contact's likelihood each source gives."""
+    """Figure of the shares of sources in the contact, as PNG."""
     figure, axes = _empty(story, "share of the contact [%]")
-    stamp = [one.stamp for one in story.moments]
+    stamp = [moment.stamp for moment in story.moments]
     shares = [
-        [100.0 * one.shares.get(source, 0.0) for one in story.moments] for source in story.sources
+        [100.0 * moment.shares.get(source, 0.0) for moment in story.moments]
+        for source in story.sources
     ]
     colours = [SOURCES.get(source, "#555555") for source in story.sources]
     axes.stackplot(stamp, shares, labels=story.sources, colors=colours, alpha=0.8)

@@ -1,4 +1,4 @@
-"""The page that shows the demo: one file of HTML, beside the files that it links to."""
+"""The page of the demo: one file of HTML, beside the files that it links to."""
 
 import math
 from collections.abc import Sequence
@@ -18,16 +18,16 @@ KINDS = {
     HypothesisKind.SUPPORT: "support",
 }
 FILES = {
-    "contacts.csv": "every contact: place, likelihood, dispersion, shares",
+    "contacts.csv": "every contact: position, likelihood, dispersion, shares",
     "commands.csv": "every command, with the controller's mode and reason",
-    "summary.json": "what came of it",
+    "summary.json": "the result",
     "scene.yaml": "the scene, to run again and to change",
     "demo.mcap": "readings, contacts and commands, for ROS 2 tools such as Foxglove or rosbag2",
 }
 
 
 def page(story: Story, written: Sequence[str], size: tuple[int, int]) -> str:
-    """The page.
+    """The page, as HTML.
 
     Args:
         story: of the push.
@@ -56,7 +56,7 @@ def page(story: Story, written: Sequence[str], size: tuple[int, int]) -> str:
         "distance_alt": "The distance to the target over time, in truth and as believed: it grows "
         "while the robot turns, then falls to the target; with the skin alone it stays where it "
         "was when the skin died.",
-        "lateral_alt": "The place of the contact along the robot's front over time: the truth, "
+        "lateral_alt": "The position of the contact along the robot's front over time: the truth, "
         "fused, and by skin and LiDAR alone; the skin's dots end where it dies.",
         "shares_alt": "The share of each source in the contact over time: the skin's falls to "
         "nothing when it dies, LiDAR and motion take all.",
@@ -93,31 +93,35 @@ def _rows(story: Story) -> str:
     report = story.last.fusion.report.sources
     rows = []
     for name in story.sources:
-        told = f"share of {name} ({KINDS.get(report[name].kind, '')})"
-        rows.append((told, *(f"{story.share(name, when):.0%}" for when in (True, False))))
+        label = f"share of {name} ({KINDS.get(report[name].kind, '')})"
+        rows.append((label, *(f"{story.share(name, when):.0%}" for when in (True, False))))
     errors = (_centimetres(story.error(when)) for when in (True, False))
-    rows.append(("error of the contact's place along the front", *errors))
+    rows.append(("error of the contact's position along the front", *errors))
     return "\n".join(
-        f"<tr><td>{escape(told)}</td><td>{first}</td><td>{second}</td></tr>"
-        for told, first, second in rows
+        f"<tr><td>{escape(label)}</td><td>{first}</td><td>{second}</td></tr>"
+        for label, first, second in rows
     )
 
 
 def _gloss(moment: Moment) -> str:
-    """What an explanation says, in words."""
+    """An explanation of a contact, in words."""
     if moment.contact is None:
         return "There was no contact to explain."
     x, y = moment.contact.position[:2]
     side = "left" if y > 0 else "right"
     sources = [name for name, share in moment.shares.items() if share > 0.0]
-    needed = [NAMES.get(one, one) for one in sources if not moment.fusion.without(one).contacts]
-    told = (
+    needed = [
+        NAMES.get(source, source)
+        for source in sources
+        if not moment.fusion.without(source).contacts
+    ]
+    position = (
         f"The contact lies {x:.2f} m ahead of the robot's origin, that is on its front, "
         f"{abs(y) * 100.0:.0f} cm to the {side} of its middle."
     )
     if needed:
-        return f"{told} It stands on {' and '.join(needed)}: without that nothing would remain."
-    return f"{told} No source is needed for it: whichever fails, the others still know of it."
+        return f"{position} It stands on {' and '.join(needed)}: without that nothing would remain."
+    return f"{position} No source is needed for it: whichever fails, the others still know of it."
 
 
 def _centimetres(metres: float) -> str:

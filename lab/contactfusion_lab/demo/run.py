@@ -38,16 +38,16 @@ from contactfusion_lab.demo.scene import (
 )
 
 EVERY = 2.0
-"""Between two lines [s]."""
+"""Time between two lines [s]."""
 DEAF = 0.05
-"""A skin that told something within this is well [s]."""
+"""Age of the skin's last cloud under which it is healthy [s]."""
 BAR = 30
-"""A share of 1 is so long [characters]."""
+"""Length of a share of 1 [characters]."""
 COLOURS = {"skin": "dark_orange3", "lidar": "dodger_blue1", "motion": "green3"}
 
 
 def show(out: Path, lidar: str = LEARNED) -> None:
-    """Push, tell of it while it goes on, and write a page of it.
+    """Push, print progress meanwhile, and write a page about it.
 
     Args:
         out: the folder that takes index.html and all that it links to.
@@ -57,17 +57,17 @@ def show(out: Path, lidar: str = LEARNED) -> None:
         ContactFusionError: something that the demo needs is missing, or the box did not arrive.
     """
     make_folder(out)
-    new_figure(1.0, 1.0)  # whether matplotlib is there is told now, not after the push
+    new_figure(1.0, 1.0)  # fails now if matplotlib is missing, not after the push
     fields = scene_fields(lidar)
     console = Console()
     console.quiet = is_quiet()
-    moments = list(told(push_moments(fields), console))
-    _say(console, "the same push once more, by the skin alone ...")
+    moments = list(reported(push_moments(fields), console))
+    _print(console, "the same push once more, by the skin alone ...")
     story = Story(fields, moments, list(push_moments(by_skin_alone(fields))))
-    _say(console, "figures and film ...")
+    _print(console, "figures and film ...")
     written = list(write(story, out, console))
     for sentence in sentences(story):
-        _say(console, sentence)
+        _print(console, sentence)
     print(f"results: {', '.join(str(out / name) for name in written)}")
     note(f"look at: {out / 'index.html'}")
     if not story.arrived:
@@ -80,7 +80,7 @@ def write(story: Story, out: Path, console: Console) -> Iterator[str]:
     Args:
         story: of the push.
         out: the folder.
-        console: where to say what could not be written.
+        console: receives what could not be written.
 
     Yields:
         The name of each file.
@@ -108,7 +108,7 @@ def write(story: Story, out: Path, console: Console) -> Iterator[str]:
         record(story, out / "demo.mcap")
         written.append("demo.mcap")
     except DependencyError as error:
-        _say(console, f"no recording: {error}")
+        _print(console, f"no recording: {error}")
     write_whole(out / "index.html", page(story, written, size))
     yield from [*written, "index.html"]
 
@@ -119,26 +119,26 @@ def record(story: Story, path: Path) -> None:
     Raises:
         DependencyError: rosbags is not installed.
     """
-    had = pipeline_fields(story.fields)
-    had.pop("faults", None)
+    setting = pipeline_fields(story.fields)
+    setting.pop("faults", None)
     with McapWriter(path) as writer:
-        writer.text(TOPIC, Setting(had, path.parent, {}, path).text(beside=path.parent))
+        writer.text(TOPIC, Setting(setting, path.parent, {}, path).text(beside=path.parent))
         for moment in story.moments:
             for reading in moment.readings:
                 writer.reading(reading)
             writer.step(moment.step)
 
 
-def _say(console: Console, text: str) -> None:
+def _print(console: Console, text: str) -> None:
     console.print(text, soft_wrap=True, markup=False, highlight=False)
 
 
-def told(moments: Iterable[Moment], console: Console) -> Iterator[Moment]:
-    """Pass moments on, and tell them.
+def reported(moments: Iterable[Moment], console: Console) -> Iterator[Moment]:
+    """The moments, each printed as it passes.
 
     Args:
         moments: of the push.
-        console: where to.
+        console: to print to.
     """
     if not console.is_terminal:
         yield from _lines(moments, console)
@@ -168,9 +168,9 @@ def _lines(moments: Iterable[Moment], console: Console) -> Iterator[Moment]:
     for moment in moments:
         if moment.stamp >= DIES and not died:
             died = True
-            _say(console, f"{moment.stamp:5.1f} s | --- the skin falls silent ---")
+            _print(console, f"{moment.stamp:5.1f} s | --- the skin falls silent ---")
         if moment.stamp >= due or moment.mode != mode or moment.ending is not None:
-            _say(console, line(moment))
+            _print(console, line(moment))
             due = moment.stamp + EVERY - 1e-6
         mode = moment.mode
         yield moment
@@ -203,8 +203,8 @@ def _contact(moment: Moment) -> str:
     if moment.touch is None:
         return "no contact"
     side = "left" if moment.touch.lateral > 0.0 else "right"
-    place = f"{abs(moment.touch.lateral) * 100.0:.1f} cm {side} of the middle"
-    return f"{moment.touch.kind} {place}, likelihood {moment.touch.likelihood:.2f}"
+    position = f"{abs(moment.touch.lateral) * 100.0:.1f} cm {side} of the middle"
+    return f"{moment.touch.kind} {position}, likelihood {moment.touch.likelihood:.2f}"
 
 
 def _health(moment: Moment) -> str:

@@ -1,4 +1,4 @@
-"""The push that the demo shows: a file for `contactfusion run`, made cycle by cycle."""
+"""The push of the demo: its scene file for `contactfusion run`, and its cycles."""
 
 import math
 from collections.abc import Iterator, Mapping
@@ -24,17 +24,17 @@ from contactfusion_lab.scenes.push.config import PushConfig
 from contactfusion_lab.scenes.push.scene import Ending, PushScene, PushTruth, pushed
 
 LEARNED = "lidar_cpm"
-"""The generator that reads the LiDAR, unless another is asked for."""
+"""Type of the generator that reads the LiDAR, unless another is asked for."""
 SKIN = "skin"
 """The sensor that dies."""
 DIES = 10.0
-"""When: about half-way [s]."""
+"""Time at which it dies, about half-way [s]."""
 TARGET = (-2.4, -1.2)
-"""Behind the robot, to its right [m]."""
+"""Target of the contact, behind the robot and to its right [m]."""
 YAW = 20.0
-"""How the box is turned: its corner touches first [degrees]."""
+"""Yaw of the box: its corner touches first [degrees]."""
 LONGEST = 60.0
-"""Nobody waits longer than this for the box to arrive [s]."""
+"""Time limit of the push [s]."""
 HEAD = """\
 # The push of the demo. Run it again, change it, break something else:
 #   contactfusion run scene.yaml
@@ -76,7 +76,7 @@ def scene_fields(lidar: str = LEARNED) -> dict[str, Any]:
 
 
 def by_skin_alone(fields: Mapping[str, Any]) -> dict[str, Any]:
-    """The same push, dying skin and all, with nothing but the skin to feel by."""
+    """The scene of the same push, dying skin included, with the skin as the only sensor."""
     return {
         **fields,
         "generators": {SKIN: fields["generators"][SKIN]},
@@ -94,16 +94,16 @@ class Moment:
     """One cycle of the push.
 
     Attributes:
-        readings: what arrived, after all faults.
+        readings: that arrived, after all faults.
         step: contacts and command.
-        truth: what really happens.
-        ending: why the push ends here; None: it goes on.
+        truth: ground truth.
+        ending: why the push ends here; None: it continues.
         contact: the likeliest on the robot's face, or None.
-        touch: what the controller makes of all contacts on the face, or None.
-        alone: by source of evidence, the contact to the left of the robot's middle as it would be
-            without all other evidence [m], NaN where there would be none.
-        left: from the contact, as it is believed, to the target [m], NaN without contact.
-        silent: for how long nothing came from the skin [s].
+        touch: the controller's estimate from all contacts on the face, or None.
+        alone: by source of evidence, lateral position of the contact without all other evidence
+            [m], NaN where there would be none.
+        left: distance from the believed contact to the target [m], NaN without contact.
+        silent: time since the last cloud of the skin [s].
     """
 
     readings: tuple[Reading, ...]
@@ -123,27 +123,27 @@ class Moment:
 
     @property
     def fusion(self) -> Fusion:
-        """What was fused."""
+        """The fusion of the step."""
         return self.step.fusion
 
     @property
     def shares(self) -> Mapping[str, float]:
-        """How much of the contact's likelihood each source gives; nothing without contact."""
+        """Shares of sources in the contact; empty without contact."""
         return self.contact.shares if self.contact else {}
 
     @property
     def mode(self) -> str:
-        """The state of the controller."""
+        """Mode of the controller."""
         return self.step.command.mode if self.step.command else ""
 
     @property
     def reason(self) -> str:
-        """Why the controller does what it does."""
+        """Reason of the controller's command."""
         return self.step.command.reason if self.step.command else ""
 
 
 def push_moments(fields: Mapping[str, Any]) -> Iterator[Moment]:
-    """Push as a scene says.
+    """The moments of the push of a scene.
 
     Args:
         fields: of the scene.
@@ -153,21 +153,21 @@ def push_moments(fields: Mapping[str, Any]) -> Iterator[Moment]:
     """
     config = RunConfig(**fields)
     scene = PushScene(PushConfig(**config.scene), config.robot, config.seed)
-    # the same faults as in the pipeline: what is told of readings is what got through
+    # the same faults as in the pipeline: readings are those that got through
     faults = Faults(config.faults, config.seed)
     for cycle in pushed(scene, Pipeline(config)):
         contacts, truth = cycle.step.fusion.contacts, cycle.truth
         touch = on_face(contacts, FACE)
         left = math.nan
         if touch is not None:
-            place = place_of((FACE.ahead, touch.lateral), truth.base)
-            left = math.dist(place, scene.config.target)
+            position = place_of((FACE.ahead, touch.lateral), truth.base)
+            left = math.dist(position, scene.config.target)
         yield Moment(
-            readings=tuple(one for reading in cycle.readings for one in faults.apply(reading)),
+            readings=tuple(kept for reading in cycle.readings for kept in faults.apply(reading)),
             step=cycle.step,
             truth=truth,
             ending=cycle.ending,
-            contact=next((one for one in contacts if on_face([one], FACE)), None),
+            contact=next((contact for contact in contacts if on_face([contact], FACE)), None),
             touch=touch,
             alone=_alone(cycle.step.fusion),
             left=left,
@@ -176,14 +176,14 @@ def push_moments(fields: Mapping[str, Any]) -> Iterator[Moment]:
 
 
 def sources_of(moment: Moment) -> list[str]:
-    """Name the sources that can have a share in a contact: all but null ones."""
+    """Names of the sources that can have a share in a contact: all but Null ones."""
     sources = moment.fusion.report.sources.items()
-    return [name for name, one in sources if one.kind != HypothesisKind.NULL]
+    return [name for name, report in sources if report.kind != HypothesisKind.NULL]
 
 
 def _alone(fusion: Fusion) -> dict[str, float]:
     sources = fusion.report.sources.items()
-    evidence = [name for name, one in sources if one.kind == HypothesisKind.REGULAR]
+    evidence = [name for name, report in sources if report.kind == HypothesisKind.REGULAR]
     found = {}
     for source in evidence:
         rest = fusion

@@ -1,4 +1,4 @@
-"""torch, or the sentence that says how to get it."""
+"""torch, or the error that names the extra to install."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -15,7 +15,7 @@ __all__ = ["repeatable", "torch"]
 
 @contextmanager
 def repeatable() -> Iterator[None]:
-    """Let torch give the same bits each time: on one thread, by deterministic algorithms only."""
+    """A context in which torch is deterministic: one thread, deterministic algorithms only."""
     threads = torch.get_num_threads()
     strict = torch.are_deterministic_algorithms_enabled()
     torch.set_num_threads(1)

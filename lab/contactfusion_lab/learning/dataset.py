@@ -1,4 +1,4 @@
-"""Labelled trials, what a sensor saw and how the object touched, and windows of them."""
+"""Labelled trials, the readings of a sensor with the true contacts, and windows of them."""
 
 import hashlib
 import json
@@ -17,26 +17,26 @@ from contactfusion.generators.networks import KINDS, Scale
 from contactfusion_lab.trials.folder import as_npz
 
 Split = Literal["training", "validation", "test"]
-"""What a trial is for; it is never for two of them."""
+"""Use of a trial; each has one."""
 NONE = KINDS.index("none")
 NAMED = ("name", "split", "round", "mountings")
 WINDOW = 20
-"""Instants that the networks look at together (O §II-D)."""
+"""Instants in one input of the networks (O §II-D)."""
 
 
 @dataclass(frozen=True, eq=False)
 class LabelledTrial:
-    """One trial, seen by one sensor from k mountings; n cycles at the networks' rate.
+    """One trial, measured by one sensor from k mountings; n cycles at the networks' rate.
 
     Attributes:
         name: of the trial.
-        split: what the trial is for.
-        round: of the collection, from 0.
-        mountings: the names of the sensor's k places.
+        split: use of the trial.
+        round: DAgger iteration, from 0.
+        mountings: the names of the sensor's k poses.
         stamp: shape (n,) [s].
         descriptors: shape (k, n, S) [m], the proximity lengths.
         kind: shape (n,), the true kind of contact as a row of `KINDS`.
-        lateral: shape (n,), where it is, to the left [m]; NaN without contact.
+        lateral: shape (n,), true lateral position of the contact, to the left [m]; NaN without.
 
     Raises:
         ConfigurationError: arrays do not fit each other, or hold what no trial can have.
@@ -82,24 +82,24 @@ def content_of(trial: LabelledTrial) -> bytes:
 
 
 def load(path: Path) -> LabelledTrial:
-    """Read a trial.
+    """A trial, from an npz file.
 
     Raises:
         ConfigurationError: the file is missing, or is no labelled trial.
     """
     held = read_arrays(path, "told", *ARRAYS)
     try:
-        return _read(held)
+        return _trial(held)
     except ConfigurationError as error:
         raise ConfigurationError(error.problem, str(path)) from None
     except (KeyError, TypeError, ValueError):
         raise ConfigurationError(f"{path} is no labelled trial") from None
 
 
-def _read(held: Mapping[str, Any]) -> LabelledTrial:
-    named: dict[str, Any] = json.loads(str(held["told"]))
-    mountings = tuple(named.pop("mountings"))
-    return LabelledTrial(mountings=mountings, **named, **{name: held[name] for name in ARRAYS})
+def _trial(held: Mapping[str, Any]) -> LabelledTrial:
+    header: dict[str, Any] = json.loads(str(held["told"]))
+    mountings = tuple(header.pop("mountings"))
+    return LabelledTrial(mountings=mountings, **header, **{name: held[name] for name in ARRAYS})
 
 
 @dataclass(frozen=True, eq=False)
@@ -113,7 +113,7 @@ class Windows:
         rows: shape (m, S) [m], the proximity lengths of all trials, one trial after the other.
         starts: shape (w,).
         kind: shape (w,), the true kind of contact at the end of the window, as a row of `KINDS`.
-        lateral: shape (w,), where it is [m], NaN without.
+        lateral: shape (w,), true lateral position of the contact [m], NaN without.
     """
 
     rows: FloatArray
@@ -123,7 +123,7 @@ class Windows:
 
     @classmethod
     def of(cls, trials: Iterable[LabelledTrial]) -> Self:
-        """Stack trials; there is at least one."""
+        """Windows of trials, of which there is at least one."""
         rows, starts, kinds, laterals, count = [], [], [], [], 0
         for trial in trials:
             for descriptors in trial.descriptors:
@@ -143,18 +143,18 @@ class Windows:
         return np.flatnonzero(self.kind != NONE)
 
     def gather(self, which: NDArray[np.int64]) -> FloatArray:
-        """These windows, shape (b, WINDOW, S) [m]."""
+        """Windows by number, shape (b, WINDOW, S) [m]."""
         windows: FloatArray = self.rows[self.starts[which, None] + np.arange(WINDOW)]
         return windows
 
 
 @dataclass(frozen=True, eq=False)
 class Dataset:
-    """What networks are trained on.
+    """The dataset on which networks are trained.
 
     Attributes:
-        training: the windows that the weights are fitted to.
-        validation: those that choose among weights.
+        training: the windows to which weights are fitted.
+        validation: the windows by which weights are chosen.
         length: the range of the proximity lengths in training [m].
         lateral: the range of the location in training [m].
         sha256: of all trials.
@@ -168,7 +168,7 @@ class Dataset:
 
     @classmethod
     def of(cls, trials: Sequence[LabelledTrial]) -> Self:
-        """Stack the trials of each split; those of the test split are left out.
+        """The dataset of trials; those of the test split are left out.
 
         Raises:
             ConfigurationError: a split has no contact, or trials do not fit each other.
@@ -191,7 +191,7 @@ class Dataset:
 
 
 def _touching(trials: Sequence[LabelledTrial], split: str) -> Windows:
-    """Stack the trials of a split, in which there must be contact."""
+    """Windows of the trials of a split, in which there must be contact."""
     here = [trial for trial in trials if trial.split == split]
     if not any((trial.kind != NONE).any() for trial in here):
         raise ConfigurationError(f"none of the {len(here)} trials for {split} has contact")

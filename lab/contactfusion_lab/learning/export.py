@@ -1,4 +1,4 @@
-"""Writes trained networks as the run-time reads them, and lets them drive in a test."""
+"""Export of trained networks in the format of the run-time, and their test in pushes."""
 
 import hashlib
 import json
@@ -27,7 +27,7 @@ from contactfusion_lab.learning.training import Trained
 from contactfusion_lab.trials.executor import Executor
 
 SEED = 7_000_000
-"""Of the experiments, besides the seed of the training."""
+"""Seed of the experiments, to which the seed of the training is added."""
 SENSINGS = ("lidar", "rule")
 
 
@@ -48,10 +48,10 @@ def write_networks(
         location: the trained location estimator.
         kind: the trained type estimator.
         data: what they were trained on.
-        proximity: how the proximity lengths were made.
+        proximity: configuration of the proximity lengths.
         rate: of the cycles of the trials [Hz].
-        description: what the data are, in words.
-        figures: what else was measured; error and accuracy over validation are added.
+        description: of the data, in words.
+        figures: other measures; error and accuracy over validation are added.
 
     Returns:
         The card.
@@ -66,9 +66,9 @@ def write_networks(
             f"the data have {columns} proximity lengths, the cells give {proximity.columns}"
         )
     tensors = {
-        f"{one.name}.{name}": array
-        for one in (location, kind)
-        for name, array in one.weights.items()
+        f"{network.name}.{name}": array
+        for network in (location, kind)
+        for name, array in network.weights.items()
     }
     content = save(tensors)
     errors, right = _location_errors(location.weights, data), _types_right(kind.weights, data)
@@ -84,7 +84,7 @@ def write_networks(
             "validation_type_accuracy": float(right.mean()),
             **(figures or {}),
         },
-        seeds={one.name: one.options.seed for one in (location, kind)},
+        seeds={network.name: network.options.seed for network in (location, kind)},
         data=description,
         data_sha256=data.sha256,
         weights_sha256=hashlib.sha256(content).hexdigest(),
@@ -120,17 +120,17 @@ def _sigma(errors: FloatArray, data: Dataset) -> dict[str, float]:
 
 
 def tested(weights: Path, count: int, seed: int, executor: Executor, out: Path) -> dict[str, float]:
-    """Let networks push to random targets from random starts, and the rule likewise.
+    """Measures of pushes to random targets from random starts, by networks and by the rule.
 
     Args:
         weights: of the networks.
-        count: how many pushes from each mounting.
+        count: number of pushes from each mounting.
         seed: of the training.
         executor: the workers.
         out: takes a folder of `experiment push` for each mounting.
 
     Returns:
-        Figures by names that begin with the mounting and what perceives.
+        Measures, by names that begin with mounting and sensing.
     """
     figures: dict[str, float] = {}
     for mounting in MOUNTINGS:
@@ -150,5 +150,5 @@ def tested(weights: Path, count: int, seed: int, executor: Executor, out: Path) 
                 f"{name}_type_accuracy": found.type_accuracy[0],
                 f"{name}_contact_accuracy": found.contact_accuracy[0],
             }
-    # nothing was located, perhaps
+    # NaN when no contact was located
     return {name: value for name, value in figures.items() if math.isfinite(value)}

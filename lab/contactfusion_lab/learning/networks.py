@@ -13,21 +13,21 @@ from contactfusion_lab.learning.backend import repeatable, torch
 from contactfusion_lab.learning.dataset import WINDOW, Windows
 
 Name = Literal["location", "type"]
-"""Of a network."""
+"""Name of a network."""
 KEENNESS = 6.0
-"""The first weights of the lengths are so many times larger than torch's: what tells of contact are
-the first centimetres of a length, the first tenth of the range to which it is scaled."""
+"""Factor on torch's initial weights of the lengths: contact shows in the first centimetres of a
+length, the first tenth of the range to which it is scaled."""
 CHUNK = 4096
-"""So many windows are predicted at a time."""
+"""Windows that are predicted at a time."""
 
 
 class ContactNetwork(torch.nn.Module):
     """One of the two networks.
 
     Args:
-        name: which.
+        name: of the network.
         columns: S, the proximity lengths of an instant.
-        generator: draws the first weights, uniform in ±1/√UNITS as torch does.
+        generator: draws the initial weights, uniform in ±1/√UNITS as torch does.
     """
 
     def __init__(self, name: Name, columns: int, generator: torch.Generator) -> None:
@@ -47,12 +47,12 @@ class ContactNetwork(torch.nn.Module):
 
 
 def weights_of(network: ContactNetwork) -> Weights:
-    """Copy the weights, by their names without the network's."""
+    """A copy of the weights, by their names without the network's."""
     return {name: tensor.numpy().copy() for name, tensor in network.state_dict().items()}
 
 
 def put_weights(network: ContactNetwork, weights: Mapping[str, NDArray[np.float32]]) -> None:
-    """Replace the weights by others, as `weights_of` gives them.
+    """Replace the weights by others, as `weights_of` returns them.
 
     Raises:
         RuntimeError: they are those of another network.
@@ -61,12 +61,12 @@ def put_weights(network: ContactNetwork, weights: Mapping[str, NDArray[np.float3
 
 
 def scaled_rows(windows: Windows, length: Scale) -> torch.Tensor:
-    """The rows of windows as the networks take them, shape (m, S)."""
+    """The rows of windows as inputs of the networks, scaled, shape (m, S)."""
     return torch.from_numpy(length.scaled(windows.rows).astype(np.float32))
 
 
 def gathered(rows: torch.Tensor, starts: torch.Tensor) -> torch.Tensor:
-    """Gather the windows that start at these rows, shape (b, WINDOW, S)."""
+    """The windows that start at rows, shape (b, WINDOW, S)."""
     return rows[starts[:, None] + torch.arange(WINDOW)]
 
 

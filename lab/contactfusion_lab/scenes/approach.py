@@ -1,4 +1,4 @@
-"""The straight way of a hand towards an object, as joint positions along it."""
+"""The straight path of a hand towards an object, as joint positions along it."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -11,34 +11,36 @@ from contactfusion.frames import Pose
 from contactfusion.robots.model import RobotModel
 
 STEPS = 60
-"""Of the search for joint positions; more never helped."""
+"""Iterations of the inverse kinematics at most; more never helped."""
 NEAR = 1e-4
-"""A pose is reached when its place [m] and its turn [rad] are so near."""
+"""Tolerance of a pose that is reached, in position [m] and rotation [rad]."""
 DAMPING = 0.03
-"""Keeps steps small where the arm is stretched out."""
+"""Damping of least squares: keeps steps small near singularities."""
 LONGEST = 0.3
-"""Of a step of the search, by joint [rad, m]."""
+"""Greatest step of the inverse kinematics, by joint [rad, m]."""
 SPACING = 0.01
-"""The way is solved at places so far apart [m]."""
+"""Distance between the poses of a path that are solved [m]."""
 
 
 @dataclass(frozen=True, eq=False)
 class Approach:
-    """Joint positions along a straight way of the tool, and beyond its end.
+    """Joint positions along a straight path of the tool, and beyond its end.
 
     Attributes:
-        ways: shape (k,), how far the tool has come [m], ascending.
-        joints: shape (k, n), the positions there [rad, m].
+        distances: shape (k,), of the tool along the path [m], ascending; 0 at its end.
+        joints: shape (k, n), joint positions there [rad, m].
     """
 
-    ways: FloatArray
+    distances: FloatArray
     joints: FloatArray
 
-    def at(self, way: float) -> FloatArray:
-        """The joint positions when the tool has come so far [m], shape (n,) [rad, m]."""
-        row = int(np.clip(np.searchsorted(self.ways, way) - 1, 0, len(self.ways) - 2))
-        span = self.ways[row + 1] - self.ways[row]
-        part = min(max((way - self.ways[row]) / span, 0.0), 1.0)
+    def at(self, distance: float) -> FloatArray:
+        """Joint positions at a distance [m] along the path, shape (n,) [rad, m]."""
+        row = int(
+            np.clip(np.searchsorted(self.distances, distance) - 1, 0, len(self.distances) - 2)
+        )
+        span = self.distances[row + 1] - self.distances[row]
+        part = min(max((distance - self.distances[row]) / span, 0.0), 1.0)
         positions: FloatArray = (1.0 - part) * self.joints[row] + part * self.joints[row + 1]
         return positions
 
@@ -46,15 +48,15 @@ class Approach:
 def straight(
     model: RobotModel, tool: str, end: Pose, start: FloatArray, before: float, beyond: float
 ) -> Approach | None:
-    """Plan the way of a tool along its z, without a turn.
+    """A path of the tool along its z, without rotation.
 
     Args:
         model: the robot.
-        tool: the link that is led; its z points ahead.
-        end: the pose of the tool at way 0, in the root link's frame.
-        start: shape (n,), where the search for joint positions begins [rad, m].
-        before: where the way begins, so far before the end [m].
-        beyond: where it ends, so far behind the end [m].
+        tool: the link that moves; its z points forward.
+        end: the pose of the tool at distance 0, in the root link's frame.
+        start: shape (n,), initial guess of the joint positions [rad, m].
+        before: length of the path before that pose [m].
+        beyond: length of the path beyond it [m].
 
     Returns:
         None when the arm does not reach all of it.
@@ -64,23 +66,23 @@ def straight(
     if positions is None:
         return None
     count = int(np.ceil((before + beyond) / SPACING)) + 1
-    ways = np.linspace(-before, beyond, count)
+    distances = np.linspace(-before, beyond, count)
     joints = np.empty((count, len(start)))
-    middle = int(np.searchsorted(ways, 0.0))
+    middle = int(np.searchsorted(distances, 0.0))
     for rows in (range(middle, count), range(middle - 1, -1, -1)):
-        warm = positions
+        guess = positions
         for row in rows:
             pose = end.copy()
-            pose[:3, 3] += ways[row] * end[:3, 2]
-            found = solved(model, tool, pose, warm, moving)
-            if found is None or np.abs(found - warm).max() > LONGEST:
+            pose[:3, 3] += distances[row] * end[:3, 2]
+            found = solved(model, tool, pose, guess, moving)
+            if found is None or np.abs(found - guess).max() > LONGEST:
                 return None
-            joints[row] = warm = found
-    return Approach(ways, joints)
+            joints[row] = guess = found
+    return Approach(distances, joints)
 
 
 def led_by(model: RobotModel, tool: str) -> FloatArray:
-    """Which joints lead a link: shape (n,), 1 for those, 0 for the others."""
+    """Which joints move a link: shape (n,), 1 for those, 0 for the others."""
     leading = [tool in model.beyond(model.urdf.children[name]) for name in model.joint_names]
     still = [name in model.config.still for name in model.joint_names]
     led: FloatArray = np.array(leading, np.float64) * ~np.array(still)
@@ -90,13 +92,13 @@ def led_by(model: RobotModel, tool: str) -> FloatArray:
 def solved(
     model: RobotModel, tool: str, pose: Pose, start: FloatArray, moving: FloatArray
 ) -> FloatArray | None:
-    """Find joint positions that bring a link into a pose, by damped least squares.
+    """Joint positions at which a link has a pose: inverse kinematics by damped least squares.
 
     Args:
         model: the robot.
         tool: the link.
         pose: in the root link's frame.
-        start: shape (n,), where to begin [rad, m].
+        start: shape (n,), initial guess [rad, m].
         moving: shape (n,), 1 for the joints that may move.
 
     Returns:
@@ -105,8 +107,8 @@ def solved(
     positions, (low, high) = start.copy(), model.limits.T
     for _ in range(STEPS):
         there = model.poses_at(positions)[tool]
-        turn = Rotation.from_matrix(pose[:3, :3] @ there[:3, :3].T).as_rotvec()
-        error = np.concatenate([pose[:3, 3] - there[:3, 3], turn])
+        rotation = Rotation.from_matrix(pose[:3, :3] @ there[:3, :3].T).as_rotvec()
+        error = np.concatenate([pose[:3, 3] - there[:3, 3], rotation])
         if np.abs(error).max() < NEAR:
             return positions
         jacobian = model.jacobian(tool, positions) * moving
@@ -120,9 +122,9 @@ def solved(
 def tries(
     model: RobotModel, posture: FloatArray, moving: FloatArray, rng: np.random.Generator
 ) -> Iterator[FloatArray]:
-    """Places to begin a search from: the posture first, then chance; shape (n,) each."""
+    """Initial guesses of joint positions: the posture, then random ones; shape (n,) each."""
     yield posture
     low, high = np.clip(model.limits, -np.pi, np.pi).T
     while True:
-        chance = rng.uniform(low, high)
-        yield np.where(moving > 0.0, 0.5 * (posture + chance), posture)
+        drawn = rng.uniform(low, high)
+        yield np.where(moving > 0.0, 0.5 * (posture + drawn), posture)

@@ -1,4 +1,4 @@
-"""A robot's joints in PyBullet, held where they shall be by springs and dampers."""
+"""A compliant arm in PyBullet: joint impedance control towards commanded positions."""
 
 import numpy as np
 
@@ -7,22 +7,22 @@ from contactfusion.robots.bullet import BulletWorld
 from contactfusion.robots.model import RobotModel
 
 STEP = 0.001
-"""Of the physics [s]."""
+"""Time step of the physics [s]."""
 BREAKING = 0.02
-"""Bullet keeps a point of contact until it has slid or parted by this [m]. This is what it does of
-its own, but it is one number for all worlds of a process, and another may have changed it."""
+"""Bullet keeps a point of contact until it has slid or parted by this [m]. This is the default of
+Bullet, but one number for all worlds of a process, and another may have changed it."""
 STIFFEST = 400.0
-"""No joint may swing faster than this by itself [rad/s]: the physics could not follow."""
+"""Greatest natural frequency of a joint [rad/s]: the physics could not follow a faster one."""
 
 
-class SpringyArm:
+class CompliantArm:
     """Joint impedance: τ = K (q* − q) + D (q*' − q') + g(q), as torque, for motors would jump.
 
     Args:
         world: the physics.
         model: the robot in it.
-        positions: shape (n,), where the joints stand [rad, m].
-        stiffness: K, shape (n,) [N·m/rad, N/m]; D is critical.
+        positions: shape (n,), of the joints at the start [rad, m].
+        stiffness: K, shape (n,) [N·m/rad, N/m]; D is critical damping.
     """
 
     def __init__(
@@ -32,7 +32,7 @@ class SpringyArm:
         bullet, client, rows = world.bullet, world.client, world.joints
         inertias = model.inertias(positions)
         self.stiffness = np.minimum(stiffness, inertias * STIFFEST**2)
-        """How each joint yields, shape (n,) [N·m/rad, N/m]."""
+        """Stiffness K of the joints, shape (n,) [N·m/rad, N/m]."""
         self._damping = 2.0 * np.sqrt(self.stiffness * inertias)
         self._most = model.efforts
         world.bend(positions)
@@ -46,18 +46,18 @@ class SpringyArm:
         )
         bullet.setTimeStep(STEP, **client)
         bullet.setGravity(0.0, 0.0, -9.81, **client)
-        self._wanted = positions
+        self._commanded = positions
         self.positions, self.velocities = positions.copy(), np.zeros(count)
 
-    def step(self, wanted: FloatArray) -> None:
-        """Let one step of physics pass; `wanted`, shape (n,), is where joints shall be [rad, m]."""
+    def step(self, commanded: FloatArray) -> None:
+        """One step of the physics towards the commanded positions q*, shape (n,) [rad, m]."""
         bullet, client, world = self._world.bullet, self._world.client, self._world
         torques = (
-            self.stiffness * (wanted - self.positions)
-            + self._damping * ((wanted - self._wanted) / STEP - self.velocities)
+            self.stiffness * (commanded - self.positions)
+            + self._damping * ((commanded - self._commanded) / STEP - self.velocities)
             + self._model.gravity_torques(self.positions)
         )
-        self._wanted = wanted
+        self._commanded = commanded
         np.clip(torques, -self._most, self._most, out=torques)
         bullet.setJointMotorControlArray(
             world.robot, world.joints, bullet.TORQUE_CONTROL, forces=torques, **client

@@ -1,4 +1,4 @@
-"""What is true in a touch or a push at one instant, as contacts and poses of objects."""
+"""Ground truth of a scene at one instant: contacts and poses of objects."""
 
 from collections.abc import Mapping
 
@@ -12,23 +12,27 @@ from contactfusion.readings import ObjectPose
 
 
 def true_contact(
-    stamp: float, frame: str, place: FloatArray, force: FloatArray, ends: FloatArray | None = None
+    stamp: float,
+    frame: str,
+    position: FloatArray,
+    force: FloatArray,
+    ends: FloatArray | None = None,
 ) -> Contact:
-    """A contact that is beyond doubt.
+    """A contact of the ground truth: likelihood 1, covariance 0.
 
     Args:
         stamp: [s].
         frame: of the arrays.
-        place: shape (3,) [m].
+        position: shape (3,) [m].
         force: shape (3,) [N], on the robot.
-        ends: shape (2, 3) [m], of a line; None: the contact is a point.
+        ends: shape (2, 3) [m], of a line contact; None: a point.
     """
     return Contact(
-        position=place,
+        position=position,
         likelihood=1.0,
         dispersion=0.0,
         covariance=np.zeros((3, 3)),
-        extent=np.stack([place, place]) if ends is None else ends,
+        extent=np.stack([position, position]) if ends is None else ends,
         force=force,
         voxels=0,
         shares={},
@@ -38,7 +42,7 @@ def true_contact(
 
 
 def standing(stamp: float, frame: str, poses: Mapping[str, Pose]) -> tuple[ObjectPose, ...]:
-    """Where objects stand.
+    """The true poses of objects.
 
     Args:
         stamp: [s].

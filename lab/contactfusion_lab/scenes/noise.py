@@ -1,4 +1,4 @@
-"""How wrong the sensors of a simulated robot are."""
+"""Measurement errors of the sensors of a simulated robot."""
 
 from typing import Any
 
@@ -33,42 +33,42 @@ NOISES: dict[str, dict[str, Any]] = {
     "prototype": PROTOTYPE,
     "full": PROTOTYPE | HARDER,
 }
-"""Noises by name."""
+"""Named sets of errors."""
 
 
 class TouchNoise(Model):
-    """Standard deviations; what is constant is drawn once a touch."""
+    """Standard deviations; constant errors are drawn once a run."""
 
     wrist_place: Spread = Field(default=0.0, ge=0)
-    """Of where the arm's joints say that the hand is, by axis, constant [m]."""
+    """Of the hand's position by the arm's joints, by axis, constant [m]."""
     wrist_turn: float = Field(default=0.0, ge=0)
-    """Of how they say that it is turned, by axis, constant [degrees]."""
+    """Of its orientation by them, by axis, constant [degrees]."""
     encoders: float = Field(default=0.0, ge=0)
-    """Of the joints of the hand, constant [degrees]."""
+    """Of the joint encoders of the hand, constant [degrees]."""
     zeros: float = Field(default=0.0, ge=0)
-    """Of the zeros of the joints of the hand, besides, constant [degrees]."""
+    """Of their zeros, in addition, constant [degrees]."""
     eye_place: Spread = Field(default=0.0, ge=0)
-    """Of where cameras are believed to be, by axis, constant [m]."""
+    """Of the extrinsic position of each camera, by axis, constant [m]."""
     eye_turn: float = Field(default=0.0, ge=0)
-    """Of how they are believed to be turned, by axis, constant [degrees]."""
+    """Of its extrinsic orientation, by axis, constant [degrees]."""
     depth: Spread = Field(default=0.0, ge=0)
     """Of the depth of each pixel [m]."""
     flying: float = Field(default=0.0, ge=0, le=1)
-    """The part of the pixels that tell a depth up to 0.3 m before or behind what is there."""
+    """Share of pixels whose depth is up to 0.3 m before or behind the surface (flying pixels)."""
     force: ForceNoise = Field(default=0.0, ge=0)
     """Of each sample of force, by axis [N]."""
     torque: TorqueNoise = Field(default=0.0, ge=0)
     """Of each sample of torque, by axis [N·m]."""
     force_zero: ForceNoise = Field(default=0.0, ge=0)
-    """Of the zero of force, by axis, constant [N]."""
+    """Of the zero offset of force, by axis, constant [N]."""
     torque_zero: TorqueNoise = Field(default=0.0, ge=0)
-    """Of the zero of torque, by axis, constant [N·m]."""
+    """Of the zero offset of torque, by axis, constant [N·m]."""
     pressure: ForceNoise = Field(default=0.0, ge=0)
     """Of each value of a taxel [N]."""
     finger_stiffness: float = Field(default=10.0, gt=0)
-    """How the joints of the hand yield [N·m/rad, N/m]."""
+    """Stiffness of the joints of the hand, no deviation [N·m/rad, N/m]."""
     belief: bool = True
-    """Whether objects are believed where `sigma` and `sigma_yaw` put them; else where they are."""
+    """Whether believed poses of objects err by `sigma` and `sigma_yaw`; else they are true."""
 
     @model_validator(mode="before")
     @classmethod

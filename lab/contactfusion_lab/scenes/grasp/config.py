@@ -1,4 +1,4 @@
-"""A grasp by configuration: what stands where on the table, and how well it is felt."""
+"""A grasp by configuration: object, surroundings, gripper, and errors of the sensors."""
 
 from typing import Literal
 
@@ -14,63 +14,65 @@ from contactfusion_lab.scenes.touch.config import AnyRange
 
 
 class GraspConfig(Model):
-    """A hand goes ahead to where an object is believed to stand, and lifts it.
+    """A hand goes forward to where an object is believed to stand, and lifts it.
 
-    The z of the robot's root link points up. Where a range is given, chance takes a value from it.
+    The z of the robot's root link points up. Where a range is given, a value is drawn from it,
+    uniformly.
     """
 
     type: Literal["grasp"] = "grasp"
     """The kind of scene."""
     object: ObjectConfig
-    """What is grasped, standing where it is believed to stand; it may move."""
+    """The object to grasp, at its believed pose; it may move."""
     mass: Load | None = Field(default=None, gt=0)
-    """Of the object [kg], spread evenly over its shapes; None: as its URDF says."""
+    """Mass of the object [kg], spread evenly over its shapes; None: that of its URDF."""
     surroundings: dict[str, ObjectConfig] = Field(default_factory=dict)
-    """What else stands around, such as the table; it does not move."""
+    """Fixed objects, such as the table."""
     tool: str
-    """The link that is led; its z points ahead, its x aside."""
+    """The link that moves; its z points forward, its x sideways."""
     gripper: dict[str, tuple[float, float]] = Field(min_length=1)
-    """The joints of the fingers: where they are when the gripper is open, and when it is closed on
-    nothing [rad, m]."""
+    """The joints of the fingers: positions of the open gripper, and of one closed on nothing
+    [rad, m]."""
     begin: float = Field(default=0.3, ge=0, le=1)
-    """How far the gripper is closed at the start."""
+    """Part by which the gripper is closed at the start, from 0 (open) to 1."""
     posture: dict[str, float] = Field(default_factory=dict)
-    """Where joints of the arm stand when the search for the start begins; others: 0 [rad, m]."""
+    """Joint positions of the arm from which inverse kinematics begins; others: 0 [rad, m]."""
     azimuth: AnyRange = (180.0, 180.0)
-    """Where the hand comes from, seen from where the object is believed to stand: about the z of
-    the root link, from its x [degrees]."""
+    """Direction from the believed object to the hand: about the z of the root link, from its x
+    [degrees]."""
     height: Nearby = 0.09
-    """So high above the origin of the object the tool goes, level [m]."""
+    """Height of the tool, which goes level, above the origin of the object [m]."""
     distance: Reach = Field(default=0.3, gt=0)
-    """Of the tool's origin from the axis of the object at the start, level [m]."""
+    """Horizontal distance of the tool's origin from the axis of the object at the start [m]."""
     offset: AnyRange = (-0.05, 0.05)
-    """How far beside the hand's way the object truly stands, to the left as the hand goes [m]."""
+    """True lateral offset of the object from the hand's path, to the left as the hand goes [m]."""
     yaw: AnyRange = (-30.0, 30.0)
-    """How far it is truly turned about the vertical [degrees]."""
+    """True yaw of the object, from the believed one [degrees]."""
     friction: float = Field(default=0.6, gt=0)
-    """Between hand and object."""
+    """Coefficient of friction between hand and object."""
     table_friction: float = Field(default=0.3, gt=0)
-    """Between the object and what it stands on."""
+    """Coefficient of friction between the object and what it stands on."""
     arm_stiffness: float = Field(default=400.0, gt=0)
-    """How the joints that lead the tool yield [N·m/rad, N/m]."""
+    """Stiffness of the joints that move the tool [N·m/rad, N/m]."""
     grip: float = Field(default=1.0, gt=0)
     """The greatest torque with which the joints of the fingers close [N·m, N]."""
     stuck: dict[str, float] = Field(default_factory=dict)
-    """Joints of fingers that never leave a position, as they are broken [rad, m]."""
+    """Broken joints of fingers, with the positions that they never leave [rad, m]."""
     camera_rate: float = Field(default=0.0, ge=0, le=20)
-    """Of the images of each camera [Hz]; 0: cameras are off."""
+    """Rate of the images of each camera [Hz]; 0: cameras are off."""
     wrench_range: tuple[float, float] | None = None
-    """No component of force [N] and torque [N·m] reads more than these; None: any does."""
+    """Range of the wrist sensors by component, force [N] and torque [N·m]: readings saturate there;
+    None: unlimited."""
     noise: TouchNoise = Field(default_factory=lambda: TouchNoise.model_validate("prototype"))
-    """How wrong the sensors are: `none`, `prototype`, `full`, or the fields of `TouchNoise`."""
+    """Errors of the sensors: `none`, `prototype`, `full`, or the fields of `TouchNoise`."""
     period: float = Field(default=0.05, ge=0.01, le=0.2)
-    """Between commands, and between readings of joints and skins [s]."""
+    """Period of commands, and of readings of joints and skins [s]."""
     lifted: Reach = Field(default=0.1, gt=0)
-    """A grasp has succeeded when the object has been so much higher [m] ..."""
+    """Least height above its start at which the object must be held for success [m] ..."""
     held: Memory = Field(default=2.0, gt=0)
-    """... for so long at the end [s]."""
+    """... and for how long at the end [s]."""
     longest: Limit = Field(default=60.0, gt=0)
-    """The grasp ends after so long [s]."""
+    """Time limit of the grasp [s]."""
 
     @model_validator(mode="after")
     def _fits(self) -> "GraspConfig":

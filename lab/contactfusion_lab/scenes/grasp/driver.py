@@ -1,4 +1,4 @@
-"""What drives arm and hand in a grasp: velocities and a gripper in, positions of joints out."""
+"""The low-level controller of arm and hand in a grasp: from commands to joint positions."""
 
 from collections.abc import Mapping
 
@@ -14,39 +14,40 @@ from contactfusion_lab.scenes.approach import led_by
 from contactfusion_lab.scenes.arm import STEP
 
 SPEED, TURNING = 0.15, 0.6
-"""Of the tool at most [m/s, rad/s]."""
+"""Greatest speeds of the tool [m/s, rad/s]."""
 ACCELERATION, ANGULAR_ACCELERATION = 0.3, 1.5
-"""Of the tool; a wrist that carries a hand feels every jerk as a push [m/s², rad/s²]."""
+"""Greatest accelerations of the tool; a wrist that carries a hand measures every jerk as a push
+[m/s², rad/s²]."""
 FASTEST = 1.0
-"""Of the arm's joints [rad/s, m/s]."""
+"""Greatest speed of the arm's joints [rad/s, m/s]."""
 FINGERS = 0.8
-"""Of the joints of fingers [rad/s, m/s]."""
+"""Speed of the joints of fingers [rad/s, m/s]."""
 EVERY = 10
-"""Velocities of joints are worked out again after so many steps of the physics."""
+"""Steps of the physics between updates of the joint velocities."""
 SINGULAR = 0.003
-"""Damps velocities of joints where the arm is stretched out."""
+"""Damping of least squares near singularities."""
 GAIN = 10.0
-"""What the tool is off its way is made good at this rate [1/s]."""
+"""Gain on the deviation of the tool from its goal [1/s]."""
 BEHIND = np.array([0.02, 0.02, 0.02, 0.1, 0.1, 0.1])
-"""The tool's goal waits when the arm is so far behind it, as at the end of its reach, or when
-something is in its way: that limits its force [m, then rad]."""
+"""The tool's goal waits when the arm is so far behind it, as at the end of its reach, or at an
+obstacle: that limits its force [m, then rad]."""
 BENT = BEHIND / 5.0
-"""It waits, too, when joints at their limits keep the tool so far off: it would go round."""
+"""It waits, too, when joints at their limits keep the tool so far off [m, then rad]."""
 
 
 class GraspDriver:
-    """Follows commands as an arm's own controller does, always within the limits of joints.
+    """Follows commands as the controller of an arm does, always within joint limits.
 
     The velocity of the tool becomes that of the joints by damped least squares; its pose is the
     integral of what was commanded, so that it neither drifts nor turns.
 
     Args:
         model: the robot.
-        tool: the link that is led.
-        gripper: where the joints of fingers are when open, and when closed.
+        tool: the link that moves.
+        gripper: positions of the joints of fingers, open and closed [rad, m].
         grip: the greatest torque of the fingers [N·m, N].
         stiffness: shape (n,), of all joints [N·m/rad, N/m].
-        positions: shape (n,), where the joints are [rad, m].
+        positions: shape (n,), of the joints at the start [rad, m].
     """
 
     def __init__(
@@ -62,20 +63,20 @@ class GraspDriver:
         self._leading, self._limits = led_by(model, tool), model.limits.T
         self._rows = [model.joint_names.index(name) for name in gripper]
         self._open, self._closed = np.array(list(gripper.values())).T
-        # how far the goal of a finger is ahead of it limits its torque
+        # the lead of a finger's goal limits its torque
         self._lead = grip / stiffness[self._rows]
-        self.wanted = positions.copy()
-        """Where the joints shall be, shape (n,) [rad, m]."""
+        self.commanded = positions.copy()
+        """Commanded joint positions, shape (n,) [rad, m]."""
         self._goal: Pose = model.poses_at(positions)[tool].copy()
         self._target, self._twist = np.zeros(6), np.zeros(6)
         self._joints = np.zeros(len(positions))
         self._speeds = np.zeros(len(positions))
         self.fingers = positions[self._rows]
-        """Where the joints of the gripper are told to go, shape (k,) [rad, m]."""
+        """Commanded positions of the gripper's joints, shape (k,) [rad, m]."""
         self._steps = 0
 
     def obey(self, command: Command) -> None:
-        """Take a command; what it leaves out stands still, but for the gripper, which stays told.
+        """Accept a command; velocities that it leaves out are 0, the gripper keeps its last goal.
 
         Raises:
             ConfigurationError: its twist is in a frame that is neither the tool's nor the root's,
@@ -91,11 +92,11 @@ class GraspDriver:
                 )
             both = np.stack([twist.linear, twist.angular])
             if twist.frame == self._tool:
-                both = vectors_in(self._model.poses_at(self.wanted)[self._tool], both)
+                both = vectors_in(self._model.poses_at(self.commanded)[self._tool], both)
             limits = np.array([SPEED, TURNING])
             length = np.maximum(np.linalg.norm(both, axis=1), 1e-12)
             self._target = (both * np.minimum(1.0, limits / length)[:, None]).ravel()
-        self._joints = np.zeros(len(self.wanted))
+        self._joints = np.zeros(len(self.commanded))
         for name, speed in (command.joint_velocities or {}).items():
             if name not in self._model.joint_names:
                 hint = name_hint(name, self._model.joint_names, "joints")
@@ -109,44 +110,44 @@ class GraspDriver:
             self.fingers = (1.0 - part) * self._open + part * self._closed
 
     def advance(self, positions: FloatArray) -> FloatArray:
-        """Go on by one step of the physics.
+        """The joint positions to command in the next step of the physics.
 
         Args:
-            positions: shape (n,), where the joints are [rad, m].
+            positions: shape (n,), measured joint positions [rad, m].
 
         Returns:
-            Where they shall be, shape (n,) [rad, m].
+            Shape (n,) [rad, m].
         """
         if self._steps % EVERY == 0:
             self._speeds = self._led(positions, EVERY * STEP)
             if self._joints.any():
                 self._speeds = np.clip(self._joints + self._speeds, -FASTEST, FASTEST)
         self._steps += 1
-        wanted = self.wanted + self._speeds * STEP
-        there = self.wanted[self._rows]
+        commanded = self.commanded + self._speeds * STEP
+        there = self.commanded[self._rows]
         step = np.clip(self.fingers - there, -FINGERS * STEP, FINGERS * STEP)
         now = positions[self._rows]
-        wanted[self._rows] = np.clip(there + step, now - self._lead, now + self._lead)
-        self.wanted = np.clip(wanted, *self._limits)
-        return self.wanted
+        commanded[self._rows] = np.clip(there + step, now - self._lead, now + self._lead)
+        self.commanded = np.clip(commanded, *self._limits)
+        return self.commanded
 
     def _led(self, positions: FloatArray, period: float) -> FloatArray:
-        """The velocities of the joints that follow the tool's goal, shape (n,)."""
+        """Joint velocities that follow the tool's goal, shape (n,) [rad/s, m/s]."""
         most = np.repeat([ACCELERATION, ANGULAR_ACCELERATION], 3) * period
         self._twist = self._twist + np.clip(self._target - self._twist, -most, most)
-        really = self._model.poses_at(positions)[self._tool]
-        there = self._model.poses_at(self.wanted)[self._tool]
-        if (self._joints * self._leading).any():  # who leads joints decides where the tool goes
+        actual = self._model.poses_at(positions)[self._tool]
+        there = self._model.poses_at(self.commanded)[self._tool]
+        if (self._joints * self._leading).any():  # commanded joints decide where the tool goes
             self._goal = there
         goal = self._goal.copy()
         goal[:3, 3] += self._twist[:3] * period
         goal[:3, :3] = Rotation.from_rotvec(self._twist[3:] * period).as_matrix() @ goal[:3, :3]
-        if _comes_along(really, self._goal, goal, BEHIND) and _comes_along(
+        if _comes_along(actual, self._goal, goal, BEHIND) and _comes_along(
             there, self._goal, goal, BENT
         ):
             self._goal = goal
-        error = _way(there, self._goal)
-        jacobian = self._model.jacobian(self._tool, self.wanted) * self._leading
+        error = _deviation(there, self._goal)
+        jacobian = self._model.jacobian(self._tool, self.commanded) * self._leading
         squared = jacobian @ jacobian.T + SINGULAR**2 * np.eye(6)
         speeds = jacobian.T @ np.linalg.solve(squared, self._twist + GAIN * error)
         led: FloatArray = speeds * min(1.0, FASTEST / max(float(np.abs(speeds).max()), 1e-12))
@@ -154,12 +155,12 @@ class GraspDriver:
 
 
 def _comes_along(tool: Pose, goal: Pose, further: Pose, most: FloatArray) -> bool:
-    """Whether a tool is near enough to a goal that goes on, or nearer to it than before."""
-    before, after = (float(np.abs(_way(tool, one) / most).max()) for one in (goal, further))
+    """Whether a tool is near enough to a goal that advances, or nearer to it than before."""
+    before, after = (float(np.abs(_deviation(tool, pose) / most).max()) for pose in (goal, further))
     return after < max(before, 1.0)
 
 
-def _way(start: Pose, end: Pose) -> FloatArray:
-    """The short way from one pose to another: shape (6,), place [m], then turn [rad]."""
-    turn = np.cross(start[:3, :3], end[:3, :3], axis=0).sum(axis=1) / 2.0
-    return np.concatenate([end[:3, 3] - start[:3, 3], turn])
+def _deviation(start: Pose, end: Pose) -> FloatArray:
+    """The deviation from a pose to another: shape (6,), translation [m], then rotation [rad]."""
+    rotation = np.cross(start[:3, :3], end[:3, :3], axis=0).sum(axis=1) / 2.0
+    return np.concatenate([end[:3, 3] - start[:3, 3], rotation])

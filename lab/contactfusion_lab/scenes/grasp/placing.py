@@ -1,4 +1,4 @@
-"""Where object and hand of a grasp begin."""
+"""The poses of object and hand at the start of a grasp."""
 
 import itertools
 
@@ -13,24 +13,24 @@ from contactfusion_lab.scenes.approach import led_by, solved, tries
 from contactfusion_lab.scenes.grasp.config import GraspConfig
 
 SEARCHES = 20
-"""So many searches for joint positions are made."""
+"""Initial guesses of inverse kinematics at most."""
 
 
 def placed(config: GraspConfig, azimuth: float, rng: np.random.Generator) -> Pose:
-    """Draw where the object truly stands: beside the hand's way, and turned.
+    """The true pose of the object, random: lateral of the hand's path, and turned.
 
     Args:
         config: the grasp.
-        azimuth: where the hand comes from [rad].
-        rng: draws what is left to chance.
+        azimuth: direction from the object to the hand [rad].
+        rng: draws offset and yaw.
 
     Returns:
-        Its pose in the root link's frame.
+        In the root link's frame.
     """
     pose = config.object.pose.pose()
-    aside, turn = rng.uniform(*config.offset), rng.uniform(*config.yaw)
-    pose[:3, :3] = Rotation.from_euler("z", turn, degrees=True).as_matrix() @ pose[:3, :3]
-    pose[:3, 3] += aside * np.array([np.sin(azimuth), -np.cos(azimuth), 0.0])
+    lateral, yaw = rng.uniform(*config.offset), rng.uniform(*config.yaw)
+    pose[:3, :3] = Rotation.from_euler("z", yaw, degrees=True).as_matrix() @ pose[:3, :3]
+    pose[:3, 3] += lateral * np.array([np.sin(azimuth), -np.cos(azimuth), 0.0])
     return pose
 
 
@@ -41,28 +41,28 @@ def facing(config: GraspConfig, azimuth: float) -> Pose:
 
     Args:
         config: the grasp.
-        azimuth: where the hand comes from [rad].
+        azimuth: direction from the object to the hand [rad].
 
     Returns:
         In the root link's frame.
     """
     out = np.array([np.cos(azimuth), np.sin(azimuth), 0.0])
     left, up = np.array([np.sin(azimuth), -np.cos(azimuth), 0.0]), np.array([0.0, 0.0, 1.0])
-    turn = np.stack([left, up, -out], axis=1)
-    place = config.object.pose.pose()[:3, 3] + config.distance * out + config.height * up
-    return pose_of(place, turn)
+    rotation = np.stack([left, up, -out], axis=1)
+    position = config.object.pose.pose()[:3, 3] + config.distance * out + config.height * up
+    return pose_of(position, rotation)
 
 
 def starting(
     config: GraspConfig, model: RobotModel, tool: Pose, rng: np.random.Generator
 ) -> FloatArray:
-    """Find positions of the joints with the tool in a pose, shape (n,) [rad, m].
+    """Joint positions with the tool in a pose, shape (n,) [rad, m].
 
     Args:
         config: the grasp.
         model: the robot.
         tool: the pose, in the root link's frame.
-        rng: draws where searches begin.
+        rng: draws initial guesses.
 
     Raises:
         RobotError: the arm does not reach it.
@@ -88,11 +88,11 @@ def starting(
 
 
 def check_names(config: GraspConfig, model: RobotModel) -> None:
-    """Make sure that the robot has what the scene names, and that objects are placed by it.
+    """Check that the robot has what the scene names, and that poses are in its root link.
 
     Raises:
         RobotError: the robot lacks the tool.
-        ConfigurationError: it lacks a joint, one of the gripper leads the tool, one would stand
+        ConfigurationError: it lacks a joint, one of the gripper moves the tool, one would stand
             beyond its limits, or an object is placed in another frame.
     """
     model.urdf.require_link(config.tool)
@@ -103,18 +103,18 @@ def check_names(config: GraspConfig, model: RobotModel) -> None:
                 raise ConfigurationError(f"unknown joint '{name}': {hint}", f"{field}.{name}")
     _check_joints(config, model)
     placing = {"object": config.object}
-    placing |= {f"surroundings.{name}": one for name, one in config.surroundings.items()}
-    for path, one in placing.items():
-        if one.pose.parent != model.root:
+    placing |= {f"surroundings.{name}": fixed for name, fixed in config.surroundings.items()}
+    for path, located in placing.items():
+        if located.pose.parent != model.root:
             raise ConfigurationError(
                 f"the scene is placed in the robot's root link '{model.root}', "
-                f"not in '{one.pose.parent}'",
+                f"not in '{located.pose.parent}'",
                 f"{path}.pose.parent",
             )
 
 
 def _check_joints(config: GraspConfig, model: RobotModel) -> None:
-    """Make sure that joints can stand where they are told, and that fingers lead no tool."""
+    """Check that joint positions are within limits, and that no finger moves the tool."""
     rows = {name: row for row, name in enumerate(model.joint_names)}
     leading = led_by(model, config.tool)
     for name in config.gripper:
@@ -123,10 +123,10 @@ def _check_joints(config: GraspConfig, model: RobotModel) -> None:
                 f"it leads the tool '{config.tool}', so it is no joint of fingers",
                 f"gripper.{name}",
             )
-    told = [("gripper", name, one) for name, both in config.gripper.items() for one in both]
-    told += [("posture", *one) for one in config.posture.items()]
-    told += [("stuck", *one) for one in config.stuck.items()]
-    for field, name, position in told:
+    given = [("gripper", name, end) for name, ends in config.gripper.items() for end in ends]
+    given += [("posture", *joint) for joint in config.posture.items()]
+    given += [("stuck", *joint) for joint in config.stuck.items()]
+    for field, name, position in given:
         low, high = model.limits[rows[name]]
         if not low <= position <= high:
             raise ConfigurationError(

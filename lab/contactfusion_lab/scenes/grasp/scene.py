@@ -1,4 +1,4 @@
-"""A grasp: what sensors read, what is true, and the loop with a pipeline and its controller."""
+"""A grasp: readings, ground truth, and the loop with a pipeline and its controller."""
 
 import math
 from collections.abc import Iterator, Sequence
@@ -33,32 +33,32 @@ from contactfusion_lab.scenes.touch.sensors import TouchSensors
 from contactfusion_lab.scenes.touch.world import contacts_of
 
 OBJECT = "object"
-"""What the truth calls the object, whichever it is."""
+"""Name of the object in the ground truth, whichever it is."""
 WRENCHES = 10
-"""Wrists are read after so many steps of the physics."""
+"""Steps of the physics between readings of the wrists."""
 SETTLING = 0.3
-"""What stands on the table settles so long before the grasp begins [s]."""
+"""Time for objects on the table to settle before the grasp begins [s]."""
 TIMEOUT = "timeout"
-"""How a grasp ends whose controller comes to no end."""
+"""Ending of a grasp whose controller does not end it."""
 WAYS = (GraspMode.APPROACH, GraspMode.BACK, GraspMode.ASIDE, GraspMode.ENTER)
-"""In these the hand is on its way to the object."""
+"""Modes in which the hand is on its path to the object."""
 FALLEN = math.radians(45.0)
-"""An object whose z leans over by more has fallen."""
+"""Tilt of the object's z beyond which it has fallen [rad]."""
 
 
 @dataclass(frozen=True, eq=False)
 class GraspTruth:
-    """What really happens at one instant.
+    """Ground truth of a grasp at one instant.
 
     Attributes:
         stamp: [s].
         object: the pose of the object in the root link's frame.
         tool: the pose of the tool there.
-        joints: shape (n,), where the joints are [rad, m].
+        joints: shape (n,), joint positions [rad, m].
         touched: whether the robot touches the object.
-        supported: whether anything else does, such as the table.
-        force: of all that has touched the robot since the last instant that was asked for, the
-            greatest sum of magnitudes; looked at 100 times a second [N].
+        supported: whether any other body does, such as the table.
+        force: greatest sum of the magnitudes of all contact forces on the robot since the last
+            such truth, sampled at 100 Hz [N].
     """
 
     stamp: float
@@ -71,12 +71,12 @@ class GraspTruth:
 
 
 class GraspScene:
-    """One grasp: give it commands, and take its readings.
+    """One grasp: commands in, readings out.
 
     Args:
         config: the grasp.
         robot: the robot, its root link at the origin.
-        seed: of all chance.
+        seed: of all random draws.
 
     Raises:
         RobotError: the robot lacks a link that is named, cannot reach where the grasp begins, or
@@ -88,10 +88,10 @@ class GraspScene:
         check_names(config, robot)
         self.config, self.robot = config, robot
         rng = np.random.default_rng(seed)
-        self._thing = ObjectModel(config.object)
-        self._around = {name: ObjectModel(one) for name, one in config.surroundings.items()}
+        self._object = ObjectModel(config.object)
+        self._around = {name: ObjectModel(fixed) for name, fixed in config.surroundings.items()}
         self._world = GraspWorld(
-            robot, self._around, self._thing, config.mass, config.friction, config.table_friction
+            robot, self._around, self._object, config.mass, config.friction, config.table_friction
         )
         azimuth = float(np.radians(rng.uniform(*config.azimuth)))
         self._world.put(placed(config, azimuth, rng))
@@ -107,15 +107,17 @@ class GraspScene:
         self._driver = GraspDriver(
             robot, config.tool, config.gripper, config.grip, self._arm.stiffness, start
         )
-        (eyes,) = rng.spawn(1)  # who looks changes nothing of what others feel
-        self._sensors = TouchSensors(robot, config.tool, leading, start, config.noise, rng, eyes)
-        self._began = start
+        (image_rng,) = rng.spawn(1)  # images change no draw of other sensors
+        self._sensors = TouchSensors(
+            robot, config.tool, leading, start, config.noise, rng, image_rng
+        )
+        self._start = start
         for _ in range(round(SETTLING / STEP)):
             self._arm.step(start)
         self._steps, self._waiting = 0, list[Reading]()
-        self._told: float | None = None
+        self._gripper: float | None = None
         self._pressed = 0.0
-        self._looked = -np.inf
+        self._last_image = -np.inf
 
     @property
     def stamp(self) -> float:
@@ -123,29 +125,29 @@ class GraspScene:
         return self._steps * STEP
 
     def readings(self) -> list[Reading]:
-        """What wrists have read since the last command, then joints, skins and cameras."""
+        """Readings of the wrists since the last command, then of joints, skins and cameras."""
         poses = self.robot.poses_at(self._arm.positions)
-        told, self._waiting = self._waiting, []
-        told.append(self._sensors.joints(self.stamp, self._arm.positions, self._arm.velocities))
-        told += self._sensors.skins(self.stamp, poses, self._world.touching())
+        readings, self._waiting = self._waiting, []
+        readings.append(self._sensors.joints(self.stamp, self._arm.positions, self._arm.velocities))
+        readings += self._sensors.skins(self.stamp, poses, self._world.touching())
         rate = self.config.camera_rate
-        if rate and self.stamp - self._looked >= 1.0 / rate - STEP:
-            self._looked = self.stamp
+        if rate and self.stamp - self._last_image >= 1.0 / rate - STEP:
+            self._last_image = self.stamp
             bodies = [(solid, poses[name]) for name, solid in self.robot.solids.items()]
-            bodies += [(one.solid, one.config.pose.pose()) for one in self._around.values()]
-            bodies.append((self._thing.solid, self._world.object_pose))
-            told += self._sensors.sights(self.stamp, poses, bodies)
-        return told
+            bodies += [(fixed.solid, fixed.config.pose.pose()) for fixed in self._around.values()]
+            bodies.append((self._object.solid, self._world.object_pose))
+            readings += self._sensors.sights(self.stamp, poses, bodies)
+        return readings
 
     def obey(self, command: Command) -> None:
-        """Let one cycle pass in which arm and hand do as they are told.
+        """One cycle, in which arm and hand follow a command.
 
         Raises:
             ConfigurationError: the command does not fit the robot.
         """
         self._driver.obey(command)
-        if command.gripper is not None and command.gripper != self._told:
-            self._told = command.gripper
+        if command.gripper is not None and command.gripper != self._gripper:
+            self._gripper = command.gripper
             self._waiting.append(
                 JointCommand(
                     stamp=self.stamp,
@@ -156,15 +158,15 @@ class GraspScene:
                 )
             )
         for _ in range(round(self.config.period / STEP)):
-            wanted = self._driver.advance(self._arm.positions)
-            self._arm.step(np.where(self._stuck, self._began, wanted))
+            commanded = self._driver.advance(self._arm.positions)
+            self._arm.step(np.where(self._stuck, self._start, commanded))
             self._steps += 1
             if self._steps % WRENCHES == 0:
                 self._waiting += self._felt()
                 self._pressed = max(self._pressed, self._force())
 
     def truth(self) -> GraspTruth:
-        """What really happens now."""
+        """The ground truth now."""
         joints = self._arm.positions
         pressed, self._pressed = max(self._pressed, self._force()), 0.0
         return GraspTruth(
@@ -178,24 +180,24 @@ class GraspScene:
         )
 
     def facts(self) -> Facts:
-        """Where the robot is touched now, and where the object stands."""
+        """The true contacts on the robot now, and the true pose of the object."""
         root, now = self.robot.root, contacts_of([self._world.touching()])
         contacts = tuple(
-            true_contact(self.stamp, root, place, force)
-            for place, force in zip(now.places, now.forces, strict=True)
+            true_contact(self.stamp, root, position, force)
+            for position, force in zip(now.places, now.forces, strict=True)
         )
         poses = {OBJECT: self._world.object_pose}
         return Facts(self.stamp, root, contacts, standing(self.stamp, root, poses))
 
-    def seen(self, eye: Eye, places: FloatArray) -> tuple[NDArray[np.uint8], FloatArray]:
-        """A picture, shape (height, width, 3), and where places (n, 3) [m] are in it."""
-        return self._world.seen(eye, places)
+    def seen(self, eye: Eye, positions: FloatArray) -> tuple[NDArray[np.uint8], FloatArray]:
+        """A picture, shape (height, width, 3), and the pixels of positions (n, 3) [m] in it."""
+        return self._world.seen(eye, positions)
 
     def _force(self) -> float:
         return float(np.linalg.norm(self._world.touching().forces, axis=1).sum())
 
     def _felt(self) -> Iterator[Wrench]:
-        """Read the wrists, which tell no more than their range."""
+        """Readings of the wrists, which saturate at their range."""
         for wrench in self._sensors.wrenches(self.stamp, self._world.felt()):
             if self.config.wrench_range is None:
                 yield wrench
@@ -210,13 +212,13 @@ class GraspScene:
 
 @dataclass(frozen=True, eq=False)
 class GraspMoment:
-    """What really happened in a cycle of a grasp.
+    """Ground truth of a cycle of a grasp.
 
     Attributes:
         truth: of the world.
         mode: of the controller then.
         ending: why the grasp ends with this cycle: an end of the controller, or "timeout"; empty:
-            it goes on.
+            it continues.
     """
 
     truth: GraspTruth
@@ -229,8 +231,8 @@ class GraspCycle(GraspMoment):
     """One cycle of a grasp.
 
     Attributes:
-        readings: what the sensors read.
-        step: what the pipeline made of it.
+        readings: of the sensors.
+        step: of the pipeline, from them.
     """
 
     readings: list[Reading]
@@ -238,7 +240,7 @@ class GraspCycle(GraspMoment):
 
 
 def grasped(scene: GraspScene, pipeline: Pipeline) -> Iterator[GraspCycle]:
-    """The cycles of a grasp; the controller hears readings, never the truth.
+    """The cycles of a grasp; the controller receives readings, never the truth.
 
     Args:
         scene: at its start.
@@ -254,19 +256,19 @@ def grasped(scene: GraspScene, pipeline: Pipeline) -> Iterator[GraspCycle]:
 
 @dataclass(frozen=True)
 class GraspResult:
-    """What came of a grasp.
+    """The result of a grasp.
 
     Attributes:
-        success: the object was high enough for long enough, up to the end, and touched nothing but
-            the robot.
-        height: how much higher it was in the end [m].
-        moved: how far it had been moved level when the gripper began to close for the last time, or
-            in the end if it never did [m].
-        fallen: whether it has fallen over, and lies there.
+        success: the object was high enough for long enough, up to the end, and touched by nothing
+            but the robot.
+        height: of the object above its start, at the end [m].
+        moved: horizontal displacement of the object when the gripper began to close for the last
+            time, or at the end if it never did [m].
+        fallen: whether the object has fallen over, and lies there.
         corrections: how often the hand went back.
-        time: it took [s].
-        force: the greatest that pushed the robot on its way, from the first approach on, but while
-            it closed, and after it: the sum over all that touched it [N].
+        time: duration of the grasp [s].
+        force: greatest sum of contact forces on the robot on its path, from the first approach on,
+            without the cycles in which the gripper closed, and those after it [N].
     """
 
     success: bool
@@ -279,12 +281,12 @@ class GraspResult:
 
 
 def result_of(cycles: Sequence[GraspMoment], lifted: float, held: float) -> GraspResult:
-    """Measure a grasp.
+    """The result of a grasp.
 
     Args:
-        cycles: all of it.
-        lifted: how much higher the object has to be [m].
-        held: for how long at the end [s].
+        cycles: all of the grasp.
+        lifted: least height above the start for success [m].
+        held: how long at the end the object has to be there [s].
     """
     first, last = cycles[0].truth, cycles[-1].truth
     modes = [cycle.mode for cycle in cycles]
@@ -293,8 +295,8 @@ def result_of(cycles: Sequence[GraspMoment], lifted: float, held: float) -> Gras
     late = stamps >= last.stamp - held
     closing = [row for row in range(1, len(modes)) if modes[row] == "close" != modes[row - 1]]
     before = cycles[closing[-1]].truth if closing else last
-    # what has been felt up to a cycle was felt in the mode before it
-    on_the_way = [cycle for mode, cycle in zip(modes, cycles[1:], strict=False) if mode in WAYS]
+    # the force of a cycle acted in the mode of the cycle before
+    approaching = [cycle for mode, cycle in zip(modes, cycles[1:], strict=False) if mode in WAYS]
     turned = first.object[:3, 2] @ last.object[:3, 2]
     high = (heights[late] >= lifted) & ~np.array([cycle.truth.supported for cycle in cycles])[late]
     return GraspResult(
@@ -304,12 +306,12 @@ def result_of(cycles: Sequence[GraspMoment], lifted: float, held: float) -> Gras
         fallen=last.supported and float(turned) < math.cos(FALLEN),
         corrections=sum(a != b == "back" for a, b in zip(modes, modes[1:], strict=False)),
         time=last.stamp,
-        force=max((cycle.truth.force for cycle in on_the_way), default=0.0),
+        force=max((cycle.truth.force for cycle in approaching), default=0.0),
     )
 
 
 class Grasping(Scene):
-    """A grasp by the controller of whatever pipeline listens.
+    """A grasp by the controller of the pipeline that plays it.
 
     Args:
         scene: at its start.
@@ -329,11 +331,11 @@ class Grasping(Scene):
         return cls(GraspScene(config, shared_robot(robot), seed))
 
     def readings(self) -> Iterator[Reading]:
-        """What the sensors read."""
+        """The readings of the sensors."""
         return (reading for arrival in self.arrivals() for reading in arrival.readings)
 
     def arrivals(self) -> Iterator[Arrival]:
-        """What the sensors read in each cycle, at its end, until the grasp ends."""
+        """The readings of each cycle, at its end, until the grasp ends."""
         while not (self._moments and self._moments[-1].ending):
             if self._command is not None:
                 self._scene.obey(self._command)
@@ -341,7 +343,7 @@ class Grasping(Scene):
             yield Arrival(self._scene.stamp, tuple(self._readings), due=True)
 
     def send(self, command: Command | None) -> None:
-        """Take the command of the next cycle, and note how this one ended.
+        """Accept the command of the next cycle, and record how this one ended.
 
         Raises:
             ConfigurationError: there is no controller, or it failed.
@@ -368,15 +370,15 @@ class Grasping(Scene):
         return self._scene.facts()
 
     def verdict(self, pipeline: Pipeline, last: Step) -> Verdict:
-        """How the grasp ended, and whether the object is really held."""
+        """The ending of the grasp, and whether the object is truly held."""
         config, ending = self._scene.config, self._moments[-1].ending
         result = result_of(self._moments, config.lifted, config.held)
         word = "success" if result.success else "no success"
         more = ", fallen over" if result.fallen else ""
         times = f"{result.corrections} correction{'' if result.corrections == 1 else 's'}"
-        told = {"ending": ending, **vars(result)}
+        values = {"ending": ending, **vars(result)}
         return Verdict(
-            told,
+            values,
             (
                 f"{ending} after {result.time:.1f} s and {times}; the "
                 f"object is {100.0 * result.height:.1f} cm higher{more}: {word}",
@@ -386,5 +388,5 @@ class Grasping(Scene):
 
 @hookimpl
 def contactfusion_scenes() -> dict[str, type[Scene]]:
-    """Offer the scene."""
+    """The scene, as a plug-in."""
     return {"grasp": Grasping}

@@ -1,4 +1,4 @@
-"""The physics of a grasp: an arm on springs, a table, an object that moves, and their pictures."""
+"""The physics of a grasp: a compliant arm, fixed objects, one that moves, and their pictures."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -17,27 +17,27 @@ from contactfusion.robots.model import RobotModel
 from contactfusion.robots.objects import ObjectModel
 from contactfusion.robots.urdf import Mesh, read_urdf
 from contactfusion.shapes import ShapeConfig
-from contactfusion_lab.scenes.arm import SpringyArm
+from contactfusion_lab.scenes.arm import CompliantArm
 from contactfusion_lab.scenes.touch.world import FAINT, Touching, TouchWorld
 
 SPINNING, ROLLING = 0.004, 0.0005
-"""Lever arms of the moments that the soft pads of a hand carry by friction [m]."""
+"""Lever arms of the spinning and rolling friction of a hand's soft pads [m]."""
 ITERATIONS = 100
-"""Of the solver in each step: what friction holds from several sides needs more than a touch."""
+"""Of the solver in each step: friction from several sides needs more of them than a touch."""
 COLOUR = (0.34, 0.71, 0.91, 1.0)
-"""Of the object in pictures."""
+"""Colour of the object in pictures, RGBA."""
 NEAR, FAR = 0.05, 5.0
-"""Between these distances things are seen [m]."""
+"""Clipping distances of pictures [m]."""
 
 
 @dataclass(frozen=True)
 class Eye:
-    """Who looks from where, in the root link's frame, whose z points up.
+    """The viewpoint of a picture, in the root link's frame, whose z points up.
 
     Attributes:
-        place: [m].
-        target: what is in the middle of the picture [m].
-        field: of view, from bottom to top [degrees].
+        place: position of the viewpoint [m].
+        target: point in the middle of the picture [m].
+        field: vertical field of view [degrees].
         width: [pixels].
         height: [pixels].
     """
@@ -49,7 +49,7 @@ class Eye:
     height: int = 360
 
     def picture(self, bullet: Any, client: dict[str, int]) -> NDArray[np.uint8]:
-        """See what is in PyBullet, shape (height, width, 3)."""
+        """A rendered picture of a PyBullet world, shape (height, width, 3)."""
         view, projection = self._matrices(bullet)
         seen = bullet.getCameraImage(
             self.width, self.height, view, projection, shadow=1,
@@ -58,12 +58,12 @@ class Eye:
         colours = np.reshape(np.asarray(seen[2], np.uint8), (self.height, self.width, 4))
         return colours[:, :, :3].copy()
 
-    def pixels(self, bullet: Any, places: FloatArray) -> FloatArray:
-        """Where places are in the picture.
+    def pixels(self, bullet: Any, positions: FloatArray) -> FloatArray:
+        """The pixels of positions in the picture.
 
         Args:
             bullet: PyBullet.
-            places: shape (n, 3) [m].
+            positions: shape (n, 3) [m].
 
         Returns:
             Shape (n, 2), from the left and from the top [pixels].
@@ -71,7 +71,7 @@ class Eye:
         view, projection = (
             np.reshape(matrix, (4, 4)).T for matrix in self._matrices(bullet)
         )  # by columns, as OpenGL has them
-        seen = np.column_stack([places, np.ones(len(places))]) @ (projection @ view).T
+        seen = np.column_stack([positions, np.ones(len(positions))]) @ (projection @ view).T
         across = seen[:, :2] / seen[:, 3:]
         half = np.array([self.width, self.height]) / 2.0
         found: FloatArray = half + half * across * [1.0, -1.0]
@@ -84,15 +84,15 @@ class Eye:
 
 
 class GraspWorld:
-    """A robot on a floor, what stands around, and one object that moves, in PyBullet.
+    """A robot on a floor, fixed objects, and one that moves, in PyBullet.
 
     Args:
         model: the robot; its root link stands at the origin.
-        surroundings: what does not move, by name.
-        thing: the object.
-        mass: of the object [kg]; None: as its URDF says.
-        friction: between robot and object.
-        table_friction: between the object and what it stands on.
+        surroundings: fixed objects, by name.
+        movable: the object that moves.
+        mass: of that object [kg]; None: that of its URDF.
+        friction: coefficient between robot and object.
+        table_friction: coefficient between the object and what it stands on.
 
     Raises:
         RobotError: the object's URDF has no mass, or PyBullet cannot read it.
@@ -102,7 +102,7 @@ class GraspWorld:
         self,
         model: RobotModel,
         surroundings: Mapping[str, ObjectModel],
-        thing: ObjectModel,
+        movable: ObjectModel,
         mass: float | None,
         friction: float,
         table_friction: float,
@@ -116,7 +116,7 @@ class GraspWorld:
         bullet, client = self._bullet, self._client
         bodies = [bullet.getBodyUniqueId(n, **client) for n in range(bullet.getNumBodies(**client))]
         self._ground = [body for body in bodies if body != self._physics.robot]
-        self._body = _add_movable(self._physics, thing, mass)
+        self._body = _add_movable(self._physics, movable, mass)
         self._touch.adopt("object", self._body)
         grip = {"spinningFriction": SPINNING, "rollingFriction": ROLLING}
         self._bullet.changeDynamics(
@@ -130,29 +130,38 @@ class GraspWorld:
 
     @property
     def object_pose(self) -> Pose:
-        """Where the object is, in the root link's frame."""
-        place, turn = self._bullet.getBasePositionAndOrientation(self._body, **self._client)
-        there: Pose = pose_of(place, Rotation.from_quat(turn).as_matrix()) @ inverse(self._inertial)
+        """The true pose of the object, in the root link's frame."""
+        position, orientation = self._bullet.getBasePositionAndOrientation(
+            self._body, **self._client
+        )
+        there: Pose = pose_of(position, Rotation.from_quat(orientation).as_matrix()) @ inverse(
+            self._inertial
+        )
         return there
 
     def put(self, pose: Pose) -> None:
-        """Put the object into a pose, at rest."""
+        """Place the object at a pose, at rest."""
         self._physics.place(self._body, pose @ self._inertial)
 
     def blocked(self, positions: FloatArray) -> bool:
-        """Whether the robot would touch anything with its joints there, shape (n,)."""
+        """Whether the robot would touch anything at joint positions of shape (n,) [rad, m]."""
         return self._touch.blocked(positions, set(), "object")
 
-    def arm(self, positions: FloatArray, stiffness: FloatArray) -> SpringyArm:
-        """Begin the physics with the joints at `positions`, on springs; both of shape (n,)."""
+    def arm(self, positions: FloatArray, stiffness: FloatArray) -> CompliantArm:
+        """The compliant arm at its start.
+
+        Args:
+            positions: shape (n,), of the joints [rad, m].
+            stiffness: shape (n,), of the joints [N·m/rad, N/m].
+        """
         return self._touch.arm(positions, stiffness)
 
     def felt(self) -> dict[str, FloatArray]:
-        """What each wrist feels, weight and all, shape (6,) [N, N·m], on the robot."""
+        """The true wrench at each wrist, weight included, shape (6,) [N, N·m], on the robot."""
         return self._touch.felt()
 
     def touching(self) -> Touching:
-        """Where the robot is touched now."""
+        """The contact points on the robot now."""
         return self._touch.touching()
 
     def touches_object(self) -> bool:
@@ -160,36 +169,36 @@ class GraspWorld:
         return self._touches(self._physics.robot)
 
     def supports_object(self) -> bool:
-        """Whether the floor or what stands around touches the object."""
+        """Whether the floor or a fixed object touches the object."""
         return any(self._touches(body) for body in self._ground)
 
     def _touches(self, body: int) -> bool:
         points = self._bullet.getContactPoints(body, self._body, **self._client)
         return any(point[9] >= FAINT for point in points)
 
-    def seen(self, eye: Eye, places: FloatArray) -> tuple[NDArray[np.uint8], FloatArray]:
-        """A picture, shape (height, width, 3), and where places (n, 3) [m] are in it."""
-        return eye.picture(self._bullet, self._client), eye.pixels(self._bullet, places)
+    def seen(self, eye: Eye, positions: FloatArray) -> tuple[NDArray[np.uint8], FloatArray]:
+        """A picture, shape (height, width, 3), and the pixels of positions (n, 3) [m] in it."""
+        return eye.picture(self._bullet, self._client), eye.pixels(self._bullet, positions)
 
 
-def _add_movable(world: BulletWorld, thing: ObjectModel, mass: float | None) -> int:
+def _add_movable(world: BulletWorld, movable: ObjectModel, mass: float | None) -> int:
     """Add an object that moves, at the origin.
 
     Args:
-        world: where to.
-        thing: the object.
-        mass: spread evenly over the box around its shapes [kg]; None: as its URDF says.
+        world: of the physics.
+        movable: the object.
+        mass: spread evenly over the box around its shapes [kg]; None: that of its URDF.
 
     Returns:
-        Its number in PyBullet.
+        Its body number in PyBullet.
 
     Raises:
         RobotError: its URDF has no mass, or PyBullet cannot read it.
     """
     bullet, client = world.bullet, world.client
     if mass is None:
-        assert thing.config.urdf is not None
-        path = RobotConfig(urdf=thing.config.urdf, folder=thing.config.folder).path()
+        assert movable.config.urdf is not None
+        path = RobotConfig(urdf=movable.config.urdf, folder=movable.config.folder).path()
         if not any(link.mass for link in read_urdf(path).links.values()):  # PyBullet takes 1 kg
             raise RobotError(f"{path} has no mass, so nothing moves it: give the scene's `mass`")
         flags = bullet.URDF_USE_INERTIA_FROM_FILE
@@ -198,9 +207,9 @@ def _add_movable(world: BulletWorld, thing: ObjectModel, mass: float | None) -> 
         except bullet.error as error:
             raise RobotError(f"{path}: PyBullet cannot load it: {error}") from None
         return body
-    corners = np.concatenate([vertices for vertices, _ in thing.solid.meshes])
+    corners = np.concatenate([vertices for vertices, _ in movable.solid.meshes])
     middle = (corners.min(axis=0) + corners.max(axis=0)) / 2.0
-    parts = [_part(bullet, shape) for shape in thing.shapes]
+    parts = [_part(bullet, shape) for shape in movable.shapes]
     joined = bullet.createCollisionShapeArray(
         **{name: [part[name] for part in parts] for name in parts[0]}, **client
     )
@@ -211,7 +220,7 @@ def _add_movable(world: BulletWorld, thing: ObjectModel, mass: float | None) -> 
 
 
 def _part(bullet: Any, shape: ShapeConfig | Mesh) -> dict[str, Any]:
-    """One shape as PyBullet joins them; it wants every field of each."""
+    """The fields of one shape of a compound in PyBullet, which needs all of each."""
     pose = shape.pose()
     part = {
         "radii": 0.0, "lengths": 0.0, "halfExtents": (0.0, 0.0, 0.0), "fileNames": "",

@@ -22,19 +22,19 @@ from contactfusion_lab.scenes.push.objects import (
 )
 
 ORIGIN_HEIGHT = 0.45
-"""Of the robot's frame above the floor [m]."""
+"""Height of the robot's frame above the floor [m]."""
 SLIDES, CHASSIS = 10.0, 130.0
-"""Masses of the two slides that carry the base, and of the base [kg]; motors hide them."""
+"""Masses of the two slides that carry the base, and of the base [kg]; velocity motors hide them."""
 CHASSIS_LINK = 2
-"""What of the base touches, the last of its links."""
+"""The link of the base that touches, its last one."""
 GRAVITY = 9.81
 """[m/s²]."""
 Client = Mapping[str, int]
-"""Names the physics among several, as PyBullet wants it."""
+"""The keyword of PyBullet that names one of several physics servers."""
 Quaternion = tuple[float, float, float, float]
 """x, y, z, w."""
 GRIP = 0.5
-"""Friction between a ball and what it rolls in."""
+"""Coefficient of friction between a ball and the box in which it rolls."""
 
 
 class Chassis(NamedTuple):
@@ -50,22 +50,22 @@ class Chassis(NamedTuple):
 
     @property
     def front(self) -> float:
-        """Where the pushing face lies along x [m]."""
+        """Position of the pushing face along x [m]."""
         return self.xyz[0] + self.size[0] / 2.0
 
     @property
     def rear(self) -> float:
-        """Where it ends behind, along x [m]."""
+        """Position of the rear face along x [m]."""
         return self.front - self.size[0]
 
     @property
     def half_width(self) -> float:
-        """Of the pushing face [m]."""
+        """Half the width of the pushing face [m]."""
         return self.size[1] / 2.0
 
     @property
     def corners(self) -> FloatArray:
-        """Seen from above, counterclockwise from the right of the rear, shape (4, 2) [m]."""
+        """Corners from above, counterclockwise from the rear right, shape (4, 2) [m]."""
         front, rear, half = self.front, self.rear, self.half_width
         return np.array([[rear, -half], [front, -half], [front, half], [rear, half]])
 
@@ -74,8 +74,8 @@ class Base(NamedTuple):
     """A base that is driven.
 
     Attributes:
-        body: in PyBullet.
-        chassis: what of it touches.
+        body: its number in PyBullet.
+        chassis: the box that touches.
     """
 
     body: int
@@ -103,7 +103,7 @@ def read_chassis(robot: RobotConfig) -> Chassis:
 
 
 def add_base(bullet: Any, client: Client, robot: RobotConfig, friction: float) -> Base:
-    """Put a base on two slides and a hinge, whose motors drive it without slip.
+    """Add a base on two slides and a hinge, whose motors drive it without slip.
 
     Raises:
         RobotError: the base is not one box.
@@ -132,7 +132,7 @@ def add_base(bullet: Any, client: Client, robot: RobotConfig, friction: float) -
 
 
 def _rub(bullet: Any, client: Client, body: int, friction: float) -> None:
-    """Set a body's Coulomb friction, and take every other loss away."""
+    """Set a body's Coulomb friction, and every other loss to 0."""
     for row in range(-1, bullet.getNumJoints(body, **client)):
         bullet.changeDynamics(
             body, row, lateralFriction=friction, rollingFriction=0.0, spinningFriction=0.0,
@@ -142,7 +142,7 @@ def _rub(bullet: Any, client: Client, body: int, friction: float) -> None:
 
 @contextmanager
 def quiet() -> Iterator[None]:
-    """Keep what PyBullet prints of itself out of the output."""
+    """Suppress what PyBullet prints."""
     sys.stdout.flush()
     sys.stderr.flush()
     kept, nowhere = {stream: os.dup(stream) for stream in (1, 2)}, os.open(os.devnull, os.O_WRONLY)
@@ -157,11 +157,11 @@ def quiet() -> Iterator[None]:
         os.close(nowhere)
 
 
-def _in_place(places: Sequence[tuple[float, ...]]) -> dict[str, Any]:
-    """The places of links that are neither turned nor seen."""
-    count = len(places)
+def _in_place(positions: Sequence[tuple[float, ...]]) -> dict[str, Any]:
+    """Arguments for links at positions, without rotation or visual shape."""
+    count = len(positions)
     return {
-        "linkPositions": places,
+        "linkPositions": positions,
         "linkOrientations": [(0.0, 0.0, 0.0, 1.0)] * count,
         "linkInertialFramePositions": [(0.0, 0.0, 0.0)] * count,
         "linkInertialFrameOrientations": [(0.0, 0.0, 0.0, 1.0)] * count,
@@ -169,14 +169,14 @@ def _in_place(places: Sequence[tuple[float, ...]]) -> dict[str, Any]:
     }
 
 
-class Thing(NamedTuple):
-    """An object that can be pushed.
+class PushedBody(NamedTuple):
+    """An object that can be pushed, in PyBullet.
 
     Attributes:
-        body: in PyBullet.
-        back: where PyBullet has the body's place, in the object's frame [m].
-        turn: how PyBullet has the body turned there, a quaternion x, y, z, w.
-        ball: what rolls inside, in PyBullet; None: nothing does.
+        body: its number.
+        back: origin of the body's frame of PyBullet, in the object's frame [m].
+        turn: orientation of that frame there, a quaternion x, y, z, w.
+        ball: number of a ball inside; None: there is none.
     """
 
     body: int
@@ -185,7 +185,7 @@ class Thing(NamedTuple):
     ball: int | None
 
 
-def add_object(bullet: Any, client: Client, config: ObjectConfig) -> Thing:
+def add_object(bullet: Any, client: Client, config: ObjectConfig) -> PushedBody:
     """Add an object at the origin.
 
     Raises:
@@ -211,15 +211,15 @@ def add_object(bullet: Any, client: Client, config: ObjectConfig) -> Thing:
     ball = None
     if isinstance(config, HollowConfig) and config.ball is not None:
         ball = _rolling(bullet, client, config.ball, config.wall)
-    return Thing(body, back, turn, ball)
+    return PushedBody(body, back, turn, ball)
 
 
 def soften(bullet: Any, client: Client, base: int, soft: SoftConfig) -> None:
-    """Let a base and the object give way where they press each other.
+    """Make the contact of a base with the object compliant.
 
-    PyBullet puts the springs of two bodies in a row, at each point of contact. Were the object's
-    the soft one, it would sink into the floor, too; the base touches nothing but the object. What
-    is pressed along a line has a point at each end of it, so each has half of the whole.
+    PyBullet puts the springs of two bodies in series, at each point of contact. If the object were
+    the soft one, it would sink into the floor, too; the base touches nothing but the object. A line
+    contact has a point at each end, so each has half of the whole.
     """
     bullet.changeDynamics(
         base, CHASSIS_LINK, contactStiffness=soft.stiffness / 2.0,
@@ -227,10 +227,10 @@ def soften(bullet: Any, client: Client, base: int, soft: SoftConfig) -> None:
     )  # fmt: skip
 
 
-def turned(one: Quaternion, other: Quaternion) -> Quaternion:
-    """Turn as `other` does, then as `one` does."""
-    x, y, z, w = one
-    a, b, c, d = other
+def turned(after: Quaternion, before: Quaternion) -> Quaternion:
+    """The rotation `before`, followed by `after`."""
+    x, y, z, w = after
+    a, b, c, d = before
     return (
         w * a + x * d + y * c - z * b,
         w * b + y * d + z * a - x * c,
@@ -240,10 +240,10 @@ def turned(one: Quaternion, other: Quaternion) -> Quaternion:
 
 
 def _joined(bullet: Any, client: Client, parts: Sequence[Part]) -> int:
-    """Put parts together: each a link of its own, so that each keeps its mass."""
+    """Add parts as one body: each is a link of its own, so that each keeps its mass."""
     middles = [(*part.middle, part.bottom + part.height / 2.0) for part in parts]
-    places = [tuple(np.subtract(middle, middles[0])) for middle in middles[1:]]
-    count = len(places)
+    positions = [tuple(np.subtract(middle, middles[0])) for middle in middles[1:]]
+    count = len(positions)
     body: int = bullet.createMultiBody(
         parts[0].mass,
         _shape(bullet, client, parts[0]),
@@ -252,17 +252,17 @@ def _joined(bullet: Any, client: Client, parts: Sequence[Part]) -> int:
         linkParentIndices=[0] * count,
         linkJointTypes=[bullet.JOINT_FIXED] * count,
         linkJointAxis=[(0.0, 0.0, 1.0)] * count,
-        **_in_place(places),
+        **_in_place(positions),
         **client,
     )
     return body
 
 
 def _rolling(bullet: Any, client: Client, ball: BallConfig, floor: float) -> int:
-    """Lay a ball on the floor of what it rolls in."""
+    """Add a ball on the floor of the box in which it rolls."""
     shape = bullet.createCollisionShape(bullet.GEOM_SPHERE, radius=ball.radius, **client)
-    place = (0.0, 0.0, floor + ball.radius)
-    body: int = bullet.createMultiBody(ball.mass, shape, basePosition=place, **client)
+    position = (0.0, 0.0, floor + ball.radius)
+    body: int = bullet.createMultiBody(ball.mass, shape, basePosition=position, **client)
     _rub(bullet, client, body, GRIP)
     return body
 

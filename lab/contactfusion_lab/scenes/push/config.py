@@ -1,4 +1,4 @@
-"""A push by configuration: what is pushed, from where, to where, and how well it is felt."""
+"""A push by configuration: object, start, target, and errors of the sensors."""
 
 import math
 from pathlib import Path
@@ -61,18 +61,18 @@ OTHERS: dict[str, dict[str, Any]] = {
         "disturbed": {"count": 3, "force": 30.0},
     },
 }
-"""Objects that no parameter was chosen on. O §V pushed `lshape`, `real_box`, `soft_cylinder` and a
-box with a ball of 0.9 kg; what it does not print (the foam's stiffness, the size and mass of the
-box around the ball, how it was disturbed) is ours. `light_cylinder` is the soft one, rigid."""
+"""Objects on which no parameter was chosen. O §V pushed `lshape`, `real_box`, `soft_cylinder` and a
+box with a ball of 0.9 kg; values that it does not print (the foam's stiffness, the size and mass
+of the box around the ball, the disturbances) are ours. `light_cylinder` is the soft one, rigid."""
 FRICTIONS: dict[str, tuple[float, float]] = {"mu1": (0.3, 0.35), "mu2": (0.2, 0.5)}
-"""Between object and ground, and between object and robot (O §III-B)."""
+"""Coefficients between object and ground, and between object and robot (O §III-B)."""
 RATE = 240
-"""Steps of the physics a second."""
+"""Steps of the physics a second [Hz]."""
 Distance = Annotated[float, Field(ge=-100, le=100)]
 
 
 def _named(value: Any) -> Any:
-    """Take the name of a known object for the object."""
+    """An object; a name stands for the known object."""
     if not isinstance(value, str):
         return value
     known = {**PAPER, **OTHERS}
@@ -85,21 +85,21 @@ AnyObject = Annotated[ObjectConfig, BeforeValidator(_named)]
 
 
 class _File(Model):
-    thing: AnyObject
+    object: AnyObject
 
 
 def named_object(name: str) -> ObjectConfig:
-    """A known object.
+    """The known object of a name.
 
     Raises:
         ConfigurationError: there is none of that name.
     """
-    fields: dict[str, Any] = {"thing": name}
-    return _File(**fields).thing
+    fields: dict[str, Any] = {"object": name}
+    return _File(**fields).object
 
 
 def read_object(path: Path) -> ObjectConfig:
-    """Read an object from a URDF, or from a YAML file that holds the fields of one.
+    """An object from a URDF, or from a YAML file that holds the fields of one.
 
     Raises:
         ConfigurationError: the file is missing, or holds no object.
@@ -107,11 +107,11 @@ def read_object(path: Path) -> ObjectConfig:
     if path.suffix not in (".yaml", ".yml"):
         require_file(path, ConfigurationError)
         return UrdfObjectConfig(shape="urdf", urdf=str(path.resolve()))
-    fields: dict[str, Any] = {"thing": read_yaml(path)}
+    fields: dict[str, Any] = {"object": read_yaml(path)}
     try:
-        return rooted(_File(**fields), path.parent).thing
+        return rooted(_File(**fields), path.parent).object
     except ConfigurationError as error:
-        field = error.path.removeprefix("thing").lstrip(".")
+        field = error.path.removeprefix("object").lstrip(".")
         raise ConfigurationError(f"{path}: {ConfigurationError(error.problem, field)}") from None
 
 
@@ -119,13 +119,13 @@ class FrictionConfig(Model):
     """Coulomb friction between object and ground, and between object and robot."""
 
     ground: float = Field(gt=0, le=2)
-    """Between object and ground."""
+    """Coefficient between object and ground."""
     robot: float = Field(ge=0, le=2)
-    """Between object and robot."""
+    """Coefficient between object and robot."""
 
 
 def _friction(value: Any) -> Any:
-    """Take the name of a known pair for the pair."""
+    """Frictions; a name stands for the known pair."""
     if not isinstance(value, str):
         return value
     if value not in FRICTIONS:
@@ -136,109 +136,108 @@ def _friction(value: Any) -> Any:
 
 
 class SkinConfig(Model):
-    """The skin: its pad, and how well it feels."""
+    """The skin: its pad, activation and noise."""
 
     pad: SoftConfig | None = Field(
         default_factory=lambda: SoftConfig(stiffness=10_000.0, damping=400.0)
     )
-    """How it gives way, over the whole height of the front; None: it is hard. Two hard faces
-    rattle: of a flat contact now one end touches and now the other."""
-
+    """Compliance over the whole height of the front; None: it is hard. Two hard faces rattle: of a
+    flat contact now one end touches and now the other."""
     activation: float = Field(default=1.0, ge=0)
-    """A taxel that is pressed by less on average over a cycle tells nothing [N]."""
+    """Least mean force over a cycle at which a taxel responds; below it the taxel reads 0 [N]."""
     noise: float = Field(default=0.05, gt=0)
-    """Standard deviation of each value [N]."""
+    """Standard deviation of each value of a taxel [N]."""
 
 
 class LidarNoise(Model):
-    """How wrong LiDARs are, as recordings of real ones show it."""
+    """Errors of LiDARs, as measured in recordings of real ones."""
 
     range: float = Field(default=0.0035, ge=0)
     """Standard deviation of a range [m]."""
     dropout: float = Field(default=0.014, ge=0, le=0.5)
-    """The part of all measurements that have no return though something is there."""
+    """Share of all measurements that have no return although a surface is there."""
     jumps: float = Field(default=0.008, ge=0, le=0.5)
-    """The part of all measurements whose range jumps."""
+    """Share of all measurements whose range jumps."""
     jump: float = Field(default=0.3, ge=0)
-    """By so much at most, either way [m]."""
+    """Greatest jump, nearer or farther [m]."""
 
 
 class CameraNoise(Model):
-    """How wrong depth cameras are; the defaults are those of a RealSense D435i."""
+    """Errors of depth cameras; the defaults are those of a RealSense D435i."""
 
     disparity: float = Field(default=0.08, ge=0)
-    """Standard deviation of what each pixel is shifted between left and right imager [pixels]."""
+    """Standard deviation of the disparity between left and right imager [pixels]."""
     baseline: float = Field(default=0.05, gt=0)
-    """Between the imagers [m]."""
+    """Distance between the imagers [m]."""
     focal: float = Field(default=615.0, gt=0)
-    """Of the imagers [pixels]; smaller images are thinned from theirs. A depth z is off by
-    z² disparity / (focal baseline)."""
+    """Focal length of the imagers [pixels]; smaller images are subsampled from theirs. A depth z
+    has the standard deviation z² disparity / (focal baseline)."""
     unit: float = Field(default=0.001, gt=0)
-    """Depths are whole multiples of this [m]."""
+    """Resolution of depths [m]."""
     holes: float = Field(default=0.01, ge=0, le=0.5)
-    """The part of all pixels that have no depth."""
+    """Share of all pixels that have no depth."""
     edges: float = Field(default=0.5, ge=0, le=1)
-    """The part of those beside a step in depth that have none."""
+    """Share of the pixels beside a step in depth that have none."""
     colour: float = Field(default=6.0, ge=0)
     """Standard deviation of red, green and blue, of 255."""
 
 
 class MisplacedConfig(Model):
-    """How far off a sensor truly is from where its frame says, in directions that chance draws."""
+    """Error of a sensor's extrinsic pose, in random directions."""
 
     mm: float = Field(default=0.0, ge=0, le=1000)
-    """[mm]."""
+    """Translation [mm]."""
     degrees: float = Field(default=0.0, ge=0, le=90)
-    """About an axis through the sensor [degrees]."""
+    """Rotation about an axis through the sensor [degrees]."""
 
 
 class PushConfig(Model):
     """A base pushes an object to a target; the first contact of a nominal start is at (0, 0).
 
-    Frames: `odom` on the floor, x ahead at the start; the robot's front stands at its x = 0.
+    Frames: `odom` on the floor, x forward at the start; the robot's front is at its x = 0.
     """
 
     type: Literal["push"] = "push"
     """The kind of scene."""
     object: AnyObject = Field(default_factory=lambda: PAPER["box"], validate_default=True)
-    """What is pushed, by name, such as `box` or `soft_cylinder`, or the fields of one."""
+    """The object, by name, such as `box` or `soft_cylinder`, or by its fields."""
     friction: Annotated[FrictionConfig, BeforeValidator(_friction)] = Field(
         default="mu1", validate_default=True
     )
-    """`mu1`, `mu2`, or `ground` and `robot`."""
+    """Friction: `mu1`, `mu2`, or the coefficients `ground` and `robot`."""
     target: tuple[Distance, Distance]
-    """Where the contact shall come to [m]."""
+    """Target of the contact, x and y in `odom` [m]."""
     offset: float = Field(default=0.0, ge=-5, le=5)
-    """How far the object stands to the left of the robot's middle [m]."""
+    """Lateral offset of the object, to the left of the robot's middle [m]."""
     yaw: float = Field(default=0.0, ge=-360, le=360)
-    """How the object is turned [degrees]."""
+    """Yaw of the object at the start [degrees]."""
     gap: Reach = Field(default=0.001, ge=0, le=2)
-    """Between the robot's front and the object [m]."""
+    """Distance between the robot's front and the object at the start [m]."""
     disturbances: tuple[DisturbanceConfig, ...] = ()
-    """How somebody else shoves the object, besides what the object itself says."""
+    """Shoves of the object, in addition to its own `disturbed`."""
     skin: SkinConfig = Field(default_factory=SkinConfig)
-    """The skin: its pad, and how well it feels."""
+    """The skin: its pad, activation and noise."""
     sees: tuple[str, ...] = ()
     """The LiDARs and cameras of the robot that are switched on, by name."""
     lidar_noise: LidarNoise = Field(default_factory=LidarNoise)
-    """How wrong LiDARs are."""
+    """Errors of LiDARs."""
     camera_noise: CameraNoise = Field(default_factory=CameraNoise)
-    """How wrong cameras are."""
+    """Errors of cameras."""
     misplaced: dict[str, MisplacedConfig] = Field(default_factory=dict)
-    """How far LiDARs and cameras that are switched on truly are from where the robot's description
-    has them, by name."""
+    """Extrinsic errors of LiDARs and cameras that are switched on, by name: their true pose against
+    the robot's description."""
     period: float = Field(default=0.1, ge=0.05, le=1)
-    """Between commands, and between readings: whole steps of the physics, 1/240 s each [s]."""
+    """Period of commands and readings: whole steps of the physics, 1/240 s each [s]."""
     window: bool = False
     """Show PyBullet's window; needs a screen."""
     longest: Limit = Field(default=300.0, gt=0)
-    """The push ends after so long [s]."""
+    """Time limit of the push [s]."""
     longest_lost: Limit = Field(default=150.0, gt=0)
-    """It ends when there was no contact for so long, all in all [s]."""
+    """Time without contact, in all, after which the push ends [s]."""
     furthest: float = Field(default=6.0, gt=0)
-    """It ends when the object is further than this from the origin [m]."""
+    """Distance of the object from the origin beyond which the push ends [m]."""
     within: Spread = Field(default=0.05, gt=0)
-    """So near to the target the contact has arrived [m]."""
+    """Tolerance of the target: a contact so near has arrived [m]."""
 
     @field_validator("period")
     @classmethod

@@ -1,4 +1,4 @@
-"""Pushing as a Gymnasium environment: twists in, what the sensors read out."""
+"""Pushing as a Gymnasium environment: twists in, readings out."""
 
 from typing import Any
 
@@ -14,21 +14,21 @@ from contactfusion_lab.scenes.push.config import PushConfig
 from contactfusion_lab.scenes.push.scene import BASE, PushScene
 
 FASTEST = np.array([0.5, 0.5, 1.0])
-"""The greatest twist: ahead, to the left [m/s], about the vertical [rad/s]."""
+"""The greatest twist: forward, lateral [m/s], yaw rate [rad/s]."""
 FURTHEST, STRONGEST = 1000.0, 1e4
-"""Bounds of places [m] and of what a taxel reads [N]."""
+"""Bounds of positions [m] and of values of taxels [N]."""
 Observation = dict[str, NDArray[np.float64]]
 
 
 class PushEnv(gymnasium.Env[Any, NDArray[np.float64]]):
     """A base that pushes an object to a target.
 
-    An action is a twist of the base: ahead, to the left [m/s], about the vertical [rad/s].
+    An action is a twist of the base: forward, lateral (to the left) [m/s], yaw rate [rad/s].
     An observation holds `skin`, the value of each taxel [N]; `pose`, x, y [m] and yaw [rad] of the
     base in `odom`; `twist`, as an action; and `target`, x and y in `odom` [m]. The reward is by how
     much the true contact came nearer to the target [m]; it is 0 without contact. A push is
     terminated when the true contact is `within` the target, and truncated after `longest`, or when
-    the object is `furthest` away. `info` says how the object touches; the readings themselves are
+    the object is `furthest` away. `info` holds the kind of the true contact; the readings are
     `readings`, and all of the truth is `truth`.
 
     Args:
@@ -59,10 +59,10 @@ class PushEnv(gymnasium.Env[Any, NDArray[np.float64]]):
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Observation, dict[str, Any]]:
-        """Begin a push.
+        """Start a push.
 
         Args:
-            seed: of all chance; None: go on with that of the last seed.
+            seed: of all random draws; None: continue with those of the last seed.
             options: fields of `PushConfig` that are to differ, such as `target`.
 
         Returns:
@@ -75,8 +75,8 @@ class PushEnv(gymnasium.Env[Any, NDArray[np.float64]]):
         super().reset(seed=seed)
         fields = {**self._config.model_dump(), **(options or {})}
         config = PushConfig(**fields)
-        chance = int(self.np_random.integers(2**32))
-        self._scene = PushScene(config, self._robot, chance)
+        drawn = int(self.np_random.integers(2**32))
+        self._scene = PushScene(config, self._robot, drawn)
         self._distance = float("nan")
         return self._observed()
 
@@ -97,8 +97,8 @@ class PushEnv(gymnasium.Env[Any, NDArray[np.float64]]):
         if not np.isfinite(action).all():
             raise InvalidReadingError(f"an action is a finite twist, not {action!r}")
         scene, config = self._scene, self._scene.config
-        ahead, aside, turn = np.clip(action, -FASTEST, FASTEST).tolist()
-        scene.drive(ahead, aside, turn)
+        forward, lateral, yaw_rate = np.clip(action, -FASTEST, FASTEST).tolist()
+        scene.drive(forward, lateral, yaw_rate)
         observed, info = self._observed()
         truth = self.truth
         nearer = self._distance - truth.distance
@@ -112,7 +112,7 @@ class PushEnv(gymnasium.Env[Any, NDArray[np.float64]]):
         return observed, reward, terminated, truncated, info
 
     def _observed(self) -> tuple[Observation, dict[str, Any]]:
-        """Read the sensors, and note the truth."""
+        """The observation and `info`; readings and ground truth are kept."""
         self.readings, self.truth = self._scene.readings(), self._scene.truth()
         odometry, twist, image, *_ = self.readings
         assert isinstance(odometry, Odometry)

@@ -1,4 +1,4 @@
-"""What is pushed: objects, the parts that they are made of, their outlines and surfaces."""
+"""Objects to push: their convex parts, outlines and surfaces."""
 
 import math
 from dataclasses import dataclass
@@ -17,22 +17,22 @@ from contactfusion.model import Model
 from contactfusion.robots.description import RobotConfig
 
 Triangles = tuple[FloatArray, NDArray[np.uint32]]
-"""Vertices (v, 3) [m], and rows of them that make triangles, (t, 3)."""
+"""Vertices, shape (v, 3) [m], and triangles as rows of vertices, shape (t, 3)."""
 STREAM = 5
-"""Sets the chance of shoves apart from that of sensors, which has the same seed."""
+"""Separates the random draws of shoves from those of sensors, which have the same seed."""
 Length = Annotated[float, Field(gt=0, le=10)]
 Mass = Annotated[float, Field(gt=0)]
 ROUND = 48
-"""So many corners make up the outline of what is round."""
+"""Corners of the outline of a circle."""
 Place = Annotated[float, Field(ge=-5, le=5)]
 
 
 @dataclass(frozen=True, eq=False)
 class Part:
-    """One convex piece of an object, upright.
+    """One convex, upright part of an object.
 
     Attributes:
-        outline: shape (n, 2) [m], its corners seen from above, in the object's frame.
+        outline: shape (n, 2) [m], its corners from above, in the object's frame.
         radius: of a cylinder [m], else None.
         bottom: above the floor [m].
         height: [m].
@@ -47,11 +47,11 @@ class Part:
 
     @property
     def middle(self) -> FloatArray:
-        """The middle of its area, shape (2,) [m], in the object's frame."""
+        """Centroid of its area, shape (2,) [m], in the object's frame."""
         x, y = self.outline.T
-        ahead_x, ahead_y = np.roll(self.outline, -1, axis=0).T
-        cross = x * ahead_y - ahead_x * y
-        weighted = [((x + ahead_x) * cross).sum(), ((y + ahead_y) * cross).sum()]
+        next_x, next_y = np.roll(self.outline, -1, axis=0).T
+        cross = x * next_y - next_x * y
+        weighted = [((x + next_x) * cross).sum(), ((y + next_y) * cross).sum()]
         middle: FloatArray = np.array(weighted) / (3.0 * cross.sum())
         return middle
 
@@ -67,13 +67,13 @@ def rectangle(x: float, y: float) -> FloatArray:
 
 
 def polygon(sides: int, radius: float) -> FloatArray:
-    """The corners of a regular polygon, an edge ahead, counterclockwise, shape (n, 2) [m]."""
+    """The corners of a regular polygon, an edge at +x, counterclockwise, shape (n, 2) [m]."""
     angles = 2.0 * np.pi * (np.arange(sides) + 0.5) / sides
     return radius * np.stack([np.cos(angles), np.sin(angles)], axis=1)
 
 
 def extruded(part: Part) -> Triangles:
-    """A convex piece's surface: underside, top, and a strip of walls."""
+    """Surface of a convex part: underside, top, and a strip of walls."""
     count = len(part.outline)
     low, high = (
         np.column_stack([part.outline, np.full(count, z)])
@@ -91,38 +91,38 @@ def extruded(part: Part) -> Triangles:
 
 
 class DisturbanceConfig(Model):
-    """One shove, level, through the object's middle."""
+    """One horizontal shove, through the origin of the object's frame."""
 
     start: float = Field(ge=0)
-    """When it begins [s]."""
+    """Start time [s]."""
     duration: float = Field(default=0.3, ge=0.01)
-    """[s]."""
+    """Duration [s]."""
     force: tuple[float, float]
-    """Along x and y of `odom` [N]."""
+    """Force along x and y of `odom` [N]."""
     height: float = Field(default=0.2, ge=0, le=10)
-    """Above the floor [m]."""
+    """Height above the floor [m]."""
 
 
 class DisturbedConfig(Model):
-    """Shoves by chance: when, and which way, is drawn anew for every seed."""
+    """Random shoves: times and directions are drawn for every seed."""
 
     count: int = Field(ge=1, le=100)
-    """How many."""
+    """Number of shoves."""
     force: float = Field(gt=0)
-    """Of each, any way [N]."""
+    """Force of each, in any direction [N]."""
     duration: float = Field(default=0.3, ge=0.01)
-    """Of each [s]."""
+    """Duration of each [s]."""
     height: float = Field(default=0.2, ge=0, le=10)
-    """Above the floor [m]."""
+    """Height above the floor [m]."""
     before: float = Field(default=20.0, gt=0)
-    """They all begin before this [s]."""
+    """Time before which they all start [s]."""
 
 
 def drawn(config: DisturbedConfig, seed: int) -> tuple[DisturbanceConfig, ...]:
-    """Draw shoves: their starts are uniform in time, their directions on the circle.
+    """Random shoves: start times uniform in time, directions on the circle.
 
     Args:
-        config: how many, and how strong.
+        config: number, force and duration.
         seed: of the push.
     """
     rng = np.random.default_rng([seed, STREAM])
@@ -140,43 +140,43 @@ def drawn(config: DisturbedConfig, seed: int) -> tuple[DisturbanceConfig, ...]:
 
 
 class SoftConfig(Model):
-    """How something gives way where robot and object press each other; the floor is rigid."""
+    """Compliance of the contact between robot and object; the floor is rigid."""
 
     stiffness: float = Field(gt=0)
-    """Of the whole of a line of contact from bottom to top [N/m]; foam has about 1500."""
+    """Stiffness of a whole line of contact from bottom to top [N/m]; foam has about 1500."""
     damping: float = Field(ge=0)
-    """[N·s/m]."""
+    """Damping of such a line [N·s/m]."""
 
     def on(self, other: "SoftConfig") -> "SoftConfig":
-        """What both are, one on the other."""
+        """Both in series."""
         return SoftConfig(
             stiffness=1.0 / (1.0 / self.stiffness + 1.0 / other.stiffness),
             damping=min(self.damping, other.damping),
         )
 
 
-class ThingConfig(Model):
-    """What all objects may be."""
+class PushedConfig(Model):
+    """Options of all objects."""
 
     soft: SoftConfig | None = None
-    """How it gives way; None: it is rigid."""
+    """Compliance of the object; None: it is rigid."""
     disturbed: DisturbedConfig | None = None
-    """How somebody else pushes it at times; None: nobody does."""
+    """Random shoves from outside; None: none."""
 
     @model_serializer(mode="wrap")
-    def _told(self, handler: SerializerFunctionWrapHandler) -> dict[str, Any]:
-        """Leave out what it is not: objects are told as they were before they could be that."""
+    def _serialized(self, handler: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        """Without options that are None, so that earlier objects serialize as they did before."""
         return {name: value for name, value in handler(self).items() if value is not None}
 
 
-class BoxConfig(ThingConfig):
+class BoxConfig(PushedConfig):
     """A box."""
 
     shape: Literal["box"]
     size: tuple[Length, Length, Length]
-    """Its edges along x, y and z [m]."""
+    """Edges along x, y and z [m]."""
     mass: Mass
-    """[kg]."""
+    """Mass [kg]."""
 
     def parts(self) -> list[Part]:
         """The box, its middle at the origin."""
@@ -184,52 +184,52 @@ class BoxConfig(ThingConfig):
         return [Part(rectangle(x, y), None, 0.0, z, self.mass)]
 
 
-class CylinderConfig(ThingConfig):
+class CylinderConfig(PushedConfig):
     """An upright cylinder."""
 
     shape: Literal["cylinder"]
     radius: Length
-    """[m]."""
+    """Radius [m]."""
     height: Length
-    """[m]."""
+    """Height [m]."""
     mass: Mass
-    """[kg]."""
+    """Mass [kg]."""
 
     def parts(self) -> list[Part]:
         """The cylinder, its middle at the origin."""
         return [Part(polygon(ROUND, self.radius), self.radius, 0.0, self.height, self.mass)]
 
 
-class PrismConfig(ThingConfig):
-    """An upright prism over a regular polygon, one face ahead."""
+class PrismConfig(PushedConfig):
+    """An upright prism over a regular polygon, one face at +x."""
 
     shape: Literal["prism"]
     sides: int = Field(ge=3, le=24)
-    """How many."""
+    """Number of faces."""
     radius: Length
     """From the middle to a corner [m]."""
     height: Length
-    """[m]."""
+    """Height [m]."""
     mass: Mass
-    """[kg]."""
+    """Mass [kg]."""
 
     def parts(self) -> list[Part]:
         """The prism, its middle at the origin."""
         return [Part(polygon(self.sides, self.radius), None, 0.0, self.height, self.mass)]
 
 
-class LShapeConfig(ThingConfig):
-    """Two boxes that make an L: a bar across, and a leg that goes on ahead from one end of it."""
+class LShapeConfig(PushedConfig):
+    """Two boxes that make an L: a bar along y, and a leg towards +x from one end of it."""
 
     shape: Literal["lshape"]
     bar: tuple[Length, Length]
-    """Its length along y and its width along x [m]."""
+    """Length along y and width along x of the bar [m]."""
     leg: tuple[Length, Length]
-    """Its length along x and its width along y [m]."""
+    """Length along x and width along y of the leg [m]."""
     height: Length
-    """[m]."""
+    """Height [m]."""
     mass: Mass
-    """Of both, spread evenly [kg]."""
+    """Mass of both, spread evenly [kg]."""
 
     def parts(self) -> list[Part]:
         """Bar and leg, the middle of their mass at the origin."""
@@ -249,23 +249,23 @@ class BallConfig(Model):
     """A ball."""
 
     mass: Mass
-    """[kg]."""
+    """Mass [kg]."""
     radius: Length
-    """[m]."""
+    """Radius [m]."""
 
 
-class HollowConfig(ThingConfig):
+class HollowConfig(PushedConfig):
     """A closed box with thin walls, in which a ball may roll."""
 
     shape: Literal["hollow"]
     size: tuple[Length, Length, Length]
-    """Its outer edges along x, y and z [m]."""
+    """Outer edges along x, y and z [m]."""
     wall: Length
-    """How thick walls, floor and lid are [m]."""
+    """Thickness of walls, floor and lid [m]."""
     mass: Mass
-    """Of walls, floor and lid, spread evenly [kg]."""
+    """Mass of walls, floor and lid, spread evenly [kg]."""
     ball: BallConfig | None = None
-    """What rolls inside, without loss; it starts in the middle of the floor."""
+    """A ball that rolls inside, without loss, from the middle of the floor; None: none."""
 
     @model_validator(mode="after")
     def _roomy(self) -> Self:
@@ -283,11 +283,11 @@ class HollowConfig(ThingConfig):
     def parts(self) -> list[Part]:
         """Floor, lid and the four walls between them."""
         (x, y, z), wall = self.size, self.wall
-        aside, ahead = np.array([0.0, (y - wall) / 2.0]), np.array([(x - wall) / 2.0, 0.0])
+        lateral, forward = np.array([0.0, (y - wall) / 2.0]), np.array([(x - wall) / 2.0, 0.0])
         slab, height = rectangle(x, y), z - 2.0 * wall
         long, short = rectangle(x, wall), rectangle(wall, y - 2.0 * wall)
         plates = [(slab, 0.0, wall), (slab, z - wall, wall)]
-        sides = [long + aside, long - aside, short + ahead, short - ahead]
+        sides = [long + lateral, long - lateral, short + forward, short - forward]
         plates += [(side, wall, height) for side in sides]
         volumes = np.array([np.prod(np.ptp(corners, axis=0)) * up for corners, _, up in plates])
         masses = self.mass * volumes / volumes.sum()
@@ -298,16 +298,16 @@ class HollowConfig(ThingConfig):
 
 
 class PieceConfig(Model):
-    """A piece of a compound object, and where it stands."""
+    """A piece of a compound object, and its pose."""
 
     piece: BoxConfig | CylinderConfig | PrismConfig | LShapeConfig = Field(discriminator="shape")
-    """What it is."""
+    """The piece."""
     at: tuple[Place, Place] = (0.0, 0.0)
     """The middle of the piece in the object's frame [m]."""
     yaw: float = 0.0
-    """How it is turned [degrees]."""
+    """Yaw of the piece [degrees]."""
     bottom: float = Field(default=0.0, ge=0)
-    """How high its underside is above the floor [m]."""
+    """Height of its underside above the floor [m]."""
 
     @model_validator(mode="after")
     def _plain(self) -> Self:
@@ -317,12 +317,12 @@ class PieceConfig(Model):
         return self
 
 
-class CompoundConfig(ThingConfig):
-    """Pieces that hold together, such as a box with something heavy in a corner, or a chair."""
+class CompoundConfig(PushedConfig):
+    """Rigidly joined pieces, such as a box with a load in a corner, or a chair."""
 
     shape: Literal["compound"]
     pieces: tuple[PieceConfig, ...] = Field(min_length=1)
-    """At least one of them stands on the floor."""
+    """The pieces; at least one of them stands on the floor."""
 
     @model_validator(mode="after")
     def _standing(self) -> Self:
@@ -339,14 +339,14 @@ class CompoundConfig(ThingConfig):
         ]
 
 
-class UrdfObjectConfig(ThingConfig):
+class UrdfObjectConfig(PushedConfig):
     """An object by URDF; its origin lies on the floor."""
 
     shape: Literal["urdf"]
     urdf: str = Field(min_length=1)
-    """The file, or MODULE:FILE for one in an installed Python package."""
+    """The URDF file, or MODULE:FILE for one in an installed Python package."""
     folder: Path = Path()
-    """Where a relative `urdf` starts; the folder of the configuration."""
+    """The folder to which a relative `urdf` refers; that of the configuration."""
 
 
 ObjectConfig = Annotated[
@@ -362,7 +362,7 @@ ObjectConfig = Annotated[
 
 
 def outlines(config: ObjectConfig) -> list[FloatArray]:
-    """The object as it is seen from above: the corners of each convex piece.
+    """Outlines of an object from above: the corners of each convex part.
 
     The collision shapes of a URDF are taken for convex, its joints stand at 0.
 
@@ -392,10 +392,10 @@ def outlines(config: ObjectConfig) -> list[FloatArray]:
 
 
 def triangles_of(config: ObjectConfig) -> list[Triangles]:
-    """The surface of an object in its frame, one closed mesh a piece.
+    """The surface of an object in its frame, one closed mesh a part.
 
     Returns:
-        Vertices (v, 3) [m], and rows of them that make triangles, (t, 3).
+        Vertices, shape (v, 3) [m], and triangles as rows of vertices, shape (t, 3).
 
     Raises:
         RobotError: a URDF cannot be read, or has no collision shape.

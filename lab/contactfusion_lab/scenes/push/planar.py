@@ -1,7 +1,7 @@
-"""Pushing in the plane: a quick stand-in for PyBullet, for tuning and for tests.
+"""Pushing in the plane: a quick substitute for PyBullet, for tuning and for tests.
 
-The object slides on its corners or its rim, each loaded by its share of the weight; the skin feels
-it as the generator `tactile` and the integrator would tell, without noise. Single pushes differ
+The object slides on its corners or its rim, each loaded by its share of the weight; contacts are as
+the generator `tactile` and the integrator would report them, without noise. Single pushes differ
 from PyBullet's; rates over many pushes rank controllers alike (docs/tuning.md).
 """
 
@@ -20,18 +20,19 @@ from contactfusion.errors import ConfigurationError
 from contactfusion.frames import planar_point, planar_rotation, planar_turned
 from contactfusion_lab.scenes.push.config import RATE, FrictionConfig, PushConfig
 from contactfusion_lab.scenes.push.objects import ObjectConfig, Part, UrdfObjectConfig
-from contactfusion_lab.scenes.push.planar_kernels import BASE, MOST, STATE, THING, advance, feel
+from contactfusion_lab.scenes.push.planar_kernels import BASE, MOST, OBJECT, STATE, advance, feel
 from contactfusion_lab.scenes.push.scene import UNION, Ending, mobile_base, touching
 from contactfusion_lab.scenes.push.world import Touches
 
 ITERATIONS = 4
-"""Of the solver, each step."""
+"""Iterations of the solver, each step."""
 CHASSIS = (0.05, 0.40)
-"""The base of `mobile_base.urdf` pushes between these heights above the floor [m]."""
+"""Heights of the lower and upper edge of the base of `mobile_base.urdf` above the floor [m]."""
 RIM = 8
-"""A cylinder stands on so many points of a circle."""
+"""Points of a circle on which a cylinder stands."""
 RIM_SHARE = 0.5
-"""Of the radius; on the whole rim a cylinder would turn less than PyBullet's, which rocks."""
+"""Radius of that circle over the cylinder's; on the whole rim it would yaw less than PyBullet's,
+which rocks."""
 GRAVITY = 9.81
 """[m/s²]."""
 STRIPS = np.array(
@@ -41,25 +42,25 @@ STRIPS = np.array(
         [0.0, -1.0, 1.0, 0.0, -0.06, 0.05, 14.0],
     ]
 )
-"""The skin of `mobile_base.yaml`, front, left and right, as `feel` wants it."""
+"""The skin of `mobile_base.yaml`, front, left and right, as `feel` takes it."""
 UNKNOWN, SKIN = np.full(3, math.nan), {"skin": 1.0}
-"""Of contacts: the force, and who feels them."""
+"""Of contacts: the force, and the shares of sources."""
 THRESHOLD, P_MAX = 0.1, 0.95
-"""Of the integrator, and of the generator `tactile`."""
+"""Threshold of the integrator, and largest likelihood of the generator `tactile`."""
 RUNS = 16
-"""So many contacts at most."""
+"""Contacts at most."""
 
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """What came of a push.
+    """The result of a push.
 
     Attributes:
         ending: why it ended.
         success_true: arrival was declared, with the true contact near enough at that moment.
-        time: it took [s].
+        time: duration [s].
         distance: from the true contact to the target at the end [m], NaN without contact.
-        lost: without contact, all in all [s].
+        lost: time without contact, in all [s].
     """
 
     ending: Ending
@@ -70,7 +71,7 @@ class Outcome:
 
 
 class PlanarPush:
-    """One push in the plane, without any chance; twists in, contacts out, as `PushScene`.
+    """One push in the plane, without random draws; twists in, contacts out, as `PushScene`.
 
     Args:
         config: the push.
@@ -94,25 +95,25 @@ class PlanarPush:
 
     @property
     def base_pose(self) -> tuple[float, float, float]:
-        """Where the base is: x, y [m] and yaw [rad] in `odom`."""
+        """True pose of the base: x, y [m] and yaw [rad] in `odom`."""
         x, y, yaw = self._state[BASE : BASE + 3].tolist()
         return x, y, yaw
 
     @property
     def object_pose(self) -> tuple[float, float, float]:
-        """Where the object is: x, y [m] and yaw [rad] in `odom`."""
-        x, y, yaw = self._state[THING : THING + 3].tolist()
+        """True pose of the object: x, y [m] and yaw [rad] in `odom`."""
+        x, y, yaw = self._state[OBJECT : OBJECT + 3].tolist()
         back_x, back_y = self._body.centre.tolist()
         return *planar_point((x, y, yaw), (-back_x, -back_y)), yaw
 
-    def drive(self, ahead: float, aside: float, turn: float) -> None:
-        """Let one cycle pass while the base moves ahead, to the left [m/s] and turns [rad/s]."""
-        heading = float(self._state[BASE + 2]) + turn * self.config.period / 2.0
+    def drive(self, forward: float, lateral: float, yaw_rate: float) -> None:
+        """One cycle, in which the base moves forward, to the left [m/s] and yaws [rad/s]."""
+        heading = float(self._state[BASE + 2]) + yaw_rate * self.config.period / 2.0
         body = self._body
         self._rows = advance(
             self._state,
             self._floor,
-            (*planar_turned((ahead, aside), heading), turn),
+            (*planar_turned((forward, lateral), heading), yaw_rate),
             self._box,
             body.outlines,
             body.sizes,
@@ -125,7 +126,7 @@ class PlanarPush:
         )
 
     def contacts(self) -> list[Contact]:
-        """What the skin felt in the last cycle, as the integrator would."""
+        """The contacts of the last cycle, as the integrator would report them from the skin."""
         if not self._rows:
             return []
         touched, activation = self._touched[: self._rows], self.config.skin.activation
@@ -135,14 +136,14 @@ class PlanarPush:
 
     @property
     def touches(self) -> Touches:
-        """What pressed the robot in the last cycle, at the height of the robot's frame."""
+        """Contact points of the last cycle, at the height of the robot's frame."""
         rows = self._touched[: self._rows]
         level = np.zeros((len(rows), 1))
         points, normals = np.hstack([rows[:, 1:3], level]), np.hstack([rows[:, 3:5], level])
         return Touches(rows[:, 0].copy(), points, normals, rows[:, 5].copy())
 
     def truth(self) -> tuple[str, float]:
-        """How the object truly touches, and how far that contact is from the target [m].
+        """The true contact: its kind, and its distance from the target [m].
 
         Returns:
             "none", "point" or "line"; and the distance, NaN without contact.
@@ -159,12 +160,12 @@ class PlanarPush:
         return bool(last >= self._steps - UNION * RATE)
 
     def _place_object(self) -> None:
-        """Stand the object before the front, as far away as the gap says."""
+        """Place the object before the front, at the distance `gap`."""
         config, body = self.config, self._body
         yaw = math.radians(config.yaw)
         cos, sin = math.cos(yaw), math.sin(yaw)
-        turn = np.array([[cos, -sin], [sin, cos]])
-        middle = turn @ body.centre + [0.0, config.offset]
+        rotation = np.array([[cos, -sin], [sin, cos]])
+        middle = rotation @ body.centre + [0.0, config.offset]
         first = _first_met(body, yaw, float(middle[1]), self._chassis.half_width)
         if first == math.inf:
             raise ConfigurationError(
@@ -172,15 +173,15 @@ class PlanarPush:
                 f"{2 * self._chassis.half_width:g} m wide, would pass it",
                 "offset",
             )
-        self._state[THING : THING + 3] = (config.gap - first, middle[1], yaw)
+        self._state[OBJECT : OBJECT + 3] = (config.gap - first, middle[1], yaw)
 
 
 def planar_trial(config: PushConfig, controller: PushingController[Any]) -> Outcome:
-    """Push in the plane until it ends, as `pushed` would; the controller is reset first.
+    """The result of a push in the plane, as `pushed` makes it; the controller is reset first.
 
     Args:
         config: the push.
-        controller: decides from what the skin feels and where the robot is.
+        controller: decides from contacts and the pose of the base.
 
     Raises:
         ConfigurationError: the object cannot be pushed in the plane.
@@ -203,7 +204,7 @@ def planar_trial(config: PushConfig, controller: PushingController[Any]) -> Outc
         elif now >= config.longest:
             ending = Ending.TIMEOUT
         else:
-            push.drive(decision.ahead, decision.aside, decision.turn)
+            push.drive(decision.forward, decision.lateral, decision.yaw_rate)
             cycles += 1
             continue
         distance = push.truth()[1]
@@ -218,9 +219,9 @@ class Body:
     Attributes:
         centre: shape (2,), the centre of mass in the object's frame [m].
         outlines: shape (m, 2), corners of all polygons that the chassis can touch [m].
-        sizes: shape (p,), how many corners each of them has.
+        sizes: shape (p,), number of corners of each of them.
         circles: shape (k, 3), middle and radius of each circle that it can touch [m].
-        supports: shape (n, 3), where it stands [m], and the greatest force of friction there [N].
+        supports: shape (n, 3), points of support [m], and the greatest force of friction there [N].
         numbers: mass [kg], inertia [kg·m²], friction with the robot, duration of a step [s].
     """
 
@@ -232,19 +233,19 @@ class Body:
     numbers: FloatArray
 
 
-def _planar_body(thing: ObjectConfig, friction: FrictionConfig) -> Body:
-    """Bring an object to the plane.
+def _planar_body(pushed: ObjectConfig, friction: FrictionConfig) -> Body:
+    """An object in the plane.
 
     Args:
-        thing: the object.
+        pushed: the object.
         friction: with floor and robot.
 
     Raises:
         ConfigurationError: it is a URDF, or the chassis would pass above or below it.
     """
-    if isinstance(thing, UrdfObjectConfig):
+    if isinstance(pushed, UrdfObjectConfig):
         raise ConfigurationError("the planar model knows no URDF: give its shape", "object")
-    parts = thing.parts()
+    parts = pushed.parts()
     masses = np.array([part.mass for part in parts])
     middles = np.array([part.middle for part in parts])
     centre = masses @ middles / masses.sum()
@@ -269,50 +270,53 @@ def _planar_body(thing: ObjectConfig, friction: FrictionConfig) -> Body:
 
 
 def _first_met(body: Body, yaw: float, y: float, half_width: float) -> float:
-    """Where a front that comes along x meets an object first.
+    """Position along x at which a front that moves along x meets an object first.
 
     Args:
         body: the object.
-        yaw: how it is turned [rad].
+        yaw: of the object [rad].
         y: of its centre of mass, to the left of the front's middle [m].
         half_width: of the front [m].
 
     Returns:
         x from its centre of mass [m]; infinite if the front would pass it.
     """
-    turn, met, begin = planar_rotation(yaw), [np.inf], 0
+    rotation, met, begin = planar_rotation(yaw), [np.inf], 0
     for middle_x, middle_y, radius in np.column_stack(
-        [body.circles[:, :2] @ turn.T + [0.0, y], body.circles[:, 2]]
+        [body.circles[:, :2] @ rotation.T + [0.0, y], body.circles[:, 2]]
     ):
         beside = max(abs(middle_y) - half_width, 0.0)
         if beside < radius:
             met.append(middle_x - np.sqrt(radius**2 - beside**2))
     for size in body.sizes:
-        corners = body.outlines[begin : begin + size] @ turn.T + [0.0, y]
+        corners = body.outlines[begin : begin + size] @ rotation.T + [0.0, y]
         begin += size
-        for one, other in zip(corners, np.roll(corners, -1, axis=0), strict=True):
-            if max(one[1], other[1]) < -half_width or min(one[1], other[1]) > half_width:
+        for corner, following in zip(corners, np.roll(corners, -1, axis=0), strict=True):
+            if (
+                max(corner[1], following[1]) < -half_width
+                or min(corner[1], following[1]) > half_width
+            ):
                 continue
-            sides = np.clip([one[1], other[1]], -half_width, half_width)
-            rise = other[1] - one[1]
-            shares = (sides - one[1]) / rise if rise else np.array([0.0, 1.0])
-            met.append(float((one[0] + shares * (other[0] - one[0])).min()))
+            sides = np.clip([corner[1], following[1]], -half_width, half_width)
+            rise = following[1] - corner[1]
+            shares = (sides - corner[1]) / rise if rise else np.array([0.0, 1.0])
+            met.append(float((corner[0] + shares * (following[0] - corner[0])).min()))
     return float(min(met))
 
 
 def _supports(parts: list[Part], centre: FloatArray, friction: float) -> FloatArray:
-    """Where the object stands, and how friction is shared: linear in the place."""
+    """Points of support [m], and shares of the friction there [N], linear in the position."""
     standing = [part for part in parts if part.bottom == 0.0]
-    places = np.concatenate([_feet(part) for part in standing]) - centre
+    points = np.concatenate([_feet(part) for part in standing]) - centre
     shares = np.concatenate(
         [np.full(len(feet), part.mass / len(feet)) for part in standing for feet in [_feet(part)]]
     )
     shares /= shares.sum()
     # share of i: shares_i (a + b x_i + c y_i), so that they sum to 1 and balance about the centre
-    basis = np.column_stack([np.ones(len(places)), places])
+    basis = np.column_stack([np.ones(len(points)), points])
     coefficients = np.linalg.pinv(basis.T @ (shares[:, None] * basis))[:, 0]
     held = (shares * (basis @ coefficients)).clip(0.0)
-    return np.column_stack([places, friction * held / held.sum()])
+    return np.column_stack([points, friction * held / held.sum()])
 
 
 def _feet(part: Part) -> FloatArray:
@@ -329,23 +333,23 @@ def _gyration_squared(part: Part) -> float:
     if part.radius is not None:
         return part.radius**2 / 2.0
     x, y = (part.outline - part.middle).T
-    ahead_x, ahead_y = np.roll(x, -1), np.roll(y, -1)
-    cross = x * ahead_y - ahead_x * y
-    square = x * x + x * ahead_x + ahead_x**2 + y * y + y * ahead_y + ahead_y**2
+    next_x, next_y = np.roll(x, -1), np.roll(y, -1)
+    cross = x * next_y - next_x * y
+    square = x * x + x * next_x + next_x**2 + y * y + y * next_y + next_y**2
     return float((cross * square).sum() / (6.0 * cross.sum()))
 
 
 def _felt(
     touched: FloatArray, steps: int, activation: float, front: float, half_width: float
 ) -> list[Contact]:
-    """Contacts as skin, generator `tactile` and integrator would.
+    """Contacts as skin, generator `tactile` and integrator would report them.
 
     Args:
         touched: shape (n, 6), as `planar_kernels.advance` wrote it.
         steps: of the cycle.
-        activation: a taxel that is pressed by less on average over the cycle tells nothing [N].
-        front: where the front lies [m].
-        half_width: where the sides lie [m].
+        activation: least mean force over the cycle at which a taxel responds [N].
+        front: position of the front along x [m].
+        half_width: distance of the sides from the middle [m].
     """
     runs = np.empty((RUNS, 4))
     count = feel(touched, steps, STRIPS, activation, THRESHOLD, P_MAX, runs)
@@ -353,11 +357,11 @@ def _felt(
 
 
 def _contact(
-    front: float, half_width: float, strip: float, place: float, variance: float, likelihood: float
+    front: float, half_width: float, strip: float, along: float, variance: float, likelihood: float
 ) -> Contact:
     facing_x, facing_y, along_x, along_y = STRIPS[int(strip), :4].tolist()
     reach = front if facing_x else half_width
-    position = np.array([facing_x * reach + along_x * place, facing_y * reach + along_y * place, 0])
+    position = np.array([facing_x * reach + along_x * along, facing_y * reach + along_y * along, 0])
     return Contact(
         position=position,
         likelihood=likelihood,

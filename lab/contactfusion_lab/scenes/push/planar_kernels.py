@@ -17,36 +17,36 @@ from contactfusion.jit import kernel
 IntArray = NDArray[np.int64]
 
 MARGIN = 0.004
-"""What is nearer than this may touch within the next step [m]."""
+"""Gap under which bodies may touch within the next step [m]."""
 SLOP = 0.0005
-"""So deep an overlap is left as it is, so that contacts do not flicker [m]."""
+"""Overlap that is left as it is, so that contacts do not flicker [m]."""
 RECOVERY = 0.2
-"""The share of an overlap that one step takes back."""
+"""Share of an overlap that one step corrects."""
 REST = 1e-6
-"""What nothing touches and is slower than this stands still [m/s, rad/s, in all]."""
-BASE, THING, SPEED = 0, 3, 6
-"""Where a state holds the pose of the base, that of the object's centre of mass, and its velocity
-(world: x, y [m/s], turn [rad/s])."""
+"""Speed under which an object without contact is at rest, sum of [m/s] and [rad/s]."""
+BASE, OBJECT, SPEED = 0, 3, 6
+"""First rows in a state of the pose of the base, that of the object's centre of mass, and its
+velocity (world: x, y [m/s], yaw rate [rad/s])."""
 STATE = 9
 """Numbers in a state."""
 MOST = 16
-"""So many contacts at most in one step."""
+"""Contacts at most in one step."""
 FACING = math.cos(math.pi / 4.0)
-"""A strip feels what presses it steeper than this."""
+"""Least cosine between a force and the normal of a strip that measures it."""
 
 
 @kernel
 def _meet_circle(
     x: float, y: float, radius: float, rear: float, front: float, half: float, found: FloatArray
 ) -> int:
-    """Find where a circle meets the box, in the box's frame; row: point, normal, gap."""
+    """Contact of a circle with the box, in the box's frame, 0 or 1; row: point, normal, gap."""
     near_x, near_y = min(max(x, rear), front), min(max(y, -half), half)
-    way_x, way_y = x - near_x, y - near_y
-    distance = math.sqrt(way_x * way_x + way_y * way_y)
+    offset_x, offset_y = x - near_x, y - near_y
+    distance = math.sqrt(offset_x * offset_x + offset_y * offset_y)
     if distance - radius > MARGIN or distance < 1e-9:
         return 0
     found[0, 0], found[0, 1] = near_x, near_y
-    found[0, 2], found[0, 3] = way_x / distance, way_y / distance
+    found[0, 2], found[0, 3] = offset_x / distance, offset_y / distance
     found[0, 4] = distance - radius
     return 1
 
@@ -54,33 +54,33 @@ def _meet_circle(
 @kernel
 def _clip(
     found: FloatArray,
-    one: tuple[float, float],
-    two: tuple[float, float],
+    first: tuple[float, float],
+    second: tuple[float, float],
     corner: tuple[float, float],
     normal: tuple[float, float],
     length: float,
     sign: float,
 ) -> int:
-    """Cut an edge to what lies before a face of the other body; write the points that are near.
+    """Clip an edge to a face of the other body; the number of points that are near it.
 
     The face begins at `corner` and goes counterclockwise for `length`; `sign` is 1.0 if it is one
     of the box's, else -1.0.
     """
     along_x, along_y = -normal[1], normal[0]
-    begin = (one[0] - corner[0]) * along_x + (one[1] - corner[1]) * along_y
-    end = (two[0] - corner[0]) * along_x + (two[1] - corner[1]) * along_y
-    over = (one[0] - corner[0]) * normal[0] + (one[1] - corner[1]) * normal[1]
-    rise = (two[0] - corner[0]) * normal[0] + (two[1] - corner[1]) * normal[1] - over
+    begin = (first[0] - corner[0]) * along_x + (first[1] - corner[1]) * along_y
+    end = (second[0] - corner[0]) * along_x + (second[1] - corner[1]) * along_y
+    over = (first[0] - corner[0]) * normal[0] + (first[1] - corner[1]) * normal[1]
+    rise = (second[0] - corner[0]) * normal[0] + (second[1] - corner[1]) * normal[1] - over
     if max(begin, end) < 0.0 or min(begin, end) > length:
         return 0
     count = 0
-    for place in (begin, end):
-        inside = min(max(place, 0.0), length)
+    for along in (begin, end):
+        inside = min(max(along, 0.0), length)
         share = 0.0 if abs(end - begin) < 1e-12 else (inside - begin) / (end - begin)
         gap = over + share * rise
         if gap > MARGIN:
             continue
-        lift = 0.0 if sign > 0.0 else gap  # a contact's place is on the box
+        lift = 0.0 if sign > 0.0 else gap  # a contact lies on the box
         found[count, 0] = corner[0] + inside * along_x + lift * normal[0]
         found[count, 1] = corner[1] + inside * along_y + lift * normal[1]
         found[count, 2], found[count, 3], found[count, 4] = sign * normal[0], sign * normal[1], gap
@@ -92,7 +92,7 @@ def _clip(
 
 @kernel
 def _most_against(corners: FloatArray, normal: tuple[float, float]) -> int:
-    """Find the edge of a polygon whose outer normal is most against a direction."""
+    """Index of the edge of a polygon whose outer normal is most against a direction."""
     best, least = 0, np.inf
     n = len(corners)
     for i in range(n):
@@ -106,7 +106,7 @@ def _most_against(corners: FloatArray, normal: tuple[float, float]) -> int:
 
 @kernel
 def _faces(corners: FloatArray, others: FloatArray) -> tuple[int, float]:
-    """Find the face of a convex polygon that is furthest from another; and how far."""
+    """Index of the face of a convex polygon that is furthest from another, and its gap [m]."""
     best, furthest = 0, -np.inf
     n = len(corners)
     for i in range(n):
@@ -115,8 +115,8 @@ def _faces(corners: FloatArray, others: FloatArray) -> tuple[int, float]:
         length = math.sqrt(edge_x * edge_x + edge_y * edge_y)
         gap = np.inf
         for k in range(len(others)):
-            way_x, way_y = others[k, 0] - corners[i, 0], others[k, 1] - corners[i, 1]
-            gap = min(gap, (way_x * edge_y - way_y * edge_x) / length)
+            offset_x, offset_y = others[k, 0] - corners[i, 0], others[k, 1] - corners[i, 1]
+            gap = min(gap, (offset_x * edge_y - offset_y * edge_x) / length)
         if gap > furthest:
             best, furthest = i, gap
     return best, furthest
@@ -124,7 +124,7 @@ def _faces(corners: FloatArray, others: FloatArray) -> tuple[int, float]:
 
 @kernel
 def _meet_polygon(box: FloatArray, corners: FloatArray, found: FloatArray) -> int:
-    """Find where a convex polygon meets the box, both counterclockwise, in the box's frame."""
+    """Contacts of a convex polygon with the box, both counterclockwise, in the box's frame."""
     face, gap = _faces(box, corners)
     if gap > MARGIN:
         return 0
@@ -160,11 +160,11 @@ def _contacts(
     circles: FloatArray,
     found: FloatArray,
 ) -> int:
-    """Find all contacts of the object with the box, in the box's frame; give how many."""
-    yaw = state[THING + 2] - state[BASE + 2]
+    """Number of contacts of the object with the box; they are in the box's frame."""
+    yaw = state[OBJECT + 2] - state[BASE + 2]
     cos, sin = math.cos(yaw), math.sin(yaw)
     back_cos, back_sin = math.cos(state[BASE + 2]), math.sin(state[BASE + 2])
-    away_x, away_y = state[THING] - state[BASE], state[THING + 1] - state[BASE + 1]
+    away_x, away_y = state[OBJECT] - state[BASE], state[OBJECT + 1] - state[BASE + 1]
     x, y = back_cos * away_x + back_sin * away_y, back_cos * away_y - back_sin * away_x
     count, first = 0, 0
     for row in range(len(circles)):
@@ -198,21 +198,21 @@ def _solve(
     numbers: FloatArray,
     iterations: int,
 ) -> None:
-    """Find the impulses of floor and box, and with them the object's velocity (Gauss-Seidel).
+    """Solve for the impulses of floor and box, and so for the object's velocity (Gauss-Seidel).
 
     Args:
         speed: shape (3,), of the object; changed.
-        base: velocity of the box at its origin, and its turn.
+        base: velocity of the box at its origin, and its yaw rate.
         arms: shape (count, 4), from the object's centre of mass and from the box's origin to each
             contact.
-        found: shape (count, 5), with normals turned into the world, and gaps.
+        found: shape (count, 5), with normals in the world, and gaps.
         count: of contacts.
         levers: shape (n, 2), from the centre of mass to the supports.
         limits: shape (n,), of the impulses of friction there.
         floor: shape (n, 2), these impulses; those of the last step to begin with.
         pushes: shape (count, 2), along the normal and across it; changed.
         numbers: 1/mass, 1/inertia, friction with the box, step.
-        iterations: how often to go round.
+        iterations: of Gauss-Seidel.
     """
     light, nimble, friction, step = numbers
     for k in range(len(levers)):
@@ -242,12 +242,12 @@ def _solve(
             x, y, base_x, base_y = arms[c]
             normal_x, normal_y, gap = found[c, 2], found[c, 3], found[c, 4]
             for across in (True, False):
-                way_x, way_y = (-normal_y, normal_x) if across else (normal_x, normal_y)
-                turn = x * way_y - y * way_x
+                axis_x, axis_y = (-normal_y, normal_x) if across else (normal_x, normal_y)
+                lever = x * axis_y - y * axis_x
                 slip_x = speed[0] - speed[2] * y - base[0] + base[2] * base_y
                 slip_y = speed[1] + speed[2] * x - base[1] - base[2] * base_x
-                slip = way_x * slip_x + way_y * slip_y
-                response = light + nimble * turn * turn
+                slip = axis_x * slip_x + axis_y * slip_y
+                response = light + nimble * lever * lever
                 if across:
                     most = friction * pushes[c, 0]
                     new = min(max(pushes[c, 1] - slip / response, -most), most)
@@ -256,9 +256,9 @@ def _solve(
                     bias = gap / step if gap > 0.0 else RECOVERY * min(gap + SLOP, 0.0) / step
                     new = max(pushes[c, 0] - (slip + bias) / response, 0.0)
                     more, pushes[c, 0] = new - pushes[c, 0], new
-                speed[0] += light * more * way_x
-                speed[1] += light * more * way_y
-                speed[2] += nimble * more * turn
+                speed[0] += light * more * axis_x
+                speed[1] += light * more * axis_y
+                speed[2] += nimble * more * lever
 
 
 @kernel
@@ -276,25 +276,25 @@ def advance(
     iterations: int,
     touched: FloatArray,
 ) -> int:
-    """Let one cycle pass while the base moves at a velocity in the world.
+    """Advance the state by one cycle, in which the base moves at a velocity in the world.
 
     Args:
         state: shape (STATE,); changed.
         floor: shape (n, 2), impulses of friction at the supports; changed.
-        twist: of the base: x, y [m/s] in the world, and turn [rad/s].
+        twist: of the base: x, y [m/s] in the world, and yaw rate [rad/s].
         box: shape (4, 2), corners of the base in its frame, from the rear right counterclockwise.
         outlines: shape (m, 2), corners of all polygons, about the centre of mass.
-        sizes: how many corners each polygon has.
+        sizes: number of corners of each polygon.
         circles: shape (k, 3), middle and radius of each circle.
-        supports: shape (n, 3), where the object stands, and the greatest force of friction there.
+        supports: shape (n, 3), points of support, and the greatest force of friction there.
         body: mass, inertia, friction with the base, duration of a step.
         steps: of the cycle.
         iterations: of the solver.
-        touched: shape (steps · MOST, 6), takes the contacts that press: step, place and normal into
-            the base in the base's frame, force [N].
+        touched: shape (steps · MOST, 6), takes the contacts that press: step, position and normal
+            into the base in the base's frame, force [N].
 
     Returns:
-        How many there are.
+        Number of these contacts.
     """
     mass, inertia, friction, step = body
     numbers = np.array([1.0 / mass, 1.0 / inertia, friction, step])
@@ -317,8 +317,8 @@ def advance(
             for c in range(count):
                 x, y, normal_x, normal_y = local[c, 0], local[c, 1], local[c, 2], local[c, 3]
                 arms[c, 2], arms[c, 3] = cos * x - sin * y, sin * x + cos * y
-                arms[c, 0] = state[BASE] + arms[c, 2] - state[THING]
-                arms[c, 1] = state[BASE + 1] + arms[c, 3] - state[THING + 1]
+                arms[c, 0] = state[BASE] + arms[c, 2] - state[OBJECT]
+                arms[c, 1] = state[BASE + 1] + arms[c, 3] - state[OBJECT + 1]
                 found[c, 2] = cos * normal_x - sin * normal_y
                 found[c, 3] = sin * normal_x + cos * normal_y
                 found[c, 4] = local[c, 4]
@@ -328,7 +328,7 @@ def advance(
                 speed[0] += push_x / mass
                 speed[1] += push_y / mass
                 speed[2] += (arms[c, 0] * push_y - arms[c, 1] * push_x) / inertia
-            cos, sin = math.cos(state[THING + 2]), math.sin(state[THING + 2])
+            cos, sin = math.cos(state[OBJECT + 2]), math.sin(state[OBJECT + 2])
             for k in range(len(supports)):
                 x, y = supports[k, 0], supports[k, 1]
                 levers[k, 0], levers[k, 1] = cos * x - sin * y, sin * x + cos * y
@@ -337,7 +337,7 @@ def advance(
                 speed, twist, arms, found, count, levers, limits, floor, pushes, numbers, iterations
             )
         for axis in range(3):
-            state[THING + axis] += step * speed[axis]
+            state[OBJECT + axis] += step * speed[axis]
             state[BASE + axis] += step * twist[axis]
         for c in range(count):
             if pushes[c, 0] > 0.0 and rows < len(touched):
@@ -353,16 +353,16 @@ def advance(
 def _press(
     touched: FloatArray, steps: int, strip: FloatArray, activation: float, taxels: FloatArray
 ) -> None:
-    """The mean force on each taxel of a strip; a point presses the two nearest."""
+    """Mean force on each taxel of a strip; a point presses the two nearest."""
     facing_x, facing_y, along_x, along_y, middle, pitch, _ = strip
     n = len(taxels)
     for row in range(len(touched)):
         if -(touched[row, 3] * facing_x + touched[row, 4] * facing_y) < FACING:
             continue
-        place = touched[row, 1] * along_x + touched[row, 2] * along_y - middle
-        place = min(max(place / pitch + (n - 1) / 2.0, 0.0), n - 1.0)
-        lower = min(int(place), n - 2)
-        share, force = place - lower, touched[row, 5] / steps
+        position = touched[row, 1] * along_x + touched[row, 2] * along_y - middle
+        position = min(max(position / pitch + (n - 1) / 2.0, 0.0), n - 1.0)
+        lower = min(int(position), n - 2)
+        share, force = position - lower, touched[row, 5] / steps
         taxels[lower] += force * (1.0 - share)
         taxels[lower + 1] += force * share
     for k in range(n):
@@ -380,20 +380,20 @@ def feel(
     p_max: float,
     found: FloatArray,
 ) -> int:
-    """Feel contacts as skin, generator `tactile` and integrator would: runs of pressed taxels.
+    """Contacts as skin, generator `tactile` and integrator report them: runs of pressed taxels.
 
     Args:
         touched: shape (n, 6), as `advance` wrote it.
         steps: of the cycle.
-        strips: shape (s, 7), of each strip of the skin the way it faces (x, y), the way along it
-            (x, y), its middle along that way [m], pitch [m] and number of its taxels.
-        activation: a taxel that is pressed by less on average over the cycle tells nothing [N].
-        threshold: the likelihood from which a taxel counts.
+        strips: shape (s, 7), of each strip of the skin its outer normal (x, y), the direction along
+            it (x, y), its middle along that direction [m], pitch [m] and number of its taxels.
+        activation: least mean force over the cycle at which a taxel responds [N].
+        threshold: least likelihood at which a taxel counts.
         p_max: the largest likelihood.
-        found: takes strip, place along it [m], variance [m²] and likelihood of each run.
+        found: takes strip, position along it [m], variance [m²] and likelihood of each run.
 
     Returns:
-        How many runs there are.
+        Number of runs.
     """
     total = int(strips[:, 6].sum())
     taxels = np.zeros(total)

@@ -1,4 +1,4 @@
-"""A push: what sensors read, what is true, and the loop with a pipeline and its controller."""
+"""A push: readings, ground truth, and the loop with a pipeline and its controller."""
 
 import math
 from collections.abc import Iterator
@@ -25,17 +25,18 @@ from contactfusion.stream import Arrival, Facts, Verdict
 from contactfusion_lab.scenes.facts import standing, true_contact
 from contactfusion_lab.scenes.push.bodies import ORIGIN_HEIGHT, Chassis, read_chassis
 from contactfusion_lab.scenes.push.config import RATE, PushConfig
-from contactfusion_lab.scenes.push.sensors import PushSkin, opened_eyes
+from contactfusion_lab.scenes.push.sensors import PushSkin, range_sensors
 from contactfusion_lab.scenes.push.world import PushWorld, Touches
 
 BASE = "contactfusion.robots:mobile_base.yaml"
 """The base that pushes, unless another is given."""
 OBJECT = "object"
-"""What the truth calls the object, whichever it is."""
+"""Name of the object in the ground truth, whichever it is."""
 UNION = 0.05
-"""The truth is all that is touched in the last so many seconds (method §6) [s]."""
+"""Time over which contact points count as the truth (method §6) [s]."""
 NARROW = 0.05
-"""What spans less is a point at its mean, what spans more a line at the middle of its ends [m]."""
+"""Extent under which contact points are a point at their mean, else a line at the middle of its
+ends [m]."""
 
 
 @cache
@@ -46,16 +47,16 @@ def mobile_base() -> Chassis:
 
 @dataclass(frozen=True, slots=True)
 class PushTruth:
-    """What really happens at one instant.
+    """Ground truth of a push at one instant.
 
     Attributes:
         stamp: [s].
         base: x, y [m] and yaw [rad] of the robot in `odom`.
         object: x, y [m] and yaw [rad] of the object in `odom`.
-        kind: how the object touches the robot: "none", "point" or "line".
+        kind: of the contact of object and robot: "none", "point" or "line".
         contact: x and y in the robot's frame [m], NaN without contact.
         distance: from the contact to the target [m], NaN without contact.
-        force: of the object on the robot, mean of the cycle [N].
+        force: normal force of the object on the robot, mean of the cycle [N].
     """
 
     stamp: float
@@ -68,12 +69,12 @@ class PushTruth:
 
 
 class PushScene:
-    """One push: give it twists, and take its readings.
+    """One push: twists in, readings out.
 
     Args:
         config: the push.
         robot: the base, with a patch of the name `skin`; None: `mobile_base.yaml` of the package.
-        seed: of all chance.
+        seed: of all random draws.
 
     Raises:
         RobotError: the base or the object cannot be loaded, or the base has no skin.
@@ -91,7 +92,7 @@ class PushScene:
         self._require_outside()
         self._skin = PushSkin(robot.patches["skin"], config.skin)
         self._rng = np.random.default_rng(seed)
-        self._eyes = opened_eyes(config, robot, seed)
+        self._range_sensors = range_sensors(config, robot, seed)
         self._cycles = 0
 
     @property
@@ -100,13 +101,14 @@ class PushScene:
         return self._cycles * self.config.period
 
     def readings(self) -> list[Reading]:
-        """What the sensors read now.
+        """The readings now.
 
-        Odometry, the twist of the base, the skin's image, and what the eyes see whose turn it is.
+        Odometry, the twist of the base, the skin's image, and those of LiDARs and cameras that are
+        due.
         """
         x, y, yaw = self._world.base_pose
-        ahead, aside, turn = self._world.base_twist
-        linear, angular = np.array([ahead, aside, 0.0]), np.array([0.0, 0.0, turn])
+        forward, lateral, yaw_rate = self._world.base_twist
+        linear, angular = np.array([forward, lateral, 0.0]), np.array([0.0, 0.0, yaw_rate])
         values = self._skin.values(self._world.touches, self._world.steps, self._rng)
         return [
             Odometry(
@@ -123,18 +125,18 @@ class PushScene:
                 stamp=self.stamp, frame=self._frame, sensor="wheels", linear=linear, angular=angular
             ),
             TactileImage(stamp=self.stamp, frame=self._frame, sensor="skin", values=values),
-            *self._seen(),
+            *self._range_readings(),
         ]
 
-    def drive(self, ahead: float, aside: float, turn: float) -> None:
-        """Let one cycle pass while the base moves ahead, to the left [m/s] and turns [rad/s]."""
-        self._world.drive(ahead, aside, turn)
+    def drive(self, forward: float, lateral: float, yaw_rate: float) -> None:
+        """One cycle, in which the base moves forward, to the left [m/s] and yaws [rad/s]."""
+        self._world.drive(forward, lateral, yaw_rate)
         self._cycles += 1
 
     def truth(self) -> PushTruth:
-        """What really happens now."""
+        """The ground truth now."""
         world = self._world
-        base, thing = world.base_pose, world.object_pose
+        base, pushed = world.base_pose, world.object_pose
         kind, contact = touching(world.touches, world.steps)
         cos, sin = np.cos(base[2]), np.sin(base[2])
         there = (
@@ -143,23 +145,27 @@ class PushScene:
         )
         distance = float(np.hypot(*np.subtract(self.config.target, there)))
         force = float(world.touches.forces.sum()) / world.steps
-        return PushTruth(self.stamp, base, thing, kind, contact, distance, force)
+        return PushTruth(self.stamp, base, pushed, kind, contact, distance, force)
 
     def facts(self) -> Facts:
-        """The true contact, in the robot's frame, and where the object stands in `odom`."""
+        """The true contact, in the robot's frame, and the true pose of the object in `odom`."""
         truth, touches = self.truth(), self._world.touches
         objects = standing(self.stamp, "odom", {OBJECT: planar_pose(truth.object, 0.0)})
         if truth.kind == "none":
             return Facts(self.stamp, self._frame, (), objects)
         points = touches.points[_recent(touches, self._world.steps)]
-        place = np.array([*truth.contact, points[:, 2].mean()])
+        position = np.array([*truth.contact, points[:, 2].mean()])
         force = touches.forces @ touches.normals / self._world.steps
-        contact = true_contact(self.stamp, self._frame, place, force, points[_ends(points)])
+        contact = true_contact(self.stamp, self._frame, position, force, points[_ends(points)])
         return Facts(self.stamp, self._frame, (contact,), objects)
 
-    def _seen(self) -> list[Reading]:
-        base, thing = self._world.base_pose, self._world.object_pose
-        return [eye.reading(self.stamp, base, thing) for eye in self._eyes if eye.due(self.stamp)]
+    def _range_readings(self) -> list[Reading]:
+        stamp, base, pushed = self.stamp, self._world.base_pose, self._world.object_pose
+        return [
+            sensor.reading(stamp, base, pushed)
+            for sensor in self._range_sensors
+            if sensor.due(stamp)
+        ]
 
     def _require_outside(self) -> None:
         x, y = self.config.target
@@ -173,7 +179,7 @@ class PushScene:
 
 
 def touching(touches: Touches, steps: int) -> tuple[str, tuple[float, float]]:
-    """How and where the object touches, from all points of the last 50 ms (O §III-A)."""
+    """Kind and position of the true contact, from all points of the last 50 ms (O §III-A)."""
     points: FloatArray = touches.points[_recent(touches, steps), :2]
     if not len(points):
         return "none", (np.nan, np.nan)
@@ -203,9 +209,9 @@ class Ending(StrEnum):
     ARRIVED = "arrived"
     """The controller declared arrival."""
     TIMEOUT = "timeout"
-    """It took too long."""
+    """The time limit was reached."""
     LOST = "lost"
-    """There was no contact for too long, all in all."""
+    """There was no contact for too long, in all."""
     AWAY = "away"
     """The object is too far away."""
 
@@ -215,10 +221,10 @@ class Cycle:
     """One cycle of a push.
 
     Attributes:
-        readings: what the sensors read.
-        step: what the pipeline made of it.
-        truth: what really happened.
-        ending: why the push ends with this cycle; None: it goes on.
+        readings: of the sensors.
+        step: of the pipeline, from them.
+        truth: ground truth.
+        ending: why the push ends with this cycle; None: it continues.
     """
 
     readings: list[Reading]
@@ -228,7 +234,7 @@ class Cycle:
 
 
 def pushed(scene: PushScene, pipeline: Pipeline) -> Iterator[Cycle]:
-    """The cycles of a push; the controller hears readings, never the truth.
+    """The cycles of a push; the controller receives readings, never the truth.
 
     Args:
         scene: at its start.
@@ -252,7 +258,7 @@ def _twist(command: Command | None) -> Twist:
 
 
 class Pushing(Scene):
-    """A push by the controller of whatever pipeline listens.
+    """A push by the controller of the pipeline that plays it.
 
     Args:
         scene: at its start.
@@ -288,11 +294,11 @@ class Pushing(Scene):
             )
 
     def readings(self) -> Iterator[Reading]:
-        """What the sensors read."""
+        """The readings of the sensors."""
         return (reading for arrival in self.arrivals() for reading in arrival.readings)
 
     def arrivals(self) -> Iterator[Arrival]:
-        """What the sensors read in each cycle, at its end, until the push ends."""
+        """The readings of each cycle, at its end, until the push ends."""
         while self._ending is None:
             if self._twist is not None:
                 linear, angular = self._twist.linear, self._twist.angular
@@ -301,7 +307,7 @@ class Pushing(Scene):
             yield Arrival(self._scene.stamp, tuple(self._readings), due=True)
 
     def send(self, command: Command | None) -> None:
-        """Take the velocity of the next cycle, and note how this one ended.
+        """Accept the velocity of the next cycle, and record how this one ended.
 
         Raises:
             ConfigurationError: there is no controller, or it failed.
@@ -325,11 +331,11 @@ class Pushing(Scene):
         return Cycle(self._readings, step, self._truth, self._ending)
 
     def facts(self) -> Facts:
-        """The true contact, and where the object stands."""
+        """The true contact, and the true pose of the object."""
         return self._scene.facts()
 
     def verdict(self, pipeline: Pipeline, last: Step) -> Verdict:
-        """How the push ended, and where the object truly touches then."""
+        """The ending of the push, and the distance of its true contact from the target."""
         truth, ending = self._truth, self._ending
         assert truth is not None  # there was a step
         within = self._scene.config.within
@@ -338,7 +344,7 @@ class Pushing(Scene):
             touches = "the object does not touch the robot"
         else:
             touches = f"the object touches {truth.distance:.3f} m from the target"
-        told = {
+        values = {
             "ending": str(ending),
             "time": truth.stamp,
             "success": success,
@@ -348,10 +354,10 @@ class Pushing(Scene):
             "object": list(truth.object),
         }
         word = "success" if success else "no success"
-        return Verdict(told, (f"{ending} after {truth.stamp:.1f} s; {touches}: {word}",))
+        return Verdict(values, (f"{ending} after {truth.stamp:.1f} s; {touches}: {word}",))
 
 
 @hookimpl
 def contactfusion_scenes() -> dict[str, type[Scene]]:
-    """Offer the scene."""
+    """The scene, as a plug-in."""
     return {"push": Pushing}

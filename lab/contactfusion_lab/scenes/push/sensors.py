@@ -1,4 +1,4 @@
-"""What a base that pushes reads: its skin, and the LiDARs and cameras that are switched on."""
+"""Simulated sensors of a base that pushes: its skin, and LiDARs and cameras that are on."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -38,31 +38,31 @@ from contactfusion_lab.scenes.push.view import PushView, Rays
 from contactfusion_lab.scenes.push.world import Touches
 
 FACING = np.cos(np.pi / 4.0)
-"""A strip feels what presses it steeper than this."""
+"""Least cosine between a force and the normal of a strip that measures it."""
 Mask = NDArray[np.bool_]
 FLOOR, CHASSIS = (150.0, 146.0, 138.0), (60.0, 62.0, 66.0)
-"""Red, green and blue, of 255."""
+"""Red, green and blue of floor and base, of 255."""
 STEP = 0.05
-"""Stereo has holes where depth steps by more [m]."""
+"""Step in depth beyond which stereo has holes [m]."""
 LIGHT = 1.5
-"""The lamp is at the camera; at this distance things have half of their brightness [m]."""
+"""Distance at which surfaces have half of their brightness, for the lamp is at the camera [m]."""
 ROUNDING = 1e-6
-"""A reading is due at a stamp that is so nearly its own [s]."""
+"""Tolerance of the stamp at which a reading is due [s]."""
 DARKEST, BRIGHTEST = 30.0, 225.0
-"""Red, green and blue of an object lie between these, of 255."""
+"""Limits of red, green and blue of an object, of 255."""
 Look = Callable[[float, PlanarPose, PlanarPose], Reading]
-"""Gives the reading at a stamp [s], of the base and the object where they are."""
+"""From stamp [s], pose of the base and pose of the object to the reading."""
 
 
 class PushSkin:
     """Strips of taxels around a base.
 
     A point presses the two taxels that are nearest to it along the strip, each the more the nearer
-    it is; a taxel tells the mean of a cycle, or nothing when that is under its activation.
+    it is; a taxel reads the mean of a cycle, or 0 when that is under its activation.
 
     Args:
         patch: its grids have one row each, in the frame of the robot.
-        config: how well it feels.
+        config: activation and noise.
 
     Raises:
         ConfigurationError: the patch is not made of such strips.
@@ -78,17 +78,17 @@ class PushSkin:
         """The value of each taxel, shape (n,) [N].
 
         Args:
-            touches: what pressed the robot in one cycle.
-            steps: how many steps of the physics the cycle had.
+            touches: contact points on the robot in one cycle.
+            steps: of the physics in the cycle.
             rng: of the noise.
         """
         pressed = []
         for pose, columns, pitch in self._strips:
             felt = -(touches.normals @ pose[2, :3]) > FACING
             along = points_in(pose, touches.points[felt])[:, 1]
-            place = (along / pitch + (columns - 1) / 2.0).clip(0.0, columns - 1.0)
-            lower = np.minimum(place.astype(np.intp), max(columns - 2, 0))
-            upper_share = place - lower
+            position = (along / pitch + (columns - 1) / 2.0).clip(0.0, columns - 1.0)
+            lower = np.minimum(position.astype(np.intp), max(columns - 2, 0))
+            upper_share = position - lower
             forces = touches.forces[felt] / steps
             on_lower = np.bincount(lower, forces * (1.0 - upper_share), columns)
             on_upper = np.bincount(
@@ -101,11 +101,11 @@ class PushSkin:
 
 
 def with_taxels(patch: PatchOnLink, columns: int) -> PatchOnLink:
-    """A skin whose front has so many taxels, and whose sides have taxels as wide.
+    """A skin with another number of taxels on its front; those of its sides are as wide.
 
     Args:
         patch: its first strip is the front.
-        columns: taxels of the front.
+        columns: number of taxels of the front.
     """
     front = patch.grids[0]
     pitch = front.columns * front.pitch[1] / columns
@@ -121,10 +121,10 @@ class PushLidar:
     """A spinning LiDAR; a whole turn is measured at once.
 
     Args:
-        config: its rings and reach.
-        pose: where it is in the base's frame.
-        view: what there is to see.
-        noise: how wrong it is.
+        config: its rings and range limits.
+        pose: true, in the base's frame.
+        view: the world for rays.
+        noise: measurement errors.
     """
 
     def __init__(self, config: LidarConfig, pose: Pose, view: PushView, noise: LidarNoise) -> None:
@@ -132,21 +132,21 @@ class PushLidar:
         self._directions = directions(config)
         self._rays = view.rays(pose[:3, 3], vectors_in(pose, self._directions))
 
-    def points(self, base: PlanarPose, thing: PlanarPose, rng: np.random.Generator) -> FloatArray:
+    def points(self, base: PlanarPose, pushed: PlanarPose, rng: np.random.Generator) -> FloatArray:
         """All returns, shape (n, 3) [m], in the LiDAR's frame.
 
         Args:
-            base: where the base is.
-            thing: where the object is.
+            base: true pose of the base.
+            pushed: true pose of the object.
             rng: of the noise.
         """
-        ranges, noise = self._view.distances(self._rays, base, thing)[0], self._noise
+        ranges, noise = self._view.distances(self._rays, base, pushed)[0], self._noise
         count = len(ranges)
         measured = ranges + noise.range * rng.standard_normal(count)
-        chance = rng.random(count)
-        jumping = np.flatnonzero(chance < noise.jumps)
+        drawn = rng.random(count)
+        jumping = np.flatnonzero(drawn < noise.jumps)
         measured[jumping] += rng.uniform(-noise.jump, noise.jump, len(jumping))
-        lost = chance >= 1.0 - noise.dropout
+        lost = drawn >= 1.0 - noise.dropout
         nearest, farthest = self._reach
         kept = (measured >= nearest) & (measured <= farthest) & ~lost
         points: FloatArray = self._directions[kept] * measured[kept, None]
@@ -167,12 +167,12 @@ def directions(config: LidarConfig) -> FloatArray:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Picture:
-    """One image.
+    """An image of a depth camera.
 
     Attributes:
-        depth: shape (h, w) [m], 0 where nothing is measured.
+        depth: shape (h, w) [m], 0 without a measurement.
         colour: shape (h, w, 3), red, green and blue.
-        mask: shape (h, w), where the object is.
+        mask: shape (h, w), the pixels of the object.
     """
 
     depth: FloatArray
@@ -187,11 +187,11 @@ class PushCamera:
     which stand still.
 
     Args:
-        config: its lens and reach.
-        pose: where it is in the base's frame.
-        view: what there is to see.
-        corners: shape (v, 3) [m], those of the object in its frame; it lies between them.
-        noise: how wrong it is.
+        config: image size, field of view and range limits.
+        pose: true, in the base's frame.
+        view: the world for rays.
+        corners: shape (v, 3) [m], vertices of the object in its frame.
+        noise: measurement errors.
         paint: red, green and blue of the object, of 255.
     """
 
@@ -208,45 +208,45 @@ class PushCamera:
         self._pose, self._corners, self._paint = pose, corners, paint
         self._size = config.height, config.width
         self.intrinsics = self._camera.intrinsics
-        """Shape (3, 3) [pixels]."""
+        """Camera matrix, shape (3, 3) [pixels]."""
         v, u = np.indices(self._size).reshape(2, -1)
-        ahead = back_projected(v, u, np.ones(len(u)), self.intrinsics)
-        self._rays = view.rays(pose[:3, 3], vectors_in(pose, ahead))
+        forward = back_projected(v, u, np.ones(len(u)), self.intrinsics)
+        self._rays = view.rays(pose[:3, 3], vectors_in(pose, forward))
         still = np.where(np.isfinite(self._rays.still), self._rays.still, 0.0)
         heights = pose[2, 3] + still * self._rays.directions[:, 2]
         on_floor = np.abs(heights + ORIGIN_HEIGHT) < 1e-3
         self._still_paint = np.where(on_floor[:, None], FLOOR, CHASSIS).astype(np.float32)
 
-    def picture(self, base: PlanarPose, thing: PlanarPose, rng: np.random.Generator) -> Picture:
-        """Take an image.
+    def picture(self, base: PlanarPose, pushed: PlanarPose, rng: np.random.Generator) -> Picture:
+        """An image.
 
         Args:
-            base: where the base is.
-            thing: where the object is.
+            base: true pose of the base.
+            pushed: true pose of the object.
             rng: of the noise.
         """
-        depth, mask = self._true(base, thing)
+        depth, mask = self._true(base, pushed)
         return Picture(self._measured(depth, rng), self._coloured(depth, mask, rng), mask)
 
-    def _true(self, base: PlanarPose, thing: PlanarPose) -> tuple[FloatArray, Mask]:
+    def _true(self, base: PlanarPose, pushed: PlanarPose) -> tuple[FloatArray, Mask]:
         depth, mask = self._rays.still.copy(), np.zeros(len(self._rays.still), np.bool_)
-        pixels = np.arange(len(depth)).reshape(self._size)[self._window(base, thing)].ravel()
+        pixels = np.arange(len(depth)).reshape(self._size)[self._window(base, pushed)].ravel()
         rays = self._rays
         near = Rays(rays.origin, rays.directions[pixels], rays.still[pixels])
-        depth[pixels], mask[pixels] = self._view.distances(near, base, thing)
+        depth[pixels], mask[pixels] = self._view.distances(near, base, pushed)
         return depth.reshape(self._size), mask.reshape(self._size)
 
-    def _window(self, base: PlanarPose, thing: PlanarPose) -> tuple[slice, slice]:
-        """The rows and columns between which the object lies; all when it is beside it."""
-        to_base = inverse(planar_pose(base, ORIGIN_HEIGHT)) @ planar_pose(thing, 0.0)
+    def _window(self, base: PlanarPose, pushed: PlanarPose) -> tuple[slice, slice]:
+        """Rows and columns between which the object lies; all when it is beside the camera."""
+        to_base = inverse(planar_pose(base, ORIGIN_HEIGHT)) @ planar_pose(pushed, 0.0)
         corners = points_in(inverse(self._pose) @ to_base, self._corners)
         if corners[:, 2].min() < self._camera.config.reach[0]:
             return slice(None), slice(None)
         pixels = corners @ self.intrinsics.T
-        places = pixels[:, :2] / pixels[:, 2:]
+        points = pixels[:, :2] / pixels[:, 2:]
         limits = np.array(self._size[::-1])
-        first = np.clip(np.floor(places.min(axis=0)), 0, limits).astype(int)
-        last = np.clip(np.ceil(places.max(axis=0)) + 1, 0, limits).astype(int)
+        first = np.clip(np.floor(points.min(axis=0)), 0, limits).astype(int)
+        last = np.clip(np.ceil(points.max(axis=0)) + 1, 0, limits).astype(int)
         return slice(first[1], last[1]), slice(first[0], last[0])
 
     def _measured(self, depth: FloatArray, rng: np.random.Generator) -> FloatArray:
@@ -254,11 +254,11 @@ class PushCamera:
         noise = self._noise
         share = noise.disparity / (noise.focal * noise.baseline)
         off = rng.standard_normal(depth.shape, np.float32)
-        chance = rng.random(depth.shape, np.float32)
+        drawn = rng.random(depth.shape, np.float32)
         measured = np.where(np.isfinite(depth), depth, 0.0)
         measured += share * measured**2 * off
         measured = np.rint(measured / noise.unit) * noise.unit
-        measured[chance < np.where(beside_steps(depth), noise.edges, noise.holes)] = 0.0
+        measured[drawn < np.where(beside_steps(depth), noise.edges, noise.holes)] = 0.0
         return self._camera.within_reach(measured)
 
     def _coloured(
@@ -272,7 +272,7 @@ class PushCamera:
 
 
 def beside_steps(depth: FloatArray) -> Mask:
-    """Which pixels differ from one beside, above or below them by more than `STEP`.
+    """Which pixels differ from a neighbour beside, above or below them by more than `STEP`.
 
     Args:
         depth: shape (h, w) [m].
@@ -289,34 +289,34 @@ def beside_steps(depth: FloatArray) -> Mask:
 
 
 @final
-class Eye:
-    """One sensor that looks, at its own rate and with chance of its own.
+class RangeSensor:
+    """An exteroceptive sensor, LiDAR or camera, with its own rate and random draws.
 
     Args:
         rate: of its readings [Hz].
-        look: gives a reading.
+        look: makes a reading.
     """
 
     def __init__(self, rate: float, look: Look) -> None:
         self._period, self._look, self._next = 1.0 / rate, look, 0.0
 
     def due(self, stamp: float) -> bool:
-        """Whether it reads at a stamp [s]."""
+        """Whether a reading is due at a stamp [s]."""
         return stamp >= self._next - ROUNDING
 
-    def reading(self, stamp: float, base: PlanarPose, thing: PlanarPose) -> Reading:
+    def reading(self, stamp: float, base: PlanarPose, pushed: PlanarPose) -> Reading:
         """The reading of a stamp [s]."""
         self._next = stamp + self._period
-        return self._look(stamp, base, thing)
+        return self._look(stamp, base, pushed)
 
 
-def opened_eyes(config: PushConfig, robot: RobotConfig, seed: int) -> list[Eye]:
-    """Switch on what a push sees with.
+def range_sensors(config: PushConfig, robot: RobotConfig, seed: int) -> list[RangeSensor]:
+    """The exteroceptive sensors of a push that are switched on.
 
     Args:
         config: names them.
-        robot: has them.
-        seed: of their noise; each has chance of its own.
+        robot: describes them.
+        seed: of their noise; each has random draws of its own.
 
     Raises:
         ConfigurationError: the robot has no such LiDAR or camera, one that is switched on has the
@@ -328,41 +328,41 @@ def opened_eyes(config: PushConfig, robot: RobotConfig, seed: int) -> list[Eye]:
         return []
     view, model = PushView(config.object, robot), shared_robot(robot)
     links = model.poses_at(np.zeros(len(model.joint_names)))
-    eyes = []
+    sensors = []
     for name in config.sees:
         sensor = robot.lidars[name] if name in robot.lidars else robot.cameras[name]
         pose = links[model.link_of(sensor.frame)] @ model.pose_on_link(sensor.frame)
         if name in config.misplaced:
-            pose = pose @ misplacement(config.misplaced[name], _chance(seed, f"{name} misplaced"))
-        seat = _Seat(config, name, pose, view, seed)
-        opened = seat.lidar(sensor) if isinstance(sensor, LidarConfig) else seat.camera(sensor)
-        eyes.append(Eye(sensor.rate, opened))
-    return eyes
+            pose = pose @ misplacement(config.misplaced[name], _rng_of(seed, f"{name} misplaced"))
+        mount = _Mounting(config, name, pose, view, seed)
+        look = mount.lidar(sensor) if isinstance(sensor, LidarConfig) else mount.camera(sensor)
+        sensors.append(RangeSensor(sensor.rate, look))
+    return sensors
 
 
 def misplacement(config: MisplacedConfig, rng: np.random.Generator) -> Pose:
-    """Draw where a sensor truly is, seen from where it is said to be.
+    """A random true pose of a sensor, in its frame by the robot's description.
 
     Args:
-        config: how far off it is.
-        rng: gives the direction and the axis.
+        config: size of the error.
+        rng: draws the direction and the axis.
     """
     from scipy.spatial.transform import Rotation
 
-    aside, axis = (one / np.linalg.norm(one) for one in rng.standard_normal((2, 3)))
-    turn = Rotation.from_rotvec(np.radians(config.degrees) * axis)
-    return pose_of(config.mm / 1000.0 * aside, turn.as_matrix())
+    shift, axis = (drawn / np.linalg.norm(drawn) for drawn in rng.standard_normal((2, 3)))
+    rotation = Rotation.from_rotvec(np.radians(config.degrees) * axis)
+    return pose_of(config.mm / 1000.0 * shift, rotation.as_matrix())
 
 
 @dataclass(frozen=True)
-class _Seat:
-    """Where an eye is put.
+class _Mounting:
+    """A mounted exteroceptive sensor.
 
     Attributes:
         config: the push.
-        name: of the eye.
-        pose: where it truly is in the base's frame.
-        view: what there is to see.
+        name: of the sensor.
+        pose: true, in the base's frame.
+        view: the world for rays.
         seed: of the push.
     """
 
@@ -373,30 +373,30 @@ class _Seat:
     seed: int
 
     def lidar(self, lidar: LidarConfig) -> Look:
-        seeing = PushLidar(lidar, self.pose, self.view, self.config.lidar_noise)
-        rng, name = _chance(self.seed, self.name), self.name
+        simulated = PushLidar(lidar, self.pose, self.view, self.config.lidar_noise)
+        rng, name = _rng_of(self.seed, self.name), self.name
 
-        def look(stamp: float, base: PlanarPose, thing: PlanarPose) -> Reading:
-            points = seeing.points(base, thing, rng)
+        def look(stamp: float, base: PlanarPose, pushed: PlanarPose) -> Reading:
+            points = simulated.points(base, pushed, rng)
             return PointCloud(stamp=stamp, frame=lidar.frame, sensor=name, points=points)
 
         return look
 
     def camera(self, camera: CameraConfig) -> Look:
         corners = np.concatenate([vertices for vertices, _ in triangles_of(self.config.object)])
-        paint: FloatArray = _chance(self.seed, "paint").uniform(DARKEST, BRIGHTEST, 3)
+        paint: FloatArray = _rng_of(self.seed, "paint").uniform(DARKEST, BRIGHTEST, 3)
         noise = self.config.camera_noise
-        seeing = PushCamera(camera, self.pose, self.view, corners, noise, paint)
-        rng, name = _chance(self.seed, self.name), self.name
+        simulated = PushCamera(camera, self.pose, self.view, corners, noise, paint)
+        rng, name = _rng_of(self.seed, self.name), self.name
 
-        def look(stamp: float, base: PlanarPose, thing: PlanarPose) -> Reading:
-            picture = seeing.picture(base, thing, rng)
+        def look(stamp: float, base: PlanarPose, pushed: PlanarPose) -> Reading:
+            picture = simulated.picture(base, pushed, rng)
             return DepthImage(
                 stamp=stamp,
                 frame=camera.frame,
                 sensor=name,
                 depth=picture.depth,
-                intrinsics=seeing.intrinsics,
+                intrinsics=simulated.intrinsics,
                 colour=picture.colour,
                 mask=picture.mask,
             )
@@ -404,7 +404,7 @@ class _Seat:
         return look
 
 
-def _chance(seed: int, name: str) -> np.random.Generator:
+def _rng_of(seed: int, name: str) -> np.random.Generator:
     return np.random.default_rng([seed, crc32(name.encode())])
 
 

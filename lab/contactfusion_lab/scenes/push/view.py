@@ -1,4 +1,4 @@
-"""What rays that start on the base meet: the object, the base itself, the floor."""
+"""Ray casting from the base: on the object, the base itself and the floor."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -22,8 +22,8 @@ class Rays:
 
     Attributes:
         origin: shape (3,) [m].
-        directions: shape (n, 3); distances count in their lengths.
-        still: shape (n,), to the base itself or the floor, inf where there is neither.
+        directions: shape (n, 3); distances are in units of their lengths.
+        still: shape (n,), distances to the base itself or the floor, inf where there is neither.
     """
 
     origin: FloatArray
@@ -34,19 +34,19 @@ class Rays:
 class PushView:
     """The object on the floor before the base, for rays.
 
-    The base and the floor never move in the base's frame: rays meet them once and for all. Only the
-    object is asked again each time.
+    The base and the floor never move in the base's frame: rays are cast on them once, on the object
+    each time.
 
     Args:
-        thing: the object.
+        pushed: the object.
         robot: the base.
 
     Raises:
         DependencyError: open3d is not installed.
     """
 
-    def __init__(self, thing: ObjectConfig, robot: RobotConfig) -> None:
-        self._object = _scene(triangles_of(thing))
+    def __init__(self, pushed: ObjectConfig, robot: RobotConfig) -> None:
+        self._object = _scene(triangles_of(pushed))
         model = shared_robot(robot)
         poses = model.poses_at(np.zeros(len(model.joint_names)))
         self._robot = _scene(
@@ -58,7 +58,7 @@ class PushView:
         )
 
     def rays(self, origin: FloatArray, directions: FloatArray) -> Rays:
-        """Fix rays to the base.
+        """Rays that are fixed to the base.
 
         Args:
             origin: shape (3,) [m], in the base's frame.
@@ -70,20 +70,20 @@ class PushView:
         return Rays(origin, directions, np.minimum(still, np.where(down, floor, np.inf)))
 
     def distances(
-        self, rays: Rays, base: PlanarPose, thing: PlanarPose
+        self, rays: Rays, base: PlanarPose, pushed: PlanarPose
     ) -> tuple[FloatArray, NDArray[np.bool_]]:
-        """How far each ray goes.
+        """Distance along each ray, and whether it ends on the object.
 
         Args:
             rays: fixed to the base.
-            base: where the base is.
-            thing: where the object is.
+            base: true pose of the base.
+            pushed: true pose of the object.
 
         Returns:
-            Shape (n,), in lengths of the directions, inf where nothing is; and which of them end on
-            the object.
+            Shape (n,), in units of the directions' lengths, inf where nothing is hit; and a mask of
+            the rays that end on the object.
         """
-        there = inverse(planar_pose(thing, -ORIGIN_HEIGHT)) @ planar_pose(base, 0.0)
+        there = inverse(planar_pose(pushed, -ORIGIN_HEIGHT)) @ planar_pose(base, 0.0)
         origin = points_in(there, rays.origin[None])[0]
         found = _cast(self._object, origin, vectors_in(there, rays.directions))
         return np.minimum(found, rays.still), found < rays.still

@@ -1,4 +1,4 @@
-"""The physics of a push: where its object begins, a base that is driven, and what touches where."""
+"""The physics of a push: a driven base, an object at its start, and their contact points."""
 
 import math
 import os
@@ -17,7 +17,7 @@ from contactfusion_lab.scenes.push.bodies import (
     ORIGIN_HEIGHT,
     Base,
     Client,
-    Thing,
+    PushedBody,
     add_base,
     add_floor,
     add_object,
@@ -29,30 +29,30 @@ from contactfusion_lab.scenes.push.config import RATE, PushConfig
 from contactfusion_lab.scenes.push.objects import DisturbanceConfig, drawn
 
 ITERATIONS = 20
-"""Of the solver, each step."""
+"""Iterations of the solver, each step."""
 BREAKING = 0.01
-"""Bullet keeps a point of contact until it has slid or parted by this [m]. Of its own it waits for
-2 cm: on a cylinder that rolls along the front a point then stays behind on the robot, its normal
-turns with the cylinder, and in the end it pulls. With half of this, bodies stand less firmly."""
+"""Bullet keeps a point of contact until it has slid or parted by this [m]. Its default is 2 cm: on
+a cylinder that rolls along the front a point then stays behind on the robot, its normal turns with
+the cylinder, and in the end it pulls. With half of this, bodies stand less firmly."""
 STRONGEST = 5000.0
-"""Force and torque of the drive's motors [N, N·m]."""
+"""Greatest force and torque of the drive's motors [N, N·m]."""
 FAR = 5.0
-"""No object is so large [m]."""
+"""More than the size of any object [m]."""
 ADVANCES, CLOSE, BESIDE = 1000, 1e-5, 0.01
-"""An object is moved up to the front in so many steps at most, until it is so near, or so far past
-the front [m]."""
+"""Greatest number of steps in which an object is moved up to the front, the distance at which it
+touches, and how far past the front it is refused [m]."""
 HEAVIEST = 250.0
-"""More the base cannot push, nor carry: its payload [kg]."""
+"""Payload of the base, the greatest mass of an object [kg]."""
 SOFTEST = 0.05
-"""What is soft gives way by so much at most, pressed as hard as it slides [m]."""
+"""Greatest compression of a soft object under the force at which it slides [m]."""
 
 
 @dataclass(frozen=True, eq=False)
 class Touches:
-    """Points at which the object pressed the robot in one cycle, in the robot's frame at that time.
+    """Contact points of the object on the robot in one cycle, in the robot's frame at their time.
 
     Attributes:
-        steps: shape (n,), at which step of the cycle, from 0.
+        steps: shape (n,), step of the cycle, from 0.
         points: shape (n, 3) [m].
         normals: shape (n, 3), into the robot.
         forces: shape (n,), along the normals [N].
@@ -65,12 +65,12 @@ class Touches:
 
 
 class PushWorld:
-    """A driven base and an object in a PyBullet world of their own; the same every time.
+    """A driven base and an object in a PyBullet world of their own; deterministic.
 
     Args:
         config: the push.
-        robot: the base; its collision shapes push.
-        seed: of the shoves that chance draws.
+        robot: the base; its collision shape pushes.
+        seed: of random shoves.
 
     Raises:
         DependencyError: pybullet is not installed.
@@ -104,27 +104,27 @@ class PushWorld:
         self.base = add_base(pybullet, self._client, robot, config.friction.robot)
         """The base, and where its pushing face lies."""
         self._base = self.base.body
-        self._thing = add_object(pybullet, self._client, config.object)
-        self._object, self._back, self._turn = self._thing[:3]
+        self._pushed = add_object(pybullet, self._client, config.object)
+        self._object, self._back, self._turn = self._pushed[:3]
         _require_movable(config, self.mass())
         pad, soft, disturbed = config.skin.pad, config.object.soft, config.object.disturbed
         if between := pad.on(soft) if pad and soft else pad or soft:
             soften(pybullet, self._client, self._base, between)
-        self.first_contact = _stand(pybullet, self._client, config, self.base, self._thing)
-        """Where front and object will first meet on a straight way, in `odom` [m]."""
+        self.first_contact = _stand(pybullet, self._client, config, self.base, self._pushed)
+        """Position of the first contact on a straight path, x and y in `odom` [m]."""
         shoves = config.disturbances + (drawn(disturbed, seed) if disturbed else ())
-        self._shoves = [(*_steps_of(one), one) for one in shoves]
+        self._shoves = [(*_steps_of(shove), shove) for shove in shoves]
         self._passed, self._heading = 0, 0.0
         self.touches = _gathered([])
-        """What touched in the last cycle."""
+        """Contact points of the last cycle."""
 
     def drive(self, vx: float, vy: float, omega: float) -> None:
-        """Let one cycle of physics pass while the base moves at a velocity.
+        """One cycle of physics, in which the base moves at a velocity.
 
         Args:
-            vx: ahead [m/s].
-            vy: to the left [m/s].
-            omega: about the vertical [rad/s].
+            vx: forward [m/s].
+            vy: lateral, to the left [m/s].
+            omega: yaw rate [rad/s].
         """
         bullet, client = self._bullet, self._client
         # one number for all worlds of a process, and another may have changed it
@@ -162,47 +162,47 @@ class PushWorld:
 
     @property
     def steps(self) -> int:
-        """How many steps of the physics make a cycle."""
+        """Steps of the physics in a cycle."""
         return round(self.config.period * RATE)
 
     @property
     def base_pose(self) -> tuple[float, float, float]:
-        """Where the base is: x, y [m] and yaw [rad] in `odom`."""
+        """True pose of the base: x, y [m] and yaw [rad] in `odom`."""
         x, y, yaw = self._bullet.getJointStates(self._base, (0, 1, 2), **self._client)
         return x[0], y[0], yaw[0]
 
     @property
     def base_twist(self) -> tuple[float, float, float]:
-        """How the base moved in the last cycle: ahead, to the left [m/s], its turn [rad/s]."""
+        """Twist of the base in the last cycle: forward, lateral [m/s], yaw rate [rad/s]."""
         x, y, yaw = self._bullet.getJointStates(self._base, (0, 1, 2), **self._client)
         return *planar_turned_back((x[1], y[1]), self._heading), yaw[1]
 
     @property
     def object_pose(self) -> tuple[float, float, float]:
-        """Where the object is: x, y [m] and yaw [rad] in `odom`."""
-        place, turn = self._bullet.getBasePositionAndOrientation(self._object, **self._client)
+        """True pose of the object: x, y [m] and yaw [rad] in `odom`."""
+        position, turn = self._bullet.getBasePositionAndOrientation(self._object, **self._client)
         a, b, c, d = self._turn
         x, y, z, w = turned(turn, (-a, -b, -c, d))
         yaw = math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
         back = -self._back[0], -self._back[1]
-        return *planar_point((place[0], place[1], yaw), back), yaw
+        return *planar_point((position[0], position[1], yaw), back), yaw
 
     def mass(self) -> float:
-        """The mass of the object, with what is in it [kg]."""
-        bullet, client, thing = self._bullet, self._client, self._thing
-        rows = [(thing.body, row) for row in range(-1, bullet.getNumJoints(thing.body, **client))]
-        rows += [] if thing.ball is None else [(thing.ball, -1)]
+        """Mass of the object, with a ball inside [kg]."""
+        bullet, client, pushed = self._bullet, self._client, self._pushed
+        rows = [(pushed.body, row) for row in range(-1, bullet.getNumJoints(pushed.body, **client))]
+        rows += [] if pushed.ball is None else [(pushed.ball, -1)]
         return float(sum(bullet.getDynamicsInfo(*row, **client)[0] for row in rows))
 
     def _shove(self) -> None:
-        """Apply what presses from outside in the next step."""
-        for begin, end, one in self._shoves:
+        """Apply the shoves of the next step."""
+        for begin, end, shove in self._shoves:
             if begin <= self._passed < end:
                 self._bullet.applyExternalForce(
                     self._object,
                     -1,
-                    (*one.force, 0.0),
-                    (*self.object_pose[:2], one.height),
+                    (*shove.force, 0.0),
+                    (*self.object_pose[:2], shove.height),
                     self._bullet.WORLD_FRAME,
                     **self._client,
                 )
@@ -215,13 +215,13 @@ def _gathered(rows: list[tuple[float, ...]]) -> Touches:
 
 
 def _steps_of(shove: DisturbanceConfig) -> tuple[int, int]:
-    """The first step of a shove, and the first after it."""
+    """The first step of a shove, and the first one after it."""
     begin = round(shove.start * RATE)
     return begin, begin + round(shove.duration * RATE)
 
 
 def _require_movable(config: PushConfig, mass: float) -> None:
-    """Make sure that an object can be pushed.
+    """Check that an object can be pushed.
 
     Args:
         config: the push.
@@ -246,32 +246,32 @@ def _require_movable(config: PushConfig, mass: float) -> None:
 
 
 def _stand(
-    bullet: Any, client: Client, config: PushConfig, base: Base, thing: Thing
+    bullet: Any, client: Client, config: PushConfig, base: Base, pushed: PushedBody
 ) -> tuple[float, float]:
-    """Stand an object before the front of a base, as far away as the gap says.
+    """Place an object before the front of a base, at the distance `gap`.
 
     Args:
         bullet: the module pybullet.
         client: its physics.
         config: the push.
         base: at its start.
-        thing: the object.
+        pushed: the object.
 
     Returns:
-        Where front and object will first meet on a straight way, in `odom` [m].
+        Position of the first contact on a straight path, x and y in `odom` [m].
 
     Raises:
         ConfigurationError: the front would pass the object.
     """
     ahead, gap, near = FAR, FAR, (FAR, 0.0)
     for _ in range(ADVANCES):
-        _put(bullet, client, config, thing, ahead)
-        found = bullet.getClosestPoints(base.body, thing.body, 4.0 * FAR, **client)
+        _put(bullet, client, config, pushed, ahead)
+        found = bullet.getClosestPoints(base.body, pushed.body, 4.0 * FAR, **client)
         point = min(found, key=lambda point: float(point[8]))
         gap, near = float(point[8]), point[6]
         if gap < CLOSE or near[0] < -BESIDE:
             break
-        ahead -= gap  # nothing is nearer, so nothing can be hit on the way
+        ahead -= gap  # no point is nearer, so nothing can be hit on the path
     if gap >= CLOSE:
         raise ConfigurationError(
             f"the object starts out of sight: the robot's front, "
@@ -279,17 +279,17 @@ def _stand(
             "offset",
         )
     x = ahead - gap + config.gap
-    _put(bullet, client, config, thing, x)
-    if thing.ball is not None:
-        (*_, height), turn = bullet.getBasePositionAndOrientation(thing.ball, **client)
-        place = (x, config.offset, height)
-        bullet.resetBasePositionAndOrientation(thing.ball, place, turn, **client)
+    _put(bullet, client, config, pushed, x)
+    if pushed.ball is not None:
+        (*_, height), turn = bullet.getBasePositionAndOrientation(pushed.ball, **client)
+        position = (x, config.offset, height)
+        bullet.resetBasePositionAndOrientation(pushed.ball, position, turn, **client)
     return 0.0, float(near[1])
 
 
-def _put(bullet: Any, client: Client, config: PushConfig, thing: Thing, x: float) -> None:
+def _put(bullet: Any, client: Client, config: PushConfig, pushed: PushedBody, x: float) -> None:
     yaw = math.radians(config.yaw)
-    back_x, back_y, height = thing.back
-    place = (*planar_point((x, config.offset, yaw), (back_x, back_y)), height)
-    turn = turned((0.0, 0.0, math.sin(yaw / 2.0), math.cos(yaw / 2.0)), thing.turn)
-    bullet.resetBasePositionAndOrientation(thing.body, place, turn, **client)
+    back_x, back_y, height = pushed.back
+    position = (*planar_point((x, config.offset, yaw), (back_x, back_y)), height)
+    turn = turned((0.0, 0.0, math.sin(yaw / 2.0), math.cos(yaw / 2.0)), pushed.turn)
+    bullet.resetBasePositionAndOrientation(pushed.body, position, turn, **client)

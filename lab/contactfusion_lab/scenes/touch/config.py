@@ -1,4 +1,4 @@
-"""A touch by configuration: what is touched, from where, and how well it is felt."""
+"""A touch by configuration: objects, directions of approach, and errors of the sensors."""
 
 from typing import Annotated, Any, Literal
 
@@ -14,7 +14,7 @@ Range = tuple[float, float]
 
 
 def _range(value: Any) -> Any:
-    """Take one number for a range of one."""
+    """A range; a number is a range of one value."""
     return (value, value) if isinstance(value, int | float) else value
 
 
@@ -28,51 +28,52 @@ AnyRange = Annotated[Range, BeforeValidator(_range), AfterValidator(_ordered)]
 
 
 class TouchConfig(Model):
-    """A robot moves a hand straight ahead until it touches, and holds still.
+    """A robot moves a hand straight forward until it touches, and holds still.
 
-    Where a range is given, chance takes a value from it.
+    Where a range is given, a value is drawn from it, uniformly.
     """
 
     type: Literal["touch"] = "touch"
     """The kind of scene."""
     objects: dict[str, ObjectConfig] = Field(min_length=1)
-    """What may be touched, where it is; it does not move."""
+    """Objects that may be touched, with their true poses; they do not move."""
     surroundings: dict[str, ObjectConfig] = Field(default_factory=dict)
-    """What else stands around, such as the table."""
+    """Other fixed objects, such as the table."""
     target: str | None = None
-    """The object to touch, the only one that is there; None: the first."""
+    """The object to touch, the only one of them that is there; None: the first."""
     tool: str
-    """The link that is led, along its z."""
+    """The link that moves, along its z."""
     hand: tuple[str, ...] = ()
-    """The links that may touch; none: what hangs on the tool."""
+    """The links that may touch; none given: the tool and all links beyond it."""
     azimuth: AnyRange = (180.0, 180.0)
-    """Where the hand comes from, seen from the object: about the z of the robot's root link, from
-    its x [degrees]."""
+    """Direction from the object to the hand: about the z of the robot's root link, from its x
+    [degrees]."""
     elevation: AnyRange = (45.0, 45.0)
-    """How high above the horizon it comes from [degrees]."""
+    """Elevation of that direction above the horizon [degrees]."""
     roll: AnyRange = (-180.0, 180.0)
-    """How it is turned about the way it goes; at 0 its x lies level [degrees]."""
+    """Rotation of the hand about its path; at 0 its x lies level [degrees]."""
     tilt: float = Field(default=15.0, ge=0, lt=90)
-    """The hand may look past its way by so much [degrees]."""
+    """Greatest deviation of the path from that direction [degrees]."""
     wander: float = Field(default=0.3, ge=0, le=0.5)
-    """The hand may aim beside the middle of the object, by so much of its size."""
+    """Greatest distance of the point aimed at from the middle of the object, as a share of its
+    size."""
     posture: dict[str, AnyRange] = Field(default_factory=dict)
-    """Where joints stand, or may stand: those of the hand for good, those of the arm where the
-    search for a way begins [rad, m]; the others are at 0, or where they are `still`."""
+    """Joint positions or their ranges: of the hand as they stay, of the arm as the initial guess of
+    the inverse kinematics [rad, m]; the others are at 0, or where they are `still`."""
     short: Reach = Field(default=0.0, ge=0)
-    """Stop so much before the first touch [m]; 0: touch."""
+    """Distance before the first touch at which the hand stops [m]; 0: it touches."""
     speed: Speed = Field(default=0.05, gt=0)
     """Of the hand [m/s]."""
     press: Force = Field(default=6.0, gt=0)
-    """The hand stops when it is pushed by so much [N]."""
+    """Contact force at which the hand stops [N]."""
     arm_stiffness: float = Field(default=400.0, gt=0)
-    """How the joints that lead the tool yield [N·m/rad, N/m]."""
+    """Stiffness of the joints that move the tool [N·m/rad, N/m]."""
     friction: float = Field(default=0.5, ge=0)
-    """Between hand and object."""
+    """Coefficient of friction between hand and object."""
     camera_rate: float = Field(default=4.0, gt=0, le=1000)
-    """Of the images of each camera [Hz]."""
+    """Rate of the images of each camera [Hz]."""
     noise: TouchNoise = Field(default_factory=lambda: TouchNoise.model_validate("prototype"))
-    """How wrong the sensors are: `none`, `prototype`, `full`, or the fields of `TouchNoise`."""
+    """Errors of the sensors: `none`, `prototype`, `full`, or the fields of `TouchNoise`."""
 
     @model_validator(mode="after")
     def _known(self) -> "TouchConfig":

@@ -1,4 +1,4 @@
-"""A touch: where a hand comes from, what its sensors read, and apart from that what happens."""
+"""A touch: the path of a hand, the readings of its sensors, and apart from them the truth."""
 
 import itertools
 from collections.abc import Iterator, Mapping, Sequence
@@ -22,45 +22,47 @@ from contactfusion.robots.solids import Solid, loaded_open3d
 from contactfusion.scene import Scene
 from contactfusion.stream import Facts, Verdict
 from contactfusion_lab.scenes.approach import Approach, led_by, straight, tries
-from contactfusion_lab.scenes.arm import STEP, SpringyArm
+from contactfusion_lab.scenes.arm import STEP, CompliantArm
 from contactfusion_lab.scenes.facts import standing, true_contact
 from contactfusion_lab.scenes.touch.config import TouchConfig
 from contactfusion_lab.scenes.touch.sensors import TouchSensors
 from contactfusion_lab.scenes.touch.world import Touching, TouchWorld, contacts_of
 
 LEAD = 0.012
-"""The physics begins so much before the first touch [m]."""
+"""Distance before the first touch at which the physics begins [m]."""
 BEYOND = 0.04
-"""The hand goes on by so much at most while nothing pushes it [m]."""
+"""Length of the path beyond the first touch; the hand stops there if nothing pushes it [m]."""
 WARNING = 0.03
-"""A way reaches so far back that a touch and one that stops before it can be the same [m]."""
+"""Least length of a path before the touch, so that a touch and its twin that stops short of it can
+share the path [m]."""
 AIMS, SEARCHES = 60, 5
-"""So many ways are tried, and for each so many searches for joint positions."""
+"""How many paths are tried, and how many initial guesses of joint positions for each."""
 CLEAR = 0.01
-"""So far before the first touch the hand is free for sure; surfaces are sampled points [m]."""
+"""Tolerance of the first touch, for surfaces are sampled points: before it the hand must be
+free [m]."""
 GUARD = 20
-"""The hand stops by the mean over so many steps, never by one."""
+"""Steps of the physics over which the force that stops the hand is averaged."""
 STAND = 0.15
-"""The hand stands at least so long before the touch ends [s]."""
+"""Least time for which the hand stands still before the touch ends [s]."""
 LONGEST = 2.0
-"""A hand that has stopped once ends then, settled or not [s]."""
+"""Greatest time from the first stop to the end, settled or not [s]."""
 SLOW = 0.01
-"""A hand whose joints are slower has settled [rad/s, m/s]."""
+"""Joint speed under which the hand has settled [rad/s, m/s]."""
 EVERY = {"joints": 0.05, "skins": 0.05, "wrenches": 0.01}
-"""The time between readings [s]."""
+"""Periods of readings [s]."""
 UNION = 0.05
-"""The truth is all that is touched in the last so many seconds [s]."""
+"""Time over which contact points count as the truth [s]."""
 FAR = 0.5
-"""The hand is sent ahead from so far outside the object to find out where it touches first [m]."""
+"""Distance from the object at which the ray casting for the first touch begins [m]."""
 
 
 @dataclass(frozen=True, eq=False)
 class Truth:
-    """What really happens when a touch ends.
+    """Ground truth at the end of a touch.
 
     Attributes:
-        contacts: places, forces and links, in the root link's frame; empty after a miss.
-        joints: shape (n,), where the joints are [rad, m].
+        contacts: positions, forces and links, in the root link's frame; empty after a miss.
+        joints: shape (n,), joint positions [rad, m].
         steady: whether the hand has settled.
     """
 
@@ -70,12 +72,12 @@ class Truth:
 
 
 class TouchScene(Scene):
-    """One touch; its readings can be had once.
+    """One touch; its readings can be iterated once.
 
     Args:
         config: the touch.
         robot: the robot, its root link at the origin.
-        seed: of all chance.
+        seed: of all random draws.
 
     Raises:
         RobotError: the robot lacks a link that is named.
@@ -91,7 +93,7 @@ class TouchScene(Scene):
         self._hand = set(robot.known_links(config.hand or robot.beyond(config.tool)))
         self._leading = led_by(robot, config.tool)
         self._target = ObjectModel(config.objects[config.touched])
-        around = {name: ObjectModel(one) for name, one in config.surroundings.items()}
+        around = {name: ObjectModel(fixed) for name, fixed in config.surroundings.items()}
         self._objects = {config.touched: self._target, **around}
         self._world = TouchWorld(robot, self._objects, config.friction)
         self._truth: Truth | None = None
@@ -104,39 +106,39 @@ class TouchScene(Scene):
 
     @property
     def truth(self) -> Truth:
-        """What really happens; known when all readings are taken."""
+        """The ground truth; known when all readings are taken."""
         if self._truth is None:
             raise RuntimeError("the truth of a touch is known when all readings are taken")
         return self._truth
 
     def facts(self) -> Facts:
-        """Where the hand is touched in these 50 ms, and where all objects truly stand."""
+        """The true contacts of the last 50 ms, and the true poses of all objects."""
         stamp, root = self._stamp, self.robot.root
-        poses = {name: one.config.pose.pose() for name, one in self._objects.items()}
+        poses = {name: model.config.pose.pose() for name, model in self._objects.items()}
         now = contacts_of(self._moments)
         contacts = tuple(
-            true_contact(stamp, root, place, force)
-            for place, force in zip(now.places, now.forces, strict=True)
+            true_contact(stamp, root, position, force)
+            for position, force in zip(now.places, now.forces, strict=True)
         )
         return Facts(stamp, root, contacts, standing(stamp, root, poses))
 
     def verdict(self, pipeline: Pipeline, last: Step) -> Verdict:
-        """Where the hand is really touched in the end, and how near contacts came."""
+        """The true contacts at the end, and the distance of reported ones from them."""
         return _touch_verdict(self.truth.contacts, self.robot.root, pipeline, last)
 
     def readings(self) -> Iterator[Reading]:
-        """Go ahead until the hand is pushed, stand until it has settled; give all readings.
+        """All readings: the hand goes forward until it is pushed, then stands until it has settled.
 
         Raises:
-            RobotError: no way was found on which the hand reaches the object first.
+            RobotError: there is no path on which the hand reaches the object first.
         """
         config = self.config
-        way = self._way()
+        path = self._path()
         end = -config.short if config.short else BEYOND
-        gone = min(end, 0.0) - LEAD
-        arm = self._world.arm(way.at(gone), self._stiffness())
+        travelled = min(end, 0.0) - LEAD
+        arm = self._world.arm(path.at(travelled), self._stiffness())
         sensors = TouchSensors(
-            self.robot, config.tool, self._leading, way.at(end), config.noise, self._rng
+            self.robot, config.tool, self._leading, path.at(end), config.noise, self._rng
         )
         yield from sensors.believed({config.touched: self._target})
         pushes, self._moments = np.zeros(GUARD), [self._world.touching()]
@@ -144,11 +146,11 @@ class TouchScene(Scene):
         while True:
             yield from self._sensed(sensors, arm, step, last=False)
             step += 1
-            yielding = pushes.mean() < config.press and gone < end
-            gone = min(gone + config.speed * STEP, end) if yielding else gone
+            yielding = pushes.mean() < config.press and travelled < end
+            travelled = min(travelled + config.speed * STEP, end) if yielding else travelled
             stood = 0 if yielding else stood + 1
             since += bool(since or stood)
-            arm.step(way.at(gone))
+            arm.step(path.at(travelled))
             self._moments = [*self._moments[1 - round(UNION / STEP) :], self._world.touching()]
             pushes[step % GUARD] = np.linalg.norm(self._moments[-1].forces.sum(axis=0))
             settled = bool(np.abs(arm.velocities).max() < SLOW)
@@ -159,9 +161,9 @@ class TouchScene(Scene):
         self._truth = Truth(contacts_of(self._moments), arm.positions, steady)
 
     def _sensed(
-        self, sensors: TouchSensors, arm: SpringyArm, step: int, *, last: bool
+        self, sensors: TouchSensors, arm: CompliantArm, step: int, *, last: bool
     ) -> Iterator[Reading]:
-        """The readings that are due after a step of the physics; in the end all."""
+        """The readings that are due after a step of the physics; after the last one all."""
         stamp = self._stamp = step * STEP
         period = {**EVERY, "sights": 1.0 / self.config.camera_rate}
         due = {name for name, each in period.items() if last or step % round(each / STEP) == 0}
@@ -176,13 +178,13 @@ class TouchScene(Scene):
             yield from sensors.sights(stamp, poses, self._seen(poses))
 
     def _seen(self, poses: Mapping[str, Pose]) -> list[tuple[Solid, Pose]]:
-        """All that cameras can see, and where it is."""
+        """All collision geometry that is visible to cameras, with its poses."""
         links = [(solid, poses[name]) for name, solid in self.robot.solids.items()]
-        objects = [(one.solid, one.config.pose.pose()) for one in self._objects.values()]
+        objects = [(model.solid, model.config.pose.pose()) for model in self._objects.values()]
         return links + objects
 
-    def _way(self) -> Approach:
-        """Find a straight way on which the hand, and nothing else, reaches the target first."""
+    def _path(self) -> Approach:
+        """A straight path on which the hand, and nothing else, reaches the target first."""
         config, robot = self.config, self.robot
         before = LEAD + max(config.short, WARNING)
         for _ in range(AIMS):
@@ -190,10 +192,10 @@ class TouchScene(Scene):
             posture = drawn_posture(config, robot, self._rng)
             poses = robot.poses_at(posture)
             far = {name: tool @ inverse(poses[config.tool]) @ pose for name, pose in poses.items()}
-            way = way_to_touch(robot, self._hand, far, tool[:3, 2], self._target)
-            if not np.isfinite(way):
+            distance = distance_to_touch(robot, self._hand, far, tool[:3, 2], self._target)
+            if not np.isfinite(distance):
                 continue
-            tool[:3, 3] += way * tool[:3, 2]
+            tool[:3, 3] += distance * tool[:3, 2]
             starts = tries(robot, posture, self._leading, self._rng)
             for start in itertools.islice(starts, SEARCHES):
                 found = straight(robot, config.tool, tool, start, before, BEYOND)
@@ -201,16 +203,18 @@ class TouchScene(Scene):
                     return found
         low, high = config.azimuth
         raise RobotError(
-            f"the arm reaches '{config.touched}' in none of {AIMS} ways from azimuth {low:g} to "
+            f"the arm reaches '{config.touched}' on none of {AIMS} paths from azimuth {low:g} to "
             f"{high:g}: it may stand outside the workspace"
         )
 
-    def _is_free(self, way: Approach) -> bool:
-        """Whether nothing touches anything, but in the end the hand the target."""
+    def _is_free(self, path: Approach) -> bool:
+        """Whether a path is free of contacts but that of the hand with the target at its end."""
         target = self.config.touched
         return not any(
-            self._world.blocked(way.at(gone), self._hand if gone > -CLEAR else set(), target)
-            for gone in (way.ways[0], -WARNING / 2.0, 0.0, BEYOND / 2.0, BEYOND)
+            self._world.blocked(
+                path.at(distance), self._hand if distance > -CLEAR else set(), target
+            )
+            for distance in (path.distances[0], -WARNING / 2.0, 0.0, BEYOND / 2.0, BEYOND)
         )
 
     def _stiffness(self) -> FloatArray:
@@ -219,7 +223,7 @@ class TouchScene(Scene):
 
 
 def _check_names(config: TouchConfig, robot: RobotModel) -> None:
-    """Make sure that the robot has what the scene names, and that objects are placed by it."""
+    """Check that the robot has what the scene names, and that poses are in its root link."""
     robot.urdf.require_link(config.tool)
     for name in config.posture:
         if name not in robot.joint_names:
@@ -228,22 +232,22 @@ def _check_names(config: TouchConfig, robot: RobotModel) -> None:
         if name in robot.config.still:
             raise ConfigurationError(f"joint '{name}' is still", f"posture.{name}")
     for part in ("objects", "surroundings"):
-        for name, one in getattr(config, part).items():
-            if one.pose.parent != robot.root:
+        for name, placed in getattr(config, part).items():
+            if placed.pose.parent != robot.root:
                 raise ConfigurationError(
                     f"the scene is placed in the robot's root link '{robot.root}', "
-                    f"not in '{one.pose.parent}'",
+                    f"not in '{placed.pose.parent}'",
                     f"{part}.{name}.pose.parent",
                 )
 
 
 def aimed(config: TouchConfig, target: ObjectModel, rng: np.random.Generator) -> Pose:
-    """Draw a pose of the tool far from the target, from which it goes ahead along its z.
+    """A random pose of the tool far from the target, from which it goes forward along its z.
 
     Args:
-        config: the directions to come from.
+        config: the directions of approach.
         target: the object to touch.
-        rng: draws what is left to chance.
+        rng: draws direction, tilt and aim.
 
     Returns:
         In the frame of the object's pose.
@@ -263,14 +267,14 @@ def aimed(config: TouchConfig, target: ObjectModel, rng: np.random.Generator) ->
     low, high = corners.min(axis=0), corners.max(axis=0)
     beside = rng.uniform(-config.wander, config.wander, 3) * (high - low)
     place = points_in(target.config.pose.pose(), ((low + high) / 2.0 + beside)[None])[0]
-    # the tilt turns the way, too: the hand goes where it looks
+    # the tilt turns the path, too: the hand moves along its own z
     turned = turned @ leaning.as_matrix()
     away = FAR + float(np.linalg.norm(high - low)) / 2.0
     return pose_of(place - away * turned[:, 2], turned)
 
 
 def drawn_posture(config: TouchConfig, model: RobotModel, rng: np.random.Generator) -> FloatArray:
-    """Draw where the joints stand, shape (n,) [rad, m], within their limits."""
+    """Random joint positions within the ranges and the limits, shape (n,) [rad, m]."""
     low, high = model.limits.T
     positions = np.array(
         [
@@ -283,24 +287,24 @@ def drawn_posture(config: TouchConfig, model: RobotModel, rng: np.random.Generat
     return np.asarray(np.clip(positions, low, high))
 
 
-def way_to_touch(
+def distance_to_touch(
     model: RobotModel,
     links: set[str],
     poses: Mapping[str, Pose],
-    ahead: FloatArray,
+    direction: FloatArray,
     target: ObjectModel,
 ) -> float:
-    """How far links go before they touch an object; inf when they pass it by.
+    """Distance that links go before they touch an object [m]; inf when they pass it by.
 
     Args:
         model: the robot.
         links: those that may touch.
-        poses: of all links where they begin, in the frame of the object's pose.
-        ahead: shape (3,), the unit vector along which they go.
+        poses: of all links at the start, in the frame of the object's pose.
+        direction: shape (3,), the unit vector along which they go.
         target: the object.
 
     Returns:
-        The way [m], as exact as the samples of the surface are dense.
+        As exact as the samples of the surface are dense.
     """
     open3d = loaded_open3d()
     scene = open3d.t.geometry.RaycastingScene()
@@ -311,18 +315,18 @@ def way_to_touch(
         points_in(poses[name], part.points) for name, part in model.parts.items() if name in links
     )
     points = np.concatenate([np.empty((0, 3)), *placed])  # a link may have no surface
-    rays = np.concatenate([points, np.broadcast_to(ahead, points.shape)], axis=1)
+    rays = np.concatenate([points, np.broadcast_to(direction, points.shape)], axis=1)
     hits = scene.cast_rays(open3d.core.Tensor(rays.astype(np.float32)))["t_hit"].numpy()
     return float(hits.min(initial=np.inf))
 
 
 def _touch_verdict(touching: Touching, root: str, pipeline: Pipeline, last: Step) -> Verdict:
-    """Where a robot is really touched, and how near the contacts of the last step came.
+    """The true contacts, and the distance of the contacts of the last step from them.
 
     Args:
-        touching: in the frame of the robot's root link.
+        touching: true contacts, in the frame of the robot's root link.
         root: that link.
-        pipeline: which listened.
+        pipeline: that received the readings.
         last: its last step.
 
     Raises:
@@ -332,27 +336,27 @@ def _touch_verdict(touching: Touching, root: str, pipeline: Pipeline, last: Step
     pose = state.frames.pose(state.grid.frame, of=root)
     places, forces = points_in(pose, touching.places), vectors_in(pose, touching.forces)
     truth = replace(touching, places=places, forces=forces)
-    told = {
+    values = {
         "frame": state.grid.frame,
         "places": truth.places.tolist(),
         "forces": truth.forces.tolist(),
         "links": list(truth.links),
     }
-    return Verdict(told, tuple(compared(truth, last.fusion.contacts)))
+    return Verdict(values, tuple(compared(truth, last.fusion.contacts)))
 
 
 def compared(truth: Touching, contacts: Sequence[Contact]) -> Iterator[str]:
-    """What really happened, and how near contacts came; one sentence for each true contact.
+    """A sentence for each true contact, with the distance to the nearest reported one.
 
     Args:
         truth: in the frame of the contacts.
         contacts: of the last step.
     """
     found = np.reshape([contact.position for contact in contacts], (-1, 3))
-    for place, link in zip(truth.places, truth.links, strict=True):
-        x, y, z = place
-        away = np.linalg.norm(found - place, axis=1).min(initial=np.inf) * 1000.0
-        near = f"nearest contact {away:.0f} mm away" if contacts else "no contact was found"
+    for position, link in zip(truth.places, truth.links, strict=True):
+        x, y, z = position
+        distance = np.linalg.norm(found - position, axis=1).min(initial=np.inf) * 1000.0
+        near = f"nearest contact {distance:.0f} mm away" if contacts else "no contact was found"
         yield f"{link} touched at ({x:.3f}, {y:.3f}, {z:.3f}) m; {near}"
     if not truth.links and contacts:
         yield f"nothing was touched; contacts that are none: {len(contacts)}"
@@ -362,5 +366,5 @@ def compared(truth: Touching, contacts: Sequence[Contact]) -> Iterator[str]:
 
 @hookimpl
 def contactfusion_scenes() -> dict[str, type[Scene]]:
-    """Offer the scene."""
+    """The scene, as a plug-in."""
     return {"touch": TouchScene}

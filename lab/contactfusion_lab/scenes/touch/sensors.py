@@ -1,4 +1,4 @@
-"""What the sensors of a simulated robot read, wrong by so much as its noise says."""
+"""Readings of the sensors of a simulated robot, with measurement errors."""
 
 from collections.abc import Iterator, Mapping, Sequence
 
@@ -24,22 +24,22 @@ from contactfusion_lab.scenes.noise import TouchNoise
 from contactfusion_lab.scenes.touch.world import Touching
 
 SKIN = 0.003
-"""A push spreads through the skin as a Gaussian of this standard deviation [m]."""
+"""Standard deviation of the Gaussian by which a force spreads through the skin [m]."""
 FLYING = 0.3
-"""Flying pixels lie up to so much before or behind what is there [m]."""
+"""Greatest error of flying pixels, towards the camera or away from it [m]."""
 
 
 class TouchSensors:
-    """The sensors of a robot's description; what is constant of their errors is drawn here.
+    """The sensors of a robot's description; their constant errors are drawn on construction.
 
     Args:
         model: the robot.
-        tool: the link that the arm leads.
-        leading: shape (n,), 1 for the joints that lead the tool.
-        positions: shape (n,), about where the joints will be [rad, m].
-        noise: how wrong the sensors are.
+        tool: the link that the arm moves.
+        leading: shape (n,), 1 for the joints that move the tool.
+        positions: shape (n,), about which joint errors are linearized [rad, m].
+        noise: measurement errors.
         rng: draws all errors.
-        eyes: draws those of each image; None: `rng`, too.
+        image_rng: draws those of each image; None: `rng`, too.
     """
 
     def __init__(
@@ -50,11 +50,11 @@ class TouchSensors:
         positions: FloatArray,
         noise: TouchNoise,
         rng: np.random.Generator,
-        eyes: np.random.Generator | None = None,
+        image_rng: np.random.Generator | None = None,
     ) -> None:
         self._model, self._noise, self._rng = model, noise, rng
-        self._eyes = rng if eyes is None else eyes
-        # the arm's encoders are wrong in such a way that the hand seems to be elsewhere
+        self._image_rng = rng if image_rng is None else image_rng
+        # errors of the arm's encoders that put the hand at another pose
         twist = rng.standard_normal(6) * np.repeat(
             [noise.wrist_place, np.radians(noise.wrist_turn)], 3
         )
@@ -67,12 +67,12 @@ class TouchSensors:
             name: rng.standard_normal(6) * np.repeat([noise.force_zero, noise.torque_zero], 3)
             for name in model.config.wrists
         }
-        self._cameras = {name: RangeCamera(one) for name, one in model.config.cameras.items()}
-        self._eye_errors = {name: self._misplaced() for name in self._cameras}
+        self._cameras = {name: RangeCamera(camera) for name, camera in model.config.cameras.items()}
+        self._camera_errors = {name: self._misplaced() for name in self._cameras}
 
     def joints(self, stamp: float, positions: FloatArray, velocities: FloatArray) -> JointState:
-        """Read the joints; both arrays have shape (n,)."""
-        told = [
+        """The reading of the joints; both arrays have shape (n,)."""
+        rows = [
             row
             for row, name in enumerate(self._model.joint_names)
             if name not in self._model.config.still
@@ -81,13 +81,18 @@ class TouchSensors:
             stamp=stamp,
             frame=self._model.root,
             sensor="joints",
-            names=tuple(self._model.joint_names[row] for row in told),
-            positions=(positions + self._joint_errors)[told],
-            velocities=velocities[told],
+            names=tuple(self._model.joint_names[row] for row in rows),
+            positions=(positions + self._joint_errors)[rows],
+            velocities=velocities[rows],
         )
 
     def wrenches(self, stamp: float, felt: Mapping[str, FloatArray]) -> Iterator[Wrench]:
-        """Read the wrists; `felt`, shape (6,) [N, N·m], on the robot with all weight."""
+        """Readings of the wrists from true wrenches on the robot, weight included.
+
+        Args:
+            stamp: [s].
+            felt: by wrist, shape (6,), force [N] and torque [N·m].
+        """
         deviations = np.repeat([self._noise.force, self._noise.torque], 3)
         for name, wrench in felt.items():
             noisy = wrench + self._wrench_zeros[name] + deviations * self._rng.standard_normal(6)
@@ -100,12 +105,12 @@ class TouchSensors:
     def skins(
         self, stamp: float, poses: Mapping[str, Pose], touching: Touching
     ) -> Iterator[TactileImage]:
-        """Read the patches: each taxel feels what pushes near it.
+        """Readings of the patches: each taxel measures the forces near it.
 
         Args:
             stamp: [s].
             poses: of all links.
-            touching: where the robot is touched.
+            touching: contact points on the robot.
         """
         for name, patch in self._model.config.patches.items():
             centres = patch.centres()
@@ -114,26 +119,26 @@ class TouchSensors:
             back = inverse(poses[link] @ self._model.pose_on_link(patch.frame))
             own = [row for row, touched in enumerate(touching.links) if touched == link]
             if own:
-                places = points_in(back, touching.places[own])
-                pressed = np.linalg.norm(touching.forces[own], axis=1)
-                away = np.linalg.norm(centres[:, None, :] - places, axis=2)
-                values += np.exp(-0.5 * (away / SKIN) ** 2) @ pressed
+                points = points_in(back, touching.places[own])
+                forces = np.linalg.norm(touching.forces[own], axis=1)
+                distances = np.linalg.norm(centres[:, None, :] - points, axis=2)
+                values += np.exp(-0.5 * (distances / SKIN) ** 2) @ forces
             yield TactileImage(stamp=stamp, frame=patch.frame, sensor=name, values=values)
 
     def sights(
         self, stamp: float, poses: Mapping[str, Pose], bodies: Sequence[tuple[Solid, Pose]]
     ) -> Iterator[Reading]:
-        """Look with each camera; gives its depth image and the cloud of its returns.
+        """A depth image of each camera, and the point cloud of its returns.
 
         Args:
             stamp: [s].
             poses: of all links.
-            bodies: all that can be seen, and where.
+            bodies: collision geometry that is visible, each with its pose.
         """
         for name, camera in self._cameras.items():
             frame = camera.config.frame
             believed = poses[self._model.link_of(frame)] @ self._model.pose_on_link(frame)
-            depth = camera.depth(believed @ self._eye_errors[name], bodies)
+            depth = camera.depth(believed @ self._camera_errors[name], bodies)
             depth = camera.within_reach(self._seen_with_noise(depth))
             yield DepthImage(
                 stamp=stamp, frame=frame, sensor=name, depth=depth, intrinsics=camera.intrinsics
@@ -142,31 +147,31 @@ class TouchSensors:
             yield PointCloud(stamp=stamp, frame=frame, sensor=name, points=points)
 
     def believed(self, objects: Mapping[str, ObjectModel]) -> Iterator[ObjectPose]:
-        """Where objects are believed to be when the touch begins, by name."""
-        for name, one in objects.items():
-            pose = one.config.pose.pose()
-            shift, turn = self._rng.standard_normal(3), self._rng.standard_normal()
+        """The believed poses of objects when the touch begins; `objects` by name."""
+        for name, model in objects.items():
+            pose = model.config.pose.pose()
+            shift, rotation = self._rng.standard_normal(3), self._rng.standard_normal()
             if self._noise.belief:
-                yaw = Rotation.from_euler("z", one.config.sigma_yaw * turn)
+                yaw = Rotation.from_euler("z", model.config.sigma_yaw * rotation)
                 pose = pose_of(
-                    pose[:3, 3] + one.config.sigma * shift, yaw.as_matrix() @ pose[:3, :3]
+                    pose[:3, 3] + model.config.sigma * shift, yaw.as_matrix() @ pose[:3, :3]
                 )
             yield ObjectPose(
                 stamp=0.0,
-                frame=one.config.pose.parent,
+                frame=model.config.pose.parent,
                 name=name,
                 position=pose[:3, 3],
                 orientation=Rotation.from_matrix(pose[:3, :3]).as_quat(),
             )
 
     def _misplaced(self) -> Pose:
-        shift, turn = self._rng.standard_normal(3), self._rng.standard_normal(3)
-        turn = Rotation.from_rotvec(np.radians(self._noise.eye_turn) * turn).as_matrix()
-        return pose_of(self._noise.eye_place * shift, turn)
+        shift, rotation = self._rng.standard_normal(3), self._rng.standard_normal(3)
+        rotation = Rotation.from_rotvec(np.radians(self._noise.eye_turn) * rotation).as_matrix()
+        return pose_of(self._noise.eye_place * shift, rotation)
 
     def _seen_with_noise(self, depth: FloatArray) -> FloatArray:
         seen = depth > 0.0
-        noisy = depth + self._noise.depth * self._eyes.standard_normal(depth.shape)
-        flying = self._eyes.random(depth.shape) < self._noise.flying
-        noisy[flying] += self._eyes.uniform(-FLYING, FLYING, np.count_nonzero(flying))
+        noisy = depth + self._noise.depth * self._image_rng.standard_normal(depth.shape)
+        flying = self._image_rng.random(depth.shape) < self._noise.flying
+        noisy[flying] += self._image_rng.uniform(-FLYING, FLYING, np.count_nonzero(flying))
         return np.where(seen, noisy, 0.0)

@@ -1,4 +1,4 @@
-"""The physics of a touch: an arm on springs, objects that do not move, and what really happens."""
+"""The physics of a touch: a compliant arm, fixed objects, and the true contacts."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -12,22 +12,22 @@ from contactfusion.frames import Pose, inverse, pose_of, vectors_in
 from contactfusion.robots.bullet import BulletWorld
 from contactfusion.robots.model import RobotModel
 from contactfusion.robots.objects import ObjectModel
-from contactfusion_lab.scenes.arm import SpringyArm
+from contactfusion_lab.scenes.arm import CompliantArm
 
 FAINT = 0.05
-"""Less than this is no touch [N]."""
+"""Least normal force of a contact point that counts [N]."""
 APART = 0.015
-"""Places that no chain of so short steps joins are contacts of their own [m]."""
+"""Single-linkage distance: contact points further apart are separate contacts [m]."""
 
 
 @dataclass(frozen=True, eq=False)
 class Touching:
-    """Where a robot is touched, in the root link's frame.
+    """Contacts on a robot, in the root link's frame.
 
     Attributes:
-        places: shape (n, 3) [m].
+        places: shape (n, 3), positions [m].
         forces: shape (n, 3) [N], on the robot.
-        links: the link that each is on.
+        links: the link that each acts on.
     """
 
     places: FloatArray
@@ -40,8 +40,8 @@ class TouchWorld:
 
     Args:
         model: the robot; its root link stands at the origin.
-        objects: what stands around, by name.
-        friction: between robot and objects.
+        objects: fixed objects, by name.
+        friction: coefficient between robot and objects.
     """
 
     def __init__(
@@ -52,16 +52,16 @@ class TouchWorld:
         """The robot and all bodies."""
         self._bullet, self._client = self._world.bullet, self._world.client
         self._bodies: dict[str, list[int]] = {}
-        for name, one in objects.items():
-            self._bodies[name] = [self._world.add(shape) for shape in one.shapes]
-            for body, shape in zip(self._bodies[name], one.shapes, strict=True):
-                self._world.place(body, one.config.pose.pose() @ shape.pose())
+        for name, added in objects.items():
+            self._bodies[name] = [self._world.add(shape) for shape in added.shapes]
+            for body, shape in zip(self._bodies[name], added.shapes, strict=True):
+                self._world.place(body, added.config.pose.pose() @ shape.pose())
                 self._bullet.changeDynamics(body, -1, lateralFriction=friction, **self._client)
-        # a touch is at one point, which bears no moment, whatever the URDF says
+        # a touch is a point contact, which bears no moment, whatever the URDF says
         grip = {"lateralFriction": 1.0, "spinningFriction": 0.0, "rollingFriction": 0.0}
         for row in self._world.links:
             self._bullet.changeDynamics(self._world.robot, row, **grip, **self._client)
-        # without this a wrench would be told about the link's centre of mass
+        # without this a wrench would be reported about the link's centre of mass
         self._bullet.setPhysicsEngineParameter(
             jointFeedbackMode=self._bullet.JOINT_FEEDBACK_IN_JOINT_FRAME, **self._client
         )
@@ -72,14 +72,14 @@ class TouchWorld:
         self._feedback: dict[str, Pose] = {}
         for name, row in self._wrists.items():
             self._bullet.enableJointForceTorqueSensor(self._world.robot, row, True, **self._client)
-            # it is told at the link's origin, but along the axes of the link's inertia
+            # it is reported at the link's origin, but along the axes of the link's inertia
             axes = self._bullet.getDynamicsInfo(self._world.robot, row, **self._client)[4]
             back = inverse(model.pose_on_link(model.config.wrists[name].frame))
-            turn = Rotation.from_quat(axes).as_matrix()
-            self._feedback[name] = back @ pose_of((0.0, 0.0, 0.0), turn)
+            rotation = Rotation.from_quat(axes).as_matrix()
+            self._feedback[name] = back @ pose_of((0.0, 0.0, 0.0), rotation)
 
     def adopt(self, name: str, body: int) -> None:
-        """Count a further body of `physics`, such as one that moves, among the objects."""
+        """Register a further body of `physics`, such as one that moves, as an object."""
         self._bodies[name] = [body]
 
     def blocked(self, positions: FloatArray, hand: set[str], target: str) -> bool:
@@ -97,16 +97,21 @@ class TouchWorld:
                 return True
         return False
 
-    def arm(self, positions: FloatArray, stiffness: FloatArray) -> SpringyArm:
-        """Begin the physics with the joints at `positions`, on springs; both of shape (n,)."""
-        return SpringyArm(self._world, self._model, positions, stiffness)
+    def arm(self, positions: FloatArray, stiffness: FloatArray) -> CompliantArm:
+        """The compliant arm at its start.
+
+        Args:
+            positions: shape (n,), of the joints [rad, m].
+            stiffness: shape (n,), of the joints [N·m/rad, N/m].
+        """
+        return CompliantArm(self._world, self._model, positions, stiffness)
 
     def felt(self) -> dict[str, FloatArray]:
-        """What each wrist feels, weight and all, shape (6,) [N, N·m], on the robot."""
+        """The true wrench at each wrist, weight included, shape (6,) [N, N·m], on the robot."""
         wrenches = {}
         for name, row in self._wrists.items():
             state = self._bullet.getJointState(self._world.robot, row, **self._client)
-            # PyBullet tells what the arm exerts on the link; the world exerts the reverse on it
+            # PyBullet reports what the arm exerts on the link; the world exerts the reverse on it
             wrench = -np.array(state[2])
             back = self._feedback[name]
             force, torque = vectors_in(back, wrench.reshape(2, 3))
@@ -114,7 +119,7 @@ class TouchWorld:
         return wrenches
 
     def touching(self) -> Touching:
-        """Where the robot is touched now."""
+        """The contact points on the robot now."""
         points = [
             point
             for bodies in self._bodies.values()
@@ -133,14 +138,14 @@ class TouchWorld:
 
 
 def contacts_of(moments: Sequence[Touching]) -> Touching:
-    """Join what was touched at several moments to contacts, the strongest first.
+    """Contacts from the contact points of several instants, the strongest first.
 
-    The physics tells of several points where a face or an edge lies on another: points that are
-    near each other are one contact, at their mean weighted by force.
+    The physics reports several points where a face or an edge lies on another: points near each
+    other are one contact, at their mean weighted by force.
     """
-    places = np.concatenate([np.empty((0, 3)), *(one.places for one in moments)])
-    forces = np.concatenate([np.empty((0, 3)), *(one.forces for one in moments)])
-    links = np.array([link for one in moments for link in one.links])
+    places = np.concatenate([np.empty((0, 3)), *(moment.places for moment in moments)])
+    forces = np.concatenate([np.empty((0, 3)), *(moment.forces for moment in moments)])
+    links = np.array([link for moment in moments for link in moment.links])
     if len(places) > 1:
         labels = fcluster(linkage(places), APART, criterion="distance")
     else:
@@ -149,14 +154,14 @@ def contacts_of(moments: Sequence[Touching]) -> Touching:
     for label in np.unique(labels):
         own = labels == label
         weights = np.linalg.norm(forces[own], axis=1)
-        place = weights @ places[own] / weights.sum()
+        position = weights @ places[own] / weights.sum()
         force = forces[own].sum(axis=0) / len(moments)
         found.append(
-            (float(np.linalg.norm(force)), place, force, str(links[own][weights.argmax()]))
+            (float(np.linalg.norm(force)), position, force, str(links[own][weights.argmax()]))
         )
     found.sort(key=lambda contact: -contact[0])
     return Touching(
-        np.reshape([place for _, place, _, _ in found], (-1, 3)),
+        np.reshape([position for _, position, _, _ in found], (-1, 3)),
         np.reshape([force for _, _, force, _ in found], (-1, 3)),
         tuple(link for _, _, _, link in found),
     )

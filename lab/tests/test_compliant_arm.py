@@ -7,7 +7,7 @@ import pytest
 
 from contactfusion.robots.bullet import BulletWorld
 from contactfusion.robots.model import RobotModel
-from contactfusion_lab.scenes.arm import STEP, STIFFEST, SpringyArm
+from contactfusion_lab.scenes.arm import STEP, STIFFEST, CompliantArm
 from tests.poker import poker
 from tests.urdfs import ARM_HAND, random_joints, real
 
@@ -21,16 +21,16 @@ def strong(tmp_path_factory: pytest.TempPathFactory) -> RobotModel:
     return poker(tmp_path_factory.mktemp("strong"), effort=1e6)
 
 
-def arm_of(model: RobotModel, stiffness: float) -> SpringyArm:
+def arm_of(model: RobotModel, stiffness: float) -> CompliantArm:
     """Hold a poker at 0."""
-    return SpringyArm(BulletWorld(model), model, np.zeros(1), np.array([stiffness]))
+    return CompliantArm(BulletWorld(model), model, np.zeros(1), np.array([stiffness]))
 
 
 @pytest.mark.parametrize("seed", range(3))
 def test_an_arm_stays_where_it_shall_be_under_its_weight(seed: int) -> None:
     model = real(ARM_HAND)
     positions = 0.5 * random_joints(model, seed)
-    arm = SpringyArm(BulletWorld(model), model, positions, np.full(len(positions), 10.0))
+    arm = CompliantArm(BulletWorld(model), model, positions, np.full(len(positions), 10.0))
     for _ in range(500):
         arm.step(positions)
     assert np.abs(arm.positions - positions).max() < 1e-4
@@ -42,7 +42,7 @@ def test_what_moves_comes_to_rest_where_it_shall_be() -> None:
     positions = 0.4 * random_joints(model, 5)
     leading = np.array([name.startswith("arm") for name in model.joint_names])
     world = BulletWorld(model)
-    arm = SpringyArm(world, model, positions, np.where(leading, 400.0, 10.0))
+    arm = CompliantArm(world, model, positions, np.where(leading, 400.0, 10.0))
     shift = np.where(np.arange(len(positions)) % 2, 0.05, -0.05)
     for step in range(100):
         arm.step(positions + shift * (step + 1) / 100)
@@ -55,7 +55,7 @@ def test_what_moves_comes_to_rest_where_it_shall_be() -> None:
 
 def test_a_joint_swings_back_as_a_critical_damper_says(strong: RobotModel) -> None:
     world = BulletWorld(strong)
-    arm = SpringyArm(world, strong, np.zeros(1), np.array([SOFT]))
+    arm = CompliantArm(world, strong, np.zeros(1), np.array([SOFT]))
     world.bend(np.array([0.1]))
     arm.positions[:] = 0.1
     rate, swing = np.sqrt(SOFT / MASS), []
@@ -84,7 +84,7 @@ def test_a_joint_pushes_no_stronger_than_its_limit(tmp_path: Path) -> None:
 
 def test_no_spring_is_stiffer_than_the_physics_can_follow(strong: RobotModel) -> None:
     world = BulletWorld(strong)
-    arm = SpringyArm(world, strong, np.zeros(1), np.array([1e12]))
+    arm = CompliantArm(world, strong, np.zeros(1), np.array([1e12]))
     world.bend(np.array([0.01]))
     arm.positions[:] = 0.01
     arm.step(np.zeros(1))
