@@ -3,7 +3,6 @@
 import json
 from dataclasses import fields, replace
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -319,10 +318,10 @@ def test_networks_and_rule_are_tested_from_each_mounting(
     def successes(names: list[str]) -> pd.DataFrame:  # the rule misses one of four
         return pd.DataFrame({"success_true": [name != "rule-2" for name in names]})
 
-    found = SimpleNamespace(
-        location_rmse=(0.02, 0.01, 0.03), type_accuracy=(0.9, 0.8, 1.0),
-        contact_accuracy=(0.95, 0.9, 1.0),
-    )  # fmt: skip
+    found = {
+        "location_rmse": (0.02, 0.01, 0.03), "type_accuracy": (0.9, 0.8, 1.0),
+        "contact_accuracy": (0.95, 0.9, 1.0),
+    }  # fmt: skip
     monkeypatch.setattr(export, "run_push", run_push)
     monkeypatch.setattr(export, "load", lambda path: path.stem)
     monkeypatch.setattr(export, "outcomes_of", successes)

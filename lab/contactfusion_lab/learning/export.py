@@ -146,9 +146,9 @@ def tested(weights: Path, count: int, seed: int, executor: Executor, out: Path) 
             name = f"{mounting}_{sensing}"
             figures |= {
                 f"{name}_success_true": float(outcomes["success_true"].mean()),
-                f"{name}_location_rmse_m": found.location_rmse[0],
-                f"{name}_type_accuracy": found.type_accuracy[0],
-                f"{name}_contact_accuracy": found.contact_accuracy[0],
+                f"{name}_location_rmse_m": found["location_rmse"][0],
+                f"{name}_type_accuracy": found["type_accuracy"][0],
+                f"{name}_contact_accuracy": found["contact_accuracy"][0],
             }
     # NaN when no contact was located
     return {name: value for name, value in figures.items() if math.isfinite(value)}

@@ -1,7 +1,5 @@
 """`tune push`: a search for parameters of pushing, confirmed in PyBullet, and a check of ranks."""
 
-import csv
-import io
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -9,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pandas as pd
 import yaml
 from scipy.stats import spearmanr
 
@@ -19,6 +18,7 @@ from contactfusion.files import write_whole
 from contactfusion.terminal import Progress, note
 from contactfusion_lab.trials.executor import Executor, Local
 from contactfusion_lab.trials.folder import claim
+from contactfusion_lab.trials.tables import markdown
 from contactfusion_lab.tune_push.rating import (
     REPORTED,
     Rating,
@@ -198,15 +198,14 @@ def _report(
     )
     text = yaml.safe_dump({"like": options.start, **changed}, sort_keys=False)
     write_whole(out / "parameters.yaml", heading + text)
-    lines = ["| set | true success in PyBullet | 95 % | mean time |", "|---|---|---|---|"]
+    lines = []
     for name in order:
         one = confirmed[name]
         _, low, high = one.rate
-        lines.append(
-            f"| {name} | {sum(one.success)}/{len(one.success)} | {low:.1%} to {high:.1%} | "
-            f"{one.mean_time:.1f} s |"
-        )
-    write_whole(out / "table.md", "\n".join(lines) + "\n")
+        reached = f"{sum(one.success)}/{len(one.success)}"
+        lines.append([name, reached, f"{low:.1%} to {high:.1%}", f"{one.mean_time:.1f} s"])
+    table = markdown(["set", "true success in PyBullet", "95 %", "mean time"], lines)
+    write_whole(out / "table.md", table + "\n")
     write_whole(out / "tried.csv", _tried(start, rounds))
     summary = {
         "best": best,
@@ -224,21 +223,20 @@ def _report(
         },
     }
     write_whole(out / "summary.json", json.dumps(summary, indent=1) + "\n")
-    note("\n".join(lines))
+    note(table)
     print(f"the best is {best}: {out / 'parameters.yaml'}")
 
 
 def _tried(start: PushingParameters, rounds: Sequence[Sequence[Candidate]]) -> str:
-    text = io.StringIO()
-    table = csv.writer(text, lineterminator="\n")
-    table.writerow(["round", "trials", "true_successes", "cost_s", "mean_time_s", *LIMITS])
+    rows = []
     for number, candidates in enumerate(rounds):
         for one in candidates:
             held: dict[str, Any] = decoded(np.array(one.vector), start).model_dump()
             flat = {**held, **{f"realign.{name}": v for name, v in held["realign"].items()}}
             values = [flat[name] for name in LIMITS]
-            table.writerow([number, one.trials, one.successes, one.cost, one.time, *values])
-    return text.getvalue()
+            rows.append([number, one.trials, one.successes, one.cost, one.time, *values])
+    names = ["round", "trials", "true_successes", "cost_s", "mean_time_s", *LIMITS]
+    return pd.DataFrame(rows, columns=names).to_csv(index=False, lineterminator="\n")
 
 
 def _candidate(vector: FloatArray, rating: Rating) -> Candidate:
@@ -289,21 +287,23 @@ def _tell(ratings: Mapping[str, tuple[Rating, Rating]], out: Path) -> None:
     rates = [[one.rate[0] for one in pair] for pair in ratings.values()]
     costs = [[one.cost for one in pair] for pair in ratings.values()]
     by_rate, by_cost = (correlation(*zip(*rows, strict=True)) for rows in (rates, costs))
-    text = io.StringIO()
-    table = csv.writer(text, lineterminator="\n")
-    table.writerow(["set", "rate_plane", "rate_bullet", "cost_plane_s", "cost_bullet_s"])
-    lines = [
-        "| set | true success, plane | PyBullet | cost, plane | PyBullet |",
-        "|---|---|---|---|---|",
-    ]
-    for name, rate, cost in zip(ratings, rates, costs, strict=True):
-        table.writerow([name, *rate, *cost])
-        lines.append(
-            f"| {name} | {rate[0]:.1%} | {rate[1]:.1%} | {cost[0]:.0f} s | {cost[1]:.0f} s |"
-        )
-    lines += ["", f"Spearman's rank correlation: {by_rate:.2f} of rates, {by_cost:.2f} of costs."]
+    rows = [[name, *rate, *cost] for name, rate, cost in zip(ratings, rates, costs, strict=True)]
+    names = ["set", "rate_plane", "rate_bullet", "cost_plane_s", "cost_bullet_s"]
+    table = markdown(
+        ["set", "true success, plane", "PyBullet", "cost, plane", "PyBullet"],
+        [
+            [
+                name,
+                *(f"{each:.1%}" for each in figures[:2]),
+                *(f"{each:.0f} s" for each in figures[2:]),
+            ]
+            for name, *figures in rows
+        ],
+    )
+    table += f"\n\nSpearman's rank correlation: {by_rate:.2f} of rates, {by_cost:.2f} of costs."
     summary = {"spearman_rate": by_rate, "spearman_cost": by_cost, "sets": len(ratings)}
-    write_whole(out / "check.csv", text.getvalue())
-    write_whole(out / "check.md", "\n".join(lines) + "\n")
+    csv = pd.DataFrame(rows, columns=names).to_csv(index=False, lineterminator="\n")
+    write_whole(out / "check.csv", csv)
+    write_whole(out / "check.md", table + "\n")
     write_whole(out / "check.json", json.dumps(summary, indent=1) + "\n")
-    note("\n".join(lines))
+    note(table)

@@ -48,6 +48,9 @@ MEASURES: tables.Units = {
 PERCEIVED: tables.Units = {
     name: MEASURES[name] for name in ("location_rmse", "type_accuracy", "contact_accuracy")
 }
+"""What is perceived against what is true, over all cycles."""
+Perceived = Mapping[str, tuple[float, float, float]]
+"""These figures, each with its interval over resampled pushes."""
 DIFFERENCES: tables.Units = {
     "success_true": ("true success", 1.0, "g"),
     "lateral_true": ("mean abs. l cm", 100.0, ".2f"),
@@ -104,10 +107,7 @@ def evaluate(plan: Plan, settings: Mapping[str, Any], failed: Sequence[str], out
             "targets": list(by_targets),
             "starts": plan.starts,
             "reached": summaries,
-            "perceived": {
-                name: {case: asdict(each) for case, each in part.items()}
-                for name, part in perceived.items()
-            },
+            "perceived": perceived,
             "tests": [asdict(each) for each in comparisons],
             "not made": list(failed),
         },
@@ -223,22 +223,7 @@ def success_text(frame: pd.DataFrame, targets: str, starts: str) -> str:
     return tables.success_text(frame, GROUPED, SUCCESSES, published)
 
 
-@dataclass(frozen=True)
-class Perception:
-    """What is perceived against what is true; each with its interval over resampled pushes.
-
-    Attributes:
-        location_rmse: root mean square error of l̂ where both tell of a contact [m].
-        type_accuracy: of none, point and line.
-        contact_accuracy: of contact or none.
-    """
-
-    location_rmse: tuple[float, float, float]
-    type_accuracy: tuple[float, float, float]
-    contact_accuracy: tuple[float, float, float]
-
-
-def perception_text(found: Mapping[str, Perception], targets: str, starts: str) -> str:
+def perception_text(found: Mapping[str, Perceived], targets: str, starts: str) -> str:
     """How well contacts are perceived, over all cycles, beside the paper, as Markdown.
 
     Args:
@@ -247,8 +232,8 @@ def perception_text(found: Mapping[str, Perception], targets: str, starts: str) 
         starts: "nominal" or "random"; beside nominal starts stand the paper's rows of the set.
     """
     lines = []
-    for row in PAPER:
-        if row.measures and row.targets == targets and starts == START:
+    for row in PAPER if starts == START else ():
+        if row.measures and row.targets == targets:
             cells = [
                 f"{row.measures[name] * scale:{form}}" if name in row.measures else "-"
                 for name, (_, scale, form) in PERCEIVED.items()
@@ -257,7 +242,7 @@ def perception_text(found: Mapping[str, Perception], targets: str, starts: str) 
     for label, perceived in found.items():
         cells = []
         for name, (_, scale, form) in PERCEIVED.items():
-            value, low, high = getattr(perceived, name)
+            value, low, high = perceived[name]
             cells.append(tables.cell(value, low, high, scale, form))
         lines.append([label, *cells])
     return tables.markdown(["", *(heading for heading, _, _ in PERCEIVED.values())], lines)
@@ -331,7 +316,7 @@ PAPER = (
 )  # fmt: skip
 
 
-def perception(tracks: Sequence[Track], seed: int) -> Perception:
+def perception(tracks: Sequence[Track], seed: int) -> Perceived:
     """Pool the cycles of pushes; the first of a push is before anything moves, and left out.
 
     Args:
@@ -341,19 +326,14 @@ def perception(tracks: Sequence[Track], seed: int) -> Perception:
     counts = np.array([_counted(track) for track in tracks])
     rows = np.random.default_rng(seed).integers(len(tracks), size=(RESAMPLES, len(tracks)))
     drawn = np.array([_measured(counts[row].sum(axis=0)) for row in rows])
-    found = _measured(counts.sum(axis=0))
-    return Perception(
-        *(_resampled_interval(one, some) for one, some in zip(found, drawn.T, strict=True))
-    )
-
-
-def _resampled_interval(found: float, drawn: FloatArray) -> tuple[float, float, float]:
-    """A figure with its interval; all are NaN where nothing was located."""
-    there = drawn[np.isfinite(drawn)]
-    if not len(there):
-        return found, np.nan, np.nan
-    low, high = np.quantile(there, [(1.0 - CONFIDENCE) / 2.0, (1.0 + CONFIDENCE) / 2.0])
-    return float(found), float(low), float(high)
+    found = _measured(counts.sum(axis=0)).tolist()
+    ends = [(1.0 - CONFIDENCE) / 2.0, (1.0 + CONFIDENCE) / 2.0]
+    perceived = dict[str, tuple[float, float, float]]()
+    for name, value, column in zip(PERCEIVED, found, drawn.T, strict=True):
+        there = column[np.isfinite(column)]  # none where nothing was located
+        low, high = np.quantile(there, ends).tolist() if len(there) else (np.nan, np.nan)
+        perceived[name] = value, low, high
+    return perceived
 
 
 def _counted(track: Track) -> FloatArray:

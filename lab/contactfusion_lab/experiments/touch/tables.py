@@ -32,8 +32,8 @@ STATISTICS: dict[str, Callable[..., Any]] = {
     "median": np.median,
     "p90": partial(np.quantile, q=0.9),
 }
-Column = tuple[str, str, Callable[[Measure], str]]
-"""A heading, a metric, and its form."""
+Column = tuple[str, str, tuple[float, str]]
+"""A heading, a metric, its scale and its form; "n": how many it is from."""
 LEVELS = (0.68, 0.95)
 """So many true contacts should lie within."""
 DRAWN = 1000
@@ -42,40 +42,26 @@ LEAST = 1e-3
 """A place is not known better than to this [m]; keeps a spread of 0 from being a certainty."""
 
 
-def _percent(one: Measure) -> str:
-    return cell(one.value, one.low, one.high, 100.0, ".0f")
-
-
-def _number(one: Measure) -> str:
-    return cell(one.value, one.low, one.high, 1.0, ".2f")
-
-
-def _cm(one: Measure) -> str:
-    return cell(one.value, one.low, one.high, 100.0, ".2f")
-
-
-def _count(one: Measure) -> str:
-    return str(one.n)
-
-
+PERCENT, CM, NUMBER = (100.0, ".0f"), (100.0, ".2f"), (1.0, ".2f")
+COUNT = (1.0, "n")
 COLUMNS: tuple[Column, ...] = (
-    ("detected %", "detected", _percent),
-    ("any %", "any contact", _percent),
-    ("ε mean cm", "ε mean", _cm),
-    ("median", "ε median", _cm),
-    ("p90", "ε p90", _cm),
-    ("σ cm", "σ mean", _cm),
-    ("false a touch", "false contacts a touch", _number),
-    ("alarms in air %", "false alarms in free air", _percent),
+    ("detected %", "detected", PERCENT),
+    ("any %", "any contact", PERCENT),
+    ("ε mean cm", "ε mean", CM),
+    ("median", "ε median", CM),
+    ("p90", "ε p90", CM),
+    ("σ cm", "σ mean", CM),
+    ("false a touch", "false contacts a touch", NUMBER),
+    ("alarms in air %", "false alarms in free air", PERCENT),
 )
 
 BY_CONTACTS: tuple[Column, ...] = (
-    ("one contact: n", "ε median of one contact", _count),
-    ("ε median cm", "ε median of one contact", _cm),
-    ("p90", "ε p90 of one contact", _cm),
-    ("several contacts: n", "ε median of several contacts", _count),
-    ("ε median cm", "ε median of several contacts", _cm),
-    ("p90", "ε p90 of several contacts", _cm),
+    ("one contact: n", "ε median of one contact", COUNT),
+    ("ε median cm", "ε median of one contact", CM),
+    ("p90", "ε p90 of one contact", CM),
+    ("several contacts: n", "ε median of several contacts", COUNT),
+    ("ε median cm", "ε median of several contacts", CM),
+    ("p90", "ε p90 of several contacts", CM),
 )
 
 
@@ -165,11 +151,18 @@ def _cells(
     measures: Sequence[Measure], rows: Sequence[str], method: str, columns: Sequence[Column]
 ) -> list[list[str]]:
     found = {(each.case, each.metric): each for each in measures}
-    cells = []
-    for row in rows:
-        figures = [(found.get((f"{row}, {method}", metric)), form) for _, metric, form in columns]
-        cells.append(["-" if figure is None else form(figure) for figure, form in figures])
-    return cells
+    return [
+        [_cell(found.get((f"{row}, {method}", metric)), *unit) for _, metric, unit in columns]
+        for row in rows
+    ]
+
+
+def _cell(measure: Measure | None, scale: float, form: str) -> str:
+    if measure is None:
+        return "-"
+    if form == "n":
+        return str(measure.n)
+    return cell(measure.value, measure.low, measure.high, scale, form)
 
 
 def _published(row: str) -> str:
@@ -187,7 +180,7 @@ def shares_text(measures: Sequence[Measure], experiment: str) -> str:
         experiment: which of them.
     """
     lines = [
-        [each.case, each.metric, _percent(each), str(each.n)]
+        [each.case, each.metric, _cell(each, *PERCENT), str(each.n)]
         for each in measures
         if each.experiment == experiment
     ]
