@@ -289,17 +289,12 @@ def _tell(ratings: Mapping[str, tuple[Rating, Rating]], out: Path) -> None:
     by_rate, by_cost = (correlation(*zip(*rows, strict=True)) for rows in (rates, costs))
     rows = [[name, *rate, *cost] for name, rate, cost in zip(ratings, rates, costs, strict=True)]
     names = ["set", "rate_plane", "rate_bullet", "cost_plane_s", "cost_bullet_s"]
-    table = markdown(
-        ["set", "true success, plane", "PyBullet", "cost, plane", "PyBullet"],
-        [
-            [
-                name,
-                *(f"{each:.1%}" for each in figures[:2]),
-                *(f"{each:.0f} s" for each in figures[2:]),
-            ]
-            for name, *figures in rows
-        ],
-    )
+    lines = [
+        [name, *(f"{each:.1%}" for each in rate), *(f"{each:.0f} s" for each in cost)]
+        for name, rate, cost in zip(ratings, rates, costs, strict=True)
+    ]
+    headings = ["set", "true success, plane", "PyBullet", "cost, plane", "PyBullet"]
+    table = markdown(headings, lines)
     table += f"\n\nSpearman's rank correlation: {by_rate:.2f} of rates, {by_cost:.2f} of costs."
     summary = {"spearman_rate": by_rate, "spearman_cost": by_cost, "sets": len(ratings)}
     csv = pd.DataFrame(rows, columns=names).to_csv(index=False, lineterminator="\n")
