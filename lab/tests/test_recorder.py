@@ -419,7 +419,12 @@ def test_a_run_of_a_scene_writes_what_is_recorded_and_contacts_beside_it(
 
 
 def test_a_scene_is_played_as_it_is(tmp_path: Path) -> None:
-    for choice in ({"window": Window(1.0)}, {"topics": {"skin": "/x"}}, {"ignored": ["/x"]}):
+    choices: list[dict[str, Any]] = [
+        {"window": Window(1.0)},
+        {"topics": {"skin": "/x"}},
+        {"ignored": ["/x"]},
+    ]
+    for choice in choices:
         with pytest.raises(ConfigurationError, match=r"push_box.yaml: --start, .* for recordings"):
             run_file(PUSH, out=tmp_path / "run", **choice)
     assert not (tmp_path / "run").exists()
