@@ -15,6 +15,7 @@ from rich.console import Console
 
 from contactfusion.cli import command_line
 from contactfusion.errors import ConfigurationError, ContactFusionError, DependencyError
+from contactfusion.readings.messages import known_types
 from contactfusion.recordings import messages
 from contactfusion.run.configuration import setting_of_recording
 from contactfusion.run.execute import run_file
@@ -191,6 +192,7 @@ def test_without_the_extra_record_everything_else_is_written(
     shown: Shown, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setitem(sys.modules, "rosbags.typesys", None)
+    monkeypatch.setattr(messages, "known_types", known_types.__wrapped__)
     messages.typestore.cache_clear()
     said = StringIO()
     monkeypatch.setattr(demo, "film", lambda *told: (600, 560))
