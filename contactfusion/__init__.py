@@ -52,7 +52,7 @@ if TYPE_CHECKING:
     from contactfusion.reason import Reason
     from contactfusion.recordings.mcap import McapWriter
     from contactfusion.recordings.opening import open_recording
-    from contactfusion.recordings.recording import Recording
+    from contactfusion.recordings.recording import Recording, RecordingFormat
     from contactfusion.robots.description import read_robot
     from contactfusion.robots.model import RobotModel
     from contactfusion.rule import Condensation, Rule
@@ -112,6 +112,7 @@ _HOMES = {
     "Reading": "contactfusion.readings",
     "Reason": "contactfusion.reason",
     "Recording": "contactfusion.recordings.recording",
+    "RecordingFormat": "contactfusion.recordings.recording",
     "RobotModel": "contactfusion.robots.model",
     "Role": "contactfusion.readings.codec",
     "Rule": "contactfusion.rule",
@@ -194,6 +195,7 @@ __all__ = [
     "Reading",
     "Reason",
     "Recording",
+    "RecordingFormat",
     "RobotModel",
     "Role",
     "Rule",

@@ -8,7 +8,7 @@ import pluggy
 if TYPE_CHECKING:
     from contactfusion.controller import Controller
     from contactfusion.generator import Generator
-    from contactfusion.recordings.recording import Recording
+    from contactfusion.recordings.recording import RecordingFormat
     from contactfusion.rule import Condensation, Rule
     from contactfusion.scene import Scene
     from contactfusion.segmenter import Segmenter
@@ -51,7 +51,7 @@ def contactfusion_segmenters() -> "Mapping[str, type[Segmenter[Any]]]":
 
 
 @hookspec
-def contactfusion_recordings() -> "Mapping[str, type[Recording]]":
+def contactfusion_recordings() -> "Mapping[str, type[RecordingFormat]]":
     """Offer recordings: files whose readings are played."""
     return {}
 

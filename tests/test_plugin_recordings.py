@@ -85,7 +85,10 @@ def test_a_format_of_a_third_party_is_played_by_type_and_by_suffix(ask: Ask) -> 
     ("name", "sentence"),
     [
         ("bumsp", "bumsp.yaml: recording.type: unknown type 'bumsp'; did you mean 'bumps'?"),
-        ("shut", "shut.yaml: the plug-in 'shut' cannot be used: Bumps does not implement `opened`"),
+        (
+            "shut",
+            "shut.yaml: the plug-in 'shut' cannot be used: Bumps does not implement `opened`",
+        ),
         ("failing", "failing.yaml: the plug-in 'failing' raised ZeroDivisionError: division by "),
         ("odd", "odd.yaml: recording.sensr: unknown field; did you mean 'sensor'?"),
     ],

@@ -80,7 +80,7 @@ class Codec(ABC, Generic[R]):
             RecordingError: the message holds no reading.
             InvalidReadingError: it holds values that no sensor can have given.
         """
-        raise NotImplementedError
+        raise NotImplementedError  # only asked where there are `messages`, which require it
 
     def to_message(self, reading: R, top: Message) -> Message:
         """The message of a reading, of the first type in `messages`.
@@ -89,7 +89,7 @@ class Codec(ABC, Generic[R]):
             reading: the reading.
             top: its header, a std_msgs/Header.
         """
-        raise NotImplementedError
+        raise NotImplementedError  # only asked where there are `messages`, which require it
 
     def postings(self, reading: R, topic: str, top: Message) -> Iterator[Posting]:
         """The messages of a reading, each with its topic; usually one.

@@ -21,7 +21,7 @@ from contactfusion.frames import FrameConfig
 from contactfusion.hooks import hookimpl
 from contactfusion.model import Model
 from contactfusion.readings import Markers, Reading, Transform, Wrench
-from contactfusion.recordings.recording import Recording
+from contactfusion.recordings.recording import RecordingFormat
 from contactfusion.recordings.series import Series, even_stamps, merged
 from contactfusion.time import to_nanoseconds
 from contactfusion.unpacking import require_zip
@@ -59,7 +59,7 @@ class MotionEvent:
 
 
 @final
-class C3DRecording(Recording):
+class C3DRecording(RecordingFormat):
     """The force plates and markers of a C3D file.
 
     Each sample of a plate gives a `Wrench` of the sensor `plate_0`, `plate_1`, … in the frame of
@@ -280,6 +280,6 @@ def _events(parameters: Any, start: float) -> tuple[MotionEvent, ...]:
 
 
 @hookimpl
-def contactfusion_recordings() -> dict[str, type[Recording]]:
+def contactfusion_recordings() -> dict[str, type[RecordingFormat]]:
     """The recording."""
     return {"c3d": C3DRecording}

@@ -19,7 +19,7 @@ from contactfusion.files import require_file
 from contactfusion.hooks import hookimpl
 from contactfusion.model import Model
 from contactfusion.readings import JointState, Reading, TactileImage
-from contactfusion.recordings.recording import Recording
+from contactfusion.recordings.recording import RecordingFormat
 from contactfusion.recordings.series import Series, even_stamps, merged
 from contactfusion.units import Period
 
@@ -51,7 +51,7 @@ class IcubConfig(Model):
 
 
 @final
-class IcubRecording(Recording):
+class IcubRecording(RecordingFormat):
     """The readings of one trial of the iCub grasp set.
 
     Each frame gives a `JointState` of the sensor `hand` (frame `hand`, [rad]) and a `TactileImage`
@@ -136,6 +136,6 @@ def _frames(path: Path) -> NDArray[np.float64]:
 
 
 @hookimpl
-def contactfusion_recordings() -> dict[str, type[Recording]]:
+def contactfusion_recordings() -> dict[str, type[RecordingFormat]]:
     """The recording."""
     return {"icub": IcubRecording}

@@ -39,7 +39,7 @@ from contactfusion.readings import Reading
 from contactfusion.readings.codec import Codec
 from contactfusion.readings.columns import Column, ColumnsConfig
 from contactfusion.readings.registry import installed_kinds
-from contactfusion.recordings.recording import Recording
+from contactfusion.recordings.recording import RecordingFormat
 from contactfusion.recordings.series import Series, StampArray, even_stamps, first_stamp, merged
 from contactfusion.recordings.tables import AS_FOUND, Columns, TextFormat, read_columns
 from contactfusion.time import LONGEST_SECONDS, NANOSECONDS_PER_SECOND
@@ -162,7 +162,7 @@ class LogConfig(Model):
 
 
 @final
-class LogRecording(Recording):
+class LogRecording(RecordingFormat):
     """The readings of CSV and NumPy logs, merged by their stamps.
 
     A row in which a value of a reading is missing (an empty cell, NaN or infinite) gives no such
@@ -342,6 +342,6 @@ def _nanoseconds(column: NDArray[np.longdouble], time: TimeConfig, source: Path)
 
 
 @hookimpl
-def contactfusion_recordings() -> dict[str, type[Recording]]:
+def contactfusion_recordings() -> dict[str, type[RecordingFormat]]:
     """The recording."""
     return {"log": LogRecording}

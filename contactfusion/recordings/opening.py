@@ -20,7 +20,7 @@ from contactfusion.plugins import class_fault, configured, installed_plugins, re
 from contactfusion.recordings.c3d import C3DRecording
 from contactfusion.recordings.icub import IcubRecording
 from contactfusion.recordings.ouster import convert
-from contactfusion.recordings.recording import Recording
+from contactfusion.recordings.recording import Recording, RecordingFormat
 from contactfusion.recordings.ros import RosConfig, RosRecording
 from contactfusion.yaml_files import read_yaml
 
@@ -45,7 +45,7 @@ def is_ros(path: Path) -> bool:
     return path.is_dir() or SUFFIXES.get(path.suffix) == "ros"
 
 
-def recording_class(name: str) -> type[Recording]:
+def recording_class(name: str) -> type[RecordingFormat]:
     """The class of a type of recording.
 
     Raises:
@@ -54,16 +54,13 @@ def recording_class(name: str) -> type[Recording]:
     """
     plugins = installed_plugins()
     try:
-        cls: type[Recording] = plugins.find("recordings", name)
+        cls: type[RecordingFormat] = plugins.find("recordings", name)
     except PluginError:
         if name in plugins.failures:
             raise
         hint = name_hint(name, plugins.offers("recordings"), "types of recording")
         raise ConfigurationError(f"unknown type '{name}'; {hint}", "type") from None
-    fault = class_fault(cls, Recording, Model)
-    if not fault and cls.opened.__func__ is Recording.opened.__func__:  # type: ignore[attr-defined]
-        fault = "does not implement `opened` of Recording"
-    refuse(name, cls, fault)
+    refuse(name, cls, class_fault(cls, RecordingFormat, Model))
     return cls
 
 

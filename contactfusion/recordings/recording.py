@@ -1,5 +1,6 @@
 """The contract of recordings: finite streams, of which a part can be played."""
 
+from abc import abstractmethod
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -64,25 +65,7 @@ class Recording(Stream):
         has_messages: whether it holds messages that a tap can take as they are.
     """
 
-    Config: ClassVar[type[Model]] = Model
-    """The type of the options of a plug-in; a field `file` holds what is opened by its suffix."""
-    suffixes: ClassVar[tuple[str, ...]] = ()
-    """Files with these suffixes are opened without a description, e.g. ".c3d"."""
     has_messages: bool = False
-
-    @classmethod
-    def opened(cls, config: Any, folder: Path) -> Self:
-        """Open a recording; each type that a plug-in offers has its own.
-
-        Args:
-            config: an instance of `Config`.
-            folder: where relative file names start.
-
-        Raises:
-            RecordingError: the file is missing, truncated, or not what it says it is.
-            DependencyError: a package that reads it is not installed.
-        """
-        raise NotImplementedError
 
     @property
     def streams(self) -> Mapping[str, SensorTopics]:
@@ -119,6 +102,29 @@ class Recording(Stream):
             tap: takes the messages as they are, where there are any.
         """
         return _Part(self, sensors, window)
+
+
+class RecordingFormat(Recording):
+    """The contract of formats: recordings that are opened by a description or a suffix."""
+
+    Config: ClassVar[type[Model]]
+    """The type of the options; a field `file` holds what is opened by its suffix."""
+    suffixes: ClassVar[tuple[str, ...]] = ()
+    """Files with these suffixes are opened without a description, e.g. ".c3d"."""
+
+    @classmethod
+    @abstractmethod
+    def opened(cls, config: Any, folder: Path) -> Self:
+        """The recording of a description.
+
+        Args:
+            config: an instance of `Config`.
+            folder: that of relative file names.
+
+        Raises:
+            RecordingError: the file is missing, truncated, or not of its declared format.
+            DependencyError: a package that reads it is not installed.
+        """
 
 
 @final

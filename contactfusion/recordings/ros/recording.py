@@ -17,7 +17,7 @@ from contactfusion.recordings.messages import typestore
 from contactfusion.recordings.recording import (
     WHOLE,
     RawMessage,
-    Recording,
+    RecordingFormat,
     SensorTopics,
     Tap,
     Window,
@@ -50,7 +50,7 @@ class RosConfig(Model):
 
 
 @final
-class RosRecording(Recording):
+class RosRecording(RecordingFormat):
     """The readings of a recording of ROS 1 or 2.
 
     The stamp and the frame of a reading are those of its header; stamps count from the first of the
@@ -355,6 +355,6 @@ def _tried(call: Callable[[Any], Any], raw: Any, tally: TopicTally) -> Any:
 
 
 @hookimpl
-def contactfusion_recordings() -> dict[str, type[Recording]]:
+def contactfusion_recordings() -> dict[str, type[RecordingFormat]]:
     """The recording."""
     return {"ros": RosRecording, "mcap": RosRecording}

@@ -89,7 +89,7 @@ class Experiment(ABC, Generic[T]):
 
     def film(self, task: T, out: Path) -> tuple[Path, Path]:
         """Make a trial once more; its film and its recording."""
-        raise NotImplementedError
+        raise NotImplementedError  # only asked of experiments whose options name trials to film
 
     def report(self, costs: Mapping[str, Any], out: Path) -> None:
         """Report what the trials of this run took, by name."""
