@@ -442,7 +442,7 @@ class TestExtent:
 
     def seen_from(self, extent: Extent, points: FloatArray, aspect: float) -> FloatArray:
         """Give how far from the middle points are in the picture; at its edges are -1 and 1."""
-        eye = extent.scene_eye
+        eye = extent.scene_view
         right = np.cross([0.0, 0.0, 1.0], eye)
         right /= np.linalg.norm(right)
         axes = np.stack([right, np.cross(eye, right), eye])
@@ -479,7 +479,7 @@ class TestExtent:
             pose = pose_at([0.0, 0.0, 0.0], [0.0, 0.0, turned])
             contacts = points_in(pose, np.array([[0.4, 0.0, 0.2]]))
             extent.include(points_in(pose, self.BODY), contacts, self.NOTHING, pose)
-            eyes.append((extent.contact_eye, extent.scene_eye))
+            eyes.append((extent.contact_view, extent.scene_view))
         np.testing.assert_allclose(eyes[0][0], eyes[1][0], atol=1e-9)
         np.testing.assert_allclose(eyes[0][1][:2], -eyes[1][1][:2], atol=1e-9)
 

@@ -15,11 +15,11 @@ TALL, FLAT = 1.2, 2.2
 SHARE = (-0.03, 1.05)
 """The range of lines that are likelihoods or shares."""
 NEAR = 45.0
-"""The contact is looked at from this far, in sides of a voxel, and the scene from no nearer."""
-ASIDE, ABOVE = np.radians([-50.0, 28.0])
-"""Contacts are looked at from so far beside where they are on the robot, and from above [rad]."""
+"""Distance of the view from the contact, in sides of a voxel; that of the scene is no less."""
+AZIMUTH, ELEVATION = np.radians([-50.0, 28.0])
+"""Direction of the view relative to that of the contacts from the robot [rad]."""
 FIELD_OF_VIEW = np.radians(55.0)
-"""Of rerun's eye, from top to bottom [rad]."""
+"""Vertical field of view of rerun's camera [rad]."""
 FILL = 0.85
 """Of the distance that is needed to see every corner of a box: nothing is in most corners."""
 NEAREST = 0.25
@@ -34,19 +34,19 @@ class Extent:
     def __init__(self) -> None:
         self._low, self._high = np.full(3, np.inf), np.full(3, -np.inf)
         self._rooms: list[float] = []
-        self._towards, self._ahead = np.zeros(3), np.zeros(3)
+        self._towards, self._in_space = np.zeros(3), np.zeros(3)
         self.touched = False
         """Whether there ever was a contact."""
 
     def include(
         self, body: FloatArray, contacts: FloatArray, seen: FloatArray, space: Pose
     ) -> None:
-        """Go on with one step; everything is in the world.
+        """Extend the box by one step; everything is in the world.
 
         Args:
             body: the robot, shape (n, 3) [m].
             contacts: the likeliest first, shape (n, 3) [m].
-            seen: points that sensors saw, shape (n, 3) [m].
+            seen: points that sensors measured, shape (n, 3) [m].
             space: the pose of the hypothesis space.
         """
         self.touched = self.touched or len(contacts) > 0
@@ -59,10 +59,10 @@ class Extent:
         if len(body) and len(contacts):
             towards = contacts[0] - body.mean(axis=0)
             self._towards += towards
-            self._ahead += heading(space).T @ towards
+            self._in_space += heading(space).T @ towards
 
     def _with_room(self, points: FloatArray, seen: FloatArray) -> FloatArray:
-        """Leave room for the nearest of what is seen; look at that where there is no robot."""
+        """Leave room for the nearest measured points; without a robot these make the box."""
         middle = points.mean(axis=0) if len(points) else np.median(seen, axis=0)
         away = np.linalg.norm(seen - middle, axis=1)
         near = float(np.quantile(away, NEAREST))
@@ -82,40 +82,40 @@ class Extent:
         return np.minimum(self._low, middle - room), np.maximum(self._high, middle + room)
 
     @property
-    def scene_eye(self) -> FloatArray:
-        """Where most contacts are seen from in the world: a direction, shape (3,)."""
+    def scene_view(self) -> FloatArray:
+        """Direction in the world from which most contacts are visible, shape (3,)."""
         return _beside(self._towards)
 
     @property
-    def contact_eye(self) -> FloatArray:
-        """The same in the heading of the hypothesis space, which may turn with the robot."""
-        return _beside(self._ahead)
+    def contact_view(self) -> FloatArray:
+        """The same in the heading of the hypothesis space, which may rotate with the robot."""
+        return _beside(self._in_space)
 
     def distance(self, aspect: float) -> float:
-        """How far from the middle of the box it is seen well [m].
+        """Distance from the middle of the box at which it fills the view [m].
 
         Args:
             aspect: the width of the picture, in its heights.
         """
         low, high = self.box
         corners = np.stack(np.meshgrid(*np.stack([low, high]).T), axis=-1).reshape(-1, 3)
-        eye = self.scene_eye
-        right = np.cross([0.0, 0.0, 1.0], eye) / np.cos(ABOVE)
-        axes = np.stack([right, np.cross(eye, right), eye])
+        outward = self.scene_view
+        right = np.cross([0.0, 0.0, 1.0], outward) / np.cos(ELEVATION)
+        axes = np.stack([right, np.cross(outward, right), outward])
         across, up, towards = axes @ (corners - (low + high) / 2.0).T
         half = np.tan(FIELD_OF_VIEW / 2.0)
         return FILL * float((towards + np.maximum(abs(across) / aspect, abs(up)) / half).max())
 
 
 def _beside(towards: FloatArray) -> FloatArray:
-    """A direction from above, and beside where contacts are, so that the robot hides none."""
-    around = np.arctan2(towards[1], towards[0]) + ASIDE
-    flat = np.cos(ABOVE)
-    return np.array([np.cos(around) * flat, np.sin(around) * flat, np.sin(ABOVE)])
+    """The direction of the view for a direction of contacts, so that the robot hides none."""
+    around = np.arctan2(towards[1], towards[0]) + AZIMUTH
+    flat = np.cos(ELEVATION)
+    return np.array([np.cos(around) * flat, np.sin(around) * flat, np.sin(ELEVATION)])
 
 
 def layout(extent: Extent, side: float, cameras: Mapping[str, str], lanes: int, scale: str) -> Any:
-    """Lay the views out.
+    """The arrangement of the views.
 
     Args:
         extent: of the scene.
@@ -129,7 +129,7 @@ def layout(extent: Extent, side: float, cameras: Mapping[str, str], lanes: int, 
     images = [f"- {path}" for path in cameras.values()]
     below: list[Any] = []
     if extent.touched:
-        below.append(_near(NEAR * side * extent.contact_eye, ["- /world/command/**", *images]))
+        below.append(_near(NEAR * side * extent.contact_view, ["- /world/command/**", *images]))
     below += [rrb.Spatial2DView(origin=path, name=name) for name, path in cameras.items()]
     distance = max(extent.distance(FLAT if below else TALL), NEAR * side)
     name = f"scene (arrows: 10 cm is {scale})" if scale else "scene"
@@ -143,7 +143,7 @@ def layout(extent: Extent, side: float, cameras: Mapping[str, str], lanes: int, 
 
 
 def _time_lines(lanes: int) -> Any:
-    """Show how sources and controller do, and what happened."""
+    """The views over time: states, likelihood, tabs of lines, events."""
     import rerun.blueprint as rrb
     from rerun.blueprint.encodings import TimelineColumn
 
@@ -151,7 +151,7 @@ def _time_lines(lanes: int) -> Any:
         rrb.StateTimelineView(origin="/states", name="sources and controller"),
         _lines("/contacts/likelihood", "likelihood of the best contact", SHARE),
         rrb.Tabs(
-            _lines("/shares", "who feels it (shares)", SHARE),
+            _lines("/shares", "shares of sources", SHARE),
             _lines("/contacts/count", "contacts"),
             _lines("/ages", "age [s]"),
             _lines("/rates", "rate [Hz]"),
@@ -160,7 +160,7 @@ def _time_lines(lanes: int) -> Any:
             origin="/events",
             name="events",
             columns=rrb.TextLogColumns(
-                # its column of times is too narrow: events tell theirs
+                # its column of times is too narrow: the text of an event holds its time
                 timeline_columns=[TimelineColumn(TIMELINE, visible=False)],
                 text_log_columns=["loglevel", "body"],
             ),
@@ -170,7 +170,7 @@ def _time_lines(lanes: int) -> Any:
 
 
 def _scene(extent: Extent, distance: float, name: str, but: Sequence[str]) -> Any:
-    """Look at the whole scene from outside."""
+    """The view of the whole scene from outside."""
     import rerun.blueprint as rrb
 
     low, high = extent.box
@@ -179,35 +179,35 @@ def _scene(extent: Extent, distance: float, name: str, but: Sequence[str]) -> An
         origin="/world",
         contents=["/world/**", *but],
         name=name,
-        eye_controls=_eye(distance * extent.scene_eye, (low + high) / 2.0),
+        eye_controls=_camera(distance * extent.scene_view, (low + high) / 2.0),
         line_grid=rrb.LineGrid3D(plane=floor),
         background=BACKGROUND,
     )
 
 
 def _near(offset: FloatArray, but: Sequence[str]) -> Any:
-    """Look at the best contact from near; its place is the origin, wherever it goes."""
+    """The view of the best contact from near; its position is always the origin."""
     import rerun.blueprint as rrb
 
     return rrb.Spatial3DView(
         origin="/world/focus",
         contents=["/world/**", *but],
         name="contact",
-        eye_controls=_eye(offset, np.zeros(3)),
+        eye_controls=_camera(offset, np.zeros(3)),
         line_grid=False,
         background=BACKGROUND,
     )
 
 
-def _eye(offset: FloatArray, target: FloatArray) -> Any:
-    """Look at a place [m] from an offset to it."""
+def _camera(offset: FloatArray, target: FloatArray) -> Any:
+    """The camera at an offset from its target [m]."""
     import rerun.blueprint as rrb
 
     return rrb.EyeControls3D(position=target + offset, look_target=target, eye_up=[0.0, 0.0, 1.0])
 
 
 def _lines(origin: str, name: str, limits: tuple[float, float] | None = None) -> Any:
-    """Draw lines over time; their limits are those of their values if none are given."""
+    """A view of lines over time; without limits, those of their values."""
     import rerun.blueprint as rrb
 
     return rrb.TimeSeriesView(

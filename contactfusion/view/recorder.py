@@ -1,4 +1,4 @@
-"""Writes what is drawn into a file of rerun, whole or not at all; its colours and arrows."""
+"""Writes drawings into a file of rerun, whole or not at all; its colours and arrows."""
 
 import math
 from contextlib import ExitStack
@@ -39,18 +39,18 @@ LINES = (
     (230, 110, 40),
     (90, 140, 255),
 )
-"""Of sources in plots, to be told apart by everyone."""
+"""Of sources in plots; distinct for colour-blind readers, too."""
 THICKNESS = 2.0
 """The radius of an arrow, whatever its distance [points of the screen]."""
 RULER = 0.1
-"""What an arrow of this length means is told [m]."""
+"""Length of the arrow whose meaning the title of the scene names [m]."""
 
 
 class Recorder:
     """A file of rerun in the making; poses and time lines are written when it ends.
 
     Args:
-        path: the .rrd to write. Its name tells one recording from another in the viewer.
+        path: the .rrd to write. Its name identifies the recording in the viewer.
 
     Raises:
         ContactFusionError: the file cannot be written.
@@ -78,20 +78,20 @@ class Recorder:
             raise ContactFusionError(f"{path} cannot be written: {error}") from None
         self._end.callback(self._stream.disconnect)
 
-    def draw(self, path: str, stamp: float | None, thing: Any) -> None:
-        """Draw a thing that stands until the next one of its path; None: at all times."""
+    def draw(self, path: str, stamp: float | None, archetype: Any) -> None:
+        """Draw an archetype until the next one of its path; stamp None: at all times."""
         if stamp is not None:
             self._stream.set_time(TIMELINE, duration=_nanoseconds(stamp))
-        self._stream.log(path, thing, static=stamp is None, strict=True)
+        self._stream.log(path, archetype, static=stamp is None, strict=True)
 
-    def show(self, path: str, stamp: float, thing: Any, there: bool) -> None:
-        """Draw a thing that comes and goes: its empty form once, when it has gone."""
+    def show(self, path: str, stamp: float, archetype: Any, there: bool) -> None:
+        """Draw an archetype while it is there, and its empty form once when it no longer is."""
         if there or path in self._shown:
-            self.draw(path, stamp, thing)
+            self.draw(path, stamp, archetype)
         (self._shown.add if there else self._shown.discard)(path)
 
     def place(self, path: str, stamp: float, pose: Pose) -> None:
-        """Say where the things of a path are from a stamp [s] on."""
+        """Set the pose of a path from a stamp [s] on."""
         poses = self._poses.setdefault(path, [])
         if not poses or not np.array_equal(poses[-1][1], pose):
             poses.append((stamp, pose))
@@ -102,17 +102,17 @@ class Recorder:
             self._values.setdefault(path, []).append((stamp, value))
 
     def enter(self, path: str, stamp: float, state: str) -> None:
-        """Say in which state something is from a stamp [s] on."""
+        """Set the state of a path from a stamp [s] on."""
         if self._states.get(path) != state:
             self._states[path] = state
             self.draw(path, stamp, loaded_rerun().StateChange(state=state))
 
-    def say(self, path: str, stamp: float, level: str, text: str) -> None:
-        """Add a line to a log; the level is INFO or WARN."""
+    def log(self, path: str, stamp: float, level: str, text: str) -> None:
+        """Add a line to the text log of a path; the level is INFO or WARN."""
         self.draw(path, stamp, loaded_rerun().TextLog(f"{stamp:.2f} s: {text}", level=level))
 
     def send(self, path: str, stamps: FloatArray, columns: Any) -> None:
-        """Write what a path looked like at many stamps, shape (n,) [s], at once."""
+        """Write the columns of a path at many stamps, shape (n,) [s], at once."""
         times = loaded_rerun().TimeColumn(TIMELINE, duration=_nanoseconds(stamps))
         self._stream.send_columns(path, indexes=[times], columns=columns, strict=True)
 
@@ -120,7 +120,7 @@ class Recorder:
         """Write all that is left, and give the file its name.
 
         Args:
-            blueprint: what the viewer shows at first.
+            blueprint: the layout of the viewer.
         """
         with self._end:
             self._send_poses()
@@ -128,7 +128,7 @@ class Recorder:
             self._stream.send_blueprint(blueprint)
 
     def abandon(self, error: BaseException) -> None:
-        """Leave no file, as something went wrong."""
+        """Leave no file after an error."""
         self._end.__exit__(type(error), error, None)
 
     def _send_poses(self) -> None:
@@ -174,8 +174,8 @@ class Sheaf(NamedTuple):
     """Arrows of one path at one time.
 
     Attributes:
-        stamp: from when on they are seen [s].
-        vectors: shape (n, 3), in the unit of what they show.
+        stamp: from which on they are shown [s].
+        vectors: shape (n, 3), in the unit of the drawn quantity.
         tips: where they end, shape (n, 3) [m]; None: they begin at the origin.
     """
 
@@ -197,7 +197,7 @@ class Arrows:
         self._sheaves: dict[str, list[Sheaf]] = {}
 
     def draw(self, recorder: Recorder, path: str, colour: Colour, sheaf: Sheaf) -> None:
-        """Draw arrows of one colour at a path, until its next; what is nothing comes and goes."""
+        """Draw arrows of one colour at a path until its next; without arrows it does not start."""
         if path not in self._sheaves:
             if not len(sheaf.vectors):
                 return
@@ -208,7 +208,7 @@ class Arrows:
         self._sheaves.setdefault(path, []).append(sheaf)
 
     def finish(self, recorder: Recorder) -> str:
-        """Write all arrows; say what one of 10 cm means, or nothing where there is none."""
+        """Write all arrows; the value of an arrow of 10 cm with its unit, empty without arrows."""
         sheaves = [sheaf for some in self._sheaves.values() for sheaf in some]
         vectors = np.concatenate([np.empty((0, 3)), *(sheaf.vectors for sheaf in sheaves)])
         largest = float(np.linalg.norm(vectors, axis=1).max(initial=0.0))
@@ -232,12 +232,14 @@ class ArrowsByUnit:
         self._arrows: dict[str, Arrows] = {}
 
     def of(self, unit: str) -> Arrows:
-        """Those of a unit."""
+        """The arrows of a unit."""
         return self._arrows.setdefault(unit, Arrows(unit, self._longest))
 
     def finish(self, recorder: Recorder) -> str:
-        """Write all arrows; what one of 10 cm means, in each unit that was drawn."""
-        return " or ".join(filter(None, [one.finish(recorder) for one in self._arrows.values()]))
+        """Write all arrows; the value of an arrow of 10 cm in each unit that was drawn."""
+        return " or ".join(
+            filter(None, [arrows.finish(recorder) for arrows in self._arrows.values()])
+        )
 
 
 def _send(recorder: Recorder, path: str, sheaves: list[Sheaf], scale: float) -> None:

@@ -1,4 +1,4 @@
-"""Draws what sensors measured, where they were at that time."""
+"""Draws what sensors measured, at their poses of that time."""
 
 from collections.abc import Hashable, Mapping, Sequence
 from contextlib import suppress
@@ -46,7 +46,7 @@ class Taxels:
     """Patches by sensor. Colours need the largest change of all, so they are written at the end.
 
     Args:
-        config: of the pipeline, whose generators or robot say where taxels are.
+        config: of the pipeline, whose generators or robot define the poses of taxels.
     """
 
     def __init__(self, config: PipelineConfig) -> None:
@@ -61,7 +61,7 @@ class Taxels:
             if reading.sensor not in self._refused:
                 self._refused.add(reading.sensor)
                 text = f"{reading.label} is not drawn: no patch says where its taxels are"
-                recorder.say("events/viewer", reading.stamp, "WARN", text)
+                recorder.log("events/viewer", reading.stamp, "WARN", text)
             return
         if path not in self._images:
             recorder.draw(path, reading.stamp, _boxes(patch))
@@ -88,24 +88,24 @@ def _heat(values: FloatArray) -> Colours:
 
 
 def _boxes(patch: PatchConfig) -> Any:
-    """Draw taxels as flat boxes in the frame of the patch."""
-    centres, halves, turns = [], [], []
+    """Taxels as flat boxes in the frame of the patch."""
+    centres, halves, rotations = [], [], []
     for pose, places, edges in patch.sheets():
         centres.append(points_in(pose, places))
         half = np.array([*edges, THICKNESS * min(edges)]) / 2.0
         halves.append(np.tile(half * [0.94, 0.94, 1.0], (len(places), 1)))
-        turn = Rotation.from_matrix(pose[:3, :3]).as_quat()
-        turns.append(np.tile(turn, (len(places), 1)))
+        rotation = Rotation.from_matrix(pose[:3, :3]).as_quat()
+        rotations.append(np.tile(rotation, (len(places), 1)))
     return loaded_rerun().Boxes3D(
         centers=np.concatenate(centres),
         half_sizes=np.concatenate(halves),
-        quaternions=np.concatenate(turns),
+        quaternions=np.concatenate(rotations),
         fill_mode="solid",
     )
 
 
 def _patches(config: PipelineConfig) -> dict[str, PatchConfig]:
-    """The patches by sensor: those of the robot, and those that generators are told."""
+    """The patches by sensor: those of the robot, and those in the options of generators."""
     known = dict(config.robot.patches) if config.robot else {}
     found: dict[str, PatchConfig] = {**known}
     for options in config.generators.values():
@@ -122,7 +122,7 @@ def _patches(config: PipelineConfig) -> dict[str, PatchConfig]:
 
 
 class Sensors:
-    """Draws readings of all kinds whose codecs say how.
+    """Draws readings of all kinds whose codecs implement `draw`.
 
     Args:
         taxels: draws patches.
@@ -142,7 +142,7 @@ class Sensors:
         """The path of each camera's image, by the name of the camera."""
 
     def channel(self, reading: Reading) -> Hashable:
-        """Identity of what a reading is drawn of, until the next one of it."""
+        """Identity of the drawing that a reading replaces: sensor, kind, and what it is of."""
         codec = self._kinds.of(type(reading))
         whose: tuple[str, ...] = ()
         if codec is not None:
@@ -154,7 +154,7 @@ class Sensors:
         """Draw a reading.
 
         Returns:
-            The points that it saw, in the world, shape (n, 3) [m].
+            The points that it measured, in the world, shape (n, 3) [m].
         """
         path = entity("world", "sensors", reading.sensor or reading.frame)
         pose, codec = places.find(reading.frame), self._kinds.of(type(reading))
@@ -174,7 +174,7 @@ class Sensors:
         return points_in(pose, canvas.seen)
 
     def _report_lost(self, recorder: Recorder, reading: Reading, places: Places) -> None:
-        """Report once for each frame that what comes in it cannot be drawn, and note since when."""
+        """Report once for each frame that its readings cannot be drawn; later, since when."""
         why = places.why_lost(reading.frame)
         if reading.frame not in self._lost:
             self._lost.add(reading.frame)
@@ -185,12 +185,12 @@ class Sensors:
     def _report(self, recorder: Recorder, reading: Reading, why: str) -> None:
         text = f"{reading.label} is not drawn"
         self._absences.add(text, reading.stamp, why)
-        recorder.say("events/viewer", reading.stamp, "WARN", f"{text}: {why}")
+        recorder.log("events/viewer", reading.stamp, "WARN", f"{text}: {why}")
 
 
 @final
 class _RerunCanvas(Canvas):
-    """Draws one reading at its path; points that it saw are kept in `seen`, shape (n, 3) [m]."""
+    """Draws one reading at its path; its measured points are in `seen`, shape (n, 3) [m]."""
 
     def __init__(
         self, sensors: Sensors, recorder: Recorder, reading: Reading, path: str, pose: Pose
@@ -246,10 +246,10 @@ class _RerunCanvas(Canvas):
         colour = None if colour is None else colour[::step, ::step]
         height, width = depth.shape
         intrinsics = np.diag([1.0 / step, 1.0 / step, 1.0]) @ intrinsics
-        eye = rerun.Pinhole(
+        camera = rerun.Pinhole(
             image_from_camera=intrinsics, resolution=[width, height], image_plane_distance=0.1
         )
-        self._recorder.draw(path, stamp, eye)
+        self._recorder.draw(path, stamp, camera)
         seen = (depth > 0.0) & (depth < FURTHEST)
         millimetres = np.rint(np.where(seen, 1000.0 * depth, 0.0)).astype(np.uint16)
         image = rerun.DepthImage(millimetres, meter=1000.0, colormap="viridis")
@@ -275,7 +275,7 @@ def _thinned(rows: NDArray[Any]) -> NDArray[Any]:
 
 
 def _seen_points(depth: FloatArray, intrinsics: FloatArray) -> FloatArray:
-    """The point that each pixel sees, shape (h, w, 3) [m], in the frame of the camera."""
+    """The point of each pixel, shape (h, w, 3) [m], in the frame of the camera."""
     rows, columns = np.indices(depth.shape)
     pixels = np.stack([columns, rows, np.ones_like(rows)], axis=-1)
     points: FloatArray = depth[..., None] * (pixels @ np.linalg.inv(intrinsics).T)

@@ -1,4 +1,4 @@
-"""Shows files of rerun: in a window, in a browser, or as a picture without a screen."""
+"""Shows files of rerun in a window, in a browser, or as a picture without a screen."""
 
 import os
 import shutil
@@ -24,7 +24,7 @@ from contactfusion.view.recorder import TIMELINE, loaded_rerun
 
 HOST = "127.0.0.1"
 LOCAL = ("--bind", HOST)
-"""No other machine may look."""
+"""Only this machine can connect."""
 NOWHERE = f"http://{HOST}:9"
 """No server listens there."""
 POLICY = (
@@ -35,13 +35,13 @@ POLICY = (
 WINDOW = "1600x900"
 """The size of a picture [pixels]."""
 PATIENCE = 120.0
-"""So long the viewer may take to start and to load a file [s]."""
+"""Timeout for the viewer to start and to load a file [s]."""
 SETTLING = 1.0
-"""A picture that stays the same for so long is complete [s]."""
+"""Time for which a complete picture stays the same [s]."""
 PAUSE = 0.2
-"""So long is waited before it is asked again [s]."""
+"""Pause between two requests [s]."""
 NO_DRIVER = "No graphics adapter was found"
-"""What rerun says where nothing can draw."""
+"""Message of rerun where no graphics driver is installed."""
 
 
 def show(rrd: Path, web: bool = False) -> None:
@@ -101,7 +101,7 @@ def _require_recording(rrd: Path) -> None:
 
 
 def serve(rrd: Path) -> None:
-    """Serve a file until somebody presses Ctrl+C.
+    """Serve a file until Ctrl+C.
 
     Raises:
         ContactFusionError: rerun cannot serve it.
@@ -152,7 +152,7 @@ def _guarded(page: int) -> ThreadingHTTPServer:
 
 
 def screenshot(rrd: Path, png: Path, at: float | None = None) -> None:
-    """Take a picture of what the viewer shows first.
+    """Write the viewer's first view as a picture.
 
     Args:
         rrd: the file.
@@ -172,7 +172,7 @@ def screenshot(rrd: Path, png: Path, at: float | None = None) -> None:
 
 
 def _settled(client: Any) -> bytes:
-    """Take pictures until one is like the one before: what is shown is fetched bit by bit."""
+    """The first picture that equals the one before: the viewer loads piece by piece."""
     latest, before = time.monotonic() + PATIENCE, b""
     while time.monotonic() < latest:
         picture: bytes = _patiently(client.take_screenshot)
@@ -183,12 +183,12 @@ def _settled(client: Any) -> bytes:
     return before
 
 
-def _patiently(ask: Callable[[], Any]) -> Any:
-    """Ask the viewer again while it is too busy to answer: without a graphics card it is slow."""
+def _patiently(request: Callable[[], Any]) -> Any:
+    """Repeat a request while the viewer is too busy: without a graphics card it is slow."""
     latest = time.monotonic() + PATIENCE
     while time.monotonic() < latest:
         try:
-            return ask()
+            return request()
         except TimeoutError:
             time.sleep(PAUSE)
     raise ContactFusionError(f"rerun's viewer did not answer for {PATIENCE:.0f} s")
@@ -196,52 +196,52 @@ def _patiently(ask: Callable[[], Any]) -> Any:
 
 @contextmanager
 def _unseen_viewer(rrd: Path) -> Iterator[tuple[Any, float]]:
-    """Run the viewer without a window; give what steers it, and the last moment [s]."""
+    """Run the viewer without a window: its client, and the last stamp [s]."""
     port = _free_port()
     command = [program(), str(rrd), *LOCAL, "--port", str(port), "--headless"]
     command += ["--window-size", WINDOW, "--renderer", "vulkan"]
     # else its own messages stand in the picture
     environment = {**quiet_environment(), "RUST_LOG": "off"}
     with (
-        TemporaryFile("w+") as said,
-        Popen(command, env=environment, stdout=DEVNULL, stderr=said) as process,
+        TemporaryFile("w+") as errors,
+        Popen(command, env=environment, stdout=DEVNULL, stderr=errors) as process,
     ):
         try:
-            yield _loaded(process, said, port)
+            yield _loaded(process, errors, port)
         finally:
             process.terminate()
 
 
-def _loaded(process: Popen[bytes], said: IO[str], port: int) -> tuple[Any, float]:
-    """Wait until a viewer has loaded its file; give what steers it, and the last moment [s]."""
+def _loaded(process: Popen[bytes], errors: IO[str], port: int) -> tuple[Any, float]:
+    """The client of a viewer that has loaded its file, and the last stamp [s]."""
     from rerun.experimental import ViewerClient
 
     latest = time.monotonic() + PATIENCE
     while time.monotonic() < latest:
         if process.poll() is not None:
-            said.seek(0)
-            raise ContactFusionError(_failure(said.read()))
+            errors.seek(0)
+            raise ContactFusionError(_failure(errors.read()))
         time.sleep(PAUSE)
         try:
             client = ViewerClient.connect(f"rerun+http://{HOST}:{port}/proxy")
             state = client.get_state()
         except (OSError, RuntimeError):
             continue  # it is still starting
-        times = [line for one in state.recordings for line in one.timelines]
+        times = [line for recording in state.recordings for line in recording.timelines]
         ends = [line.end for line in times if line.name == TIMELINE and line.end is not None]
         if ends and not state.loading:
             return client, max(ends) / 1e9
     raise ContactFusionError(f"rerun's viewer had not loaded the file after {PATIENCE:.0f} s")
 
 
-def _failure(said: str) -> str:
+def _failure(errors: str) -> str:
     """The reason why the viewer ended."""
-    if NO_DRIVER in said:
+    if NO_DRIVER in errors:
         return (
             "nothing here can draw a picture: install a Vulkan driver with "
             "'apt install mesa-vulkan-drivers libvulkan1'"
         )
-    lines = [line for line in said.splitlines() if line.strip()]
+    lines = [line for line in errors.splitlines() if line.strip()]
     return f"rerun's viewer failed: {lines[0] if lines else 'it does not say why'}"
 
 
@@ -260,10 +260,10 @@ def program() -> str:
 
 
 def quiet_environment() -> dict[str, str]:
-    """The environment in which the program reports nothing to anyone.
+    """The environment in which the program sends no analytics.
 
     Its analytics are off where `CI` is set, so that nothing need be written to the user's home.
-    What else it asks for in the internet, such as its newest version, meets a closed door.
+    Its other requests to the internet, such as for its newest version, are refused by a proxy.
     """
     environment = {**os.environ, "CI": "1", "HTTPS_PROXY": NOWHERE, "https_proxy": NOWHERE}
     environment.pop("FORCE_RERUN_ANALYTICS", None)

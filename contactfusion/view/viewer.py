@@ -1,4 +1,4 @@
-"""Draws what a pipeline hears, believes and commands, as a file of rerun."""
+"""Draws the readings, beliefs and commands of a pipeline into a file of rerun."""
 
 from collections.abc import Iterator, Mapping
 from itertools import cycle
@@ -28,9 +28,9 @@ CALM = (EventKind.PLUGGED, EventKind.BACK)
 """Events that are no warnings."""
 
 STATES = {"active": (45, 125, 80), "silent": (170, 60, 50), "not heard yet": (85, 85, 95)}
-"""How a source does, and the colour of that."""
+"""States of a source, with their colours."""
 MODES = ((40, 105, 160), (150, 100, 20), (110, 75, 165), (20, 120, 115), (150, 65, 115))
-"""The colours of what a controller does, in the order in which it is done first."""
+"""The colours of a controller's modes, in the order of their first use."""
 
 
 class Viewer:
@@ -83,7 +83,7 @@ class Viewer:
             raise
 
     def _finished(self) -> Any:
-        """Draw what needs the whole recording; give what the viewer shows first."""
+        """Draw what needs the whole recording; the layout of the viewer."""
         self._taxels.finish(self._recorder)
         scale = self._arrows.finish(self._recorder)
         lanes = len(self._series.sources) + 1
@@ -121,11 +121,11 @@ class Viewer:
         return self._absences.lines()
 
     def _draw_readings(self, now: float, places: Places) -> FloatArray:
-        """The points, in the world, that the readings of a step saw, all of which are drawn."""
+        """Draw the readings of a step; the points in the world that they measured."""
         due = [reading for reading in self._waiting if reading.stamp <= now]
         self._waiting = [reading for reading in self._waiting if reading.stamp > now]
-        newest = {self._sensors.channel(one): one for one in due}
-        drawn = [self._sensors.draw(self._recorder, one, places) for one in newest.values()]
+        newest = {self._sensors.channel(reading): reading for reading in due}
+        drawn = [self._sensors.draw(self._recorder, reading, places) for reading in newest.values()]
         return np.concatenate([np.empty((0, 3)), *drawn])
 
 
@@ -141,12 +141,12 @@ class Series:
         self._mode = ""
         self._modes: list[str] = []
         self.sources: set[str] = set()
-        """All that were ever heard of."""
+        """Names of the sources seen so far."""
         recorder.draw("contacts/count", None, _line(ACTIVE, "how many"))
         recorder.draw("contacts/likelihood", None, _line(ACTIVE, "likelihood"))
 
     def draw(self, step: Step) -> None:
-        """Go on with all lines by one step."""
+        """Extend all lines by one step."""
         contacts, stamp, recorder = step.fusion.contacts, step.stamp, self._recorder
         recorder.plot("contacts/count", stamp, len(contacts))
         recorder.plot("contacts/likelihood", stamp, contacts[0].likelihood if contacts else 0.0)
@@ -160,7 +160,7 @@ class Series:
             recorder.enter(f"states{path}", stamp, _state(report))
         for event in step.events:
             level = "INFO" if event.kind in CALM else "WARN"
-            recorder.say(entity("events", event.source), stamp, level, event.message)
+            recorder.log(entity("events", event.source), stamp, level, event.message)
         if step.command is not None:
             self._draw_mode(step.command, stamp)
 
@@ -185,17 +185,17 @@ class Series:
         if mode != self._mode:
             self._mode = mode
             text = ": ".join(filter(None, (mode, command.reason)))
-            self._recorder.say("events/controller", stamp, "INFO", text)
+            self._recorder.log("events/controller", stamp, "INFO", text)
 
 
 def _states(colours: Mapping[str, Colour]) -> Any:
-    """Report which states there are, and their colours."""
+    """The configuration of states with their colours."""
     opaque = [(*colour, 255) for colour in colours.values()]
     return loaded_rerun().StateConfiguration(values=list(colours), colors=opaque)
 
 
 def _line(colour: Colour, name: str) -> Any:
-    """Draw what stays until the next step says otherwise."""
+    """The style of a line that keeps each value until the next step."""
     return loaded_rerun().SeriesLines(colors=colour, names=name, interpolation_mode="StepAfter")
 
 

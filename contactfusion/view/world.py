@@ -1,4 +1,4 @@
-"""Draws the robot, voxels, contacts and commands in the frame that stands still."""
+"""Draws the robot, voxels, contacts and commands in the fixed frame."""
 
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
@@ -43,7 +43,7 @@ EDGES = {"contact": 0.9, "below_threshold": 0.6, "support_only": 0.5, "nulled": 
 FAINTEST, DENSEST = 40.0, 140.0
 """How opaque the boxes of voxels of likelihood 0 and 1 are, of 255."""
 BENEATH = 2.0
-"""What is told of a contact stands so far beneath it, in sides of a voxel."""
+"""Distance of a contact's label beneath it, in sides of a voxel."""
 DOT = 3.5
 """The radius of the dot in a contact, whatever its distance [points of the screen]."""
 MOST_VOXELS = 5000
@@ -51,7 +51,7 @@ MOST_VOXELS = 5000
 METRES_PER_SPEED = 2.0
 """The length of a command's arrow: where its speed leads to in so many seconds."""
 LIFT = 0.4
-"""The reason of a command stands so far above its arrow [m]."""
+"""Distance of a command's reason above its arrow [m]."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -127,7 +127,7 @@ class Absences:
 
 
 def heading(pose: Pose) -> FloatArray:
-    """How a pose is turned about the vertical, a matrix of shape (3, 3)."""
+    """The yaw of a pose as a rotation matrix, shape (3, 3)."""
     yaw = np.arctan2(pose[1, 0], pose[0, 0])
     return np.array(
         [[np.cos(yaw), -np.sin(yaw), 0.0], [np.sin(yaw), np.cos(yaw), 0.0], [0.0, 0.0, 1.0]]
@@ -148,7 +148,7 @@ class Body:
         self._boxes: dict[str, FloatArray] = {}
 
     def draw(self, recorder: Recorder, state: State, places: Places) -> FloatArray:
-        """Draw it where it is at a state; its shapes when it is first known where.
+        """Draw it at a state; its shapes once, at the first known pose.
 
         Returns:
             The corners of boxes around its links in the world, shape (n, 3) [m].
@@ -163,7 +163,7 @@ class Body:
         return np.concatenate(corners)
 
     def top(self, frame: str) -> float:
-        """How high a link, or the surface, is in its frame [m]; 0 if nothing is drawn."""
+        """Height of a link, or of the surface, in its frame [m]; 0 if nothing is drawn."""
         return float(self._boxes[frame][:, 2].max()) if len(self._boxes.get(frame, ())) else 0.0
 
     def _poses(self, state: State, places: Places) -> dict[str, FloatArray]:
@@ -180,7 +180,7 @@ class Body:
         }
 
     def _draw_shapes(self, recorder: Recorder, state: State, path: str, frame: str) -> FloatArray:
-        """Draw the shapes of a link in its frame; give the corners of a box around them."""
+        """Draw the shapes of a link in its frame; the corners of a box around them."""
         rerun = loaded_rerun()
         if self._surface is not None:
             points = self._surface.points
@@ -200,14 +200,14 @@ Meshes = list[tuple[FloatArray, NDArray[np.uint32]]]
 
 
 def _meshes(recorder: Recorder, stamp: float, link: Link) -> Meshes:
-    """The shapes to look at of a link, or those to touch where the former cannot be used."""
+    """The visual shapes of a link, or its collision shapes where the former cannot be used."""
     from contactfusion.robots.solids import Solid
 
     try:
         return Solid(link.visual or link.collision).meshes
     except RobotError as error:
         text = f"'{link.name}' is drawn by its collision shapes: {error}"
-        recorder.say("events/viewer", stamp, "WARN", text)
+        recorder.log("events/viewer", stamp, "WARN", text)
         return Solid(link.collision).meshes
 
 
@@ -333,7 +333,7 @@ def _centres(contacts: Sequence[Contact]) -> Any:
 
 
 def _labels(contacts: Sequence[Contact], side: float) -> Any:
-    """Write beneath each contact its likelihood, its force, and which sources gave it.
+    """Labels beneath contacts: likelihood, force, shares of sources.
 
     Args:
         contacts: of a step.
@@ -352,16 +352,16 @@ def _labels(contacts: Sequence[Contact], side: float) -> Any:
 
 def _label(contact: Contact) -> str:
     shares = sorted(contact.shares.items(), key=lambda item: -item[1])
-    told = ", ".join(f"{name} {share:.0%}" for name, share in shares if share >= 0.005)
+    sources = ", ".join(f"{name} {share:.0%}" for name, share in shares if share >= 0.005)
     force = float(np.linalg.norm(contact.force))
     felt = f", {force:.3g} N" if np.isfinite(force) else ""
-    return f"{contact.likelihood:.2f}{felt}: {told}"
+    return f"{contact.likelihood:.2f}{felt}: {sources}"
 
 
 def draw_command(
     recorder: Recorder, command: Command, stamp: float, places: Places, body: Body
 ) -> None:
-    """Draw a command's velocity, its turn as an arrow along the axis, and its reason.
+    """Draw a command's linear and angular velocity as arrows, and its reason.
 
     Args:
         recorder: to draw with.
