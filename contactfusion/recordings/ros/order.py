@@ -15,7 +15,7 @@ LONGEST_LEAP = 3600 * NANOSECONDS_PER_SECOND
 """The greatest lead of a clock over the log between messages [ns]; beyond, the clock was set."""
 LONGEST_PAUSE = 24 * LONGEST_LEAP
 """The greatest leap of the log itself [ns]; beyond, its clock was set, too."""
-LONGEST_WAY = LONGEST_FALL // 2
+LONGEST_DELAY = LONGEST_FALL // 2
 """The greatest delay in the log of messages that were stamped before a clock was set [ns]."""
 
 
@@ -205,7 +205,7 @@ class Sorter:
             return
         goes_on = abs(stamp - before[0] - (logged - before[1])) <= LONGEST_FALL
         is_between = leap.before - LONGEST_FALL <= stamp < leap.after
-        if goes_on and is_between and logged - leap.logged >= LONGEST_WAY:
+        if goes_on and is_between and logged - leap.logged >= LONGEST_DELAY:
             raise RecordingError(self._leapt(leap.state, stamp))
 
     def _leapt(self, state: TopicState, stamp: int) -> str:

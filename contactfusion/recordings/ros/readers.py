@@ -1,7 +1,7 @@
 """The readers of rosbags for files that they refuse or read otherwise (extra `record`).
 
-Files that a recorder left without an end: rosbags opens files by the index at their end; its
-readers are given here what the index would have said, by a scan. MCAP files of ROS 1, or with
+Files that a recorder left without an end: rosbags opens files by the index at their end; here a
+scan makes the index for its readers. MCAP files of ROS 1, or with
 channels that no ROS wrote. And files whose log goes back in time, as the recorder's clock was set:
 readers sort by the log, and what was recorded after the clock was set back would come before what
 was recorded earlier, unseen; they are read as they lie. Files that a program wrote in an order of
@@ -37,19 +37,19 @@ MENDED_BY = {
     ".mcap": "mcap recover {path} -o MENDED.mcap",
     ".db3": "ros2 bag reindex {path.parent}",
 }
-"""The commands that mend files, by how they end."""
+"""The commands that mend files, by suffix."""
 MCAP_MAGIC: Final = b"\x89MCAP0\r\n"
-"""What a file begins and ends with."""
+"""First and last bytes of a file."""
 FOOTER: Final = 37
-"""How long the last record is, with the magic after it [bytes]."""
+"""Length of the last record, with the magic after it [bytes]."""
 ROS1_IN_MCAP: Final = "ros1"
-"""What a channel of ROS 1 calls its encoding; `mcap convert` makes such files of bags."""
+"""The encoding of a channel of ROS 1; `mcap convert` makes such files of bags."""
 KNOWN: Final = ("ros2msg", "ros2idl", "omgidl", "")
 """The encodings of definitions that rosbags knows."""
 MOST_FALLS = 2
-"""Nobody sets a clock back more often while something is recorded."""
+"""Falls of the log by set clocks in one recording; more are an order of its own."""
 Span = tuple[int, int]
-"""When the first and the last message of a chunk were logged [ns]."""
+"""Stamps in the log of the first and the last message of a chunk [ns]."""
 
 
 def mended_by(path: Path) -> str:
@@ -87,13 +87,14 @@ class ScannedMcap:
                 self.start_time = min(self.start_time, stamp)
                 self.end_time = max(self.end_time, stamp)
         self.connections: list[Connection] = [
-            one._replace(msgcount=counts.get(one.id, 0)) for one in self._reader.connections
+            connection._replace(msgcount=counts.get(connection.id, 0))
+            for connection in self._reader.connections
         ]
 
     def messages(
         self, connections: "list[Connection]", start: int | None = None, stop: int | None = None
     ) -> "Iterator[tuple[Connection, int, bytes]]":
-        """The messages as they lie in the file, until it ends or an error tells so."""
+        """The messages in the order of the file, to its end or the first error."""
         return self._reader.messages_scan(connections, start, stop)
 
     def close(self) -> None:
@@ -131,11 +132,11 @@ def scanned_bag(path: Path) -> "Reader":
             _index(reader, at, content)
             file.seek(chunk.datapos + chunk.datasize)
     stamps = [entry.time for index in reader.indexes.values() for entry in index]
-    _tell_times(reader, stamps)
-    for number, one in enumerate(reader.connections):
-        index = reader.indexes.setdefault(one.id, [])
+    _set_times(reader, stamps)
+    for number, connection in enumerate(reader.connections):
+        index = reader.indexes.setdefault(connection.id, [])
         index.sort()
-        reader.connections[number] = one._replace(msgcount=len(index))
+        reader.connections[number] = connection._replace(msgcount=len(index))
     return reader
 
 
@@ -144,7 +145,7 @@ def _index(reader: "Reader", at: int, content: bytes) -> None:
     from rosbags.rosbag1.reader import Header, IndexData, read_uint32
 
     inside, file = BytesIO(content), reader.bio
-    known = {one.id for one in reader.connections}
+    known = {connection.id for connection in reader.connections}
     while (offset := inside.tell()) < len(content):
         header: Any = Header.read(inside)
         if header.get_uint8("op") == CONNECTION:
@@ -163,7 +164,7 @@ def _index(reader: "Reader", at: int, content: bytes) -> None:
         inside.seek(end)
 
 
-def _tell_times(reader: "Reader", stamps: list[int]) -> None:
+def _set_times(reader: "Reader", stamps: list[int]) -> None:
     from rosbags.rosbag1.reader import ChunkInfo
 
     if stamps:
@@ -219,7 +220,8 @@ class AnyMcap:
         self.end_time: int = reader.statistics.end_time
         """The last stamp of its log [ns]."""
         self.connections: list[Connection] = [
-            one._replace(msgcount=counts.get(one.id, 0)) for one in reader.connections
+            connection._replace(msgcount=counts.get(connection.id, 0))
+            for connection in reader.connections
         ]
 
     def messages(
@@ -234,30 +236,30 @@ class AnyMcap:
 
 
 def read_bag_as_it_lies(reader: "Reader") -> None:
-    """Let the reader of a ROS 1 bag give messages as they lie in it, if its log goes back."""
-    infos = sorted(reader.chunk_infos, key=lambda one: one.pos)
-    if _may_go_back([(one.start_time, one.end_time) for one in infos]):
+    """Make the reader of a ROS 1 bag read in the order of the file if its log goes back."""
+    infos = sorted(reader.chunk_infos, key=lambda info: info.pos)
+    if _may_go_back([(info.start_time, info.end_time) for info in infos]):
         entries = _as_they_lie(reader, reader.indexes)
         if _was_set_back((number, entry.time) for entry, number in entries):
-            _give(reader, partial(_bag_messages, reader))
+            _set_messages(reader, partial(_bag_messages, reader))
 
 
 def read_mcap_as_it_lies(reader: "McapReader") -> None:
-    """Let the reader of an MCAP file give messages as they lie in it, if its log goes back.
+    """Make the reader of an MCAP file read in the order of the file if its log goes back.
 
     One without chunks is always read so, as there is no index by which it could be sorted.
     """
-    chunks = sorted(reader.chunks, key=lambda one: one.chunk_start_offset)
-    spans = [(one.message_start_time, one.message_end_time) for one in chunks]
+    chunks = sorted(reader.chunks, key=lambda chunk: chunk.chunk_start_offset)
+    spans = [(chunk.message_start_time, chunk.message_end_time) for chunk in chunks]
     if chunks and not _may_go_back(spans):
         return
-    with suppress(Exception):  # of many kinds; what is damaged is told when it is read
+    with suppress(Exception):  # of many kinds; damage is reported when it is read
         messages = reader.messages_scan(reader.connections)
-        if not chunks or _was_set_back((one.id, stamp) for one, stamp, _ in messages):
-            _give(reader, reader.messages_scan)
+        if not chunks or _was_set_back((link.id, stamp) for link, stamp, _ in messages):
+            _set_messages(reader, reader.messages_scan)
 
 
-def _give(reader: Any, messages: Any) -> None:
+def _set_messages(reader: Any, messages: Any) -> None:
     reader.messages = messages
 
 
@@ -275,7 +277,7 @@ def _was_set_back(logged: Iterable[tuple[int, int]]) -> bool:
     """Whether a clock was set back.
 
     Args:
-        logged: the number of its channel and the stamp [ns] of each message, as they lie.
+        logged: channel number and stamp [ns] of each message, in the order of the file.
     """
     newest: dict[int, int] = {}
     last = falls = 0
@@ -293,7 +295,7 @@ def _was_set_back(logged: Iterable[tuple[int, int]]) -> bool:
 def _as_they_lie(reader: Any, numbers: Iterable[int]) -> list[tuple[Any, int]]:
     """The entries of the index of some channels with their numbers."""
     entries = [(entry, number) for number in numbers for entry in reader.indexes[number]]
-    return sorted(entries, key=lambda one: (one[0].chunk_pos, one[0].offset))
+    return sorted(entries, key=lambda item: (item[0].chunk_pos, item[0].offset))
 
 
 def _bag_messages(
@@ -302,10 +304,10 @@ def _bag_messages(
     start: int | None = None,
     stop: int | None = None,
 ) -> "Iterator[tuple[Connection, int, bytes]]":
-    """The messages of a bag as rosbags does, but as they lie."""
+    """The messages of a bag as rosbags reads them, but in the order of the file."""
     from rosbags.rosbag1.reader import Header, RecordType, read_bytes, read_uint32
 
-    known = {one.id: one for one in connections}
+    known = {connection.id: connection for connection in connections}
     at, chunk = -1, BytesIO()
     for entry, number in _as_they_lie(reader, known):
         if not (start or 0) <= entry.time < (stop or 2**63):
@@ -322,7 +324,7 @@ def _bag_messages(
 
 @cache
 def bound_rosbags() -> None:
-    """Let the readers of rosbags unpack no more than `contactfusion.unpacking` allows."""
+    """Bound what the readers of rosbags unpack by `contactfusion.unpacking`."""
     from lz4.frame import LZ4FrameDecompressor
     from rosbags.rosbag1 import reader as ros1
     from rosbags.rosbag2 import storage_mcap as mcap
@@ -345,7 +347,7 @@ def bound_rosbags() -> None:
 
 
 def _of_chunk(unpacker: Callable[[], Unpacker]) -> Callable[[bytes, int], bytes]:
-    """What unpacks a chunk of MCAP, which says how many bytes it holds."""
+    """The decompressor of a chunk of MCAP, which states its size [bytes]."""
     return lambda packed, size: unpacked(packed, unpacker, size)
 
 

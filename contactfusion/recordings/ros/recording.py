@@ -272,7 +272,7 @@ class RosRecording(RecordingFormat):
                   if not state.listener.is_static}  # fmt: skip
         with suppress(RecordingError):
             for state, _, message in messages(bag, topics, start_ns):
-                stamps += [part.stamp for part in state.listener.hear(message) if part.stamp]
+                stamps += [part.stamp for part in state.listener.parts(message) if part.stamp]
                 # later messages have no earlier stamps than this
                 if stamps and stamps[-1] > stamps[0] + LONGEST_FALL:
                     break
@@ -280,7 +280,7 @@ class RosRecording(RecordingFormat):
 
 
 def _put(sorter: Sorter, state: TopicState, logged: int, message: Message) -> None:
-    for part in state.listener.hear(message):
+    for part in state.listener.parts(message):
         sorter.put(state, part, logged)
 
 

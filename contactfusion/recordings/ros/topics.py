@@ -1,4 +1,4 @@
-"""How each topic of a recording of ROS is heard: decided once, before the first message."""
+"""Listeners of the topics of a recording of ROS: chosen once, before the first message."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Collection, Iterable, Mapping
@@ -27,7 +27,7 @@ from contactfusion.time import NANOSECONDS_PER_SECOND
 
 
 class Part(NamedTuple):
-    """What one reading is made of.
+    """The part of a message that makes one reading.
 
     Attributes:
         stamp: that of its header [ns].
@@ -41,10 +41,10 @@ class Part(NamedTuple):
 
 
 class Listener(ABC):
-    """What makes readings of the messages of one topic.
+    """Makes readings of the messages of one topic.
 
     Attributes:
-        kind: what readings it makes, or None when it only helps another listener.
+        kind: type of its readings, or None when it only serves another listener.
         is_static: whether its readings hold at all times.
     """
 
@@ -52,7 +52,7 @@ class Listener(ABC):
     is_static: bool = False
 
     @abstractmethod
-    def hear(self, message: Message) -> Iterable[Part]:
+    def parts(self, message: Message) -> Iterable[Part]:
         """The parts of a message of which readings are to be made."""
 
     @abstractmethod
@@ -60,7 +60,7 @@ class Listener(ABC):
         """Make the reading of a part.
 
         Args:
-            part: what `hear` gave.
+            part: of `parts`.
             stamp: that of the reading [s].
 
         Raises:
@@ -84,7 +84,7 @@ class Stamped(Listener):
         self._guard = installed_kinds().guard(codec)
         self._named = {codec.topic_field: last(topic)} if codec.topic_field else {}
 
-    def hear(self, message: Message) -> Iterable[Part]:
+    def parts(self, message: Message) -> Iterable[Part]:
         """The whole message."""
         return (Part(stamp_of(message), "", message),)
 
@@ -105,9 +105,9 @@ class Transforms(Listener):
     def __init__(self, sensor: str, codec: Codec[Any], is_static: bool) -> None:
         self._sensor, self._codec, self.is_static = sensor, codec, is_static
 
-    def hear(self, message: Message) -> Iterable[Part]:
+    def parts(self, message: Message) -> Iterable[Part]:
         """Its transforms; those of one child frame have one clock."""
-        return [Part(stamp_of(one), one.child_frame_id, one) for one in message.transforms]
+        return [Part(stamp_of(pose), pose.child_frame_id, pose) for pose in message.transforms]
 
     def reading(self, part: Part, stamp: float) -> Reading:
         """Make the reading of a transform."""
@@ -118,19 +118,19 @@ class Transforms(Listener):
 
 @final
 class Camera(Listener):
-    """Makes readings of depth images; what is beside them is heard by `Side`."""
+    """Makes readings of depth images; `Side` receives their camera, colours and mask."""
 
     kind = DepthImage
 
     def __init__(self, sensor: str, codec: Codec[Any]) -> None:
         self._sensor, self._codec, self.beside = sensor, codec, Beside()
 
-    def hear(self, message: Message) -> Iterable[Part]:
+    def parts(self, message: Message) -> Iterable[Part]:
         """The whole image."""
         return (Part(stamp_of(message), "", message),)
 
     def reading(self, part: Part, stamp: float) -> Reading:
-        """Make the reading of an image, with all that was heard beside it by now."""
+        """Make the reading of an image, with the camera, colours and mask received by now."""
         require_depth(part.message)
         beside = self.beside.fields(part.message, part.stamp)
         at = {**_at(part, stamp, self._sensor), **beside}
@@ -139,12 +139,12 @@ class Camera(Listener):
 
 
 class Beside:
-    """What was heard beside the depth images of a camera, of the last two seconds."""
+    """Camera, colours and masks beside the depth images of a camera, of the last two seconds."""
 
     def __init__(self) -> None:
         self._parts: dict[str, dict[int, Message]] = {INFO: {}, COLOUR: {}, MASK: {}}
 
-    def hear(self, name: str, stamp: int, message: Message) -> None:
+    def keep(self, name: str, stamp: int, message: Message) -> None:
         """Keep a message; the last one is kept however old it is.
 
         Args:
@@ -154,7 +154,7 @@ class Beside:
         """
         part = self._parts[name]
         part[stamp] = message
-        for old in [one for one in part if one < stamp - 2 * LONGEST_FALL]:
+        for old in [kept for kept in part if kept < stamp - 2 * LONGEST_FALL]:
             del part[old]
 
     def fields(self, image: Message, stamp: int) -> At:
@@ -172,7 +172,7 @@ class Beside:
         infos, size = self._parts[INFO], (image.height, image.width)
         if not infos:
             raise RecordingError("no camera_info was there by then")
-        info = infos[max((one for one in infos if one <= stamp), default=min(infos))]
+        info = infos[max((kept for kept in infos if kept <= stamp), default=min(infos))]
         if (info.height, info.width) not in ((0, 0), size):
             raise RecordingError(
                 f"its camera_info is of {info.height} x {info.width} pixels, "
@@ -192,15 +192,15 @@ class Beside:
 
 @final
 class Side(Listener):
-    """Hears what is beside the depth images of cameras, and makes no readings."""
+    """Receives camera, colours or mask beside the depth images of cameras; makes no readings."""
 
     def __init__(self, name: str, cameras: Collection[Camera]) -> None:
         self._name, self._cameras = name, cameras
 
-    def hear(self, message: Message) -> Iterable[Part]:
+    def parts(self, message: Message) -> Iterable[Part]:
         """Pass it on to the cameras."""
         for camera in self._cameras:
-            camera.beside.hear(self._name, stamp_of(message), message)
+            camera.beside.keep(self._name, stamp_of(message), message)
         return ()
 
     def reading(self, part: Part, stamp: float) -> Reading:
@@ -216,8 +216,8 @@ class Topic:
         name: the topic.
         msgtype: the type of its messages as ROS 2 calls it; several, joined by "and", if it has.
         count: how many messages there are.
-        kind: what readings are made of them, or None.
-        publishers: how many nodes sent them, as far as the file tells.
+        kind: type of the readings that are made of them, or None.
+        publishers: number of nodes that sent them, as far as the file names them.
     """
 
     name: str
@@ -230,7 +230,7 @@ class Topic:
 def listeners(
     sensors: Mapping[str, Collection[str]], contents: Mapping[str, Topic]
 ) -> dict[str, Listener]:
-    """What hears the topics of sensors, and those beside cameras, by topic.
+    """The listeners of the topics of sensors, and of those beside cameras, by topic.
 
     Args:
         sensors: readable topics by the names of sensors.
@@ -242,11 +242,11 @@ def listeners(
         listener = found[topic] = _listener(sensor, contents[topic])
         if isinstance(listener, Camera):
             cameras.setdefault(parent(topic), []).append(listener)
-    for folder, heard in cameras.items():
+    for folder, siblings in cameras.items():
         for name, msgtype in ((INFO, CAMERA_INFO), (COLOUR, IMAGE), (MASK, IMAGE)):
             beside = contents.get(f"{folder}/{name}")
             if beside and beside.msgtype == msgtype and beside.name not in found:
-                found[beside.name] = Side(name, heard)
+                found[beside.name] = Side(name, siblings)
     return found
 
 
