@@ -1,6 +1,7 @@
 """Sensors that fail on purpose: a model for each kind of fault, and readings that pass them.
 
-What a fault changes in a kind of reading, the codec of the kind says (`readings/values.py`).
+What a fault changes in a kind of reading is declared by the codec of the kind
+(`readings/values.py`).
 """
 
 import heapq
@@ -51,7 +52,7 @@ class Fault(Model):
     end: float | None = None
     """The last stamp at which it fails [s]; None: to the end."""
     change: ClassVar[Change | None] = None
-    """What it does to values; None: nothing that depends on the kind of reading."""
+    """How it changes values; None: independently of the kind of reading."""
 
     @model_validator(mode="after")
     def _fits(self) -> Self:
@@ -74,7 +75,7 @@ class Fault(Model):
         return failing is not None and issubclass(kind, failing.kind)
 
     def check(self, kind: type[Reading], label: str) -> None:
-        """Refuse a kind of reading that cannot fail in this way.
+        """Refuse a kind of reading that cannot have this fault.
 
         Args:
             kind: the type of the reading.
@@ -179,11 +180,11 @@ class FaultOfValues(Fault):
         return self
 
     def check(self, kind: type[Reading], label: str) -> None:
-        """Refuse a kind of reading that cannot fail in this way."""
+        """Refuse a kind of reading that cannot have this fault."""
         super().check(kind, label)
         if self.elements is not None and not _values(kind).has_elements:
             codecs = installed_kinds().all()
-            having = ", ".join(one.kind.__name__ for one in codecs if one.values.has_elements)
+            having = ", ".join(codec.kind.__name__ for codec in codecs if codec.values.has_elements)
             raise ConfigurationError(f"{label} has none; those that do: {having}", "elements")
 
 
@@ -217,7 +218,7 @@ class Offset(FaultOfValues):
     change: ClassVar[Change | None] = Change.ADDED
 
     def check(self, kind: type[Reading], label: str) -> None:
-        """Refuse a kind of reading that cannot fail in this way."""
+        """Refuse a kind of reading that cannot have this fault."""
         super().check(kind, label)
         _values(kind).check_amount(self.amount, label)
 
@@ -278,7 +279,7 @@ FAULTS: dict[str, type[Fault]] = {
 
 
 def _chosen(value: Any) -> Any:
-    """Build the fault that is named; pydantic's own choice would not say which name was meant."""
+    """Build the fault of a name; the errors of pydantic's own choice would not name the nearest."""
     if isinstance(value, Fault):
         return value
     if not isinstance(value, Mapping):
@@ -326,10 +327,10 @@ def read_faults(path: str | Path) -> tuple[Fault, ...]:
 
 @final
 class Faults:
-    """Lets readings through faults, one after the other in their order.
+    """Applies faults to readings, one after the other in their order.
 
-    Each fault remembers each sensor apart, with randomness of its own, so that what comes of one
-    sensor does not depend on the others: only when a delayed reading is released does.
+    Each fault keeps a state and a random generator for each sensor, so that the readings of a
+    sensor do not depend on the others: only the time at which a delayed one is released does.
 
     Args:
         faults: what fails.
@@ -367,8 +368,8 @@ class Faults:
         self._now = max(self._now, to_nanoseconds(reading.stamp))
         readings = [reading]
         for number in range(len(self._faults)):
-            passed = [self._passed(number, one) for one in readings]
-            readings = self._released(number) + [one for one in passed if one is not None]
+            passed = [self._passed(number, arrived) for arrived in readings]
+            readings = self._released(number) + [left for left in passed if left is not None]
         return readings
 
     def _passed(self, number: int, reading: Reading) -> Reading | None:
@@ -430,17 +431,19 @@ def broken(
         yield Arrival(arrival.stamp, tuple(left), arrival.due)
 
 
-def unmet(faults: Iterable[Fault], heard: Collection[tuple[str, type[Reading]]]) -> Iterator[str]:
-    """Report the faults of sensors that there are not.
+def unmet(
+    faults: Iterable[Fault], received: Collection[tuple[str, type[Reading]]]
+) -> Iterator[str]:
+    """A sentence for each fault of a sensor that does not exist.
 
     Args:
         faults: in their order.
-        heard: the sensor and the type of each reading that came, before any faults.
+        received: the sensor and the type of each reading that came, before any faults.
     """
-    types = {kind for _, kind in heard}
+    types = {kind for _, kind in received}
     for row, fault in enumerate(faults):
-        if not any(fault.meets(*one) for one in heard):
-            known = {sensor for sensor, _ in heard if sensor}
+        if not any(fault.meets(sensor, kind) for sensor, kind in received):
+            known = {sensor for sensor, _ in received if sensor}
             known |= installed_kinds().among(types)
             hint = name_hint(str(fault.sensor), known, "sensors and types")
             yield f"faults.{row}.sensor: no reading of '{fault.sensor}' came; {hint}"

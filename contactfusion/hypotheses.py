@@ -40,7 +40,7 @@ class Note(StrEnum):
 
 
 def kind_of(value: str) -> HypothesisKind:
-    """Give the kind of that name.
+    """The kind of a name.
 
     Raises:
         InvalidCloudError: there is no such kind.
@@ -56,7 +56,7 @@ def kind_of(value: str) -> HypothesisKind:
 class HypothesisCloud:
     """All hypotheses that one source gives at one instant, as arrays.
 
-    An empty cloud says "looked, found nothing".
+    An empty cloud means "measured, found nothing".
 
     Attributes:
         source: the name of the source, e.g. "skin" or "skin/free".
@@ -116,7 +116,7 @@ class HypothesisCloud:
         keep(self, "notes", tuple(str(note) for note in self.notes))
 
     def __len__(self) -> int:
-        """Give the number of hypotheses."""
+        """The number of hypotheses."""
         return len(self.positions)
 
     def _rows(

@@ -1,4 +1,4 @@
-"""The way of a reading: to the generators, into the space's frame, through fusion, to a command.
+"""The path of a reading: generators, the space's frame, fusion, command.
 
 The same object runs in simulation, in replay and live. It is synchronous and pure: no threads, no
 clock of its own; time comes in with readings and steps.
@@ -40,25 +40,25 @@ from contactfusion.stream import Stream
 
 LOG = logging.getLogger(__name__)
 CONTROLLER = "the controller"
-"""What the controller is called beside the quoted names of generators."""
+"""Name of the controller in messages, beside the quoted names of generators."""
 Ask = Callable[[AnyGenerator, Reading, State], Sequence[HypothesisCloud]]
-"""How a generator is asked; a runner with a clock puts its stop-watch here."""
+"""How a generator is called; a stream with a clock measures the time here."""
 Tell = Callable[[HypothesisCloud], None]
-"""Who hears every cloud that the integrator accepted, in the space's frame."""
+"""Receiver of every cloud that the integrator accepted, in the space's frame."""
 
 
 def asked(generator: AnyGenerator, reading: Reading, state: State) -> Sequence[HypothesisCloud]:
-    """Ask a generator for its clouds, and nothing else."""
+    """The clouds of a generator for a reading."""
     return generator.generate(reading, state)
 
 
-def nobody(cloud: HypothesisCloud) -> None:
-    """Hear a cloud, and do nothing."""
+def unobserved(cloud: HypothesisCloud) -> None:
+    """No-op receiver of accepted clouds."""
 
 
 @dataclass(frozen=True, eq=False)
 class Step:
-    """What one step of the pipeline gave.
+    """Result of one step of the pipeline.
 
     Attributes:
         stamp: the time of the step [s].
@@ -81,8 +81,8 @@ class Pipeline:
 
     Args:
         config: the configuration.
-        ask: how a generator is asked for its clouds.
-        tell: who hears each cloud that the integrator accepted.
+        ask: how a generator is called for its clouds.
+        tell: receiver of each cloud that the integrator accepted.
         live: whether no step waits for generators in processes of their own.
 
     Raises:
@@ -93,7 +93,7 @@ class Pipeline:
         self,
         config: PipelineConfig,
         ask: Ask = asked,
-        tell: Tell = nobody,
+        tell: Tell = unobserved,
         live: bool = False,
     ) -> None:
         self.config = config
@@ -107,9 +107,9 @@ class Pipeline:
         self.generators: dict[str, AnyGenerator] = {}
         """The plugged generators by name."""
         self._unready: dict[str, str] = {}
-        """Why a generator or the controller is not asked: `reset` of it raised."""
+        """Why a generator or the controller is not called: its `reset` raised."""
         self._raised: set[str] = set()
-        """Who has raised before."""
+        """Plug-ins that have raised before."""
         self.unplaced: Counter[str] = Counter()
         """How often clouds of each generator were refused as no transform placed them."""
         self.given: Counter[str] = Counter()
@@ -194,14 +194,16 @@ class Pipeline:
             generator.close()
 
     def listens(self, sensor: str, kind: type[Reading]) -> bool:
-        """Whether readings of a sensor reach a generator, or tell of the robot's joints or base.
+        """Whether readings of a sensor reach a generator, or the robot's joints or base.
 
-        Transforms do not count: what misses one says so.
+        Transforms do not count: a consumer that misses one reports it.
         """
         is_robot = issubclass(kind, Odometry) or (
             issubclass(kind, JointState) and self._robot.model is not None
         )
-        return is_robot or any(takes(one, sensor, kind) for one in self.generators.values())
+        return is_robot or any(
+            takes(generator, sensor, kind) for generator in self.generators.values()
+        )
 
     def receive(self, reading: Reading) -> None:
         """Receive a reading for every generator that takes it; one that fails harms no other.
@@ -217,7 +219,11 @@ class Pipeline:
         """Receive what faults have left of a reading, for every generator that takes it."""
         self._robot.add(reading)
         kind = type(reading)
-        takers = [one for one in self.generators.values() if takes(one, reading.sensor, kind)]
+        takers = [
+            generator
+            for generator in self.generators.values()
+            if takes(generator, reading.sensor, kind)
+        ]
         if takers:
             state = self.state(reading.stamp)
             for generator in takers:
@@ -242,9 +248,9 @@ class Pipeline:
         return Step(now, self._fusion, command)
 
     def run(self, stream: Stream | Iterable[Reading]) -> Iterator[Step]:
-        """Play a stream or readings, and step as the cycle policy says, or the stream.
+        """Play a stream or readings, stepping by the cycle policy or the stream.
 
-        Transforms may come ahead of the readings that need them: they move no clock.
+        Transforms may come before the readings that need them: they move no clock.
         """
         return play(self, stream)
 
@@ -325,7 +331,7 @@ class Pipeline:
             self._tell(cloud)
 
     def _command(self, controller: Controller, fusion: Fusion, state: State) -> Command:
-        """Ask the controller; one that raises commands nothing, and says why."""
+        """The controller's command; where it raises, one without motion, with the reason."""
         try:
             if unready := self._unready.get(CONTROLLER):
                 raise PluginError(unready)
@@ -340,7 +346,7 @@ class Pipeline:
             return Command(mode="fault", reason=reason)
 
     def _reset(self, who: str, plugged: AnyGenerator | Controller) -> None:
-        """Reset a generator or the controller; one that raises is not asked until it can be."""
+        """Reset a generator or the controller; one that raises is not called until it can be."""
         try:
             plugged.reset()
         except (Exception, SystemExit) as error:
@@ -348,8 +354,8 @@ class Pipeline:
 
     def _reason(self, who: str, plugged: AnyGenerator | Controller, error: BaseException) -> str:
         """What a plug-in raised; the first time its traceback goes to the log, too."""
-        told = isinstance(error, PluginError)
-        reason = str(error) if told else f"{who} raised {cause_of(error, type(plugged))}"
+        is_reported = isinstance(error, PluginError)
+        reason = str(error) if is_reported else f"{who} raised {cause_of(error, type(plugged))}"
         if who not in self._raised:
             self._raised.add(who)
             LOG.debug("%s", reason, exc_info=error)

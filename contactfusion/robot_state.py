@@ -43,7 +43,7 @@ STAMPS = 16
 
 
 class Robot:
-    """Remembers the robot's own readings, and gives its state at a stamp.
+    """Buffer of the robot's own readings, from which comes its state at a stamp.
 
     Args:
         config: its frames and its surface.
@@ -61,19 +61,19 @@ class Robot:
             self.model.require_mounted(
                 {name: frame for name, frame in config.frames.items() if frame.parent in moved}
             )
-        self._history = History()
-        self._transforms = Transforms()
+        self._states = StateBuffer()
+        self._transforms = TransformBuffer()
         self._known: State | None = None
         self._placed_at = functools.lru_cache(STAMPS)(self._places)
         """Joints, base pose and frames at a stamp, until the next reading of the robot."""
         self._frames = self._fixed
-        """Those that were last asked for."""
+        """The frames of the last lookup."""
 
     @property
     def misplaced(self) -> str:
         """A sentence on the links that /tf_static places elsewhere than the URDF, or nothing.
 
-        A link that a joint moves is where it was when frames were last asked for.
+        A link that a joint moves is where it was at the last lookup of frames.
         """
         differing = dict(self._differing())
         if not differing:
@@ -85,23 +85,23 @@ class Robot:
         )
 
     def add(self, reading: Reading) -> None:
-        """Remember what a reading tells of the robot: joints, odometry, twists and transforms."""
+        """Store joints, odometry, a twist or a transform; other readings are ignored."""
         if isinstance(reading, Transform):
             self._transforms.add(reading)
         elif isinstance(reading, JointState | Odometry | Twist):
-            self._history.add(reading)
+            self._states.add(reading)
         else:
             return
         self._forget()
 
     def clear(self) -> None:
         """Forget all readings."""
-        self._history.clear()
+        self._states.clear()
         self._transforms.clear()
         self._forget()
 
     def state(self, stamp: float, fusion: Fusion | None) -> State:
-        """All that is known at a stamp [s], with the last step of the integrator."""
+        """Robot state at a stamp [s], with the last step of the integrator."""
         known = self._known
         if known is None or known.now != stamp:
             known = self._known = self._at(stamp)
@@ -114,7 +114,7 @@ class Robot:
         return self._frames
 
     def _forget(self) -> None:
-        """Forget what was worked out before a reading."""
+        """Drop the states that were computed before a reading."""
         self._known = None
         self._placed_at.cache_clear()
 
@@ -132,10 +132,10 @@ class Robot:
                 yield link, f"{distance:.3g} m and {angle:.3g} rad apart"
 
     def _places(self, stamp: float) -> tuple[JointState | None, BasePose | None, FrameTree]:
-        frames, joints = self._fixed, self._history.joints(stamp)
+        frames, joints = self._fixed, self._states.joints(stamp)
         if transforms := self._transforms.at(stamp):
             frames = frames.under(transforms)
-        base = self._history.base_pose(stamp)
+        base = self._states.base_pose(stamp)
         if base:
             parent, child, pose = base
             frames = frames.extended({child: (parent, pose)})
@@ -199,41 +199,41 @@ def _model(config: PipelineConfig) -> "RobotModel | None":
     return shared_robot(config.robot)
 
 
-class History:
-    """Remembers joints, odometry and twists of the base, and interpolates; never extrapolates.
+class StateBuffer:
+    """State buffer: joints, odometry and twists of the base, interpolated, never extrapolated.
 
-    A stamp before the oldest or after the newest reading gets that reading. Twists go on where
-    odometry falls silent: the base has gone as they say since its last reading.
+    A stamp before the oldest or after the newest reading gets that reading. After
+    the last odometry the pose of the base is integrated from twists.
     """
 
     def __init__(self) -> None:
         self._joints: dict[tuple[str, ...], deque[JointState]] = {}
         self._odometry: deque[Odometry] = deque(maxlen=LENGTH)
-        self._gone: deque[tuple[float, Pose]] = deque(maxlen=LENGTH)
+        self._integrated: deque[tuple[float, Pose]] = deque(maxlen=LENGTH)
 
     def add(self, reading: Reading) -> None:
-        """Remember a reading, unless it is older than the newest of its type."""
+        """Store a reading, unless it is older than the newest of its type."""
         if isinstance(reading, JointState):
             _append(self._joints.setdefault(reading.names, deque(maxlen=LENGTH)), reading)
         elif isinstance(reading, Odometry):
             _append(self._odometry, reading)
             if self._odometry[-1] is reading:
-                self._gone.clear()
+                self._integrated.clear()
         elif isinstance(reading, Twist):
-            self._go_on(reading)
+            self._integrate(reading)
 
     def clear(self) -> None:
         """Forget all readings."""
         self._joints.clear()
         self._odometry.clear()
-        self._gone.clear()
+        self._integrated.clear()
 
     def joints(self, stamp: float) -> JointState | None:
         """The joints at a stamp [s]: positions in between, the rest of the nearer reading.
 
         Readings of different joints, as of an arm and of its hand, are put together; of a joint
-        that several name, the one that was heard of first counts. The stamp is that of the newest
-        reading where it is older, and of several the oldest: so one knows who has fallen silent.
+        that several name, the set that was received first counts. The stamp is that of the newest
+        reading where it is older, and of several sets the oldest: it shows that a sensor is silent.
         """
         parts = [_joints_between(readings, stamp) for readings in self._joints.values()]
         return _together(parts) if parts else None
@@ -241,8 +241,8 @@ class History:
     def base_pose(self, stamp: float) -> BasePose | None:
         """Parent frame, child frame and pose of the base at a stamp [s].
 
-        After the newest odometry it is moved on by the twists of its frame that came since; each
-        held since the one before it.
+        After the newest odometry it is integrated from the twists of its frame that came since;
+        each holds from the twist before it.
         """
         around = _around(self._odometry, stamp)
         if around is None:
@@ -251,26 +251,26 @@ class History:
         if (before.frame, before.child_frame) != (after.frame, after.child_frame):
             before = after = before if part < 0.5 else after
         if part == 0.0:
-            gone = self._gone if before is self._odometry[-1] else ()
-            pose = next((pose for when, pose in reversed(gone) if when <= stamp), None)
+            integrated = self._integrated if before is self._odometry[-1] else ()
+            pose = next((pose for when, pose in reversed(integrated) if when <= stamp), None)
             return before.frame, before.child_frame, before.pose if pose is None else pose
         position = (1.0 - part) * before.position + part * after.position
-        turns = Rotation.from_quat(np.stack([before.orientation, after.orientation]))
-        pose = pose_of(position, Slerp([0.0, 1.0], turns)(part).as_matrix())
+        ends = Rotation.from_quat(np.stack([before.orientation, after.orientation]))
+        pose = pose_of(position, Slerp([0.0, 1.0], ends)(part).as_matrix())
         return after.frame, after.child_frame, pose
 
-    def _go_on(self, twist: Twist) -> None:
-        """Move the base on from where it was last, by a twist that has held since."""
+    def _integrate(self, twist: Twist) -> None:
+        """Integrate the pose of the base by a twist that has held since its last pose."""
         if not self._odometry or twist.frame != self._odometry[-1].child_frame:
             return
         last = self._odometry[-1]
-        before, pose = self._gone[-1] if self._gone else (last.stamp, last.pose)
+        before, pose = self._integrated[-1] if self._integrated else (last.stamp, last.pose)
         period = twist.stamp - before
         if period > 0.0:
-            turns = np.outer((1.0, 0.5), period * twist.angular)
-            turn, half = Rotation.from_rotvec(turns).as_matrix()
-            pose = pose @ pose_of(half @ (period * twist.linear), turn)
-            self._gone.append((twist.stamp, pose))
+            vectors = np.outer((1.0, 0.5), period * twist.angular)
+            rotation, half = Rotation.from_rotvec(vectors).as_matrix()
+            pose = pose @ pose_of(half @ (period * twist.linear), rotation)
+            self._integrated.append((twist.stamp, pose))
 
 
 def _joints_between(readings: deque[JointState], stamp: float) -> JointState:
@@ -284,7 +284,7 @@ def _joints_between(readings: deque[JointState], stamp: float) -> JointState:
 
 
 def _together(parts: Sequence[JointState]) -> JointState:
-    """Put several sets of joints together; what not all of them tell is left out."""
+    """Several sets of joints as one; a field that one of them lacks is left out."""
     if len(parts) == 1:
         return parts[0]
     first = parts[0]
@@ -369,11 +369,11 @@ class _Series:
 
 
 @final
-class Transforms:
-    """Remembers transforms; between two of them a frame moves evenly, as in ROS (tf2).
+class TransformBuffer:
+    """Transform buffer; between two transforms a frame moves evenly, as in ROS (tf2).
 
-    Places go straight and turns by the shortest arc. (pytransform3d has screws, which end at the
-    same poses by another way.)
+    Positions are interpolated linearly, rotations by the shortest arc. (pytransform3d has screws,
+    which end at the same poses by another path.)
     """
 
     def __init__(self) -> None:
@@ -381,29 +381,31 @@ class Transforms:
         self._frames: frozenset[str] = frozenset()
 
     def add(self, transform: Transform) -> None:
-        """Remember a transform, unless one of the frame as new is known.
+        """Store a transform, unless one of the frame is as new.
 
-        A frame that gets another parent hangs under that one only from then on.
+        A frame that gets another parent has only that parent from then on.
         """
         series = self._series.get(transform.child_frame)
         if series is None or (series.parent, series.static) != (transform.frame, transform.static):
             series = self._series[transform.child_frame] = _Series(
                 transform.frame, transform.static
             )
-            self._frames = frozenset(self._series) | {one.parent for one in self._series.values()}
-        if series.static:  # said again; the newest holds
+            self._frames = frozenset(self._series) | {
+                known.parent for known in self._series.values()
+            }
+        if series.static:  # published again; the newest holds
             series.stamps.clear()
             series.transforms.clear()
         series.add(transform)
 
     def clear(self) -> None:
-        """Forget all."""
+        """Forget all transforms."""
         self._series.clear()
         self._frames = frozenset()
 
     @property
     def static(self) -> dict[str, Parent]:
-        """By frame that stands still in its parent the parent, and the frame's pose there."""
+        """The parent of each frame that is fixed in it, and the frame's pose there."""
         return {
             frame: (series.parent, _pose_there(series.transforms[-1]))
             for frame, series in self._series.items()
@@ -411,12 +413,12 @@ class Transforms:
         }
 
     def at(self, stamp: float) -> "TransformsAt | None":
-        """The frames as they are at a stamp [s]; None while there are none."""
+        """The frames at a stamp [s]; None while there are none."""
         return TransformsAt(self._series, self._frames, stamp) if self._series else None
 
 
 def transforms_ahead(readings: Iterable[Reading]) -> Iterator[Reading]:
-    """Readings of a recording, its transforms a second before what else is measured then.
+    """Readings of a recording, its transforms a second before the other readings of their time.
 
     Live, a pipeline would wait for the transforms that a cloud needs; here they are known.
 
@@ -454,7 +456,7 @@ class TransformsAt:
     """Whether a pose before the first or after the last transform is that of the first or last."""
 
     def __reduce__(self) -> tuple[Any, ...]:
-        """Travel to another process with what is known at the stamp, without all that was told."""
+        """Pickle the transforms that are next to the stamp, without the rest of the buffer."""
         near = {name: series.around(self.stamp) for name, series in self._series.items()}
         return TransformsAt, (near, self.frames, self.stamp, self.clamped)
 
@@ -466,7 +468,7 @@ class TransformsAt:
         """The parent of a frame and its pose there; None for one that no transform places.
 
         Raises:
-            FrameError: the stamp lies outside the time for which transforms tell of the frame.
+            FrameError: the stamp lies outside the time span of the frame's transforms.
         """
         series = self._series.get(frame)
         if series is None:
@@ -485,18 +487,18 @@ def _pose_between(before: Transform, after: Transform, stamp: float) -> Pose:
     part = (stamp - before.stamp) / (after.stamp - before.stamp)
     if part == 0.0:
         return _pose_there(before)
-    place = (1.0 - part) * before.position + part * after.position
-    turn = _slerp(before.orientation.tolist(), after.orientation.tolist(), part)
-    return pose_of(place, _matrix(turn))
+    position = (1.0 - part) * before.position + part * after.position
+    rotation = _slerp(before.orientation.tolist(), after.orientation.tolist(), part)
+    return pose_of(position, _matrix(rotation))
 
 
 def _pose_there(transform: Transform) -> Pose:
     return pose_of(transform.position, _matrix(transform.orientation.tolist()))
 
 
-def _slerp(one: Quaternion, other: Quaternion, part: float) -> Quaternion:
-    """Turn from one unit quaternion to another by the shorter arc (K. Shoemake 1985)."""
-    cosine = sum(a * b for a, b in zip(one, other, strict=True))
+def _slerp(first: Quaternion, second: Quaternion, part: float) -> Quaternion:
+    """Spherical interpolation of unit quaternions by the shorter arc (K. Shoemake 1985)."""
+    cosine = sum(a * b for a, b in zip(first, second, strict=True))
     sign = -1.0 if cosine < 0.0 else 1.0
     if abs(cosine) > NEARLY_ALONG:
         before, after = 1.0 - part, sign * part
@@ -504,12 +506,12 @@ def _slerp(one: Quaternion, other: Quaternion, part: float) -> Quaternion:
         angle = math.acos(abs(cosine))
         before = math.sin((1.0 - part) * angle) / math.sin(angle)
         after = sign * math.sin(part * angle) / math.sin(angle)
-    return [before * a + after * b for a, b in zip(one, other, strict=True)]
+    return [before * a + after * b for a, b in zip(first, second, strict=True)]
 
 
-def _matrix(turn: Quaternion) -> Pose:
+def _matrix(quaternion: Quaternion) -> Pose:
     """The rotation, shape (3, 3), of a quaternion (x, y, z, w) of any length."""
-    x, y, z, w = turn
+    x, y, z, w = quaternion
     s = 2.0 / (x * x + y * y + z * z + w * w)
     return np.array(
         [

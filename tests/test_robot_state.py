@@ -14,7 +14,7 @@ from contactfusion.frames import FrameConfig, FrameTree
 from contactfusion.pipeline import Pipeline
 from contactfusion.pipeline_config import CycleConfig, PipelineConfig
 from contactfusion.readings import JointState, Odometry, Transform, Twist, Wrench
-from contactfusion.robot_state import LENGTH, History, Transforms
+from contactfusion.robot_state import LENGTH, StateBuffer, TransformBuffer
 
 STRAIGHT = (0.0, 0.0, 0.0, 1.0)
 quaternions = st.tuples(*[st.floats(-1.0, 1.0)] * 4).filter(lambda q: np.linalg.norm(q) > 0.1)
@@ -49,20 +49,20 @@ def twist(stamp: float, ahead: float, turn: float = 0.0, frame: str = "base") ->
     )
 
 
-def history(*readings: JointState | Odometry | Twist) -> History:
-    remembered = History()
+def history(*readings: JointState | Odometry | Twist) -> StateBuffer:
+    remembered = StateBuffer()
     for reading in readings:
         remembered.add(reading)
     return remembered
 
 
-def angles(remembered: History, stamp: float) -> list[float]:
+def angles(remembered: StateBuffer, stamp: float) -> list[float]:
     state = remembered.joints(stamp)
     assert state is not None
     return [round(float(angle), 12) for angle in state.positions]
 
 
-def pose(remembered: History, stamp: float) -> tuple[str, str, float, float]:
+def pose(remembered: StateBuffer, stamp: float) -> tuple[str, str, float, float]:
     base = remembered.base_pose(stamp)
     assert base is not None
     parent, child, transform = base
@@ -71,12 +71,12 @@ def pose(remembered: History, stamp: float) -> tuple[str, str, float, float]:
 
 
 def test_nothing_is_known_before_the_first_reading() -> None:
-    assert History().joints(0.0) is None
-    assert History().base_pose(0.0) is None
+    assert StateBuffer().joints(0.0) is None
+    assert StateBuffer().base_pose(0.0) is None
 
 
 def test_readings_of_other_things_are_not_remembered() -> None:
-    remembered = History()
+    remembered = StateBuffer()
     remembered.add(Wrench(stamp=0.0, frame="base", force=np.zeros(3), torque=np.zeros(3)))
     assert remembered.joints(0.0) is None and remembered.base_pose(0.0) is None
 
@@ -223,14 +223,14 @@ def transform(
     )
 
 
-def tree(known: Transforms, stamp: float) -> FrameTree:
+def tree(known: TransformBuffer, stamp: float) -> FrameTree:
     told = known.at(stamp)
     assert told is not None
     return FrameTree({}).under(told)
 
 
-def known(*transforms: Transform) -> Transforms:
-    transforms_ = Transforms()
+def known(*transforms: Transform) -> TransformBuffer:
+    transforms_ = TransformBuffer()
     for one in transforms:
         transforms_.add(one)
     return transforms_

@@ -17,7 +17,7 @@ from contactfusion.generators.compensation import CompensationFit, fit_compensat
 from contactfusion.model import rooted
 from contactfusion.readings import Wrench
 from contactfusion.recordings.opening import open_recording
-from contactfusion.robot_state import History
+from contactfusion.robot_state import StateBuffer
 from contactfusion.robots.description import RobotConfig, located, read_robot
 from contactfusion.robots.model import RobotModel
 from contactfusion.robots.posed import PosedRobot
@@ -262,7 +262,7 @@ def recorded_wrenches(model: RobotModel, path: Path) -> dict[str, list[Sample]]:
         RecordingError: the recording cannot be read.
         RobotError: joints of the robot are missing in it.
     """
-    history, samples = History(), dict[str, list[Sample]]()
+    history, samples = StateBuffer(), dict[str, list[Sample]]()
     unknown: RobotError | None = None
     for reading in open_recording(path).readings():
         history.add(reading)

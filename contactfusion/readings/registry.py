@@ -111,7 +111,7 @@ class Kinds:
         return self._guards[codec.name]
 
     def _near(self, kind: type[Reading]) -> Codec[Any] | None:
-        return next((self._of[one] for one in kind.__mro__ if one in self._of), None)
+        return next((self._of[base] for base in kind.__mro__ if base in self._of), None)
 
     def _owner(self, name: str) -> str:
         """The distribution that has a name; empty: none has."""
@@ -193,7 +193,7 @@ def _undeclared(cls: type[Codec[Any]]) -> str:
 def _unread(cls: type[Codec[Any]]) -> str:
     """What a codec's messages lack, as the end of a sentence that names it."""
     if isinstance(cls.messages, str) or not all(
-        isinstance(one, str) and one.count("/msg/") == 1 for one in cls.messages
+        isinstance(msgtype, str) and msgtype.count("/msg/") == 1 for msgtype in cls.messages
     ):
         return f"has `messages` {cls.messages!r} that are no tuple of types such as 'a_msgs/msg/B'"
     for method in ("from_message", "to_message"):

@@ -16,7 +16,7 @@ from contactfusion.controllers.pushing import ARRIVED
 from contactfusion.errors import ConfigurationError, RobotError
 from contactfusion.pipeline_config import PipelineConfig
 from contactfusion.readings import Odometry, TactileImage, Twist
-from contactfusion.robot_state import History
+from contactfusion.robot_state import StateBuffer
 from contactfusion_lab.experiments.push import experiment
 from contactfusion_lab.scenes.push.config import PushConfig
 from contactfusion_lab.scenes.push.scene import Cycle, Ending, PushScene, pushed
@@ -317,7 +317,7 @@ def test_without_odometry_the_wheels_lead_to_the_target() -> None:
 
 
 def test_what_the_wheels_tell_adds_up_to_the_way() -> None:
-    one, told = scene(gap=1.5), History()
+    one, told = scene(gap=1.5), StateBuffer()
     for reading in one.readings()[:2]:
         told.add(reading)
     for step in range(100):
