@@ -1,4 +1,4 @@
-"""What each source is worth: steps fused again without it, as a table, files and a picture."""
+"""The worth of each source: steps fused again without it, as a table, files and a picture."""
 
 import csv
 import io
@@ -21,7 +21,7 @@ from contactfusion.integrator.fusion import Fusion
 from contactfusion.pipeline import Step
 
 STEP, FURTHEST = 1e-4, 2.0
-"""Moves are counted to so much, up to so much [m]."""
+"""Resolution and greatest value of the counted moves [m]."""
 
 
 CAUTION = (
@@ -67,15 +67,15 @@ class Quantiles:
 
 @dataclass(frozen=True, slots=True)
 class Worth:
-    """What became of the contacts of all steps without some sources.
+    """The contacts of all steps without some sources, compared to those with them.
 
     Attributes:
         name: of the generator whose sources were left out, or of one of several sources of it.
         whole: whether it is a generator as a whole.
-        steps: how many steps it was plugged in.
-        contacts: how many contacts these steps had with it.
-        steps_with: in how many of these steps there was a contact with it.
-        steps_without: in how many there was one without it.
+        steps: number of steps in which it was plugged in.
+        contacts: number of contacts of these steps with it.
+        steps_with: number of these steps with a contact, with it.
+        steps_without: number of these steps with a contact, without it.
         lost: contacts that are not there without it.
         gained: contacts that are there only without it, as when a null source is left out.
         moved_median: of the contacts that remain, how far they move [m], to 0.1 mm; NaN: none is.
@@ -99,7 +99,7 @@ class Worth:
 
 
 @dataclass
-class _Tally:
+class _Statistics:
     """Counts one group of sources, in memory that does not grow."""
 
     steps: int = 0
@@ -126,7 +126,7 @@ class _Tally:
             self.likelihood_change += after[other].likelihood - before[row].likelihood
 
     def worth(self, name: str, whole: bool) -> Worth:
-        """What was counted."""
+        """The statistics of the group."""
         remain = self.moved.count
         return Worth(
             name=name,
@@ -151,27 +151,27 @@ def ablated(steps: Iterable[Step]) -> list[Worth]:
     the source is not known.
 
     Args:
-        steps: in order; each is looked at once.
+        steps: in order; each is read once.
 
     Returns:
         The generators by name, each before its sources.
     """
-    tallies: dict[tuple[str, bool], _Tally] = {}
+    statistics: dict[tuple[str, bool], _Statistics] = {}
     for step in steps:
         fusion = step.fusion
         side = fusion.field.entries.grid.voxel_size
         for name, sources in groups(fusion).items():
-            tally = tallies.setdefault(name, _Tally())
-            tally.add(fusion.contacts, _without(fusion, sources).contacts, side)
-            tally.share += sum(
+            group = statistics.setdefault(name, _Statistics())
+            group.add(fusion.contacts, _without(fusion, sources).contacts, side)
+            group.share += sum(
                 contact.shares.get(source, 0.0) for contact in fusion.contacts for source in sources
             )
-    order = sorted(tallies, key=lambda name: (name[0].split("/")[0], not name[1], name[0]))
-    return [tallies[name].worth(*name) for name in order]
+    order = sorted(statistics, key=lambda name: (name[0].split("/")[0], not name[1], name[0]))
+    return [statistics[name].worth(*name) for name in order]
 
 
 def groups(fusion: Fusion) -> dict[tuple[str, bool], list[str]]:
-    """What is left out: sources by a name and whether it is a generator as a whole."""
+    """The groups to leave out: sources by a name and whether it is a generator as a whole."""
     generators: dict[str, list[str]] = {}
     for source in fusion.field.entries.sources:
         generators.setdefault(source.name.split("/")[0], []).append(source.name)
@@ -181,7 +181,7 @@ def groups(fusion: Fusion) -> dict[tuple[str, bool], list[str]]:
 
 
 def _without(fusion: Fusion, sources: Sequence[str]) -> Fusion:
-    """Fuse without some sources; those that say nothing change nothing."""
+    """Fuse without some sources; those without hypotheses and misses change nothing."""
     entries = fusion.field.entries
     live = dict(
         zip((source.name for source in entries.sources), np.diff(entries.begin), strict=True)
@@ -194,7 +194,7 @@ def _without(fusion: Fusion, sources: Sequence[str]) -> Fusion:
 
 
 def table(worths: Sequence[Worth]) -> str:
-    """A table for people; what belongs to a generator stands indented below it."""
+    """A table as text; the sources of a generator stand indented below it."""
     names = _names(worths)
     rows = [HEADS, *((name, *_cells(worth)) for name, worth in zip(names, worths, strict=True))]
     widths = [max(len(row[column]) for row in rows) for column in range(len(HEADS))]
@@ -259,7 +259,7 @@ def write_ablation(worths: Sequence[Worth], out: Path) -> list[Path]:
     """Write ablation.csv and ablation.json, and return their paths.
 
     Raises:
-        ContactFusionError: there was no step or no source, so there is nothing to tell.
+        ContactFusionError: there was no step, or no source.
     """
     if not worths:
         raise ContactFusionError("the recording leads to no step with a source, so nothing is left")

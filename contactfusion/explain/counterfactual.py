@@ -1,4 +1,4 @@
-"""What would remain of contacts without a source."""
+"""Contacts without a source: counterfactuals of a fusion."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -15,13 +15,13 @@ Pair = tuple[int, int, float]
 
 @dataclass(frozen=True, slots=True)
 class Without:
-    """What would be here without one source.
+    """The counterfactual at a place without one source.
 
     Attributes:
         source: its name.
         contact: whether there would be a contact here.
         likelihood: of that contact; NaN: there would be none.
-        moved: how far it would lie from here [m]; of the nearest elsewhere if none were here, and
+        moved: its distance from here [m]; of the nearest elsewhere if none were here, and
             NaN if there were none at all.
     """
 
@@ -32,12 +32,12 @@ class Without:
 
 
 def reach_of(contact: Contact, voxel_size: float) -> float:
-    """How far away a contact is still the same [m]: 3 dispersions, at least 2 voxels."""
+    """The greatest distance of the same contact [m]: 3 dispersions, at least 2 voxels."""
     return max(3.0 * contact.dispersion, 2.0 * voxel_size)
 
 
 def nearest(place: FloatArray, contacts: Sequence[Contact]) -> tuple[Contact, float] | None:
-    """The contact that is nearest to a place, shape (3,) [m], and how far away it is [m]."""
+    """The contact nearest to a place, shape (3,) [m], and its distance [m]."""
     if not contacts:
         return None
     away = np.linalg.norm([contact.position - place for contact in contacts], axis=1)
@@ -45,13 +45,13 @@ def nearest(place: FloatArray, contacts: Sequence[Contact]) -> tuple[Contact, fl
 
 
 def without(fusion: Fusion, source: str, place: FloatArray, reach: float) -> Without:
-    """What would be at a place without one source.
+    """The counterfactual at a place, fused again without one source.
 
     Args:
         fusion: with it.
         source: its name.
         place: shape (3,) [m].
-        reach: how far away a contact may be to be here [m].
+        reach: the greatest distance of a contact that counts as here [m].
     """
     found = nearest(place, fusion.without(source).contacts)
     if found is None:
@@ -70,7 +70,7 @@ def paired(before: Sequence[Contact], after: Sequence[Contact], voxel_size: floa
         voxel_size: [m].
 
     Returns:
-        Rows of `before`, rows of `after`, and how far apart they are [m].
+        Rows of `before`, rows of `after`, and their distances [m].
     """
     if not before or not after:
         return []

@@ -22,8 +22,8 @@ from contactfusion.explain.neighbourhood import (
     nearest_hypotheses,
     neighbourhood_at,
     neighbourhood_of,
+    parts_at,
     reasons_at,
-    said_at,
     shares_at,
 )
 from contactfusion.hypotheses import HypothesisKind
@@ -32,27 +32,27 @@ from contactfusion.reason import Reason, Why, millimetres
 from contactfusion.rule import Neighbourhood
 
 MOST = 8
-"""So many contacts are explained in full."""
+"""The most contacts that are explained in full."""
 FAR = 0.05
-"""A place with nothing in so much of it cannot be explained [m]."""
+"""The greatest distance from a hypothesis at which a place can be explained [m]."""
 Place = tuple[float, float, float]
 
 
 @dataclass(frozen=True, slots=True)
 class ContactExplanation:
-    """One contact, and why it is there.
+    """One contact and its reasons.
 
     Attributes:
         position: in the explanation's frame [m].
         likelihood: of the contact.
         spread: standard deviation of its position along an axis, √(trace covariance / 3) [m].
         dispersion: its standard distance [m].
-        voxels: how many it is made of.
-        force: on the robot [N]; NaN where none was felt.
-        combination: how its likelihood comes of those of the sources.
-        said: what each source says here, larger shares first.
-        missing: why other sources of evidence and support say nothing here.
-        without: what would remain without each source in `said`.
+        voxels: number of its voxels.
+        force: on the robot [N]; NaN where none was measured.
+        combination: how its likelihood follows from those of the sources.
+        said: the part of each source here, larger shares first.
+        missing: why other sources of evidence and support have no part here.
+        without: the counterfactual without each source in `said`.
     """
 
     position: Place
@@ -73,15 +73,15 @@ class PlaceExplanation:
 
     Attributes:
         position: in the explanation's frame [m].
-        reach: what lies within so much of it is explained [m].
+        reach: radius of the neighbourhood that is explained [m].
         asked: whether this place was asked for.
-        likelihood: the highest fused likelihood here; NaN: no source says anything.
-        combination: how that comes of the likelihoods of the sources, or "".
+        likelihood: the highest fused likelihood here; NaN: no source has a part.
+        combination: how that follows from the likelihoods of the sources, or "".
         reasons: why there is no contact, the main one first; `Why.CONTACT`: there is one.
-        said: what each source says here, likelier ones first.
-        missing: why other sources of evidence and support say nothing here.
-        without: what would be here without each source in `said`.
-        last_contact: how long ago there was a contact here [s]; NaN: not lately.
+        said: the part of each source here, likelier ones first.
+        missing: why other sources of evidence and support have no part here.
+        without: the counterfactual without each source in `said`.
+        last_contact: time since the last contact here [s]; NaN: not lately.
     """
 
     position: Place
@@ -98,22 +98,22 @@ class PlaceExplanation:
 
 @dataclass(frozen=True, slots=True)
 class SourceExplanation:
-    """How a source does.
+    """The state of a source.
 
     Attributes:
         source: its name.
-        kind: what it stands on.
+        kind: evidence, support or null.
         age: since its newest cloud [s]; NaN: none ever came.
-        timeout: how long its hypotheses live [s].
+        timeout: lifetime of its hypotheses [s].
         rate: clouds a second; NaN before the second.
-        active: whether it has spoken within `stale_after`.
-        hypotheses: how many voxels hold a live one.
+        active: whether a cloud came within `stale_after`.
+        hypotheses: number of voxels with a live one.
         accepted: clouds that were taken, so far.
         late: clouds that were dropped because a newer one had come.
         early: clouds that were held back.
         refused: clouds that could not be used.
         notes: remarks on its newest cloud.
-        events: what happened to it lately, with how long ago.
+        events: its latest event, with the time since.
     """
 
     source: str
@@ -143,9 +143,9 @@ class Explanation:
         threshold: from which likelihood on a voxel is a contact.
         judged: whether contacts come of voxels over the threshold, and not of a belief; JSON has
             the name of the condensation instead.
-        tolerance: what lies so near together belongs together [m].
+        tolerance: linking distance [m].
         contacts: the likeliest first.
-        untold: how many further contacts there are.
+        untold: number of further contacts.
         places: without a contact; the one asked for, or the most conspicuous ones.
         sources: by name.
     """
@@ -181,7 +181,7 @@ def _plain(value: Any) -> Any:
 
 
 def _sources(view: View) -> list[SourceExplanation]:
-    """How each source does."""
+    """The state of each source."""
     fusion = view.fusion
     entries, found = fusion.field.entries, []
     live = np.diff(entries.begin)
@@ -283,8 +283,10 @@ def _contact(view: View, number: int) -> ContactExplanation:
     shares = contact.shares
     if view.fusion.field.belief is not None and not view.fusion.condensation.needs_belief:
         shares = shares_at(view.fusion, around)  # a belief knows more than the contact's voxels
-    said = [replace(part, share=shares.get(part.source, np.nan)) for part in said_at(view, around)]
-    said.sort(key=lambda part: -np.nan_to_num(part.share))
+    parts = [
+        replace(part, share=shares.get(part.source, np.nan)) for part in parts_at(view, around)
+    ]
+    parts.sort(key=lambda part: -np.nan_to_num(part.share))
     limit = reach_of(contact, view.settings.integrator.voxel_size)
     return ContactExplanation(
         position=_place_of(contact.position),
@@ -294,20 +296,20 @@ def _contact(view: View, number: int) -> ContactExplanation:
         voxels=contact.voxels,
         force=_place_of(contact.force),
         combination=explained_at(view, around, contact),
-        said=tuple(said),
-        missing=tuple(_missing(view, around, said)),
-        without=_withouts(view, said, around, limit),
+        said=tuple(parts),
+        missing=tuple(_missing(view, around, parts)),
+        without=_withouts(view, parts, around, limit),
     )
 
 
 def _place(view: View, wanted: Expected, asked: bool) -> PlaceExplanation:
     fusion = view.fusion
     around = neighbourhood_at(view, wanted.position, view.settings.tolerance)
-    said = said_at(view, around)
-    missing = _missing(view, around, said)
+    parts = parts_at(view, around)
+    missing = _missing(view, around, parts)
     reasons = reasons_at(view, around)
     if not reasons or reasons[0].why == Why.FAILED:
-        reasons.insert(0, _nothing(fusion, around, said, missing))
+        reasons.insert(0, _nothing(fusion, around, parts, missing))
     likelihood = np.nan if around.best == NONE else float(fusion.field.likelihoods[around.best])
     return PlaceExplanation(
         position=_place_of(wanted.position),
@@ -316,15 +318,15 @@ def _place(view: View, wanted: Expected, asked: bool) -> PlaceExplanation:
         likelihood=likelihood,
         combination=explained_at(view, around),
         reasons=tuple(reasons),
-        said=tuple(said),
+        said=tuple(parts),
         missing=tuple(missing),
-        without=_withouts(view, said, around, around.reach),
+        without=_withouts(view, parts, around, around.reach),
         last_contact=view.stamp - wanted.last_contact,
     )
 
 
 def _nearest_words(fusion: Fusion, place: FloatArray) -> str:
-    """What lies nearest to a place near which no source says anything."""
+    """The hypothesis nearest to a place where no source has a part, in words."""
     nearest_of = nearest_hypotheses(fusion, place)
     if not nearest_of:
         return "no hypothesis is alive anywhere"
@@ -332,30 +334,30 @@ def _nearest_words(fusion: Fusion, place: FloatArray) -> str:
     return f"the nearest hypothesis is {millimetres(away)} away, of {source}"
 
 
-def _missing(view: View, around: Neighbourhood, said: Sequence[Part]) -> list[Reason]:
-    """Why sources say nothing here, without those whose belief reaches here from elsewhere."""
-    reach_here = {part.source for part in said}
+def _missing(view: View, around: Neighbourhood, parts: Sequence[Part]) -> list[Reason]:
+    """Why sources have no part here, but for those whose belief reaches here from elsewhere."""
+    reach_here = {part.source for part in parts}
     return [reason for reason in missing_at(view, around) if reason.source not in reach_here]
 
 
 def _nothing(
-    fusion: Fusion, around: Neighbourhood, said: Sequence[Part], missing: Sequence[Reason]
+    fusion: Fusion, around: Neighbourhood, parts: Sequence[Part], missing: Sequence[Reason]
 ) -> Reason:
     """That no hypothesis lies here, with the best reason of those that might have."""
     if missing and missing[0].why in (Why.EXPIRED, Why.WITHDRAWN):
         return missing[0]
     what = (
         f"no hypothesis lies within {millimetres(around.reach)}"
-        if said
+        if parts
         else "no source says anything here"
     )
     return Reason(Why.NOTHING, f"{what}; {_nearest_words(fusion, around.position)}")
 
 
 def _withouts(
-    view: View, said: Sequence[Part], around: Neighbourhood, reach: float
+    view: View, parts: Sequence[Part], around: Neighbourhood, reach: float
 ) -> tuple[Without, ...]:
-    return tuple(without(view.fusion, part.source, around.position, reach) for part in said)
+    return tuple(without(view.fusion, part.source, around.position, reach) for part in parts)
 
 
 def _distance(contact: Contact, place: FloatArray) -> float:

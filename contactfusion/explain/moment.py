@@ -1,4 +1,4 @@
-"""The step at a time, and what was before: hypotheses, contacts that died, troubles of sources."""
+"""The step at a time, and its past: hypotheses, contacts that died, troubles of sources."""
 
 from collections import deque
 from collections.abc import Iterable, Mapping
@@ -23,7 +23,7 @@ from contactfusion.pipeline import Pipeline, Step
 SAME = 1e-9
 """Distances that differ by less are equal [m]."""
 SECONDS = 3.0
-"""What lies further back is forgotten [s]."""
+"""Length of the past that is kept [s]."""
 MOST_ROWS, MOST_CONTACTS, MOST_EVENTS = 1_000_000, 500, 1000
 """More hypotheses, contacts and events are not remembered: the oldest are forgotten first."""
 EVER = -(1 << 62)
@@ -35,11 +35,11 @@ CLOSE = 1e-6
 
 @dataclass(frozen=True, slots=True)
 class Settings:
-    """How hypotheses live and fuse.
+    """Settings of the integrator and of the sources.
 
     Attributes:
         integrator: its configuration.
-        own_timeouts: how long the hypotheses of a source live [s], by name, where it says so.
+        own_timeouts: lifetime of a source's hypotheses [s], by name, where its options set one.
     """
 
     integrator: IntegratorConfig
@@ -58,12 +58,12 @@ class Settings:
         return cls(config, {} if config.expiry == "voxel" else own)
 
     def timeout(self, source: str) -> float:
-        """How long the hypotheses of a source live [s]."""
+        """Lifetime of the hypotheses of a source [s]."""
         return self.own_timeouts.get(source, self.integrator.timeout)
 
     @property
     def tolerance(self) -> float:
-        """Linking distance: what lies so near together belongs together [m]."""
+        """Linking distance [m]."""
         return self.integrator.linking_distance
 
 
@@ -86,11 +86,11 @@ class Dead:
 
 
 class Past:
-    """Remembers some seconds of steps; however long a recording is, its memory is bounded.
+    """Buffer of the last seconds of steps, in bounded memory.
 
     Args:
-        reach: contacts of two steps that lie so near together are the same [m].
-        seconds: how far back it remembers [s].
+        reach: the greatest distance between the same contact in two steps [m].
+        seconds: length of the buffer [s].
     """
 
     def __init__(self, reach: float, seconds: float = SECONDS) -> None:
@@ -102,7 +102,7 @@ class Past:
         self._events: deque[tuple[float, Event]] = deque(maxlen=MOST_EVENTS)
 
     def add(self, stamp: float, fusion: Fusion) -> None:
-        """Remember a step at a time [s]; steps come in order."""
+        """Store a step at a time [s]; steps come in order."""
         entries = fusion.field.entries
         for source, own in entries.by_source:
             if source.kind == HypothesisKind.NULL or own.stop == own.start:
@@ -122,12 +122,12 @@ class Past:
     def last_reported(
         self, source: str, place: FloatArray, reach: float
     ) -> tuple[float, float] | None:
-        """The likelihood and the stamp [s] of what a source last reported near a place.
+        """The likelihood and the stamp [s] of a source's last hypothesis near a place.
 
         Args:
             source: its name.
             place: shape (3,) [m].
-            reach: how near [m].
+            reach: the greatest distance [m].
         """
         for new in reversed(self._reported):
             if new.source == source:
@@ -143,7 +143,7 @@ class Past:
         return sorted(dead, key=lambda contact: -contact.stamp)
 
     def events(self, source: str) -> list[tuple[float, Event]]:
-        """What went wrong with the clouds of a source, with the time of each [s]."""
+        """The troubles with clouds of a source, with the time of each [s]."""
         return [
             (stamp, event)
             for stamp, event in self._events
@@ -151,7 +151,7 @@ class Past:
         ]
 
     def _link(self, stamp: float, fusion: Fusion) -> None:
-        """Forget contacts that live on in those of this step, and remember these."""
+        """Replace contacts by those of this step that are the same, and add the new ones."""
         now = [Dead(contact, stamp) for contact in fusion.contacts[:MOST_CONTACTS]]
         gone = self._contacts
         if now and gone:
@@ -188,8 +188,8 @@ def moment_at(steps: Iterable[Step], time: float, reach: float, seconds: float =
     Args:
         steps: in order.
         time: [s].
-        reach: contacts of two steps that lie so near together are the same [m].
-        seconds: how far back is remembered [s].
+        reach: the greatest distance between the same contact in two steps [m].
+        seconds: length of the past that is kept [s].
 
     Raises:
         TimeError: the time lies outside the steps, or there are none.
@@ -218,7 +218,7 @@ def moment_at(steps: Iterable[Step], time: float, reach: float, seconds: float =
 
 @dataclass(frozen=True)
 class View:
-    """A step, what was before, and how hypotheses live and fuse."""
+    """A step, its past, and the settings of its pipeline."""
 
     moment: Moment
     settings: Settings
@@ -230,12 +230,12 @@ class View:
 
     @property
     def fusion(self) -> Fusion:
-        """What the step made of the live hypotheses."""
+        """The fusion of the step."""
         return self.moment.step.fusion
 
     @property
     def past(self) -> Past:
-        """What was before, the step included."""
+        """The past, the step included."""
         return self.moment.past
 
     @cached_property
@@ -258,5 +258,5 @@ class View:
     def _owned(self) -> tuple[NDArray[np.intp], str]:
         try:
             return self.fusion.owners, ""
-        except PluginError as error:  # a stranger's condensation; the rest stands
+        except PluginError as error:  # of a plug-in's condensation; the rest stands
             return np.full(len(self.centres), NONE, np.intp), str(error)

@@ -1,4 +1,4 @@
-"""A place in the hypothesis space: what each source says there, and why there is no contact."""
+"""A place in the hypothesis space: the part of each source, and why there is no contact."""
 
 import math
 from collections.abc import Callable
@@ -22,9 +22,9 @@ from contactfusion.reason import Reason, Why, counted, millimetres
 from contactfusion.rule import Condensation, Neighbourhood, Rule
 
 MOST, MOST_DEAD = 3, 2
-"""So many places are found at most, so many of them of contacts that died."""
+"""The most places that are found, and the most of them of contacts that died."""
 APART = 2.0
-"""What lies within so many tolerances of a contact, or of another place, is no place of its own."""
+"""The least distance of a place from contacts and other places, in tolerances."""
 ORDER: tuple[str, ...] = (
     Why.WITHDRAWN,
     Why.EXPIRED,
@@ -33,12 +33,12 @@ ORDER: tuple[str, ...] = (
     Why.FOUND_NOTHING,
     Why.ELSEWHERE,
 )
-"""What explains most comes first."""
+"""The reasons of missing sources, the best explanation first."""
 
 
 @dataclass(frozen=True, slots=True)
 class Part:
-    """What one source says at a place.
+    """The part of one source at a place.
 
     Attributes:
         source: its name.
@@ -46,12 +46,13 @@ class Part:
         likelihood: of its likeliest hypothesis within reach, or of its nearest if none is.
         age: of that hypothesis [s].
         timeout: how long it lives [s].
-        voxels: in how many voxels within reach it says something; 0: only by its spread.
+        voxels: number of voxels within reach with its hypotheses; 0: only its spread reaches here.
         spread: the standard deviation of that hypothesis's place [m], 0 if the source gave none.
         away: how far from the place that hypothesis lies [m].
         share: of the contact's likelihood; NaN where there is no contact.
-        fit: with a rule that has a belief, how well the place fits what the source says: as a part
-            of what its best place has, and for null what it leaves of the others' belief; else NaN.
+        fit: with a rule that has a belief, how well the place fits the source's hypotheses: as a
+            part of the fit of its best place, and for null the share that it leaves of the others'
+            belief; else NaN.
     """
 
     source: str
@@ -75,7 +76,7 @@ def neighbourhood_at(view: View, position: FloatArray, reach: float) -> Neighbou
 
 
 def neighbourhood_of(view: View, number: int) -> Neighbourhood:
-    """The voxels that a contact is made of, by its row in the contacts."""
+    """The voxels of a contact, by its row in the contacts."""
     contact, inside = view.fusion.contacts[number], view.owners == number
     reach = max(view.settings.tolerance, 2.0 * contact.dispersion)
     if view.fusion.condensation.needs_belief:  # contacts that are not made of voxels
@@ -84,12 +85,12 @@ def neighbourhood_of(view: View, number: int) -> Neighbourhood:
     return Neighbourhood(contact.position, reach, inside, _best(view, inside, contact.position))
 
 
-def said_at(view: View, around: Neighbourhood) -> list[Part]:
-    """What each source says at a place, likelier first; those that say nothing are left out.
+def parts_at(view: View, around: Neighbourhood) -> list[Part]:
+    """The part of each source at a place, likelier first; sources without one are left out.
 
-    Where a rule has a belief, a source whose field reaches here from further away says something.
+    Where a rule has a belief, a source whose field reaches here from further away has a part.
     """
-    entries, said = view.fusion.field.entries, []
+    entries, found = view.fusion.field.entries, []
     positions = entries.positions
     fits, reached = fits_at(view.fusion, around)
     parts = zip(entries.by_source, entries.parts(around.inside), fits, reached, strict=True)
@@ -99,7 +100,7 @@ def said_at(view: View, around: Neighbourhood) -> list[Part]:
         columns = entries.columns
         away = np.linalg.norm(positions[own] - around.position, axis=1)
         row = rows[columns.likelihoods[rows].argmax()] if len(rows) else own.start + away.argmin()
-        said.append(
+        found.append(
             Part(
                 source=source.name,
                 kind=source.kind,
@@ -112,7 +113,7 @@ def said_at(view: View, around: Neighbourhood) -> list[Part]:
                 fit=float(fit),
             )
         )
-    return sorted(said, key=lambda part: -np.nan_to_num(part.likelihood))
+    return sorted(found, key=lambda part: -np.nan_to_num(part.likelihood))
 
 
 def fits_at(fusion: Fusion, around: Neighbourhood) -> tuple[FloatArray, NDArray[np.bool_]]:
@@ -123,7 +124,7 @@ def fits_at(fusion: Fusion, around: Neighbourhood) -> tuple[FloatArray, NDArray[
     itself, which is what it leaves of the others' belief; it stands out where it takes some.
 
     Returns:
-        Both of shape (k,); NaN and False where no place of a belief lies in the around.
+        Both of shape (k,); NaN and False where no place of a belief lies in the neighbourhood.
     """
     belief, entries = fusion.field.belief, fusion.field.entries
     nowhere = np.full(len(entries.sources), np.nan), np.zeros(len(entries.sources), np.bool_)
@@ -225,9 +226,9 @@ def _apart(
 
 
 def missing_at(view: View, around: Neighbourhood) -> list[Reason]:
-    """Why each source of evidence or support says nothing that says nothing at a place.
+    """Why sources of evidence or support have no part at a place, for each that has none.
 
-    Those come first that once reported it.
+    Sources that once reported the place come first.
     """
     entries, reasons = view.fusion.field.entries, []
     for source, rows in entries.parts(around.inside):
@@ -305,7 +306,7 @@ def explained_at(view: View, around: Neighbourhood, contact: Contact | None = No
         contact: that there is; None: there is none.
 
     Returns:
-        Empty where no source says anything, or one alone, whose likelihood it is. What a plug-in
+        Empty where no source has a part, or one alone, whose likelihood it is. What a plug-in
         raises stands in place of its explanation.
     """
     fusion = view.fusion
@@ -322,7 +323,7 @@ def explained_at(view: View, around: Neighbourhood, contact: Contact | None = No
 
 
 def _words(part: Rule | Condensation, explain: Callable[[], str]) -> str:
-    """What a rule or condensation says, or the sentence on what it raised."""
+    """The explanation of a rule or condensation, or the sentence on what it raised."""
     try:
         with guarded(part):
             if not isinstance(words := explain(), str):
@@ -351,13 +352,13 @@ def reasons_at(view: View, around: Neighbourhood) -> list[Reason]:
 
 
 def _objections(view: View, around: Neighbourhood) -> tuple[list[Reason], list[Reason]]:
-    """What the condensation says against a contact, and what it raised."""
+    """The objections of the condensation to a contact, and the reason of what it raised."""
     fusion, condensation = view.fusion, view.fusion.condensation
     try:
         with guarded(condensation):
             found = [*condensation.objections(fusion.field, fusion.verdict_codes, around)]
-            if strangers := [item for item in found if not isinstance(item, Reason)]:
-                raise TypeError(f"`objections` gave {type(strangers[0]).__name__}, not a Reason")
+            if others := [item for item in found if not isinstance(item, Reason)]:
+                raise TypeError(f"`objections` gave {type(others[0]).__name__}, not a Reason")
         return found, []
     except PluginError as error:  # the rest of the explanation stands
         return [], [Reason(Why.FAILED, str(error))]

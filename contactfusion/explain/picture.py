@@ -1,4 +1,4 @@
-"""A picture of a place: the voxels around it by verdict, and what each source says there."""
+"""A picture of a place: the voxels around it by verdict, and the part of each source there."""
 
 import io
 from collections.abc import Mapping, Sequence
@@ -18,12 +18,12 @@ from contactfusion.integrator.fusion import Fusion
 from contactfusion.reason import Reason
 
 NARROWEST = 0.04
-"""At least so much is shown to each side [m]."""
+"""The least half width of the picture [m]."""
 WIDEST = 0.3
-"""Contacts that end further away do not widen the picture [m]."""
+"""Distance beyond which contacts do not widen the picture [m]."""
 SIGMAS = 2.0
 LIKELY = {"contact": "over the threshold"}
-"""What a verdict is called where contacts do not come of voxels."""
+"""Labels of verdicts where contacts do not come of voxels."""
 
 
 KINDS = {
@@ -31,7 +31,7 @@ KINDS = {
     HypothesisKind.SUPPORT: COLOURS[5],
     HypothesisKind.NULL: COLOURS[1],
 }
-TOLD = "#cc0000"
+CONTACT_COLOUR = "#cc0000"
 BOX = {"facecolor": "white", "edgecolor": "none", "alpha": 0.8, "pad": 1.0}
 Axes = Any
 
@@ -51,7 +51,7 @@ def picture(explanation: Explanation, fusion: Fusion) -> bytes:
     """
     figure = new_figure(13.0, 5.4)
     around, likelihoods, ages = figure.subplots(1, 3, width_ratios=(1.5, 1.0, 0.8))
-    centre, said, missing, title = _focus(explanation)
+    centre, parts, missing, title = _focus(explanation)
     half = _half_width(explanation, fusion, centre)
     across = _across(fusion, centre, half)
     _draw_voxels(around, fusion, centre, half, across, {} if explanation.judged else LIKELY)
@@ -64,15 +64,15 @@ def picture(explanation: Explanation, fusion: Fusion) -> bytes:
     around.set_xlabel(f"{AXES[across[0]]} [mm] in '{explanation.frame}'")
     around.set_ylabel(f"{AXES[across[1]]} [mm]")
     around.set_title(f"{explanation.stamp:.3f} s: {title}")
-    add_legend(around, 3)
-    draw_sources(likelihoods, ages, said, missing, explanation)
+    _add_legend(around, 3)
+    _draw_sources(likelihoods, ages, parts, missing, explanation)
     content = io.BytesIO()
     figure.savefig(content, dpi=120, format="png")
     return content.getvalue()
 
 
 def _focus(explanation: Explanation) -> tuple[FloatArray, Sequence[Part], Sequence[Reason], str]:
-    """Where the picture looks, with what is and is not said there."""
+    """The centre of the picture, the parts of sources there, the missing ones, and a title."""
     asked = [place for place in explanation.places if place.asked]
     if explanation.contacts and not asked:
         contact = explanation.contacts[0]
@@ -100,11 +100,11 @@ def _across(fusion: Fusion, centre: FloatArray, half: float) -> NDArray[np.intp]
     which the hypotheses near the middle reach furthest.
     """
     space, found = fusion.space, nearest(centre, fusion.contacts)
-    spoken = _within(space.positions, centre, half) & fusion.field.entries.counted_voxels
+    reported = _within(space.positions, centre, half) & fusion.field.entries.counted_voxels
     if found is not None and found[1] > 1e-9:
         reaches = np.abs(found[0].position - centre)
-    elif spoken.any():
-        reaches = np.ptp(space.positions[spoken], axis=0)
+    elif reported.any():
+        reaches = np.ptp(space.positions[reported], axis=0)
     else:
         return np.array([0, 1])
     return np.sort(np.argsort(-reaches, kind="stable")[:2])
@@ -140,10 +140,12 @@ def _draw_contact(axes: Axes, contact: Contact, number: int, across: NDArray[np.
     x, y = contact.position[across] * 1000.0
     values, vectors = np.linalg.eigh(contact.covariance[np.ix_(across, across)])
     wide, high = 2.0 * SIGMAS * np.sqrt(np.maximum(values, 0.0)) * 1000.0
-    turn = float(np.degrees(np.arctan2(vectors[1, 0], vectors[0, 0])))
-    axes.add_patch(Ellipse((x, y), wide, high, angle=turn, fill=False, color=TOLD, linewidth=1.5))
+    angle = float(np.degrees(np.arctan2(vectors[1, 0], vectors[0, 0])))
+    axes.add_patch(
+        Ellipse((x, y), wide, high, angle=angle, fill=False, color=CONTACT_COLOUR, linewidth=1.5)
+    )
     label = f"contact {number}: {contact.likelihood:.2f}, 2σ"
-    axes.scatter([x], [y], s=150.0, color=TOLD, marker="+", linewidths=2.0, label=label)
+    axes.scatter([x], [y], s=150.0, color=CONTACT_COLOUR, marker="+", linewidths=2.0, label=label)
 
 
 def _draw_place(axes: Axes, place: FloatArray, reach: float, across: NDArray[np.intp]) -> None:
@@ -153,10 +155,10 @@ def _draw_place(axes: Axes, place: FloatArray, reach: float, across: NDArray[np.
     axes.add_patch(Circle((x, y), reach * 1000.0, fill=False, linestyle="--", color="#222222"))
 
 
-def draw_sources(
+def _draw_sources(
     likelihoods: Axes,
     ages: Axes,
-    said: Sequence[Part],
+    parts: Sequence[Part],
     missing: Sequence[Reason],
     explanation: Explanation,
 ) -> None:
@@ -165,14 +167,14 @@ def draw_sources(
     Args:
         likelihoods: axes for likelihoods.
         ages: axes for ages.
-        said: what sources say at the place.
-        missing: why others say nothing there.
+        parts: of sources at the place.
+        missing: why other sources have no part there.
         explanation: of the moment.
     """
-    names = [part.source for part in said] + [part.source for part in missing]
+    names = [part.source for part in parts] + [part.source for part in missing]
     rows = {name: -row for row, name in enumerate(names)}
     timeouts = {source.source: source.timeout for source in explanation.sources}
-    for part in said:
+    for part in parts:
         row, colour = rows[part.source], KINDS[part.kind]
         likelihoods.barh(row, part.likelihood, color=colour, height=0.4)
         ages.barh(row, part.age, color=colour, height=0.4)
@@ -180,7 +182,7 @@ def draw_sources(
         likelihoods.text(0.02, row + 0.36, words, va="center", fontsize=9, bbox=BOX, zorder=4)
         ages.text(part.age, row, f" {part.age:.2f}", va="center", zorder=4)
         if part.fit == part.fit:
-            label = "fit: as a part of its best place" if part is said[0] else None
+            label = "fit: as a part of its best place" if part is parts[0] else None
             likelihoods.plot(
                 part.fit, rows[part.source], "D", color="#000000", label=label, zorder=5
             )
@@ -195,21 +197,23 @@ def draw_sources(
             ages.text(age, row, f" {age:.2f}", va="center", zorder=4)
     for name, row in rows.items():
         label = "hypotheses live so long" if row == 0 else None
-        ages.plot([timeouts[name]] * 2, [row - 0.4, row + 0.4], color=TOLD, label=label)
+        ages.plot([timeouts[name]] * 2, [row - 0.4, row + 0.4], color=CONTACT_COLOUR, label=label)
     if explanation.judged:
-        likelihoods.axvline(explanation.threshold, color=TOLD, linestyle=":", label="threshold")
+        likelihoods.axvline(
+            explanation.threshold, color=CONTACT_COLOUR, linestyle=":", label="threshold"
+        )
     likelihoods.set(xlim=(0.0, 1.0), xlabel="likelihood", title="what each source says here")
     ages.set(xlabel="age [s]", title="how long ago")
     ages.margins(x=0.15)
     ages.set_xlim(left=0.0)
     for axes in (likelihoods, ages):
-        add_legend(axes, 1)
+        _add_legend(axes, 1)
         axes.set_ylim(-max(len(rows), 5) + 0.3, 0.7)
         axes.set_yticks([])
 
 
-def add_legend(axes: Axes, columns: int) -> None:
-    """Put the legend below, if there is anything to name."""
+def _add_legend(axes: Axes, columns: int) -> None:
+    """A legend below the axes, where they have labels."""
     if axes.get_legend_handles_labels()[1]:
         axes.legend(
             loc="upper center", bbox_to_anchor=(0.5, -0.13), ncols=columns, fontsize="small"

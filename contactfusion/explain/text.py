@@ -30,7 +30,7 @@ KINDS = {
     HypothesisKind.NULL: "null",
 }
 USUAL = (Why.ELSEWHERE, Why.FOUND_NOTHING)
-"""Sources with nothing to say for these reasons share a line."""
+"""Sources without a part for these reasons share a line."""
 
 
 REASONS = {
@@ -75,7 +75,7 @@ def _contact(number: int, contact: ContactExplanation) -> Iterator[str]:
     )
     if contact.combination:
         yield f"  {contact.combination}"
-    yield from _spoken(contact.said, contact.without, True, contact.likelihood)
+    yield from _parts(contact.said, contact.without, True, contact.likelihood)
     yield from _missing(contact.missing)
 
 
@@ -89,17 +89,17 @@ def _place(place: PlaceExplanation) -> Iterator[str]:
         yield f"  the last contact here was told {place.last_contact:.2f} s ago"
     if place.combination and not here:
         yield f"  {place.combination}"
-    yield from _spoken(place.said, place.without, here, place.likelihood)
+    yield from _parts(place.said, place.without, here, place.likelihood)
     shown = [reason for reason in place.missing if reason.sentence != place.reasons[0].sentence]
     yield from _missing(shown)
 
 
-def _spoken(
-    said: Sequence[Part], without: Sequence[Without], there: bool, likelihood: float
+def _parts(
+    parts: Sequence[Part], without: Sequence[Without], there: bool, likelihood: float
 ) -> Iterator[str]:
-    """A line for each source that says something."""
+    """A line for each source that has a part."""
     rest: Mapping[str, Without] = {left.source: left for left in without}
-    for part in said:
+    for part in parts:
         words = [_likelihood(part)]
         if not math.isnan(part.share):
             words.append(f"share {part.share:.0%}")
@@ -109,26 +109,26 @@ def _spoken(
         yield f"  {part.source} ({KINDS[part.kind]}): {', '.join(words)}{remains}"
 
 
-def _likelihood(said: Part) -> str:
-    spread = f" ± {millimetres(said.spread)}" if said.spread else ""
-    if not said.voxels:
+def _likelihood(part: Part) -> str:
+    spread = f" ± {millimetres(part.spread)}" if part.spread else ""
+    if not part.voxels:
         return (
-            f"reaches here from {millimetres(said.away)}: {said.likelihood:.2f}{spread}, "
-            f"{said.age:.2f} s old"
+            f"reaches here from {millimetres(part.away)}: {part.likelihood:.2f}{spread}, "
+            f"{part.age:.2f} s old"
         )
-    many = f" in {said.voxels} voxels" if said.voxels > 1 else ""
-    most = "up to " if said.voxels > 1 else ""
-    return f"{most}{said.likelihood:.2f}{spread}{many}, {said.age:.2f} s old"
+    many = f" in {part.voxels} voxels" if part.voxels > 1 else ""
+    most = "up to " if part.voxels > 1 else ""
+    return f"{most}{part.likelihood:.2f}{spread}{many}, {part.age:.2f} s old"
 
 
-def _fit(said: Part) -> str:
-    if said.kind == HypothesisKind.NULL:
-        return f"leaves {said.fit:.0%} of the belief here"
-    return f"fits {said.fit:.0%} as well as its best place"
+def _fit(part: Part) -> str:
+    if part.kind == HypothesisKind.NULL:
+        return f"leaves {part.fit:.0%} of the belief here"
+    return f"fits {part.fit:.0%} as well as its best place"
 
 
 def _remains(without: Without, there: bool, likelihood: float) -> str:
-    """What would be without a source.
+    """The counterfactual without a source, as the end of its line.
 
     Args:
         without: that source.
@@ -158,7 +158,7 @@ def _missing(missing: Sequence[Reason]) -> Iterator[str]:
 
 
 def _sources(sources: Sequence[SourceExplanation]) -> Iterator[str]:
-    """How the sources do: each troubled one in a line of its own."""
+    """A line for each source in trouble, and one for all others."""
     sound = [source.age for source in sources if not _troubles(source)]
     for source in sources:
         if troubles := _troubles(source):
@@ -169,7 +169,7 @@ def _sources(sources: Sequence[SourceExplanation]) -> Iterator[str]:
 
 
 def _troubles(source: SourceExplanation) -> list[str]:
-    """What is wrong with a source, in words."""
+    """The problems of a source, in words."""
     troubles = []
     if math.isnan(source.age):
         troubles.append("never came")
@@ -195,7 +195,7 @@ def explain_moment(pipeline: Pipeline, readings: Iterable[Reading], time: float)
         time: [s].
 
     Returns:
-        For each contact what its sources say, how old that is, and what would remain without each;
+        For each contact the parts of its sources, their ages, and the counterfactual without each;
         where a contact might be expected, why there is none; then sources that are in trouble.
 
     Raises:
@@ -229,7 +229,7 @@ def explain_fusion(fusion: Fusion) -> str:
 
 
 def _without(fusion: Fusion, contact: Contact, source: str) -> str:
-    """What becomes of a contact without one source."""
+    """The counterfactual of a contact without one source, in words."""
     reach = reach_of(contact, fusion.field.entries.grid.voxel_size)
     rest = without(fusion, source, contact.position, reach)
     if rest.contact:
