@@ -49,7 +49,7 @@ from contactfusion.state import State
 from contactfusion.time import LONGEST_SECONDS
 
 EXAMPLES = 3
-"""So many example readings of each type are tried."""
+"""Number of example readings of each type."""
 COMMON = len(fields(Reading))
 """The fields that readings of all kinds have come first."""
 EPOCH = 1_700_000_000_000_000_000
@@ -76,7 +76,7 @@ def check_generator(
     state: State | None = None,
     name: str = "under_test",
 ) -> None:
-    """Check that a generator keeps the contract; how good or fast it is, is not judged.
+    """Check that a generator keeps the contract; its quality and speed are not rated.
 
     It must declare itself in full, give valid clouds of its declared outputs, give the same clouds
     for the same readings, leave readings as they are, share nothing with other instances, start
@@ -87,7 +87,7 @@ def check_generator(
         config: its options; the defaults of its `Config` when not given.
         readings: what its sensors give, in order; examples of its types when not given.
         state: the robot; only `now` is changed. When not given, all frames of readings coincide.
-        name: what the instance is called.
+        name: of the instance.
 
     Raises:
         ConformanceError: the first rule that is broken.
@@ -96,11 +96,12 @@ def check_generator(
     options = _options(cls, config)
     samples = _samples(cls, readings)
     trial = _Trial(cls, options, name, samples, state or _plain_state(samples))
-    said = trial.heard(trial.built())
-    _require(trial.heard(trial.built()) == said, cls, "is not deterministic: it gave other clouds")
-    _check_independent(trial, said)
-    _check_reset(trial, said)
-    _check_picklable(trial, said)
+    answers = trial.answers(trial.built())
+    same = trial.answers(trial.built()) == answers
+    _require(same, cls, "is not deterministic: it gave other clouds")
+    _check_independent(trial, answers)
+    _check_reset(trial, answers)
+    _check_picklable(trial, answers)
     generator = trial.built()
     for what, reading in _unexpected(samples):
         try:
@@ -129,7 +130,7 @@ def check_codec(cls: type[Codec[Any]]) -> None:
 
     It must be registered. Its examples must be equal each time, travel to another process, come
     back as they were from a recording of ROS and from the columns of a log, stay readings of the
-    kind, frame and stamp under every fault, and be drawn if the codec says how.
+    kind, frame and stamp under every fault, and be drawn if the codec has a `draw`.
 
     Args:
         cls: the codec of the kind; what it does not declare is not checked.
@@ -190,9 +191,9 @@ def _check_messages(codec: Codec[Any], examples: Sequence[Reading]) -> None:
             for example in examples:
                 writer.reading(example)
         recording = RosRecording(RosConfig(file=path))
-        found = [one for one in recording.readings() if type(one) is type(examples[0])]
+        found = [back for back in recording.readings() if type(back) is type(examples[0])]
         tallies = recording.tally.values()
-        why = "".join(one.why_unreadable or one.why_refused for one in tallies)
+        why = "".join(tally.why_unreadable or tally.why_refused for tally in tallies)
     _require(len(found) == len(examples), cls, f"does not come back from a recording: {why}")
     for example, back in zip(examples, found, strict=True):
         wrong = ", ".join(_different(example, back))
@@ -209,7 +210,7 @@ def _check_columns(codec: Codec[Any], columns: type[ColumnsConfig], example: Rea
         if name in columns.model_fields
     }
     rest = [np.ravel(value) for name, value in held.items() if name not in given]
-    row = np.concatenate([one.astype(float) for one in rest if one.dtype.kind in "fb"])
+    row = np.concatenate([array.astype(float) for array in rest if array.dtype.kind in "fb"])
     with _sentences(cls, "`Columns`"):
         config = columns(
             type=codec.name, frame=example.frame, columns=tuple(range(1, len(row) + 1)), **given
@@ -225,7 +226,7 @@ def _check_columns(codec: Codec[Any], columns: type[ColumnsConfig], example: Rea
 def _check_fault(
     codec: Codec[Any], name: str, fault: type[Fault], examples: Sequence[Reading]
 ) -> None:
-    """Let the examples pass a fault; a refusal in a sentence is an answer, too."""
+    """Apply a fault to the examples; a refusal in a sentence is an answer, too."""
     cls = type(codec)
     options: dict[str, Any] = {
         "dropout": {"probability": 0.5},
@@ -254,10 +255,10 @@ def _sentences(cls: type[Any], what: str) -> Iterator[None]:
         raise _broken(cls, f"fails: {what} raised {cause_of(error, cls)}") from error
 
 
-def _different(one: Reading, other: Reading) -> Iterator[str]:
+def _different(reading: Reading, other: Reading) -> Iterator[str]:
     """The fields in which two readings differ by more than float32 does; the sensor may."""
-    for field in fields(one):
-        mine, theirs = getattr(one, field.name), getattr(other, field.name)
+    for field in fields(reading):
+        mine, theirs = getattr(reading, field.name), getattr(other, field.name)
         if isinstance(mine, np.ndarray) and isinstance(theirs, np.ndarray):
             same = mine.shape == theirs.shape and np.allclose(
                 mine.astype(float), theirs.astype(float), rtol=1e-6, equal_nan=True
@@ -269,12 +270,12 @@ def _different(one: Reading, other: Reading) -> Iterator[str]:
 
 
 class _Sketch(Canvas):
-    """A canvas that draws nothing, and refuses what none can draw."""
+    """A canvas that draws nothing, and refuses what no canvas can draw."""
 
     def __init__(self, cls: type[Codec[Any]]) -> None:
         self._cls = cls
         self.count = 0
-        """How often something was drawn."""
+        """Number of drawings."""
 
     def points(
         self,
@@ -328,7 +329,7 @@ class _Sketch(Canvas):
 
 
 class _Trial:
-    """A generator's class with all that its instances are given."""
+    """A generator's class with the name, options, readings and state for its instances."""
 
     def __init__(
         self,
@@ -353,12 +354,12 @@ class _Trial:
         _require(not fault, self.cls, fault)
         return generator
 
-    def heard(self, generator: Generator[Any]) -> list[tuple[Bits, ...]]:
-        """Give its answers to all samples."""
+    def answers(self, generator: Generator[Any]) -> list[tuple[Bits, ...]]:
+        """The checked answers of a generator to all samples."""
         return [self.answer(generator, reading) for reading in self.samples]
 
     def answer(self, generator: Generator[Any], reading: Reading) -> tuple[Bits, ...]:
-        """Give its checked answer to one reading."""
+        """The checked answer of a generator to one reading."""
         state, before = replace(self._state, now=reading.stamp), _bits(reading)
         try:
             clouds = checked_clouds(generator.generate(reading, state))
@@ -408,34 +409,35 @@ def _samples(cls: type[Generator[Any]], readings: Sequence[Reading] | None) -> l
     return list(readings)
 
 
-def _check_independent(trial: _Trial, said: list[tuple[Bits, ...]]) -> None:
-    """Let a second instance hear the samples backwards, in between those of the first."""
-    one, other = trial.built(), trial.built()
+def _check_independent(trial: _Trial, answers: list[tuple[Bits, ...]]) -> None:
+    """Compare with the answers beside a second instance, which gets the samples backwards."""
+    generator, other = trial.built(), trial.built()
     between = []
     for reading, last in zip(trial.samples, reversed(trial.samples), strict=True):
-        between.append(trial.answer(one, reading))
+        between.append(trial.answer(generator, reading))
         trial.answer(other, last)
-    _require(between == said, trial.cls, "is not independent of its other instances")
+    _require(between == answers, trial.cls, "is not independent of its other instances")
 
 
-def _check_reset(trial: _Trial, said: list[tuple[Bits, ...]]) -> None:
+def _check_reset(trial: _Trial, answers: list[tuple[Bits, ...]]) -> None:
     generator = trial.built()
-    trial.heard(generator)
+    trial.answers(generator)
     try:
         generator.reset()
     except (Exception, SystemExit) as error:
         raise _broken(trial.cls, f"raised at reset(): {cause_of(error, trial.cls)}") from error
-    _require(trial.heard(generator) == said, trial.cls, "is not as new after reset()")
+    _require(trial.answers(generator) == answers, trial.cls, "is not as new after reset()")
 
 
-def _check_picklable(trial: _Trial, said: list[tuple[Bits, ...]]) -> None:
+def _check_picklable(trial: _Trial, answers: list[tuple[Bits, ...]]) -> None:
     generator = trial.built()
     try:
         travelled = pickle.loads(pickle.dumps(generator))
     except Exception as error:  # pickle raises anything
         fault = f"cannot be pickled, so it cannot be isolated: {cause_of(error, trial.cls)}"
         raise _broken(trial.cls, fault) from error
-    _require(trial.heard(travelled) == said, trial.cls, "is not the same after it was pickled")
+    same = trial.answers(travelled) == answers
+    _require(same, trial.cls, "is not the same after it was pickled")
 
 
 def _fault(
@@ -444,7 +446,7 @@ def _fault(
     reading: Reading,
     frames: set[str],
 ) -> str:
-    """Say what is wrong with a cloud, or nothing."""
+    """The fault of a cloud, as the end of a sentence; empty: none."""
     likelihoods = cloud.likelihoods
     if cloud.source not in sources:
         return f"that it does not declare; its sources are: {', '.join(sources)}"
@@ -464,7 +466,7 @@ def _fault(
 
 
 def _unexpected(samples: Sequence[Reading]) -> Iterator[tuple[str, Reading]]:
-    """Give readings that are valid, but not what a generator may have been written for."""
+    """Valid readings that a generator may not expect, each with its description."""
     for kind in dict.fromkeys(type(reading) for reading in samples):
         reading = next(sample for sample in samples if type(sample) is kind)
         yield "zeros", _filled(reading, 0.0)
@@ -475,7 +477,7 @@ def _unexpected(samples: Sequence[Reading]) -> Iterator[tuple[str, Reading]]:
 
 
 def _filled(reading: R, value: float) -> R:
-    """Give the reading with one value all over, as far as its type allows it."""
+    """The reading with one value in all its arrays, as far as its type allows it."""
     codec = installed_kinds().of(type(reading))
     settings = codec.settings if codec else ()
     for field in fields(reading):
