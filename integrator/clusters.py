@@ -40,12 +40,12 @@ def _find(parent: UintArray, at: np.uintp) -> np.uintp:
 
 
 @kernel
-def _join(parent: UintArray, one: np.uintp, other: np.uintp) -> None:
-    one, other = _find(parent, one), _find(parent, other)
-    if one < other:
-        parent[other] = one
+def _join(parent: UintArray, first: np.uintp, second: np.uintp) -> None:
+    first, second = _find(parent, first), _find(parent, second)
+    if first < second:
+        parent[second] = first
     else:
-        parent[one] = other
+        parent[first] = second
 
 
 @kernel
@@ -112,18 +112,18 @@ def _link_by_offset(
     """
     place = np.zeros(len(least), np.uintp)
     for number in range(len(low) - 1):
-        one = np.uintp(number)
-        root = parent[one]
+        segment = np.uintp(number)
+        root = parent[segment]
         for offset in range(len(least)):
-            other, nearest = place[offset], low[one] - most[offset]
+            other, nearest = place[offset], low[segment] - most[offset]
             while high[other] < nearest:
                 other += ONE
             place[offset] = other
-            farthest = high[one] - least[offset]
+            farthest = high[segment] - least[offset]
             while low[other] <= farthest:
                 if parent[other] != root:
-                    _join(parent, one, other)
-                    root = parent[one] = parent[other] = _find(parent, one)
+                    _join(parent, segment, other)
+                    root = parent[segment] = parent[other] = _find(parent, segment)
                 other += ONE
 
 

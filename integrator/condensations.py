@@ -1,4 +1,4 @@
-"""The condensations that turn a field into contacts (F §III-C, method §3)."""
+"""The condensations, which make contacts of a field (F §III-C, method §3)."""
 
 from collections.abc import Mapping, Sequence
 
@@ -113,7 +113,7 @@ def reach_squared(tolerance: float, voxel_size: float) -> int:
     """The largest squared offset that links two voxels, in voxels², rounded once (method §3).
 
     Args:
-        tolerance: how far linked voxels are apart at most [m].
+        tolerance: the greatest distance of linked voxels [m].
         voxel_size: the side of a voxel [m].
     """
     return int(np.floor(min(tolerance / voxel_size, WIDEST) ** 2 + 1e-6))

@@ -28,10 +28,10 @@ class Source:
     """One output of a plugged generator.
 
     Attributes:
-        name: what it is called.
-        kind: what its hypotheses stand on.
-        misses: how probable its silence is while there is a contact; 1 unless it is known to look
-            and says that it found nothing.
+        name: of the source.
+        kind: evidence, support or null.
+        misses: probability of a miss, that it finds nothing while there is a contact; 1 unless its
+            probability of detection is known and its newest cloud is empty.
     """
 
     name: str
@@ -201,7 +201,7 @@ class Entries:
 
 @dataclass(frozen=True, eq=False)
 class Belief:
-    """Where a contact may be, and whether there is one, as a rule sees it.
+    """A rule's belief in one contact: its position, and its existence.
 
     Attributes:
         places: shape (c, 3) [m], in the grid's frame.
@@ -210,8 +210,8 @@ class Belief:
         variances: shape (c,) [m²], by axis, of a contact at each place around it: over a surface 0,
             for there the weights are as wide as the spreads.
         exists: the probability that there is a contact.
-        told: shape (k, c), what each source adds to the logarithm of each weight.
-        floor: what a source leaves to places that it does not believe in, as a part of its highest.
+        told: shape (k, c), the addend of each source to the logarithm of each weight.
+        floor: the outlier floor of a source, as a part of its highest value.
     """
 
     places: FloatArray
@@ -233,8 +233,8 @@ class Field:
 
     Args:
         entries: what it was made of.
-        likelihoods: shape (m,), in the order of `entries.keys`; or what works them out when they
-            are first looked at.
+        likelihoods: shape (m,), in the order of `entries.keys`; or a function that computes them on
+            first use.
         details: further arrays of shape (m,) that the rule reports, e.g. "conflict".
         belief: of a rule that has one, where there may be a contact.
     """

@@ -1,7 +1,7 @@
 """Kernels of the rule `posterior`: how well a contact at each place would explain a source.
 
-Places are worked on cell by cell: what matters to one of them matters to its neighbours, and the
-innermost loops go over places side by side. What lies near a point is found by the same cells.
+Places are processed cell by cell: hypotheses near one of them are near its neighbours, and the
+innermost loops go over places side by side. Neighbours of a point are found by the same cells.
 """
 
 from typing import NamedTuple
@@ -14,30 +14,30 @@ from contactfusion.integrator.store import Int64Array
 from contactfusion.jit import kernel
 
 REACH = 4.0
-"""A Gaussian ends after so many standard deviations."""
+"""Extent of a Gaussian, in standard deviations."""
 WIDER, FAR = 3.0, 9.0
-"""A tail is a second Gaussian, so much wider; it ends after so many deviations of the first."""
+"""Width of the second Gaussian, the tail, in widths of the first, and its extent in these."""
 TILE = 0.04
-"""Places are worked on together in cells of this side [m]: enough of them to fill vectors."""
+"""Side of the cells of places [m]: each holds enough of them to fill vectors."""
 COLUMN = 0.024
-"""Hypotheses are looked up by cells of this side [m], or wider ones."""
+"""The least side of the cells of hypotheses [m]."""
 LANES = 32
-"""Innermost loops go over multiples of so many places: vectors are filled, none are left over."""
+"""Innermost loops go over multiples of this number of places, which fill vectors."""
 ROOM = 1 << 15
-"""There are at most so many cells, and eight more a point; else cells are wider."""
+"""The greatest number of cells, beside eight a point; beyond, cells are wider."""
 BIG, ZERO = np.float32(1e30), np.float32(0.0)
 
 Float32Array = NDArray[np.float32]
 
 
 class Dealt(NamedTuple):
-    """Points by the cells of a grid over them.
+    """A cell list: points by the cells of a grid over them.
 
     Attributes:
         rows: shape (n,), the points cell by cell.
         begins: shape (cells + 1,), where each cell begins in `rows`; z runs first, then y.
         low: shape (3,) [m], the least corner of the grid.
-        counts: shape (3,), how many cells there are along each axis.
+        counts: shape (3,), number of cells along each axis.
         side: of a cell [m].
     """
 
@@ -49,7 +49,7 @@ class Dealt(NamedTuple):
 
 
 @kernel
-def deal(points: FloatArray, side: float) -> Dealt:
+def cell_list(points: FloatArray, side: float) -> Dealt:
     """Sort points by cells of `side` [m], or of wider ones where these would be too many.
 
     Args:
@@ -84,51 +84,51 @@ def deal(points: FloatArray, side: float) -> Dealt:
 
 @kernel
 def _touched(
-    point: FloatArray, dealt: Dealt, radius: float, first: Int64Array, last: Int64Array
+    point: FloatArray, cells: Dealt, radius: float, first: Int64Array, last: Int64Array
 ) -> None:
     """Write the first and last cell along each axis that a ball around a point touches."""
     for axis in range(3):
-        offset, most = point[axis] - dealt.low[axis], dealt.counts[axis] - 1.0
-        last[axis] = int(min(max(np.floor((offset + radius) / dealt.side), -1.0), most))
-        first[axis] = int(min(max(np.floor((offset - radius) / dealt.side), 0.0), most + 1.0))
+        offset, most = point[axis] - cells.low[axis], cells.counts[axis] - 1.0
+        last[axis] = int(min(max(np.floor((offset + radius) / cells.side), -1.0), most))
+        first[axis] = int(min(max(np.floor((offset - radius) / cells.side), 0.0), most + 1.0))
 
 
 @kernel
 def heaviest(
-    points: FloatArray, places: FloatArray, dealt: Dealt, weights: FloatArray, radius: float
+    points: FloatArray, places: FloatArray, cells: Dealt, weights: FloatArray, radius: float
 ) -> FloatArray:
     """The largest weight of a place within `radius` of each point, 0 without any, shape (n,).
 
     Args:
         points: shape (n, 3) [m].
         places: shape (c, 3) [m].
-        dealt: the places by cells.
+        cells: the places by cells.
         weights: shape (c,).
         radius: [m].
     """
     found = np.zeros(len(points))
     first, last = np.empty(3, np.int64), np.empty(3, np.int64)
     for row in range(len(points)):
-        _touched(points[row], dealt, radius, first, last)
+        _touched(points[row], cells, radius, first, last)
         for i in range(first[0], last[0] + 1):
             for j in range(first[1], last[1] + 1):
-                column = (i * dealt.counts[1] + j) * dealt.counts[2]
-                begin, end = dealt.begins[column + first[2]], dealt.begins[column + last[2] + 1]
+                column = (i * cells.counts[1] + j) * cells.counts[2]
+                begin, end = cells.begins[column + first[2]], cells.begins[column + last[2] + 1]
                 for at in range(begin, end):
-                    other = dealt.rows[at]
+                    other = cells.rows[at]
                     if _squared(points[row], places[other]) <= radius * radius:
                         found[row] = max(found[row], weights[other])
     return found
 
 
 @kernel
-def linked(points: FloatArray, dealt: Dealt, start: int, reach: float) -> NDArray[np.bool_]:
-    """Which points a chain of steps of at most `reach` joins to one of them, shape (n,).
+def linked(points: FloatArray, cells: Dealt, start: int, reach: float) -> NDArray[np.bool_]:
+    """Which points are connected to one of them by steps of at most `reach`, shape (n,).
 
     Args:
         points: shape (n, 3) [m].
-        dealt: the points by cells.
-        start: the row of that one.
+        cells: the points by cells.
+        start: the row of the first point.
         reach: [m].
     """
     found = np.zeros(len(points), np.bool_)
@@ -138,13 +138,13 @@ def linked(points: FloatArray, dealt: Dealt, start: int, reach: float) -> NDArra
     while count > 0:
         count -= 1
         row = waiting[count]
-        _touched(points[row], dealt, reach, first, last)
+        _touched(points[row], cells, reach, first, last)
         for i in range(first[0], last[0] + 1):
             for j in range(first[1], last[1] + 1):
-                column = (i * dealt.counts[1] + j) * dealt.counts[2]
-                begin, end = dealt.begins[column + first[2]], dealt.begins[column + last[2] + 1]
+                column = (i * cells.counts[1] + j) * cells.counts[2]
+                begin, end = cells.begins[column + first[2]], cells.begins[column + last[2] + 1]
                 for at in range(begin, end):
-                    other = dealt.rows[at]
+                    other = cells.rows[at]
                     if not found[other] and _squared(points[row], points[other]) <= reach * reach:
                         found[other], waiting[count] = True, other
                         count += 1
@@ -152,10 +152,10 @@ def linked(points: FloatArray, dealt: Dealt, start: int, reach: float) -> NDArra
 
 
 @kernel
-def _squared(one: FloatArray, other: FloatArray) -> float:
+def _squared(first: FloatArray, second: FloatArray) -> float:
     total = 0.0
     for axis in range(3):
-        total += (one[axis] - other[axis]) ** 2
+        total += (first[axis] - second[axis]) ** 2
     return total
 
 
@@ -192,7 +192,7 @@ def _tailed(away: np.float32, height: np.float32) -> np.float32:
 
 
 class Spread(NamedTuple):
-    """Hypotheses by cells, made ready; in single precision, from an origin among the places.
+    """Hypotheses by cells, prepared in single precision, from an origin among the places.
 
     Attributes:
         cells: the hypotheses by cells.
@@ -202,7 +202,7 @@ class Spread(NamedTuple):
         z: shape (n,) [m].
         halved: shape (n,), 1 / (2 variance) [1/m²].
         logs: shape (n,), of the likelihoods.
-        furthest: a hypothesis says nothing from where its exponent reaches this.
+        furthest: exponent from which on a hypothesis counts as zero.
         flatter: the exponent of a tail, in parts of that of its Gaussian.
         lift: what is added to it, for a tail is lower.
     """
@@ -249,7 +249,7 @@ def _gather(
     """Write the hypotheses in a ball, and their squared distances from its middle [m²].
 
     Returns:
-        How many there are.
+        Their number.
     """
     low, counts, side = spread.cells.low, spread.cells.counts, spread.cells.side
     begins, x, y, z = spread.cells.begins, spread.x, spread.y, spread.z
@@ -285,7 +285,7 @@ def _gather(
 def _ceiling(
     spread: Spread, found: Int64Array, squares: Float32Array, around: np.float32
 ) -> np.float32:
-    """An exponent that the strongest hypothesis has at most, anywhere `around` the middle."""
+    """Upper bound of the exponent of the strongest hypothesis, anywhere `around` the middle."""
     ceiling = BIG
     for h in range(len(found)):
         away = (np.sqrt(squares[h]) + around) ** 2 * spread.halved[found[h]]
@@ -335,7 +335,7 @@ def _total(
     pz: Float32Array,
     scores: Float32Array,
 ) -> None:
-    """Add up what the hypotheses say at each place."""
+    """Add up the densities of the hypotheses at each place."""
     furthest = spread.furthest
     for h in range(len(found)):
         at = found[h]
@@ -350,7 +350,7 @@ def _total(
 
 @kernel
 def _ball(places: FloatArray, rows: Int64Array, middle: FloatArray) -> float:
-    """Write the middle of some places [m], and give how far they lie from it [m]."""
+    """Write the middle of some places [m]; their greatest distance from it [m]."""
     middle[:] = 0.0
     for row in rows:
         for axis in range(3):
@@ -376,23 +376,23 @@ def _relevant(
     found: Int64Array,
     squares: Float32Array,
 ) -> int:
-    """Write the hypotheses that say something around a place, and their squared distances [m²].
+    """Write the hypotheses with weight around a place, and their squared distances [m²].
 
     Of several contacts the strongest counts: the search goes further until nothing beyond can be.
 
     Args:
         spread: the hypotheses.
         middle: shape (3,) [m], of the places that matter.
-        around: how far these lie from it [m].
+        around: their greatest distance from it [m].
         widest: the largest standard deviation [m].
         most: the logarithm of the largest likelihood.
-        reach: how far a hypothesis says something [m].
+        reach: distance beyond which a hypothesis counts as zero [m].
         single: whether they describe one contact.
         found: shape (n,), is overwritten.
         squares: shape (n,), is overwritten.
 
     Returns:
-        How many there are.
+        Their number.
     """
     within = reach
     if not single and reach >= 2.0 * around:
@@ -415,7 +415,7 @@ def _relevant(
 def _over_tiles(
     places: FloatArray,
     tiles: Dealt,
-    dealt: Dealt,
+    cells: Dealt,
     positions: FloatArray,
     likelihoods: FloatArray,
     variances: FloatArray,
@@ -423,9 +423,9 @@ def _over_tiles(
     tail: float,
     field: FloatArray,
 ) -> None:
-    """Spread hypotheses, dealt into cells, over places; arguments as `spread_out`."""
+    """Kernel density of hypotheses in a cell list; other arguments as `kernel_density`."""
     n, origin = len(positions), places[len(places) // 2]
-    spread = _ready(dealt, positions, likelihoods, variances, tail, origin)
+    spread = _ready(cells, positions, likelihoods, variances, tail, origin)
     widest, most = np.sqrt(variances.max()), np.log(likelihoods.max())
     reach = (FAR if tail > 0.0 else REACH) * widest
     found, squares = np.empty(n + 1, np.int64), np.empty(n + 1, np.float32)
@@ -461,7 +461,7 @@ def _over_tiles(
                 field[rows[a]] = np.exp(-s[a])
 
 
-def spread_out(
+def kernel_density(
     places: FloatArray,
     tiles: Dealt,
     positions: FloatArray,
@@ -471,10 +471,10 @@ def spread_out(
     tail: float,
     field: FloatArray,
 ) -> None:
-    """Spread hypotheses over places: a Gaussian each, as wide as its spread, and a wider tail.
+    """Kernel density over places: a Gaussian a hypothesis, as wide as its spread, and a tail.
 
-    Hypotheses of a single contact are alternatives, so that they add up; those of several contacts
-    are claims of their own, of which the strongest counts.
+    Hypotheses of a single contact are alternatives, so that they add up; of those of
+    several contacts the strongest counts.
 
     Args:
         places: shape (c, 3) [m].
@@ -490,6 +490,6 @@ def spread_out(
     if not len(positions):
         return
     reach = (FAR if tail > 0.0 else REACH) * float(np.sqrt(variances.max()))
-    dealt = deal(positions, max(COLUMN, reach / 4.0))
+    cells = cell_list(positions, max(COLUMN, reach / 4.0))
     given = (positions, likelihoods, variances, single, tail)
-    _over_tiles(places, tiles, dealt, *given, field)
+    _over_tiles(places, tiles, cells, *given, field)

@@ -21,7 +21,7 @@ from contactfusion.surface import Surface
 SIGMAS = 3.0
 """A box that is filled evenly reaches so many standard deviations from its middle, its corners."""
 VERDICTS = np.array(["support_only", "below_threshold", "contact", "nulled"])
-"""What was decided about a voxel, by the codes of the kernels."""
+"""The verdicts on a voxel, by the codes of the kernels."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,7 +74,7 @@ class HypothesisSpace:
 
 @dataclass(frozen=True, eq=False)
 class Fusion:
-    """What one step made of the live entries; a later step never changes it.
+    """The result of one step from the live entries; a later step never changes it.
 
     Attributes:
         field: the fused likelihoods.
@@ -126,7 +126,7 @@ class Fusion:
         return owners
 
     def rows_of(self, contact: Contact) -> NDArray[np.intp]:
-        """The voxels that a contact is made of, as rows of the field and of `space`, ascending.
+        """The voxels of a contact, as rows of the field and of `space`, ascending.
 
         Raises:
             ValueError: it is no contact of this step.
@@ -138,7 +138,7 @@ class Fusion:
 
     @cached_property
     def space(self) -> HypothesisSpace:
-        """Every voxel with its likelihoods and verdict; built when first asked for."""
+        """Every voxel with its likelihoods and verdict; built on first use."""
         entries = self.field.entries
         voxels = unpack(entries.keys)
         newest = kernels.newest_stamps(entries.places, len(voxels), entries.columns.stamps)
@@ -199,7 +199,7 @@ def fuse(
     surface: Surface | None,
     report: Report,
 ) -> Fusion:
-    """Fuse live entries, judge each voxel, and condense the contacts.
+    """Fuse live entries, decide the verdict on each voxel, and condense the contacts.
 
     Raises:
         PluginError: rule or condensation raised.

@@ -28,8 +28,8 @@ class Inbox:
 
     Args:
         grid: the frame and voxel size of the hypothesis space.
-        max_ahead: how far a stamp may lie ahead of now [ns].
-        most: how many hypotheses a cloud may hold.
+        max_ahead: the greatest lead of a stamp over now [ns].
+        most: the greatest number of hypotheses of a cloud.
     """
 
     def __init__(self, grid: Grid, max_ahead: int, most: int) -> None:
@@ -90,8 +90,8 @@ class Inbox:
                 if not arrival.held:
                     arrival.held = True
                     source.early += 1
-                    ahead = (arrival.stamp - now) / 1e9
-                    message = f"a cloud of '{source.name}' is {ahead:.3g} s early: held back"
+                    lead = (arrival.stamp - now) / 1e9
+                    message = f"a cloud of '{source.name}' is {lead:.3g} s early: held back"
                     events.append(Event(EventKind.EARLY, source.name, message))
                 held.append(arrival)
             elif source.is_late(arrival.stamp):

@@ -62,8 +62,8 @@ class Integrator:
             )
         self._grid = Grid(self.config.frame, self.config.voxel_size)
         self._space = Space(self._grid, self.config, places=self.rule.needs_places)
-        ahead = to_nanoseconds(self.config.max_ahead)
-        self._inbox = Inbox(self._grid, ahead, self.config.max_hypotheses)
+        lead = to_nanoseconds(self.config.max_ahead)
+        self._inbox = Inbox(self._grid, lead, self.config.max_hypotheses)
         self._sources: dict[str, SourceRecord] = {}
         self._unplugged: set[str] = set()
         self._events: list[Event] = []
@@ -82,12 +82,12 @@ class Integrator:
 
         Args:
             source: its name.
-            kind: what its hypotheses stand on.
-            timeout: how long its entries live [s]; None: as configured.
+            kind: evidence, support or null.
+            timeout: lifetime of its entries [s]; None: as configured.
             stale_after: the silence after which readiness no longer waits [s]; None: as configured.
             replace: whether each of its clouds replaces all that it had, as for a moving contact.
-            sensitivity: how probably it tells of a contact when there is one; an empty cloud
-                without notes then speaks against a contact, by rules that listen to it.
+            sensitivity: probability of detection; an empty cloud without notes then counts against
+                a contact, by rules that use it.
 
         Raises:
             SourceError: it is plugged already, with another kind, a time is not positive, or the
@@ -146,7 +146,7 @@ class Integrator:
             raise
 
     def refuse(self, source: str, reason: str) -> None:
-        """Count a cloud that could not be used against its source, and tell it in the report."""
+        """Count an unusable cloud against its source, with an event in the report."""
         if source in self._sources:
             self._sources[source].invalid += 1
         self.note(EventKind.REFUSED, source, reason)

@@ -99,7 +99,7 @@ def newest_stamps(places: Places, voxels: int, stamps: Int64Array) -> Int64Array
 
 @kernel
 def judge(likelihoods: FloatArray, bits: Bits, threshold: float) -> NDArray[np.uint8]:
-    """Judge each voxel: null first, then missing evidence, then the threshold (method §2)."""
+    """The verdict on each voxel: null, then missing evidence, then the threshold (method §2)."""
     verdicts = np.empty(len(bits), np.uint8)
     most = 1.0 - threshold + EDGE
     for voxel in range(len(bits)):  # free of branches, so that it runs on vectors
@@ -112,7 +112,7 @@ def judge(likelihoods: FloatArray, bits: Bits, threshold: float) -> NDArray[np.u
 
 @kernel
 def choose(wanted: NDArray[np.bool_], keys: Int64Array, rows: Places, row_keys: Int64Array) -> int:
-    """Write the rows of the wanted voxels, and their keys; give their number.
+    """Write the rows of the wanted voxels, and their keys; returns their number.
 
     Args:
         wanted: shape (m,).

@@ -19,7 +19,7 @@ from contactfusion.time import to_seconds
 SPACING = 0.005
 """The lengths below suit places this far apart or closer; with coarser ones they grow [m]."""
 WIDTH = 0.008
-"""Modes are sought with a kernel of this width [m]."""
+"""Width of the kernel of mean shift [m]."""
 HEAVY = 0.3
 """Places of at least this part of the heaviest are the core of a contact."""
 LINK = 0.012
@@ -119,8 +119,8 @@ def _mode(
 ) -> tuple[FloatArray, NDArray[np.bool_]]:
     """The place of the densest contact, shape (3,) [m], and what belongs to it, shape (c,).
 
-    Heavy places that hang together are one contact, be it a point or a line; what is near them
-    belongs to it. A point lies where mean shift leads from their mean, a line at their mean.
+    Connected heavy places are one contact, be it a point or a line; places near them belong to it.
+    A point lies where mean shift leads from their mean, a line at their mean.
 
     Args:
         places: shape (c, 3) [m].
@@ -129,15 +129,15 @@ def _mode(
     """
     heavy = np.flatnonzero(weights >= HEAVY * weights.max())
     some = np.flatnonzero(weights >= FAINT * weights.max())
-    tops, dealt = places[heavy], fields.deal(places[heavy], fields.TILE)
+    tops, cells = places[heavy], fields.cell_list(places[heavy], fields.TILE)
     densities = np.empty(len(heavy))
     widths = np.full(len(some), (scale * WIDTH) ** 2)
-    fields.spread_out(tops, dealt, places[some], weights[some], widths, True, 0.0, densities)
+    fields.kernel_density(tops, cells, places[some], weights[some], widths, True, 0.0, densities)
     densest = int(np.round(densities / densities.max(), 6).argmax())  # the first of equals
-    joined = fields.linked(tops, dealt, densest, scale * LINK)
+    joined = fields.linked(tops, cells, densest, scale * LINK)
     core, heights = tops[joined], weights[heavy][joined]
-    dealt = fields.deal(core, fields.TILE)
-    basin = fields.heaviest(places, core, dealt, heights, scale * BASIN) > 0.0
+    cells = fields.cell_list(core, fields.TILE)
+    basin = fields.heaviest(places, core, cells, heights, scale * BASIN) > 0.0
     basin &= weights > 0.0  # the rest belongs to an earlier mode
     place = heights @ core / heights.sum()
     if ((core - place) ** 2).sum(axis=1).max() > (scale * LONG) ** 2:
@@ -170,13 +170,13 @@ def _contact(
     along = offsets @ longest
     heavy = along[weights >= HEAVY * weights.max()]
     extent = mode + np.outer([heavy.min(), heavy.max()], longest)
-    told = np.maximum(belief.told[:, basin] @ weights, 0.0)
+    added = np.maximum(belief.told[:, basin] @ weights, 0.0)
     counted = entries.counted
-    told = np.where(counted, told, 0.0)
-    total = float(told.sum()) or 1.0
+    added = np.where(counted, added, 0.0)
+    total = float(added.sum()) or 1.0
     shares = {
         source.name: float(share) / total
-        for source, share, is_counted in zip(entries.sources, told, counted, strict=True)
+        for source, share, is_counted in zip(entries.sources, added, counted, strict=True)
         if is_counted
     }
     forces = _force(field, mode, belief.places[basin], scale * BASIN)
@@ -192,29 +192,29 @@ def _contact(
         force=forces,
         voxels=int(len(voxel_downsample(belief.places[basin], entries.grid))),
         shares=shares,
-        stamp=to_seconds(_newest(entries, told)),
+        stamp=to_seconds(_newest(entries, added)),
         frame=entries.grid.frame,
     )
 
 
-def _newest(entries: Entries, told: FloatArray) -> int:
+def _newest(entries: Entries, added: FloatArray) -> int:
     """The newest stamp of the sources that have a part in a contact [ns]."""
     parts = [
         entries.columns.stamps[own].max()
-        for part, (_, own) in zip(told, entries.by_source, strict=True)
+        for part, (_, own) in zip(added, entries.by_source, strict=True)
         if part > 0.0 and own.stop > own.start
     ]
     return int(max(parts, default=entries.columns.stamps.max()))
 
 
 def _force(field: Field, mode: FloatArray, basin: FloatArray, reach: float) -> FloatArray:
-    """The force of the voxel nearest to a mode, shape (3,) [N]; NaN when none is felt there.
+    """The force of the voxel nearest to a mode, shape (3,) [N]; NaN when none is measured there.
 
     Args:
         field: what was fused.
         mode: shape (3,) [m].
         basin: shape (b, 3) [m], the places that belong to the mode.
-        reach: how far from these a force may be felt [m].
+        reach: the greatest distance of a force from these [m].
     """
     entries = field.entries
     rows = np.flatnonzero(entries.bits & kernels.FORCE)

@@ -1,9 +1,9 @@
 """The rule `posterior`: where a contact is, by a product of the sources' fields with floors.
 
 De Morgan takes likelihoods of one voxel for independent events: sources that are a voxel apart
-never meet, and a cloud that describes one contact counts as many. Here each source says of every
-place on the robot's surface how well a contact there would explain it: a field, as wide as its
-spreads. The fields multiply; a floor keeps a source that is wrong from overruling all others.
+never meet, and a cloud that describes one contact counts as many. Here each source has a field over
+the robot's surface: how well a contact at each place would explain it, as wide as its spreads. The
+fields multiply; a floor keeps a source that is wrong from overruling all others.
 """
 
 import itertools
@@ -23,18 +23,18 @@ from contactfusion.rule import Rule, by_sources
 from contactfusion.surface import Surface
 
 NARROWEST = 4e-3
-"""No source knows a place better than this [m], about as far apart as the points of a surface."""
+"""The least standard deviation of a source [m], about the spacing of a surface's points."""
 TAIL = 0.1
 """Spreads may be stated too small: a second Gaussian, so high and three times as wide, is added."""
 SOFT = 0.15
-"""The edge of the friction cone is so soft, in cosines of the angle to the normal."""
+"""Softness of the edge of the friction cone, in cosines of the angle to the normal."""
 
 
-class Claims(NamedTuple):
-    """What one source says.
+class Cloud(NamedTuple):
+    """The live hypotheses of one source.
 
     Attributes:
-        kind: what it stands on.
+        kind: evidence, support or null.
         single: whether it describes one contact somewhere.
         positions: shape (n, 3) [m].
         likelihoods: shape (n,).
@@ -58,14 +58,14 @@ class Candidates(NamedTuple):
         spacing: how far neighbouring places lie apart [m].
         variances: shape (c,) [m²], of a contact at each place around it.
         normals: of the surface there, shape (c, 3); None without it.
-        told: shape (k, c), the field of each source.
+        densities: shape (k, c), the field of each source there.
     """
 
     places: FloatArray
     spacing: float
     variances: FloatArray
     normals: FloatArray | None
-    told: FloatArray
+    densities: FloatArray
 
 
 class PosteriorConfig(Model):
@@ -91,17 +91,17 @@ class Posterior(Rule):
 
     def fuse(self, entries: Entries, sources: Sequence[Source], surface: Surface | None) -> Field:
         """The product of fields, over the surface near evidence, or over the evidence's places."""
-        claims = claimed(entries)
-        exists = existence(claims, sources)
+        clouds = clouds_of(entries)
+        exists = existence(clouds, sources)
         if exists == 0.0:
             return Field(entries, np.zeros(len(entries.keys)))
-        found = _candidates(claims, surface, self._floor, entries.grid.voxel_size)
-        there = self._logarithms(claims, found.told, found.normals)
+        found = _candidates(clouds, surface, self._floor, entries.grid.voxel_size)
+        there = self._logarithms(clouds, found.densities, found.normals)
         total = there.sum(axis=0)
         weights = np.exp(total - total.max())
-        exists = self._lowered(claims, exists, there)
-        spoken = np.array([[len(claim.positions) > 0] for claim in claims])
-        added = np.where(spoken, there - np.log(self._floor), 0.0)
+        exists = self._lowered(clouds, exists, there)
+        has_cloud = np.array([[len(cloud.positions) > 0] for cloud in clouds])
+        added = np.where(has_cloud, there - np.log(self._floor), 0.0)
         belief = Belief(
             found.places,
             found.spacing,
@@ -123,13 +123,13 @@ class Posterior(Rule):
             f"likely here as at the likeliest place: {fused:.2f}"
         )
 
-    def _lowered(self, claims: Sequence[Claims], exists: float, there: FloatArray) -> float:
+    def _lowered(self, clouds: Sequence[Cloud], exists: float, there: FloatArray) -> float:
         """The probability of a contact, less what null takes from the places of evidence.
 
-        By Bayes; support has no say in whether there is a contact.
+        By Bayes; support does not count for whether there is a contact.
         """
         null, evidence = (
-            np.array([claim.kind == kind for claim in claims])
+            np.array([cloud.kind == kind for cloud in clouds])
             for kind in (HypothesisKind.NULL, HypothesisKind.REGULAR)
         )
         if not null.any():
@@ -140,24 +140,24 @@ class Posterior(Rule):
         return kept / (1.0 - exists + kept)
 
     def _logarithms(
-        self, claims: Sequence[Claims], told: FloatArray, normals: FloatArray | None
+        self, clouds: Sequence[Cloud], densities: FloatArray, normals: FloatArray | None
     ) -> FloatArray:
         """The log(field + floor) of each source at each place, shape (k, c).
 
-        A field is relative to its own highest value, so that a source with many hypotheses says no
-        more than one with few. What is null at a place speaks against a contact there by as much
-        as a floor: a likelihood, no veto. The force of one contact pushes into the surface, within
-        the cone of friction: that is a second field of its source, with a floor of its own.
+        A field is relative to its own highest value, so that many hypotheses of a source weigh no
+        more than few. Null at a place lowers the weight of a contact there by as much as a floor:
+        a likelihood, no veto. The force of one contact pushes into the surface, within the cone of
+        friction: that is a second field of its source, with a floor of its own.
         """
-        logarithms = np.zeros_like(told)
-        for row, (claim, field) in enumerate(zip(claims, told, strict=True)):
-            if claim.kind == HypothesisKind.NULL:
+        logarithms = np.zeros_like(densities)
+        for row, (cloud, field) in enumerate(zip(clouds, densities, strict=True)):
+            if cloud.kind == HypothesisKind.NULL:
                 logarithms[row] = np.log1p(-(1.0 - self._floor) * np.minimum(field, 1.0))
-            elif len(claim.positions):
+            elif len(cloud.positions):
                 highest = float(field.max(initial=np.finfo(np.float64).tiny))
                 logarithms[row] = np.log(field / highest + self._floor)
-                if claim.force is not None and normals is not None:
-                    logarithms[row] += np.log(self._pushed(claim.force, normals) + self._floor)
+                if cloud.force is not None and normals is not None:
+                    logarithms[row] += np.log(self._pushed(cloud.force, normals) + self._floor)
         return logarithms
 
     def _pushed(self, force: FloatArray, normals: FloatArray) -> FloatArray:
@@ -177,17 +177,17 @@ def _by_voxel(entries: Entries, belief: Belief) -> FloatArray:
     """The likelihood of the likeliest place within a side of each voxel's centre, shape (m,)."""
     likelihoods, counted = np.zeros(len(entries.keys)), entries.counted_voxels
     side, heights = entries.grid.voxel_size, belief.weights / belief.weights.max()
-    dealt = fields.deal(belief.places, 2.0 * side)
+    cells = fields.cell_list(belief.places, 2.0 * side)
     centres = entries.grid.centres(entries.voxels[counted])
-    near = fields.heaviest(centres, belief.places, dealt, heights, side)
+    near = fields.heaviest(centres, belief.places, cells, heights, side)
     likelihoods[counted] = belief.exists * near
     return likelihoods
 
 
-def claimed(entries: Entries) -> list[Claims]:
-    """What each source says, the hypotheses where they were measured."""
+def clouds_of(entries: Entries) -> list[Cloud]:
+    """The live hypotheses of each source, at their measured positions."""
     positions, columns = entries.positions, entries.columns
-    claims = []
+    clouds = []
     for source, ((begin, felt), (end, _)) in zip(
         entries.sources, itertools.pairwise(entries.starts.tolist()), strict=True
     ):
@@ -199,64 +199,64 @@ def claimed(entries: Entries) -> list[Claims]:
         if single and felt >= 0 and source.kind == HypothesisKind.REGULAR:
             mean = columns.forces[felt : felt + end - begin, :3].sum(axis=0)
             force = mean if mean.any() else None
-        claims.append(
-            Claims(source.kind, single, positions[begin:end], likelihoods, variances, force)
+        clouds.append(
+            Cloud(source.kind, single, positions[begin:end], likelihoods, variances, force)
         )
-    return claims
+    return clouds
 
 
-def existence(claims: Sequence[Claims], sources: Sequence[Source]) -> float:
+def existence(clouds: Sequence[Cloud], sources: Sequence[Source]) -> float:
     """The probability that there is a contact at all, by evidence alone.
 
     e = 1 - Π(1 - P) over Regular sources, P = Σp for one that describes a single contact, else the
-    largest p. Sources that would have told of a contact and say nothing lower it by Bayes: with μ
-    the probability that all of them miss one, it becomes e μ / (1 - e + e μ).
+    largest p. Sources that found nothing and would have detected a contact lower it by Bayes: with
+    μ the probability that all of them miss one, it becomes e μ / (1 - e + e μ).
     """
     missed = silent = 1.0
-    for claim, source in zip(claims, sources, strict=True):
-        if not len(claim.positions):
+    for cloud, source in zip(clouds, sources, strict=True):
+        if not len(cloud.positions):
             silent *= source.misses
-        elif claim.kind == HypothesisKind.REGULAR:
-            total = claim.likelihoods.sum() if claim.single else claim.likelihoods.max()
+        elif cloud.kind == HypothesisKind.REGULAR:
+            total = cloud.likelihoods.sum() if cloud.single else cloud.likelihoods.max()
             missed *= 1.0 - min(float(total), 1.0)
     kept = (1.0 - missed) * silent
     return kept / (missed + kept) if kept else 0.0
 
 
 def _candidates(
-    claims: Sequence[Claims], surface: Surface | None, floor: float, side: float
+    clouds: Sequence[Cloud], surface: Surface | None, floor: float, side: float
 ) -> Candidates:
     """The places where a contact may be, and the field of each source over them.
 
-    They are the points of the surface of which some evidence says more than its floor; without
-    any, where evidence lies: then each is as uncertain as its hypothesis, and neighbours are a
+    They are the points of the surface at which some evidence exceeds its floor; without any, the
+    positions of evidence: then each is as uncertain as its hypothesis, and neighbours are a
     voxel apart, `side` [m].
     """
-    evidence = [claim.kind == HypothesisKind.REGULAR for claim in claims]
+    evidence = [cloud.kind == HypothesisKind.REGULAR for cloud in clouds]
     if surface is not None and len(surface.points):
-        told = _fields(claims, surface.points, evidence)
-        highest = told.max(axis=1, keepdims=True)
-        reached = ((told > floor * highest) & (highest > 0.0)).any(axis=0)
+        densities = _fields(clouds, surface.points, evidence)
+        highest = densities.max(axis=1, keepdims=True)
+        reached = ((densities > floor * highest) & (highest > 0.0)).any(axis=0)
         if reached.any():
             places = surface.points[reached]
             others = [not is_evidence for is_evidence in evidence]
-            told = told[:, reached] + _fields(claims, places, others)
+            densities = densities[:, reached] + _fields(clouds, places, others)
             exact = np.zeros(len(places))  # the fields are as wide as the spreads
-            return Candidates(places, surface.spacing, exact, surface.normals[reached], told)
-    regular = [claim for claim in claims if claim.kind == HypothesisKind.REGULAR]
-    places = np.concatenate([claim.positions for claim in regular])
-    variances = np.concatenate([claim.variances for claim in regular])
-    return Candidates(places, side, variances, None, _fields(claims, places, [True] * len(claims)))
+            return Candidates(places, surface.spacing, exact, surface.normals[reached], densities)
+    regular = [cloud for cloud in clouds if cloud.kind == HypothesisKind.REGULAR]
+    places = np.concatenate([cloud.positions for cloud in regular])
+    variances = np.concatenate([cloud.variances for cloud in regular])
+    return Candidates(places, side, variances, None, _fields(clouds, places, [True] * len(clouds)))
 
 
-def _fields(claims: Sequence[Claims], places: FloatArray, wanted: Sequence[bool]) -> FloatArray:
+def _fields(clouds: Sequence[Cloud], places: FloatArray, wanted: Sequence[bool]) -> FloatArray:
     """The fields of some sources, shape (k, c); 0 for the others."""
-    told = np.zeros((len(claims), len(places)))
-    tiles = fields.deal(places, fields.TILE)
-    for claim, field, is_wanted in zip(claims, told, wanted, strict=True):
+    densities = np.zeros((len(clouds), len(places)))
+    tiles = fields.cell_list(places, fields.TILE)
+    for cloud, field, is_wanted in zip(clouds, densities, wanted, strict=True):
         if is_wanted:
-            variances = np.maximum(claim.variances, NARROWEST**2)
-            given = (claim.positions, claim.likelihoods, variances, claim.single)
-            tail = 0.0 if claim.kind == HypothesisKind.NULL else TAIL
-            fields.spread_out(places, tiles, *given, tail, field)
-    return told
+            variances = np.maximum(cloud.variances, NARROWEST**2)
+            given = (cloud.positions, cloud.likelihoods, variances, cloud.single)
+            tail = 0.0 if cloud.kind == HypothesisKind.NULL else TAIL
+            fields.kernel_density(places, tiles, *given, tail, field)
+    return densities

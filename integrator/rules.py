@@ -118,7 +118,7 @@ def _mass(p: float, prior: float) -> str:
 
 
 def _given(entries: Entries) -> tuple[Places, int, Int64Array, NDArray[np.bool_], Likelihoods]:
-    """What every rule's kernel goes through."""
+    """The arguments of every rule's kernel."""
     likelihoods = entries.columns.likelihoods
     return entries.places, len(entries.keys), entries.begin, entries.counted, likelihoods
 

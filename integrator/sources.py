@@ -1,4 +1,4 @@
-"""The sources: what the integrator remembers of each, and how a step reports them."""
+"""The sources: the record of each in the integrator, and its report in a step."""
 
 import math
 from collections import Counter, deque
@@ -10,13 +10,13 @@ from contactfusion.hypotheses import HypothesisCloud, HypothesisKind
 from contactfusion.time import NANOSECONDS_PER_SECOND
 
 RATE_WINDOW = 16
-"""The rate of a source is that of its newest so many clouds."""
+"""Number of newest clouds over which the rate of a source is measured."""
 REMARKS = 32
-"""At most so many different remarks are counted: a plug-in may make up new ones for ever."""
+"""The most different remarks that are counted: a plug-in may make up new ones for ever."""
 
 
 class EventKind(StrEnum):
-    """What can happen to a source."""
+    """Kinds of events of a source."""
 
     PLUGGED = "plugged"
     UNPLUGGED = "unplugged"
@@ -30,11 +30,11 @@ class EventKind(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Event:
-    """Something that happened to a source since the last step.
+    """An event of a source since the last step.
 
     Attributes:
-        kind: what happened.
-        source: the source, or the generator, that it happened to.
+        kind: of the event.
+        source: the source, or the generator.
         message: one sentence for people.
     """
 
@@ -45,7 +45,7 @@ class Event:
 
 @dataclass(frozen=True, slots=True)
 class SourceReport:
-    """How one source does.
+    """The state of one source.
 
     Attributes:
         kind: evidence, support or null.
@@ -54,10 +54,10 @@ class SourceReport:
         active: whether readiness waits for it; a source that is silent for too long is not active.
         accepted: clouds accepted so far.
         late: clouds dropped because a newer one had been accepted.
-        early: clouds held back because their stamp was too far ahead.
+        early: clouds held back because their stamp was in the future.
         invalid: clouds refused.
         notes: remarks on its newest cloud.
-        remarks: how many accepted clouds came with each remark.
+        remarks: number of accepted clouds with each remark.
     """
 
     kind: HypothesisKind
@@ -74,7 +74,7 @@ class SourceReport:
 
 @dataclass(frozen=True, slots=True)
 class Report:
-    """How all sources do.
+    """The state of all sources.
 
     Attributes:
         sources: by name.
@@ -92,7 +92,7 @@ class Report:
 
 @dataclass(slots=True)
 class SourceRecord:
-    """One plugged source: how it was plugged, and what came from it; times in ns."""
+    """One plugged source: its options, and statistics of its clouds; times in ns."""
 
     name: str
     kind: HypothesisKind
@@ -139,13 +139,13 @@ class SourceRecord:
         return since is None or now - since <= self.stale_after
 
     def misses(self, now: int, lifetime: int) -> float:
-        """How probable its silence is while there is a contact.
+        """The probability of a miss: that it finds nothing while there is a contact.
 
-        1 unless its newest cloud, not older than entries may be, says that it found nothing.
+        1 unless its newest cloud, not older than entries may be, is empty.
 
         Args:
             now: [ns].
-            lifetime: how old its entries may be [ns].
+            lifetime: of its entries [ns].
         """
         fresh = bool(self.stamps) and now - self.stamps[-1] <= lifetime
         return 1.0 - self.sensitivity if fresh and self.found_nothing else 1.0

@@ -22,7 +22,7 @@ NOTHING: Range = (0, 0, -1)
 
 
 class Space:
-    """Absorbs accepted clouds and lets old entries die; each step gets entries of its own.
+    """Merges accepted clouds and drops old entries; each step gets entries of its own.
 
     Args:
         grid: the frame and voxel size.
@@ -97,7 +97,7 @@ class Space:
         return entries
 
     def _stacked(self, groups: Sequence[Sequence[Arrival]]) -> tuple[Columns, list[Range]]:
-        """Stack the rows of clouds that are grouped by source; give them and the groups' ranges."""
+        """The stacked rows of clouds that are grouped by source, and the groups' ranges."""
         ranges, end, forces = [], 0, 0
         for group in groups:
             begin, end = end, end + sum(len(arrival.keys) for arrival in group)

@@ -25,7 +25,7 @@ ONE = np.uintp(1)
 SMALL = 48
 """Up to this many rows, insertion sort is faster than counting digits."""
 IN_CACHE, PART_BITS = 1 << 16, 10
-"""More rows than the first are dealt by so many leading bits into parts that the cache holds."""
+"""From the first number of rows on, this number of leading bits makes parts that fit the cache."""
 
 Int64Array = NDArray[np.int64]
 Pick = slice | NDArray[np.bool_]
@@ -182,7 +182,7 @@ def _scatter(
 
 @kernel
 def _sorted_words(words: Int64Array, spare: Int64Array, low: int, high: int) -> Int64Array:
-    """Order words by their bits from `low` up to `high`, stably; give the array they end up in."""
+    """Order words by their bits from `low` up to `high`, stably; returns their final array."""
     widest = 12 if len(words) > 4096 else 8
     passes = (high - low + widest - 1) // widest
     bits = (high - low + passes - 1) // passes if passes > 0 else 0

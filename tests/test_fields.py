@@ -22,7 +22,7 @@ sizes = st.sampled_from((0.001, 0.02, 0.1, 1.0))
 many = settings(max_examples=150)
 
 
-def spread_out(
+def kernel_density(
     places: FloatArray,
     positions: FloatArray,
     likelihoods: FloatArray,
@@ -31,9 +31,9 @@ def spread_out(
     tail: float,
 ) -> FloatArray:
     field = np.full(len(places), np.nan)
-    tiles = fields.deal(places, fields.TILE)
+    tiles = fields.cell_list(places, fields.TILE)
     variances = np.square(spreads)
-    fields.spread_out(places, tiles, positions, likelihoods, variances, single, tail, field)
+    fields.kernel_density(places, tiles, positions, likelihoods, variances, single, tail, field)
     return field
 
 
@@ -101,7 +101,7 @@ def test_a_field_is_what_the_distances_of_all_pairs_give(
         likelihoods = 10.0 ** rng.uniform(-4.0, 0.0, counts[1])
         spreads = 10.0 ** rng.uniform(-2.4, -0.5, counts[1])
     expected = by_hand(places, positions, likelihoods, spreads, single, tail)
-    found = spread_out(places, positions, likelihoods, spreads, single, tail)
+    found = kernel_density(places, positions, likelihoods, spreads, single, tail)
     clear = off_edges(places, positions, spreads, tail)
     assert found[clear] == close_to(expected[clear])
 
@@ -115,7 +115,7 @@ def test_a_field_over_a_large_surface_is_that_of_all_pairs(single: bool, tail: f
     positions = rng.uniform(-0.3, 0.3, (400, 3)) * [1.0, 1.0, 0.05]
     likelihoods, spreads = rng.uniform(0.01, 1.0, 400), rng.uniform(0.004, 0.03, 400)
     expected = by_hand(places, positions, likelihoods, spreads, single, tail)
-    found = spread_out(places, positions, likelihoods, spreads, single, tail)
+    found = kernel_density(places, positions, likelihoods, spreads, single, tail)
     clear = off_edges(places, positions, spreads, tail)
     assert clear.mean() > 0.9 and found[clear] == close_to(expected[clear])
 
@@ -129,14 +129,14 @@ def test_a_field_ends_after_four_standard_deviations_or_nine_with_a_tail(
     places = np.zeros((2, 3))
     places[:, 0] = [0.999 * ends * spread, 1.001 * ends * spread]
     one = np.zeros((1, 3)), np.array([0.5]), np.array([spread])
-    inside, outside = spread_out(places, *one, single, tail)
+    inside, outside = kernel_density(places, *one, single, tail)
     assert inside > 0.0 and outside == 0.0
 
 
 @pytest.mark.parametrize("single", [False, True])
 def test_without_hypotheses_a_field_is_zero(single: bool) -> None:
     none = np.empty((0, 3)), np.empty(0), np.empty(0)
-    assert spread_out(np.ones((7, 3)), *none, single, TAIL).tolist() == [0.0] * 7
+    assert kernel_density(np.ones((7, 3)), *none, single, TAIL).tolist() == [0.0] * 7
 
 
 @pytest.mark.parametrize("single", [False, True])
@@ -145,7 +145,7 @@ def test_places_in_one_spot_all_get_the_same(count: int, single: bool) -> None:
     places = np.tile([0.3, -0.2, 0.1], (count, 1))
     positions = places[:1] + [[0.004, 0.0, 0.0], [0.0, 0.0, -0.008]]
     told = positions, np.array([0.5, 0.25]), np.array([0.004, 0.008])
-    found = spread_out(places, *told, single, TAIL)
+    found = kernel_density(places, *told, single, TAIL)
     assert np.ptp(found) == 0.0
     assert found == close_to(by_hand(places, *told, single, TAIL))
 
@@ -153,7 +153,7 @@ def test_places_in_one_spot_all_get_the_same(count: int, single: bool) -> None:
 @pytest.mark.parametrize("single", [False, True])
 def test_hypotheses_in_one_spot_add_up_or_the_strongest_counts(single: bool) -> None:
     told = np.zeros((5, 3)), np.array([0.1, 0.3, 0.2, 0.1, 0.2]), np.full(5, 0.004)
-    (found,) = spread_out(np.zeros((1, 3)), *told, single, TAIL)
+    (found,) = kernel_density(np.zeros((1, 3)), *told, single, TAIL)
     assert found == pytest.approx(0.9 * 1.1 if single else 0.3)
 
 
@@ -162,7 +162,7 @@ def test_of_two_hypotheses_a_wide_one_far_away_may_be_the_strongest(single: bool
     places = np.array([[0.0, 0.0, 0.0], [0.05, 0.0, 0.0]])
     positions = np.array([[0.012, 0.0, 0.0], [0.2, 0.0, 0.0]])
     told = positions, np.array([1e-4, 1.0]), np.array([0.004, 0.3])
-    found = spread_out(places, *told, single, 0.0)
+    found = kernel_density(places, *told, single, 0.0)
     assert found == close_to(by_hand(places, *told, single, 0.0))
     assert found[1] > found[0] > 0.7
 
@@ -188,10 +188,10 @@ def test_one_hypothesis_kilometres_away_costs_neither_room_nor_time(
     told = positions, likelihoods, spreads
     if place_there:
         places = np.vstack([places, FAR])
-    spread_out(places, *told, single, TAIL)
+    kernel_density(places, *told, single, TAIL)
     tracemalloc.start()
     begin = time.perf_counter()
-    found = spread_out(places, *told, single, TAIL)
+    found = kernel_density(places, *told, single, TAIL)
     took, (_, most) = time.perf_counter() - begin, tracemalloc.get_traced_memory()
     tracemalloc.stop()
     assert took < 1.0 and most < 5e6
@@ -206,7 +206,7 @@ def test_one_hypothesis_kilometres_away_changes_no_field(single: bool, place_the
     told = positions, likelihoods, spreads
     if place_there:
         places = np.vstack([places, FAR])
-    found = spread_out(places, *told, single, TAIL)
+    found = kernel_density(places, *told, single, TAIL)
     expected = by_hand(places, *told, single, TAIL)
     clear = off_edges(places, positions, spreads, TAIL)
     assert found[clear] == close_to(expected[clear])
@@ -221,22 +221,22 @@ def test_every_point_is_dealt_to_the_cell_that_it_lies_in(
     seed: int, count: int, size: float, side: float
 ) -> None:
     points = scattered(np.random.default_rng(seed), count, size)
-    dealt = fields.deal(points, side)
-    assert sorted(dealt.rows.tolist()) == list(range(count))
-    assert dealt.side >= side and dealt.low == pytest.approx(points.min(axis=0), abs=0.0)
-    assert len(dealt.begins) == dealt.counts.prod() + 1 <= fields.ROOM + 8 * count + 1
-    assert dealt.begins[0] == 0 and dealt.begins[-1] == count
-    i, j, k = ((points - dealt.low) / dealt.side).astype(int).T
-    cells = (i * dealt.counts[1] + j) * dealt.counts[2] + k
-    numbers = np.repeat(np.arange(len(dealt.begins) - 1), np.diff(dealt.begins))
-    assert np.array_equal(cells[dealt.rows], numbers)
+    listed = fields.cell_list(points, side)
+    assert sorted(listed.rows.tolist()) == list(range(count))
+    assert listed.side >= side and listed.low == pytest.approx(points.min(axis=0), abs=0.0)
+    assert len(listed.begins) == listed.counts.prod() + 1 <= fields.ROOM + 8 * count + 1
+    assert listed.begins[0] == 0 and listed.begins[-1] == count
+    i, j, k = ((points - listed.low) / listed.side).astype(int).T
+    cells = (i * listed.counts[1] + j) * listed.counts[2] + k
+    numbers = np.repeat(np.arange(len(listed.begins) - 1), np.diff(listed.begins))
+    assert np.array_equal(cells[listed.rows], numbers)
 
 
 def test_where_there_would_be_too_many_cells_they_are_wider() -> None:
     near = np.zeros((5, 3))
-    assert fields.deal(near, 0.01).side == 0.01
-    dealt = fields.deal(np.vstack([near, FAR]), 0.01)
-    assert dealt.side > 10.0 and dealt.counts.prod() <= fields.ROOM + 8 * 6
+    assert fields.cell_list(near, 0.01).side == 0.01
+    listed = fields.cell_list(np.vstack([near, FAR]), 0.01)
+    assert listed.side > 10.0 and listed.counts.prod() <= fields.ROOM + 8 * 6
 
 
 # The heaviest within reach
@@ -257,7 +257,7 @@ def test_the_heaviest_place_within_reach_is_found(
     points = places[rng.integers(0, counts[1], counts[0])] + rng.normal(0, 0.01, (counts[0], 3))
     points[0] += 100.0 * rng.normal(size=3)
     weights = rng.uniform(0.1, 1.0, counts[1])
-    found = fields.heaviest(points, places, fields.deal(places, side), weights, radius)
+    found = fields.heaviest(points, places, fields.cell_list(places, side), weights, radius)
     near = cdist(points, places) <= radius
     assert np.array_equal(found, (near * weights).max(axis=1))
 
@@ -265,8 +265,8 @@ def test_the_heaviest_place_within_reach_is_found(
 @pytest.mark.parametrize("point", [FAR, [-1e4, 0.0, 0.0], [0.0, 0.1, 1e4], [0.0, 0.0, 0.0101]])
 def test_out_of_reach_of_every_place_there_is_no_weight(point: list[float]) -> None:
     places = np.zeros((3, 3))
-    dealt = fields.deal(places, 0.005)
-    assert fields.heaviest(np.array([point]), places, dealt, np.ones(3), 0.01).tolist() == [0.0]
+    listed = fields.cell_list(places, 0.005)
+    assert fields.heaviest(np.array([point]), places, listed, np.ones(3), 0.01).tolist() == [0.0]
 
 
 # Chains
@@ -286,7 +286,7 @@ def test_linked_is_what_a_chain_of_steps_joins(
     rng = np.random.default_rng(seed)
     points = scattered(rng, count, size)
     start = int(rng.integers(count))
-    found = fields.linked(points, fields.deal(points, fields.TILE), start, reach)
+    found = fields.linked(points, fields.cell_list(points, fields.TILE), start, reach)
     _, labels = connected_components(csr_matrix((cdist(points, points) <= reach).astype(np.int8)))
     assert np.array_equal(found, labels == labels[start])
 
@@ -294,7 +294,7 @@ def test_linked_is_what_a_chain_of_steps_joins(
 def test_a_chain_holds_while_its_steps_are_no_longer_than_its_reach() -> None:
     points = np.zeros((6, 3))
     points[:, 0] = [0.0, 0.012, 0.024, 0.0361, 0.048, 0.060]
-    dealt = fields.deal(points, fields.TILE)
+    listed = fields.cell_list(points, fields.TILE)
     for start in range(6):
-        found = fields.linked(points, dealt, start, 0.01200001)
+        found = fields.linked(points, listed, start, 0.01200001)
         assert found.tolist() == [start < 3] * 3 + [start >= 3] * 3
