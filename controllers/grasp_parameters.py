@@ -34,7 +34,7 @@ class GraspMode(StrEnum):
     LIFT = "lift"
     """The hand moves up."""
     LOWER = "lower"
-    """It is blocked on its way up: it puts the object down again."""
+    """It is blocked while it lifts: it puts the object down again."""
     HOLD = "hold"
     """It rests, for as long as a grasp has to hold."""
     RETREAT = "retreat"

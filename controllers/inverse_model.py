@@ -55,7 +55,7 @@ class InverseModel(ObjectPushing[InverseModelConfig]):
       1 + |mean of γ|.
     - Out of contact, it moves straight to the believed object.
 
-    Left out: the corridor, the choice of a point on the path ahead, and the map of what is
+    Left out: the corridor, the choice of a point further on the path, and the map of what is
     occupied. The floor is free here and the path is the straight line to the target. The stop of
     all translation while the face points elsewhere is left out too: the contact would be lost.
 

@@ -104,7 +104,7 @@ class ObjectPushing(PushingController[ConfigT]):
       displacement from object to goal is d = p_T - (p_R + R p_C) (O Eq 1).
 
     Their robots are round, so a heading does not matter; this base feels only with its face. The
-    base moves in any direction, so the face always turns to the object's centre. The object is
+    base moves in any direction, so the face always yaws towards the object's centre. The object is
     believed straight forward of the contact, hence yawing brings the contact to the middle of the
     face; and while it circles the object the robot keeps facing it.
 

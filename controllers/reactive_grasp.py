@@ -93,7 +93,7 @@ def _sensed(
             raise ConfigurationError(f"unknown joint '{name}': {hint}", f"gripper.{name}")
     if joints.velocities is None:
         raise ConfigurationError(
-            "the joints tell no velocities, by which one knows that the fingers rest", "gripper"
+            "the joints report no velocities, which show whether the fingers are at rest", "gripper"
         )
     rows = [joints.names.index(name) for name in options.gripper]
     opened, closed = np.array(list(options.gripper.values())).T
@@ -163,7 +163,7 @@ class Move:
 class Between:
     """Bisection between positions of contacts on opposite sides of the object.
 
-    The object is wider than assumed: the hand does not pass the other contact, but moves half-way.
+    The object is wider than assumed: the hand moves to the middle, not past the other contact.
     """
 
     def __init__(self) -> None:
@@ -181,7 +181,7 @@ class Between:
             wanted: shift by this contact alone [m].
         """
         low, high = (here, self._high) if wanted > 0.0 else (self._low, here)
-        if high - low < NARROW:  # the object has been pushed aside meanwhile
+        if high - low < NARROW:  # the object has been pushed laterally meanwhile
             low, high = (here, np.inf) if wanted > 0.0 else (-np.inf, here)
         self._low, self._high = low, high
         return wanted if low < here + wanted < high else (low + high) / 2.0 - here

@@ -214,7 +214,7 @@ class Search:
         """The next velocity, forward and lateral [m/s], and its purpose.
 
         Args:
-            pose: of the robot, x, y [m] and yaw [rad] in the world; it does not turn meanwhile.
+            pose: of the robot, x, y [m] and yaw [rad] in the world; it does not rotate meanwhile.
             beside: 1.0 if something touches the robot's left side, -1.0 if its right, else 0.0.
         """
         p = self._parameters

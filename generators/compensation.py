@@ -78,8 +78,8 @@ def fit_compensation(
     span = _span(gravities) if n >= 3 else 0.0
     if span < LEAST_SPAN:
         raise ConfigurationError(
-            f"{n} poses whose gravity leaves a line by {span:.3f} of its length do not tell weight "
-            "and bias apart; turn the sensor further"
+            f"{n} poses whose gravity leaves a line by {span:.3f} of its length do not separate "
+            "weight and bias; turn the sensor further"
         )
     identity = np.tile(np.eye(3), (n, 1))
     by_mass = np.hstack([gravities.reshape(-1, 1), identity])

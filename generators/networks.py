@@ -85,7 +85,7 @@ class NetworksCard(Model):
     @model_validator(mode="after")
     def _both_kinds(self) -> Self:
         if set(self.sigma) != {"point", "line"}:
-            raise ConfigurationError("is to tell of point and line", "sigma")
+            raise ConfigurationError("needs a value for point and for line", "sigma")
         return self
 
 
@@ -183,7 +183,7 @@ def read_networks(path: Path) -> tuple[NetworksCard, dict[str, Weights]]:
     except (SafetensorError, KeyError, TypeError, ValueError):
         raise ConfigurationError(f"{path} is no safetensors file, or is cut off") from None
     if hashlib.sha256(content).hexdigest() != card.weights_sha256:
-        raise ConfigurationError(f"{path} holds other weights than its card tells of")
+        raise ConfigurationError(f"{path} holds other weights than its card names")
     columns = card.proximity.columns
     weights = {
         network: {

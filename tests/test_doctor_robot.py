@@ -495,7 +495,7 @@ def test_noise_is_averaged_over_a_pose(model: RobotModel) -> None:
         ([0.3], "rested in 0 poses; 3 that are turned far from each other"),
         ([0.3, 0.3], "rested in 1 poses"),
         ([0.3, 2.0], "rested in 2 poses"),
-        ([0.3, 0.32, 0.31, 0.33], "do not tell weight and bias apart; turn the sensor further"),
+        ([0.3, 0.32, 0.31, 0.33], "do not separate weight and bias; turn the sensor further"),
     ],
 )
 def test_poses_that_do_not_tell_are_told_in_one_sentence(

@@ -145,7 +145,7 @@ BROKEN = [
     ),
     (
         source("warmth", "", "bare_msgs/msg/Bare", ("std_msgs/Header header\\n", "")),
-        "bare_msgs/msg/Bare has no std_msgs/Header `header`, which tells stamp and frame",
+        "bare_msgs/msg/Bare has no std_msgs/Header `header`, which holds stamp and frame",
     ),
     (
         source("warmth", "", "nobody_msgs/msg/No", ("    definition", "    definitio")),

@@ -252,7 +252,7 @@ def test_weights_that_their_card_does_not_tell_of_are_told(tmp_path: Path) -> No
     path.with_suffix(".json").write_text(some_card(b"others").model_dump_json())
     with pytest.raises(ConfigurationError) as told:
         LidarCpmGenerator("eye", LearnedConfig(weights=path))
-    assert str(told.value) == f"{path} holds other weights than its card tells of"
+    assert str(told.value) == f"{path} holds other weights than its card names"
 
 
 def test_a_file_that_holds_no_weights_is_told(tmp_path: Path) -> None:

@@ -182,7 +182,7 @@ def test_weights_that_are_cut_off_are_told(tmp_path: Path, length: int) -> None:
 def test_other_weights_than_the_card_tells_of_are_told(tmp_path: Path) -> None:
     path = write(tmp_path, some_weights(0))
     path.write_bytes(save(some_weights(1)))
-    refused(path, "holds other weights than its card tells of")
+    refused(path, "holds other weights than its card names")
 
 
 def changed(name: str, change: Callable[[NDArray[Any]], NDArray[Any]]) -> Tensors:
@@ -219,7 +219,7 @@ def test_a_card_that_is_none_is_told(tmp_path: Path, text: str) -> None:
 @pytest.mark.parametrize(
     ("field", "value", "what"),
     [
-        ("sigma", {"point": 0.02}, "contact.json: sigma: is to tell of point and line"),
+        ("sigma", {"point": 0.02}, "contact.json: sigma: needs a value for point and for line"),
         ("sigma", {"point": -1.0, "line": 0.1}, "contact.json: sigma.point"),
         ("length", {"minimum": 1.0, "maximum": 1.0}, "length.maximum: is not above the minimum"),
         ("kinds", ["none", "line", "point"], "contact.json: kinds"),

@@ -374,7 +374,7 @@ def test_a_joint_that_nobody_tells_is_named_with_the_nearest() -> None:
 def test_joints_without_velocities_are_told_in_a_sentence() -> None:
     hand = ToyHand(controller())
     hand.tells_speeds = False
-    said = "gripper: the joints tell no velocities, by which one knows that the fingers rest"
+    said = "gripper: the joints report no velocities, which show whether the fingers are at rest"
     with pytest.raises(ConfigurationError, match=said):
         hand.step()
 

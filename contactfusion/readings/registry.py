@@ -222,7 +222,7 @@ def _undefined(cls: type[Codec[Any]]) -> str:
         if msgtype not in types:
             return f"nothing defines the type {msgtype}: {cls.__name__} needs its `definition`"
         if "header" not in (name for name, _ in types[msgtype][1]):
-            return f"{msgtype} has no std_msgs/Header `header`, which tells stamp and frame"
+            return f"{msgtype} has no std_msgs/Header `header`, which holds stamp and frame"
     return ""
 
 
