@@ -65,7 +65,7 @@ OTHER = {"type": "dipole_field", "target": [1.0, 0.0]}
 
 
 def plan(**fields: Any) -> Plan:
-    told = {"things": ["bottle"], "faults": (), "noise": None, "seed": 0, **fields}
+    told = {"names": ["bottle"], "faults": (), "noise": None, "seed": 0, **fields}
     return read_plan(DEFAULT, **told)
 
 
@@ -181,7 +181,7 @@ def test_cameras_are_on_where_anybody_looks_through_them() -> None:
 
 
 def test_each_object_changes_the_scene() -> None:
-    scenes = plan(things=["bottle", "mug", "carton"], noise="none").scenes
+    scenes = plan(names=["bottle", "mug", "carton"], noise="none").scenes
     assert scenes["bottle"].object.urdf == "contactfusion_lab.experiments.grasp:bottle.urdf"
     assert scenes["carton"].mass == 0.5
     assert scenes["mug"].noise.force == 0.0
@@ -254,7 +254,7 @@ def test_a_generator_that_no_column_uses_may_be_wrong(tmp_path: Path) -> None:
 
 def test_an_unknown_object_is_told_with_the_nearest() -> None:
     with pytest.raises(ConfigurationError, match="unknown object 'botle': did you mean 'bottle'"):
-        plan(things=["botle"])
+        plan(names=["botle"])
 
 
 # One grasp
