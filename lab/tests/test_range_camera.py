@@ -30,52 +30,54 @@ def ahead(distance: float, *beside: float) -> Pose:
     return pose_at((x, y, distance), (0.0, 0.0, 0.0))
 
 
-def seen(*bodies: tuple[ShapeConfig, Pose], eye: Pose = HERE, **fields: Any) -> FloatArray:
-    return camera(**fields).depth(eye, [(Solid([shape]), eye @ pose) for shape, pose in bodies])
+def seen(*bodies: tuple[ShapeConfig, Pose], viewpoint: Pose = HERE, **fields: Any) -> FloatArray:
+    return camera(**fields).depth(
+        viewpoint, [(Solid([shape]), viewpoint @ pose) for shape, pose in bodies]
+    )
 
 
-@pytest.mark.parametrize("eye", [HERE, AWAY])
-def test_depth_is_that_along_the_axis_wherever_a_pixel_looks(eye: Pose) -> None:
-    depth = seen((WALL, ahead(2.1)), eye=eye)
+@pytest.mark.parametrize("viewpoint", [HERE, AWAY])
+def test_depth_is_that_along_the_axis_wherever_a_pixel_looks(viewpoint: Pose) -> None:
+    depth = seen((WALL, ahead(2.1)), eye=viewpoint)
     assert depth.shape == (31, 41) and np.allclose(depth, 2.0, atol=1e-5)
 
 
-@pytest.mark.parametrize("eye", [HERE, AWAY])
-def test_a_box_fills_the_pixels_that_look_at_it_and_the_others_see_nothing(eye: Pose) -> None:
-    one = camera()
-    depth = seen((BOX, ahead(1.15, 0.03, -0.02)), eye=eye)
+@pytest.mark.parametrize("viewpoint", [HERE, AWAY])
+def test_a_box_fills_the_pixels_that_look_at_it_and_the_others_see_nothing(viewpoint: Pose) -> None:
+    depth_camera = camera()
+    depth = seen((BOX, ahead(1.15, 0.03, -0.02)), eye=viewpoint)
     focal = 20.5 / np.tan(np.radians(30.0))
     u, v = np.meshgrid(np.arange(41), np.arange(31))
     x, y = (u - 20) / focal, (v - 15) / focal  # where it looks, 1 m ahead
     on = (np.abs(x - 0.03) < 0.1) & (np.abs(y + 0.02) < 0.05)
     assert 20 < on.sum() < 100
     assert np.array_equal(depth > 0.0, on) and np.allclose(depth[on], 1.0, atol=1e-5)
-    points = one.points(depth)
+    points = depth_camera.points(depth)
     assert np.allclose(points, np.stack([x[on], y[on], np.ones(on.sum())], axis=1), atol=1e-5)
 
 
 def test_intrinsics_lead_from_points_to_pixels() -> None:
-    one = camera()
+    depth_camera = camera()
     depth = seen((BOX, ahead(1.0, -0.1, 0.1)))
     rows, columns = np.nonzero(depth)
-    pixels = one.points(depth) @ one.intrinsics.T
+    pixels = depth_camera.points(depth) @ depth_camera.intrinsics.T
     assert len(rows) and np.allclose(pixels[:, 0] / pixels[:, 2], columns, atol=1e-9)
     assert np.allclose(pixels[:, 1] / pixels[:, 2], rows, atol=1e-9)
 
 
 def test_the_field_of_view_is_the_width_of_the_picture() -> None:
-    one = camera(width=64, fov=90.0)
-    focal = one.intrinsics[0, 0]
+    depth_camera = camera(width=64, fov=90.0)
+    focal = depth_camera.intrinsics[0, 0]
     assert 2.0 * np.arctan(32 / focal) == pytest.approx(np.pi / 2)
-    assert one.intrinsics[1, 1] == focal and one.intrinsics[0, 2] == 31.5
+    assert depth_camera.intrinsics[1, 1] == focal and depth_camera.intrinsics[0, 2] == 31.5
 
 
 def test_points_lie_on_what_is_seen() -> None:
     ball = ShapeConfig(shape="sphere", radius=0.3)
     pose = ahead(1.0, 0.1, 0.1)
-    one = camera(width=160, height=120)
-    depth = one.depth(AWAY, [(Solid([ball]), AWAY @ pose)])
-    points = one.points(depth)
+    depth_camera = camera(width=160, height=120)
+    depth = depth_camera.depth(AWAY, [(Solid([ball]), AWAY @ pose)])
+    points = depth_camera.points(depth)
     middle = points_in(inverse(pose), points)
     assert len(points) > 500 and np.abs(outside_of(ball, middle)).max() < 1.5e-3
     assert (middle[:, 2] < 0.1).all()  # the near side
