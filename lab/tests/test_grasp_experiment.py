@@ -108,7 +108,7 @@ def without_physics(monkeypatch: pytest.MonkeyPatch, done: list[str] | None = No
             ROW,
             trial=grasp.name,
             column=column.name,
-            object=grasp.thing,
+            object=grasp.object,
             seed=grasp.seed,
             success=success,
         )
@@ -140,7 +140,7 @@ def test_sources_are_chosen_by_name_or_type() -> None:
 
 
 @pytest.mark.parametrize(
-    ("first", "other"),
+    ("first", "second"),
     [("force_torque+motion", "motion+force_torque"), ("tactile", "tip_1+tactile")],
 )
 def test_a_column_that_is_the_same_as_another_is_refused(first: str, second: str) -> None:

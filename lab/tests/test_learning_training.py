@@ -37,11 +37,11 @@ class StoppedError(Exception):
 
 
 def stop_after(epochs: int) -> Report:
-    def told(epoch: int, training: float, validation: float, left: float) -> None:
+    def report(epoch: int, training: float, validation: float, left: float) -> None:
         if epoch == epochs:
             raise StoppedError
 
-    return told
+    return report
 
 
 # It learns

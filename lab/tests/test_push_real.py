@@ -133,7 +133,7 @@ def test_a_box_without_a_ball_is_hollow_and_lighter() -> None:
 # Shoved
 
 
-def way(force: float, mass: float, duration: float, friction: float) -> float:
+def distance(force: float, mass: float, duration: float, friction: float) -> float:
     """Distance by which a shove moves what rests: sped up, then slowed by friction [m]."""
     speed_up = force / mass - friction * GRAVITY
     speed = speed_up * duration
@@ -150,7 +150,7 @@ def test_a_shove_moves_the_box_as_far_as_impulse_and_friction_say(
     push = world(**STILL, disturbances=(shove,))
     assert moved(push, 5, 0.0, 0.0, 0.0) == pytest.approx(np.zeros(3), abs=1e-3)
     x, y, yaw = moved(push, 25, 0.0, 0.0, 0.0)
-    far = way(force, 20.0, duration, 0.3)
+    far = distance(force, 20.0, duration, 0.3)
     assert (x, y) == pytest.approx((far * towards[0], far * towards[1]), abs=0.03 * far)
     assert abs(yaw) < 0.02
 

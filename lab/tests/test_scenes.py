@@ -1,4 +1,4 @@
-"""Scenes by YAML: a pipeline runs on simulated readings, and its contacts are compared with truth."""
+"""Scenes by YAML: a pipeline runs on simulated readings, and its contacts are held to the truth."""
 
 import csv
 import json
