@@ -35,10 +35,10 @@ def brick(*xyz: float, rpy: tuple[float, float, float] = (0.0, 0.0, 0.0)) -> Obj
     return ObjectModel(ObjectConfig.model_validate({**BRICK, "pose": pose}))
 
 
-def turned_by(one: Pose, other: Pose) -> float:
-    """Give the angle between two poses [rad]."""
-    turn = Rotation.from_matrix(one[:3, :3].T @ other[:3, :3])
-    return float(np.linalg.norm(turn.as_rotvec()))
+def turned_by(first: Pose, second: Pose) -> float:
+    """The angle between two poses [rad]."""
+    rotation = Rotation.from_matrix(first[:3, :3].T @ second[:3, :3])
+    return float(np.linalg.norm(rotation.as_rotvec()))
 
 
 @pytest.fixture(scope="module")
@@ -49,48 +49,50 @@ def end() -> Pose:
 
 
 @pytest.fixture(scope="module")
-def way(end: Pose) -> Approach:
+def path(end: Pose) -> Approach:
     found = straight(real(ARM_HAND), "palm", end, bent(), BEFORE, BEYOND)
     assert found is not None
     return found
 
 
-# The straight way
+# The straight path
 
 
 @pytest.mark.parametrize("gone", np.linspace(-BEFORE, BEYOND, 37))
 def test_the_tool_goes_straight_along_its_z_without_a_turn(
-    way: Approach, end: Pose, gone: float
+    path: Approach, end: Pose, gone: float
 ) -> None:
-    there = real(ARM_HAND).poses_at(way.at(gone))["palm"]
+    there = real(ARM_HAND).poses_at(path.at(gone))["palm"]
     assert np.allclose(there[:3, 3], end[:3, 3] + gone * end[:3, 2], atol=4e-4)
     assert turned_by(end, there) < 2e-3
 
 
-def test_the_way_is_within_the_limits_and_moves_the_arm_only(way: Approach) -> None:
+def test_the_path_is_within_the_limits_and_moves_the_arm_only(path: Approach) -> None:
     model = real(ARM_HAND)
     low, high = model.limits.T
-    assert (way.joints >= low).all() and (way.joints <= high).all()
+    assert (path.joints >= low).all() and (path.joints <= high).all()
     fingers = [number for number, name in enumerate(model.joint_names) if "finger" in name]
     assert len(fingers) == 8
-    assert np.array_equal(way.joints[:, fingers], np.tile(bent()[fingers], (len(way.distances), 1)))
-    assert way.distances[0] == -BEFORE and way.distances[-1] == BEYOND
-    assert np.abs(np.diff(way.joints, axis=0)).max() < 0.1
+    assert np.array_equal(
+        path.joints[:, fingers], np.tile(bent()[fingers], (len(path.distances), 1))
+    )
+    assert path.distances[0] == -BEFORE and path.distances[-1] == BEYOND
+    assert np.abs(np.diff(path.joints, axis=0)).max() < 0.1
 
 
-def test_beyond_its_ends_a_way_stands_still() -> None:
-    way = Approach(np.array([-0.1, 0.0, 0.3]), np.array([[0.0], [1.0], [4.0]]))
-    told = [way.at(gone)[0] for gone in (-9.0, -0.1, -0.05, 0.0, 0.1, 0.3, 9.0)]
-    assert np.allclose(told, [0.0, 0.0, 0.5, 1.0, 2.0, 4.0, 4.0])
+def test_beyond_its_ends_a_path_stands_still() -> None:
+    path = Approach(np.array([-0.1, 0.0, 0.3]), np.array([[0.0], [1.0], [4.0]]))
+    expected = [path.at(gone)[0] for gone in (-9.0, -0.1, -0.05, 0.0, 0.1, 0.3, 9.0)]
+    assert np.allclose(expected, [0.0, 0.0, 0.5, 1.0, 2.0, 4.0, 4.0])
 
 
-def test_out_of_reach_there_is_no_way(end: Pose) -> None:
+def test_out_of_reach_there_is_no_path(end: Pose) -> None:
     far = end.copy()
     far[:3, 3] *= 3.0
     assert straight(real(ARM_HAND), "palm", far, bent(), BEFORE, BEYOND) is None
 
 
-def test_a_way_that_can_be_gone_in_part_only_is_none(tmp_path: Path) -> None:
+def test_a_path_that_can_be_gone_in_part_only_is_none(tmp_path: Path) -> None:
     model, start = poker(tmp_path, foot="prismatic"), np.zeros(2)
     for place, before, beyond, reached in [
         (0.9, 0.1, 0.09, True),
@@ -159,7 +161,7 @@ STRAIGHT: dict[str, Any] = {"tilt": 0.0, "wander": 0.0, "roll": 0.0}
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("azimuth", "elevation", "ahead", "x"),
+    ("azimuth", "elevation", "forward", "x"),
     [
         (180.0, 0.0, (1, 0, 0), (0, 1, 0)),
         (0.0, 0.0, (-1, 0, 0), (0, -1, 0)),
@@ -168,17 +170,17 @@ STRAIGHT: dict[str, Any] = {"tilt": 0.0, "wander": 0.0, "roll": 0.0}
         (180.0, 45.0, (np.sqrt(0.5), 0, -np.sqrt(0.5)), (0, 1, 0)),
     ],
 )
-def test_the_hand_comes_from_where_it_is_told(
-    azimuth: float, elevation: float, ahead: Any, x: Any
+def test_the_hand_comes_from_the_given_direction(
+    azimuth: float, elevation: float, forward: Any, x: Any
 ) -> None:
     config = touch(azimuth=azimuth, elevation=elevation, **STRAIGHT)
     pose = aimed(config, brick(1.0, 2.0, 3.0), np.random.default_rng(0))
-    assert np.allclose(pose[:3, 2], ahead) and np.allclose(pose[:3, 0], x)
-    assert np.allclose(pose[:3, 1], np.cross(ahead, x))
-    assert np.allclose(pose[:3, 3], np.array([1, 2, 3]) - AWAY * np.array(ahead))
+    assert np.allclose(pose[:3, 2], forward) and np.allclose(pose[:3, 0], x)
+    assert np.allclose(pose[:3, 1], np.cross(forward, x))
+    assert np.allclose(pose[:3, 3], np.array([1, 2, 3]) - AWAY * np.array(forward))
 
 
-def test_a_roll_turns_the_hand_about_its_way() -> None:
+def test_a_roll_turns_the_hand_about_its_path() -> None:
     level = aimed(touch(**STRAIGHT), brick(0, 0, 0), np.random.default_rng(0))
     config = touch(**{**STRAIGHT, "roll": 30.0})
     rolled = aimed(config, brick(0, 0, 0), np.random.default_rng(0))
@@ -186,7 +188,7 @@ def test_a_roll_turns_the_hand_about_its_way() -> None:
     assert np.allclose(rolled, expected)
 
 
-def test_the_hand_aims_beside_the_middle_and_past_its_way() -> None:
+def test_the_hand_aims_beside_the_middle_and_past_its_path() -> None:
     target = brick(0.3, 0.2, 0.1, rpy=(0.4, 0.5, 0.6))
     config = touch(azimuth=(150.0, 210.0), elevation=30.0, tilt=20.0, wander=0.25)
     angles, places, sides = [], [], []
@@ -204,16 +206,16 @@ def test_the_hand_aims_beside_the_middle_and_past_its_way() -> None:
     assert 20.0 < max(angles) < 20.0 + 30.0 and min(sides) < -20.0 and max(sides) > 20.0
 
 
-def test_a_tilt_is_no_larger_than_told() -> None:
+def test_a_tilt_is_no_larger_than_its_limit() -> None:
     config, rng = touch(elevation=0.0, tilt=20.0, wander=0.0), np.random.default_rng(1)
     leans = []
     for _ in range(300):
-        ahead = aimed(config, brick(0, 0, 0), rng)[:3, 2]
-        leans.append(np.degrees(np.arctan2(np.hypot(ahead[1], ahead[2]), ahead[0])))
+        forward = aimed(config, brick(0, 0, 0), rng)[:3, 2]
+        leans.append(np.degrees(np.arctan2(np.hypot(forward[1], forward[2]), forward[0])))
     assert 18.0 < max(leans) <= 20.0 + 1e-6 and min(leans) < 4.0
 
 
-def test_joints_stand_where_they_are_told_within_their_limits(tmp_path: Path) -> None:
+def test_joints_stand_where_they_are_placed_within_their_limits(tmp_path: Path) -> None:
     model = real(ARM_HAND)
     config = touch(posture={"arm_2": 0.6, "arm_4": (1.0, 2.0), "finger_1_spread": (9.0, 9.0)})
     drawn = np.array(
@@ -235,30 +237,32 @@ def cube(tmp_path_factory: pytest.TempPathFactory) -> RobotModel:
     return slide(tmp_path_factory.mktemp("slide"))
 
 
-def way_of(model: RobotModel, target: ObjectModel, ahead: tuple[float, ...] = (1, 0, 0)) -> float:
+def distance_of(
+    model: RobotModel, target: ObjectModel, forward: tuple[float, ...] = (1, 0, 0)
+) -> float:
     poses = model.poses_at(np.zeros(1))
-    return distance_to_touch(model, {"hand"}, poses, np.array(ahead, np.float64), target)
+    return distance_to_touch(model, {"hand"}, poses, np.array(forward, np.float64), target)
 
 
-def test_the_way_to_a_box_ahead_is_the_gap_between_the_faces(cube: RobotModel) -> None:
-    assert way_of(cube, brick(0.4, 0.0, 0.0)) == pytest.approx(0.3, abs=1e-6)
-    assert way_of(cube, brick(0.4, 0.1, 0.2)) == pytest.approx(0.3, abs=1e-6)
-    assert way_of(cube, brick(0.0, 0.0, -0.5), (0, 0, -1)) == pytest.approx(0.25, abs=1e-6)
+def test_the_distance_to_a_box_in_front_is_the_gap_between_the_faces(cube: RobotModel) -> None:
+    assert distance_of(cube, brick(0.4, 0.0, 0.0)) == pytest.approx(0.3, abs=1e-6)
+    assert distance_of(cube, brick(0.4, 0.1, 0.2)) == pytest.approx(0.3, abs=1e-6)
+    assert distance_of(cube, brick(0.0, 0.0, -0.5), (0, 0, -1)) == pytest.approx(0.25, abs=1e-6)
 
 
-def test_the_way_to_an_edge_ahead_is_that_to_the_edge(cube: RobotModel) -> None:
+def test_the_distance_to_an_edge_in_front_is_that_to_the_edge(cube: RobotModel) -> None:
     box = {"shapes": [{"shape": "box", "size": (0.1, 0.1, 0.4)}]}
     pose = {"parent": "base", "xyz": (0.4, 0.0, 0.0), "rpy": (0.0, 0.0, np.pi / 4)}
     target = ObjectModel(ObjectConfig.model_validate({**box, "pose": pose}))
     edge = 0.4 - 0.1 / np.sqrt(2.0) - 0.05
-    assert edge - 1e-6 <= way_of(cube, target) <= edge + cube.config.spacing / 2 + 1e-6
+    assert edge - 1e-6 <= distance_of(cube, target) <= edge + cube.config.spacing / 2 + 1e-6
 
 
-def test_past_an_object_and_away_from_it_the_way_is_endless(cube: RobotModel) -> None:
-    assert way_of(cube, brick(0.4, 0.16, 0.0)) == np.inf
-    assert way_of(cube, brick(0.4, 0.0, -0.26)) == np.inf
-    assert way_of(cube, brick(-0.4, 0.0, 0.0)) == np.inf
-    assert way_of(cube, brick(0.4, 0.14, 0.0)) < 0.31
+def test_past_an_object_and_away_from_it_the_distance_is_infinite(cube: RobotModel) -> None:
+    assert distance_of(cube, brick(0.4, 0.16, 0.0)) == np.inf
+    assert distance_of(cube, brick(0.4, 0.0, -0.26)) == np.inf
+    assert distance_of(cube, brick(-0.4, 0.0, 0.0)) == np.inf
+    assert distance_of(cube, brick(0.4, 0.14, 0.0)) < 0.31
 
 
 def test_only_the_links_that_may_touch_count(tmp_path: Path) -> None:

@@ -1,4 +1,4 @@
-"""Trials on a cluster: a real scheduler and workers, some of which are killed on the way."""
+"""Trials on a cluster: a real scheduler and workers, some of which are killed midway."""
 
 import os
 import signal
@@ -95,8 +95,8 @@ def test_a_killed_worker_costs_no_trial_and_what_kills_all_is_named(
     two: Cluster, marks: Path, tmp_path: Path
 ) -> None:
     squares = Squares(12, marks, crashes_once=(1,), crashes=(3,))
-    told = "^1 of 12 squares were not made: odd/003: its workers were lost, the last at "
-    with pytest.raises(RobotError, match=told):
+    expected = "^1 of 12 squares were not made: odd/003: its workers were lost, the last at "
+    with pytest.raises(RobotError, match=expected):
         run(squares, Dask(two.address), tmp_path / "there")
     assert len(list((tmp_path / "there" / "trials").rglob("*.txt"))) == 11
 
@@ -136,7 +136,7 @@ def test_workers_that_are_not_as_this_process_are_refused(
     two: Cluster, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     ours, other = cluster._versions(), cluster._other  # pyright: ignore[reportPrivateUsage]
-    for name, told in (
+    for name, difference in (
         ("numpy", rf"has numpy {ours['numpy']}, not 1\.0 as here"),
         ("code", "has other code of contactfusion or contactfusion-lab than here"),
     ):
@@ -144,7 +144,7 @@ def test_workers_that_are_not_as_this_process_are_refused(
         monkeypatch.setattr(
             cluster, "_other", lambda worker, found, _, to=expected: other(worker, found, to)
         )
-        with pytest.raises(ConfigurationError, match=rf"the worker at tcp://127\..* {told}"):
+        with pytest.raises(ConfigurationError, match=rf"the worker at tcp://127\..* {difference}"):
             Dask(two.address)
 
 
@@ -173,7 +173,7 @@ def test_where_nothing_answers_a_sentence_names_the_address_in_seconds(
 
 
 @pytest.mark.parametrize(
-    ("options", "told"),
+    ("options", "sentence"),
     [
         (("--executor", "dask"), "such as tcp://HOST:8786, not ''"),
         (("--executor", "dask", "--scheduler", "tcp://host"), "tcp://HOST:8786, not 'tcp://host'"),
@@ -187,10 +187,10 @@ def test_where_nothing_answers_a_sentence_names_the_address_in_seconds(
      ("tune", "push")],
 )  # fmt: skip
 def test_options_that_do_not_fit_are_named(
-    command: tuple[str, ...], options: tuple[str, ...], told: str, ask: Ask, tmp_path: Path
+    command: tuple[str, ...], options: tuple[str, ...], sentence: str, ask: Ask, tmp_path: Path
 ) -> None:
     answer = ask(*command, *options, "--out", str(tmp_path / "out"))
-    assert told in one_sentence(answer) and not (tmp_path / "out").exists()
+    assert sentence in one_sentence(answer) and not (tmp_path / "out").exists()
 
 
 def test_without_distributed_the_extra_is_named(ask: Ask, monkeypatch: pytest.MonkeyPatch) -> None:

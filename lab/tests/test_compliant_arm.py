@@ -67,7 +67,7 @@ def test_a_joint_swings_back_as_a_critical_damper_says(strong: RobotModel) -> No
     assert min(swing) > -1e-5
 
 
-def test_a_joint_follows_a_steady_way_without_lag(strong: RobotModel) -> None:
+def test_a_joint_follows_a_steady_path_without_lag(strong: RobotModel) -> None:
     arm, speed = arm_of(strong, SOFT), 0.1
     for step in range(1, 1001):
         arm.step(np.array([speed * STEP * step]))

@@ -1,4 +1,4 @@
-"""The demo tells the same story every time, and its page holds together."""
+"""The demo repeats itself exactly, and its page holds together."""
 
 import csv
 import json
@@ -34,9 +34,9 @@ Shown = tuple[Path, str, Story]
 
 @pytest.fixture(scope="module")
 def shown(tmp_path_factory: pytest.TempPathFactory) -> Shown:
-    """The folder of one demo, what it said, and what it told of."""
+    """The folder of one demo, its output, and its story."""
     out = tmp_path_factory.mktemp("shown") / "new" / "folder"
-    said = StringIO()
+    console = StringIO()
     stories: list[Story] = []
 
     def kept(*parts: Any) -> Story:
@@ -44,10 +44,10 @@ def shown(tmp_path_factory: pytest.TempPathFactory) -> Shown:
         return stories[0]
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(demo, "Console", lambda: Console(file=said, width=200))
+        patch.setattr(demo, "Console", lambda: Console(file=console, width=200))
         patch.setattr(demo, "Story", kept)
         show(out, RULE)
-    return out, said.getvalue(), stories[0]
+    return out, console.getvalue(), stories[0]
 
 
 class Links(HTMLParser):
@@ -60,9 +60,11 @@ class Links(HTMLParser):
         self.open: list[str] = []
 
     def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
-        told = dict(attrs)
-        self.links += [told[name] or "" for name in ("href", "src", "srcset") if name in told]
-        if tag == "img" and len(told.get("alt") or "") < 40:
+        attributes = dict(attrs)
+        self.links += [
+            attributes[name] or "" for name in ("href", "src", "srcset") if name in attributes
+        ]
+        if tag == "img" and len(attributes.get("alt") or "") < 40:
             self.wordless.append(tag)
         if tag not in ("img", "meta", "source", "link", "br"):
             self.open.append(tag)
@@ -85,10 +87,10 @@ def test_after_its_death_the_skin_has_no_share_in_any_contact(shown: Shown) -> N
     with (shown[0] / "contacts.csv").open() as file:
         rows = list(csv.DictReader(file))
     late = [row["shares"] for row in rows if float(row["stamp"]) > DIES + 0.25]
-    shares = [dict(part.split(":") for part in told.split()) for told in late]
+    shares = [dict(part.split(":") for part in text.split()) for text in late]
     assert len(shares) > 50
-    assert all(float(one.get("skin", 0.0)) == 0.0 for one in shares)
-    assert all(float(one["lidar"]) > 0.5 for one in shares)
+    assert all(float(each.get("skin", 0.0)) == 0.0 for each in shares)
+    assert all(float(each["lidar"]) > 0.5 for each in shares)
 
 
 def test_every_link_of_the_page_leads_to_a_file_beside_it(shown: Shown) -> None:
@@ -101,11 +103,11 @@ def test_every_link_of_the_page_leads_to_a_file_beside_it(shown: Shown) -> None:
     assert "http" not in text and "<script" not in text and "$" not in text
 
 
-def test_the_page_tells_what_the_summary_says(shown: Shown) -> None:
-    out, said, story = shown
+def test_the_page_states_what_the_summary_holds(shown: Shown) -> None:
+    out, printed, story = shown
     text, summary = (out / "index.html").read_text(), json.loads((out / "summary.json").read_text())
-    told = f"arrived after {summary['time']:.1f} s with the contact"
-    assert told in text and told in said
+    arrival = f"arrived after {summary['time']:.1f} s with the contact"
+    assert arrival in text and arrival in printed
     assert f"{summary['distance_true'] * 100:.1f} cm from the target" in text
     assert "likelihood" in text and "without lidar: no contact remains" in text
     assert story.arrived
@@ -136,7 +138,7 @@ def test_a_second_demo_gives_the_same_bytes(
 ) -> None:
     out, _, _ = shown
     with Image.open(out / "film.gif") as drawn:
-        monkeypatch.setattr(demo, "film", lambda *told: drawn.size)
+        monkeypatch.setattr(demo, "film", lambda *args: drawn.size)
     show(tmp_path, RULE)
     for path in tmp_path.iterdir():
         assert path.read_bytes() == (out / path.name).read_bytes(), path.name
@@ -170,13 +172,13 @@ def test_the_recording_knows_how_it_was_fused_and_loses_nothing_twice(shown: Sho
     assert not config.faults
 
 
-def test_lines_tell_time_contact_and_the_death(shown: Shown) -> None:
+def test_lines_state_time_contact_and_the_death(shown: Shown) -> None:
     lines = shown[1].splitlines()
     assert "the skin falls silent" in shown[1]
-    told = [line for line in lines if re.match(r" *[0-9.]+ s \|", line)]
-    assert 10 < len(told) < 40
-    assert "to go | " in told[1] and "likelihood" in told[1] and "skin well" in told[1]
-    assert "skin silent for" in told[-1] and "arrived: " in told[-1]
+    rows = [line for line in lines if re.match(r" *[0-9.]+ s \|", line)]
+    assert 10 < len(rows) < 40
+    assert "to go | " in rows[1] and "likelihood" in rows[1] and "skin well" in rows[1]
+    assert "skin silent for" in rows[-1] and "arrived: " in rows[-1]
 
 
 def test_in_a_terminal_the_state_is_live(shown: Shown) -> None:
@@ -194,11 +196,11 @@ def test_without_the_extra_record_everything_else_is_written(
     monkeypatch.setitem(sys.modules, "rosbags.typesys", None)
     monkeypatch.setattr(messages, "known_types", known_types.__wrapped__)
     messages.typestore.cache_clear()
-    said = StringIO()
-    monkeypatch.setattr(demo, "film", lambda *told: (600, 560))
-    written = list(demo.write(shown[2], tmp_path, Console(file=said, width=200)))
+    console = StringIO()
+    monkeypatch.setattr(demo, "film", lambda *args: (600, 560))
+    written = list(demo.write(shown[2], tmp_path, Console(file=console, width=200)))
     messages.typestore.cache_clear()
-    assert "no recording: rosbags is not installed" in said.getvalue()
+    assert "no recording: rosbags is not installed" in console.getvalue()
     assert "demo.mcap" not in written and not (tmp_path / "demo.mcap").exists()
     assert "demo.mcap" not in (tmp_path / "index.html").read_text()
 
@@ -225,7 +227,7 @@ def test_without_networks_it_is_one_sentence(
         show(tmp_path)
 
 
-def test_a_box_that_does_not_arrive_is_told_and_is_a_failure(
+def test_a_box_that_does_not_arrive_is_reported_and_is_a_failure(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def short(lidar: str) -> dict[str, Any]:
@@ -233,7 +235,7 @@ def test_a_box_that_does_not_arrive_is_told_and_is_a_failure(
         return {**fields, "scene": {**fields["scene"], "longest": 11.0}}
 
     monkeypatch.setattr(demo, "scene_fields", short)
-    monkeypatch.setattr(demo, "film", lambda *told: (600, 560))
+    monkeypatch.setattr(demo, "film", lambda *args: (600, 560))
     with pytest.raises(ContactFusionError, match="did not arrive"):
         show(tmp_path, RULE)
     page = (tmp_path / "index.html").read_text()
@@ -244,7 +246,7 @@ def test_a_box_that_does_not_arrive_is_told_and_is_a_failure(
 def test_with_the_networks_of_the_package_the_base_arrives_too(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(demo, "film", lambda *told: (600, 560))
+    monkeypatch.setattr(demo, "film", lambda *args: (600, 560))
     show(tmp_path)
     summary = json.loads((tmp_path / "summary.json").read_text())
     assert summary["success_true"] and summary["shares"]["after"]["skin"] == 0.0

@@ -25,9 +25,13 @@ def test_the_descriptor_of_real_scans_is_what_loops_give(
     folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     measures = experiment.measure(folder, tmp_path)
-    wrong = [one for one in measures if one.metric == "difference from plain loops"]
-    assert len(wrong) == 9 and all(one.met for one in wrong)
-    near = {one.case: one.value for one in measures if one.metric == "points in the region"}
+    wrong = [measure for measure in measures if measure.metric == "difference from plain loops"]
+    assert len(wrong) == 9 and all(each.met for each in wrong)
+    near = {
+        measure.case: measure.value
+        for measure in measures
+        if measure.metric == "points in the region"
+    }
     assert near.pop("OS-0-32-U1_v2.2.0_1024x10, 32 rings") == 0
     assert min(near.values()) > 100
     assert "sensor taken to stand at (0.1, 0, 0) m, turned by -75°" in capsys.readouterr().out

@@ -19,7 +19,7 @@ UNKNOWN = Method("no_such_rule", "modes")
 
 @pytest.fixture
 def asked(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> list[Method | None]:
-    """Put one thing that fuses and one that does not in place of all; the methods they get."""
+    """Replace all experiments by one that fuses and one that does not; the methods they get."""
     methods: list[Method | None] = []
 
     def fuses(folder: Path, out: Path, method: Method) -> list[Measure]:

@@ -20,8 +20,8 @@ SHOVING = 10.0
 
 
 def faults(**fields: Any) -> dict[str, Any]:
-    told: dict[str, Any] = {"faults": [fields]}
-    return {"faults": FaultFile(**told).faults}
+    content: dict[str, Any] = {"faults": [fields]}
+    return {"faults": FaultFile(**content).faults}
 
 
 def once(**fields: Any) -> dict[str, Any]:
@@ -29,8 +29,8 @@ def once(**fields: Any) -> dict[str, Any]:
     return {"controller": {**(PLAN.pipeline.controller or {}), "attempts": 1, **fields}}
 
 
-def ended(one: GraspScene, cycles: list[GraspCycle]) -> str:
-    """Give how it ended; the hand stands still then, open or with the object in it, and clear of
+def ended(grasp: GraspScene, cycles: list[GraspCycle]) -> str:
+    """The ending; the hand stands still then, open or with the object in it, and clear of
     the table."""
     last, before = cycles[-1], cycles[-8]
     command = last.step.command
@@ -47,12 +47,12 @@ def ended(one: GraspScene, cycles: list[GraspCycle]) -> str:
 def came_back(cycles: list[GraspCycle]) -> bool:
     """Whether the hand is as far back as where it began, and as little aside."""
     first, last = cycles[0].truth.tool, cycles[-1].truth.tool
-    aside, _, ahead = first[:3, :3].T @ (last - first)[:3, 3]
-    return bool(max(abs(aside), abs(ahead)) < 0.01)
+    lateral, _, forward = first[:3, :3].T @ (last - first)[:3, 3]
+    return bool(max(abs(lateral), abs(forward)) < 0.01)
 
 
-def success(one: GraspScene, cycles: list[GraspCycle]) -> bool:
-    return result_of(cycles, one.config.lifted, one.config.held).success
+def success(grasp: GraspScene, cycles: list[GraspCycle]) -> bool:
+    return result_of(cycles, grasp.config.lifted, grasp.config.held).success
 
 
 def elsewhere(*xyz: float) -> dict[str, Any]:
@@ -63,17 +63,17 @@ def elsewhere(*xyz: float) -> dict[str, Any]:
 @pytest.mark.slow
 def test_a_bottle_that_stands_where_the_arm_ends_is_not_reached() -> None:
     wide = {"table": {"shapes": [{"shape": "box", "size": [0.9, 0.9, 0.04]}], "pose": TABLE}}
-    one = scene(object=elsewhere(1.14, 0.0, 0.25), surroundings=wide)
-    cycles = played(one, PAPERS)
-    assert ended(one, cycles) == "blocked"
+    grasp = scene(object=elsewhere(1.14, 0.0, 0.25), surroundings=wide)
+    cycles = played(grasp, PAPERS)
+    assert ended(grasp, cycles) == "blocked"
     assert cycles[-1].step.command is not None
     assert cycles[-1].step.command.reason == "the hand comes no further"
     assert np.abs(cycles[-1].truth.joints).max() < 3.1
 
 
 def test_a_bottle_that_is_not_there_is_missed() -> None:
-    one = scene(offset=0.3)
-    assert ended(one, played(one, PAPERS, **once())) == "missed"
+    grasp = scene(offset=0.3)
+    assert ended(grasp, played(grasp, PAPERS, **once())) == "missed"
 
 
 @pytest.mark.slow
@@ -82,11 +82,11 @@ def test_what_touches_from_below_makes_the_hand_go_up() -> None:
     pose = {"parent": "base", "xyz": [0.6725, 0.0, 0.2753], "rpy": [0.0, -0.25, 0.0]}
     ramp = {"shapes": [{"shape": "box", "size": [0.16, 0.3, 0.02]}], "pose": pose}
     table = {"shapes": [{"shape": "box", "size": [0.5, 0.9, 0.04]}], "pose": TABLE}
-    one = scene(surroundings={"table": table, "ramp": ramp})
-    cycles = played(one, PAPERS)
+    grasp = scene(surroundings={"table": table, "ramp": ramp})
+    cycles = played(grasp, PAPERS)
     reasons = [cycle.step.command.reason for cycle in cycles if cycle.step.command]
     assert any("cm up" in reason for reason in reasons)
-    assert ended(one, cycles) == "lifted"
+    assert ended(grasp, cycles) == "lifted"
 
 
 @pytest.mark.slow
@@ -94,29 +94,29 @@ def test_what_touches_from_below_makes_the_hand_go_up() -> None:
 def test_a_saturated_wrench_seems_a_push_from_below_and_the_hand_touches_nothing(
     column: Column,
 ) -> None:
-    """It carries 11 N, and tells 3: the weight that is missing seems to be borne from below."""
-    one = scene(offset=0.04, wrench_range=(3.0, 0.2))
-    cycles = played(one, column, **once(corrections=2))
-    assert ended(one, cycles) == "obstructed"
-    assert result_of(cycles, one.config.lifted, one.config.held).corrections == 2
+    """It carries 11 N, and reads 3: the weight that is missing seems to be borne from below."""
+    grasp = scene(offset=0.04, wrench_range=(3.0, 0.2))
+    cycles = played(grasp, column, **once(corrections=2))
+    assert ended(grasp, cycles) == "obstructed"
+    assert result_of(cycles, grasp.config.lifted, grasp.config.held).corrections == 2
     assert max(cycle.truth.force for cycle in cycles) == 0.0
     assert came_back(cycles)
 
 
 @pytest.mark.slow
 def test_a_wrench_that_is_dead_leaves_the_grasp_to_the_others() -> None:
-    one = scene(offset=0.02)
-    cycles = played(one, ALL, **faults(fault="zeros", sensor="wrist"))
-    assert ended(one, cycles) == "lifted"
-    assert success(one, cycles)
+    grasp = scene(offset=0.02)
+    cycles = played(grasp, ALL, **faults(fault="zeros", sensor="wrist"))
+    assert ended(grasp, cycles) == "lifted"
+    assert success(grasp, cycles)
 
 
 @pytest.mark.slow
 def test_without_its_wrench_the_hand_shoves_the_bottle_before_it_misses_it_and_comes_back() -> None:
-    one = scene(offset=0.05)
-    cycles = played(one, PAPERS, **once(), **faults(fault="silent", sensor="wrist"))
-    assert ended(one, cycles) == "missed"
-    result = result_of(cycles, one.config.lifted, one.config.held)
+    grasp = scene(offset=0.05)
+    cycles = played(grasp, PAPERS, **once(), **faults(fault="silent", sensor="wrist"))
+    assert ended(grasp, cycles) == "missed"
+    result = result_of(cycles, grasp.config.lifted, grasp.config.held)
     assert result.corrections == 0 and not result.fallen
     assert 0.1 < result.moved < 0.2
     assert 1.0 < max(cycle.truth.force for cycle in cycles) < SHOVING
@@ -125,16 +125,16 @@ def test_without_its_wrench_the_hand_shoves_the_bottle_before_it_misses_it_and_c
 
 @pytest.mark.slow
 def test_a_tactile_patch_that_reads_zeros_changes_little() -> None:
-    one = scene(offset=0.045)
-    cycles = played(one, ALL, **faults(fault="zeros", sensor="tip_1"))
-    assert ended(one, cycles) == "lifted"
-    assert success(one, cycles)
+    grasp = scene(offset=0.045)
+    cycles = played(grasp, ALL, **faults(fault="zeros", sensor="tip_1"))
+    assert ended(grasp, cycles) == "lifted"
+    assert success(grasp, cycles)
 
 
 def test_a_finger_that_is_stuck_is_named_before_anything_is_touched() -> None:
-    one = scene(stuck={"finger_1_proximal_joint": 0.4})
-    cycles = played(one, PAPERS)
-    assert ended(one, cycles) == "stuck"
+    grasp = scene(stuck={"finger_1_proximal_joint": 0.4})
+    cycles = played(grasp, PAPERS)
+    assert ended(grasp, cycles) == "stuck"
     assert cycles[-1].step.command is not None
     assert cycles[-1].step.command.reason == "'finger_1_proximal_joint' does not open"
     assert max(cycle.truth.force for cycle in cycles) == 0.0
@@ -147,18 +147,18 @@ def test_what_falls_over_when_it_is_touched_is_missed() -> None:
         "pose": {"parent": "base", "xyz": [0.8, 0.0, 0.381]},
     }
     fields: dict[str, Any] = {"object": tall, "mass": 0.2, "table_friction": 0.59, "height": 0.03}
-    one = scene(thing="carton", offset=0.045, **fields)
-    cycles = played(one, PAPERS, **once())
+    grasp = scene(name="carton", offset=0.045, **fields)
+    cycles = played(grasp, PAPERS, **once())
     touched = next(row for row, cycle in enumerate(cycles) if cycle.truth.touched)
     assert cycles[touched].truth.object[2, 2] > 0.99
-    assert ended(one, cycles) == "missed"
-    result = result_of(cycles, one.config.lifted, one.config.held)
+    assert ended(grasp, cycles) == "missed"
+    result = result_of(cycles, grasp.config.lifted, grasp.config.held)
     assert result.fallen and not result.success
 
 
 def test_joints_that_fall_silent_stop_the_hand() -> None:
-    one = scene(offset=0.0)
-    cycles = played(one, PAPERS, **faults(fault="silent", sensor="joints", start=2.0))
+    grasp = scene(offset=0.0)
+    cycles = played(grasp, PAPERS, **faults(fault="silent", sensor="joints", start=2.0))
     last = cycles[-1]
     assert last.step.command is not None and last.step.command.twist is not None
     assert not last.step.command.twist.linear.any()
@@ -167,7 +167,7 @@ def test_joints_that_fall_silent_stop_the_hand() -> None:
 
 
 def test_joints_that_never_come_leave_the_hand_where_it_is() -> None:
-    one = scene(offset=0.0)
-    cycles = played(one, PAPERS, **faults(fault="silent", sensor="joints"))
+    grasp = scene(offset=0.0)
+    cycles = played(grasp, PAPERS, **faults(fault="silent", sensor="joints"))
     assert cycles[-1].ending == "blind"
     assert np.linalg.norm((cycles[-1].truth.tool - cycles[0].truth.tool)[:3, 3]) < 0.005

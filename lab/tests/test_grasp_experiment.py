@@ -1,4 +1,4 @@
-"""`experiment grasp`: the same grasps by several columns, kept, gone on with, and told."""
+"""`experiment grasp`: the same grasps by several columns, kept, resumed, and reported."""
 
 import csv
 import json
@@ -65,8 +65,8 @@ OTHER = {"type": "dipole_field", "target": [1.0, 0.0]}
 
 
 def plan(**fields: Any) -> Plan:
-    told = {"things": ["bottle"], "faults": (), "noise": None, "seed": 0, **fields}
-    return read_plan(DEFAULT, **told)
+    options = {"names": ["bottle"], "faults": (), "noise": None, "seed": 0, **fields}
+    return read_plan(DEFAULT, **options)
 
 
 def my_file(folder: Path, **change: Any) -> Path:
@@ -82,8 +82,8 @@ def in_scene(**fields: Any) -> dict[str, Any]:
 
 
 def bottle(**fields: Any) -> dict[str, Any]:
-    thing = FILE["objects"]["bottle"]
-    return {"objects": {"bottle": {**thing, "object": {**thing["object"], **fields}}}}
+    scene = FILE["objects"]["bottle"]
+    return {"objects": {"bottle": {**scene, "object": {**scene["object"], **fields}}}}
 
 
 def chosen(**fields: Any) -> Options:
@@ -98,7 +98,7 @@ def rows(column: str, *successes: bool) -> list[Row]:
 
 
 def without_physics(monkeypatch: pytest.MonkeyPatch, done: list[str] | None = None) -> None:
-    """Let every grasp be made at once; its success follows from its number."""
+    """Replace every grasp by a result; its success follows from its number."""
 
     def made(plan: Plan, column: Column, grasp: Grasp) -> Row:
         if done is not None:
@@ -108,7 +108,7 @@ def without_physics(monkeypatch: pytest.MonkeyPatch, done: list[str] | None = No
             ROW,
             trial=grasp.name,
             column=column.name,
-            object=grasp.thing,
+            object=grasp.object,
             seed=grasp.seed,
             success=success,
         )
@@ -140,14 +140,14 @@ def test_sources_are_chosen_by_name_or_type() -> None:
 
 
 @pytest.mark.parametrize(
-    ("one", "other"),
+    ("first", "second"),
     [("force_torque+motion", "motion+force_torque"), ("tactile", "tip_1+tactile")],
 )
-def test_a_column_that_is_the_same_as_another_is_refused(one: str, other: str) -> None:
-    columns = [Column(sources, DE_MORGAN) for sources in (one, other)]
+def test_a_column_that_is_the_same_as_another_is_refused(first: str, second: str) -> None:
+    columns = [Column(sources, DE_MORGAN) for sources in (first, second)]
     with pytest.raises(ConfigurationError) as caught:
         check_columns(plan(), columns, DEFAULT)
-    assert str(caught.value) == f"sources: '{other}' is the same as '{one}'"
+    assert str(caught.value) == f"sources: '{second}' is the same as '{first}'"
 
 
 def test_without_sources_the_hand_goes_to_where_the_object_should_be_and_closes() -> None:
@@ -174,21 +174,21 @@ def test_every_column_of_the_table_is_a_pipeline() -> None:
 
 
 def test_cameras_are_on_where_anybody_looks_through_them() -> None:
-    told = plan()
-    (grasp,) = told.grasps(["bottle"], 1)
-    rates = [told.scene_of(column, grasp).camera_rate for column in COLUMNS]
+    planned = plan()
+    (grasp,) = planned.grasps(["bottle"], 1)
+    rates = [planned.scene_of(column, grasp).camera_rate for column in COLUMNS]
     assert rates == [0.0, 0.0, 0.0, 0.0, 4.0, 4.0]
 
 
 def test_each_object_changes_the_scene() -> None:
-    scenes = plan(things=["bottle", "mug", "carton"], noise="none").scenes
+    scenes = plan(names=["bottle", "mug", "carton"], noise="none").scenes
     assert scenes["bottle"].object.urdf == "contactfusion_lab.experiments.grasp:bottle.urdf"
     assert scenes["carton"].mass == 0.5
     assert scenes["mug"].noise.force == 0.0
 
 
 @pytest.mark.parametrize(
-    ("change", "said"),
+    ("change", "sentence"),
     [
         ({"objects": {}}, "objects: give a scene of type grasp, and objects by name"),
         ({"scene": None}, "objects: give a scene of type grasp"),
@@ -211,15 +211,15 @@ def test_each_object_changes_the_scene() -> None:
         (bottle(urdf="no.such:bottle.urdf"), "objects.bottle.object.urdf: .*'no.such'"),
     ],
 )
-def test_a_wrong_file_is_told_in_a_sentence(
-    change: dict[str, Any], said: str, tmp_path: Path
+def test_a_wrong_file_is_reported_in_a_sentence(
+    change: dict[str, Any], sentence: str, tmp_path: Path
 ) -> None:
-    with pytest.raises(ConfigurationError, match=f"my.yaml: {said}"):
+    with pytest.raises(ConfigurationError, match=f"my.yaml: {sentence}"):
         read_plan(my_file(tmp_path, **change), [], (), None, 0)
 
 
 @pytest.mark.parametrize(
-    ("sources", "change", "said"),
+    ("sources", "change", "sentence"),
     [
         (
             "none",
@@ -235,26 +235,30 @@ def test_a_wrong_file_is_told_in_a_sentence(
         ),
     ],
 )
-def test_what_a_column_cannot_be_made_of_is_told_before_anything_is_made(
-    sources: str, change: dict[str, Any], said: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+def test_what_a_column_cannot_be_made_of_is_reported_before_anything_is_made(
+    sources: str,
+    change: dict[str, Any],
+    sentence: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     done: list[str] = []
     without_physics(monkeypatch, done)
     options = chosen(config=my_file(tmp_path, **change), sources=[sources])
-    with pytest.raises(ConfigurationError, match=f"my.yaml: {said}"):
+    with pytest.raises(ConfigurationError, match=f"my.yaml: {sentence}"):
         run_grasp(options, tmp_path / "out")
     assert done == [] and not (tmp_path / "out").exists()
 
 
 def test_a_generator_that_no_column_uses_may_be_wrong(tmp_path: Path) -> None:
     generators = {**FILE["generators"], "eye": {"type": "not_installed"}}
-    told = read_plan(my_file(tmp_path, generators=generators), [], (), None, 0)
-    check_columns(told, [Column("wrist", DE_MORGAN)], DEFAULT)
+    planned = read_plan(my_file(tmp_path, generators=generators), [], (), None, 0)
+    check_columns(planned, [Column("wrist", DE_MORGAN)], DEFAULT)
 
 
-def test_an_unknown_object_is_told_with_the_nearest() -> None:
+def test_an_unknown_object_is_reported_with_the_nearest() -> None:
     with pytest.raises(ConfigurationError, match="unknown object 'botle': did you mean 'bottle'"):
-        plan(things=["botle"])
+        plan(names=["botle"])
 
 
 # One grasp
@@ -262,9 +266,9 @@ def test_an_unknown_object_is_told_with_the_nearest() -> None:
 
 @pytest.mark.slow
 def test_a_grasp_is_measured_and_its_row_kept(tmp_path: Path) -> None:
-    told = plan()
-    (grasp,) = told.grasps(["bottle"], 1)
-    row = run_trial(told, OPEN_LOOP, grasp)
+    planned = plan()
+    (grasp,) = planned.grasps(["bottle"], 1)
+    row = run_trial(planned, OPEN_LOOP, grasp)
     assert (row.trial, row.column, row.seed) == ("bottle-000", "none", grasp.seed)
     assert abs(row.offset) <= 0.05 + 0.003 and abs(row.yaw) <= 30.0 + 0.1
     assert row.ending in ("lifted", "missed", "dropped") and row.reason
@@ -284,10 +288,10 @@ def test_a_grasp_is_measured_and_its_row_kept(tmp_path: Path) -> None:
         ),
     ],
 )
-def test_a_damaged_row_is_told_in_a_sentence(text: str, tmp_path: Path) -> None:
+def test_a_damaged_row_is_reported_in_a_sentence(text: str, tmp_path: Path) -> None:
     (tmp_path / "row.json").write_text(text)
-    said = "row.json is no grasp of this experiment: remove it, so that it is made again"
-    with pytest.raises(ConfigurationError, match=said):
+    sentence = "row.json is no grasp of this experiment: remove it, so that it is made again"
+    with pytest.raises(ConfigurationError, match=sentence):
         load(tmp_path / "row.json", OPEN_LOOP, Grasp("bottle", 0, 1))
 
 
@@ -306,7 +310,7 @@ def test_a_row_is_that_of_its_own_grasp(tmp_path: Path) -> None:
             load(tmp_path / "row.json", column, grasp)
 
 
-def test_a_damaged_grasp_is_told_before_others_are_made(
+def test_a_damaged_grasp_is_reported_before_others_are_made(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     done: list[str] = []
@@ -331,13 +335,13 @@ def test_all_columns_make_all_grasps_and_leave_tables_and_figures(
         "trials", "settings.json", "results.csv", "summary.json", "table.md", "success.png",
         "places.png",
     }  # fmt: skip
-    told = list(csv.DictReader((tmp_path / "results.csv").read_text().splitlines()))
-    assert len(told) == 4 * len(COLUMNS)
+    rows = list(csv.DictReader((tmp_path / "results.csv").read_text().splitlines()))
+    assert len(rows) == 4 * len(COLUMNS)
     summary = json.loads((tmp_path / "summary.json").read_text())
     assert summary["reached"]["none"]["all"]["success"]["hits"] == 2
     assert summary["tests"][0]["only_other"] == 2
-    said = capsys.readouterr().out
-    assert "| none | 2/4 | 2/4, 50.00 % [15.0, 85.0]" in said
+    output = capsys.readouterr().out
+    assert "| none | 2/4 | 2/4, 50.00 % [15.0, 85.0]" in output
     assert "**none**: 2 of 4" in (tmp_path / "table.md").read_text()
 
 
@@ -373,7 +377,7 @@ def test_a_folder_of_other_settings_is_left_alone(
         run_grasp(chosen(repeats=1), tmp_path / "two")
 
 
-def test_a_grasp_that_cannot_be_made_is_told_and_the_others_are_kept(
+def test_a_grasp_that_cannot_be_made_is_reported_and_the_others_are_kept(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     without_physics(monkeypatch)
@@ -404,7 +408,7 @@ def test_a_grasp_that_was_not_made_is_not_filmed(
     assert "not filmed: none/bottle-000, which was not made" in capsys.readouterr().out
 
 
-def test_a_film_that_fails_is_told_when_all_else_is_done(
+def test_a_film_that_fails_is_reported_when_all_else_is_done(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     without_physics(monkeypatch)
@@ -439,7 +443,7 @@ def test_without_grasps_of_the_first_column_nothing_is_compared(
 
 
 @pytest.mark.parametrize(
-    ("fields", "said"),
+    ("fields", "sentence"),
     [
         ({"repeats": 0}, "repeats: it takes 1 grasp or more"),
         ({"objects": ["bottle", "bottle"]}, "bottle"),
@@ -447,21 +451,21 @@ def test_without_grasps_of_the_first_column_nothing_is_compared(
         ({"record": ["bottle-9"]}, "unknown trial 'bottle-9'.*did you mean 'bottle-0"),
     ],
 )
-def test_a_wrong_option_is_told_before_anything_is_made(
-    fields: dict[str, Any], said: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+def test_a_wrong_option_is_reported_before_anything_is_made(
+    fields: dict[str, Any], sentence: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     done: list[str] = []
     without_physics(monkeypatch, done)
-    with pytest.raises(ConfigurationError, match=said):
+    with pytest.raises(ConfigurationError, match=sentence):
         run_grasp(chosen(**fields), tmp_path / "out")
     assert done == [] and not (tmp_path / "out").exists()
 
 
 def test_faults_reach_the_pipeline_and_the_settings(tmp_path: Path) -> None:
     fault: dict[str, Any] = {"faults": [{"fault": "zeros", "sensor": "tip_1"}]}
-    told = plan(faults=FaultFile(**fault).faults)
-    assert told.pipeline_of(COLUMNS[-1]).faults[0].sensor == "tip_1"
-    assert told.settings(COLUMNS) != plan().settings(COLUMNS)
+    planned = plan(faults=FaultFile(**fault).faults)
+    assert planned.pipeline_of(COLUMNS[-1]).faults[0].sensor == "tip_1"
+    assert planned.settings(COLUMNS) != plan().settings(COLUMNS)
 
 
 def test_the_command_line_runs_it(
@@ -505,19 +509,21 @@ BIASED: dict[str, Any] = {"faults": [{"fault": "bias", "sensor": "wrist", "amoun
 def test_a_grasp_that_is_recorded_can_be_replayed_and_explained(
     faults: tuple[Fault, ...], tmp_path: Path
 ) -> None:
-    told, (column, *_) = plan(faults=faults), COLUMNS
-    (grasp,) = told.grasps(["bottle"], 1)
-    config = told.pipeline_of(column, grasp.seed)
+    planned, (column, *_) = plan(faults=faults), COLUMNS
+    (grasp,) = planned.grasps(["bottle"], 1)
+    config = planned.pipeline_of(column, grasp.seed)
     assert config.robot is not None
-    scene = GraspScene(told.scene_of(column, grasp), shared_robot(config.robot), grasp.seed)
+    scene = GraspScene(planned.scene_of(column, grasp), shared_robot(config.robot), grasp.seed)
     path = tmp_path / "grasp.mcap"
     some = islice(grasped(scene, Pipeline(config)), 12)
-    steps = [cycle.step for cycle in recorded(told, column, grasp, scene, some, path)]
+    steps = [cycle.step for cycle in recorded(planned, column, grasp, scene, some, path)]
     setting = setting_of_recording(path)
     assert set(setting.config().generators) == {"wrist", "motion"}
     assert setting.config().faults == faults
     with closing(Session(setting, path)) as session:
         again = list(session.steps())
-    assert [step.stamp for step in again[:10]] == pytest.approx([one.stamp for one in steps[1:11]])
+    assert [step.stamp for step in again[:10]] == pytest.approx(
+        [each.stamp for each in steps[1:11]]
+    )
     modes = [step.command.mode if step.command else "" for step in steps]
     assert [step.command.mode if step.command else "" for step in again[:10]] == modes[1:11]

@@ -1,4 +1,4 @@
-"""A grasp as its sensors tell it, the truth apart from it, and the closed loop of both."""
+"""A grasp as its sensors measure it, the truth apart from it, and the closed loop of both."""
 
 import json
 import re
@@ -52,28 +52,30 @@ def robot() -> RobotModel:
     return shared_robot(PLAN.pipeline.robot)
 
 
-def config(thing: str = "bottle", **fields: Any) -> GraspConfig:
+def config(name: str = "bottle", **fields: Any) -> GraspConfig:
     """A scene without cameras, in which nothing is left to chance but the noise."""
-    told = PLAN.scenes[thing].model_dump()
+    defaults = PLAN.scenes[name].model_dump()
     fixed = {"azimuth": 180.0, "offset": 0.0, "yaw": 0.0, "camera_rate": 0.0}
-    return GraspConfig(**{**told, **fixed, **fields})
+    return GraspConfig(**{**defaults, **fixed, **fields})
 
 
-def scene(seed: int = 1, thing: str = "bottle", **fields: Any) -> GraspScene:
-    return GraspScene(config(thing, **fields), robot(), seed)
+def scene(seed: int = 1, name: str = "bottle", **fields: Any) -> GraspScene:
+    return GraspScene(config(name, **fields), robot(), seed)
 
 
-def moved(one: GraspScene, seconds: float, *velocity: float, gripper: float | None = None) -> None:
+def moved(
+    grasp: GraspScene, seconds: float, *velocity: float, gripper: float | None = None
+) -> None:
     """Move the tool by a velocity in its own frame."""
-    for _ in range(round(seconds / one.config.period)):
+    for _ in range(round(seconds / grasp.config.period)):
         linear = np.array(velocity or (0.0, 0.0, 0.0))
-        twist = Twist(stamp=one.stamp, frame="palm", linear=linear, angular=np.zeros(3))
-        one.obey(Command(twist=twist, gripper=gripper))
+        twist = Twist(stamp=grasp.stamp, frame="palm", linear=linear, angular=np.zeros(3))
+        grasp.obey(Command(twist=twist, gripper=gripper))
 
 
-def played(one: GraspScene, column: Column, **pipeline: Any) -> list[GraspCycle]:
+def played(grasp: GraspScene, column: Column, **pipeline: Any) -> list[GraspCycle]:
     chosen = PLAN.pipeline_of(column).model_copy(update=pipeline)
-    return list(grasped(one, Pipeline(chosen)))
+    return list(grasped(grasp, Pipeline(chosen)))
 
 
 @cache
@@ -83,7 +85,7 @@ def still() -> Step:
 
 
 def moment(stamp: float, mode: str, height: float = 0.0) -> GraspMoment:
-    """A cycle of which only mode and truth are told: a bottle, so much higher than it stood."""
+    """A cycle of which only mode and truth are set: a bottle, so much higher than it stood."""
     truth = GraspTruth(
         stamp=stamp,
         object=pose_of((0.8, 0.0, 0.25 + height), np.eye(3)),
@@ -112,14 +114,14 @@ def otherwise(cycles: list[GraspMoment], row: int, **truth: Any) -> list[GraspMo
     return others
 
 
-def success(one: GraspScene, cycles: list[GraspCycle]) -> bool:
-    return result_of(cycles, one.config.lifted, one.config.held).success
+def success(grasp: GraspScene, cycles: list[GraspCycle]) -> bool:
+    return result_of(cycles, grasp.config.lifted, grasp.config.held).success
 
 
 @cache
 def lifted_bottle() -> tuple[GraspScene, list[GraspCycle]]:
-    one = scene(offset=0.045)
-    return one, played(one, PAPERS)
+    grasp = scene(offset=0.045)
+    return grasp, played(grasp, PAPERS)
 
 
 # The world
@@ -136,9 +138,9 @@ def test_at_the_start_the_object_stands_on_the_table_where_the_scene_says() -> N
 
 def test_the_hand_begins_level_and_so_far_before_where_the_object_should_be() -> None:
     truth = scene(azimuth=160.0).truth()
-    ahead = truth.object[:3, 3] - truth.tool[:3, 3]
+    forward = truth.object[:3, 3] - truth.tool[:3, 3]
     assert truth.tool[:3, 1] == pytest.approx([0.0, 0.0, 1.0], abs=0.01)
-    assert float(ahead @ truth.tool[:3, 2]) == pytest.approx(0.28, abs=0.003)
+    assert float(forward @ truth.tool[:3, 2]) == pytest.approx(0.28, abs=0.003)
     assert np.degrees(np.arctan2(-truth.tool[1, 2], -truth.tool[0, 2])) == pytest.approx(160, abs=1)
 
 
@@ -149,44 +151,44 @@ def test_offsets_are_to_the_left_as_the_hand_goes() -> None:
 
 
 def test_the_object_has_the_mass_of_its_urdf_or_what_the_scene_says() -> None:
-    bottle, carton = scene(), scene(thing="carton")
-    for one, mass in ((bottle, 0.45), (carton, 0.5)):
-        world = one._world
+    bottle, carton = scene(), scene(name="carton")
+    for grasp, mass in ((bottle, 0.45), (carton, 0.5)):
+        world = grasp._world
         assert world._bullet.getDynamicsInfo(world._body, -1, **world._client)[0] == mass
 
 
 def test_what_is_off_the_table_falls_to_the_floor() -> None:
-    one = scene(offset=0.6)
-    moved(one, 1.5)
-    assert -0.1 < one.truth().object[2, 3] < 0.2
+    grasp = scene(offset=0.6)
+    moved(grasp, 1.5)
+    assert -0.1 < grasp.truth().object[2, 3] < 0.2
 
 
-def test_the_tool_goes_as_it_is_told_and_does_not_turn() -> None:
-    one = scene()
-    before = one.truth().tool
-    moved(one, 2.0, 0.02, 0.01, 0.0)
-    moved(one, 0.5)
-    after = one.truth().tool
+def test_the_tool_follows_its_twist_and_does_not_rotate() -> None:
+    grasp = scene()
+    before = grasp.truth().tool
+    moved(grasp, 2.0, 0.02, 0.01, 0.0)
+    moved(grasp, 0.5)
+    after = grasp.truth().tool
     assert before[:3, :3].T @ (after - before)[:3, 3] == pytest.approx([0.04, 0.02, 0], abs=0.004)
     assert after[:3, :3] == pytest.approx(before[:3, :3], abs=0.01)
 
 
-def test_a_twist_may_be_told_along_the_axes_of_the_root_link() -> None:
-    one = scene()
-    before = one.truth().tool[2, 3]
+def test_a_twist_may_be_given_along_the_axes_of_the_root_link() -> None:
+    grasp = scene()
+    before = grasp.truth().tool[2, 3]
     for _ in range(20):
         up = Twist(stamp=0.0, frame="base", linear=np.array([0, 0, 0.05]), angular=np.zeros(3))
-        one.obey(Command(twist=up))
-    assert one.truth().tool[2, 3] - before == pytest.approx(0.045, abs=0.008)
+        grasp.obey(Command(twist=up))
+    assert grasp.truth().tool[2, 3] - before == pytest.approx(0.045, abs=0.008)
 
 
-def test_joints_go_at_the_speed_that_they_are_told() -> None:
-    one = scene()
+def test_joints_go_at_the_commanded_speed() -> None:
+    grasp = scene()
     row = robot().joint_names.index("arm_1")
-    before = one.truth().joints[row]
+    before = grasp.truth().joints[row]
     for _ in range(10):
-        one.obey(Command(joint_velocities={"arm_1": 0.2}))
-    assert one.truth().joints[row] - before == pytest.approx(0.1, abs=0.02)
+        grasp.obey(Command(joint_velocities={"arm_1": 0.2}))
+    assert grasp.truth().joints[row] - before == pytest.approx(0.1, abs=0.02)
 
 
 def twist(frame: str) -> Command:
@@ -194,15 +196,17 @@ def twist(frame: str) -> Command:
 
 
 @pytest.mark.parametrize(
-    ("command", "said"),
+    ("command", "sentence"),
     [
         (twist("wrist_sensor"), "a twist is given in 'palm' or 'base', not in 'wrist_sensor'"),
         (Command(joint_velocities={"arm_9": 0.1}), "unknown joint 'arm_9': did you mean 'arm_"),
         (Command(joint_velocities={"finger_1_distal_joint": 0.1}), "the gripper leads joint"),
     ],
 )
-def test_a_command_that_does_not_fit_is_told_in_a_sentence(command: Command, said: str) -> None:
-    with pytest.raises(ConfigurationError, match=said):
+def test_a_command_that_does_not_fit_is_reported_in_a_sentence(
+    command: Command, sentence: str
+) -> None:
+    with pytest.raises(ConfigurationError, match=sentence):
         one_scene().obey(command)
 
 
@@ -212,68 +216,68 @@ def one_scene() -> GraspScene:
 
 
 def test_the_gripper_closes_and_opens() -> None:
-    one = scene()
+    grasp = scene()
     row = robot().joint_names.index("finger_1_proximal_joint")
     ends = []
     for gripper in (0.0, 1.0):
-        moved(one, 2.5, 0.0, 0.0, 0.0, gripper=gripper)
-        ends.append(float(one.truth().joints[row]))
+        moved(grasp, 2.5, 0.0, 0.0, 0.0, gripper=gripper)
+        ends.append(float(grasp.truth().joints[row]))
     assert ends == pytest.approx([-0.15, 1.3], abs=0.03)
 
 
 def led(command: Command, seconds: float, **start: float) -> FloatArray:
-    """Give how fast an arm is led at most that follows a command exactly, by joint [rad/s]."""
-    names, one = robot().joint_names, config()
+    """Greatest speeds of an arm that follows a command exactly, by joint [rad/s]."""
+    names, grasp = robot().joint_names, config()
     wanted = one_scene().truth().joints.copy()
     for name, position in start.items():
         wanted[names.index(name)] = position
     stiffness = np.full(len(names), 400.0)
-    driver = GraspDriver(robot(), "palm", one.gripper, one.grip, stiffness, wanted)
+    driver = GraspDriver(robot(), "palm", grasp.gripper, grasp.grip, stiffness, wanted)
     driver.obey(command)
-    ways = [wanted, *(driver.advance(driver.commanded) for _ in range(round(seconds / STEP)))]
+    paths = [wanted, *(driver.advance(driver.commanded) for _ in range(round(seconds / STEP)))]
     arm = [row for row, name in enumerate(names) if name.startswith("arm_")]
-    fastest: FloatArray = np.abs(np.diff(ways, axis=0)).max(axis=0)[arm] / STEP
+    fastest: FloatArray = np.abs(np.diff(paths, axis=0)).max(axis=0)[arm] / STEP
     return fastest
 
 
 @pytest.mark.parametrize("speed", [30.0, -30.0])
-def test_no_joint_is_faster_than_it_may_be_however_fast_it_is_told(speed: float) -> None:
+def test_no_joint_is_faster_than_it_may_be_however_fast_the_command(speed: float) -> None:
     fastest = led(Command(joint_velocities={"arm_1": speed, "arm_2": 0.5}), 0.1)
     assert fastest == pytest.approx([FASTEST, 0.5, *[0.0] * (len(fastest) - 2)], abs=1e-6)
 
 
 def test_no_joint_is_faster_to_follow_a_tool_when_the_arm_is_almost_stretched_out() -> None:
-    ahead = Twist(stamp=0, frame="palm", linear=np.array([0, 0, 0.15]), angular=np.zeros(3))
-    assert led(Command(twist=ahead), 0.15, arm_4=-0.1).max() == pytest.approx(FASTEST)
-    assert led(Command(twist=ahead), 0.15).max() < 0.2
-    both = Command(twist=ahead, joint_velocities={f"arm_{row}": 1.0 for row in range(1, 8)})
+    forward = Twist(stamp=0, frame="palm", linear=np.array([0, 0, 0.15]), angular=np.zeros(3))
+    assert led(Command(twist=forward), 0.15, arm_4=-0.1).max() == pytest.approx(FASTEST)
+    assert led(Command(twist=forward), 0.15).max() < 0.2
+    both = Command(twist=forward, joint_velocities={f"arm_{row}": 1.0 for row in range(1, 8)})
     assert led(both, 0.15, arm_4=-0.1).max() == pytest.approx(FASTEST)
 
 
-def test_at_the_limits_of_its_joints_the_hand_stays_on_its_way() -> None:
+def test_at_the_limits_of_its_joints_the_hand_stays_on_its_path() -> None:
     """Going back, the elbow soon bends no further: the hand waits there, and does not go round."""
-    one = scene(azimuth=180.0)
-    start = one.truth().tool
-    moved(one, 1.5, 0.0, 0.0, -0.05)
-    away = (inverse(start) @ one.truth().tool)[:3, 3]
+    grasp = scene(azimuth=180.0)
+    start = grasp.truth().tool
+    moved(grasp, 1.5, 0.0, 0.0, -0.05)
+    away = (inverse(start) @ grasp.truth().tool)[:3, 3]
     assert -0.02 < away[2] < -0.005
     assert np.abs(away[:2]).max() < 0.01
 
 
-def test_the_hand_presses_with_limited_force_against_what_does_not_give_way() -> None:
-    one = scene(thing="carton", mass=60.0, table_friction=0.59)
-    moved(one, 1.0, 0.0, 0.0, 0.0, gripper=0.0)
-    moved(one, 5.0, 0.0, 0.0, 0.06)
-    assert 5.0 < one.truth().force < 250.0
+def test_the_hand_presses_with_limited_force_against_what_does_not_yield() -> None:
+    grasp = scene(name="carton", mass=60.0, table_friction=0.59)
+    moved(grasp, 1.0, 0.0, 0.0, 0.0, gripper=0.0)
+    moved(grasp, 5.0, 0.0, 0.0, 0.06)
+    assert 5.0 < grasp.truth().force < 250.0
 
 
-def test_a_push_between_two_questions_is_told_once() -> None:
+def test_a_push_between_two_questions_is_reported_once() -> None:
     """The hand runs into the bottle and goes back before anybody asks."""
-    one = scene(distance=0.24, offset=0.035)
-    assert one.truth().force == 0.0
-    moved(one, 0.4, 0.0, 0.0, 0.1)
-    moved(one, 0.7, 0.0, 0.0, -0.1)
-    after, later = one.truth(), one.truth()
+    grasp = scene(distance=0.24, offset=0.035)
+    assert grasp.truth().force == 0.0
+    moved(grasp, 0.4, 0.0, 0.0, 0.1)
+    moved(grasp, 0.7, 0.0, 0.0, -0.1)
+    after, later = grasp.truth(), grasp.truth()
     assert not after.touched and after.force > 1.0
     assert later.force == 0.0
 
@@ -281,44 +285,44 @@ def test_a_push_between_two_questions_is_told_once() -> None:
 # What is read
 
 
-def test_sensors_tell_joints_skins_and_wrists_and_which_way_the_gripper_goes() -> None:
-    one = scene()
-    moved(one, 0.1, 0.0, 0.0, 0.0, gripper=0.0)
-    readings = one.readings()
+def test_sensors_measure_joints_skins_and_wrists_and_where_the_gripper_moves() -> None:
+    grasp = scene()
+    moved(grasp, 0.1, 0.0, 0.0, 0.0, gripper=0.0)
+    readings = grasp.readings()
     kinds = {type(reading) for reading in readings}
     assert kinds == {JointState, TactileImage, Wrench, JointCommand}
-    assert [reading.stamp for reading in readings] == sorted(one.stamp for one in readings)
+    assert [reading.stamp for reading in readings] == sorted(reading.stamp for reading in readings)
     assert sum(isinstance(reading, Wrench) for reading in readings) == 10
 
 
-def test_a_gripper_that_is_told_the_same_again_commands_nothing_new() -> None:
-    one = scene()
-    moved(one, 0.1, 0.0, 0.0, 0.0, gripper=0.0)
-    assert sum(isinstance(reading, JointCommand) for reading in one.readings()) == 1
+def test_a_gripper_that_gets_the_same_command_again_commands_nothing_new() -> None:
+    grasp = scene()
+    moved(grasp, 0.1, 0.0, 0.0, 0.0, gripper=0.0)
+    assert sum(isinstance(reading, JointCommand) for reading in grasp.readings()) == 1
 
 
 def test_cameras_see_when_they_are_on() -> None:
-    one = scene(camera_rate=10.0)
-    one.readings()
-    moved(one, 0.1)
-    assert {reading.sensor for reading in one.readings()} >= {"forehead"}
+    grasp = scene(camera_rate=10.0)
+    grasp.readings()
+    moved(grasp, 0.1)
+    assert {reading.sensor for reading in grasp.readings()} >= {"forehead"}
 
 
-def test_a_wrist_tells_no_more_than_its_range() -> None:
-    one = scene(wrench_range=(2.0, 0.1))
-    moved(one, 0.1)
-    wrenches = [reading for reading in one.readings() if isinstance(reading, Wrench)]
+def test_a_wrist_measures_no_more_than_its_range() -> None:
+    grasp = scene(wrench_range=(2.0, 0.1))
+    moved(grasp, 0.1)
+    wrenches = [reading for reading in grasp.readings() if isinstance(reading, Wrench)]
     assert max(np.abs(wrench.force).max() for wrench in wrenches) == 2.0
     assert max(np.abs(wrench.torque).max() for wrench in wrenches) == 0.1
 
 
 def test_who_looks_changes_nothing_of_what_wrists_joints_and_skins_read() -> None:
-    heard = []
+    received = []
     for rate in (0.0, 20.0):
-        one = scene(3, offset=(-0.05, 0.05), camera_rate=rate)
+        grasp = scene(3, offset=(-0.05, 0.05), camera_rate=rate)
         felt, seen = list[list[float]](), 0
         for _ in range(3):
-            for reading in one.readings():
+            for reading in grasp.readings():
                 match reading:
                     case Wrench():
                         felt.append([*reading.force, *reading.torque])
@@ -328,44 +332,44 @@ def test_who_looks_changes_nothing_of_what_wrists_joints_and_skins_read() -> Non
                         felt.append(reading.positions.tolist())
                     case _:
                         seen += 1
-            moved(one, 0.05)
-        heard.append((felt, seen > 0))
-    (blind, none), (looking, some) = heard
+            moved(grasp, 0.05)
+        received.append((felt, seen > 0))
+    (blind, none), (looking, some) = received
     assert blind == looking
     assert (none, some) == (False, True)
 
 
 def test_the_same_seed_gives_the_same_grasp_and_another_another() -> None:
-    ways = []
+    paths = []
     for seed in (3, 3, 4):
-        one = scene(seed, offset=(-0.05, 0.05))
-        moved(one, 0.5, 0.0, 0.0, 0.05)
-        joints = [reading for reading in one.readings() if isinstance(reading, JointState)]
-        ways.append((one.truth().object.tolist(), joints[-1].positions.tolist()))
-    assert ways[0] == ways[1] != ways[2]
+        grasp = scene(seed, offset=(-0.05, 0.05))
+        moved(grasp, 0.5, 0.0, 0.0, 0.05)
+        joints = [reading for reading in grasp.readings() if isinstance(reading, JointState)]
+        paths.append((grasp.truth().object.tolist(), joints[-1].positions.tolist()))
+    assert paths[0] == paths[1] != paths[2]
 
 
 # The closed loop
 
 
 @pytest.mark.slow
-def test_open_loop_a_bottle_right_ahead_is_lifted_and_held() -> None:
-    one = scene()
-    cycles = played(one, OPEN_LOOP)
+def test_open_loop_a_bottle_straight_in_front_is_lifted_and_held() -> None:
+    grasp = scene()
+    cycles = played(grasp, OPEN_LOOP)
     assert cycles[-1].ending == "lifted"
-    assert success(one, cycles)
+    assert success(grasp, cycles)
 
 
 @pytest.mark.slow
-def test_open_loop_a_bottle_far_aside_is_not() -> None:
-    one = scene(offset=0.05)
-    assert not success(one, played(one, OPEN_LOOP))
+def test_open_loop_a_bottle_far_beside_is_not() -> None:
+    grasp = scene(offset=0.05)
+    assert not success(grasp, played(grasp, OPEN_LOOP))
 
 
 @pytest.mark.slow
-def test_wrist_and_motion_find_the_bottle_aside_correct_the_hand_and_lift_it() -> None:
-    one, cycles = lifted_bottle()
-    result = result_of(cycles, one.config.lifted, one.config.held)
+def test_wrist_and_motion_find_the_bottle_beside_correct_the_hand_and_lift_it() -> None:
+    grasp, cycles = lifted_bottle()
+    result = result_of(cycles, grasp.config.lifted, grasp.config.held)
     assert cycles[-1].ending == "lifted"
     assert result.success and not result.fallen
     assert result.corrections >= 1
@@ -377,22 +381,22 @@ def test_wrist_and_motion_find_the_bottle_aside_correct_the_hand_and_lift_it() -
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("thing", ["mug", "carton"])
-def test_other_objects_are_lifted_too(thing: str) -> None:
-    one = scene(thing=thing, offset=0.02, yaw=10.0)
-    assert success(one, played(one, PAPERS))
+@pytest.mark.parametrize("name", ["mug", "carton"])
+def test_other_objects_are_lifted_too(name: str) -> None:
+    grasp = scene(name=name, offset=0.02, yaw=10.0)
+    assert success(grasp, played(grasp, PAPERS))
 
 
-def test_the_truth_tells_where_the_object_stands_and_what_touches_the_hand() -> None:
-    one, _ = lifted_bottle()
-    facts = one.facts()
-    assert [thing.name for thing in facts.objects] == [OBJECT]
+def test_the_truth_states_where_the_object_stands_and_what_touches_the_hand() -> None:
+    grasp, _ = lifted_bottle()
+    facts = grasp.facts()
+    assert [pose.name for pose in facts.objects] == [OBJECT]
     assert facts.objects[0].position[2] > 0.35
     assert len(facts.contacts) >= 2
 
 
 def test_what_was_held_at_the_end_only_for_a_moment_is_no_success() -> None:
-    one, cycles = lifted_bottle()
+    grasp, cycles = lifted_bottle()
     assert result_of(cycles, 0.1, 2.0).success
     assert not result_of(cycles, 0.1, 5.0).success
     assert not result_of(cycles, 0.2, 2.0).success
@@ -401,10 +405,10 @@ def test_what_was_held_at_the_end_only_for_a_moment_is_no_success() -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("period", [0.02, 0.1])
 def test_a_hand_that_is_led_more_or_less_often_corrects_itself_and_lifts(period: float) -> None:
-    one = scene(offset=0.045, period=period)
-    cycles = played(one, PAPERS)
+    grasp = scene(offset=0.045, period=period)
+    cycles = played(grasp, PAPERS)
     assert cycles[-1].ending == "lifted"
-    result = result_of(cycles, one.config.lifted, one.config.held)
+    result = result_of(cycles, grasp.config.lifted, grasp.config.held)
     assert result.success and result.corrections >= 1
     assert cycles[1].truth.stamp == pytest.approx(period)
 
@@ -442,8 +446,8 @@ def test_what_the_hand_does_not_touch_in_the_end_is_no_success_however_high() ->
 def test_fallen_is_what_lies_and_not_what_leans_in_the_hand(
     lean: float, supported: bool, fallen: bool
 ) -> None:
-    turn = Rotation.from_euler("zx", [120.0, lean], degrees=True).as_matrix()
-    leaning = pose_of((0.8, 0.0, 0.3), turn)
+    rotation = Rotation.from_euler("zx", [120.0, lean], degrees=True).as_matrix()
+    leaning = pose_of((0.8, 0.0, 0.3), rotation)
     cycles = otherwise(lift_up(), -1, object=leaning, supported=supported)
     assert result_of(cycles, 0.1, 2.0).fallen == fallen
 
@@ -455,10 +459,10 @@ def test_fallen_is_what_lies_and_not_what_leans_in_the_hand(
         *((mode, 3.0) for mode in ("open", "close", "lift", "hold", "retreat")),
     ],
 )
-def test_a_push_counts_when_it_was_felt_on_the_way_to_the_object(mode: str, force: float) -> None:
-    """What a cycle tells was felt in the mode that was commanded before."""
+def test_a_push_counts_when_it_was_felt_on_the_path_to_the_object(mode: str, force: float) -> None:
+    """What a cycle reports was felt in the mode that was commanded before."""
     modes = ["approach", mode, "lifted"]
-    cycles = [moment(0.0, "open"), *(moment(0.1, one) for one in modes)]
+    cycles = [moment(0.0, "open"), *(moment(0.1, each) for each in modes)]
     pushed = otherwise(otherwise(cycles, 2, force=3.0), 3, force=7.0)
     assert result_of(pushed, 0.1, 2.0).force == force
 
@@ -467,7 +471,7 @@ def test_a_push_counts_when_it_was_felt_on_the_way_to_the_object(mode: str, forc
 
 
 @pytest.mark.slow
-def test_a_scene_file_is_run_and_its_truth_told(
+def test_a_scene_file_is_run_and_its_truth_reported(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     run_file(SCENES / "grasp_bottle.yaml", overrides=["scene.offset=0.04"], out=tmp_path, seed=2)
@@ -479,7 +483,7 @@ def test_a_scene_file_is_run_and_its_truth_told(
 
 
 @pytest.mark.parametrize(
-    ("fields", "said"),
+    ("fields", "sentence"),
     [
         ({"tool": "plam"}, "unknown link 'plam'.*did you mean 'palm'"),
         ({"posture": {"arm_22": 0.0}}, "posture.arm_22.*did you mean 'arm_2'"),
@@ -502,8 +506,8 @@ def test_a_scene_file_is_run_and_its_truth_told(
         ),
     ],
 )
-def test_a_wrong_field_is_told_in_a_sentence(fields: dict[str, Any], said: str) -> None:
-    with pytest.raises((ConfigurationError, RobotError), match=said):
+def test_a_wrong_field_is_reported_in_a_sentence(fields: dict[str, Any], sentence: str) -> None:
+    with pytest.raises((ConfigurationError, RobotError), match=sentence):
         scene(**fields)
 
 
@@ -519,12 +523,12 @@ def test_a_hand_ends_beyond_where_it_begins() -> None:
 
 
 def test_a_urdf_without_a_mass_needs_one() -> None:
-    thing = {
+    fields = {
         "urdf": str(ROOT / "examples/objects/mug.urdf"),
         "pose": {"parent": "base", "xyz": [0.8, 0.0, 0.301]},
     }
     with pytest.raises(RobotError, match="has no mass.*give the scene's `mass`"):
-        scene(object=thing)
+        scene(object=fields)
 
 
 def test_shapes_without_a_mass_are_refused() -> None:
@@ -532,14 +536,14 @@ def test_shapes_without_a_mass_are_refused() -> None:
         config("carton", mass=None)
 
 
-def test_an_object_out_of_reach_is_told_in_a_sentence() -> None:
+def test_an_object_out_of_reach_is_reported_in_a_sentence() -> None:
     far = {"urdf": "contactfusion_lab.experiments.grasp:bottle.urdf"}
     far_away: dict[str, Any] = {**far, "pose": {"parent": "base", "xyz": [1.6, 0.0, 0.25]}}
     with pytest.raises(RobotError, match="does not reach where the grasp begins.*out of its reach"):
         scene(object=far_away)
 
 
-def test_a_hand_that_would_begin_in_the_table_is_told_in_a_sentence() -> None:
+def test_a_hand_that_would_begin_in_the_table_is_reported_in_a_sentence() -> None:
     with pytest.raises(RobotError, match="would touch something where the grasp begins"):
         scene(height=0.0)
 

@@ -11,7 +11,7 @@ SCENES = [path for path in ALL if path not in EXAMPLES]
 
 @pytest.mark.slow
 @pytest.mark.parametrize("example", SCENES, ids=lambda path: path.stem)
-def test_the_example_runs_and_leaves_its_results_where_it_was_told(
+def test_the_example_runs_and_leaves_its_results_where_it_was_asked_to(
     example: Path, tmp_path: Path
 ) -> None:
     runs(example, tmp_path)

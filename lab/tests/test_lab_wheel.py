@@ -31,8 +31,8 @@ def test_the_wheel_holds_every_module_and_file_of_the_laboratory(lab_wheel: Path
 
 def test_it_adds_its_commands_and_scenes(wheel: Path, lab_wheel: Path, tmp_path: Path) -> None:
     programs = installed(tmp_path / "environment", wheel, lab_wheel)
-    said = run(programs / "contactfusion", "plugins", "--strict", cwd=tmp_path)
-    kinds = {line.split()[0]: line.split()[1] for line in said.splitlines() if line[:1] != " "}
+    sentence = run(programs / "contactfusion", "plugins", "--strict", cwd=tmp_path)
+    kinds = {line.split()[0]: line.split()[1] for line in sentence.splitlines() if line[:1] != " "}
     assert {name: kinds[name] for name in ("grasp", "push", "touch")} == dict.fromkeys(
         ("grasp", "push", "touch"), "scene"
     )

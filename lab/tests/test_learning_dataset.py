@@ -89,7 +89,7 @@ def test_windows_are_those_of_a_naive_loop() -> None:
     assert gathered.tobytes() == np.array([window for window, _, _ in naive]).tobytes()
     assert windows.kind.tolist() == [kind for _, kind, _ in naive]
     assert windows.lateral == pytest.approx([at for _, _, at in naive], nan_ok=True)
-    assert windows.touching.tolist() == [row for row, one in enumerate(naive) if one[1]]
+    assert windows.touching.tolist() == [row for row, each in enumerate(naive) if each[1]]
 
 
 def test_windows_are_gathered_in_the_order_that_is_asked_for() -> None:
@@ -122,7 +122,7 @@ def test_splits_are_kept_apart_and_tests_left_out() -> None:
     assert Dataset.of(trials[:-1]).sha256 == data.sha256
 
 
-def test_the_hash_tells_of_any_change() -> None:
+def test_the_hash_changes_with_any_change() -> None:
     trials = toy_trials(2, 1)
     hashes = {Dataset.of(trials).sha256, Dataset.of(trials[::-1]).sha256}
     stamp = trials[0].stamp + 1e-9
@@ -132,7 +132,7 @@ def test_the_hash_tells_of_any_change() -> None:
     assert Dataset.of(toy_trials(2, 1)).sha256 in hashes
 
 
-def test_data_that_cannot_be_learned_from_are_told() -> None:
+def test_data_that_cannot_be_learned_from_are_reported() -> None:
     with pytest.raises(ConfigurationError, match="none of the 0 trials for validation has"):
         Dataset.of(toy_trials(2, 0))
     never = replace(

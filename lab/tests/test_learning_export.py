@@ -47,15 +47,15 @@ def test_the_run_time_says_what_was_trained(
         assert found.probabilities == pytest.approx(odds[row] / odds[row].sum(), abs=1e-6)
 
 
-def test_the_card_tells_what_is_true(tmp_path: Path, trained: tuple[Trained, Trained]) -> None:
+def test_the_card_states_what_is_true(tmp_path: Path, trained: tuple[Trained, Trained]) -> None:
     card = ship(tmp_path / "contact.safetensors", trained)
     networks, windows = ContactNetworks.load(tmp_path / "contact.safetensors"), DATA.validation
     found = [networks.perceive(window) for window in windows.gather(np.arange(len(windows)))]
-    errors = np.array([one.lateral for one in found]) - windows.lateral
+    errors = np.array([each.lateral for each in found]) - windows.lateral
     for row, kind in ((1, "point"), (2, "line")):
         here = errors[windows.kind == row]
         assert card.sigma[kind] == pytest.approx(np.sqrt(np.mean(here**2)), rel=1e-5)
-    right = np.mean([one.probabilities.argmax() for one in found] == windows.kind)
+    right = np.mean([each.probabilities.argmax() for each in found] == windows.kind)
     assert card.figures == {
         "validation_location_rmse_m": pytest.approx(np.sqrt(np.nanmean(errors**2)), rel=1e-5),
         "validation_type_accuracy": pytest.approx(right),
@@ -93,7 +93,9 @@ def test_a_training_can_begin_with_what_was_shipped(
     assert again.history[0, 0] < trained[1].history[0, 0]
 
 
-def test_what_cannot_be_shipped_is_told(tmp_path: Path, trained: tuple[Trained, Trained]) -> None:
+def test_what_cannot_be_shipped_is_reported(
+    tmp_path: Path, trained: tuple[Trained, Trained]
+) -> None:
     path = tmp_path / "contact.safetensors"
     kinds = np.minimum(DATA.validation.kind, 1)
     pointed = replace(DATA, validation=replace(DATA.validation, kind=kinds))

@@ -90,8 +90,8 @@ def test_varied_pushes_come_on_top() -> None:
 
 def test_names_are_unique_over_all_rounds() -> None:
     found = lessons()
-    for turn in (1, 2, 3):
-        found += driven_lessons(30, turn, MOUNTINGS, 0)
+    for iteration in (1, 2, 3):
+        found += driven_lessons(30, iteration, MOUNTINGS, 0)
     names = [lesson.name for lesson in found]
     assert len(set(names)) == len(names)
     assert all(lesson.name.startswith(lesson.split) for lesson in found)
@@ -101,8 +101,8 @@ def test_names_are_unique_over_all_rounds() -> None:
 
 
 def test_places_to_train_on_validate_and_test_are_apart() -> None:
-    for one, other in ((GRID, VALIDATION), (GRID, NEW), (VALIDATION, NEW)):
-        assert not set(one) & set(other)
+    for first, second in ((GRID, VALIDATION), (GRID, NEW), (VALIDATION, NEW)):
+        assert not set(first) & set(second)
     assert (len(set(GRID)), len(set(VALIDATION)), len(set(NEW))) == (24, 6, 12)
 
 
@@ -135,15 +135,15 @@ def test_the_same_seed_gives_the_same_lessons() -> None:
 
 
 def test_another_seed_varies_pushes_otherwise_and_of_the_papers_only_the_noise() -> None:
-    one, other = lessons(3), lessons(4)
+    first, second = lessons(3), lessons(4)
     apart = [
         before.name
-        for before, after in zip(one, other, strict=True)
+        for before, after in zip(first, second, strict=True)
         if replace(before, seed=0) != replace(after, seed=0)
     ]
     assert len(apart) == WITHOUT + VARIED
     assert all("varied" in name or "without" in name for name in apart)
-    assert all(before.seed != after.seed for before, after in zip(one, other, strict=True))
+    assert all(before.seed != after.seed for before, after in zip(first, second, strict=True))
 
 
 def test_every_lesson_has_chance_of_its_own() -> None:
@@ -161,10 +161,10 @@ def test_validation_holds_every_friction_and_every_driver() -> None:
 
 def test_every_round_draws_pushes_of_its_own() -> None:
     rounds = [named("varied", lessons())[:12]]
-    rounds += [driven_lessons(12, turn, MOUNTINGS, 0) for turn in (1, 2)]
-    targets = [lesson.target for one in rounds for lesson in one]
+    rounds += [driven_lessons(12, iteration, MOUNTINGS, 0) for iteration in (1, 2)]
+    targets = [lesson.target for iteration in rounds for lesson in iteration]
     assert len(set(targets)) == 36
-    assert [{lesson.round for lesson in one} for one in rounds] == [{0}, {1}, {2}]
+    assert [{lesson.round for lesson in iteration} for iteration in rounds] == [{0}, {1}, {2}]
 
 
 def test_more_varied_pushes_change_nothing_of_the_first() -> None:
@@ -241,11 +241,11 @@ def test_every_lesson_is_a_push() -> None:
 
 def test_objects_of_other_sizes_are_drawn() -> None:
     varied = [lesson.object for lesson in named("varied", lessons())]
-    drawn = [thing for thing in varied if isinstance(thing, dict)]
+    drawn = [fields for fields in varied if isinstance(fields, dict)]
     assert 20 < len(drawn) < 55
-    assert {thing["shape"] for thing in drawn} == {"box", "cylinder"}
-    assert len({thing["mass"] for thing in drawn}) == len(drawn)
-    heights = [thing["height"] if "height" in thing else thing["size"][2] for thing in drawn]
+    assert {fields["shape"] for fields in drawn} == {"box", "cylinder"}
+    assert len({fields["mass"] for fields in drawn}) == len(drawn)
+    heights = [fields["height"] if "height" in fields else fields["size"][2] for fields in drawn]
     assert max(heights) - min(heights) > 0.2
 
 
@@ -258,13 +258,13 @@ class Driven(NamedTuple):
 
 @pytest.fixture
 def driven(monkeypatch: pytest.MonkeyPatch) -> list[Driven]:
-    """Give how the base moves, cycle by cycle."""
+    """The motion of the base, cycle by cycle."""
     noted: list[Driven] = []
     whole = PushScene.drive
 
-    def drive(self: PushScene, ahead: float, aside: float, turn: float) -> None:
-        noted.append(Driven(self.stamp, (ahead, aside, turn)))
-        whole(self, ahead, aside, turn)
+    def drive(self: PushScene, forward: float, lateral: float, yaw_rate: float) -> None:
+        noted.append(Driven(self.stamp, (forward, lateral, yaw_rate)))
+        whole(self, forward, lateral, yaw_rate)
 
     monkeypatch.setattr(PushScene, "drive", drive)
     return noted
@@ -272,7 +272,7 @@ def driven(monkeypatch: pytest.MonkeyPatch) -> list[Driven]:
 
 @pytest.fixture
 def short(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Let lessons end after 1.5 s."""
+    """End pushes after 1.5 s."""
     monkeypatch.setattr(rollout, "LONGEST", 1.5)
 
 
@@ -280,11 +280,11 @@ def lesson(**fields: Any) -> Lesson:
     return replace(Lesson("one", "validation", 0, "box", "mu1", (2.0, 0.0), seed=4), **fields)
 
 
-def made_again(one: Lesson, driven: list[Driven]) -> tuple[list[PushTruth], FloatArray]:
+def made_again(first: Lesson, driven: list[Driven]) -> tuple[list[PushTruth], FloatArray]:
     """Make the same motions once more; give what is true, and the lengths, shape (n, k, S) [m]."""
     names = ("object", "friction", "target", "offset", "yaw")
-    fields: dict[str, Any] = {name: getattr(one, name) for name in names}
-    scene = PushScene(PushConfig(**fields, sees=MOUNTINGS), seed=one.seed)
+    fields: dict[str, Any] = {name: getattr(first, name) for name in names}
+    scene = PushScene(PushConfig(**fields, sees=MOUNTINGS), seed=first.seed)
     truths, rows = [], []
     for cycle in range(len(driven) + 1):
         clouds = {read.sensor: read for read in scene.readings() if isinstance(read, PointCloud)}
@@ -302,7 +302,7 @@ def _lengths(cloud: PointCloud) -> FloatArray:
 
 @pytest.mark.usefixtures("short")
 @pytest.mark.parametrize(
-    "one",
+    "first",
     [
         lesson(),
         lesson(object="cylinder", friction="mu2", offset=0.1, yaw=20.0, controller="paper"),
@@ -310,9 +310,9 @@ def _lengths(cloud: PointCloud) -> FloatArray:
     ],
     ids=["box", "cylinder", "another"],
 )
-def test_what_is_kept_is_what_is_seen_and_true(one: Lesson, driven: list[Driven]) -> None:
-    trial = live(one, None)
-    truths, lengths = made_again(one, driven[:15])
+def test_what_is_kept_is_what_is_seen_and_true(first: Lesson, driven: list[Driven]) -> None:
+    trial = live(first, None)
+    truths, lengths = made_again(first, driven[:15])
     assert trial.stamp == pytest.approx(np.arange(16) * 0.1)
     assert [KINDS[kind] for kind in trial.kind] == [truth.kind for truth in truths]
     laterals = [truth.contact[1] for truth in truths]
@@ -322,7 +322,7 @@ def test_what_is_kept_is_what_is_seen_and_true(one: Lesson, driven: list[Driven]
 
 
 @pytest.mark.usefixtures("short")
-def test_a_trial_tells_where_it_comes_from() -> None:
+def test_a_trial_records_where_it_comes_from() -> None:
     trial = live(lesson(), None)
     assert (trial.name, trial.split, trial.round) == ("one", "validation", 0)
     assert trial.mountings == MOUNTINGS
@@ -352,21 +352,21 @@ def test_the_same_lesson_gives_the_same_bytes(tmp_path: Path) -> None:
 
 
 @pytest.mark.usefixtures("short")
-def test_in_a_detour_the_base_moves_as_told(driven: list[Driven]) -> None:
+def test_in_a_detour_the_base_moves_as_described(driven: list[Driven]) -> None:
     away, back = (-0.2, 0.05, 0.1), (0.3, -0.05, 0.0)
     trial = live(lesson(detours=(Detour(0.4, 0.8, away), Detour(1.0, 1.2, back))), None)
     straight = list(driven)
     driven.clear()
     live(lesson(), None)
-    told = {round(cycle.stamp, 3): cycle.motion for cycle in straight}
+    motions = {round(cycle.stamp, 3): cycle.motion for cycle in straight}
     free = {round(cycle.stamp, 3): cycle.motion for cycle in driven}
-    assert [told[stamp] for stamp in (0.4, 0.5, 0.6, 0.7)] == [away] * 4
-    assert [told[stamp] for stamp in (1.0, 1.1)] == [back] * 2
+    assert [motions[stamp] for stamp in (0.4, 0.5, 0.6, 0.7)] == [away] * 4
+    assert [motions[stamp] for stamp in (1.0, 1.1)] == [back] * 2
     # before it, and between, it is the controller's turn
-    assert [told[stamp] for stamp in (0.0, 0.1, 0.2, 0.3)] == [
+    assert [motions[stamp] for stamp in (0.0, 0.1, 0.2, 0.3)] == [
         free[stamp] for stamp in (0.0, 0.1, 0.2, 0.3)
     ]
-    assert told[0.8] not in (away, back) and told[1.2] not in (away, back)
+    assert motions[0.8] not in (away, back) and motions[1.2] not in (away, back)
     # contact is lost by it; it was there before
     assert trial.kind[4] != 0 and trial.kind[8] == 0
 
@@ -381,9 +381,9 @@ def test_after_arrival_it_backs_off_and_comes_again(driven: list[Driven], seed: 
     away = [cycle.motion for cycle in after if cycle.stamp < arrived + ONCE_MORE - 0.05]
     again = [cycle.motion for cycle in after if cycle.stamp > arrived + ONCE_MORE - 0.05]
     assert len(away) == len(again) == round(ONCE_MORE / 0.1)
-    ((ahead, aside, turn),) = set(again)
-    assert set(away) == {(-ahead, aside, turn)}
-    assert 0.05 <= ahead <= 0.3 and abs(aside) <= 0.1 and abs(turn) <= 0.3
+    ((forward, lateral, yaw_rate),) = set(again)
+    assert set(away) == {(-forward, lateral, yaw_rate)}
+    assert 0.05 <= forward <= 0.3 and abs(lateral) <= 0.1 and abs(yaw_rate) <= 0.3
     # it arrived in contact, and leaves it
     before, later = trial.stamp < arrived, trial.stamp > arrived + 0.5 * ONCE_MORE
     assert np.count_nonzero(trial.kind[before]) >= 8
@@ -410,20 +410,20 @@ def test_an_object_that_is_pushed_away_ends_the_lesson() -> None:
 def test_networks_drive_from_the_mounting_that_is_named(
     driver: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    heard = set()
+    received = set()
     whole = LidarCpmGenerator.generate
 
     def generate(self: LidarCpmGenerator, reading: Reading, state: State) -> Any:
-        heard.add(reading.sensor)
+        received.add(reading.sensor)
         return whole(self, reading, state)
 
     monkeypatch.setattr(LidarCpmGenerator, "generate", generate)
     trial = live(lesson(driver=driver), write(tmp_path, some_weights()))
-    assert heard == {driver}
+    assert received == {driver}
     assert trial.descriptors.shape == (3, 16, 12)  # all mountings look on
 
 
 @pytest.mark.usefixtures("short")
-def test_a_driver_that_is_no_mounting_is_told(tmp_path: Path) -> None:
+def test_a_driver_that_is_no_mounting_is_reported(tmp_path: Path) -> None:
     with pytest.raises(ConfigurationError, match="the robot has no 'lidar_tiled'; did you mean"):
         live(lesson(driver="lidar_tiled"), write(tmp_path, some_weights()))

@@ -37,11 +37,11 @@ class StoppedError(Exception):
 
 
 def stop_after(epochs: int) -> Report:
-    def told(epoch: int, training: float, validation: float, left: float) -> None:
+    def report(epoch: int, training: float, validation: float, left: float) -> None:
         if epoch == epochs:
             raise StoppedError
 
-    return told
+    return report
 
 
 # It learns
@@ -121,7 +121,7 @@ def test_trained_on_the_left_it_knows_the_right_if_it_saw_it_mirrored(
 
 
 def varied(name: Name, **options: Any) -> tuple[torch.Tensor, torch.Tensor]:
-    """Give all windows that a network learns from, as it sees them in one epoch."""
+    """All windows that a network learns from, as it sees them in one epoch."""
     share = training._Share.of(name, DATA.training, DATA)
     which = torch.arange(len(share.starts))
     generator = torch.Generator().manual_seed(3)
@@ -129,33 +129,35 @@ def varied(name: Name, **options: Any) -> tuple[torch.Tensor, torch.Tensor]:
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_windows_are_left_as_they_are_unless_told_otherwise(name: Name) -> None:
+def test_windows_are_left_as_they_are_by_default(name: Name) -> None:
     share = training._Share.of(name, DATA.training, DATA)
     windows, targets = varied(name, mirrored=False, begun=0.0)
-    as_they_are, said = share.windows(torch.arange(len(share.starts)))
-    assert torch.equal(windows, as_they_are) and torch.equal(targets, said)
+    as_they_are, unchanged = share.windows(torch.arange(len(share.starts)))
+    assert torch.equal(windows, as_they_are) and torch.equal(targets, unchanged)
 
 
 @pytest.mark.parametrize("name", NAMES)
 def test_half_of_the_windows_have_left_and_right_changed_over(name: Name) -> None:
-    as_they_are, said = varied(name, mirrored=False, begun=0.0)
+    as_they_are, unchanged = varied(name, mirrored=False, begun=0.0)
     windows, targets = varied(name, mirrored=True, begun=0.0)
     turned = (windows == as_they_are.flip(2)).all(dim=(1, 2))
     kept = (windows == as_they_are).all(dim=(1, 2))
     assert (turned ^ kept).all()
     assert turned.double().mean().item() == pytest.approx(0.5, abs=0.1)
-    assert torch.equal(targets[kept], said[kept])
+    assert torch.equal(targets[kept], unchanged[kept])
     if name == "type":
-        assert torch.equal(targets[turned], said[turned])
+        assert torch.equal(targets[turned], unchanged[turned])
     else:
-        before, after = (DATA.lateral.unscaled(one[turned].numpy()) for one in (said, targets))
+        before, after = (
+            DATA.lateral.unscaled(each[turned].numpy()) for each in (unchanged, targets)
+        )
         assert after == pytest.approx(-before, abs=1e-6)
 
 
 def test_some_windows_seem_to_begin_within() -> None:
-    as_they_are, said = varied("type", mirrored=False, begun=0.0)
+    as_they_are, unchanged = varied("type", mirrored=False, begun=0.0)
     windows, targets = varied("type", mirrored=False, begun=1.0)
-    assert torch.equal(targets, said)
+    assert torch.equal(targets, unchanged)
     begins = []
     for window, before in zip(windows, as_they_are, strict=True):
         same = (window == before).all(dim=1)
@@ -168,7 +170,7 @@ def test_some_windows_seem_to_begin_within() -> None:
     assert torch.equal(windows[:, -1], as_they_are[:, -1])
 
 
-def test_so_many_windows_seem_to_begin_within_as_is_told() -> None:
+def test_so_many_windows_seem_to_begin_within_as_configured() -> None:
     as_they_are, _ = varied("type", mirrored=False, begun=0.0)
     windows, _ = varied("type", mirrored=False, begun=0.4)
     changed = (windows != as_they_are).any(dim=(1, 2)).double().mean().item()
@@ -181,12 +183,12 @@ def test_so_many_windows_seem_to_begin_within_as_is_told() -> None:
 
 @pytest.mark.parametrize("name", NAMES)
 def test_the_same_seed_gives_the_same_bits(tmp_path: Path, name: Name) -> None:
-    one = train(name, DATA, QUICK, tmp_path / "one")
+    first = train(name, DATA, QUICK, tmp_path / "one")
     torch.manual_seed(99)  # nothing is drawn from what others may have used
-    other = train(name, DATA, QUICK, tmp_path / "other")
-    assert bits(one) == bits(other)
+    second = train(name, DATA, QUICK, tmp_path / "other")
+    assert bits(first) == bits(second)
     third = train(name, DATA, QUICK.model_copy(update={"seed": 6}), tmp_path / "third")
-    assert bits(one) != bits(third)
+    assert bits(first) != bits(third)
 
 
 def test_torch_is_left_as_it_was(tmp_path: Path) -> None:
@@ -212,9 +214,11 @@ def test_a_training_that_was_stopped_ends_as_if_it_had_not_been(
     whole = train(name, DATA, QUICK, tmp_path / "whole")
     with pytest.raises(StoppedError):
         train(name, DATA, QUICK, tmp_path / "parts", report=stop_after(epochs))
-    heard: list[int] = []
-    parts = train(name, DATA, QUICK, tmp_path / "parts", report=lambda *what: heard.append(what[0]))
-    assert heard == list(range(epochs + 1, QUICK.epochs + 1))
+    received: list[int] = []
+    parts = train(
+        name, DATA, QUICK, tmp_path / "parts", report=lambda *what: received.append(what[0])
+    )
+    assert received == list(range(epochs + 1, QUICK.epochs + 1))
     assert bits(parts) == bits(whole)
 
 
@@ -232,12 +236,12 @@ def test_a_training_begins_with_the_weights_of_another(tmp_path: Path) -> None:
         assert warm.weights[name] == pytest.approx(array, abs=1e-5)
 
 
-def test_progress_is_told(tmp_path: Path) -> None:
-    heard: list[tuple[int, float, float, float]] = []
-    trained = train("type", DATA, QUICK, tmp_path, report=lambda *what: heard.append(what))
-    assert [row[0] for row in heard] == [1, 2, 3, 4]
-    assert [row[1:3] for row in heard] == [tuple(row) for row in trained.history]
-    assert heard[0][3] > heard[2][3] > heard[3][3] == 0.0
+def test_progress_is_reported(tmp_path: Path) -> None:
+    received: list[tuple[int, float, float, float]] = []
+    trained = train("type", DATA, QUICK, tmp_path, report=lambda *what: received.append(what))
+    assert [row[0] for row in received] == [1, 2, 3, 4]
+    assert [row[1:3] for row in received] == [tuple(row) for row in trained.history]
+    assert received[0][3] > received[2][3] > received[3][3] == 0.0
 
 
 def test_every_window_is_seen_in_turn(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -263,7 +267,7 @@ def test_a_stride_beyond_the_windows_takes_one_at_a_time(tmp_path: Path) -> None
 # What is wrong
 
 
-def test_a_checkpoint_of_another_training_is_told(tmp_path: Path) -> None:
+def test_a_checkpoint_of_another_training_is_reported(tmp_path: Path) -> None:
     train("type", DATA, QUICK, tmp_path)
     other = QUICK.model_copy(update={"batch": 65, "rate": 0.5})
     with pytest.raises(ConfigurationError, match=r"type.npz .* other batch and rate: remove it"):
@@ -277,7 +281,7 @@ def test_a_checkpoint_of_another_training_is_told(tmp_path: Path) -> None:
         train("type", DATA, QUICK, tmp_path, warm=weights)
 
 
-def test_a_damaged_checkpoint_is_told(tmp_path: Path) -> None:
+def test_a_damaged_checkpoint_is_reported(tmp_path: Path) -> None:
     with pytest.raises(StoppedError):
         train("type", DATA, QUICK, tmp_path, report=stop_after(1))
     path = tmp_path / "type.npz"
@@ -316,20 +320,20 @@ def test_weights_of_the_other_network_are_no_begin(tmp_path: Path) -> None:
         train("type", DATA, QUICK, tmp_path, warm=weights)
 
 
-def test_a_training_that_diverges_is_told(tmp_path: Path) -> None:
+def test_a_training_that_diverges_is_reported(tmp_path: Path) -> None:
     data = replace(DATA, length=DATA.length.model_copy(update={"maximum": float("nan")}))
     with pytest.raises(ContactFusionError, match="training of type diverged in epoch 1"):
         train("type", data, QUICK, tmp_path)
 
 
 @pytest.mark.parametrize("field", ["epochs", "batch", "rate", "stride"])
-def test_options_that_make_no_sense_are_told(field: str) -> None:
+def test_options_that_make_no_sense_are_reported(field: str) -> None:
     wrong: dict[str, Any] = {field: 0}
     with pytest.raises(ConfigurationError, match=f"{field}: .*greater"):
         Options(**wrong)
 
 
-def test_a_missing_torch_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_missing_torch_is_reported(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "torch", None)
     monkeypatch.delitem(sys.modules, "contactfusion_lab.learning.backend")
     with pytest.raises(DependencyError, match=r"torch is not installed.*contactfusion\[learn\]"):

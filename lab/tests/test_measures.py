@@ -56,8 +56,8 @@ def case(name: str, errors: FloatArray, first: int = 0) -> pd.DataFrame:
     return pd.DataFrame({CASE: name, TRIAL: names, "success": errors <= 0.03, "error": errors})
 
 
-def both(one: FloatArray, other: FloatArray) -> tuple[Comparison, Comparison]:
-    frame = pd.concat([case("b", other), case("a", one)], ignore_index=True)
+def both(first: FloatArray, second: FloatArray) -> tuple[Comparison, Comparison]:
+    frame = pd.concat([case("b", second), case("a", first)], ignore_index=True)
     success, error = compared(frame, [("a", "b")], "success", ["error"], 0)
     return success, error
 
@@ -78,9 +78,9 @@ def test_a_case_is_compared_with_another_trial_by_trial(errors: FloatArray) -> N
 
 
 def test_success_is_tested_by_coins_and_numbers_by_signed_ranks() -> None:
-    one = np.array([0.01] * 8 + [0.05] * 2)
-    other = np.array([0.01] * 2 + [0.05] * 7 + [0.01])
-    success, _ = both(one, other)
+    first = np.array([0.01] * 8 + [0.05] * 2)
+    second = np.array([0.01] * 2 + [0.05] * 7 + [0.01])
+    success, _ = both(first, second)
     assert (success.only_it, success.only_other) == (6, 1)
     assert success.p == pytest.approx(2 * 8 / 2**7)
     _, error = both(0.01 + 0.001 * np.arange(8.0), 0.02 + 0.002 * np.arange(8.0))
@@ -102,10 +102,10 @@ def test_the_interval_is_of_pairs(errors: FloatArray) -> None:
 def test_the_interval_holds_the_difference_and_shrinks_with_trials() -> None:
     rng, widths = np.random.default_rng(3), []
     for n in (30, 3000):
-        one, other = rng.uniform(0.0, 0.02, n), rng.uniform(0.0, 0.03, n)
-        _, error = both(one, other)
+        first, second = rng.uniform(0.0, 0.02, n), rng.uniform(0.0, 0.03, n)
+        _, error = both(first, second)
         assert error.low is not None and error.high is not None
-        assert error.of_medians == pytest.approx(np.median(one) - np.median(other))
+        assert error.of_medians == pytest.approx(np.median(first) - np.median(second))
         assert error.low < -0.005 < error.high
         widths.append(error.high - error.low)
     assert widths[1] < widths[0] / 4.0
@@ -118,7 +118,7 @@ def test_numbers_are_compared_where_both_have_one() -> None:
     assert (success.only_it, success.only_other) == (1, 1)
 
 
-def test_trials_that_only_one_made_have_no_say() -> None:
+def test_trials_that_only_one_made_do_not_count() -> None:
     frame = pd.concat([case("a", np.zeros(3)), case("b", np.zeros(3), first=1)])
     (success,) = compared(frame, [("a", "b")], "success", [], 0)
     assert success.trials == 2

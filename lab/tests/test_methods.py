@@ -16,7 +16,7 @@ def test_a_method_is_named_by_its_rule_and_its_condensation() -> None:
     assert str(Method.named("max/cluster_mass")) == "max/cluster_mass"
 
 
-def test_what_is_not_there_and_what_does_not_fit_is_told() -> None:
+def test_what_is_not_there_and_what_does_not_fit_is_reported() -> None:
     with pytest.raises(PluginError, match="did you mean 'de_morgan'"):
         Method.named("de_morgen")
     with pytest.raises(ConfigurationError, match="'modes' needs a rule that gives a belief"):
@@ -30,7 +30,7 @@ def test_a_method_changes_rule_and_condensation_alone() -> None:
     assert applied == config.model_copy(update={"rule": "posterior", "condensation": "modes"})
 
 
-def test_a_factor_of_spreads_is_told_in_names() -> None:
+def test_a_factor_of_spreads_is_reported_in_names() -> None:
     half = Method("posterior", "modes", 0.5)
     assert str(half) == "posterior/modes, σ × 0.5"
     assert len({half.stem, POSTERIOR.stem, DE_MORGAN.stem}) == 3 and "/" not in half.stem

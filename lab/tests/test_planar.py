@@ -69,13 +69,13 @@ def constant(speed: float) -> Constant:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("friction", FRICTIONS)
-@pytest.mark.parametrize("thing", ["box", "cylinder"])
-def test_a_square_push_moves_straight_against_coulomb_friction(thing: str, friction: str) -> None:
-    push = pushed(20, (0.2, 0.0, 0.0), object=thing, friction=friction)
+@pytest.mark.parametrize("name", ["box", "cylinder"])
+def test_a_square_push_moves_straight_against_coulomb_friction(name: str, friction: str) -> None:
+    push = pushed(20, (0.2, 0.0, 0.0), object=name, friction=friction)
     before = push.object_pose
     push.drive(0.2, 0.0, 0.0)
     assert np.subtract(push.object_pose, before) == pytest.approx([0.02, 0.0, 0.0], abs=1e-5)
-    mass = {"box": 20.0, "cylinder": 25.0}[thing]
+    mass = {"box": 20.0, "cylinder": 25.0}[name]
     force = push.touches.forces.sum() / 24
     assert force == pytest.approx(FRICTIONS[friction][0] * mass * 9.81, rel=0.01)
 
@@ -101,36 +101,36 @@ def test_what_is_let_go_soon_stops() -> None:
 
 
 def test_a_cylinder_pushed_off_centre_slips_off_to_that_side() -> None:
-    push, aside = PlanarPush(scene(object="cylinder", offset=0.05)), [0.05]
+    push, lateral = PlanarPush(scene(object="cylinder", offset=0.05)), [0.05]
     for _ in range(40):
         push.drive(0.2, 0.0, 0.15)
         x, y, yaw = push.base_pose
         there_x, there_y, _ = push.object_pose
-        aside.append(math.cos(yaw) * (there_y - y) - math.sin(yaw) * (there_x - x))
-    assert np.all(np.diff(aside[2:]) < 0.0)  # turning left sheds it to the right
-    assert aside[-1] < -0.1
+        lateral.append(math.cos(yaw) * (there_y - y) - math.sin(yaw) * (there_x - x))
+    assert np.all(np.diff(lateral[2:]) < 0.0)  # turning left sheds it to the right
+    assert lateral[-1] < -0.1
 
 
-@pytest.mark.parametrize("thing", ["box", "cylinder", "prism"])
-def test_a_mirrored_push_is_the_mirror_image(thing: str) -> None:
-    left = pushed(20, (0.2, 0.05, 0.2), object=thing, offset=0.1, yaw=20.0)
-    right = pushed(20, (0.2, -0.05, -0.2), object=thing, offset=-0.1, yaw=-20.0)
+@pytest.mark.parametrize("name", ["box", "cylinder", "prism"])
+def test_a_mirrored_push_is_the_mirror_image(name: str) -> None:
+    left = pushed(20, (0.2, 0.05, 0.2), object=name, offset=0.1, yaw=20.0)
+    right = pushed(20, (0.2, -0.05, -0.2), object=name, offset=-0.1, yaw=-20.0)
     mirrored = np.multiply(right.object_pose, (1.0, -1.0, -1.0))
     assert left.object_pose == pytest.approx(mirrored, abs=2e-3)
 
 
 @pytest.mark.slow
 def test_the_same_push_gives_the_same_bytes() -> None:
-    one, other = (pushed(50, (0.2, 0.03, 0.2), object="nonuniform", yaw=30.0) for _ in range(2))
-    assert one.object_pose == other.object_pose
-    assert one.touches.forces.tobytes() == other.touches.forces.tobytes()
-    assert [str(contact) for contact in one.contacts()] == [str(c) for c in other.contacts()]
+    first, second = (pushed(50, (0.2, 0.03, 0.2), object="nonuniform", yaw=30.0) for _ in range(2))
+    assert first.object_pose == second.object_pose
+    assert first.touches.forces.tobytes() == second.touches.forces.tobytes()
+    assert [str(contact) for contact in first.contacts()] == [str(c) for c in second.contacts()]
 
 
-@pytest.mark.parametrize("thing", OBJECTS)
-def test_nothing_goes_through_the_robot_nor_flies_away(thing: str) -> None:
+@pytest.mark.parametrize("name", OBJECTS)
+def test_nothing_goes_through_the_robot_nor_flies_away(name: str) -> None:
     rng = np.random.default_rng(0)
-    push = PlanarPush(scene(object=thing, friction="mu2", yaw=20.0))
+    push = PlanarPush(scene(object=name, friction="mu2", yaw=20.0))
     for _ in range(60):
         before = push.object_pose
         push.drive(rng.uniform(0.1, 0.4), rng.uniform(-0.2, 0.2), rng.uniform(-0.6, 0.6))
@@ -140,7 +140,7 @@ def test_nothing_goes_through_the_robot_nor_flies_away(thing: str) -> None:
 
 
 def deepest(push: PlanarPush) -> float:
-    """Give how deep corners and rims stand inside the robot [m]."""
+    """Penetration of corners and rims into the robot [m]."""
     body, (x, y, yaw) = push._body, push._state[3:6]
     cos, sin = math.cos(yaw), math.sin(yaw)
     points = np.concatenate([body.outlines, body.circles[:, :2]])
@@ -155,23 +155,23 @@ def deepest(push: PlanarPush) -> float:
     return float((radii - outside).max())
 
 
-@pytest.mark.parametrize("thing", OBJECTS)
+@pytest.mark.parametrize("name", OBJECTS)
 @pytest.mark.parametrize(("offset", "yaw"), [(0.0, 0.0), (0.2, 40.0), (-0.15, -30.0)])
-def test_an_object_stands_where_pybullet_has_it(thing: str, offset: float, yaw: float) -> None:
-    config = scene(object=thing, offset=offset, yaw=yaw)
+def test_an_object_stands_where_pybullet_has_it(name: str, offset: float, yaw: float) -> None:
+    config = scene(object=name, offset=offset, yaw=yaw)
     world = PushWorld(config, read_robot(BASE))
     assert PlanarPush(config).object_pose == pytest.approx(world.object_pose, abs=2e-3)
 
 
-@pytest.mark.parametrize("thing", ["box", "cylinder", "nonuniform"])
+@pytest.mark.parametrize("name", ["box", "cylinder", "nonuniform"])
 @pytest.mark.parametrize("friction", FRICTIONS)
-def test_a_push_moves_an_object_as_pybullet_does(thing: str, friction: str) -> None:
+def test_a_push_moves_an_object_as_pybullet_does(name: str, friction: str) -> None:
     """Half a metre in a bend; PyBullet lets objects creep along the face though friction holds."""
-    config = scene(object=thing, friction=friction, offset=0.05, yaw=15.0)
+    config = scene(object=name, friction=friction, offset=0.05, yaw=15.0)
     plane, world = PlanarPush(config), PushWorld(config, read_robot(BASE))
     for _ in range(25):
-        for one in (plane, world):
-            one.drive(0.2, 0.0, 0.15)
+        for first in (plane, world):
+            first.drive(0.2, 0.0, 0.15)
     error = np.subtract(plane.object_pose, world.object_pose)
     assert np.hypot(*error[:2]) < 0.06
     assert abs(error[2]) < 0.2
@@ -190,8 +190,8 @@ def test_the_base_is_that_of_the_description() -> None:
         assert (grid.pitch[1], grid.columns) == (strip[5], strip[6])
 
 
-@pytest.mark.parametrize("thing", OBJECTS)
-def test_contacts_are_those_of_skin_generator_and_integrator(thing: str) -> None:
+@pytest.mark.parametrize("name", OBJECTS)
+def test_contacts_are_those_of_skin_generator_and_integrator(name: str) -> None:
     robot = read_robot(BASE)
     pipeline: dict[str, Any] = {
         "robot": {"urdf": str(robot.path()), "patches": {"skin": robot.patches["skin"]}},
@@ -204,7 +204,7 @@ def test_contacts_are_those_of_skin_generator_and_integrator(thing: str) -> None
     }  # fmt: skip
     sense = Pipeline(PipelineConfig(**pipeline))
     skin = PushSkin(robot.patches["skin"], SkinConfig(noise=1e-12))
-    push, rng, told = PlanarPush(scene(object=thing, yaw=25.0)), np.random.default_rng(0), 0
+    push, rng, compared = PlanarPush(scene(object=name, yaw=25.0)), np.random.default_rng(0), 0
     for cycle in range(30):
         push.drive(0.2, 0.02, rng.uniform(-0.5, 0.5))
         values = skin.values(push.touches, round(0.1 * RATE), rng)
@@ -213,11 +213,11 @@ def test_contacts_are_those_of_skin_generator_and_integrator(thing: str) -> None
         expected, found = (on_face(c, FaceConfig()) for c in (contacts, push.contacts()))
         assert (expected is None) == (found is None)
         if expected and found:
-            told += 1
+            compared += 1
             assert found.kind == expected.kind
             assert found.lateral == pytest.approx(expected.lateral, abs=1e-4)
             assert found.left == pytest.approx(expected.left, abs=1e-4)
-    assert told > 10
+    assert compared > 10
 
 
 def test_reactive_pushing_brings_an_object_to_its_target() -> None:
@@ -243,7 +243,7 @@ def test_a_push_ends_when_it_takes_too_long_or_loses_its_object() -> None:
     assert away.distance > 0.5
 
 
-def test_what_cannot_be_pushed_in_the_plane_is_told() -> None:
+def test_what_cannot_be_pushed_in_the_plane_is_reported() -> None:
     with pytest.raises(ConfigurationError, match="knows no URDF"):
         PlanarPush(scene(object={"shape": "urdf", "urdf": "chair.urdf"}))
     high = {"shape": "box", "size": (0.4, 0.4, 0.2), "mass": 1.0}

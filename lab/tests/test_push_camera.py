@@ -34,15 +34,15 @@ def seat() -> Pose:
 
 
 def camera(noise: CameraNoise = QUIET, name: str = "camera", **fields: Any) -> PushCamera:
-    thing = PushConfig(target=(1.0, 0.0)).object
+    pushed = PushConfig(target=(1.0, 0.0)).object
     config = CameraConfig(**{**base().cameras[name].model_dump(), **fields})
-    corners = np.concatenate([vertices for vertices, _ in triangles_of(thing)])
+    corners = np.concatenate([vertices for vertices, _ in triangles_of(pushed)])
     paint = np.array([200.0, 100.0, 50.0])
-    return PushCamera(config, seat(), PushView(thing, base()), corners, noise, paint)
+    return PushCamera(config, seat(), PushView(pushed, base()), corners, noise, paint)
 
 
-def taken(one: PushCamera, thing: PlanarPose = (0.2, 0.0, 0.0), seed: int = 0) -> Picture:
-    return one.picture(HERE, thing, np.random.default_rng(seed))
+def taken(mounted: PushCamera, pose: PlanarPose = (0.2, 0.0, 0.0), seed: int = 0) -> Picture:
+    return mounted.picture(HERE, pose, np.random.default_rng(seed))
 
 
 def images(seed: int = 0, cycles: int = 1, **fields: Any) -> list[list[DepthImage | PointCloud]]:
@@ -50,7 +50,9 @@ def images(seed: int = 0, cycles: int = 1, **fields: Any) -> list[list[DepthImag
     seen = []
     for _ in range(cycles):
         readings = scene.readings()
-        seen.append([one for one in readings if isinstance(one, DepthImage | PointCloud)])
+        seen.append(
+            [reading for reading in readings if isinstance(reading, DepthImage | PointCloud)]
+        )
         scene.drive(0.1, 0.0, 0.0)
     return seen
 
@@ -130,15 +132,15 @@ def test_beyond_its_reach_it_measures_nothing() -> None:
 
 
 @pytest.mark.parametrize(
-    "thing", [(0.2, 0.0, 0.3), (0.1, 0.45, 0.0), (0.7, 0.0, 0.5), (-2.0, 0.0, 0.0), (5.0, 3.0, 1.0)]
+    "pose", [(0.2, 0.0, 0.3), (0.1, 0.45, 0.0), (0.7, 0.0, 0.5), (-2.0, 0.0, 0.0), (5.0, 3.0, 1.0)]
 )
 def test_casting_only_where_the_object_can_be_misses_nothing(
-    thing: PlanarPose, monkeypatch: pytest.MonkeyPatch
+    pose: PlanarPose, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    one = camera()
-    seen = taken(one, thing)
+    mounted = camera()
+    seen = taken(mounted, pose)
     monkeypatch.setattr(PushCamera, "_window", lambda *_: (slice(None), slice(None)))
-    whole = taken(one, thing)
+    whole = taken(mounted, pose)
     assert np.array_equal(seen.mask, whole.mask) and np.array_equal(seen.depth, whole.depth)
 
 
@@ -152,7 +154,7 @@ def test_the_same_seed_gives_the_same_bytes() -> None:
     assert bits(image(seed=3)) != bits(image(seed=4))
 
 
-def test_an_eye_sees_the_same_whatever_else_is_switched_on() -> None:
+def test_a_camera_sees_the_same_whatever_else_is_switched_on() -> None:
     ((_, found),) = images(3, sees=("lidar", "camera"))
     assert isinstance(found, DepthImage)
     assert bits(found) == bits(image(seed=3))
@@ -166,7 +168,7 @@ def test_there_is_at_most_one_image_a_cycle(rate: float, count: list[int]) -> No
     scene = PushScene(PushConfig(target=(1.0, 0.0), sees=("camera",)), robot)
     seen = []
     for _ in count:
-        seen.append(sum(isinstance(one, DepthImage) for one in scene.readings()))
+        seen.append(sum(isinstance(reading, DepthImage) for reading in scene.readings()))
         scene.drive(0.0, 0.0, 0.0)
     assert seen == count
 
@@ -220,13 +222,13 @@ def chance_of(name: str, seed: int = 0) -> np.random.Generator:
         ),
     ],
 )
-def test_a_wrong_name_is_told(fields: dict[str, Any], sentence: str) -> None:
-    with pytest.raises(ConfigurationError) as told:
+def test_a_wrong_name_is_reported(fields: dict[str, Any], sentence: str) -> None:
+    with pytest.raises(ConfigurationError) as caught:
         images(**fields)
-    assert str(told.value).startswith(sentence)
+    assert str(caught.value).startswith(sentence)
 
 
-def test_one_name_for_a_lidar_and_a_camera_is_told() -> None:
+def test_one_name_for_a_lidar_and_a_camera_is_reported() -> None:
     robot = base().model_copy(update={"cameras": {"lidar": base().cameras["camera"]}})
     with pytest.raises(ConfigurationError, match="the robot has a LiDAR and a camera 'lidar'"):
         PushScene(PushConfig(target=(1.0, 0.0), sees=("lidar",)), robot)

@@ -1,4 +1,4 @@
-"""What a push can be told, and what it refuses in a sentence."""
+"""The configuration of a push, and what it refuses in a sentence."""
 
 import json
 from typing import Any
@@ -21,24 +21,24 @@ def test_the_paper_s_box_is_pushed_on_the_paper_s_first_floor() -> None:
 
 
 def test_names_stand_for_objects_and_frictions() -> None:
-    one = config(object="nonuniform", friction="mu2")
-    assert one.object == named_object("nonuniform")
-    assert (one.friction.ground, one.friction.robot) == (0.2, 0.5)
+    push = config(object="nonuniform", friction="mu2")
+    assert push.object == named_object("nonuniform")
+    assert (push.friction.ground, push.friction.robot) == (0.2, 0.5)
 
 
 def test_fields_stand_for_themselves() -> None:
-    told = {"shape": "cylinder", "radius": 0.2, "height": 0.5, "mass": 3.0}
-    one = config(object=told, friction={"ground": 0.4, "robot": 0.0})
-    assert one.object.model_dump() == told
-    assert (one.friction.ground, one.friction.robot) == (0.4, 0.0)
+    fields = {"shape": "cylinder", "radius": 0.2, "height": 0.5, "mass": 3.0}
+    push = config(object=fields, friction={"ground": 0.4, "robot": 0.0})
+    assert push.object.model_dump() == fields
+    assert (push.friction.ground, push.friction.robot) == (0.4, 0.0)
 
 
 @pytest.mark.parametrize("name", ["lshape", "soft_cylinder", "ball_box"])
 def test_a_push_is_read_from_what_it_dumps(name: str) -> None:
     shove = {"start": 1.0, "force": (9.0, 0.0)}
-    one = config(object=name, friction="mu2", offset=0.1, yaw=-30.0, disturbances=(shove,))
-    assert PushConfig(**one.model_dump()) == one
-    assert PushConfig(**json.loads(one.model_dump_json())) == one
+    push = config(object=name, friction="mu2", offset=0.1, yaw=-30.0, disturbances=(shove,))
+    assert PushConfig(**push.model_dump()) == push
+    assert PushConfig(**json.loads(push.model_dump_json())) == push
 
 
 @pytest.mark.parametrize("steps", [12, 24, 25, 240])
@@ -83,7 +83,7 @@ def test_a_target_is_a_metre_within_the_field() -> None:
         ({"longst": 3.0}, "^longst: unknown field; did you mean 'longest'"),
     ],
 )
-def test_what_cannot_be_is_told_with_its_field(fields: dict[str, Any], problem: str) -> None:
+def test_what_cannot_be_is_reported_with_its_field(fields: dict[str, Any], problem: str) -> None:
     with pytest.raises(ConfigurationError, match=problem) as error:
         config(**fields)
     assert "\n" not in str(error.value)

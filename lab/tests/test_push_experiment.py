@@ -69,12 +69,14 @@ def plan(targets: Targets = TO_NEAR, **changes: Any) -> Plan:
 
 
 def small(targets: str, **changes: Any) -> Options:
-    one = Options(objects=("box",), frictions=("mu1",), targets=targets, seed=5, executor=Here())
-    return replace(one, **changes)
+    options = Options(
+        objects=("box",), frictions=("mu1",), targets=targets, seed=5, executor=Here()
+    )
+    return replace(options, **changes)
 
 
 def content(out: Path) -> dict[str, bytes]:
-    """Read all results; how long it took is told apart."""
+    """Read all results; their timing is kept apart."""
     files = [path for path in out.rglob("*") if path.is_file() and path.name != "timing.json"]
     return {str(path.relative_to(out)): path.read_bytes() for path in files}
 
@@ -110,7 +112,7 @@ class TestTargets:
         assert read_targets("random:500") == Targets("random", None, 500)
 
     @pytest.mark.parametrize(
-        ("told", "problem"),
+        ("text", "problem"),
         [
             ("gird", "did you mean 'grid'"),
             ("random", "write random:N"),
@@ -119,9 +121,9 @@ class TestTargets:
             ("missing.yaml", "no file 'missing.yaml'"),
         ],
     )
-    def test_what_is_no_set_of_targets_is_told(self, told: str, problem: str) -> None:
+    def test_what_is_no_set_of_targets_is_reported(self, text: str, problem: str) -> None:
         with pytest.raises(ConfigurationError, match=problem):
-            read_targets(told)
+            read_targets(text)
 
     @pytest.mark.parametrize(
         "text", ["targets: [[.nan, 1.0]]", "targets: [[1.0]]", "targets: []", "places: [[1, 1]]"]
@@ -140,35 +142,35 @@ class TestTargets:
 class TestPlan:
     def test_every_object_is_pushed_to_every_target_by_every_friction(self) -> None:
         pushes = plan(Targets("grid", GRID)).pushes()
-        assert len({one.name for one in pushes}) == len(pushes) == 144
-        assert {one.target for one in pushes} == set(GRID)
-        assert {(one.offset, one.yaw) for one in pushes} == {(0.0, 0.0)}
-        assert len({one.seed for one in pushes}) == 144
+        assert len({push.name for push in pushes}) == len(pushes) == 144
+        assert {push.target for push in pushes} == set(GRID)
+        assert {(push.offset, push.yaw) for push in pushes} == {(0.0, 0.0)}
+        assert len({push.seed for push in pushes}) == 144
 
     def test_random_targets_are_dealt_evenly(self) -> None:
         pushes = plan(Targets("random", None, 500)).pushes()
-        counts = [sum(one.object == thing for one in pushes) for thing in ("box", "nonuniform")]
+        counts = [sum(push.object == name for push in pushes) for name in ("box", "nonuniform")]
         assert len(pushes) == 500 and counts == [168, 166]
 
     def test_random_targets_are_apart_from_contact_and_robot(self) -> None:
         pushes = plan(Targets("random", None, 3000), starts="random").pushes()
-        places = np.array([one.target for one in pushes])
+        places = np.array([push.target for push in pushes])
         assert np.abs(places).max() <= 3.0 and np.abs(places).max() > 2.95
         assert not ((places[:, 0] < 0) & (places[:, 0] > -0.72) & (abs(places[:, 1]) < 0.3)).any()
-        things = ["box", "nonuniform", "lshape"]
-        made = plan(Targets("random", None, 300), objects=things, starts="random")
-        checked = [made.push(thing, "mu1", number) for thing in things for number in range(5)]
-        first = [PushWorld(made.scene_of(one), made.robot).first_contact[1] for one in checked]
-        told = [made.first_contact(one.object, one.offset, one.yaw) for one in checked]
-        assert told == pytest.approx(first, abs=0.02)
-        assert np.abs(np.subtract(first, [one.offset for one in checked])).max() > 0.1
-        every = [made.first_contact(one.object, one.offset, one.yaw) for one in made.pushes()]
-        targets = np.array([one.target for one in made.pushes()])
+        names = ["box", "nonuniform", "lshape"]
+        made = plan(Targets("random", None, 300), objects=names, starts="random")
+        checked = [made.push(name, "mu1", number) for name in names for number in range(5)]
+        first = [PushWorld(made.scene_of(each), made.robot).first_contact[1] for each in checked]
+        computed = [made.first_contact(each.object, each.offset, each.yaw) for each in checked]
+        assert computed == pytest.approx(first, abs=0.02)
+        assert np.abs(np.subtract(first, [each.offset for each in checked])).max() > 0.1
+        every = [made.first_contact(push.object, push.offset, push.yaw) for push in made.pushes()]
+        targets = np.array([push.target for push in made.pushes()])
         assert np.hypot(targets[:, 0], targets[:, 1] - every).min() >= 0.5
 
     def test_random_starts_are_within_20_cm_and_45_degrees(self) -> None:
         pushes = plan(Targets("grid", GRID), starts="random").pushes()
-        offsets, yaws = np.array([(one.offset, one.yaw) for one in pushes]).T
+        offsets, yaws = np.array([(push.offset, push.yaw) for push in pushes]).T
         assert 0.17 < np.abs(offsets).max() <= 0.2 and 40.0 < np.abs(yaws).max() <= 45.0
 
     def test_a_push_is_the_same_in_a_larger_experiment(self) -> None:
@@ -177,25 +179,25 @@ class TestPlan:
         assert set(small.pushes()) < set(large.pushes())
 
     def test_pushes_differ_by_seed_and_by_nothing_that_is_compared(self) -> None:
-        told = Targets("random", None, 12)
-        same = plan(told, taxels=48, skin=SkinConfig(activation=3.0)).pushes()
-        assert same == plan(told).pushes()
-        assert not set(plan(told, seed=4).pushes()) & set(same)
+        targets = Targets("random", None, 12)
+        same = plan(targets, taxels=48, skin=SkinConfig(activation=3.0)).pushes()
+        assert same == plan(targets).pushes()
+        assert not set(plan(targets, seed=4).pushes()) & set(same)
 
     def test_the_face_blurs_as_much_as_the_taxels(self) -> None:
         assert plan(taxels=12).face.blur == pytest.approx(0.125)
         assert plan(taxels=48).face.blur == pytest.approx(0.125 / 4.0)
 
     def test_scene_and_pipeline_have_the_same_taxels(self) -> None:
-        one = plan(taxels=24)
-        options = one.pipeline_of(one.pushes()[0], "tuned")
-        assert options.robot is not None and options.robot == one.robot
-        assert one.robot.patches["skin"].grids[0].columns == 24
+        planned = plan(taxels=24)
+        options = planned.pipeline_of(planned.pushes()[0], "tuned")
+        assert options.robot is not None and options.robot == planned.robot
+        assert planned.robot.patches["skin"].grids[0].columns == 24
 
     def test_a_controller_is_a_set_of_parameters_or_a_plugin(self) -> None:
         face = plan().face
-        told = controller_options("paper_neither", (1.0, 2.0), face)
-        assert (told["type"], told["parameters"]) == ("reactive_pushing", "paper_neither")
+        options = controller_options("paper_neither", (1.0, 2.0), face)
+        assert (options["type"], options["parameters"]) == ("reactive_pushing", "paper_neither")
         assert (
             controller_options("reactive_pushing", (1.0, 2.0), face)["type"] == "reactive_pushing"
         )
@@ -213,7 +215,7 @@ class TestPlan:
             ({"files": [Path("thing.urdf")]}, "no file 'thing.urdf'"),
         ],
     )
-    def test_unknown_names_are_told(self, changes: dict[str, Any], problem: str) -> None:
+    def test_unknown_names_are_reported(self, changes: dict[str, Any], problem: str) -> None:
         with pytest.raises(ConfigurationError, match=problem):
             plan(**changes)
 
@@ -259,7 +261,7 @@ class TestOutlines:
         ("shape", "problem"),
         [("", "it has no collision shape"), (WALL, "a collision shape is flat seen from above")],
     )
-    def test_a_urdf_that_cannot_be_seen_from_above_is_told(
+    def test_a_urdf_that_cannot_be_seen_from_above_is_reported(
         self, shape: str, problem: str, tmp_path: Path
     ) -> None:
         path = urdf_file(tmp_path, shape)
@@ -283,9 +285,9 @@ class TestTrial:
         assert track.ending == "arrived" and track.modes[track.mode[-1]] == "arrived"
         assert track.distance[-1] <= SETS["tuned"].arrival + 0.02
         x, y, yaw = track.base[-1]
-        ahead, aside = track.contact[-1]
-        there = (x + np.cos(yaw) * ahead - np.sin(yaw) * aside,
-                 y + np.sin(yaw) * ahead + np.cos(yaw) * aside)  # fmt: skip
+        forward, lateral = track.contact[-1]
+        there = (x + np.cos(yaw) * forward - np.sin(yaw) * lateral,
+                 y + np.sin(yaw) * forward + np.cos(yaw) * lateral)  # fmt: skip
         assert np.hypot(*np.subtract(push.target, there)) == pytest.approx(track.distance[-1])
         touching = track.kind > 0
         assert (touching == ~np.isnan(track.contact[:, 1])).all()
@@ -298,7 +300,7 @@ class TestTrial:
         assert again.push == push and again.modes == track.modes
         np.testing.assert_array_equal(again.command, track.command)
 
-    def test_a_file_that_is_no_track_is_told(self, tmp_path: Path) -> None:
+    def test_a_file_that_is_no_track_is_reported(self, tmp_path: Path) -> None:
         np.savez(tmp_path / "odd.npz", told="{}")
         with pytest.raises(ConfigurationError, match=r"odd\.npz lacks"):
             load(tmp_path / "odd.npz")
@@ -321,7 +323,7 @@ class TestExperiment:
         assert {row["success_true"] for row in rows[:2]} == {"1"}
         summary = json.loads((out / "summary.json").read_text())
         assert summary["reached"]["skin/tuned"]["all"]["success_true"]["share"] == 1.0
-        assert {one["case"] for one in summary["tests"]} == {"skin/paper"}
+        assert {comparison["case"] for comparison in summary["tests"]} == {"skin/paper"}
 
     def test_what_is_there_is_not_made_again(self, targets: str, tmp_path: Path) -> None:
         out = tmp_path / "out"
@@ -351,10 +353,10 @@ class TestExperiment:
             ("paper", "prism-mu1-near-000"), ("paper", "prism-mu1-near-001"),
         ]  # fmt: skip
         summary = json.loads((out / "summary.json").read_text())
-        assert {one["case"] for one in summary["tests"]} == {"skin/paper"}
+        assert {comparison["case"] for comparison in summary["tests"]} == {"skin/paper"}
 
     @pytest.mark.parametrize(
-        ("change", "told"),
+        ("change", "text"),
         [
             ({"seed": 6}, "seed"),
             ({"starts": "random"}, "starts"),
@@ -364,7 +366,7 @@ class TestExperiment:
         ],
     )
     def test_the_folder_of_another_experiment_is_refused(
-        self, change: dict[str, Any], told: str, targets: str, tmp_path: Path,
+        self, change: dict[str, Any], text: str, targets: str, tmp_path: Path,
         monkeypatch: pytest.MonkeyPatch,
     ) -> None:  # fmt: skip
         out = tmp_path / "out"
@@ -373,7 +375,7 @@ class TestExperiment:
         (out / "trials").mkdir(parents=True)
         (out / "settings.json").write_text(json.dumps(made.settings(["tuned"]), default=str))
         monkeypatch.setattr(experiment, "check", lambda *_: None)
-        with pytest.raises(ConfigurationError, match=f"holds pushes of other .*{told}"):
+        with pytest.raises(ConfigurationError, match=f"holds pushes of other .*{text}"):
             run_push(replace(options, **change), out)
 
     def test_parameters_that_have_changed_are_another_experiment(
@@ -387,7 +389,7 @@ class TestExperiment:
         with pytest.raises(ConfigurationError, match="other controllers 'tuned'"):
             run_push(small(targets), out)
 
-    def test_a_folder_of_nobody_knows_what_is_refused(self, targets: str, tmp_path: Path) -> None:
+    def test_a_folder_of_unknown_content_is_refused(self, targets: str, tmp_path: Path) -> None:
         (tmp_path / "out" / "trials" / "tuned").mkdir(parents=True)
         with pytest.raises(ConfigurationError, match=r"no settings\.json"):
             run_push(small(targets), tmp_path / "out")
@@ -404,7 +406,7 @@ class TestExperiment:
             ("notes.txt", "mine", r"holds files, but no settings\.json"),
         ],
     )
-    def test_the_folder_of_somebody_else_is_refused_and_left_as_it_is(
+    def test_the_folder_of_another_program_is_refused_and_left_as_it_is(
         self, name: str, text: str, problem: str, targets: str, tmp_path: Path,
         monkeypatch: pytest.MonkeyPatch,
     ) -> None:  # fmt: skip
@@ -423,7 +425,7 @@ class TestExperiment:
         run_push(small(targets), tmp_path / "out")
         assert (tmp_path / "out" / "table.md").is_file()
 
-    def test_a_push_whose_process_dies_twice_is_told_and_the_others_are_kept(
+    def test_a_push_whose_process_dies_twice_is_reported_and_the_others_are_kept(
         self, targets: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
     ) -> None:
         with pytest.raises(
@@ -452,7 +454,7 @@ class TestExperiment:
             ([(0.4, 0.0), (9.0, 0.0)], "out of reach"),
         ],
     )
-    def test_a_target_that_cannot_be_reached_is_told_before_anything_is_made(
+    def test_a_target_that_cannot_be_reached_is_reported_before_anything_is_made(
         self, places: list[tuple[float, float]], problem: str, tmp_path: Path
     ) -> None:
         with pytest.raises(ConfigurationError, match=problem):
@@ -467,7 +469,7 @@ class TestExperiment:
             ("{shape: ball}", "odd.yaml", "odd.yaml"),
         ],
     )
-    def test_an_object_that_cannot_be_pushed_is_told(
+    def test_an_object_that_cannot_be_pushed_is_reported(
         self, text: str, name: str, problem: str, targets: str, tmp_path: Path
     ) -> None:
         (tmp_path / name).write_text(text)
@@ -476,7 +478,7 @@ class TestExperiment:
             run_push(options, tmp_path / "out")
 
     @pytest.mark.parametrize("to", ["grid", "random:2"])
-    def test_a_urdf_without_a_collision_shape_is_told_before_anything_is_made(
+    def test_a_urdf_without_a_collision_shape_is_reported_before_anything_is_made(
         self, to: str, tmp_path: Path
     ) -> None:
         options = small(to, objects=(), files=[urdf_file(tmp_path)])
@@ -484,7 +486,7 @@ class TestExperiment:
             run_push(options, tmp_path / "out")
         assert "\n" not in str(caught.value) and not (tmp_path / "out").exists()
 
-    def test_whatever_a_world_raises_is_told_before_anything_is_made(
+    def test_whatever_a_world_raises_is_reported_before_anything_is_made(
         self, targets: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
     ) -> None:
         def broken(*_: Any) -> Any:
@@ -495,7 +497,7 @@ class TestExperiment:
             run_push(small(targets), tmp_path / "out")
         assert not (tmp_path / "out").exists()
 
-    def test_a_fault_of_no_sensor_is_told(self, targets: str, tmp_path: Path) -> None:
+    def test_a_fault_of_no_sensor_is_reported(self, targets: str, tmp_path: Path) -> None:
         path = ROOT / "examples" / "faults" / "dead_wrench.yaml"
         with pytest.raises(ConfigurationError, match="no reading of 'wrist' comes"):
             run_push(small(targets, faults=path), tmp_path / "out")
@@ -510,7 +512,7 @@ class TestExperiment:
             ({"seed": -1}, "a seed is 0 or more, not -1"),
         ],
     )
-    def test_unknown_names_are_told(
+    def test_unknown_names_are_reported(
         self, changes: dict[str, Any], problem: str, targets: str, tmp_path: Path
     ) -> None:
         with pytest.raises(ConfigurationError, match=problem):
@@ -531,7 +533,7 @@ class TestExperiment:
             assert getattr(film, "n_frames", 0) > 20
         assert (folder / "box-mu1-near-000.mcap").read_bytes().startswith(b"\x89MCAP")
 
-    def test_a_push_that_was_not_made_is_not_recorded_and_its_failure_is_told(
+    def test_a_push_that_was_not_made_is_not_recorded_and_its_failure_is_reported(
         self, targets: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
         capsys: pytest.CaptureFixture[str],
     ) -> None:  # fmt: skip
@@ -547,7 +549,7 @@ class TestExperiment:
         assert "not filmed: skin/tuned/box-mu1-near-000" in capsys.readouterr().out
         assert (tmp_path / "out" / "table.md").is_file()
 
-    def test_a_recording_that_fails_is_told_after_the_results(
+    def test_a_recording_that_fails_is_reported_after_the_results(
         self, targets: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
     ) -> None:
         def broken(*_: Any) -> Any:
@@ -555,8 +557,10 @@ class TestExperiment:
 
         monkeypatch.setattr(experiment, "record", broken)
         names = ("box-mu1-near-000", "box-mu1-near-001")
-        told = "^2 of 2 films were not made: skin/tuned/box-mu1-near-000: ZeroDivisionError: oh$"
-        with pytest.raises(RobotError, match=told):
+        expected = (
+            "^2 of 2 films were not made: skin/tuned/box-mu1-near-000: ZeroDivisionError: oh$"
+        )
+        with pytest.raises(RobotError, match=expected):
             run_push(small(targets, record=names), tmp_path / "out")
         assert (tmp_path / "out" / "table.md").is_file()
 

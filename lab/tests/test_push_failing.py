@@ -48,13 +48,13 @@ class TestTimes:
 
     def test_each_fault_has_chance_of_its_own(self) -> None:
         other = RandomFault({"fault": "zeros", "sensor": "lidar", "start": [1.0, 15.0]})
-        one, second = drawn([self.FAULT, other], 7)
-        assert one.start != second.start
-        assert drawn([self.FAULT, self.FAULT], 7)[0] == one == drawn([self.FAULT], 7)[0]
+        first, second = drawn([self.FAULT, other], 7)
+        assert first.start != second.start
+        assert drawn([self.FAULT, self.FAULT], 7)[0] == first == drawn([self.FAULT], 7)[0]
 
     def test_a_fault_without_a_range_is_what_it_was(self) -> None:
-        told = {"fault": "dropout", "sensor": "lidar", "probability": 0.3}
-        assert drawn([RandomFault(told)], 3) == (Dropout(sensor="lidar", probability=0.3),)
+        fields = {"fault": "dropout", "sensor": "lidar", "probability": 0.3}
+        assert drawn([RandomFault(fields)], 3) == (Dropout(sensor="lidar", probability=0.3),)
 
     def test_pushes_have_the_times_of_their_seeds(self, targets: str, tmp_path: Path) -> None:
         path = failing(tmp_path, "faults: [{fault: silent, sensor: skin, start: [1, 15]}]")
@@ -80,7 +80,7 @@ class TestFile:
             ("misplaced: {camera: 3}", "misplaced.camera"),
         ],
     )
-    def test_what_is_wrong_is_told_in_a_sentence(
+    def test_what_is_wrong_is_reported_in_a_sentence(
         self, text: str, problem: str, tmp_path: Path
     ) -> None:
         with pytest.raises(ConfigurationError, match=rf"failing\.yaml: .*{problem}") as caught:
@@ -100,7 +100,7 @@ class TestFile:
 
 class TestPushes:
     @pytest.mark.slow
-    def test_a_skin_that_dies_tells_nothing_from_then_on(
+    def test_a_skin_that_dies_reports_nothing_from_then_on(
         self, tmp_path: Path, targets: str
     ) -> None:
         path = failing(tmp_path, "faults: [{fault: silent, sensor: skin, start: [1.0, 1.5]}]")
@@ -135,7 +135,7 @@ class TestPushes:
         n = min(len(track.stamp), len(whole.stamp))
         assert not np.array_equal(track.lateral[:n], whole.lateral[:n], equal_nan=True)
 
-    def test_where_odometry_is_lost_the_wheels_tell(self, tmp_path: Path, targets: str) -> None:
+    def test_where_odometry_is_lost_the_wheels_are_used(self, tmp_path: Path, targets: str) -> None:
         text = "faults: [{fault: dropout, sensor: odometry, probability: 0.3}]"
         track = tracked(small(targets, faults=failing(tmp_path, text)))
         assert track.ending == "arrived" and track.distance[-1] < 0.05
@@ -154,7 +154,7 @@ class TestExperiment:
     def test_the_examples_run(
         self, path: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
     ) -> None:
-        """Networks that nobody has trained tell nonsense; what matters is that it is pushed."""
+        """Untrained networks report nonsense; what matters is that it is pushed."""
         scene_of = Plan.scene_of
         monkeypatch.setattr(
             Plan,
@@ -177,7 +177,7 @@ class TestExperiment:
             ("misplaced: {camra: {mm: 3}}", "misplaced.camra: .*did you mean 'camera'"),
         ],
     )
-    def test_what_is_no_sensor_is_told(
+    def test_what_is_no_sensor_is_reported(
         self, text: str, problem: str, targets: str, tmp_path: Path
     ) -> None:
         with pytest.raises(ConfigurationError, match=problem):
@@ -191,9 +191,9 @@ class TestExperiment:
         text = "{faults: [{fault: silent, sensor: lidar}], misplaced: {camera: {mm: 3}}}"
         options = small(near)
         run_push(replace(options, faults=failing(tmp_path, text)), tmp_path / "failing")
-        told = capsys.readouterr().out
-        assert "faults.0.sensor: no sensing here uses 'lidar'" in told
-        assert "misplaced.camera: no sensing here uses 'camera'" in told
+        output = capsys.readouterr().out
+        assert "faults.0.sensor: no sensing here uses 'lidar'" in output
+        assert "misplaced.camera: no sensing here uses 'camera'" in output
         run_push(options, tmp_path / "whole")
         assert content(tmp_path / "failing/trials") == content(tmp_path / "whole/trials")
 

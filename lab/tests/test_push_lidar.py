@@ -33,9 +33,9 @@ HEIGHT = 1.45
 
 
 def lidar(
-    config: LidarConfig, pose: Pose, noise: LidarNoise = CALM, thing: Any = "box"
+    config: LidarConfig, pose: Pose, noise: LidarNoise = CALM, name: Any = "box"
 ) -> PushLidar:
-    view = PushView(PushConfig(object=thing, target=(1.0, 0.0)).object, base())
+    view = PushView(PushConfig(object=name, target=(1.0, 0.0)).object, base())
     return PushLidar(config, pose, view, noise)
 
 
@@ -46,7 +46,7 @@ def mounted(name: str, noise: LidarNoise = CALM) -> tuple[PushLidar, Pose]:
 
 
 def looking_down(noise: LidarNoise, **fields: Any) -> FloatArray:
-    """Give what 64000 measurements see of an empty floor, in the frame of the LiDAR, x down."""
+    """64000 points of an empty floor, in the frame of the LiDAR, x down."""
     wide = {"frame": "lidar", "rings": 200, "fov": 8.0, "columns": 11520, "window": (-5.0, 5.0)}
     pose = pose_at((2.0, 0.0, HEIGHT - 0.45), (0.0, np.pi / 2.0, 0.0))
     seen = lidar(LidarConfig(**{**wide, **fields}), pose, noise)
@@ -54,7 +54,7 @@ def looking_down(noise: LidarNoise, **fields: Any) -> FloatArray:
 
 
 def off(points: FloatArray) -> FloatArray:
-    """Give by how much ranges are longer than those to the floor, shape (n,) [m]."""
+    """Excess of ranges over those to the floor, shape (n,) [m]."""
     ranges = np.linalg.norm(points, axis=1)
     errors: FloatArray = ranges - HEIGHT * ranges / points[:, 0]
     return errors
@@ -64,7 +64,7 @@ def scanned(seed: int = 0, cycles: int = 1, **fields: Any) -> list[list[PointClo
     scene = PushScene(PushConfig(**{"target": (1.0, 0.0), **fields}), base(), seed)
     seen = []
     for _ in range(cycles):
-        seen.append([one for one in scene.readings() if isinstance(one, PointCloud)])
+        seen.append([reading for reading in scene.readings() if isinstance(reading, PointCloud)])
         scene.drive(0.1, 0.0, 0.0)
     return seen
 
@@ -150,7 +150,7 @@ def test_one_measurement_in_71_has_no_return() -> None:
     assert lost / 64000 == pytest.approx(0.014, abs=0.0015)
 
 
-def test_one_range_in_125_jumps_either_way() -> None:
+def test_one_range_in_125_jumps_to_either_side() -> None:
     errors = off(looking_down(LidarNoise(range=0.0, dropout=0.0)))
     jumps = errors[np.abs(errors) > 1e-5]
     assert len(jumps) / 64000 == pytest.approx(0.008, abs=0.0012)
@@ -197,19 +197,19 @@ def test_where_there_is_nothing_there_is_no_point() -> None:
 
 def test_the_same_seed_gives_the_same_bytes() -> None:
     def bits(seed: int) -> list[bytes]:
-        return [one.points.tobytes() for (one,) in scanned(seed, 3, sees=("lidar",))]
+        return [each.points.tobytes() for (each,) in scanned(seed, 3, sees=("lidar",))]
 
     assert bits(3) == bits(3)
-    assert all(one != other for one, other in zip(bits(3), bits(4), strict=True))
+    assert all(first != second for first, second in zip(bits(3), bits(4), strict=True))
     assert len(set(bits(3))) == 3
 
 
 def test_another_lidar_changes_nothing_of_the_first() -> None:
     alone = scanned(3, 3, sees=("lidar",))
     both = scanned(3, 3, sees=("lidar_side", "lidar", "lidar_tilted"))
-    for (one,), (_, other, _) in zip(alone, both, strict=True):
-        assert (one.sensor, one.frame) == (other.sensor, other.frame) == ("lidar", "lidar")
-        assert one.points.tobytes() == other.points.tobytes()
+    for (first,), (_, second, _) in zip(alone, both, strict=True):
+        assert (first.sensor, first.frame) == (second.sensor, second.frame) == ("lidar", "lidar")
+        assert first.points.tobytes() == second.points.tobytes()
 
 
 # When it measures
@@ -233,8 +233,8 @@ def test_scans_come_at_its_rate_and_with_a_cycle(
     scene = PushScene(PushConfig(target=(1.0, 0.0), sees=("lidar",), period=period), robot)
     seen = []
     for _ in counts:
-        clouds = [one for one in scene.readings() if isinstance(one, PointCloud)]
-        assert all(one.stamp == scene.stamp for one in clouds)
+        clouds = [reading for reading in scene.readings() if isinstance(reading, PointCloud)]
+        assert all(cloud.stamp == scene.stamp for cloud in clouds)
         seen.append(len(clouds))
         scene.drive(0.0, 0.0, 0.0)
     assert seen == counts
@@ -247,10 +247,10 @@ def test_a_push_that_names_no_lidar_sees_nothing() -> None:
     assert scanned() == [[]]
 
 
-def test_an_unknown_lidar_is_told_in_one_sentence() -> None:
-    with pytest.raises(ConfigurationError) as told:
+def test_an_unknown_lidar_is_reported_in_one_sentence() -> None:
+    with pytest.raises(ConfigurationError) as caught:
         scanned(sees=("lidar", "lidar_tiled"))
-    sentence = str(told.value)
+    sentence = str(caught.value)
     assert sentence.startswith("sees: the robot has no 'lidar_tiled'; did you mean 'lidar_tilted'?")
     assert "\n" not in sentence
 
@@ -326,8 +326,8 @@ def test_a_box_that_touches_is_seen_despite_noise(name: str) -> None:
         ({"colums": 512}, "colums: unknown field; did you mean 'columns'?"),
     ],
 )
-def test_wrong_fields_of_a_lidar_are_told(fields: dict[str, Any], sentence: str) -> None:
-    with pytest.raises(ConfigurationError) as told:
+def test_wrong_fields_of_a_lidar_are_reported(fields: dict[str, Any], sentence: str) -> None:
+    with pytest.raises(ConfigurationError) as caught:
         LidarConfig(**{"frame": "base", **fields})
-    assert str(told.value).startswith(sentence)
-    assert "\n" not in str(told.value)
+    assert str(caught.value).startswith(sentence)
+    assert "\n" not in str(caught.value)

@@ -51,7 +51,7 @@ AREAS = {
 
 
 def centre(config: ObjectConfig) -> FloatArray:
-    """Give the centre of mass, from above."""
+    """The centre of mass, from above."""
     assert not isinstance(config, UrdfObjectConfig)
     parts = config.parts()
     place: FloatArray = np.average(
@@ -61,7 +61,7 @@ def centre(config: ObjectConfig) -> FloatArray:
 
 
 def area(outline: FloatArray) -> float:
-    """Give an area, positive when its corners go counterclockwise."""
+    """The area, positive when its corners go counterclockwise."""
     x, y = outline.T
     return float(x @ np.roll(y, -1) - y @ np.roll(x, -1)) / 2.0
 
@@ -81,13 +81,13 @@ def written(folder: Path, text: str) -> Path:
 
 
 @pytest.mark.parametrize("name", KNOWN)
-def test_masses_and_areas_are_those_that_are_told(name: str) -> None:
-    thing = named_object(name)
-    assert not isinstance(thing, UrdfObjectConfig)
-    parts = thing.parts()
+def test_masses_and_areas_are_those_that_are_reported(name: str) -> None:
+    config = named_object(name)
+    assert not isinstance(config, UrdfObjectConfig)
+    parts = config.parts()
     assert sum(part.mass for part in parts) == pytest.approx(MASSES[name])
     assert [area(part.outline) for part in parts] == pytest.approx(AREAS[name])
-    assert [area(outline) for outline in outlines(thing)] == pytest.approx(AREAS[name])
+    assert [area(outline) for outline in outlines(config)] == pytest.approx(AREAS[name])
 
 
 @pytest.mark.parametrize("name", [name for name in KNOWN if name != "nonuniform"])
@@ -95,11 +95,11 @@ def test_the_centre_of_mass_is_the_origin(name: str) -> None:
     assert centre(named_object(name)) == pytest.approx([0.0, 0.0], abs=1e-12)
 
 
-def test_the_nonuniform_box_has_its_weight_in_the_corner_ahead_to_the_left() -> None:
+def test_the_nonuniform_box_has_its_weight_in_the_front_left_corner() -> None:
     assert centre(named_object("nonuniform")) == pytest.approx([HEAVY_CORNER, HEAVY_CORNER])
 
 
-def test_an_unknown_name_is_told_with_the_nearest() -> None:
+def test_an_unknown_name_is_reported_with_the_nearest() -> None:
     with pytest.raises(ConfigurationError, match="unknown object 'prisma'; did you mean 'prism'"):
         named_object("prisma")
 
@@ -118,12 +118,12 @@ def test_an_l_is_a_bar_and_a_leg_that_touch_and_do_not_overlap() -> None:
 
 
 @pytest.mark.parametrize("sides", [3, 6, 7])
-def test_a_prism_has_a_face_ahead(sides: int) -> None:
+def test_a_prism_has_a_face_in_front(sides: int) -> None:
     (corners,) = outlines(PrismConfig(shape="prism", sides=sides, radius=0.3, height=1, mass=1))
     assert len(corners) == sides
     assert np.hypot(*corners.T) == pytest.approx(np.full(sides, 0.3))
-    ahead = np.isclose(corners[:, 0], 0.3 * np.cos(np.pi / sides))
-    assert ahead.sum() == 2 and corners[~ahead, 0].max() < corners[ahead, 0].min()
+    forward = np.isclose(corners[:, 0], 0.3 * np.cos(np.pi / sides))
+    assert forward.sum() == 2 and corners[~forward, 0].max() < corners[forward, 0].min()
 
 
 def test_pieces_are_turned_then_moved_and_lifted() -> None:
@@ -144,11 +144,11 @@ def test_a_piece_turns_counterclockwise() -> None:
 
 
 def hollow(**fields: Any) -> HollowConfig:
-    told = {"shape": "hollow", "size": (0.5, 0.4, 0.3), "wall": 0.02, "mass": 5.0}
-    return HollowConfig(**{**told, **fields})
+    defaults = {"shape": "hollow", "size": (0.5, 0.4, 0.3), "wall": 0.02, "mass": 5.0}
+    return HollowConfig(**{**defaults, **fields})
 
 
-def test_a_hollow_box_is_as_large_as_told_and_has_the_room_that_its_walls_leave() -> None:
+def test_a_hollow_box_is_as_large_as_configured_and_has_the_room_that_its_walls_leave() -> None:
     parts = hollow().parts()
     corners = np.concatenate([part.outline for part in parts])
     assert np.ptp(corners, axis=0) == pytest.approx([0.5, 0.4])
@@ -175,25 +175,27 @@ def test_a_hollow_box_is_as_large_as_told_and_has_the_room_that_its_walls_leave(
         ({"disturbed": {"count": 1, "force": -9.0}}, r"^disturbed\.force: .* greater than 0, not"),
     ],
 )
-def test_what_cannot_be_of_a_hollow_box_is_told(fields: dict[str, Any], problem: str) -> None:
+def test_what_cannot_be_of_a_hollow_box_is_reported(fields: dict[str, Any], problem: str) -> None:
     with pytest.raises(ConfigurationError, match=problem) as error:
         hollow(**fields)
     assert "\n" not in str(error.value)
 
 
 @pytest.mark.parametrize(
-    ("name", "told"),
+    ("name", "options"),
     [("soft", {"stiffness": 900.0, "damping": 9.0}), ("disturbed", {"count": 2, "force": 9.0})],
 )
-def test_a_piece_is_neither_soft_nor_disturbed_by_itself(name: str, told: dict[str, Any]) -> None:
+def test_a_piece_is_neither_soft_nor_disturbed_by_itself(
+    name: str, options: dict[str, Any]
+) -> None:
     box = {"shape": "box", "size": (1, 1, 1), "mass": 1.0}
     with pytest.raises(ConfigurationError, match=f"piece.{name}: give `{name}` to the whole"):
-        compound({"piece": {**box, name: told}})
-    fields: dict[str, Any] = {"shape": "compound", "pieces": ({"piece": box},), name: told}
-    assert getattr(CompoundConfig(**fields), name).model_dump().items() >= told.items()
+        compound({"piece": {**box, name: options}})
+    fields: dict[str, Any] = {"shape": "compound", "pieces": ({"piece": box},), name: options}
+    assert getattr(CompoundConfig(**fields), name).model_dump().items() >= options.items()
 
 
-def test_an_object_tells_of_softness_only_when_it_is_soft() -> None:
+def test_an_object_reports_softness_only_when_it_is_soft() -> None:
     """Folders of an experiment hold what objects were; those from before go on."""
     assert set(named_object("cylinder").model_dump()) == {"shape", "radius", "height", "mass"}
     soft = named_object("soft_cylinder").model_dump()
@@ -202,8 +204,13 @@ def test_an_object_tells_of_softness_only_when_it_is_soft() -> None:
 
 def test_the_real_l_shape_is_that_of_the_paper() -> None:
     """80 x 15 and 40 x 27 cm, 45 cm high (O §V)."""
-    one = LShapeConfig(**OTHERS["lshape"])
-    assert (one.bar, one.leg, one.height, one.mass) == ((0.80, 0.15), (0.40, 0.27), 0.45, 3.0)
+    config = LShapeConfig(**OTHERS["lshape"])
+    assert (config.bar, config.leg, config.height, config.mass) == (
+        (0.80, 0.15),
+        (0.40, 0.27),
+        0.45,
+        3.0,
+    )
 
 
 def test_what_hangs_in_the_air_is_refused() -> None:
@@ -216,8 +223,8 @@ def test_what_hangs_in_the_air_is_refused() -> None:
 
 
 def test_a_file_holds_the_fields_of_an_object(tmp_path: Path) -> None:
-    told = read_object(written(tmp_path, "{shape: box, size: [0.3, 0.5, 0.4], mass: 9}"))
-    assert told == BoxConfig(shape="box", size=(0.3, 0.5, 0.4), mass=9.0)
+    config = read_object(written(tmp_path, "{shape: box, size: [0.3, 0.5, 0.4], mass: 9}"))
+    assert config == BoxConfig(shape="box", size=(0.3, 0.5, 0.4), mass=9.0)
 
 
 def test_a_urdf_is_an_object_and_so_is_a_file_that_names_one(tmp_path: Path) -> None:
@@ -225,8 +232,8 @@ def test_a_urdf_is_an_object_and_so_is_a_file_that_names_one(tmp_path: Path) -> 
     urdf = ROOT / "examples" / "objects" / "mug.urdf"
     (tmp_path / "mug.urdf").write_text(urdf.read_text())
     named = read_object(written(tmp_path, "{shape: urdf, urdf: mug.urdf}"))
-    for thing in (read_object(urdf), named):
-        pieces = outlines(thing)
+    for config in (read_object(urdf), named):
+        pieces = outlines(config)
         assert len(pieces) == 4 and all(area(piece) > 0.0 for piece in pieces)
         corners = np.concatenate(pieces)
         assert corners[:, 0].min() == pytest.approx(-0.081, abs=1e-4)
@@ -248,7 +255,7 @@ def test_a_urdf_is_an_object_and_so_is_a_file_that_names_one(tmp_path: Path) -> 
         ("[1, 2]", "holds a list, where a mapping"),
     ],
 )
-def test_what_is_wrong_in_a_file_is_told_with_its_name(
+def test_what_is_wrong_in_a_file_is_reported_with_its_name(
     text: str, problem: str, tmp_path: Path
 ) -> None:
     path = written(tmp_path, text)
@@ -259,6 +266,6 @@ def test_what_is_wrong_in_a_file_is_told_with_its_name(
 
 
 @pytest.mark.parametrize("name", ["crate.yaml", "crate.urdf"])
-def test_a_missing_file_is_told(name: str, tmp_path: Path) -> None:
+def test_a_missing_file_is_reported(name: str, tmp_path: Path) -> None:
     with pytest.raises(ConfigurationError, match=f"^there is no file '{name}' in "):
         read_object(tmp_path / name)

@@ -69,79 +69,90 @@ def track(**changes: Any) -> Track:
     return Track(**{**fields, **changes})
 
 
-def without(rows: Any, one: Track, *, felt: bool = False) -> Track:
+def without(rows: Any, record: Track, *, felt: bool = False) -> Track:
     """Take the contact from some cycles, in truth and unless felt in the estimate."""
-    kind, distance, contact = one.kind.copy(), one.distance.copy(), one.contact.copy()
+    kind, distance, contact = record.kind.copy(), record.distance.copy(), record.contact.copy()
     kind[rows], distance[rows], contact[rows] = 0, np.nan, np.nan
-    changed = replace(one, kind=kind, distance=distance, contact=contact)
+    changed = replace(record, kind=kind, distance=distance, contact=contact)
     return changed if felt else unfelt(rows, changed)
 
 
-def unfelt(rows: Any, one: Track) -> Track:
-    estimate, lateral = one.estimate.copy(), one.lateral.copy()
+def unfelt(rows: Any, record: Track) -> Track:
+    estimate, lateral = record.estimate.copy(), record.lateral.copy()
     estimate[rows], lateral[rows] = 0, np.nan
-    return replace(one, estimate=estimate, lateral=lateral)
+    return replace(record, estimate=estimate, lateral=lateral)
 
 
-def keep(one: Track, out: Path) -> Path:
-    path = trial_file(out, f"{one.sensing}/{one.controller}/{one.push.name}", ".npz")
-    write_whole(path, content_of(one))
+def keep(record: Track, out: Path) -> Path:
+    path = trial_file(out, f"{record.sensing}/{record.controller}/{record.push.name}", ".npz")
+    write_whole(path, content_of(record))
     return path
 
 
 class TestOutcome:
     def test_arrival_with_the_contact_at_the_target_is_a_true_success(self) -> None:
-        one = outcome(track())
-        assert one.success_true and one.success_estimate and one.ever_true and one.cause == ""
-        assert one.time == 1.0 and one.path == pytest.approx(1.0)
-        assert one.final_distance == one.least_distance == pytest.approx(0.04)
+        result = outcome(track())
+        assert (
+            result.success_true
+            and result.success_estimate
+            and result.ever_true
+            and result.cause == ""
+        )
+        assert result.time == 1.0 and result.path == pytest.approx(1.0)
+        assert result.final_distance == result.least_distance == pytest.approx(0.04)
 
     def test_arrival_declared_too_early_is_one_by_estimate_only(self) -> None:
-        one = outcome(track(distance=1.06 - np.arange(11) / 10.0))
-        assert (one.success_true, one.success_estimate, one.ever_true) == (False, True, False)
-        assert one.cause == "arrived by estimate, 6.00 cm away in truth"
+        result = outcome(track(distance=1.06 - np.arange(11) / 10.0))
+        assert (result.success_true, result.success_estimate, result.ever_true) == (
+            False,
+            True,
+            False,
+        )
+        assert result.cause == "arrived by estimate, 6.00 cm away in truth"
 
     def test_arrival_without_true_contact_is_no_true_success(self) -> None:
-        one = outcome(without([10], track(), felt=True))
-        assert not one.success_true and one.cause.endswith("without contact in truth")
-        assert one.final_distance == pytest.approx(0.14)
+        result = outcome(without([10], track(), felt=True))
+        assert not result.success_true and result.cause.endswith("without contact in truth")
+        assert result.final_distance == pytest.approx(0.14)
 
     def test_arrival_declared_after_it_has_left_again_is_no_true_success(self) -> None:
-        one = outcome(track(distance=np.abs(0.8 - np.arange(11) / 10.0)))
-        assert one.ever_true and one.success_estimate and not one.success_true
+        result = outcome(track(distance=np.abs(0.8 - np.arange(11) / 10.0)))
+        assert result.ever_true and result.success_estimate and not result.success_true
 
     def test_to_have_been_there_is_not_to_arrive(self) -> None:
         passing = np.abs(0.5 - np.arange(11) / 10.0)
-        one = outcome(track(distance=passing, ending=Ending.TIMEOUT))
-        assert one.ever_true and not one.success_true and not one.success_estimate
-        assert one.least_distance == 0.0 and one.final_distance == 0.5
+        result = outcome(track(distance=passing, ending=Ending.TIMEOUT))
+        assert result.ever_true and not result.success_true and not result.success_estimate
+        assert result.least_distance == 0.0 and result.final_distance == 0.5
 
     def test_lateral_places_are_means_of_what_is_there(self) -> None:
-        one = outcome(unfelt([0, 1], track(lateral=np.linspace(-0.2, 0.2, 11))))
-        assert one.lateral_true == pytest.approx(0.1)
-        assert one.lateral_estimate == pytest.approx(np.abs(np.linspace(-0.2, 0.2, 11))[2:].mean())
+        result = outcome(unfelt([0, 1], track(lateral=np.linspace(-0.2, 0.2, 11))))
+        assert result.lateral_true == pytest.approx(0.1)
+        assert result.lateral_estimate == pytest.approx(
+            np.abs(np.linspace(-0.2, 0.2, 11))[2:].mean()
+        )
         errors = np.linspace(-0.2, 0.2, 11)[2:] - 0.1
-        assert one.location_rmse == pytest.approx(np.sqrt((errors**2).mean()))
-        assert one.type_accuracy == pytest.approx(9 / 10)
+        assert result.location_rmse == pytest.approx(np.sqrt((errors**2).mean()))
+        assert result.type_accuracy == pytest.approx(9 / 10)
 
     def test_whether_there_is_a_contact_may_be_right_where_its_kind_is_not(self) -> None:
         kinds = np.array([2, 1, 1, 1, 2, 2, 2, 2, 2, 0, 0], np.uint8)
-        one = outcome(track(estimate=kinds))
-        assert (one.type_accuracy, one.contact_accuracy) == (5 / 10, 8 / 10)
+        result = outcome(track(estimate=kinds))
+        assert (result.type_accuracy, result.contact_accuracy) == (5 / 10, 8 / 10)
 
     def test_sources_count_where_they_have_a_share_and_there_is_a_contact(self) -> None:
         shares = np.zeros((11, 3))
         shares[1:9] = [0.5, 0.0, 0.5]
         shares[3:6] = [0.0, 0.2, 0.8]
         shares[6] = [1.0, 0.0, 0.0]
-        one = outcome(without([8], track(shares=shares), felt=True))
-        assert one.sources_two == pytest.approx(6 / 9)
-        assert one.evidence_two == pytest.approx(3 / 9)
+        result = outcome(without([8], track(shares=shares), felt=True))
+        assert result.sources_two == pytest.approx(6 / 9)
+        assert result.evidence_two == pytest.approx(3 / 9)
 
     def test_a_contact_that_is_felt_but_not_there_has_no_error(self) -> None:
-        one = outcome(without([4, 5], track(lateral=np.full(11, 0.12)), felt=True))
-        assert one.location_rmse == pytest.approx(0.02)
-        assert one.type_accuracy == pytest.approx(8 / 10)
+        result = outcome(without([4, 5], track(lateral=np.full(11, 0.12)), felt=True))
+        assert result.location_rmse == pytest.approx(0.02)
+        assert result.type_accuracy == pytest.approx(8 / 10)
 
     def test_turning_counts_until_the_contact_is_nearest(self) -> None:
         yaw = np.array([0.0, 0.1, -0.1, 0.0, 0.0, 0.0, 3.0, 0.0, 0.0, 0.0, 0.0])
@@ -156,29 +167,29 @@ class TestOutcome:
 
     def test_searches_and_escapes_are_counted_where_they_begin(self) -> None:
         mode = np.array([1, 1, 0, 1, 2, 2, 3, 3, 0, 2, 4], np.uint8)
-        one = outcome(track(mode=mode))
-        assert (one.searches, one.escapes) == (2, 2)
-        assert one.realigning == pytest.approx(2 / 10)
+        result = outcome(track(mode=mode))
+        assert (result.searches, result.escapes) == (2, 2)
+        assert result.realigning == pytest.approx(2 / 10)
 
     def test_time_without_contact_is_the_truths(self) -> None:
         assert outcome(without([2, 3], track())).without_contact == pytest.approx(0.2)
 
     def test_the_row_before_any_cycle_has_no_part_in_shares(self) -> None:
         mode = np.array([3] + [0] * 10, np.uint8)
-        one = outcome(without([0], track(mode=mode, estimate=np.full(11, 2, np.uint8))))
-        assert (one.without_contact, one.type_accuracy, one.realigning) == (0.0, 1.0, 0.0)
+        result = outcome(without([0], track(mode=mode, estimate=np.full(11, 2, np.uint8))))
+        assert (result.without_contact, result.type_accuracy, result.realigning) == (0.0, 1.0, 0.0)
 
     def test_a_push_that_ends_before_any_cycle_has_no_shares(self) -> None:
         arrays = {name: getattr(track(), name)[:1] for name in ARRAYS}
-        one = outcome(track(**arrays))
-        assert np.isnan([one.type_accuracy, one.realigning]).all()
+        result = outcome(track(**arrays))
+        assert np.isnan([result.type_accuracy, result.realigning]).all()
 
     def test_a_push_that_never_touches_has_no_places(self) -> None:
-        one = outcome(without(slice(None), track(ending=Ending.LOST)))
-        values = [one.final_distance, one.swept, one.lateral_true, one.location_rmse]
-        assert np.isnan(values).all() and one.cause == "never touched"
+        result = outcome(without(slice(None), track(ending=Ending.LOST)))
+        values = [result.final_distance, result.swept, result.lateral_true, result.location_rmse]
+        assert np.isnan(values).all() and result.cause == "never touched"
 
-    def test_a_row_tells_successes_as_0_or_1_and_nothing_for_no_value(self) -> None:
+    def test_a_row_holds_successes_as_0_or_1_and_nothing_for_no_value(self) -> None:
         text = as_csv(outcomes_of([without(slice(None), track())]))
         (row,) = csv.DictReader(text.splitlines())
         assert (row["success_true"], row["success_estimate"]) == ("0", "1")
@@ -187,33 +198,35 @@ class TestOutcome:
 
 class TestCause:
     def test_a_contact_that_is_not_felt(self) -> None:
-        one = unfelt(slice(1, None), track(ending=Ending.TIMEOUT, force=np.full(11, 1.4)))
-        assert cause(one) == "felt nothing: presses with 1.4 N, under the activation"
+        record = unfelt(slice(1, None), track(ending=Ending.TIMEOUT, force=np.full(11, 1.4)))
+        assert cause(record) == "felt nothing: presses with 1.4 N, under the activation"
 
     def test_a_contact_that_is_hardly_felt(self) -> None:
-        one = unfelt(slice(1, 6), track(ending=Ending.TIMEOUT))
-        assert cause(one).endswith("at best 0.04 m away; only 55% of the contact felt")
+        record = unfelt(slice(1, 6), track(ending=Ending.TIMEOUT))
+        assert cause(record).endswith("at best 0.04 m away; only 55% of the contact felt")
 
     def test_an_object_that_is_carried_away(self) -> None:
         assert cause(track(ending=Ending.AWAY)).startswith("object carried out of the field")
 
     def test_a_contact_that_is_lost_for_good(self) -> None:
-        aside = np.tile([0.3, 0.28], (11, 1))
-        one = without(slice(3, None), track(ending=Ending.LOST, contact=aside))
+        lateral = np.tile([0.3, 0.28], (11, 1))
+        record = without(slice(3, None), track(ending=Ending.LOST, contact=lateral))
         assert (
-            cause(one)
+            cause(record)
             == "lost at the left edge after 0.2 s, never found again; at best 0.84 m away"
         )
 
     def test_a_contact_that_is_lost_again_and_again(self) -> None:
-        one = without([1, 3, 5, 7, 9, 10], track(ending=Ending.LOST))
-        assert cause(one) == "lost 5 times, last +10 cm aside; at best 0.24 m away"
+        record = without([1, 3, 5, 7, 9, 10], track(ending=Ending.LOST))
+        assert cause(record) == "lost 5 times, last +10 cm aside; at best 0.24 m away"
 
     def test_a_push_that_comes_no_nearer(self) -> None:
         distance = np.array([0.9, 0.7, 0.5, 0.51, 0.49, 0.5, 0.5, 0.6, 0.6, 0.5, 0.5])
         mode = np.array([0, 0, 0, 3, 3, 3, 3, 0, 0, 3, 3], np.uint8)
-        one = track(ending=Ending.TIMEOUT, distance=distance, mode=mode, stamp=np.arange(11.0) * 10)
-        assert cause(one) == "no progress for 80 s, mostly realign; at best 0.49 m away"
+        result = track(
+            ending=Ending.TIMEOUT, distance=distance, mode=mode, stamp=np.arange(11.0) * 10
+        )
+        assert cause(result) == "no progress for 80 s, mostly realign; at best 0.49 m away"
 
 
 def outcomes(won: list[bool], controller: str = "tuned", **changes: Any) -> list[Outcome]:
@@ -247,19 +260,19 @@ class TestTables:
         assert "paper" not in tables.success_text(lshape, "grid", "nominal")
 
     def test_a_controller_that_lacks_an_object_has_no_share_of_it(self) -> None:
-        one, other = outcomes([True]), outcomes([True], object="prism")
-        found = framed([*one, *other, *outcomes([False], "paper")])
+        first, second = outcomes([True]), outcomes([True], object="prism")
+        found = framed([*first, *second, *outcomes([False], "paper")])
         text = tables.success_text(found, "grid", "nominal")
         assert "| skin/tuned, true | 1/1 | 1/1 | 2/2" in text
         assert "| skin/paper, true | 0/1 | - | 0/1" in text
 
     def test_other_targets_have_other_rows_of_the_papers(self) -> None:
-        (one,) = outcomes([True])
-        found = framed([one])
+        (result,) = outcomes([True])
+        found = framed([result])
         new = tables.success_text(found, "new", "nominal")
         assert "| *paper, LiDAR* | 12/12 | 12/12, 100.00 % |" in new
         assert "skin*" not in new and "RGB-D" not in new
-        whole = [replace(one, object=thing, friction=friction) for thing, friction in GROUPS]
+        whole = [replace(result, object=name, friction=friction) for name, friction in GROUPS]
         new = tables.success_text(framed(whole), "new", "nominal")
         assert "| *paper, LiDAR* | 12/12 | 12/12 | 11/12 | 11/12 | 11/12 | 12/12 | 69/72" in new
         assert "| *paper, RGB-D* | - | - | - | - | - | - | 62/72, 86.11 % |" in new
@@ -288,20 +301,22 @@ class TestTables:
 
 class TestComparisons:
     def test_measures_are_compared_where_both_succeed(self) -> None:
-        first = [replace(one, time=10.0 + n) for n, one in enumerate(outcomes([True] * 9))]
-        other = [replace(one, time=12.0 + 2.0 * n, controller="paper")
-                 for n, one in enumerate(outcomes([True] * 9))]  # fmt: skip
+        first = [replace(outcome, time=10.0 + n) for n, outcome in enumerate(outcomes([True] * 9))]
+        other = [replace(outcome, time=12.0 + 2.0 * n, controller="paper")
+                 for n, outcome in enumerate(outcomes([True] * 9))]  # fmt: skip
         other[0] = replace(other[0], success_true=False, time=1000.0)
         found = {each.measure: each for each in compare_all(framed([*first, *other]), 0)}
         assert (found["success_true"].trials, found["time"].trials) == (9, 8)
         assert found["time"].difference == 6.5 and found["time"].case == "skin/paper"
         assert found["time"].stars == "**" and found["swept"].stars == "n.s."
 
-    def test_each_is_compared_with_the_first_that_differs_in_one_thing(self) -> None:
+    def test_each_is_compared_with_the_first_that_differs_in_one_respect(self) -> None:
         pairs = [(s, c) for s in ("skin", "rule") for c in ("tuned", "paper")] + [("fused", "own")]
-        found = [one for s, c in pairs for one in outcomes([True], c, sensing=s)]
+        found = [outcome for s, c in pairs for outcome in outcomes([True], c, sensing=s)]
         tests = compare_all(framed(found), 0)
-        assert list(dict.fromkeys((one.against, one.case) for one in tests)) == [
+        assert list(
+            dict.fromkeys((comparison.against, comparison.case) for comparison in tests)
+        ) == [
             ("skin/tuned", "skin/paper"),
             ("skin/tuned", "rule/tuned"),
             ("skin/paper", "rule/paper"),
@@ -316,19 +331,24 @@ def planned(targets: Targets, objects: tuple[str, ...] = (), starts: str = "nomi
 def pushed(plan: Plan, controller: str, out: Path) -> None:
     """Write a track of every push."""
     for push in plan.pushes():
-        one = track(push=push, sensing=plan.sensing.label, controller=controller)
-        keep(one, out)
+        result = track(push=push, sensing=plan.sensing.label, controller=controller)
+        keep(result, out)
 
 
 class TestEvaluation:
     @pytest.mark.slow
-    def test_all_that_a_folder_holds_is_told_in_the_order_of_its_settings(
+    def test_all_that_a_folder_holds_is_reported_in_the_order_of_its_settings(
         self, tmp_path: Path
     ) -> None:
         new, grid = (planned(read_targets(name), ("cylinder", "box")) for name in ("new", "grid"))
         lone = planned(Targets("random", None, 3), ("prism",))
-        for one, controller in ((new, "paper"), (grid, "tuned"), (new, "tuned"), (lone, "tuned")):
-            pushed(one, controller, tmp_path)
+        for result, controller in (
+            (new, "paper"),
+            (grid, "tuned"),
+            (new, "tuned"),
+            (lone, "tuned"),
+        ):
+            pushed(result, controller, tmp_path)
         settings = lone.settings(["paper", "tuned", "tuned_neither"])
         settings["objects"] = dict.fromkeys(("cylinder", "box", "prism"))
         settings["targets"] = {**new.settings([])["targets"], "random": "by chance"} | (
@@ -343,9 +363,10 @@ class TestEvaluation:
         ]  # fmt: skip
         summary = json.loads((tmp_path / "summary.json").read_text())
         assert summary["targets"] == ["new", "random", "grid"]
-        assert [(one["against"], one["case"], one["trials"]) for one in summary["tests"]] == [
-            ("skin/paper", "skin/tuned", 48)
-        ] * 5
+        assert [
+            (comparison["against"], comparison["case"], comparison["trials"])
+            for comparison in summary["tests"]
+        ] == [("skin/paper", "skin/tuned", 48)] * 5
         table = (tmp_path / "table.md").read_text()
         assert table.count("*paper, contact skin*") == 1 and "| skin/paper, true | 12/12 |" in table
 

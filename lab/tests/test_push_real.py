@@ -1,4 +1,4 @@
-"""What the real robots pushed: soft, with a ball inside, and shoved by somebody else."""
+"""What the real robots pushed: soft, with a ball inside, and shoved by others."""
 
 import math
 from pathlib import Path
@@ -26,113 +26,115 @@ STILL: dict[str, Any] = {"gap": 1.0}
 """The robot is far from the object."""
 
 
-def told_box(**fields: Any) -> dict[str, Any]:
-    """Give the box with a ball, which nobody shoves."""
+def hollow_box(**fields: Any) -> dict[str, Any]:
+    """The box with a ball, without shoves."""
     box = named_object("ball_box").model_dump(exclude={"disturbed"})
     return {**box, **fields}
 
 
-def place(one: PushWorld, body: int) -> FloatArray:
-    found: FloatArray = np.array(one._bullet.getBasePositionAndOrientation(body, **one._client)[0])
+def place(push: PushWorld, body: int) -> FloatArray:
+    found: FloatArray = np.array(
+        push._bullet.getBasePositionAndOrientation(body, **push._client)[0]
+    )
     return found
 
 
-def dent(one: PushWorld) -> float:
-    """Give how deep the front is in the soft cylinder, which is straight ahead [m]."""
-    return one.base_pose[0] + FRONT - (one.object_pose[0] - RADIUS)
+def dent(push: PushWorld) -> float:
+    """Penetration of the front into the soft cylinder, which is straight in front [m]."""
+    return push.base_pose[0] + FRONT - (push.object_pose[0] - RADIUS)
 
 
-def in_the_box(one: PushWorld) -> FloatArray:
-    """Give where the ball is, shape (3,) [m], in the frame of its box."""
-    assert one._pushed.ball is not None
-    x, y, yaw = one.object_pose
-    ahead, aside, height = place(one, one._pushed.ball) - (x, y, 0.0)
+def in_the_box(push: PushWorld) -> FloatArray:
+    """Position of the ball, shape (3,) [m], in the frame of its box."""
+    assert push._pushed.ball is not None
+    x, y, yaw = push.object_pose
+    forward, lateral, height = place(push, push._pushed.ball) - (x, y, 0.0)
     cos, sin = math.cos(yaw), math.sin(yaw)
-    return np.array([cos * ahead + sin * aside, cos * aside - sin * ahead, height])
+    return np.array([cos * forward + sin * lateral, cos * lateral - sin * forward, height])
 
 
 # Soft
 
 
 @pytest.mark.parametrize("friction", ["mu1", "mu2"])
-def test_the_soft_cylinder_gives_way_by_the_force_over_its_stiffness(friction: str) -> None:
+def test_the_soft_cylinder_yields_by_the_force_over_its_stiffness(friction: str) -> None:
     """It slides at µ m g, 1.6 and 2.4 N; its rim at times has a third point of contact."""
-    one, dents, kinds = world(object="soft_cylinder", friction=friction), [], []
-    pushed(one, 15, 0.2, 0.0, 0.0)
+    push, dents, kinds = world(object="soft_cylinder", friction=friction), [], []
+    pushed(push, 15, 0.2, 0.0, 0.0)
     for _ in range(30):
-        pushed(one, 1, 0.2, 0.0, 0.0)
-        dents.append(dent(one))
-        kinds.append(touching(one.touches, one.steps)[0])
-    force = one.config.friction.ground * 0.8 * GRAVITY
+        pushed(push, 1, 0.2, 0.0, 0.0)
+        dents.append(dent(push))
+        kinds.append(touching(push.touches, push.steps)[0])
+    force = push.config.friction.ground * 0.8 * GRAVITY
     assert np.mean(dents) == pytest.approx(force / STIFFNESS, rel=0.25)
     assert kinds.count("point") == len(kinds)
 
 
-def test_what_is_rigid_does_not_give_way() -> None:
-    one = pushed(world(object="light_cylinder"), 30, 0.2, 0.0, 0.0)
-    assert abs(dent(one)) < 1e-4
+def test_what_is_rigid_does_not_yield() -> None:
+    push = pushed(world(object="light_cylinder"), 30, 0.2, 0.0, 0.0)
+    assert abs(dent(push)) < 1e-4
 
 
 def test_the_floor_finds_the_soft_cylinder_rigid() -> None:
-    one = world(object="soft_cylinder")
+    push = world(object="soft_cylinder")
     for _ in range(30):
-        pushed(one, 1, 0.2, 0.0, 0.0)
-        assert place(one, one._object)[2] == pytest.approx(0.65 / 2.0, abs=5e-4)
-        assert tilt(one) < 0.5
+        pushed(push, 1, 0.2, 0.0, 0.0)
+        assert place(push, push._object)[2] == pytest.approx(0.65 / 2.0, abs=5e-4)
+        assert tilt(push) < 0.5
 
 
-def test_what_is_too_soft_for_its_weight_is_told() -> None:
-    told = {"shape": "box", "size": (0.4, 0.4, 0.8), "mass": 20.0}
+def test_what_is_too_soft_for_its_weight_is_reported() -> None:
+    box = {"shape": "box", "size": (0.4, 0.4, 0.8), "mass": 20.0}
     soft = {"stiffness": 1000.0, "damping": 10.0}
     with pytest.raises(
         ConfigurationError, match=r"^object\.soft: 1000 N/m are too soft: .* 58.9 N"
     ):
-        world(object={**told, "soft": soft})
-    assert world(object={**told, "soft": {**soft, "stiffness": 1200.0}}).mass() == 20.0
+        world(object={**box, "soft": soft})
+    assert world(object={**box, "soft": {**soft, "stiffness": 1200.0}}).mass() == 20.0
 
 
 # With a ball inside
 
 
 def test_the_ball_starts_in_the_middle_of_the_floor_of_its_box() -> None:
-    one = world(object=told_box(), yaw=30.0, offset=0.1)
-    assert in_the_box(one) == pytest.approx([0.0, 0.0, 0.015 + 0.11], abs=1e-9)
-    assert one.mass() == pytest.approx(6.9)
-    assert moved(one, 20, 0.0, 0.0, 0.0) == pytest.approx(np.zeros(3), abs=1e-3)
+    push = world(object=hollow_box(), yaw=30.0, offset=0.1)
+    assert in_the_box(push) == pytest.approx([0.0, 0.0, 0.015 + 0.11], abs=1e-9)
+    assert push.mass() == pytest.approx(6.9)
+    assert moved(push, 20, 0.0, 0.0, 0.0) == pytest.approx(np.zeros(3), abs=1e-3)
 
 
 def test_the_ball_rolls_and_stays_inside() -> None:
     """From wall to wall there are 0.37 - 2 · 0.11 = 0.15 m for its middle."""
-    one, places = world(object=told_box()), []
+    push, places = world(object=hollow_box()), []
     for cycle in range(120):
         speed = 0.25 if cycle % 40 < 30 else 0.0
-        one.drive(speed, 0.15 * math.sin(cycle / 5.0), 0.3 * math.cos(cycle / 9.0))
-        places.append(in_the_box(one))
-    aside = np.abs(np.array(places)[:, :2])
-    assert aside.max() < 0.075 + 0.002
+        push.drive(speed, 0.15 * math.sin(cycle / 5.0), 0.3 * math.cos(cycle / 9.0))
+        places.append(in_the_box(push))
+    lateral = np.abs(np.array(places)[:, :2])
+    assert lateral.max() < 0.075 + 0.002
     assert np.ptp(np.array(places)[:, :2], axis=0).min() > 0.1
     assert np.array(places)[:, 2] == pytest.approx(0.125, abs=0.002)
 
 
 def test_a_ball_keeps_rolling_when_its_box_has_stopped() -> None:
-    one = pushed(world(object=told_box()), 20, 0.25, 0.0, 0.0)
-    pushed(one, 5, 0.0, 0.0, 0.0)
-    before, stood = in_the_box(one), one.object_pose
-    pushed(one, 3, 0.0, 0.0, 0.0)
-    assert abs(in_the_box(one) - before)[0] > 0.02 > 10.0 * abs(one.object_pose[0] - stood[0])
+    push = pushed(world(object=hollow_box()), 20, 0.25, 0.0, 0.0)
+    pushed(push, 5, 0.0, 0.0, 0.0)
+    before, stood = in_the_box(push), push.object_pose
+    pushed(push, 3, 0.0, 0.0, 0.0)
+    assert abs(in_the_box(push) - before)[0] > 0.02 > 10.0 * abs(push.object_pose[0] - stood[0])
 
 
 def test_a_box_without_a_ball_is_hollow_and_lighter() -> None:
-    one = world(object=told_box(ball=None))
-    assert one._pushed.ball is None and one.mass() == pytest.approx(6.0)
-    assert moved(one, 10, 0.2, 0.0, 0.0) == pytest.approx([0.2, 0.0, 0.0], abs=4e-3)
+    push = world(object=hollow_box(ball=None))
+    assert push._pushed.ball is None and push.mass() == pytest.approx(6.0)
+    assert moved(push, 10, 0.2, 0.0, 0.0) == pytest.approx([0.2, 0.0, 0.0], abs=4e-3)
 
 
 # Shoved
 
 
-def way(force: float, mass: float, duration: float, friction: float) -> float:
-    """Give how far a shove moves what rests on the floor: sped up, then slowed by friction [m]."""
+def distance(force: float, mass: float, duration: float, friction: float) -> float:
+    """Distance by which a shove moves what rests: sped up, then slowed by friction [m]."""
     speed_up = force / mass - friction * GRAVITY
     speed = speed_up * duration
     return speed * duration / 2.0 + speed**2 / (2.0 * friction * GRAVITY)
@@ -145,36 +147,36 @@ def test_a_shove_moves_the_box_as_far_as_impulse_and_friction_say(
 ) -> None:
     towards = math.cos(angle), math.sin(angle)
     shove = {"start": 0.5, "duration": duration, "force": tuple(force * np.array(towards))}
-    one = world(**STILL, disturbances=(shove,))
-    assert moved(one, 5, 0.0, 0.0, 0.0) == pytest.approx(np.zeros(3), abs=1e-3)
-    x, y, yaw = moved(one, 25, 0.0, 0.0, 0.0)
-    far = way(force, 20.0, duration, 0.3)
+    push = world(**STILL, disturbances=(shove,))
+    assert moved(push, 5, 0.0, 0.0, 0.0) == pytest.approx(np.zeros(3), abs=1e-3)
+    x, y, yaw = moved(push, 25, 0.0, 0.0, 0.0)
+    far = distance(force, 20.0, duration, 0.3)
     assert (x, y) == pytest.approx((far * towards[0], far * towards[1]), abs=0.03 * far)
     assert abs(yaw) < 0.02
 
 
 def test_a_shove_weaker_than_friction_moves_nothing() -> None:
     """Which holds 59 N."""
-    one = world(**STILL, disturbances=({"start": 0.2, "duration": 1.0, "force": (40.0, 30.0)},))
-    assert moved(one, 20, 0.0, 0.0, 0.0) == pytest.approx(np.zeros(3), abs=2e-3)
+    push = world(**STILL, disturbances=({"start": 0.2, "duration": 1.0, "force": (40.0, 30.0)},))
+    assert moved(push, 20, 0.0, 0.0, 0.0) == pytest.approx(np.zeros(3), abs=2e-3)
 
 
 def test_shoves_by_chance_are_those_of_their_seed() -> None:
     config = DisturbedConfig(count=50, force=30.0, before=8.0)
-    one = drawn(config, 3)
-    assert one == drawn(config, 3) != drawn(config, 4)
-    starts = [shove.start for shove in one]
+    push = drawn(config, 3)
+    assert push == drawn(config, 3) != drawn(config, 4)
+    starts = [shove.start for shove in push]
     assert starts == sorted(starts) and 0.0 <= starts[0] < 2.0 and 6.0 < starts[-1] < 8.0
-    forces = np.array([shove.force for shove in one])
+    forces = np.array([shove.force for shove in push])
     assert np.hypot(*forces.T) == pytest.approx(np.full(50, 30.0))
     assert (forces.min(axis=0) < -20.0).all() and (forces.max(axis=0) > 20.0).all()
 
 
 def test_what_is_disturbed_is_moved_elsewhere_by_another_seed() -> None:
-    thing = told_box(disturbed={"count": 1, "force": 60.0, "before": 0.5})
-    ways = [moved(world(seed, object=thing, **STILL), 20, 0.0, 0.0, 0.0) for seed in (1, 2)]
-    assert all(math.hypot(x, y) > 0.1 for x, y, _ in ways)
-    assert math.dist(ways[0][:2], ways[1][:2]) > 0.1
+    box = hollow_box(disturbed={"count": 1, "force": 60.0, "before": 0.5})
+    moves = [moved(world(seed, object=box, **STILL), 20, 0.0, 0.0, 0.0) for seed in (1, 2)]
+    assert all(math.hypot(x, y) > 0.1 for x, y, _ in moves)
+    assert math.dist(moves[0][:2], moves[1][:2]) > 0.1
 
 
 # All of them
@@ -183,11 +185,11 @@ def test_what_is_disturbed_is_moved_elsewhere_by_another_seed() -> None:
 @pytest.mark.parametrize("name", ["soft_cylinder", "ball_box"])
 def test_the_same_push_is_the_same_bit_by_bit(name: str) -> None:
     def journey() -> bytes:
-        one = world(5, object=name, yaw=20.0)
+        push = world(5, object=name, yaw=20.0)
         rows: list[float] = []
         for cycle in range(60):
-            one.drive(0.25, 0.1 * math.sin(cycle / 3.0), 0.3 * math.cos(cycle / 5.0))
-            rows += [*one.object_pose, *one.touches.points.ravel(), *one.touches.forces]
+            push.drive(0.25, 0.1 * math.sin(cycle / 3.0), 0.3 * math.cos(cycle / 5.0))
+            rows += [*push.object_pose, *push.touches.points.ravel(), *push.touches.forces]
         return np.array(rows).tobytes()
 
     assert journey() == journey()
@@ -208,7 +210,7 @@ def test_the_chair_of_the_examples_is_pushed_and_seen() -> None:
 
 def test_a_ball_is_not_seen_through_the_walls_of_its_box() -> None:
     """Rays meet the lid 0.45 m above the floor, from wherever they come."""
-    box = HollowConfig(**told_box())
+    box = HollowConfig(**hollow_box())
     view = PushView(box, base())
     rays = view.rays(np.array([0.8, 0.0, 1.05]), np.array([[0.0, 0.0, -1.0]]))
     distances, on_it = view.distances(rays, (0.0, 0.0, 0.0), (0.8, 0.0, 0.0))

@@ -1,4 +1,4 @@
-"""A push as its sensors tell it, the truth apart from it, and the closed loop of both."""
+"""A push as its sensors measure it, the truth apart from it, and the closed loop of both."""
 
 import math
 from dataclasses import dataclass
@@ -35,10 +35,10 @@ def scene(seed: int = 0, **fields: Any) -> PushScene:
     return PushScene(config(**fields), base(), seed)
 
 
-def driven(one: PushScene, cycles: int, *velocity: float) -> PushScene:
+def driven(push: PushScene, cycles: int, *velocity: float) -> PushScene:
     for _ in range(cycles):
-        one.drive(*velocity)
-    return one
+        push.drive(*velocity)
+    return push
 
 
 def pipeline(
@@ -67,8 +67,8 @@ class Done:
         return [cycle.truth.kind for cycle in self.cycles]
 
 
-def done(one: PushScene, by: Pipeline) -> Done:
-    return Done(list(pushed(one, by)))
+def done(push: PushScene, by: Pipeline) -> Done:
+    return Done(list(pushed(push, by)))
 
 
 @cache
@@ -86,16 +86,16 @@ def silent(sensor: str, **when: float) -> dict[str, Any]:
 
 
 def test_readings_are_odometry_twist_and_skin_at_one_stamp() -> None:
-    one = driven(scene(gap=1.0), 4, 0.2, -0.1, 0.5)
-    odometry, twist, image = one.readings()
+    push = driven(scene(gap=1.0), 4, 0.2, -0.1, 0.5)
+    odometry, twist, image = push.readings()
     assert isinstance(odometry, Odometry)
     assert isinstance(twist, Twist)
     assert isinstance(image, TactileImage)
-    assert {reading.stamp for reading in one.readings()} == {4 * PERIOD}
-    assert [(reading.frame, reading.sensor) for reading in one.readings()] == [
+    assert {reading.stamp for reading in push.readings()} == {4 * PERIOD}
+    assert [(reading.frame, reading.sensor) for reading in push.readings()] == [
         ("odom", "odometry"), ("base", "wheels"), ("base", "skin")
     ]  # fmt: skip
-    truth = one.truth()
+    truth = push.truth()
     x, y, yaw = truth.base
     assert yaw == pytest.approx(0.2)
     assert odometry.child_frame == "base"
@@ -109,26 +109,26 @@ def test_readings_are_odometry_twist_and_skin_at_one_stamp() -> None:
 
 
 def test_the_skin_feels_the_force_of_the_truth() -> None:
-    one = driven(scene(skin={"activation": 0.0, "noise": 1e-9}), 5, 0.2, 0.0, 0.0)
-    image = one.readings()[2]
+    push = driven(scene(skin={"activation": 0.0, "noise": 1e-9}), 5, 0.2, 0.0, 0.0)
+    image = push.readings()[2]
     assert isinstance(image, TactileImage)
-    assert image.values[:12].sum() == pytest.approx(one.truth().force, abs=1e-6)
+    assert image.values[:12].sum() == pytest.approx(push.truth().force, abs=1e-6)
     assert abs(image.values[12:]).max() < 1e-6
     centres = base().patches["skin"].centres()[:12, 1]
     middle = np.average(centres, weights=image.values[:12].clip(0.0))
-    assert middle == pytest.approx(one.truth().contact[1], abs=0.03)
+    assert middle == pytest.approx(push.truth().contact[1], abs=0.03)
 
 
 def test_the_same_seed_reads_the_same_and_another_differs_in_the_skin_only() -> None:
-    one, same, other = scene(1), scene(1), scene(2)
+    left, same, right = scene(1), scene(1), scene(2)
     for _ in range(5):
-        first, second, third = (each.readings() for each in (one, same, other))
+        first, second, third = (each.readings() for each in (left, same, right))
         assert [_bytes(reading) for reading in first] == [_bytes(reading) for reading in second]
         assert [_bytes(reading) for reading in first[:2]] == [_bytes(each) for each in third[:2]]
         assert _bytes(first[2]) != _bytes(third[2])
-        for each in (one, same, other):
+        for each in (left, same, right):
             each.drive(0.2, 0.05, 0.1)
-        assert one.truth() == other.truth()
+        assert left.truth() == right.truth()
 
 
 def _bytes(reading: Any) -> bytes:
@@ -150,9 +150,9 @@ def test_before_the_first_touch_there_is_none() -> None:
 @pytest.mark.parametrize("offset", [0.0, 0.05, -0.2])
 def test_a_box_that_is_pushed_squarely_touches_along_a_line(offset: float) -> None:
     """Its middle is that of what of the side is before the face."""
-    one = driven(scene(offset=offset), 6, 0.2, 0.0, 0.0)
+    push = driven(scene(offset=offset), 6, 0.2, 0.0, 0.0)
     right, left = max(offset - 0.2, -0.3), min(offset + 0.2, 0.3)
-    truth = one.truth()
+    truth = push.truth()
     assert truth.kind == "line"
     assert truth.contact == pytest.approx((0.3, (right + left) / 2.0), abs=5e-3)
     assert truth.distance == pytest.approx(
@@ -161,31 +161,31 @@ def test_a_box_that_is_pushed_squarely_touches_along_a_line(offset: float) -> No
 
 
 def test_a_corner_touches_at_a_point() -> None:
-    turn = math.radians(40.0)
-    corner = 0.1 + 0.2 * (math.cos(turn) - math.sin(turn))
+    yaw = math.radians(40.0)
+    corner = 0.1 + 0.2 * (math.cos(yaw) - math.sin(yaw))
     truth = driven(scene(yaw=40.0, offset=0.1), 1, 0.1, 0.0, 0.0).truth()
     assert truth.kind == "point"
     assert truth.contact == pytest.approx((0.3, corner), abs=5e-3)
 
 
 def test_the_distance_is_from_the_contact_wherever_the_robot_stands() -> None:
-    one = driven(scene(target=(1.0, 1.0)), 12, 0.2, 0.1, 0.3)
-    truth = one.truth()
+    push = driven(scene(target=(1.0, 1.0)), 12, 0.2, 0.1, 0.3)
+    truth = push.truth()
     x, y, yaw = truth.base
     assert yaw > 0.3 and truth.kind != "none"
-    ahead, aside = truth.contact
-    there = complex(x, y) + complex(ahead, aside) * complex(math.cos(yaw), math.sin(yaw))
+    forward, lateral = truth.contact
+    there = complex(x, y) + complex(forward, lateral) * complex(math.cos(yaw), math.sin(yaw))
     assert truth.distance == pytest.approx(abs(1 + 1j - there))
 
 
 def touching(*points: tuple[int, float, float]) -> Any:
-    """Give the truth when these points touched: step, ahead, to the left."""
-    one = scene()
+    """The truth when these points touched: step, forward, lateral."""
+    push = scene()
     rows = np.array(points, np.float64).reshape(-1, 3)
     places = np.column_stack([rows[:, 1:], np.full(len(rows), -0.2)])
     normals = np.tile([-1.0, 0.0, 0.0], (len(rows), 1))
-    one._world.touches = Touches(rows[:, 0], places, normals, np.full(len(rows), 24.0))
-    return one.truth()
+    push._world.touches = Touches(rows[:, 0], places, normals, np.full(len(rows), 24.0))
+    return push.truth()
 
 
 def test_the_truth_is_all_that_touched_in_the_last_50_ms() -> None:
@@ -254,8 +254,8 @@ def test_a_command_moves_the_base_in_the_next_cycle() -> None:
     for before, after in zip(cycles[5:-1], cycles[6:], strict=True):
         twist = before.step.command.twist if before.step.command else None
         assert twist is not None
-        turn = after.truth.base[2] - before.truth.base[2]
-        assert turn == pytest.approx(PERIOD * twist.angular[2], abs=1e-3)
+        yaw = after.truth.base[2] - before.truth.base[2]
+        assert yaw == pytest.approx(PERIOD * twist.angular[2], abs=1e-3)
 
 
 def test_the_same_push_is_made_twice_bit_by_bit() -> None:
@@ -305,7 +305,7 @@ def test_a_push_ends_when_the_object_is_too_far_away() -> None:
     assert far[-1] > 1.5 >= max(far[:-1])
 
 
-def test_without_a_controller_nobody_pushes() -> None:
+def test_without_a_controller_nothing_pushes() -> None:
     with pytest.raises(ConfigurationError, match="^controller: a push needs a controller$"):
         done(scene(), pipeline(controller=None))
 
@@ -316,17 +316,17 @@ def test_without_odometry_the_wheels_lead_to_the_target() -> None:
     assert push.last.truth.distance <= 0.05
 
 
-def test_what_the_wheels_tell_adds_up_to_the_way() -> None:
-    one, told = scene(gap=1.5), StateBuffer()
-    for reading in one.readings()[:2]:
-        told.add(reading)
+def test_what_the_wheels_measure_adds_up_to_the_path() -> None:
+    push, buffer = scene(gap=1.5), StateBuffer()
+    for reading in push.readings()[:2]:
+        buffer.add(reading)
     for step in range(100):
-        one.drive(0.2, 0.1, 0.4 if step < 60 else -0.2)
-        (wheels,) = (reading for reading in one.readings() if isinstance(reading, Twist))
-        told.add(wheels)
-    base = told.base_pose(one.stamp)
+        push.drive(0.2, 0.1, 0.4 if step < 60 else -0.2)
+        (wheels,) = (reading for reading in push.readings() if isinstance(reading, Twist))
+        buffer.add(wheels)
+    base = buffer.base_pose(push.stamp)
     assert base is not None
-    x, y, yaw = one.truth().base
+    x, y, yaw = push.truth().base
     assert base[2][:2, 3] == pytest.approx([x, y], abs=1e-3)
     assert np.arctan2(base[2][1, 0], base[2][0, 0]) == pytest.approx(math.remainder(yaw, math.tau))
 

@@ -1,4 +1,4 @@
-"""What a skin around a base tells of points that press it; touches are made by hand."""
+"""The readings of a skin around a base that points press; touches are made by hand."""
 
 from functools import cache
 from typing import Any
@@ -34,13 +34,13 @@ Point = tuple[tuple[float, float, float], tuple[float, float, float], float]
 
 @cache
 def patch() -> PatchConfig:
-    """Give the skin of the package's base: the front from right to left, the left side from front
+    """The skin of the package's base: the front from right to left, the left side from front
     to back, the right side from back to front."""
     return read_robot(BASE).patches["skin"]
 
 
 def touches(*points: Point, steps: int = STEPS) -> Touches:
-    """Let points press in all steps: place, normal, force."""
+    """Points that press in all steps: position, normal, force."""
     places, normals, forces = (np.array(column) for column in zip(*points, strict=True))
     count = len(points)
     return Touches(
@@ -63,7 +63,7 @@ def felt(
 
 
 def only(values: FloatArray) -> dict[int, float]:
-    """Give the taxels that feel anything."""
+    """The taxels that are active."""
     return {int(row): float(values[row].round(9)) for row in np.flatnonzero(abs(values) > 1e-9)}
 
 
@@ -134,20 +134,20 @@ def test_where_there_is_no_skin_nothing_is_felt(normal: tuple[float, float, floa
 def test_at_a_corner_that_strip_feels_which_is_pressed_more_squarely(
     degrees: float, strip: slice
 ) -> None:
-    turn = np.radians(degrees)
-    values = felt(touches(((0.3, 0.3, -0.2), (-np.cos(turn), -np.sin(turn), 0.0), 8.0)))
+    yaw = np.radians(degrees)
+    values = felt(touches(((0.3, 0.3, -0.2), (-np.cos(yaw), -np.sin(yaw), 0.0), 8.0)))
     assert values[strip].sum() == pytest.approx(8.0)
     assert abs(values).sum() == pytest.approx(8.0)
 
 
-def test_a_taxel_tells_the_mean_of_the_cycle() -> None:
+def test_a_taxel_measures_the_mean_of_the_cycle() -> None:
     """Whether it is pressed always, or four times as hard in a quarter of the steps."""
     often = felt(touches(front(0.025, 3.0)))
     rarely = felt(touches(front(0.025, 12.0), steps=STEPS // 4))
     assert only(often) == only(rarely) == {6: 3.0}
 
 
-def test_what_is_under_the_activation_is_not_told() -> None:
+def test_what_is_under_the_activation_is_not_reported() -> None:
     pressed = touches(front(0.025, 0.99), front(-0.275, 1.01))
     assert only(felt(pressed, activation=1.0)) == {0: 1.01}
     split = touches(front(0.0, 1.5))  # each half of it is too faint
@@ -165,15 +165,15 @@ def test_every_taxel_has_its_noise_pressed_or_not() -> None:
 
 
 def test_noise_is_that_of_the_generator_of_chance() -> None:
-    one, same = (felt(nothing(), noise=0.05, seed=3) for _ in range(2))
-    assert np.array_equal(one, same)
-    assert not np.array_equal(one, felt(nothing(), noise=0.05, seed=4))
+    first, same = (felt(nothing(), noise=0.05, seed=3) for _ in range(2))
+    assert np.array_equal(first, same)
+    assert not np.array_equal(first, felt(nothing(), noise=0.05, seed=4))
 
 
 def test_a_strip_may_have_a_single_taxel() -> None:
     upright: dict[str, Any] = {"xyz": (0.3, 0.0, 0.0), "rpy": (0.0, np.pi / 2.0, 0.0)}
-    one = PatchConfig(grids=(TaxelGridConfig(rows=1, columns=1, pitch=(0.35, 0.6), **upright),))
-    skin = PushSkin(one, SkinConfig(activation=0.0, noise=HUSH))
+    first = PatchConfig(grids=(TaxelGridConfig(rows=1, columns=1, pitch=(0.35, 0.6), **upright),))
+    skin = PushSkin(first, SkinConfig(activation=0.0, noise=HUSH))
     values = skin.values(touches(front(-0.2), front(0.25, 1.0)), STEPS, np.random.default_rng(0))
     assert only(values) == {0: 11.0}
 

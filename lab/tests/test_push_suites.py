@@ -36,7 +36,7 @@ FUSED = ("skin", "lidar", "motion", "skin/free")
 
 @pytest.fixture
 def weights(tmp_path: Path) -> Path:
-    """Write networks that nobody has trained."""
+    """Write untrained networks."""
     (tmp_path / "networks").mkdir()
     return write(tmp_path / "networks", some_weights())
 
@@ -68,30 +68,30 @@ class TestSensing:
         }  # fmt: skip
         assert feeling(name, weights).sees == wanted[name]
 
-    def test_another_eye_takes_the_place_of_the_files(self, weights: Path) -> None:
-        one = feeling("fused_camera", weights, lidar="lidar_tilted", camera="camera_large")
-        assert one.sees == ("lidar_tilted", "camera_large")
-        assert one.pipeline.generators["lidar"]["sensor"] == "lidar_tilted"
-        assert one.pipeline.generators["skin"]["sensor"] == "skin"
-        assert one.settings() != feeling("fused_camera", weights).settings()
+    def test_another_sensor_takes_the_place_of_the_files(self, weights: Path) -> None:
+        suite = feeling("fused_camera", weights, lidar="lidar_tilted", camera="camera_large")
+        assert suite.sees == ("lidar_tilted", "camera_large")
+        assert suite.pipeline.generators["lidar"]["sensor"] == "lidar_tilted"
+        assert suite.pipeline.generators["skin"]["sensor"] == "skin"
+        assert suite.settings() != feeling("fused_camera", weights).settings()
 
     def test_a_rule_takes_the_place_of_the_files(self) -> None:
-        one = feeling("skin", rule="posterior/modes")
-        integrator = one.pipeline.integrator
+        suite = feeling("skin", rule="posterior/modes")
+        integrator = suite.pipeline.integrator
         assert (integrator.rule, integrator.condensation) == ("posterior", "modes")
         assert integrator.voxel_size == feeling("skin").pipeline.integrator.voxel_size
-        assert one.label == "skin-posterior_modes"
+        assert suite.label == "skin-posterior_modes"
 
-    def test_a_label_tells_what_differs(self, weights: Path) -> None:
-        one = feeling("fused", weights, rule="max", without=("motion", "skin/free"))
-        assert one.label == "fused-max-without_motion-without_skin_free"
+    def test_a_label_states_what_differs(self, weights: Path) -> None:
+        suite = feeling("fused", weights, rule="max", without=("motion", "skin/free"))
+        assert suite.label == "fused-max-without_motion-without_skin_free"
 
-    def test_a_generator_without_a_source_is_left_out_with_its_eye(self, weights: Path) -> None:
-        one = feeling("fused", weights, without=("lidar",))
-        assert list(one.pipeline.generators) == ["skin", "motion"]
-        assert (one.sees, dict(one.networks)) == ((), {})
+    def test_a_generator_without_a_source_is_left_out_with_its_sensor(self, weights: Path) -> None:
+        suite = feeling("fused", weights, without=("lidar",))
+        assert list(suite.pipeline.generators) == ["skin", "motion"]
+        assert (suite.sees, dict(suite.networks)) == ((), {})
 
-    def test_networks_are_told_by_what_is_in_their_file(self, weights: Path) -> None:
+    def test_networks_are_reported_by_what_is_in_their_file(self, weights: Path) -> None:
         held = feeling("lidar", weights).settings()
         copied = weights.with_name("copied.safetensors")
         copied.write_bytes(weights.read_bytes())
@@ -124,7 +124,7 @@ class TestSensing:
             ("lidar", {"weights": Path("no.safetensors")}, "no file 'no.safetensors'"),
         ],
     )
-    def test_what_is_wrong_is_told_in_a_sentence(
+    def test_what_is_wrong_is_reported_in_a_sentence(
         self, name: str, changes: dict[str, Any], problem: str
     ) -> None:
         with pytest.raises(ContactFusionError, match=problem) as caught:
@@ -158,10 +158,12 @@ class TestSources:
             "skin": HypothesisKind.REGULAR,
         }
         assert track.sensing == "fused" and track.shares.shape == (len(track.stamp), 3)
-        told = track.estimate > 0
-        assert told.any() and track.shares[told].sum(axis=1) == pytest.approx(np.ones(told.sum()))
-        assert (track.shares[~told] == 0.0).all()
-        assert (track.shares[told, list(track.sources).index("skin")] > 0.0).mean() > 0.9
+        reported = track.estimate > 0
+        assert reported.any() and track.shares[reported].sum(axis=1) == pytest.approx(
+            np.ones(reported.sum())
+        )
+        assert (track.shares[~reported] == 0.0).all()
+        assert (track.shares[reported, list(track.sources).index("skin")] > 0.0).mean() > 0.9
         assert 0.0 < cost.sensed < cost.cpu - cost.fused.sum()
 
     def test_a_lone_source_has_all_of_the_contact(self, targets: str) -> None:
@@ -190,7 +192,7 @@ class TestPlans:
             ({"weights": Path("no.safetensors")}, "was given, but there are no networks in skin"),
         ],
     )
-    def test_what_nobody_uses_is_told(
+    def test_what_is_not_used_is_reported(
         self, changes: dict[str, Any], problem: str, targets: str
     ) -> None:
         with pytest.raises(ConfigurationError, match=problem):
@@ -213,7 +215,9 @@ class TestExperiment:
         assert float(rows[0]["contact_accuracy"]) > 0.9
         summary = json.loads((out / "summary.json").read_text())
         assert list(summary["reached"]) == pairs
-        compared = dict.fromkeys((one["against"], one["case"]) for one in summary["tests"])
+        compared = dict.fromkeys(
+            (comparison["against"], comparison["case"]) for comparison in summary["tests"]
+        )
         assert list(compared) == [
             ("skin/tuned", "skin/paper"), ("skin/tuned", "rule/tuned"),
             ("skin/paper", "rule/paper"),
@@ -273,10 +277,10 @@ def test_one_worker_and_two_give_the_same_bytes(targets: str, tmp_path: Path) ->
 
 def test_costs_are_shares_of_all(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     costs = [Cost(6.0, 2.0, 0.5, np.full(100, 0.004)), Cost(6.0, 1.0, 0.1, np.full(50, 0.004))]
-    told = costs_of(costs)
-    assert told["trials_per_cpu_minute"] == pytest.approx(40.0)
-    assert (told["sensing_share"], told["fusion_share"]) == pytest.approx((0.2, 0.2))
-    assert told["cycle_p99_ms"] == pytest.approx(4.0)
+    shares = costs_of(costs)
+    assert shares["trials_per_cpu_minute"] == pytest.approx(40.0)
+    assert (shares["sensing_share"], shares["fusion_share"]) == pytest.approx((0.2, 0.2))
+    assert shares["cycle_p99_ms"] == pytest.approx(4.0)
     report_costs({"fused": costs}, tmp_path)
-    assert json.loads((tmp_path / "timing.json").read_text()) == {"fused": told}
+    assert json.loads((tmp_path / "timing.json").read_text()) == {"fused": shares}
     assert "fused: 40 pushes a minute" in capsys.readouterr().out

@@ -22,20 +22,20 @@ TOP, CHASSIS, FLOOR = 0.35, -0.05, -0.45
 REAR, FRONT = -0.42, 0.30
 
 
-def view(thing: Any = "box") -> PushView:
-    return PushView(PushConfig(object=thing, target=(1.0, 0.0)).object, base())
+def view(name: Any = "box") -> PushView:
+    return PushView(PushConfig(object=name, target=(1.0, 0.0)).object, base())
 
 
 def met(
     origin: tuple[float, float, float],
     *directions: tuple[float, float, float],
     robot: PlanarPose = HERE,
-    thing: PlanarPose = AHEAD,
+    pose: PlanarPose = AHEAD,
     what: Any = "box",
 ) -> tuple[FloatArray, NDArray[np.bool_]]:
     seen = view(what)
     rays = seen.rays(np.array(origin), np.array(directions, np.float64))
-    return seen.distances(rays, robot, thing)
+    return seen.distances(rays, robot, pose)
 
 
 @pytest.mark.parametrize(
@@ -52,7 +52,7 @@ def met(
         (REAR - 0.01, 0.0, FLOOR, False),
     ],
 )
-def test_a_ray_straight_down_ends_on_the_first_thing_below(
+def test_a_ray_straight_down_ends_on_the_first_object_below(
     x: float, y: float, height: float, of_object: bool
 ) -> None:
     (distance,), (found,) = met((x, y, 1.1), DOWN)
@@ -60,7 +60,7 @@ def test_a_ray_straight_down_ends_on_the_first_thing_below(
     assert found == of_object
 
 
-def test_a_ray_ahead_ends_on_the_face_of_a_box() -> None:
+def test_a_ray_forward_ends_on_the_face_of_a_box() -> None:
     distances, found = met((0.31, 0.0, 0.0), FORWARD, (1.0, 1.0, 0.0), UP)
     assert distances[0] == pytest.approx(0.4 - 0.31, abs=1e-6)
     # aslant it leaves the base by as much as it goes aside
@@ -70,8 +70,8 @@ def test_a_ray_ahead_ends_on_the_face_of_a_box() -> None:
 
 
 def test_a_distance_counts_in_lengths_of_its_direction() -> None:
-    one, found = met((0.6, 0.0, 1.1), DOWN, (0.0, 0.0, -0.5), (0.0, 0.0, -3.0))
-    assert one == pytest.approx(np.array([0.75, 1.5, 0.25]), abs=1e-6)
+    counted, found = met((0.6, 0.0, 1.1), DOWN, (0.0, 0.0, -0.5), (0.0, 0.0, -3.0))
+    assert counted == pytest.approx(np.array([0.75, 1.5, 0.25]), abs=1e-6)
     floor, _ = met((0.6, 0.9, 1.1), DOWN, (0.0, 0.0, -0.5), (0.0, 0.0, -3.0))
     assert floor == pytest.approx(np.array([1.55, 3.1, 1.55 / 3.0]))
     assert found.all()
@@ -99,11 +99,11 @@ def test_the_box_hides_the_floor_behind_it() -> None:
 
 def test_a_turned_box_turns_its_corner_to_the_base() -> None:
     corner = 0.6 - 0.2 * np.sqrt(2.0)
-    aside: tuple[float, float, float] = (0.3, 0.05, 0.0)
+    beside_origin: tuple[float, float, float] = (0.3, 0.05, 0.0)
     origin: tuple[float, float, float] = (0.3, 0.0, 0.0)
     turned: PlanarPose = (0.3, 0.0, np.pi / 4.0)
-    (straight,), _ = met(origin, FORWARD, thing=turned)
-    (beside,), _ = met(aside, FORWARD, thing=turned)
+    (straight,), _ = met(origin, FORWARD, pose=turned)
+    (beside,), _ = met(beside_origin, FORWARD, pose=turned)
     assert straight == pytest.approx(corner - 0.3, abs=1e-6)
     assert beside == pytest.approx(corner + 0.05 - 0.3, abs=1e-6)
 
@@ -112,9 +112,9 @@ def test_a_base_that_has_turned_looks_where_it_turned_to() -> None:
     # it stands at (1, 2) and looks along y, where the box stands 0.6 m ahead and 0.1 m to the right
     there: PlanarPose = (1.0, 2.0, np.pi / 2.0)
     box: PlanarPose = (1.1, 2.6, np.pi / 2.0)
-    distances, found = met((0.35, 0.09, 0.0), FORWARD, robot=there, thing=box)
+    distances, found = met((0.35, 0.09, 0.0), FORWARD, robot=there, pose=box)
     assert (distances[0], found[0]) == (pytest.approx(0.05, abs=1e-6), True)
-    passed, free = met((0.35, 0.11, 0.0), FORWARD, robot=there, thing=box)
+    passed, free = met((0.35, 0.11, 0.0), FORWARD, robot=there, pose=box)
     assert (passed[0], free[0]) == (np.inf, False)
 
 

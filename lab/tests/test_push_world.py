@@ -1,4 +1,4 @@
-"""The physics of a push: bodies move as they must, and the same way every time."""
+"""The physics of a push: bodies move as they must, and identically every time."""
 
 import hashlib
 import math
@@ -41,44 +41,44 @@ PAD = {"stiffness": 10_000.0, "damping": 400.0}
 
 
 def world(seed: int = 0, **fields: Any) -> PushWorld:
-    """Give a world whose faces are hard, so that what happens can be computed."""
+    """A world whose faces are hard, so that what happens can be computed."""
     hard = {"target": (1.0, 0.0), "skin": {"pad": None}}
     return PushWorld(PushConfig(**{**hard, **fields}), base(), seed)
 
 
-def pushed(one: PushWorld, cycles: int, *velocity: float) -> PushWorld:
+def pushed(push: PushWorld, cycles: int, *velocity: float) -> PushWorld:
     for _ in range(cycles):
-        one.drive(*velocity)
-    return one
+        push.drive(*velocity)
+    return push
 
 
-def moved(one: PushWorld, cycles: int, *velocity: float) -> FloatArray:
-    """Give by how much the object is moved and turned."""
-    before = one.object_pose
-    return np.subtract(pushed(one, cycles, *velocity).object_pose, before)
+def moved(push: PushWorld, cycles: int, *velocity: float) -> FloatArray:
+    """The change of the object's pose."""
+    before = push.object_pose
+    return np.subtract(pushed(push, cycles, *velocity).object_pose, before)
 
 
-def seen(one: PushWorld) -> FloatArray:
-    """Give the corners of the object as it stands, shape (n, 2) [m]."""
-    x, y, yaw = one.object_pose
-    turn = np.array([[math.cos(yaw), math.sin(yaw)], [-math.sin(yaw), math.cos(yaw)]])
-    return np.concatenate([piece @ turn + (x, y) for piece in outlines(one.config.object)])
+def seen(push: PushWorld) -> FloatArray:
+    """Corners of the object as it stands, shape (n, 2) [m]."""
+    x, y, yaw = push.object_pose
+    rotation = np.array([[math.cos(yaw), math.sin(yaw)], [-math.sin(yaw), math.cos(yaw)]])
+    return np.concatenate([piece @ rotation + (x, y) for piece in outlines(push.config.object)])
 
 
-def tilt(one: PushWorld) -> float:
-    """Give how far the object is tipped [degrees]."""
-    place, turn = one._bullet.getBasePositionAndOrientation(one._object, **one._client)
+def tilt(push: PushWorld) -> float:
+    """The tilt of the object [degrees]."""
+    place, rotation = push._bullet.getBasePositionAndOrientation(push._object, **push._client)
     assert place[2] > 0.0
-    return math.degrees(2.0 * math.asin(min(1.0, math.hypot(turn[0], turn[1]))))
+    return math.degrees(2.0 * math.asin(min(1.0, math.hypot(rotation[0], rotation[1]))))
 
 
-def force(one: PushWorld) -> float:
-    """Give the mean force of a steady push, once it is under way [N]."""
-    pushed(one, 15, 0.2, 0.0, 0.0)
+def force(push: PushWorld) -> float:
+    """The mean force of a steady push [N]."""
+    pushed(push, 15, 0.2, 0.0, 0.0)
     felt = []
     for _ in range(40):
-        one.drive(0.2, 0.0, 0.0)
-        felt.append(one.touches.forces.sum() / one.steps)
+        push.drive(0.2, 0.0, 0.0)
+        felt.append(push.touches.forces.sum() / push.steps)
     return float(np.mean(felt))
 
 
@@ -86,40 +86,42 @@ def force(one: PushWorld) -> float:
 
 
 @pytest.mark.parametrize("velocity", [(0.2, 0.0, 0.0), (0.0, -0.3, 0.0), (0.2, -0.1, 0.4)])
-def test_the_base_moves_as_it_is_told(velocity: tuple[float, float, float]) -> None:
+def test_the_base_follows_its_twist(velocity: tuple[float, float, float]) -> None:
     """From its second cycle on; in the first the motors have 150 kg to speed up, half a mm."""
-    one = pushed(world(**FAR), 1, *velocity)
-    ahead, aside, turn = velocity
+    push = pushed(world(**FAR), 1, *velocity)
+    forward, lateral, yaw_rate = velocity
     for _ in range(10):
-        x, y, yaw = one.base_pose
-        one.drive(*velocity)
-        middle = yaw + turn * PERIOD / 2.0
+        x, y, yaw = push.base_pose
+        push.drive(*velocity)
+        middle = yaw + yaw_rate * PERIOD / 2.0
         cos, sin = math.cos(middle), math.sin(middle)
-        way = PERIOD * (cos * ahead - sin * aside), PERIOD * (sin * ahead + cos * aside)
-        assert one.base_pose == pytest.approx((x + way[0], y + way[1], yaw + PERIOD * turn))
+        shift = PERIOD * (cos * forward - sin * lateral), PERIOD * (sin * forward + cos * lateral)
+        assert push.base_pose == pytest.approx(
+            (x + shift[0], y + shift[1], yaw + PERIOD * yaw_rate)
+        )
 
 
 def test_the_base_starts_with_its_front_at_0_and_hardly_lags() -> None:
-    one = world(**FAR)
-    assert one.base_pose == pytest.approx((-FRONT, 0.0, 0.0))
-    pushed(one, 10, 0.3, 0.0, 0.0)
-    assert one.base_pose == pytest.approx((-FRONT + 0.3, 0.0, 0.0), abs=1e-3)
+    push = world(**FAR)
+    assert push.base_pose == pytest.approx((-FRONT, 0.0, 0.0))
+    pushed(push, 10, 0.3, 0.0, 0.0)
+    assert push.base_pose == pytest.approx((-FRONT + 0.3, 0.0, 0.0), abs=1e-3)
 
 
-def test_the_twist_is_told_along_the_robot() -> None:
-    one = pushed(world(**FAR), 8, 0.0, 0.0, 1.0)
-    assert one.base_twist == pytest.approx((0.0, 0.0, 1.0), abs=1e-9)
-    pushed(one, 3, 0.2, -0.1, 0.0)
-    assert one.base_pose[2] == pytest.approx(0.8)
-    assert one.base_twist == pytest.approx((0.2, -0.1, 0.0), abs=1e-9)
-    pushed(one, 1, 0.0, 0.0, 0.0)
-    assert one.base_twist == pytest.approx((0.0, 0.0, 0.0), abs=1e-9)
+def test_the_twist_is_given_along_the_robot() -> None:
+    push = pushed(world(**FAR), 8, 0.0, 0.0, 1.0)
+    assert push.base_twist == pytest.approx((0.0, 0.0, 1.0), abs=1e-9)
+    pushed(push, 3, 0.2, -0.1, 0.0)
+    assert push.base_pose[2] == pytest.approx(0.8)
+    assert push.base_twist == pytest.approx((0.2, -0.1, 0.0), abs=1e-9)
+    pushed(push, 1, 0.0, 0.0, 0.0)
+    assert push.base_twist == pytest.approx((0.0, 0.0, 0.0), abs=1e-9)
 
 
 def test_an_object_does_not_hold_the_base_up() -> None:
     free, loaded = world(**FAR), world(object="cylinder", gap=0.0)
-    for one in (free, loaded):
-        pushed(one, 10, 0.2, 0.0, 0.0)
+    for push in (free, loaded):
+        pushed(push, 10, 0.2, 0.0, 0.0)
     assert loaded.base_pose == pytest.approx(free.base_pose, abs=2e-4)
     assert loaded.touches.forces.sum() / loaded.steps > 70.0
 
@@ -129,18 +131,18 @@ def test_an_object_does_not_hold_the_base_up() -> None:
 
 @pytest.mark.parametrize("name", KNOWN)
 def test_what_is_not_touched_stays_where_it_is(name: str) -> None:
-    one = world(object=name, gap=0.5, yaw=20.0)
-    assert moved(one, 20, 0.0, 0.0, 0.0) == pytest.approx(np.zeros(3), abs=1e-3)
-    assert not len(one.touches.forces) and one.touches.points.shape == (0, 3)
+    push = world(object=name, gap=0.5, yaw=20.0)
+    assert moved(push, 20, 0.0, 0.0, 0.0) == pytest.approx(np.zeros(3), abs=1e-3)
+    assert not len(push.touches.forces) and push.touches.points.shape == (0, 3)
 
 
 @pytest.mark.parametrize("name", KNOWN)
 def test_what_is_pushed_squarely_goes_straight_and_stays_upright(name: str) -> None:
-    one, tilts = world(object=name), []
+    push, tilts = world(object=name), []
     for _ in range(5):
-        way = moved(one, 5, 0.2, 0.0, 0.0)
-        tilts.append(tilt(one))
-        assert way == pytest.approx([0.1, 0.0, 0.0], abs=4e-3)
+        shift = moved(push, 5, 0.2, 0.0, 0.0)
+        tilts.append(tilt(push))
+        assert shift == pytest.approx([0.1, 0.0, 0.0], abs=4e-3)
     assert max(tilts) < 2.0
 
 
@@ -148,8 +150,8 @@ def test_what_is_pushed_squarely_goes_straight_and_stays_upright(name: str) -> N
 @pytest.mark.parametrize("name", PAPER)
 def test_a_steady_push_is_as_strong_as_friction(name: str, ground: float) -> None:
     """F = µ m g; half the friction, half the force."""
-    one = world(object=name, friction={"ground": ground, "robot": 0.0})
-    assert force(one) == pytest.approx(ground * one.mass() * GRAVITY, rel=0.01)
+    push = world(object=name, friction={"ground": ground, "robot": 0.0})
+    assert force(push) == pytest.approx(ground * push.mass() * GRAVITY, rel=0.01)
 
 
 @pytest.mark.parametrize("friction", ["mu1", "mu2"])
@@ -157,11 +159,11 @@ def test_a_steady_push_is_as_strong_as_friction(name: str, ground: float) -> Non
 def test_what_rubs_at_the_face_is_pressed_down_a_bit(name: str, friction: str) -> None:
     """The face holds what would tip ahead by µ' F at most, so that F ≤ µ (m g + µ' F); by more
     than half of that in fact."""
-    one = world(object=name, friction=friction)
-    rub = one.config.friction
-    least = rub.ground * one.mass() * GRAVITY
+    push = world(object=name, friction=friction)
+    rub = push.config.friction
+    least = rub.ground * push.mass() * GRAVITY
     most = least / (1.0 - rub.ground * rub.robot)
-    assert (least + most) / 2.0 < force(one) < 1.01 * most
+    assert (least + most) / 2.0 < force(push) < 1.01 * most
 
 
 @pytest.mark.parametrize(
@@ -179,40 +181,40 @@ def test_what_rubs_at_the_face_is_pressed_down_a_bit(name: str, friction: str) -
 def test_what_is_pushed_beside_its_weight_turns_around_it(
     name: str, offset: float, turns: int
 ) -> None:
-    turn = moved(world(object=name, offset=offset), 15, 0.2, 0.0, 0.0)[2]
+    yaw = moved(world(object=name, offset=offset), 15, 0.2, 0.0, 0.0)[2]
     if turns:
-        assert turn * turns > 0.05
+        assert yaw * turns > 0.05
     else:
-        assert abs(turn) < 1e-3
+        assert abs(yaw) < 1e-3
 
 
 # The pad
 
 
 def flat_steps(pad: Any) -> float:
-    """Give in which share of the steps both ends of a flat face touch while it is pushed."""
-    one = world(object="nonuniform", skin={"pad": pad})
+    """Share of the steps in which both ends of a flat face touch while it is pushed."""
+    push = world(object="nonuniform", skin={"pad": pad})
     flat = 0
     for _ in range(40):
-        touches = pushed(one, 1, 0.28, -0.08, 0.04).touches
-        for step in range(one.steps):
+        touches = pushed(push, 1, 0.28, -0.08, 0.04).touches
+        for step in range(push.steps):
             y = touches.points[touches.steps == step, 1]
             flat += len(y) > 1 and np.ptp(y) > 0.4
-    return flat / (40.0 * one.steps)
+    return flat / (40.0 * push.steps)
 
 
 def test_a_flat_face_rattles_less_on_a_pad_than_on_a_hard_front() -> None:
     assert flat_steps(PAD) > flat_steps(None) + 0.1
 
 
-def test_a_pad_gives_way_as_its_stiffness_says() -> None:
+def test_a_pad_yields_as_its_stiffness_says() -> None:
     """74 N of a cylinder's friction press 10 kN/m in by 7 mm."""
-    ahead = []
+    forward = []
     for pad in (None, PAD):
-        one = pushed(world(object="cylinder", skin={"pad": pad}), 30, 0.1, 0.0, 0.0)
-        ahead.append(one.base_pose[0] - one.object_pose[0])
+        push = pushed(world(object="cylinder", skin={"pad": pad}), 30, 0.1, 0.0, 0.0)
+        forward.append(push.base_pose[0] - push.object_pose[0])
     padded = world(object="cylinder", skin={"pad": PAD})
-    assert ahead[1] - ahead[0] == pytest.approx(force(padded) / 10_000.0, rel=0.3)
+    assert forward[1] - forward[0] == pytest.approx(force(padded) / 10_000.0, rel=0.3)
 
 
 # Where it first touches
@@ -222,87 +224,87 @@ def test_a_pad_gives_way_as_its_stiffness_says() -> None:
 @pytest.mark.parametrize("seed", range(4))
 def test_a_box_first_touches_with_its_foremost_corner(seed: int, gap: float) -> None:
     rng = np.random.default_rng(seed)
-    one = world(yaw=rng.uniform(5.0, 85.0), offset=rng.uniform(-0.25, 0.25), gap=gap)
-    corners = seen(one)
+    push = world(yaw=rng.uniform(5.0, 85.0), offset=rng.uniform(-0.25, 0.25), gap=gap)
+    corners = seen(push)
     foremost = corners[corners[:, 0].argmin()]
     assert abs(foremost[1]) < HALF_WIDTH
-    assert one.first_contact == pytest.approx((0.0, foremost[1]), abs=2e-3)
+    assert push.first_contact == pytest.approx((0.0, foremost[1]), abs=2e-3)
     assert foremost[0] == pytest.approx(gap, abs=1e-3)
-    pushed(one, math.ceil((gap + 0.005) / 0.02), 0.2, 0.0, 0.0)
-    assert one.touches.points[0, 0] == pytest.approx(FRONT, abs=2e-3)
-    assert one.touches.points[0, 1] == pytest.approx(foremost[1], abs=3e-3)
-    assert one.touches.normals[0] == pytest.approx([-1.0, 0.0, 0.0], abs=1e-3)
+    pushed(push, math.ceil((gap + 0.005) / 0.02), 0.2, 0.0, 0.0)
+    assert push.touches.points[0, 0] == pytest.approx(FRONT, abs=2e-3)
+    assert push.touches.points[0, 1] == pytest.approx(foremost[1], abs=3e-3)
+    assert push.touches.normals[0] == pytest.approx([-1.0, 0.0, 0.0], abs=1e-3)
 
 
 def test_what_another_world_of_the_process_sets_changes_nothing() -> None:
     """Bullet has one threshold for all worlds."""
     import pybullet
 
-    ways = []
+    poses = []
     for breaking in (0.02, 0.002):
-        one, other = world(object="box", skin={"pad": PAD}), world()
+        first, second = world(object="box", skin={"pad": PAD}), world()
         for _ in range(10):
-            pybullet.setPhysicsEngineParameter(contactBreakingThreshold=breaking, **other._client)
-            one.drive(0.2, 0.0, 0.1)
-        ways.append(one.object_pose)
-    assert ways[0] == ways[1]
+            pybullet.setPhysicsEngineParameter(contactBreakingThreshold=breaking, **second._client)
+            first.drive(0.2, 0.0, 0.1)
+        poses.append(first.object_pose)
+    assert poses[0] == poses[1]
 
 
 @pytest.mark.parametrize("side", [-1.0, 1.0])
 def test_a_cylinder_that_rolls_along_the_front_presses_straight_into_it(side: float) -> None:
     """No point of contact stays behind on the robot while its normal turns."""
-    one = world(object="cylinder", gap=0.0, offset=side * 0.084, skin={"pad": PAD})
+    push = world(object="cylinder", gap=0.0, offset=side * 0.084, skin={"pad": PAD})
     for _ in range(45):
-        one.drive(0.15, side * 0.26, -side * 0.33)
-        on_face = np.abs(one.touches.points[:, 1]) < HALF_WIDTH - 0.02
-        pressed = on_face & (one.touches.forces > 1.0)
-        assert np.all(one.touches.normals[pressed, 0] < -0.95)
+        push.drive(0.15, side * 0.26, -side * 0.33)
+        on_face = np.abs(push.touches.points[:, 1]) < HALF_WIDTH - 0.02
+        pressed = on_face & (push.touches.forces > 1.0)
+        assert np.all(push.touches.normals[pressed, 0] < -0.95)
 
 
 @pytest.mark.parametrize("offset", [-0.2, 0.0, 0.29])
 def test_a_cylinder_first_touches_at_its_middle(offset: float) -> None:
-    one = world(object="cylinder", offset=offset, gap=0.02)
-    assert one.first_contact == pytest.approx((0.0, offset), abs=2e-3)
-    assert one.object_pose == pytest.approx((0.25 + 0.02, offset, 0.0), abs=1e-3)
+    push = world(object="cylinder", offset=offset, gap=0.02)
+    assert push.first_contact == pytest.approx((0.0, offset), abs=2e-3)
+    assert push.object_pose == pytest.approx((0.25 + 0.02, offset, 0.0), abs=1e-3)
 
 
 def test_what_stands_at_the_edge_first_touches_there() -> None:
     """The cylinder is met 10 cm beside its middle, which is 3 in 5 of √(25² - 10²) ahead."""
-    one = world(object="cylinder", offset=0.4, gap=0.0)
-    assert one.first_contact == pytest.approx((0.0, HALF_WIDTH), abs=2e-3)
-    assert one.object_pose[0] == pytest.approx(math.sqrt(0.25**2 - 0.1**2), abs=1e-3)
+    push = world(object="cylinder", offset=0.4, gap=0.0)
+    assert push.first_contact == pytest.approx((0.0, HALF_WIDTH), abs=2e-3)
+    assert push.object_pose[0] == pytest.approx(math.sqrt(0.25**2 - 0.1**2), abs=1e-3)
 
 
 def test_a_mirrored_start_is_mirrored() -> None:
-    one, other = world(yaw=25.0, offset=0.1), world(yaw=-25.0, offset=-0.1)
-    assert one.first_contact == pytest.approx((0.0, -other.first_contact[1]), abs=1e-6)
-    assert one.object_pose[0] == pytest.approx(other.object_pose[0], abs=1e-6)
+    first, second = world(yaw=25.0, offset=0.1), world(yaw=-25.0, offset=-0.1)
+    assert first.first_contact == pytest.approx((0.0, -second.first_contact[1]), abs=1e-6)
+    assert first.object_pose[0] == pytest.approx(second.object_pose[0], abs=1e-6)
 
 
 # The same every time
 
 
 TWICE = """
-from lab.tests.test_push_world import journey, told
-print(told(journey()))
-print(told(journey()))
+from lab.tests.test_push_world import journey, printed
+print(printed(journey()))
+print(printed(journey()))
 """
 
 
-def told(rows: FloatArray) -> str:
+def printed(rows: FloatArray) -> str:
     return hashlib.sha256(rows.tobytes()).hexdigest()
 
 
 def journey() -> FloatArray:
-    """Push something odd on a winding way; give all that happens."""
-    one = world(object="nonuniform", yaw=33.0, offset=0.1, friction="mu2")
+    """All poses and contacts of an odd object pushed along a winding path."""
+    push = world(object="nonuniform", yaw=33.0, offset=0.1, friction="mu2")
     rows: list[Sequence[float]] = []
     for cycle in range(40):
-        one.drive(0.25, 0.1 * math.sin(cycle / 3.0), 0.3 * math.cos(cycle / 5.0))
-        rows.append([*one.base_pose, *one.object_pose, *one.base_twist])
+        push.drive(0.25, 0.1 * math.sin(cycle / 3.0), 0.3 * math.cos(cycle / 5.0))
+        rows.append([*push.base_pose, *push.object_pose, *push.base_twist])
         rows += np.concatenate(
-            [one.touches.points, one.touches.normals, one.touches.forces[:, None],
-             one.touches.steps[:, None], np.zeros((len(one.touches.steps), 1))], axis=1
+            [push.touches.points, push.touches.normals, push.touches.forces[:, None],
+             push.touches.steps[:, None], np.zeros((len(push.touches.steps), 1))], axis=1
         ).tolist()  # fmt: skip
     return np.array(rows)
 
@@ -316,30 +318,28 @@ def test_the_same_push_is_the_same_bit_by_bit_also_elsewhere_and_says_nothing() 
     done = subprocess.run(
         [sys.executable, "-c", TWICE], cwd=ROOT, capture_output=True, text=True, check=True
     )
-    assert done.stdout == f"{told(first)}\n" * 2
+    assert done.stdout == f"{printed(first)}\n" * 2
     assert done.stderr == ""
 
 
 # An object by URDF
 
 
-def boxed(folder: Path, mass: float = 8.0, turn: str = "0 0 0") -> dict[str, Any]:
+def boxed(folder: Path, mass: float = 8.0, rpy: str = "0 0 0") -> dict[str, Any]:
     """Write a box that stands on the floor, its weight 5 cm ahead and 2 cm to the left."""
     inertia = '<inertia ixx="0.4" iyy="0.3" izz="0.2" ixy="0" ixz="0" iyz="0"/>'
-    inertial = f'<origin xyz="0.05 0.02 0.2" rpy="{turn}"/><mass value="{mass}"/>{inertia}'
+    inertial = f'<origin xyz="0.05 0.02 0.2" rpy="{rpy}"/><mass value="{mass}"/>{inertia}'
     shape = '<origin xyz="0 0 0.3"/><geometry><box size="0.4 0.5 0.6"/></geometry>'
     body = f'<link name="b"><inertial>{inertial}</inertial><collision>{shape}</collision></link>'
     return {"shape": "urdf", "urdf": str(written(folder, body))}
 
 
-@pytest.mark.parametrize("turn", ["0 0 0", "0 0 0.5", "1.5707963267948966 0 0"])
-def test_a_urdf_stands_on_the_floor_however_its_inertia_is_turned(
-    turn: str, tmp_path: Path
-) -> None:
-    one = world(object=boxed(tmp_path, turn=turn), yaw=90.0, offset=0.05, gap=0.01)
-    assert one.mass() == 8.0
-    assert one.object_pose == pytest.approx((0.25 + 0.01, 0.05, math.pi / 2.0), abs=1e-3)
-    assert moved(one, 15, 0.2, 0.0, 0.0) == pytest.approx([0.29, 0.0, 0.0], abs=3e-3)
+@pytest.mark.parametrize("rpy", ["0 0 0", "0 0 0.5", "1.5707963267948966 0 0"])
+def test_a_urdf_stands_on_the_floor_however_its_inertia_is_turned(rpy: str, tmp_path: Path) -> None:
+    push = world(object=boxed(tmp_path, rpy=rpy), yaw=90.0, offset=0.05, gap=0.01)
+    assert push.mass() == 8.0
+    assert push.object_pose == pytest.approx((0.25 + 0.01, 0.05, math.pi / 2.0), abs=1e-3)
+    assert moved(push, 15, 0.2, 0.0, 0.0) == pytest.approx([0.29, 0.0, 0.0], abs=3e-3)
 
 
 def test_what_is_lower_than_the_base_is_never_met() -> None:
@@ -360,13 +360,13 @@ def test_what_the_front_would_pass_is_out_of_sight(offset: float) -> None:
     assert world(offset=math.copysign(0.49, offset)).first_contact[1] * offset > 0.0
 
 
-def test_what_is_too_heavy_is_told() -> None:
-    told = {"shape": "box", "size": (1, 1, 1), "mass": 250.5}
+def test_what_is_too_heavy_is_reported() -> None:
+    fields = {"shape": "box", "size": (1, 1, 1), "mass": 250.5}
     with pytest.raises(ConfigurationError, match="^object: 250.5 kg are too heavy: .* 250 kg at"):
-        world(object=told)
+        world(object=fields)
 
 
-def test_what_has_no_mass_is_told(tmp_path: Path) -> None:
+def test_what_has_no_mass_is_reported(tmp_path: Path) -> None:
     with pytest.raises(ConfigurationError, match="^object: it has no mass"):
         world(object=boxed(tmp_path, mass=0.0))
 
@@ -383,7 +383,7 @@ def test_what_has_no_mass_is_told(tmp_path: Path) -> None:
         ),
     ],
 )
-def test_a_urdf_that_does_not_load_is_told_in_a_sentence(
+def test_a_urdf_that_does_not_load_is_reported_in_a_sentence(
     text: str | None, problem: str, tmp_path: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
     path = tmp_path / "robot.urdf"

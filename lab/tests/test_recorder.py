@@ -52,8 +52,10 @@ def push(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path
 
 
-def heard(path: Path, overrides: Sequence[str] = ()) -> tuple[list[Reading], dict[str, Any]]:
-    """Give all readings of a scene that is not recorded, and its truth."""
+def received_from(
+    path: Path, overrides: Sequence[str] = ()
+) -> tuple[list[Reading], dict[str, Any]]:
+    """All readings of a scene that is not recorded, and its truth."""
     session, readings = Session(setting_of_file(path, overrides)), list[Reading]()
     *_, last = session.play(Observer(readings.append))
     verdict = session.stream.verdict(session.pipeline, last)
@@ -70,23 +72,23 @@ def seconds(message: Read) -> float:
 
 
 def places(message: Read) -> FloatArray:
-    return np.reshape([xyz(one["position"]) for one in message.fields["contacts"]], (-1, 3))
+    return np.reshape([xyz(contact["position"]) for contact in message.fields["contacts"]], (-1, 3))
 
 
-def told_frames(found: Recorded, topic: str) -> dict[str, tuple[str, Pose]]:
-    """Give for each child frame of the messages of a topic its parent and its pose there."""
+def frames_of(found: Recorded, topic: str) -> dict[str, tuple[str, Pose]]:
+    """Parent and pose in it of each child frame of the messages of a topic."""
     from scipy.spatial.transform import Rotation
 
     return {
-        one["child_frame_id"]: (
-            one["header"]["frame_id"],
+        each["child_frame_id"]: (
+            each["header"]["frame_id"],
             pose_of(
-                xyz(one["transform"]["translation"]),
-                Rotation.from_quat(list(one["transform"]["rotation"].values())).as_matrix(),
+                xyz(each["transform"]["translation"]),
+                Rotation.from_quat(list(each["transform"]["rotation"].values())).as_matrix(),
             ),
         )
         for message in found[topic]
-        for one in message.fields["transforms"]
+        for each in message.fields["transforms"]
     }
 
 
@@ -94,22 +96,26 @@ def told_frames(found: Recorded, topic: str) -> dict[str, tuple[str, Pose]]:
 
 
 def test_a_touch_is_recorded_reading_by_reading(touch: Path) -> None:
-    found, (readings, _) = read_by_rosbags(touch), heard(BOX)
-    wrenches = [one for one in readings if isinstance(one, Wrench)]
-    assert [xyz(one.fields["wrench"]["force"]) for one in found["/wrist"]] == [
-        one.force.tolist() for one in wrenches
+    found, (readings, _) = read_by_rosbags(touch), received_from(BOX)
+    wrenches = [reading for reading in readings if isinstance(reading, Wrench)]
+    assert [xyz(each.fields["wrench"]["force"]) for each in found["/wrist"]] == [
+        wrench.force.tolist() for wrench in wrenches
     ]
-    assert [seconds(one) for one in found["/wrist"]] == pytest.approx(
-        [one.stamp for one in wrenches], abs=1e-9
+    assert [seconds(each) for each in found["/wrist"]] == pytest.approx(
+        [wrench.stamp for wrench in wrenches], abs=1e-9
     )
-    joints = [one for one in readings if isinstance(one, JointState)]
-    assert [one.fields["position"] for one in found["/joints"]] == [
-        one.positions.tolist() for one in joints
+    joints = [reading for reading in readings if isinstance(reading, JointState)]
+    assert [each.fields["position"] for each in found["/joints"]] == [
+        joint_state.positions.tolist() for joint_state in joints
     ]
     for skin in ("tip_1", "tip_2", "tip_3", "palm"):
-        images = [one for one in readings if isinstance(one, TactileImage) and one.sensor == skin]
-        assert [one.fields["values"] for one in found[f"/{skin}"]] == [
-            one.values.tolist() for one in images
+        images = [
+            reading
+            for reading in readings
+            if isinstance(reading, TactileImage) and reading.sensor == skin
+        ]
+        assert [each.fields["values"] for each in found[f"/{skin}"]] == [
+            image.values.tolist() for image in images
         ]
     assert len(found["/forehead"]) == len(found["/forehead/depth"]) > 2
     assert len(found["/object_pose/box"]) == 1
@@ -123,15 +129,15 @@ def test_nothing_of_ours_is_recorded(touch: Path, push: Path) -> None:
 
 
 def test_the_truth_of_a_touch_stands_beside_it(touch: Path) -> None:
-    found, (_, truth) = read_by_rosbags(touch), heard(BOX)
+    found, (_, truth) = read_by_rosbags(touch), received_from(BOX)
     first, last = found["/truth/contacts"][0], found["/truth/contacts"][-1]
     assert seconds(last) == seconds(found["/wrist"][-1])
     assert first.fields["contacts"] == [] and seconds(first) == 0.0
     assert last.fields["header"]["frame_id"] == truth["frame"] == "base"
     np.testing.assert_allclose(places(last), truth["places"])
-    forces = [xyz(one["force"]) for one in last.fields["contacts"]]
+    forces = [xyz(contact["force"]) for contact in last.fields["contacts"]]
     np.testing.assert_allclose(forces, truth["forces"])
-    assert {one["likelihood"] for one in last.fields["contacts"]} == {1.0}
+    assert {contact["likelihood"] for contact in last.fields["contacts"]} == {1.0}
     box = found["/truth/box"][0].fields
     assert box["header"]["frame_id"] == "base"
     assert xyz(box["pose"]["position"]) == [0.7, 0.0, 0.35]
@@ -141,27 +147,27 @@ def test_the_truth_of_a_touch_stands_beside_it(touch: Path) -> None:
 
 
 def test_the_truth_of_a_push_stands_beside_it(push: Path) -> None:
-    found, (_, truth) = read_by_rosbags(push), heard(PUSH, NEAR)
+    found, (_, truth) = read_by_rosbags(push), received_from(PUSH, NEAR)
     assert truth["success"]
-    stamps = [seconds(one) for one in found["/truth/object"]]
-    assert stamps == [seconds(one) for one in found["/skin"]]
+    stamps = [seconds(each) for each in found["/truth/object"]]
+    assert stamps == [seconds(each) for each in found["/skin"]]
     last = found["/truth/object"][-1].fields
     assert last["header"]["frame_id"] == "odom"
     assert xyz(last["pose"]["position"])[:2] == pytest.approx(truth["object"][:2])
     (contact,) = found["/truth/contacts"][-1].fields["contacts"]
     assert found["/truth/contacts"][-1].fields["header"]["frame_id"] == "base"
     x, y, yaw = truth["base"]
-    ahead, aside, height = xyz(contact["position"])
+    forward, lateral, height = xyz(contact["position"])
     there = [
-        x + np.cos(yaw) * ahead - np.sin(yaw) * aside,
-        y + np.sin(yaw) * ahead + np.cos(yaw) * aside,
+        x + np.cos(yaw) * forward - np.sin(yaw) * lateral,
+        y + np.sin(yaw) * forward + np.cos(yaw) * lateral,
     ]
     assert np.hypot(*np.subtract(there, (0.4, 0.1))) == pytest.approx(truth["distance"])
     assert -0.41 < height < -0.04, "on the front"
     assert contact["force"]["x"] < -1.0, "the object pushes back"
-    (one, other), middle = (xyz(end) for end in contact["extent"]), xyz(contact["position"])
-    assert one[1] != other[1]
-    np.testing.assert_allclose(np.mean([one, other], axis=0)[:2], middle[:2])
+    (first, second), middle = (xyz(end) for end in contact["extent"]), xyz(contact["position"])
+    assert first[1] != second[1]
+    np.testing.assert_allclose(np.mean([first, second], axis=0)[:2], middle[:2])
 
 
 def test_without_contact_the_truth_is_an_empty_list(push: Path) -> None:
@@ -170,16 +176,18 @@ def test_without_contact_the_truth_is_an_empty_list(push: Path) -> None:
 
 
 def test_readings_are_recorded_before_faults(push: Path, tmp_path: Path) -> None:
-    """Once the skin is dead the push goes another way; the recording still has what it read."""
+    """Once the skin is dead the push takes another path; the recording still has what it read."""
     dead = "faults=[{fault: silent, sensor: skin, start: 1.0}]"
     path = tmp_path / "dead.mcap"
     record_scene(PUSH, [*NEAR, dead, "scene.longest=3"], path)
     found, whole = read_by_rosbags(path), read_by_rosbags(push)
-    assert [seconds(one) for one in found["/skin"]] == [seconds(one) for one in found["/wheels"]]
+    assert [seconds(each) for each in found["/skin"]] == [
+        seconds(each) for each in found["/wheels"]
+    ]
     early = slice(0, 11)
     for topic in ("/skin", "/odometry"):
-        assert [one.fields for one in found[topic][early]] == [
-            one.fields for one in whole[topic][early]
+        assert [each.fields for each in found[topic][early]] == [
+            each.fields for each in whole[topic][early]
         ]
     assert found["/odometry"][25].fields != whole["/odometry"][25].fields, "the loop is closed"
 
@@ -191,15 +199,15 @@ def test_where_sensors_are_can_be_reconstructed(push: Path) -> None:
     found = read_by_rosbags(push)
     assert len(found["/tf_static"]) == 1 and seconds(found["/tf_static"][0]) == 0.0
     robot = read_robot("contactfusion.robots:mobile_base.yaml")
-    static = told_frames(found, "/tf_static")
+    static = frames_of(found, "/tf_static")
     assert static.keys() == robot.frames.keys()
-    tree = FrameTree({**static, **told_frames(found, "/tf")})
+    tree = FrameTree({**static, **frames_of(found, "/tf")})
     model, (x, y, yaw) = shared_robot(robot), (0.0, 0.0, 0.0)
     base = found["/odometry"][-1].fields["pose"]["pose"]
     (x, y, height), yaw = xyz(base["position"]), 2.0 * np.arcsin(base["orientation"]["z"])
-    turn = np.array([[np.cos(yaw), -np.sin(yaw), 0], [np.sin(yaw), np.cos(yaw), 0], [0, 0, 1]])
+    rotation = np.array([[np.cos(yaw), -np.sin(yaw), 0], [np.sin(yaw), np.cos(yaw), 0], [0, 0, 1]])
     for lidar in robot.lidars.values():
-        wanted = pose_of((x, y, height), turn) @ model.pose_on_link(lidar.frame)
+        wanted = pose_of((x, y, height), rotation) @ model.pose_on_link(lidar.frame)
         np.testing.assert_allclose(tree.pose("odom", of=lidar.frame), wanted, atol=1e-12)
 
 
@@ -208,35 +216,35 @@ def test_a_replay_finds_the_contacts_that_the_run_found(push: Path) -> None:
     wanted = {step.stamp: step.fusion.contacts for step in Session(setting).play()}
     assert sum(map(len, wanted.values())) > 10
     replay = Pipeline(setting.changed(["controller=null"]).config())
-    readings = [one for one in open_recording(push).readings() if one.sensor != TRUTH]
+    readings = [reading for reading in open_recording(push).readings() if reading.sensor != TRUTH]
     for stamp, contacts in wanted.items():
         while readings and readings[0].stamp < stamp + 1e-6:
             replay.receive(readings.pop(0))
         found = replay.step(stamp).fusion.contacts
         assert len(found) == len(contacts)
-        for one, other in zip(found, contacts, strict=True):
-            np.testing.assert_allclose(one.position, other.position, atol=1e-9)
-            assert one.likelihood == pytest.approx(other.likelihood)
+        for first, second in zip(found, contacts, strict=True):
+            np.testing.assert_allclose(first.position, second.position, atol=1e-9)
+            assert first.likelihood == pytest.approx(second.likelihood)
 
 
-def test_frames_of_the_file_are_told_with_those_of_the_robot(tmp_path: Path) -> None:
+def test_frames_of_the_file_are_reported_with_those_of_the_robot(tmp_path: Path) -> None:
     moved = "frames.base={parent: world, xyz: [1.0, 0.0, 0.0], rpy: [0.0, 0.0, 0.5]}"
     record_scene(BOX, [moved, "integrator.frame=world"], tmp_path / "a.mcap", duration=0.0)
-    static = told_frames(read_by_rosbags(tmp_path / "a.mcap"), "/tf_static")
+    static = frames_of(read_by_rosbags(tmp_path / "a.mcap"), "/tf_static")
     assert static.keys() == {"base", "tip_1", "tip_2", "tip_3", "palm_skin", "forehead"}
     assert static["base"][0] == "world" and static["base"][1][0, 3] == 1.0
 
 
 def test_the_robot_can_be_drawn(touch: Path) -> None:
-    (told,) = read_by_rosbags(touch)["/robot_description"]
+    (message,) = read_by_rosbags(touch)["/robot_description"]
     urdf = located("contactfusion.robots:arm_hand.urdf").read_text()
-    assert told.fields["data"] == urdf and seconds(told) == 0.0
+    assert message.fields["data"] == urdf and seconds(message) == 0.0
     metadata = channel_metadata(touch)
     for topic in ("/robot_description", "/tf_static"):
         assert yaml.safe_load(metadata[topic]["offered_qos_profiles"])[0]["durability"] == 1
 
 
-def test_a_robot_without_frames_of_its_own_tells_none(tmp_path: Path) -> None:
+def test_a_robot_without_frames_of_its_own_has_none(tmp_path: Path) -> None:
     record_scene(PANDA, [], tmp_path / "panda.mcap", duration=0.0)
     found = read_by_rosbags(tmp_path / "panda.mcap")
     assert "/robot_description" in found and "/tf_static" not in found
@@ -252,18 +260,20 @@ def test_the_same_seed_gives_the_same_bytes(scene: Path, tmp_path: Path) -> None
     for name, seed in (("one", 7), ("same", 7), ("other", 8)):
         record_scene(scene, changes, tmp_path / f"{name}.mcap", seed, 2.0)
     record_scene(scene, [*changes, "seed=7"], tmp_path / "file.mcap", duration=2.0)
-    one, same, other, file = (
+    first, same, second, file = (
         (tmp_path / f"{name}.mcap").read_bytes() for name in ("one", "same", "other", "file")
     )
-    assert one == same == file != other
+    assert first == same == file != second
 
 
-def test_the_eyes_of_a_push_give_the_same_bytes(tmp_path: Path) -> None:
+def test_the_cameras_of_a_push_give_the_same_bytes(tmp_path: Path) -> None:
     for name in ("one", "same"):
         record_scene(SCENES / "push_five.yaml", [], tmp_path / f"{name}.mcap", duration=0.5)
-    one = tmp_path / "one.mcap"
-    assert one.read_bytes() == (tmp_path / "same.mcap").read_bytes()
-    assert {"/skin", "/lidar", "/camera/depth", "/wheels", "/odometry"} <= set(read_by_rosbags(one))
+    file = tmp_path / "one.mcap"
+    assert file.read_bytes() == (tmp_path / "same.mcap").read_bytes()
+    assert {"/skin", "/lidar", "/camera/depth", "/wheels", "/odometry"} <= set(
+        read_by_rosbags(file)
+    )
 
 
 def test_recordings_are_small(touch: Path, push: Path) -> None:
@@ -277,11 +287,11 @@ def test_a_duration_ends_it(
 ) -> None:
     record_scene(scene, [], tmp_path / "a.mcap", duration=0.3)
     found = read_by_rosbags(tmp_path / "a.mcap")
-    stamps = [seconds(one) for messages in found.values() for one in messages]
+    stamps = [seconds(message) for messages in found.values() for message in messages]
     assert max(stamps) == pytest.approx(0.3)
-    assert max(seconds(one) for one in found["/truth/contacts"]) == pytest.approx(0.3)
-    said = capsys.readouterr().out
-    assert " in 0.30 s, " in said and "truth:" not in said, "it did not come to its end"
+    assert max(seconds(each) for each in found["/truth/contacts"]) == pytest.approx(0.3)
+    output = capsys.readouterr().out
+    assert " in 0.30 s, " in output and "truth:" not in output, "it did not come to its end"
 
 
 def test_it_says_what_was_recorded_and_what_is_true(
@@ -352,8 +362,8 @@ def test_a_scene_that_is_wrong_is_one_sentence_and_writes_nothing(
 ) -> None:
     with pytest.raises(ConfigurationError) as caught:
         record_scene(scene, changes, tmp_path / "a.mcap")
-    said = str(caught.value)
-    assert said.startswith(f"{scene}: {sentence}") and "\n" not in said
+    message = str(caught.value)
+    assert message.startswith(f"{scene}: {sentence}") and "\n" not in message
     assert not list(tmp_path.iterdir())
 
 
@@ -385,7 +395,7 @@ def test_a_full_disk_is_one_sentence(tmp_path: Path) -> None:
     assert list(tmp_path.iterdir()) == [tmp_path / "a.cut.mcap"]
 
 
-def test_a_scene_that_fails_on_the_way_leaves_the_file_of_before(
+def test_a_scene_that_fails_midway_leaves_the_file_of_before(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def readings(scene: PushScene) -> Iterator[Reading]:

@@ -82,8 +82,8 @@ def test_films_are_of_trials_that_were_made(
         "1 of 4 squares were not made: even/002: no way; "
         "1 of 3 films were not made: odd/001: ZeroDivisionError: oh"
     )
-    said = capsys.readouterr().out
-    assert "not filmed: even/002, which was not made" in said and "0.gif; recording: " in said
+    output = capsys.readouterr().out
+    assert "not filmed: even/002, which was not made" in output and "0.gif; recording: " in output
 
 
 def test_the_folder_of_another_experiment_is_left_alone(marks: Path, tmp_path: Path) -> None:

@@ -1,4 +1,4 @@
-"""Scenes by YAML: a pipeline runs on what a simulated robot feels, and is told the truth after."""
+"""Scenes by YAML: a pipeline runs on simulated readings, and its contacts are held to the truth."""
 
 import csv
 import json
@@ -34,23 +34,23 @@ NEAR = 0.03
 """A contact so near a true one has found it [m]."""
 
 
-def told(folder: Path) -> dict[str, Any]:
+def summary_of(folder: Path) -> dict[str, Any]:
     summary: dict[str, Any] = json.loads((folder / "summary.json").read_text())
     return summary
 
 
 def found(folder: Path) -> FloatArray:
-    """Give the places of the contacts of the last step that had any, shape (n, 3) [m]."""
+    """Positions of the contacts of the last step that had any, shape (n, 3) [m]."""
     rows = list(csv.DictReader((folder / "contacts.csv").read_text().splitlines()))
     last = [row for row in rows if row["stamp"] == rows[-1]["stamp"]]
     return np.array([[float(row[axis]) for axis in "xyz"] for row in last])
 
 
 def nearest(folder: Path) -> FloatArray:
-    """Give how far the nearest contact is from each true one, shape (n,) [m]."""
-    places = np.array(told(folder)["truth"]["places"])
-    ways: FloatArray = np.linalg.norm(found(folder)[:, None] - places, axis=2)
-    return np.asarray(ways.min(axis=0))
+    """Distance of the nearest contact from each true one, shape (n,) [m]."""
+    places = np.array(summary_of(folder)["truth"]["places"])
+    distances: FloatArray = np.linalg.norm(found(folder)[:, None] - places, axis=2)
+    return np.asarray(distances.min(axis=0))
 
 
 # What works
@@ -61,12 +61,12 @@ def test_an_example_finds_where_it_really_touches(
     name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     run_file(SCENES / f"{name}.yaml", out=tmp_path)
-    truth = told(tmp_path)["truth"]
+    truth = summary_of(tmp_path)["truth"]
     assert len(truth["places"]) == len(truth["forces"]) == len(truth["links"]) > 0
     assert (nearest(tmp_path) < NEAR).all()
-    said = capsys.readouterr().out
-    assert f"truth: {truth['links'][0]} touched at (" in said
-    assert f"; nearest contact {nearest(tmp_path)[0] * 1000:.0f} mm away" in said
+    output = capsys.readouterr().out
+    assert f"truth: {truth['links'][0]} touched at (" in output
+    assert f"; nearest contact {nearest(tmp_path)[0] * 1000:.0f} mm away" in output
 
 
 def test_every_example_of_a_scene_is_tried() -> None:
@@ -88,7 +88,7 @@ def test_every_example_of_a_scene_is_tried() -> None:
 @pytest.mark.parametrize("seed", range(1, 6))
 def test_a_robot_by_configuration_alone_finds_its_contact(seed: int, tmp_path: Path) -> None:
     run_file(PANDA, out=tmp_path, seed=seed)
-    assert set(told(tmp_path)["truth"]["links"]) <= {"panda_leftfinger", "panda_rightfinger"}
+    assert set(summary_of(tmp_path)["truth"]["links"]) <= {"panda_leftfinger", "panda_rightfinger"}
     assert (nearest(tmp_path) < NEAR).all()
 
 
@@ -98,10 +98,10 @@ def test_a_seed_rules_the_scene_and_the_same_gives_the_same(tmp_path: Path) -> N
     run_file(BOX, overrides=["seed=7"], out=tmp_path / "by file")
     run_file(BOX, overrides=["seed=7"], out=tmp_path / "other", seed=8)
     for file in ("contacts.csv", "summary.json"):
-        one = (tmp_path / "one" / file).read_bytes()
-        assert one == (tmp_path / "same" / file).read_bytes()
-        assert one == (tmp_path / "by file" / file).read_bytes()
-        assert one != (tmp_path / "other" / file).read_bytes()
+        content = (tmp_path / "one" / file).read_bytes()
+        assert content == (tmp_path / "same" / file).read_bytes()
+        assert content == (tmp_path / "by file" / file).read_bytes()
+        assert content != (tmp_path / "other" / file).read_bytes()
 
 
 @pytest.mark.slow
@@ -114,7 +114,7 @@ def test_the_command_line_takes_a_seed(tmp_path: Path) -> None:
     )
     assert done.returncode == 0 and "truth: panda_" in done.stdout
     run_file(PANDA, out=tmp_path / "again", seed=5)
-    assert told(tmp_path)["truth"] == told(tmp_path / "again")["truth"]
+    assert summary_of(tmp_path)["truth"] == summary_of(tmp_path / "again")["truth"]
 
 
 def test_what_another_world_of_the_process_sets_changes_nothing(tmp_path: Path) -> None:
@@ -126,23 +126,28 @@ def test_what_another_world_of_the_process_sets_changes_nothing(tmp_path: Path) 
         pybullet.setPhysicsEngineParameter(contactBreakingThreshold=breaking, **other)
         run_file(PANDA, out=tmp_path / str(breaking), seed=5)
     pybullet.disconnect(**other)
-    assert told(tmp_path / "0.02")["truth"] == told(tmp_path / "0.002")["truth"]
+    assert summary_of(tmp_path / "0.02")["truth"] == summary_of(tmp_path / "0.002")["truth"]
 
 
-def test_a_hand_that_stops_short_touches_nothing_and_that_is_told(
+def test_a_hand_that_stops_short_touches_nothing_and_that_is_reported(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     run_file(BOX, overrides=["scene.short=0.02"], out=tmp_path)
-    assert told(tmp_path)["truth"] == {"frame": "base", "places": [], "forces": [], "links": []}
+    assert summary_of(tmp_path)["truth"] == {
+        "frame": "base",
+        "places": [],
+        "forces": [],
+        "links": [],
+    }
     assert "truth: no contact, and none was there\n" in capsys.readouterr().out
 
 
-def test_the_truth_is_told_in_the_frame_of_the_contacts(tmp_path: Path) -> None:
+def test_the_truth_is_reported_in_the_frame_of_the_contacts(tmp_path: Path) -> None:
     run_file(BOX, out=tmp_path / "base")
     moved = "frames.base={parent: world, xyz: [1.0, 0.0, 0.0], rpy: [0.0, 0.0, 1.5707963267948966]}"
     run_file(BOX, overrides=["integrator.frame=world", moved], out=tmp_path / "world")
-    (x, y, z), *_ = told(tmp_path / "base")["truth"]["places"]
-    truth = told(tmp_path / "world")["truth"]
+    (x, y, z), *_ = summary_of(tmp_path / "base")["truth"]["places"]
+    truth = summary_of(tmp_path / "world")["truth"]
     assert truth["frame"] == "world"
     np.testing.assert_allclose(truth["places"][0], [1.0 - y, x, z], atol=1e-9)
     assert nearest(tmp_path / "world")[0] < NEAR
@@ -161,7 +166,7 @@ def test_a_copy_works_in_any_folder_with_meshes_of_its_own(tmp_path: Path) -> No
     assert (nearest(tmp_path / "out") < NEAR).all()
 
 
-# What is told of the truth
+# Reports of the truth
 
 
 def touched(*places: tuple[float, float, float]) -> Touching:
@@ -224,21 +229,21 @@ def test_a_scene_that_is_wrong_is_one_sentence_that_names_the_field(
 ) -> None:
     with pytest.raises(ConfigurationError) as caught:
         run_file(BOX, overrides=changes, out=tmp_path / "out")
-    said = str(caught.value)
+    message = str(caught.value)
     begin, _, rest = sentence.partition("…")
-    assert said.startswith(f"{BOX}: {begin}") and rest in said and "\n" not in said
+    assert message.startswith(f"{BOX}: {begin}") and rest in message and "\n" not in message
     assert not (tmp_path / "out").exists()
 
 
 def test_a_scene_can_be_opened_in_python() -> None:
     scene = read_yaml(PANDA)["scene"]
-    robot, heard = read_robot(SCENES / "panda.yaml"), list[Reading]()
+    robot, received = read_robot(SCENES / "panda.yaml"), list[Reading]()
     pipeline = Pipeline(
         PipelineConfig(robot=robot, integrator=IntegratorConfig(frame="panda_link0"))
     )
     opened = open_scene(scene, robot, seed=1)
-    *_, last = play(pipeline, opened, [Observer(heard.append)])
-    assert last.stamp > 0.1 and last.stamp - heard[-1].stamp < 0.02
+    *_, last = play(pipeline, opened, [Observer(received.append)])
+    assert last.stamp > 0.1 and last.stamp - received[-1].stamp < 0.02
     assert opened.verdict(pipeline, last).truth["places"]
 
 
@@ -251,26 +256,26 @@ def test_a_controller_pushes_in_a_scene(tmp_path: Path, capsys: pytest.CaptureFi
         overrides=["controller.target=[1,0]", "scene.target=[1,0]"],
         out=tmp_path,
     )
-    truth = told(tmp_path)["truth"]
+    truth = summary_of(tmp_path)["truth"]
     assert truth["success"] and truth["ending"] == "arrived" and truth["distance"] < 0.05
     assert "truth: arrived after" in capsys.readouterr().out
     commands = list(csv.DictReader((tmp_path / "commands.csv").read_text().splitlines()))
     assert [row["mode"] for row in commands][:: len(commands) - 1] == ["approach", "arrived"]
     assert commands[-1]["vx"] == "0" and "from the target" in commands[-1]["reason"]
-    assert len(commands) == told(tmp_path)["steps"]
+    assert len(commands) == summary_of(tmp_path)["steps"]
 
 
 @pytest.mark.parametrize("name", ["push_fused", "push_five"])
 def test_several_sensors_push_together(name: str, tmp_path: Path) -> None:
     short = ["controller.target=[0.6,0.1]", "scene.target=[0.6,0.1]", "scene.yaw=0"]
     run_file(SCENES / f"{name}.yaml", overrides=short, out=tmp_path)
-    assert told(tmp_path)["truth"]["success"]
-    sources = told(tmp_path)["sources"]
+    assert summary_of(tmp_path)["truth"]["success"]
+    sources = summary_of(tmp_path)["sources"]
     assert len(sources) == (5 if name == "push_five" else 4)
-    assert all(one["accepted"] and not one["invalid"] for one in sources.values())
+    assert all(each["accepted"] and not each["invalid"] for each in sources.values())
 
 
-def test_the_same_seed_pushes_the_same_way(tmp_path: Path) -> None:
+def test_the_same_seed_pushes_along_the_same_path(tmp_path: Path) -> None:
     def pushed(seed: int, name: str) -> bytes:
         near = ["controller.target=[0.4,0.1]", "scene.target=[0.4,0.1]", f"seed={seed}"]
         run_file(SCENES / "push_chair.yaml", overrides=near, out=tmp_path / name)
@@ -298,8 +303,8 @@ def test_a_push_that_is_wrong_is_one_sentence(
 ) -> None:
     with pytest.raises(ConfigurationError) as caught:
         run_file(SCENES / "push_box.yaml", overrides=changes, out=tmp_path / "out")
-    said = str(caught.value)
-    assert said.startswith(f"{SCENES / 'push_box.yaml'}: {sentence}") and "\n" not in said
+    message = str(caught.value)
+    assert message.startswith(f"{SCENES / 'push_box.yaml'}: {sentence}") and "\n" not in message
     assert not (tmp_path / "out").exists()
 
 

@@ -15,17 +15,17 @@ from tests.pictures import POSE
 from tests.test_segmenters import clusters, overlap, truth_of
 
 
-def seen_on_a_drive(camera: str, thing: str) -> Iterator[DepthImage]:
+def seen_on_a_drive(camera: str, name: str) -> Iterator[DepthImage]:
     """The object turns, slides along the face, and partly out of sight."""
-    fields: dict[str, Any] = {"object": thing, "yaw": 20.0, "sees": (camera,)}
+    fields: dict[str, Any] = {"object": name, "yaw": 20.0, "sees": (camera,)}
     scene = PushScene(PushConfig(target=(1.0, 0.0), **fields), base(), seed=2)
     for _ in range(25):
-        yield next(one for one in scene.readings() if isinstance(one, DepthImage))
+        yield next(reading for reading in scene.readings() if isinstance(reading, DepthImage))
         scene.drive(0.15, 0.2, 0.1)
 
 
 @pytest.mark.parametrize(
-    ("camera", "thing"),
+    ("camera", "name"),
     [
         ("camera", "box"),
         ("camera", "cylinder"),
@@ -35,9 +35,9 @@ def seen_on_a_drive(camera: str, thing: str) -> Iterator[DepthImage]:
         ("camera_large", "nonuniform"),
     ],
 )
-def test_clusters_are_the_object_on_a_whole_drive(camera: str, thing: str) -> None:
+def test_clusters_are_the_object_on_a_whole_drive(camera: str, name: str) -> None:
     segmenter, masks = clusters(), []
-    for image in seen_on_a_drive(camera, thing):
+    for image in seen_on_a_drive(camera, name):
         truth = truth_of(image)
         assert overlap(segmenter.segment(image, POSE), truth) >= 0.9
         masks.append(truth)
@@ -53,10 +53,10 @@ def test_equal_images_give_equal_masks_also_after_a_reset_and_in_another_process
         found = [segmenter.segment(image, POSE) for image in images]
         return [b"" if mask is None else mask.tobytes() for mask in found]
 
-    one = clusters()
-    said = masks(one)
-    assert masks(clusters()) == said
-    one.reset()
-    assert masks(one) == said
-    one.reset()
-    assert masks(pickle.loads(pickle.dumps(one))) == said
+    first = clusters()
+    expected = masks(first)
+    assert masks(clusters()) == expected
+    first.reset()
+    assert masks(first) == expected
+    first.reset()
+    assert masks(pickle.loads(pickle.dumps(first))) == expected

@@ -26,9 +26,9 @@ class Row:
     count: int
 
 
-def framed(*won: bool, case: str = "a", thing: str = "box") -> pd.DataFrame:
+def framed(*won: bool, case: str = "a", name: str = "box") -> pd.DataFrame:
     return frame_of(
-        [Row(f"{thing}, {n}", thing, case, hit, 0.1 + n / 3.0, n) for n, hit in enumerate(won)], Row
+        [Row(f"{name}, {n}", name, case, hit, 0.1 + n / 3.0, n) for n, hit in enumerate(won)], Row
     )
 
 
@@ -58,7 +58,7 @@ def test_a_table_in_markdown() -> None:
 
 def test_successes_stand_by_group_with_an_interval_of_all() -> None:
     frame = pd.concat([
-        framed(*[True] * 8, *[False] * 2), framed(True, thing="mug"), framed(False, case="b"),
+        framed(*[True] * 8, *[False] * 2), framed(True, name="mug"), framed(False, case="b"),
     ])  # fmt: skip
     text = tables.success_text(frame, ["object"], {"won": ", won"}, [["paper", "9/10", "-", ""]])
     assert text.splitlines()[2:] == [
@@ -70,7 +70,7 @@ def test_successes_stand_by_group_with_an_interval_of_all() -> None:
 
 @pytest.mark.parametrize("statistic", ["mean", "median"])
 def test_a_summary_is_of_all_and_of_each_group(statistic: str) -> None:
-    frame = pd.concat([framed(True, False, True), framed(False, thing="mug")], ignore_index=True)
+    frame = pd.concat([framed(True, False, True), framed(False, name="mug")], ignore_index=True)
     summary = tables.summary_of(frame, ["object"], ["won"], ["time"], statistic, 0)
     assert {name: part["n"] for name, part in summary.items()} == {"all": 4, "box": 3, "mug": 1}
     assert summary["all"]["won"]["hits"] == 2 and summary["box"]["won"]["share"] == 2 / 3
@@ -83,12 +83,12 @@ def test_a_summary_is_of_all_and_of_each_group(statistic: str) -> None:
 
 def test_the_figures_of_a_case_do_not_depend_on_the_others() -> None:
     times = np.random.default_rng(0).uniform(10.0, 20.0, 20)
-    one, other = (framed(*[True] * 20, case=case).assign(time=times) for case in "ab")
+    left, right = (framed(*[True] * 20, case=case).assign(time=times) for case in "ab")
     first, second = (
-        tables.summary_of(part, ["object"], ["won"], ["time"], "mean", 3) for part in (one, other)
+        tables.summary_of(part, ["object"], ["won"], ["time"], "mean", 3) for part in (left, right)
     )
     assert first["all"]["time"]["low"] != second["all"]["time"]["low"]
-    assert first == tables.summary_of(one, ["object"], ["won"], ["time"], "mean", 3)
+    assert first == tables.summary_of(left, ["object"], ["won"], ["time"], "mean", 3)
 
 
 def test_a_measure_that_no_trial_has_is_none() -> None:

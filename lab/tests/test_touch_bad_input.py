@@ -1,4 +1,4 @@
-"""What is wrong with one sensor of the arm is told in a sentence, and the others go on."""
+"""What is wrong with one sensor of the arm is reported in a sentence, and the others go on."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
@@ -100,7 +100,7 @@ def test_an_object_believed_a_metre_off_is_no_support(
     assert not len(clouds["believed"])
 
 
-def test_an_object_that_nobody_knows_is_told_and_the_others_go_on(
+def test_an_object_that_is_unknown_is_reported_and_the_others_go_on(
     plan: Plan, touched: tuple[Sequence[Reading], Truth]
 ) -> None:
     def renamed(reading: Reading) -> Reading:
@@ -111,7 +111,7 @@ def test_an_object_that_nobody_knows_is_told_and_the_others_go_on(
     assert any("unknown object 'bocks': the objects" in reason for reason in refused)
 
 
-def test_joints_of_other_names_are_told_by_every_source_that_needs_them(
+def test_joints_of_other_names_are_reported_by_every_source_that_needs_them(
     plan: Plan, touched: tuple[Sequence[Reading], Truth]
 ) -> None:
     def renamed(reading: Reading) -> Reading:
@@ -155,5 +155,7 @@ def test_a_skin_of_another_size_is_refused_alone(
 
     step, clouds, refused = felt(plan, touched[0], cut)
     assert found(step, touched[1])
-    assert any("has 15 values, but the patch of 'palm' has 16 taxels" in one for one in refused)
+    assert any(
+        "has 15 values, but the patch of 'palm' has 16 taxels" in message for message in refused
+    )
     assert "palm" not in clouds and "tip_1" in clouds

@@ -92,29 +92,29 @@ def cloud(
 
 def trial(*clouds: HypothesisCloud, places: object = PLACE, short: bool = False) -> Trial:
     truth = np.reshape(np.asarray(places, np.float64), (-1, 3))
-    said = {one.source: one for one in clouds}
+    by_source = {each.source: each for each in clouds}
     links = ("palm",) * len(truth)
-    return Trial(touch(short), 0.5, said, truth, links, True, np.zeros(15), ())
+    return Trial(touch(short), 0.5, by_source, truth, links, True, np.zeros(15), ())
 
 
-def judged(one: Trial, row: str, plan: Plan, method: Method = DE_MORGAN) -> Outcome:
-    return outcome(one, BY_NAME[row], method, plan.pipeline)
+def judged(recorded: Trial, row: str, plan: Plan, method: Method = DE_MORGAN) -> Outcome:
+    return outcome(recorded, BY_NAME[row], method, plan.pipeline)
 
 
 class TestPlan:
     def test_every_touch_has_a_twin_in_free_air_of_the_same_seed(self, plan: Plan) -> None:
         touches = plan.touches(["box", "sprayer"], 2)
-        assert len(touches) == len({one.name for one in touches}) == 2 * 2 * 15 * 2
-        for one, twin in zip(touches[::2], touches[1::2], strict=True):
-            assert twin == replace(one, short=True)
-        assert len({one.seed for one in touches}) == len(touches) // 2
+        assert len(touches) == len({each.name for each in touches}) == 2 * 2 * 15 * 2
+        for full, twin in zip(touches[::2], touches[1::2], strict=True):
+            assert twin == replace(full, short=True)
+        assert len({each.seed for each in touches}) == len(touches) // 2
 
     def test_a_touch_is_the_same_in_a_larger_experiment(self, plan: Plan) -> None:
         assert set(plan.touches(["box"], 1)) < set(plan.touches(["cylinder", "box"], 3))
 
     def test_directions_are_spread_over_what_the_arm_reaches(self, plan: Plan) -> None:
         scenes = [plan.scene_of(touch(direction=number)) for number in range(15)]
-        middles = {(sum(one.azimuth) / 2.0, sum(one.elevation) / 2.0) for one in scenes}
+        middles = {(sum(scene.azimuth) / 2.0, sum(scene.elevation) / 2.0) for scene in scenes}
         assert len(middles) == 15
         assert {azimuth for azimuth, _ in middles} == {100.0, 140.0, 180.0, 220.0, 260.0}
         assert {elevation for _, elevation in middles} == {20.0, 45.0, 70.0}
@@ -166,13 +166,13 @@ class TestPlan:
         with pytest.raises(ConfigurationError, match="'box' stands twice among the objects"):
             read_plan(DEFAULT, ["box", "box"], 15, "none", (), 0)
 
-    def test_a_fault_that_would_tell_the_simulator_the_truth_is_refused(self) -> None:
+    def test_a_fault_that_would_reveal_to_the_simulator_the_truth_is_refused(self) -> None:
         silent = Silent(sensor="object_pose")
         with pytest.raises(ConfigurationError, match=r"faults\.0\.sensor: without the believed"):
             read_plan(DEFAULT, [], 15, "none", (silent,), 0)
 
     @pytest.mark.parametrize(
-        ("text", "told"),
+        ("text", "sentence"),
         [
             ("scene:\n", "scene: give a scene of type touch"),
             ("scene: {type: touch, objects: {}}\n", "scene.*objects"),
@@ -180,16 +180,16 @@ class TestPlan:
              "radius: 0.1}], pose: {parent: base}}}}}\n", "robot: a scene needs a robot by URDF"),
         ],
     )  # fmt: skip
-    def test_a_file_that_describes_no_touch_is_told(
-        self, tmp_path: Path, text: str, told: str
+    def test_a_file_that_describes_no_touch_is_reported(
+        self, tmp_path: Path, text: str, sentence: str
     ) -> None:
         path = tmp_path / "mine.yaml"
         path.write_text(text)
-        with pytest.raises(ConfigurationError, match=told) as caught:
+        with pytest.raises(ConfigurationError, match=sentence) as caught:
             read_plan(path, [], 15, None, (), 0)
         assert str(caught.value).startswith(f"{path}: ")
 
-    def test_what_is_not_known_is_told(self, tmp_path: Path) -> None:
+    def test_what_is_not_known_is_reported(self, tmp_path: Path) -> None:
         with pytest.raises(ConfigurationError, match="unknown object 'boxx'; did you mean 'box'"):
             read_plan(DEFAULT, ["boxx"], 15, "none", (), 0)
         with pytest.raises(RecordingError, match=r"no file 'cup\.stl'"):
@@ -210,7 +210,11 @@ class TestOneTouch:
         assert np.linalg.norm(wrist - felt.places[0], axis=1).min() < 0.02
 
     def test_every_generator_fused_is_what_the_pipeline_fuses(self, plan: Plan) -> None:
-        every = {n: one for n, one in plan.pipeline_of("box").generators.items() if n != "believed"}
+        every = {
+            n: generator
+            for n, generator in plan.pipeline_of("box").generators.items()
+            if n != "believed"
+        }
         pipeline = Pipeline(plan.pipeline_of("box").model_copy(update={"generators": every}))
         assert plan.pipeline.robot is not None
         scene = TouchScene(plan.scene_of(touch()), shared_robot(plan.pipeline.robot), touch().seed)
@@ -223,17 +227,17 @@ class TestOneTouch:
             run_trial(plan, touch()), everything(plan.pipeline), DE_MORGAN, plan.pipeline
         ).contacts
         assert len(live) == len(later) > 0
-        for one, other in zip(live, later, strict=True):
-            np.testing.assert_array_equal(one.position, other.position)
-            assert one.likelihood == other.likelihood
+        for first, second in zip(live, later, strict=True):
+            np.testing.assert_array_equal(first.position, second.position)
+            assert first.likelihood == second.likelihood
 
     def test_null_is_kept_where_others_speak(self, plan: Plan, felt: Trial) -> None:
         others = [c for c in felt.clouds.values() if c.kind != HypothesisKind.NULL]
         side = plan.pipeline.integrator.voxel_size
         spoken = {
             tuple(voxel)
-            for one in others
-            for voxel in np.floor(one.positions / side).astype(int).tolist()
+            for each in others
+            for voxel in np.floor(each.positions / side).astype(int).tolist()
         }
         kept = np.floor(felt.clouds["air"].positions / side).astype(int).tolist()
         spoken |= {tuple(np.floor(place / side).astype(int).tolist()) for place in felt.places}
@@ -246,11 +250,15 @@ class TestOneTouch:
         np.testing.assert_array_equal(back.places, felt.places)
         np.testing.assert_array_equal(back.joints, felt.joints)
         assert back.clouds.keys() == felt.clouds.keys()
-        for name, one in felt.clouds.items():
-            other = back.clouds[name]
-            assert (one.kind, one.single, one.notes) == (other.kind, other.single, other.notes)
-            np.testing.assert_array_equal(one.positions, other.positions)
-            assert (one.forces is None) == (other.forces is None)
+        for name, first in felt.clouds.items():
+            second = back.clouds[name]
+            assert (first.kind, first.single, first.notes) == (
+                second.kind,
+                second.single,
+                second.notes,
+            )
+            np.testing.assert_array_equal(first.positions, second.positions)
+            assert (first.forces is None) == (second.forces is None)
 
     def test_the_same_touch_gives_the_same_bytes(
         self, plan: Plan, felt: Trial, tmp_path: Path
@@ -263,8 +271,8 @@ class TestOneTouch:
     def test_an_object_of_the_examples_is_touched(self, name: str) -> None:
         path = EXAMPLES / "objects" / f"{name}.urdf"
         plan, _ = read_plan(DEFAULT, [str(path)], 15, "none", (), 0)
-        made, one = run_trial(plan, touch(target=name)), plan.scene.objects[name]
-        away = ObjectModel(one).distances(one.pose.pose(), made.places)
+        made, config = run_trial(plan, touch(target=name)), plan.scene.objects[name]
+        away = ObjectModel(config).distances(config.pose.pose(), made.places)
         assert len(away) and np.abs(away).max() < 0.002
 
     def test_the_twin_touches_nothing(self, plan: Plan) -> None:
@@ -277,10 +285,10 @@ class TestOutcome:
     def test_a_contact_within_three_centimetres_is_detected(self, plan: Plan) -> None:
         near = trial(cloud("tip_1", PLACE + [0.029, 0.0, 0.0], 0.9))
         far = trial(cloud("tip_1", PLACE + [0.036, 0.0, 0.0], 0.9))
-        for one, found in ((near, True), (far, False)):
-            result = judged(one, "tactile", plan)
+        for recorded, found in ((near, True), (far, False)):
+            result = judged(recorded, "tactile", plan)
             assert (result.detected, result.false, result.contacts) == (found, not found, 1)
-            expected = np.linalg.norm(one.clouds["tip_1"].positions[0] - PLACE)
+            expected = np.linalg.norm(recorded.clouds["tip_1"].positions[0] - PLACE)
             assert result.error == pytest.approx(expected, abs=0.0045)  # half a voxel's diagonal
 
     def test_the_error_is_that_of_the_most_likely(self, plan: Plan) -> None:
@@ -333,10 +341,10 @@ class TestOutcome:
         assert dispersion(0.004, 2.0) > 1.2 * dispersion(0.004, 1.0)
 
     def test_modalities_that_share_a_voxel(self, plan: Plan) -> None:
-        one = trial(
+        felt = trial(
             cloud("tip_1", PLACE, 0.9), cloud("wrist", PLACE, 1.0), cloud("near", np.zeros(3), 0.5)
         )
-        pairs = shared(one, plan.pipeline)
+        pairs = shared(felt, plan.pipeline)
         assert pairs == {
             ("force", "range"): False, ("force", "tactile"): True, ("range", "tactile"): False
         }  # fmt: skip
@@ -360,7 +368,7 @@ class TestTables:
     def test_figures_are_those_of_the_touches(self) -> None:
         errors = np.concatenate([np.linspace(0.001, 0.029, 60), np.full(20, 0.05), [np.nan] * 20])
         made = tables.measures_of(outcomes(errors), 0)
-        found = {one.metric: one for one in made}
+        found = {each.metric: each for each in made}
         assert found["detected"].value == pytest.approx(0.6)
         assert found["detected"].low < 0.6 < found["detected"].high
         assert found["any contact"].value == pytest.approx(0.8)
@@ -379,12 +387,15 @@ class TestTables:
         assert "| all | 90.7, 4.31, 1.10 | 100 [72, 100] |" in text
         assert "| fingers |  | - |" in text
 
-    def test_touches_at_one_place_and_at_several_are_told_apart(self) -> None:
-        one, several = outcomes(np.full(10, 0.02)), outcomes(np.full(4, 0.07), true_contacts=2)
-        frame = pd.concat([one, several[~several["short"]]])
+    def test_touches_at_one_place_and_at_several_are_distinguished(self) -> None:
+        single, several = outcomes(np.full(10, 0.02)), outcomes(np.full(4, 0.07), true_contacts=2)
+        frame = pd.concat([single, several[~several["short"]]])
         text = tables.contacts_text(list(tables.measures_of(frame, 0)), ["all"], "m")
-        told = "10 | 2.00 [2.00, 2.00] | 2.00 [2.00, 2.00]", "4 | 7.00 [7.00, 7.00] | 7.00 [7.00, "
-        assert f"| all | {told[0]} | {told[1]}" in text
+        expected = (
+            "10 | 2.00 [2.00, 2.00] | 2.00 [2.00, 2.00]",
+            "4 | 7.00 [7.00, 7.00] | 7.00 [7.00, ",
+        )
+        assert f"| all | {expected[0]} | {expected[1]}" in text
 
 
 class TestHonesty:
@@ -418,7 +429,7 @@ class TestHonesty:
             plan.pipeline,
             np.random.default_rng(0),
         )
-        assert [(one.case, one.metric, one.value) for one in made] == [
+        assert [(each.case, each.metric, each.value) for each in made] == [
             ("free space", "true contacts ruled out", 0.5)
         ]
 
@@ -473,13 +484,14 @@ class TestExperiment:
         run_touch(replace(SMALL, methods=(DE_MORGAN, POSTERIOR)), copied)
         tests = json.loads((copied / "summary.json").read_text())["tests"]
         compared = {
-            (*one["case"].rsplit(", ", 1), *one["against"].rsplit(", ", 1)) for one in tests
+            (*comparison["case"].rsplit(", ", 1), *comparison["against"].rsplit(", ", 1))
+            for comparison in tests
         }
         assert 2 * len(compared) == len(tests)
         for method in map(str, (DE_MORGAN, POSTERIOR)):
             assert ("all + simulator", method, "all", method) in compared
         wide = [row.name for row in (*ROWS, everything(plan.pipeline)) if len(row.modalities) > 1]
-        between = {row for row, one, _, other in compared if one != other}
+        between = {row for row, first, _, second in compared if first != second}
         assert between == set(wide)
         assert all(other == str(DE_MORGAN) for _, _, _, other in compared - {
             (row, str(POSTERIOR), against, str(POSTERIOR)) for row, _, against, _ in compared
@@ -512,20 +524,20 @@ class TestExperiment:
         with pytest.raises(ConfigurationError, match=r"holds files, but no settings\.json"):
             run_touch(SMALL, copied)
 
-    def test_a_file_that_is_no_touch_is_told(self, tmp_path: Path) -> None:
+    def test_a_file_that_is_no_touch_is_reported(self, tmp_path: Path) -> None:
         write_npz(tmp_path / "one.npz", told="{}", places=[], joints=[])
         with pytest.raises(ConfigurationError, match=r"one\.npz is no touch of this experiment"):
             load(tmp_path / "one.npz")
 
     @pytest.mark.slow
-    def test_a_fault_of_a_sensor_that_there_is_not_is_told(self, tmp_path: Path) -> None:
+    def test_a_fault_of_a_sensor_that_there_is_not_is_reported(self, tmp_path: Path) -> None:
         faults = tmp_path / "faults.yaml"
         faults.write_text("faults: [{fault: silent, sensor: wirst}]\n")
         with pytest.raises(RobotError, match=r"2 of 2 .*no reading of 'wirst' came; did you mean"):
             run_touch(replace(SMALL, faults=faults), tmp_path / "out")
 
     @pytest.mark.slow
-    def test_touches_that_fail_are_told_and_the_others_kept(self, tmp_path: Path) -> None:
+    def test_touches_that_fail_are_reported_and_the_others_kept(self, tmp_path: Path) -> None:
         mesh = tmp_path / "thing.ply"
         mesh.write_text(
             "ply\nformat ascii 1.0\nelement vertex 4\nproperty float x\nproperty float y\n"
@@ -544,10 +556,12 @@ class TestExperiment:
             run_touch(replace(SMALL, draw=("box-1",)), tmp_path)
 
     @pytest.mark.slow
-    def test_a_silent_wrist_is_heard_no_more(self, out: Path, tmp_path: Path) -> None:
+    def test_a_silent_wrist_is_no_longer_received(self, out: Path, tmp_path: Path) -> None:
         faults = tmp_path / "faults.yaml"
         faults.write_text("faults: [{fault: silent, sensor: wrist}]\n")
         run_touch(replace(SMALL, faults=faults), tmp_path / "out")
-        healthy, silent = (load(one / "trials" / "box-00-0.npz") for one in (out, tmp_path / "out"))
+        healthy, silent = (
+            load(each / "trials" / "box-00-0.npz") for each in (out, tmp_path / "out")
+        )
         assert len(healthy.clouds["wrist"]) and "wrist" not in silent.clouds
         np.testing.assert_array_equal(healthy.places, silent.places)

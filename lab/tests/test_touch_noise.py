@@ -35,7 +35,7 @@ def test_the_full_noise_is_at_least_that_of_the_prototype_and_its_fingers_softer
     assert more == {"force_zero", "torque_zero", "flying", "zeros"}
 
 
-def test_a_touch_has_the_noise_of_the_prototype_unless_told() -> None:
+def test_a_touch_has_the_noise_of_the_prototype_by_default() -> None:
     assert TouchConfig(**SCENE).noise == noise("prototype")
     assert noise("prototype").wrist_place == 0.0026
 
@@ -47,7 +47,7 @@ def test_noise_may_be_given_by_numbers() -> None:
 
 def test_names_lead_to_noises_that_differ() -> None:
     found = [noise(name) for name in NOISES]
-    assert len(found) == 3 and all(found.count(one) == 1 for one in found)
+    assert len(found) == 3 and all(found.count(each) == 1 for each in found)
 
 
 @pytest.mark.parametrize(

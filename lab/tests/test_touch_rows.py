@@ -32,14 +32,18 @@ def test_first_touch_believes_in_the_target_alone() -> None:
 def test_of_two_that_stand_on_one_belief_every_generator_means_the_first_touch() -> None:
     plan, _ = read_plan(DEFAULT, [], 1, None, (), 0)
     both = plan.pipeline
-    alone = {name: one for name, one in both.generators.items() if one["type"] != "first_touch"}
+    alone = {
+        name: generator
+        for name, generator in both.generators.items()
+        if generator["type"] != "first_touch"
+    }
     fewer = both.model_copy(update={"generators": alone})
-    for config, one, other in (
+    for config, first, second in (
         (both, "first touch", "simulator"),
         (fewer, "simulator", "first touch"),
     ):
         modalities = everything(config).modalities
-        assert one in modalities and other not in modalities
+        assert first in modalities and second not in modalities
 
 
 def outcomes(row: str, method: str, errors: list[float], short: bool = False) -> list[Outcome]:
@@ -55,11 +59,11 @@ def outcomes(row: str, method: str, errors: list[float], short: bool = False) ->
 
 
 def framed(*parts: list[Outcome]) -> pd.DataFrame:
-    frame = frame_of([one for part in parts for one in part], Outcome)
+    frame = frame_of([each for part in parts for each in part], Outcome)
     return frame.assign(**{CASE: frame["row"] + ", " + frame["method"]})
 
 
-def test_the_best_modality_detects_the_most_touches_those_in_free_air_have_no_say() -> None:
+def test_the_best_modality_detects_the_most_touches_those_in_free_air_do_not_count() -> None:
     frame = framed(
         outcomes("tactile", "m", [0.04, 0.01]),
         outcomes("force", "m", [0.02, 0.02]),

@@ -70,9 +70,9 @@ class Done:
         return ObjectModel(self.config.objects[self.config.touched])
 
     def of(self, kind: Any, sensor: str = "") -> list[Any]:
-        """Give the readings of a kind."""
-        found = [one for one in self.readings if isinstance(one, kind)]
-        return [one for one in found if one.sensor == sensor or not sensor]
+        """The readings of a kind."""
+        found = [reading for reading in self.readings if isinstance(reading, kind)]
+        return [each for each in found if each.sensor == sensor or not sensor]
 
 
 def done(scene: TouchConfig, robot: RobotModel, seed: int = 0) -> Done:
@@ -92,45 +92,47 @@ def touch(target: str, seed: int, noise: str = "none", short: float = 0.0) -> Do
 
 
 @pytest.mark.parametrize("which", TOUCHES)
-def test_contacts_lie_on_the_object_and_on_the_link_that_is_told(which: tuple[str, int]) -> None:
-    one = touch(*which)
-    contacts = one.truth.contacts
+def test_contacts_lie_on_the_object_and_on_the_link_that_is_reported(
+    which: tuple[str, int],
+) -> None:
+    trial = touch(*which)
+    contacts = trial.truth.contacts
     assert len(contacts.places) >= 1
-    pose = one.target.config.pose.pose()
-    on_object = outside_of_all(one.target.shapes, points_in(inverse(pose), contacts.places))
+    pose = trial.target.config.pose.pose()
+    on_object = outside_of_all(trial.target.shapes, points_in(inverse(pose), contacts.places))
     assert np.abs(on_object).max() < 0.002
     for place, link in zip(contacts.places, contacts.links, strict=True):
-        shapes = one.robot.urdf.links[link].collision
-        local = points_in(inverse(one.poses[link]), place[None])
+        shapes = trial.robot.urdf.links[link].collision
+        local = points_in(inverse(trial.poses[link]), place[None])
         assert abs(outside_of_all(shapes, local)[0]) < 0.003
-        assert link in one.robot.beyond("palm")
+        assert link in trial.robot.beyond("palm")
 
 
 @pytest.mark.parametrize("which", TOUCHES)
 def test_an_object_pushes_the_hand_away_as_strongly_as_the_hand_pressed(
     which: tuple[str, int],
 ) -> None:
-    one = touch(*which)
-    contacts, step = one.truth.contacts, 0.01
+    trial = touch(*which)
+    contacts, step = trial.truth.contacts, 0.01
     strengths = np.linalg.norm(contacts.forces, axis=1)
     assert (np.diff(strengths) <= 0.0).all()
-    assert 0.8 * one.config.press < np.linalg.norm(contacts.forces.sum(axis=0)) < 12.0
+    assert 0.8 * trial.config.press < np.linalg.norm(contacts.forces.sum(axis=0)) < 12.0
     out = contacts.places[0] + step * contacts.forces[0] / strengths[0]
-    pose = one.target.config.pose.pose()
-    away = outside_of_all(one.target.shapes, points_in(inverse(pose), out[None]))
-    assert away[0] > step * np.cos(np.arctan(one.config.friction)) - 0.003
+    pose = trial.target.config.pose.pose()
+    away = outside_of_all(trial.target.shapes, points_in(inverse(pose), out[None]))
+    assert away[0] > step * np.cos(np.arctan(trial.config.friction)) - 0.003
 
 
 @pytest.mark.parametrize("which", TOUCHES)
 def test_the_wrist_feels_the_weight_of_the_hand_and_the_contacts(which: tuple[str, int]) -> None:
-    one = touch(*which)
-    assert one.truth.steady
-    pose = one.poses["wrist_sensor"]
-    last = one.of(Wrench)[-6:]  # as long as the truth looks back
+    trial = touch(*which)
+    assert trial.truth.steady
+    pose = trial.poses["wrist_sensor"]
+    last = trial.of(Wrench)[-6:]  # as long as the truth looks back
     felt = np.mean([np.stack([each.force, each.torque]) for each in last], axis=0)
     force, torque = vectors_in(pose, felt)
-    mass, centre = one.robot.load_on("wrist_sensor", one.poses)
-    contacts = one.truth.contacts
+    mass, centre = trial.robot.load_on("wrist_sensor", trial.poses)
+    contacts = trial.truth.contacts
     push = contacts.forces.sum(axis=0)
     lever = np.cross(contacts.places - pose[:3, 3], contacts.forces).sum(axis=0)
     torque = torque - np.cross(centre - pose[:3, 3], mass * GRAVITY)
@@ -151,19 +153,19 @@ def test_the_truth_is_known_in_the_end_only() -> None:
 # Readings
 
 
-def test_without_noise_readings_tell_what_is() -> None:
-    one = touch(*BOX_0)
-    (believed,) = one.of(ObjectPose)
+def test_without_noise_readings_measure_what_is() -> None:
+    trial = touch(*BOX_0)
+    (believed,) = trial.of(ObjectPose)
     assert believed.name == "box" and np.allclose(believed.position, [0.7, 0.0, 0.35])
-    joints = one.of(JointState)[-1]
-    assert joints.names == one.robot.joint_names
-    assert np.array_equal(joints.positions, one.truth.joints)
+    joints = trial.of(JointState)[-1]
+    assert joints.names == trial.robot.joint_names
+    assert np.array_equal(joints.positions, trial.truth.joints)
     assert np.abs(joints.velocities).max() < 0.01
 
 
 def test_with_noise_the_truth_is_the_truth_still() -> None:
     exact, noisy = touch(*BOX_0), touch(*BOX_0, noise="prototype")
-    # the same way, and errors only in what is read
+    # the same path, and errors only in what is read
     assert np.allclose(exact.truth.joints, noisy.truth.joints, atol=1e-12)
     assert np.array_equal(exact.truth.contacts.forces, noisy.truth.contacts.forces)
     off = noisy.of(JointState)[-1].positions - noisy.truth.joints
@@ -177,32 +179,32 @@ def test_only_the_patches_of_links_that_are_touched_feel() -> None:
         "shapes": [{"shape": "sphere", "radius": 0.01}],
         "pose": {"parent": "base", "xyz": (0.65, 0.0, 0.5)},
     }
-    wide: dict[str, Any] = {f"finger_{one}_proximal_joint": -0.3 for one in (1, 2, 3)}
+    wide: dict[str, Any] = {f"finger_{each}_proximal_joint": -0.3 for each in (1, 2, 3)}
     wide |= {name: SCENE["posture"][name] for name in ("arm_2", "arm_4", "arm_6")}
     wide |= {"finger_1_spread": 1.4, "finger_2_spread": -1.4}
     scene = config(
         objects={"ball": ball}, noise="none", posture=wide, tilt=0.0, wander=0.0, roll=(-60, 60)
     )
-    one = done(scene, arm_and_hand())
-    contacts = one.truth.contacts
+    trial = done(scene, arm_and_hand())
+    contacts = trial.truth.contacts
     assert set(contacts.links) == {"palm"}
-    last = {patch: one.of(TactileImage, patch)[-1].values for patch in one.robot.config.patches}
+    last = {patch: trial.of(TactileImage, patch)[-1].values for patch in trial.robot.config.patches}
     strongest = last["palm"].argmax()
     assert 1.0 < last["palm"][strongest] < 1.5 * np.linalg.norm(contacts.forces[0])
-    skin = one.poses["palm"] @ one.robot.pose_on_link("palm_skin")
-    taxel = points_in(skin, one.robot.config.patches["palm"].centres())[strongest]
+    skin = trial.poses["palm"] @ trial.robot.pose_on_link("palm_skin")
+    taxel = points_in(skin, trial.robot.config.patches["palm"].centres())[strongest]
     assert np.linalg.norm(taxel - contacts.places[0]) < 0.0055
     assert not any(values.any() for patch, values in last.items() if patch != "palm")
 
 
 def test_the_camera_sees_the_robot_the_object_and_the_table() -> None:
-    one = touch(*BOX_0)
-    (cloud, *_) = reversed(one.of(PointCloud))
-    eye = one.poses["base"] @ one.robot.pose_on_link("forehead")
-    points = points_in(eye, cloud.points[::17])
-    table = ObjectModel(one.config.surroundings["table"])
-    bodies = [(link.collision, one.poses[name]) for name, link in one.robot.urdf.links.items()]
-    bodies += [(each.shapes, each.config.pose.pose()) for each in (one.target, table)]
+    trial = touch(*BOX_0)
+    (cloud, *_) = reversed(trial.of(PointCloud))
+    viewpoint = trial.poses["base"] @ trial.robot.pose_on_link("forehead")
+    points = points_in(viewpoint, cloud.points[::17])
+    table = ObjectModel(trial.config.surroundings["table"])
+    bodies = [(link.collision, trial.poses[name]) for name, link in trial.robot.urdf.links.items()]
+    bodies += [(each.shapes, each.config.pose.pose()) for each in (trial.target, table)]
     away = np.array(
         [outside_of_all(shapes, points_in(inverse(pose), points)) for shapes, pose in bodies]
     )
@@ -213,8 +215,8 @@ def test_the_camera_sees_the_robot_the_object_and_the_table() -> None:
 
 
 def test_readings_come_in_time_at_their_rates_and_all_in_the_end() -> None:
-    one = touch(*BOX_0)
-    stamps = [reading.stamp for reading in one.readings]
+    trial = touch(*BOX_0)
+    stamps = [reading.stamp for reading in trial.readings]
     end = stamps[-1]
     assert stamps == sorted(stamps) and stamps[0] == 0.0 and 0.5 < end < 2.0
     kinds = {
@@ -225,10 +227,10 @@ def test_readings_come_in_time_at_their_rates_and_all_in_the_end() -> None:
         PointCloud: ("forehead", 0.25),
     }
     for kind, (sensor, period) in kinds.items():
-        times = [reading.stamp for reading in one.of(kind, sensor)]
+        times = [reading.stamp for reading in trial.of(kind, sensor)]
         assert times[-1] == end, kind
         assert np.allclose(np.diff(times[:-1]), period), kind
-    assert {each.sensor for each in one.of(TactileImage)} == {"tip_1", "tip_2", "tip_3", "palm"}
+    assert {each.sensor for each in trial.of(TactileImage)} == {"tip_1", "tip_2", "tip_3", "palm"}
 
 
 # Chance
@@ -257,36 +259,36 @@ def test_the_same_seed_gives_the_same_bytes_and_another_seed_others() -> None:
 
 
 @pytest.mark.parametrize("which", [BOX_0, CYLINDER_2])
-def test_a_twin_that_stops_short_goes_the_same_way_and_touches_nothing(
+def test_a_twin_that_stops_short_follows_the_same_path_and_touches_nothing(
     which: tuple[str, int],
 ) -> None:
     full, short = touch(*which), touch(*which, short=SHORT)
     truth = short.truth
     assert truth.steady and not truth.contacts.links and truth.contacts.places.shape == (0, 3)
     first, there = (
-        full.robot.poses_at(one.of(JointState)[0].positions)["palm"] for one in (full, short)
+        full.robot.poses_at(each.of(JointState)[0].positions)["palm"] for each in (full, short)
     )
-    ahead = first[:3, 2]
+    forward = first[:3, 2]
     assert np.allclose(first[:3, :3], there[:3, :3], atol=2e-3)
-    assert np.allclose(first[:3, 3], there[:3, 3] + SHORT * ahead, atol=4e-4)
+    assert np.allclose(first[:3, 3], there[:3, 3] + SHORT * forward, atol=4e-4)
     assert not any(each.values.any() for each in short.of(TactileImage))
-    # from there it is `short` to the first touch, along the way
+    # from there it is `short` to the first touch, along the path
     world = BulletWorld(short.robot)
     world.bend(truth.joints)
     body = world.add(short.target.shapes[0])
     pose = short.target.config.pose.pose()
     for nearer, touches in ((SHORT - 0.003, False), (SHORT + 0.003, True)):
         moved = pose.copy()
-        moved[:3, 3] -= nearer * ahead
+        moved[:3, 3] -= nearer * forward
         world.place(body, moved)
         assert bool(world.near(body, 0.0)) is touches
 
 
 def test_the_wrist_of_a_hand_in_free_air_feels_its_weight() -> None:
-    one = touch(*BOX_0, short=SHORT)
-    wrench = one.of(Wrench)[-1]
-    force = one.poses["wrist_sensor"][:3, :3] @ wrench.force
-    mass, _ = one.robot.load_on("wrist_sensor", one.poses)
+    trial = touch(*BOX_0, short=SHORT)
+    wrench = trial.of(Wrench)[-1]
+    force = trial.poses["wrist_sensor"][:3, :3] @ wrench.force
+    mass, _ = trial.robot.load_on("wrist_sensor", trial.poses)
     assert np.allclose(force, mass * GRAVITY, atol=0.015 * mass * 9.81)
 
 
@@ -317,45 +319,45 @@ def poke(**fields: Any) -> TouchConfig:
 
 
 def front(robot: RobotModel, joints: FloatArray) -> float:
-    """Tell how far along x the ball reaches."""
+    """The greatest x of the ball [m]."""
     ball = points_in(robot.poses_at(joints)["palm"], np.array([[0.05, 0.03, 0.08]]))[0]
     return float(ball[0] + RADIUS)
 
 
 def test_a_poker_stops_where_it_is_pushed(pokes: RobotModel) -> None:
-    one = done(poke(press=10.0), pokes)
-    contacts = one.truth.contacts
-    assert contacts.links == ("palm",) and one.truth.steady
-    assert front(pokes, one.truth.joints) == pytest.approx(WALL, abs=1e-3)
+    trial = done(poke(press=10.0), pokes)
+    contacts = trial.truth.contacts
+    assert contacts.links == ("palm",) and trial.truth.steady
+    assert front(pokes, trial.truth.joints) == pytest.approx(WALL, abs=1e-3)
     assert contacts.places[0, 0] == pytest.approx(WALL, abs=1e-3)
     assert contacts.forces[0] == pytest.approx([-10.0, 0.0, 0.0], abs=1.5)
 
 
 @pytest.mark.parametrize("short", [0.005, 0.05])
 def test_a_poker_that_stops_short_is_so_far_from_the_wall(pokes: RobotModel, short: float) -> None:
-    one = done(poke(short=short), pokes)
-    assert not one.truth.contacts.links
-    assert front(pokes, one.truth.joints) == pytest.approx(WALL - short, abs=5e-4)
+    trial = done(poke(short=short), pokes)
+    assert not trial.truth.contacts.links
+    assert front(pokes, trial.truth.joints) == pytest.approx(WALL - short, abs=5e-4)
 
 
 @pytest.mark.parametrize("speed", [0.01, 0.02])
-def test_a_poker_goes_as_fast_as_it_is_told(pokes: RobotModel, speed: float) -> None:
+def test_a_poker_moves_at_the_given_speed(pokes: RobotModel, speed: float) -> None:
     joints = done(poke(speed=speed), pokes).of(JointState)
-    ways = np.array([front(pokes, one.positions) for one in joints])
-    stamps = np.array([one.stamp for one in joints])
-    assert ways[0] == pytest.approx(WALL - 0.012, abs=5e-4)
-    free = (ways < WALL - 0.001) & (stamps > 0.25)
+    positions = np.array([front(pokes, joint_state.positions) for joint_state in joints])
+    stamps = np.array([joint_state.stamp for joint_state in joints])
+    assert positions[0] == pytest.approx(WALL - 0.012, abs=5e-4)
+    free = (positions < WALL - 0.001) & (stamps > 0.25)
     assert free.sum() > 4
-    assert np.polyfit(stamps[free], ways[free], 1)[0] == pytest.approx(speed, rel=0.02)
+    assert np.polyfit(stamps[free], positions[free], 1)[0] == pytest.approx(speed, rel=0.02)
 
 
-def test_a_hand_that_may_not_touch_finds_no_way(pokes: RobotModel) -> None:
+def test_a_hand_that_may_not_touch_finds_no_path(pokes: RobotModel) -> None:
     with pytest.raises(RobotError, match="reaches 'wall' on none of 60 paths"):
         done(poke(hand=("flange",)), pokes)
 
 
 @pytest.mark.parametrize(("y", "free"), [(0.1, False), (0.3, True)])
-def test_a_hand_does_not_go_through_what_stands_in_its_way(
+def test_a_hand_does_not_go_through_what_stands_in_its_path(
     pokes: RobotModel, y: float, free: bool
 ) -> None:
     post = {
@@ -382,10 +384,10 @@ def test_a_mesh_is_touched_as_the_box_that_it_is(tmp_path: Path) -> None:
     mesh.translate([-edge / 2.0 for edge in size])
     library.io.write_triangle_mesh(str(tmp_path / "box.obj"), mesh)
     box = {**SCENE["objects"]["box"], "shapes": (), "mesh": tmp_path / "box.obj"}
-    one = done(config(objects={"box": box}, noise="none"), arm_and_hand(), BOX_1[1])
+    trial = done(config(objects={"box": box}, noise="none"), arm_and_hand(), BOX_1[1])
     same = touch(*BOX_1).truth.contacts
-    assert one.truth.contacts.links[0] == same.links[0]
-    assert np.allclose(one.truth.contacts.places[0], same.places[0], atol=0.003)
+    assert trial.truth.contacts.links[0] == same.links[0]
+    assert np.allclose(trial.truth.contacts.places[0], same.places[0], atol=0.003)
 
 
 def test_an_object_by_urdf_is_touched() -> None:
@@ -393,8 +395,8 @@ def test_an_object_by_urdf_is_touched() -> None:
 
     urdf = str(Path(pybullet_data.__file__).with_name("cube_small.urdf"))
     cube = {"urdf": urdf, "pose": {"parent": "base", "xyz": (0.7, 0.0, 0.4)}}
-    one = done(config(objects={"cube": cube}, noise="none", wander=0.1), arm_and_hand(), 3)
-    contacts = one.truth.contacts
+    trial = done(config(objects={"cube": cube}, noise="none", wander=0.1), arm_and_hand(), 3)
+    contacts = trial.truth.contacts
     assert len(contacts.links) >= 1
     away = np.abs(contacts.places - [0.7, 0.0, 0.4]).max(axis=1)
     assert np.abs(away - 0.025).max() < 0.003
@@ -404,7 +406,7 @@ def test_an_object_by_urdf_is_touched() -> None:
 
 
 @pytest.mark.slow
-def test_an_object_out_of_the_workspace_is_told_by_name() -> None:
+def test_an_object_out_of_the_workspace_is_reported_by_name() -> None:
     box = {**SCENE["objects"]["box"], "pose": {"parent": "base", "xyz": (5.0, 0.0, 0.3)}}
     scene = TouchScene(config(objects={"crate": box}), arm_and_hand())
     with pytest.raises(RobotError, match="reaches 'crate' on none of .* outside the workspace"):

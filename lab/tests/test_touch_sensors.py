@@ -67,8 +67,8 @@ def strays(robot: RobotModel) -> FloatArray:
     found = []
     for seed in range(200):
         there = robot.poses_at(told_by(robot, "prototype", seed))["palm"]
-        turn = Rotation.from_matrix(there[:3, :3] @ true[:3, :3].T).as_rotvec()
-        found.append([*(there[:3, 3] - true[:3, 3]), *np.degrees(turn)])
+        rotation = Rotation.from_matrix(there[:3, :3] @ true[:3, :3].T).as_rotvec()
+        found.append([*(there[:3, 3] - true[:3, 3]), *np.degrees(rotation)])
     return np.array(found)
 
 
@@ -90,16 +90,16 @@ def test_the_joints_of_the_hand_are_wrong_by_their_encoders_and_zeros(
 
 
 def test_the_error_of_the_joints_is_the_same_all_the_time(robot: RobotModel) -> None:
-    one = sensors_of(robot, "prototype")
-    first = one.joints(0.0, bent(robot), np.zeros(15)).positions - bent(robot)
-    later = one.joints(0.1, bent(robot) + 0.1, np.zeros(15)).positions - bent(robot) - 0.1
+    sensors = sensors_of(robot, "prototype")
+    first = sensors.joints(0.0, bent(robot), np.zeros(15)).positions - bent(robot)
+    later = sensors.joints(0.1, bent(robot) + 0.1, np.zeros(15)).positions - bent(robot) - 0.1
     assert np.abs(first).min() > 1e-6 and np.allclose(first, later, atol=1e-12)
 
 
-def test_a_joint_that_is_still_is_not_told(tmp_path: Path) -> None:
+def test_a_joint_that_is_still_is_not_reported(tmp_path: Path) -> None:
     robot = poker(tmp_path, foot="prismatic", still={"foot": 0.1})
-    one = sensors_of(robot, "prototype", tool="carriage")
-    reading = one.joints(0.0, np.array([0.1, 0.3]), np.array([0.0, 2.0]))
+    sensors = sensors_of(robot, "prototype", tool="carriage")
+    reading = sensors.joints(0.0, np.array([0.1, 0.3]), np.array([0.0, 2.0]))
     assert reading.names == ("slide",) and reading.positions.shape == (1,)
     assert reading.velocities is not None and reading.velocities.tolist() == [2.0]
     assert reading.positions[0] == pytest.approx(0.3, abs=0.01)
@@ -112,10 +112,12 @@ FELT = np.array([1.0, -2.0, 3.0, 0.1, 0.2, -0.3])
 
 
 def wrenches(robot: RobotModel, noise: Any, count: int = 1) -> dict[str, FloatArray]:
-    one = sensors_of(robot, noise, tool="carriage")
+    sensors = sensors_of(robot, noise, tool="carriage")
     found: dict[str, list[FloatArray]] = {}
     for number in range(count):
-        for reading in one.wrenches(0.01 * number, {name: FELT for name in robot.config.wrists}):
+        for reading in sensors.wrenches(
+            0.01 * number, {name: FELT for name in robot.config.wrists}
+        ):
             assert isinstance(reading, Wrench)
             assert reading.frame == robot.config.wrists[reading.sensor].frame
             both = np.concatenate([reading.force, reading.torque])
@@ -144,7 +146,7 @@ def test_a_wrench_has_a_zero_of_its_own_and_noise_about_it(pokes: RobotModel) ->
     assert not np.allclose(found["cell"].mean(axis=0), found["whole"].mean(axis=0), atol=0.03)
 
 
-def test_zeros_of_wrenches_are_as_wide_as_told(pokes: RobotModel) -> None:
+def test_zeros_of_wrenches_are_as_wide_as_configured(pokes: RobotModel) -> None:
     zeros = [
         next(sensors_of(pokes, {"force_zero": 0.1}, seed, "carriage").wrenches(0, {"cell": FELT}))
         for seed in range(100)
@@ -194,13 +196,13 @@ def test_what_pushes_another_link_is_not_felt(robot: RobotModel) -> None:
 
 
 def test_pushes_add_up(robot: RobotModel) -> None:
-    one, other = (pushed(robot, "palm", taxel, "palm") for taxel in (0, 15))
+    first, second = (pushed(robot, "palm", taxel, "palm") for taxel in (0, 15))
     both = Touching(
-        np.concatenate([one.places, other.places]),
-        np.concatenate([one.forces, other.forces]),
+        np.concatenate([first.places, second.places]),
+        np.concatenate([first.forces, second.forces]),
         ("palm", "palm"),
     )
-    alone = skins(robot, one)["palm"] + skins(robot, other)["palm"]
+    alone = skins(robot, first)["palm"] + skins(robot, second)["palm"]
     assert np.allclose(skins(robot, both)["palm"], alone)
 
 
@@ -217,14 +219,14 @@ def test_taxels_are_noisy_each_by_itself(robot: RobotModel) -> None:
 def looks(robot: RobotModel, noise: Any, seed: int = 0, count: int = 1) -> list[FloatArray]:
     """See a wall 1 m ahead of where the camera is believed."""
     poses = robot.poses_at(bent(robot))
-    eye = poses["base"] @ robot.pose_on_link("forehead")
-    ahead = np.eye(4)
-    ahead[2, 3] = 1.1
-    bodies: list[tuple[Solid, Pose]] = [(Solid([WALL]), eye @ ahead)]
-    one = sensors_of(robot, noise, seed)
+    viewpoint = poses["base"] @ robot.pose_on_link("forehead")
+    forward = np.eye(4)
+    forward[2, 3] = 1.1
+    bodies: list[tuple[Solid, Pose]] = [(Solid([WALL]), viewpoint @ forward)]
+    sensors = sensors_of(robot, noise, seed)
     images = []
     for _ in range(count):
-        image, cloud = one.sights(0.0, poses, bodies)
+        image, cloud = sensors.sights(0.0, poses, bodies)
         assert isinstance(image, DepthImage) and isinstance(cloud, PointCloud)
         assert image.frame == cloud.frame == image.sensor == cloud.sensor == "forehead"
         assert len(cloud.points) == np.count_nonzero(image.depth)
@@ -277,25 +279,27 @@ def believed(noise: Any, seed: int = 0, **fields: Any) -> ObjectPose:
     config = {"shapes": [shape], "pose": pose, **fields}
     robot = shared_robot(read_robot(DESCRIPTION))
     objects = {"box": ObjectModel(ObjectConfig.model_validate(config))}
-    told: Iterator[ObjectPose] = sensors_of(robot, noise, seed).believed(objects)
-    (one,) = told
-    assert one.name == "box" and one.frame == "base" and one.stamp == 0.0
-    return one
+    poses: Iterator[ObjectPose] = sensors_of(robot, noise, seed).believed(objects)
+    (believed_pose,) = poses
+    assert (
+        believed_pose.name == "box" and believed_pose.frame == "base" and believed_pose.stamp == 0.0
+    )
+    return believed_pose
 
 
 TRUE = Rotation.from_euler("xyz", (0.1, 0.2, 0.3))
 
 
 def test_without_noise_an_object_is_believed_where_it_is() -> None:
-    one = believed("none", sigma=1.0, sigma_yaw=1.0)
-    assert np.allclose(one.position, [0.7, 0.1, 0.3])
-    assert (Rotation.from_quat(one.orientation) * TRUE.inv()).magnitude() < 1e-9
+    belief = believed("none", sigma=1.0, sigma_yaw=1.0)
+    assert np.allclose(belief.position, [0.7, 0.1, 0.3])
+    assert (Rotation.from_quat(belief.orientation) * TRUE.inv()).magnitude() < 1e-9
 
 
 def test_an_object_is_believed_elsewhere_by_its_sigma() -> None:
-    told = [believed("prototype", seed, sigma=0.03, sigma_yaw=0.2) for seed in range(200)]
-    places = np.array([one.position for one in told]) - [0.7, 0.1, 0.3]
+    poses = [believed("prototype", seed, sigma=0.03, sigma_yaw=0.2) for seed in range(200)]
+    places = np.array([each.position for each in poses]) - [0.7, 0.1, 0.3]
     assert np.std(places, axis=0) == pytest.approx([0.03] * 3, rel=0.15)
-    turns = [(Rotation.from_quat(one.orientation) * TRUE.inv()).as_rotvec() for one in told]
+    turns = [(Rotation.from_quat(each.orientation) * TRUE.inv()).as_rotvec() for each in poses]
     assert np.abs(np.array(turns)[:, :2]).max() < 1e-9
     assert np.std(np.array(turns)[:, 2]) == pytest.approx(0.2, rel=0.15)

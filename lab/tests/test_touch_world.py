@@ -24,7 +24,7 @@ STIFFNESS = 2000.0
 
 
 def wall(yaw: float = 0.0, **fields: Any) -> ObjectModel:
-    """Give a wall that the ball touches where it pokes."""
+    """A wall that the ball touches where it pokes."""
     pose = {"parent": "base", "xyz": (WALL + 0.05, 0.0, 0.5), "rpy": (0.0, 0.0, yaw)}
     shapes = [{"shape": "box", "size": (0.1, 1.0, 1.0)}]
     return ObjectModel(ObjectConfig.model_validate({"shapes": shapes, "pose": pose, **fields}))
@@ -140,7 +140,7 @@ def test_a_touch_is_on_both_surfaces_and_on_the_link_that_is_touched(pressed: Po
         assert np.allclose(place, ball + [RADIUS, 0.0, 0.0], atol=1e-3)
 
 
-def test_what_does_not_touch_is_told_as_nothing(free: Poke) -> None:
+def test_what_does_not_touch_is_reported_as_nothing(free: Poke) -> None:
     touching = free.world.touching()
     assert touching.places.shape == touching.forces.shape == (0, 3) and touching.links == ()
 
@@ -158,11 +158,13 @@ def test_what_is_faint_is_no_touch(model: RobotModel) -> None:
 
 
 def test_without_friction_a_wall_pushes_along_its_normal(model: RobotModel) -> None:
-    turn = 0.5
-    slippery = poked(model, 0.27, 1200, friction=0.0, yaw=turn)
+    rotation = 0.5
+    slippery = poked(model, 0.27, 1200, friction=0.0, yaw=rotation)
     force = slippery.world.touching().forces.sum(axis=0)
     assert -force[0] > 5.0
-    assert np.allclose(force / np.linalg.norm(force), [-np.cos(turn), -np.sin(turn), 0], atol=1e-3)
+    assert np.allclose(
+        force / np.linalg.norm(force), [-np.cos(rotation), -np.sin(rotation), 0], atol=1e-3
+    )
 
 
 @pytest.mark.parametrize("friction", [0.2, 0.5])
@@ -175,12 +177,12 @@ def test_what_is_dragged_along_a_wall_feels_its_friction(friction: float, tmp_pa
     for step in range(1200):
         arm.step(np.array([5e-5 * max(step - 600, 0), min(0.25, 0.0005 * step)]))
         forces.append(world.touching().forces.sum(axis=0))
-    ahead, side, up = np.mean(forces[-200:], axis=0)
-    assert ahead < -20.0 and abs(up) < 0.1 * abs(side)
-    assert side == pytest.approx(friction * ahead, rel=0.05)
+    forward, side, up = np.mean(forces[-200:], axis=0)
+    assert forward < -20.0 and abs(up) < 0.1 * abs(side)
+    assert side == pytest.approx(friction * forward, rel=0.05)
 
 
-def test_where_the_arm_may_not_be_is_told(model: RobotModel) -> None:
+def test_where_the_arm_may_not_be_is_reported(model: RobotModel) -> None:
     world = TouchWorld(model, {"wall": wall()}, 0.5)
     away, inside = np.array([0.1]), np.array([0.3])
     assert not world.blocked(away, {"palm"}, "wall")
@@ -204,10 +206,10 @@ def test_the_root_may_stand_on_something() -> None:
 # Contacts of what is touched
 
 
-def touches(*told: tuple[Vector, Vector, str]) -> Touching:
-    places = np.reshape([place for place, _, _ in told], (-1, 3))
-    forces = np.reshape([force for _, force, _ in told], (-1, 3))
-    return Touching(places, forces, tuple(name for _, _, name in told))
+def touches(*contacts: tuple[Vector, Vector, str]) -> Touching:
+    places = np.reshape([place for place, _, _ in contacts], (-1, 3))
+    forces = np.reshape([force for _, force, _ in contacts], (-1, 3))
+    return Touching(places, forces, tuple(name for _, _, name in contacts))
 
 
 def test_near_points_are_one_contact_where_the_force_is() -> None:
@@ -218,8 +220,8 @@ def test_near_points_are_one_contact_where_the_force_is() -> None:
 
 def test_contacts_are_given_strongest_first() -> None:
     weak, strong = ((0, 0, 0), (1, 0, 0), "palm"), ((0.1, 0, 0), (0, 0, -5), "tip")
-    for told in ((weak, strong), (strong, weak)):
-        found = contacts_of([touches(*told)])
+    for order in ((weak, strong), (strong, weak)):
+        found = contacts_of([touches(*order)])
         assert found.links == ("tip", "palm")
         assert np.allclose(found.places, [[0.1, 0.0, 0.0], [0.0, 0.0, 0.0]])
         assert np.allclose(found.forces, [[0, 0, -5], [1, 0, 0]])
@@ -235,8 +237,8 @@ def test_a_row_of_points_is_one_contact_and_a_gap_parts_two() -> None:
 
 
 def test_the_force_of_a_contact_is_its_mean_over_moments() -> None:
-    one, other = ((0, 0, 0), (0, 0, 2), "tip"), ((0.004, 0, 0), (0, 0, 6), "tip")
-    found = contacts_of([touches(one), touches(), touches(other), touches()])
+    first, second = ((0, 0, 0), (0, 0, 2), "tip"), ((0.004, 0, 0), (0, 0, 6), "tip")
+    found = contacts_of([touches(first), touches(), touches(second), touches()])
     assert np.allclose(found.forces, [[0, 0, 2]]) and np.allclose(found.places, [[0.003, 0, 0]])
 
 

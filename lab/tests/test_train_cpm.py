@@ -26,15 +26,15 @@ TINY = Options(rounds=1, varied=0, driven=1, tested=6, epochs=2, early=1, stride
 FIGURES = {"lidar_lidar_success_true": 0.75}
 OFFSETS: dict[Split, float] = {"training": -0.1, "validation": 0.05}
 FIRST = [
-    Lesson(f"{split}-{thing}", split, 0, thing, "mu1", (2.0, 0.0), offset=offset)
+    Lesson(f"{split}-{name}", split, 0, name, "mu1", (2.0, 0.0), offset=offset)
     for split, offset in OFFSETS.items()
-    for thing in ("box", "cylinder")
+    for name in ("box", "cylinder")
 ]
 THEN = [Lesson("training-driven", "training", 1, "box", "mu2", (2.0, 0.0), driver="lidar_side")]
 FILES = {
     "settings.json", "cpm.safetensors", "cpm.json", "curves.png",
     *(f"trials/{lesson.name}.npz" for lesson in (*FIRST, *THEN)),
-    *(f"round_{turn}/{name}" for turn in (0, 1)
+    *(f"round_{iteration}/{name}" for iteration in (0, 1)
       for name in ("location.npz", "type.npz", "cpm.safetensors", "cpm.json")),
 }  # fmt: skip
 
@@ -42,8 +42,8 @@ FILES = {
 def make_small(patch: pytest.MonkeyPatch) -> None:
     """Make few and short pushes, no test, and no processes."""
     patch.setattr(cpm, "first_lessons", lambda varied, seed: FIRST)
-    patch.setattr(cpm, "driven_lessons", lambda count, turn, mountings, seed: THEN)
-    patch.setattr(cpm, "tested", lambda *told: FIGURES)
+    patch.setattr(cpm, "driven_lessons", lambda count, iteration, mountings, seed: THEN)
+    patch.setattr(cpm, "tested", lambda *args: FIGURES)
     patch.setattr(rollout, "LONGEST", 1.0)
 
 
@@ -54,7 +54,7 @@ def small(monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.fixture
 def lived(monkeypatch: pytest.MonkeyPatch) -> list[str]:
-    """Give the lessons that are lived, and the weights that drive."""
+    """The lessons that are rolled out, and the weights that drive."""
     noted: list[str] = []
 
     def live(lesson: Lesson, weights: Path | None) -> LabelledTrial:
@@ -67,14 +67,14 @@ def lived(monkeypatch: pytest.MonkeyPatch) -> list[str]:
 
 
 def content(out: Path) -> dict[str, bytes]:
-    """Give the bytes of all files."""
+    """The bytes of all files."""
     files = (path for path in out.rglob("*") if path.is_file())
     return {path.relative_to(out).as_posix(): path.read_bytes() for path in files}
 
 
 @pytest.fixture(scope="module")
 def whole(tmp_path_factory: pytest.TempPathFactory) -> dict[str, bytes]:
-    """Give the files of a training from beginning to end."""
+    """The files of a training from beginning to end."""
     out = tmp_path_factory.mktemp("whole") / "cpm"
     with pytest.MonkeyPatch.context() as patch:
         make_small(patch)
@@ -126,7 +126,9 @@ def test_the_networks_that_are_written_are_those_of_the_last_round(
 
 def test_each_round_learns_from_all_pushes_so_far(whole: dict[str, bytes], tmp_path: Path) -> None:
     out = laid_out(whole, tmp_path)
-    cards = [read_networks(out / f"round_{turn}" / "cpm.safetensors")[0] for turn in (0, 1)]
+    cards = [
+        read_networks(out / f"round_{iteration}" / "cpm.safetensors")[0] for iteration in (0, 1)
+    ]
     assert [card.data.split(",")[0] for card in cards] == [
         "4 simulated pushes", "5 simulated pushes",
     ]  # fmt: skip
@@ -151,9 +153,9 @@ def test_the_last_round_is_the_longest_and_goes_on_from_the_one_before(
     trainings: list[tuple[str, str, int, bool]] = []
     kept = training.train
 
-    def train(name: Any, data: Any, how: Any, folder: Path, warm: Any, told: Any) -> Any:
+    def train(name: Any, data: Any, how: Any, folder: Path, warm: Any, sentence: Any) -> Any:
         trainings.append((folder.name, name, how.epochs, warm is not None))
-        return kept(name, data, how, folder, warm, told)
+        return kept(name, data, how, folder, warm, sentence)
 
     monkeypatch.setattr(cpm, "train", train)
     train_cpm(TINY, tmp_path / "cpm")
@@ -169,7 +171,7 @@ def test_without_further_rounds_the_skin_is_the_only_driver(
     lived: list[str], tmp_path: Path
 ) -> None:
     train_cpm(replace(TINY, rounds=0), tmp_path / "cpm")
-    assert len(lived) == 4 and all("skin" in told for told in lived)
+    assert len(lived) == 4 and all("skin" in text for text in lived)
     assert not (tmp_path / "cpm" / "round_1").exists()
 
 
@@ -250,18 +252,18 @@ def test_a_folder_of_other_options_is_refused(
     field: str, whole: dict[str, bytes], tmp_path: Path
 ) -> None:
     other = replace(TINY, **{field: getattr(TINY, field) + 1})
-    with pytest.raises(ConfigurationError) as told:
+    with pytest.raises(ConfigurationError) as caught:
         train_cpm(other, laid_out(whole, tmp_path))
     sentence = f"{tmp_path} holds pushes of other {field}: give another --out, or remove it"
-    assert str(told.value) == sentence
+    assert str(caught.value) == sentence
     assert content(tmp_path) == whole
 
 
 def test_a_folder_with_other_files_is_refused(tmp_path: Path) -> None:
     (tmp_path / "thesis.txt").write_text("mine")
-    with pytest.raises(ConfigurationError) as told:
+    with pytest.raises(ConfigurationError) as caught:
         train_cpm(TINY, tmp_path)
-    assert str(told.value) == f"{tmp_path} holds files, but no settings.json: give another --out"
+    assert str(caught.value) == f"{tmp_path} holds files, but no settings.json: give another --out"
     assert content(tmp_path) == {"thesis.txt": b"mine"}
 
 
@@ -272,7 +274,7 @@ def test_settings_that_are_not_ours_are_refused(held: bytes, tmp_path: Path) -> 
         train_cpm(TINY, tmp_path)
 
 
-def test_a_push_that_cannot_be_made_is_told_by_its_name(
+def test_a_push_that_cannot_be_made_is_reported_by_its_name(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(cpm, "first_lessons", lambda *_: [replace(FIRST[0], object="bax")])
@@ -285,14 +287,16 @@ def test_a_process_that_crashes_twice_is_reported(tmp_path: Path) -> None:
         train_cpm(replace(TINY, executor=Here(crashing=(1,))), tmp_path / "cpm")
 
 
-def test_a_checkpoint_of_another_training_is_told(whole: dict[str, bytes], tmp_path: Path) -> None:
+def test_a_checkpoint_of_another_training_is_reported(
+    whole: dict[str, bytes], tmp_path: Path
+) -> None:
     out = laid_out(whole, tmp_path)
     (out / "round_1" / "type.npz").write_bytes(whole["round_0/type.npz"])
     with pytest.raises(ContactFusionError, match=r"round_1/type.npz is the checkpoint of a"):
         train_cpm(TINY, out)
 
 
-def test_a_damaged_trial_is_told(whole: dict[str, bytes], tmp_path: Path) -> None:
+def test_a_damaged_trial_is_reported(whole: dict[str, bytes], tmp_path: Path) -> None:
     out = laid_out(whole, tmp_path)
     (out / "trials" / "training-box.npz").write_bytes(b"PK")
     with pytest.raises(ConfigurationError, match=r"training-box.npz is no npz file of numbers"):
@@ -347,7 +351,7 @@ def test_networks_and_rule_are_tested_from_each_mounting(
 # The command
 
 
-def test_the_command_tells_its_options(ask: Ask) -> None:
+def test_the_command_lists_its_options(ask: Ask) -> None:
     answer = ask("train", "cpm", "--help")
     assert answer.status == 0
     for option in OPTIONS:
@@ -357,14 +361,14 @@ def test_the_command_tells_its_options(ask: Ask) -> None:
 def test_the_command_gives_each_option_its_place(
     ask: Ask, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    heard: list[tuple[Options, Path]] = []
-    monkeypatch.setattr(cpm, "train_cpm", lambda *told: heard.append(told))
+    received: list[tuple[Options, Path]] = []
+    monkeypatch.setattr(cpm, "train_cpm", lambda *args: received.append(args))
     numbers: dict[str, Any] = {name: 20 + row for row, name in enumerate(OPTIONS)}
-    told = [part for name, number in numbers.items() for part in (f"--{name}", str(number))]
-    assert ask("train", "cpm", *told, "--out", str(tmp_path)).status == 0
+    options = [part for name, number in numbers.items() for part in (f"--{name}", str(number))]
+    assert ask("train", "cpm", *options, "--out", str(tmp_path)).status == 0
     assert ask("train", "cpm").status == 0
     assert ask("train", "cpm", "--workers", "7").status == 0
-    assert heard == [
+    assert received == [
         (Options(**numbers), tmp_path),
         (Options(), Path("out/cpm")),
         (Options(executor=Local(7)), Path("out/cpm")),

@@ -49,7 +49,7 @@ FEW = Options(seed=4, trials=6, rounds=2, confirm=6, executor=Here())
 
 @pytest.fixture
 def quick(monkeypatch: pytest.MonkeyPatch) -> list[int]:
-    """Let the plane stand in for PyBullet, and make it deal in nominal times; count the pushes."""
+    """Replace PyBullet by the plane, and times by nominal ones; count the pushes."""
     pushes = []
 
     def made(parameters: PushingParameters, trials: int, *rest: object) -> Rating:
@@ -59,7 +59,9 @@ def quick(monkeypatch: pytest.MonkeyPatch) -> list[int]:
 
     monkeypatch.setattr(rating, "rated_in_bullet", made)
     monkeypatch.setattr(
-        push, "rated_in_plane", lambda sets, trials, *rest: [made(one, trials) for one in sets]
+        push,
+        "rated_in_plane",
+        lambda sets, trials, *rest: [made(parameters, trials) for parameters in sets],
     )
     return pushes
 
@@ -82,8 +84,8 @@ def test_the_search_comes_near_the_best() -> None:
     for _ in range(25):
         search.learn(
             [
-                Candidate(tuple(one.tolist()), 10, 10, float(np.sum((one - best) ** 2)), 1.0)
-                for one in search.draw()
+                Candidate(tuple(each.tolist()), 10, 10, float(np.sum((each - best) ** 2)), 1.0)
+                for each in search.draw()
             ]
         )
     assert np.abs(search.middle - best).mean() < 0.03
@@ -92,15 +94,15 @@ def test_the_search_comes_near_the_best() -> None:
 
 def test_pushes_are_of_the_papers_objects_and_never_those_that_are_reported() -> None:
     plan, pushes = random_pushes(60, 7)
-    assert {one.object for one in pushes} == set(PAPER)
-    assert {one.friction for one in pushes} == {"mu1", "mu2"}
-    assert max(abs(one.offset) for one in pushes) <= 0.2
+    assert {push.object for push in pushes} == set(PAPER)
+    assert {push.friction for push in pushes} == {"mu1", "mu2"}
+    assert max(abs(push.offset) for push in pushes) <= 0.2
     for seed in (500, 2025):
         with pytest.raises(ConfigurationError, match="nothing is tuned on them"):
             random_pushes(6, seed)
         with pytest.raises(ConfigurationError, match=f"reported on seed {seed}"):
             tune_push(replace(FEW, seed=seed), Path("nowhere"))
-    assert len({plan.scene_of(one).target for one in pushes}) == 60
+    assert len({plan.scene_of(push).target for push in pushes}) == 60
 
 
 def test_a_rating_puts_success_before_time() -> None:
@@ -131,11 +133,11 @@ def test_frictions_vary_in_the_plane_alike_for_all_sets(monkeypatch: pytest.Monk
 
 def test_the_number_of_workers_changes_nothing() -> None:
     sets = [TUNED, SETS["tuned_neither"]]
-    one, two = (
+    parameters, two = (
         rating.rated_in_plane(sets, 6, 3, executor, Progress("sets", 2))
         for executor in (Here(), Local(2))
     )
-    assert one == two
+    assert parameters == two
 
 
 def test_a_search_goes_on_where_it_stopped(tmp_path: Path, quick: list[int]) -> None:
@@ -163,8 +165,8 @@ def test_what_is_found_can_be_used_by_name(tmp_path: Path, quick: list[int]) -> 
     tune_push(FEW, tmp_path)
     summary = json.loads((tmp_path / "summary.json").read_text())
     assert summary["best"] != "tuned"  # faster is better here
-    told = yaml.safe_load((tmp_path / "parameters.yaml").read_text())
-    found = ReactivePushingConfig(target=(1.0, 0.0), parameters=told).parameters
+    parameters = yaml.safe_load((tmp_path / "parameters.yaml").read_text())
+    found = ReactivePushingConfig(target=(1.0, 0.0), parameters=parameters).parameters
     assert found.fastest > TUNED.fastest
     assert found.model_dump(mode="json") == summary["confirmed"][summary["best"]]["parameters"]
     rows = list(csv.DictReader((tmp_path / "tried.csv").read_text().splitlines()))
@@ -172,7 +174,7 @@ def test_what_is_found_can_be_used_by_name(tmp_path: Path, quick: list[int]) -> 
     assert float(rows[0]["fastest"]) == pytest.approx(TUNED.fastest, rel=0.01)
 
 
-def test_wrong_options_are_told(tmp_path: Path) -> None:
+def test_wrong_options_are_reported(tmp_path: Path) -> None:
     with pytest.raises(ConfigurationError, match="did you mean 'tuned'"):
         tune_push(replace(FEW, start="tunned"), tmp_path / "out")
     with pytest.raises(ConfigurationError, match="that realigns"):
@@ -204,12 +206,12 @@ def test_the_plane_ranks_sets_as_pybullet_does(monkeypatch: pytest.MonkeyPatch) 
     monkeypatch.setattr(Plan, "scene_of", shortened(Plan.scene_of))
     plan, pushes = random_pushes(6, 7)
     sets = [TUNED, check_sets()["length_0.30"], SETS["paper_neither"]]
-    plane = [rate_in_plane(plan, pushes, False, one).cost for one in sets]
-    bullet = [rate_in_bullet(plan, one, pushes).cost for one in sets]
+    plane = [rate_in_plane(plan, pushes, False, parameters).cost for parameters in sets]
+    bullet = [rate_in_bullet(plan, parameters, pushes).cost for parameters in sets]
     assert correlation(plane, bullet) == pytest.approx(1.0)
 
 
-def test_the_check_tells_rates_and_their_correlation(
+def test_the_check_reports_rates_and_their_correlation(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     order = iter(range(100))
@@ -221,7 +223,7 @@ def test_the_check_tells_rates_and_their_correlation(
     monkeypatch.setattr(rating, "rated_in_bullet", made)
     monkeypatch.setattr(
         "contactfusion_lab.tune_push.push.rated_in_plane",
-        lambda sets, trials, *rest, vary: [made(one, trials) for one in sets],
+        lambda sets, trials, *rest, vary: [made(parameters, trials) for parameters in sets],
     )
     check_ranking(20, 1, Here(), tmp_path)
     assert "1.00 of rates, 1.00 of costs" in capsys.readouterr().out

@@ -1,1 +1,1 @@
-"""Experiments: figures that the framework is judged by."""
+"""Experiments: figures that the framework is rated by."""

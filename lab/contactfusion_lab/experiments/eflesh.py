@@ -27,29 +27,29 @@ FOLDS = 10
 BASELINE_NEIGHBOURS = 5
 VOXEL_SIZE = 0.0002
 MIN_SIGNAL = 100.0
-"""Under this length of the signal there is no contact; the lightest presses give 110."""
+"""Least length of the signal in contact; the lightest presses give 110."""
 
 
 def measure(folder: Path, out: Path, method: Method) -> list[Measure]:
-    """Measure location errors under three ways of leaving out; draw them over the grid."""
+    """Measure location errors under three cross-validation splits; draw them over the grid."""
     readings, places = read(folder / "spatial_20250316")
     rng = np.random.default_rng(0)
     point = np.unique(places[:, :2], axis=0, return_inverse=True)[1].ravel()
     block = np.unique(np.floor(places[:, :2] / 0.003 + 1e-6), axis=0, return_inverse=True)[1]
     depth = np.digitize(places[:, 2], np.quantile(places[:, 2], [0.2, 0.4, 0.6, 0.8]))
-    ways = {
+    splits = {
         "grid points left out": _folds(point, rng),
         "depths left out": depth,
         "3 mm blocks left out": _folds(block.ravel(), rng),
     }
     measures: list[Measure] = []
-    for way, fold in ways.items():
+    for split, fold in splits.items():
         located, baseline, sigma = locate(readings, places, fold, method)
-        asked = way == "grid points left out"
-        measures += _errors(way, located, places, point, asked)
+        asked = split == "grid points left out"
+        measures += _errors(split, located, places, point, asked)
         if asked:
-            measures += _honesty(way, located, places, sigma)
-            measures += _errors(f"{way}, mean of nearest", baseline, places, point, False)
+            measures += _coverage(split, located, places, sigma)
+            measures += _errors(f"{split}, mean of nearest", baseline, places, point, False)
             _draw(located, places, out / "eflesh.png")
     return measures
 
@@ -160,10 +160,10 @@ def _errors(
     ]
 
 
-def _honesty(
+def _coverage(
     case: str, located: FloatArray, places: FloatArray, sigma: FloatArray
 ) -> list[Measure]:
-    """How many truths lie within one and two stated standard deviations, by axis."""
+    """Coverage of one and two stated standard deviations, by axis."""
     offsets = np.abs(located - places[:, :2])
     offsets = offsets[np.isfinite(offsets).all(axis=1)]
     sigma = sigma[np.isfinite(located).all(axis=1), None]

@@ -26,10 +26,10 @@ from contactfusion_lab.trials.measures import Measure, grouped, p50, p90, propor
 
 NAME = "force_plates"
 MIN_FORCE = 60.0
-"""Under this force the place is too uncertain to be judged [N]."""
+"""Least force at which the position is certain enough to be rated [N]."""
 VOXEL_SIZE = 0.002
-HALF_WIDTH, AHEAD = 0.032, 0.025
-"""The outline of a foot: half its width, and how far it goes on beyond the toe marker [m]."""
+HALF_WIDTH, BEYOND_TOE = 0.032, 0.025
+"""Outline of a foot: half its width, and its length beyond the toe marker [m]."""
 MOMENT = 0.05
 """Samples of so long a moment depend on each other [s]."""
 PLATES = ("plate_1", "plate_3")
@@ -56,7 +56,7 @@ class Walk:
 
 @dataclass(frozen=True, eq=False)
 class Found:
-    """What the pipeline found on one plate, over samples above the least force.
+    """The contacts found on one plate, over samples above the least force.
 
     Attributes:
         rows: shape (m,), the samples.
@@ -164,7 +164,7 @@ def foot_coordinates(
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """The contacts along and across the foot that stands on the plate, and its length [m].
 
-    The foot is the one whose markers are nearest the plate's centre; the contacts have no say.
+    The foot is the one whose markers are nearest the plate's centre; independent of the contacts.
     """
     centre = walk.recording.corners[plate].mean(axis=0)[:2]
     away = {
@@ -210,7 +210,7 @@ def both_feet(walk: Walk, rows: NDArray[np.intp]) -> NDArray[np.bool_]:
 def _places(
     plate: str, found: Found, along: FloatArray, across: FloatArray, length: FloatArray
 ) -> list[Measure]:
-    inside = (along >= 0.0) & (along <= length + AHEAD) & (np.abs(across) <= HALF_WIDTH)
+    inside = (along >= 0.0) & (along <= length + BEYOND_TOE) & (np.abs(across) <= HALF_WIDTH)
     detected = np.isfinite(found.places[:, 0])
     n = len(found.rows)
     note = "an unreported contact counts as outside"
@@ -284,14 +284,14 @@ def _moments(walk: Walk, found: Found) -> FloatArray:
 def _draw(walk: Walk, found: dict[str, Found], path: Path) -> None:
     figure = new_figure(8.0, 8.0)
     axes = figure.subplots()
-    for number, (plate, one) in enumerate(found.items()):
+    for number, (plate, found_on) in enumerate(found.items()):
         corners = walk.recording.corners[plate][[0, 1, 2, 3, 0], :2]
         axes.plot(*corners.T, color="#888888", linewidth=0.8)
-        clear, flagged = one.places[~one.flagged], one.places[one.flagged]
+        clear, flagged = found_on.places[~found_on.flagged], found_on.places[found_on.flagged]
         axes.plot(*clear.T, ".", markersize=2, color=COLOURS[number], label=f"contacts, {plate}")
         axes.plot(*flagged.T, "x", markersize=4, color="#cc0000")
         for feet in walk.feet.values():
-            for foot in feet[one.rows[:: max(1, len(one.rows) // 6)]]:
+            for foot in feet[found_on.rows[:: max(1, len(found_on.rows) // 6)]]:
                 if foot[:, 2].max() < 0.07:  # standing, not swinging by
                     axes.plot(*foot[:, :2].T, color="#000000", alpha=0.25, linewidth=2)
     axes.plot([], [], "x", color="#cc0000", label="more than one contact suspected")

@@ -2,7 +2,7 @@
 
 The recording gives the wrench in axes that stand still, and the angle of the wheel. Turned back
 into the sensor's axes, the sensor's bias is constant and gravity turns. Mass, centre and bias are
-fitted on one file and taken off in the other, at rest: while nobody pushes.
+fitted on one file and taken off in the other, at rest: while the sensor is unloaded.
 """
 
 from dataclasses import dataclass
@@ -26,7 +26,7 @@ from contactfusion_lab.trials.measures import Measure, grouped, p50
 NAME = "hub"
 RATE = 240.0
 GRAVITY = np.array([0.0, -9.81, 0.0])
-"""In the axes that stand still [m/s²]."""
+"""Gravity in the fixed axes [m/s²]."""
 REST_TORQUE, REST_SAMPLES, MARGIN = 0.75, 9, 24
 """At rest the smoothed moment about the axle is under this [N·m], also 0.1 s before and after."""
 AVERAGE = 0.05
@@ -45,7 +45,7 @@ class Turning:
         angles: shape (n,) [rad], of the wheel.
         forces: shape (n, 3) [N], in the sensor's axes.
         torques: shape (n, 3) [N·m].
-        rest: shape (n,), whether nobody pushes.
+        rest: shape (n,), whether the sensor is unloaded.
     """
 
     stamps: FloatArray
@@ -80,7 +80,7 @@ def measure(folder: Path, out: Path) -> list[Measure]:
 
 
 def read(folder: Path, file: str) -> Turning:
-    """Read one file, and turn its wrenches into the axes of the sensor."""
+    """Read one file, with its wrenches rotated into the axes of the sensor."""
     recording = open_recording(
         {
             "type": "log",
@@ -119,7 +119,7 @@ def read(folder: Path, file: str) -> Turning:
 
 
 def residuals(turning: Turning, compensation: Compensation, average: float) -> FloatArray:
-    """What the force-torque generator leaves of the force, in the axes that stand still.
+    """The residual force after the force-torque generator, in the fixed axes.
 
     Args:
         turning: one file.

@@ -1,8 +1,8 @@
-"""A hand that holds an object, or nothing: does the skin of its fingers tell?
+"""A hand that holds an object, or nothing: can the skin of its fingers distinguish them?
 
 Untouched values and their noise are learned from trials with an empty hand, never from the trial
 under test. The score of a trial is the largest touch among all taxels, in standard deviations of
-the noise, over its last four frames; the hand's joints have no say. Empty hands come in two
+the noise, over its last four frames; the hand's joints are not used. Empty hands come in two
 postures, and taxels answer to posture too: an area of 1 does not mean that only touch was measured.
 """
 
@@ -27,7 +27,7 @@ from contactfusion_lab.trials.measures import CONFIDENCE, RESAMPLES, Measure, au
 NAME = "icub_grasp"
 EMPTY, BEAR, UNRELIABLE = "none", "blue_bear", "full_coke"
 FRAMES = 4
-"""So many frames at the end of a trial are judged; every trial has them."""
+"""Number of frames at the end of a trial that are scored; every trial has them."""
 LEAST_NOISE = 0.5
 """Values are whole numbers: no taxel is believed to be quieter than half of one."""
 TAXELS, PITCH = 12, 0.004
@@ -51,7 +51,7 @@ class Trial:
 
 
 def measure(folder: Path, out: Path, method: Method) -> list[Measure]:
-    """Measure how well touch tells a full hand from an empty one; draw the scores."""
+    """Measure how well touch distinguishes a full hand from an empty one; draw the scores."""
     trials = read(folder / "iCubGraspDataset")
     empty = [trial for trial in trials if trial.object == EMPTY]
     objects = sorted({trial.object for trial in trials} - {EMPTY, UNRELIABLE})
@@ -175,7 +175,7 @@ def _areas(
 
 
 def _detections(full: list[Trial], empty: list[Trial], method: Method) -> list[Measure]:
-    """Run the pipeline at its default floor of five standard deviations."""
+    """Run the pipeline at its default noise threshold of five standard deviations."""
     baseline = learned(empty)
     found = np.array([touched(trial, *baseline, method) for trial in full])
     false = np.array(

@@ -15,7 +15,7 @@ from contactfusion.rule import Rule
 
 @dataclass(frozen=True)
 class Method:
-    """How hypotheses are fused: a rule and a condensation.
+    """A fusion method: a rule and a condensation.
 
     Attributes:
         rule: the name of the rule.
@@ -57,7 +57,7 @@ class Method:
 
     @property
     def stem(self) -> str:
-        """What its files are called after."""
+        """Stem of the names of its files."""
         factor = "" if self.spreads == 1.0 else f"_spreads_{self.spreads:g}"
         return f"{self.rule}_{self.condensation}{factor}"
 

@@ -1,9 +1,9 @@
 """Scans of real Ouster sensors: what the proximity descriptor makes of them.
 
-No recording shows a robot, and nobody wrote down where the sensor stood: for each a pose is taken
-in which what is near lies in the region before a robot's face. So nothing is said about how true
-the lengths are. What is measured: whether the descriptor is what plain loops make of the paper's
-equations, its time, and what is lost when every 4th ring of an OS-0-128 is kept, as an OS-0-32 has.
+No recording shows a robot, and the pose of the sensor is unknown: for each a pose is assumed
+in which near points lie in the region before a robot's face. So the accuracy of the lengths is not
+measured. Measured are: whether the descriptor is what plain loops make of the paper's
+equations, its time, and the loss when every 4th ring of an OS-0-128 is kept, as an OS-0-32 has.
 """
 
 import time
@@ -25,21 +25,21 @@ from contactfusion_lab.trials.measures import Measure, p50
 
 NAME = "ouster"
 REPEATS = 21
-"""So often a scan is taken for the median of its time."""
+"""Repetitions of a scan for the median of its time."""
 EXACT = 1e-9
-"""Loops and arrays add up alike but for rounding [m]."""
+"""Tolerance between loops and arrays, which differ by rounding only [m]."""
 
 
 @dataclass(frozen=True)
 class Scanned:
-    """A recording, and the pose of its sensor that is taken.
+    """A recording, and the assumed pose of its sensor.
 
     Attributes:
         file: its name.
         xyz: where the sensor stands in the robot's frame [m].
         yaw: the sensor is turned by this about the vertical [degrees].
         rings: how many its sensor has.
-        near: whether anything is near.
+        near: whether any points are near.
     """
 
     file: str
@@ -50,7 +50,7 @@ class Scanned:
 
     @property
     def stem(self) -> str:
-        """What it is called."""
+        """Name of the file without its suffix."""
         return Path(self.file).stem
 
     def __str__(self) -> str:
@@ -73,7 +73,11 @@ def measure(folder: Path, out: Path) -> list[Measure]:
         terminal.note(f"  left out: Ouster files can be read once this has been run: {COMMAND}")
         return []
     config = ProximityConfig()
-    return [one for recording in RECORDINGS for one in _measured(folder, out, recording, config)]
+    return [
+        measured
+        for recording in RECORDINGS
+        for measured in _measured(folder, out, recording, config)
+    ]
 
 
 def _measured(
@@ -92,14 +96,14 @@ def _measured(
     apart = np.abs(few - many)
     case = f"{recording.stem}, {rings} rings instead of {recording.rings}"
     measures += [
-        _told(case, "greatest difference of a strip", float(apart.max()), "m", len(apart)),
-        _told(case, "median difference of a strip", p50(apart), "m", len(apart)),
+        _figure(case, "greatest difference of a strip", float(apart.max()), "m", len(apart)),
+        _figure(case, "median difference of a strip", p50(apart), "m", len(apart)),
     ]
     if len(whole) > 1:
         before = config.lengths_of_cloud(whole[-2])
         case = f"{recording.stem}, from one scan to the next"
         change = float(np.abs(many - before).max())
-        measures.append(_told(case, "greatest change of a strip", change, "m", len(many)))
+        measures.append(_figure(case, "greatest change of a strip", change, "m", len(many)))
     title = f"{recording.stem}, from above\n{recording}"
     clouds = {recording.rings: whole[-1], rings: thin[-1]}
     _draw_strips(title, clouds, config, out / f"ouster_{recording.stem}.png")
@@ -121,10 +125,10 @@ def _scans(folder: Path, out: Path, recording: Scanned, every_nth_row: int) -> l
 def _figures(
     recording: Scanned, rings: int, scans: list[FloatArray], config: ProximityConfig
 ) -> list[Measure]:
-    """What all scans say together, and what is in the last."""
+    """Measures over all scans, and of the content of the last."""
     case = f"{recording.stem}, {rings} rings"
-    told = [_in_millimetres(config.lengths_of_cloud(scan)) for scan in scans]
-    for number, lengths in enumerate(told, 1):
+    millimetres = [_in_millimetres(config.lengths_of_cloud(scan)) for scan in scans]
+    for number, lengths in enumerate(millimetres, 1):
         terminal.note(
             f"    {rings} rings, scan {number}, lengths from right to left [mm]: {lengths}"
         )
@@ -139,13 +143,13 @@ def _figures(
     )
     inside = int(config.region.holds(scans[-1]).sum())
     occupied = int((last < config.empty).sum())
-    note = f"lengths [mm]: {told[-1]}; {recording}"
+    note = f"lengths [mm]: {millimetres[-1]}; {recording}"
     count = config.columns
     return [
-        _told(case, "points in the region", inside, "", len(scans[-1])),
-        _told(case, "strips with a point", occupied, "", count, note=note),
-        _told(case, "strips that one point decides", _lonely(scans[-1], config), "", count),
-        _told(case, "difference from plain loops", wrong, "m", len(scans) * count, EXACT),
+        _figure(case, "points in the region", inside, "", len(scans[-1])),
+        _figure(case, "strips with a point", occupied, "", count, note=note),
+        _figure(case, "strips that one point decides", _lonely(scans[-1], config), "", count),
+        _figure(case, "difference from plain loops", wrong, "m", len(scans) * count, EXACT),
     ]
 
 
@@ -158,11 +162,11 @@ def _lonely(points: FloatArray, config: ProximityConfig) -> int:
     x, y, _ = points[config.region.holds(points)].T
     strips = np.searchsorted(config.bounds(), y, side="right") - 1
     rows = np.floor((x - config.region.x[0]) / config.cell[0])
-    ways = [rows[strips == strip] for strip in range(config.columns)]
-    return sum(int((way == way.min()).sum()) == 1 for way in ways if way.size)
+    depths = [rows[strips == strip] for strip in range(config.columns)]
+    return sum(int((rows == rows.min()).sum()) == 1 for rows in depths if rows.size)
 
 
-def _told(
+def _figure(
     case: str,
     metric: str,
     value: float,
@@ -171,7 +175,7 @@ def _told(
     asked: float | None = None,
     note: str = "",
 ) -> Measure:
-    """A figure that has no spread."""
+    """A measure without an interval."""
     return Measure(NAME, case, metric, value, value, value, unit, n, asked, "less", note)
 
 

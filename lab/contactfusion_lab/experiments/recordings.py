@@ -25,11 +25,11 @@ FUSED: dict[str, tuple[Fused, Method]] = {
     "eflesh": (eflesh.measure, Method("de_morgan", "cluster_centroid")),
     "icub_grasp": (icub.measure, Method("de_morgan", "cluster_centroid")),
 }
-"""What runs on which part of the recordings, and how hypotheses are fused unless it is told."""
+"""Experiments by the part of the recordings that they run on, with their default fusion methods."""
 UNFUSED: dict[str, Experiment] = {"hub": hub.measure, "ouster": ouster.measure}
-"""What runs without fusing anything."""
+"""Experiments without fusion."""
 FOLDERS = {"hub": "force_plates"}
-"""Where recordings lie that are not in a folder of their own."""
+"""Folders of the recordings that share that of another experiment."""
 
 
 def run_recordings(data: Path | None, method: Method | None, out: Path) -> None:
@@ -54,27 +54,31 @@ def run_recordings(data: Path | None, method: Method | None, out: Path) -> None:
             raise RecordingError(f"there is no folder '{part}'; the recordings of {name} lie there")
         found = measure(part, out)
         if method is not None:
-            found = [dataclasses.replace(one, case=f"{one.case}, {method}") for one in found]
-        for one in found:
-            note(f"  {one}")
+            found = [
+                dataclasses.replace(figure, case=f"{figure.case}, {method}") for figure in found
+            ]
+        for figure in found:
+            note(f"  {figure}")
         measures += found
         write_whole(out / "results.csv", _csv(measures))
-    summary = [{**dataclasses.asdict(one), "met": one.met} for one in measures]
+    summary = [{**dataclasses.asdict(figure), "met": figure.met} for figure in measures]
     write_whole(out / "summary.json", json.dumps(summary, indent=2, ensure_ascii=False) + "\n")
-    asked = [one for one in measures if one.met is not None]
-    print(f"{sum(bool(one.met) for one in asked)} of {len(asked)} figures as asked; results: {out}")
+    asked = [figure for figure in measures if figure.met is not None]
+    print(
+        f"{sum(bool(each.met) for each in asked)} of {len(asked)} figures as asked; results: {out}"
+    )
 
 
 def _csv(measures: Sequence[Measure]) -> str:
     """One row a measure."""
     frame = frame_of(measures, Measure)
-    asked = ["" if one.asked is None else f"{one.asked:.6g}" for one in measures]
-    met = ["" if one.met is None else str(one.met) for one in measures]
+    asked = ["" if figure.asked is None else f"{figure.asked:.6g}" for figure in measures]
+    met = ["" if figure.met is None else str(figure.met) for figure in measures]
     return as_csv(frame.assign(asked=asked, met=met), missing="nan")
 
 
 def _experiments(method: Method | None) -> dict[str, Experiment]:
-    """What is measured, by name, by one method or each by its own."""
+    """The experiments by name, by one fusion method or each by its own."""
 
     def by(measure: Fused, own: Method) -> Experiment:
         return lambda folder, out: measure(folder, out, method or own)

@@ -33,20 +33,20 @@ from contactfusion_lab.trials.folder import claim, save_figure, trial_file
 from contactfusion_lab.trials.runner import Failure, Made, kept, ordered
 
 SUFFIX = ".npz"
-"""Of the files of trials."""
+"""Suffix of the files of trials."""
 RATE = 10.0
-"""Of the cycles [Hz]."""
+"""Rate of the cycles [Hz]."""
 COLLECTION = 3
 """Counts up when lessons change, so that old ones are not taken for new."""
 FILE = "cpm.safetensors"
-"""The networks, in the folder of a round and in that of the whole."""
+"""The networks, in the folder of an iteration and in that of the training."""
 NAMES: tuple[Name, ...] = get_args(Name)
 Round = dict[Name, Trained]
-"""Both networks of a round."""
+"""Both networks of a DAgger iteration."""
 Task = tuple[Name, Weights | None]
 """A network to train, and its first weights."""
 EVERY = 10
-"""A loss is reported after so many epochs."""
+"""Epochs between two reports of the loss."""
 TITLES = {
     "location": "location: mean square error of the scaled l",
     "type": "type: cross-entropy",
@@ -58,14 +58,14 @@ class Options:
     """Options of the training.
 
     Attributes:
-        rounds: how often the networks drive, and learn from what came of it.
+        rounds: DAgger iterations, in which the networks drive and learn from their rollouts.
         varied: pushes beside the paper's 156 + 36, driven by skin.
-        driven: pushes of each round that the networks drive.
+        driven: pushes of each iteration that the networks drive.
         tested: pushes of the test from each mounting.
-        epochs: of the last training.
-        early: epochs of the trainings before, each of which begins with the weights of the last.
+        epochs: of the last iteration.
+        early: epochs of the iterations before, each of which begins with the weights of the last.
         stride: an epoch sees every so-manieth window.
-        seed: of all chance.
+        seed: of all random draws.
         executor: the workers that make the pushes.
     """
 
@@ -83,12 +83,12 @@ class Options:
 def train_cpm(options: Options, out: Path) -> None:
     """Train the contact networks from nothing; goes on where it was stopped.
 
-    In round 0 the skin drives; in each later round the networks of the one before drive, and what
-    they get into is learned with its true labels (DAgger). The networks of a round begin with the
-    weights of the last; the last round is trained for all epochs.
+    In iteration 0 the skin drives; in each later one the networks of the one before drive, and
+    their rollouts are learned with true labels (DAgger). The networks of an iteration begin with
+    the weights of the last; those of the last are trained for all epochs.
 
     Args:
-        options: how much of everything.
+        options: of the training.
         out: the folder that takes the trials, checkpoints, learning curves, the tests, and
             `cpm.safetensors` with its card `cpm.json`.
 
@@ -103,20 +103,22 @@ def train_cpm(options: Options, out: Path) -> None:
     trials: list[LabelledTrial] = []
     rounds: list[tuple[Dataset, Round]] = []
     networks = None
-    for turn in range(options.rounds + 1):
-        note(f"round {turn} of {options.rounds}")
-        trials += _collected(_lessons(turn, options), networks, options.executor, out)
-        data, folder = Dataset.of(trials), out / f"round_{turn}"
+    for iteration in range(options.rounds + 1):
+        note(f"round {iteration} of {options.rounds}")
+        trials += _collected(_lessons(iteration, options), networks, options.executor, out)
+        data, folder = Dataset.of(trials), out / f"round_{iteration}"
         how = training.Options(
             seed=options.seed,
-            epochs=options.epochs if turn == options.rounds else options.early,
+            epochs=options.epochs if iteration == options.rounds else options.early,
             stride=options.stride,
         )
         before = rounds[-1][1] if rounds else None
         trained = _trained_round(data, how, before, options.executor.local, folder)
         rounds.append((data, trained))
         networks = _write(folder / FILE, data, trained, _described(trials, options), {})
-    histories = {str(name): [one[name].history for _, one in rounds] for name in NAMES}
+    histories = {
+        str(name): [networks_of[name].history for _, networks_of in rounds] for name in NAMES
+    }
     print(f"learning curves: {draw_curves(histories, out / 'curves.png')}", flush=True)
     data, trained = rounds[-1]
     shipped = _write(out / FILE, data, trained, _described(trials, options), {})
@@ -128,7 +130,7 @@ def train_cpm(options: Options, out: Path) -> None:
 def _write(
     path: Path, data: Dataset, trained: Round, description: str, figures: Mapping[str, float]
 ) -> Path:
-    """Write the networks of a round with their card; give the path."""
+    """Write the networks of an iteration with their model card; return the path."""
     card = write_networks(
         path, trained["location"], trained["type"], data, PROXIMITY, RATE, description, figures
     )
@@ -136,14 +138,14 @@ def _write(
     return path
 
 
-def _lessons(turn: int, options: Options) -> list[Lesson]:
-    if turn == 0:
+def _lessons(iteration: int, options: Options) -> list[Lesson]:
+    if iteration == 0:
         return first_lessons(options.varied, options.seed)
-    return driven_lessons(options.driven, turn, MOUNTINGS, options.seed)
+    return driven_lessons(options.driven, iteration, MOUNTINGS, options.seed)
 
 
 def _described(trials: Sequence[LabelledTrial], options: Options) -> str:
-    """What networks were trained on."""
+    """Description of the training data."""
     cycles = sum(len(trial.stamp) for trial in trials)
     return (
         f"{len(trials)} simulated pushes, {cycles} cycles, each seen from {len(MOUNTINGS)} places: "
@@ -158,7 +160,7 @@ def _collected(
     """Make the pushes that are not kept yet; the trials of all.
 
     Args:
-        lessons: the pushes of a round.
+        lessons: the pushes of an iteration.
         weights: of the networks that drive, when they do.
         executor: the workers.
         out: the folder that takes a file for each trial.
@@ -181,12 +183,12 @@ def _made(weights: Path | None, lesson: Lesson) -> Made:
 def _trained_round(
     data: Dataset, how: training.Options, before: Round | None, executor: Executor, folder: Path
 ) -> Round:
-    """Train both networks, each in a process, on from those of the round before.
+    """Train both networks, each in a process, on from those of the iteration before.
 
     Args:
-        data: of this round and all before.
+        data: of this iteration and all before.
         how: they are trained.
-        before: the networks of the round before, or None.
+        before: the networks of the iteration before, or None.
         executor: workers on this machine, as checkpoints are files of it.
         folder: takes the checkpoints.
 
@@ -220,10 +222,11 @@ def _report(line: str) -> None:
 
 
 def draw_curves(histories: Mapping[str, Sequence[FloatArray]], path: Path) -> Path:
-    """Draw the losses of all epochs; rounds follow each other, each with its lowest one marked.
+    """Draw the losses of all epochs; iterations follow each other, each with its lowest marked.
 
     Args:
-        histories: for each network those of its rounds, shape (epochs, 2): training, validation.
+        histories: for each network those of its iterations, shape (epochs, 2): training, then
+            validation.
         path: the PNG to write.
 
     Returns:

@@ -30,38 +30,38 @@ Split = Literal["training", "validation"]
 MOUNTINGS = ("lidar", "lidar_side", "lidar_tilted")
 """Every push is seen from all of them at once."""
 SKIN = "skin"
-"""The driver that feels the truth's own skin."""
+"""The driver that senses by the skin."""
 WITHOUT = 12
-"""So many pushes of the paper's never touch (O §III-B)."""
+"""Number of the paper's pushes that never touch (O §III-B)."""
 HELD = 7
 """Every so-manieth varied push is for validation; drivers and frictions alternate by 2, 3 and 5."""
 FIELD, NEAREST = 3.0, 0.6
 """Varied targets lie within this along x and y, and not so near to the start [m]."""
 OFFSET, YAW = 0.2, 45.0
-"""How far varied objects stand to either side [m], and how they are turned [degrees]."""
+"""Greatest lateral offset of varied objects [m], and greatest yaw [degrees]."""
 AS_IN_PAPER = 0.6
 """The share of varied pushes with one of the paper's objects; others have some of their kind."""
 VARIED_DRIVERS = ("tuned", "tuned", "tuned_neither", "paper", "tuned_realign_only")
 """Who steers varied pushes by skin."""
 Motion = tuple[float, float, float]
-"""Ahead, to the left [m/s], turn [rad/s]."""
+"""Forward, lateral [m/s], yaw rate [rad/s]."""
 LONGEST = 60.0
-"""A lesson ends after so long [s]."""
+"""Timeout of a push [s]."""
 ONCE_MORE = 2.0
-"""At the target the base backs off for so long, and comes back for as long [s]."""
+"""Time for which the base backs off at the target, and in which it comes back [s]."""
 SLOWEST, FASTEST = (0.05, -0.1, -0.3), (0.3, 0.1, 0.3)
-"""How it then moves is drawn between these: ahead and aside [m/s], turn [rad/s]."""
+"""Limits of the random motion then: forward, lateral [m/s], yaw rate [rad/s]."""
 PROXIMITY = ProximityConfig(occupied=2)
-"""How proximity lengths are made."""
+"""Configuration of the proximity lengths."""
 BEHIND = 0.05
-"""What touches so far behind the face touches a side of the base [m]."""
+"""Distance behind the face from which a contact is at a side of the base [m]."""
 TAXELS = 12
-"""Of the front of the skin."""
+"""Number of taxels on the front of the skin."""
 
 
 @dataclass(frozen=True)
 class Detour:
-    """A while in which the base moves so, whatever the controller says.
+    """A period in which the base moves by a given twist, whatever the controller commands.
 
     Attributes:
         start: [s].
@@ -76,21 +76,21 @@ class Detour:
 
 @dataclass(frozen=True)
 class Lesson:
-    """One push to learn from.
+    """One push of the dataset.
 
     Attributes:
         name: of the push, and of its file.
-        split: what it is for.
-        round: 0 when the skin drives; later ones are driven by the networks of the one before.
+        split: training, validation or test.
+        round: DAgger iteration, 0 when the skin drives; then the networks of the one before drive.
         object: its name, or its fields.
         friction: its name.
-        target: where to, in `odom` [m].
+        target: of the push, in `odom` [m].
         offset: of the object to the left [m].
         yaw: of the object [degrees].
         driver: "skin", or the mounting whose networks drive.
         controller: the parameters of reactive pushing.
-        detours: when the base moves otherwise.
-        seed: of all chance in it.
+        detours: periods in which the base moves otherwise.
+        seed: of its random draws.
     """
 
     name: str
@@ -107,7 +107,7 @@ class Lesson:
     seed: int = 0
 
     def detour_at(self, stamp: float) -> Motion | None:
-        """How the base is to move at a stamp [s], when it is not the controller's turn."""
+        """Motion of the base at a stamp [s], during a detour."""
         for detour in self.detours:
             if detour.start <= stamp < detour.end:
                 return detour.motion
@@ -119,55 +119,59 @@ def first_lessons(varied: int, seed: int) -> list[Lesson]:
 
     Args:
         varied: how many of these.
-        seed: of all chance.
+        seed: of all random draws.
     """
     lessons: list[Lesson] = []
     sets: dict[Split, Sequence[Place]] = {"training": GRID, "validation": VALIDATION}
     for split, places in sets.items():
-        for thing in PAPER:
+        for object_name in PAPER:
             for friction in FRICTIONS:
                 for row, target in enumerate(places):
-                    name = f"{split}-{thing}-{friction}-{row:02d}"
+                    name = f"{split}-{object_name}-{friction}-{row:02d}"
                     chance = _seed(seed, name)
-                    lessons.append(Lesson(name, split, 0, thing, friction, target, seed=chance))
+                    lessons.append(
+                        Lesson(name, split, 0, object_name, friction, target, seed=chance)
+                    )
     for row in range(WITHOUT):
         rng = np.random.default_rng([seed, 1, row])
-        thing = list(PAPER)[row % len(PAPER)]
-        away = Detour(0.0, 15.0, (-float(rng.uniform(0.05, 0.3)), *_aside(rng)))
+        object_name = list(PAPER)[row % len(PAPER)]
+        away = Detour(0.0, 15.0, (-float(rng.uniform(0.05, 0.3)), *_lateral_and_yaw(rng)))
         name = f"training-without-{row:02d}"
         chance = _seed(seed, name)
         lessons.append(
-            Lesson(name, "training", 0, thing, "mu1", (2.0, 0.0), detours=(away,), seed=chance)
+            Lesson(
+                name, "training", 0, object_name, "mu1", (2.0, 0.0), detours=(away,), seed=chance
+            )
         )
     lessons += [_varied(row, 0, SKIN, seed) for row in range(varied)]
     return lessons
 
 
-def driven_lessons(count: int, turn: int, mountings: Sequence[str], seed: int) -> list[Lesson]:
+def driven_lessons(count: int, iteration: int, mountings: Sequence[str], seed: int) -> list[Lesson]:
     """Varied pushes that networks drive, each from one of the mountings."""
-    return [_varied(row, turn, mountings[row % len(mountings)], seed) for row in range(count)]
+    return [_varied(row, iteration, mountings[row % len(mountings)], seed) for row in range(count)]
 
 
-def _varied(row: int, turn: int, driver: str, seed: int) -> Lesson:
-    rng = np.random.default_rng([seed, 2, turn, row])
+def _varied(row: int, iteration: int, driver: str, seed: int) -> Lesson:
+    rng = np.random.default_rng([seed, 2, iteration, row])
     split: Split = "validation" if row % HELD == HELD - 1 else "training"
     detours, stamp = [], 0.0
     for _ in range(rng.integers(0, 4)):
         stamp += float(rng.uniform(1.5, 12.0))
         end = stamp + float(rng.uniform(0.3, 4.0))
-        detours.append(Detour(stamp, end, (float(rng.uniform(-0.3, 0.1)), *_aside(rng))))
+        detours.append(Detour(stamp, end, (float(rng.uniform(-0.3, 0.1)), *_lateral_and_yaw(rng))))
         stamp = end
     controller = VARIED_DRIVERS[row % len(VARIED_DRIVERS)] if driver == SKIN else "tuned"
-    name = f"{split}-varied-{turn}-{row:03d}"
+    name = f"{split}-varied-{iteration}-{row:03d}"
     return Lesson(
-        name, split, turn, _object(rng), list(FRICTIONS)[row % 2], _target(rng),
+        name, split, iteration, _object(rng), list(FRICTIONS)[row % 2], _target(rng),
         float(rng.uniform(-OFFSET, OFFSET)), float(rng.uniform(-YAW, YAW)), driver, controller,
         tuple(detours), _seed(seed, name),
     )  # fmt: skip
 
 
 def _seed(seed: int, name: str) -> int:
-    """The seed of all that is left to chance in a lesson."""
+    """The seed of all random draws of a push."""
     return crc32(f"{seed} {name}".encode())
 
 
@@ -191,17 +195,17 @@ def _target(rng: np.random.Generator) -> Place:
             return x, y
 
 
-def _aside(rng: np.random.Generator) -> tuple[float, float]:
+def _lateral_and_yaw(rng: np.random.Generator) -> tuple[float, float]:
     return float(rng.uniform(-0.15, 0.15)), float(rng.uniform(-0.4, 0.4))
 
 
 @dataclass(frozen=True, eq=False)
 class Moment:
-    """One cycle of a lesson: what is seen, and what is true.
+    """One cycle of a push: proximity lengths and ground truth.
 
     Attributes:
         descriptors: shape (k, S) [m], the proximity lengths from each mounting.
-        truth: how the object touches.
+        truth: the contact of the object.
     """
 
     descriptors: FloatArray
@@ -209,7 +213,7 @@ class Moment:
 
 
 def live(lesson: Lesson, weights: Path | None) -> LabelledTrial:
-    """Push, and keep what networks can learn from.
+    """A labelled trial of one push.
 
     Args:
         lesson: the push.
@@ -236,16 +240,16 @@ def live(lesson: Lesson, weights: Path | None) -> LabelledTrial:
 
 
 def _touch(truth: PushTruth) -> tuple[str, float]:
-    """How and where an object touches the face; beside or behind it nothing can be seen."""
-    ahead, lateral = truth.contact
-    if ahead < PROXIMITY.region.x[0] - BEHIND:
+    """Kind and lateral position of the contact on the face; none is visible beside or behind it."""
+    forward, lateral = truth.contact
+    if forward < PROXIMITY.region.x[0] - BEHIND:
         return "none", np.nan
     return truth.kind, lateral
 
 
 @final
 class _Rollout(Stream):
-    """A lesson that passes cycle by cycle, by the commands of a pipeline and its detours.
+    """A rollout cycle by cycle, by the commands of a pipeline and the detours of the push.
 
     Args:
         lesson: the push.
@@ -262,20 +266,20 @@ class _Rollout(Stream):
             sees=MOUNTINGS,
         )
         self.moments: list[Moment] = []
-        """Of the cycles so far."""
+        """Moments of the cycles so far."""
         self._lesson, self._robot = lesson, robot
         self._scene = PushScene(config, robot, lesson.seed)
         self._command: Command | None = None
 
     def readings(self) -> Iterator[Reading]:
-        """What the sensors read."""
+        """The readings of the sensors."""
         return (reading for arrival in self.arrivals() for reading in arrival.readings)
 
     def arrivals(self) -> Iterator[Arrival]:
-        """What the sensors read in each cycle, at its end, until the lesson ends."""
+        """The readings of each cycle, at its end, until the push ends."""
         scene, lesson, end = self._scene, self._lesson, LONGEST
         drawn = np.random.default_rng([lesson.seed, 3]).uniform(SLOWEST, FASTEST).tolist()
-        ahead, aside, turn = drawn
+        forward, lateral, yaw_rate = drawn
         while True:
             readings, truth = scene.readings(), scene.truth()
             self.moments.append(Moment(_descriptors(readings, self._robot), truth))
@@ -288,7 +292,9 @@ class _Rollout(Stream):
             if scene.stamp >= end or np.hypot(*truth.object[:2]) > scene.config.furthest:
                 return
             if end < LONGEST:
-                scene.drive(-ahead if scene.stamp < end - ONCE_MORE else ahead, aside, turn)
+                scene.drive(
+                    -forward if scene.stamp < end - ONCE_MORE else forward, lateral, yaw_rate
+                )
             else:
                 scene.drive(*(lesson.detour_at(scene.stamp) or _motion(command.twist)))
 
@@ -309,7 +315,7 @@ def _pipeline(lesson: Lesson, weights: Path | None) -> Pipeline:
 
 def _descriptors(readings: Sequence[Reading], robot: RobotConfig) -> FloatArray:
     """The proximity lengths as each LiDAR sees them, shape (k, S) [m]."""
-    clouds = {one.sensor: one for one in readings if isinstance(one, PointCloud)}
+    clouds = {reading.sensor: reading for reading in readings if isinstance(reading, PointCloud)}
     rows = []
     for name in MOUNTINGS:
         pose = robot.frames[clouds[name].frame].pose()

@@ -33,26 +33,26 @@ from contactfusion_lab.learning.networks import (
 RISE = 0.3
 """The part of the epochs in which the rate of one cycle rises."""
 Report = Callable[[int, float, float, float], None]
-"""Hears after each epoch: its number from 1, training and validation loss, seconds left."""
+"""Called after each epoch: its number from 1, training and validation loss, seconds left."""
 Batch = tuple[torch.Tensor, torch.Tensor]
-"""Windows, and what a network is to say of them."""
+"""Windows, and the targets of a network."""
 MOMENTS = ("step", "exp_avg", "exp_avg_sq")
-"""What Adam keeps of each tensor."""
+"""State of Adam for each tensor."""
 
 
 class Options(Model):
-    """How a network is trained."""
+    """Hyperparameters of a training."""
 
     seed: int = Field(default=0, ge=0)
-    """Of the first weights and of the order of the windows."""
+    """Seed of the first weights and of the order of the windows."""
     epochs: int = Field(default=200, ge=1)
     batch: int = Field(default=256, ge=1)
     """Windows for one step of Adam."""
     rate: float = Field(default=6e-3, gt=0)
-    """Of learning, the greatest. The paper has 1e-3 throughout: the location then erred by 4.25 cm
+    """Greatest learning rate. With 1e-3 throughout, as in the paper, the location erred by 4.25 cm
     on validation in place of 3.96, after 30 epochs of every twelfth window, with one seed."""
     schedule: Literal["constant", "one_cycle"] = "one_cycle"
-    """How the rate goes: as it is, or up along half a cosine and then down to 0."""
+    """Learning rate over time: constant, or up along half a cosine and then down to 0."""
     stride: int = Field(default=1, ge=1)
     """An epoch sees every so-manieth window, the next one those beside them."""
     mirrored: bool = True
@@ -99,7 +99,7 @@ def train(
         data: the windows.
         options: how.
         folder: takes the checkpoint `<name>.npz`, from which it goes on when it was stopped.
-        warm: weights to begin with, such as those of the round before; None: drawn ones.
+        warm: initial weights, such as those of the iteration before; None: random ones.
         report: takes each epoch.
 
     Raises:
@@ -131,7 +131,7 @@ def train(
 
 @final
 class Learner:
-    """A network, its optimiser, and what came of each epoch.
+    """A network, its optimiser, and the losses of each epoch.
 
     Args:
         name: of the network.
@@ -207,11 +207,13 @@ class Learner:
                 moment: torch.tensor(held[f"{moment}.{name}"]) for moment in MOMENTS
             }
         self.generator.set_state(torch.tensor(held["generator"]))
-        self.history = [(float(one), float(other)) for one, other in held["history"]]
+        self.history = [
+            (float(training), float(validation)) for training, validation in held["history"]
+        ]
 
 
 class _Share(NamedTuple):
-    """The windows of one split that a network learns from, and what it is to say of them."""
+    """The windows of one split that a network learns from, and their targets."""
 
     name: Name
     rows: torch.Tensor
@@ -291,8 +293,8 @@ def _rate(options: Options, epoch: int) -> float:
     if options.schedule == "constant":
         return options.rate
     part = (epoch + 0.5) / options.epochs
-    way = part / RISE if part < RISE else (1.0 - part) / (1.0 - RISE)
-    return options.rate * 0.5 * (1.0 - math.cos(math.pi * way))
+    phase = part / RISE if part < RISE else (1.0 - part) / (1.0 - RISE)
+    return options.rate * 0.5 * (1.0 - math.cos(math.pi * phase))
 
 
 def _settings(

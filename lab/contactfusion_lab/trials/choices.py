@@ -1,11 +1,11 @@
-"""What a user chooses by name: of what there is, once each."""
+"""Choices of a user by name, each known and given once."""
 
 from collections.abc import Collection, Sequence
 
 from contactfusion.errors import ConfigurationError, name_hint
 
 LISTED = 30
-"""Of more names the nearest are no help."""
+"""Number of names up to which all are listed in a hint."""
 
 
 def require_known(names: Sequence[str], known: Collection[str], kind: str, plural: str) -> None:

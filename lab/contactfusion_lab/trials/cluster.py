@@ -39,18 +39,18 @@ WITHOUT = 60.0
 """For so long tasks wait for a worker, when none is left [s]."""
 LOOK = 2.0
 """While nothing is ready, scheduler and workers are looked after at this period [s]."""
-AHEAD = 64
-"""At least so many tasks are with the scheduler at a time, and two for each worker."""
+QUEUED = 64
+"""Least number of tasks queued at the scheduler, which are at least two for each worker."""
 PACKAGES = (
     "contactfusion", "contactfusion-lab", "distributed", "numba", "numpy", "pin", "pybullet",
     "scipy",
 )  # fmt: skip
-"""What has to be of the same version on all machines."""
+"""Packages that have to be of the same version on all machines."""
 
 
 @dataclass(frozen=True)
 class Unfit:
-    """What a worker that is not as this process gives in place of a result.
+    """The result of a worker whose versions differ from those of this process.
 
     Attributes:
         why: a sentence.
@@ -107,12 +107,12 @@ class Dask(Executor):
     def _shared(
         self, client: Client, make: Callable[[T], R], tasks: Sequence[tuple[int, T]]
     ) -> Iterator[tuple[int, R | WorkerCrashed]]:
-        ahead = max(AHEAD, 2 * len(_workers(client)))
+        queued = max(QUEUED, 2 * len(_workers(client)))
         waiting = deque(tasks)
         at_work: dict[int, Future[Any]] = {}
         ready = SimpleQueue[int]()
         while waiting or at_work:
-            while waiting and len(at_work) < ahead:
+            while waiting and len(at_work) < queued:
                 row, task = waiting.popleft()
                 at_work[row] = client.submit(_do, _versions(), make, task, pure=False)
                 at_work[row].add_done_callback(partial(_note, ready, row))
@@ -227,7 +227,7 @@ def _do(versions: dict[str, str], make: Callable[[T], R], task: T) -> R | Unfit:
 
 @cache
 def _versions() -> dict[str, str]:
-    """What results depend on: versions, and a digest of our own files."""
+    """Versions that results depend on, and a digest of our own files."""
     found = {"Python": platform.python_version()}
     for package in PACKAGES:
         try:
@@ -249,7 +249,7 @@ def _versions() -> dict[str, str]:
 
 
 def _other(address: str, versions: dict[str, str], ours: dict[str, str]) -> str:
-    """How the versions of a worker differ from ours; nothing if they do not."""
+    """Differences of the versions of a worker from ours; empty if there are none."""
     for name, value in ours.items():
         if versions.get(name) != value:
             what = f"{name} {versions.get(name, 'missing')}, not {value} as here"

@@ -139,7 +139,7 @@ class _Worker(Generic[T, R]):
         self.send(row, task)
 
     def send(self, row: int, task: T) -> None:
-        """Let it do a task."""
+        """Start a task."""
         self.row = row
         try:
             self.pipe.send(task)
@@ -177,7 +177,7 @@ def _serve(make: Callable[[T], R], pipe: Connection) -> None:
 
 @contextmanager
 def _one_thread_each() -> Iterator[None]:
-    """Let processes that begin within have one thread, unless the user says how many.
+    """Limit processes that begin within to one thread, unless the user has set a number.
 
     There are as many workers as there are cores to use; a second thread of one would wait for the
     others, and a cycle of 5 ms would take 25.
@@ -194,7 +194,7 @@ def _one_thread_each() -> Iterator[None]:
 class ShippedFile(Native):
     """A path that takes its file along where it is pickled, and those beside it of the same stem.
 
-    Where it arrives it is the same path, if the same files are there, and else that of a copy,
+    Unpickled it is the same path, if the same files are there, and else that of a copy,
     which lasts as long as the process.
     """
 
@@ -206,7 +206,7 @@ class ShippedFile(Native):
 def _arrived(path: str, files: dict[str, bytes]) -> ShippedFile:
     there = Path(path)
     beside = [there.with_name(name) for name in files]
-    if all(one.is_file() and one.read_bytes() == files[one.name] for one in beside):
+    if all(copy.is_file() and copy.read_bytes() == files[copy.name] for copy in beside):
         return ShippedFile(there)
     digest = hashlib.sha256(b"".join(files.values())).hexdigest()
     folder = Path(_copies().name) / digest

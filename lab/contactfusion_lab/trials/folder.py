@@ -16,7 +16,7 @@ from contactfusion.files import make_folder, write_whole
 TRIALS = "trials"
 """The folder in it that keeps them."""
 SHOWN = 0.08
-"""How long a frame is shown [s]."""
+"""Duration of a frame [s]."""
 
 
 def trial_file(out: Path, name: str, suffix: str) -> Path:

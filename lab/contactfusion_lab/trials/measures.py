@@ -217,10 +217,10 @@ def compared(
     found = list[Comparison]()
     for case, against in pairs:
         both = cases[case].index.intersection(cases[against].index, sort=False)
-        one, other, names = cases[case].loc[both], cases[against].loc[both], (case, against)
-        found.append(_of_flags(*names, success, one[success], other[success]))
+        first, second, names = cases[case].loc[both], cases[against].loc[both], (case, against)
+        found.append(_of_flags(*names, success, first[success], second[success]))
         for measure in measures:
-            values = np.stack([one[measure], other[measure]], axis=1).astype(np.float64)
+            values = np.stack([first[measure], second[measure]], axis=1).astype(np.float64)
             values = values[np.isfinite(values).all(axis=1)]
             rng = np.random.default_rng([seed, crc32(", ".join((*names, measure)).encode())])
             found.append(_of_numbers(*names, measure, values, rng))
@@ -230,12 +230,12 @@ def compared(
 
 
 def _of_flags(
-    case: str, against: str, column: str, one: "pd.Series[bool]", other: "pd.Series[bool]"
+    case: str, against: str, column: str, first: "pd.Series[bool]", second: "pd.Series[bool]"
 ) -> Comparison:
-    only_it, only_other = int((one & ~other).sum()), int((other & ~one).sum())
+    only_it, only_other = int((first & ~second).sum()), int((second & ~first).sum())
     p = mcnemar(only_it, only_other)
     return Comparison(
-        case, against, column, len(one), only_it, only_other, None, None, None, None, p
+        case, against, column, len(first), only_it, only_other, None, None, None, None, p
     )
 
 
@@ -253,8 +253,8 @@ def _of_numbers(
 def _of_medians(values: FloatArray, rng: np.random.Generator) -> tuple[float, float, float]:
     """The difference of two medians with its interval; pairs of shape (n, 2) are drawn."""
 
-    def statistic(one: FloatArray, other: FloatArray, axis: int = -1) -> FloatArray:
-        found: FloatArray = np.median(one, axis=axis) - np.median(other, axis=axis)
+    def statistic(first: FloatArray, second: FloatArray, axis: int = -1) -> FloatArray:
+        found: FloatArray = np.median(first, axis=axis) - np.median(second, axis=axis)
         return found
 
     value = float(statistic(*values.T))

@@ -20,7 +20,7 @@ R = TypeVar("R")
 
 @dataclass(frozen=True)
 class Failure:
-    """What a task gives in place of a result.
+    """The failure of a task, in place of a result.
 
     Attributes:
         why: a sentence.
@@ -35,7 +35,7 @@ class Made:
 
     Attributes:
         content: of its file.
-        cost: what it took, where that is measured.
+        cost: of the trial, where it is measured.
     """
 
     content: bytes
@@ -46,7 +46,7 @@ class Experiment(ABC, Generic[T]):
     """Trials, what makes one, and what is written of all; it goes to the workers.
 
     Attributes:
-        trials: what to call them, such as "pushes".
+        trials: the noun for them, such as "pushes".
         suffix: of their files.
         addable: of these settings, mappings by name, a folder may take more.
     """
@@ -61,14 +61,14 @@ class Experiment(ABC, Generic[T]):
 
     @abstractmethod
     def settings(self) -> Mapping[str, Any]:
-        """What makes two trials of one name equal."""
+        """The settings by which a folder can be resumed: equal settings make equal trials."""
 
     @abstractmethod
     def make(self, task: T) -> Made:
         """Make a trial."""
 
     def check(self, out: Path, missing: Sequence[str], executor: Executor) -> None:
-        """Refuse what cannot be made, before anything is.
+        """Refuse trials that cannot be made, before any is made.
 
         Args:
             out: the folder, which there need not be.
@@ -174,7 +174,7 @@ def kept(
         tasks: all trials, by name.
         out: the folder that takes the files.
         suffix: of these.
-        trials: what to call them, such as "pushes".
+        trials: the noun for them, such as "pushes".
         executor: the workers, which write nothing.
 
     Yields:

@@ -87,7 +87,7 @@ def summary_of(
     statistic: str,
     seed: int,
 ) -> dict[str, dict[str, Any]]:
-    """What a case reached: in all trials, and in each group of them.
+    """Success rates of a case: in all trials, and in each group of them.
 
     Successes have Wilson intervals, measures percentile bootstrap intervals over trials.
 

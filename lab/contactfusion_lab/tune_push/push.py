@@ -40,14 +40,15 @@ from contactfusion_lab.tune_push.search import (
 )
 
 FINAL, LAST_ROUNDS = 8, 3
-"""So many of the best sets of the last rounds are rated once more in the plane."""
+"""Number of the best sets that are rated once more in the plane, and of the last rounds that they
+are from."""
 CONFIRMED, MORE = 3, 5
-"""So many of these are confirmed in PyBullet; before, each makes so many times as many pushes as in
-a round."""
+"""Number of these that are confirmed in PyBullet, and the factor on the pushes of a round by which
+each is rated before."""
 SEARCHING, CHOOSING, CONFIRMING = 0, 1, 2
-"""What pushes are drawn for; each has pushes of its own."""
+"""Purposes of drawn pushes; each has pushes of its own."""
 CHECKING = 3
-"""What pushes are drawn for."""
+"""Purpose of drawn pushes."""
 CHANGED: dict[str, dict[str, Any]] = {
     "length_0.15": {"length": 0.15},
     "length_0.30": {"length": 0.30},
@@ -72,12 +73,12 @@ class Options:
     """Options of the search.
 
     Attributes:
-        seed: of all that is drawn.
+        seed: of all random draws.
         trials: pushes that each set of a round makes in the plane.
-        rounds: how many.
+        rounds: number of rounds.
         confirm: pushes that each of the last sets makes in PyBullet.
-        start: the name of the set that is begun with.
-        executor: the workers; they change nothing but the time.
+        start: name of the initial set.
+        executor: the workers; they change the time only.
     """
 
     seed: int = 0
@@ -89,10 +90,10 @@ class Options:
 
 
 def tune_push(options: Options, out: Path) -> None:
-    """Search in the plane, confirm in PyBullet, write the best set; goes on where it was stopped.
+    """Search in the plane, confirm in PyBullet, write the best set; resumes where it was stopped.
 
     Args:
-        options: how much is tried, and from where.
+        options: of the search.
         out: the folder that takes parameters.yaml, tried.csv, table.md and summary.json.
 
     Raises:
@@ -118,7 +119,7 @@ def tune_push(options: Options, out: Path) -> None:
 
 
 def _searched(options: Options, start: PushingParameters, out: Path) -> list[list[Candidate]]:
-    """Make the rounds that are not there yet."""
+    """All rounds; those that are not there yet are made."""
     search, rounds = Search(encoded(start), options.seed), []
     progress = Progress("sets rated in the plane", options.rounds * POPULATION)
     for number in range(options.rounds):
@@ -141,10 +142,10 @@ def _searched(options: Options, start: PushingParameters, out: Path) -> list[lis
 def _finals(
     options: Options, start: PushingParameters, rounds: Sequence[Sequence[Candidate]], out: Path
 ) -> dict[str, PushingParameters]:
-    """Choose the sets to confirm: the best of the last rounds, on pushes that chose none yet."""
-    last = [one for candidates in rounds[-LAST_ROUNDS:] for one in candidates]
-    last.sort(key=lambda one: one.cost)
-    vectors = list(dict.fromkeys(one.vector for one in last))[:FINAL]
+    """The sets to confirm: the best of the last rounds, rated on pushes of their own."""
+    last = [candidate for candidates in rounds[-LAST_ROUNDS:] for candidate in candidates]
+    last.sort(key=lambda candidate: candidate.cost)
+    vectors = list(dict.fromkeys(candidate.vector for candidate in last))[:FINAL]
     path = out / "choice.json"
     if path.is_file():
         candidates = load_round(path)
@@ -158,17 +159,17 @@ def _finals(
             for vector, rating in zip(vectors, ratings, strict=True)
         ]
         save_round(candidates, path)
-    candidates.sort(key=lambda one: one.cost)
+    candidates.sort(key=lambda candidate: candidate.cost)
     chosen = {options.start: start}
-    for number, one in enumerate(candidates[:CONFIRMED], 1):
-        chosen[f"found_{number}"] = decoded(np.array(one.vector), start)
+    for number, candidate in enumerate(candidates[:CONFIRMED], 1):
+        chosen[f"found_{number}"] = decoded(np.array(candidate.vector), start)
     return chosen
 
 
 def _confirmed(
     options: Options, finals: Mapping[str, PushingParameters], out: Path
 ) -> dict[str, Rating]:
-    """Make the pushes in PyBullet that are not there yet."""
+    """Ratings in PyBullet; pushes that are not there yet are made."""
     ratings, progress = {}, Progress("pushes in PyBullet", len(finals) * options.confirm)
     seed = drawn_seed(options.seed, CONFIRMING, 0)
     for name, parameters in finals.items():
@@ -187,7 +188,7 @@ def _report(
     finals: Mapping[str, PushingParameters],
     out: Path,
 ) -> None:
-    """Write what was found; the best by the lower end of its rate of true success, then by time."""
+    """Write the results; the best by the lower end of its rate of true success, then by time."""
     order = sorted(confirmed, key=lambda name: (-confirmed[name].rate[1], confirmed[name].cost))
     best = order[0]
     changed = changes(finals[best], start)
@@ -200,10 +201,10 @@ def _report(
     write_whole(out / "parameters.yaml", heading + text)
     lines = []
     for name in order:
-        one = confirmed[name]
-        _, low, high = one.rate
-        reached = f"{sum(one.success)}/{len(one.success)}"
-        lines.append([name, reached, f"{low:.1%} to {high:.1%}", f"{one.mean_time:.1f} s"])
+        each = confirmed[name]
+        _, low, high = each.rate
+        reached = f"{sum(each.success)}/{len(each.success)}"
+        lines.append([name, reached, f"{low:.1%} to {high:.1%}", f"{each.mean_time:.1f} s"])
     table = markdown(["set", "true success in PyBullet", "95 %", "mean time"], lines)
     write_whole(out / "table.md", table + "\n")
     write_whole(out / "tried.csv", _tried(start, rounds))
@@ -213,13 +214,13 @@ def _report(
         "tried": sum(map(len, rounds)),
         "confirmed": {
             name: {
-                "trials": len(one.success),
-                "true_successes": sum(one.success),
-                "rate_low_high": one.rate,
-                "mean_time_s": one.mean_time,
+                "trials": len(rating.success),
+                "true_successes": sum(rating.success),
+                "rate_low_high": rating.rate,
+                "mean_time_s": rating.mean_time,
                 "parameters": finals[name].model_dump(mode="json"),
             }
-            for name, one in confirmed.items()
+            for name, rating in confirmed.items()
         },
     }
     write_whole(out / "summary.json", json.dumps(summary, indent=1) + "\n")
@@ -230,11 +231,20 @@ def _report(
 def _tried(start: PushingParameters, rounds: Sequence[Sequence[Candidate]]) -> str:
     rows = []
     for number, candidates in enumerate(rounds):
-        for one in candidates:
-            held: dict[str, Any] = decoded(np.array(one.vector), start).model_dump()
+        for candidate in candidates:
+            held: dict[str, Any] = decoded(np.array(candidate.vector), start).model_dump()
             flat = {**held, **{f"realign.{name}": v for name, v in held["realign"].items()}}
             values = [flat[name] for name in LIMITS]
-            rows.append([number, one.trials, one.successes, one.cost, one.time, *values])
+            rows.append(
+                [
+                    number,
+                    candidate.trials,
+                    candidate.successes,
+                    candidate.cost,
+                    candidate.time,
+                    *values,
+                ]
+            )
     names = ["round", "trials", "true_successes", "cost_s", "mean_time_s", *LIMITS]
     return pd.DataFrame(rows, columns=names).to_csv(index=False, lineterminator="\n")
 
@@ -253,39 +263,41 @@ def check_sets() -> dict[str, PushingParameters]:
     return {**{name: SETS[name] for name in NAMED}, **changed, "paper_faster": faster}
 
 
-def correlation(one: Sequence[float], other: Sequence[float]) -> float:
+def correlation(first: Sequence[float], second: Sequence[float]) -> float:
     """Spearman's rank correlation; NaN if one of them is constant."""
-    if np.ptp(one) == 0.0 or np.ptp(other) == 0.0:
+    if np.ptp(first) == 0.0 or np.ptp(second) == 0.0:
         return float("nan")
-    return float(spearmanr(one, other).statistic)
+    return float(spearmanr(first, second).statistic)
 
 
 def check_ranking(trials: int, seed: int, executor: Executor, out: Path) -> None:
-    """Rate the same sets on the same pushes in both, compare, and tell.
+    """Rate the same sets on the same pushes in both, and write the comparison.
 
     Args:
         trials: pushes of each set.
-        seed: of all that is drawn.
+        seed: of all random draws.
         executor: the workers.
         out: takes check.csv, check.md and check.json.
     """
     sets, drawn = check_sets(), drawn_seed(seed, CHECKING, 0)
-    dumped = {name: one.model_dump(mode="json") for name, one in sets.items()}
+    dumped = {name: parameters.model_dump(mode="json") for name, parameters in sets.items()}
     claim({"seed": seed, "trials": trials, "sets": dumped}, out, (), "pushes")
     progress = Progress("sets rated in the plane", len(sets))
     plane = rated_in_plane(list(sets.values()), trials, drawn, executor, progress, vary=False)
     progress = Progress("pushes in PyBullet", len(sets) * trials)
     bullet = [
-        kept_in_bullet(one, trials, drawn, executor, progress, out / "bullet" / f"{name}.json")
-        for name, one in sets.items()
+        kept_in_bullet(
+            parameters, trials, drawn, executor, progress, out / "bullet" / f"{name}.json"
+        )
+        for name, parameters in sets.items()
     ]
-    _tell(dict(zip(sets, zip(plane, bullet, strict=True), strict=True)), out)
+    _write_check(dict(zip(sets, zip(plane, bullet, strict=True), strict=True)), out)
 
 
-def _tell(ratings: Mapping[str, tuple[Rating, Rating]], out: Path) -> None:
+def _write_check(ratings: Mapping[str, tuple[Rating, Rating]], out: Path) -> None:
     """Write rates, costs and their correlations."""
-    rates = [[one.rate[0] for one in pair] for pair in ratings.values()]
-    costs = [[one.cost for one in pair] for pair in ratings.values()]
+    rates = [[rating.rate[0] for rating in pair] for pair in ratings.values()]
+    costs = [[rating.cost for rating in pair] for pair in ratings.values()]
     by_rate, by_cost = (correlation(*zip(*rows, strict=True)) for rows in (rates, costs))
     rows = [[name, *rate, *cost] for name, rate, cost in zip(ratings, rates, costs, strict=True)]
     names = ["set", "rate_plane", "rate_bullet", "cost_plane_s", "cost_bullet_s"]

@@ -1,4 +1,4 @@
-"""How well sets of parameters push: the same random pushes for each, in several processes."""
+"""Ratings of sets of parameters: the same random pushes for each, in several processes."""
 
 import json
 from collections.abc import Sequence
@@ -27,19 +27,19 @@ from contactfusion_lab.trials.runner import ordered
 REPORTED = (500, 2025)
 """Seeds of trials that results are reported on; nothing is tuned on them."""
 FAILED = 600.0
-"""A push that fails counts as if it had taken so long: twice the longest [s]."""
+"""Time that counts for a push that fails: twice the longest [s]."""
 VARIED = 0.2
-"""In the plane each friction is varied by so much either way, so that none is fitted."""
+"""Relative variation of each friction in the plane, so that none is fitted."""
 CHUNK = 10
 """Pushes in PyBullet that one process makes at a time."""
 
 
 @dataclass(frozen=True, slots=True)
 class Rating:
-    """What came of pushes with one set of parameters.
+    """Outcomes of pushes with one set of parameters.
 
     Attributes:
-        success: of each push, whether it was a true one.
+        success: of each push, whether it truly succeeded.
         time: of each push [s].
     """
 
@@ -58,7 +58,7 @@ class Rating:
 
     @property
     def mean_time(self) -> float:
-        """Of the pushes that succeed [s]; NaN if none does."""
+        """Mean time of the pushes that succeed [s]; NaN if none does."""
         times = np.array(self.time)[np.array(self.success, np.bool_)]
         return float(times.mean()) if len(times) else float("nan")
 
@@ -98,7 +98,10 @@ def rate_in_plane(
         outcomes.append(
             planar_trial(_varied(config, push) if vary else config, ReactivePushing(options))
         )
-    return Rating(tuple(one.success_true for one in outcomes), tuple(one.time for one in outcomes))
+    return Rating(
+        tuple(outcome.success_true for outcome in outcomes),
+        tuple(outcome.time for outcome in outcomes),
+    )
 
 
 def rate_in_bullet(plan: Plan, parameters: PushingParameters, pushes: Sequence[Push]) -> Rating:

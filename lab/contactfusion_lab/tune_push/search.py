@@ -14,11 +14,11 @@ from contactfusion.errors import ConfigurationError
 from contactfusion.files import write_whole
 
 POPULATION, ELITE = 24, 6
-"""Sets of a round, and how many of them the next round is drawn around."""
+"""Number of sets of a round, and of those that the next round is drawn around."""
 SPREAD, LEAST_SPREAD = 0.12, 0.015
-"""Of the first round, and the least later, of each parameter's range."""
+"""Spread of the first round, and least spread later, as parts of each parameter's range."""
 STEP = 0.7
-"""How far the middle moves to that of the elite, and spreads to theirs."""
+"""Learning rate of the middle and the spreads towards those of the elite."""
 LIMITS: dict[str, tuple[float, float]] = {
     "speed_gain": (0.1, 1.0),
     "slowest": (0.03, 0.15),
@@ -38,7 +38,7 @@ LIMITS: dict[str, tuple[float, float]] = {
     "smoothing": (0.01, 0.4),
 }
 """The least and the greatest value of each, searched on a logarithmic scale; speeds are those that
-a base of this size drives. Arrival, search and escape stay those of the set that is begun with."""
+a base of this size drives. Arrival, search and escape stay those of the initial set."""
 HYSTERESIS = 0.95
 """`realign.leave` is at most this part of `realign.enter`."""
 
@@ -48,7 +48,7 @@ class Candidate:
     """A set of parameters that was rated.
 
     Attributes:
-        vector: as `space.encoded` gives it.
+        vector: as returned by `encoded`.
         trials: how many pushes it made.
         successes: how many were true successes.
         cost: mean time, failures as twice the longest [s].
@@ -63,11 +63,11 @@ class Candidate:
 
 
 class Search:
-    """What the search believes; a pure function of seed and rated candidates.
+    """State of the search; a pure function of seed and rated candidates.
 
     Args:
-        start: shape (n,), the set that is begun with.
-        seed: of all that is drawn.
+        start: shape (n,), the initial set.
+        seed: of all random draws.
     """
 
     def __init__(self, start: FloatArray, seed: int) -> None:
@@ -85,8 +85,8 @@ class Search:
 
     def learn(self, candidates: Sequence[Candidate]) -> None:
         """Move to the best of a round."""
-        elite = sorted(candidates, key=lambda one: one.cost)[:ELITE]
-        vectors = np.array([one.vector for one in elite])
+        elite = sorted(candidates, key=lambda candidate: candidate.cost)[:ELITE]
+        vectors = np.array([candidate.vector for candidate in elite])
         self.middle += STEP * (vectors.mean(axis=0) - self.middle)
         self.spread += STEP * (vectors.std(axis=0) - self.spread)
         self.spread = np.maximum(self.spread, LEAST_SPREAD)
@@ -95,7 +95,7 @@ class Search:
 
 def save_round(candidates: Sequence[Candidate], path: Path) -> None:
     """Write the candidates of a round."""
-    write_whole(path, json.dumps([asdict(one) for one in candidates], indent=1) + "\n")
+    write_whole(path, json.dumps([asdict(candidate) for candidate in candidates], indent=1) + "\n")
 
 
 def load_round(path: Path) -> list[Candidate]:
@@ -150,7 +150,7 @@ def changes(parameters: PushingParameters, start: PushingParameters) -> dict[str
 
 
 def _place(value: float | None, low: float, high: float) -> float:
-    if value is None:  # turning that fades: as much as it is half-way
+    if value is None:  # a decaying gain: its value at half of the distance
         value = 0.5
     return float(np.clip(np.log(max(value, low) / low) / np.log(high / low), 0.0, 1.0))
 

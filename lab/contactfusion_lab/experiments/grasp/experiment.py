@@ -1,4 +1,4 @@
-"""`experiment grasp`: the same grasps by several sources and rules, and what comes of them."""
+"""`experiment grasp`: the same grasps by several sources and rules, and their outcomes."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -35,7 +35,7 @@ COLUMNS = (
     Column("all", DE_MORGAN),
     Column("all", POSTERIOR),
 )
-"""What the table is made for; the first is the paper's, the others are compared with it."""
+"""Columns of the table; the first is the paper's, the others are compared with it."""
 Task = tuple[Column, Grasp]
 
 
@@ -48,7 +48,7 @@ class Options:
         objects: names of these objects; none: the first.
         repeats: how often each object is grasped.
         sources: by what the hand feels: names or types of generators with "+" between them, `none`
-            (it goes ahead and closes) or `all`.
+            (open loop) or `all`.
         rules: how that is fused.
         noise: of the sensors, by name; None: the scene's.
         faults: a YAML file of faults, or None.

@@ -14,18 +14,18 @@ from contactfusion.scene import Scene
 from contactfusion_lab.experiments.grasp.plan import Column, Grasp, Plan
 from contactfusion_lab.experiments.grasp.trial import begun
 from contactfusion_lab.scenes.grasp.scene import GraspCycle, GraspScene
-from contactfusion_lab.scenes.grasp.world import Eye
+from contactfusion_lab.scenes.grasp.world import Viewpoint
 from contactfusion_lab.trials.folder import loaded_pillow, save_film
 
 EVERY = 0.15
-"""Of the grasp between two frames [s]."""
+"""Time of the grasp between two frames [s]."""
 LAST = 2.0
-"""How long the last frame is shown [s]."""
+"""Time for which the last frame is shown [s]."""
 FELT, TRUE = COLOURS[1], COLOURS[2]
 SIDE = np.array([0.2, -0.55, 0.65])
 """From where it is seen, from where the object should be [m]."""
 COUNT = 64
-"""Of colours: a small file."""
+"""Number of colours: a small file."""
 
 
 def film(plan: Plan, column: Column, grasp: Grasp, folder: Path) -> tuple[Path, Path]:
@@ -47,23 +47,23 @@ def film(plan: Plan, column: Column, grasp: Grasp, folder: Path) -> tuple[Path, 
     image = loaded_pillow()
     scene, cycles = begun(plan, column, grasp)
     middle = scene.config.object.pose.pose()[:3, 3] + [0.0, 0.0, 0.1]
-    eye = Eye(tuple(middle + SIDE), tuple(middle))
+    viewpoint = Viewpoint(tuple(middle + SIDE), tuple(middle))
     frames, due, recording = [], 0.0, folder / f"{grasp.name}.mcap"
     for cycle in recorded(plan, column, grasp, scene, cycles, recording):
         if cycle.truth.stamp >= due or cycle.ending:
             due += EVERY
-            frames.append(_frame(scene, eye, cycle))
+            frames.append(_frame(scene, viewpoint, cycle))
     frames = [frame.quantize(COUNT, dither=image.Dither.NONE) for frame in frames]
     return save_film(frames, folder / f"{grasp.name}.gif", LAST), recording
 
 
-def _frame(scene: GraspScene, eye: Eye, cycle: GraspCycle) -> Any:
+def _frame(scene: GraspScene, viewpoint: Viewpoint, cycle: GraspCycle) -> Any:
     """Draw what is seen, true and felt contacts over it, and the controller's words above."""
     from PIL import Image, ImageDraw
 
     true = [contact.position for contact in scene.facts().contacts]
     felt = [contact.position for contact in cycle.step.fusion.contacts]
-    colours, pixels = scene.seen(eye, np.reshape([*true, *felt], (-1, 3)))
+    colours, pixels = scene.seen(viewpoint, np.reshape([*true, *felt], (-1, 3)))
     picture = Image.fromarray(colours)
     draw = ImageDraw.Draw(picture)
     for number, (x, y) in enumerate(pixels.tolist()):
@@ -76,8 +76,8 @@ def _frame(scene: GraspScene, eye: Eye, cycle: GraspCycle) -> Any:
     assert command is not None
     draw.text((8, 6), f"{cycle.truth.stamp:5.1f} s  {command.mode}", fill="black")
     draw.text((8, 20), command.reason, fill="black")
-    draw.text((8, eye.height - 18), "x felt", fill=FELT)
-    draw.text((60, eye.height - 18), "o touched", fill=TRUE)
+    draw.text((8, viewpoint.height - 18), "x felt", fill=FELT)
+    draw.text((60, viewpoint.height - 18), "o touched", fill=TRUE)
     return picture
 
 
@@ -89,7 +89,7 @@ def recorded(
     cycles: Iterable[GraspCycle],
     path: Path,
 ) -> Iterator[GraspCycle]:
-    """The cycles of a grasp, written on the way.
+    """The cycles of a grasp, each recorded as it passes.
 
     Args:
         plan: the experiment.
@@ -118,6 +118,6 @@ def recorded(
             writer.step(cycle.step)
             facts = scene.facts()
             writer.contacts(facts.contacts, facts.frame, facts.stamp, TRUTH)
-            for one in facts.objects:
-                writer.reading(one, TRUTH)
+            for pose in facts.objects:
+                writer.reading(pose, TRUTH)
             yield cycle

@@ -1,4 +1,4 @@
-"""Which grasps make up the experiment, by what each is felt, and the file that says so."""
+"""The grasps of the experiment, the sensing of each column, and the file that describes them."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -27,23 +27,23 @@ from contactfusion_lab.scenes.grasp.placing import check_names
 
 DEFAULT = Path(__file__).with_name("grasp.yaml")
 NONE, ALL = "none", "all"
-"""The names of no sources, with which the hand goes ahead and closes, and of all."""
+"""Names of no sources, with which the hand moves forward and closes, and of all sources."""
 REACTIVE = "reactive_grasp"
-"""The controller that can go ahead and close."""
+"""Controller that can run open-loop."""
 TRIALS = 3
 """Counts up when trials change, so that old ones are not taken for new."""
 PLACES: Any = {"object": {"folder"}, "surroundings": {"__all__": {"folder"}}}
-"""Where a checkout stands makes no other grasp."""
+"""Fields left out of the settings: the folder of a checkout changes no grasp."""
 OTHERWISE: Any = {
     "generators": True, "integrator": True, "controller": True, "faults": True, "seed": True,
     "folder": True, "robot": {"folder"},
 }  # fmt: skip
-"""What settings hold column by column, or what makes no other grasp."""
+"""Fields left out of the settings: held by column, or without effect on a grasp."""
 
 
 @dataclass(frozen=True)
 class Column:
-    """By what a hand feels, and how that is fused.
+    """The sensing of a hand: its sources, and the fusion method.
 
     Attributes:
         sources: names or types of generators with "+" between them, `none` or `all`.
@@ -55,28 +55,28 @@ class Column:
 
     @property
     def name(self) -> str:
-        """What to call it, and its folder."""
+        """Name of the column and of its folder."""
         return self.sources if self.sources == NONE else f"{self.sources}-{self.method.stem}"
 
 
 @dataclass(frozen=True)
 class Grasp:
-    """One grasp of the experiment; of all columns the same.
+    """One grasp of the experiment, the same for all columns.
 
     Attributes:
-        thing: the name of the object.
+        object: the name of the object.
         repeat: counted from 0.
-        seed: of all that is left to chance.
+        seed: of all random draws.
     """
 
-    thing: str
+    object: str
     repeat: int
     seed: int
 
     @property
     def name(self) -> str:
-        """What to call it, and its file."""
-        return f"{self.thing}-{self.repeat:03d}"
+        """Name of the grasp and of its file."""
+        return f"{self.object}-{self.repeat:03d}"
 
 
 @dataclass(frozen=True)
@@ -84,29 +84,29 @@ class Plan:
     """An experiment.
 
     Attributes:
-        pipeline: everybody who may feel, and the controller.
+        pipeline: all generators, and the controller.
         scenes: the scene of each object, by its name.
-        seed: of all chance.
+        seed: of all random draws.
     """
 
     pipeline: PipelineConfig
     scenes: Mapping[str, GraspConfig]
     seed: int
 
-    def grasps(self, things: Sequence[str], repeats: int) -> list[Grasp]:
-        """List all grasps; of further repeats they do not change."""
+    def grasps(self, objects: Sequence[str], repeats: int) -> list[Grasp]:
+        """All grasps; more repeats leave the others unchanged."""
         return [
-            Grasp(thing, repeat, self._seed(thing, repeat))
+            Grasp(name, repeat, self._seed(name, repeat))
             for repeat in range(repeats)
-            for thing in things
+            for name in objects
         ]
 
     def pipeline_of(self, column: Column, seed: int = 0) -> PipelineConfig:
         """The pipeline of a column.
 
         Args:
-            column: by what it feels.
-            seed: of the chance in faults.
+            column: its sensing.
+            seed: of the random draws in faults.
 
         Raises:
             ConfigurationError: one of its sources is unknown, or there is no open loop of the
@@ -125,7 +125,7 @@ class Plan:
         return self.pipeline.model_copy(update=update)
 
     def _open_loop(self) -> dict[str, Any]:
-        """What a hand does that heeds no contact: it closes where the object should stand."""
+        """Options of the open-loop controller: it closes where the object should stand."""
         fields = dict(self.pipeline.controller or {})
         kind = fields.pop("type", None)
         if kind != REACTIVE:
@@ -138,8 +138,8 @@ class Plan:
         return {"corrections": 0, "reach": nearest - depth}
 
     def scene_of(self, column: Column, grasp: Grasp) -> GraspConfig:
-        """The scene of a grasp; cameras that nobody looks through are off."""
-        scene, known = self.scenes[grasp.thing], self.pipeline.generators
+        """The scene of a grasp; cameras that no generator uses are off."""
+        scene, known = self.scenes[grasp.object], self.pipeline.generators
         plugins = installed_plugins()
         readings = {
             reading
@@ -150,16 +150,16 @@ class Plan:
         return scene if looks else scene.model_copy(update={"camera_rate": 0.0})
 
     def settings(self, columns: Sequence[Column]) -> dict[str, Any]:
-        """What makes two trials of one name equal, for a folder that is gone on with."""
+        """The settings of which trials are a function: with equal ones a folder is resumed."""
         return {
             "trials": TRIALS,
             "seed": self.seed,
             "faults": [fault.model_dump(mode="json") for fault in self.pipeline.faults],
             "columns": {
-                one.name: self.pipeline_of(one).model_dump(
+                column.name: self.pipeline_of(column).model_dump(
                     mode="json", include={"generators", "integrator", "controller"}
                 )
-                for one in columns
+                for column in columns
             },
             "objects": {
                 name: {**scene.model_dump(mode="json", exclude=PLACES), "file": _digest(scene)}
@@ -168,8 +168,8 @@ class Plan:
             "pipeline": self.pipeline.model_dump(mode="json", exclude=OTHERWISE),
         }
 
-    def _seed(self, thing: str, repeat: int) -> int:
-        entropy = [self.seed, crc32(thing.encode()), repeat]
+    def _seed(self, name: str, repeat: int) -> int:
+        entropy = [self.seed, crc32(name.encode()), repeat]
         return int(np.random.SeedSequence(entropy).generate_state(1)[0])
 
 
@@ -207,17 +207,17 @@ def chosen_sources(sources: str, known: Mapping[str, Mapping[str, Any]]) -> list
 
 
 def read_plan(
-    path: Path, things: Sequence[str], faults: Sequence[Fault], noise: str | None, seed: int
+    path: Path, names: Sequence[str], faults: Sequence[Fault], noise: str | None, seed: int
 ) -> Plan:
     """Put an experiment together.
 
     Args:
         path: a YAML file as for `run`, with a scene of type `grasp`, and in `objects` by name what
             each object changes of the scene.
-        things: names of these objects; none: the first.
+        names: names of these objects; none: the first.
         faults: how sensors fail, besides those of the file.
         noise: of the sensors, by name; None: the scene's.
-        seed: of all chance.
+        seed: of all random draws.
 
     Raises:
         ConfigurationError: the file, an object, the controller or the noise is not what it should
@@ -231,7 +231,7 @@ def read_plan(
             raise ConfigurationError("give a scene of type grasp, and objects by name", "objects")
         known: dict[str, Any] = objects
         _check_objects(known)
-        for name in things:
+        for name in names:
             if name not in known:
                 hint = name_hint(name, known, "objects")
                 raise ConfigurationError(f"unknown object '{name}': {hint}", "objects")
@@ -244,7 +244,7 @@ def read_plan(
         robot = _robot(pipeline)
         given = {"noise": noise} if noise else {}
         scenes = {}
-        for name in things or [next(iter(known))]:
+        for name in names or [next(iter(known))]:
             try:
                 config = rooted(GraspConfig(**{**scene, **known[name], **given}), path.parent)
                 _check_scene(config, robot)
@@ -329,8 +329,8 @@ def _check_scene(config: GraspConfig, robot: RobotModel) -> None:
     except RobotError as error:
         raise ConfigurationError(str(error), "tool") from None
     _check_shapes(config.object, "object")
-    for name, one in config.surroundings.items():
-        _check_shapes(one, f"surroundings.{name}")
+    for name, body in config.surroundings.items():
+        _check_shapes(body, f"surroundings.{name}")
 
 
 def _check_shapes(config: ObjectConfig, path: str) -> None:

@@ -33,7 +33,7 @@ MEASURES: Units = {
 }
 """The units of what is measured beside success."""
 LISTED = 40
-"""So many failures of a column are listed; all are in results.csv."""
+"""Number of failures of a column that are listed; all are in results.csv."""
 GOOD, BAD = COLOURS[2], COLOURS[1]
 
 
@@ -84,7 +84,7 @@ def evaluate(
 
 
 def _summary(part: pd.DataFrame, seed: int) -> dict[str, dict[str, Any]]:
-    """What a column reached; of all grasps also how they ended."""
+    """Success rates of a column; over all grasps also how they ended."""
     summary = summary_of(part, ["object"], ["success"], MEASURES, "mean", seed)
     endings = part["ending"].value_counts(sort=False).to_dict()
     summary["all"] |= {"endings": endings, "fallen": int(part["fallen"].sum())}
@@ -128,7 +128,7 @@ def draw_success(summaries: Mapping[str, Mapping[str, Any]], path: Path) -> Path
 
 
 def draw_places(frame: pd.DataFrame, path: Path) -> Path:
-    """Draw for each column how far aside the object stood, and what came of the grasp.
+    """Draw for each column the outcomes of grasps over the lateral offset of the object.
 
     Args:
         frame: of all grasps.

@@ -1,4 +1,4 @@
-"""One grasp of the experiment: what came of it, as one row."""
+"""One grasp of the experiment: its outcome, as one row."""
 
 import json
 from collections.abc import Iterator, Sequence
@@ -19,14 +19,14 @@ from contactfusion_lab.scenes.grasp.scene import GraspCycle, GraspScene, grasped
 
 @dataclass(frozen=True)
 class Row:
-    """What came of one grasp.
+    """The outcome of one grasp.
 
     Attributes:
         trial: its name.
         column: by what it was felt.
         object: by name.
         seed: of the grasp.
-        offset: how far beside the hand's way the object stood, to the left [m].
+        offset: lateral offset of the object from the hand's path, to the left [m].
         yaw: how far it was turned [degrees].
         success: the object was lifted, and held to the end.
         ending: of the controller, or "timeout".
@@ -36,7 +36,7 @@ class Row:
         fallen: whether it has fallen over, and lies there.
         corrections: how often the hand went back.
         time: it took [s].
-        force: the greatest that pushed the robot on its way to the object: the sum over all that
+        force: the greatest that pushed the robot on its path to the object: the sum over all that
             touched it [N].
     """
 
@@ -82,14 +82,14 @@ def run_trial(plan: Plan, column: Column, grasp: Grasp) -> Row:
 
 def row_of(plan: Plan, column: Column, grasp: Grasp, cycles: Sequence[GraspCycle]) -> Row:
     """Measure a grasp of which all cycles are there."""
-    scene, first, last = plan.scenes[grasp.thing], cycles[0].truth, cycles[-1]
+    scene, first, last = plan.scenes[grasp.object], cycles[0].truth, cycles[-1]
     believed = scene.object.pose.pose()
     turned = Rotation.from_matrix(first.object[:3, :3] @ believed[:3, :3].T).as_euler("zyx")
     result = result_of(cycles, scene.lifted, scene.held)
     return Row(
         trial=grasp.name,
         column=column.name,
-        object=grasp.thing,
+        object=grasp.object,
         seed=grasp.seed,
         offset=float((first.object - believed)[:3, 3] @ first.tool[:3, 0]),
         yaw=float(np.degrees(turned[0])),

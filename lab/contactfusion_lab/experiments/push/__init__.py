@@ -1,1 +1,1 @@
-"""`experiment push`: the second paper's table, by controller and sensing (O §III, Table I)."""
+"""`experiment push`: the second paper's table, by controller and sensor suite (O §III, Table I)."""

@@ -23,9 +23,9 @@ from contactfusion_lab.trials.executor import Executor, Local
 from contactfusion_lab.trials.runner import Experiment, Made, ordered, run
 
 Task = tuple[str, str, Push]
-"""What feels, by its label; a controller; and a push."""
+"""A sensor suite, by its label; a controller; and a push."""
 KINDS = ("point_cloud", "depth_image")
-"""What LiDARs and cameras give; where none is switched on, none comes."""
+"""Names of readings of LiDARs and cameras; none comes where none is switched on."""
 
 
 @dataclass(frozen=True)
@@ -33,12 +33,12 @@ class Options:
     """Options of the experiment.
 
     Attributes:
-        sensings: what feels the object, by name; the others are compared with the first.
+        sensings: sensor suites by name; the others are compared with the first.
         controllers: names of sets of parameters, or of installed controllers; the others are
             compared with the first.
-        rules: how it is fused, RULE or RULE/CONDENSATION; none: as the file of a sensing says.
+        rules: fusion rules, RULE or RULE/CONDENSATION; none: those of the files of the suites.
         without: sources that are left out.
-        lidar: the LiDAR that takes the place of any other.
+        lidar: the LiDAR that replaces any other.
         camera: the camera likewise.
         weights: of contact networks; None: those of the package.
         objects: names; none: those of the paper, unless there are files.
@@ -47,9 +47,9 @@ class Options:
         targets: `grid`, `validation`, `new`, `random:N`, or a YAML file.
         starts: `nominal` or `random`.
         taxels: of the front.
-        skin: how well the skin feels.
+        skin: sensitivity of the skin.
         faults: a YAML file of how sensors fail, or None.
-        seed: of all chance.
+        seed: of all random draws.
         executor: the workers.
         record: trials to film and record: NAME, CONTROLLER/NAME or SENSING/CONTROLLER/NAME.
     """
@@ -100,7 +100,7 @@ class PushExperiment(Experiment[Task]):
     """Pushes that differ in what feels, and by what controller they are steered.
 
     Attributes:
-        plans: by the label of what feels.
+        plans: by the label of their sensor suite.
         controllers: their names.
     """
 
@@ -121,9 +121,9 @@ class PushExperiment(Experiment[Task]):
         }
 
     def settings(self) -> dict[str, Any]:
-        """The settings of plans that differ in what feels only."""
+        """The settings of plans that differ in their sensor suites only."""
         settings = [plan.settings(self.controllers) for plan in self.plans.values()]
-        sensings = {label: one for each in settings for label, one in each["sensings"].items()}
+        sensings = {label: suite for each in settings for label, suite in each["sensings"].items()}
         return {**settings[0], "sensings": sensings}
 
     def check(self, out: Path, missing: Sequence[str], executor: Executor) -> None:
@@ -160,7 +160,7 @@ class PushExperiment(Experiment[Task]):
 
 
 def read_plans(options: Options) -> dict[str, Plan]:
-    """A plan for each sensing by each rule, by the label of what feels.
+    """A plan for each sensor suite by each rule, by the label of the suite.
 
     Raises:
         ContactFusionError: an option is wrong.
@@ -192,7 +192,7 @@ def read_plans(options: Options) -> dict[str, Plan]:
 
 
 def _require_use(options: Options, sensings: Sequence[Sensing]) -> None:
-    """Make sure that nothing is chosen that no sensing uses."""
+    """Make sure that no option is given that no sensor suite uses."""
     used = {name for sensing in sensings for name in sensing.sees}
     labels = " and ".join(sensing.label for sensing in sensings)
     for name in filter(None, (options.lidar, options.camera)):
@@ -206,7 +206,7 @@ def _require_use(options: Options, sensings: Sequence[Sensing]) -> None:
 
 @dataclass(frozen=True)
 class Found:
-    """What setting up a push has shown.
+    """Sensors and faults found by setting up a push.
 
     Attributes:
         sensors: what reads in it, by name.
@@ -220,10 +220,10 @@ class Found:
 def check(plans: Mapping[str, Plan], controller: str, executor: Executor) -> None:
     """Set up pushes, apart: PyBullet may crash.
 
-    By the first sensing those to each target and of each object, by the others of each object.
+    By the first suite those to each target and of each object, by the others of each object.
 
     Args:
-        plans: by the label of what feels.
+        plans: by the label of their sensor suite.
         controller: by name.
         executor: the workers.
 
@@ -253,26 +253,26 @@ def _require_sensors(
     """Make sure that what fails or is misplaced is there; note what is switched off.
 
     Args:
-        plans: by the label of what feels.
-        sensors: what reads.
+        plans: by the label of their sensor suite.
+        sensors: names of those that read.
         failing: which of the faults change a reading.
     """
     (plan, *_) = plans.values()
-    robot, seen = plan.robot, {name for one in plans.values() for name in one.sensing.sees}
-    eyes = {*robot.lidars, *robot.cameras}
+    robot, seen = plan.robot, {name for each in plans.values() for name in each.sensing.sees}
+    exteroceptive = {*robot.lidars, *robot.cameras}
     failing_at = [
         (f"faults.{number}.sensor", str(fault.fields.get("sensor")))
         for number, fault in enumerate(plan.faults)
         if number not in failing
     ]
     for path, name in failing_at:
-        if name not in {*eyes, *KINDS}:
-            hint = name_hint(name, {*sensors, *eyes}, "sensors")
+        if name not in {*exteroceptive, *KINDS}:
+            hint = name_hint(name, {*sensors, *exteroceptive}, "sensors")
             raise ConfigurationError(f"no reading of '{name}' comes; {hint}", path)
     misplaced = [(f"misplaced.{name}", name) for name in plan.misplaced if name not in seen]
     for path, name in misplaced:
-        if name not in eyes:
-            hint = name_hint(name, eyes, "LiDARs and cameras of the robot")
+        if name not in exteroceptive:
+            hint = name_hint(name, exteroceptive, "LiDARs and cameras of the robot")
             raise ConfigurationError(f"the robot has no '{name}'; {hint}", path)
     for path, name in failing_at + misplaced:
         note(f"{path}: no sensing here uses '{name}', so that it changes nothing")
@@ -287,5 +287,5 @@ def _found(plan: Plan, controller: str, push: Push) -> Found:
     faults = enumerate(pipeline.config.faults)
     return Found(
         frozenset(sensor for sensor, _ in sensors),
-        frozenset(row for row, fault in faults if any(fault.meets(*one) for one in sensors)),
+        frozenset(row for row, fault in faults if any(fault.meets(*sensor) for sensor in sensors)),
     )

@@ -1,4 +1,4 @@
-"""How sensors fail in a push: faults that may begin at random times, and misplaced sensors."""
+"""Failure modes of sensors in a push: faults at random times, and misplaced sensors."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -17,7 +17,7 @@ from contactfusion.yaml_files import read_yaml
 from contactfusion_lab.scenes.push.config import MisplacedConfig
 
 TIMES = ("start", "end")
-"""What may be a range of a fault."""
+"""Fields of a fault that may be a range."""
 
 
 @dataclass(frozen=True)
@@ -58,9 +58,9 @@ def drawn(faults: Sequence[RandomFault], seed: int) -> tuple[Fault, ...]:
 
 class _FailingFile(Model):
     faults: tuple[Any, ...] = ()
-    """In the order in which they act."""
+    """Faults in the order in which they act."""
     misplaced: dict[str, MisplacedConfig] = Field(default_factory=dict)
-    """By the name of a sensor: how far it is from where it is believed to be."""
+    """Error of the extrinsic pose, by the name of a sensor."""
 
 
 def read_failing(path: Path) -> tuple[tuple[RandomFault, ...], dict[str, MisplacedConfig]]:
@@ -98,7 +98,9 @@ def _require_ranges(described: Any, path: str) -> None:
 
 
 def _is_range(value: Sequence[Any]) -> bool:
-    numbers = [one for one in value if isinstance(one, int | float) and math.isfinite(one)]
+    numbers = [
+        number for number in value if isinstance(number, int | float) and math.isfinite(number)
+    ]
     return len(value) == len(numbers) == 2 and numbers[0] <= numbers[1]
 
 

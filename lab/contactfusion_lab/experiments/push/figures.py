@@ -1,4 +1,4 @@
-"""Figures of the push experiment: where it succeeds, which ways it goes, how it moves."""
+"""Figures of the push experiment: where it succeeds, the trajectories, how it moves."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -17,13 +17,13 @@ from contactfusion_lab.trials.folder import save_figure
 from contactfusion_lab.trials.measures import CASE, Comparison
 
 STRIDE = 5
-"""Ways are drawn through every so many cycles."""
+"""Cycles between two points of a drawn trajectory."""
 LARGE = 40
-"""Up to so many targets of a panel are drawn large."""
+"""Number of targets of a panel up to which they are drawn large."""
 REACH = (2.9, 3.4)
-"""Panels show at least this part of the floor: while targets are near, and else [m]."""
+"""Least extent of the floor in a panel: while targets are near, and else [m]."""
 FAR = 2.6
-"""Up to here targets are near [m]."""
+"""Distance up to which targets are near [m]."""
 TRUE, DECLARED, FAILED = COLOURS[2], COLOURS[4], COLOURS[1]
 FRICTIONS = {"mu1": "µ1", "mu2": "µ2"}
 BARS: dict[str, tuple[str, float]] = {
@@ -35,8 +35,8 @@ BARS: dict[str, tuple[str, float]] = {
 
 
 @dataclass(frozen=True, eq=False)
-class Way:
-    """Where robot and object went.
+class Trajectory:
+    """Trajectories of robot and object.
 
     Attributes:
         base: shape (n, 2), of the robot's frame in `odom` [m].
@@ -54,10 +54,10 @@ class Way:
 
 
 def draw_map(outcomes: pd.DataFrame, path: Path) -> Path:
-    """Draw what became of the pushes to each target, one panel an object (as O Fig 3).
+    """Draw the outcomes of the pushes to each target, one panel an object (as O Fig 3).
 
     Args:
-        outcomes: of one sensing and controller.
+        outcomes: of one sensor suite and controller.
         path: the PNG to write.
     """
     objects, frictions = (list(outcomes[name].unique()) for name in ("object", "friction"))
@@ -76,12 +76,14 @@ def draw_map(outcomes: pd.DataFrame, path: Path) -> Path:
     return save_figure(figure, path)
 
 
-def draw_ways(outcomes: pd.DataFrame, ways: Sequence[Way], path: Path) -> Path:
-    """Draw the ways of robot and object, one panel an object and friction.
+def draw_trajectories(
+    outcomes: pd.DataFrame, trajectories: Sequence[Trajectory], path: Path
+) -> Path:
+    """Draw the trajectories of robot and object, one panel an object and friction.
 
     Args:
-        outcomes: of one sensing and controller.
-        ways: of these pushes.
+        outcomes: of one sensor suite and controller.
+        trajectories: of these pushes.
         path: the PNG to write.
     """
     from matplotlib.lines import Line2D
@@ -94,11 +96,13 @@ def draw_ways(outcomes: pd.DataFrame, ways: Sequence[Way], path: Path) -> Path:
         axes = panels[row, column]
         chosen = (outcomes["object"] == name) & (outcomes["friction"] == friction)
         pushes = outcomes[chosen].to_dict("records")
-        for way, one in zip(compress(ways, chosen), pushes, strict=True):
-            colour = COLOURS[0] if one["success_true"] else FAILED
-            axes.plot(*way.base.T, color="#bbbbbb", linewidth=0.5, zorder=1)
-            axes.plot(*way.object.T, color=colour, linewidth=0.9, zorder=2, alpha=0.8)
-            axes.plot(one["target_x"], one["target_y"], "+", color=colour, markersize=7.0, zorder=3)
+        for trajectory, push in zip(compress(trajectories, chosen), pushes, strict=True):
+            colour = COLOURS[0] if push["success_true"] else FAILED
+            axes.plot(*trajectory.base.T, color="#bbbbbb", linewidth=0.5, zorder=1)
+            axes.plot(*trajectory.object.T, color=colour, linewidth=0.9, zorder=2, alpha=0.8)
+            axes.plot(
+                push["target_x"], push["target_y"], "+", color=colour, markersize=7.0, zorder=3
+            )
         _floor(axes, outcomes)
         axes.set_title(f"{name} {FRICTIONS.get(friction, friction)}")
     handles = [
@@ -115,7 +119,7 @@ def draw_bars(outcomes: pd.DataFrame, comparisons: Sequence[Comparison], path: P
     """Draw means with standard errors (as O Fig 4), stars by Wilcoxon's test.
 
     Args:
-        outcomes: of all sensings and controllers.
+        outcomes: of all sensor suites and controllers.
         comparisons: of each but the first with one before it.
         path: the PNG to write.
     """
@@ -150,13 +154,13 @@ def draw_bars(outcomes: pd.DataFrame, comparisons: Sequence[Comparison], path: P
 
 
 def _mark(outcomes: pd.DataFrame, axes: Any, shift: float, large: bool, number: int) -> None:
-    """Mark targets by what became of their pushes."""
-    for one in outcomes.to_dict("records"):
-        declared, won = one["success_estimate"], one["success_true"]
+    """Mark targets by the outcomes of their pushes."""
+    for push in outcomes.to_dict("records"):
+        declared, won = push["success_estimate"], push["success_true"]
         colour = TRUE if won else DECLARED if declared else FAILED
         axes.scatter(
-            [one["target_x"] + shift],
-            [one["target_y"]],
+            [push["target_x"] + shift],
+            [push["target_y"]],
             s=130.0 if large else 28.0,
             marker=("o", "s", "D", "^")[number % 4] if declared else "x",
             color=colour,
@@ -164,9 +168,9 @@ def _mark(outcomes: pd.DataFrame, axes: Any, shift: float, large: bool, number: 
             zorder=2 if won else 3,
         )
         if large and not won:
-            least = one["least_distance"]
+            least = push["least_distance"]
             text = f"{least * 100:.1f}" if np.isfinite(least) else "–"
-            place = (one["target_x"] + shift, one["target_y"] - 0.22)
+            place = (push["target_x"] + shift, push["target_y"] - 0.22)
             axes.annotate(text, place, ha="center", va="top", fontsize=7, color=colour)
 
 

@@ -23,13 +23,13 @@ from contactfusion_lab.scenes.push.scene import PushTruth
 from contactfusion_lab.trials.folder import loaded_pillow, save_film
 
 TRUTH = "truth"
-"""Topics of what no sensor tells begin with this."""
+"""Prefix of the topics that no sensor measures."""
 FRAMES = 150
 """At most [frames]."""
 LAST = 2.5
-"""How long the last one is [s]."""
+"""Duration of the last frame [s]."""
 AROUND = 0.75
-"""So much is seen around all ways [m]."""
+"""Margin around all trajectories [m]."""
 TARGET, OBJECT, EDGE, TRUE, FELT = COLOURS[3], COLOURS[5], COLOURS[0], COLOURS[2], COLOURS[1]
 SHADES = 12
 """Frames hold so many shades of each colour, between it and white: a small file."""
@@ -84,7 +84,7 @@ def _object(push: Push, truth: PushTruth) -> ObjectPose:
 
 @dataclass(frozen=True, eq=False)
 class Shapes:
-    """What is drawn, seen from above.
+    """The scene seen from above.
 
     Attributes:
         robot: shape (n, 2) [m], the corners of the robot in its frame.
@@ -158,12 +158,12 @@ class _Scene:
     def picture(self, row: int) -> NDArray[np.uint8]:
         """Draw one cycle, shape (height, width, 3)."""
         track, face = self._track, self._shapes.face
-        base, thing = track.base[row], track.object[row]
+        base, pose = track.base[row], track.object[row]
         self._way.set_data(*track.base[: row + 1, :2].T)
         self._object_way.set_data(*track.object[: row + 1, :2].T)
         self._robot.set_xy(_placed(self._shapes.robot, base))
         for patch, piece in zip(self._pieces, self._shapes.object, strict=True):
-            patch.set_xy(_placed(piece, thing))
+            patch.set_xy(_placed(piece, pose))
         half = face.half_width
         edge = np.array([[face.ahead, -half], [face.ahead, half]])
         self._face.set_data(*_placed(edge, base).T)
@@ -204,7 +204,7 @@ def _placed(points: FloatArray, pose: FloatArray) -> FloatArray:
 
 
 def _limit(axes: Any, track: Track) -> None:
-    """Show all of the ways, as a square."""
+    """Set limits that show all of the trajectories, as a square."""
     places = np.concatenate([track.base[:, :2], track.object[:, :2], [track.push.target]])
     low, high = places.min(axis=0) - AROUND, places.max(axis=0) + AROUND
     middle, half = (low + high) / 2.0, float((high - low).max()) / 2.0

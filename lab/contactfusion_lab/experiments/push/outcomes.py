@@ -1,4 +1,4 @@
-"""What came of pushes: the measures of method §8, causes of failure, and comparisons in pairs."""
+"""Outcomes of pushes: the measures of method §8, failure modes, and comparisons in pairs."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -15,23 +15,23 @@ from contactfusion_lab.trials.measures import CASE, Comparison, compared
 from contactfusion_lab.trials.tables import frame_of
 
 EDGE = 0.22
-"""Contacts further aside than this are at an edge of the face [m]."""
+"""Lateral offset from which contacts are at an edge of the face [m]."""
 SILENT, FAINT = 0.2, 0.6
 """A contact that is felt in less than these shares of its time is not felt, or hardly."""
 PROGRESS = 0.02
 """Coming nearer to the target by less than this is no progress [m]."""
 COMPARED = ["lateral_true", "lateral_estimate", "swept", "time"]
-"""Over pushes that both bring to true success (O §III-C)."""
+"""Measures over pushes that both bring to true success (O §III-C)."""
 
 
 @dataclass(frozen=True)
 class Outcome:
-    """What came of one push by one controller; a measure without a value is NaN.
+    """The outcome of one push by one controller; a measure without a value is NaN.
 
     Attributes:
         trial: the name of the push.
         controller: by name.
-        sensing: what felt the object.
+        sensing: label of the sensor suite.
         object: by name.
         friction: by name.
         target_x: [m].
@@ -234,9 +234,9 @@ def outcomes_of(tracks: Sequence[Track]) -> pd.DataFrame:
 
 
 def compare_all(frame: pd.DataFrame, seed: int) -> list[Comparison]:
-    """Compare each sensing and controller but the first with one before it.
+    """Compare each sensor suite and controller but the first with one before it.
 
-    That is the first with the same controller; without one, the first with the same sensing;
+    That is the first with the same controller; without one, the first with the same suite;
     without that, too, the first of all. Measures are compared where both truly succeed.
 
     Args:

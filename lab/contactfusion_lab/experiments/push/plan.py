@@ -43,7 +43,7 @@ from contactfusion_lab.trials.choices import require_known, require_once
 
 STARTS = ("nominal", "random")
 OFFSET, YAW = 0.2, 45.0
-"""Random starts are drawn within these, either way [m, degrees]."""
+"""Limits of random starts to either side [m, degrees]."""
 FIELD, NEAREST = 3.0, 0.5
 """Random targets are drawn within this of the origin along x and y, further than this from the
 first contact [m]."""
@@ -51,7 +51,7 @@ CLEARANCE = 0.03
 """Nor are they drawn under the robot, or so near behind or beside it; at the start its front stands
 at x = 0 [m]."""
 FLAT = 1e-6
-"""Corners so far behind the foremost are as far ahead [m]."""
+"""Distance behind the foremost corner within which corners count as foremost [m]."""
 TRIALS = 3
 """Counts up when trials change, so that old ones are not taken for new."""
 Place = tuple[float, float]
@@ -67,9 +67,9 @@ NEW: tuple[Place, ...] = (
 )  # fmt: skip
 """Twelve that are in neither of these [m]."""
 REAL: tuple[Place, ...] = tuple((x, y) for x in (-2.0, 0.0, 2.0) for y in (-2.0, 2.0))
-"""Those of the real robots (O §V), also in the grid [m]."""
+"""Targets of the real robots (O §V), also in the grid [m]."""
 REAL_NEAR: tuple[Place, ...] = tuple((x, y) for x in (-1.5, 0.0, 1.5) for y in (-1.5, 1.5))
-"""Those for the L-shape there [m]."""
+"""Targets for the L-shape there [m]."""
 NAMED = {
     "grid": GRID,
     "validation": VALIDATION,
@@ -106,7 +106,7 @@ class Push:
 
     @property
     def name(self) -> str:
-        """What to call it, and its file."""
+        """Name of the push and of its file."""
         return f"{self.object}-{self.friction}-{self.targets}-{self.number:03d}"
 
 
@@ -127,18 +127,18 @@ class Targets:
 
 @dataclass(frozen=True)
 class Plan:
-    """All pushes of an experiment that are felt in one way.
+    """All pushes of an experiment by one sensor suite.
 
     Attributes:
-        sensing: what feels.
-        objects: what is pushed, by name.
+        sensing: the sensor suite.
+        objects: those to push, by name.
         frictions: their names.
-        targets: where to.
+        targets: where the objects are pushed.
         starts: "nominal" or "random".
-        skin: how well the skin feels.
-        faults: how sensors fail.
-        misplaced: how far sensors are from where they are believed to be, by name.
-        seed: of all chance.
+        skin: sensitivity of the skin.
+        faults: failures of sensors.
+        misplaced: errors of extrinsic poses of sensors, by name.
+        seed: of all random draws.
     """
 
     sensing: Sensing
@@ -152,8 +152,8 @@ class Plan:
     seed: int
 
     def pushes(self) -> list[Push]:
-        """List all pushes; those to random targets are dealt evenly."""
-        pairs = [(thing, friction) for thing in self.objects for friction in self.frictions]
+        """All pushes; those to random targets are distributed evenly."""
+        pairs = [(name, friction) for name in self.objects for friction in self.frictions]
         places, trials = self.targets.places, self.targets.trials
         return [
             self.push(*pair, number)
@@ -190,12 +190,12 @@ class Plan:
 
     @property
     def pipeline(self) -> PipelineConfig:
-        """What feels, without a controller."""
+        """The pipeline of the sensor suite, without a controller."""
         return self.sensing.pipeline
 
     @property
     def face(self) -> FaceConfig:
-        """What pushes."""
+        """The face that pushes."""
         return self.sensing.face
 
     @property
@@ -204,7 +204,7 @@ class Plan:
         return self.sensing.robot
 
     def settings(self, controllers: Sequence[str]) -> dict[str, Any]:
-        """What makes two trials of one name equal, for a folder that is gone on with."""
+        """The settings of which trials are a function: with equal ones a folder is resumed."""
         places = self.targets.places
         return {
             "trials": TRIALS,
@@ -215,44 +215,44 @@ class Plan:
             "misplaced": {name: how.model_dump() for name, how in self.misplaced.items()},
             "sensings": {self.sensing.label: self.sensing.settings()},
             "controllers": {name: controller_settings(name, self.face) for name in controllers},
-            "objects": {name: _object_settings(one) for name, one in self.objects.items()},
+            "objects": {name: _object_settings(config) for name, config in self.objects.items()},
             "targets": {self.targets.name: places or "by chance"},
         }
 
-    def push(self, thing: str, friction: str, number: int) -> Push:
-        """One push; of others nothing changes it.
+    def push(self, name: str, friction: str, number: int) -> Push:
+        """One push, independent of all others.
 
         Args:
-            thing: the name of the object.
-            friction: its name.
+            name: of the object.
+            friction: name of the friction set.
             number: within the set of targets.
 
         Raises:
             RobotError: the target is drawn, and the object is a URDF that cannot be seen.
         """
-        entropy = [self.seed, crc32(thing.encode()), crc32(friction.encode()), number]
+        entropy = [self.seed, crc32(name.encode()), crc32(friction.encode()), number]
         sequence = np.random.SeedSequence(entropy)
         rng = np.random.default_rng(sequence)
         offset, yaw = float(rng.uniform(-OFFSET, OFFSET)), float(rng.uniform(-YAW, YAW))
         if self.starts == "nominal":
             offset, yaw = 0.0, 0.0
         places = self.targets.places
-        target = places[number] if places else _drawn(rng, self.first_contact(thing, offset, yaw))
+        target = places[number] if places else _drawn(rng, self.first_contact(name, offset, yaw))
         seed = int(sequence.generate_state(1)[0])
-        return Push(thing, friction, self.targets.name, number, target, offset, yaw, seed)
+        return Push(name, friction, self.targets.name, number, target, offset, yaw, seed)
 
-    def first_contact(self, thing: str, offset: float, yaw: float) -> float:
-        """How far to the left of the robot's middle an object is touched first [m].
+    def first_contact(self, name: str, offset: float, yaw: float) -> float:
+        """Lateral position of the first contact with an object, to the left of the middle [m].
 
         Args:
-            thing: the name of the object.
+            name: of the object.
             offset: of the object to the left [m].
             yaw: of the object [degrees].
 
         Raises:
             RobotError: it is a URDF that cannot be seen.
         """
-        corners = self._corners[thing]
+        corners = self._corners[name]
         cos, sin = np.cos(np.radians(yaw)), np.sin(np.radians(yaw))
         x, y = cos * corners[:, 0] - sin * corners[:, 1], sin * corners[:, 0] + cos * corners[:, 1]
         foremost = float(y[x < x.min() + FLAT].mean()) + offset
@@ -260,8 +260,8 @@ class Plan:
 
     @cached_property
     def _corners(self) -> dict[str, FloatArray]:
-        """Of each object seen from above, shape (n, 2) [m]: slow to find for a URDF."""
-        return {name: np.concatenate(outlines(one)) for name, one in self.objects.items()}
+        """Corners of each object from above, shape (n, 2) [m]: slow to find for a URDF."""
+        return {name: np.concatenate(outlines(config)) for name, config in self.objects.items()}
 
 
 def read_plan(
@@ -281,18 +281,18 @@ def read_plan(
     """Put an experiment together.
 
     Args:
-        sensing: what feels, by name.
+        sensing: the sensor suite, by name.
         objects: by name; none: those of the paper, unless there are files.
         files: of further objects.
         frictions: by name; none: both.
-        targets: where to.
+        targets: where the objects are pushed.
         starts: "nominal" or "random".
         taxels: of the front.
-        skin: how well the skin feels.
-        faults: how sensors fail.
-        seed: of all chance.
-        change: what differs from the file of the sensing.
-        misplaced: how far sensors are from where they are believed to be, by name.
+        skin: sensitivity of the skin.
+        faults: failures of sensors.
+        seed: of all random draws.
+        change: differences from the file of the suite.
+        misplaced: errors of extrinsic poses of sensors, by name.
 
     Raises:
         ContactFusionError: a name is unknown or stands twice, a file holds no object, the seed is
@@ -349,12 +349,12 @@ def _objects_of(names: Sequence[str], files: Sequence[Path]) -> dict[str, Object
     return objects
 
 
-def _object_settings(thing: ObjectConfig) -> Any:
-    """What makes up an object; of a file what is in it."""
-    if not isinstance(thing, UrdfObjectConfig):
-        return thing.model_dump(mode="json")
-    content = RobotConfig(urdf=thing.urdf, folder=thing.folder).path().read_bytes()
-    return {"urdf": Path(thing.urdf).name, "sha256": hashlib.sha256(content).hexdigest()}
+def _object_settings(config: ObjectConfig) -> Any:
+    """The fields of an object; for a file the digest of its content."""
+    if not isinstance(config, UrdfObjectConfig):
+        return config.model_dump(mode="json")
+    content = RobotConfig(urdf=config.urdf, folder=config.folder).path().read_bytes()
+    return {"urdf": Path(config.urdf).name, "sha256": hashlib.sha256(content).hexdigest()}
 
 
 class _TargetFile(Model):

@@ -31,19 +31,19 @@ SENSINGS = {
 }
 """The pipeline of each."""
 BLUR = 2.5
-"""One point may seem to a skin as wide as so many taxels."""
+"""Width of a point contact as a skin measures it [taxels]."""
 REST = ("folder", "faults", "controller", "seed")
-"""Of a pipeline, what does not change a trial, or is named apart."""
+"""Fields of a pipeline that do not change a trial, or are settings of their own."""
 
 
 @dataclass(frozen=True)
 class Change:
-    """What differs from the file of a sensing.
+    """Differences from the file of a sensor suite.
 
     Attributes:
-        rule: how hypotheses are fused, RULE or RULE/CONDENSATION; empty: as the file says.
-        without: sources that nobody listens to.
-        lidar: the LiDAR that takes the place of any other; empty: as the file says.
+        rule: fusion rule, RULE or RULE/CONDENSATION; empty: that of the file.
+        without: sources that are ignored.
+        lidar: the LiDAR that replaces any other; empty: that of the file.
         camera: the camera likewise.
         weights: of contact networks; None: those of the package.
     """
@@ -57,14 +57,14 @@ class Change:
 
 @dataclass(frozen=True)
 class Sensing:
-    """What feels an object.
+    """A sensor suite.
 
     Attributes:
-        label: what to call it, and the folder of its pushes.
+        label: its name, and that of the folder of its pushes.
         pipeline: the generators and how they are fused, without a controller.
         sees: the LiDARs and cameras that are switched on for it.
-        without: sources of its generators that nobody listens to.
-        networks: of each generator that has networks, which, as a sum of their file.
+        without: sources of its generators that are ignored.
+        networks: digest of the file of networks, by generator.
     """
 
     label: str
@@ -81,7 +81,7 @@ class Sensing:
 
     @property
     def ask(self) -> Ask:
-        """How its pipeline asks generators."""
+        """The function by which its pipeline calls generators."""
         if not self.without:
             return asked
 
@@ -95,14 +95,14 @@ class Sensing:
 
     @cached_property
     def face(self) -> FaceConfig:
-        """What pushes: a skin blurs points, eyes tell them from lines."""
+        """The face that pushes: a skin blurs points, LiDARs and cameras do not."""
         blur = NARROW
         if any("patch" in options for options in self.pipeline.generators.values()):
             blur = BLUR * self.robot.patches["skin"].grids[0].pitch[1]
         return FaceConfig(blur=blur)
 
     def settings(self) -> dict[str, Any]:
-        """What it is; of a file with networks what is in it."""
+        """Its settings; for a file of networks the digest of its content."""
         exclude: Any = dict.fromkeys(REST, True) | {
             "robot": {"folder"},
             "generators": {name: {"weights"} for name in self.networks},
@@ -116,30 +116,30 @@ class Sensing:
 
 
 def read_sensing(name: str, taxels: int, change: Change) -> Sensing:
-    """What feels.
+    """The sensor suite of a name.
 
     Args:
-        name: of the sensing.
+        name: of the suite.
         taxels: of the skin's front.
-        change: what differs from its file.
+        change: differences from its file.
 
     Raises:
         ContactFusionError: a name is unknown, a plug-in is not installed, networks are missing, or
-            nothing is left that could tell of a contact.
+            no source of contacts is left.
     """
     require_known([name], SENSINGS, "sensing", "sensings")
     path = SENSINGS[name]
     pipeline = PipelineConfig(**{"folder": path.parent, **read_yaml(path)})
     robot = pipeline.robot
     assert robot is not None
-    eyes = {
+    exteroceptive = {
         **dict.fromkeys(robot.lidars, _chosen(change.lidar, robot.lidars, "LiDARs")),
         **dict.fromkeys(robot.cameras, _chosen(change.camera, robot.cameras, "cameras")),
     }
     generators, networks = {}, {}
     for generator, options in pipeline.generators.items():
         changed = dict(options)
-        if chosen := eyes.get(str(options.get("sensor"))):
+        if chosen := exteroceptive.get(str(options.get("sensor"))):
             changed["sensor"] = chosen
         if "weights" in installed_plugins().find("generators", options["type"]).Config.model_fields:
             weights = change.weights or shipped()
@@ -163,9 +163,9 @@ def read_sensing(name: str, taxels: int, change: Change) -> Sensing:
     return Sensing(
         label="-".join(filter(None, parts)).replace("/", "_"),
         pipeline=pipeline,
-        sees=tuple(sensor for sensor in sensors if sensor in eyes),
+        sees=tuple(sensor for sensor in sensors if sensor in exteroceptive),
         without=frozenset(change.without),
-        networks={one: digest for one, digest in networks.items() if one in kept},
+        networks={generator: digest for generator, digest in networks.items() if generator in kept},
     )
 
 

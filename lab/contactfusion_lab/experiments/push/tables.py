@@ -1,4 +1,4 @@
-"""What comes of all pushes of a folder: tables beside the paper's, files and figures."""
+"""The outcomes of all pushes of a folder: tables beside the paper's, files and figures."""
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
@@ -48,7 +48,7 @@ MEASURES: tables.Units = {
 PERCEIVED: tables.Units = {
     name: MEASURES[name] for name in ("location_rmse", "type_accuracy", "contact_accuracy")
 }
-"""What is perceived against what is true, over all cycles."""
+"""Perceived against true contacts, over all cycles."""
 Perceived = Mapping[str, tuple[float, float, float]]
 """These figures, each with its interval over resampled pushes."""
 DIFFERENCES: tables.Units = {
@@ -61,14 +61,14 @@ DIFFERENCES: tables.Units = {
 """The units of what is compared."""
 COUNTED = ("searches", "escapes")
 LISTED = 40
-"""So many failures of a controller are listed in the table; all are in results.csv."""
+"""Number of failures of a controller listed in the table; all are in results.csv."""
 Group = tuple[str, str]
 """An object and a friction."""
 GROUPS: tuple[Group, ...] = tuple(
-    (thing, friction) for thing in ("box", "cylinder", "nonuniform") for friction in ("mu1", "mu2")
+    (name, friction) for name in ("box", "cylinder", "nonuniform") for friction in ("mu1", "mu2")
 )
 Order = tuple[int, int, int, int]
-"""Of a push among all: its targets, object and friction, and its number."""
+"""Columns that identify a push: its targets, object and friction, and its number."""
 START = "nominal"
 """Its pushes started so."""
 
@@ -78,13 +78,13 @@ def evaluate(plan: Plan, settings: Mapping[str, Any], failed: Sequence[str], out
 
     Args:
         plan: of pushes made last.
-        settings: of the folder: its sensings and controllers, of which the others are compared with
+        settings: of the folder: its suites and controllers, of which the others are compared with
             the first, its objects and its sets of targets.
         failed: a sentence for each push that could not be made.
         out: the folder with the pushes, which takes the results.
 
     Raises:
-        ConfigurationError: a file holds none of these pushes, or another than its name says.
+        ConfigurationError: a file holds none of these pushes, or another than that of its name.
     """
     tracks = list(_gathered(plan, settings, out))
     frame = outcomes_of(tracks)
@@ -123,14 +123,14 @@ def evaluate(plan: Plan, settings: Mapping[str, Any], failed: Sequence[str], out
     for case, part in parts_of(frame).items():
         stem = case.replace("/", "_")
         figures.draw_map(part, out / f"map_{stem}.png")
-        ways = [figures.Way.of(tracks[row]) for row in part.index]
-        figures.draw_ways(part, ways, out / f"paths_{stem}.png")
+        trajectories = [figures.Trajectory.of(tracks[row]) for row in part.index]
+        figures.draw_trajectories(part, trajectories, out / f"paths_{stem}.png")
     figures.draw_bars(frame, comparisons, out / "bars.png")
     note(success, end="\n\n")
 
 
 def _summary(part: pd.DataFrame, seed: int) -> dict[str, dict[str, Any]]:
-    """What a case reached; of all pushes also how often its controller searched and escaped."""
+    """Success rates of a case; over all pushes also searches and escapes of its controller."""
     summary = tables.summary_of(part, GROUPED, SUCCESSES, MEASURES, "median", seed)
     summary["all"] |= {name: int(part[name].sum()) for name in COUNTED}
     return summary
@@ -145,7 +145,7 @@ def _for_each(
 
 
 def _gathered(plan: Plan, settings: Mapping[str, Any], out: Path) -> Iterator[Track]:
-    """The pushes of a folder by sensing and controller, those of each in their order.
+    """The pushes of a folder by sensor suite and controller, those of each in their order.
 
     Args:
         plan: of pushes made last.
@@ -153,7 +153,7 @@ def _gathered(plan: Plan, settings: Mapping[str, Any], out: Path) -> Iterator[Tr
         out: the folder.
 
     Raises:
-        ConfigurationError: a file holds none of these pushes, or another than its name says.
+        ConfigurationError: a file holds none of these pushes, or another than that of its name.
     """
     sets = {name: _targets(name, places) for name, places in settings["targets"].items()}
     plans = {name: replace(plan, targets=targets) for name, targets in sets.items()}
@@ -211,7 +211,7 @@ def _stranger(path: Path) -> ConfigurationError:
 
 
 def success_text(frame: pd.DataFrame, targets: str, starts: str) -> str:
-    """The paper's table as Markdown, with three rows a sensing and controller.
+    """The paper's table as Markdown, with three rows a suite and controller.
 
     Args:
         frame: of the outcomes of a set of targets.
@@ -224,10 +224,10 @@ def success_text(frame: pd.DataFrame, targets: str, starts: str) -> str:
 
 
 def perception_text(found: Mapping[str, Perceived], targets: str, starts: str) -> str:
-    """How well contacts are perceived, over all cycles, beside the paper, as Markdown.
+    """Accuracy of perceived contacts, over all cycles, beside the paper, as Markdown.
 
     Args:
-        found: by sensing and controller.
+        found: by sensor suite and controller.
         targets: the name of the set.
         starts: "nominal" or "random"; beside nominal starts stand the paper's rows of the set.
     """
@@ -251,8 +251,8 @@ def perception_text(found: Mapping[str, Perceived], targets: str, starts: str) -
 def failures_text(frame: pd.DataFrame) -> str:
     """List the pushes without true success as Markdown, each with its cause."""
     sentences = [
-        f"{one['trial']} to ({one['target_x']:.2f}, {one['target_y']:.2f}): {one['cause']}"
-        for one in frame.to_dict("records")
+        f"{push['trial']} to ({push['target_x']:.2f}, {push['target_y']:.2f}): {push['cause']}"
+        for push in frame.to_dict("records")
     ]
     return tables.failures_text(frame, "success_true", sentences, LISTED)
 
@@ -270,13 +270,13 @@ class Reached:
     """One row of the paper.
 
     Attributes:
-        sensing: what felt.
+        sensing: label of the sensor suite.
         targets: the name of the set.
         each: pushes of each object and friction.
-        hits: successes, in the order of `GROUPS`; the paper judges by the estimated contact.
+        hits: successes, in the order of `GROUPS`; the paper rates by the estimated contact.
         share: of all pushes.
         measures: by the names of results.csv, in their units. The paper prints errors in cm; 0.4 mm
-            is less than its sensors can tell, and m is taken to be meant (method §8).
+            is less than its sensors can resolve, and m is assumed to be meant (method §8).
     """
 
     sensing: str

@@ -27,7 +27,7 @@ from contactfusion_lab.scenes.push.scene import Cycle, PushScene, pushed
 from contactfusion_lab.trials.folder import as_npz
 
 KINDS = ("none", "point", "line")
-"""How the object touches."""
+"""Kinds of contact."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,10 +36,10 @@ class Track:
 
     Attributes:
         push: which.
-        sensing: what felt it, by its label.
+        sensing: label of the sensor suite.
         controller: by name.
         ending: why it ended.
-        within: so near to the target the contact has arrived [m].
+        within: goal tolerance of the contact [m].
         period: of a cycle [s].
         modes: the names of the controller's modes.
         sources: the kind of each source but Null ones, by name.
@@ -55,7 +55,7 @@ class Track:
         shares: shape (n, k), of each source in the contacts on the face; they add up to 1, or to 0
             without one.
         mode: shape (n,), of the controller, as a row of `modes`.
-        command: shape (n, 3), ahead, to the left [m/s], turn [rad/s].
+        command: shape (n, 3), forward, lateral [m/s], yaw rate [rad/s].
     """
 
     push: Push
@@ -86,12 +86,12 @@ ARRAYS = tuple(field.name for field in fields(Track) if field.name not in NAMED)
 
 @dataclass(frozen=True, eq=False)
 class Cost:
-    """What a push took.
+    """The cost of a push.
 
     Attributes:
         simulated: [s].
         cpu: of all of it [s].
-        sensed: of making up what the sensors read [s].
+        sensed: of simulating the readings [s].
         fused: shape (n,), of receiving and stepping in each cycle [s].
     """
 
@@ -107,13 +107,13 @@ class StopWatch(Pipeline):
 
     Args:
         config: the configuration.
-        ask: how a generator is asked for its clouds.
+        ask: the function that calls a generator for its clouds.
     """
 
     def __init__(self, config: PipelineConfig, ask: Ask) -> None:
         super().__init__(config, ask)
         self.cycles = [0.0]
-        """Of each cycle so far, and of the one that has begun [s]."""
+        """CPU time of each cycle so far, and of the one that has begun [s]."""
 
     def take(self, reading: Reading) -> None:
         """Take a reading."""
@@ -137,16 +137,16 @@ class WatchedScene(PushScene):
     Args:
         config: the push.
         robot: the base.
-        seed: of all chance.
+        seed: of all random draws.
     """
 
     def __init__(self, config: PushConfig, robot: RobotConfig, seed: int) -> None:
         super().__init__(config, robot, seed)
         self.sensed = 0.0
-        """So far [s]."""
+        """CPU time of readings so far [s]."""
 
     def readings(self) -> list[Reading]:
-        """What the sensors read now."""
+        """The readings of the sensors now."""
         start = time.process_time()
         readings = super().readings()
         self.sensed += time.process_time() - start
@@ -168,7 +168,7 @@ def run_trial(plan: Plan, push: Push, controller: str) -> tuple[Track, Cost]:
 
 
 def push_cycles(plan: Plan, push: Push, pipeline: Pipeline) -> Iterator[Cycle]:
-    """Let a pipeline make a push.
+    """The cycles of a push by a pipeline.
 
     Raises:
         ContactFusionError: the scene cannot be set up, or the controller failed.
@@ -177,7 +177,7 @@ def push_cycles(plan: Plan, push: Push, pipeline: Pipeline) -> Iterator[Cycle]:
 
 
 def track_of(plan: Plan, push: Push, controller: str, cycles: Iterable[Cycle]) -> Track:
-    """Keep of all cycles what the measures need, and nothing else."""
+    """The track of all cycles: what the measures need."""
     truths, found, shares, commands, ending = [], [], [], [], None
     sources: dict[str, str] = {}
     for cycle in cycles:
@@ -186,9 +186,9 @@ def track_of(plan: Plan, push: Push, controller: str, cycles: Iterable[Cycle]) -
         found.append(on_face(fusion.contacts, plan.face))
         shares.append(shares_on_face(fusion.contacts, plan.face))
         sources = {
-            name: str(one.kind)
-            for name, one in fusion.report.sources.items()
-            if one.kind != HypothesisKind.NULL
+            name: str(source.kind)
+            for name, source in fusion.report.sources.items()
+            if source.kind != HypothesisKind.NULL
         }
         commands.append(cycle.step.command)
         ending = cycle.ending
@@ -211,10 +211,14 @@ def track_of(plan: Plan, push: Push, controller: str, cycles: Iterable[Cycle]) -
         contact=np.array([truth.contact for truth in truths]),
         distance=np.array([truth.distance for truth in truths]),
         force=np.array([truth.force for truth in truths]),
-        lateral=np.array([one.lateral if one else np.nan for one in found]),
-        estimate=np.array([KINDS.index(one.kind if one else "none") for one in found], np.uint8),
-        shares=np.array([[one.get(name, 0.0) for name in sources] for one in shares]),
-        mode=np.array([modes.index(one.mode) for one in commands if one], np.uint8),
+        lateral=np.array([touch.lateral if touch else np.nan for touch in found]),
+        estimate=np.array(
+            [KINDS.index(touch.kind if touch else "none") for touch in found], np.uint8
+        ),
+        shares=np.array(
+            [[cycle_shares.get(name, 0.0) for name in sources] for cycle_shares in shares]
+        ),
+        mode=np.array([modes.index(command.mode) for command in commands if command], np.uint8),
         command=np.array([[*twist.linear[:2], twist.angular[2]] for twist in twists]),
     )
 
@@ -270,39 +274,39 @@ def _read(held: Mapping[str, Any]) -> Track:
 
 
 def report_costs(costs: Mapping[str, Sequence[Cost]], out: Path) -> None:
-    """Print what pushes took, and write it to timing.json.
+    """Print the costs of pushes, and write them to timing.json.
 
     Args:
-        costs: of the pushes of this run, by what felt.
+        costs: of the pushes of this run, by sensor suite.
         out: the folder of the results.
     """
     fields = {label: costs_of(part) for label, part in costs.items()}
     write_whole(out / "timing.json", json.dumps(fields, indent=1) + "\n")
-    for label, one in fields.items():
+    for label, figures in fields.items():
         note(
-            f"{label}: {one['trials_per_cpu_minute']:.0f} pushes a minute of CPU time, "
-            f"{one['simulated_s_per_cpu_s']:.0f} times as fast as real; sensors take "
-            f"{one['sensing_share']:.0%} of it, generators, fusion and controller "
-            f"{one['fusion_share']:.0%}: {one['cycle_p50_ms']:.2f} ms a cycle, "
-            f"p99 {one['cycle_p99_ms']:.2f} ms"
+            f"{label}: {figures['trials_per_cpu_minute']:.0f} pushes a minute of CPU time, "
+            f"{figures['simulated_s_per_cpu_s']:.0f} times as fast as real; sensors take "
+            f"{figures['sensing_share']:.0%} of it, generators, fusion and controller "
+            f"{figures['fusion_share']:.0%}: {figures['cycle_p50_ms']:.2f} ms a cycle, "
+            f"p99 {figures['cycle_p99_ms']:.2f} ms"
         )
 
 
 def costs_of(costs: Sequence[Cost]) -> dict[str, float]:
-    """Rates, shares and quantiles of what pushes took.
+    """Rates, shares and quantiles of the costs of pushes.
 
     Args:
-        costs: of pushes that were felt in one way.
+        costs: of pushes by one sensor suite.
     """
-    cpu, simulated = sum(one.cpu for one in costs), sum(one.simulated for one in costs)
-    cycles = np.concatenate([one.fused for one in costs])
+    cpu, simulated = sum(cost.cpu for cost in costs), sum(cost.simulated for cost in costs)
+    cycles = np.concatenate([cost.fused for cost in costs])
     p50, p99 = np.quantile(cycles, [0.5, 0.99]).tolist()
     return {
         "trials": len(costs),
         "cpu_s": cpu,
         "trials_per_cpu_minute": 60.0 * len(costs) / cpu,
         "simulated_s_per_cpu_s": simulated / cpu,
-        "sensing_share": sum(one.sensed for one in costs) / cpu,
+        "sensing_share": sum(cost.sensed for cost in costs) / cpu,
         "fusion_share": float(cycles.sum()) / cpu,
         "cycle_p50_ms": p50 * 1e3,
         "cycle_p99_ms": p99 * 1e3,

@@ -36,11 +36,11 @@ METHODS = (
     Method("log_odds", "cluster_centroid"),
     Method("dempster_shafer", "cluster_centroid"),
 )
-"""What the table is made for; the first is the papers', the others are compared with it."""
+"""Methods of the table; the first is the papers', the others are compared with it."""
 DRAWN = 2
-"""Touches are drawn, and tables printed, by so many methods, the first."""
+"""Number of methods, the first, by which touches are drawn and tables printed."""
 UNITS: Units = {"detected": ("detected", 1.0, "g"), "error": ("ε cm", 100.0, ".2f")}
-"""Of what is compared."""
+"""Units of the compared measures."""
 
 
 @dataclass(frozen=True)
@@ -175,11 +175,11 @@ def _evaluate(
         papers = part[part["row"].isin([row.name for row in PAPERS])]
         figures.draw_touches(papers, out / f"touches_{method.stem}.png")
         figures.draw_rows(measures, names, str(method), out / f"rows_{method.stem}.png")
-    measures += tables.sharing([shared(one, config) for one in touches])
+    measures += tables.sharing([shared(trial, config) for trial in touches])
     measures += tables.coverage(touches, config, np.random.default_rng([plan.seed, 1]))
     shares = [tables.shares_text(measures, kind) for kind in ("voxels", "spreads")]
     texts["by any method"] = "\n\n".join(shares)
-    by_name = {one.touch.name: one for one in trials}
+    by_name = {trial.touch.name: trial for trial in trials}
     for name in draw or _first_of_each(touches):
         for method in methods[:DRAWN] if name in by_name else ():
             path = out / "pictures" / f"{name}_{method.stem}.png"
@@ -187,27 +187,27 @@ def _evaluate(
     for method in methods[:DRAWN]:
         note(tables.table_text(measures, rows, str(method)), end="\n\n")
     summary = _summary(trials) | {
-        "measures": [asdict(one) for one in measures],
-        "tests": [asdict(one) for one in comparisons],
+        "measures": [asdict(measure) for measure in measures],
+        "tests": [asdict(comparison) for comparison in comparisons],
     }
     write_results(out, frame, summary, texts, missing="nan")
 
 
 def _summary(trials: Sequence[Trial]) -> dict[str, Any]:
-    touches = [one for one in trials if not one.touch.short]
-    in_air = [one for one in trials if one.touch.short]
+    touches = [trial for trial in trials if not trial.touch.short]
+    in_air = [trial for trial in trials if trial.touch.short]
     return {
         "touches": len(touches),
-        "missed": sum(not len(one.places) for one in touches),
-        "of several contacts": sum(len(one.places) > 1 for one in touches),
-        "not settled": sum(not one.steady for one in touches),
+        "missed": sum(not len(trial.places) for trial in touches),
+        "of several contacts": sum(len(trial.places) > 1 for trial in touches),
+        "not settled": sum(not trial.steady for trial in touches),
         "in free air": len(in_air),
-        "touched though in free air": sum(bool(len(one.places)) for one in in_air),
-        "refused": sorted({reason for one in trials for reason in one.refused}),
+        "touched though in free air": sum(bool(len(trial.places)) for trial in in_air),
+        "refused": sorted({reason for trial in trials for reason in trial.refused}),
     }
 
 
 def _first_of_each(touches: Sequence[Trial]) -> list[str]:
     """One touch of each object, by name."""
-    made = [one.touch for one in touches if len(one.places)]
+    made = [trial.touch for trial in touches if len(trial.places)]
     return list({touch.target: touch.name for touch in reversed(made)}.values())

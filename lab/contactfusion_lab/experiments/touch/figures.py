@@ -74,7 +74,7 @@ def draw_rows(measures: Sequence[Measure], rows: Sequence[str], method: str, pat
         method: which.
         path: the PNG to write.
     """
-    found = {(one.case, one.metric): one for one in measures}
+    found = {(measure.case, measure.metric): measure for measure in measures}
     figure = new_figure(13.0, 0.36 * len(rows) + 1.8)
     shown = [
         ("detected within 3 cm; × false alarms in free air [%]", 100.0,
@@ -87,13 +87,16 @@ def draw_rows(measures: Sequence[Measure], rows: Sequence[str], method: str, pat
     for axes, (title, scale, metrics) in zip(panels, shown, strict=True):
         for metric, marker in metrics:
             for place, row in zip(places, rows, strict=True):
-                one = found.get((f"{row}, {method}", metric))
-                if one is None:
+                measure = found.get((f"{row}, {method}", metric))
+                if measure is None:
                     continue
-                ends = [[(one.value - one.low) * scale], [(one.high - one.value) * scale]]
+                ends = [
+                    [(measure.value - measure.low) * scale],
+                    [(measure.high - measure.value) * scale],
+                ]
                 colour = COLOURS[1] if marker == "x" else COLOURS[0]
-                axes.errorbar([one.value * scale], [place], xerr=np.maximum(ends, 0.0), fmt=marker,
-                              color=colour, markersize=5.0, linewidth=1.0)  # fmt: skip
+                axes.errorbar([measure.value * scale], [place], xerr=np.maximum(ends, 0.0),
+                              fmt=marker, color=colour, markersize=5.0, linewidth=1.0)  # fmt: skip
         axes.set_title(title, fontsize=9)
         axes.grid(axis="x", linewidth=0.3)
     panels[0].set_yticks(places, rows)
@@ -102,7 +105,7 @@ def draw_rows(measures: Sequence[Measure], rows: Sequence[str], method: str, pat
 
 
 def draw_touch(trial: Trial, config: PipelineConfig, method: Method, path: Path) -> Path:
-    """Draw what each modality said of a touch, what was fused, and where the contacts are.
+    """Draw the hypotheses of each modality for a touch, the fused voxels, and the contacts.
 
     Seen from above and from the side, around the true contact; the robot is where it believes to
     be.
@@ -122,7 +125,7 @@ def draw_touch(trial: Trial, config: PipelineConfig, method: Method, path: Path)
         near = np.abs(robot.surface.points[:, depth] - middle[depth]) < SLICE
         for axes in panels[row]:
             axes.scatter(*robot.surface.points[near][:, across].T * 1000.0, s=1.5, color="#cccccc")
-        _draw_said(panels[row, 0], trial, config, across)
+        _draw_clouds(panels[row, 0], trial, config, across)
         _draw_fused(panels[row, 1], fusion.space, across)
         _draw_contacts(panels[row, 2], fusion.contacts, across)
         for axes in panels[row]:
@@ -144,11 +147,13 @@ def draw_touch(trial: Trial, config: PipelineConfig, method: Method, path: Path)
 def _middle(trial: Trial, robot: PosedRobot) -> FloatArray:
     if len(trial.places):
         return np.asarray(trial.places[0])
-    said = [cloud.positions for cloud in trial.clouds.values() if cloud.single and len(cloud)]
-    return np.asarray(np.concatenate(said).mean(axis=0) if said else robot.surface.points[-1])
+    positions = [cloud.positions for cloud in trial.clouds.values() if cloud.single and len(cloud)]
+    return np.asarray(
+        np.concatenate(positions).mean(axis=0) if positions else robot.surface.points[-1]
+    )
 
 
-def _draw_said(axes: Any, trial: Trial, config: PipelineConfig, across: tuple[int, int]) -> None:
+def _draw_clouds(axes: Any, trial: Trial, config: PipelineConfig, across: tuple[int, int]) -> None:
     """Draw hypotheses, larger where more likely within their cloud."""
     modalities = everything(config).modalities
     colours = {name: COLOURS[i % len(COLOURS)] for i, name in enumerate(modalities)}
@@ -181,9 +186,9 @@ def _draw_contacts(axes: Any, contacts: Sequence[Any], across: tuple[int, int]) 
         x, y = contact.position[list(across)] * 1000.0
         part = contact.covariance[np.ix_(across, across)] * 1e6
         values, vectors = np.linalg.eigh(part)
-        turn = float(np.degrees(np.arctan2(vectors[1, 1], vectors[0, 1])))
+        angle = float(np.degrees(np.arctan2(vectors[1, 1], vectors[0, 1])))
         colour = COLOURS[number % len(COLOURS)]
         wide, high = 4.0 * np.sqrt(np.maximum(values[::-1], 0.0))
-        axes.add_patch(Ellipse((x, y), wide, high, angle=turn, fill=False, color=colour))
+        axes.add_patch(Ellipse((x, y), wide, high, angle=angle, fill=False, color=colour))
         axes.scatter([x], [y], s=120.0, marker="+", color=colour, linewidths=2.0,
                      label=f"{number + 1}: {contact.likelihood:.2f}")  # fmt: skip

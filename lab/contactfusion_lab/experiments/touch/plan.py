@@ -25,7 +25,7 @@ ELEVATIONS = 3
 AROUND = 8.0
 """Azimuth and elevation may differ by so much, by chance [degrees]."""
 REST: Any = {"folder": True, "faults": True, "integrator": True, "robot": {"folder": True}}
-"""Of a pipeline, what does not change a trial, or is named apart."""
+"""Fields of a pipeline that do not change a trial, or are settings of their own."""
 TRIALS = 1
 """Counts up when trials change, so that old ones are not taken for new."""
 BELIEVING = ("simulator", "first_touch")
@@ -54,7 +54,7 @@ class Touch:
 
     @property
     def name(self) -> str:
-        """What to call it, and its file."""
+        """Name of the touch and of its file."""
         return f"{self.target}-{self.direction:02d}-{self.repeat}{'-short' if self.short else ''}"
 
 
@@ -110,7 +110,7 @@ class Plan:
         return self.pipeline.model_copy(update={"generators": generators})
 
     def settings(self, targets: Sequence[str]) -> dict[str, Any]:
-        """What makes two trials of one name equal, for a folder that is gone on with."""
+        """The settings of which trials are a function: with equal ones a folder is resumed."""
         return {
             "trials": TRIALS,
             "directions": self.directions,
@@ -228,7 +228,7 @@ def _from_file(path: Path, scene: TouchConfig) -> ObjectConfig:
 
 
 def _lowest(config: ObjectConfig) -> float:
-    """How high an object's lowest point lies [m]."""
+    """Height of an object's lowest point [m]."""
     pose = config.pose.pose()
     meshes = ObjectModel(config).solid.meshes
     return min(float(points_in(pose, vertices)[:, 2].min()) for vertices, _ in meshes)

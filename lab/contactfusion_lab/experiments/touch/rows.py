@@ -69,7 +69,7 @@ ALL, ALL_AND_SIMULATOR = ROWS[3:5]
 
 @dataclass(frozen=True)
 class Outcome:
-    """What a touch gave under a row and method.
+    """The outcome of a touch under a row and method.
 
     Attributes:
         touch: its name.
@@ -124,10 +124,10 @@ def everything(config: PipelineConfig) -> Row:
 def fused(
     trial: Trial, row: Row, method: Method, config: PipelineConfig, *, without: str = ""
 ) -> Fusion:
-    """Fuse what some modalities said.
+    """Fuse the hypotheses of some modalities.
 
     Args:
-        trial: what every source said.
+        trial: the clouds of every source.
         row: the modalities.
         method: the rule, the condensation, and what spreads are multiplied by.
         config: the pipeline that felt the touch.
@@ -191,7 +191,7 @@ def outcome(
 
 
 def shared(trial: Trial, config: PipelineConfig) -> dict[tuple[str, str], bool]:
-    """Whether two modalities share a voxel, for each pair that both spoke."""
+    """Whether two modalities share a voxel, for each pair with hypotheses of both."""
     grid = Grid(config.integrator.frame, config.integrator.voxel_size)
     voxels: dict[str, set[tuple[int, ...]]] = {}
     for name, cloud in trial.clouds.items():
@@ -200,9 +200,9 @@ def shared(trial: Trial, config: PipelineConfig) -> dict[tuple[str, str], bool]:
             voxels.setdefault(modality_of(config, name), set()).update(cells)
     names = sorted(voxels)
     return {
-        (one, other): bool(voxels[one] & voxels[other])
-        for i, one in enumerate(names)
-        for other in names[i + 1 :]
+        (first, second): bool(voxels[first] & voxels[second])
+        for i, first in enumerate(names)
+        for second in names[i + 1 :]
     }
 
 
@@ -212,7 +212,7 @@ def outcomes_of(
     """Fuse every touch by every row, and again without each modality of two rows.
 
     Args:
-        trials: what every source said.
+        trials: the clouds of every source.
         methods: how hypotheses are fused.
         config: the pipeline that felt the touches.
 
@@ -232,7 +232,7 @@ def outcomes_of(
 
 
 def felt(outcomes: pd.DataFrame) -> pd.DataFrame:
-    """Of outcomes those with a true contact, but for those in free air."""
+    """The outcomes with a true contact, without those in free air."""
     return outcomes[~outcomes["short"] & (outcomes["true_contacts"] > 0)]
 
 

@@ -35,9 +35,9 @@ STATISTICS: dict[str, Callable[..., Any]] = {
 Column = tuple[str, str, tuple[float, str]]
 """A heading, a metric, its scale and its form; "n": how many it is from."""
 LEVELS = (0.68, 0.95)
-"""So many true contacts should lie within."""
+"""Share of the true contacts that should lie within."""
 DRAWN = 1000
-"""So many places are drawn from what a cloud states."""
+"""Number of positions drawn from the density that a cloud states."""
 LEAST = 1e-3
 """A place is not known better than to this [m]; keeps a spread of 0 from being a certainty."""
 
@@ -188,14 +188,14 @@ def shares_text(measures: Sequence[Measure], experiment: str) -> str:
 
 
 def level_of(cloud: HypothesisCloud, place: FloatArray, rng: np.random.Generator) -> float:
-    """How far out a place lies in what a cloud states: 0 in its midst, 1 beyond all of it.
+    """Quantile of a position in the density that a cloud states: 0 in its midst, 1 outside.
 
     The cloud is read as a mixture of Gaussians, one a hypothesis, weighted by likelihood, as wide
     as its spread; the level is the part of the mixture that is denser than the place. Levels of
     true contacts are uniform when spreads are honest.
 
     Args:
-        cloud: what a source said; not empty, with spreads.
+        cloud: of a source; not empty, with spreads.
         place: shape (3,) [m], where the contact was.
         rng: draws from the mixture.
     """

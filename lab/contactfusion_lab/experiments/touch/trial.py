@@ -1,4 +1,4 @@
-"""One touch of the experiment: what every source said in the end, and the truth."""
+"""One touch of the experiment: the last cloud of every source, and the truth."""
 
 import json
 from collections.abc import Iterator, Mapping
@@ -36,7 +36,7 @@ class Trial:
     Attributes:
         touch: which.
         stamp: when it ended [s].
-        clouds: the last that each source said, in the space's frame, by its name.
+        clouds: the last of each source, in the space's frame, by its name.
         places: shape (n, 3) [m], the true contacts in the space's frame, the strongest first; none
             after a miss, or in free air.
         links: the link that each is on.
@@ -59,7 +59,7 @@ def run_trial(plan: Plan, touch: Touch) -> Trial:
     """Touch once, and let the generators feel it.
 
     Raises:
-        RobotError: the arm reaches the object in no way that was tried.
+        RobotError: the arm reaches the object along no path that was tried.
         ConfigurationError: a generator or a fault is for a sensor that the robot has not.
     """
     config = plan.pipeline_of(touch.target)
@@ -168,11 +168,11 @@ def load(path: Path) -> Trial:
 def _read(held: Mapping[str, Any]) -> Trial:
     fields: dict[str, Any] = json.loads(str(held["told"]))
     clouds = {}
-    for one in fields["clouds"]:
+    for described in fields["clouds"]:
         arrays: dict[str, Any] = {
-            name: held.get(f"{one['source']}/{name}") for name in (*REQUIRED, *OPTIONAL)
+            name: held.get(f"{described['source']}/{name}") for name in (*REQUIRED, *OPTIONAL)
         }
-        clouds[one["source"]] = HypothesisCloud(**one, **arrays)
+        clouds[described["source"]] = HypothesisCloud(**described, **arrays)
     return Trial(
         Touch(**fields["touch"]),
         fields["stamp"],
@@ -208,16 +208,16 @@ def _require_measured(pipeline: Pipeline, measured: set[tuple[str, type[Reading]
 def _worth_keeping(
     clouds: Mapping[str, HypothesisCloud], places: FloatArray, grid: Grid
 ) -> dict[str, HypothesisCloud]:
-    """Leave out Null voxels that hold no true contact, and of which nobody else says anything."""
-    spoken = set(map(tuple, grid.voxels(places).tolist()))
+    """Leave out Null voxels that hold neither a true contact nor a hypothesis of another kind."""
+    occupied = set(map(tuple, grid.voxels(places).tolist()))
     for cloud in clouds.values():
         if cloud.kind != HypothesisKind.NULL:
-            spoken.update(map(tuple, grid.voxels(cloud.positions).tolist()))
+            occupied.update(map(tuple, grid.voxels(cloud.positions).tolist()))
     kept = {}
     for name, cloud in clouds.items():
         if cloud.kind == HypothesisKind.NULL:
             voxels = map(tuple, grid.voxels(cloud.positions).tolist())
-            rows = np.array([voxel in spoken for voxel in voxels], np.bool_)
+            rows = np.array([voxel in occupied for voxel in voxels], np.bool_)
             arrays: dict[str, Any] = {
                 array: None if getattr(cloud, array) is None else getattr(cloud, array)[rows]
                 for array in (*REQUIRED, *OPTIONAL)

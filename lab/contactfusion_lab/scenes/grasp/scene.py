@@ -28,7 +28,7 @@ from contactfusion_lab.scenes.facts import standing, true_contact
 from contactfusion_lab.scenes.grasp.config import GraspConfig
 from contactfusion_lab.scenes.grasp.driver import GraspDriver
 from contactfusion_lab.scenes.grasp.placing import check_names, facing, placed, starting
-from contactfusion_lab.scenes.grasp.world import Eye, GraspWorld
+from contactfusion_lab.scenes.grasp.world import GraspWorld, Viewpoint
 from contactfusion_lab.scenes.touch.sensors import TouchSensors
 from contactfusion_lab.scenes.touch.world import contacts_of
 
@@ -40,7 +40,7 @@ SETTLING = 0.3
 """Time for objects on the table to settle before the grasp begins [s]."""
 TIMEOUT = "timeout"
 """Ending of a grasp whose controller does not end it."""
-WAYS = (GraspMode.APPROACH, GraspMode.BACK, GraspMode.ASIDE, GraspMode.ENTER)
+APPROACH_MODES = (GraspMode.APPROACH, GraspMode.BACK, GraspMode.ASIDE, GraspMode.ENTER)
 """Modes in which the hand is on its path to the object."""
 FALLEN = math.radians(45.0)
 """Tilt of the object's z beyond which it has fallen [rad]."""
@@ -189,9 +189,11 @@ class GraspScene:
         poses = {OBJECT: self._world.object_pose}
         return Facts(self.stamp, root, contacts, standing(self.stamp, root, poses))
 
-    def seen(self, eye: Eye, positions: FloatArray) -> tuple[NDArray[np.uint8], FloatArray]:
+    def seen(
+        self, viewpoint: Viewpoint, positions: FloatArray
+    ) -> tuple[NDArray[np.uint8], FloatArray]:
         """A picture, shape (height, width, 3), and the pixels of positions (n, 3) [m] in it."""
-        return self._world.seen(eye, positions)
+        return self._world.seen(viewpoint, positions)
 
     def _force(self) -> float:
         return float(np.linalg.norm(self._world.touching().forces, axis=1).sum())
@@ -296,7 +298,9 @@ def result_of(cycles: Sequence[GraspMoment], lifted: float, held: float) -> Gras
     closing = [row for row in range(1, len(modes)) if modes[row] == "close" != modes[row - 1]]
     before = cycles[closing[-1]].truth if closing else last
     # the force of a cycle acted in the mode of the cycle before
-    approaching = [cycle for mode, cycle in zip(modes, cycles[1:], strict=False) if mode in WAYS]
+    approaching = [
+        cycle for mode, cycle in zip(modes, cycles[1:], strict=False) if mode in APPROACH_MODES
+    ]
     turned = first.object[:3, 2] @ last.object[:3, 2]
     high = (heights[late] >= lifted) & ~np.array([cycle.truth.supported for cycle in cycles])[late]
     return GraspResult(
@@ -366,7 +370,7 @@ class Grasping(Scene):
         return GraspCycle(**vars(self._moments[-1]), readings=self._readings, step=step)
 
     def facts(self) -> Facts:
-        """Where the robot is touched, and where the object stands."""
+        """True contacts of the robot, and the pose of the object."""
         return self._scene.facts()
 
     def verdict(self, pipeline: Pipeline, last: Step) -> Verdict:

@@ -23,7 +23,7 @@ from contactfusion_lab.scenes.touch.world import FAINT, Touching, TouchWorld
 SPINNING, ROLLING = 0.004, 0.0005
 """Lever arms of the spinning and rolling friction of a hand's soft pads [m]."""
 ITERATIONS = 100
-"""Of the solver in each step: friction from several sides needs more of them than a touch."""
+"""Iterations of the solver in each step: friction from several sides needs more than a touch."""
 COLOUR = (0.34, 0.71, 0.91, 1.0)
 """Colour of the object in pictures, RGBA."""
 NEAR, FAR = 0.05, 5.0
@@ -31,7 +31,7 @@ NEAR, FAR = 0.05, 5.0
 
 
 @dataclass(frozen=True)
-class Eye:
+class Viewpoint:
     """The viewpoint of a picture, in the root link's frame, whose z points up.
 
     Attributes:
@@ -176,9 +176,13 @@ class GraspWorld:
         points = self._bullet.getContactPoints(body, self._body, **self._client)
         return any(point[9] >= FAINT for point in points)
 
-    def seen(self, eye: Eye, positions: FloatArray) -> tuple[NDArray[np.uint8], FloatArray]:
+    def seen(
+        self, viewpoint: Viewpoint, positions: FloatArray
+    ) -> tuple[NDArray[np.uint8], FloatArray]:
         """A picture, shape (height, width, 3), and the pixels of positions (n, 3) [m] in it."""
-        return eye.picture(self._bullet, self._client), eye.pixels(self._bullet, positions)
+        return viewpoint.picture(self._bullet, self._client), viewpoint.pixels(
+            self._bullet, positions
+        )
 
 
 def _add_movable(world: BulletWorld, movable: ObjectModel, mass: float | None) -> int:

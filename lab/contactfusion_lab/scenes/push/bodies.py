@@ -175,13 +175,13 @@ class PushedBody(NamedTuple):
     Attributes:
         body: its number.
         back: origin of the body's frame of PyBullet, in the object's frame [m].
-        turn: orientation of that frame there, a quaternion x, y, z, w.
+        orientation: of that frame there, a quaternion x, y, z, w.
         ball: number of a ball inside; None: there is none.
     """
 
     body: int
     back: tuple[float, float, float]
-    turn: Quaternion
+    orientation: Quaternion
     ball: int | None
 
 
@@ -201,17 +201,17 @@ def add_object(bullet: Any, client: Client, config: ObjectConfig) -> PushedBody:
                 body: int = bullet.loadURDF(str(path), **client)
         except bullet.error as error:
             raise RobotError(f"{path}: PyBullet cannot load it: {error}") from None
-        back, turn = bullet.getDynamicsInfo(body, -1, **client)[3:5]
+        back, rotation = bullet.getDynamicsInfo(body, -1, **client)[3:5]
     else:
         parts = config.parts()
         body = _joined(bullet, client, parts)
         x, y = parts[0].middle.tolist()
-        back, turn = (x, y, parts[0].bottom + parts[0].height / 2.0), (0.0, 0.0, 0.0, 1.0)
+        back, rotation = (x, y, parts[0].bottom + parts[0].height / 2.0), (0.0, 0.0, 0.0, 1.0)
     _rub(bullet, client, body, 1.0)
     ball = None
     if isinstance(config, HollowConfig) and config.ball is not None:
         ball = _rolling(bullet, client, config.ball, config.wall)
-    return PushedBody(body, back, turn, ball)
+    return PushedBody(body, back, rotation, ball)
 
 
 def soften(bullet: Any, client: Client, base: int, soft: SoftConfig) -> None:

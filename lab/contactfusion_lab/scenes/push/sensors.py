@@ -159,9 +159,14 @@ def directions(config: LidarConfig) -> FloatArray:
     turns = np.arange(-config.columns, config.columns + 1) * 360.0 / config.columns
     turns = np.radians(turns[(turns >= first) & (turns < last)])
     up = np.radians(np.linspace(-config.fov / 2.0, config.fov / 2.0, config.rings))
-    turn, rise = (axis.ravel() for axis in np.meshgrid(turns, up, indexing="ij"))
+    azimuth, elevation = (axis.ravel() for axis in np.meshgrid(turns, up, indexing="ij"))
     return np.stack(
-        [np.cos(rise) * np.cos(turn), np.cos(rise) * np.sin(turn), np.sin(rise)], axis=1
+        [
+            np.cos(elevation) * np.cos(azimuth),
+            np.cos(elevation) * np.sin(azimuth),
+            np.sin(elevation),
+        ],
+        axis=1,
     )
 
 

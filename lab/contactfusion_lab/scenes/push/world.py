@@ -105,7 +105,7 @@ class PushWorld:
         """The base, and where its pushing face lies."""
         self._base = self.base.body
         self._pushed = add_object(pybullet, self._client, config.object)
-        self._object, self._back, self._turn = self._pushed[:3]
+        self._object, self._back, self._orientation = self._pushed[:3]
         _require_movable(config, self.mass())
         pad, soft, disturbed = config.skin.pad, config.object.soft, config.object.disturbed
         if between := pad.on(soft) if pad and soft else pad or soft:
@@ -180,9 +180,11 @@ class PushWorld:
     @property
     def object_pose(self) -> tuple[float, float, float]:
         """True pose of the object: x, y [m] and yaw [rad] in `odom`."""
-        position, turn = self._bullet.getBasePositionAndOrientation(self._object, **self._client)
-        a, b, c, d = self._turn
-        x, y, z, w = turned(turn, (-a, -b, -c, d))
+        position, orientation = self._bullet.getBasePositionAndOrientation(
+            self._object, **self._client
+        )
+        a, b, c, d = self._orientation
+        x, y, z, w = turned(orientation, (-a, -b, -c, d))
         yaw = math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
         back = -self._back[0], -self._back[1]
         return *planar_point((position[0], position[1], yaw), back), yaw
@@ -263,27 +265,27 @@ def _stand(
     Raises:
         ConfigurationError: the front would pass the object.
     """
-    ahead, gap, near = FAR, FAR, (FAR, 0.0)
+    distance, gap, near = FAR, FAR, (FAR, 0.0)
     for _ in range(ADVANCES):
-        _put(bullet, client, config, pushed, ahead)
+        _put(bullet, client, config, pushed, distance)
         found = bullet.getClosestPoints(base.body, pushed.body, 4.0 * FAR, **client)
         point = min(found, key=lambda point: float(point[8]))
         gap, near = float(point[8]), point[6]
         if gap < CLOSE or near[0] < -BESIDE:
             break
-        ahead -= gap  # no point is nearer, so nothing can be hit on the path
+        distance -= gap  # no point is nearer, so nothing can be hit on the path
     if gap >= CLOSE:
         raise ConfigurationError(
             f"the object starts out of sight: the robot's front, "
             f"{2 * base.chassis.half_width:g} m wide, would pass it",
             "offset",
         )
-    x = ahead - gap + config.gap
+    x = distance - gap + config.gap
     _put(bullet, client, config, pushed, x)
     if pushed.ball is not None:
-        (*_, height), turn = bullet.getBasePositionAndOrientation(pushed.ball, **client)
+        (*_, height), orientation = bullet.getBasePositionAndOrientation(pushed.ball, **client)
         position = (x, config.offset, height)
-        bullet.resetBasePositionAndOrientation(pushed.ball, position, turn, **client)
+        bullet.resetBasePositionAndOrientation(pushed.ball, position, orientation, **client)
     return 0.0, float(near[1])
 
 
@@ -291,5 +293,5 @@ def _put(bullet: Any, client: Client, config: PushConfig, pushed: PushedBody, x:
     yaw = math.radians(config.yaw)
     back_x, back_y, height = pushed.back
     position = (*planar_point((x, config.offset, yaw), (back_x, back_y)), height)
-    turn = turned((0.0, 0.0, math.sin(yaw / 2.0), math.cos(yaw / 2.0)), pushed.turn)
-    bullet.resetBasePositionAndOrientation(pushed.body, position, turn, **client)
+    orientation = turned((0.0, 0.0, math.sin(yaw / 2.0), math.cos(yaw / 2.0)), pushed.orientation)
+    bullet.resetBasePositionAndOrientation(pushed.body, position, orientation, **client)

@@ -36,7 +36,7 @@ WARNING = 0.03
 """Least length of a path before the touch, so that a touch and its twin that stops short of it can
 share the path [m]."""
 AIMS, SEARCHES = 60, 5
-"""How many paths are tried, and how many initial guesses of joint positions for each."""
+"""Number of paths that are tried, and of initial guesses of joint positions for each."""
 CLEAR = 0.01
 """Tolerance of the first touch, for surfaces are sampled points: before it the hand must be
 free [m]."""
