@@ -10,7 +10,7 @@ from contactfusion.model import Model
 from contactfusion.robots.objects import ObjectConfig
 from contactfusion.units import Limit, Load, Memory, Nearby, Reach
 from contactfusion_lab.scenes.noise import TouchNoise
-from contactfusion_lab.scenes.touch.config import AnyRange
+from contactfusion_lab.scenes.ranges import AnyRange
 
 
 class GraspConfig(Model):

@@ -1,30 +1,15 @@
 """A touch by configuration: objects, directions of approach, and errors of the sensors."""
 
-from typing import Annotated, Any, Literal
+from typing import Literal
 
-from pydantic import AfterValidator, BeforeValidator, Field, model_validator
+from pydantic import Field, model_validator
 
 from contactfusion.errors import ConfigurationError, name_hint
 from contactfusion.model import Model
 from contactfusion.robots.objects import ObjectConfig
 from contactfusion.units import Force, Reach, Speed
 from contactfusion_lab.scenes.noise import TouchNoise
-
-Range = tuple[float, float]
-
-
-def _range(value: Any) -> Any:
-    """A range; a number is a range of one value."""
-    return (value, value) if isinstance(value, int | float) else value
-
-
-def _ordered(value: Range) -> Range:
-    if value[1] < value[0]:
-        raise ValueError("give the least, then the greatest")
-    return value
-
-
-AnyRange = Annotated[Range, BeforeValidator(_range), AfterValidator(_ordered)]
+from contactfusion_lab.scenes.ranges import AnyRange
 
 
 class TouchConfig(Model):
