@@ -115,7 +115,9 @@ def wrenches(robot: RobotModel, noise: Any, count: int = 1) -> dict[str, FloatAr
     one = sensors_of(robot, noise, tool="carriage")
     found: dict[str, list[FloatArray]] = {}
     for number in range(count):
-        for reading in one.wrenches(0.01 * number, {name: FELT for name in robot.config.wrists}):
+        for reading in one.wrenches(
+            0.01 * number, AT, {name: FELT for name in robot.config.wrists}
+        ):
             assert isinstance(reading, Wrench)
             assert reading.frame == robot.config.wrists[reading.sensor].frame
             both = np.concatenate([reading.force, reading.torque])

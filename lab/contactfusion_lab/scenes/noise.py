@@ -3,12 +3,12 @@
 from collections.abc import Mapping
 from typing import Any
 
-from pydantic import Field, model_validator
+from pydantic import Field, field_validator, model_validator
 
 from contactfusion.errors import ConfigurationError, name_hint
 from contactfusion.model import Model
 from contactfusion.units import ForceNoise, Spread, TorqueNoise
-from contactfusion_lab.scenes.ranges import AnyRange
+from contactfusion_lab.scenes.ranges import AnyRange, Range
 from contactfusion_lab.scenes.sensor_errors import Delays, RangeNoise, TaxelNoise
 
 PROTOTYPE: dict[str, Any] = {
@@ -160,3 +160,10 @@ class TouchNoise(Model):
         if not isinstance(value, str):
             return value
         return composed(value, NOISES, PARTS)
+
+    @field_validator("press")
+    @classmethod
+    def _presses(cls, value: Range | None) -> Range | None:
+        if value is not None and value[0] <= 0.0:
+            raise ValueError("give forces greater than 0")
+        return value

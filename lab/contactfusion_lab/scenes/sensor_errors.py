@@ -1,11 +1,11 @@
-"""Errors that the sensors of hands and of bases share: of taxels, of ranges, of arrival."""
+"""Errors of sensors beside zeros and white noise: of wrists, taxels, ranges, and of arrival."""
 
 import math
 from collections.abc import Iterable
 from typing import final
 
 import numpy as np
-from pydantic import Field
+from pydantic import Field, field_validator
 from scipy.ndimage import maximum_filter, minimum_filter
 from scipy.spatial.distance import cdist
 
@@ -20,7 +20,7 @@ from contactfusion.readings import (
     TactileImage,
     Wrench,
 )
-from contactfusion_lab.scenes.ranges import AnyRange
+from contactfusion_lab.scenes.ranges import AnyRange, Range
 
 RECOVERY = 1.0
 """Time constant with which a taxel forgets a pressure [s]."""
@@ -66,6 +66,13 @@ class Delays(Model):
     sights: AnyRange = (0.0, 0.0)
     """Of depth images and point clouds."""
 
+    @field_validator("*")
+    @classmethod
+    def _late(cls, value: Range) -> Range:
+        if value[0] < 0.0:
+            raise ValueError("no reading arrives before it is measured: give times of at least 0")
+        return value
+
     def of(self, reading: Reading) -> tuple[float, float]:
         """The range of a reading's delay [s]; none for kinds that are not measured."""
         kinds = {
@@ -77,6 +84,41 @@ class Delays(Model):
         return next(
             (delay for kind, delay in kinds.items() if isinstance(reading, kind)), (0.0, 0.0)
         )
+
+
+@final
+class WristErrors:
+    """The errors of a force-torque sensor beside its zero.
+
+    Args:
+        drift: shape (6,), standard deviation of the rate of its zero [N/min, N·m/min].
+        crosstalk: that of the share of each component of force in the others, and of each of
+            torque.
+        payload: that of the error of the mass that it carries, as a share of it.
+        rng: draws all of them.
+    """
+
+    def __init__(
+        self, drift: FloatArray, crosstalk: float, payload: float, rng: np.random.Generator
+    ) -> None:
+        self._drift = drift * rng.standard_normal(6)
+        within = np.kron(np.eye(2), 1.0 - np.eye(3))
+        self._mixing = np.eye(6) + crosstalk * within * rng.standard_normal((6, 6))
+        self._payload = payload * rng.standard_normal()
+
+    def read(self, stamp: float, wrench: FloatArray, weight: FloatArray) -> FloatArray:
+        """What the sensor reads.
+
+        Args:
+            stamp: since its zero was right [s].
+            wrench: the true one, shape (6,) [N, N·m].
+            weight: its part that is the weight of what the sensor is believed to carry.
+
+        Returns:
+            Shape (6,) [N, N·m].
+        """
+        values: FloatArray = self._mixing @ (wrench + self._payload * weight)
+        return values + stamp / 60.0 * self._drift
 
 
 @final
