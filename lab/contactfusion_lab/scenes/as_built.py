@@ -1,6 +1,6 @@
 """The robot as it was built: its true shapes deviate from those of its URDF."""
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from functools import lru_cache
 from pathlib import Path
@@ -85,14 +85,14 @@ def _deviate(
     origin = element.find("origin")
     if origin is None:
         origin = ElementTree.SubElement(element, "origin")
-    origin.set("xyz", _text(shape.xyz + place))
+    origin.set("xyz", _text(np.add(shape.xyz, place)))
     geometry = element.find("geometry/*")
     assert geometry is not None  # the shape was read from it
     if isinstance(shape, Mesh):
         geometry.set("filename", str(shape.file.resolve()))
-        geometry.set("scale", _text(shape.scale * _factors(_extents(shape), size)))
+        geometry.set("scale", _text(np.multiply(shape.scale, _factors(_extents(shape), size))))
     elif shape.size is not None:
-        geometry.set("size", _text(shape.size * _factors(np.array(shape.size), size)))
+        geometry.set("size", _text(np.multiply(shape.size, _factors(np.array(shape.size), size))))
     else:
         width = 2.0 * (shape.radius or 0.0)
         extents = np.array([width, width, shape.length or width])
@@ -115,6 +115,6 @@ def _extents(mesh: Mesh) -> FloatArray:
     return np.asarray(np.ptp(points_in(inverse(mesh.pose()), vertices), axis=0))
 
 
-def _text(values: FloatArray | list[float]) -> str:
+def _text(values: Iterable[float]) -> str:
     """Numbers as a URDF has them."""
     return " ".join(repr(float(value)) for value in values)
