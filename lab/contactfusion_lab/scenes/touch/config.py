@@ -58,7 +58,8 @@ class TouchConfig(Model):
     camera_rate: float = Field(default=4.0, gt=0, le=1000)
     """Rate of the images of each camera [Hz]."""
     noise: TouchNoise = Field(default_factory=lambda: TouchNoise.model_validate("prototype"))
-    """Errors of the sensors: `none`, `prototype`, `full`, or the fields of `TouchNoise`."""
+    """Errors of the sensors and of the world: `none`, `prototype`, `full`, `hard`, such as
+    `prototype+wrist`, or the fields of `TouchNoise`."""
 
     @model_validator(mode="after")
     def _known(self) -> "TouchConfig":
