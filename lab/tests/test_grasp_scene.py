@@ -29,6 +29,7 @@ from contactfusion.readings import (
     Wrench,
 )
 from contactfusion.robots.model import RobotModel, shared_robot
+from contactfusion.robots.objects import ObjectConfig, ObjectModel
 from contactfusion.run.execute import run_file
 from contactfusion.scene import open_scene
 from contactfusion_lab.experiments.grasp.plan import DEFAULT, NONE, Column, read_plan
@@ -390,7 +391,7 @@ def test_readings_come_in_later_cycles_when_they_are_late() -> None:
             assert stamps == pytest.approx(all_due), (kind, cycle)
 
 
-def test_what_stands_around_is_seen_and_holds_up_what_leans_on_it() -> None:
+def test_what_stands_around_is_seen_and_changes_nothing_that_is_felt() -> None:
     bare, one = (scene(camera_rate=10.0, noise={"clutter": given}) for given in (False, True))
     images = []
     for each in (bare, one):
@@ -412,6 +413,21 @@ def test_what_stands_around_is_seen_and_holds_up_what_leans_on_it() -> None:
         for each in (bare, one)
     )
     assert here == there
+
+
+@pytest.mark.parametrize("there", [True, False])
+def test_what_stands_around_holds_up_what_lies_on_it(there: bool) -> None:
+    one = scene(mass=0.3)
+    if there:
+        shape = {"shape": "box", "size": (0.2, 0.2, 0.02)}
+        pose = {"parent": "base", "xyz": (0.8, 0.0, 0.54)}
+        block = ObjectConfig.model_validate({"shapes": [shape], "pose": pose})
+        one._world.stand([ObjectModel(block)])
+    raised = one.truth().object
+    raised[2, 3] += 0.301
+    one._world.put(raised)
+    moved(one, 0.2)
+    assert one.truth().supported is there
 
 
 def test_a_grasping_hand_has_its_true_surface_which_cameras_see() -> None:
