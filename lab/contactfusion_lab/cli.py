@@ -23,7 +23,10 @@ Scheduler = Annotated[str, typer.Option(help="Address of a dask scheduler, e.g. 
 Faults = Annotated[Path | None, typer.Option(help="Faults of sensors (YAML).")]
 Noise = Annotated[
     str | None,
-    typer.Option(help="Sensor noise: none, prototype or full; default: that of the scene."),
+    typer.Option(
+        help="Noise: none, prototype, full, hard, or parts of hard as in prototype+wrist+clutter; "
+        "default: that of the scene."
+    ),
 ]
 
 experiments = typer.Typer(

@@ -19,8 +19,17 @@ from contactfusion.frames import inverse, pose_of
 from contactfusion.integrator.config import IntegratorConfig
 from contactfusion.pipeline import Pipeline, Step
 from contactfusion.pipeline_config import PipelineConfig
-from contactfusion.readings import JointCommand, JointState, TactileImage, Twist, Wrench
+from contactfusion.readings import (
+    DepthImage,
+    JointCommand,
+    JointState,
+    Reading,
+    TactileImage,
+    Twist,
+    Wrench,
+)
 from contactfusion.robots.model import RobotModel, shared_robot
+from contactfusion.robots.objects import ObjectConfig, ObjectModel
 from contactfusion.run.execute import run_file
 from contactfusion.scene import open_scene
 from contactfusion_lab.experiments.grasp.plan import DEFAULT, NONE, Column, read_plan
@@ -37,6 +46,7 @@ from contactfusion_lab.scenes.grasp.scene import (
     grasped,
     result_of,
 )
+from contactfusion_lab.scenes.noise import PARTS
 from tests.test_docs import unnamed
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -347,6 +357,111 @@ def test_the_same_seed_gives_the_same_grasp_and_another_another() -> None:
         joints = [reading for reading in grasp.readings() if isinstance(reading, JointState)]
         paths.append((grasp.truth().object.tolist(), joints[-1].positions.tolist()))
     assert paths[0] == paths[1] != paths[2]
+
+
+# Parts of a hard noise
+
+
+def cycles_of(one: GraspScene, count: int = 12) -> list[list[Reading]]:
+    """The readings of cycles in which the hand goes on a little."""
+    found = [one.readings()]
+    for _ in range(count):
+        moved(one, 0.05, 0.0, 0.0, 0.05)
+        found.append(one.readings())
+    return found
+
+
+def test_readings_come_in_later_cycles_when_they_are_late() -> None:
+    delays = {"skins": 0.12, "wrenches": 0.035, "sights": 0.22}
+    late, exact = (
+        cycles_of(scene(camera_rate=10.0, noise={"delays": given})) for given in (delays, {})
+    )
+    for kind, delay in (
+        (TactileImage, 0.12),
+        (Wrench, 0.035),
+        (DepthImage, 0.22),
+        (JointState, 0.0),
+    ):
+        for cycle, readings in enumerate(late):
+            now = 0.05 * cycle
+            stamps = [reading.stamp for reading in readings if isinstance(reading, kind)]
+            all_due = [
+                reading.stamp
+                for readings in exact
+                for reading in readings
+                if isinstance(reading, kind)
+                and now - 0.05 + 1e-9 < reading.stamp + delay <= now + 1e-9
+            ]
+            assert stamps == pytest.approx(all_due), (kind, cycle)
+
+
+def test_what_stands_around_is_seen_and_changes_nothing_that_is_felt() -> None:
+    bare, one = (scene(camera_rate=10.0, noise={"clutter": given}) for given in (False, True))
+    images = []
+    for each in (bare, one):
+        (depth,) = (reading for reading in each.readings() if isinstance(reading, DepthImage))
+        images.append(depth.depth)
+    nearer = (images[1] > 0.0) & ((images[1] < images[0] - 0.01) | (images[0] == 0.0))
+    assert nearer.sum() > 1000
+    behind = images[0] > 0.0
+    assert (images[1][behind] <= images[0][behind] + 1e-6).all()
+    assert [each.name for each in one.facts().objects] == [OBJECT]
+    assert not one.truth().touched and one.truth().force == 0.0
+    here, there = (
+        [
+            [*reading.force, *reading.torque]
+            for readings in cycles_of(each)
+            for reading in readings
+            if isinstance(reading, Wrench)
+        ]
+        for each in (bare, one)
+    )
+    assert here == there
+
+
+@pytest.mark.parametrize("there", [True, False])
+def test_what_stands_around_holds_up_what_lies_on_it(there: bool) -> None:
+    one = scene(mass=0.3)
+    if there:
+        shape = {"shape": "box", "size": (0.2, 0.2, 0.02)}
+        pose = {"parent": "base", "xyz": (0.8, 0.0, 0.54)}
+        block = ObjectConfig.model_validate({"shapes": [shape], "pose": pose})
+        one._world.stand([ObjectModel(block)])
+    raised = one.truth().object
+    raised[2, 3] += 0.301
+    one._world.put(raised)
+    moved(one, 0.2)
+    assert one.truth().supported is there
+
+
+def test_a_grasping_hand_has_its_true_surface_which_cameras_see() -> None:
+    bare, one = (scene(camera_rate=10.0, noise={"surface": given}) for given in (0.0, 0.004))
+    images = []
+    for each in (bare, one):
+        (depth,) = (reading for reading in each.readings() if isinstance(reading, DepthImage))
+        images.append(depth.depth)
+    off = np.abs(images[1] - images[0])
+    assert 0.01 < np.mean(off > 1e-4) < 0.3
+    assert one.robot is bare.robot
+
+
+@pytest.mark.parametrize("part", PARTS)
+def test_each_part_of_a_hard_noise_works_in_a_grasp(part: str) -> None:
+    cycles = cycles_of(scene(camera_rate=10.0, noise=f"prototype+{part}"), 4)
+    assert sum(map(len, cycles)) > 20
+
+
+def test_a_hard_grasp_is_the_same_for_the_same_seed() -> None:
+    first, again = (
+        [
+            [*reading.force, *reading.torque]
+            for readings in cycles_of(scene(camera_rate=10.0, noise="hard"))
+            for reading in readings
+            if isinstance(reading, Wrench)
+        ]
+        for _ in range(2)
+    )
+    assert first == again and len(first) > 30
 
 
 # The closed loop

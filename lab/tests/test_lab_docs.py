@@ -5,7 +5,7 @@ import re
 import yaml
 
 from contactfusion.robots.objects import ObjectConfig
-from contactfusion_lab.scenes.noise import NOISES, TouchNoise
+from contactfusion_lab.scenes.noise import NOISES, PARTS, TouchNoise
 from contactfusion_lab.scenes.touch.config import TouchConfig
 from tests.test_docs import SCENES, unnamed
 
@@ -15,10 +15,36 @@ def test_the_page_on_scenes_names_every_field() -> None:
 
 
 def test_the_page_on_scenes_states_the_noises_as_they_are() -> None:
-    rows = re.findall(r"^\| `(\w+)` \| (.+) \| (.+) \| (.+) \| .+ \|$", SCENES.read_text(), re.M)
+    rows = re.findall(r"^\| `(\w+)` \| ([^`]+) \| (.+) \| (.+) \| .+ \|$", SCENES.read_text(), re.M)
     documented = {name: [yaml.safe_load(value) for value in values] for name, *values in rows}
     noises = [TouchNoise.model_validate(name) for name in ("none", "prototype", "full")]
     assert len(noises) == len(NOISES)
-    assert documented == {
-        name: [getattr(noise, name) for noise in noises] for name in TouchNoise.model_fields
+    assert documented == {name: [getattr(noise, name) for noise in noises] for name in documented}
+    assert {*documented, *(name.partition(".")[0] for _, name, _, _ in hard())} == {
+        *TouchNoise.model_fields
     }
+
+
+def test_the_page_on_scenes_tells_each_part_of_the_hard_noise_and_its_source() -> None:
+    noise = TouchNoise.model_validate("hard").model_dump(mode="json")
+    told: dict[str, list[str]] = {}
+    for part, name, value, source in hard():
+        field, _, inner = name.partition(".")
+        assert yaml.safe_load(value) == (noise[field][inner] if inner else noise[field]), name
+        assert source
+        told.setdefault(part, []).append(name)
+    flat = {
+        part: sorted(
+            f"{name}.{inner}" if inner else name
+            for name, value in fields.items()
+            for inner in (value if isinstance(value, dict) else ("",))
+        )
+        for part, fields in PARTS.items()
+    }
+    assert {part: sorted(names) for part, names in told.items()} == flat
+
+
+def hard() -> list[tuple[str, ...]]:
+    """The rows on `hard`: part, field, value, source."""
+    row = r"^\| `(\w+)` \| `([\w.]+)` \| (.+) \| .+ \| (.+) \|$"
+    return re.findall(row, SCENES.read_text(), re.M)

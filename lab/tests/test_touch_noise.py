@@ -5,7 +5,7 @@ from typing import Any
 import pytest
 
 from contactfusion.errors import ConfigurationError
-from contactfusion_lab.scenes.noise import NOISES, TouchNoise
+from contactfusion_lab.scenes.noise import NOISES, PARTS, TouchNoise
 from contactfusion_lab.scenes.touch.config import TouchConfig
 
 SCENE: dict[str, Any] = {
@@ -21,17 +21,18 @@ def noise(given: Any) -> TouchNoise:
 
 
 def test_without_noise_all_is_exact() -> None:
-    fields = noise("none").model_dump()
-    assert fields.pop("belief") is False and fields.pop("finger_stiffness") == 10.0
-    assert len(fields) == 13 and set(fields.values()) == {0.0}
+    differing = noise("none").model_dump(exclude_defaults=True)
+    assert differing == {"belief": False}
+    numbers = [value for value in noise("none").model_dump().values() if type(value) is float]
+    assert sorted(set(numbers)) == [0.0, 10.0] and numbers.count(10.0) == 1  # finger_stiffness
 
 
 def test_the_full_noise_is_at_least_that_of_the_prototype_and_its_fingers_softer() -> None:
     prototype, full = noise("prototype").model_dump(), noise("full").model_dump()
     softer = full.pop("finger_stiffness"), prototype.pop("finger_stiffness")
     assert softer[0] < softer[1]
-    assert all(full[name] >= prototype[name] for name in prototype)
-    more = {name for name in prototype if full[name] > prototype[name]}
+    more = {name for name in prototype if full[name] != prototype[name]}
+    assert all(full[name] > prototype[name] for name in more)
     assert more == {"force_zero", "torque_zero", "flying", "zeros"}
 
 
@@ -50,11 +51,22 @@ def test_names_lead_to_noises_that_differ() -> None:
     assert len(found) == 3 and all(found.count(each) == 1 for each in found)
 
 
+def test_hard_is_the_prototype_with_every_part_and_parts_go_alone() -> None:
+    assert noise("hard") == noise("+".join(["prototype", *PARTS])) == noise("hard+wrist")
+    alone = noise("prototype+wrist")
+    assert alone.force_zero == 0.6 and alone.payload == 0.05
+    assert alone.eye_place == noise("prototype").eye_place < noise("hard").eye_place
+
+
 @pytest.mark.parametrize(
     ("given", "sentence"),
     [
-        ("protoype", r"noise: unknown noise 'protoype'.*did you mean 'prototype'\?.*full, none"),
-        ("loud", "noise: unknown noise 'loud'.*the noises are: full, none, prototype"),
+        (
+            "protoype",
+            r"noise: unknown noise 'protoype'.*did you mean 'prototype'\?.*full, hard, none",
+        ),
+        ("loud", "noise: unknown noise 'loud'.*the noises are: full, hard, none, prototype"),
+        ("prototype+wirst", "unknown part of the noise hard 'wirst'.*did you mean 'wrist'"),
         ({"froce": 0.1}, r"noise\.froce: unknown field; did you mean 'force'"),
         ({"force": -0.1}, r"noise\.force: .*greater than or equal to 0"),
         ({"flying": 1.5}, r"noise\.flying: .*less than or equal to 1"),

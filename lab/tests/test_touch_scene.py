@@ -1,5 +1,6 @@
 """A hand goes ahead until it touches: what is read, and the truth apart from it."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
@@ -253,6 +254,107 @@ def test_the_same_seed_gives_the_same_bytes_and_another_seed_others() -> None:
     assert first.truth.contacts.places.tobytes() == again.truth.contacts.places.tobytes()
     other = touch(*BOX_1)
     assert not np.allclose(other.truth.joints, first.truth.joints, atol=0.01)
+
+
+# Parts of a hard noise
+
+
+def latest(readings: Sequence[Reading], kind: type[Reading]) -> float:
+    return max([reading.stamp for reading in readings if isinstance(reading, kind)])
+
+
+def test_the_press_force_is_drawn_from_a_range() -> None:
+    forces = []
+    for seed in (0, 1, 2):
+        scene = TouchScene(config(noise={"press": (1.0, 3.0)}), arm_and_hand(), seed)
+        assert 1.0 <= scene.press <= 3.0
+        *_, _ = scene.readings()
+        force = float(np.linalg.norm(scene.truth.contacts.forces.sum(axis=0)))
+        assert 0.7 * scene.press < force < 5.5
+        forces.append(scene.press)
+    assert len(set(forces)) == 3
+    assert TouchScene(config(press=4.0, noise="prototype"), arm_and_hand()).press == 4.0
+
+
+def test_a_moving_hand_ends_its_touch_as_soon_as_it_presses() -> None:
+    rests, moves = touch(*BOX_0), done(config(target="box", noise={"moving": True}), arm_and_hand())
+    end = latest(moves.readings, JointState)
+    assert not moves.truth.steady and moves.truth.contacts.links
+    assert end < latest(rests.readings, JointState) - 0.1
+    before = [one for one in rests.of(JointState) if one.stamp < end]
+    assert np.allclose(before[-1].positions, moves.of(JointState)[-2].positions, atol=0.05)
+    speeds = np.abs(moves.of(JointState)[-1].velocities).max()
+    assert speeds > 0.01 > np.abs(rests.of(JointState)[-1].velocities).max()
+    short = done(config(target="box", noise={"moving": True}, short=SHORT), arm_and_hand())
+    assert not short.truth.contacts.links and not short.truth.steady
+
+
+def test_readings_arrive_late_each_kind_by_its_delay_and_not_after_the_end() -> None:
+    delays = {"wrenches": 0.03, "sights": 0.1, "skins": (0.0, 0.04)}
+    exact = touch(*BOX_0)
+    scene = TouchScene(
+        config(target="box", noise={"belief": False, "delays": delays}), arm_and_hand()
+    )
+    came = [
+        (arrival.stamp or 0.0, reading)
+        for arrival in scene.arrivals()
+        for reading in arrival.readings
+    ]
+    stamps = [stamp for stamp, _ in came]
+    assert stamps == sorted(stamps) and stamps[-1] == latest(exact.readings, JointState)
+    for kind, late in ((Wrench, 0.03), (PointCloud, 0.1), (JointState, 0.0), (ObjectPose, 0.0)):
+        delay = [at - reading.stamp for at, reading in came if isinstance(reading, kind)]
+        assert delay == pytest.approx([late] * len(delay), abs=0.0011)
+        count = sum(reading.stamp <= stamps[-1] - late - 1e-9 for reading in exact.of(kind))
+        assert len(delay) in (count, count + 1)
+    images = [at - reading.stamp for at, reading in came if isinstance(reading, TactileImage)]
+    assert min(images) < 0.01 and 0.03 < max(images) < 0.042
+
+
+def test_what_stands_around_is_seen_and_felt_but_in_nobodys_way_and_not_told() -> None:
+    bare, scene = (
+        touch(*BOX_0),
+        TouchScene(config(target="box", noise={"belief": False, "clutter": True}), arm_and_hand()),
+    )
+    readings = list(scene.readings())
+    (believed,) = (one for one in readings if isinstance(one, ObjectPose))
+    assert believed.name == "box"
+    assert {each.name for each in scene.facts().objects} == {"box", "table"}
+    assert scene.truth.joints.tobytes() == bare.truth.joints.tobytes()
+    assert scene.truth.contacts.forces.tobytes() == bare.truth.contacts.forces.tobytes()
+    eye = bare.poses["base"] @ bare.robot.pose_on_link("forehead")
+    known = [(link.collision, bare.poses[name]) for name, link in bare.robot.urdf.links.items()]
+    for each in (bare.target, ObjectModel(bare.config.surroundings["table"])):
+        known.append((each.shapes, each.config.pose.pose()))
+    unknown = []
+    for given in (readings, bare.readings):
+        (cloud, *_) = reversed([one for one in given if isinstance(one, PointCloud)])
+        points = points_in(eye, cloud.points[::17])
+        away = [outside_of_all(shapes, points_in(inverse(pose), points)) for shapes, pose in known]
+        unknown.append(int((np.min(np.abs(away), axis=0) > 0.01).sum()))
+    assert unknown[0] > 200 and unknown[1] == 0
+
+
+def test_a_robot_touches_with_its_true_surface_and_is_believed_to_be_as_described() -> None:
+    contacts = []
+    for seed in (0, 1):
+        scene = TouchScene(config(target="box", noise={"surface": 0.004}), arm_and_hand(), seed)
+        readings = tuple(scene.readings())
+        one = Done(scene.config, arm_and_hand(), readings, scene.truth)
+        for place, link in zip(one.truth.contacts.places, one.truth.contacts.links, strict=True):
+            local = points_in(inverse(one.poses[link]), place[None])
+            assert outside_of_all(one.robot.urdf.links[link].collision, local)[0] < 0.03
+            contacts.append(abs(outside_of_all(one.robot.urdf.links[link].collision, local)[0]))
+        joints = one.of(JointState)[-1]
+        assert np.array_equal(joints.positions, one.truth.joints)
+        assert scene.robot is arm_and_hand()
+    assert max(contacts) > 0.0035
+
+
+def test_all_parts_together_are_a_touch_still_and_the_same_for_the_same_seed() -> None:
+    first, again = (done(config(target="box", noise="hard"), arm_and_hand(), 1) for _ in range(2))
+    assert first.truth.contacts.links
+    assert [*map(_bytes, first.readings)] == [*map(_bytes, again.readings)]
 
 
 # A touch that stops before it touches

@@ -109,6 +109,8 @@ def test_a_joint_that_is_still_is_not_reported(tmp_path: Path) -> None:
 
 
 FELT = np.array([1.0, -2.0, 3.0, 0.1, 0.2, -0.3])
+AT = np.zeros(2)
+"""Where the poker's joints stand."""
 
 
 def wrenches(robot: RobotModel, noise: Any, count: int = 1) -> dict[str, FloatArray]:
@@ -116,7 +118,7 @@ def wrenches(robot: RobotModel, noise: Any, count: int = 1) -> dict[str, FloatAr
     found: dict[str, list[FloatArray]] = {}
     for number in range(count):
         for reading in sensors.wrenches(
-            0.01 * number, {name: FELT for name in robot.config.wrists}
+            0.01 * number, AT, {name: FELT for name in robot.config.wrists}
         ):
             assert isinstance(reading, Wrench)
             assert reading.frame == robot.config.wrists[reading.sensor].frame
@@ -148,11 +150,67 @@ def test_a_wrench_has_a_zero_of_its_own_and_noise_about_it(pokes: RobotModel) ->
 
 def test_zeros_of_wrenches_are_as_wide_as_configured(pokes: RobotModel) -> None:
     zeros = [
-        next(sensors_of(pokes, {"force_zero": 0.1}, seed, "carriage").wrenches(0, {"cell": FELT}))
+        next(
+            sensors_of(pokes, {"force_zero": 0.1}, seed, "carriage").wrenches(0, AT, {"cell": FELT})
+        )
         for seed in range(100)
     ]
     assert np.std([zero.force - FELT[:3] for zero in zeros]) == pytest.approx(0.1, rel=0.15)
     assert np.array_equal(zeros[0].torque, FELT[3:])
+
+
+def test_what_a_wrist_reads_drifts_and_mixes(pokes: RobotModel) -> None:
+    noise = {"force_drift": 0.2, "torque_drift": 0.01}
+    drifting = wrenches(pokes, noise, 6001)["cell"] - FELT
+    assert not drifting[0].any() and np.abs(drifting[-1]).min() > 1e-6
+    assert np.allclose(drifting[-1], 2.0 * drifting[3000])
+    assert 0.02 < np.abs(drifting[-1][:3]).max() < 0.8 and np.abs(drifting[-1][3:]).max() < 0.04
+    mixed = wrenches(pokes, {"crosstalk": 0.02})["cell"][0] - FELT
+    assert 1e-4 < np.abs(mixed).min() and np.abs(mixed).max() < 0.3
+
+
+def test_a_payload_that_errs_weighs_at_its_centre_whatever_the_pose(pokes: RobotModel) -> None:
+    """A wrist that only carries its load reads more or less than it by one share, everywhere."""
+    sensors = sensors_of(pokes, {"payload": 0.05}, tool="carriage")
+    for name, sign in (("cell", 1.0), ("reverse", -1.0), ("whole", 1.0)):
+        shares = []
+        for positions in (AT, np.array([0.7, 0.2])):
+            poses = pokes.poses_at(positions)
+            frame = pokes.config.wrists[name].frame
+            pose = poses[pokes.link_of(frame)] @ pokes.pose_on_link(frame)
+            mass, centre = pokes.load_on(frame, poses)
+            weight = mass * np.array([0.0, 0.0, -9.81])
+            load = np.concatenate(
+                [pose[:3, :3].T @ weight, pose[:3, :3].T @ np.cross(centre - pose[:3, 3], weight)]
+            )
+            (reading,) = sensors.wrenches(0.0, positions, {name: load})
+            read = sign * np.concatenate([reading.force, reading.torque])
+            share = float(np.linalg.norm(read) / np.linalg.norm(load)) - 1.0
+            assert np.allclose(read, (1.0 + share) * load)
+            shares.append(share)
+        assert shares[0] == pytest.approx(shares[1]) and 1e-3 < abs(shares[0]) < 0.2
+
+
+def test_no_part_of_the_noise_changes_what_others_draw(robot: RobotModel) -> None:
+    def read(noise: str) -> list[FloatArray]:
+        sensors = sensors_of(robot, noise)
+        joints = sensors.joints(0.0, bent(robot), np.zeros(15)).positions
+        (wrench,) = sensors.wrenches(0.0, bent(robot), {"wrist": np.zeros(6)})
+        poses, nothing = (
+            robot.poses_at(bent(robot)),
+            Touching(np.zeros((0, 3)), np.zeros((0, 3)), ()),
+        )
+        skins = [image.values for image in sensors.skins(0.0, poses, nothing)]
+        bodies: list[tuple[Solid, Pose]] = [(Solid([WALL]), poses["base"])]
+        (depth, _) = sensors.sights(0.0, poses, bodies)
+        assert isinstance(depth, DepthImage)
+        return [joints, wrench.force, *skins, depth.depth]
+
+    plain = read("prototype")
+    for part, changed in (("taxels", set[int]()), ("range", {6}), ("wrist", {1})):
+        other = read(f"prototype+{part}")
+        same = [np.array_equal(a, b) for a, b in zip(plain, other, strict=True)]
+        assert {row for row, equal in enumerate(same) if not equal} == changed, part
 
 
 # Skins
@@ -213,6 +271,37 @@ def test_taxels_are_noisy_each_by_itself(robot: RobotModel) -> None:
     assert np.std(values) == pytest.approx(0.02, rel=0.25) and len(set(values)) == len(values)
 
 
+def test_taxels_have_gains_neighbours_and_a_dead_one(robot: RobotModel) -> None:
+    exact = skins(robot, pushed(robot, "palm", 5, "palm"))["palm"]
+    touching = pushed(robot, "palm", 5, "palm")
+    gains = skins(robot, touching, {"taxels": {"gain": 0.2}})["palm"] / exact
+    assert np.std(np.log(gains)) == pytest.approx(0.2, rel=0.5)
+    dead = skins(robot, touching, {"taxels": {"dead": 1}})["palm"]
+    assert np.count_nonzero(dead != exact) == 1 and dead.min() == 0.0
+    mixed = skins(robot, touching, {"taxels": {"crosstalk": 0.05}})["palm"]
+    assert (mixed >= exact).all() and mixed.sum() > 1.1 * exact.sum()
+
+
+def test_taxels_are_noisy_after_their_other_errors(robot: RobotModel) -> None:
+    nothing = Touching(np.empty((0, 3)), np.empty((0, 3)), ())
+    noise = {"pressure": 0.02, "taxels": {"gain": 0.9, "dead": 10}}
+    values = np.concatenate(list(skins(robot, nothing, noise).values()))
+    assert np.array_equal(
+        values, np.concatenate(list(skins(robot, nothing, {"pressure": 0.02}).values()))
+    )
+
+
+def test_taxels_remember_a_touch_that_is_over(robot: RobotModel) -> None:
+    poses, touching = robot.poses_at(bent(robot)), pushed(robot, "palm", 5, "palm")
+    nothing = Touching(np.empty((0, 3)), np.empty((0, 3)), ())
+    sensors = sensors_of(robot, {"taxels": {"hysteresis": 0.1}})
+    during, after = (
+        {image.sensor: image.values for image in sensors.skins(stamp, poses, there)}["palm"]
+        for stamp, there in ((0.1, touching), (0.2, nothing))
+    )
+    assert np.allclose(after, 0.1 * during * np.exp(-0.1))
+
+
 # Cameras
 
 
@@ -252,6 +341,22 @@ def test_some_pixels_fly(robot: RobotModel) -> None:
     off = np.abs(depth - 1.0)
     assert np.mean(off > 0.01) == pytest.approx(0.1 * (1 - 0.01 / 0.3), rel=0.1)
     assert 0.28 < off.max() < 0.3 + 1e-4
+
+
+def test_all_a_camera_sees_is_too_near_or_too_far_by_one_share(robot: RobotModel) -> None:
+    first, second = looks(robot, {"ranges": {"bias": 0.01}}, count=2)
+    assert np.array_equal(first, second) and np.ptp(first) < 1e-5
+    errors = [looks(robot, {"ranges": {"bias": 0.01}}, seed)[0].mean() - 1.0 for seed in range(60)]
+    assert np.std(errors) == pytest.approx(0.01, rel=0.25)
+
+
+def test_ranges_are_noisy_after_their_bias_and_within_reach(robot: RobotModel) -> None:
+    biased = looks(robot, {"ranges": {"bias": 0.2}}, seed=2)[0]
+    noisy = looks(robot, {"ranges": {"bias": 0.2}, "depth": 0.0025}, seed=2)[0]
+    assert abs(biased.mean() - 1.0) > 0.01
+    assert np.std(noisy - biased) == pytest.approx(0.0025, rel=0.05)
+    reach = robot.config.cameras["forehead"].reach
+    assert (noisy <= reach[1]).all()
 
 
 def test_a_camera_stands_elsewhere_than_believed_all_the_time(robot: RobotModel) -> None:

@@ -246,3 +246,15 @@ def test_without_a_touch_there_is_no_contact() -> None:
     for moments in ([], [touches()], [touches(), touches()]):
         found = contacts_of(moments)
         assert found.places.shape == found.forces.shape == (0, 3) and found.links == ()
+
+
+def test_what_stands_around_is_touched_too(model: RobotModel) -> None:
+    world = TouchWorld(model, {}, 0.5)
+    (body,) = world.stand([wall()])
+    arm = world.arm(np.zeros(1), np.array([STIFFNESS]))
+    for step in range(800):
+        arm.step(np.array([min(0.25, 0.0005 * step)]))
+    touching = world.touching()
+    assert set(touching.links) == {"palm"} and touching.forces.sum(axis=0)[0] < -5.0
+    friction = world.physics.bullet.getDynamicsInfo(body, -1, **world.physics.client)[1]
+    assert friction == 0.5

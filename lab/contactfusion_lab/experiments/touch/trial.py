@@ -117,10 +117,10 @@ class _Whole(Stream):
 
     def arrivals(self) -> Iterator[Arrival]:
         """The readings, of which none moves a clock; at the stamp of the last a step is due."""
-        stamp = 0.0
-        for reading in self.readings():
-            stamp = reading.stamp
-            yield Arrival(None, (reading,))
+        stamp: float | None = 0.0
+        for arrival in self._scene.arrivals():
+            stamp = arrival.stamp
+            yield Arrival(None, arrival.readings)
         yield Arrival(stamp, (), due=True)
 
 

@@ -10,7 +10,7 @@ from contactfusion.model import Model
 from contactfusion.robots.objects import ObjectConfig
 from contactfusion.units import Limit, Load, Memory, Nearby, Reach
 from contactfusion_lab.scenes.noise import TouchNoise
-from contactfusion_lab.scenes.touch.config import AnyRange
+from contactfusion_lab.scenes.ranges import AnyRange
 
 
 class GraspConfig(Model):
@@ -64,7 +64,8 @@ class GraspConfig(Model):
     """Range of the wrist sensors by component, force [N] and torque [N·m]: readings saturate there;
     None: unlimited."""
     noise: TouchNoise = Field(default_factory=lambda: TouchNoise.model_validate("prototype"))
-    """Errors of the sensors: `none`, `prototype`, `full`, or the fields of `TouchNoise`."""
+    """Errors of the sensors and of the world: `none`, `prototype`, `full`, `hard`, such as
+    `prototype+wrist`, or the fields of `TouchNoise`; `press` and `moving` are of touches alone."""
     period: float = Field(default=0.05, ge=0.01, le=0.2)
     """Period of commands, and of readings of joints and skins [s]."""
     lifted: Reach = Field(default=0.1, gt=0)

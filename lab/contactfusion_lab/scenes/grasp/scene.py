@@ -12,7 +12,7 @@ from contactfusion.arrays import FloatArray
 from contactfusion.controller import Command
 from contactfusion.controllers.grasp_parameters import ENDS, GraspMode
 from contactfusion.errors import ConfigurationError, RobotError
-from contactfusion.frames import Pose
+from contactfusion.frames import Pose, points_in
 from contactfusion.hooks import hookimpl
 from contactfusion.loop import play
 from contactfusion.pipeline import Pipeline, Step
@@ -24,11 +24,14 @@ from contactfusion.scene import Scene
 from contactfusion.stream import Arrival, Facts, Verdict
 from contactfusion_lab.scenes.approach import led_by
 from contactfusion_lab.scenes.arm import STEP
+from contactfusion_lab.scenes.as_built import as_built
+from contactfusion_lab.scenes.clutter import clutter, points_of
 from contactfusion_lab.scenes.facts import standing, true_contact
 from contactfusion_lab.scenes.grasp.config import GraspConfig
 from contactfusion_lab.scenes.grasp.driver import GraspDriver
 from contactfusion_lab.scenes.grasp.placing import check_names, facing, placed, starting
 from contactfusion_lab.scenes.grasp.world import GraspWorld, Viewpoint
+from contactfusion_lab.scenes.sensor_errors import Arrivals
 from contactfusion_lab.scenes.touch.sensors import TouchSensors
 from contactfusion_lab.scenes.touch.world import contacts_of
 
@@ -42,6 +45,9 @@ TIMEOUT = "timeout"
 """Ending of a grasp whose controller does not end it."""
 APPROACH_MODES = (GraspMode.APPROACH, GraspMode.BACK, GraspMode.ASIDE, GraspMode.ENTER)
 """Modes in which the hand is on its path to the object."""
+NEARLY, SAMPLES = 0.8, 7
+"""On the first part of its way to the object's axis, at so many places, the hand is kept free of
+clutter."""
 FALLEN = math.radians(45.0)
 """Tilt of the object's z beyond which it has fallen [rad]."""
 
@@ -90,14 +96,27 @@ class GraspScene:
         rng = np.random.default_rng(seed)
         self._object = ObjectModel(config.object)
         self._around = {name: ObjectModel(fixed) for name, fixed in config.surroundings.items()}
-        self._world = GraspWorld(
-            robot, self._around, self._object, config.mass, config.friction, config.table_friction
-        )
+        # images and parts of the noise change no draw of others
+        image_rng, surface_rng, clutter_rng, late_rng = rng.spawn(4)
+        with as_built(robot, config.noise.surface, surface_rng) as built:
+            self._world = GraspWorld(
+                built,
+                self._around,
+                self._object,
+                config.mass,
+                config.friction,
+                config.table_friction,
+            )
+        self._built = built
         azimuth = float(np.radians(rng.uniform(*config.azimuth)))
         self._world.put(placed(config, azimuth, rng))
         start = starting(config, robot, facing(config, azimuth), rng)
         if self._world.blocked(start):
             raise RobotError("the robot would touch something where the grasp begins")
+        self._clutter: list[ObjectModel] = []
+        if config.noise.clutter:
+            self._clutter = self._cluttered(azimuth, start, clutter_rng)
+            self._world.stand(self._clutter)
         leading = led_by(robot, config.tool)
         self._stuck = np.array([name in config.stuck for name in robot.joint_names])
         # a joint that is stuck yields as little as the arm, and stays where it began
@@ -107,7 +126,6 @@ class GraspScene:
         self._driver = GraspDriver(
             robot, config.tool, config.gripper, config.grip, self._arm.stiffness, start
         )
-        (image_rng,) = rng.spawn(1)  # images change no draw of other sensors
         self._sensors = TouchSensors(
             robot, config.tool, leading, start, config.noise, rng, image_rng
         )
@@ -115,6 +133,7 @@ class GraspScene:
         for _ in range(round(SETTLING / STEP)):
             self._arm.step(start)
         self._steps, self._waiting = 0, list[Reading]()
+        self._late = Arrivals(config.noise.delays, late_rng)
         self._gripper: float | None = None
         self._pressed = 0.0
         self._last_image = -np.inf
@@ -125,7 +144,10 @@ class GraspScene:
         return self._steps * STEP
 
     def readings(self) -> list[Reading]:
-        """Readings of the wrists since the last command, then of joints, skins and cameras."""
+        """Readings of the wrists since the last command, then of joints, skins and cameras.
+
+        Those that are late are among the readings of a later cycle.
+        """
         poses = self.robot.poses_at(self._arm.positions)
         readings, self._waiting = self._waiting, []
         readings.append(self._sensors.joints(self.stamp, self._arm.positions, self._arm.velocities))
@@ -133,11 +155,12 @@ class GraspScene:
         rate = self.config.camera_rate
         if rate and self.stamp - self._last_image >= 1.0 / rate - STEP:
             self._last_image = self.stamp
-            bodies = [(solid, poses[name]) for name, solid in self.robot.solids.items()]
-            bodies += [(fixed.solid, fixed.config.pose.pose()) for fixed in self._around.values()]
+            bodies = [(solid, poses[name]) for name, solid in self._built.solids.items()]
+            fixed = (*self._around.values(), *self._clutter)
+            bodies += [(model.solid, model.config.pose.pose()) for model in fixed]
             bodies.append((self._object.solid, self._world.object_pose))
             readings += self._sensors.sights(self.stamp, poses, bodies)
-        return readings
+        return self._late.until(self.stamp, readings)
 
     def obey(self, command: Command) -> None:
         """One cycle, in which arm and hand follow a command.
@@ -195,12 +218,42 @@ class GraspScene:
         """A picture, shape (height, width, 3), and the pixels of positions (n, 3) [m] in it."""
         return self._world.seen(viewpoint, positions)
 
+    def _cluttered(
+        self, azimuth: float, start: FloatArray, rng: np.random.Generator
+    ) -> list[ObjectModel]:
+        """Bodies around the object, none of them in the open hand's path to it.
+
+        The path leads to where the object is believed, or to where it is.
+
+        Args:
+            azimuth: direction from the object to the hand [rad].
+            start: shape (n,), joint positions at the start [rad, m].
+            rng: draws the bodies.
+        """
+        robot, config, there = self.robot, self.config, self._world.object_pose
+        opened = start.copy()
+        for name, (position, _) in config.gripper.items():
+            opened[robot.joint_names.index(name)] = position
+        poses = robot.poses_at(opened)
+        hand, tool = set(robot.beyond(config.tool)), poses[config.tool]
+        open_hand = np.concatenate([*points_of(robot, poses, hand)])
+        beside = (there[:3, 3] - config.object.pose.pose()[:3, 3]) @ tool[:3, 0]
+        free = [*points_of(robot, poses, {*robot.link_names} - hand)]
+        free += [
+            open_hand + aside * tool[:3, 0] + ahead * tool[:3, 2]
+            for aside in (0.0, beside)
+            for ahead in np.linspace(0.0, NEARLY * config.distance, SAMPLES)
+        ]
+        corners = [points_in(there, vertices) for vertices, _ in self._object.solid.meshes]
+        return clutter(robot.root, np.concatenate(corners), azimuth, np.concatenate(free), rng)
+
     def _force(self) -> float:
         return float(np.linalg.norm(self._world.touching().forces, axis=1).sum())
 
     def _felt(self) -> Iterator[Wrench]:
         """Readings of the wrists, which saturate at their range."""
-        for wrench in self._sensors.wrenches(self.stamp, self._world.felt()):
+        felt = self._sensors.wrenches(self.stamp, self._arm.positions, self._world.felt())
+        for wrench in felt:
             if self.config.wrench_range is None:
                 yield wrench
                 continue

@@ -1,6 +1,6 @@
 """The physics of a grasp: a compliant arm, fixed objects, one that moves, and their pictures."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -142,6 +142,10 @@ class GraspWorld:
     def put(self, pose: Pose) -> None:
         """Place the object at a pose, at rest."""
         self._physics.place(self._body, pose @ self._inertial)
+
+    def stand(self, clutter: Sequence[ObjectModel]) -> None:
+        """Add further bodies that do not move."""
+        self._ground += self._touch.stand(clutter)
 
     def blocked(self, positions: FloatArray) -> bool:
         """Whether the robot would touch anything at joint positions of shape (n,) [rad, m]."""

@@ -1,30 +1,15 @@
 """A touch by configuration: objects, directions of approach, and errors of the sensors."""
 
-from typing import Annotated, Any, Literal
+from typing import Literal
 
-from pydantic import AfterValidator, BeforeValidator, Field, model_validator
+from pydantic import Field, model_validator
 
 from contactfusion.errors import ConfigurationError, name_hint
 from contactfusion.model import Model
 from contactfusion.robots.objects import ObjectConfig
 from contactfusion.units import Force, Reach, Speed
 from contactfusion_lab.scenes.noise import TouchNoise
-
-Range = tuple[float, float]
-
-
-def _range(value: Any) -> Any:
-    """A range; a number is a range of one value."""
-    return (value, value) if isinstance(value, int | float) else value
-
-
-def _ordered(value: Range) -> Range:
-    if value[1] < value[0]:
-        raise ValueError("give the least, then the greatest")
-    return value
-
-
-AnyRange = Annotated[Range, BeforeValidator(_range), AfterValidator(_ordered)]
+from contactfusion_lab.scenes.ranges import AnyRange
 
 
 class TouchConfig(Model):
@@ -73,7 +58,8 @@ class TouchConfig(Model):
     camera_rate: float = Field(default=4.0, gt=0, le=1000)
     """Rate of the images of each camera [Hz]."""
     noise: TouchNoise = Field(default_factory=lambda: TouchNoise.model_validate("prototype"))
-    """Errors of the sensors: `none`, `prototype`, `full`, or the fields of `TouchNoise`."""
+    """Errors of the sensors and of the world: `none`, `prototype`, `full`, `hard`, such as
+    `prototype+wrist`, or the fields of `TouchNoise`."""
 
     @model_validator(mode="after")
     def _known(self) -> "TouchConfig":

@@ -20,10 +20,13 @@ from contactfusion.robots.model import RobotModel, shared_robot
 from contactfusion.robots.objects import ObjectModel
 from contactfusion.robots.solids import Solid, loaded_open3d
 from contactfusion.scene import Scene
-from contactfusion.stream import Facts, Verdict
+from contactfusion.stream import Arrival, Facts, Verdict
 from contactfusion_lab.scenes.approach import Approach, led_by, straight, tries
 from contactfusion_lab.scenes.arm import STEP, CompliantArm
+from contactfusion_lab.scenes.as_built import as_built
+from contactfusion_lab.scenes.clutter import clutter, swept
 from contactfusion_lab.scenes.facts import standing, true_contact
+from contactfusion_lab.scenes.sensor_errors import Arrivals
 from contactfusion_lab.scenes.touch.config import TouchConfig
 from contactfusion_lab.scenes.touch.sensors import TouchSensors
 from contactfusion_lab.scenes.touch.world import Touching, TouchWorld, contacts_of
@@ -50,6 +53,8 @@ SLOW = 0.01
 """Joint speed under which the hand has settled [rad/s, m/s]."""
 EVERY = {"joints": 0.05, "skins": 0.05, "wrenches": 0.01}
 """Periods of readings [s]."""
+SAMPLES = 7
+"""At so many places along its path a hand is kept free of clutter."""
 UNION = 0.05
 """Time over which contact points count as the truth [s]."""
 FAR = 0.5
@@ -95,7 +100,16 @@ class TouchScene(Scene):
         self._target = ObjectModel(config.objects[config.touched])
         around = {name: ObjectModel(fixed) for name, fixed in config.surroundings.items()}
         self._objects = {config.touched: self._target, **around}
-        self._world = TouchWorld(robot, self._objects, config.friction)
+        # parts of the noise have generators of their own: whoever adds one changes no other
+        surface_rng, self._clutter_rng, press_rng, late_rng = self._rng.spawn(4)
+        with as_built(robot, config.noise.surface, surface_rng) as built:
+            self._world = TouchWorld(built, self._objects, config.friction)
+        self._built = built
+        self._clutter: list[ObjectModel] = []
+        forces = config.noise.press
+        self.press = config.press if forces is None else press_rng.uniform(*forces)
+        """Contact force at which the hand stops [N]."""
+        self._late = Arrivals(config.noise.delays, late_rng)
         self._truth: Truth | None = None
         self._stamp, self._moments = 0.0, list[Touching]()
 
@@ -126,14 +140,24 @@ class TouchScene(Scene):
         """The true contacts at the end, and the distance of reported ones from them."""
         return _touch_verdict(self.truth.contacts, self.robot.root, pipeline, last)
 
+    def arrivals(self) -> Iterator[Arrival]:
+        """The readings with the times at which they come."""
+        for reading in self.readings():
+            yield Arrival(self._stamp, (reading,))
+
     def readings(self) -> Iterator[Reading]:
         """All readings: the hand goes forward until it is pushed, then stands until it has settled.
+
+        Readings that are late follow when they arrive, or never.
 
         Raises:
             RobotError: there is no path on which the hand reaches the object first.
         """
         config = self.config
         path = self._path()
+        if config.noise.clutter:
+            self._clutter = self._cluttered(path)
+            self._world.stand(self._clutter)
         end = -config.short if config.short else BEYOND
         travelled = min(end, 0.0) - LEAD
         arm = self._world.arm(path.at(travelled), self._stiffness())
@@ -144,9 +168,9 @@ class TouchScene(Scene):
         pushes, self._moments = np.zeros(GUARD), [self._world.touching()]
         step = stood = since = 0
         while True:
-            yield from self._sensed(sensors, arm, step, last=False)
+            yield from self._late.until(step * STEP, self._sensed(sensors, arm, step, last=False))
             step += 1
-            yielding = pushes.mean() < config.press and travelled < end
+            yielding = pushes.mean() < self.press and travelled < end
             travelled = min(travelled + config.speed * STEP, end) if yielding else travelled
             stood = 0 if yielding else stood + 1
             since += bool(since or stood)
@@ -155,9 +179,9 @@ class TouchScene(Scene):
             pushes[step % GUARD] = np.linalg.norm(self._moments[-1].forces.sum(axis=0))
             settled = bool(np.abs(arm.velocities).max() < SLOW)
             steady = settled and stood * STEP >= STAND
-            if steady or since * STEP >= LONGEST:
+            if steady or since * STEP >= LONGEST or (config.noise.moving and not yielding):
                 break
-        yield from self._sensed(sensors, arm, step, last=True)
+        yield from self._late.until(step * STEP, self._sensed(sensors, arm, step, last=True))
         self._truth = Truth(contacts_of(self._moments), arm.positions, steady)
 
     def _sensed(
@@ -173,15 +197,27 @@ class TouchScene(Scene):
         if "skins" in due:
             yield from sensors.skins(stamp, poses, self._moments[-1])
         if "wrenches" in due and step:
-            yield from sensors.wrenches(stamp, self._world.felt())
+            yield from sensors.wrenches(stamp, arm.positions, self._world.felt())
         if "sights" in due:
             yield from sensors.sights(stamp, poses, self._seen(poses))
 
     def _seen(self, poses: Mapping[str, Pose]) -> list[tuple[Solid, Pose]]:
         """All collision geometry that is visible to cameras, with its poses."""
-        links = [(solid, poses[name]) for name, solid in self.robot.solids.items()]
-        objects = [(model.solid, model.config.pose.pose()) for model in self._objects.values()]
-        return links + objects
+        links = [(solid, poses[name]) for name, solid in self._built.solids.items()]
+        bodies = (*self._objects.values(), *self._clutter)
+        return links + [(model.solid, model.config.pose.pose()) for model in bodies]
+
+    def _cluttered(self, path: Approach) -> list[ObjectModel]:
+        """Bodies around the target, none of them in the path."""
+        pose = self._target.config.pose.pose()
+        corners = [points_in(pose, vertices) for vertices, _ in self._target.solid.meshes]
+        ends = path.distances[0], BEYOND
+        free = swept(self.robot, [path.at(each) for each in np.linspace(*ends, SAMPLES)])
+        tool = self.robot.poses_at(path.at(0.0))[self.config.tool]
+        x, y = -tool[:2, 2]
+        return clutter(
+            self.robot.root, np.concatenate(corners), np.arctan2(y, x), free, self._clutter_rng
+        )
 
     def _path(self) -> Approach:
         """A straight path on which the hand, and nothing else, reaches the target first."""

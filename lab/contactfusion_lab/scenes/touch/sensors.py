@@ -6,7 +6,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from contactfusion.arrays import FloatArray
-from contactfusion.frames import Pose, inverse, points_in, pose_of
+from contactfusion.frames import Pose, inverse, points_in, pose_of, vectors_in
 from contactfusion.readings import (
     DepthImage,
     JointState,
@@ -21,12 +21,20 @@ from contactfusion.robots.objects import ObjectModel
 from contactfusion.robots.solids import Solid
 from contactfusion_lab.scenes.camera import RangeCamera
 from contactfusion_lab.scenes.noise import TouchNoise
+from contactfusion_lab.scenes.sensor_errors import (
+    RangeErrors,
+    TaxelErrors,
+    TaxelNoise,
+    WristErrors,
+)
 from contactfusion_lab.scenes.touch.world import Touching
 
 SKIN = 0.003
 """Standard deviation of the Gaussian by which a force spreads through the skin [m]."""
 FLYING = 0.3
 """Greatest error of flying pixels, towards the camera or away from it [m]."""
+GRAVITY = (0.0, 0.0, -9.81)
+"""In the root link's frame [m/s²]."""
 
 
 class TouchSensors:
@@ -69,6 +77,22 @@ class TouchSensors:
         }
         self._cameras = {name: RangeCamera(camera) for name, camera in model.config.cameras.items()}
         self._camera_errors = {name: self._misplaced() for name in self._cameras}
+        # further errors have generators of their own: whoever adds one changes no other
+        wrist_rng, skin_rng, range_rng = rng.spawn(3)
+        self._wrist_errors: dict[str, WristErrors] = {}
+        drift = np.repeat([noise.force_drift, noise.torque_drift], 3)
+        if drift.any() or noise.crosstalk or noise.payload:
+            self._wrist_errors = {
+                name: WristErrors(drift, noise.crosstalk, noise.payload, wrist_rng)
+                for name in model.config.wrists
+            }
+        self._taxel_errors: dict[str, TaxelErrors] = {}
+        if noise.taxels != TaxelNoise():
+            self._taxel_errors = {
+                name: TaxelErrors(patch.centres(), noise.taxels, skin_rng)
+                for name, patch in model.config.patches.items()
+            }
+        self._range_errors = {name: RangeErrors(noise.ranges, range_rng) for name in self._cameras}
 
     def joints(self, stamp: float, positions: FloatArray, velocities: FloatArray) -> JointState:
         """The reading of the joints; both arrays have shape (n,)."""
@@ -86,15 +110,22 @@ class TouchSensors:
             velocities=velocities[rows],
         )
 
-    def wrenches(self, stamp: float, felt: Mapping[str, FloatArray]) -> Iterator[Wrench]:
+    def wrenches(
+        self, stamp: float, positions: FloatArray, felt: Mapping[str, FloatArray]
+    ) -> Iterator[Wrench]:
         """Readings of the wrists from true wrenches on the robot, weight included.
 
         Args:
             stamp: [s].
+            positions: shape (n,), true joint positions [rad, m].
             felt: by wrist, shape (6,), force [N] and torque [N·m].
         """
         deviations = np.repeat([self._noise.force, self._noise.torque], 3)
+        poses = self._model.poses_at(positions) if self._wrist_errors else {}
         for name, wrench in felt.items():
+            if self._wrist_errors:
+                weight = self._weight(self._model.config.wrists[name].frame, poses)
+                wrench = self._wrist_errors[name].read(stamp, wrench, weight)
             noisy = wrench + self._wrench_zeros[name] + deviations * self._rng.standard_normal(6)
             wrist = self._model.config.wrists[name]
             noisy *= 1.0 if wrist.sign == "on_robot" else -1.0
@@ -118,11 +149,15 @@ class TouchSensors:
             link = self._model.link_of(patch.frame)
             back = inverse(poses[link] @ self._model.pose_on_link(patch.frame))
             own = [row for row, touched in enumerate(touching.links) if touched == link]
+            pressures = np.full(len(centres), -0.0)  # which changes no bit of what it is added to
             if own:
                 points = points_in(back, touching.places[own])
                 forces = np.linalg.norm(touching.forces[own], axis=1)
                 distances = np.linalg.norm(centres[:, None, :] - points, axis=2)
-                values += np.exp(-0.5 * (distances / SKIN) ** 2) @ forces
+                pressures = np.exp(-0.5 * (distances / SKIN) ** 2) @ forces
+            if self._taxel_errors:
+                pressures = self._taxel_errors[name].read(stamp, pressures)
+            values += pressures
             yield TactileImage(stamp=stamp, frame=patch.frame, sensor=name, values=values)
 
     def sights(
@@ -139,6 +174,7 @@ class TouchSensors:
             frame = camera.config.frame
             believed = poses[self._model.link_of(frame)] @ self._model.pose_on_link(frame)
             depth = camera.depth(believed @ self._camera_errors[name], bodies)
+            depth = self._range_errors[name].read(depth)
             depth = camera.within_reach(self._seen_with_noise(depth))
             yield DepthImage(
                 stamp=stamp, frame=frame, sensor=name, depth=depth, intrinsics=camera.intrinsics
@@ -163,6 +199,14 @@ class TouchSensors:
                 position=pose[:3, 3],
                 orientation=Rotation.from_matrix(pose[:3, :3]).as_quat(),
             )
+
+    def _weight(self, frame: str, poses: Mapping[str, Pose]) -> FloatArray:
+        """The weight that a wrist should carry, at its frame: shape (6,) [N, N·m]."""
+        mass, centre = self._model.load_on(frame, poses)
+        pose = poses[self._model.link_of(frame)] @ self._model.pose_on_link(frame)
+        force = mass * np.array(GRAVITY)
+        both = np.stack([force, np.cross(centre - pose[:3, 3], force)])
+        return vectors_in(inverse(pose), both).ravel()
 
     def _misplaced(self) -> Pose:
         shift, rotation = self._rng.standard_normal(3), self._rng.standard_normal(3)

@@ -51,12 +51,8 @@ class TouchWorld:
         self._world = self.physics = BulletWorld(model, hollow=True)
         """The robot and all bodies."""
         self._bullet, self._client = self._world.bullet, self._world.client
-        self._bodies: dict[str, list[int]] = {}
-        for name, added in objects.items():
-            self._bodies[name] = [self._world.add(shape) for shape in added.shapes]
-            for body, shape in zip(self._bodies[name], added.shapes, strict=True):
-                self._world.place(body, added.config.pose.pose() @ shape.pose())
-                self._bullet.changeDynamics(body, -1, lateralFriction=friction, **self._client)
+        self._friction, self._clutter = friction, list[int]()
+        self._bodies = {name: self._stand(added) for name, added in objects.items()}
         # a touch is a point contact, which bears no moment, whatever the URDF says
         grip = {"lateralFriction": 1.0, "spinningFriction": 0.0, "rollingFriction": 0.0}
         for row in self._world.links:
@@ -77,6 +73,12 @@ class TouchWorld:
             back = inverse(model.pose_on_link(model.config.wrists[name].frame))
             rotation = Rotation.from_quat(axes).as_matrix()
             self._feedback[name] = back @ pose_of((0.0, 0.0, 0.0), rotation)
+
+    def stand(self, clutter: Sequence[ObjectModel]) -> list[int]:
+        """Add further bodies that do not move; their numbers in PyBullet."""
+        added = [body for model in clutter for body in self._stand(model)]
+        self._clutter += added
+        return added
 
     def adopt(self, name: str, body: int) -> None:
         """Register a further body of `physics`, such as one that moves, as an object."""
@@ -122,7 +124,7 @@ class TouchWorld:
         """The contact points on the robot now."""
         points = [
             point
-            for bodies in self._bodies.values()
+            for bodies in (*self._bodies.values(), self._clutter)
             for body in bodies
             for point in self._bullet.getContactPoints(self._world.robot, body, **self._client)
             if point[9] >= FAINT
@@ -135,6 +137,14 @@ class TouchWorld:
         ]  # fmt: skip
         links = tuple(self._world.links[point[3]] for point in points)
         return Touching(np.reshape(places, (-1, 3)), np.reshape(forces, (-1, 3)), links)
+
+    def _stand(self, model: ObjectModel) -> list[int]:
+        """Add the shapes of an object that does not move; their numbers in PyBullet."""
+        bodies = [self._world.add(shape) for shape in model.shapes]
+        for body, shape in zip(bodies, model.shapes, strict=True):
+            self._world.place(body, model.config.pose.pose() @ shape.pose())
+            self._bullet.changeDynamics(body, -1, lateralFriction=self._friction, **self._client)
+        return bodies
 
 
 def contacts_of(moments: Sequence[Touching]) -> Touching:
