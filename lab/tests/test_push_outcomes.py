@@ -10,11 +10,14 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from contactfusion.arrays import FloatArray
 from contactfusion.errors import ConfigurationError
 from contactfusion.figures import new_figure
 from contactfusion.files import write_whole
 from contactfusion_lab.experiments.push import figures, tables
 from contactfusion_lab.experiments.push.outcomes import (
+    CUTOFF,
+    LIMIT,
     Outcome,
     cause,
     compare_all,
@@ -33,6 +36,7 @@ from contactfusion_lab.experiments.push.trial import ARRAYS, Track, content_of
 from contactfusion_lab.scenes.push.config import SkinConfig
 from contactfusion_lab.scenes.push.scene import Ending
 from contactfusion_lab.trials.folder import as_json, trial_file
+from contactfusion_lab.trials.localisation import localisation
 from contactfusion_lab.trials.measures import CASE
 from contactfusion_lab.trials.tables import as_csv, frame_of
 
@@ -81,6 +85,11 @@ def unfelt(rows: Any, record: Track) -> Track:
     estimate, lateral = record.estimate.copy(), record.lateral.copy()
     estimate[rows], lateral[rows] = 0, np.nan
     return replace(record, estimate=estimate, lateral=lateral)
+
+
+def set_of(lateral: float) -> FloatArray:
+    """A contact at a position along the face, or none."""
+    return np.array([[lateral]]) if np.isfinite(lateral) else np.empty((0, 1))
 
 
 def keep(record: Track, out: Path) -> Path:
@@ -134,6 +143,23 @@ class TestOutcome:
         errors = np.linspace(-0.2, 0.2, 11)[2:] - 0.1
         assert result.location_rmse == pytest.approx(np.sqrt((errors**2).mean()))
         assert result.type_accuracy == pytest.approx(9 / 10)
+
+    def test_gospa_of_cycles_is_that_of_sets_of_one_contact_at_most(self) -> None:
+        lateral = np.array([0.1, 0.1, 0.13, 0.25, np.nan, 0.1, 0.0, np.nan, 0.1, 0.19, 0.05])
+        moved = without([5, 7], track(lateral=lateral), felt=True)
+        one = outcome(moved)
+        found = [
+            localisation(set_of(true), set_of(estimated), CUTOFF)
+            for true, estimated in zip(moved.contact[1:, 1], moved.lateral[1:], strict=True)
+        ]
+        assert one.gospa == pytest.approx(np.mean([each.gospa for each in found]))
+        assert one.missed == sum(each.missed for each in found) / 10 == 0.3
+        assert one.false == sum(each.false for each in found) / 10 == 0.3
+        assert one.gospa_distance == pytest.approx(np.sqrt((0.03**2 + 0.09**2 + 0.05**2) / 5))
+
+    def test_a_failure_counts_with_the_time_limit(self) -> None:
+        assert outcome(track()).time_to_success == 1.0
+        assert outcome(track(ending=Ending.AWAY)).time_to_success == LIMIT == 300.0
 
     def test_whether_there_is_a_contact_may_be_right_where_its_kind_is_not(self) -> None:
         kinds = np.array([2, 1, 1, 1, 2, 2, 2, 2, 2, 0, 0], np.uint8)
@@ -366,7 +392,7 @@ class TestEvaluation:
         assert [
             (comparison["against"], comparison["case"], comparison["trials"])
             for comparison in summary["tests"]
-        ] == [("skin/paper", "skin/tuned", 48)] * 5
+        ] == [("skin/paper", "skin/tuned", 48)] * 7
         table = (tmp_path / "table.md").read_text()
         assert table.count("*paper, contact skin*") == 1 and "| skin/paper, true | 12/12 |" in table
 

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from contactfusion.arrays import FloatArray
 from contactfusion.hypotheses import HypothesisKind
 from contactfusion_lab.experiments.push.trial import Track
+from contactfusion_lab.scenes.push.config import PushConfig
 from contactfusion_lab.scenes.push.scene import Ending
 from contactfusion_lab.trials.measures import CASE, Comparison, compared
 from contactfusion_lab.trials.tables import frame_of
@@ -20,8 +21,14 @@ SILENT, FAINT = 0.2, 0.6
 """A contact that is felt in less than these shares of its time is not felt, or hardly."""
 PROGRESS = 0.02
 """Coming nearer to the target by less than this is no progress [m]."""
+CUTOFF = 0.10
+"""Contacts further apart than this are a missed and a false one (GOSPA) [m]."""
+LIMIT = float(PushConfig.model_fields["longest"].default)
+"""Time that a push without true success counts as: the greatest that it may take [s]."""
 COMPARED = ["lateral_true", "lateral_estimate", "swept", "time"]
 """Measures over pushes that both bring to true success (O §III-C)."""
+COMPARED_ALL = ["gospa", "time_to_success"]
+"""Measures over all pushes, failures included."""
 
 
 @dataclass(frozen=True)
@@ -43,6 +50,8 @@ class Outcome:
         success_estimate: arrival was declared.
         ever_true: the true contact was near enough at some time.
         time: it took [s].
+        time_to_success: the same, or of a push without true success the greatest that it may
+            take [s].
         final_distance: from the true contact to the target, when they last touched [m].
         least_distance: the smallest of these [m].
         path: that the robot drove [m].
@@ -53,6 +62,11 @@ class Outcome:
         type_accuracy: how often none, point or line was estimated right.
         contact_accuracy: how often it was estimated right whether there is a contact.
         location_rmse: of the estimated l, in cycles in which both are there [m].
+        gospa: mean over cycles of the GOSPA of true and estimated contact along the face, with a
+            cut-off of 10 cm [m].
+        gospa_distance: of paired contacts, root mean square [m].
+        missed: share of the cycles with a true contact and no estimate within the cut-off.
+        false: share of the cycles with an estimate and no true contact within the cut-off.
         sources_two: of the cycles with a true contact, in how many two sources or more have a share
             in the contact on the face.
         evidence_two: the same of sources of evidence alone, without support.
@@ -76,6 +90,7 @@ class Outcome:
     success_estimate: bool
     ever_true: bool
     time: float
+    time_to_success: float
     final_distance: float
     least_distance: float
     path: float
@@ -86,6 +101,10 @@ class Outcome:
     type_accuracy: float
     contact_accuracy: float
     location_rmse: float
+    gospa: float
+    gospa_distance: float
+    missed: float
+    false: float
     sources_two: float
     evidence_two: float
     searches: int
@@ -119,6 +138,7 @@ def outcome(track: Track) -> Outcome:
         success_estimate=declared,
         ever_true=bool(within.any()),
         time=float(track.stamp[-1]),
+        time_to_success=float(track.stamp[-1]) if declared and within[-1] else LIMIT,
         final_distance=float(distances[-1]) if len(distances) else np.nan,
         least_distance=float(distances.min()) if len(distances) else np.nan,
         path=float(np.hypot(*np.diff(track.base[:, :2], axis=0).T).sum()),
@@ -129,6 +149,7 @@ def outcome(track: Track) -> Outcome:
         type_accuracy=_share((track.kind == track.estimate)[1:]),
         contact_accuracy=_share(((track.kind > 0) == (track.estimate > 0))[1:]),
         location_rmse=float(np.sqrt((errors**2).mean())) if len(errors) else np.nan,
+        **_localised(track),
         sources_two=_share(_sharing(track, list(track.sources.values())) >= 2),
         evidence_two=_share(_sharing(track, [HypothesisKind.REGULAR]) >= 2),
         searches=beginnings(track, "search"),
@@ -136,6 +157,22 @@ def outcome(track: Track) -> Outcome:
         realigning=_share(_in_mode(track, "realign")[1:]),
         cause=cause(track),
     )
+
+
+def _localised(track: Track) -> dict[str, float]:
+    """GOSPA of each cycle and its parts; each has one true contact and one estimate at most."""
+    true, estimated = track.contact[1:, 1], track.lateral[1:]
+    apart = np.abs(true - estimated)  # NaN where one of them is none
+    paired = apart < CUTOFF
+    missed, false = np.isfinite(true) & ~paired, np.isfinite(estimated) & ~paired
+    squares = np.where(paired, apart, 0.0) ** 2
+    gospa = np.sqrt(squares + CUTOFF**2 / 2.0 * (missed + 1.0 * false))
+    return {
+        "gospa": _mean(gospa),
+        "gospa_distance": float(np.sqrt(squares[paired].mean())) if paired.any() else np.nan,
+        "missed": _share(missed),
+        "false": _share(false),
+    }
 
 
 def swept(track: Track) -> float:
@@ -236,8 +273,14 @@ def outcomes_of(tracks: Sequence[Track]) -> pd.DataFrame:
 def compare_all(frame: pd.DataFrame, seed: int) -> list[Comparison]:
     """Compare each sensor suite and controller but the first with one before it.
 
+<<<<<<< HEAD
     That is the first with the same controller; without one, the first with the same suite;
     without that, too, the first of all. Measures are compared where both truly succeed.
+=======
+    That is the first with the same controller; without one, the first with the same sensing;
+    without that, too, the first of all. `COMPARED_ALL` is compared over all pushes, `COMPARED`
+    where both truly succeed.
+>>>>>>> measures
 
     Args:
         frame: of all outcomes.
@@ -253,4 +296,4 @@ def compare_all(frame: pd.DataFrame, seed: int) -> list[Comparison]:
         before.append(case)
     succeeded = frame.copy()
     succeeded[COMPARED] = frame[COMPARED].where(frame["success_true"])
-    return compared(succeeded, pairs, "success_true", COMPARED, seed)
+    return compared(succeeded, pairs, "success_true", [*COMPARED_ALL, *COMPARED], seed)

@@ -40,6 +40,10 @@ MEASURES: tables.Units = {
     "type_accuracy": ("type accuracy %", 100.0, ".1f"),
     "contact_accuracy": ("contact or none %", 100.0, ".1f"),
     "location_rmse": ("location RMSE cm", 100.0, ".2f"),
+    "gospa": ("GOSPA cm", 100.0, ".2f"),
+    "gospa_distance": ("of it distance cm", 100.0, ".2f"),
+    "missed": ("missed %", 100.0, ".1f"),
+    "false": ("false %", 100.0, ".1f"),
     "sources_two": ("two sources or more %", 100.0, ".1f"),
     "evidence_two": ("two of evidence %", 100.0, ".1f"),
     "realigning": ("realigning %", 100.0, ".1f"),
@@ -53,6 +57,8 @@ Perceived = Mapping[str, tuple[float, float, float]]
 """These figures, each with its interval over resampled pushes."""
 DIFFERENCES: tables.Units = {
     "success_true": ("true success", 1.0, "g"),
+    "gospa": ("GOSPA cm, all pushes", 100.0, ".2f"),
+    "time_to_success": ("time s, all pushes", 1.0, ".1f"),
     "lateral_true": ("mean abs. l cm", 100.0, ".2f"),
     "lateral_estimate": ("mean abs. l̂ cm", 100.0, ".2f"),
     "swept": ("swept rad/s", 1.0, ".3f"),
