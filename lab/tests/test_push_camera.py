@@ -12,15 +12,18 @@ from contactfusion.generators.proximity import ProximityConfig
 from contactfusion.readings import DepthImage, PointCloud
 from contactfusion.robots.description import CameraConfig
 from contactfusion.robots.model import shared_robot
-from contactfusion_lab.scenes.push.config import CameraNoise, MisplacedConfig, PushConfig
+from contactfusion_lab.scenes.push.config import PushConfig
+from contactfusion_lab.scenes.push.noise import CameraNoise, MisplacedConfig
 from contactfusion_lab.scenes.push.objects import triangles_of
 from contactfusion_lab.scenes.push.scene import PushScene
 from contactfusion_lab.scenes.push.sensors import Picture, PushCamera, beside_steps, misplacement
 from contactfusion_lab.scenes.push.view import PushView
+from contactfusion_lab.scenes.sensor_errors import RangeErrors, RangeNoise
 from lab.tests.test_push_world import base
 
 HERE: PlanarPose = (-0.3, 0.0, 0.0)
 """The base whose front stands at x = 0."""
+NO_ERRORS = RangeErrors(RangeNoise(), np.random.default_rng(0))
 TOP, CHASSIS, FLOOR = 1.1 - 0.35, 1.1 + 0.05, 1.1 + 0.45
 """How far below the camera lie the top of a box 0.8 m high, the base, and the floor [m]."""
 QUIET = CameraNoise(disparity=0.0, holes=0.0, edges=0.0, colour=0.0)
@@ -38,7 +41,7 @@ def camera(noise: CameraNoise = QUIET, name: str = "camera", **fields: Any) -> P
     config = CameraConfig(**{**base().cameras[name].model_dump(), **fields})
     corners = np.concatenate([vertices for vertices, _ in triangles_of(thing)])
     paint = np.array([200.0, 100.0, 50.0])
-    return PushCamera(config, seat(), PushView(thing, base()), corners, noise, paint)
+    return PushCamera(config, seat(), PushView(thing, base()), corners, noise, NO_ERRORS, paint)
 
 
 def taken(one: PushCamera, thing: PlanarPose = (0.2, 0.0, 0.0), seed: int = 0) -> Picture:
