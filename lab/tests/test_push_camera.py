@@ -16,7 +16,13 @@ from contactfusion_lab.scenes.push.config import PushConfig
 from contactfusion_lab.scenes.push.noise import CameraNoise, MisplacedConfig
 from contactfusion_lab.scenes.push.objects import triangles_of
 from contactfusion_lab.scenes.push.scene import PushScene
-from contactfusion_lab.scenes.push.sensors import Picture, PushCamera, beside_steps, misplacement
+from contactfusion_lab.scenes.push.sensors import (
+    Picture,
+    PushCamera,
+    beside_steps,
+    misplacement,
+    rng_of,
+)
 from contactfusion_lab.scenes.push.view import PushView
 from contactfusion_lab.scenes.sensor_errors import RangeErrors, RangeNoise
 from lab.tests.test_push_world import base
@@ -186,7 +192,7 @@ def test_a_misplaced_camera_sees_the_same_scene_from_elsewhere() -> None:
     quiet: dict[str, Any] = {"camera_noise": QUIET.model_dump(), "gap": 0.0}
     straight, same = image(**quiet), image(**quiet, misplaced={"camera": {}})
     assert bits(straight) == bits(same)
-    off = misplacement(MisplacedConfig(mm=20.0), chance_of("camera misplaced"))
+    off = misplacement(MisplacedConfig(mm=20.0), rng_of(0, "camera misplaced"))
     moved = image(**quiet, misplaced={"camera": {"mm": 20.0}})
     floor = moved.depth[40, 5]
     # the camera looks down: what it is nearer to the floor, it measures less
@@ -200,17 +206,11 @@ def test_a_misplaced_lidar_sees_the_same_scene_from_elsewhere() -> None:
     ((straight,),) = images(**fields)
     ((moved,),) = images(**fields, misplaced={"lidar": {"mm": 40.0}})
     assert isinstance(straight, PointCloud) and isinstance(moved, PointCloud)
-    off = misplacement(MisplacedConfig(mm=40.0), chance_of("lidar misplaced"))
+    off = misplacement(MisplacedConfig(mm=40.0), rng_of(0, "lidar misplaced"))
     # the LiDAR's x points down: the farthest returns are those of the floor
     assert moved.points[:, 0].max() == pytest.approx(
         straight.points[:, 0].max() - off[0, 3], abs=1e-4
     )
-
-
-def chance_of(name: str, seed: int = 0) -> np.random.Generator:
-    from contactfusion_lab.scenes.push.sensors import _rng_of
-
-    return _rng_of(seed, name)
 
 
 @pytest.mark.parametrize(

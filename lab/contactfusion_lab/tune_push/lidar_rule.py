@@ -28,11 +28,11 @@ SEED = 3100
 """Of the first draw of pushes; the second has the seed after it."""
 MOUNTINGS = ("lidar", "lidar_side", "lidar_tilted")
 """The places of the LiDAR on the package's base."""
-TOUCH = (0.007, 0.01, 0.015, 0.02, 0.03)
+TOUCH = (0.007, 0.01, 0.03)
 """Tried values of `touch` [m]."""
-NEAR = (0.002, 0.005, 0.01, 0.02)
+NEAR = (0.002, 0.005, 0.01, 0.02, 0.03)
 """Tried values of `near` [m]."""
-FIRST, KEPT, SECOND = 6, 4, 18
+FIRST, KEPT, SECOND = 6, 3, 18
 """Pushes that each pair makes, how many pairs go on, and pushes that each of these makes."""
 Thresholds = tuple[float, float]
 """`touch` and `near` [m]."""

@@ -37,7 +37,7 @@ from contactfusion_lab.scenes.push.config import (
     named_object,
     read_object,
 )
-from contactfusion_lab.scenes.push.noise import MisplacedConfig, PushNoise
+from contactfusion_lab.scenes.push.noise import MisplacedConfig, named_noise
 from contactfusion_lab.scenes.push.objects import ObjectConfig, UrdfObjectConfig, outlines
 from contactfusion_lab.scenes.push.scene import mobile_base
 from contactfusion_lab.trials.choices import require_known, require_once
@@ -220,7 +220,7 @@ class Plan:
     def settings(self, controllers: Sequence[str]) -> dict[str, Any]:
         """What makes two trials of one name equal, for a folder that is gone on with."""
         places = self.targets.places
-        noise = PushNoise.model_validate(self.noise).model_dump(mode="json")
+        noise = named_noise(self.noise).model_dump(mode="json")
         # folders of the default are older than noises are
         named = {} if self.noise == PROTOTYPE else {"noise": {self.noise: noise}}
         return {
@@ -326,7 +326,7 @@ def read_plan(
     frictions = frictions or list(FRICTIONS)
     require_known(frictions, FRICTIONS, "friction", "frictions")
     require_once(frictions, "frictions")
-    PushNoise.model_validate(noise)
+    named_noise(noise)
     return Plan(
         sensing=read_sensing(sensing, taxels, change or Change()),
         objects=_objects_of(objects, files),

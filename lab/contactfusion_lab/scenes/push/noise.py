@@ -112,3 +112,17 @@ class PushNoise(Model):
     def _by_name(cls, value: Any) -> Any:
         """Fields; a name stands for those of a known set."""
         return composed(value, NOISES, PARTS) if isinstance(value, str) else value
+
+
+class _File(Model):
+    noise: PushNoise
+
+
+def named_noise(name: str) -> PushNoise:
+    """The noise of a name.
+
+    Raises:
+        ConfigurationError: there is none of that name.
+    """
+    fields: dict[str, Any] = {"noise": name}
+    return _File(**fields).noise
