@@ -45,8 +45,9 @@ THRESHOLDS = {
     "lidar_side": {"touch": 0.01, "near": 0.01},
     "lidar_tilted": {"touch": 0.01, "near": 0.02},
 }
-"""Of `rule_tuned` [m], by the place of its LiDAR: chosen by `contactfusion_lab.tune_push.lidar_rule`
-on pushes of the seeds 3100 and 3101, of which no table is made."""
+"""Of `rule_tuned` [m], by the place of its LiDAR: chosen by
+`contactfusion_lab.tune_push.lidar_rule` on pushes of the seeds 3100 and 3101, of which no table is
+made."""
 BLUR = 2.5
 """One point may seem to a skin as wide as so many taxels."""
 REST = ("folder", "faults", "controller", "seed")
