@@ -2,6 +2,7 @@
 
 import itertools
 import math
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -16,9 +17,11 @@ from contactfusion_lab.scenes.push.clutter import BESIDE, KEPT, LEG, Clutter, ga
 from contactfusion_lab.scenes.push.config import PushConfig
 from contactfusion_lab.scenes.push.env import PushEnv
 from contactfusion_lab.scenes.push.noise import NOISES, PARTS, OdometryNoise, PushNoise
-from contactfusion_lab.scenes.push.objects import outlines, rectangle
+from contactfusion_lab.scenes.push.objects import outlines, rectangle, triangles_of
 from contactfusion_lab.scenes.push.odometry import PushOdometry
 from contactfusion_lab.scenes.push.scene import PushScene, PushTruth, mobile_base
+from contactfusion_lab.scenes.push.view import PushView
+from contactfusion_lab.scenes.sensor_errors import RangeErrors
 from lab.tests.test_push_world import base
 
 EYES = ("lidar", "camera")
@@ -28,12 +31,16 @@ AFTER = {"taxels": "skin", "mounting": "lidar", "range": "lidar", "odometry": "o
 """A sensor whose readings each part changes."""
 
 
+def config(**fields: Any) -> PushConfig:
+    return PushConfig(**{"target": (2.0, 0.0), **fields})
+
+
 def noise(given: Any) -> PushNoise:
-    return PushConfig(target=(1.0, 0.0), noise=given).noise
+    return config(noise=given).noise
 
 
 def scene(given: Any, seed: int = 0, **fields: Any) -> PushScene:
-    return PushScene(PushConfig(**{"target": (2.0, 0.0), "noise": given, **fields}), base(), seed)
+    return PushScene(config(noise=given, **fields), base(), seed)
 
 
 def driven(made: PushScene, cycles: int = 8) -> tuple[list[list[Reading]], list[PushTruth]]:
@@ -48,7 +55,7 @@ def driven(made: PushScene, cycles: int = 8) -> tuple[list[list[Reading]], list[
 
 def of(readings: list[list[Reading]], sensor: str) -> list[FloatArray]:
     """The values that one sensor reads."""
-    values = {
+    values: dict[type, Callable[[Any], FloatArray]] = {
         Odometry: lambda one: np.concatenate([one.position, one.orientation, one.linear]),
         TactileImage: lambda one: one.values,
         PointCloud: lambda one: one.points,
@@ -68,7 +75,7 @@ def same(first: list[FloatArray], second: list[FloatArray]) -> bool:
 
 class TestNames:
     def test_a_push_has_the_noise_of_the_prototype_unless_told(self) -> None:
-        assert noise("prototype") == noise({}) == PushConfig(target=(1.0, 0.0)).noise
+        assert noise("prototype") == noise({}) == config().noise
 
     def test_hard_is_the_prototype_with_every_part_and_parts_go_alone(self) -> None:
         assert noise("hard") == noise("+".join(["prototype", *PARTS]))
@@ -129,11 +136,9 @@ class TestParts:
         assert np.unique(depth[depth > 1.5].round(6)) == pytest.approx([1.55])  # floor
 
     def test_each_strip_of_the_skin_has_a_dead_taxel(self) -> None:
-        config = PushConfig(target=(2.0, 0.0), noise={"taxels": {"dead": 1}}).noise
-        skin = sensors.PushSkin(base().patches["skin"], PushConfig(target=(1.0, 0.0)).skin)
-        dead = sensors.PushSkin(
-            base().patches["skin"], PushConfig(target=(1.0, 0.0)).skin, config.taxels, 5
-        )
+        taxels = noise({"taxels": {"dead": 1}}).taxels
+        skin = sensors.PushSkin(base().patches["skin"], config().skin)
+        dead = sensors.PushSkin(base().patches["skin"], config().skin, taxels, 5)
         assert len(skin._errors) == 3
         for errors in dead._errors:
             count = len(errors._response)
@@ -240,7 +245,7 @@ class TestOdometry:
 class TestClutter:
     @staticmethod
     def clutter(seed: int = 0, thing: Any = "box") -> Clutter:
-        pushed = outlines(PushConfig(object=thing, target=(1.0, 0.0)).object)
+        pushed = outlines(config(object=thing).object)
         rng = np.random.default_rng(seed)
         return Clutter(mobile_base().corners, pushed, (0.3, 0.0, 0.0), rng)
 
@@ -259,9 +264,7 @@ class TestClutter:
                 pushed = (0.3 + 0.1 * stamp, 0.0, 0.05 * stamp)
                 legs = one.legs(stamp, (0.1 * stamp - 0.3, 0.0, 0.0), pushed)
                 places.append(legs[0].middle)
-                corners = np.concatenate(
-                    outlines(PushConfig(object=thing, target=(1.0, 0.0)).object)
-                )
+                corners = np.concatenate(outlines(config(object=thing).object))
                 cos, sin = math.cos(pushed[2]), math.sin(pushed[2])
                 corners = corners @ np.array([[cos, sin], [-sin, cos]]) + pushed[:2]
                 for leg in legs:
@@ -294,22 +297,25 @@ class TestClutter:
         assert all(nearer)
 
     def test_a_body_before_the_object_hides_it_in_the_image(self) -> None:
-        thing = PushConfig(target=(1.0, 0.0)).object
-        corners = np.concatenate([vertices for vertices, _ in sensors.triangles_of(thing)])
-        exact = PushConfig(target=(1.0, 0.0), noise="none")
-        config, view = base().cameras["camera"], sensors.PushView(thing, base())
+        thing = config().object
+        corners = np.concatenate([vertices for vertices, _ in triangles_of(thing)])
+        exact = config(noise="none")
+        view = PushView(thing, base())
         pose = np.eye(4)
         pose[:3, :3] = [[0.0, -1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, -1.0]]
         pose[:3, 3] = 0.4, 0.0, 1.1
-        errors = sensors.RangeErrors(exact.noise.ranges, np.random.default_rng(0))
+        errors = RangeErrors(exact.noise.ranges, np.random.default_rng(0))
         camera = sensors.PushCamera(
-            config, pose, view, corners, exact.white[2], errors, np.array([200.0, 20.0, 20.0])
+            base().cameras["camera"],
+            pose,
+            view,
+            corners,
+            exact.white[2],
+            errors,
+            np.array([200.0, 20.0, 20.0]),
         )
-        slab = sensors.triangles_of(
-            PushConfig(
-                target=(1.0, 0.0),
-                object={"shape": "box", "size": (0.2, 0.2, 1.0), "mass": 1.0},
-            ).object
+        slab = triangles_of(
+            config(object={"shape": "box", "size": (0.2, 0.2, 1.0), "mass": 1.0}).object
         )
         moved = [(vertices + (0.2, 0.0, 0.0), triangles) for vertices, triangles in slab]
         here, there, rng = (-0.3, 0.0, 0.0), (0.2, 0.0, 0.0), np.random.default_rng(0)
@@ -342,6 +348,6 @@ class TestTiming:
         assert sum(sensor == "skin" for sensor, _ in late) >= 39
 
     def test_an_environment_refuses_delays(self) -> None:
-        env = PushEnv(PushConfig(target=(1.0, 0.0), noise="hard"))
+        env = PushEnv(config(noise="hard"))
         with pytest.raises(ConfigurationError, match="noise.delays"):
             env.reset(seed=1)
