@@ -157,7 +157,7 @@ def _drawn(rng: np.random.Generator) -> _Person:
     side = 1.0 if rng.random() < 0.5 else -1.0
     bearing, sway = np.radians(rng.uniform((50.0, 10.0), (130.0, 40.0))).tolist()
     sway_period, drift_period = rng.uniform(6.0, 15.0, 2).tolist()
-    apart, drift = rng.uniform((0.25, 0.05), (0.50, 0.20)).tolist()
+    apart, drift = rng.uniform((0.15, 0.05), (0.40, 0.15)).tolist()
     sways, drifts, steps = rng.uniform(-math.pi, math.pi, 3).tolist()
     return _Person(
         side * bearing, sway, sway_period, apart, drift, drift_period, (sways, drifts, steps)
