@@ -220,10 +220,10 @@ def experiment_push(
     targets: Annotated[
         str,
         typer.Option(
-            help="Target set: grid, validation, new, random:N (N in total), or a YAML file."
+            help="Target set: grid, validation, new, far, random:N (N in total), or a YAML file."
         ),
     ] = "grid",
-    starts: Annotated[str, typer.Option(help="Start poses: nominal or random.")] = "nominal",
+    starts: Annotated[str, typer.Option(help="Start poses: nominal, random or far.")] = "nominal",
     object_: Annotated[
         list[Path] | None,
         typer.Option("--object", help="A URDF or YAML file of an object; may be repeated."),
@@ -234,6 +234,12 @@ def experiment_push(
     activation: Annotated[
         float, typer.Option(min=0.0, help="Activation threshold of a taxel [N].")
     ] = 1.0,
+    noise: Annotated[
+        str,
+        typer.Option(
+            help="Sensor noise: none, prototype, hard, or prototype+PART+… with parts of hard."
+        ),
+    ] = "prototype",
     faults: Faults = None,
     seed: Seed = 0,
     workers: Workers = 2,
@@ -264,6 +270,7 @@ def experiment_push(
         starts=starts,
         taxels=taxels,
         skin=SkinConfig(activation=activation),
+        noise=noise,
         faults=faults,
         seed=seed,
         executor=_executor(executor, workers, scheduler),

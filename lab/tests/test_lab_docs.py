@@ -5,13 +5,29 @@ import re
 import yaml
 
 from contactfusion.robots.objects import ObjectConfig
+from contactfusion_lab.experiments.push.plan import NAMED, STARTS
+from contactfusion_lab.experiments.push.suites import SENSINGS
 from contactfusion_lab.scenes.noise import NOISES, PARTS, TouchNoise
+from contactfusion_lab.scenes.push import noise as push_noise
+from contactfusion_lab.scenes.push.config import OTHERS
 from contactfusion_lab.scenes.touch.config import TouchConfig
 from tests.test_docs import SCENES, unnamed
+
+PUSH = SCENES.with_name("push.md")
 
 
 def test_the_page_on_scenes_names_every_field() -> None:
     assert not unnamed(TouchConfig, SCENES.read_text(), elsewhere=ObjectConfig)
+
+
+def test_the_page_on_scenes_names_every_error_of_a_push() -> None:
+    assert not unnamed(push_noise.PushNoise, SCENES.read_text())
+
+
+def test_the_page_on_pushes_names_every_part_object_and_sensing() -> None:
+    page = PUSH.read_text()
+    names = (*push_noise.PARTS, *OTHERS, *NAMED, *STARTS, *SENSINGS)
+    assert not [name for name in names if f"`{name}`" not in page]
 
 
 def test_the_page_on_scenes_states_the_noises_as_they_are() -> None:

@@ -207,7 +207,7 @@ def test_contacts_are_those_of_skin_generator_and_integrator(name: str) -> None:
     push, rng, compared = PlanarPush(scene(object=name, yaw=25.0)), np.random.default_rng(0), 0
     for cycle in range(30):
         push.drive(0.2, 0.02, rng.uniform(-0.5, 0.5))
-        values = skin.values(push.touches, round(0.1 * RATE), rng)
+        values = skin.values(0.0, push.touches, round(0.1 * RATE), rng)
         sense.receive(TactileImage(stamp=0.1 * cycle, frame="base", sensor="skin", values=values))
         contacts = sense.step(0.1 * cycle).fusion.contacts
         expected, found = (on_face(c, FaceConfig()) for c in (contacts, push.contacts()))

@@ -12,15 +12,24 @@ from contactfusion.generators.proximity import ProximityConfig
 from contactfusion.readings import DepthImage, PointCloud
 from contactfusion.robots.description import CameraConfig
 from contactfusion.robots.model import shared_robot
-from contactfusion_lab.scenes.push.config import CameraNoise, MisplacedConfig, PushConfig
+from contactfusion_lab.scenes.push.config import PushConfig
+from contactfusion_lab.scenes.push.noise import CameraNoise, MisplacedConfig
 from contactfusion_lab.scenes.push.objects import triangles_of
 from contactfusion_lab.scenes.push.scene import PushScene
-from contactfusion_lab.scenes.push.sensors import Picture, PushCamera, beside_steps, misplacement
+from contactfusion_lab.scenes.push.sensors import (
+    Picture,
+    PushCamera,
+    beside_steps,
+    misplacement,
+    rng_of,
+)
 from contactfusion_lab.scenes.push.view import PushView
+from contactfusion_lab.scenes.sensor_errors import RangeErrors, RangeNoise
 from lab.tests.test_push_world import base
 
 HERE: PlanarPose = (-0.3, 0.0, 0.0)
 """The base whose front stands at x = 0."""
+NO_ERRORS = RangeErrors(RangeNoise(), np.random.default_rng(0))
 TOP, CHASSIS, FLOOR = 1.1 - 0.35, 1.1 + 0.05, 1.1 + 0.45
 """How far below the camera lie the top of a box 0.8 m high, the base, and the floor [m]."""
 QUIET = CameraNoise(disparity=0.0, holes=0.0, edges=0.0, colour=0.0)
@@ -38,7 +47,7 @@ def camera(noise: CameraNoise = QUIET, name: str = "camera", **fields: Any) -> P
     config = CameraConfig(**{**base().cameras[name].model_dump(), **fields})
     corners = np.concatenate([vertices for vertices, _ in triangles_of(pushed)])
     paint = np.array([200.0, 100.0, 50.0])
-    return PushCamera(config, seat(), PushView(pushed, base()), corners, noise, paint)
+    return PushCamera(config, seat(), PushView(pushed, base()), corners, noise, NO_ERRORS, paint)
 
 
 def taken(mounted: PushCamera, pose: PlanarPose = (0.2, 0.0, 0.0), seed: int = 0) -> Picture:
@@ -185,7 +194,7 @@ def test_a_misplaced_camera_sees_the_same_scene_from_elsewhere() -> None:
     quiet: dict[str, Any] = {"camera_noise": QUIET.model_dump(), "gap": 0.0}
     straight, same = image(**quiet), image(**quiet, misplaced={"camera": {}})
     assert bits(straight) == bits(same)
-    off = misplacement(MisplacedConfig(mm=20.0), chance_of("camera misplaced"))
+    off = misplacement(MisplacedConfig(mm=20.0), rng_of(0, "camera misplaced"))
     moved = image(**quiet, misplaced={"camera": {"mm": 20.0}})
     floor = moved.depth[40, 5]
     # the camera looks down: what it is nearer to the floor, it measures less
@@ -199,17 +208,11 @@ def test_a_misplaced_lidar_sees_the_same_scene_from_elsewhere() -> None:
     ((straight,),) = images(**fields)
     ((moved,),) = images(**fields, misplaced={"lidar": {"mm": 40.0}})
     assert isinstance(straight, PointCloud) and isinstance(moved, PointCloud)
-    off = misplacement(MisplacedConfig(mm=40.0), chance_of("lidar misplaced"))
+    off = misplacement(MisplacedConfig(mm=40.0), rng_of(0, "lidar misplaced"))
     # the LiDAR's x points down: the farthest returns are those of the floor
     assert moved.points[:, 0].max() == pytest.approx(
         straight.points[:, 0].max() - off[0, 3], abs=1e-4
     )
-
-
-def chance_of(name: str, seed: int = 0) -> np.random.Generator:
-    from contactfusion_lab.scenes.push.sensors import _rng_of
-
-    return _rng_of(seed, name)
 
 
 @pytest.mark.parametrize(

@@ -30,7 +30,12 @@ from contactfusion_lab.experiments.push.plan import (
 )
 from contactfusion_lab.experiments.push.suites import controller_options
 from contactfusion_lab.experiments.push.trial import KINDS, content_of, load, run_trial
-from contactfusion_lab.scenes.push.config import SkinConfig, named_object, read_object
+from contactfusion_lab.scenes.push.config import (
+    PushConfig,
+    SkinConfig,
+    named_object,
+    read_object,
+)
 from contactfusion_lab.scenes.push.objects import outlines
 from contactfusion_lab.scenes.push.sensors import with_taxels
 from contactfusion_lab.scenes.push.world import PushWorld
@@ -96,9 +101,18 @@ def urdf_file(folder: Path, shape: str = "") -> Path:
 
 class TestTargets:
     def test_the_named_sets_are_those_of_the_method_and_share_no_target(self) -> None:
-        sets = [NAMED[name] for name in ("grid", "validation", "new")]
-        assert [len(places) for places in sets] == [24, 6, 12]
-        assert len({place for places in sets for place in places}) == 24 + 6 + 12
+        sets = [NAMED[name] for name in ("grid", "validation", "new", "far")]
+        assert [len(places) for places in sets] == [24, 6, 12, 12]
+        assert len({place for places in sets for place in places}) == 24 + 6 + 12 + 12
+
+    def test_far_targets_are_further_than_all_others_and_can_be_reached(self) -> None:
+        far = np.array(NAMED["far"])
+        assert np.abs(far).max(axis=1).min() > 3.0  # outside of the square of random targets
+        distances = np.hypot(*far.T)
+        assert 3.0 < distances.min() < 3.5 and 4.4 < distances.max() < 5.0
+        places = {place for name in NAMED if name != "far" for place in NAMED[name]}
+        assert np.hypot(*np.array(list(places)).T).max() < distances.max()
+        assert [PushConfig(target=place).target for place in NAMED["far"]] == list(NAMED["far"])
 
     @pytest.mark.parametrize(("name", "far"), [("real", 2.0), ("real_near", 1.5)])
     def test_the_real_robots_pushed_to_six_targets(self, name: str, far: float) -> None:
@@ -172,6 +186,29 @@ class TestPlan:
         pushes = plan(Targets("grid", GRID), starts="random").pushes()
         offsets, yaws = np.array([(push.offset, push.yaw) for push in pushes]).T
         assert 0.17 < np.abs(offsets).max() <= 0.2 and 40.0 < np.abs(yaws).max() <= 45.0
+
+    def test_far_starts_lie_beyond_random_ones_and_the_face_still_meets_the_object(self) -> None:
+        things = ["box", "wedge", "cross", "stool"]
+        made = plan(Targets("grid", GRID), starts="far", objects=things)
+        offsets, yaws = np.abs([(one.offset, one.yaw) for one in made.pushes()]).T
+        assert 0.2 <= offsets.min() and 0.27 < offsets.max() <= 0.28
+        assert 45.0 <= yaws.min() and 87.0 < yaws.max() <= 90.0
+        for push in made.pushes()[::8]:
+            assert abs(PushWorld(made.scene_of(push), made.robot).first_contact[1]) <= 0.3
+
+    def test_noise_reaches_the_scene_and_the_settings_but_for_the_default(self) -> None:
+        made = plan(noise="prototype+odometry")
+        assert made.scene_of(made.pushes()[0]).noise.odometry.slip == 0.01
+        (name, fields), *_ = made.settings(["tuned"])["noise"].items()
+        assert name == "prototype+odometry" and fields["odometry"]["slip"] == 0.01
+        assert "noise" not in plan().settings(["tuned"])
+        assert made.pushes() == plan().pushes()
+
+    def test_an_unknown_noise_is_told(self) -> None:
+        with pytest.raises(
+            ConfigurationError, match=r"unknown noise 'soft'.*hard, none, prototype"
+        ):
+            plan(noise="soft")
 
     def test_a_push_is_the_same_in_a_larger_experiment(self) -> None:
         small = plan(Targets("random", None, 4), objects=["box"], frictions=["mu1"])

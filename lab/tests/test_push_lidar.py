@@ -12,14 +12,17 @@ from contactfusion.generators.perceived import ROBOT
 from contactfusion.generators.proximity import ProximityConfig, without
 from contactfusion.readings import PointCloud
 from contactfusion.robots.description import LidarConfig
-from contactfusion_lab.scenes.push.config import LidarNoise, PushConfig
+from contactfusion_lab.scenes.push.config import PushConfig
+from contactfusion_lab.scenes.push.noise import LidarNoise
 from contactfusion_lab.scenes.push.scene import PushScene
 from contactfusion_lab.scenes.push.sensors import PushLidar, directions
 from contactfusion_lab.scenes.push.view import PushView
+from contactfusion_lab.scenes.sensor_errors import RangeErrors, RangeNoise
 from lab.tests.test_push_world import base
 
 HERE: PlanarPose = (-0.3, 0.0, 0.0)
 """The base whose front stands at x = 0."""
+NO_ERRORS = RangeErrors(RangeNoise(), np.random.default_rng(0))
 NEAR: PlanarPose = (0.201, 0.0, 0.0)
 """A box 0.4 m long, 1 mm before the front."""
 FAR: PlanarPose = (4.0, 0.0, 0.0)
@@ -36,7 +39,7 @@ def lidar(
     config: LidarConfig, pose: Pose, noise: LidarNoise = CALM, name: Any = "box"
 ) -> PushLidar:
     view = PushView(PushConfig(object=name, target=(1.0, 0.0)).object, base())
-    return PushLidar(config, pose, view, noise)
+    return PushLidar(config, pose, view, noise, NO_ERRORS)
 
 
 def mounted(name: str, noise: LidarNoise = CALM) -> tuple[PushLidar, Pose]:

@@ -59,7 +59,7 @@ def felt(
     pressed: Touches, activation: float = 0.0, noise: float = HUSH, seed: int = 0
 ) -> FloatArray:
     skin = PushSkin(patch(), SkinConfig(activation=activation, noise=noise))
-    return skin.values(pressed, STEPS, np.random.default_rng(seed))
+    return skin.values(0.0, pressed, STEPS, np.random.default_rng(seed))
 
 
 def only(values: FloatArray) -> dict[int, float]:
@@ -157,7 +157,7 @@ def test_what_is_under_the_activation_is_not_reported() -> None:
 def test_every_taxel_has_its_noise_pressed_or_not() -> None:
     skin, rng = PushSkin(patch(), SkinConfig(noise=0.05)), np.random.default_rng(0)
     pressed = touches(front(0.025))
-    many = np.array([skin.values(pressed, STEPS, rng) for _ in range(300)])
+    many = np.array([skin.values(0.0, pressed, STEPS, rng) for _ in range(300)])
     expected = np.zeros(40)
     expected[6] = 10.0
     assert many.mean(axis=0) == pytest.approx(expected, abs=0.015)
@@ -174,7 +174,9 @@ def test_a_strip_may_have_a_single_taxel() -> None:
     upright: dict[str, Any] = {"xyz": (0.3, 0.0, 0.0), "rpy": (0.0, np.pi / 2.0, 0.0)}
     first = PatchConfig(grids=(TaxelGridConfig(rows=1, columns=1, pitch=(0.35, 0.6), **upright),))
     skin = PushSkin(first, SkinConfig(activation=0.0, noise=HUSH))
-    values = skin.values(touches(front(-0.2), front(0.25, 1.0)), STEPS, np.random.default_rng(0))
+    values = skin.values(
+        0.0, touches(front(-0.2), front(0.25, 1.0)), STEPS, np.random.default_rng(0)
+    )
     assert only(values) == {0: 11.0}
 
 

@@ -16,7 +16,13 @@ from contactfusion.pipeline import Pipeline
 from contactfusion_lab.experiments.push import suites
 from contactfusion_lab.experiments.push.experiment import Options, read_plans, run_push
 from contactfusion_lab.experiments.push.plan import Plan
-from contactfusion_lab.experiments.push.suites import SENSINGS, Change, Sensing, read_sensing
+from contactfusion_lab.experiments.push.suites import (
+    SENSINGS,
+    THRESHOLDS,
+    Change,
+    Sensing,
+    read_sensing,
+)
 from contactfusion_lab.experiments.push.trial import (
     Cost,
     costs_of,
@@ -64,6 +70,7 @@ class TestSensing:
     ) -> None:
         wanted = {
             "skin": (), "lidar": ("lidar",), "rule": ("lidar",), "rgbd": ("camera",),
+            "rule_tuned": ("lidar",),
             "fused": ("lidar",), "fused_rule": ("lidar",), "fused_camera": ("lidar", "camera"),
         }  # fmt: skip
         assert feeling(name, weights).sees == wanted[name]
@@ -74,6 +81,14 @@ class TestSensing:
         assert suite.pipeline.generators["lidar"]["sensor"] == "lidar_tilted"
         assert suite.pipeline.generators["skin"]["sensor"] == "skin"
         assert suite.settings() != feeling("fused_camera", weights).settings()
+
+    @pytest.mark.parametrize("lidar", ["", *THRESHOLDS])
+    def test_the_tuned_rule_has_thresholds_of_its_own_for_each_place(self, lidar: str) -> None:
+        chosen = feeling("rule_tuned", lidar=lidar).pipeline.generators["lidar"]
+        assert chosen.items() >= THRESHOLDS[lidar or "lidar"].items()
+        assert chosen["sensor"] == (lidar or "lidar")
+        plain = feeling("rule", lidar=lidar).pipeline.generators["lidar"]
+        assert (plain["touch"], plain["near"]) == (0.007, 0.002)
 
     def test_a_rule_takes_the_place_of_the_files(self) -> None:
         suite = feeling("skin", rule="posterior/modes")

@@ -18,6 +18,7 @@ from contactfusion.readings import (
     PointCloud,
     Reading,
     TactileImage,
+    Twist,
     Wrench,
 )
 from contactfusion_lab.scenes.ranges import AnyRange, Range
@@ -58,7 +59,7 @@ class Delays(Model):
     """Times from measurement to arrival: each is drawn, uniformly, from a range [s]."""
 
     joints: AnyRange = (0.0, 0.0)
-    """Of joint states and odometry."""
+    """Of joint states, odometry and twists."""
     skins: AnyRange = (0.0, 0.0)
     """Of tactile images."""
     wrenches: AnyRange = (0.0, 0.0)
@@ -76,7 +77,7 @@ class Delays(Model):
     def of(self, reading: Reading) -> tuple[float, float]:
         """The range of a reading's delay [s]; none for kinds that are not measured."""
         kinds = {
-            (JointState, Odometry): self.joints,
+            (JointState, Odometry, Twist): self.joints,
             (TactileImage,): self.skins,
             (Wrench,): self.wrenches,
             (DepthImage, PointCloud): self.sights,

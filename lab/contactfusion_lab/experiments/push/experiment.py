@@ -12,7 +12,13 @@ from contactfusion.pipeline import Pipeline
 from contactfusion.terminal import note
 from contactfusion_lab.experiments.push.failing import read_failing
 from contactfusion_lab.experiments.push.film import record
-from contactfusion_lab.experiments.push.plan import Plan, Push, read_plan, read_targets
+from contactfusion_lab.experiments.push.plan import (
+    PROTOTYPE,
+    Plan,
+    Push,
+    read_plan,
+    read_targets,
+)
 from contactfusion_lab.experiments.push.suites import Change, Sensing, controller_options
 from contactfusion_lab.experiments.push.tables import evaluate
 from contactfusion_lab.experiments.push.trial import Cost, content_of, report_costs, run_trial
@@ -44,10 +50,11 @@ class Options:
         objects: names; none: those of the paper, unless there are files.
         files: of further objects, URDF or YAML.
         frictions: names; none: both.
-        targets: `grid`, `validation`, `new`, `random:N`, or a YAML file.
-        starts: `nominal` or `random`.
+        targets: `grid`, `validation`, `new`, `far`, `random:N`, or a YAML file.
+        starts: `nominal`, `random` or `far`.
         taxels: of the front.
         skin: sensitivity of the skin.
+        noise: of the sensors: `none`, `prototype`, `hard`, or `prototype` with parts of `hard`.
         faults: a YAML file of how sensors fail, or None.
         seed: of all random draws.
         executor: the workers.
@@ -68,6 +75,7 @@ class Options:
     starts: str = "nominal"
     taxels: int = 12
     skin: SkinConfig = SkinConfig()
+    noise: str = PROTOTYPE
     faults: Path | None = None
     seed: int = 0
     executor: Executor = Local()
@@ -185,6 +193,7 @@ def read_plans(options: Options) -> dict[str, Plan]:
             options.seed,
             replace(change, rule=rule),
             misplaced,
+            options.noise,
         )
         plans[plan.sensing.label] = plan
     _require_use(options, [plan.sensing for plan in plans.values()])

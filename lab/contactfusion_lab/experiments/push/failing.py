@@ -14,7 +14,7 @@ from contactfusion.errors import ConfigurationError
 from contactfusion.faults import Fault, FaultFile
 from contactfusion.model import Model
 from contactfusion.yaml_files import read_yaml
-from contactfusion_lab.scenes.push.config import MisplacedConfig
+from contactfusion_lab.scenes.push.noise import MisplacedConfig
 
 TIMES = ("start", "end")
 """Fields of a fault that may be a range."""

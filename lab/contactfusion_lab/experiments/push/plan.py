@@ -1,6 +1,7 @@
 """Which pushes make up the experiment: objects, targets, starts, and what they are felt with."""
 
 import hashlib
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -31,19 +32,21 @@ from contactfusion_lab.scenes.push.config import (
     OTHERS,
     PAPER,
     Distance,
-    MisplacedConfig,
     PushConfig,
     SkinConfig,
     named_object,
     read_object,
 )
+from contactfusion_lab.scenes.push.noise import MisplacedConfig, named_noise
 from contactfusion_lab.scenes.push.objects import ObjectConfig, UrdfObjectConfig, outlines
 from contactfusion_lab.scenes.push.scene import mobile_base
 from contactfusion_lab.trials.choices import require_known, require_once
 
-STARTS = ("nominal", "random")
+STARTS = ("nominal", "random", "far")
 OFFSET, YAW = 0.2, 45.0
 """Limits of random starts to either side [m, degrees]."""
+FAR_OFFSET, FAR_YAW = 0.28, 90.0
+"""Limits of far starts, which lie beyond those, to either side [m, degrees]."""
 FIELD, NEAREST = 3.0, 0.5
 """Random targets are drawn within this of the origin along x and y, further than this from the
 first contact [m]."""
@@ -70,14 +73,22 @@ REAL: tuple[Place, ...] = tuple((x, y) for x in (-2.0, 0.0, 2.0) for y in (-2.0,
 """Targets of the real robots (O §V), also in the grid [m]."""
 REAL_NEAR: tuple[Place, ...] = tuple((x, y) for x in (-1.5, 0.0, 1.5) for y in (-1.5, 1.5))
 """Targets for the L-shape there [m]."""
+FAR: tuple[Place, ...] = (
+    (3.19, 0.85), (3.18, 3.18), (1.01, 3.77), (-1.01, 3.77), (-3.18, 3.18), (-3.48, 0.93),
+    (-3.19, -0.85), (-3.18, -3.18), (-1.01, -3.77), (1.01, -3.77), (3.18, -3.18), (3.48, -0.93),
+)  # fmt: skip
+"""Twelve beyond all others, 3.3 to 4.5 m away, outside of the square of random targets [m]."""
 NAMED = {
     "grid": GRID,
     "validation": VALIDATION,
     "new": NEW,
+    "far": FAR,
     "real": REAL,
     "real_near": REAL_NEAR,
 }
 RANDOM = "random"
+PROTOTYPE = "prototype"
+"""The noise of a push, unless another is chosen."""
 
 
 @dataclass(frozen=True)
@@ -134,8 +145,9 @@ class Plan:
         objects: those to push, by name.
         frictions: their names.
         targets: where the objects are pushed.
-        starts: "nominal" or "random".
+        starts: "nominal", "random" or "far".
         skin: sensitivity of the skin.
+        noise: of the sensors, by name.
         faults: failures of sensors.
         misplaced: errors of extrinsic poses of sensors, by name.
         seed: of all random draws.
@@ -147,6 +159,7 @@ class Plan:
     targets: Targets
     starts: str
     skin: SkinConfig
+    noise: str
     faults: Sequence[RandomFault]
     misplaced: Mapping[str, MisplacedConfig]
     seed: int
@@ -170,6 +183,7 @@ class Plan:
             "offset": push.offset,
             "yaw": push.yaw,
             "skin": self.skin,
+            "noise": self.noise,
             "sees": self.sensing.sees,
             "misplaced": {
                 name: how.model_dump()
@@ -206,10 +220,14 @@ class Plan:
     def settings(self, controllers: Sequence[str]) -> dict[str, Any]:
         """The settings of which trials are a function: with equal ones a folder is resumed."""
         places = self.targets.places
+        noise = named_noise(self.noise).model_dump(mode="json")
+        # folders of the default are older than noises are
+        named = {} if self.noise == PROTOTYPE else {"noise": {self.noise: noise}}
         return {
             "trials": TRIALS,
             "seed": self.seed,
             "starts": self.starts,
+            **named,
             "skin": self.skin.model_dump(mode="json"),
             "faults": [fault.fields for fault in self.faults],
             "misplaced": {name: how.model_dump() for name, how in self.misplaced.items()},
@@ -236,6 +254,8 @@ class Plan:
         offset, yaw = float(rng.uniform(-OFFSET, OFFSET)), float(rng.uniform(-YAW, YAW))
         if self.starts == "nominal":
             offset, yaw = 0.0, 0.0
+        if self.starts == "far":
+            offset, yaw = _beyond(offset, OFFSET, FAR_OFFSET), _beyond(yaw, YAW, FAR_YAW)
         places = self.targets.places
         target = places[number] if places else _drawn(rng, self.first_contact(name, offset, yaw))
         seed = int(sequence.generate_state(1)[0])
@@ -277,6 +297,7 @@ def read_plan(
     seed: int,
     change: Change | None = None,
     misplaced: Mapping[str, MisplacedConfig] | None = None,
+    noise: str = PROTOTYPE,
 ) -> Plan:
     """Put an experiment together.
 
@@ -286,13 +307,14 @@ def read_plan(
         files: of further objects.
         frictions: by name; none: both.
         targets: where the objects are pushed.
-        starts: "nominal" or "random".
+        starts: "nominal", "random" or "far".
         taxels: of the front.
         skin: sensitivity of the skin.
         faults: failures of sensors.
         seed: of all random draws.
         change: differences from the file of the suite.
         misplaced: errors of extrinsic poses of sensors, by name.
+        noise: of the sensors, by name.
 
     Raises:
         ContactFusionError: a name is unknown or stands twice, a file holds no object, the seed is
@@ -304,6 +326,7 @@ def read_plan(
     frictions = frictions or list(FRICTIONS)
     require_known(frictions, FRICTIONS, "friction", "frictions")
     require_once(frictions, "frictions")
+    named_noise(noise)
     return Plan(
         sensing=read_sensing(sensing, taxels, change or Change()),
         objects=_objects_of(objects, files),
@@ -311,10 +334,16 @@ def read_plan(
         targets=targets,
         starts=starts,
         skin=skin,
+        noise=noise,
         faults=faults,
         misplaced=misplaced or {},
         seed=seed,
     )
+
+
+def _beyond(drawn: float, within: float, most: float) -> float:
+    """A draw from either way of `within`, stretched to lie beyond it, as far as `most`."""
+    return math.copysign(within + (most - within) * abs(drawn) / within, drawn)
 
 
 def _drawn(rng: np.random.Generator, first_contact: float) -> Place:

@@ -27,9 +27,27 @@ from contactfusion_lab.trials.executor import ShippedFile
 
 SENSINGS = {
     name: Path(__file__).with_name(f"{name}.yaml")
-    for name in ("skin", "lidar", "rgbd", "rule", "fused", "fused_rule", "fused_camera")
+    for name in (
+        "skin",
+        "lidar",
+        "rgbd",
+        "rule",
+        "rule_tuned",
+        "fused",
+        "fused_rule",
+        "fused_camera",
+    )
 }
 """The pipeline of each."""
+RULE_TUNED = "rule_tuned"
+THRESHOLDS = {
+    "lidar": {"touch": 0.01, "near": 0.01},
+    "lidar_side": {"touch": 0.01, "near": 0.01},
+    "lidar_tilted": {"touch": 0.01, "near": 0.02},
+}
+"""Of `rule_tuned` [m], by the place of its LiDAR: chosen by
+`contactfusion_lab.tune_push.lidar_rule` on pushes of the seeds 3100 and 3101, of which no table is
+made."""
 BLUR = 2.5
 """Width of a point contact as a skin measures it [taxels]."""
 REST = ("folder", "faults", "controller", "seed")
@@ -141,6 +159,8 @@ def read_sensing(name: str, taxels: int, change: Change) -> Sensing:
         changed = dict(options)
         if chosen := exteroceptive.get(str(options.get("sensor"))):
             changed["sensor"] = chosen
+        if name == RULE_TUNED:
+            changed |= THRESHOLDS.get(changed["sensor"], {})
         if "weights" in installed_plugins().find("generators", options["type"]).Config.model_fields:
             weights = change.weights or shipped()
             read_networks(weights)  # once, before any push

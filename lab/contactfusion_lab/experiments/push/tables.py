@@ -14,7 +14,7 @@ from contactfusion.errors import ConfigurationError
 from contactfusion.terminal import note
 from contactfusion_lab.experiments.push import figures
 from contactfusion_lab.experiments.push.outcomes import compare_all, outcomes_of
-from contactfusion_lab.experiments.push.plan import Plan, Targets
+from contactfusion_lab.experiments.push.plan import PROTOTYPE, Plan, Targets
 from contactfusion_lab.experiments.push.trial import Track, load
 from contactfusion_lab.scenes.push.config import FRICTIONS
 from contactfusion_lab.trials import tables
@@ -105,13 +105,14 @@ def evaluate(plan: Plan, settings: Mapping[str, Any], failed: Sequence[str], out
     }
     summaries = {case: _summary(part, plan.seed) for case, part in parts_of(frame).items()}
     comparisons = compare_all(frame, plan.seed)
-    success = _for_each(by_targets, success_text, plan.starts)
+    success = _for_each(by_targets, success_text, plan)
     tables.write_results(
         out,
         frame,
         {
             "targets": list(by_targets),
             "starts": plan.starts,
+            **({} if plan.noise == PROTOTYPE else {"noise": plan.noise}),
             "reached": summaries,
             "perceived": perceived,
             "tests": [asdict(each) for each in comparisons],
@@ -119,7 +120,7 @@ def evaluate(plan: Plan, settings: Mapping[str, Any], failed: Sequence[str], out
         },
         {
             "Success": success,
-            "Perception": _for_each(perceived, perception_text, plan.starts),
+            "Perception": _for_each(perceived, perception_text, plan),
             "Measures": tables.measures_text(summaries, "median", MEASURES, COUNTED),
             "Compared push by push": tables.comparisons_text(comparisons, DIFFERENCES),
             "Failures": failures_text(frame),
@@ -143,10 +144,12 @@ def _summary(part: pd.DataFrame, seed: int) -> dict[str, dict[str, Any]]:
 
 
 def _for_each(
-    by_targets: Mapping[str, Any], text: Callable[[Any, str, str], str], starts: str
+    by_targets: Mapping[str, Any], text: Callable[[Any, str, str], str], plan: Plan
 ) -> str:
+    noise = "" if plan.noise == PROTOTYPE else f", noise `{plan.noise}`"
     return "\n\n".join(
-        f"Targets `{name}`:\n\n{text(part, name, starts)}" for name, part in by_targets.items()
+        f"Targets `{name}`{noise}:\n\n{text(part, name, plan.starts)}"
+        for name, part in by_targets.items()
     )
 
 

@@ -11,6 +11,14 @@ from contactfusion.files import require_file
 from contactfusion.model import Model, rooted
 from contactfusion.units import Limit, Reach, Spread
 from contactfusion.yaml_files import read_yaml
+from contactfusion_lab.scenes.push.noise import (
+    EXACT_CAMERA,
+    EXACT_LIDAR,
+    CameraNoise,
+    LidarNoise,
+    MisplacedConfig,
+    PushNoise,
+)
 from contactfusion_lab.scenes.push.objects import (
     DisturbanceConfig,
     ObjectConfig,
@@ -60,10 +68,41 @@ OTHERS: dict[str, dict[str, Any]] = {
         "ball": {"mass": 0.9, "radius": 0.11},
         "disturbed": {"count": 3, "force": 30.0},
     },
+    "wedge": {"shape": "prism", "sides": 3, "radius": 0.32, "height": 0.50, "mass": 9.0},
+    "cross": {
+        "shape": "compound",
+        "pieces": (
+            {"piece": {"shape": "box", "size": (0.60, 0.16, 0.50), "mass": 6.0}},
+            {"piece": {"shape": "box", "size": (0.16, 0.22, 0.50), "mass": 3.0}, "at": (0.0, 0.19)},
+            {
+                "piece": {"shape": "box", "size": (0.16, 0.22, 0.50), "mass": 3.0},
+                "at": (0.0, -0.19),
+            },
+        ),
+    },
+    "stool": {
+        "shape": "compound",
+        "pieces": (
+            {
+                "piece": {"shape": "cylinder", "radius": 0.22, "height": 0.04, "mass": 3.0},
+                "bottom": 0.42,
+            },
+            *(
+                {
+                    "piece": {"shape": "cylinder", "radius": 0.03, "height": 0.42, "mass": 1.0},
+                    "at": (x, y),
+                }
+                for x in (-0.15, 0.15)
+                for y in (-0.15, 0.15)
+            ),
+        ),
+    },
 }
-"""Objects on which no parameter was chosen. O §V pushed `lshape`, `real_box`, `soft_cylinder` and a
-box with a ball of 0.9 kg; values that it does not print (the foam's stiffness, the size and mass
-of the box around the ball, the disturbances) are ours. `light_cylinder` is the soft one, rigid."""
+"""Objects on which no parameter was chosen, and of which no network has seen a push. O §V pushed
+`lshape`, `real_box`, `soft_cylinder` and a box with a ball of 0.9 kg; values that it does not print
+(the foam's stiffness, the size and mass of the box around the ball, the disturbances) are ours.
+`light_cylinder` is the soft one, rigid. `wedge`, `cross` and `stool` have shapes (three faces,
+hollow corners, legs with gaps between) of which nothing was tuned or trained on any size either."""
 FRICTIONS: dict[str, tuple[float, float]] = {"mu1": (0.3, 0.35), "mu2": (0.2, 0.5)}
 """Coefficients between object and ground, and between object and robot (O §III-B)."""
 RATE = 240
@@ -145,50 +184,8 @@ class SkinConfig(Model):
     flat contact now one end touches and now the other."""
     activation: float = Field(default=1.0, ge=0)
     """Least mean force over a cycle at which a taxel responds; below it the taxel reads 0 [N]."""
-    noise: float = Field(default=0.05, gt=0)
+    noise: float = Field(default=0.05, ge=0)
     """Standard deviation of each value of a taxel [N]."""
-
-
-class LidarNoise(Model):
-    """Errors of LiDARs, as measured in recordings of real ones."""
-
-    range: float = Field(default=0.0035, ge=0)
-    """Standard deviation of a range [m]."""
-    dropout: float = Field(default=0.014, ge=0, le=0.5)
-    """Share of all measurements that have no return although a surface is there."""
-    jumps: float = Field(default=0.008, ge=0, le=0.5)
-    """Share of all measurements whose range jumps."""
-    jump: float = Field(default=0.3, ge=0)
-    """Greatest jump, nearer or farther [m]."""
-
-
-class CameraNoise(Model):
-    """Errors of depth cameras; the defaults are those of a RealSense D435i."""
-
-    disparity: float = Field(default=0.08, ge=0)
-    """Standard deviation of the disparity between left and right imager [pixels]."""
-    baseline: float = Field(default=0.05, gt=0)
-    """Distance between the imagers [m]."""
-    focal: float = Field(default=615.0, gt=0)
-    """Focal length of the imagers [pixels]; smaller images are subsampled from theirs. A depth z
-    has the standard deviation z² disparity / (focal baseline)."""
-    unit: float = Field(default=0.001, gt=0)
-    """Resolution of depths [m]."""
-    holes: float = Field(default=0.01, ge=0, le=0.5)
-    """Share of all pixels that have no depth."""
-    edges: float = Field(default=0.5, ge=0, le=1)
-    """Share of the pixels beside a step in depth that have none."""
-    colour: float = Field(default=6.0, ge=0)
-    """Standard deviation of red, green and blue, of 255."""
-
-
-class MisplacedConfig(Model):
-    """Error of a sensor's extrinsic pose, in random directions."""
-
-    mm: float = Field(default=0.0, ge=0, le=1000)
-    """Translation [mm]."""
-    degrees: float = Field(default=0.0, ge=0, le=90)
-    """Rotation about an axis through the sensor [degrees]."""
 
 
 class PushConfig(Model):
@@ -226,6 +223,9 @@ class PushConfig(Model):
     misplaced: dict[str, MisplacedConfig] = Field(default_factory=dict)
     """Extrinsic errors of LiDARs and cameras that are switched on, by name: their true pose against
     the robot's description."""
+    noise: PushNoise = Field(default_factory=PushNoise)
+    """Further errors of the sensors, and other bodies: `none`, `prototype`, `hard`, `prototype`
+    with parts of `hard`, such as `prototype+odometry+clutter`, or fields."""
     period: float = Field(default=0.1, ge=0.05, le=1)
     """Period of commands and readings: whole steps of the physics, 1/240 s each [s]."""
     window: bool = False
@@ -245,6 +245,13 @@ class PushConfig(Model):
         if abs(period * RATE - round(period * RATE)) > 1e-6:
             raise ValueError(f"the physics takes {RATE} steps a second; the period is whole steps")
         return period
+
+    @property
+    def white(self) -> tuple[SkinConfig, LidarNoise, CameraNoise]:
+        """The skin, and the errors of LiDARs and cameras, as far as `noise` leaves them."""
+        if self.noise.sensors:
+            return self.skin, self.lidar_noise, self.camera_noise
+        return self.skin.model_copy(update={"noise": 0.0}), EXACT_LIDAR, EXACT_CAMERA
 
     @model_validator(mode="after")
     def _reachable(self) -> "PushConfig":

@@ -7,11 +7,12 @@ import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
 
-from contactfusion.errors import InvalidReadingError
+from contactfusion.errors import ConfigurationError, InvalidReadingError
 from contactfusion.readings import Odometry, TactileImage, Twist
 from contactfusion.robots.description import RobotConfig, read_robot
 from contactfusion_lab.scenes.push.config import PushConfig
 from contactfusion_lab.scenes.push.scene import BASE, PushScene
+from contactfusion_lab.scenes.sensor_errors import Delays
 
 FASTEST = np.array([0.5, 0.5, 1.0])
 """The greatest twist: forward, lateral [m/s], yaw rate [rad/s]."""
@@ -69,12 +70,14 @@ class PushEnv(gymnasium.Env[Any, NDArray[np.float64]]):
             The first observation, and `info`.
 
         Raises:
-            ConfigurationError: an option is wrong.
+            ConfigurationError: an option is wrong, or readings would be delayed.
             RobotError: the object cannot be loaded.
         """
         super().reset(seed=seed)
         fields = {**self._config.model_dump(), **(options or {})}
         config = PushConfig(**fields)
+        if config.noise.delays != Delays():
+            raise ConfigurationError("an environment observes at once", "noise.delays")
         drawn = int(self.np_random.integers(2**32))
         self._scene = PushScene(config, self._robot, drawn)
         self._distance = float("nan")

@@ -24,9 +24,13 @@ from contactfusion.scene import Scene
 from contactfusion.stream import Arrival, Facts, Verdict
 from contactfusion_lab.scenes.facts import standing, true_contact
 from contactfusion_lab.scenes.push.bodies import ORIGIN_HEIGHT, Chassis, read_chassis
+from contactfusion_lab.scenes.push.clutter import Clutter
 from contactfusion_lab.scenes.push.config import RATE, PushConfig
-from contactfusion_lab.scenes.push.sensors import PushSkin, range_sensors
+from contactfusion_lab.scenes.push.objects import outlines
+from contactfusion_lab.scenes.push.odometry import PushOdometry
+from contactfusion_lab.scenes.push.sensors import PushSkin, range_sensors, rng_of
 from contactfusion_lab.scenes.push.world import PushWorld, Touches
+from contactfusion_lab.scenes.sensor_errors import Arrivals
 
 BASE = "contactfusion.robots:mobile_base.yaml"
 """The base that pushes, unless another is given."""
@@ -90,9 +94,16 @@ class PushScene:
         self._frame = robot.patches["skin"].frame
         self._world = PushWorld(config, robot, seed)
         self._require_outside()
-        self._skin = PushSkin(robot.patches["skin"], config.skin)
+        self._skin = PushSkin(robot.patches["skin"], config.white[0], config.noise.taxels, seed)
         self._rng = np.random.default_rng(seed)
-        self._range_sensors = range_sensors(config, robot, seed)
+        self._range_sensors = range_sensors(config, robot, seed, self._clutter(seed))
+        self._odometry = PushOdometry(
+            config.noise.odometry,
+            self._world.base_pose,
+            self._world.base_twist,
+            rng_of(seed, "odometry errors"),
+        )
+        self._arrivals = Arrivals(config.noise.delays, rng_of(seed, "delays"))
         self._cycles = 0
 
     @property
@@ -106,10 +117,10 @@ class PushScene:
         Odometry, the twist of the base, the skin's image, and those of LiDARs and cameras that are
         due.
         """
-        x, y, yaw = self._world.base_pose
-        forward, lateral, yaw_rate = self._world.base_twist
+        x, y, yaw = self._odometry.pose
+        forward, lateral, yaw_rate = self._odometry.twist
         linear, angular = np.array([forward, lateral, 0.0]), np.array([0.0, 0.0, yaw_rate])
-        values = self._skin.values(self._world.touches, self._world.steps, self._rng)
+        values = self._skin.values(self.stamp, self._world.touches, self._world.steps, self._rng)
         return [
             Odometry(
                 stamp=self.stamp,
@@ -128,9 +139,19 @@ class PushScene:
             *self._range_readings(),
         ]
 
+    def arriving(self) -> list[Reading]:
+        """The readings that arrive now: of this cycle, and of earlier ones by their delays.
+
+        A delay is rounded to whole cycles.
+        """
+        return self._arrivals.until(self.stamp + self.config.period / 2.0, self.readings())
+
     def drive(self, forward: float, lateral: float, yaw_rate: float) -> None:
         """One cycle, in which the base moves forward, to the left [m/s] and yaws [rad/s]."""
-        self._world.drive(forward, lateral, yaw_rate)
+        world = self._world
+        world.drive(forward, lateral, yaw_rate)
+        pressed = len(world.touches.forces) > 0
+        self._odometry.follow(world.base_pose, world.base_twist, pressed, self.config.period)
         self._cycles += 1
 
     def truth(self) -> PushTruth:
@@ -166,6 +187,12 @@ class PushScene:
             for sensor in self._range_sensors
             if sensor.due(stamp)
         ]
+
+    def _clutter(self, seed: int) -> Clutter | None:
+        if not self.config.noise.clutter or not self.config.sees:
+            return None
+        base, pushed = self._world.base.chassis.corners, outlines(self.config.object)
+        return Clutter(base, pushed, self._world.object_pose, rng_of(seed, "clutter"))
 
     def _require_outside(self) -> None:
         x, y = self.config.target
@@ -303,7 +330,7 @@ class Pushing(Scene):
             if self._twist is not None:
                 linear, angular = self._twist.linear, self._twist.angular
                 self._scene.drive(float(linear[0]), float(linear[1]), float(angular[2]))
-            self._readings = self._scene.readings()
+            self._readings = self._scene.arriving()
             yield Arrival(self._scene.stamp, tuple(self._readings), due=True)
 
     def send(self, command: Command | None) -> None:

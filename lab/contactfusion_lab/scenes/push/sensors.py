@@ -1,6 +1,6 @@
 """Simulated sensors of a base that pushes: its skin, and LiDARs and cameras that are on."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import final
 from zlib import crc32
@@ -26,22 +26,23 @@ from contactfusion.robots.model import shared_robot
 from contactfusion.vision import back_projected
 from contactfusion_lab.scenes.camera import RangeCamera
 from contactfusion_lab.scenes.push.bodies import ORIGIN_HEIGHT
-from contactfusion_lab.scenes.push.config import (
-    CameraNoise,
-    LidarNoise,
-    MisplacedConfig,
-    PushConfig,
-    SkinConfig,
-)
-from contactfusion_lab.scenes.push.objects import triangles_of
-from contactfusion_lab.scenes.push.view import PushView, Rays
+from contactfusion_lab.scenes.push.clutter import Clutter
+from contactfusion_lab.scenes.push.config import PushConfig, SkinConfig
+from contactfusion_lab.scenes.push.noise import CameraNoise, LidarNoise, MisplacedConfig
+from contactfusion_lab.scenes.push.objects import Triangles, triangles_of
+from contactfusion_lab.scenes.push.view import PushView, Rays, distances_to
 from contactfusion_lab.scenes.push.world import Touches
+from contactfusion_lab.scenes.sensor_errors import (
+    RangeErrors,
+    TaxelErrors,
+    TaxelNoise,
+)
 
 FACING = np.cos(np.pi / 4.0)
 """Least cosine between a force and the normal of a strip that measures it."""
 Mask = NDArray[np.bool_]
-FLOOR, CHASSIS = (150.0, 146.0, 138.0), (60.0, 62.0, 66.0)
-"""Red, green and blue of floor and base, of 255."""
+FLOOR, CHASSIS, CLUTTER = (150.0, 146.0, 138.0), (60.0, 62.0, 66.0), (128.0, 104.0, 82.0)
+"""Red, green and blue of floor, base and other bodies, of 255."""
 STEP = 0.05
 """Step in depth beyond which stereo has holes [m]."""
 LIGHT = 1.5
@@ -50,6 +51,8 @@ ROUNDING = 1e-6
 """Tolerance of the stamp at which a reading is due [s]."""
 DARKEST, BRIGHTEST = 30.0, 225.0
 """Limits of red, green and blue of an object, of 255."""
+EXACT_TAXELS = TaxelNoise()
+"""Taxels without further errors."""
 Look = Callable[[float, PlanarPose, PlanarPose], Reading]
 """From stamp [s], pose of the base and pose of the object to the reading."""
 
@@ -63,27 +66,42 @@ class PushSkin:
     Args:
         patch: its grids have one row each, in the frame of the robot.
         config: activation and noise.
+        noise: further errors of its taxels, strip by strip.
+        seed: of these.
 
     Raises:
         ConfigurationError: the patch is not made of such strips.
     """
 
-    def __init__(self, patch: PatchConfig, config: SkinConfig) -> None:
+    def __init__(
+        self,
+        patch: PatchConfig,
+        config: SkinConfig,
+        noise: TaxelNoise = EXACT_TAXELS,
+        seed: int = 0,
+    ) -> None:
         if any(grid.rows != 1 for grid in patch.grids) or not patch.grids:
             raise ConfigurationError("a skin around a base is made of `grids` of one row each")
-        self._config = config
+        self._config, rng = config, rng_of(seed, "taxels")
         self._strips = [(inverse(grid.pose()), grid.columns, grid.pitch[1]) for grid in patch.grids]
+        self._errors = [
+            TaxelErrors(np.outer(np.arange(columns) * pitch, (0.0, 1.0, 0.0)), noise, rng)
+            for _, columns, pitch in self._strips
+        ]
 
-    def values(self, touches: Touches, steps: int, rng: np.random.Generator) -> FloatArray:
+    def values(
+        self, stamp: float, touches: Touches, steps: int, rng: np.random.Generator
+    ) -> FloatArray:
         """The value of each taxel, shape (n,) [N].
 
         Args:
+            stamp: [s].
             touches: contact points on the robot in one cycle.
             steps: of the physics in the cycle.
             rng: of the noise.
         """
         pressed = []
-        for pose, columns, pitch in self._strips:
+        for (pose, columns, pitch), errors in zip(self._strips, self._errors, strict=True):
             felt = -(touches.normals @ pose[2, :3]) > FACING
             along = points_in(pose, touches.points[felt])[:, 1]
             position = (along / pitch + (columns - 1) / 2.0).clip(0.0, columns - 1.0)
@@ -94,7 +112,7 @@ class PushSkin:
             on_upper = np.bincount(
                 np.minimum(lower + 1, columns - 1), forces * upper_share, columns
             )
-            pressed.append(on_lower + on_upper)
+            pressed.append(errors.read(stamp, np.asarray(on_lower + on_upper, np.float64)))
         mean = np.concatenate(pressed)
         mean[mean < self._config.activation] = 0.0
         return mean + self._config.noise * rng.standard_normal(len(mean))
@@ -125,22 +143,41 @@ class PushLidar:
         pose: true, in the base's frame.
         view: the world for rays.
         noise: measurement errors.
+        errors: further ones of its ranges.
     """
 
-    def __init__(self, config: LidarConfig, pose: Pose, view: PushView, noise: LidarNoise) -> None:
+    def __init__(
+        self,
+        config: LidarConfig,
+        pose: Pose,
+        view: PushView,
+        noise: LidarNoise,
+        errors: RangeErrors,
+    ) -> None:
         self._reach, self._noise, self._view = config.reach, noise, view
+        self._rings, self._errors = config.rings, errors
         self._directions = directions(config)
         self._rays = view.rays(pose[:3, 3], vectors_in(pose, self._directions))
 
-    def points(self, base: PlanarPose, pushed: PlanarPose, rng: np.random.Generator) -> FloatArray:
+    def points(
+        self,
+        base: PlanarPose,
+        pushed: PlanarPose,
+        rng: np.random.Generator,
+        bodies: Sequence[Triangles] = (),
+    ) -> FloatArray:
         """All returns, shape (n, 3) [m], in the LiDAR's frame.
 
         Args:
             base: true pose of the base.
             pushed: true pose of the object.
             rng: of the noise.
+            bodies: that are there, too, in `odom`.
         """
         ranges, noise = self._view.distances(self._rays, base, pushed)[0], self._noise
+        if bodies:
+            ranges = np.minimum(ranges, distances_to(bodies, self._rays, base))
+        ranges = self._errors.read(ranges.reshape(-1, self._rings)).ravel()
         count = len(ranges)
         measured = ranges + noise.range * rng.standard_normal(count)
         drawn = rng.random(count)
@@ -189,7 +226,7 @@ class PushCamera:
     """A depth camera with colour, the depth aligned to it.
 
     Only pixels on which the object can lie are cast anew; all others see the floor or the base,
-    which stand still.
+    which stand still, or other bodies.
 
     Args:
         config: image size, field of view and range limits.
@@ -197,6 +234,7 @@ class PushCamera:
         view: the world for rays.
         corners: shape (v, 3) [m], vertices of the object in its frame.
         noise: measurement errors.
+        errors: further ones of its depths.
         paint: red, green and blue of the object, of 255.
     """
 
@@ -207,9 +245,11 @@ class PushCamera:
         view: PushView,
         corners: FloatArray,
         noise: CameraNoise,
+        errors: RangeErrors,
         paint: FloatArray,
     ) -> None:
         self._camera, self._noise, self._view = RangeCamera(config), noise, view
+        self._errors = errors
         self._pose, self._corners, self._paint = pose, corners, paint
         self._size = config.height, config.width
         self.intrinsics = self._camera.intrinsics
@@ -222,16 +262,30 @@ class PushCamera:
         on_floor = np.abs(heights + ORIGIN_HEIGHT) < 1e-3
         self._still_paint = np.where(on_floor[:, None], FLOOR, CHASSIS).astype(np.float32)
 
-    def picture(self, base: PlanarPose, pushed: PlanarPose, rng: np.random.Generator) -> Picture:
+    def picture(
+        self,
+        base: PlanarPose,
+        pushed: PlanarPose,
+        rng: np.random.Generator,
+        bodies: Sequence[Triangles] = (),
+    ) -> Picture:
         """An image.
 
         Args:
             base: true pose of the base.
             pushed: true pose of the object.
             rng: of the noise.
+            bodies: that are there, too, in `odom`.
         """
         depth, mask = self._true(base, pushed)
-        return Picture(self._measured(depth, rng), self._coloured(depth, mask, rng), mask)
+        paint = self._still_paint.reshape(*self._size, 3).copy()
+        if bodies:
+            found = distances_to(bodies, self._rays, base).reshape(self._size)
+            before = found < depth
+            depth, mask = np.minimum(found, depth), mask & ~before
+            paint[before] = CLUTTER
+        paint[mask] = self._paint
+        return Picture(self._measured(depth, rng), self._coloured(depth, paint, rng), mask)
 
     def _true(self, base: PlanarPose, pushed: PlanarPose) -> tuple[FloatArray, Mask]:
         depth, mask = self._rays.still.copy(), np.zeros(len(self._rays.still), np.bool_)
@@ -260,17 +314,15 @@ class PushCamera:
         share = noise.disparity / (noise.focal * noise.baseline)
         off = rng.standard_normal(depth.shape, np.float32)
         drawn = rng.random(depth.shape, np.float32)
-        measured = np.where(np.isfinite(depth), depth, 0.0)
+        measured = self._errors.read(np.where(np.isfinite(depth), depth, 0.0))
         measured += share * measured**2 * off
         measured = np.rint(measured / noise.unit) * noise.unit
         measured[drawn < np.where(beside_steps(depth), noise.edges, noise.holes)] = 0.0
         return self._camera.within_reach(measured)
 
     def _coloured(
-        self, depth: FloatArray, mask: Mask, rng: np.random.Generator
+        self, depth: FloatArray, paint: NDArray[np.float32], rng: np.random.Generator
     ) -> NDArray[np.uint8]:
-        paint = self._still_paint.reshape(*self._size, 3).copy()
-        paint[mask] = self._paint
         paint *= (2.0 / (1.0 + (depth / LIGHT) ** 2)).astype(np.float32)[..., None]
         paint += self._noise.colour * rng.standard_normal(paint.shape, np.float32)
         return np.clip(paint, 0.0, 255.0).astype(np.uint8)
@@ -315,13 +367,16 @@ class RangeSensor:
         return self._look(stamp, base, pushed)
 
 
-def range_sensors(config: PushConfig, robot: RobotConfig, seed: int) -> list[RangeSensor]:
+def range_sensors(
+    config: PushConfig, robot: RobotConfig, seed: int, clutter: Clutter | None
+) -> list[RangeSensor]:
     """The exteroceptive sensors of a push that are switched on.
 
     Args:
         config: names them.
         robot: describes them.
         seed: of their noise; each has random draws of its own.
+        clutter: what they see beside the object; None: nothing.
 
     Raises:
         ConfigurationError: the robot has no such LiDAR or camera, one that is switched on has the
@@ -332,14 +387,17 @@ def range_sensors(config: PushConfig, robot: RobotConfig, seed: int) -> list[Ran
     if not config.sees:
         return []
     view, model = PushView(config.object, robot), shared_robot(robot)
+    mounting = config.noise.mounting
     links = model.poses_at(np.zeros(len(model.joint_names)))
     sensors = []
     for name in config.sees:
         sensor = robot.lidars[name] if name in robot.lidars else robot.cameras[name]
         pose = links[model.link_of(sensor.frame)] @ model.pose_on_link(sensor.frame)
         if name in config.misplaced:
-            pose = pose @ misplacement(config.misplaced[name], _rng_of(seed, f"{name} misplaced"))
-        mount = _Mounting(config, name, pose, view, seed)
+            pose = pose @ misplacement(config.misplaced[name], rng_of(seed, f"{name} misplaced"))
+        if mounting != MisplacedConfig():
+            pose = pose @ misplacement(mounting, rng_of(seed, f"{name} mounted"))
+        mount = _Mounting(config, name, pose, view, seed, clutter)
         look = mount.lidar(sensor) if isinstance(sensor, LidarConfig) else mount.camera(sensor)
         sensors.append(RangeSensor(sensor.rate, look))
     return sensors
@@ -369,6 +427,7 @@ class _Mounting:
         pose: true, in the base's frame.
         view: the world for rays.
         seed: of the push.
+        clutter: what it sees beside the object.
     """
 
     config: PushConfig
@@ -376,26 +435,28 @@ class _Mounting:
     pose: Pose
     view: PushView
     seed: int
+    clutter: Clutter | None
 
     def lidar(self, lidar: LidarConfig) -> Look:
-        simulated = PushLidar(lidar, self.pose, self.view, self.config.lidar_noise)
-        rng, name = _rng_of(self.seed, self.name), self.name
+        noise = self.config.white[1]
+        simulated = PushLidar(lidar, self.pose, self.view, noise, self._errors())
+        rng, name = rng_of(self.seed, self.name), self.name
 
         def look(stamp: float, base: PlanarPose, pushed: PlanarPose) -> Reading:
-            points = simulated.points(base, pushed, rng)
+            points = simulated.points(base, pushed, rng, self._bodies(stamp, base, pushed))
             return PointCloud(stamp=stamp, frame=lidar.frame, sensor=name, points=points)
 
         return look
 
     def camera(self, camera: CameraConfig) -> Look:
         corners = np.concatenate([vertices for vertices, _ in triangles_of(self.config.object)])
-        paint: FloatArray = _rng_of(self.seed, "paint").uniform(DARKEST, BRIGHTEST, 3)
-        noise = self.config.camera_noise
-        simulated = PushCamera(camera, self.pose, self.view, corners, noise, paint)
-        rng, name = _rng_of(self.seed, self.name), self.name
+        paint: FloatArray = rng_of(self.seed, "paint").uniform(DARKEST, BRIGHTEST, 3)
+        noise, errors = self.config.white[2], self._errors()
+        simulated = PushCamera(camera, self.pose, self.view, corners, noise, errors, paint)
+        rng, name = rng_of(self.seed, self.name), self.name
 
         def look(stamp: float, base: PlanarPose, pushed: PlanarPose) -> Reading:
-            picture = simulated.picture(base, pushed, rng)
+            picture = simulated.picture(base, pushed, rng, self._bodies(stamp, base, pushed))
             return DepthImage(
                 stamp=stamp,
                 frame=camera.frame,
@@ -408,8 +469,15 @@ class _Mounting:
 
         return look
 
+    def _errors(self) -> RangeErrors:
+        return RangeErrors(self.config.noise.ranges, rng_of(self.seed, f"{self.name} ranges"))
 
-def _rng_of(seed: int, name: str) -> np.random.Generator:
+    def _bodies(self, stamp: float, base: PlanarPose, pushed: PlanarPose) -> Sequence[Triangles]:
+        return self.clutter.seen(stamp, base, pushed) if self.clutter else ()
+
+
+def rng_of(seed: int, name: str) -> np.random.Generator:
+    """The random draws of something, by its name, apart from those of all else."""
     return np.random.default_rng([seed, crc32(name.encode())])
 
 

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from contactfusion.arrays import FloatArray
-from contactfusion.frames import PlanarPose, inverse, planar_pose, points_in, vectors_in
+from contactfusion.frames import PlanarPose, Pose, inverse, planar_pose, points_in, vectors_in
 from contactfusion.robots.description import RobotConfig
 from contactfusion.robots.model import shared_robot
 from contactfusion.robots.solids import loaded_open3d
@@ -84,9 +84,28 @@ class PushView:
             the rays that end on the object.
         """
         there = inverse(planar_pose(pushed, -ORIGIN_HEIGHT)) @ planar_pose(base, 0.0)
-        origin = points_in(there, rays.origin[None])[0]
-        found = _cast(self._object, origin, vectors_in(there, rays.directions))
+        found = _met(self._object, rays, there)
         return np.minimum(found, rays.still), found < rays.still
+
+
+def distances_to(bodies: Sequence[Triangles], rays: Rays, base: PlanarPose) -> FloatArray:
+    """Distance along each ray to the nearest of some bodies.
+
+    Args:
+        bodies: in `odom`.
+        rays: fixed to the base.
+        base: true pose of the base.
+
+    Returns:
+        Shape (n,), in units of the directions' lengths, inf where none is hit.
+    """
+    return _met(_scene(bodies), rays, planar_pose(base, ORIGIN_HEIGHT))
+
+
+def _met(scene: Any, rays: Rays, there: Pose) -> FloatArray:
+    """Distances along rays of the base, which stands at a pose in the scene."""
+    origin = points_in(there, rays.origin[None])[0]
+    return _cast(scene, origin, vectors_in(there, rays.directions))
 
 
 def _cast(scene: Any, origin: FloatArray, directions: FloatArray) -> FloatArray:
