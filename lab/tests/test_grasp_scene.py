@@ -228,7 +228,7 @@ def led(command: Command, seconds: float, **start: float) -> FloatArray:
     for name, position in start.items():
         wanted[names.index(name)] = position
     stiffness = np.full(len(names), 400.0)
-    driver = GraspDriver(robot(), "palm", one.gripper, one.grip, stiffness, wanted)
+    driver = GraspDriver(robot(), "palm", one.gripper, one.grip, one.press, stiffness, wanted)
     driver.obey(command)
     ways = [wanted, *(driver.advance(driver.commanded) for _ in range(round(seconds / STEP)))]
     arm = [row for row, name in enumerate(names) if name.startswith("arm_")]
@@ -260,11 +260,27 @@ def test_at_the_limits_of_its_joints_the_hand_stays_on_its_way() -> None:
     assert np.abs(away[:2]).max() < 0.01
 
 
-def test_the_hand_presses_with_limited_force_against_what_does_not_give_way() -> None:
-    one = scene(thing="carton", mass=60.0, table_friction=0.59)
-    moved(one, 1.0, 0.0, 0.0, 0.0, gripper=0.0)
-    moved(one, 5.0, 0.0, 0.0, 0.06)
-    assert 5.0 < one.truth().force < 250.0
+@pytest.mark.parametrize(("press", "least", "most"), [(1000.0, 100.0, 250.0), (30.0, 20.0, 75.0)])
+def test_the_hand_presses_with_limited_force_against_what_does_not_give_way(
+    press: float, least: float, most: float
+) -> None:
+    pressed = scene(thing="carton", mass=60.0, table_friction=0.59, press=press)
+    moved(pressed, 1.0, 0.0, 0.0, 0.0, gripper=0.0)
+    moved(pressed, 5.0, 0.0, 0.0, 0.06)
+    assert least < pressed.truth().force < most
+
+
+def test_a_hand_that_has_yielded_stays_on_its_way_and_goes_back_from_what_it_touches() -> None:
+    pressed = scene(thing="carton", mass=60.0, table_friction=0.59)
+    moved(pressed, 1.0, 0.0, 0.0, 0.0, gripper=0.0)
+    start = pressed.truth().tool
+    moved(pressed, 5.0, 0.0, 0.0, 0.06)
+    there = (inverse(start) @ pressed.truth().tool)[:3, 3]
+    moved(pressed, 2.0, 0.0, 0.0, -0.06)
+    back = (inverse(start) @ pressed.truth().tool)[:3, 3]
+    assert np.abs([*there[:2], *back[:2]]).max() < 0.01
+    assert there[2] - back[2] > 0.09
+    assert not pressed.truth().touched
 
 
 def test_a_push_between_two_questions_is_told_once() -> None:
