@@ -61,7 +61,10 @@ def test_hard_is_the_prototype_with_every_part_and_parts_go_alone() -> None:
 @pytest.mark.parametrize(
     ("given", "sentence"),
     [
-        ("protoype", r"noise: unknown noise 'protoype'.*did you mean 'prototype'\?.*full, hard, none"),
+        (
+            "protoype",
+            r"noise: unknown noise 'protoype'.*did you mean 'prototype'\?.*full, hard, none",
+        ),
         ("loud", "noise: unknown noise 'loud'.*the noises are: full, hard, none, prototype"),
         ("prototype+wirst", "unknown part of the noise hard 'wirst'.*did you mean 'wrist'"),
         ({"froce": 0.1}, r"noise\.froce: unknown field; did you mean 'force'"),
