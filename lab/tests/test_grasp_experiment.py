@@ -158,6 +158,14 @@ def test_without_sources_the_hand_goes_to_where_the_object_should_be_and_closes(
     assert config.controller["reach"] == pytest.approx(0.28 - 0.135)
 
 
+def test_a_load_is_weighed_where_the_column_feels_the_wrist() -> None:
+    told = plan()
+    weighs = [
+        "wrist" in (told.pipeline_of(column).controller or {}) for column in (*COLUMNS, OPEN_LOOP)
+    ]
+    assert weighs == [True, False, False, True, True, True, False]
+
+
 def test_columns_are_all_sources_by_all_rules() -> None:
     posterior = Method("posterior", "modes")
     assert columns_of([], []) == COLUMNS

@@ -155,6 +155,21 @@ def test_the_object_has_the_mass_of_its_urdf_or_what_the_scene_says() -> None:
         assert world._bullet.getDynamicsInfo(world._body, -1, **world._client)[0] == mass
 
 
+@pytest.mark.parametrize(
+    ("thing", "mass"),
+    [("duck", 0.3), ("cup", 0.35), ("blob", 0.7), ("cross", 0.1), ("dumbbell", 1.5)],
+)
+def test_an_object_for_testing_stands_on_the_table_with_its_mass(thing: str, mass: float) -> None:
+    there = read_plan(DEFAULT, [thing], (), None, 0).scenes[thing]
+    assert there.mass == mass
+    fixed = {"azimuth": (180.0, 180.0), "offset": (0.0, 0.0), "yaw": (0.0, 0.0)}
+    standing = GraspScene(there.model_copy(update={**fixed, "camera_rate": 0.0}), robot(), 1)
+    moved(standing, 0.5, 0.0, 0.0, 0.0)
+    truth = standing.truth()
+    assert truth.supported and not truth.touched
+    assert np.abs(truth.object - there.object.pose.pose()).max() < 0.02
+
+
 def test_what_is_off_the_table_falls_to_the_floor() -> None:
     one = scene(offset=0.6)
     moved(one, 1.5)
