@@ -23,7 +23,7 @@ class LoadConfig(Model):
     """Height at which the object hangs free, and is weighed [m]."""
     least: Force = Field(default=0.5, gt=0)
     """Weight under which nothing has been lifted [N]."""
-    lost: float = Field(default=0.3, gt=0, lt=1)
+    lost: float = Field(default=0.5, gt=0, lt=1)
     """Share of the weight whose loss is a slip."""
 
 

@@ -42,11 +42,11 @@ def carrying(weight: float = 4.0, **fields: Any) -> CarriedLoad:
 def test_what_hangs_in_the_hand_has_not_slipped() -> None:
     load = carrying()
     assert load.slip(HIGH) == ""
-    load.feel(wrenches(2.0, 3.4), 2.4)
+    load.feel(wrenches(2.0, 2.4), 2.4)
     assert load.slip(HIGH) == ""
 
 
-@pytest.mark.parametrize("left", [0.0, 2.0, 2.5])
+@pytest.mark.parametrize("left", [0.0, 1.0, 1.8])
 def test_what_has_lost_a_share_of_its_weight_has_slipped(left: float) -> None:
     load = carrying()
     load.slip(HIGH)
