@@ -73,7 +73,7 @@ def my_file(folder: Path, **change: Any) -> Path:
     """The packaged file, changed."""
     fields = {**FILE, "robot": "contactfusion.robots:arm_hand.yaml", **change}
     file = folder / "my.yaml"
-    file.write_text(yaml.safe_dump(fields))
+    file.write_text(yaml.safe_dump(fields, sort_keys=False))
     return file
 
 
