@@ -33,7 +33,7 @@ from contactfusion.integrator.sources import Event
 from contactfusion.isolation import Isolated
 from contactfusion.loop import play
 from contactfusion.pipeline_config import PipelineConfig
-from contactfusion.readings import JointState, Odometry, Reading
+from contactfusion.readings import JointState, Odometry, Reading, Wrench
 from contactfusion.robot_state import Robot
 from contactfusion.state import State
 from contactfusion.stream import Stream
@@ -123,6 +123,8 @@ class Pipeline:
             self.close()
             raise
         self._fusion: Fusion | None = None
+        self._wrenches = list[Wrench]()
+        """Since the last step, for the controller."""
 
     def plug(self, name: str, options: dict[str, Any]) -> None:
         """Plug a generator in, also while running.
@@ -218,6 +220,8 @@ class Pipeline:
     def take(self, reading: Reading) -> None:
         """Receive what faults have left of a reading, for every generator that takes it."""
         self._robot.add(reading)
+        if self._controller and isinstance(reading, Wrench):
+            self._wrenches.append(reading)
         kind = type(reading)
         takers = [
             generator
@@ -243,7 +247,8 @@ class Pipeline:
         self._fusion = self.integrator.step(now, state.surface)
         command = None
         if self._controller:
-            state = replace(state, fusion=self._fusion)
+            state = replace(state, fusion=self._fusion, wrenches=tuple(self._wrenches))
+            self._wrenches.clear()
             command = self._command(self._controller, self._fusion, state)
         return Step(now, self._fusion, command)
 
@@ -263,6 +268,7 @@ class Pipeline:
         self.integrator.reset()
         self._robot.clear()
         self._fusion = None
+        self._wrenches.clear()
         self.unplaced.clear()
         self.given.clear()
         self._failed_commands, self._first_failure = 0, ""

@@ -11,7 +11,7 @@ from contactfusion.contacts import Contact
 from contactfusion.errors import ConfigurationError, RobotError
 from contactfusion.frames import FrameTree, Pose
 from contactfusion.grid import Grid
-from contactfusion.readings import JointState
+from contactfusion.readings import JointState, Wrench
 from contactfusion.surface import Surface
 
 if TYPE_CHECKING:
@@ -44,6 +44,7 @@ class State:
         surface: the robot's surface in the grid's frame, or None.
         robot: the robot of the URDF in its pose, in the grid's frame, or None.
         objects: the believed poses of objects in the grid's frame, by name.
+        wrenches: readings of all wrists since the last step, for controllers alone.
         fusion: the last step of the integrator, or None before the first; a `Fusion`, unless the
             generator is isolated.
         unplaced: why the pose of the configured robot or surface in the grid's frame is unknown;
@@ -58,6 +59,7 @@ class State:
     surface: Surface | None = None
     robot: "PosedRobot | None" = None
     objects: Mapping[str, Pose] = field(default_factory=dict)
+    wrenches: tuple[Wrench, ...] = ()
     fusion: LastStep | None = None
     unplaced: str = ""
 

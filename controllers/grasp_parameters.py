@@ -6,6 +6,7 @@ from enum import StrEnum
 from pydantic import Field, model_validator
 
 from contactfusion.controllers.grasp_contact import HandConfig
+from contactfusion.controllers.grasp_load import LoadConfig
 from contactfusion.errors import ConfigurationError
 from contactfusion.model import Model
 from contactfusion.units import Limit, Memory, Reach, Speed
@@ -34,17 +35,18 @@ class GraspMode(StrEnum):
     LIFT = "lift"
     """The hand moves up."""
     LOWER = "lower"
-    """It is blocked while it lifts: it puts the object down again."""
+    """It is blocked while it lifts, or the object slips: it puts the object down again."""
     HOLD = "hold"
     """It rests, for as long as a grasp has to hold."""
     RETREAT = "retreat"
-    """The grasp has failed: the gripper opens, and the hand moves straight back."""
+    """The grasp has failed, or the object has slipped: the gripper opens, and the hand moves
+    straight back."""
     LIFTED = "lifted"
     """The object is held."""
     MISSED = "missed"
     """The gripper closed on nothing."""
     DROPPED = "dropped"
-    """The fingers closed further while the object was lifted or held: it has slipped."""
+    """The object has slipped while it was lifted or held."""
     STUCK = "stuck"
     """A finger does not follow its commands."""
     OBSTRUCTED = "obstructed"
@@ -87,7 +89,8 @@ class ReactiveGraspConfig(Model):
     """The greatest number of corrections; 0: the hand moves forward and closes, whatever it
     touches."""
     attempts: int = Field(default=3, ge=1)
-    """The greatest number of times that the gripper closes on nothing."""
+    """The greatest number of times that the gripper closes: on nothing, or on what slips, by the
+    wrist."""
     back: Reach = Field(default=0.04, gt=0)
     """Distance back before a correction; twice as far before a further attempt [m]."""
     aside: Reach = Field(default=0.06, gt=0)
@@ -107,7 +110,10 @@ class ReactiveGraspConfig(Model):
     """The share of its travel at which a joint of the fingers has closed on nothing, if all
     have."""
     slip: float = Field(default=0.12, gt=0, lt=1)
-    """The further share of its travel by which a joint closes when the object has slipped."""
+    """The further share of its travel by which a joint closes when the object has slipped; where
+    the wrist weighs the load, that counts instead."""
+    wrist: LoadConfig | None = None
+    """How the wrist tells that the object slips; None: the fingers tell it alone."""
     resting: float = Field(default=0.05, gt=0)
     """The speed under which a joint of the fingers is at rest [rad/s, m/s]."""
     closing: Memory = Field(default=4.0, gt=0)

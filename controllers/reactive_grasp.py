@@ -14,6 +14,7 @@ from contactfusion.arrays import FloatArray
 from contactfusion.contacts import Contact
 from contactfusion.controller import Command, Controller
 from contactfusion.controllers.grasp_contact import HandContact, on_hand, typical
+from contactfusion.controllers.grasp_load import CarriedLoad
 from contactfusion.controllers.grasp_parameters import ENDS, GraspMode, ReactiveGraspConfig
 from contactfusion.errors import ConfigurationError, name_hint
 from contactfusion.frames import Pose
@@ -222,6 +223,7 @@ class ReactiveGrasp(Controller):
         self._between = Between()
         self._corrections, self._attempt = 0, 1
         self._end = GraspMode.MISSED
+        self._load = CarriedLoad(self.options.wrist) if self.options.wrist else None
 
     def command(self, contacts: Sequence[Contact], state: State) -> Command:
         """Velocity of the tool and opening of the gripper, by the contacts.
@@ -241,6 +243,8 @@ class ReactiveGrasp(Controller):
                 self._mode, self._reason = GraspMode.BLIND, "nobody tells where the joints are"
             return self._command(now, np.zeros(3))
         sense = _sensed(contacts, state.joints, state, options)
+        if self._load:
+            self._load.feel(state.wrenches, now)
         if self._move is None:
             self._start = sense.position
             move = self._go(GraspMode.OPEN, "it begins", sense, gripper=0.0)
@@ -261,6 +265,8 @@ class ReactiveGrasp(Controller):
             name = list(self.options.gripper)[int(sense.closed.argmax())]
             self._fail(GraspMode.STUCK, f"'{name}' does not open", sense)
             return
+        if self._load and self._attempt == 1:
+            self._load.tare()
         self._approach_from(sense, f"attempt {self._attempt}")
 
     def _approach(self, sense: Sense, move: Move) -> None:
@@ -324,19 +330,27 @@ class ReactiveGrasp(Controller):
             self._miss(sense)
             return
         self._held, self._taken = sense.closed, sense.position
+        if self._load:
+            self._load.begin()
         goal = sense.position + self.options.lift * sense.tool[:3, 1]
         self._go(GraspMode.LIFT, f"fingers rest {sense.closed.mean():.0%} closed", sense, goal)
 
     def _miss(self, sense: Sense) -> None:
         """Try again, or give up; a missed object may have been pushed forward."""
         reason = "the fingers closed on nothing"
-        if self._attempt == self.options.attempts:
+        if not self._another():
             self._fail(GraspMode.MISSED, reason, sense)
             return
-        self._attempt += 1
-        self._between.forget()  # the fingers may have moved it
         goal = sense.position - 2.0 * self.options.back * sense.forward
         self._go(GraspMode.OPEN, reason, sense, goal, gripper=0.0)
+
+    def _another(self) -> bool:
+        """Begin another attempt; False: none is left."""
+        if self._attempt == self.options.attempts:
+            return False
+        self._attempt += 1
+        self._between.forget()  # the fingers may have moved the object
+        return True
 
     def _lift(self, sense: Sense, move: Move) -> None:
         if self._slipped(sense):
@@ -344,11 +358,16 @@ class ReactiveGrasp(Controller):
         if move.is_there:
             self._go(GraspMode.HOLD, "high enough", sense)
         elif move.is_blocked:  # the object would fall from here
-            self._go(GraspMode.LOWER, "the hand comes no higher", sense, self._taken)
+            self._put_down(GraspMode.BLOCKED, "the hand comes no higher", sense)
+
+    def _put_down(self, end: GraspMode, reason: str, sense: Sense) -> None:
+        self._end = end
+        self._go(GraspMode.LOWER, reason, sense, self._taken)
 
     def _lower(self, sense: Sense, move: Move) -> None:
         if move.is_there or move.is_blocked:
-            self._fail(GraspMode.BLOCKED, self._reason, sense)
+            again = self._end is GraspMode.DROPPED and self._another()
+            self._fail(GraspMode.OPEN if again else self._end, self._reason, sense)
 
     def _hold(self, sense: Sense, move: Move) -> None:
         if not self._slipped(sense) and sense.now - move.began >= self.options.hold:
@@ -362,7 +381,7 @@ class ReactiveGrasp(Controller):
                 goal = sense.position - gone * sense.forward
                 self._move = Move(sense.now, goal, self.options)
         elif move.is_there or move.is_blocked:
-            self._go(self._end, self._reason, sense)
+            self._go(self._end, self._reason, sense)  # the gripper is open, also for another try
 
     def _approach_from(self, sense: Sense, reason: str) -> None:
         reach = self.options.reach + (self._attempt - 1) * self.options.back
@@ -376,6 +395,12 @@ class ReactiveGrasp(Controller):
         self._go(GraspMode.RETREAT, reason, sense, gripper=0.0)
 
     def _slipped(self, sense: Sense) -> bool:
+        height = float((sense.position - self._taken) @ sense.tool[:3, 1])
+        felt = self._load.slip(height) if self._load else None
+        if felt is not None:
+            if felt:
+                self._put_down(GraspMode.DROPPED, felt, sense)
+            return bool(felt)
         slipped = bool((sense.closed - self._held > self.options.slip).any())
         if slipped:
             self._fail(GraspMode.DROPPED, "the fingers closed further", sense)

@@ -13,7 +13,7 @@ from contactfusion.controllers.grasp_parameters import ReactiveGraspConfig
 from contactfusion.controllers.reactive_grasp import ReactiveGrasp
 from contactfusion.frames import FrameTree, Pose, points_in, pose_of, vectors_in
 from contactfusion.grid import Grid
-from contactfusion.readings import JointState
+from contactfusion.readings import JointState, Wrench
 from contactfusion.state import State
 from contactfusion.surface import Surface
 
@@ -67,6 +67,8 @@ class ToyHand:
         self.silent = np.inf
         """From here on joints tell nothing [s]."""
         self.tells_speeds = True
+        self.weight: Callable[[ToyHand], float] | None = None
+        """What the wrist weighs beside the hand [N]; None: there is no sensor."""
         self.told: list[Command] = []
         self.way = [self.pose[:3, 3].copy()]
 
@@ -102,7 +104,18 @@ class ToyHand:
             frames=FrameTree({"palm": ("base", self.pose)}),
             joints=None if self.deaf else joints,
             surface=self.surface,
+            wrenches=tuple(self.wrenches()),
         )
+
+    def wrenches(self) -> Iterator[Wrench]:
+        """What the wrist has read since the last step."""
+        if self.weight is None:
+            return
+        weight = self.weight(self)
+        for k in range(5):
+            force = np.array([0.01 * k, -10.0 - weight, 0.0])
+            stamp = self.now - self.period * (4 - k) / 5
+            yield Wrench(stamp=stamp, frame="palm", sensor="wrist", force=force, torque=np.zeros(3))
 
     def step(self) -> Command:
         command = self.controller.command(self.touches(self), self.state())

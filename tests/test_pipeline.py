@@ -3,6 +3,7 @@
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from typing import Any
+from unittest.mock import patch
 
 import numpy as np
 import pytest
@@ -16,7 +17,7 @@ from contactfusion.integrator.sources import EventKind
 from contactfusion.pipeline import asked
 from contactfusion.readings import JointState, Odometry, PointCloud
 from contactfusion.robot_state import Robot
-from tests.toys import Echo, offer_toys, point, wrench
+from tests.toys import Echo, Pilot, offer_toys, point, wrench
 
 FRONT = (0.1025, 0.0025, 0.0025)
 LEFT = (0.0025, 0.1025, 0.0025)
@@ -241,6 +242,20 @@ def test_the_controller_acts_on_the_contacts_of_its_step() -> None:
     command = pipe.step(0.0).command
     assert command is not None
     assert (command.mode, command.reason) == ("step 1", "1 contacts")
+
+
+def test_the_controller_is_told_the_wrenches_since_the_last_step() -> None:
+    pipe = pipeline(generators={"eye": ECHO}, controller={"type": "pilot"})
+    reading = wrench(0.0, 0.0, 0.0, 1.0)
+    with patch.object(Pilot, "command", autospec=True) as command:
+        for count in (2, 0, 1):
+            for _ in range(count):
+                pipe.receive(reading)
+            pipe.step(0.1)
+        pipe.receive(reading)
+        pipe.reset()
+        pipe.step(0.0)
+    assert [len(call.args[2].wrenches) for call in command.call_args_list] == [2, 0, 1, 0]
 
 
 @pytest.mark.parametrize(

@@ -209,6 +209,51 @@ def test_fingers_that_close_further_have_dropped_the_object(when: str) -> None:
     assert hand.told[-1].reason == "the fingers closed further"
 
 
+def weighing(weight: Callable[[ToyHand], float]) -> ToyHand:
+    """A hand with something between its fingers, whose weight its wrist feels as it is lifted."""
+    hand = holding(ToyHand(controller(wrist={"sensor": "wrist"}, attempts=2), bottle(0.0)))
+    hand.weight = lambda hand: weight(hand) if hand.pose[2, 3] > 0.305 else 0.0
+    return hand
+
+
+def test_fingers_that_creep_over_what_the_wrist_still_weighs_have_not_dropped_it() -> None:
+    hand = weighing(lambda hand: 4.0)
+    hand.until("hold")
+    hand.most = np.full(2, 0.8)
+    assert hand.until(*ENDS).mode == GraspMode.LIFTED
+
+
+def test_fingers_that_creep_count_where_the_wrist_is_silent() -> None:
+    hand = weighing(lambda hand: 4.0)
+    hand.until("hold")
+    hand.weight, hand.most = None, np.full(2, 0.8)
+    assert hand.until(*ENDS).reason == "the fingers closed further"
+
+
+def test_what_slips_is_put_down_and_grasped_again() -> None:
+    slips = [True]
+    hand = weighing(lambda hand: 1.0 if slips and hand.pose[2, 3] > 0.38 else 4.0)
+    hand.until("lift")
+    low = hand.pose[2, 3]
+    command = hand.until("lower")
+    assert (command.gripper, command.reason) == (1.0, "of 4.0 N it still lifts 1.0 N")
+    assert hand.until("retreat").gripper == 0.0
+    assert hand.pose[2, 3] < low + 0.005
+    slips.clear()
+    assert hand.until(*ENDS).mode == GraspMode.LIFTED
+    begun = hand.modes()[hand.modes().index("lower") :]
+    assert begun[:4] == ["lower", "retreat", "open", "approach"]
+    assert "attempt 2" in [command.reason for command in hand.told]
+
+
+def test_what_slips_in_every_attempt_is_dropped() -> None:
+    hand = weighing(lambda hand: 0.0)
+    assert hand.until(*ENDS).mode == GraspMode.DROPPED
+    assert hand.told[-1].reason == "it lifts 0.0 N: nothing"
+    assert hand.modes().count("lift") == 2
+    assert hand.told[-1].gripper == 0.0
+
+
 def test_a_finger_that_does_not_open_is_stuck_and_the_hand_stays_where_it_is() -> None:
     hand = ToyHand(controller())
     hand.jammed[1] = True

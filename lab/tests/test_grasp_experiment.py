@@ -73,7 +73,7 @@ def my_file(folder: Path, **change: Any) -> Path:
     """The packaged file, changed."""
     fields = {**FILE, "robot": "contactfusion.robots:arm_hand.yaml", **change}
     file = folder / "my.yaml"
-    file.write_text(yaml.safe_dump(fields))
+    file.write_text(yaml.safe_dump(fields, sort_keys=False))
     return file
 
 
@@ -156,6 +156,14 @@ def test_without_sources_the_hand_goes_to_where_the_object_should_be_and_closes(
     assert config.controller is not None
     assert config.controller["corrections"] == 0 and "attempts" not in config.controller
     assert config.controller["reach"] == pytest.approx(0.28 - 0.135)
+
+
+def test_a_load_is_weighed_where_the_column_feels_the_wrist() -> None:
+    told = plan()
+    weighs = [
+        "wrist" in (told.pipeline_of(column).controller or {}) for column in (*COLUMNS, OPEN_LOOP)
+    ]
+    assert weighs == [True, False, False, True, True, True, False]
 
 
 def test_columns_are_all_sources_by_all_rules() -> None:

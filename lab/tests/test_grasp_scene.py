@@ -167,6 +167,21 @@ def test_the_object_has_the_mass_of_its_urdf_or_what_the_scene_says() -> None:
         assert world._bullet.getDynamicsInfo(world._body, -1, **world._client)[0] == mass
 
 
+@pytest.mark.parametrize(
+    ("name", "mass"),
+    [("duck", 0.3), ("cup", 0.35), ("blob", 0.7), ("cross", 0.1), ("dumbbell", 1.5)],
+)
+def test_an_object_for_testing_stands_on_the_table_with_its_mass(name: str, mass: float) -> None:
+    there = read_plan(DEFAULT, [name], (), None, 0).scenes[name]
+    assert there.mass == mass
+    fixed = {"azimuth": (180.0, 180.0), "offset": (0.0, 0.0), "yaw": (0.0, 0.0)}
+    standing = GraspScene(there.model_copy(update={**fixed, "camera_rate": 0.0}), robot(), 1)
+    moved(standing, 0.5, 0.0, 0.0, 0.0)
+    truth = standing.truth()
+    assert truth.supported and not truth.touched
+    assert np.abs(truth.object - there.object.pose.pose()).max() < 0.02
+
+
 def test_what_is_off_the_table_falls_to_the_floor() -> None:
     grasp = scene(offset=0.6)
     moved(grasp, 1.5)
@@ -242,7 +257,7 @@ def led(command: Command, seconds: float, **start: float) -> FloatArray:
     for name, position in start.items():
         wanted[names.index(name)] = position
     stiffness = np.full(len(names), 400.0)
-    driver = GraspDriver(robot(), "palm", grasp.gripper, grasp.grip, stiffness, wanted)
+    driver = GraspDriver(robot(), "palm", grasp.gripper, grasp.grip, grasp.press, stiffness, wanted)
     driver.obey(command)
     paths = [wanted, *(driver.advance(driver.commanded) for _ in range(round(seconds / STEP)))]
     arm = [row for row, name in enumerate(names) if name.startswith("arm_")]
@@ -274,11 +289,27 @@ def test_at_the_limits_of_its_joints_the_hand_stays_on_its_path() -> None:
     assert np.abs(away[:2]).max() < 0.01
 
 
-def test_the_hand_presses_with_limited_force_against_what_does_not_yield() -> None:
-    grasp = scene(name="carton", mass=60.0, table_friction=0.59)
-    moved(grasp, 1.0, 0.0, 0.0, 0.0, gripper=0.0)
-    moved(grasp, 5.0, 0.0, 0.0, 0.06)
-    assert 5.0 < grasp.truth().force < 250.0
+@pytest.mark.parametrize(("press", "least", "most"), [(1000.0, 100.0, 250.0), (30.0, 20.0, 75.0)])
+def test_the_hand_presses_with_limited_force_against_what_does_not_yield(
+    press: float, least: float, most: float
+) -> None:
+    pressed = scene(name="carton", mass=60.0, table_friction=0.59, press=press)
+    moved(pressed, 1.0, 0.0, 0.0, 0.0, gripper=0.0)
+    moved(pressed, 5.0, 0.0, 0.0, 0.06)
+    assert least < pressed.truth().force < most
+
+
+def test_a_hand_that_has_yielded_stays_on_its_way_and_goes_back_from_what_it_touches() -> None:
+    pressed = scene(name="carton", mass=60.0, table_friction=0.59)
+    moved(pressed, 1.0, 0.0, 0.0, 0.0, gripper=0.0)
+    start = pressed.truth().tool
+    moved(pressed, 5.0, 0.0, 0.0, 0.06)
+    there = (inverse(start) @ pressed.truth().tool)[:3, 3]
+    moved(pressed, 2.0, 0.0, 0.0, -0.06)
+    back = (inverse(start) @ pressed.truth().tool)[:3, 3]
+    assert np.abs([*there[:2], *back[:2]]).max() < 0.01
+    assert there[2] - back[2] > 0.09
+    assert not pressed.truth().touched
 
 
 def test_a_push_between_two_questions_is_reported_once() -> None:

@@ -30,7 +30,7 @@ NONE, ALL = "none", "all"
 """Names of no sources, with which the hand moves forward and closes, and of all sources."""
 REACTIVE = "reactive_grasp"
 """Controller that can run open-loop."""
-TRIALS = 3
+TRIALS = 4
 """Counts up when trials change, so that old ones are not taken for new."""
 PLACES: Any = {"object": {"folder"}, "surroundings": {"__all__": {"folder"}}}
 """Fields left out of the settings: the folder of a checkout changes no grasp."""
@@ -116,6 +116,8 @@ class Plan:
         if column.sources == NONE:
             controller |= self._open_loop()
         chosen = chosen_sources(column.sources, known)
+        if controller.get("type") == REACTIVE and not _weighs(controller, chosen, known):
+            controller.pop("wrist", None)
         update = {
             "generators": {name: known[name] for name in chosen},
             "integrator": column.method.applied(self.pipeline.integrator),
@@ -179,6 +181,14 @@ def _digest(scene: GraspConfig) -> str:
         return ""
     path = RobotConfig(urdf=scene.object.urdf, folder=scene.object.folder).path()
     return sha256(path.read_bytes()).hexdigest() if path.is_file() else ""
+
+
+def _weighs(
+    controller: Mapping[str, Any], chosen: Sequence[str], known: Mapping[str, Mapping[str, Any]]
+) -> bool:
+    """Whether a chosen source reads the sensor by which the controller weighs its load."""
+    sensor = (controller.get("wrist") or {}).get("sensor")
+    return any(known[name].get("sensor") == sensor for name in chosen)
 
 
 def chosen_sources(sources: str, known: Mapping[str, Mapping[str, Any]]) -> list[str]:

@@ -8,7 +8,7 @@ from contactfusion.controllers.grasp_parameters import require_way
 from contactfusion.errors import ConfigurationError
 from contactfusion.model import Model
 from contactfusion.robots.objects import ObjectConfig
-from contactfusion.units import Limit, Load, Memory, Nearby, Reach
+from contactfusion.units import Force, Limit, Load, Memory, Nearby, Reach
 from contactfusion_lab.scenes.noise import TouchNoise
 from contactfusion_lab.scenes.ranges import AnyRange
 
@@ -56,6 +56,9 @@ class GraspConfig(Model):
     """Stiffness of the joints that move the tool [N·m/rad, N/m]."""
     grip: float = Field(default=1.0, gt=0)
     """The greatest torque with which the joints of the fingers close [N·m, N]."""
+    press: Force = Field(default=30.0, gt=0)
+    """The greatest force with which the arm presses on what does not give way: beyond it, the arm
+    yields [N]."""
     stuck: dict[str, float] = Field(default_factory=dict)
     """Broken joints of fingers, with the positions that they never leave [rad, m]."""
     camera_rate: float = Field(default=0.0, ge=0, le=20)

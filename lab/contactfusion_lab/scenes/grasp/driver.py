@@ -46,6 +46,7 @@ class GraspDriver:
         tool: the link that moves.
         gripper: positions of the joints of fingers, open and closed [rad, m].
         grip: the greatest torque of the fingers [N·m, N].
+        press: the greatest force of the arm on what does not give way [N].
         stiffness: shape (n,), of all joints [N·m/rad, N/m].
         positions: shape (n,), of the joints at the start [rad, m].
     """
@@ -56,6 +57,7 @@ class GraspDriver:
         tool: str,
         gripper: Mapping[str, tuple[float, float]],
         grip: float,
+        press: float,
         stiffness: FloatArray,
         positions: FloatArray,
     ) -> None:
@@ -65,6 +67,7 @@ class GraspDriver:
         self._open, self._closed = np.array(list(gripper.values())).T
         # the lead of a finger's goal limits its torque
         self._lead = grip / stiffness[self._rows]
+        self._press, self._stiffness = press, stiffness
         self.commanded = positions.copy()
         """Commanded joint positions, shape (n,) [rad, m]."""
         self._goal: Pose = model.poses_at(positions)[tool].copy()
@@ -139,6 +142,8 @@ class GraspDriver:
         there = self._model.poses_at(self.commanded)[self._tool]
         if (self._joints * self._leading).any():  # commanded joints decide where the tool goes
             self._goal = there
+        if self._pressing(positions) > self._press:  # the spring of the arm is let go
+            self._goal[:3, 3], self._twist = actual[:3, 3], np.zeros(6)
         goal = self._goal.copy()
         goal[:3, 3] += self._twist[:3] * period
         goal[:3, :3] = Rotation.from_rotvec(self._twist[3:] * period).as_matrix() @ goal[:3, :3]
@@ -152,6 +157,13 @@ class GraspDriver:
         speeds = jacobian.T @ np.linalg.solve(squared, self._twist + GAIN * error)
         led: FloatArray = speeds * min(1.0, FASTEST / max(float(np.abs(speeds).max()), 1e-12))
         return led
+
+    def _pressing(self, positions: FloatArray) -> float:
+        """The force of the tool that the springs of the arm's joints make [N]: τ = Jᵀ f."""
+        jacobian = self._model.jacobian(self._tool, positions) * self._leading
+        torques = self._stiffness * (self.commanded - positions)
+        squared = jacobian @ jacobian.T + SINGULAR**2 * np.eye(6)
+        return float(np.linalg.norm(np.linalg.solve(squared, jacobian @ torques)[:3]))
 
 
 def _comes_along(tool: Pose, goal: Pose, further: Pose, most: FloatArray) -> bool:

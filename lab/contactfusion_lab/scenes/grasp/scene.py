@@ -124,8 +124,9 @@ class GraspScene:
         stiffness = np.where(stiff, config.arm_stiffness, config.noise.finger_stiffness)
         self._arm = self._world.arm(start, stiffness)
         self._driver = GraspDriver(
-            robot, config.tool, config.gripper, config.grip, self._arm.stiffness, start
-        )
+            robot, config.tool, config.gripper, config.grip, config.press, self._arm.stiffness,
+            start,
+        )  # fmt: skip
         self._sensors = TouchSensors(
             robot, config.tool, leading, start, config.noise, rng, image_rng
         )
