@@ -170,6 +170,9 @@ def experiment_touch(
     draw: Annotated[
         list[str] | None, typer.Option(help="A touch to draw, e.g. box-03-0; may be repeated.")
     ] = None,
+    free: Annotated[
+        float, typer.Option(help="Minutes of free motion, in which any contact is a false alarm.")
+    ] = 1.0,
     out: Out = Path("out/touch"),
 ) -> None:
     """Touch objects in simulation, and compare with the truth; resumes where it stopped."""
@@ -189,6 +192,7 @@ def experiment_touch(
         seed=seed,
         executor=_executor(executor, workers, scheduler),
         draw=draw or (),
+        free=free,
     )
     run_touch(options, out)
 

@@ -1,10 +1,13 @@
 """Methods of experiments: their names, and spreads that are multiplied."""
 
+from dataclasses import replace
+
 import pytest
 
 from contactfusion.errors import ConfigurationError, PluginError
 from contactfusion.integrator.config import IntegratorConfig
-from contactfusion_lab.experiments.methods import Method, with_spreads
+from contactfusion.integrator.integrator import Integrator
+from contactfusion_lab.experiments.methods import DE_MORGAN_TUNED, Method, with_spreads
 
 DE_MORGAN = Method("de_morgan", "cluster_centroid")
 POSTERIOR = Method("posterior", "modes")
@@ -44,6 +47,26 @@ def test_only_methods_that_look_at_spreads_fuse_once_more() -> None:
         Method("posterior", "modes", 0.5),
         Method("posterior", "modes", 2.0),
     ]
+
+
+def test_a_method_that_is_tuned_is_named_by_a_name_of_its_own() -> None:
+    assert Method.named("de_morgan_tuned") == DE_MORGAN_TUNED
+    assert str(DE_MORGAN_TUNED) == DE_MORGAN_TUNED.stem == "de_morgan_tuned"
+    assert hash(DE_MORGAN_TUNED) != hash(DE_MORGAN)
+    with pytest.raises(PluginError, match="did you mean 'de_morgan'"):
+        Method.named("de_morgan_tune")
+
+
+def test_a_method_sets_fields_of_the_integrator() -> None:
+    method = replace(
+        DE_MORGAN,
+        condensation="cluster_mass",
+        options=(("voxel_size", 0.02), ("condensation_options", (("mass_threshold", 0.7),))),
+    )
+    applied = method.applied(IntegratorConfig(frame="lab"))
+    assert (applied.voxel_size, applied.frame) == (0.02, "lab")
+    assert applied.condensation_options == {"mass_threshold": 0.7}
+    assert Integrator(applied).condensation.config.model_dump() == {"mass_threshold": 0.7}
 
 
 @pytest.mark.parametrize("factor", [0.0, -1.0, float("inf"), float("nan")])

@@ -10,12 +10,14 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import pytest
+from scipy.spatial import KDTree
 
 from contactfusion.arrays import FloatArray
 from contactfusion.errors import ConfigurationError, RecordingError, RobotError
 from contactfusion.faults import Silent
 from contactfusion.files import write_npz
 from contactfusion.frames import points_in
+from contactfusion.grid import Grid
 from contactfusion.hypotheses import HypothesisCloud, HypothesisKind
 from contactfusion.pipeline import Pipeline
 from contactfusion.robots.model import shared_robot
@@ -24,6 +26,7 @@ from contactfusion_lab.experiments.methods import Method
 from contactfusion_lab.experiments.touch import tables
 from contactfusion_lab.experiments.touch.experiment import DRAWN, METHODS, Options, run_touch
 from contactfusion_lab.experiments.touch.plan import DEFAULT, SHORT, Plan, Touch, read_plan
+from contactfusion_lab.experiments.touch.record import COARSEST, Arrived, Record
 from contactfusion_lab.experiments.touch.rows import (
     ALL_AND_SIMULATOR,
     ROWS,
@@ -58,7 +61,13 @@ def felt(plan: Plan) -> Trial:
 
 
 SMALL = Options(
-    objects=("box",), directions=1, repeats=1, methods=(DE_MORGAN,), seed=5, executor=Here()
+    objects=("box",),
+    directions=1,
+    repeats=1,
+    methods=(DE_MORGAN,),
+    seed=5,
+    executor=Here(),
+    free=0.0,
 )
 
 
@@ -90,11 +99,28 @@ def cloud(
     )
 
 
+def record(*clouds: HypothesisCloud, places: object = PLACE) -> Record:
+    """A record of one moment at 0.5 s, and of what was there 50 ms before: nothing."""
+    truth = np.reshape(np.asarray(places, np.float64), (-1, 3))
+    history = {each.source: [Arrived(0.5, each)] for each in clouds}
+    return Record(0.5, history, np.array([0.0, 0.45]), np.zeros((2, 15)), [truth[:0], truth], ())
+
+
 def trial(*clouds: HypothesisCloud, places: object = PLACE, short: bool = False) -> Trial:
     truth = np.reshape(np.asarray(places, np.float64), (-1, 3))
-    by_source = {each.source: each for each in clouds}
-    links = ("palm",) * len(truth)
-    return Trial(touch(short), 0.5, by_source, truth, links, True, np.zeros(15), ())
+    links, onset = ("palm",) * len(truth), 0.45 if len(truth) else np.nan
+    felt = record(*clouds, places=places)
+    return Trial(touch(short), felt, truth, links, True, 6.0, onset)
+
+
+def equal_clouds(one: HypothesisCloud, other: HypothesisCloud, tolerance: float) -> None:
+    fields = ("source", "kind", "stamp", "frame", "single", "notes")
+    assert [getattr(one, name) for name in fields] == [getattr(other, name) for name in fields]
+    for name in ("positions", "likelihoods", "forces", "spreads"):
+        values, same = getattr(one, name), getattr(other, name)
+        assert (values is None) == (same is None)
+        if values is not None:
+            np.testing.assert_allclose(values, same, rtol=tolerance, atol=tolerance)
 
 
 def judged(recorded: Trial, row: str, plan: Plan, method: Method = DE_MORGAN) -> Outcome:
@@ -202,7 +228,7 @@ class TestOneTouch:
     def test_every_generator_spoke(self, plan: Plan, felt: Trial) -> None:
         spoke = {modality_of(plan.pipeline, name) for name in felt.clouds}
         assert spoke == {*everything(plan.pipeline).modalities, "simulator"}
-        assert felt.refused == ()
+        assert felt.record.refused == ()
 
     def test_the_force_finds_the_contact(self, plan: Plan, felt: Trial) -> None:
         assert len(felt.places)
@@ -224,41 +250,49 @@ class TestOneTouch:
             stamp = reading.stamp
         live = pipeline.step(stamp).fusion.contacts
         later = fused(
-            run_trial(plan, touch()), everything(plan.pipeline), DE_MORGAN, plan.pipeline
+            run_trial(plan, touch()).last, everything(plan.pipeline), DE_MORGAN, plan.pipeline
         ).contacts
         assert len(live) == len(later) > 0
         for first, second in zip(live, later, strict=True):
             np.testing.assert_array_equal(first.position, second.position)
             assert first.likelihood == second.likelihood
 
-    def test_null_is_kept_where_others_speak(self, plan: Plan, felt: Trial) -> None:
-        others = [c for c in felt.clouds.values() if c.kind != HypothesisKind.NULL]
-        side = plan.pipeline.integrator.voxel_size
-        spoken = {
-            tuple(voxel)
-            for each in others
-            for voxel in np.floor(each.positions / side).astype(int).tolist()
-        }
-        kept = np.floor(felt.clouds["air"].positions / side).astype(int).tolist()
-        spoken |= {tuple(np.floor(place / side).astype(int).tolist()) for place in felt.places}
-        assert {tuple(voxel) for voxel in kept} <= spoken
+    def test_null_is_kept_where_others_have_hypotheses(self, plan: Plan, felt: Trial) -> None:
+        air = felt.clouds["air"].positions
+        evidence = [
+            each.positions
+            for each in felt.clouds.values()
+            if len(each) and (each.kind == HypothesisKind.REGULAR or each.source == "near")
+        ]
+        grid = Grid("base", plan.pipeline.integrator.voxel_size)
+        places = np.concatenate([*felt.last.occupied, *felt.record.contacts])
+        occupied = set(map(tuple, grid.voxels(places).tolist()))
+        distances, _ = KDTree(np.concatenate(evidence)).query(air, p=np.inf)
+        near = np.asarray(distances) < COARSEST
+        there = [tuple(voxel) in occupied for voxel in grid.voxels(air).tolist()]
+        assert np.all(near | np.array(there))
+        assert near.any()
 
     def test_a_file_holds_all_of_it(self, felt: Trial, tmp_path: Path) -> None:
         (tmp_path / "one.npz").write_bytes(content_of(felt))
         back = load(tmp_path / "one.npz")
-        assert (back.touch, back.stamp, back.links) == (felt.touch, felt.stamp, felt.links)
+        assert (back.touch, back.links, back.steady) == (felt.touch, felt.links, felt.steady)
+        assert (back.force, back.onset) == (felt.force, felt.onset)
         np.testing.assert_array_equal(back.places, felt.places)
-        np.testing.assert_array_equal(back.joints, felt.joints)
-        assert back.clouds.keys() == felt.clouds.keys()
-        for name, first in felt.clouds.items():
-            second = back.clouds[name]
-            assert (first.kind, first.single, first.notes) == (
-                second.kind,
-                second.single,
-                second.notes,
-            )
-            np.testing.assert_array_equal(first.positions, second.positions)
-            assert (first.forces is None) == (second.forces is None)
+        one, other = felt.record, back.record
+        assert (one.end, one.refused) == (other.end, other.refused)
+        np.testing.assert_array_equal(one.joints, other.joints)
+        np.testing.assert_array_equal(one.stamps, other.stamps)
+        for places, same in zip(one.contacts, other.contacts, strict=True):
+            np.testing.assert_array_equal(places, same)
+        assert one.history.keys() == other.history.keys()
+        for name, arrived in one.history.items():
+            assert [each.stamp for each in arrived] == [each.stamp for each in other.history[name]]
+            for number, (before, after) in enumerate(
+                zip(arrived, other.history[name], strict=True)
+            ):
+                last = number == len(arrived) - 1
+                equal_clouds(before.cloud, after.cloud, 0.0 if last else 1e-6)
 
     def test_the_same_touch_gives_the_same_bytes(
         self, plan: Plan, felt: Trial, tmp_path: Path
@@ -334,7 +368,7 @@ class TestOutcome:
             force = cloud("wrist", line, likelihoods, single=True, spread=spread)
             skin = replace(cloud("tip_1", PLACE, 0.9), spreads=None)  # says nothing, stays so
             method = replace(POSTERIOR, spreads=factor)
-            fusion = fused(trial(skin, force), BY_NAME["all"], method, plan.pipeline)
+            fusion = fused(trial(skin, force).last, BY_NAME["all"], method, plan.pipeline)
             return fusion.contacts[0].dispersion
 
         assert dispersion(0.004, 2.0) == dispersion(0.008, 1.0)
@@ -356,12 +390,13 @@ def outcomes(errors: FloatArray, **changes: Any) -> pd.DataFrame:
     silent, n = np.isnan(errors), len(errors)
     felt = {"short": False, "true_contacts": 1, "contacts": (~silent).astype(int),
             "detected": errors <= 0.03, "false": (errors > 0.03).astype(int), "error": errors,
-            "sigma": 0.01}  # fmt: skip
+            "sigma": 0.01, "force": 6.0, "latency": 0.1}  # fmt: skip
     alarms = (np.arange(n) % 10 == 0).astype(int)
     air = {"short": True, "true_contacts": 0, "contacts": alarms, "detected": False,
-           "false": alarms, "error": np.nan, "sigma": np.nan}  # fmt: skip
+           "false": alarms, "error": np.nan, "sigma": np.nan, "force": 0.0,
+           "latency": np.nan}  # fmt: skip
     frame = pd.concat([pd.DataFrame(felt), pd.DataFrame(air, range(n))], ignore_index=True)
-    return frame.assign(**{CASE: "all, m"}, **changes)
+    return frame.assign(**{CASE: "all, m", "row": "all"}, **changes)
 
 
 class TestTables:
@@ -525,8 +560,8 @@ class TestExperiment:
             run_touch(SMALL, copied)
 
     def test_a_file_that_is_no_touch_is_reported(self, tmp_path: Path) -> None:
-        write_npz(tmp_path / "one.npz", told="{}", places=[], joints=[])
-        with pytest.raises(ConfigurationError, match=r"one\.npz is no touch of this experiment"):
+        write_npz(tmp_path / "one.npz", **{"told": "{}", "read/joints": []})
+        with pytest.raises(ConfigurationError, match=r"one\.npz is no trial of this experiment"):
             load(tmp_path / "one.npz")
 
     @pytest.mark.slow

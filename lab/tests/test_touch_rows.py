@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import pandas as pd
 
-from contactfusion_lab.experiments.methods import Method
+from contactfusion_lab.experiments.methods import DE_MORGAN_TUNED, Method
 from contactfusion_lab.experiments.touch.plan import DEFAULT, read_plan
 from contactfusion_lab.experiments.touch.rows import (
     ROWS,
@@ -15,6 +15,8 @@ from contactfusion_lab.experiments.touch.rows import (
 )
 from contactfusion_lab.trials.measures import CASE
 from contactfusion_lab.trials.tables import frame_of
+
+POSTERIOR = Method("posterior", "modes")
 
 
 def test_first_touch_believes_in_the_target_alone() -> None:
@@ -49,7 +51,21 @@ def test_of_two_that_stand_on_one_belief_every_generator_means_the_first_touch()
 def outcomes(row: str, method: str, errors: list[float], short: bool = False) -> list[Outcome]:
     """Touches with these errors, detected up to 3 cm."""
     first = Outcome(
-        "", "box", 0, 0, short, int(not short), row, method, 1, False, 0, 0.0, sigma=0.01
+        "",
+        "box",
+        0,
+        0,
+        short,
+        int(not short),
+        row,
+        method,
+        1,
+        False,
+        0,
+        0.0,
+        sigma=0.01,
+        force=6.0,
+        latency=0.1,
     )
     return [
         replace(first, touch=f"box-{number:02d}-0", direction=number, detected=error <= 0.03,
@@ -92,3 +108,14 @@ def test_rows_are_compared_with_the_best_modality_and_with_the_first_method() ->
     assert len(found) == 2 * len(pairs) == 2 * (2 * (len(wide) + 1) + len(wide))
     assert ("all, max/modes", "force, max/modes") in pairs
     assert ("all, log_odds/modes", "all, max/modes") in pairs
+
+
+def test_a_belief_is_compared_with_what_is_tuned() -> None:
+    plan, _ = read_plan(DEFAULT, [], 1, None, (), 0)
+    methods = [Method("de_morgan", "cluster_centroid"), POSTERIOR, DE_MORGAN_TUNED]
+    rows = [row.name for row in (*ROWS, everything(plan.pipeline))]
+    frame = framed(*(outcomes(row, str(method), [0.01] * 4) for method in methods for row in rows))
+    pairs = {(each.case, each.against) for each in compare_all(frame, methods, plan.pipeline, 0)}
+    assert ("all, posterior/modes", "all, de_morgan_tuned") in pairs
+    assert ("all, de_morgan_tuned", "all, de_morgan/cluster_centroid") in pairs
+    assert ("all, de_morgan/cluster_centroid", "all, de_morgan_tuned") not in pairs

@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
@@ -21,20 +21,32 @@ class Method:
         rule: the name of the rule.
         condensation: the name of the condensation.
         spreads: every stated spread is multiplied by it before; 1: as it is stated.
+        name: what it is called in place of these; "": by them.
+        options: fields of the integrator that it sets, with their values.
+        p_max: likelihoods are cut off there before; 1: as they are stated.
+        near: what a range camera sees near the robot: evidence or Support; or as the row has it.
     """
 
     rule: str
     condensation: str
     spreads: float = 1.0
+    name: str = ""
+    options: tuple[tuple[str, Any], ...] = ()
+    p_max: float = 1.0
+    near: Literal["evidence", "support", "as the row"] = "as the row"
 
     @classmethod
     def named(cls, name: str) -> "Method":
-        """Read RULE or RULE/CONDENSATION; the papers' condensation unless another is named.
+        """Read RULE, RULE/CONDENSATION, or the name of a method that is tuned.
+
+        The papers' condensation unless another is named.
 
         Raises:
             PluginError: no such rule or condensation is installed.
             ConfigurationError: the two do not fit each other.
         """
+        if name in TUNED:
+            return TUNED[name]
         rule, _, condensation = name.partition("/")
         method = cls(rule, condensation or "cluster_centroid")
         Integrator(method.applied(IntegratorConfig()))
@@ -47,6 +59,7 @@ class Method:
             update["rule_options"] = {}
         if self.condensation != config.condensation:
             update["condensation_options"] = {}
+        update |= {field: dict(v) if isinstance(v, tuple) else v for field, v in self.options}
         return config.model_copy(update=update)
 
     @property
@@ -59,11 +72,26 @@ class Method:
     def stem(self) -> str:
         """Stem of the names of its files."""
         factor = "" if self.spreads == 1.0 else f"_spreads_{self.spreads:g}"
-        return f"{self.rule}_{self.condensation}{factor}"
+        return f"{self.name or f'{self.rule}_{self.condensation}'}{factor}"
 
     def __str__(self) -> str:
         factor = "" if self.spreads == 1.0 else f", σ × {self.spreads:g}"
-        return f"{self.rule}/{self.condensation}{factor}"
+        return f"{self.name or f'{self.rule}/{self.condensation}'}{factor}"
+
+
+TUNING_SEEDS = (7, 8)
+"""Of the touches on which settings were chosen: those of `posterior`, and by
+`contactfusion tune touch`."""
+DE_MORGAN_TUNED = Method(
+    "de_morgan",
+    "cluster_centroid",
+    name="de_morgan_tuned",
+    options=(("voxel_size", 0.03), ("threshold", 0.3)),
+    near="support",
+)
+"""De Morgan as `contactfusion tune touch` chose it, see docs/tuning.md."""
+TUNED = {DE_MORGAN_TUNED.name: DE_MORGAN_TUNED}
+"""Methods whose settings a search has chosen, by name."""
 
 
 def with_spreads(methods: Sequence[Method], factors: Sequence[float]) -> list[Method]:

@@ -30,10 +30,8 @@ class CompliantArm:
     ) -> None:
         self._world, self._model = world, model
         bullet, client, rows = world.bullet, world.client, world.joints
-        inertias = model.inertias(positions)
-        self.stiffness = np.minimum(stiffness, inertias * STIFFEST**2)
-        """Stiffness K of the joints, shape (n,) [N·m/rad, N/m]."""
-        self._damping = 2.0 * np.sqrt(self.stiffness * inertias)
+        self._wanted = stiffness
+        self.adapt(positions)
         self._most = model.efforts
         world.bend(positions)
         count = len(rows)
@@ -48,6 +46,17 @@ class CompliantArm:
         bullet.setGravity(0.0, 0.0, -9.81, **client)
         self._commanded = positions
         self.positions, self.velocities = positions.copy(), np.zeros(count)
+
+    def adapt(self, positions: FloatArray) -> None:
+        """Set stiffness and damping for the inertias at positions far from those at the start.
+
+        Args:
+            positions: shape (n,), of the joints [rad, m].
+        """
+        inertias = self._model.inertias(positions)
+        self.stiffness = np.minimum(self._wanted, inertias * STIFFEST**2)
+        """Stiffness K of the joints, shape (n,) [N·m/rad, N/m]."""
+        self._damping = 2.0 * np.sqrt(self.stiffness * inertias)
 
     def step(self, commanded: FloatArray) -> None:
         """One step of the physics towards the commanded positions q*, shape (n,) [rad, m]."""

@@ -1,17 +1,24 @@
 """`experiment touch`: touches, each with a twin in free air, and what comes of them."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, final
 
 import numpy as np
 
+from contactfusion.errors import ConfigurationError
 from contactfusion.faults import read_faults
+from contactfusion.files import write_whole
 from contactfusion.terminal import note
-from contactfusion_lab.experiments.methods import Method, with_spreads
-from contactfusion_lab.experiments.touch import figures, tables
-from contactfusion_lab.experiments.touch.plan import DEFAULT, Plan, Touch, read_plan
+from contactfusion_lab.experiments.methods import (
+    DE_MORGAN_TUNED,
+    TUNING_SEEDS,
+    Method,
+    with_spreads,
+)
+from contactfusion_lab.experiments.touch import figures, free, tables
+from contactfusion_lab.experiments.touch.plan import DEFAULT, Free, Plan, Touch, read_plan
 from contactfusion_lab.experiments.touch.rows import (
     PAPERS,
     ROWS,
@@ -20,13 +27,21 @@ from contactfusion_lab.experiments.touch.rows import (
     outcomes_of,
     shared,
 )
-from contactfusion_lab.experiments.touch.trial import Trial, content_of, load, run_trial
+from contactfusion_lab.experiments.touch.trial import (
+    Trial,
+    content_of,
+    content_of_free,
+    load,
+    load_free,
+    run_free,
+    run_trial,
+)
 from contactfusion_lab.trials.choices import require_known
 from contactfusion_lab.trials.executor import Executor, Local
 from contactfusion_lab.trials.folder import trial_file
-from contactfusion_lab.trials.measures import parts_of
+from contactfusion_lab.trials.measures import CASE, parts_of
 from contactfusion_lab.trials.runner import Experiment, Made, run
-from contactfusion_lab.trials.tables import Units, comparisons_text, write_results
+from contactfusion_lab.trials.tables import Units, as_csv, comparisons_text, write_results
 
 METHODS = (
     Method("de_morgan", "cluster_centroid"),
@@ -35,8 +50,14 @@ METHODS = (
     Method("max", "cluster_centroid"),
     Method("log_odds", "cluster_centroid"),
     Method("dempster_shafer", "cluster_centroid"),
+    DE_MORGAN_TUNED,
 )
 """Methods of the table; the first is the papers', the others are compared with it."""
+TUNED_ON = (
+    f"`{DE_MORGAN_TUNED}`: settings chosen on seeds {' and '.join(map(str, TUNING_SEEDS))} by "
+    "`python -m contactfusion_lab.experiments.touch.tuned`; no other figure is of these seeds."
+)
+"""Caption of the table of that method."""
 DRAWN = 2
 """Number of methods, the first, by which touches are drawn and tables printed."""
 UNITS: Units = {"detected": ("detected", 1.0, "g"), "error": ("ε cm", 100.0, ".2f")}
@@ -59,6 +80,7 @@ class Options:
         seed: of all chance.
         executor: the workers.
         draw: touches to draw, by their names; none: one of each object.
+        free: how long the hand moves in free air, in all [min].
     """
 
     config: Path = DEFAULT
@@ -72,6 +94,7 @@ class Options:
     seed: int = 0
     executor: Executor = Local()
     draw: Sequence[str] = ()
+    free: float = 1.0
 
 
 def run_touch(options: Options, out: Path) -> None:
@@ -86,20 +109,24 @@ def run_touch(options: Options, out: Path) -> None:
         ConfigurationError: an option is wrong, or `out` holds touches of other options.
         RobotError: a touch could not be made; the others are kept.
     """
+    if not 0.0 <= options.free < np.inf:
+        raise ConfigurationError(f"free motion lasts 0 minutes or more, not {options.free:g}")
     methods = with_spreads(options.methods, options.spreads)
     faults = read_faults(options.faults) if options.faults else ()
     plan, targets = read_plan(
         options.config, options.objects, options.directions, options.noise, faults, options.seed
     )
-    experiment = TouchExperiment(plan, targets, options.repeats, methods, options.draw)
-    require_known(options.draw, experiment.tasks(), "touch", "touches")
+    experiment = TouchExperiment(
+        plan, targets, options.repeats, methods, options.draw, options.free
+    )
+    require_known(options.draw, experiment.touches(), "touch", "touches")
     run(experiment, options.executor, out)
 
 
 @final
 @dataclass(frozen=True)
-class TouchExperiment(Experiment[Touch]):
-    """Touches of objects from all sides, each with a twin in free air.
+class TouchExperiment(Experiment[Touch | Free]):
+    """Touches of objects from all sides, each with a twin in free air, and free motion.
 
     Attributes:
         plan: how each is made.
@@ -107,6 +134,7 @@ class TouchExperiment(Experiment[Touch]):
         repeats: of each direction.
         methods: how hypotheses are fused.
         draw: touches to draw, by their names; none: one of each object.
+        minutes: of free motion.
     """
 
     plan: Plan
@@ -114,48 +142,81 @@ class TouchExperiment(Experiment[Touch]):
     repeats: int
     methods: Sequence[Method]
     draw: Sequence[str]
+    minutes: float
     trials = "touches"
     suffix = ".npz"
     addable = ("objects",)
 
-    def tasks(self) -> dict[str, Touch]:
+    def touches(self) -> dict[str, Touch]:
         """The touches by name."""
         return {touch.name: touch for touch in self.plan.touches(self.targets, self.repeats)}
+
+    def motions(self) -> dict[str, Free]:
+        """The free motions by name."""
+        return {each.name: each for each in self.plan.motions(self.targets, self.minutes)}
+
+    def tasks(self) -> dict[str, Touch | Free]:
+        """The touches and the free motions by name."""
+        return {**self.touches(), **self.motions()}
 
     def settings(self) -> dict[str, Any]:
         """The settings of the plan."""
         return self.plan.settings(self.targets)
 
-    def make(self, task: Touch) -> Made:
-        """Touch once."""
+    def make(self, task: Touch | Free) -> Made:
+        """Touch once, or move once in free air."""
+        if isinstance(task, Free):
+            return Made(content_of_free(run_free(self.plan, task)))
         return Made(content_of(run_trial(self.plan, task)))
 
     def evaluate(self, out: Path, settings: Mapping[str, Any], failed: Sequence[str]) -> None:
-        """Evaluate the touches of this plan."""
-        files = [trial_file(out, name, self.suffix) for name in self.tasks()]
-        if trials := [load(path) for path in files if path.is_file()]:
-            _evaluate(self.plan, trials, self.methods, self.draw, out)
+        """Evaluate the touches and the free motions of this plan."""
+        touches, motions = self._files(out, self.touches()), self._files(out, self.motions())
+        if touches:
+            _evaluate(self.plan, touches, motions, self.methods, self.draw, out)
+
+    def _files(self, out: Path, names: Iterable[str]) -> list[Path]:
+        files = (trial_file(out, name, self.suffix) for name in names)
+        return [path for path in files if path.is_file()]
 
 
 def _evaluate(
-    plan: Plan, trials: Sequence[Trial], methods: Sequence[Method], draw: Sequence[str], out: Path
+    plan: Plan,
+    touched: Sequence[Path],
+    motions: Sequence[Path],
+    methods: Sequence[Method],
+    draw: Sequence[str],
+    out: Path,
 ) -> None:
-    """Fuse every touch by every row and method; write tables, files and figures.
+    """Fuse every touch and every motion by every row and method; write tables, files and figures.
 
     Args:
         plan: the experiment.
-        trials: its touches.
+        touched: the files of its touches.
+        motions: those of its free motions.
         methods: how hypotheses are fused.
         draw: touches to draw, by their names; none: one of each object.
         out: the folder that takes the results.
     """
-    config, touches = plan.pipeline, [trial for trial in trials if not trial.touch.short]
-    frame = outcomes_of(trials, methods, config)
+    config = plan.pipeline
+    trials = list[Trial]()
+
+    def read() -> Iterator[Trial]:
+        """One whole trial after the other; of each its end is kept."""
+        for path in touched:
+            trial = load(path)
+            trials.append(trial.ending)
+            yield trial
+
+    frame = outcomes_of(read(), methods, config)
+    touches = [trial for trial in trials if not trial.touch.short]
+    alarms = free.alarms_of(map(load_free, motions), methods, config)
     measures = [
         measure
         for _, part in parts_of(frame).items()
         for measure in tables.measures_of(part, plan.seed)
     ]
+    measures += free.measures_of(alarms, plan.seed)
     comparisons = compare_all(frame, methods, config, plan.seed)
     rows = [row.name for row in (*ROWS, everything(config))]
     texts = dict[str, str]()
@@ -164,14 +225,17 @@ def _evaluate(
         names = list(part["row"].unique())
         fewer = [name for name in names if name not in rows]
         chosen = [each for each in comparisons if each.case.endswith(f", {method}")]
-        texts[str(method)] = "\n\n".join(
-            [
-                tables.table_text(measures, rows, str(method)),
-                tables.contacts_text(measures, rows, str(method)),
-                tables.table_text(measures, fewer, str(method)),
-                comparisons_text(chosen, UNITS),
-            ]
-        )
+        parts = [
+            tables.table_text(measures, rows, str(method)),
+            TUNED_ON if method == DE_MORGAN_TUNED else "",
+            tables.contacts_text(measures, rows, str(method)),
+            tables.time_text(measures, rows, str(method)),
+            tables.force_text(measures, rows, str(method)),
+            free.free_text(measures, rows, str(method)),
+            tables.table_text(measures, fewer, str(method)),
+            comparisons_text(chosen, UNITS),
+        ]
+        texts[str(method)] = "\n\n".join(filter(None, parts))
         papers = part[part["row"].isin([row.name for row in PAPERS])]
         figures.draw_touches(papers, out / f"touches_{method.stem}.png")
         figures.draw_rows(measures, names, str(method), out / f"rows_{method.stem}.png")
@@ -187,9 +251,13 @@ def _evaluate(
     for method in methods[:DRAWN]:
         note(tables.table_text(measures, rows, str(method)), end="\n\n")
     summary = _summary(trials) | {
+        "free motions": len(motions),
+        "touched though in free motion": len(motions) - alarms["motion"].nunique(),
         "measures": [asdict(measure) for measure in measures],
         "tests": [asdict(comparison) for comparison in comparisons],
     }
+    if len(alarms):
+        write_whole(out / "free.csv", as_csv(alarms.drop(columns=CASE)))
     write_results(out, frame, summary, texts, missing="nan")
 
 
@@ -203,7 +271,7 @@ def _summary(trials: Sequence[Trial]) -> dict[str, Any]:
         "not settled": sum(not trial.steady for trial in touches),
         "in free air": len(in_air),
         "touched though in free air": sum(bool(len(trial.places)) for trial in in_air),
-        "refused": sorted({reason for trial in trials for reason in trial.refused}),
+        "refused": sorted({reason for trial in trials for reason in trial.record.refused}),
     }
 
 

@@ -116,8 +116,8 @@ def draw_touch(trial: Trial, config: PipelineConfig, method: Method, path: Path)
         method: how all of it is fused.
         path: the PNG to write.
     """
-    robot = believed_robot(trial, config)
-    fusion = fused(trial, everything(config), method, config)
+    robot = believed_robot(trial.last, config)
+    fusion = fused(trial.last, everything(config), method, config)
     middle = _middle(trial, robot)
     figure = new_figure(13.5, 9.0)
     panels = figure.subplots(2, 3, sharex="row", sharey="row")

@@ -1,5 +1,7 @@
 """Which touches make up the experiment, and what they are felt with."""
 
+import itertools
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -26,12 +28,14 @@ AROUND = 8.0
 """Azimuth and elevation may differ by so much, by chance [degrees]."""
 REST: Any = {"folder": True, "faults": True, "integrator": True, "robot": {"folder": True}}
 """Fields of a pipeline that do not change a trial, or are settings of their own."""
-TRIALS = 1
+TRIALS = 2
 """Counts up when trials change, so that old ones are not taken for new."""
 BELIEVING = ("simulator", "first_touch")
 """The types of generator that believe in objects."""
 SHORT = 0.02
 """An approach in free air stops so much before the first touch [m]."""
+SECONDS = 10.0
+"""Duration of a motion in free air [s]."""
 
 
 @dataclass(frozen=True)
@@ -59,6 +63,26 @@ class Touch:
 
 
 @dataclass(frozen=True)
+class Free:
+    """One motion of arm and hand in free air.
+
+    Attributes:
+        target: the name of the object that stands there.
+        number: counted from 0.
+        seed: of all that is left to chance.
+    """
+
+    target: str
+    number: int
+    seed: int
+
+    @property
+    def name(self) -> str:
+        """Name of the motion and of its file."""
+        return f"free-{self.number:03d}"
+
+
+@dataclass(frozen=True)
 class Plan:
     """An experiment.
 
@@ -83,6 +107,15 @@ class Plan:
             for target in targets
             for direction in range(self.directions)
             for short in (False, True)
+        ]
+
+    def motions(self, targets: Sequence[str], minutes: float) -> list[Free]:
+        """List motions in free air that last so many minutes together, or a little longer."""
+        return [
+            Free(target, number, self._seed("free air", number, 0))
+            for number, target in zip(
+                range(math.ceil(round(60.0 * minutes / SECONDS, 6))), itertools.cycle(targets)
+            )
         ]
 
     def scene_of(self, touch: Touch) -> TouchConfig:

@@ -1,19 +1,24 @@
 """Rows of the table: what is fused in each, what comes of it, and rows against each other."""
 
-from collections.abc import Sequence
+import itertools
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 import pandas as pd
+from scipy.spatial.distance import cdist
 
+from contactfusion.arrays import FloatArray
+from contactfusion.contacts import Contact
 from contactfusion.grid import Grid
-from contactfusion.hypotheses import HypothesisKind
+from contactfusion.hypotheses import HypothesisCloud, HypothesisKind
 from contactfusion.integrator.fusion import Fusion
 from contactfusion.integrator.integrator import Integrator
 from contactfusion.pipeline_config import PipelineConfig
 from contactfusion.robots.model import shared_robot
 from contactfusion.robots.posed import PosedRobot
 from contactfusion_lab.experiments.methods import Method
+from contactfusion_lab.experiments.touch.record import Instant, thinned
 from contactfusion_lab.experiments.touch.trial import Trial
 from contactfusion_lab.trials.measures import CASE, TRIAL, Comparison, compared
 from contactfusion_lab.trials.tables import frame_of
@@ -66,6 +71,11 @@ PAPERS = ROWS[:5]
 
 ALL, ALL_AND_SIMULATOR = ROWS[3:5]
 
+EVERY = "every generator"
+
+TIMED = (ALL.name, ALL_AND_SIMULATOR.name, EVERY)
+"""Of these rows the time until a report is evaluated."""
+
 
 @dataclass(frozen=True)
 class Outcome:
@@ -85,6 +95,9 @@ class Outcome:
         false: how many are near none.
         error: from the most likely to the nearest true one [m]; NaN without either.
         sigma: the dispersion of the most likely [m]; NaN without any.
+        force: magnitude of the sum of the true contact forces [N].
+        latency: time from the first contact to the first report near a true one [s]; NaN where none
+            came, and where it is not evaluated.
     """
 
     touch: str
@@ -100,6 +113,8 @@ class Outcome:
     false: int
     error: float
     sigma: float
+    force: float
+    latency: float
 
 
 def modality_of(config: PipelineConfig, source: str) -> str:
@@ -118,30 +133,23 @@ def everything(config: PipelineConfig) -> Row:
     modalities = dict.fromkeys(modality_of(config, name) for name in config.generators)
     if "first touch" in modalities:
         modalities.pop("simulator", None)
-    return Row("every generator", tuple(modalities))
+    return Row(EVERY, tuple(modalities))
 
 
 def fused(
-    trial: Trial, row: Row, method: Method, config: PipelineConfig, *, without: str = ""
+    instant: Instant, row: Row, method: Method, config: PipelineConfig, *, without: str = ""
 ) -> Fusion:
     """Fuse the hypotheses of some modalities.
 
     Args:
-        trial: the clouds of every source.
+        instant: the newest cloud of every source.
         row: the modalities.
-        method: the rule, the condensation, and what spreads are multiplied by.
-        config: the pipeline that felt the touch.
+        method: the rule, the condensation, and how clouds count.
+        config: the pipeline that received the readings.
         without: a modality to leave out.
     """
     integrator = Integrator(method.applied(config.integrator))
-    for name, cloud in trial.clouds.items():
-        modality = modality_of(config, name)
-        if modality not in row.modalities or modality == without:
-            continue
-        if modality == "range" and row.ungated:
-            cloud = replace(cloud, kind=HypothesisKind.REGULAR)
-        if cloud.spreads is not None:
-            cloud = replace(cloud, spreads=cloud.spreads * method.spreads)
+    for name, cloud in _counted(instant, row, method, config, without):
         options = config.generators[name.split("/")[0]]
         integrator.plug(
             name,
@@ -151,22 +159,52 @@ def fused(
             sensitivity=options.get("sensitivity", 0.0) * (cloud.kind == HypothesisKind.REGULAR),
         )
         integrator.receive(cloud)
-    return integrator.step(trial.stamp, believed_robot(trial, config).surface)
+    return integrator.step(instant.stamp, believed_robot(instant, config).surface)
 
 
-def believed_robot(trial: Trial, config: PipelineConfig) -> PosedRobot:
-    """The robot where its joints were read in the end, in the space's frame."""
+def reported(instant: Instant, row: Row, method: Method, config: PipelineConfig) -> FloatArray:
+    """Positions of the contacts that are reported, shape (n, 3) [m]; see `fused`."""
+    clouds = [cloud for _, cloud in _counted(instant, row, method, config, "")]
+    contacts: Sequence[Contact] = ()
+    if any(cloud.kind == HypothesisKind.REGULAR and cloud.likelihoods.any() for cloud in clouds):
+        contacts = fused(instant, row, method, config).contacts  # never any without evidence
+    return np.reshape([contact.position for contact in contacts], (-1, 3))
+
+
+def _counted(
+    instant: Instant, row: Row, method: Method, config: PipelineConfig, without: str
+) -> Iterator[tuple[str, HypothesisCloud]]:
+    """The clouds that are fused, by source, as the method has them count."""
+    ungated = row.ungated if method.near == "as the row" else method.near == "evidence"
+    for name, cloud in instant.clouds.items():
+        modality = modality_of(config, name)
+        if modality not in row.modalities or modality == without:
+            continue
+        if modality == "range" and ungated:
+            cloud = replace(cloud, kind=HypothesisKind.REGULAR)
+        if cloud.kind == HypothesisKind.NULL:
+            grid = Grid(cloud.frame, method.applied(config.integrator).voxel_size)
+            cloud = thinned(cloud, instant.occupied, grid)
+        if cloud.spreads is not None and method.spreads != 1.0:
+            cloud = replace(cloud, spreads=cloud.spreads * method.spreads)
+        if method.p_max < 1.0:
+            cloud = replace(cloud, likelihoods=np.minimum(cloud.likelihoods, method.p_max))
+        yield name, cloud
+
+
+def believed_robot(instant: Instant, config: PipelineConfig) -> PosedRobot:
+    """The robot where its joints were read last, in the space's frame."""
     assert config.robot is not None
     model, frame = shared_robot(config.robot), config.integrator.frame
     base = config.frame_tree().pose(frame, of=model.root)
-    return PosedRobot(model, trial.joints, frame, base)
+    return PosedRobot(model, instant.joints, frame, base)
 
 
 def outcome(
     trial: Trial, row: Row, method: Method, config: PipelineConfig, *, without: str = ""
 ) -> Outcome:
     """Compare what is fused with the truth; see `fused`."""
-    contacts = fused(trial, row, method, config, without=without).contacts
+    contacts = fused(trial.last, row, method, config, without=without).contacts
     places = np.reshape([contact.position for contact in contacts], (-1, 3))
     away = np.full(len(contacts), np.inf)
     if len(trial.places):
@@ -187,7 +225,21 @@ def outcome(
         false=int((away > NEAR).sum()),
         error=float(away[0]) if known else np.nan,
         sigma=contacts[0].dispersion if contacts else np.nan,
+        force=trial.force,
+        latency=np.nan,
     )
+
+
+def latency(trial: Trial, row: Row, method: Method, config: PipelineConfig) -> float:
+    """Time from the first contact to the first report near a true one [s]; NaN: none came.
+
+    Hypotheses are fused at 20 Hz.
+    """
+    for instant in trial.since_onset:
+        away = cdist(reported(instant, row, method, config), instant.contacts)
+        if away.min(initial=np.inf) <= NEAR:
+            return instant.stamp - trial.onset
+    return np.nan
 
 
 def shared(trial: Trial, config: PipelineConfig) -> dict[tuple[str, str], bool]:
@@ -207,27 +259,33 @@ def shared(trial: Trial, config: PipelineConfig) -> dict[tuple[str, str], bool]:
 
 
 def outcomes_of(
-    trials: Sequence[Trial], methods: Sequence[Method], config: PipelineConfig
+    trials: Iterable[Trial], methods: Sequence[Method], config: PipelineConfig
 ) -> pd.DataFrame:
     """Fuse every touch by every row, and again without each modality of two rows.
 
     Args:
         trials: the clouds of every source.
         methods: how hypotheses are fused.
-        config: the pipeline that felt the touches.
+        config: the pipeline that received the readings of the touches.
 
     Returns:
         One row an outcome; ROW, METHOD is the case.
     """
     every = everything(config)
     fewer = [(row, name) for row in (ALL_AND_SIMULATOR, every) for name in row.modalities]
-    outcomes = [
-        outcome(trial, row, method, config, without=without)
+    cases = [
+        (method, row, without)
         for method in methods
         for row, without in [*((row, "") for row in (*ROWS, every)), *fewer]
-        for trial in trials
     ]
-    frame = frame_of(outcomes, Outcome)
+    outcomes = dict[tuple[Method, Row, str], list[Outcome]]((case, []) for case in cases)
+    for trial in trials:
+        for method, row, without in cases:
+            found = outcome(trial, row, method, config, without=without)
+            if row.name in TIMED and not without and not trial.touch.short:
+                found = replace(found, latency=latency(trial, row, method, config))
+            outcomes[method, row, without].append(found)
+    frame = frame_of(itertools.chain.from_iterable(outcomes.values()), Outcome)
     return frame.assign(**{CASE: frame["row"] + ", " + frame["method"]})
 
 
@@ -239,7 +297,9 @@ def felt(outcomes: pd.DataFrame) -> pd.DataFrame:
 def compare_all(
     outcomes: pd.DataFrame, methods: Sequence[Method], config: PipelineConfig, seed: int
 ) -> list[Comparison]:
-    """Compare rows with the best single modality, and with the same rows by the first method.
+    """Compare rows with the best single modality, and with the same rows by other methods.
+
+    These are the first, and for a rule that gives a belief those that are tuned.
 
     Args:
         outcomes: of all touches.
@@ -248,13 +308,15 @@ def compare_all(
         seed: of the intervals.
     """
     wide = [row.name for row in (*ROWS, everything(config)) if len(row.modalities) > 1]
-    first, pairs = str(methods[0]), list[tuple[str, str]]()
-    for method in map(str, methods):
-        best = best_single(outcomes[outcomes["method"] == method])
+    first, pairs = methods[0], list[tuple[str, str]]()
+    tuned = [method for method in methods if method.name]
+    for method in methods:
+        best = best_single(outcomes[outcomes["method"] == str(method)])
         pairs += [(f"{row}, {method}", f"{best}, {method}") for row in wide]
         pairs.append((f"{ALL_AND_SIMULATOR.name}, {method}", f"{ALL.name}, {method}"))
-        if method != first:
-            pairs += [(f"{row}, {method}", f"{row}, {first}") for row in wide]
+        others = [] if method == first else [first]
+        others += tuned if method.looks_at_spreads else []
+        pairs += [(f"{row}, {method}", f"{row}, {other}") for other in others for row in wide]
     frame = felt(outcomes).rename(columns={"touch": TRIAL})
     return compared(frame, pairs, "detected", ["error"], seed)
 

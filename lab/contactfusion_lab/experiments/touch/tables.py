@@ -14,7 +14,7 @@ from contactfusion.arrays import FloatArray
 from contactfusion.grid import Grid
 from contactfusion.hypotheses import HypothesisCloud, HypothesisKind
 from contactfusion.pipeline_config import PipelineConfig
-from contactfusion_lab.experiments.touch.rows import felt, modality_of
+from contactfusion_lab.experiments.touch.rows import TIMED, felt, modality_of
 from contactfusion_lab.experiments.touch.trial import Trial
 from contactfusion_lab.trials.measures import CASE, Measure, proportion, resampled
 from contactfusion_lab.trials.tables import cell, markdown
@@ -44,6 +44,9 @@ LEAST = 1e-3
 
 PERCENT, CM, NUMBER = (100.0, ".0f"), (100.0, ".2f"), (1.0, ".2f")
 COUNT = (1.0, "n")
+SECONDS = (1.0, ".2f")
+FORCES = {"under 2 N": 2.0, "2 to 4 N": 4.0, "4 to 8 N": 8.0, "over 8 N": np.inf}
+"""Bins of press force, and the upper end of each [N]."""
 COLUMNS: tuple[Column, ...] = (
     ("detected %", "detected", PERCENT),
     ("any %", "any contact", PERCENT),
@@ -62,6 +65,12 @@ BY_CONTACTS: tuple[Column, ...] = (
     ("several contacts: n", "ε median of several contacts", COUNT),
     ("ε median cm", "ε median of several contacts", CM),
     ("p90", "ε p90 of several contacts", CM),
+)
+BY_TIME: tuple[Column, ...] = (
+    ("first report: touches", "latency median", COUNT),
+    ("median s", "latency median", SECONDS),
+    ("p90", "latency p90", SECONDS),
+    ("never %", "never reported", PERCENT),
 )
 
 
@@ -102,7 +111,25 @@ def measures_of(outcomes: pd.DataFrame, seed: int) -> Iterator[Measure]:
         for name, statistic in STATISTICS.items():
             if not kind or name != "mean":
                 yield from figure(f"ε {name}{kind}", errors, statistic, "m")
+    for bin_, chosen in by_force(touches).items():
+        yield from share(f"detected at {bin_}", chosen["detected"])
+        errors = chosen["error"].dropna().to_numpy()
+        for name in ("median", "p90"):
+            yield from figure(f"ε {name} at {bin_}", errors, STATISTICS[name], "m")
+    if outcomes["row"].iloc[0] in TIMED:
+        latencies = touches["latency"]
+        for name in ("median", "p90"):
+            found = latencies.dropna().to_numpy()
+            yield from figure(f"latency {name}", found, STATISTICS[name], "s")
+        yield from share("never reported", latencies.isna())
     yield from figure("σ mean", touches["sigma"].dropna().to_numpy(), np.mean, "m")
+
+
+def by_force(touches: pd.DataFrame) -> dict[str, pd.DataFrame]:
+    """The touches by bins of press force; none where all lie in one."""
+    rows = np.searchsorted(list(FORCES.values()), touches["force"], "right")
+    parts = {name: touches[rows == row] for row, name in enumerate(FORCES) if (rows == row).any()}
+    return parts if len(parts) > 1 else {}
 
 
 def sharing(shares: Sequence[Mapping[tuple[str, str], bool]]) -> list[Measure]:
@@ -145,6 +172,47 @@ def contacts_text(measures: Sequence[Measure], rows: Sequence[str], method: str)
         [method, *(heading for heading, _, _ in BY_CONTACTS)],
         [[row, *own] for row, own in zip(rows, cells, strict=True)],
     )
+
+
+def time_text(measures: Sequence[Measure], rows: Sequence[str], method: str) -> str:
+    """The time from the first contact to the first report as Markdown; see `table_text`.
+
+    Args:
+        measures: as `measures_of` gives them.
+        rows: which may be evaluated, in their order.
+        method: which.
+    """
+    timed = {each.case for each in measures if each.metric == "never reported"}
+    chosen = [row for row in rows if f"{row}, {method}" in timed]
+    cells = _cells(measures, chosen, method, BY_TIME)
+    return markdown(
+        [method, *(heading for heading, _, _ in BY_TIME)],
+        [[row, *own] for row, own in zip(chosen, cells, strict=True)],
+    )
+
+
+def force_text(measures: Sequence[Measure], rows: Sequence[str], method: str) -> str:
+    """Detection and ε by press force as Markdown; nothing where all forces lie in one bin.
+
+    Args:
+        measures: as `measures_of` gives them.
+        rows: which, in their order.
+        method: which.
+    """
+    metrics = {each.metric for each in measures}
+    lines = []
+    for row in rows:
+        for name in FORCES:
+            columns = (
+                ("n", f"detected at {name}", COUNT),
+                ("detected %", f"detected at {name}", PERCENT),
+                ("ε median cm", f"ε median at {name}", CM),
+                ("p90", f"ε p90 at {name}", CM),
+            )
+            if f"detected at {name}" in metrics:
+                lines.append([row, name, *_cells(measures, [row], method, columns)[0]])
+    headings = [method, "press force", "n", "detected %", "ε median cm", "p90"]
+    return markdown(headings, lines) if lines else ""
 
 
 def _cells(

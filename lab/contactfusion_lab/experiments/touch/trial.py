@@ -1,10 +1,11 @@
-"""One touch of the experiment: the last cloud of every source, and the truth."""
+"""One touch of the experiment, or one free motion: the clouds of every source, and the truth."""
 
 import json
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import asdict, dataclass, replace
+from functools import cached_property
 from pathlib import Path
-from typing import Any, final
+from typing import Any, TypeVar, final
 
 import numpy as np
 
@@ -13,20 +14,29 @@ from contactfusion.errors import ConfigurationError, name_hint
 from contactfusion.faults import unmet
 from contactfusion.files import read_arrays
 from contactfusion.frames import points_in
-from contactfusion.grid import Grid
 from contactfusion.hypotheses import HypothesisCloud, HypothesisKind
 from contactfusion.integrator.sources import EventKind
 from contactfusion.loop import Observer, play
 from contactfusion.pipeline import Pipeline
+from contactfusion.pipeline_config import PipelineConfig
 from contactfusion.readings import JointState, Reading
-from contactfusion.robots.model import shared_robot
+from contactfusion.robots.model import RobotModel, shared_robot
 from contactfusion.stream import Arrival, Stream
-from contactfusion_lab.experiments.touch.plan import Plan, Touch
+from contactfusion_lab.experiments.touch.plan import SECONDS, Free, Plan, Touch
+from contactfusion_lab.experiments.touch.record import (
+    Arrived,
+    Instant,
+    Record,
+    arrays_of,
+    fields_of,
+    record_of,
+    worth_keeping,
+)
+from contactfusion_lab.scenes.touch.free import FreeMotion
 from contactfusion_lab.scenes.touch.scene import TouchScene
 from contactfusion_lab.trials.folder import as_npz
 
-REQUIRED = ("positions", "likelihoods")
-OPTIONAL = ("forces", "spreads")
+T = TypeVar("T")
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,24 +45,61 @@ class Trial:
 
     Attributes:
         touch: which.
-        stamp: when it ended [s].
-        clouds: the last of each source, in the space's frame, by its name.
-        places: shape (n, 3) [m], the true contacts in the space's frame, the strongest first; none
-            after a miss, or in free air.
+        record: the clouds of every source over time.
+        places: shape (n, 3) [m], the true contacts at the end, in the space's frame, the strongest
+            first; none after a miss, or in free air.
         links: the link that each is on.
         steady: whether the hand had settled.
-        joints: shape (k,), the robot's joints as they were read in the end [rad, m].
-        refused: why readings or clouds were refused, each reason once.
+        force: magnitude of the sum of their forces [N].
+        onset: stamp of the first contact [s]; NaN without any.
     """
 
     touch: Touch
-    stamp: float
-    clouds: Mapping[str, HypothesisCloud]
+    record: Record
     places: FloatArray
     links: tuple[str, ...]
     steady: bool
-    joints: FloatArray
-    refused: tuple[str, ...]
+    force: float
+    onset: float
+
+    @cached_property
+    def last(self) -> Instant:
+        """The state at the end."""
+        found = self.record.at(self.record.end)
+        return Instant(found.stamp, found.clouds, found.joints, self.places)
+
+    @cached_property
+    def since_onset(self) -> list[Instant]:
+        """The states at the cycles of 20 Hz from the first contact on; none without any."""
+        return [] if np.isnan(self.onset) else list(self.record.cycles(self.onset))
+
+    @property
+    def ending(self) -> "Trial":
+        """The touch without the clouds before the last ones."""
+        return replace(self, record=self.record.ending)
+
+    @property
+    def clouds(self) -> Mapping[str, HypothesisCloud]:
+        """The last cloud of each source, by its name."""
+        return self.last.clouds
+
+
+@dataclass(frozen=True, eq=False)
+class FreeTrial:
+    """One motion in free air.
+
+    Attributes:
+        motion: which.
+        record: the clouds of every source over time.
+    """
+
+    motion: Free
+    record: Record
+
+    @property
+    def touched(self) -> bool:
+        """Whether something was touched all the same."""
+        return any(map(len, self.record.contacts))
 
 
 def run_trial(plan: Plan, touch: Touch) -> Trial:
@@ -62,94 +109,126 @@ def run_trial(plan: Plan, touch: Touch) -> Trial:
         RobotError: the arm reaches the object along no path that was tried.
         ConfigurationError: a generator or a fault is for a sensor that the robot has not.
     """
-    config = plan.pipeline_of(touch.target)
-    assert config.robot is not None  # read_plan made sure of it
-    robot = shared_robot(config.robot)
+    config, robot = _felt_by(plan, touch.target)
     scene = TouchScene(plan.scene_of(touch), robot, touch.seed)
-    clouds: dict[str, HypothesisCloud] = {}
-    pipeline = Pipeline(
-        config.model_copy(update={"seed": touch.seed}),
-        tell=lambda cloud: clouds.update({cloud.source: cloud}),
+    record = _recorded(scene, config, robot, touch.seed)
+    contacts = scene.truth.contacts
+    pose = config.frame_tree().pose(config.integrator.frame, of=robot.root)
+    return Trial(
+        touch,
+        record,
+        points_in(pose, contacts.places),
+        contacts.links,
+        scene.truth.steady,
+        float(np.linalg.norm(contacts.forces.sum(axis=0))),
+        scene.truth.onset,
     )
-    joints = np.zeros(len(robot.joint_names))
+
+
+def run_free(plan: Plan, motion: Free) -> FreeTrial:
+    """Move once in free air, and let the generators feel it.
+
+    Raises:
+        RobotError: there is no path without a contact.
+        ConfigurationError: a generator or a fault is for a sensor that the robot has not.
+    """
+    config, robot = _felt_by(plan, motion.target)
+    scene = FreeMotion(
+        plan.scene.model_copy(update={"target": motion.target}), robot, motion.seed, SECONDS
+    )
+    return FreeTrial(motion, _recorded(scene, config, robot, motion.seed))
+
+
+def _felt_by(plan: Plan, target: str) -> tuple[PipelineConfig, RobotModel]:
+    config = plan.pipeline_of(target)
+    assert config.robot is not None  # read_plan made sure of it
+    return config, shared_robot(config.robot)
+
+
+def _recorded(scene: TouchScene, config: PipelineConfig, robot: RobotModel, seed: int) -> Record:
+    """Play a scene through the generators.
+
+    Raises:
+        RobotError: the scene cannot be made.
+        ConfigurationError: a generator or a fault is for a sensor that the robot has not.
+    """
+    history: dict[str, list[Arrived]] = {}
+
+    def heard(cloud: HypothesisCloud) -> None:
+        history.setdefault(cloud.source, []).append(Arrived(scene.now, cloud))
+
+    pipeline = Pipeline(config.model_copy(update={"seed": seed}), tell=heard)
+    pose = config.frame_tree().pose(config.integrator.frame, of=robot.root)
+    stamps, joints, contacts = list[float](), list[FloatArray](), list[FloatArray]()
     measured: set[tuple[str, type[Reading]]] = set()
 
     def note(reading: Reading) -> None:
-        nonlocal joints
         measured.add((reading.sensor, type(reading)))
         if isinstance(reading, JointState):
-            joints = robot.positions(reading)
+            stamps.append(scene.now)
+            joints.append(robot.positions(reading))
+            true = [contact.position for contact in scene.facts().contacts]
+            contacts.append(points_in(pose, np.reshape(true, (-1, 3))))
 
     (step,) = play(pipeline, _Whole(scene), [Observer(reading=note)])
-    stamp, events = step.stamp, step.events
     pipeline.close()
     _require_measured(pipeline, measured)
-    refused = dict.fromkeys(event.message for event in events if event.kind == EventKind.REFUSED)
-    contacts = scene.truth.contacts
-    pose = config.frame_tree().pose(config.integrator.frame, of=robot.root)
-    places = points_in(pose, contacts.places)
-    return Trial(
-        touch,
-        stamp,
-        _worth_keeping(clouds, places, pipeline.state(stamp).grid),
-        places,
-        contacts.links,
-        scene.truth.steady,
-        joints,
-        tuple(refused),
+    refused = (each.message for each in step.events if each.kind == EventKind.REFUSED)
+    evidence = [
+        name
+        for name, arrived in history.items()
+        if arrived[0].cloud.kind == HypothesisKind.REGULAR
+        or config.generators[name.split("/")[0]]["type"] == "range"  # in the papers' rows
+    ]
+    return Record(
+        step.stamp,
+        worth_keeping(history, contacts, pipeline.grid, evidence),
+        np.array(stamps),
+        np.array(joints),
+        contacts,
+        tuple(dict.fromkeys(refused)),
     )
 
 
 @final
 class _Whole(Stream):
-    """A touch that is fused once, when it has ended.
+    """A scene that is fused once, when it has ended.
 
     Args:
-        scene: the touch.
+        scene: the scene.
     """
 
     def __init__(self, scene: TouchScene) -> None:
         self._scene = scene
 
     def readings(self) -> Iterator[Reading]:
-        """The readings of the touch."""
+        """The readings of the scene."""
         return self._scene.readings()
 
     def arrivals(self) -> Iterator[Arrival]:
-        """The readings, of which none moves a clock; at the stamp of the last a step is due."""
-        stamp: float | None = 0.0
-        for arrival in self._scene.arrivals():
-            stamp = arrival.stamp
-            yield Arrival(None, arrival.readings)
-        yield Arrival(stamp, (), due=True)
+        """The readings, of which none moves a clock; at the end a step is due."""
+        for reading in self.readings():
+            yield Arrival(None, (reading,))
+        yield Arrival(self._scene.now, (), due=True)
 
 
 def content_of(trial: Trial) -> bytes:
     """The npz file of a trial."""
     fields = {
         "touch": asdict(trial.touch),
-        "stamp": trial.stamp,
         "links": trial.links,
         "steady": trial.steady,
-        "refused": trial.refused,
-        "clouds": [
-            {
-                "source": cloud.source,
-                "kind": str(cloud.kind),
-                "stamp": cloud.stamp,
-                "frame": cloud.frame,
-                "single": cloud.single,
-                "notes": cloud.notes,
-            }
-            for cloud in trial.clouds.values()
-        ],
+        "force": trial.force,
+        "onset": trial.onset,
+        **fields_of(trial.record),
     }
-    arrays: dict[str, Any] = {"places": trial.places, "joints": trial.joints}
-    for cloud in trial.clouds.values():
-        for name in (*REQUIRED, *OPTIONAL):
-            if getattr(cloud, name) is not None:
-                arrays[f"{cloud.source}/{name}"] = getattr(cloud, name)
-    return as_npz(told=json.dumps(fields), **arrays)
+    return as_npz(told=json.dumps(fields), places=trial.places, **arrays_of(trial.record))
+
+
+def content_of_free(trial: FreeTrial) -> bytes:
+    """The npz file of a motion."""
+    fields = {"motion": asdict(trial.motion), **fields_of(trial.record)}
+    return as_npz(told=json.dumps(fields), **arrays_of(trial.record))
 
 
 def load(path: Path) -> Trial:
@@ -158,31 +237,40 @@ def load(path: Path) -> Trial:
     Raises:
         ConfigurationError: the file is missing, or is no trial.
     """
-    held = read_arrays(path, "told", "places", "joints")
+    return _loaded(path, _read)
+
+
+def load_free(path: Path) -> FreeTrial:
+    """Read a motion.
+
+    Raises:
+        ConfigurationError: the file is missing, or is no motion.
+    """
+    return _loaded(path, _read_free)
+
+
+def _loaded(path: Path, read: Callable[[Mapping[str, Any], Mapping[str, Any]], T]) -> T:
+    held = read_arrays(path, "told", "read/joints")
     try:
-        return _read(held)
+        return read(json.loads(str(held["told"])), held)
     except (KeyError, TypeError, ValueError):
-        raise ConfigurationError(f"{path} is no touch of this experiment") from None
+        raise ConfigurationError(f"{path} is no trial of this experiment") from None
 
 
-def _read(held: Mapping[str, Any]) -> Trial:
-    fields: dict[str, Any] = json.loads(str(held["told"]))
-    clouds = {}
-    for described in fields["clouds"]:
-        arrays: dict[str, Any] = {
-            name: held.get(f"{described['source']}/{name}") for name in (*REQUIRED, *OPTIONAL)
-        }
-        clouds[described["source"]] = HypothesisCloud(**described, **arrays)
+def _read(fields: Mapping[str, Any], held: Mapping[str, Any]) -> Trial:
     return Trial(
         Touch(**fields["touch"]),
-        fields["stamp"],
-        clouds,
+        record_of(fields, held),
         held["places"],
         tuple(fields["links"]),
         fields["steady"],
-        held["joints"],
-        tuple(fields["refused"]),
+        fields["force"],
+        fields["onset"],
     )
+
+
+def _read_free(fields: Mapping[str, Any], held: Mapping[str, Any]) -> FreeTrial:
+    return FreeTrial(Free(**fields["motion"]), record_of(fields, held))
 
 
 def _require_measured(pipeline: Pipeline, measured: set[tuple[str, type[Reading]]]) -> None:
@@ -203,25 +291,3 @@ def _require_measured(pipeline: Pipeline, measured: set[tuple[str, type[Reading]
             hint = name_hint(str(wanted), sensors, "sensors")
             problem = f"no reading of '{wanted}' came; {hint}"
             raise ConfigurationError(problem, f"generators.{name}.sensor")
-
-
-def _worth_keeping(
-    clouds: Mapping[str, HypothesisCloud], places: FloatArray, grid: Grid
-) -> dict[str, HypothesisCloud]:
-    """Leave out Null voxels that hold neither a true contact nor a hypothesis of another kind."""
-    occupied = set(map(tuple, grid.voxels(places).tolist()))
-    for cloud in clouds.values():
-        if cloud.kind != HypothesisKind.NULL:
-            occupied.update(map(tuple, grid.voxels(cloud.positions).tolist()))
-    kept = {}
-    for name, cloud in clouds.items():
-        if cloud.kind == HypothesisKind.NULL:
-            voxels = map(tuple, grid.voxels(cloud.positions).tolist())
-            rows = np.array([voxel in occupied for voxel in voxels], np.bool_)
-            arrays: dict[str, Any] = {
-                array: None if getattr(cloud, array) is None else getattr(cloud, array)[rows]
-                for array in (*REQUIRED, *OPTIONAL)
-            }
-            cloud = replace(cloud, **arrays)
-        kept[name] = cloud
-    return kept

@@ -69,11 +69,13 @@ class Truth:
         contacts: positions, forces and links, in the root link's frame; empty after a miss.
         joints: shape (n,), joint positions [rad, m].
         steady: whether the hand has settled.
+        onset: stamp of the first contact [s]; NaN without any.
     """
 
     contacts: Touching
     joints: FloatArray
     steady: bool
+    onset: float
 
 
 class TouchScene(Scene):
@@ -112,11 +114,17 @@ class TouchScene(Scene):
         self._late = Arrivals(config.noise.delays, late_rng)
         self._truth: Truth | None = None
         self._stamp, self._moments = 0.0, list[Touching]()
+        self._onset = np.nan
 
     @classmethod
     def opened(cls, config: TouchConfig, robot: RobotConfig, seed: int) -> Self:
         """A touch at its start."""
         return cls(config, shared_robot(robot), seed)
+
+    @property
+    def now(self) -> float:
+        """The time of the physics [s]."""
+        return self._stamp
 
     @property
     def truth(self) -> Truth:
@@ -175,14 +183,20 @@ class TouchScene(Scene):
             stood = 0 if yielding else stood + 1
             since += bool(since or stood)
             arm.step(path.at(travelled))
-            self._moments = [*self._moments[1 - round(UNION / STEP) :], self._world.touching()]
+            self._look(step)
             pushes[step % GUARD] = np.linalg.norm(self._moments[-1].forces.sum(axis=0))
             settled = bool(np.abs(arm.velocities).max() < SLOW)
             steady = settled and stood * STEP >= STAND
             if steady or since * STEP >= LONGEST or (config.noise.moving and not yielding):
                 break
         yield from self._late.until(step * STEP, self._sensed(sensors, arm, step, last=True))
-        self._truth = Truth(contacts_of(self._moments), arm.positions, steady)
+        self._truth = Truth(contacts_of(self._moments), arm.positions, steady, self._onset)
+
+    def _look(self, step: int) -> None:
+        """Take note of the true contacts after a step of the physics."""
+        self._moments = [*self._moments[1 - round(UNION / STEP) :], self._world.touching()]
+        if np.isnan(self._onset) and self._moments[-1].links:
+            self._onset = step * STEP
 
     def _sensed(
         self, sensors: TouchSensors, arm: CompliantArm, step: int, *, last: bool

@@ -84,17 +84,20 @@ class TouchWorld:
         """Register a further body of `physics`, such as one that moves, as an object."""
         self._bodies[name] = [body]
 
-    def blocked(self, positions: FloatArray, hand: set[str], target: str) -> bool:
+    def blocked(
+        self, positions: FloatArray, hand: set[str], target: str, margin: float = 0.0
+    ) -> bool:
         """Whether the arm would touch the target, or any link another object.
 
         Args:
             positions: shape (n,), of the joints [rad, m].
             hand: the links that may touch the target.
             target: the object that they may touch.
+            margin: what is nearer counts as touching [m].
         """
         self._world.bend(positions)
-        for name, bodies in self._bodies.items():
-            near = set().union(*(self._world.near(body, 0.0) for body in bodies))
+        for name, bodies in (*self._bodies.items(), ("", self._clutter)):
+            near = set().union(*(self._world.near(body, margin) for body in bodies))
             if near - (hand if name == target else set()) - {self._model.root}:
                 return True
         return False
