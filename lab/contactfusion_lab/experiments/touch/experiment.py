@@ -60,7 +60,11 @@ TUNED_ON = (
 """Caption of the table of that method."""
 DRAWN = 2
 """Number of methods, the first, by which touches are drawn and tables printed."""
-UNITS: Units = {"detected": ("detected", 1.0, "g"), "error": ("ε cm", 100.0, ".2f")}
+UNITS: Units = {
+    "detected": ("detected", 1.0, "g"),
+    "gospa": ("GOSPA cm, all touches", 100.0, ".2f"),
+    "error": ("ε cm, both report", 100.0, ".2f"),
+}
 """Units of the compared measures."""
 
 
@@ -228,6 +232,7 @@ def _evaluate(
         parts = [
             tables.table_text(measures, rows, str(method)),
             TUNED_ON if method == DE_MORGAN_TUNED else "",
+            tables.sets_text(measures, rows, str(method)),
             tables.contacts_text(measures, rows, str(method)),
             tables.time_text(measures, rows, str(method)),
             tables.force_text(measures, rows, str(method)),

@@ -20,6 +20,8 @@ from contactfusion.robots.posed import PosedRobot
 from contactfusion_lab.experiments.methods import Method
 from contactfusion_lab.experiments.touch.record import Instant, thinned
 from contactfusion_lab.experiments.touch.trial import Trial
+from contactfusion_lab.trials.calibration import level, radius
+from contactfusion_lab.trials.localisation import localisation
 from contactfusion_lab.trials.measures import CASE, TRIAL, Comparison, compared
 from contactfusion_lab.trials.tables import frame_of
 
@@ -95,6 +97,15 @@ class Outcome:
         false: how many are near none.
         error: from the most likely to the nearest true one [m]; NaN without either.
         sigma: the dispersion of the most likely [m]; NaN without any.
+        gospa: of true and reported contacts, with a cut-off of 3 cm [m].
+        gospa_distance: root of the sum of the squared distances of the pairs in it [m].
+        gospa_missed: true contacts without a partner in it.
+        gospa_false: reported contacts without a partner in it.
+        recall: share of the true contacts with a partner in it; NaN without any.
+        probability: likelihood of the most likely contact, 0 without any.
+        level: probability of the ellipsoid of the most likely contact's covariance that reaches the
+            nearest true one; NaN without either.
+        radius: of its 95 % ellipsoid, as of a sphere of that volume [m]; NaN without any.
         force: magnitude of the sum of the true contact forces [N].
         latency: time from the first contact to the first report near a true one [s]; NaN where none
             came, and where it is not evaluated.
@@ -113,6 +124,14 @@ class Outcome:
     false: int
     error: float
     sigma: float
+    gospa: float
+    gospa_distance: float
+    gospa_missed: int
+    gospa_false: int
+    recall: float
+    probability: float
+    level: float
+    radius: float
     force: float
     latency: float
 
@@ -210,7 +229,7 @@ def outcome(
     if len(trial.places):
         away = np.linalg.norm(places[:, None] - trial.places, axis=2).min(axis=1)
     known = bool(len(contacts) and len(trial.places))
-    touch = trial.touch
+    touch, sets = trial.touch, localisation(trial.places, places, NEAR)
     return Outcome(
         touch=touch.name,
         object=touch.target,
@@ -225,9 +244,23 @@ def outcome(
         false=int((away > NEAR).sum()),
         error=float(away[0]) if known else np.nan,
         sigma=contacts[0].dispersion if contacts else np.nan,
+        gospa=sets.gospa,
+        gospa_distance=sets.distance,
+        gospa_missed=sets.missed,
+        gospa_false=sets.false,
+        recall=1.0 - sets.missed / len(trial.places) if len(trial.places) else np.nan,
+        probability=contacts[0].likelihood if contacts else 0.0,
+        level=_level(contacts[0], trial.places) if known else np.nan,
+        radius=radius(contacts[0].covariance) if contacts else np.nan,
         force=trial.force,
         latency=np.nan,
     )
+
+
+def _level(contact: Contact, places: FloatArray) -> float:
+    """The level of the nearest true contact in the covariance of a reported one."""
+    nearest = places[np.linalg.norm(places - contact.position, axis=1).argmin()]
+    return level(nearest - contact.position, contact.covariance)
 
 
 def latency(trial: Trial, row: Row, method: Method, config: PipelineConfig) -> float:
@@ -301,6 +334,8 @@ def compare_all(
 
     These are the first, and for a rule that gives a belief those that are tuned.
 
+    Detection and GOSPA are compared over all touches, ε where both report.
+
     Args:
         outcomes: of all touches.
         methods: how hypotheses are fused.
@@ -318,7 +353,7 @@ def compare_all(
         others += tuned if method.looks_at_spreads else []
         pairs += [(f"{row}, {method}", f"{row}, {other}") for other in others for row in wide]
     frame = felt(outcomes).rename(columns={"touch": TRIAL})
-    return compared(frame, pairs, "detected", ["error"], seed)
+    return compared(frame, pairs, "detected", ["gospa", "error"], seed)
 
 
 def best_single(outcomes: pd.DataFrame) -> str:

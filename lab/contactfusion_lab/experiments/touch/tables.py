@@ -16,7 +16,8 @@ from contactfusion.hypotheses import HypothesisCloud, HypothesisKind
 from contactfusion.pipeline_config import PipelineConfig
 from contactfusion_lab.experiments.touch.rows import TIMED, felt, modality_of
 from contactfusion_lab.experiments.touch.trial import Trial
-from contactfusion_lab.trials.measures import CASE, Measure, proportion, resampled
+from contactfusion_lab.trials.calibration import brier, calibration_error
+from contactfusion_lab.trials.measures import CASE, Measure, grouped, proportion, resampled
 from contactfusion_lab.trials.tables import cell, markdown
 
 PUBLISHED = {
@@ -44,6 +45,16 @@ LEAST = 1e-3
 
 PERCENT, CM, NUMBER = (100.0, ".0f"), (100.0, ".2f"), (1.0, ".2f")
 COUNT = (1.0, "n")
+SETS = (
+    ("GOSPA", "gospa", "m"),
+    ("GOSPA distance", "gospa_distance", "m"),
+    ("GOSPA missed", "gospa_missed", ""),
+    ("GOSPA false", "gospa_false", ""),
+    ("recall", "recall", ""),
+)
+"""Means over touches: metric, column of results.csv, unit."""
+Score = Callable[[FloatArray, NDArray[np.bool_]], float]
+"""Of probabilities and events."""
 SECONDS = (1.0, ".2f")
 FORCES = {"under 2 N": 2.0, "2 to 4 N": 4.0, "4 to 8 N": 8.0, "over 8 N": np.inf}
 """Bins of press force, and the upper end of each [N]."""
@@ -65,6 +76,18 @@ BY_CONTACTS: tuple[Column, ...] = (
     ("several contacts: n", "ε median of several contacts", COUNT),
     ("ε median cm", "ε median of several contacts", CM),
     ("p90", "ε p90 of several contacts", CM),
+)
+BY_SETS: tuple[Column, ...] = (
+    ("GOSPA cm", "GOSPA", CM),
+    ("distance in it cm", "GOSPA distance", CM),
+    ("missed a touch", "GOSPA missed", NUMBER),
+    ("false a touch", "GOSPA false", NUMBER),
+    ("recall %", "recall", PERCENT),
+    ("in 68 % region: %", "within 68%", PERCENT),
+    ("in 95 % region: %", "within 95%", PERCENT),
+    ("radius of 95 % cm", "radius of 95 %", CM),
+    ("Brier of P(contact)", "Brier", (1.0, ".3f")),
+    ("ECE of it", "ECE", (1.0, ".3f")),
 )
 BY_TIME: tuple[Column, ...] = (
     ("first report: touches", "latency median", COUNT),
@@ -116,6 +139,14 @@ def measures_of(outcomes: pd.DataFrame, seed: int) -> Iterator[Measure]:
         errors = chosen["error"].dropna().to_numpy()
         for name in ("median", "p90"):
             yield from figure(f"ε {name} at {bin_}", errors, STATISTICS[name], "m")
+    for metric, column, unit in SETS:
+        yield from figure(metric, touches[column].dropna().to_numpy(), np.mean, unit)
+    levels = touches["level"].dropna()
+    for asked in LEVELS:
+        yield from share(f"within {asked:.0%}", levels <= asked)
+    radii = touches["radius"].dropna().to_numpy()
+    yield from figure("radius of 95 %", radii, np.median, "m")
+    yield from _calibration(case, pd.concat([touches, in_air]), rng)
     if outcomes["row"].iloc[0] in TIMED:
         latencies = touches["latency"]
         for name in ("median", "p90"):
@@ -123,6 +154,25 @@ def measures_of(outcomes: pd.DataFrame, seed: int) -> Iterator[Measure]:
             yield from figure(f"latency {name}", found, STATISTICS[name], "s")
         yield from share("never reported", latencies.isna())
     yield from figure("σ mean", touches["sigma"].dropna().to_numpy(), np.mean, "m")
+
+
+def _calibration(case: str, outcomes: pd.DataFrame, rng: np.random.Generator) -> Iterator[Measure]:
+    """Brier score and calibration error of P(contact), which is that of the likeliest contact.
+
+    A touch and its twin in free air are drawn together.
+    """
+    stated = outcomes["probability"].to_numpy(np.float64)
+    events = (outcomes["true_contacts"] > 0).to_numpy(np.bool_)
+    groups = outcomes.groupby(["object", "direction", "repeat"], sort=False).ngroup().to_numpy()
+    for metric, score in (("Brier", brier), ("ECE", calibration_error)):
+
+        def of_rows(rows: FloatArray, score: Score = score) -> float:
+            chosen = rows.astype(np.intp)
+            return score(stated[chosen], events[chosen])
+
+        if len(stated) > 1:
+            figures = grouped(np.arange(len(stated), dtype=np.float64), of_rows, groups, rng)
+            yield Measure("touch", case, metric, *figures, "", len(stated), better="less")
 
 
 def by_force(touches: pd.DataFrame) -> dict[str, pd.DataFrame]:
@@ -162,6 +212,15 @@ def table_text(measures: Sequence[Measure], rows: Sequence[str], method: str) ->
     return markdown(
         [method, "paper: detected %, ε, σ cm", *(heading for heading, _, _ in COLUMNS)],
         [[row, _published(row), *own] for row, own in zip(rows, cells, strict=True)],
+    )
+
+
+def sets_text(measures: Sequence[Measure], rows: Sequence[str], method: str) -> str:
+    """Contacts as sets, covariances and probabilities as Markdown; see `table_text`."""
+    cells = _cells(measures, rows, method, BY_SETS)
+    return markdown(
+        [method, *(heading for heading, _, _ in BY_SETS)],
+        [[row, *own] for row, own in zip(rows, cells, strict=True)],
     )
 
 
