@@ -33,6 +33,9 @@ MASSES = {
     "real_box": 25.0,
     "soft_cylinder": 0.8,
     "ball_box": 6.0,
+    "wedge": 9.0,
+    "cross": 12.0,
+    "stool": 7.0,
 }
 HEAVY_CORNER = 0.125 * 10.0 / 15.0
 """10 kg of 15 stand 12.5 cm ahead and to the left."""
@@ -47,6 +50,9 @@ AREAS = {
     "real_box": [0.32 * 0.26],
     "soft_cylinder": [0.5**2 * PARTS_OF_A_CIRCLE],
     "ball_box": [0.4**2, 0.4**2, *2 * [0.4 * 0.015], *2 * [0.37 * 0.015]],
+    "wedge": [0.32**2 * 0.75 * np.sqrt(3.0)],
+    "cross": [0.60 * 0.16, *2 * [0.16 * 0.22]],
+    "stool": [0.22**2 * PARTS_OF_A_CIRCLE, *4 * [0.03**2 * PARTS_OF_A_CIRCLE]],
 }
 
 

@@ -41,9 +41,9 @@ SENSINGS = {
 """The pipeline of each."""
 RULE_TUNED = "rule_tuned"
 THRESHOLDS = {
-    "lidar": {"touch": 0.01, "near": 0.01},
-    "lidar_side": {"touch": 0.01, "near": 0.01},
-    "lidar_tilted": {"touch": 0.01, "near": 0.02},
+    "lidar": {"touch": 0.007, "near": 0.03},
+    "lidar_side": {"touch": 0.007, "near": 0.005},
+    "lidar_tilted": {"touch": 0.007, "near": 0.03},
 }
 """Of `rule_tuned` [m], by the place of its LiDAR: chosen by
 `contactfusion_lab.tune_push.lidar_rule` on pushes of the seeds 3100 and 3101, of which no table is
