@@ -1,7 +1,7 @@
 """Rows of the table: what is fused in each, what comes of it, and rows against each other."""
 
 import itertools
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -167,11 +167,30 @@ def fused(
         config: the pipeline that received the readings.
         without: a modality to leave out.
     """
+    clouds = _counted(instant, row, method, config, without)
+    return _fused(instant, clouds, method, config)
+
+
+def reported(instant: Instant, row: Row, method: Method, config: PipelineConfig) -> FloatArray:
+    """Positions of the contacts that are reported, shape (n, 3) [m]; see `fused`."""
+    clouds = _counted(instant, row, method, config, "")
+    contacts: Sequence[Contact] = ()
+    if any(cloud.kind == HypothesisKind.REGULAR and cloud.likelihoods.any() for cloud in clouds):
+        contacts = _fused(instant, clouds, method, config).contacts  # never any without evidence
+    return np.reshape([contact.position for contact in contacts], (-1, 3))
+
+
+def _fused(
+    instant: Instant, clouds: Sequence[HypothesisCloud], method: Method, config: PipelineConfig
+) -> Fusion:
     integrator = Integrator(method.applied(config.integrator))
-    for name, cloud in _counted(instant, row, method, config, without):
-        options = config.generators[name.split("/")[0]]
+    grid = Grid(integrator.config.frame, integrator.config.voxel_size)
+    for cloud in clouds:
+        options = config.generators[cloud.source.split("/")[0]]
+        if cloud.kind == HypothesisKind.NULL:
+            cloud = thinned(cloud, instant.occupied, grid)
         integrator.plug(
-            name,
+            cloud.source,
             cloud.kind,
             timeout=options.get("timeout"),
             replace=options.get("replace", True),
@@ -181,34 +200,24 @@ def fused(
     return integrator.step(instant.stamp, believed_robot(instant, config).surface)
 
 
-def reported(instant: Instant, row: Row, method: Method, config: PipelineConfig) -> FloatArray:
-    """Positions of the contacts that are reported, shape (n, 3) [m]; see `fused`."""
-    clouds = [cloud for _, cloud in _counted(instant, row, method, config, "")]
-    contacts: Sequence[Contact] = ()
-    if any(cloud.kind == HypothesisKind.REGULAR and cloud.likelihoods.any() for cloud in clouds):
-        contacts = fused(instant, row, method, config).contacts  # never any without evidence
-    return np.reshape([contact.position for contact in contacts], (-1, 3))
-
-
 def _counted(
     instant: Instant, row: Row, method: Method, config: PipelineConfig, without: str
-) -> Iterator[tuple[str, HypothesisCloud]]:
-    """The clouds that are fused, by source, as the method has them count."""
+) -> list[HypothesisCloud]:
+    """The clouds of a row, as the method has them count."""
     ungated = row.ungated if method.near == "as the row" else method.near == "evidence"
+    clouds = []
     for name, cloud in instant.clouds.items():
         modality = modality_of(config, name)
         if modality not in row.modalities or modality == without:
             continue
         if modality == "range" and ungated:
             cloud = replace(cloud, kind=HypothesisKind.REGULAR)
-        if cloud.kind == HypothesisKind.NULL:
-            grid = Grid(cloud.frame, method.applied(config.integrator).voxel_size)
-            cloud = thinned(cloud, instant.occupied, grid)
         if cloud.spreads is not None and method.spreads != 1.0:
             cloud = replace(cloud, spreads=cloud.spreads * method.spreads)
         if method.p_max < 1.0:
             cloud = replace(cloud, likelihoods=np.minimum(cloud.likelihoods, method.p_max))
-        yield name, cloud
+        clouds.append(cloud)
+    return clouds
 
 
 def believed_robot(instant: Instant, config: PipelineConfig) -> PosedRobot:

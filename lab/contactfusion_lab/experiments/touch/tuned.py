@@ -40,9 +40,9 @@ from contactfusion_lab.trials.measures import resampled
 from contactfusion_lab.trials.runner import Failure, kept, ordered
 from contactfusion_lab.trials.tables import as_csv, cell, markdown
 
-VOXELS = (0.005, 0.01, 0.02, COARSEST)
+VOXELS = (0.005, 0.01, 0.015, 0.02, COARSEST)
 """Sides of voxels that are tried [m]; the first is the papers', as in what follows."""
-THRESHOLDS = (0.1, 0.2, 0.3, 0.5)
+THRESHOLDS = (0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.8)
 SIDES = (2.0, 1.0)
 """Distances at which voxels belong to one contact, in sides of a voxel."""
 MASSES = (None, 0.5, 1.0)
@@ -51,10 +51,10 @@ CUTS = (1.0, 0.8, 0.5)
 """Likelihoods at which p is cut off; 1: as each generator does."""
 NEARS: tuple[Literal["evidence", "support"], ...] = ("evidence", "support")
 SHARES = (9, 3, 1)
-"""In each round every so manyth touch is evaluated; a third of the settings go on to the next."""
+"""Of so many trials one is evaluated in each round; a third of the settings go on to the next."""
 NOISE = "prototype"
 CHECKED = 5
-"""So many of the best are checked on the second seed."""
+"""Number of the best that are checked on the second seed."""
 
 
 @dataclass(frozen=True)
