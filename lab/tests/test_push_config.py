@@ -66,7 +66,7 @@ def test_a_target_is_a_metre_within_the_field() -> None:
         ({"period": 0.09}, "^period: the physics takes 240 steps a second"),
         ({"period": 1.0 / 240.0}, "^period: .* greater than or equal to 0.05"),
         ({"gap": -0.1}, "^gap: .* greater than or equal to 0"),
-        ({"skin": {"noise": 0.0}}, r"^skin\.noise: .* greater than 0"),
+        ({"skin": {"noise": -0.1}}, r"^skin\.noise: .* greater than or equal to 0"),
         ({"skin": {"activation": -1.0}}, r"^skin\.activation: "),
         (
             {"disturbances": ({"start": 2.0, "duration": -1.0, "force": (9.0, 0.0)},)},

@@ -495,7 +495,7 @@ class TestExperiment:
         self, places: list[tuple[float, float]], problem: str, tmp_path: Path
     ) -> None:
         with pytest.raises(ConfigurationError, match=problem):
-            run_push(small(target_file(tmp_path / "far.yaml", *places)), tmp_path / "out")
+            run_push(small(target_file(tmp_path / "beyond.yaml", *places)), tmp_path / "out")
         assert not (tmp_path / "out").exists()
 
     @pytest.mark.parametrize(

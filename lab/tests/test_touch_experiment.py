@@ -390,13 +390,17 @@ def outcomes(errors: FloatArray, **changes: Any) -> pd.DataFrame:
     silent, n = np.isnan(errors), len(errors)
     felt = {"short": False, "true_contacts": 1, "contacts": (~silent).astype(int),
             "detected": errors <= 0.03, "false": (errors > 0.03).astype(int), "error": errors,
-            "sigma": 0.01, "force": 6.0, "latency": 0.1}  # fmt: skip
+            "sigma": 0.01, "force": 6.0, "latency": 0.1, "gospa": np.minimum(errors, 0.03),
+            "gospa_distance": errors * (errors <= 0.03), "gospa_missed": 0, "gospa_false": 0,
+            "recall": 1.0, "probability": np.where(silent, 0.0, 0.9), "level": 0.5,
+            "radius": 0.02}  # fmt: skip
     alarms = (np.arange(n) % 10 == 0).astype(int)
     air = {"short": True, "true_contacts": 0, "contacts": alarms, "detected": False,
            "false": alarms, "error": np.nan, "sigma": np.nan, "force": 0.0,
-           "latency": np.nan}  # fmt: skip
+           "latency": np.nan, "probability": 0.9 * alarms, "gospa": 0.0}  # fmt: skip
     frame = pd.concat([pd.DataFrame(felt), pd.DataFrame(air, range(n))], ignore_index=True)
-    return frame.assign(**{CASE: "all, m", "row": "all"}, **changes)
+    names = {CASE: "all, m", "row": "all", "object": "box", "repeat": 0}
+    return frame.assign(direction=[*range(n), *range(n)], **names, **changes)
 
 
 class TestTables:

@@ -113,7 +113,7 @@ def test_rows_are_compared_with_the_best_modality_and_with_the_first_method() ->
     wide = [row.name for row in (*ROWS, everything(plan.pipeline)) if len(row.modalities) > 1]
     pairs = {(each.case, each.against) for each in found}
     assert {each.trials for each in found} == {4}
-    assert len(found) == 2 * len(pairs) == 2 * (2 * (len(wide) + 1) + len(wide))
+    assert len(found) == 3 * len(pairs) == 3 * (2 * (len(wide) + 1) + len(wide))
     assert ("all, max/modes", "force, max/modes") in pairs
     assert ("all, log_odds/modes", "all, max/modes") in pairs
 

@@ -86,10 +86,11 @@ DE_MORGAN_TUNED = Method(
     "de_morgan",
     "cluster_centroid",
     name="de_morgan_tuned",
-    options=(("voxel_size", 0.03), ("threshold", 0.3)),
+    options=(("voxel_size", 0.03), ("threshold", 0.3), ("tolerance", 0.06)),
     near="support",
 )
-"""De Morgan as `contactfusion tune touch` chose it, see docs/tuning.md."""
+"""De Morgan with voxels, threshold and kind of range that a look at other touches chose; the search
+of docs/tuning.md goes further."""
 TUNED = {DE_MORGAN_TUNED.name: DE_MORGAN_TUNED}
 """Methods whose settings a search has chosen, by name."""
 
