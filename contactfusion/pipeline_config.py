@@ -12,6 +12,7 @@ from contactfusion.files import file_in
 from contactfusion.frames import FrameConfig, FrameTree
 from contactfusion.integrator.config import PARTS, IntegratorConfig
 from contactfusion.model import Model, rooted
+from contactfusion.preset import preset_named
 from contactfusion.robots.description import RobotConfig, read_robot
 from contactfusion.shapes import BodyConfig
 from contactfusion.units import Period
@@ -48,6 +49,8 @@ class CycleConfig(Model):
 class PipelineConfig(Model):
     """Everything between the sensors and the contacts."""
 
+    preset: str | None = None
+    """Options in place of defaults: `paper` for what the papers print; what is given here stays."""
     generators: dict[str, dict[str, Any]] = Field(default_factory=dict)
     """By name: the `type` of the generator and its options."""
     integrator: IntegratorConfig = Field(default_factory=IntegratorConfig)
@@ -77,7 +80,9 @@ class PipelineConfig(Model):
     @model_validator(mode="before")
     @classmethod
     def _read(cls, fields: Any) -> Any:
-        """Read the robot's file, and root the file names in it."""
+        """Apply the preset; read the robot's file, and root the file names in it."""
+        if (preset := fields.get("preset")) is not None:
+            fields = preset_named(str(preset)).beneath(fields)
         robot, folder = fields.get("robot"), Path(fields.get("folder", ""))
         within = Path(fields["files_within"]) if fields.get("files_within") is not None else None
         try:

@@ -56,8 +56,9 @@ class ForceTorqueConfig(GeneratorConfig):
     friction carries, per force [m]."""
     noise: Spread = Field(default=0.003, ge=0)
     """Standard deviation, by axis, of the position of the robot's surface [m]."""
-    friction: float = Field(default=2.0, gt=0)
-    """The largest tangential force of a contact, per normal force."""
+    friction: float | None = Field(default=2.0, gt=0)
+    """The largest tangential force of a contact, per normal force; None: any force may act on any
+    side of the surface (F Eq 6-7)."""
     surface_tolerance: Spread = Field(default=0.01, gt=0)
     """The greatest distance of a contact from a point of the surface [m]; more than the spacing of
     its points."""
@@ -276,7 +277,8 @@ class ForceTorqueGenerator(Generator[ForceTorqueConfig]):
         offsets = surface.points - start
         along = offsets @ direction
         close = np.flatnonzero(np.einsum("ij,ij->i", offsets, offsets) - along**2 <= reach**2)
-        least = 1.0 / np.hypot(1.0, self.config.friction)
+        friction = self.config.friction
+        least = -np.inf if friction is None else 1.0 / np.hypot(1.0, friction)
         pushed = -(surface.normals[close] @ direction) >= least
         if not pushed.any():
             return np.empty((0, 3))

@@ -56,6 +56,7 @@ CORE = {
     "loop",
     "plugins",
     "robot_state",
+    "preset",
     "robots",
     "rule",
     "segmenter",
