@@ -399,7 +399,7 @@ def outcomes(errors: FloatArray, **changes: Any) -> pd.DataFrame:
            "false": alarms, "error": np.nan, "sigma": np.nan, "force": 0.0,
            "latency": np.nan, "probability": 0.9 * alarms, "gospa": 0.0}  # fmt: skip
     frame = pd.concat([pd.DataFrame(felt), pd.DataFrame(air, range(n))], ignore_index=True)
-    names = {CASE: "all, m", "row": "all", "object": "box", "repeat": 0}
+    names: dict[str, Any] = {CASE: "all, m", "row": "all", "object": "box", "repeat": 0}
     return frame.assign(direction=[*range(n), *range(n)], **names, **changes)
 
 

@@ -13,6 +13,7 @@ from contactfusion.files import write_whole
 from contactfusion.terminal import note
 from contactfusion_lab.experiments.methods import (
     DE_MORGAN_TUNED,
+    TUNING_SEEDS,
     Method,
     with_spreads,
 )
@@ -54,7 +55,8 @@ METHODS = (
 """Methods of the table; the first is the papers', the others are compared with it."""
 TUNED_ON = (
     f"`{DE_MORGAN_TUNED}`: settings chosen on other touches; "
-    "`python -m contactfusion_lab.experiments.touch.tuned` searches for others."
+    "`python -m contactfusion_lab.experiments.touch.tuned` searches for others on the seeds "
+    f"{' and '.join(map(str, TUNING_SEEDS))}, of which no other figure is."
 )
 """Caption of the table of that method."""
 DRAWN = 2
