@@ -526,7 +526,7 @@ class TestExperiment:
             (*comparison["case"].rsplit(", ", 1), *comparison["against"].rsplit(", ", 1))
             for comparison in tests
         }
-        assert 2 * len(compared) == len(tests)
+        assert 3 * len(compared) == len(tests)
         for method in map(str, (DE_MORGAN, POSTERIOR)):
             assert ("all + simulator", method, "all", method) in compared
         wide = [row.name for row in (*ROWS, everything(plan.pipeline)) if len(row.modalities) > 1]
