@@ -273,14 +273,9 @@ def outcomes_of(tracks: Sequence[Track]) -> pd.DataFrame:
 def compare_all(frame: pd.DataFrame, seed: int) -> list[Comparison]:
     """Compare each sensor suite and controller but the first with one before it.
 
-    <<<<<<< HEAD
-    That is the first with the same controller; without one, the first with the same suite;
-    without that, too, the first of all. Measures are compared where both truly succeed.
-    =======
     That is the first with the same controller; without one, the first with the same sensing;
     without that, too, the first of all. `COMPARED_ALL` is compared over all pushes, `COMPARED`
     where both truly succeed.
-    >>>>>>> measures
 
     Args:
         frame: of all outcomes.
