@@ -7,7 +7,7 @@ DEMO_READY := $(VENV)/.ready-demo
 READY := $(VENV)/.ready
 SOAK_SCENARIOS ?= 2000
 
-.PHONY: demo test test-lab test-lab-changed lint soak bench goldens bare show-recordings show-touch show-push show-sensing show-replay show-grasp show-dask train clean
+.PHONY: demo test test-lab test-lab-changed lint soak bench goldens bare show-recordings show-touch show-push show-sensing show-paper show-replay show-grasp show-dask train clean
 
 demo: $(DEMO_READY)
 	$(BIN)/contactfusion demo --out out/demo
@@ -125,6 +125,20 @@ show-sensing: $(READY)
 	done
 	$(PUSH) --sensing skin --sensing lidar --sensing rgbd --sensing fused $(EYES) $(UNSEEN) \
 		--targets random:160 --out out/sensing/unseen
+
+# What the papers print, in place of ours; pushes are slow by their parameters: 90 s in the middle.
+PAPER := $(PUSH) --preset paper
+
+show-paper: $(READY)
+	@echo "some hours on two cores, of which the networks take one or two; it goes on where it was stopped"
+	$(TOUCH) --preset paper --out out/paper/touch
+	$(BIN)/contactfusion train cpm --preset paper --out out/paper/cpm
+	for networks in cpm cpm_lstm; do \
+		$(PAPER) --weights out/paper/cpm/$$networks.safetensors --sensing skin --sensing lidar \
+			--targets grid --out out/paper/grid_$$networks && \
+		$(PAPER) --weights out/paper/cpm/$$networks.safetensors --sensing lidar --sensing rgbd \
+			--targets new --out out/paper/new_$$networks || exit 1; \
+	done
 
 # Recordings in, contacts out: real ones, equal bytes, pictures, and the memory that 5 GB take.
 DATA := $(or $(CONTACTFUSION_DATA),../shared/data)

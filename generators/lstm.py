@@ -1,4 +1,4 @@
-"""A network of LSTM layers, one on the other, and a read-out of the last step (O §II-D)."""
+"""Networks on sequences: layers, one on the other, and a read-out of the last (O §II-D)."""
 
 from dataclasses import dataclass
 from typing import Self, final
@@ -11,6 +11,8 @@ from contactfusion.jit import kernel
 
 LAYERS, UNITS = 2, 32
 """Layers of each network, and units of each layer."""
+DENSE = "dense.0.weight"
+"""A tensor that only a network of fully connected layers has."""
 
 Weights = dict[str, NDArray[np.float32]]
 """The tensors of a network by their names in torch, such as `lstm.weight_ih_l0`."""
@@ -30,6 +32,20 @@ def tensor_shapes(columns: int, outputs: int) -> dict[str, tuple[int, ...]]:
         shapes[f"lstm.weight_hh_l{layer}"] = (4 * UNITS, UNITS)
         shapes[f"lstm.bias_ih_l{layer}"] = (4 * UNITS,)
         shapes[f"lstm.bias_hh_l{layer}"] = (4 * UNITS,)
+    return shapes | {"readout.weight": (outputs, UNITS), "readout.bias": (outputs,)}
+
+
+def dense_shapes(inputs: int, outputs: int) -> dict[str, tuple[int, ...]]:
+    """Names and shapes of the weights of fully connected layers, as in torch.
+
+    Args:
+        inputs: all numbers of a sequence.
+        outputs: of the read-out.
+    """
+    shapes: dict[str, tuple[int, ...]] = {}
+    for layer in range(LAYERS):
+        shapes[f"dense.{layer}.weight"] = (UNITS, UNITS if layer else inputs)
+        shapes[f"dense.{layer}.bias"] = (UNITS,)
     return shapes | {"readout.weight": (outputs, UNITS), "readout.bias": (outputs,)}
 
 
@@ -73,7 +89,7 @@ def lstm_layer(
 @final
 @dataclass(frozen=True, slots=True, eq=False)
 class Network:
-    """A network, laid out for the kernel.
+    """A network of LSTM layers, laid out for the kernel.
 
     Attributes:
         layers: `inputs`, `recurrent` and `bias` of each layer, as `lstm_layer` takes them.
@@ -105,3 +121,41 @@ class Network:
             sequence = lstm_layer(sequence, *layer)
         result: FloatArray = self.readout @ sequence[-1] + self.bias
         return result
+
+
+@final
+@dataclass(frozen=True, slots=True, eq=False)
+class DenseNetwork:
+    """A network of fully connected layers, each cut off at 0, on all of a sequence at once.
+
+    Attributes:
+        layers: the weights, shape (UNITS, inputs), and the bias of each layer.
+        readout: shape (outputs, UNITS).
+        bias: shape (outputs,).
+    """
+
+    layers: tuple[tuple[FloatArray, FloatArray], ...]
+    readout: FloatArray
+    bias: FloatArray
+
+    @classmethod
+    def of(cls, weights: Weights) -> Self:
+        """The network of weights named as in torch."""
+        wide = {name: tensor.astype(np.float64) for name, tensor in weights.items()}
+        layers = tuple(
+            (wide[f"dense.{layer}.weight"], wide[f"dense.{layer}.bias"]) for layer in range(LAYERS)
+        )
+        return cls(layers, wide["readout.weight"], wide["readout.bias"])
+
+    def outputs(self, sequence: FloatArray) -> FloatArray:
+        """Outputs, shape (outputs,), for a sequence of shape (n, S)."""
+        values: FloatArray = sequence.ravel()
+        for weights, bias in self.layers:
+            values = np.maximum(weights @ values + bias, 0.0)
+        result: FloatArray = self.readout @ values + self.bias
+        return result
+
+
+def network_of(weights: Weights) -> Network | DenseNetwork:
+    """The network of weights, of the layers that they are named after."""
+    return DenseNetwork.of(weights) if DENSE in weights else Network.of(weights)

@@ -17,7 +17,13 @@ from contactfusion.arrays import FloatArray, frozen_array
 from contactfusion.errors import ConfigurationError, InvalidReadingError, name_hint
 from contactfusion.files import require_file
 from contactfusion.generator import ConfigT
-from contactfusion.generators.lstm import Network, Weights, tensor_shapes
+from contactfusion.generators.lstm import (
+    DENSE,
+    Weights,
+    dense_shapes,
+    network_of,
+    tensor_shapes,
+)
 from contactfusion.generators.perceived import FaceGenerator, Kind, Memory, PerceivedConfig, Percept
 from contactfusion.generators.proximity import ProximityConfig
 from contactfusion.hypotheses import HypothesisCloud
@@ -123,7 +129,7 @@ class Perception:
 
 @final
 class ContactNetworks:
-    """The location and the type estimator, each two LSTM layers and a read-out.
+    """The location and the type estimator, each two layers and a read-out.
 
     Args:
         card: of the networks.
@@ -132,8 +138,8 @@ class ContactNetworks:
 
     def __init__(self, card: NetworksCard, weights: Mapping[str, Weights]) -> None:
         self.card = card
-        self._location = Network.of(weights["location"])
-        self._type = Network.of(weights["type"])
+        self._location = network_of(weights["location"])
+        self._type = network_of(weights["type"])
 
     @classmethod
     def load(cls, path: Path) -> Self:
@@ -184,15 +190,22 @@ def read_networks(path: Path) -> tuple[NetworksCard, dict[str, Weights]]:
         raise ConfigurationError(f"{path} is no safetensors file, or is cut off") from None
     if hashlib.sha256(content).hexdigest() != card.weights_sha256:
         raise ConfigurationError(f"{path} holds other weights than its card names")
-    columns = card.proximity.columns
     weights = {
         network: {
             name: _tensor(tensors, f"{network}.{name}", shape, path)
-            for name, shape in tensor_shapes(columns, outputs).items()
+            for name, shape in _shapes(card, outputs, f"{network}.{DENSE}" in tensors).items()
         }
         for network, outputs in OUTPUTS.items()
     }
     return card, weights
+
+
+def _shapes(card: NetworksCard, outputs: int, dense: bool) -> dict[str, tuple[int, ...]]:
+    """Names and shapes of the weights of a network."""
+    columns = card.proximity.columns
+    if dense:
+        return dense_shapes(card.window * columns, outputs)
+    return tensor_shapes(columns, outputs)
 
 
 def _tensor(tensors: Weights, name: str, shape: tuple[int, ...], path: Path) -> NDArray[np.float32]:

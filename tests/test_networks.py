@@ -15,7 +15,7 @@ from safetensors.numpy import save
 
 from contactfusion.arrays import FloatArray
 from contactfusion.errors import ConfigurationError, InvalidReadingError
-from contactfusion.generators.lstm import lstm_layer, tensor_shapes
+from contactfusion.generators.lstm import dense_shapes, lstm_layer, tensor_shapes
 from contactfusion.generators.networks import (
     OUTPUTS,
     ContactNetworks,
@@ -91,6 +91,42 @@ def test_they_say_what_torch_says(tmp_path: Path, seed: int) -> None:
     odds = np.exp(by_torch(tensors, "type", window))
     assert found.lateral == pytest.approx(-0.25 + 0.6 * location, abs=1e-6)
     assert found.probabilities == pytest.approx(odds / odds.sum(), abs=1e-6)
+
+
+def dense_type(seed: int = 0) -> Tensors:
+    """Networks of which the type network has fully connected layers."""
+    rng = np.random.default_rng([seed, 1])
+    kept = {name: one for name, one in some_weights(seed).items() if not name.startswith("type")}
+    return kept | {
+        f"type.{name}": rng.uniform(-0.3, 0.3, shape).astype(np.float32)
+        for name, shape in dense_shapes(240, 3).items()
+    }
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_fully_connected_layers_say_what_torch_says(tmp_path: Path, seed: int) -> None:
+    tensors, window = dense_type(seed), some_window(seed + 100)
+    layers = torch.nn.Sequential(
+        torch.nn.Flatten(), torch.nn.Linear(240, 32), torch.nn.ReLU(),
+        torch.nn.Linear(32, 32), torch.nn.ReLU(), torch.nn.Linear(32, 3),
+    )  # fmt: skip
+    named = [tensor for name, tensor in tensors.items() if name.startswith("type")]
+    layers.load_state_dict(dict(zip(layers.state_dict(), map(torch.tensor, named), strict=True)))
+    scaled = torch.tensor((window - 0.001) / (0.31 - 0.001), dtype=torch.float32)
+    with torch.no_grad():
+        odds = torch.softmax(layers(scaled[None])[0], 0).double().numpy()
+    found = ContactNetworks.load(write(tmp_path, tensors)).perceive(window)
+    assert found.probabilities == pytest.approx(odds, abs=1e-6)
+    assert found.lateral == pytest.approx(
+        -0.25 + 0.6 * by_torch(tensors, "location", window)[0], abs=1e-6
+    )
+
+
+def test_a_file_says_which_layers_it_holds_and_lacks_none(tmp_path: Path) -> None:
+    tensors = dense_type()
+    del tensors["type.dense.1.bias"]
+    with pytest.raises(ConfigurationError, match="lacks the tensor type.dense.1.bias"):
+        read_networks(write(tmp_path, tensors))
 
 
 def sigmoid(x: float) -> float:

@@ -1,7 +1,8 @@
 """The commands that the laboratory adds to the command line: demo, experiment, train, tune push."""
 
+from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -27,6 +28,10 @@ Noise = Annotated[
         help="Noise: none, prototype, full, hard, or parts of hard as in prototype+wrist+clutter; "
         "default: that of the scene."
     ),
+]
+
+PresetName = Annotated[
+    str, typer.Option("--preset", help="paper: what the papers print, in place of ours.")
 ]
 
 experiments = typer.Typer(
@@ -58,6 +63,19 @@ def _executor(name: str, workers: int, scheduler: str) -> "Executor":
     if scheduler:
         raise ConfigurationError("only --executor dask has a scheduler", "scheduler")
     return Local(workers)
+
+
+def _preset(name: str) -> str:
+    """The name of a preset, or nothing.
+
+    Raises:
+        ConfigurationError: there is none of that name.
+    """
+    from contactfusion.preset import preset_named
+
+    if name:
+        preset_named(name)
+    return name
 
 
 def demo(out: Out = Path("out/demo")) -> None:
@@ -102,16 +120,30 @@ def tune_push(
 @train.command("cpm")
 def train_cpm(
     rounds: Annotated[
-        int, typer.Option(min=0, help="DAgger iterations: the networks drive, and learn from it.")
-    ] = 3,
+        int | None,
+        typer.Option(
+            min=0,
+            show_default="3",
+            help="DAgger iterations: the networks drive, and learn from it.",
+        ),
+    ] = None,
     varied: Annotated[
-        int, typer.Option(min=0, help="Training pushes beside the paper's 156 + 36.")
-    ] = 360,
+        int | None,
+        typer.Option(
+            min=0, show_default="360", help="Training pushes beside the paper's 156 + 36."
+        ),
+    ] = None,
     driven: Annotated[int, typer.Option(min=7, help="Pushes per iteration.")] = 160,
-    tested: Annotated[int, typer.Option(min=6, help="Test pushes per LiDAR.")] = 60,
-    epochs: Annotated[int, typer.Option(min=1, help="Epochs of the last iteration.")] = 150,
+    tested: Annotated[
+        int | None, typer.Option(min=6, show_default="60", help="Test pushes per LiDAR.")
+    ] = None,
+    epochs: Annotated[
+        int | None,
+        typer.Option(min=1, show_default="150", help="Epochs of the last iteration."),
+    ] = None,
     early: Annotated[int, typer.Option(min=1, help="Epochs of the iterations before.")] = 50,
     stride: Annotated[int, typer.Option(min=1, help="An epoch uses every N-th window.")] = 4,
+    preset: PresetName = "",
     seed: Seed = 0,
     workers: Workers = 2,
     executor: Executed = "local",
@@ -119,11 +151,16 @@ def train_cpm(
     out: Out = Path("out/cpm"),
 ) -> None:
     """Train the networks that perceive contact; resumes where it stopped."""
-    from contactfusion_lab.learning.cpm import Options
+    from contactfusion_lab.learning.cpm import PRESETS
     from contactfusion_lab.learning.cpm import train_cpm as train_networks
 
+    sized = {"rounds": rounds, "varied": varied, "tested": tested, "epochs": epochs}
+    given: dict[str, Any] = {name: count for name, count in sized.items() if count is not None}
     shared = _executor(executor, workers, scheduler)
-    options = Options(rounds, varied, driven, tested, epochs, early, stride, seed, shared)
+    options = replace(
+        PRESETS[_preset(preset)],
+        **given, driven=driven, early=early, stride=stride, seed=seed, executor=shared,
+    )  # fmt: skip
     train_networks(options, out)
 
 
@@ -163,6 +200,7 @@ def experiment_touch(
     ] = None,
     noise: Noise = None,
     faults: Faults = None,
+    preset: PresetName = "",
     seed: Seed = 0,
     workers: Workers = 2,
     executor: Executed = "local",
@@ -185,11 +223,12 @@ def experiment_touch(
         objects=listed(objects),
         directions=directions,
         repeats=repeats,
-        methods=[Method.named(name) for name in rule] if rule else METHODS,
+        methods=[Method.named(name) for name in rule or ()] or (METHODS[:1] if preset else METHODS),
         spreads=spreads or (),
         noise=noise,
         faults=faults,
         seed=seed,
+        preset=_preset(preset),
         executor=_executor(executor, workers, scheduler),
         draw=draw or (),
         free=free,
@@ -205,7 +244,10 @@ def experiment_push(
     ] = None,
     controller: Annotated[
         list[str] | None,
-        typer.Option(help="Parameter set of reactive_pushing, or a controller; may be repeated."),
+        typer.Option(
+            help="Parameter set of reactive_pushing, or a controller; may be repeated; default: "
+            "tuned, or that of the preset."
+        ),
     ] = None,
     rule: Annotated[
         list[str] | None,
@@ -245,6 +287,7 @@ def experiment_push(
         ),
     ] = "prototype",
     faults: Faults = None,
+    preset: PresetName = "",
     seed: Seed = 0,
     workers: Workers = 2,
     executor: Executed = "local",
@@ -261,12 +304,13 @@ def experiment_push(
 
     options = Options(
         sensings=sensing or ["skin"],
-        controllers=controller or ["tuned"],
+        controllers=controller or [preset or "tuned"],
         rules=rule or (),
         without=without or (),
         lidar=lidar,
         camera=camera,
         weights=weights,
+        preset=_preset(preset),
         objects=listed(objects),
         files=object_ or (),
         frictions=listed(friction),

@@ -38,6 +38,7 @@ from contactfusion_lab.learning.rollout import (
     Detour,
     Lesson,
     Motion,
+    as_printed,
     driven_lessons,
     first_lessons,
     live,
@@ -95,6 +96,13 @@ def test_names_are_unique_over_all_rounds() -> None:
     names = [lesson.name for lesson in found]
     assert len(set(names)) == len(names)
     assert all(lesson.name.startswith(lesson.split) for lesson in found)
+
+
+def test_as_printed_all_are_seen_from_one_place_until_they_arrive() -> None:
+    found = as_printed(first_lessons(0, 0))
+    assert [lesson.name for lesson in found] == [lesson.name for lesson in first_lessons(0, 0)]
+    ((controller, course),) = {(lesson.controller, lesson.course) for lesson in found}
+    assert (controller, course.mountings, course.longest) == ("paper", ("lidar",), 300.0)
 
 
 # No lesson is one of a test
@@ -273,7 +281,7 @@ def driven(monkeypatch: pytest.MonkeyPatch) -> list[Driven]:
 @pytest.fixture
 def short(monkeypatch: pytest.MonkeyPatch) -> None:
     """End pushes after 1.5 s."""
-    monkeypatch.setattr(rollout, "LONGEST", 1.5)
+    monkeypatch.setitem(vars(Lesson.course), "longest", 1.5)
 
 
 def lesson(**fields: Any) -> Lesson:
@@ -388,6 +396,16 @@ def test_after_arrival_it_backs_off_and_comes_again(driven: list[Driven], seed: 
     before, later = trial.stamp < arrived, trial.stamp > arrived + 0.5 * ONCE_MORE
     assert np.count_nonzero(trial.kind[before]) >= 8
     assert np.any(trial.kind[later] == 0)
+
+
+def test_as_printed_a_push_ends_where_it_arrives(driven: list[Driven]) -> None:
+    (one,) = as_printed([lesson(target=NEAR)])
+    trial = live(one, None)
+    assert trial.stamp[-1] < one.course.longest - 1.0
+    # a cell of a single point counts, as O Eq 9 has it
+    assert trial.mountings == ("lidar",) and one.course.proximity.occupied == 1
+    assert len(driven) == len(trial.stamp) - 1
+    assert trial.kind[-1] != 0
 
 
 def test_how_it_backs_off_is_drawn_from_the_seed(driven: list[Driven]) -> None:

@@ -13,11 +13,17 @@ from numpy.typing import NDArray
 
 from contactfusion.errors import ConfigurationError, ContactFusionError, DependencyError
 from contactfusion.files import read_arrays, write_npz
-from contactfusion.generators.lstm import Weights, tensor_shapes
+from contactfusion.generators.lstm import UNITS, Weights, dense_shapes, tensor_shapes
 from contactfusion.generators.networks import OUTPUTS
 from contactfusion_lab.learning import training
 from contactfusion_lab.learning.dataset import WINDOW, Dataset, LabelledTrial, Split
-from contactfusion_lab.learning.networks import Name, gathered, predict
+from contactfusion_lab.learning.networks import (
+    Design,
+    Name,
+    drawn_network,
+    gathered,
+    predict,
+)
 from contactfusion_lab.learning.training import Options, Report, Trained, train
 from lab.tests.learning_toys import EMPTY, MIDDLES, toy_trial, toy_trials
 
@@ -176,6 +182,40 @@ def test_so_many_windows_seem_to_begin_within_as_configured() -> None:
     changed = (windows != as_they_are).any(dim=(1, 2)).double().mean().item()
     # of 20 places to begin the first changes nothing; neither do those in rows that repeat it
     assert 0.3 < changed < 0.4
+
+
+# Its layers
+
+
+def test_fully_connected_layers_learn_too_and_their_file_says_so(tmp_path: Path) -> None:
+    data = Dataset.of(toy_trials(30, 6))
+    dense = Options(epochs=10, batch=64, rate=5e-3, stride=3, design="dense")
+    trained = train("type", data, dense, tmp_path)
+    assert {name: array.shape for name, array in trained.weights.items()} == dense_shapes(
+        WINDOW * 12, 3
+    )
+    outputs = predict("type", trained.weights, data.validation, data.length)
+    loss = trained.history[:, 1]
+    assert loss.min() < 0.9 * loss[0]
+    assert np.mean(outputs.argmax(axis=1) == data.validation.kind) > 0.6
+    assert bits(train("type", data, dense, tmp_path)) == bits(trained)
+
+
+@pytest.mark.parametrize("design", ["lstm", "dense"])
+def test_first_weights_are_drawn_as_torch_draws_them(design: Design) -> None:
+    generator = torch.Generator().manual_seed(1)
+    network = drawn_network("type", 12, generator, design, keenness=1.0)
+    for name, parameter in network.named_parameters():
+        inputs = WINDOW * 12 if name.startswith("dense.0") else UNITS
+        widest = parameter.abs().max().item()
+        assert 0.7 * inputs**-0.5 < widest <= inputs**-0.5 or parameter.numel() < 9, name
+
+
+def test_a_checkpoint_of_other_first_weights_is_told(tmp_path: Path) -> None:
+    train("type", DATA, QUICK, tmp_path)
+    other = QUICK.model_copy(update={"keenness": 1.0})
+    with pytest.raises(ConfigurationError, match="other keenness: remove it"):
+        train("type", DATA, other, tmp_path)
 
 
 # It repeats itself

@@ -122,6 +122,20 @@ class TestSensing:
         monkeypatch.setattr(suites, "shipped", lambda: weights)
         assert feeling("lidar").settings() == feeling("lidar", weights).settings()
 
+    def test_a_preset_replaces_what_a_file_gives(self) -> None:
+        one = feeling("rgbd", preset="paper")
+        camera = one.pipeline.generators["camera"]
+        assert (camera["ends"], camera["margin"], camera["body"]) == ("edge", 0.0, None)
+        assert feeling("rgbd").pipeline.generators["camera"]["body"]
+        assert one.label == "rgbd-paper"
+
+    def test_a_rule_goes_before_the_preset(self, weights: Path) -> None:
+        one = feeling("lidar", weights, preset="paper", rule="posterior/modes")
+        assert (one.pipeline.integrator.rule, one.pipeline.integrator.expiry) == (
+            "posterior", "voxel",
+        )  # fmt: skip
+        assert one.label == "lidar-paper-posterior_modes"
+
     def test_points_are_blurred_by_skins_only(self, weights: Path) -> None:
         assert feeling("rule").face.blur == NARROW
         assert feeling("fused", weights).face.blur == pytest.approx(0.125)

@@ -7,11 +7,13 @@ import pandas as pd
 from contactfusion_lab.experiments.methods import DE_MORGAN_TUNED, Method
 from contactfusion_lab.experiments.touch.plan import DEFAULT, read_plan
 from contactfusion_lab.experiments.touch.rows import (
+    PAPERS,
     ROWS,
     Outcome,
     best_single,
     compare_all,
     everything,
+    modality_of,
 )
 from contactfusion_lab.trials.measures import CASE
 from contactfusion_lab.trials.tables import frame_of
@@ -46,6 +48,19 @@ def test_of_two_that_stand_on_one_belief_every_generator_means_the_first_touch()
     ):
         modalities = everything(config).modalities
         assert first in modalities and second not in modalities
+
+
+def test_under_the_preset_the_papers_rows_take_what_moves_as_range() -> None:
+    plan, _ = read_plan(DEFAULT, [], 1, None, (), 0, "paper")
+    config = plan.pipeline
+    eyes = {name: one for name, one in config.generators.items() if one["type"] == "range"}
+    assert {name: one["evidence"] for name, one in eyes.items()} == {"near": "motion"}
+    assert modality_of(config, "near") == "range"
+    assert modality_of(read_plan(DEFAULT, [], 1, None, (), 0)[0].pipeline, "moving") == "moving"
+    assert config.generators["wrist"]["friction"] is None
+    assert config.generators["tip_2"]["p_max"] == 1.0
+    assert (config.integrator.rule, config.integrator.expiry) == ("de_morgan", "voxel")
+    assert set(PAPERS[-1].modalities) <= {modality_of(config, name) for name in config.generators}
 
 
 def outcomes(row: str, method: str, errors: list[float], short: bool = False) -> list[Outcome]:

@@ -21,7 +21,7 @@ from lab.tests.here import Here
 from tests.test_cli import Ask, ask, one_sentence
 
 __all__ = ["ask"]  # a fixture
-OPTIONS = [field.name for field in fields(Options) if field.name != "executor"]
+OPTIONS = [field.name for field in fields(Options) if field.name not in ("preset", "executor")]
 TINY = Options(rounds=1, varied=0, driven=1, tested=6, epochs=2, early=1, stride=1, executor=Here())
 FIGURES = {"lidar_lidar_success_true": 0.75}
 OFFSETS: dict[Split, float] = {"training": -0.1, "validation": 0.05}
@@ -44,7 +44,7 @@ def make_small(patch: pytest.MonkeyPatch) -> None:
     patch.setattr(cpm, "first_lessons", lambda varied, seed: FIRST)
     patch.setattr(cpm, "driven_lessons", lambda count, iteration, mountings, seed: THEN)
     patch.setattr(cpm, "tested", lambda *args: FIGURES)
-    patch.setattr(rollout, "LONGEST", 1.0)
+    patch.setitem(vars(Lesson.course), "longest", 1.0)  # of every lesson that names no course
 
 
 @pytest.fixture(autouse=True)
@@ -175,6 +175,54 @@ def test_without_further_rounds_the_skin_is_the_only_driver(
     assert not (tmp_path / "cpm" / "round_1").exists()
 
 
+# As printed
+
+
+@pytest.fixture
+def printed(monkeypatch: pytest.MonkeyPatch) -> Options:
+    """Options of the preset, small enough for a test."""
+    brief = replace(rollout.AS_PRINTED, longest=1.0)
+    monkeypatch.setattr(rollout, "AS_PRINTED", brief)
+    monkeypatch.setattr(cpm, "AS_PRINTED", brief)
+    return replace(cpm.PRESETS["paper"], epochs=2, stride=1, executor=Here())
+
+
+def test_the_preset_trains_as_printed_and_the_type_in_both_readings(
+    printed: Options, lived: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    trainings: list[tuple[str, str, training.Options]] = []
+    kept = training.train
+
+    def train(name: Any, data: Any, how: Any, folder: Path, warm: Any, told: Any) -> Any:
+        assert warm is None
+        trainings.append((folder.name, name, how))
+        return kept(name, data, how, folder, warm, told)
+
+    monkeypatch.setattr(cpm, "train", train)
+    out = tmp_path / "cpm"
+    train_cpm(printed, out)
+    assert len(lived) == 4 and all("skin" in told for told in lived)
+    assert [(folder, name, how.design) for folder, name, how in trainings] == [
+        ("round_0", "location", "lstm"), ("round_0", "type", "dense"), ("lstm", "type", "lstm"),
+    ]  # fmt: skip
+    assert {
+        (how.rate, how.schedule, how.mirrored, how.begun, how.keenness)
+        for _, _, how in trainings
+    } == {(1e-3, "constant", False, 0.0, 1.0)}  # fmt: skip
+    card, weights = read_networks(out / "cpm.safetensors")
+    _, with_lstm = read_networks(out / "cpm_lstm.safetensors")
+    assert card.proximity.occupied == 1
+    assert card.data.startswith("4 simulated pushes as printed, 44 cycles, each seen from 1 place:")
+    assert "dense.0.weight" in weights["type"] and "lstm.bias_hh_l1" in with_lstm["type"]
+    assert all(np.array_equal(with_lstm["location"][name], one)
+               for name, one in weights["location"].items())  # fmt: skip
+
+
+def test_the_preset_is_what_the_paper_prints() -> None:
+    paper = cpm.PRESETS["paper"]
+    assert (paper.rounds, paper.varied, paper.epochs) == (0, 0, 200)
+
+
 # It repeats itself, and goes on
 
 
@@ -236,7 +284,7 @@ def test_processes_of_their_own_give_the_same_bytes(
     flung = (Detour(0.0, 60.0, (2.0, 0.0, 0.0)),)  # out of the field in three seconds
     brief = [replace(lesson, offset=0.01 * row, detours=flung) for row, lesson in enumerate(FIRST)]
     monkeypatch.setattr(cpm, "first_lessons", lambda *_: brief)
-    monkeypatch.setattr(rollout, "LONGEST", 60.0)
+    monkeypatch.setitem(vars(Lesson.course), "longest", 60.0)
     options = replace(TINY, rounds=0, epochs=1)
     train_cpm(options, tmp_path / "here")
     train_cpm(replace(options, executor=Local(2)), tmp_path / "there")
@@ -331,7 +379,7 @@ def test_networks_and_rule_are_tested_from_each_mounting(
     monkeypatch.setattr(export, "outcomes_of", successes)
     monkeypatch.setattr(export, "perception", lambda tracks, seed: found)
     weights = tmp_path / "cpm.safetensors"
-    figures = export.tested(weights, 4, 3, Here(), tmp_path)
+    figures = export.tested(weights, MOUNTINGS, 4, 3, Here(), tmp_path)
     assert [(options.lidar, out) for options, out in asked] == [
         (name, tmp_path / name) for name in MOUNTINGS
     ]
@@ -368,11 +416,18 @@ def test_the_command_gives_each_option_its_place(
     assert ask("train", "cpm", *options, "--out", str(tmp_path)).status == 0
     assert ask("train", "cpm").status == 0
     assert ask("train", "cpm", "--workers", "7").status == 0
+    assert ask("train", "cpm", "--preset", "paper", "--epochs", "9").status == 0
     assert received == [
         (Options(**numbers), tmp_path),
         (Options(), Path("out/cpm")),
         (Options(executor=Local(7)), Path("out/cpm")),
+        (replace(cpm.PRESETS["paper"], epochs=9), Path("out/cpm")),
     ]
+
+
+def test_a_preset_that_there_is_not_is_told(ask: Ask) -> None:
+    told = one_sentence(ask("train", "cpm", "--preset", "papr"))
+    assert "unknown preset 'papr'; did you mean 'paper'" in told
 
 
 def test_the_command_says_in_one_sentence_what_is_wrong(ask: Ask, tmp_path: Path) -> None:

@@ -5,7 +5,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import get_args
+from typing import Any, get_args
 
 import numpy as np
 
@@ -20,9 +20,10 @@ from contactfusion_lab.learning.dataset import Dataset, LabelledTrial, content_o
 from contactfusion_lab.learning.export import tested, write_networks
 from contactfusion_lab.learning.networks import Name
 from contactfusion_lab.learning.rollout import (
-    MOUNTINGS,
-    PROXIMITY,
+    AS_PRINTED,
+    Course,
     Lesson,
+    as_printed,
     driven_lessons,
     first_lessons,
     live,
@@ -40,11 +41,17 @@ COLLECTION = 3
 """Counts up when lessons change, so that old ones are not taken for new."""
 FILE = "cpm.safetensors"
 """The networks, in the folder of an iteration and in that of the training."""
+LSTM_FILE = "cpm_lstm.safetensors"
+"""With the preset, the networks whose type network is an LSTM, too."""
 NAMES: tuple[Name, ...] = get_args(Name)
 Round = dict[Name, Trained]
 """Both networks of a DAgger iteration."""
-Task = tuple[Name, Weights | None]
-"""A network to train, and its first weights."""
+Task = tuple[Name, training.Options, Weights | None]
+"""A network to train, how, and its first weights."""
+PRINTED: dict[str, Any] = {
+    "rate": 1e-3, "schedule": "constant", "mirrored": False, "begun": 0.0, "keenness": 1.0,
+}  # fmt: skip
+"""How the paper trains (O §III-B), without anything that it does not print."""
 EVERY = 10
 """Epochs between two reports of the loss."""
 TITLES = {
@@ -61,11 +68,12 @@ class Options:
         rounds: DAgger iterations, in which the networks drive and learn from their rollouts.
         varied: pushes beside the paper's 156 + 36, driven by skin.
         driven: pushes of each iteration that the networks drive.
-        tested: pushes of the test from each mounting.
+        tested: pushes of the test from each mounting; 0: no test.
         epochs: of the last iteration.
         early: epochs of the iterations before, each of which begins with the weights of the last.
         stride: an epoch sees every so-manieth window.
         seed: of all random draws.
+        preset: "paper": pushes and training as printed, and the type network in both readings.
         executor: the workers that make the pushes.
     """
 
@@ -77,7 +85,32 @@ class Options:
     early: int = 50
     stride: int = 4
     seed: int = 0
+    preset: str = ""
     executor: Executor = Local()
+
+    @property
+    def course(self) -> Course:
+        """How pushes are seen, and when they end."""
+        return AS_PRINTED if self.preset else Course()
+
+    def how(self, iteration: int) -> dict[Name, training.Options]:
+        """How each network is trained in an iteration."""
+        fields = {
+            **(PRINTED if self.preset else {}),
+            "seed": self.seed,
+            "epochs": self.epochs if iteration == self.rounds else self.early,
+            "stride": self.stride,
+        }
+        how = training.Options(**fields)
+        design = "dense" if self.preset else "lstm"
+        return {"location": how, "type": how.model_copy(update={"design": design})}
+
+
+PRESETS = {
+    "": Options(),
+    "paper": Options(rounds=0, varied=0, tested=0, epochs=200, preset="paper"),
+}
+"""Options by the name of their preset."""
 
 
 def train_cpm(options: Options, out: Path) -> None:
@@ -85,12 +118,13 @@ def train_cpm(options: Options, out: Path) -> None:
 
     In iteration 0 the skin drives; in each later one the networks of the one before drive, and
     their rollouts are learned with true labels (DAgger). The networks of an iteration begin with
-    the weights of the last; those of the last are trained for all epochs.
+    the weights of the last; those of the last are trained for all epochs. With the preset the
+    type network has fully connected layers, and is trained as an LSTM once more.
 
     Args:
         options: of the training.
         out: the folder that takes the trials, checkpoints, learning curves, the tests, and
-            `cpm.safetensors` with its card `cpm.json`.
+            `cpm.safetensors` with its card `cpm.json`; with the preset `cpm_lstm.safetensors`, too.
 
     Raises:
         ConfigurationError: an option is wrong, or `out` holds a training of other options.
@@ -99,6 +133,8 @@ def train_cpm(options: Options, out: Path) -> None:
     """
     settings = {"collection": COLLECTION, **vars(options)}
     del settings["executor"]
+    if not options.preset:
+        del settings["preset"]
     claim(settings, out, (), "pushes")
     trials: list[LabelledTrial] = []
     rounds: list[tuple[Dataset, Round]] = []
@@ -107,48 +143,64 @@ def train_cpm(options: Options, out: Path) -> None:
         note(f"round {iteration} of {options.rounds}")
         trials += _collected(_lessons(iteration, options), networks, options.executor, out)
         data, folder = Dataset.of(trials), out / f"round_{iteration}"
-        how = training.Options(
-            seed=options.seed,
-            epochs=options.epochs if iteration == options.rounds else options.early,
-            stride=options.stride,
+        before = rounds[-1][1] if rounds else {}
+        trained = _trained_round(
+            data, options.how(iteration), before, options.executor.local, folder
         )
-        before = rounds[-1][1] if rounds else None
-        trained = _trained_round(data, how, before, options.executor.local, folder)
         rounds.append((data, trained))
-        networks = _write(folder / FILE, data, trained, _described(trials, options), {})
+        networks = _write(folder / FILE, data, trained, options, trials, {})
     histories = {
         str(name): [networks_of[name].history for _, networks_of in rounds] for name in NAMES
     }
     print(f"learning curves: {draw_curves(histories, out / 'curves.png')}", flush=True)
     data, trained = rounds[-1]
-    shipped = _write(out / FILE, data, trained, _described(trials, options), {})
-    figures = tested(shipped, options.tested, options.seed, options.executor, out / "test")
-    _write(shipped, data, trained, _described(trials, options), figures)
+    shipped = _write(out / FILE, data, trained, options, trials, {})
+    if options.tested:
+        figures = tested(
+            shipped, options.course.mountings, options.tested, options.seed, options.executor,
+            out / "test",
+        )  # fmt: skip
+        _write(shipped, data, trained, options, trials, figures)
     print(f"networks: {shipped}, their card: {shipped.with_suffix('.json')}")
+    if options.preset:
+        how: dict[Name, training.Options] = {"type": options.how(options.rounds)["location"]}
+        as_lstm = _trained_round(data, how, {}, options.executor.local, out / "lstm")
+        path = _write(out / LSTM_FILE, data, {**trained, **as_lstm}, options, trials, {})
+        print(f"with the type network as an LSTM: {path}")
 
 
 def _write(
-    path: Path, data: Dataset, trained: Round, description: str, figures: Mapping[str, float]
+    path: Path,
+    data: Dataset,
+    trained: Round,
+    options: Options,
+    trials: Sequence[LabelledTrial],
+    figures: Mapping[str, float],
 ) -> Path:
     """Write the networks of an iteration with their model card; return the path."""
     card = write_networks(
-        path, trained["location"], trained["type"], data, PROXIMITY, RATE, description, figures
-    )
+        path, trained["location"], trained["type"], data, options.course.proximity, RATE,
+        _described(trials, options), figures,
+    )  # fmt: skip
     _report(", ".join(f"{name} {value:.4g}" for name, value in card.figures.items()))
     return path
 
 
 def _lessons(iteration: int, options: Options) -> list[Lesson]:
     if iteration == 0:
-        return first_lessons(options.varied, options.seed)
-    return driven_lessons(options.driven, iteration, MOUNTINGS, options.seed)
+        lessons = first_lessons(options.varied, options.seed)
+    else:
+        lessons = driven_lessons(options.driven, iteration, options.course.mountings, options.seed)
+    return as_printed(lessons) if options.preset else lessons
 
 
 def _described(trials: Sequence[LabelledTrial], options: Options) -> str:
     """Description of the training data."""
     cycles = sum(len(trial.stamp) for trial in trials)
+    places = len(options.course.mountings)
     return (
-        f"{len(trials)} simulated pushes, {cycles} cycles, each seen from {len(MOUNTINGS)} places: "
+        f"{len(trials)} simulated pushes{' as printed' if options.preset else ''}, "
+        f"{cycles} cycles, each seen from {places} place{'s' * (places != 1)}: "
         f"the 156 + 36 of the paper and {options.varied} varied ones by skin, then "
         f"{options.driven} by networks in each of {options.rounds} rounds; seed {options.seed}"
     )
@@ -181,14 +233,18 @@ def _made(weights: Path | None, lesson: Lesson) -> Made:
 
 
 def _trained_round(
-    data: Dataset, how: training.Options, before: Round | None, executor: Executor, folder: Path
+    data: Dataset,
+    how: Mapping[Name, training.Options],
+    before: Round,
+    executor: Executor,
+    folder: Path,
 ) -> Round:
-    """Train both networks, each in a process, on from those of the iteration before.
+    """Train networks, each in a process, on from those of the iteration before.
 
     Args:
         data: of this iteration and all before.
-        how: they are trained.
-        before: the networks of the iteration before, or None.
+        how: each is trained, by name.
+        before: the networks of the iteration before, if any.
         executor: workers on this machine, as checkpoints are files of it.
         folder: takes the checkpoints.
 
@@ -197,14 +253,15 @@ def _trained_round(
     """
     make_folder(folder)
     tasks: dict[str, Task] = {
-        name: (name, before[name].weights if before else None) for name in NAMES
+        name: (name, options, before[name].weights if name in before else None)
+        for name, options in how.items()
     }
-    trained = ordered(partial(_train, data, how, folder), tasks, executor)
-    return dict(zip(NAMES, trained, strict=True))
+    trained = ordered(partial(_train, data, folder), tasks, executor)
+    return dict(zip(how, trained, strict=True))
 
 
-def _train(data: Dataset, how: training.Options, folder: Path, task: Task) -> Trained:
-    name, warm = task
+def _train(data: Dataset, folder: Path, task: Task) -> Trained:
+    name, how, warm = task
 
     def report(epoch: int, learned: float, validated: float, left: float) -> None:
         if epoch % EVERY == 0:

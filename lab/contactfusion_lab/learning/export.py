@@ -3,7 +3,7 @@
 import hashlib
 import json
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -22,7 +22,6 @@ from contactfusion_lab.experiments.push.tables import perception
 from contactfusion_lab.experiments.push.trial import load
 from contactfusion_lab.learning.dataset import WINDOW, Dataset
 from contactfusion_lab.learning.networks import predict
-from contactfusion_lab.learning.rollout import MOUNTINGS
 from contactfusion_lab.learning.training import Trained
 from contactfusion_lab.trials.executor import Executor
 
@@ -119,11 +118,14 @@ def _sigma(errors: FloatArray, data: Dataset) -> dict[str, float]:
     return found
 
 
-def tested(weights: Path, count: int, seed: int, executor: Executor, out: Path) -> dict[str, float]:
+def tested(
+    weights: Path, mountings: Sequence[str], count: int, seed: int, executor: Executor, out: Path
+) -> dict[str, float]:
     """Measures of pushes to random targets from random starts, by networks and by the rule.
 
     Args:
         weights: of the networks.
+        mountings: of the LiDAR.
         count: number of pushes from each mounting.
         seed: of the training.
         executor: the workers.
@@ -133,7 +135,7 @@ def tested(weights: Path, count: int, seed: int, executor: Executor, out: Path) 
         Measures, by names that begin with mounting and sensing.
     """
     figures: dict[str, float] = {}
-    for mounting in MOUNTINGS:
+    for mounting in mountings:
         folder = out / mounting
         options = Options(
             sensings=SENSINGS, lidar=mounting, weights=weights, targets=f"random:{count}",

@@ -1,4 +1,4 @@
-"""The networks in torch: two LSTM layers and a read-out of the last step (O §II-D)."""
+"""The networks in torch: two layers of either design and a read-out (O §II-D)."""
 
 from collections.abc import Mapping
 from typing import Literal
@@ -7,13 +7,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from contactfusion.arrays import FloatArray
-from contactfusion.generators.lstm import LAYERS, UNITS, Weights
+from contactfusion.generators.lstm import DENSE, LAYERS, UNITS, Weights
 from contactfusion.generators.networks import OUTPUTS, Scale
 from contactfusion_lab.learning.backend import repeatable, torch
 from contactfusion_lab.learning.dataset import WINDOW, Windows
 
 Name = Literal["location", "type"]
 """Name of a network."""
+Design = Literal["lstm", "dense"]
+"""Layers of a network: LSTM, or fully connected on all of a window."""
 KEENNESS = 6.0
 """Factor on torch's initial weights of the lengths: contact shows in the first centimetres of a
 length, the first tenth of the range to which it is scaled."""
@@ -21,29 +23,79 @@ CHUNK = 4096
 """Windows that are predicted at a time."""
 
 
-class ContactNetwork(torch.nn.Module):
-    """One of the two networks.
+class LstmNetwork(torch.nn.Module):
+    """A network of two LSTM layers and a read-out of the last step.
 
     Args:
-        name: of the network.
         columns: S, the proximity lengths of an instant.
-        generator: draws the initial weights, uniform in ±1/√UNITS as torch does.
+        outputs: of the read-out.
     """
 
-    def __init__(self, name: Name, columns: int, generator: torch.Generator) -> None:
+    def __init__(self, columns: int, outputs: int) -> None:
         super().__init__()
         self.lstm = torch.nn.LSTM(columns, UNITS, num_layers=LAYERS, batch_first=True)
-        self.readout = torch.nn.Linear(UNITS, OUTPUTS[name])
-        bound = UNITS**-0.5
-        for tensor, parameter in self.named_parameters():
-            widest = KEENNESS * bound if tensor == "lstm.weight_ih_l0" else bound
-            torch.nn.init.uniform_(parameter, -widest, widest, generator=generator)
+        self.readout = torch.nn.Linear(UNITS, outputs)
 
     def forward(self, windows: torch.Tensor) -> torch.Tensor:
         """The outputs, shape (b, outputs), for scaled windows, shape (b, WINDOW, S)."""
         hidden: torch.Tensor = self.lstm(windows)[0]
         outputs: torch.Tensor = self.readout(hidden[:, -1])
         return outputs
+
+
+class DenseNetwork(torch.nn.Module):
+    """A network of two fully connected layers and a read-out.
+
+    Args:
+        columns: S, the proximity lengths of an instant.
+        outputs: of the read-out.
+    """
+
+    def __init__(self, columns: int, outputs: int) -> None:
+        super().__init__()
+        inputs = [WINDOW * columns, *[UNITS] * (LAYERS - 1)]
+        self.dense = torch.nn.ModuleList(torch.nn.Linear(count, UNITS) for count in inputs)
+        self.readout = torch.nn.Linear(UNITS, outputs)
+
+    def forward(self, windows: torch.Tensor) -> torch.Tensor:
+        """The outputs, shape (b, outputs), for scaled windows, shape (b, WINDOW, S)."""
+        values = windows.flatten(1)
+        for layer in self.dense:
+            values = torch.relu(layer(values))
+        outputs: torch.Tensor = self.readout(values)
+        return outputs
+
+
+ContactNetwork = LstmNetwork | DenseNetwork
+"""One of the networks."""
+DESIGNS: Mapping[Design, type[ContactNetwork]] = {"lstm": LstmNetwork, "dense": DenseNetwork}
+
+
+def drawn_network(
+    name: Name,
+    columns: int,
+    generator: torch.Generator,
+    design: Design = "lstm",
+    keenness: float = KEENNESS,
+) -> ContactNetwork:
+    """A network with initial weights uniform in ±1/√inputs, for LSTM ±1/√UNITS, as torch's.
+
+    Args:
+        name: of the network.
+        columns: S, the proximity lengths of an instant.
+        generator: draws the weights.
+        design: of its layers.
+        keenness: factor on the weights of the lengths.
+    """
+    network = DESIGNS[design](columns, OUTPUTS[name])
+    inputs = UNITS
+    for tensor, parameter in network.named_parameters():
+        if design == "dense" and tensor.endswith("weight"):
+            inputs = parameter.shape[1]
+        first = tensor in ("lstm.weight_ih_l0", DENSE)
+        widest = inputs**-0.5 * (keenness if first else 1.0)
+        torch.nn.init.uniform_(parameter, -widest, widest, generator=generator)
+    return network
 
 
 def weights_of(network: ContactNetwork) -> Weights:
@@ -73,7 +125,7 @@ def gathered(rows: torch.Tensor, starts: torch.Tensor) -> torch.Tensor:
 def predict(name: Name, weights: Weights, windows: Windows, length: Scale) -> FloatArray:
     """The outputs of a network for all windows, shape (w, outputs)."""
     rows, starts = scaled_rows(windows, length), torch.from_numpy(windows.starts)
-    network = ContactNetwork(name, windows.rows.shape[1], torch.Generator())
+    network = DESIGNS["dense" if DENSE in weights else "lstm"](windows.rows.shape[1], OUTPUTS[name])
     put_weights(network, weights)
     with repeatable(), torch.no_grad():
         parts = [network(gathered(rows, chunk)) for chunk in starts.split(CHUNK)]

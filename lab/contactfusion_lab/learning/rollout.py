@@ -1,7 +1,7 @@
 """Pushes to learn from (O §III-B), and what LiDARs see of each while it is made."""
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Literal, final
 from zlib import crc32
@@ -60,6 +60,28 @@ TAXELS = 12
 
 
 @dataclass(frozen=True)
+class Course:
+    """How a lesson is seen, and when it ends.
+
+    Attributes:
+        mountings: LiDARs that see it, by name, all at once.
+        proximity: how proximity lengths are made.
+        longest: the end, at the latest [s].
+        once_more: at the target the base backs off for so long, and comes back for as long [s].
+    """
+
+    mountings: tuple[str, ...] = MOUNTINGS
+    proximity: ProximityConfig = PROXIMITY
+    longest: float = LONGEST
+    once_more: float = ONCE_MORE
+
+
+AS_PRINTED = Course(MOUNTINGS[:1], ProximityConfig(), longest=300.0, once_more=0.0)
+"""One LiDAR, a cell with a single point is occupied (O Eq 9), and a push ends at the target or
+after 300 s (O §III-B)."""
+
+
+@dataclass(frozen=True)
 class Detour:
     """A period in which the base moves by a given twist, whatever the controller commands.
 
@@ -91,6 +113,7 @@ class Lesson:
         controller: the parameters of reactive pushing.
         detours: periods in which the base moves otherwise.
         seed: of its random draws.
+        course: how it is seen, and when it ends.
     """
 
     name: str
@@ -105,6 +128,7 @@ class Lesson:
     controller: str = "tuned"
     detours: tuple[Detour, ...] = ()
     seed: int = 0
+    course: Course = Course()
 
     def detour_at(self, stamp: float) -> Motion | None:
         """Motion of the base at a stamp [s], during a detour."""
@@ -145,6 +169,11 @@ def first_lessons(varied: int, seed: int) -> list[Lesson]:
         )
     lessons += [_varied(row, 0, SKIN, seed) for row in range(varied)]
     return lessons
+
+
+def as_printed(lessons: Sequence[Lesson]) -> list[Lesson]:
+    """Lessons with no more than O §III-B prints, steered by the authors' parameters."""
+    return [replace(lesson, controller="paper", course=AS_PRINTED) for lesson in lessons]
 
 
 def driven_lessons(count: int, iteration: int, mountings: Sequence[str], seed: int) -> list[Lesson]:
@@ -231,7 +260,7 @@ def live(lesson: Lesson, weights: Path | None) -> LabelledTrial:
         name=lesson.name,
         split=lesson.split,
         round=lesson.round,
-        mountings=MOUNTINGS,
+        mountings=lesson.course.mountings,
         stamp=np.array([truth.stamp for truth in truths]),
         descriptors=np.stack([moment.descriptors for moment in moments], axis=1),
         kind=np.array([KINDS.index(kind) for kind, _ in touches], np.uint8),
@@ -263,7 +292,7 @@ class _Rollout(Stream):
             target=lesson.target,
             offset=lesson.offset,
             yaw=lesson.yaw,
-            sees=MOUNTINGS,
+            sees=lesson.course.mountings,
         )
         self.moments: list[Moment] = []
         """Moments of the cycles so far."""
@@ -277,24 +306,24 @@ class _Rollout(Stream):
 
     def arrivals(self) -> Iterator[Arrival]:
         """The readings of each cycle, at its end, until the push ends."""
-        scene, lesson, end = self._scene, self._lesson, LONGEST
+        scene, lesson, course = self._scene, self._lesson, self._lesson.course
+        end = course.longest
         drawn = np.random.default_rng([lesson.seed, 3]).uniform(SLOWEST, FASTEST).tolist()
         forward, lateral, yaw_rate = drawn
         while True:
             readings, truth = scene.readings(), scene.truth()
-            self.moments.append(Moment(_descriptors(readings, self._robot), truth))
+            self.moments.append(Moment(_descriptors(readings, self._robot, course), truth))
             yield Arrival(scene.stamp, tuple(readings), due=True)
             command = self._command
             assert command is not None  # the pipeline has a controller
             assert command.twist is not None
             if command.mode == ARRIVED:
-                end = min(end, scene.stamp + 2.0 * ONCE_MORE)
+                end = min(end, scene.stamp + 2.0 * course.once_more)
             if scene.stamp >= end or np.hypot(*truth.object[:2]) > scene.config.furthest:
                 return
-            if end < LONGEST:
-                scene.drive(
-                    -forward if scene.stamp < end - ONCE_MORE else forward, lateral, yaw_rate
-                )
+            if end < course.longest:
+                back = scene.stamp < end - course.once_more
+                scene.drive(-forward if back else forward, lateral, yaw_rate)
             else:
                 scene.drive(*(lesson.detour_at(scene.stamp) or _motion(command.twist)))
 
@@ -313,14 +342,14 @@ def _pipeline(lesson: Lesson, weights: Path | None) -> Pipeline:
     return Pipeline(sensing.pipeline.model_copy(update=update))
 
 
-def _descriptors(readings: Sequence[Reading], robot: RobotConfig) -> FloatArray:
+def _descriptors(readings: Sequence[Reading], robot: RobotConfig, course: Course) -> FloatArray:
     """The proximity lengths as each LiDAR sees them, shape (k, S) [m]."""
     clouds = {reading.sensor: reading for reading in readings if isinstance(reading, PointCloud)}
     rows = []
-    for name in MOUNTINGS:
+    for name in course.mountings:
         pose = robot.frames[clouds[name].frame].pose()
         seen = without(points_in(pose, clouds[name].points), ROBOT)
-        rows.append(PROXIMITY.lengths_of_cloud(seen))
+        rows.append(course.proximity.lengths_of_cloud(seen))
     return np.stack(rows)
 
 

@@ -22,8 +22,10 @@ from contactfusion_lab.learning.backend import repeatable, torch
 from contactfusion_lab.learning.dataset import Dataset, Windows
 from contactfusion_lab.learning.networks import (
     CHUNK,
-    ContactNetwork,
+    KEENNESS,
+    Design,
     Name,
+    drawn_network,
     gathered,
     put_weights,
     scaled_rows,
@@ -59,6 +61,10 @@ class Options(Model):
     """Whether half of the windows of a batch are seen with left and right changed over."""
     begun: float = Field(default=0.15, ge=0, le=1)
     """The share of windows that are seen as if a trial, or sight, had just begun within them."""
+    design: Design = "lstm"
+    """Layers of the network."""
+    keenness: float = Field(default=KEENNESS, gt=0)
+    """Factor on torch's initial weights of the lengths."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -112,7 +118,7 @@ def train(
         _Share.of(name, data.validation, data),
     )
     with repeatable():
-        learner = Learner(name, data.training.rows.shape[1], options.seed, warm)
+        learner = Learner(name, data.training.rows.shape[1], options, warm)
         if path.is_file():
             learner.restore(path, settings)
         start, before = time.perf_counter(), len(learner.history)
@@ -136,16 +142,18 @@ class Learner:
     Args:
         name: of the network.
         columns: S, the proximity lengths of an instant.
-        seed: of the first weights and of the order of the windows.
-        warm: weights to begin with instead; None: drawn ones.
+        options: how it is trained.
+        warm: weights to begin with in place of drawn ones, or None.
 
     Raises:
         ConfigurationError: the weights to begin with are those of another network.
     """
 
-    def __init__(self, name: Name, columns: int, seed: int, warm: Weights | None) -> None:
-        self.generator = torch.Generator().manual_seed(seed)
-        self.network = ContactNetwork(name, columns, self.generator)
+    def __init__(self, name: Name, columns: int, options: Options, warm: Weights | None) -> None:
+        self.generator = torch.Generator().manual_seed(options.seed)
+        self.network = drawn_network(
+            name, columns, self.generator, options.design, options.keenness
+        )
         if warm is not None:
             try:
                 put_weights(self.network, warm)
@@ -305,7 +313,11 @@ def _settings(
     for key, array in sorted((warm or {}).items()):
         first.update(key.encode() + array.tobytes())
     sums = {"network": name, "data": data.sha256, "first weights": first.hexdigest()}
-    return {**options.model_dump(mode="json"), **sums}
+    held = options.model_dump(mode="json")
+    for option in ("design", "keenness"):  # checkpoints from before these were options stay good
+        if held[option] == Options.model_fields[option].default:
+            del held[option]
+    return {**held, **sums}
 
 
 def _require_same(path: Path, held: Mapping[str, Any], settings: Mapping[str, Any]) -> None:

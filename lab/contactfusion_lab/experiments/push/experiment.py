@@ -47,6 +47,7 @@ class Options:
         lidar: the LiDAR that replaces any other.
         camera: the camera likewise.
         weights: of contact networks; None: those of the package.
+        preset: the preset that replaces options of the file of every sensing; empty: none.
         objects: names; none: those of the paper, unless there are files.
         files: of further objects, URDF or YAML.
         frictions: names; none: both.
@@ -68,6 +69,7 @@ class Options:
     lidar: str = ""
     camera: str = ""
     weights: Path | None = None
+    preset: str = ""
     objects: Sequence[str] = ()
     files: Sequence[Path] = ()
     frictions: Sequence[str] = ()
@@ -177,7 +179,9 @@ def read_plans(options: Options) -> dict[str, Plan]:
     require_once(options.rules, "rules")
     require_once(options.without, "sources that are left out")
     faults, misplaced = read_failing(options.faults) if options.faults else ((), {})
-    change = Change("", tuple(options.without), options.lidar, options.camera, options.weights)
+    change = Change(
+        "", tuple(options.without), options.lidar, options.camera, options.weights, options.preset
+    )
     targets, plans = read_targets(options.targets), {}
     for sensing, rule in product(options.sensings, options.rules or [""]):
         plan = read_plan(

@@ -16,6 +16,7 @@ from contactfusion.hypotheses import HypothesisCloud, HypothesisKind
 from contactfusion.pipeline import Ask, asked
 from contactfusion.pipeline_config import PipelineConfig
 from contactfusion.plugins import installed_plugins
+from contactfusion.preset import preset_named
 from contactfusion.readings import Reading
 from contactfusion.robots.description import RobotConfig
 from contactfusion.state import State
@@ -50,7 +51,7 @@ THRESHOLDS = {
 made."""
 BLUR = 2.5
 """Width of a point contact as a skin measures it [taxels]."""
-REST = ("folder", "faults", "controller", "seed")
+REST = ("folder", "faults", "controller", "seed", "preset")
 """Fields of a pipeline that do not change a trial, or are settings of their own."""
 
 
@@ -64,6 +65,7 @@ class Change:
         lidar: the LiDAR that replaces any other; empty: that of the file.
         camera: the camera likewise.
         weights: of contact networks; None: those of the package.
+        preset: the preset that replaces options of the file; empty: none.
     """
 
     rule: str = ""
@@ -71,6 +73,7 @@ class Change:
     lidar: str = ""
     camera: str = ""
     weights: Path | None = None
+    preset: str = ""
 
 
 @dataclass(frozen=True)
@@ -147,7 +150,10 @@ def read_sensing(name: str, taxels: int, change: Change) -> Sensing:
     """
     require_known([name], SENSINGS, "sensing", "sensings")
     path = SENSINGS[name]
-    pipeline = PipelineConfig(**{"folder": path.parent, **read_yaml(path)})
+    fields = read_yaml(path)
+    if change.preset:
+        fields = preset_named(change.preset).over(fields)
+    pipeline = PipelineConfig(**{"folder": path.parent, **fields})
     robot = pipeline.robot
     assert robot is not None
     exteroceptive = {
@@ -179,7 +185,7 @@ def read_sensing(name: str, taxels: int, change: Change) -> Sensing:
         pipeline = _without(pipeline, change.without, name)
     kept = pipeline.generators
     sensors = dict.fromkeys(str(options.get("sensor")) for options in kept.values())
-    parts = [name, change.rule, *(f"without_{source}" for source in change.without)]
+    parts = [name, change.preset, change.rule, *(f"without_{source}" for source in change.without)]
     return Sensing(
         label="-".join(filter(None, parts)).replace("/", "_"),
         pipeline=pipeline,

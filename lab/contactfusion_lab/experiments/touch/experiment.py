@@ -83,6 +83,7 @@ class Options:
         noise: of the sensors, by name; None: the scene's.
         faults: a YAML file of faults, or None.
         seed: of all chance.
+        preset: the preset that replaces options of the file; empty: none.
         executor: the workers.
         draw: touches to draw, by their names; none: one of each object.
         free: how long the hand moves in free air, in all [min].
@@ -97,6 +98,7 @@ class Options:
     noise: str | None = None
     faults: Path | None = None
     seed: int = 0
+    preset: str = ""
     executor: Executor = Local()
     draw: Sequence[str] = ()
     free: float = 1.0
@@ -119,8 +121,9 @@ def run_touch(options: Options, out: Path) -> None:
     methods = with_spreads(options.methods, options.spreads)
     faults = read_faults(options.faults) if options.faults else ()
     plan, targets = read_plan(
-        options.config, options.objects, options.directions, options.noise, faults, options.seed
-    )
+        options.config, options.objects, options.directions, options.noise, faults, options.seed,
+        options.preset,
+    )  # fmt: skip
     experiment = TouchExperiment(
         plan, targets, options.repeats, methods, options.draw, options.free
     )

@@ -17,6 +17,7 @@ from contactfusion.files import require_file
 from contactfusion.frames import FrameConfig, points_in
 from contactfusion.model import rooted
 from contactfusion.pipeline_config import PipelineConfig
+from contactfusion.preset import preset_named
 from contactfusion.robots.objects import ObjectConfig, ObjectModel
 from contactfusion.yaml_files import read_yaml
 from contactfusion_lab.scenes.touch.config import TouchConfig
@@ -26,7 +27,9 @@ ELEVATIONS = 3
 """Directions come from so many heights."""
 AROUND = 8.0
 """Azimuth and elevation may differ by so much, by chance [degrees]."""
-REST: Any = {"folder": True, "faults": True, "integrator": True, "robot": {"folder": True}}
+REST: Any = dict.fromkeys(("folder", "faults", "integrator", "preset"), True) | {
+    "robot": {"folder": True}
+}
 """Fields of a pipeline that do not change a trial, or are settings of their own."""
 TRIALS = 2
 """Counts up when trials change, so that old ones are not taken for new."""
@@ -168,6 +171,7 @@ def read_plan(
     noise: str | None,
     faults: Sequence[Fault],
     seed: int,
+    preset: str = "",
 ) -> tuple[Plan, tuple[str, ...]]:
     """Put an experiment together.
 
@@ -179,6 +183,7 @@ def read_plan(
         noise: of the sensors, by name; None: the scene's.
         faults: how sensors fail, besides those of the file.
         seed: of all chance.
+        preset: the preset that replaces options of the file; empty: none.
 
     Returns:
         The plan, and the names of the objects.
@@ -191,6 +196,8 @@ def read_plan(
     fields = read_yaml(path)
     try:
         scene = _scene(fields.pop("scene", None), path.parent, noise)
+        if preset:
+            fields = _replaced(fields, preset)
         pipeline = PipelineConfig(**{"folder": path.parent, **fields})
         pipeline = pipeline.model_copy(update={"faults": (*pipeline.faults, *faults)})
         _check_pipeline(pipeline)
@@ -212,6 +219,16 @@ def _scene(described: Any, folder: Path, noise: str | None) -> TouchConfig:
         return rooted(TouchConfig(**{**described, **({"noise": noise} if noise else {})}), folder)
     except ConfigurationError as error:
         raise error.under("scene") from None
+
+
+def _replaced(fields: Mapping[str, Any], preset: str) -> dict[str, Any]:
+    """The fields of a pipeline under a preset; of generators that it makes equal, the first."""
+    replaced = preset_named(preset).over({**fields, "preset": preset})
+    kept: dict[str, Any] = {}
+    for name, options in replaced["generators"].items():
+        if options not in kept.values():
+            kept[name] = options
+    return {**replaced, "generators": kept}
 
 
 def _check_pipeline(config: PipelineConfig) -> None:

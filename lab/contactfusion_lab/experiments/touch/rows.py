@@ -137,10 +137,11 @@ class Outcome:
 
 
 def modality_of(config: PipelineConfig, source: str) -> str:
-    """Which modality a source belongs to."""
+    """Which modality a source belongs to; under a preset, what moves is the papers' range."""
     options = config.generators[source.split("/")[0]]
     if options["type"] == "range":
-        return "range" if options.get("evidence") == "proximity" else "moving"
+        near = options.get("evidence") == "proximity" or config.preset is not None
+        return "range" if near else "moving"
     return TYPES.get(options["type"], str(options["type"]))
 
 
