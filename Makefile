@@ -7,7 +7,7 @@ DEMO_READY := $(VENV)/.ready-demo
 READY := $(VENV)/.ready
 SOAK_SCENARIOS ?= 2000
 
-.PHONY: demo test test-lab test-lab-changed lint soak bench goldens bare show-recordings show-touch show-push show-sensing show-paper show-replay show-grasp show-dask train clean
+.PHONY: demo test test-lab test-lab-changed lint soak bench goldens bare show-recordings show-touch show-push show-sensing show-paper show-hard show-replay show-grasp show-dask train clean
 
 demo: $(DEMO_READY)
 	$(BIN)/contactfusion demo --out out/demo
@@ -139,6 +139,10 @@ show-paper: $(READY)
 		$(PAPER) --weights out/paper/cpm/$$networks.safetensors --sensing lidar --sensing rgbd \
 			--targets new --out out/paper/new_$$networks || exit 1; \
 	done
+
+# Worlds that are not kind, whole and part by part; its length is printed first.
+show-hard: $(READY)
+	$(BIN)/python scripts/show_hard.py $(ONLY)
 
 # Recordings in, contacts out: real ones, equal bytes, pictures, and the memory that 5 GB take.
 DATA := $(or $(CONTACTFUSION_DATA),../shared/data)
