@@ -7,7 +7,7 @@ from pydantic import Field, field_validator, model_validator
 
 from contactfusion.errors import ConfigurationError, name_hint
 from contactfusion.model import Model
-from contactfusion.units import ForceNoise, Spread, TorqueNoise
+from contactfusion.units import ForceNoise, Seconds, Spread, TorqueNoise
 from contactfusion_lab.scenes.ranges import AnyRange, Range
 from contactfusion_lab.scenes.sensor_errors import Delays, RangeNoise, TaxelNoise
 
@@ -48,7 +48,7 @@ PARTS: dict[str, dict[str, Any]] = {
     "range": {"ranges": {"bias": 0.01, "mixed": 0.5}, "flying": 0.02},
     "clutter": {"clutter": True},
     "motion": {
-        "moving": True,
+        "slide": 0.2,
         "delays": {
             "joints": (0.002, 0.01),
             "skins": (0.01, 0.04),
@@ -148,9 +148,9 @@ class TouchNoise(Model):
     """Contact force at which the hand stops, in place of the scene's `press` [N]."""
     clutter: bool = False
     """Whether other bodies stand around the object."""
-    moving: bool = False
-    """Whether a touch ends as the contact force is reached, while the hand moves, in place of at
-    rest."""
+    slide: Seconds = Field(default=0.0, ge=0)
+    """Time for which the hand slides sideways at its speed once the contact force is reached; a
+    touch ends then, while the hand moves; 0: it ends at rest [s]."""
     belief: bool = True
     """Whether believed poses of objects err by `sigma` and `sigma_yaw`; else they are true."""
 

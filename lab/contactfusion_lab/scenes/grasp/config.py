@@ -68,7 +68,7 @@ class GraspConfig(Model):
     None: unlimited."""
     noise: TouchNoise = Field(default_factory=lambda: TouchNoise.model_validate("prototype"))
     """Errors of the sensors and of the world: `none`, `prototype`, `full`, `hard`, such as
-    `prototype+wrist`, or the fields of `TouchNoise`; `press` and `moving` are of touches alone."""
+    `prototype+wrist`, or the fields of `TouchNoise`; `press` and `slide` are of touches alone."""
     period: float = Field(default=0.05, ge=0.01, le=0.2)
     """Period of commands, and of readings of joints and skins [s]."""
     lifted: Reach = Field(default=0.1, gt=0)

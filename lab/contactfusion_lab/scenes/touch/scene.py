@@ -103,7 +103,7 @@ class TouchScene(Scene):
         around = {name: ObjectModel(fixed) for name, fixed in config.surroundings.items()}
         self._objects = {config.touched: self._target, **around}
         # parts of the noise have generators of their own: whoever adds one changes no other
-        surface_rng, self._clutter_rng, press_rng, late_rng = self._rng.spawn(4)
+        surface_rng, self._clutter_rng, press_rng, late_rng, slide_rng = self._rng.spawn(5)
         with as_built(robot, config.noise.surface, surface_rng) as built:
             self._world = TouchWorld(built, self._objects, config.friction)
         self._built = built
@@ -111,6 +111,7 @@ class TouchScene(Scene):
         forces = config.noise.press
         self.press = config.press if forces is None else press_rng.uniform(*forces)
         """Contact force at which the hand stops [N]."""
+        self._sideways = slide_rng.uniform(-np.pi, np.pi)
         self._late = Arrivals(config.noise.delays, late_rng)
         self._truth: Truth | None = None
         self._stamp, self._moments = 0.0, list[Touching]()
@@ -156,7 +157,8 @@ class TouchScene(Scene):
     def readings(self) -> Iterator[Reading]:
         """All readings: the hand goes forward until it is pushed, then stands until it has settled.
 
-        Readings that are late follow when they arrive, or never.
+        With the noise `slide` it slides sideways instead, for so long. Readings that are late
+        follow when they arrive, or never.
 
         Raises:
             RobotError: there is no path on which the hand reaches the object first.
@@ -175,19 +177,24 @@ class TouchScene(Scene):
         yield from sensors.believed({config.touched: self._target})
         pushes, self._moments = np.zeros(GUARD), [self._world.touching()]
         step = stood = since = 0
+        slide, slid = config.noise.slide, np.zeros_like(self._leading)
+        sideways = np.zeros_like(slid)
         while True:
             yield from self._late.until(step * STEP, self._sensed(sensors, arm, step, last=False))
             step += 1
             yielding = pushes.mean() < self.press and travelled < end
             travelled = min(travelled + config.speed * STEP, end) if yielding else travelled
             stood = 0 if yielding else stood + 1
+            if slide and stood and not since:
+                sideways = self._aside(path.at(travelled))
             since += bool(since or stood)
-            arm.step(path.at(travelled))
+            slid = slid + STEP * sideways
+            arm.step(path.at(travelled) + slid)
             self._look(step)
             pushes[step % GUARD] = np.linalg.norm(self._moments[-1].forces.sum(axis=0))
             settled = bool(np.abs(arm.velocities).max() < SLOW)
             steady = settled and stood * STEP >= STAND
-            if steady or since * STEP >= LONGEST or (config.noise.moving and not yielding):
+            if since * STEP >= (slide or LONGEST) or (steady and not slide):
                 break
         yield from self._late.until(step * STEP, self._sensed(sensors, arm, step, last=True))
         self._truth = Truth(contacts_of(self._moments), arm.positions, steady, self._onset)
@@ -266,6 +273,17 @@ class TouchScene(Scene):
             )
             for distance in (path.distances[0], -WARNING / 2.0, 0.0, BEYOND / 2.0, BEYOND)
         )
+
+    def _aside(self, joints: FloatArray) -> FloatArray:
+        """Joint velocities that move the tool sideways at its speed, without rotation.
+
+        Args:
+            joints: shape (n,), where it begins [rad, m].
+        """
+        tool, angle = self.robot.poses_at(joints)[self.config.tool], self._sideways
+        twist = np.zeros(6)
+        twist[:3] = self.config.speed * tool[:3, :2] @ (np.cos(angle), np.sin(angle))
+        return np.linalg.pinv(self.robot.jacobian(self.config.tool, joints) * self._leading) @ twist
 
     def _stiffness(self) -> FloatArray:
         hand = self.config.noise.finger_stiffness
