@@ -198,9 +198,9 @@ class TestPlan:
 
     def test_noise_reaches_the_scene_and_the_settings_but_for_the_default(self) -> None:
         made = plan(noise="prototype+odometry")
-        assert made.scene_of(made.pushes()[0]).noise.odometry.slip == 0.01
+        assert made.scene_of(made.pushes()[0]).noise.odometry.slip == 0.02
         (name, fields), *_ = made.settings(["tuned"])["noise"].items()
-        assert name == "prototype+odometry" and fields["odometry"]["slip"] == 0.01
+        assert name == "prototype+odometry" and fields["odometry"]["slip"] == 0.02
         assert "noise" not in plan().settings(["tuned"])
         assert made.pushes() == plan().pushes()
 

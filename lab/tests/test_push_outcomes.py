@@ -31,7 +31,14 @@ from contactfusion_lab.experiments.push.plan import (
     read_plan,
     read_targets,
 )
-from contactfusion_lab.experiments.push.tables import GROUPS, PAPER, Reached, evaluate, perception
+from contactfusion_lab.experiments.push.tables import (
+    GROUPS,
+    PAPER,
+    Reached,
+    chosen_before,
+    evaluate,
+    perception,
+)
 from contactfusion_lab.experiments.push.trial import ARRAYS, Track, content_of
 from contactfusion_lab.scenes.push.config import SkinConfig
 from contactfusion_lab.scenes.push.scene import Ending
@@ -380,7 +387,7 @@ class TestEvaluation:
         settings["targets"] = {**new.settings([])["targets"], "random": "by chance"} | (
             grid.settings([])["targets"]
         )
-        evaluate(grid, settings, [], tmp_path)
+        evaluate(grid, settings, [], tmp_path, {})
         rows = list(csv.DictReader((tmp_path / "results.csv").read_text().splitlines()))
         assert [row["controller"] for row in rows] == ["paper"] * 48 + ["tuned"] * (48 + 3 + 96)
         assert [row["trial"] for row in rows][48:100:12] == [
@@ -415,21 +422,21 @@ class TestEvaluation:
         push = replace(made.pushes()[0], **change)
         path = keep(track(push=push), tmp_path)
         with pytest.raises(ConfigurationError, match=f"^{path} holds another push than"):
-            evaluate(made, made.settings(["tuned"]), [], tmp_path)
+            evaluate(made, made.settings(["tuned"]), [], tmp_path, {})
 
     def test_a_push_that_is_not_its_files_is_refused(self, tmp_path: Path) -> None:
         made = planned(Targets("random", None, 2), ("box",), "random")
         pushed(made, "tuned", tmp_path)
         folder = tmp_path / "trials" / "skin" / "tuned"
-        evaluate(made, made.settings(["tuned"]), [], tmp_path)
+        evaluate(made, made.settings(["tuned"]), [], tmp_path, {})
         (folder / "box-mu1-random-000.npz").rename(folder / "box-mu2-random-000.npz")
         with pytest.raises(ConfigurationError, match=r"box-mu2-random-000\.npz holds another"):
-            evaluate(made, made.settings(["tuned"]), [], tmp_path)
+            evaluate(made, made.settings(["tuned"]), [], tmp_path, {})
 
     def test_three_random_targets_give_all_figures(self, tmp_path: Path) -> None:
         made = planned(Targets("random", None, 3))
         pushed(made, "tuned", tmp_path)
-        evaluate(made, made.settings(["tuned"]), [], tmp_path)
+        evaluate(made, made.settings(["tuned"]), [], tmp_path, {})
         names = {path.name for path in tmp_path.glob("*.png")}
         assert names == {"map_skin_tuned.png", "paths_skin_tuned.png", "bars.png"}
 
@@ -444,3 +451,11 @@ class TestEvaluation:
     def test_json_has_null_for_what_is_no_number(self) -> None:
         value = {"p": float("nan"), "rows": [(float("inf"), 1.5, True, 3, "x", None)]}
         assert json.loads(as_json(value)) == {"p": None, "rows": [[None, 1.5, True, 3, "x", None]]}
+
+
+def test_tables_say_what_was_tuned_and_trained_before() -> None:
+    learned = {"skin": {}, "fused": {"lidar": "192 simulated pushes"}}
+    assert chosen_before({"controllers": {"paper": {}}}, {"skin": {}}) == []
+    tuned, trained = chosen_before({"controllers": {"paper": {}, "tuned": {}}}, learned)
+    assert tuned.startswith("`tuned`: parameters searched on random pushes")
+    assert trained == "networks of `fused`, lidar: 192 simulated pushes"

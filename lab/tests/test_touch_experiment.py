@@ -426,6 +426,15 @@ class TestTables:
         assert "| all | 90.7, 4.31, 1.10 | 100 [72, 100] |" in text
         assert "| fingers |  | - |" in text
 
+    def test_all_tables_have_a_caption_with_the_press_force_and_the_seeds_of_tuning(self) -> None:
+        text = tables.forces_text(list(np.linspace(1.0, 6.0, 11)))
+        assert text.startswith(
+            "11 touches, pressed with 3.5 N (median; 10 % with less than 1.5 N, 10 % with more "
+            "than 5.5 N)."
+        )
+        assert "chosen on touches of the seeds 7 and 8" in text
+        assert tables.forces_text([]).startswith("0 touches")
+
     def test_touches_at_one_place_and_at_several_are_distinguished(self) -> None:
         single, several = outcomes(np.full(10, 0.02)), outcomes(np.full(4, 0.07), true_contacts=2)
         frame = pd.concat([single, several[~several["short"]]])

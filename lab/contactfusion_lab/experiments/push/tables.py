@@ -68,6 +68,12 @@ DIFFERENCES: tables.Units = {
 COUNTED = ("searches", "escapes")
 LISTED = 40
 """Number of failures of a controller listed in the table; all are in results.csv."""
+TUNED = "tuned"
+TUNED_ON = (
+    "parameters searched on random pushes of the paper's objects (seeds 11 to 17) and of eight "
+    "others (seeds 31 to 35, 41 and 42)"
+)
+"""The set of parameters that is ours, and what it was searched on."""
 Group = tuple[str, str]
 """An object and a friction."""
 GROUPS: tuple[Group, ...] = tuple(
@@ -79,7 +85,13 @@ START = "nominal"
 """Its pushes started so."""
 
 
-def evaluate(plan: Plan, settings: Mapping[str, Any], failed: Sequence[str], out: Path) -> None:
+def evaluate(
+    plan: Plan,
+    settings: Mapping[str, Any],
+    failed: Sequence[str],
+    out: Path,
+    learned: Mapping[str, Mapping[str, str]],
+) -> None:
     """Measure every push that a folder holds; write tables, files and figures.
 
     Args:
@@ -88,6 +100,7 @@ def evaluate(plan: Plan, settings: Mapping[str, Any], failed: Sequence[str], out
             the first, its objects and its sets of targets.
         failed: a sentence for each push that could not be made.
         out: the folder with the pushes, which takes the results.
+        learned: on what networks were trained, by generator, of suites by their labels.
 
     Raises:
         ConfigurationError: a file holds none of these pushes, or another than that of its name.
@@ -121,6 +134,7 @@ def evaluate(plan: Plan, settings: Mapping[str, Any], failed: Sequence[str], out
         {
             "Success": success,
             "Perception": _for_each(perceived, perception_text, plan),
+            "Chosen and trained before": tables.bullets(chosen_before(settings, learned)),
             "Measures": tables.measures_text(summaries, "median", MEASURES, COUNTED),
             "Compared push by push": tables.comparisons_text(comparisons, DIFFERENCES),
             "Failures": failures_text(frame),
@@ -134,6 +148,23 @@ def evaluate(plan: Plan, settings: Mapping[str, Any], failed: Sequence[str], out
         figures.draw_trajectories(part, trajectories, out / f"paths_{stem}.png")
     figures.draw_bars(frame, comparisons, out / "bars.png")
     note(success, end="\n\n")
+
+
+def chosen_before(
+    settings: Mapping[str, Any], learned: Mapping[str, Mapping[str, str]]
+) -> list[str]:
+    """Sentences on the pushes on which controllers were tuned and networks trained.
+
+    Args:
+        settings: of the folder.
+        learned: on what networks were trained, by generator, of suites by their labels.
+    """
+    tuned = [f"`{name}`: {TUNED_ON}" for name in settings["controllers"] if name == TUNED]
+    return tuned + [
+        f"networks of `{label}`, {generator}: {data}"
+        for label, generators in learned.items()
+        for generator, data in generators.items()
+    ]
 
 
 def _summary(part: pd.DataFrame, seed: int) -> dict[str, dict[str, Any]]:

@@ -227,7 +227,7 @@ def _evaluate(
     measures += free.measures_of(alarms, plan.seed)
     comparisons = compare_all(frame, methods, config, plan.seed)
     rows = [row.name for row in (*ROWS, everything(config))]
-    texts = dict[str, str]()
+    texts = {"Touches": tables.forces_text([trial.force for trial in touches])}
     for method in methods:
         part = frame[frame["method"] == str(method)]
         names = list(part["row"].unique())

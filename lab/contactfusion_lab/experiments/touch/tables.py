@@ -14,6 +14,7 @@ from contactfusion.arrays import FloatArray
 from contactfusion.grid import Grid
 from contactfusion.hypotheses import HypothesisCloud, HypothesisKind
 from contactfusion.pipeline_config import PipelineConfig
+from contactfusion_lab.experiments.methods import TUNING_SEEDS
 from contactfusion_lab.experiments.touch.rows import TIMED, felt, modality_of
 from contactfusion_lab.experiments.touch.trial import Trial
 from contactfusion_lab.trials.calibration import brier, calibration_error
@@ -247,6 +248,22 @@ def time_text(measures: Sequence[Measure], rows: Sequence[str], method: str) -> 
     return markdown(
         [method, *(heading for heading, _, _ in BY_TIME)],
         [[row, *own] for row, own in zip(chosen, cells, strict=True)],
+    )
+
+
+def forces_text(forces: Sequence[float]) -> str:
+    """Caption of all tables: how hard was pressed, and what was chosen before.
+
+    Args:
+        forces: of the touches [N].
+    """
+    low, middle, high = np.quantile(forces, (0.1, 0.5, 0.9)) if forces else (np.nan,) * 3
+    seeds = " and ".join(map(str, TUNING_SEEDS))
+    return (
+        f"{len(forces)} touches, pressed with {middle:.1f} N (median; 10 % with less than "
+        f"{low:.1f} N, 10 % with more than {high:.1f} N). Rules and condensations were chosen on "
+        f"touches of the seeds {seeds}, spreads of generators on 45 to 163 touches of other seeds, "
+        "all of the box, the cylinder and the sprayer."
     )
 
 

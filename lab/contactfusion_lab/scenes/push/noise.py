@@ -15,7 +15,7 @@ PARTS: dict[str, dict[str, Any]] = {
     "mounting": {"mounting": {"mm": 10.0, "degrees": 1.0}},
     "range": {"ranges": {"bias": 0.01, "mixed": 0.5}},
     "odometry": {
-        "odometry": {"translation": 0.01, "yaw": 0.01, "slip": 0.01, "walk": 0.005, "turn": 0.25}
+        "odometry": {"translation": 0.02, "yaw": 0.02, "slip": 0.02, "walk": 0.01, "turn": 0.5}
     },
     "clutter": {"clutter": True},
     "timing": {
