@@ -27,7 +27,7 @@ CONTACTFUSION = Path(sys.executable).with_name("contactfusion")
 LANES = 2
 """Number of experiments that run at a time."""
 NOISES = ("prototype", "hard")
-SECONDS = {"touch": 2.5, "push": 4.0, "grasp": 12.0}
+SECONDS = {"touch": 3.0, "push": 4.0, "grasp": 12.0}
 """Of one core, for a trial and its evaluation."""
 
 RULES = ("de_morgan", "de_morgan_tuned", "posterior/modes")
@@ -152,12 +152,12 @@ def cases() -> Iterator[Case]:
             f"{noise}_rules", noise, 3, 100, sensing="fused", rule=(*RULES[::2], "posterior")
         )
     for part, noise in {"prototype": "prototype", **parts}.items():
-        yield touch(f"parts/{part}", noise, 10, 2, 5)
+        yield touch(f"parts/{part}", noise, 10, 2, 2)
     for part in ("prototype", *PUSH_PARTS):
         noise = part if part in NOISES else f"prototype+{part}"
         yield push(f"parts/{part}", noise, 2, 40, sensing=("skin", "fused"))
     for noise in NOISES:
-        yield touch(f"{noise}_unseen", noise, 15, 2, 5, FURTHER)
+        yield touch(f"{noise}_unseen", noise, 15, 2, 1, FURTHER)
         yield push(
             f"{noise}_unseen", noise, 4, 72, sensing=SENSINGS, objects=UNSEEN, targets="far",
             starts="far",
