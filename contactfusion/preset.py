@@ -54,9 +54,15 @@ PRESETS: Mapping[str, Preset] = {
             "tactile": {"p_max": 1.0},
             "force_torque": {"friction": None},
             "range": {"evidence": "motion", "scale": 0.01},
-            "lidar_cpm": {"p_max": 1.0},
+            "lidar_cpm": {"p_max": 1.0, "weights": "paper"},
             "lidar_rule": {"p_max": 1.0},
-            "rgbd_cpm": {"p_max": 1.0, "ends": "edge", "margin": 0.0, "body": None},
+            "rgbd_cpm": {
+                "p_max": 1.0,
+                "weights": "paper",
+                "ends": "edge",
+                "margin": 0.0,
+                "body": None,
+            },
         },
         integrator={
             "rule": "de_morgan",
@@ -69,8 +75,9 @@ PRESETS: Mapping[str, Preset] = {
     )
 }
 """`paper`: what both papers print. Likelihoods up to 1 (F Eq 3-5), no friction cone (F Eq 6-7), the
-motion gate of range (F §V-D), edges without correction (O Eq 13-16), De Morgan with one time of
-expiry a voxel (F §III-B), the parameters of reactive pushing that their authors used."""
+motion gate of range (F §V-D), networks of its training (O §III-B), edges without correction
+(O Eq 13-16), De Morgan with one time of expiry a voxel (F §III-B), the parameters of reactive
+pushing that their authors used."""
 
 
 def preset_named(name: str) -> Preset:

@@ -5,7 +5,7 @@ import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Literal, Self, final
+from typing import Annotated, Literal, Self, final, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -36,6 +36,10 @@ KINDS: Kinds = ("none", "point", "line")
 """Kinds of contact, in the order of the type network's outputs."""
 OUTPUTS = {"location": 1, "type": len(KINDS)}
 """The networks, with the number of outputs of each."""
+Shipped = Literal["contact", "paper", "paper_lstm"]
+SHIPPED: tuple[Shipped, ...] = get_args(Shipped)
+"""Networks of the package: `contact` by `train cpm`, the others by `train cpm --preset paper`, with
+the type network as printed and as an LSTM."""
 GAP = 0.5
 """The longest silence that is bridged; after a longer one the memory is cleared [s]."""
 
@@ -171,9 +175,16 @@ class ContactNetworks:
         return Perception(lateral, odds / odds.sum())
 
 
-def shipped() -> Path:
-    """The weights of the package."""
-    return Path(__file__).parent / "data" / "contact.safetensors"
+def shipped(name: str = SHIPPED[0]) -> Path:
+    """Weights of the package, by name."""
+    return Path(__file__).parent / "data" / f"{name}.safetensors"
+
+
+def weights_file(weights: Path | str | None) -> Path:
+    """The file of weights that are given by path, by name, or not at all."""
+    if weights is None:
+        return shipped()
+    return shipped(str(weights)) if str(weights) in SHIPPED else Path(weights)
 
 
 def read_networks(path: Path) -> tuple[NetworksCard, dict[str, Weights]]:
@@ -223,8 +234,9 @@ def _tensor(tensors: Weights, name: str, shape: tuple[int, ...], path: Path) -> 
 class LearnedConfig(PerceivedConfig):
     """The options of all generators that use the contact networks."""
 
-    weights: Path | None = Field(default=None)
-    """The networks, as `contactfusion train cpm` writes them; None: those of the package."""
+    weights: Shipped | Path | None = Field(default=None)
+    """The networks, as `contactfusion train cpm` writes them, or the name of networks of the
+    package; None: `contact`."""
 
 
 class LearnedFace(FaceGenerator[ConfigT]):
@@ -233,7 +245,7 @@ class LearnedFace(FaceGenerator[ConfigT]):
     def __init__(self, name: str, config: ConfigT) -> None:
         super().__init__(name, config)
         assert isinstance(config, LearnedConfig)
-        self._networks = ContactNetworks.load(config.weights or shipped())
+        self._networks = ContactNetworks.load(weights_file(config.weights))
         card = self._networks.card
         self.proximity = card.proximity
         """The region in front of the face, and its cells, as in training."""

@@ -18,10 +18,12 @@ from contactfusion.errors import ConfigurationError, InvalidReadingError
 from contactfusion.generators.lstm import dense_shapes, lstm_layer, tensor_shapes
 from contactfusion.generators.networks import (
     OUTPUTS,
+    SHIPPED,
     ContactNetworks,
     NetworksCard,
     Scale,
     read_networks,
+    weights_file,
 )
 from contactfusion.generators.proximity import ProximityConfig
 
@@ -127,6 +129,13 @@ def test_a_file_says_which_layers_it_holds_and_lacks_none(tmp_path: Path) -> Non
     del tensors["type.dense.1.bias"]
     with pytest.raises(ConfigurationError, match="lacks the tensor type.dense.1.bias"):
         read_networks(write(tmp_path, tensors))
+
+
+@pytest.mark.parametrize("name", SHIPPED)
+def test_networks_of_the_package_are_sound(name: str) -> None:
+    card, weights = read_networks(weights_file(name))
+    assert card.window == 20
+    assert ("dense.0.weight" in weights["type"]) == (name == "paper")
 
 
 def sigmoid(x: float) -> float:

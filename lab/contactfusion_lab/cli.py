@@ -259,7 +259,11 @@ def experiment_push(
     lidar: Annotated[str, typer.Option(help="LiDAR of the robot, by name.")] = "",
     camera: Annotated[str, typer.Option(help="Camera of the robot, by name.")] = "",
     weights: Annotated[
-        Path | None, typer.Option(help="Weights of the contact networks (.safetensors).")
+        str | None,
+        typer.Option(
+            help="Weights of the contact networks: a .safetensors file, or contact, paper or "
+            "paper_lstm."
+        ),
     ] = None,
     objects: Annotated[str, typer.Option(help="Objects, separated by commas.")] = "",
     friction: Annotated[str, typer.Option(help="Friction sets, separated by commas.")] = "mu1,mu2",

@@ -11,9 +11,10 @@ import pytest
 
 from contactfusion.controllers.face import NARROW
 from contactfusion.errors import ConfigurationError, ContactFusionError
+from contactfusion.generators import networks
+from contactfusion.generators.networks import read_networks, shipped
 from contactfusion.hypotheses import HypothesisKind
 from contactfusion.pipeline import Pipeline
-from contactfusion_lab.experiments.push import suites
 from contactfusion_lab.experiments.push.experiment import Options, read_plans, run_push
 from contactfusion_lab.experiments.push.plan import Plan
 from contactfusion_lab.experiments.push.suites import (
@@ -119,7 +120,7 @@ class TestSensing:
     def test_those_of_the_package_are_taken_unless_others_are_given(
         self, weights: Path, monkeypatch: pytest.MonkeyPatch
     ) -> None:
-        monkeypatch.setattr(suites, "shipped", lambda: weights)
+        monkeypatch.setattr(networks, "shipped", lambda: weights)
         assert feeling("lidar").settings() == feeling("lidar", weights).settings()
 
     def test_a_preset_replaces_what_a_file_gives(self) -> None:
@@ -127,13 +128,13 @@ class TestSensing:
         camera = one.pipeline.generators["camera"]
         assert (camera["ends"], camera["margin"], camera["body"]) == ("edge", 0.0, None)
         assert feeling("rgbd").pipeline.generators["camera"]["body"]
+        assert one.networks["camera"] == read_networks(shipped("paper"))[0].weights_sha256
         assert one.label == "rgbd-paper"
 
-    def test_a_rule_goes_before_the_preset(self, weights: Path) -> None:
-        one = feeling("lidar", weights, preset="paper", rule="posterior/modes")
-        assert (one.pipeline.integrator.rule, one.pipeline.integrator.expiry) == (
-            "posterior", "voxel",
-        )  # fmt: skip
+    def test_what_is_chosen_goes_before_the_preset(self) -> None:
+        one = feeling("lidar", Path("paper_lstm"), preset="paper", rule="posterior/modes")
+        assert one.networks["lidar"] == read_networks(shipped("paper_lstm"))[0].weights_sha256
+        assert one.pipeline.integrator.rule == "posterior"
         assert one.label == "lidar-paper-posterior_modes"
 
     def test_points_are_blurred_by_skins_only(self, weights: Path) -> None:

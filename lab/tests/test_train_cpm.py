@@ -103,7 +103,7 @@ def test_the_card_says_what_was_learned(whole: dict[str, bytes], tmp_path: Path)
     cycles = 5 * 11  # pushes of a second, at 10 Hz, with the first and the last
     assert card.data == (
         f"5 simulated pushes, {cycles} cycles, each seen from 3 places: the 156 + 36 of the paper "
-        "and 0 varied ones by skin, then 1 by networks in each of 1 rounds; seed 0"
+        "by skin, then 1 by networks in each of 1 rounds; seed 0"
     )
     assert (card.window, card.rate, card.proximity) == (20, 10.0, rollout.PROXIMITY)
     assert card.figures["lidar_lidar_success_true"] == 0.75

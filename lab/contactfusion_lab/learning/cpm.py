@@ -198,11 +198,16 @@ def _described(trials: Sequence[LabelledTrial], options: Options) -> str:
     """Description of the training data."""
     cycles = sum(len(trial.stamp) for trial in trials)
     places = len(options.course.mountings)
+    varied = f" and {options.varied} varied ones" if options.varied else ""
+    driven = (
+        f", then {options.driven} by networks in each of {options.rounds} rounds"
+        if options.rounds
+        else ""
+    )
     return (
         f"{len(trials)} simulated pushes{' as printed' if options.preset else ''}, "
         f"{cycles} cycles, each seen from {places} place{'s' * (places != 1)}: "
-        f"the 156 + 36 of the paper and {options.varied} varied ones by skin, then "
-        f"{options.driven} by networks in each of {options.rounds} rounds; seed {options.seed}"
+        f"the 156 + 36 of the paper{varied} by skin{driven}; seed {options.seed}"
     )
 
 

@@ -46,7 +46,8 @@ class Options:
         without: sources that are left out.
         lidar: the LiDAR that replaces any other.
         camera: the camera likewise.
-        weights: of contact networks; None: those of the package.
+        weights: of contact networks, a file or the name of some of the package; None: as the file
+            of a sensing says.
         preset: the preset that replaces options of the file of every sensing; empty: none.
         objects: names; none: those of the paper, unless there are files.
         files: of further objects, URDF or YAML.
@@ -68,7 +69,7 @@ class Options:
     without: Sequence[str] = ()
     lidar: str = ""
     camera: str = ""
-    weights: Path | None = None
+    weights: Path | str | None = None
     preset: str = ""
     objects: Sequence[str] = ()
     files: Sequence[Path] = ()
@@ -156,7 +157,8 @@ class PushExperiment(Experiment[Task]):
 
     def evaluate(self, out: Path, settings: Mapping[str, Any], failed: Sequence[str]) -> None:
         """Evaluate all pushes of the folder."""
-        evaluate(self._first, settings, failed, out)
+        learned = {label: plan.sensing.learned for label, plan in self.plans.items()}
+        evaluate(self._first, settings, failed, out, learned)
 
     def film(self, task: Task, out: Path) -> tuple[Path, Path]:
         """Push once more."""

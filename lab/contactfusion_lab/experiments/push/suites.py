@@ -11,7 +11,7 @@ from contactfusion.assembly import AnyGenerator, built_controller, built_generat
 from contactfusion.controllers.face import NARROW, FaceConfig
 from contactfusion.controllers.pushing_parameters import SETS
 from contactfusion.errors import ConfigurationError, name_hint
-from contactfusion.generators.networks import read_networks, shipped
+from contactfusion.generators.networks import read_networks, weights_file
 from contactfusion.hypotheses import HypothesisCloud, HypothesisKind
 from contactfusion.pipeline import Ask, asked
 from contactfusion.pipeline_config import PipelineConfig
@@ -64,7 +64,8 @@ class Change:
         without: sources that are ignored.
         lidar: the LiDAR that replaces any other; empty: that of the file.
         camera: the camera likewise.
-        weights: of contact networks; None: those of the package.
+        weights: of contact networks, a file or the name of some of the package; None: as the file
+            says.
         preset: the preset that replaces options of the file; empty: none.
     """
 
@@ -72,7 +73,7 @@ class Change:
     without: tuple[str, ...] = ()
     lidar: str = ""
     camera: str = ""
-    weights: Path | None = None
+    weights: Path | str | None = None
     preset: str = ""
 
 
@@ -86,6 +87,7 @@ class Sensing:
         sees: the LiDARs and cameras that are switched on for it.
         without: sources of its generators that are ignored.
         networks: digest of the file of networks, by generator.
+        learned: on what these were trained, by generator.
     """
 
     label: str
@@ -93,6 +95,7 @@ class Sensing:
     sees: tuple[str, ...]
     without: frozenset[str]
     networks: Mapping[str, str]
+    learned: Mapping[str, str]
 
     @property
     def robot(self) -> RobotConfig:
@@ -160,7 +163,7 @@ def read_sensing(name: str, taxels: int, change: Change) -> Sensing:
         **dict.fromkeys(robot.lidars, _chosen(change.lidar, robot.lidars, "LiDARs")),
         **dict.fromkeys(robot.cameras, _chosen(change.camera, robot.cameras, "cameras")),
     }
-    generators, networks = {}, {}
+    generators, networks, learned = {}, dict[str, str](), dict[str, str]()
     for generator, options in pipeline.generators.items():
         changed = dict(options)
         if chosen := exteroceptive.get(str(options.get("sensor"))):
@@ -168,8 +171,8 @@ def read_sensing(name: str, taxels: int, change: Change) -> Sensing:
         if name == RULE_TUNED:
             changed |= THRESHOLDS.get(changed["sensor"], {})
         if "weights" in installed_plugins().find("generators", options["type"]).Config.model_fields:
-            weights = change.weights or shipped()
-            read_networks(weights)  # once, before any push
+            weights = weights_file(change.weights or options.get("weights"))
+            learned[generator] = read_networks(weights)[0].data
             changed["weights"] = ShippedFile(weights.absolute())
             networks[generator] = hashlib.sha256(weights.read_bytes()).hexdigest()
         generators[generator] = changed
@@ -191,7 +194,8 @@ def read_sensing(name: str, taxels: int, change: Change) -> Sensing:
         pipeline=pipeline,
         sees=tuple(sensor for sensor in sensors if sensor in exteroceptive),
         without=frozenset(change.without),
-        networks={generator: digest for generator, digest in networks.items() if generator in kept},
+        networks={name: digest for name, digest in networks.items() if name in kept},
+        learned={name: data for name, data in learned.items() if name in kept},
     )
 
 
