@@ -80,17 +80,15 @@ class Method:
 
 
 TUNING_SEEDS = (7, 8)
-"""Of the touches on which settings were chosen: those of `posterior`, and by
-`contactfusion tune touch`."""
+"""Of the touches on which settings were chosen, of `posterior` and of `DE_MORGAN_TUNED`."""
 DE_MORGAN_TUNED = Method(
     "de_morgan",
     "cluster_centroid",
     name="de_morgan_tuned",
-    options=(("voxel_size", 0.03), ("threshold", 0.3), ("tolerance", 0.06)),
+    options=(("voxel_size", 0.01), ("threshold", 0.5), ("tolerance", 0.02)),
     near="support",
 )
-"""De Morgan with voxels, threshold and kind of range that a look at other touches chose; the search
-of docs/tuning.md goes further."""
+"""De Morgan with the settings that the search of docs/tuning.md chose."""
 TUNED = {DE_MORGAN_TUNED.name: DE_MORGAN_TUNED}
 """Methods whose settings a search has chosen, by name."""
 

@@ -54,8 +54,7 @@ METHODS = (
 )
 """Methods of the table; the first is the papers', the others are compared with it."""
 TUNED_ON = (
-    f"`{DE_MORGAN_TUNED}`: settings chosen on other touches; "
-    "`python -m contactfusion_lab.experiments.touch.tuned` searches for others on the seeds "
+    f"`{DE_MORGAN_TUNED}`: settings chosen by a search on the seeds "
     f"{' and '.join(map(str, TUNING_SEEDS))}, of which no other figure is."
 )
 """Caption of the table of that method."""
