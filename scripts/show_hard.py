@@ -162,9 +162,11 @@ def cases() -> Iterator[Case]:
             f"{noise}_unseen", noise, 4, 72, sensing=SENSINGS, objects=UNSEEN, targets="far",
             starts="far",
         )  # fmt: skip
-        felt = ("force_torque+motion", "all", "none")
-        yield grasp(noise, noise, 7, 100, sources=felt, rule=RULES)
-        yield grasp(f"{noise}_unseen", noise, 3, 20, objects=ODD, sources=felt[1:], rule=RULES[::2])
+        yield grasp(noise, noise, 3, 100, sources="all", rule=RULES)
+        yield grasp(f"{noise}_papers", noise, 2, 100, sources=("force_torque+motion", "none"))
+        yield grasp(
+            f"{noise}_unseen", noise, 3, 20, objects=ODD, sources=("all", "none"), rule=RULES[::2]
+        )
     for part, noise in {"prototype": "prototype", **parts}.items():
         yield grasp(f"parts/{part}", noise, 2, 30, sources="all", rule=RULES[::2])
 
