@@ -98,7 +98,7 @@ class Case:
         """Number of trials that are not made; with all made but not evaluated, of all."""
         made = sum(path.is_file() for path in (self.out / "trials").rglob("*"))
         evaluated = (self.out / "summary.json").is_file()
-        return self.trials - made if made < self.trials or evaluated else self.trials
+        return max(self.trials - made, 0) if made < self.trials or evaluated else self.trials
 
     @property
     def hours(self) -> float:
@@ -148,9 +148,7 @@ def cases() -> Iterator[Case]:
     for noise in NOISES:
         yield touch(noise, noise, 15, 5, 10)
         yield push(noise, noise, 4, 100, sensing=SENSINGS)
-        yield push(
-            f"{noise}_rules", noise, 3, 100, sensing="fused", rule=(*RULES[::2], "posterior")
-        )
+        yield push(f"{noise}_rules", noise, 2, 100, sensing="fused", rule=RULES[::2])
     for part, noise in {"prototype": "prototype", **parts}.items():
         yield touch(f"parts/{part}", noise, 10, 2, 2)
     for part in ("prototype", *PUSH_PARTS):

@@ -116,6 +116,8 @@ class TestMade:
         assert case.missing == 1
         (case.out / "summary.json").touch()
         assert case.missing == 0
+        (case.out / "trials" / "of_another_rule.npz").touch()
+        assert case.missing == 0
 
     def test_a_folder_that_is_whole_is_left_alone(
         self, out: Path, monkeypatch: pytest.MonkeyPatch
