@@ -55,6 +55,7 @@ TOUCH_COLUMNS: tuple[Column, ...] = (
 )
 PUSH_COLUMNS: tuple[Column, ...] = (
     ("true success %", "success_true", 100.0, ".0f"),
+    ("by estimate %", "success_estimate", 100.0, ".0f"),
     ("time s", "time", 1.0, ".1f"),
     ("GOSPA cm", "gospa", 100.0, ".2f"),
     ("missed %", "missed", 100.0, ".1f"),

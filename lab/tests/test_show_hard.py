@@ -165,6 +165,6 @@ class TestTable:
         text = show_hard.table_text(ready)
         assert "| force, max | prototype | 20 [10, 30] | - |" in text
         assert "| force, max | hard | 20 [10, 30] | - |" in text
-        assert "| skin | hard | 20 [10, 30] | 0.2 [0.1, 0.3] |" in text
+        assert "| skin | hard | 20 [10, 30] | 20 [10, 30] | 0.2 [0.1, 0.3] |" in text
         assert text.count("| 50.0 [40.0, 60.0] | 50.0 [40.0, 60.0] |") == 2  # pooled
         assert "| all | hard | 20 [10, 30] | 20.0 [10.0, 30.0] | 0.20 [0.10, 0.30] |" in text
