@@ -96,10 +96,20 @@ class Case:
 
     @property
     def missing(self) -> int:
-        """Number of trials that are not made; with all made but not evaluated, of all."""
+        """Number of trials to make; with all made but not evaluated, of all.
+
+        What could not be made, such as a push that starts out of sight, stands in the summary.
+        """
         made = sum(path.is_file() for path in (self.out / "trials").rglob("*"))
-        evaluated = (self.out / "summary.json").is_file()
-        return max(self.trials - made, 0) if made < self.trials or evaluated else self.trials
+        if not self.is_evaluated:
+            return max(self.trials - made, 0) or self.trials
+        summary = json.loads((self.out / "summary.json").read_text())
+        return max(self.trials - made - len(summary.get("not made", ())), 0)
+
+    @property
+    def is_evaluated(self) -> bool:
+        """Whether there are tables of it."""
+        return (self.out / "summary.json").is_file()
 
     @property
     def hours(self) -> float:
@@ -264,7 +274,7 @@ def main() -> int:
     )
     with ThreadPoolExecutor(LANES) as lanes:
         whole = list(lanes.map(made, chosen))
-    ready = [case for case in cases() if (case.out / "summary.json").is_file()]
+    ready = [case for case in cases() if case.is_evaluated]
     write_whole(OUT / "table.md", table_text(ready))
     print(f"table: {OUT / 'table.md'}")
     for case, is_whole in zip(chosen, whole, strict=True):

@@ -114,17 +114,17 @@ class TestMade:
         (case.out / "trials").mkdir(parents=True)
         (case.out / "trials" / "0.npz").touch()
         assert case.missing == 1
-        (case.out / "summary.json").touch()
+        (case.out / "summary.json").write_text("{}")
         assert case.missing == 0
         (case.out / "trials" / "of_another_rule.npz").touch()
         assert case.missing == 0
 
-    def test_a_folder_that_is_whole_is_left_alone(
+    def test_a_folder_is_left_alone_when_no_trial_is_left_that_can_be_made(
         self, out: Path, monkeypatch: pytest.MonkeyPatch
     ) -> None:
-        case = show_hard.Case("push", "hard", (), 0)
+        case = show_hard.Case("push", "hard", (), 1)
         case.out.mkdir(parents=True)
-        (case.out / "summary.json").touch()
+        (case.out / "summary.json").write_text('{"not made": ["it starts out of sight"]}')
         monkeypatch.setattr(subprocess, "run", None)
         assert show_hard.made(case)
 
