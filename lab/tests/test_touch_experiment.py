@@ -518,7 +518,7 @@ class TestExperiment:
         text = (copied / "table.md").read_text()
         headings = [line for line in text.splitlines() if line.startswith("## ")]
         names = [str(DE_MORGAN), str(POSTERIOR), f"{POSTERIOR}, σ × 2"]
-        assert headings == [f"## {name}" for name in (*names, "by any method")]
+        assert headings == [f"## {name}" for name in ("Touches", *names, "by any method")]
         assert all(f"| {name} | one contact: n | " in text for name in names)
         assert (copied / "pictures" / "box-00-0_posterior_modes.png").is_file()
         assert (copied / "rows_posterior_modes_spreads_2.png").is_file()
