@@ -181,10 +181,22 @@ def shipped(name: str = SHIPPED[0]) -> Path:
 
 
 def weights_file(weights: Path | str | None) -> Path:
-    """The file of weights that are given by path, by name, or not at all."""
+    """The file of weights that are given by path, by name, or not at all.
+
+    Raises:
+        ConfigurationError: a name without a suffix is neither of the package nor a file.
+    """
     if weights is None:
         return shipped()
-    return shipped(str(weights)) if str(weights) in SHIPPED else Path(weights)
+    path = Path(weights)
+    if str(weights) in SHIPPED:
+        return shipped(str(weights))
+    if not path.suffix and not path.exists():
+        hint = name_hint(path.name, SHIPPED, "networks")
+        raise ConfigurationError(
+            f"unknown networks '{path.name}'; {hint}, or the name of a .safetensors file", "weights"
+        )
+    return path
 
 
 def read_networks(path: Path) -> tuple[NetworksCard, dict[str, Weights]]:

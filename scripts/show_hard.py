@@ -17,9 +17,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from contactfusion.errors import ConfigurationError
 from contactfusion.files import write_whole
 from contactfusion_lab.scenes.noise import PARTS
 from contactfusion_lab.scenes.push.noise import PARTS as PUSH_PARTS
+from contactfusion_lab.trials.choices import require_known
 from contactfusion_lab.trials.tables import cell, markdown
 
 OUT = Path("out/hard")
@@ -265,6 +267,10 @@ def table_text(ready: Sequence[Case]) -> str:
 def main() -> int:
     """Make what is missing, of the named experiments or of all, and write the table."""
     only = sys.argv[1:] or list(TABLES)
+    try:
+        require_known(only, TABLES, "experiment", "experiments")
+    except ConfigurationError as error:
+        sys.exit(f"show-hard: {error}")
     chosen = [case for case in cases() if case.experiment in only]
     missing, hours = sum(case.missing for case in chosen), sum(case.hours for case in chosen)
     print(

@@ -295,3 +295,10 @@ def test_strips_that_the_weights_do_not_know_are_told(tmp_path: Path) -> None:
     card["proximity"]["cell"] = [0.02, 0.1]
     path.with_suffix(".json").write_text(json.dumps(card))
     refused(path, r"weight_ih_l0 has shape \(128, 12\), not \(128, 6\)")
+
+
+def test_an_unknown_name_is_told_with_those_of_the_package() -> None:
+    with pytest.raises(
+        ConfigurationError, match="unknown networks 'papre'; did you mean 'paper'.*safetensors"
+    ):
+        weights_file("papre")

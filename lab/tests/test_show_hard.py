@@ -137,6 +137,12 @@ class TestMade:
         assert "loud" in (out / "push" / "hard.log").read_text()
 
 
+def test_an_unknown_experiment_is_refused_in_one_sentence(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("sys.argv", ["show_hard.py", "pushh"])
+    with pytest.raises(SystemExit, match="unknown experiment 'pushh'; did you mean 'push'"):
+        show_hard.main()
+
+
 def summary_of(experiment: str) -> dict[str, Any]:
     """A summary with one figure."""
     figure = {"low": 0.1, "high": 0.3}

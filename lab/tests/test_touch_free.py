@@ -78,6 +78,7 @@ def test_another_seed_moves_elsewhere_and_the_same_alike() -> None:
 def test_a_hand_without_room_is_refused() -> None:
     assert PLAN.pipeline.robot is not None
     scene = FreeMotion(PLAN.scene, shared_robot(PLAN.pipeline.robot), 0, 1.0)
+    # a world that is blocked as soon as a margin is asked for
     scene._world.blocked = lambda *rest: len(rest) > 3  # type: ignore[method-assign]
     with pytest.raises(RobotError, match="of 300 postures .* none is reached without a contact"):
         list(scene.readings())
