@@ -19,7 +19,8 @@ class Contact:
     Attributes:
         position: shape (3,) [m], the centroid weighted by likelihood.
         likelihood: the largest fused likelihood among its voxels.
-        dispersion: the likelihood-weighted standard distance of its voxels from the centroid [m].
+        scatter: shape (3, 3) [m²], how large it is: the second moments of its area, or of its
+            voxels weighted by likelihood, about the position.
         covariance: shape (3, 3) [m²], how unsure the position is: the scatter of its hypotheses,
             weighted by likelihood, and on the diagonal their squared spreads and voxel_size²/12.
         extent: shape (2, 3) [m], the two ends of the cluster along its longest axis.
@@ -32,7 +33,7 @@ class Contact:
 
     position: FloatArray
     likelihood: float
-    dispersion: float
+    scatter: FloatArray
     covariance: FloatArray
     extent: FloatArray
     force: FloatArray
@@ -40,6 +41,11 @@ class Contact:
     shares: Mapping[str, float]
     stamp: float
     frame: str
+
+    @property
+    def dispersion(self) -> float:
+        """The standard distance of its area, or of its voxels, from the position [m]."""
+        return float(np.sqrt(max(np.trace(self.scatter), 0.0)))
 
     def __str__(self) -> str:
         """Place, likelihood and sources in one line."""

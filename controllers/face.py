@@ -85,14 +85,12 @@ def on_face(contacts: Sequence[Contact], face: FaceConfig) -> FaceContact | None
 
 
 def _half_width(contact: Contact) -> float:
-    """Half the width along y of a line of even likelihood with the contact's variance [m].
+    """Half the width along y of a line of even likelihood with the contact's scatter [m].
 
-    The covariance also holds the uncertainty of each hypothesis, the same along every axis;
-    dispersion does not. `extent` cannot serve: it runs along the longest axis, which is upright for
-    all contacts that are narrower than the skin is high.
+    `extent` cannot serve: it runs along the longest axis, which is upright for all contacts that
+    are narrower than the skin is high.
     """
-    unsure = (np.trace(contact.covariance) - contact.dispersion**2) / 3.0
-    return float(np.sqrt(3.0 * max(contact.covariance[1, 1] - unsure, 0.0)))
+    return float(np.sqrt(3.0 * max(float(contact.scatter[1, 1]), 0.0)))
 
 
 def beside(contacts: Sequence[Contact], face: FaceConfig) -> float:

@@ -25,6 +25,8 @@ from contactfusion.time import to_seconds
 Int32Array = NDArray[np.int32]
 UintArray = NDArray[np.uintp]
 
+WIDEST = float(1 << 22)
+"""More sides of a voxel than the space has."""
 SHORT = 3
 """Up to this reach each row offset is followed on its own; they grow with the reach squared."""
 LIKELIHOOD_STEP = 6
@@ -245,6 +247,16 @@ def label(keys: Int64Array, reach_squared: int) -> tuple[Int32Array, int]:
     return labels, _number(begin, parent, labels)
 
 
+def reach_squared(tolerance: float, voxel_size: float) -> int:
+    """The largest squared offset that links two voxels, in voxels², rounded once (method §3).
+
+    Args:
+        tolerance: the greatest distance of linked voxels [m].
+        voxel_size: the side of a voxel [m].
+    """
+    return int(np.floor(min(tolerance / voxel_size, WIDEST) ** 2 + 1e-6))
+
+
 class ContactTable:
     """The clusters of a field as contacts, the most likely first.
 
@@ -293,17 +305,17 @@ class ContactTable:
         grid = entries.grid
         found = moments.outline(self._selected, self._labels, entries.keys, sums, grid.voxel_size)
         forces = self._forces()
-        for array in (found.positions, found.covariances, found.extents, forces):
+        for array in (found.positions, found.scatters, found.covariances, found.extents, forces):
             array.flags.writeable = False
         shares = (sums.shares / sums.shares.sum(axis=1, keepdims=True))[:, entries.counted].tolist()
         shared = [source.name for source in entries.sources if source.kind != HypothesisKind.NULL]
-        likelihoods, dispersions = sums.largest.tolist(), found.dispersions.tolist()
+        likelihoods = sums.largest.tolist()
         voxels, stamps = sums.voxels.tolist(), sums.stamp.tolist()
         for c in order.tolist():
             yield Contact(
                 position=found.positions[c],
                 likelihood=likelihoods[c],
-                dispersion=dispersions[c],
+                scatter=found.scatters[c],
                 covariance=found.covariances[c],
                 extent=found.extents[c],
                 force=forces[c],

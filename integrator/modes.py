@@ -179,14 +179,14 @@ def _contact(
         for source, share, is_counted in zip(entries.sources, added, counted, strict=True)
         if is_counted
     }
-    forces = _force(field, mode, belief.places[basin], scale * BASIN)
+    forces = force_near(entries, mode, belief.places[basin], scale * BASIN)
     covariance = moments + np.eye(3) * (side**2 / 12.0 + float(weights @ belief.variances[basin]))
-    for array in (mode, covariance, extent, forces):
+    for array in (mode, moments, covariance, extent, forces):
         array.flags.writeable = False
     return Contact(
         position=mode,
         likelihood=belief.exists * mass,
-        dispersion=float(np.sqrt(np.trace(moments))),
+        scatter=moments,
         covariance=covariance,
         extent=extent,
         force=forces,
@@ -207,16 +207,15 @@ def _newest(entries: Entries, added: FloatArray) -> int:
     return int(max(parts, default=entries.columns.stamps.max()))
 
 
-def _force(field: Field, mode: FloatArray, basin: FloatArray, reach: float) -> FloatArray:
+def force_near(entries: Entries, mode: FloatArray, basin: FloatArray, reach: float) -> FloatArray:
     """The force of the voxel nearest to a mode, shape (3,) [N]; NaN when none is measured there.
 
     Args:
-        field: what was fused.
+        entries: what was fused.
         mode: shape (3,) [m].
         basin: shape (b, 3) [m], the places that belong to the mode.
         reach: the greatest distance of a force from these [m].
     """
-    entries = field.entries
     rows = np.flatnonzero(entries.bits & kernels.FORCE)
     if not len(rows):
         return np.full(3, np.nan)

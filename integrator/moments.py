@@ -48,14 +48,14 @@ class Outlines(NamedTuple):
 
     Attributes:
         positions: shape (c, 3) [m], the weighted centroids.
-        dispersions: shape (c,) [m], the weighted standard distances from the centroids.
+        scatters: shape (c, 3, 3) [m²], the weighted second moments about the centroids.
         covariances: shape (c, 3, 3) [m²], of the mixture of the hypotheses: scatter of the voxels,
             on the diagonal plus side²/12 and the mean of the squared spreads.
         extents: shape (c, 2, 3) [m], the two ends along the longest axis.
     """
 
     positions: FloatArray
-    dispersions: FloatArray
+    scatters: FloatArray
     covariances: FloatArray
     extents: FloatArray
 
@@ -232,7 +232,7 @@ def outline(
     clusters = len(sums.weight)
     centres, axes = np.empty((clusters, 3)), np.empty((clusters, 3))
     least, most = np.full(clusters, np.inf), np.full(clusters, -np.inf)
-    positions, dispersions = np.empty((clusters, 3)), np.empty(clusters)
+    positions, scatters = np.empty((clusters, 3)), np.empty((clusters, 3, 3))
     covariances, extents = np.empty((clusters, 3, 3)), np.empty((clusters, 2, 3))
     scatter = np.empty((3, 3))
     for c in range(clusters):
@@ -242,12 +242,11 @@ def outline(
                 product = sums.first[c, i] * sums.first[c, j] / weight**2
                 scatter[i, j] = scatter[j, i] = sums.second[c, k] / weight - product
                 k += 1
-        trace = scatter[0, 0] + scatter[1, 1] + scatter[2, 2]
-        dispersions[c] = np.sqrt(max(trace, 0.0)) * side
         for i in range(3):
             centres[c, i] = sums.anchor[c, i] + sums.first[c, i] / weight
             positions[c, i] = (centres[c, i] - AXIS_ORIGIN + 0.5) * side
             for j in range(3):
+                scatters[c, i, j] = scatter[i, j] * side * side
                 own = 1.0 / 12.0 if i == j else 0.0
                 covariances[c, i, j] = (scatter[i, j] + own) * side * side
             covariances[c, i, i] += sums.spread[c] / weight
@@ -266,4 +265,4 @@ def outline(
         for i in range(3):
             extents[c, 0, i] = positions[c, i] + least[c] * axes[c, i] * side
             extents[c, 1, i] = positions[c, i] + most[c] * axes[c, i] * side
-    return Outlines(positions, dispersions, covariances, extents)
+    return Outlines(positions, scatters, covariances, extents)

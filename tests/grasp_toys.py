@@ -36,7 +36,7 @@ def contact(place: FloatArray, force: FloatArray | None = None, likelihood: floa
     return Contact(
         position=place,
         likelihood=likelihood,
-        dispersion=0.0,
+        scatter=np.zeros((3, 3)),
         covariance=np.zeros((3, 3)),
         extent=np.stack([place, place]),
         force=np.full(3, np.nan) if force is None else force,

@@ -23,7 +23,7 @@ def contact(
     return Contact(
         position=position,
         likelihood=likelihood,
-        dispersion=float(np.sqrt(scatter.sum())),
+        scatter=np.diag(scatter),
         covariance=np.diag(scatter) + np.eye(3) * (1e-5 + spread**2),
         extent=np.array([position, position]),
         force=np.full(3, np.nan),

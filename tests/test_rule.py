@@ -92,9 +92,9 @@ class First(Condensation):
         shares = {source.name: 1.0 / len(entries.sources) for source in entries.sources}
         flat = np.stack([place, place])
         spread = np.eye(3) * (self.tolerance / 6.0) ** 2
-        force = np.full(3, np.nan)
+        point, force = np.zeros((3, 3)), np.full(3, np.nan)
         return [
-            Contact(place, likelihood, 0.0, spread, flat, force, 1, shares, 0.0, "base"),
+            Contact(place, likelihood, point, spread, flat, force, 1, shares, 0.0, "base"),
         ]
 
     def _centres(self, field: Field) -> NDArray[np.float64]:

@@ -175,8 +175,9 @@ def touched(*places: tuple[float, float, float]) -> Touching:
 
 
 def contact(*place: float) -> Contact:
-    flat = {"covariance": np.eye(3), "extent": np.zeros((2, 3)), "force": np.zeros(3)}
-    return Contact(np.array(place), 0.9, 0.0, **flat, voxels=1, shares={}, stamp=0.0, frame="base")
+    position, nowhere = np.array(place), np.zeros((3, 3))
+    ends, force = np.zeros((2, 3)), np.zeros(3)
+    return Contact(position, 0.9, nowhere, np.eye(3), ends, force, 1, {}, 0.0, "base")
 
 
 @pytest.mark.parametrize(

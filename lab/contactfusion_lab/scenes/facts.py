@@ -30,7 +30,7 @@ def true_contact(
     return Contact(
         position=position,
         likelihood=1.0,
-        dispersion=0.0,
+        scatter=np.zeros((3, 3)),
         covariance=np.zeros((3, 3)),
         extent=np.stack([position, position]) if ends is None else ends,
         force=force,

@@ -362,11 +362,12 @@ def _contact(
     facing_x, facing_y, along_x, along_y = STRIPS[int(strip), :4].tolist()
     reach = front if facing_x else half_width
     position = np.array([facing_x * reach + along_x * along, facing_y * reach + along_y * along, 0])
+    scatter = np.diag([along_x * variance, along_y * variance, 0.0])
     return Contact(
         position=position,
         likelihood=likelihood,
-        dispersion=math.sqrt(variance),
-        covariance=np.diag([along_x * variance, along_y * variance, 0.0]),
+        scatter=scatter,
+        covariance=scatter,
         extent=np.stack([position, position]),
         force=UNKNOWN,
         voxels=1,
