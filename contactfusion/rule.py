@@ -48,6 +48,8 @@ class Rule(ABC):
     """Whether `Entries.positions` is to hold the places of hypotheses, and not only voxels."""
     gives_belief: ClassVar[bool] = False
     """Whether its `Field` holds a `Belief`, which some condensations need."""
+    finds_members: ClassVar[bool] = False
+    """Whether its `Field` holds the contacts of a set, which some condensations need."""
 
     def __init__(self, config: Model) -> None:
         self.config = config
@@ -90,6 +92,8 @@ class Condensation(ABC):
     """The type of the options."""
     needs_belief: ClassVar[bool] = False
     """Whether it looks at the places of a `Belief`, and not at voxels."""
+    needs_members: ClassVar[bool] = False
+    """Whether it looks at the contacts of a set, and not at voxels."""
 
     def __init__(self, config: Model, tolerance: float) -> None:
         self.config = config

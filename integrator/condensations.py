@@ -6,11 +6,11 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field as FieldOf
 
-from contactfusion.contacts import NONE, Contacts
+from contactfusion.contacts import NONE, Contact, Contacts
 from contactfusion.hooks import hookimpl
 from contactfusion.integrator import clusters, kernels
 from contactfusion.integrator.clusters import ContactTable
-from contactfusion.integrator.entries import Field
+from contactfusion.integrator.entries import Field, Member
 from contactfusion.integrator.modes import Modes
 from contactfusion.integrator.store import Int64Array, unpack
 from contactfusion.model import Model
@@ -19,8 +19,8 @@ from contactfusion.rule import Condensation, Neighbourhood
 
 FAINTEST = 0.01
 """`cluster_mass` leaves out voxels less likely than this."""
-WIDE, WIDEST = 64, float(1 << 22)
-"""Beyond the first so many sides a tolerance may span all there is; the second spans the space."""
+WIDE = 64
+"""Beyond so many sides a tolerance may span all there is."""
 
 
 class Threshold(Condensation):
@@ -109,14 +109,23 @@ class ClusterMass(Condensation):
         return [Reason(Why.TOO_LITTLE_MASS, sentence, values=values)]
 
 
-def reach_squared(tolerance: float, voxel_size: float) -> int:
-    """The largest squared offset that links two voxels, in voxels², rounded once (method §3).
+def _member_at(field: Field, around: Neighbourhood) -> Member | None:
+    """The contact of a set that is nearest to a place, within its reach."""
+    away = {
+        float(np.linalg.norm(member.contact.position - around.position)): member
+        for member in field.members or ()
+    }
+    nearest = min(away, default=np.inf)
+    return away[nearest] if nearest <= around.reach else None
 
-    Args:
-        tolerance: the greatest distance of linked voxels [m].
-        voxel_size: the side of a voxel [m].
-    """
-    return int(np.floor(min(tolerance / voxel_size, WIDEST) ** 2 + 1e-6))
+
+def _told(member: Member) -> str:
+    """The probability of a contact of a set, and how it comes about."""
+    given = " and ".join(f"{name} {p:.2f}" for name, p in member.given.items())
+    sentence = f"P(contact) {member.contact.likelihood:.2f} by {given}"
+    if member.factor < 1.0:
+        return f"{sentence}; the force of all contacts is explained without it"
+    return sentence
 
 
 def _judged(verdicts: NDArray[np.uint8]) -> NDArray[np.bool_]:
@@ -139,13 +148,57 @@ def _chosen(field: Field, wanted: NDArray[np.bool_]) -> tuple[NDArray[np.int32],
 
 def _clustered(field: Field, wanted: NDArray[np.bool_], tolerance: float) -> ContactTable:
     selected, keys = _chosen(field, wanted)
-    reach = reach_squared(tolerance, field.entries.grid.voxel_size)
+    reach = clusters.reach_squared(tolerance, field.entries.grid.voxel_size)
     if reach > WIDE**2 and len(keys):
         span = np.ptp(unpack(keys), axis=0)
         if int(span @ span) <= reach:  # every pair is linked
             return ContactTable(field, selected, np.zeros(len(keys), np.int32), 1)
     labels, count = clusters.label(keys, reach)
     return ContactTable(field, selected, labels, count)
+
+
+class MembersConfig(Model):
+    """Which contacts of a set are reported."""
+
+    existence: float = FieldOf(default=0.5, gt=0, le=1)
+    """A contact is reported when it is at least so probable."""
+
+
+class Members(Condensation):
+    """The contacts of a set that are probable enough, as the rule found them."""
+
+    Config = MembersConfig
+    needs_members = True
+
+    def __init__(self, config: MembersConfig, tolerance: float) -> None:
+        super().__init__(config, tolerance)
+        self._existence = config.existence
+
+    def condense(self, field: Field, verdicts: NDArray[np.uint8]) -> Sequence[Contact]:
+        """The contacts that exist with at least the probability that is asked for."""
+        contacts = [member.contact for member in field.members or ()]
+        least = self._existence - kernels.EDGE
+        return [contact for contact in contacts if contact.likelihood >= least]
+
+    def explain(self, field: Field, around: Neighbourhood, contact: Contact | None) -> str:
+        """The probability of the contact, and by which sources."""
+        member = _member_at(field, around)
+        return "" if member is None else _told(member)
+
+    def objections(
+        self, field: Field, verdicts: NDArray[np.uint8], around: Neighbourhood
+    ) -> Sequence[Reason]:
+        """The contact that is not probable enough, or that no evidence speaks for."""
+        if (member := _member_at(field, around)) is not None:
+            exists = member.contact.likelihood
+            sentence = f"{_told(member)}, under the existence {self._existence:g} that is asked for"
+            values = {"exists": exists, "existence": self._existence, "factor": member.factor}
+            return [Reason(Why.IMPROBABLE, sentence, values=values)]
+        if around.best == NONE:
+            return ()
+        names = [*field.given(around.best)]
+        sentence = f"what {' and '.join(names)} gave here is explained by another contact"
+        return [Reason(Why.ELSEWHERE, sentence, names[0])]
 
 
 @hookimpl
@@ -156,4 +209,5 @@ def contactfusion_condensations() -> Mapping[str, type[Condensation]]:
         "cluster_centroid": ClusterCentroid,
         "cluster_mass": ClusterMass,
         "modes": Modes,
+        "members": Members,
     }

@@ -1,7 +1,7 @@
 """The live entries of the hypothesis space lined up by voxel, and the field made of them."""
 
 import itertools
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from contactfusion.arrays import FloatArray
+from contactfusion.contacts import Contact
 from contactfusion.grid import Grid
 from contactfusion.hypotheses import HypothesisKind
 from contactfusion.integrator import kernels
@@ -228,6 +229,30 @@ class Belief:
         return float(self.weights[near].sum())
 
 
+@dataclass(frozen=True, eq=False)
+class Member:
+    """A contact of a set, and where it may be.
+
+    Attributes:
+        contact: as it is reported, if it is probable enough; its likelihood is the probability that
+            it exists.
+        places: shape (b, 3) [m], where it may be.
+        weights: shape (b,), the probability of each place if it exists; they sum to 1.
+        normal: out of the robot, shape (3,); None without a surface.
+        reach: half the step by which places hang together [m].
+        given: the probability of a contact by each source that it explains.
+        factor: on its odds, by which the resultant of all contacts needs it.
+    """
+
+    contact: Contact
+    places: FloatArray
+    weights: FloatArray
+    normal: FloatArray | None
+    reach: float
+    given: Mapping[str, float]
+    factor: float = 1.0
+
+
 class Field:
     """The fused likelihood of a contact, voxel by voxel.
 
@@ -237,6 +262,7 @@ class Field:
             first use.
         details: further arrays of shape (m,) that the rule reports, e.g. "conflict".
         belief: of a rule that has one, where there may be a contact.
+        members: of a rule that finds them, the contacts of a set, the most probable first.
     """
 
     def __init__(
@@ -245,8 +271,10 @@ class Field:
         likelihoods: FloatArray | Callable[[], FloatArray],
         details: Mapping[str, FloatArray] | None = None,
         belief: Belief | None = None,
+        members: Sequence[Member] | None = None,
     ) -> None:
         self.entries, self.details, self.belief = entries, details or {}, belief
+        self.members = members
         self._likelihoods = likelihoods
 
     @cached_property

@@ -208,7 +208,7 @@ def fuse(
         field = rule.fuse(entries, entries.sources, surface)
         if not isinstance(field, Field):
             raise TypeError(f"it gave {type(field).__name__}, not a Field")
-    if condensation.needs_belief:  # it looks at places, not at voxels
+    if condensation.needs_belief or condensation.needs_members:  # it looks at places, not at voxels
         verdicts = np.empty(0, np.uint8)
     else:
         verdicts = kernels.judge(field.likelihoods, entries.bits, threshold)

@@ -60,6 +60,12 @@ class Integrator:
                 f"'posterior', not '{self.config.rule}'",
                 "condensation",
             )
+        if self.condensation.needs_members and not self.rule.finds_members:
+            raise ConfigurationError(
+                f"'{self.config.condensation}' needs a rule that finds the contacts of a set, such "
+                f"as 'sets', not '{self.config.rule}'",
+                "condensation",
+            )
         self._grid = Grid(self.config.frame, self.config.voxel_size)
         self._space = Space(self._grid, self.config, places=self.rule.needs_places)
         lead = to_nanoseconds(self.config.max_ahead)

@@ -6,7 +6,6 @@ the robot's surface: how well a contact at each place would explain it, as wide 
 fields multiply; a floor keeps a source that is wrong from overruling all others.
 """
 
-import itertools
 from collections.abc import Sequence
 from functools import partial
 from typing import NamedTuple
@@ -17,6 +16,7 @@ from pydantic import Field as FieldOf
 from contactfusion.arrays import FloatArray
 from contactfusion.hypotheses import HypothesisKind
 from contactfusion.integrator import fields
+from contactfusion.integrator.detections import Cloud, clouds_of
 from contactfusion.integrator.entries import Belief, Entries, Field, Source
 from contactfusion.model import Model
 from contactfusion.rule import Rule, by_sources
@@ -28,26 +28,6 @@ TAIL = 0.1
 """Spreads may be stated too small: a second Gaussian, so high and three times as wide, is added."""
 SOFT = 0.15
 """Softness of the edge of the friction cone, in cosines of the angle to the normal."""
-
-
-class Cloud(NamedTuple):
-    """The live hypotheses of one source.
-
-    Attributes:
-        kind: evidence, support or null.
-        single: whether it describes one contact somewhere.
-        positions: shape (n, 3) [m].
-        likelihoods: shape (n,).
-        variances: shape (n,) [m²], of the positions by axis, as the source states them.
-        force: shape (3,) [N], what the robot feels, of one that describes one contact; or None.
-    """
-
-    kind: HypothesisKind
-    single: bool
-    positions: FloatArray
-    likelihoods: FloatArray
-    variances: FloatArray
-    force: FloatArray | None
 
 
 class Candidates(NamedTuple):
@@ -157,16 +137,25 @@ class Posterior(Rule):
                 highest = float(field.max(initial=np.finfo(np.float64).tiny))
                 logarithms[row] = np.log(field / highest + self._floor)
                 if cloud.force is not None and normals is not None:
-                    logarithms[row] += np.log(self._pushed(cloud.force, normals) + self._floor)
+                    logarithms[row] += np.log(
+                        pushed(cloud.force, normals, self._steepest) + self._floor
+                    )
         return logarithms
 
-    def _pushed(self, force: FloatArray, normals: FloatArray) -> FloatArray:
-        """How well a force fits the friction cone at each place, shape (c,), at most 1."""
-        push = force / np.abs(force).max()
-        cosines = normals @ (push / -np.linalg.norm(push))
-        beyond = np.maximum(self._steepest - cosines, 0.0) / SOFT
-        fits: FloatArray = np.exp(-0.5 * beyond**2)
-        return fits
+
+def pushed(force: FloatArray, normals: FloatArray, steepest: float) -> FloatArray:
+    """How well a force fits the friction cone at each place, shape (c,), at most 1.
+
+    Args:
+        force: shape (3,) [N], on the robot.
+        normals: shape (c, 3), out of the robot.
+        steepest: the cosine between the force and the normal at the edge of the cone.
+    """
+    push = force / np.abs(force).max()
+    cosines = normals @ (push / -np.linalg.norm(push))
+    beyond = np.maximum(steepest - cosines, 0.0) / SOFT
+    fits: FloatArray = np.exp(-0.5 * beyond**2)
+    return fits
 
 
 def _of_support(given: Sequence[float], fused: float) -> str:
@@ -182,27 +171,6 @@ def _by_voxel(entries: Entries, belief: Belief) -> FloatArray:
     near = fields.heaviest(centres, belief.places, cells, heights, side)
     likelihoods[counted] = belief.exists * near
     return likelihoods
-
-
-def clouds_of(entries: Entries) -> list[Cloud]:
-    """The live hypotheses of each source, at their measured positions."""
-    positions, columns = entries.positions, entries.columns
-    clouds = []
-    for source, ((begin, felt), (end, _)) in zip(
-        entries.sources, itertools.pairwise(entries.starts.tolist()), strict=True
-    ):
-        single = bool(end > begin and columns.single[begin])
-        given = columns.offsets[begin:end, 3] if single else columns.likelihoods[begin:end]
-        variances = np.square(columns.spreads[begin:end].astype(np.float64))
-        likelihoods = given.astype(np.float64)
-        force = None
-        if single and felt >= 0 and source.kind == HypothesisKind.REGULAR:
-            mean = columns.forces[felt : felt + end - begin, :3].sum(axis=0)
-            force = mean if mean.any() else None
-        clouds.append(
-            Cloud(source.kind, single, positions[begin:end], likelihoods, variances, force)
-        )
-    return clouds
 
 
 def existence(clouds: Sequence[Cloud], sources: Sequence[Source]) -> float:

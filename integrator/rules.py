@@ -12,6 +12,7 @@ from contactfusion.integrator import kernels
 from contactfusion.integrator.entries import Entries, Field, Source
 from contactfusion.integrator.kernels import CLIP, Likelihoods, Places
 from contactfusion.integrator.posterior import Posterior
+from contactfusion.integrator.sets import Sets
 from contactfusion.integrator.store import Int64Array
 from contactfusion.model import Model
 from contactfusion.rule import Rule, by_sources
@@ -132,4 +133,5 @@ def contactfusion_rules() -> Mapping[str, type[Rule]]:
         "log_odds": LogOdds,
         "dempster_shafer": DempsterShafer,
         "posterior": Posterior,
+        "sets": Sets,
     }

@@ -490,7 +490,7 @@ def test_every_rule_keeps_null_out_and_support_in(rule: str, kind: HypothesisKin
 def test_every_installed_rule_has_its_promises_here() -> None:
     from contactfusion.integrator.rules import contactfusion_rules
 
-    of_whole_fields = {"posterior"}  # see test_posterior.py
+    of_whole_fields = {"posterior", "sets"}  # see test_posterior.py, test_sets.py
     assert set(contactfusion_rules()) == set(PROMISES) | of_whole_fields
 
 

@@ -15,7 +15,7 @@ from contactfusion.explain.counterfactual import nearest
 from contactfusion.explain.moment import View
 from contactfusion.hypotheses import HypothesisKind
 from contactfusion.integrator import clusters, kernels
-from contactfusion.integrator.condensations import reach_squared
+from contactfusion.integrator.clusters import reach_squared
 from contactfusion.integrator.fusion import Fusion, guarded
 from contactfusion.integrator.sources import SourceReport
 from contactfusion.reason import Reason, Why, counted, millimetres

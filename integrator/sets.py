@@ -1,0 +1,343 @@
+"""The rule `sets`: any number of contacts, each a point, a line or a patch (method §2).
+
+The unknown is a set. A source of several contacts is a list of detections; a source of a single
+contact is one detection, and with a force it is the resultant of all contacts. Greedily, as in
+matching pursuit: a contact lies where the product of all fields is densest; the detections that it
+explains are taken out, and what is left is searched again.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from functools import partial
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field as FieldOf
+
+from contactfusion.arrays import FloatArray
+from contactfusion.contacts import Contact
+from contactfusion.hypotheses import HypothesisKind
+from contactfusion.integrator import fields
+from contactfusion.integrator.detections import LINK, Evidence, clouds_of
+from contactfusion.integrator.entries import Entries, Field, Member, Source
+from contactfusion.integrator.modes import force_near
+from contactfusion.integrator.places import STEP, Basin, Places, Rows, moments
+from contactfusion.integrator.posterior import pushed
+from contactfusion.integrator.resultant import Resultant, misfit
+from contactfusion.model import Model
+from contactfusion.rule import Rule
+from contactfusion.surface import Surface
+from contactfusion.thinning import voxel_downsample
+from contactfusion.time import to_seconds
+
+NARROWEST = 0.8
+"""The least standard deviation of a hypothesis over a surface, in spacings of its points."""
+AGREED = 0.3
+"""Connected places where sources of several contacts agree so well are the area of a contact."""
+SURE = 0.5
+"""A source that is so sure of a contact tells its area."""
+LARGE = 2.0
+"""A contact is a line or a patch when its area is wider than positions are unsure, by this factor.
+"""
+EXPLAINED = 0.1
+"""A contact explains a detection whose field has this part of its highest there."""
+NEEDLESS = 0.02
+"""The factor on the odds of a contact that the resultant of all is explained without."""
+FAINT = 0.1
+"""What is left is searched while a contact of it could be so probable."""
+MOST = 32
+"""No more contacts are searched."""
+
+Taken = Mapping[int, NDArray[np.bool_]]
+"""The hypotheses that a contact explains, shape (n,), by the row of their source."""
+
+
+class SetsConfig(Model):
+    """How far sources are trusted."""
+
+    floor: float = FieldOf(default=0.01, ge=1e-6, lt=1)
+    """What a source leaves to places that it does not believe in, as a part of its highest."""
+    friction: float = FieldOf(default=0.5, gt=0)
+    """The coefficient of friction of contacts whose force is known."""
+
+
+class Sets(Rule):
+    """The contacts of a set one by one, each with its probability of existence (method §2)."""
+
+    Config = SetsConfig
+    finds_members = True
+    needs_places = True
+
+    def __init__(self, config: SetsConfig) -> None:
+        super().__init__(config)
+        self._floor, self._friction = config.floor, config.friction
+
+    def fuse(self, entries: Entries, sources: Sequence[Source], surface: Surface | None) -> Field:
+        """The contacts over the surface near evidence, or over the evidence's positions."""
+        search = Search(entries, surface, self._floor, self._friction)
+        members = search.members()
+        if (measured := search.resultant()) is not None:
+            members = needed(members, measured, self._friction)
+        members.sort(key=lambda member: -round(member.contact.likelihood, 6))
+        return Field(entries, partial(_by_voxel, entries, members), members=members)
+
+
+class Search:
+    """The search for contacts in what all sources say.
+
+    Args:
+        entries: all live entries.
+        surface: of the robot, or None.
+        floor: what a source leaves to places that it does not believe in.
+        friction: coefficient of friction.
+    """
+
+    def __init__(
+        self, entries: Entries, surface: Surface | None, floor: float, friction: float
+    ) -> None:
+        self._entries, self._floor = entries, floor
+        self._clouds, side = clouds_of(entries), entries.grid.voxel_size
+        self._evidence = {
+            row: Evidence(self._clouds[row], entries.columns.keys[own], side)
+            for row, (source, own) in enumerate(entries.by_source)
+            if source.kind == HypothesisKind.REGULAR and own.stop > own.start
+        }
+        if self._evidence:
+            self._places = self._where(surface)
+            shape = (len(self._clouds), len(self._places.points))
+            self._relative, self._fits = np.zeros(shape), np.ones(shape)
+            self._told, self._null = np.zeros(shape), np.zeros(shape[1])
+            self._listen(1.0 / np.hypot(1.0, friction))
+
+    def _where(self, surface: Surface | None) -> Places:
+        """The places: the surface where some evidence exceeds its floor, or those of evidence."""
+        least = self._entries.grid.voxel_size / np.sqrt(12.0)
+        if surface is not None and len(surface.points):
+            spacing = max(surface.spacing, least)
+            narrowest = max(NARROWEST * spacing, least)
+            whole = Places.at(surface.points, surface.normals, spacing, narrowest)
+            reached = np.zeros(len(surface.points), np.bool_)
+            for each in self._evidence.values():
+                field = whole.field(each.cloud)
+                reached |= (field > self._floor * field.max()) & (field > 0.0)
+            if reached.any():
+                return whole.where(reached)
+        points = np.concatenate([each.cloud.positions for each in self._evidence.values()])
+        variance = min(each.variance for each in self._evidence.values())
+        # places hang together as far apart as the hypotheses of a source do
+        spacing = LINK / STEP * np.sqrt(variance)
+        return Places.at(points, None, spacing, least)
+
+    def _listen(self, steepest: float) -> None:
+        """Work out what each source says of each place."""
+        for row, cloud in enumerate(self._clouds):
+            if not len(cloud.positions):
+                continue
+            field = self._places.field(cloud)
+            if cloud.kind == HypothesisKind.NULL:
+                self._null += np.log1p(-(1.0 - self._floor) * np.minimum(field, 1.0))
+                continue
+            if cloud.force is not None and self._places.normals is not None:
+                self._fits[row] = pushed(cloud.force, self._places.normals, steepest)
+            self._believe(row, field)
+
+    def _believe(self, row: int, field: FloatArray) -> None:
+        """Take a source's field, shape (c,), over its highest; without any it says nothing."""
+        if highest := field.max(initial=0.0):
+            self._relative[row] = field / highest
+            self._told[row] = np.log(self._relative[row] + self._floor)
+            self._told[row] += np.log(self._fits[row] + self._floor)
+            return
+        self._relative[row] = self._told[row] = 0.0
+        if row in self._evidence:  # none of it is left, or all lies off the surface
+            self._evidence[row].left[:] = False
+
+    def members(self) -> list[Member]:
+        """The contacts, in the order in which they are found."""
+        found: list[Member] = []
+        while len(found) < MOST and self._possible() >= FAINT:
+            total = self._null + self._told.sum(axis=0)
+            basin = self._places.densest(np.exp(total - total.max()))
+            taken = self._explained(basin)
+            found.append(self._member(basin, taken))
+            for row, own in taken.items():
+                each = self._evidence[row]
+                each.left &= ~own
+                self._believe(row, self._places.field(each.cloud_left))
+        return found
+
+    def resultant(self) -> Resultant | None:
+        """What is measured of all contacts together."""
+        for row, each in self._evidence.items():
+            if each.cloud.force is not None:
+                point = each.cloud.positions[each.cloud.likelihoods.argmax()]
+                return Resultant(each.cloud.force, point, self._spread(row))
+        return None
+
+    def _possible(self) -> float:
+        """The probability of a contact by all that is left."""
+        missed = [1.0 - each.probability(each.left) for each in self._evidence.values()]
+        return 1.0 - float(np.prod(missed))
+
+    def _spread(self, row: int) -> float:
+        """How unsure the positions of a source are, by axis [m]."""
+        return max(float(np.sqrt(self._evidence[row].variance)), self._places.narrowest)
+
+    def _explained(self, basin: Basin) -> Taken:
+        """The hypotheses that a contact explains, with their detections."""
+        left = [row for row, each in self._evidence.items() if each.left.any()]
+        fits = (self._relative[left] * self._fits[left])[:, basin.rows] @ basin.weights
+        rows = [row for row, fit in zip(left, fits, strict=True) if fit > EXPLAINED]
+        core, sigmas = self._places.points[basin.core], np.sqrt(-2.0 * np.log(EXPLAINED))
+        return {
+            row: self._evidence[row].around(core, sigmas * self._spread(row))
+            for row in rows or [left[int(fits.argmax())]]
+        }
+
+    def _member(self, basin: Basin, taken: Taken) -> Member:
+        """The contact of a basin, by what it explains."""
+        entries, places = self._entries, self._places
+        points = places.points[basin.rows]
+        area, weights = self._area(basin, taken)
+        middle = weights @ places.points[area]
+        scatter = moments(places.points[area] - middle, weights)
+        lengths, axes = np.linalg.eigh(scatter)
+        precision = sum(1.0 / self._spread(row) ** 2 for row in taken)
+        is_large = lengths[-1] * precision > LARGE**2
+        position = middle if is_large else places.mode(basin)
+        covariance = np.zeros((3, 3)) if is_large else places.moments(basin, position)
+        # over a surface a belief is as wide as the spreads, else each place is as unsure as they
+        exact = places.normals is not None and not is_large
+        covariance += np.eye(3) * (places.spacing**2 / 12.0 if exact else 1.0 / precision)
+        covariance *= np.sqrt(len(taken))
+        along = (places.points[area] - position) @ axes[:, -1]
+        shares = self._shares(basin, taken)
+        reach = 0.5 * STEP * places.spacing
+        contact = Contact(
+            position=position,
+            likelihood=self._existence(basin, taken),
+            scatter=scatter,
+            covariance=covariance,
+            extent=position + np.outer([along.min(), along.max()], axes[:, -1]),
+            force=force_near(entries, position, points, 2.0 * reach),
+            voxels=len(voxel_downsample(places.points[area], entries.grid)),
+            shares={
+                source.name: share
+                for source, share, counts in zip(
+                    entries.sources, shares.tolist(), entries.counted, strict=True
+                )
+                if counts
+            },
+            stamp=to_seconds(self._newest(shares)),
+            frame=entries.grid.frame,
+        )
+        for array in (position, scatter, covariance, contact.extent, contact.force):
+            array.flags.writeable = False
+        normal = None if places.normals is None else basin.weights @ places.normals[basin.rows]
+        names = [source.name for source in entries.sources]
+        given = {names[row]: self._evidence[row].probability(own) for row, own in taken.items()}
+        return Member(contact, points, basin.weights, normal, reach, given)
+
+    def _existence(self, basin: Basin, taken: Taken) -> float:
+        """The probability that a contact exists.
+
+        By what it explains and by the support there, less silence and null: both are missed
+        detections, by Bayes.
+        """
+        missed = 1.0
+        for row, own in taken.items():
+            missed *= 1.0 - self._evidence[row].probability(own)
+        for row, cloud in enumerate(self._clouds):
+            if cloud.kind == HypothesisKind.SUPPORT and len(cloud.positions):
+                share = float(self._relative[row, basin.rows] @ basin.weights)
+                missed *= 1.0 - share * float(cloud.likelihoods.max())
+        free = np.exp(self._told[[*taken]][:, basin.rows].sum(axis=0))
+        unseen = float(free @ np.exp(self._null[basin.rows]) / free.sum())
+        unseen *= float(np.prod([source.misses for source in self._entries.sources]))
+        kept = (1.0 - missed) * unseen
+        return kept / (missed + kept)
+
+    def _area(self, basin: Basin, taken: Taken) -> tuple[Rows, FloatArray]:
+        """The area of a contact as rows of places, and the weight of each; they sum to 1.
+
+        Where those sources agree that tell of several contacts, and are sure; those of a single one
+        only tell where it lies.
+        """
+        several = [
+            row
+            for row, own in taken.items()
+            if not self._clouds[row].single and self._evidence[row].probability(own) >= SURE
+        ]
+        if several:
+            logarithms = np.log(self._relative[several] + self._floor).mean(axis=0)
+            agreed = np.exp(logarithms - logarithms[basin.core].max() + self._null)
+            rows = np.union1d(np.flatnonzero(agreed >= AGREED), basin.core[:1])
+            area = self._places.connected(rows, int(basin.core[agreed[basin.core].argmax()]))
+            return area, agreed[area] / agreed[area].sum()
+        inside = np.isin(basin.rows, basin.core)
+        return basin.core, basin.weights[inside] / basin.weights[inside].sum()
+
+    def _shares(self, basin: Basin, taken: Taken) -> FloatArray:
+        """How much each source confirms the contact, shape (k,); they sum to 1."""
+        added = np.zeros(len(self._clouds))
+        for row, cloud in enumerate(self._clouds):
+            is_support = cloud.kind == HypothesisKind.SUPPORT and self._relative[row].any()
+            if is_support or row in taken:
+                told = float(self._told[row, basin.rows] @ basin.weights)
+                added[row] = max(told - np.log(self._floor), 0.0)
+        if not added.any():  # a force from a place that its line misses
+            added[[*taken]] = 1.0
+        shares: FloatArray = added / added.sum()
+        return shares
+
+    def _newest(self, shares: FloatArray) -> int:
+        """The newest stamp of the sources that have a share [ns]."""
+        stamps = [
+            self._entries.columns.stamps[own].max()
+            for share, (_, own) in zip(shares, self._entries.by_source, strict=True)
+            if share > 0.0
+        ]
+        return int(max(stamps))
+
+
+def needed(members: Sequence[Member], measured: Resultant, friction: float) -> list[Member]:
+    """The contacts, those less probable that the resultant of all is explained without.
+
+    Args:
+        members: the contacts.
+        measured: what is measured of all together.
+        friction: coefficient of friction.
+    """
+    judged, kept = [*members], [*members]
+    for member in sorted(members, key=lambda member: member.contact.likelihood):
+        if len(kept) == 1:
+            break
+        others = [other for other in kept if other is not member]
+        gain = _misfit(others, measured, friction) - _misfit(kept, measured, friction)
+        factor = np.clip(NEEDLESS * np.exp(min(gain / 2.0, 20.0)), NEEDLESS, 1.0 / NEEDLESS)
+        exists = member.contact.likelihood
+        probability = factor * exists / (1.0 - exists + factor * exists)
+        contact = replace(member.contact, likelihood=float(probability))
+        judged[judged.index(member)] = replace(member, contact=contact, factor=float(factor))
+        if probability < 0.5:
+            kept = others
+    return judged
+
+
+def _misfit(members: Sequence[Member], measured: Resultant, friction: float) -> float:
+    positions = np.array([member.contact.position for member in members])
+    normals = [member.normal for member in members if member.normal is not None]
+    return misfit(measured, positions, np.array(normals) if normals else None, friction)
+
+
+def _by_voxel(entries: Entries, members: Sequence[Member]) -> FloatArray:
+    """The probability of the likeliest contact near each voxel's centre, shape (m,)."""
+    likelihoods, counted = np.zeros(len(entries.keys)), entries.counted_voxels
+    centres = entries.grid.centres(entries.voxels[counted])
+    for member in members:
+        reach = max(member.reach, entries.grid.voxel_size)
+        cells = fields.cell_list(member.places, 2.0 * reach)
+        heights = member.weights / member.weights.max() * member.contact.likelihood
+        near = fields.heaviest(centres, member.places, cells, heights, reach)
+        likelihoods[counted] = np.maximum(likelihoods[counted], near)
+    return likelihoods

@@ -1,0 +1,250 @@
+"""The rule `sets` and the condensation `members`: any number of contacts, with nothing set."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from contactfusion import Contact, Fusion, HypothesisCloud, Integrator, IntegratorConfig
+from contactfusion.arrays import FloatArray
+from contactfusion.errors import ConfigurationError
+from contactfusion.hypotheses import HypothesisKind
+from contactfusion.shapes import ShapeConfig
+from contactfusion.surface import Surface
+from tests.clouds import NULL, REGULAR, SUPPORT, contents
+
+PALM = ShapeConfig(shape="rectangle", size=(0.1, 0.08)).sampled("hand", 0.004)
+FINGERS = Surface.joined(
+    [
+        ShapeConfig(shape="cylinder", radius=0.012, length=0.06, xyz=(x, 0.0, 0.0)).sampled(
+            "hand", 0.004
+        )
+        for x in (-0.022, 0.022)
+    ]
+)
+SURFACES = pytest.mark.parametrize("surface", [None, PALM], ids=["no surface", "palm"])
+PATCH = np.array([(x, y, 0.0) for x in (-5, 0, 5) for y in (-5, 0, 5)])
+PRESSES = np.array(
+    [(-35, -25, 0), (35, 25, 0), (-20, 20, 0), (15, -10, 0), (35, -25, 0), (5, 25, 0)], np.float64
+)
+DOWN = (0.0, 0.0, -5.0)
+
+
+def emit(
+    source: str,
+    p: Any,
+    mm: Any,
+    spread: float | None = 4.0,
+    kind: HypothesisKind = REGULAR,
+    **others: Any,
+) -> HypothesisCloud:
+    """A cloud of a source: likelihoods, positions [mm] and spread [mm]."""
+    positions = np.array(mm, np.float64).reshape(-1, 3) / 1e3
+    likelihoods = np.array(np.broadcast_to(p, len(positions)))
+    spreads = None if spread is None else np.full(len(positions), spread / 1e3)
+    given: dict[str, Any] = {"spreads": spreads, **others}
+    return HypothesisCloud(source, kind, 1.0, "hand", positions, likelihoods, **given)
+
+
+def fused(*clouds: HypothesisCloud, surface: Surface | None = None, **misses: float) -> Fusion:
+    integrator = Integrator(IntegratorConfig(frame="hand", rule="sets", condensation="members"))
+    for name, sensitivity in misses.items():
+        integrator.plug(name, sensitivity=sensitivity)
+    for cloud in clouds:
+        integrator.receive(cloud)
+    return integrator.step(1.0, surface)
+
+
+def only(*clouds: HypothesisCloud, surface: Surface | None = None, **misses: float) -> Contact:
+    (contact,) = fused(*clouds, surface=surface, **misses).contacts
+    return contact
+
+
+def away(contact: Contact, mm: Any) -> float:
+    """The distance of a contact from a place [mm]."""
+    return float(np.linalg.norm(contact.position * 1e3 - mm))
+
+
+def places(fusion: Fusion) -> FloatArray:
+    """The positions of all contacts [mm], sorted."""
+    found = np.array([contact.position for contact in fusion.contacts]).reshape(-1, 3) * 1e3
+    return found[np.lexsort(found.round(1).T)]
+
+
+# How many
+
+
+def test_without_evidence_there_is_no_contact() -> None:
+    assert fused().contacts == ()
+    assert fused(emit("free", 1.0, (0, 0, 0), kind=NULL)).contacts == ()
+    assert fused(emit("motion", 0.9, (0, 0, 0), kind=SUPPORT)).contacts == ()
+
+
+@SURFACES
+@pytest.mark.parametrize("count", [1, 2, 4, 6])
+@pytest.mark.parametrize("spread", [None, 4.0])
+def test_each_press_of_a_skin_is_a_contact(
+    count: int, surface: Surface | None, spread: float | None
+) -> None:
+    pressed = PRESSES[:count]
+    fusion = fused(emit("skin", 0.8, pressed[:, None] + PATCH / 2, spread), surface=surface)
+    order = np.lexsort(pressed.T)
+    np.testing.assert_allclose(places(fusion), pressed[order], atol=1.2)
+    assert all(c.likelihood == pytest.approx(0.8, abs=0.01) for c in fusion.contacts)
+
+
+def test_sources_that_never_share_a_voxel_are_one_contact() -> None:
+    skin = emit("skin", (0.9, 0.5, 0.4), [(0, 1, 0), (5, 1, 0), (0, 6, 0)])
+    camera = emit("camera", 0.4, PATCH + (18, 8, 0), 12.0)
+    for surface in (None, PALM):
+        contact = only(skin, camera, surface=surface)
+        assert away(contact, (0, 3, 0)) < 4.0
+        assert contact.likelihood == pytest.approx(1.0 - 0.1 * 0.6)
+
+
+def test_each_of_two_fingers_is_a_contact_by_a_source_of_its_own() -> None:
+    ends = [(-34, 0, 0), (34, 0, 0)]
+    clouds = [emit(f"tip_{x}", 0.8, [(x, y, z)]) for x, y, z in ends]
+    fusion = fused(*clouds, surface=FINGERS)
+    np.testing.assert_allclose(places(fusion), ends, atol=2.0)
+    assert [set(c.shares) for c in fusion.contacts] == [{"tip_-34", "tip_34"}] * 2
+    assert sorted(max(c.shares.values()) for c in fusion.contacts) == [1.0, 1.0]
+
+
+def test_a_line_of_force_is_one_contact_at_the_end_that_a_prediction_tells() -> None:
+    ends = [
+        (x + (144 - y * y) ** 0.5, y, z) for x in (-22, 22) for y in (-1, 4, 9) for z in (-2, 2)
+    ]
+    force = emit("force", 0.9 / 12, ends, single=True, forces=np.array([(-8.0, 0.0, 0.0)] * 12))
+    prediction = emit("prediction", 0.4, PATCH + (42, 10, 0), 15.0, SUPPORT)
+    contact = only(force, prediction, surface=FINGERS)
+    assert away(contact, (33.3, 4, 0)) < 3.0
+    np.testing.assert_array_equal(contact.force, (-8.0, 0.0, 0.0))
+
+
+def test_a_flat_face_of_taxels_is_one_contact_with_extent() -> None:
+    face = [(0, y, z) for y in range(-475, 476, 50) for z in (-150, -100, -50)]
+    for likelihoods in (0.9, np.tile([0.9, 0.6, 0.75], 20)):
+        contact = only(emit("skin", likelihoods, face, 50 / 12**0.5))
+        assert away(contact, (0, 0, -100)) < 5.0
+        np.testing.assert_allclose(np.ptp(contact.extent[:, 1]), 0.95, atol=0.05)
+        assert contact.scatter[1, 1] == pytest.approx(0.288**2, rel=0.01)
+
+
+def test_presses_a_taxel_apart_are_two_when_what_is_between_them_is_unlikely() -> None:
+    row = [(0, 0, 0), (0, 50, 0), (0, 100, 0)]
+    assert len(fused(emit("skin", (0.9, 0.2, 0.9), row, 50 / 12**0.5)).contacts) == 2
+    assert len(fused(emit("skin", (0.9, 0.8, 0.9), row, 50 / 12**0.5)).contacts) == 1
+
+
+# The resultant of all contacts
+
+
+@SURFACES
+def test_a_stuck_taxel_is_no_contact_when_the_force_is_explained_without_it(
+    surface: Surface | None,
+) -> None:
+    stuck = emit("skin", 0.95, (-30, -20, 0))
+    camera = emit("camera", 0.4, PATCH + (28, 14, 0), 12.0)
+    felt: dict[str, Any] = {"single": True, "forces": np.array([DOWN] * 9)}
+    wrist = emit("wrist", 0.1, PATCH + (20, 10, 0), 6.0, **felt)
+    contact = only(stuck, camera, wrist, surface=surface)
+    assert away(contact, (21, 11, 0)) < 2.0
+    assert contact.shares["skin"] == 0.0
+
+
+def test_a_second_contact_is_kept_when_the_force_needs_it() -> None:
+    two = [(-30, 0, 0), (30, 0, 0)]
+    skin = emit("skin", 0.95, two)
+    felt: dict[str, Any] = {"single": True, "forces": np.array([DOWN] * 9)}
+    between = emit("wrist", 0.1, PATCH / 2, 4.0, **felt)
+    np.testing.assert_allclose(
+        [place for place in places(fused(skin, between, surface=PALM)) if abs(place[0]) > 20],
+        two,
+        atol=2.0,
+    )
+
+
+# What speaks against
+
+
+def test_null_and_silence_are_missed_detections_and_no_veto() -> None:
+    skin = emit("skin", (0.9, 0.5, 0.4), [(0, 1, 0), (5, 1, 0), (0, 6, 0)])
+    free = emit("camera", 0.6, PATCH + (5, 2, 0), kind=NULL)
+    alone, doubted = only(skin), only(skin, free)
+    assert 0.5 < doubted.likelihood < alone.likelihood == pytest.approx(0.9)
+    silent = emit("wrist", 0.0, [])
+    doubted = only(skin, silent, wrist=0.5)
+    assert doubted.likelihood == pytest.approx(0.9 * 0.5 / (0.1 + 0.9 * 0.5))
+
+
+def test_support_raises_the_likelihood_of_a_contact_and_makes_none() -> None:
+    here = emit("simulator", 0.5, (0, 0, 0), kind=SUPPORT)
+    assert only(emit("skin", 0.8, (0, 0, 0)), here).likelihood == pytest.approx(0.9)
+    far = emit("simulator", 0.5, (300, 0, 0), kind=SUPPORT)
+    assert only(emit("skin", 0.8, (0, 0, 0)), far).likelihood == pytest.approx(0.8)
+
+
+# What a contact says of itself
+
+
+@pytest.mark.parametrize("spread", [2.0, 4.0, 10.0])
+def test_a_stated_spread_comes_back_as_covariance(spread: float) -> None:
+    alone = only(emit("skin", 0.9, (0, 0, 0), spread))
+    np.testing.assert_allclose(alone.covariance, np.eye(3) * (spread / 1e3) ** 2, atol=1e-9)
+    wide = ShapeConfig(shape="rectangle", size=(0.1, 0.1)).sampled("hand", 0.001)
+    across = only(emit("skin", 0.9, (0, 0, 0), spread), surface=wide).covariance[:2, :2]
+    np.testing.assert_allclose(across, np.eye(2) * (spread / 1e3) ** 2, rtol=0.12, atol=1e-8)
+
+
+def test_a_position_without_spread_is_as_unsure_as_its_voxel() -> None:
+    contact = only(emit("skin", 0.9, (0, 0, 0), None))
+    np.testing.assert_allclose(contact.covariance, np.eye(3) * 0.005**2 / 12.0)
+
+
+def test_what_lies_off_the_surface_is_no_contact_beside_what_lies_on_it() -> None:
+    on, off = emit("skin", 0.8, (0, 0, 0)), emit("camera", 0.9, (0, 0, 400))
+    assert away(only(on, off, surface=PALM), (0, 0, 0)) < 1.0
+    assert away(only(off, surface=PALM), (0, 0, 400)) < 1.0
+
+
+def test_members_needs_a_rule_that_finds_contacts() -> None:
+    with pytest.raises(ConfigurationError, match="'members' needs a rule that finds the contacts"):
+        Integrator(IntegratorConfig(condensation="members"))
+
+
+def test_voxels_are_as_likely_as_the_contact_near_them() -> None:
+    fusion = fused(emit("skin", 0.8, [(0, 0, 0), (60, 0, 0)]), emit("camera", 0.5, (60, 0, 0)))
+    likelihoods = dict(zip(fusion.space.voxels[:, 0], fusion.space.likelihoods, strict=True))
+    assert likelihoods == pytest.approx({0: 0.8, 12: 0.9})
+
+
+@settings(max_examples=30, deadline=None)
+@given(
+    seed=st.integers(0, 2**32 - 1),
+    sources=st.integers(1, 4),
+    surface=st.sampled_from([None, PALM]),
+)
+def test_any_clouds_give_contacts_with_probabilities_the_same_ones_again(
+    seed: int, sources: int, surface: Surface | None
+) -> None:
+    rng = np.random.default_rng(seed)
+    clouds = []
+    for number in range(sources):
+        n = int(rng.integers(0, 40))
+        single = bool(rng.integers(2))
+        p = rng.uniform(0.01, 0.95, n) / (max(n, 1) if single else 1)
+        mm = rng.uniform(-60, 60, (n, 3)) * (1, 1, 0.1)
+        kind = (REGULAR, REGULAR, SUPPORT, NULL)[int(rng.integers(4))]
+        forces = rng.normal(0, 3, (n, 3)) if single and kind == REGULAR else None
+        spread = float(rng.uniform(0.5, 20.0))
+        clouds.append(emit(f"s{number}", p, mm, spread, kind, single=single, forces=forces))
+    fusion = fused(*clouds, surface=surface)
+    assert contents(fusion) == contents(fused(*clouds[::-1], surface=surface))
+    for contact in fusion.contacts:
+        assert 0.5 - 1e-5 <= contact.likelihood <= 1.0
+        assert np.linalg.eigvalsh(contact.covariance)[0] > 0.0
+        assert sum(contact.shares.values()) == pytest.approx(1.0)
+        assert np.isfinite(contact.position).all() and np.isfinite(contact.extent).all()
