@@ -29,6 +29,8 @@ class Contact:
         shares: how much of its likelihood each source gave; sums to 1.
         stamp: the newest hypothesis in it [s].
         frame: the frame of all places and vectors.
+        track: its number, the same as long as it lasts; 0: contacts are not followed.
+        since: when it was made [s]; NaN: contacts are not followed.
     """
 
     position: FloatArray
@@ -41,6 +43,8 @@ class Contact:
     shares: Mapping[str, float]
     stamp: float
     frame: str
+    track: int = 0
+    since: float = float("nan")
 
     @property
     def dispersion(self) -> float:

@@ -61,6 +61,19 @@ class RigidPart:
         return centre, float(np.linalg.norm(self.points - centre, axis=1).max())
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class Anchor:
+    """A point that moves with a rigid part of a surface.
+
+    Attributes:
+        part: the part that it is nearest to; None: it stands still.
+        point: shape (3,) [m], in the frame of the part, or of the surface.
+    """
+
+    part: RigidPart | None
+    point: FloatArray
+
+
 class Surface:
     """The surface of a rigid body or of a whole robot in one pose, as sampled points.
 
@@ -222,6 +235,24 @@ class Surface:
             part.grid.improve(points, inverse(pose), int(begins[number]), distances, rows)
         distances[rows == total] = np.inf
         return distances, rows
+
+    def anchor(self, point: FloatArray) -> Anchor:
+        """A point, shape (3,) [m], as one that moves with the nearest part."""
+        (row,) = self.nearest(point[None])[1]
+        begins = np.cumsum([0, *(len(part.points) for part, _ in self._parts)])
+        if row == begins[-1]:
+            return Anchor(None, point)
+        part, pose = self._parts[int(np.searchsorted(begins, row, side="right")) - 1]
+        return Anchor(part, points_in(inverse(pose), point[None])[0])
+
+    def follow(self, anchor: Anchor) -> FloatArray | None:
+        """Where an anchored point is now, shape (3,) [m]; None: its part is not of this surface."""
+        if anchor.part is None:
+            return anchor.point
+        for part, pose in self._parts:
+            if part is anchor.part:
+                return frozen(points_in(pose, anchor.point[None])[0])
+        return None
 
     @cached_property
     def _balls(self) -> tuple[FloatArray, FloatArray]:

@@ -162,6 +162,9 @@ class MembersConfig(Model):
 
     existence: float = FieldOf(default=0.5, gt=0, le=1)
     """A contact is reported when it is at least so probable."""
+    rate: float = FieldOf(default=1.0, gt=0)
+    """How often contacts are made and broken, about [1/s]: what was there is believed for as long.
+    """
 
 
 class Members(Condensation):
@@ -172,12 +175,12 @@ class Members(Condensation):
 
     def __init__(self, config: MembersConfig, tolerance: float) -> None:
         super().__init__(config, tolerance)
-        self._existence = config.existence
+        self.existence, self.rate = config.existence, config.rate
 
     def condense(self, field: Field, verdicts: NDArray[np.uint8]) -> Sequence[Contact]:
         """The contacts that exist with at least the probability that is asked for."""
         contacts = [member.contact for member in field.members or ()]
-        least = self._existence - kernels.EDGE
+        least = self.existence - kernels.EDGE
         return [contact for contact in contacts if contact.likelihood >= least]
 
     def explain(self, field: Field, around: Neighbourhood, contact: Contact | None) -> str:
@@ -191,8 +194,8 @@ class Members(Condensation):
         """The contact that is not probable enough, or that no evidence speaks for."""
         if (member := _member_at(field, around)) is not None:
             exists = member.contact.likelihood
-            sentence = f"{_told(member)}, under the existence {self._existence:g} that is asked for"
-            values = {"exists": exists, "existence": self._existence, "factor": member.factor}
+            sentence = f"{_told(member)}, under the existence {self.existence:g} that is asked for"
+            values = {"exists": exists, "existence": self.existence, "factor": member.factor}
             return [Reason(Why.IMPROBABLE, sentence, values=values)]
         if around.best == NONE:
             return ()

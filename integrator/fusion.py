@@ -15,6 +15,7 @@ from contactfusion.integrator import kernels
 from contactfusion.integrator.entries import Entries, Field
 from contactfusion.integrator.sources import Report
 from contactfusion.integrator.store import Int64Array, unpack
+from contactfusion.integrator.tracks import ContactEvent
 from contactfusion.rule import Condensation, Rule
 from contactfusion.surface import Surface
 
@@ -84,6 +85,7 @@ class Fusion:
         rule: that fused.
         condensation: that made contacts.
         surface: the robot's surface that the rule got, or None.
+        changes: what happened to contacts that are followed.
     """
 
     field: Field
@@ -94,6 +96,7 @@ class Fusion:
     condensation: Condensation
     surface: Surface | None
     _owners: Callable[[], NDArray[np.intp]] | None
+    changes: tuple[ContactEvent, ...] = ()
 
     def __repr__(self) -> str:
         count = len(self.field.entries.keys)

@@ -1,6 +1,7 @@
 """The integrator: hypotheses in, contacts out, and why (F §III). This page tells the story."""
 
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import TypeVar
 
 from contactfusion.errors import (
@@ -13,13 +14,14 @@ from contactfusion.errors import (
 )
 from contactfusion.grid import Grid
 from contactfusion.hypotheses import HypothesisCloud, HypothesisKind, kind_of
-from contactfusion.integrator.condensations import contactfusion_condensations
+from contactfusion.integrator.condensations import Members, contactfusion_condensations
 from contactfusion.integrator.config import IntegratorConfig
 from contactfusion.integrator.fusion import Fusion, fuse
 from contactfusion.integrator.inbox import Inbox
 from contactfusion.integrator.rules import contactfusion_rules
 from contactfusion.integrator.sources import Event, EventKind, Report, SourceRecord
 from contactfusion.integrator.space import Space
+from contactfusion.integrator.tracks import Tracks
 from contactfusion.rule import Condensation, Rule
 from contactfusion.surface import Surface
 from contactfusion.time import to_nanoseconds
@@ -66,6 +68,9 @@ class Integrator:
                 f"as 'sets', not '{self.config.rule}'",
                 "condensation",
             )
+        self._tracks: Tracks | None = None
+        if isinstance(self.condensation, Members):
+            self._tracks = Tracks(self.condensation.rate, self.condensation.existence)
         self._grid = Grid(self.config.frame, self.config.voxel_size)
         self._space = Space(self._grid, self.config, places=self.rule.needs_places)
         lead = to_nanoseconds(self.config.max_ahead)
@@ -190,12 +195,25 @@ class Integrator:
         records = [self._sources[name] for name in sorted(self._sources)]
         entries = self._space.absorb(accepted, records, at)
         report = Report({record.name: record.report(at) for record in records}, self._drain())
-        return fuse(entries, self.rule, self.condensation, self.config.threshold, surface, report)
+        fusion = fuse(
+            entries, self.rule, self.condensation, self.config.threshold, surface, report
+        )
+        if self._tracks is None or fusion.field.members is None:
+            return fusion
+        looks = {
+            record.name: record.looked
+            for record in records
+            if record.kind == HypothesisKind.REGULAR and record.looked is not None
+        }
+        contacts, changes = self._tracks.follow(at, fusion.field.members, looks, surface)
+        return replace(fusion, contacts=contacts, changes=changes)
 
     def reset(self) -> None:
         """Forget all hypotheses and stamps, as when a recording starts again; plugs stay."""
         self._inbox.clear()
         self._space.clear()
+        if self._tracks:
+            self._tracks.clear()
         for record in self._sources.values():
             record.forget()
         self._last = None

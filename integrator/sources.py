@@ -101,6 +101,7 @@ class SourceRecord:
     replace: bool = False
     sensitivity: float = 0.0
     found_nothing: bool = False
+    looked: int | None = None
     stamps: deque[int] = field(default_factory=lambda: deque(maxlen=RATE_WINDOW))
     first_step: int | None = None
     active: bool = True
@@ -128,6 +129,8 @@ class SourceRecord:
         for note in dict.fromkeys(cloud.notes):
             if note in self.remarks or len(self.remarks) < REMARKS:
                 self.remarks[note] += 1
+        if len(cloud) or not cloud.notes:
+            self.looked = stamp
         self.found_nothing = not cloud.likelihoods.any() and not cloud.notes
 
     def is_active(self, now: int) -> bool:
@@ -153,7 +156,7 @@ class SourceRecord:
     def forget(self) -> None:
         """Forget all stamps, as at the restart of a clock; the counts stay."""
         self.stamps.clear()
-        self.first_step, self.active, self.notes = None, True, ()
+        self.first_step, self.looked, self.active, self.notes = None, None, True, ()
 
     def report(self, now: int) -> SourceReport:
         """The source as a step reports it."""

@@ -1,0 +1,245 @@
+"""Contacts over time: identity, belief carried from step to step, and what happens to them."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from enum import StrEnum
+
+import numpy as np
+
+from contactfusion.arrays import FloatArray, frozen
+from contactfusion.contacts import Contact
+from contactfusion.integrator.entries import Member
+from contactfusion.integrator.kernels import EDGE
+from contactfusion.surface import Anchor, Surface
+from contactfusion.time import NANOSECONDS_PER_SECOND, to_seconds
+
+NEAR = 3.0
+"""A contact is the same as an earlier one within so many standard deviations of both."""
+SMOOTHING = 0.2
+"""Time over which the position of a contact at rest is averaged [s]."""
+POSSIBLE = 0.01
+"""A contact that is less probable is forgotten."""
+MISSED = 0.1
+"""The probability, at least, that a source misses in a step what it found in the one before."""
+EVEN = 0.5
+"""The probability of a contact of which nothing is known."""
+
+
+class Change(StrEnum):
+    """What happens to a contact."""
+
+    MADE = "made"
+    MOVED = "moved"
+    BROKEN = "broken"
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ContactEvent:
+    """What happened to a contact in a step.
+
+    Attributes:
+        change: what happened.
+        contact: the contact after it; of a broken contact as it last was.
+        stamp: of the step [s].
+    """
+
+    change: Change
+    contact: Contact
+    stamp: float
+
+
+@dataclass(slots=True, eq=False)
+class Track:
+    """A contact that is followed.
+
+    Attributes:
+        contact: as it was last found, where it is now.
+        probability: that it exists.
+        anchor: what its position moves with.
+        averaged: number of steps of which its position is the mean.
+        given: the probability of a contact by each of its sources.
+        heard: the newest stamp of each of these [ns].
+        settled: where it was made or last moved to, as `anchor`.
+    """
+
+    contact: Contact
+    probability: float
+    anchor: Anchor
+    averaged: float
+    given: Mapping[str, float]
+    heard: Mapping[str, int]
+    settled: Anchor
+
+    @property
+    def is_made(self) -> bool:
+        """Whether it has been probable enough."""
+        return self.contact.track > 0
+
+
+class Tracks:
+    """The contacts of successive steps (method §4).
+
+    Each is an on-off process: contacts are made and broken `rate` times a second. What is new in a
+    step multiplies the odds by those of the evidence, and a source that no longer says what it said
+    takes it back. So one wrong step neither makes nor breaks a contact.
+
+    Args:
+        rate: [1/s].
+        existence: the probability from which a contact is reported.
+    """
+
+    def __init__(self, rate: float, existence: float) -> None:
+        self._rate, self._existence = rate, existence
+        self.clear()
+
+    def clear(self) -> None:
+        """Forget all contacts; the next is the first again."""
+        self._tracks: list[Track] = []
+        self._looked: Mapping[str, int] = {}
+        self._now: int | None = None
+        self._made = 0
+
+    def follow(
+        self,
+        now: int,
+        members: Sequence[Member],
+        looks: Mapping[str, int],
+        surface: Surface | None,
+    ) -> tuple[tuple[Contact, ...], tuple[ContactEvent, ...]]:
+        """The contacts of a step, the most probable first, and what happened to them.
+
+        Args:
+            now: time of the step [ns].
+            members: what the live evidence of all sources says now.
+            looks: the newest stamp at which each source of evidence could tell [ns].
+            surface: of the robot now, or None.
+        """
+        elapsed = 0 if self._now is None else now - self._now
+        for track in self._tracks:
+            track.probability = self._after(track.probability, elapsed)
+            track.contact = replace(track.contact, position=_followed(track, track.anchor, surface))
+        pairs = _paired(self._tracks, members)
+        for number, track in enumerate(self._tracks):
+            if number in pairs:
+                self._confirm(track, members[pairs[number]], looks, elapsed)
+            else:
+                self._miss(track, looks)
+        new = sorted(set(range(len(members))) - set(pairs.values()))
+        self._tracks += [self._begun(members[row], looks) for row in new]
+        events = [event for track in self._tracks for event in self._events(track, now, surface)]
+        self._tracks = [track for track in self._tracks if track.probability >= POSSIBLE]
+        self._looked, self._now = dict(looks), now
+        reported = [track.contact for track in self._tracks if self._is_reported(track)]
+        reported.sort(key=lambda contact: (-round(contact.likelihood, 6), contact.track))
+        return tuple(reported), tuple(events)
+
+    def _after(self, probability: float, elapsed: int) -> float:
+        """The probability of a contact some time [ns] later, if nothing is heard of it."""
+        seconds = elapsed / NANOSECONDS_PER_SECOND
+        changed = EVEN * -np.expm1(-2.0 * self._rate * seconds)
+        return float(probability * (1.0 - changed) + (1.0 - probability) * changed)
+
+    def _begun(self, member: Member, looks: Mapping[str, int]) -> Track:
+        """A contact that was not there when its sources looked before."""
+        since = [
+            looks[name] - self._looked[name]
+            for name in member.given
+            if name in self._looked and looks[name] > self._looked[name]
+        ]
+        prior = self._after(0.0, min(since)) if since else EVEN
+        probability = _updated(prior, _odds(member.contact.likelihood))
+        heard = {name: looks[name] for name in member.given}
+        here = Anchor(None, member.contact.position)
+        return Track(member.contact, probability, here, 1.0, member.given, heard, here)
+
+    def _confirm(
+        self, track: Track, member: Member, looks: Mapping[str, int], elapsed: int
+    ) -> None:
+        """Take what is said of a contact now; only what is new makes it more probable or less."""
+        heard = {name: looks[name] for name in member.given}
+        if all(stamp <= track.heard.get(name, -1) for name, stamp in heard.items()):
+            return
+        track.probability = _updated(track.probability, _odds(member.contact.likelihood))
+        before, found = track.contact, member.contact
+        away = found.position - before.position
+        track.averaged *= float(np.exp(-elapsed / NANOSECONDS_PER_SECOND / SMOOTHING))
+        if _squared(away) > np.trace(found.covariance) / 3.0:  # it has moved on
+            track.averaged = 0.0
+        track.averaged += 1.0
+        place = frozen(before.position + away / track.averaged)
+        track.contact = replace(found, position=place, track=before.track, since=before.since)
+        track.given, track.heard = member.given, heard
+
+    def _miss(self, track: Track, looks: Mapping[str, int]) -> None:
+        """Take it that nothing is said of a contact now."""
+        spoke = [name for name, stamp in track.heard.items() if looks.get(name, -1) > stamp]
+        if not spoke:  # what was said of it is too old to live
+            track.probability = 0.0
+            return
+        missed = np.prod([max(1.0 - track.given[name], MISSED) for name in spoke])
+        track.probability = _updated(track.probability, float(missed))
+        track.heard = {name: looks.get(name, stamp) for name, stamp in track.heard.items()}
+
+    def _is_reported(self, track: Track) -> bool:
+        return track.probability >= self._existence - EDGE
+
+    def _events(self, track: Track, now: int, surface: Surface | None) -> Iterator[ContactEvent]:
+        """What happened to a contact; brings its probability, number and anchor up to date."""
+        stamp, contact = to_seconds(now), replace(track.contact, likelihood=track.probability)
+        position = contact.position
+        track.anchor = surface.anchor(position) if surface else Anchor(None, position)
+        if not self._is_reported(track):
+            if track.is_made:
+                yield ContactEvent(Change.BROKEN, contact, stamp)
+            track.contact = replace(contact, track=0, since=np.nan)
+            return
+        unsure = np.trace(contact.covariance) / 3.0
+        if not track.is_made:
+            self._made += 1
+            contact = replace(contact, track=self._made, since=stamp)
+            track.settled = track.anchor
+            yield ContactEvent(Change.MADE, contact, stamp)
+        elif _squared(position - _followed(track, track.settled, surface)) > NEAR**2 * unsure:
+            track.settled = track.anchor
+            yield ContactEvent(Change.MOVED, contact, stamp)
+        track.contact = contact
+
+
+def _paired(tracks: Sequence[Track], members: Sequence[Member]) -> dict[int, int]:
+    """The member, as a row, that each track, as a row, is found again as; the nearest first."""
+    found = []
+    for row, track in enumerate(tracks):
+        for column, member in enumerate(members):
+            both = (track.contact, member.contact)
+            widths = sum(contact.covariance + contact.scatter for contact in both)
+            reach = NEAR**2 * float(np.linalg.eigvalsh(widths)[-1])
+            away = _squared(both[0].position - both[1].position) / reach
+            if away <= 1.0:
+                found.append((away, row, column))
+    pairs: dict[int, int] = {}
+    for _, row, column in sorted(found):
+        if row not in pairs and column not in pairs.values():
+            pairs[row] = column
+    return pairs
+
+
+def _followed(track: Track, anchor: Anchor, surface: Surface | None) -> FloatArray:
+    """Where an anchor of a contact is now; where nothing tells, the contact's position."""
+    if surface is None:
+        return anchor.point if anchor.part is None else track.contact.position
+    place = surface.follow(anchor)
+    return track.contact.position if place is None else place
+
+
+def _squared(offset: FloatArray) -> float:
+    return float(offset @ offset)
+
+
+def _odds(probability: float) -> float:
+    return probability / max(1.0 - probability, EDGE)
+
+
+def _updated(prior: float, factor: float) -> float:
+    """The probability after its odds are multiplied by a factor."""
+    kept = prior * factor
+    return kept / (1.0 - prior + kept)

@@ -1,0 +1,237 @@
+"""Contacts over time, with nothing set: identity, belief, and what happens to them."""
+
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+
+from contactfusion import Fusion, HypothesisCloud, HypothesisKind, Integrator, IntegratorConfig
+from contactfusion.arrays import FloatArray
+from contactfusion.surface import RigidPart, Surface
+
+CYCLE = 0.05
+HERE, THERE = (0.0, 0.0, 0.0), (0.1, 0.0, 0.0)
+
+
+class Stepped:
+    """An integrator that is stepped cycle by cycle; sources replace what they said."""
+
+    def __init__(self, cycle: float = CYCLE, **config: Any) -> None:
+        fields = {"frame": "hand", "rule": "sets", "condensation": "members", **config}
+        self.integrator = Integrator(IntegratorConfig(**fields))
+        self.cycle, self.now = cycle, 0.0
+
+    def step(
+        self,
+        *said: tuple[tuple[float, float, float], float],
+        surface: Surface | None = None,
+        notes: tuple[str, ...] = (),
+    ) -> Fusion:
+        """One cycle, in which a skin gives places [m] and likelihoods."""
+        self.now += self.cycle
+        positions = np.reshape([place for place, _ in said], (-1, 3))
+        likelihoods = np.array([p for _, p in said], np.float64)
+        spreads = np.full(len(said), 0.004)
+        self.integrator.plug("skin", HypothesisKind.REGULAR, replace=True)
+        cloud = HypothesisCloud(
+            "skin", HypothesisKind.REGULAR, self.now, "hand", positions, likelihoods,
+            spreads=spreads, notes=notes,
+        )  # fmt: skip
+        self.integrator.receive(cloud)
+        return self.integrator.step(self.now, surface)
+
+    def wait(self, seconds: float) -> Fusion:
+        """A step without new clouds."""
+        self.now += seconds
+        return self.integrator.step(self.now)
+
+
+def settled() -> Stepped:
+    """A loop in which nothing has been felt for half a second."""
+    stepped = Stepped()
+    for _ in range(10):
+        stepped.step()
+    return stepped
+
+
+def made(fusion: Fusion) -> list[tuple[str, int]]:
+    """What happened, and to which contact."""
+    return [(str(event.change), event.contact.track) for event in fusion.changes]
+
+
+# Whether
+
+
+def test_the_first_step_reports_what_it_is_told() -> None:
+    fusion = Stepped().step((HERE, 0.8))
+    (contact,) = fusion.contacts
+    assert contact.likelihood == pytest.approx(0.8)
+    assert (contact.track, contact.since) == (1, CYCLE)
+    assert made(fusion) == [("made", 1)]
+
+
+def test_one_wrong_step_makes_no_contact_and_two_do() -> None:
+    stepped = settled()
+    assert not stepped.step((HERE, 0.95)).contacts
+    assert not stepped.step().contacts
+    stepped = settled()
+    stepped.step((HERE, 0.95))
+    fusion = stepped.step((HERE, 0.95))
+    assert len(fusion.contacts) == 1 and made(fusion) == [("made", 1)]
+
+
+def test_sources_that_agree_make_a_contact_in_one_step() -> None:
+    stepped = settled()
+    positions, likelihoods = np.zeros((1, 3)), np.array([0.9])
+    for name in ("camera", "wrist"):
+        cloud = HypothesisCloud(
+            name, HypothesisKind.REGULAR, stepped.now + CYCLE, "hand", positions, likelihoods
+        )
+        stepped.integrator.receive(cloud)
+    assert len(stepped.step((HERE, 0.9)).contacts) == 1
+
+
+def test_one_missed_step_breaks_no_contact_and_two_do() -> None:
+    stepped = settled()
+    for _ in range(5):
+        stepped.step((HERE, 0.95))
+    (contact,) = stepped.step().contacts
+    assert contact.track == 1
+    stepped.step((HERE, 0.95))
+    stepped.step()
+    fusion = stepped.step()
+    assert not fusion.contacts and made(fusion) == [("broken", 1)]
+
+
+def test_ten_unsure_steps_are_surer_than_one() -> None:
+    stepped = settled()
+    reported = [stepped.step((HERE, 0.7)).contacts for _ in range(10)]
+    assert not reported[0] and reported[-1]
+    assert reported[-1][0].likelihood > 0.95
+
+
+def test_steps_in_which_nothing_new_is_said_change_nothing() -> None:
+    stepped = settled()
+    stepped.step((HERE, 0.8))
+    for _ in range(50):
+        assert not stepped.wait(0.001).contacts
+
+
+@pytest.mark.parametrize("cycle", [1.0, 10.0])
+def test_a_slow_loop_believes_what_it_is_told(cycle: float) -> None:
+    stepped = Stepped(cycle)
+    stepped.step()
+    assert len(stepped.step((HERE, 0.8)).contacts) == 1
+    assert not stepped.step().contacts
+
+
+def test_a_contact_ends_when_what_was_said_of_it_is_too_old() -> None:
+    stepped = Stepped(timeout=0.2)
+    stepped.step((HERE, 0.9))
+    assert stepped.wait(0.15).contacts
+    fusion = stepped.wait(0.1)
+    assert not fusion.contacts and made(fusion) == [("broken", 1)]
+
+
+def test_a_source_that_cannot_tell_takes_nothing_back() -> None:
+    stepped = settled()
+    for _ in range(3):
+        stepped.step((HERE, 0.95))
+    told = stepped.step(notes=("unhealthy",))
+    assert not told.contacts  # nothing that is alive speaks for it
+    stepped = settled()
+    stepped.step((HERE, 0.8))
+    stepped.step(notes=("unhealthy",))
+    assert not stepped.step((HERE, 0.8)).contacts
+
+
+# Which
+
+
+def test_a_contact_keeps_its_number_and_a_new_one_gets_another() -> None:
+    stepped = Stepped()
+    stepped.step((HERE, 0.9), (THERE, 0.8))
+    fusion = stepped.step((HERE, 0.8), (THERE, 0.9))
+    numbers = {round(c.position[0], 2): c.track for c in fusion.contacts}
+    assert numbers == {0.0: 1, 0.1: 2}
+    for _ in range(5):
+        stepped.step((THERE, 0.9))
+    for _ in range(5):
+        fusion = stepped.step((HERE, 0.9), (THERE, 0.9))
+    assert {round(c.position[0], 2): c.track for c in fusion.contacts} == {0.0: 3, 0.1: 2}
+    assert {c.track: round(c.since, 2) for c in fusion.contacts}[2] == CYCLE
+
+
+def test_a_contact_that_slides_away_has_moved() -> None:
+    stepped, happened = Stepped(), []
+    for step in range(20):
+        happened += made(stepped.step(((0.002 * step, 0.0, 0.0), 0.9)))
+    assert happened == [("made", 1), ("moved", 1), ("moved", 1)]
+
+
+def test_noise_of_a_contact_at_rest_is_averaged() -> None:
+    rng, stepped, alone = np.random.default_rng(7), Stepped(0.01), []
+    errors = []
+    for _ in range(200):
+        x, y, _ = (rng.normal(0.0, 0.0015, 3)).tolist()
+        (contact,) = stepped.step(((x, y, 0.0), 0.9)).contacts
+        alone.append(math.hypot(x, y))
+        errors.append(float(np.linalg.norm(contact.position[:2])))
+    assert np.mean(errors[50:]) < 0.5 * np.mean(alone[50:])
+
+
+def finger(angle: float) -> Surface:
+    """A straight finger along x that has turned around z."""
+    points = np.stack([np.linspace(0.0, 0.1, 51), np.zeros(51), np.zeros(51)], axis=1)
+    normals = np.tile([0.0, 1.0, 0.0], (51, 1))
+    pose: FloatArray = np.eye(4)
+    pose[:2, :2] = [[math.cos(angle), -math.sin(angle)], [math.sin(angle), math.cos(angle)]]
+    return Surface.of_parts("hand", [(PART(points, normals), pose)], ["finger"])
+
+
+def PART(points: FloatArray, normals: FloatArray) -> RigidPart:  # noqa: N802
+    """The same rigid part in every step."""
+    if not KNOWN:
+        KNOWN.append(RigidPart(points, normals, np.zeros(len(points), np.int32)))
+    return KNOWN[0]
+
+
+KNOWN: list[RigidPart] = []
+
+
+def test_a_contact_moves_with_its_link() -> None:
+    stepped = Stepped()
+    for step in range(30):
+        angle = 0.05 * step
+        tip = (0.08 * math.cos(angle), 0.08 * math.sin(angle), 0.0)
+        fusion = stepped.step((tip, 0.95), surface=finger(angle))
+        assert [c.track for c in fusion.contacts] == [1]
+        assert made(fusion) == ([("made", 1)] if step == 0 else [])
+    missed = stepped.step(surface=finger(1.5))
+    (contact,) = missed.contacts
+    there = (0.08 * math.cos(1.5), 0.08 * math.sin(1.5), 0.0)
+    np.testing.assert_allclose(contact.position, there, atol=0.002)
+
+
+def test_reset_begins_again() -> None:
+    stepped = settled()
+    for _ in range(3):
+        stepped.step((HERE, 0.95))
+    stepped.integrator.reset()
+    stepped.now = 0.0
+    (contact,) = stepped.step((HERE, 0.8)).contacts
+    assert contact.track == 1 and contact.likelihood == pytest.approx(0.8)
+
+
+def test_equal_steps_give_equal_contacts() -> None:
+    def run() -> list[tuple[float, ...]]:
+        rng, stepped, rows = np.random.default_rng(3), Stepped(), []
+        for _ in range(40):
+            places = rng.uniform(-0.05, 0.05, (int(rng.integers(0, 4)), 3))
+            said = [((x, y, z), float(rng.uniform(0.1, 0.95))) for x, y, z in places.tolist()]
+            for contact in stepped.step(*said).contacts:
+                rows.append((contact.track, contact.likelihood, *contact.position))
+        return rows
+
+    assert run() == run() != []
