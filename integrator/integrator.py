@@ -195,9 +195,7 @@ class Integrator:
         records = [self._sources[name] for name in sorted(self._sources)]
         entries = self._space.absorb(accepted, records, at)
         report = Report({record.name: record.report(at) for record in records}, self._drain())
-        fusion = fuse(
-            entries, self.rule, self.condensation, self.config.threshold, surface, report
-        )
+        fusion = fuse(entries, self.rule, self.condensation, self.config.threshold, surface, report)
         if self._tracks is None or fusion.field.members is None:
             return fusion
         looks = {

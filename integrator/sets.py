@@ -45,6 +45,8 @@ NEEDLESS = 0.02
 """The factor on the odds of a contact that the resultant of all is explained without."""
 FAINT = 0.1
 """What is left is searched while a contact of it could be so probable."""
+TINY = 1e-12
+"""A mean normal of a smaller square has no direction."""
 MOST = 32
 """No more contacts are searched."""
 
@@ -205,10 +207,12 @@ class Search:
         precision = sum(1.0 / self._spread(row) ** 2 for row in taken)
         is_large = lengths[-1] * precision > LARGE**2
         position = middle if is_large else places.mode(basin)
-        covariance = np.zeros((3, 3)) if is_large else places.moments(basin, position)
-        # over a surface a belief is as wide as the spreads, else each place is as unsure as they
-        exact = places.normals is not None and not is_large
-        covariance += np.eye(3) * (places.spacing**2 / 12.0 if exact else 1.0 / precision)
+        normal = None if places.normals is None else basin.weights @ places.normals[basin.rows]
+        unsure = np.eye(3) / precision
+        if normal is not None and not is_large:  # along the surface a belief is as wide as spreads
+            across = np.outer(normal, normal) / max(float(normal @ normal), TINY)
+            unsure = across / precision + np.eye(3) * places.spacing**2 / 12.0
+        covariance = unsure + (0.0 if is_large else places.moments(basin, position))
         covariance *= np.sqrt(len(taken))
         along = (places.points[area] - position) @ axes[:, -1]
         shares = self._shares(basin, taken)
@@ -233,7 +237,6 @@ class Search:
         )
         for array in (position, scatter, covariance, contact.extent, contact.force):
             array.flags.writeable = False
-        normal = None if places.normals is None else basin.weights @ places.normals[basin.rows]
         names = [source.name for source in entries.sources]
         given = {names[row]: self._evidence[row].probability(own) for row, own in taken.items()}
         return Member(contact, points, basin.weights, normal, reach, given)

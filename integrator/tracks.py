@@ -77,7 +77,7 @@ class Track:
 
 
 class Tracks:
-    """The contacts of successive steps (method §4).
+    """The contacts of successive steps (method §3).
 
     Each is an on-off process: contacts are made and broken `rate` times a second. What is new in a
     step multiplies the odds by those of the evidence, and a source that no longer says what it said
