@@ -19,10 +19,10 @@ from contactfusion.units import Memory, Spacing, Tolerance
 PARTS = {"rule": "rule_options", "condensation": "condensation_options"}
 """The fields that name a plug-in, and those that hold its options."""
 MOVED = {
-    "floor": ("rule", ("posterior",)),
-    "friction": ("rule", ("posterior",)),
+    "floor": ("rule", ("posterior", "sets")),
+    "friction": ("rule", ("posterior", "sets")),
     "prior": ("rule", ("log_odds", "dempster_shafer")),
-    "existence": ("condensation", ("modes",)),
+    "existence": ("condensation", ("modes", "members")),
     "mode_share": ("condensation", ("modes",)),
     "min_voxels": ("condensation", ("cluster_centroid",)),
     "mass_threshold": ("condensation", ("cluster_mass",)),
