@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from contactfusion.arrays import FloatArray
 from contactfusion.hypotheses import HypothesisKind
-from contactfusion.integrator import clusters
+from contactfusion.integrator import clusters, fields
 from contactfusion.integrator.clusters import Int32Array
 from contactfusion.integrator.entries import Entries
 from contactfusion.integrator.store import Int64Array
@@ -107,14 +107,17 @@ class Evidence:
             core: shape (c, 3) [m], where the contact lies.
             reach: greatest distance from it [m]; without any the nearest hypothesis counts.
         """
-        from scipy.spatial import KDTree
-
         if self.cloud.single:
             return self.left.copy()
         rows = np.flatnonzero(self.left)
-        away = np.asarray(KDTree(core).query(self.cloud.positions[rows])[0])
-        near = rows[away <= max(reach, away.min())]
-        return self.left & np.isin(self._detections, self._detections[near])
+        positions = self.cloud.positions[rows]
+        cells, ones = fields.cell_list(core, reach), np.ones(len(core))
+        near = fields.heaviest(positions, core, cells, ones, reach) > 0.0
+        if not near.any():
+            near[((positions - core.mean(axis=0)) ** 2).sum(axis=1).argmin()] = True
+        wanted = np.zeros(int(self._detections.max()) + 1, np.bool_)
+        wanted[self._detections[rows[near]]] = True
+        return self.left & wanted[self._detections]
 
     @cached_property
     def _detections(self) -> Int32Array:

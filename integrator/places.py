@@ -75,6 +75,11 @@ class Places(NamedTuple):
         normals = None if self.normals is None else self.normals[wanted]
         return Places.at(self.points[wanted], normals, self.spacing, self.narrowest)
 
+    def within(self, reach: float, of: FloatArray) -> NDArray[np.bool_]:
+        """Which places lie within reach [m] of some points (n, 3) [m], n > 0, shape (c,)."""
+        cells = fields.cell_list(of, reach)
+        return fields.heaviest(self.points, of, cells, np.ones(len(of)), reach) > 0.0
+
     def field(self, cloud: Cloud) -> FloatArray:
         """How well a contact at each place explains a cloud, shape (c,)."""
         found = np.empty(len(self.points))

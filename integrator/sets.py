@@ -107,7 +107,8 @@ class Search:
         if self._evidence:
             self._places = self._where(surface)
             shape = (len(self._clouds), len(self._places.points))
-            self._relative, self._fits = np.zeros(shape), np.ones(shape)
+            self._fields, self._relative = np.zeros(shape), np.zeros(shape)
+            self._fits = np.ones(shape)
             self._told, self._null = np.zeros(shape), np.zeros(shape[1])
             self._listen(1.0 / np.hypot(1.0, friction))
 
@@ -145,6 +146,7 @@ class Search:
 
     def _believe(self, row: int, field: FloatArray) -> None:
         """Take a source's field, shape (c,), over its highest; without any it says nothing."""
+        self._fields[row] = field
         if highest := field.max(initial=0.0):
             self._relative[row] = field / highest
             self._told[row] = np.log(self._relative[row] + self._floor)
@@ -163,10 +165,20 @@ class Search:
             taken = self._explained(basin)
             found.append(self._member(basin, taken))
             for row, own in taken.items():
-                each = self._evidence[row]
-                each.left &= ~own
-                self._believe(row, self._places.field(each.cloud_left))
+                self._take_out(row, own)
         return found
+
+    def _take_out(self, row: int, taken: NDArray[np.bool_]) -> None:
+        """Take hypotheses out of what a source says; `taken` has shape (n,)."""
+        each, field, places = self._evidence[row], self._fields[row], self._places
+        each.left &= ~taken
+        if each.left.any():
+            reach = fields.FAR * max(float(np.sqrt(each.cloud.variances.max())), places.narrowest)
+            near = places.within(reach, each.cloud.positions[taken])
+            field[near] = places.where(near).field(each.cloud_left) if near.any() else 0.0
+        else:
+            field[:] = 0.0
+        self._believe(row, field)
 
     def resultant(self) -> Resultant | None:
         """What is measured of all contacts together."""
