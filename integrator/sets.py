@@ -105,38 +105,47 @@ class Search:
             if source.kind == HypothesisKind.REGULAR and own.stop > own.start
         }
         if self._evidence:
-            self._places = self._where(surface)
+            self._places, heard = self._where(surface)
             shape = (len(self._clouds), len(self._places.points))
             self._fields, self._relative = np.zeros(shape), np.zeros(shape)
             self._fits = np.ones(shape)
             self._told, self._null = np.zeros(shape), np.zeros(shape[1])
-            self._listen(1.0 / np.hypot(1.0, friction))
+            self._listen(heard, 1.0 / np.hypot(1.0, friction))
 
-    def _where(self, surface: Surface | None) -> Places:
-        """The places: the surface where some evidence exceeds its floor, or those of evidence."""
+    def _where(self, surface: Surface | None) -> tuple[Places, dict[int, FloatArray]]:
+        """The places, and the field of each source of evidence there.
+
+        They are the surface where some evidence exceeds its floor, or the positions of evidence.
+        """
         least = self._entries.grid.voxel_size / np.sqrt(12.0)
         if surface is not None and len(surface.points):
             spacing = max(surface.spacing, least)
             narrowest = max(NARROWEST * spacing, least)
             whole = Places.at(surface.points, surface.normals, spacing, narrowest)
+            heard = {row: whole.field(each.cloud) for row, each in self._evidence.items()}
             reached = np.zeros(len(surface.points), np.bool_)
-            for each in self._evidence.values():
-                field = whole.field(each.cloud)
+            for field in heard.values():
                 reached |= (field > self._floor * field.max()) & (field > 0.0)
             if reached.any():
-                return whole.where(reached)
+                return whole.where(reached), {row: field[reached] for row, field in heard.items()}
         points = np.concatenate([each.cloud.positions for each in self._evidence.values()])
         variance = min(each.variance for each in self._evidence.values())
         # places hang together as far apart as the hypotheses of a source do
         spacing = LINK / STEP * np.sqrt(variance)
-        return Places.at(points, None, spacing, least)
+        places = Places.at(points, None, spacing, least)
+        return places, {row: places.field(each.cloud) for row, each in self._evidence.items()}
 
-    def _listen(self, steepest: float) -> None:
-        """Work out what each source says of each place."""
+    def _listen(self, heard: Mapping[int, FloatArray], steepest: float) -> None:
+        """Work out what each source says of each place.
+
+        Args:
+            heard: the fields of evidence, by row.
+            steepest: the cosine between a force and the normal at the edge of the friction cone.
+        """
         for row, cloud in enumerate(self._clouds):
             if not len(cloud.positions):
                 continue
-            field = self._places.field(cloud)
+            field = heard[row] if row in heard else self._places.field(cloud)
             if cloud.kind == HypothesisKind.NULL:
                 self._null += np.log1p(-(1.0 - self._floor) * np.minimum(field, 1.0))
                 continue
@@ -200,7 +209,8 @@ class Search:
     def _explained(self, basin: Basin) -> Taken:
         """The hypotheses that a contact explains, with their detections."""
         left = [row for row, each in self._evidence.items() if each.left.any()]
-        fits = (self._relative[left] * self._fits[left])[:, basin.rows] @ basin.weights
+        there = np.ix_(np.array(left), basin.rows)
+        fits = (self._relative[there] * self._fits[there]) @ basin.weights
         rows = [row for row, fit in zip(left, fits, strict=True) if fit > EXPLAINED]
         core, sigmas = self._places.points[basin.core], np.sqrt(-2.0 * np.log(EXPLAINED))
         return {
@@ -286,8 +296,9 @@ class Search:
         if several:
             logarithms = np.log(self._relative[several] + self._floor).mean(axis=0)
             agreed = np.exp(logarithms - logarithms[basin.core].max() + self._null)
-            rows = np.union1d(np.flatnonzero(agreed >= AGREED), basin.core[:1])
-            area = self._places.connected(rows, int(basin.core[agreed[basin.core].argmax()]))
+            best = basin.core[agreed[basin.core].argmax()]
+            rows = np.union1d(np.flatnonzero(agreed >= AGREED), best)
+            area = self._places.connected(rows, int(best))
             return area, agreed[area] / agreed[area].sum()
         inside = np.isin(basin.rows, basin.core)
         return basin.core, basin.weights[inside] / basin.weights[inside].sum()
