@@ -190,8 +190,9 @@ def test_support_raises_the_likelihood_of_a_contact_and_makes_none() -> None:
 def test_free_space_everywhere_leaves_the_area_of_a_press_where_it_is() -> None:
     skin = emit("skin", (0.9, 0.95, 0.9), [(20, 0, 0), (24, 0, 0), (28, 0, 0)])
     free = emit("camera", 0.95, PALM.points * 1e3, 4.0, NULL)
-    (member,) = fused(skin, free, surface=PALM).field.members or ()
-    assert np.abs(member.contact.extent * 1e3 - (24, 0, 0)).max() < 10.0
+    members = fused(skin, free, surface=PALM).field.members
+    assert members is not None and len(members) == 1
+    assert np.abs(members[0].contact.extent * 1e3 - (24, 0, 0)).max() < 10.0
 
 
 # What a contact says of itself
