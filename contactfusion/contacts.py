@@ -18,7 +18,8 @@ class Contact:
 
     Attributes:
         position: shape (3,) [m], the centroid weighted by likelihood.
-        likelihood: the largest fused likelihood among its voxels.
+        likelihood: the largest fused likelihood among its voxels; of a set, the probability that it
+            exists.
         scatter: shape (3, 3) [m²], how large it is: the second moments of its area, or of its
             voxels weighted by likelihood, about the position.
         covariance: shape (3, 3) [m²], how unsure the position is: the scatter of its hypotheses,

@@ -19,6 +19,8 @@ from contactfusion.rule import Condensation, Neighbourhood
 
 FAINTEST = 0.01
 """`cluster_mass` leaves out voxels less likely than this."""
+ROUNDED = 0.005
+"""Probabilities that differ by less are printed as one."""
 WIDE = 64
 """Beyond so many sides a tolerance may span all there is."""
 
@@ -185,8 +187,11 @@ class Members(Condensation):
 
     def explain(self, field: Field, around: Neighbourhood, contact: Contact | None) -> str:
         """The probability of the contact, and by which sources."""
-        member = _member_at(field, around)
-        return "" if member is None else _told(member)
+        if (member := _member_at(field, around)) is None:
+            return ""
+        if contact is None or abs(contact.likelihood - member.contact.likelihood) < ROUNDED:
+            return _told(member)
+        return f"P(contact) {contact.likelihood:.2f} over time; of this step {_told(member)}"
 
     def objections(
         self, field: Field, verdicts: NDArray[np.uint8], around: Neighbourhood
@@ -194,7 +199,10 @@ class Members(Condensation):
         """The contact that is not probable enough, or that no evidence speaks for."""
         if (member := _member_at(field, around)) is not None:
             exists = member.contact.likelihood
-            sentence = f"{_told(member)}, under the existence {self.existence:g} that is asked for"
+            under = f"under the existence {self.existence:g} that is asked for"
+            if exists >= self.existence - kernels.EDGE:
+                under = "but one step alone makes no contact after others without it"
+            sentence = f"{_told(member)}, {under}"
             values = {"exists": exists, "existence": self.existence, "factor": member.factor}
             return [Reason(Why.IMPROBABLE, sentence, values=values)]
         if around.best == NONE:

@@ -18,14 +18,13 @@ from contactfusion.hypotheses import HypothesisKind
 from contactfusion.integrator import fields
 from contactfusion.integrator.detections import Cloud, clouds_of
 from contactfusion.integrator.entries import Belief, Entries, Field, Source
+from contactfusion.integrator.places import TAIL
 from contactfusion.model import Model
 from contactfusion.rule import Rule, by_sources
 from contactfusion.surface import Surface
 
 NARROWEST = 4e-3
 """The least standard deviation of a source [m], about the spacing of a surface's points."""
-TAIL = 0.1
-"""Spreads may be stated too small: a second Gaussian, so high and three times as wide, is added."""
 SOFT = 0.15
 """Softness of the edge of the friction cone, in cosines of the angle to the normal."""
 
@@ -48,7 +47,7 @@ class Candidates(NamedTuple):
     densities: FloatArray
 
 
-class PosteriorConfig(Model):
+class TrustConfig(Model):
     """How far sources are trusted."""
 
     floor: float = FieldOf(default=0.01, ge=1e-6, lt=1)
@@ -60,11 +59,11 @@ class PosteriorConfig(Model):
 class Posterior(Rule):
     """log w = Σ log(field + floor) tells where, 1 - Π(1 - P) over evidence whether (method §2)."""
 
-    Config = PosteriorConfig
+    Config = TrustConfig
     gives_belief = True
     needs_places = True
 
-    def __init__(self, config: PosteriorConfig) -> None:
+    def __init__(self, config: TrustConfig) -> None:
         super().__init__(config)
         self._floor = config.floor
         self._steepest = 1.0 / np.hypot(1.0, config.friction)

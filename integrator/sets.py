@@ -12,7 +12,6 @@ from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import Field as FieldOf
 
 from contactfusion.arrays import FloatArray
 from contactfusion.contacts import Contact
@@ -22,9 +21,8 @@ from contactfusion.integrator.detections import LINK, Evidence, clouds_of
 from contactfusion.integrator.entries import Entries, Field, Member, Source
 from contactfusion.integrator.modes import force_near
 from contactfusion.integrator.places import STEP, Basin, Places, Rows, moments
-from contactfusion.integrator.posterior import pushed
+from contactfusion.integrator.posterior import TrustConfig, pushed
 from contactfusion.integrator.resultant import Resultant, misfit
-from contactfusion.model import Model
 from contactfusion.rule import Rule
 from contactfusion.surface import Surface
 from contactfusion.thinning import voxel_downsample
@@ -45,6 +43,8 @@ NEEDLESS = 0.02
 """The factor on the odds of a contact that the resultant of all is explained without."""
 FAINT = 0.1
 """What is left is searched while a contact of it could be so probable."""
+EVEN = 0.5
+"""A contact that is less probable than that takes no part in the resultant."""
 TINY = 1e-12
 """A mean normal of a smaller square has no direction."""
 MOST = 32
@@ -54,23 +54,14 @@ Taken = Mapping[int, NDArray[np.bool_]]
 """The hypotheses that a contact explains, shape (n,), by the row of their source."""
 
 
-class SetsConfig(Model):
-    """How far sources are trusted."""
-
-    floor: float = FieldOf(default=0.01, ge=1e-6, lt=1)
-    """What a source leaves to places that it does not believe in, as a part of its highest."""
-    friction: float = FieldOf(default=0.5, gt=0)
-    """The coefficient of friction of contacts whose force is known."""
-
-
 class Sets(Rule):
     """The contacts of a set one by one, each with its probability of existence (method §2)."""
 
-    Config = SetsConfig
+    Config = TrustConfig
     finds_members = True
     needs_places = True
 
-    def __init__(self, config: SetsConfig) -> None:
+    def __init__(self, config: TrustConfig) -> None:
         super().__init__(config)
         self._floor, self._friction = config.floor, config.friction
 
@@ -345,7 +336,7 @@ def needed(members: Sequence[Member], measured: Resultant, friction: float) -> l
         probability = factor * exists / (1.0 - exists + factor * exists)
         contact = replace(member.contact, likelihood=float(probability))
         judged[judged.index(member)] = replace(member, contact=contact, factor=float(factor))
-        if probability < 0.5:
+        if probability < EVEN:
             kept = others
     return judged
 

@@ -14,7 +14,7 @@ from contactfusion import Integrator, IntegratorConfig, Pipeline, PipelineConfig
 from contactfusion.errors import ConfigurationError, PluginError
 from contactfusion.integrator.condensations import ClusterMassConfig, contactfusion_condensations
 from contactfusion.integrator.config import MOVED
-from contactfusion.integrator.posterior import PosteriorConfig
+from contactfusion.integrator.posterior import TrustConfig
 from contactfusion.integrator.rules import contactfusion_rules
 from contactfusion.pipeline_config import overridden
 from contactfusion.run.configuration import setting_of_recording
@@ -33,7 +33,7 @@ def config(**fields: Any) -> IntegratorConfig:
 def test_a_mapping_names_a_rule_and_its_options() -> None:
     law = config(rule={"type": "posterior", "floor": 0.02})
     assert (law.rule, law.rule_options) == ("posterior", {"floor": 0.02})
-    assert Integrator(law).rule.config == PosteriorConfig(floor=0.02)
+    assert Integrator(law).rule.config == TrustConfig(floor=0.02)
     assert config(rule="posterior").rule_options == {}
 
 

@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 from contactfusion import Fusion, HypothesisCloud, HypothesisKind, Integrator, IntegratorConfig
-from contactfusion.arrays import FloatArray
+from contactfusion.frames import pose_at
+from contactfusion.rule import Neighbourhood
 from contactfusion.surface import RigidPart, Surface
 
 CYCLE = 0.05
@@ -134,16 +135,36 @@ def test_a_contact_ends_when_what_was_said_of_it_is_too_old() -> None:
     assert not fusion.contacts and made(fusion) == [("broken", 1)]
 
 
-def test_a_source_that_cannot_tell_takes_nothing_back() -> None:
+def test_a_contact_ends_when_its_source_can_no_longer_tell() -> None:
     stepped = settled()
     for _ in range(3):
         stepped.step((HERE, 0.95))
-    told = stepped.step(notes=("unhealthy",))
-    assert not told.contacts  # nothing that is alive speaks for it
+    fusion = stepped.step(notes=("unhealthy",))
+    assert not fusion.contacts and made(fusion) == [("broken", 1)]
+
+
+def test_a_source_that_could_not_tell_for_long_is_believed_at_once() -> None:
     stepped = settled()
-    stepped.step((HERE, 0.8))
-    stepped.step(notes=("unhealthy",))
-    assert not stepped.step((HERE, 0.8)).contacts
+    for _ in range(40):
+        stepped.step(notes=("unhealthy",))
+    assert len(stepped.step((HERE, 0.8)).contacts) == 1
+
+
+def test_why_a_single_step_makes_no_contact_is_explained() -> None:
+    stepped = settled()
+    fusion = stepped.step((HERE, 0.95))
+    around = Neighbourhood(np.zeros(3), 0.02, np.ones(1, np.bool_), 0)
+    (reason,) = fusion.condensation.objections(fusion.field, np.empty(0, np.uint8), around)
+    assert reason.sentence == (
+        "P(contact) 0.95 by skin 0.95, but one step alone makes no contact after others without it"
+    )
+    for _ in range(3):
+        fusion = stepped.step((HERE, 0.8))
+    (contact,) = fusion.contacts
+    told = fusion.condensation.explain(fusion.field, around, contact)
+    assert told == (
+        f"P(contact) {contact.likelihood:.2f} over time; of this step P(contact) 0.80 by skin 0.80"
+    )
 
 
 # Which
@@ -181,23 +202,15 @@ def test_noise_of_a_contact_at_rest_is_averaged() -> None:
     assert np.mean(errors[50:]) < 0.5 * np.mean(alone[50:])
 
 
+ALONG = np.linspace(0.0, 0.1, 51)[:, None] * (1.0, 0.0, 0.0)
+FINGER = RigidPart(ALONG, np.tile([0.0, 1.0, 0.0], (51, 1)), np.zeros(51, np.int32))
+"""A straight finger along x, the same part in every step."""
+
+
 def finger(angle: float) -> Surface:
-    """A straight finger along x that has turned around z."""
-    points = np.stack([np.linspace(0.0, 0.1, 51), np.zeros(51), np.zeros(51)], axis=1)
-    normals = np.tile([0.0, 1.0, 0.0], (51, 1))
-    pose: FloatArray = np.eye(4)
-    pose[:2, :2] = [[math.cos(angle), -math.sin(angle)], [math.sin(angle), math.cos(angle)]]
-    return Surface.of_parts("hand", [(PART(points, normals), pose)], ["finger"])
-
-
-def PART(points: FloatArray, normals: FloatArray) -> RigidPart:  # noqa: N802
-    """The same rigid part in every step."""
-    if not KNOWN:
-        KNOWN.append(RigidPart(points, normals, np.zeros(len(points), np.int32)))
-    return KNOWN[0]
-
-
-KNOWN: list[RigidPart] = []
+    """The finger, turned around z."""
+    pose = pose_at((0.0, 0.0, 0.0), (0.0, 0.0, angle))
+    return Surface.of_parts("hand", [(FINGER, pose)], ["finger"])
 
 
 def test_a_contact_moves_with_its_link() -> None:
