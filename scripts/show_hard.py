@@ -179,7 +179,7 @@ def cases() -> Iterator[Case]:
             f"{noise}_unseen", noise, 3, 20, objects=ODD, sources=("all", "none"), rule=RULES[::2]
         )
     for part, noise in {"prototype": "prototype", **parts}.items():
-        yield grasp(f"parts/{part}", noise, 2, 30, sources="all", rule=RULES[::2])
+        yield grasp(f"parts/{part}", noise, 1, 30, sources="all")
 
 
 def made(case: Case) -> bool:
