@@ -8,10 +8,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from contactfusion.arrays import FloatArray
+from contactfusion.contacts import NONE
 from contactfusion.hypotheses import HypothesisKind
 from contactfusion.integrator import clusters, fields
 from contactfusion.integrator.clusters import Int32Array
 from contactfusion.integrator.entries import Entries
+from contactfusion.integrator.nearby import around
 from contactfusion.integrator.store import Int64Array
 
 CERTAIN = 0.99
@@ -19,6 +21,8 @@ CERTAIN = 0.99
 LINK = 3.6
 """Hypotheses belong to one detection when they are no further apart than so many standard
 deviations: neighbours are that are √12 apart, as unsure as a position anywhere between them."""
+CELL = 4.0
+"""The side of the cells of hypotheses, in standard deviations of a position."""
 PEAK = 0.5
 """A detection that is less likely than this part of its peak between two peaks is two."""
 
@@ -41,6 +45,12 @@ class Cloud(NamedTuple):
     likelihoods: FloatArray
     variances: FloatArray
     force: FloatArray | None
+
+    def picked(self, rows: NDArray[np.intp]) -> "Cloud":
+        """Some of the hypotheses."""
+        columns = (self.positions, self.likelihoods, self.variances)
+        positions, likelihoods, variances = (column[rows] for column in columns)
+        return self._replace(positions=positions, likelihoods=likelihoods, variances=variances)
 
 
 def clouds_of(entries: Entries) -> list[Cloud]:
@@ -75,53 +85,32 @@ class Evidence:
 
     def __init__(self, cloud: Cloud, keys: Int64Array, side: float) -> None:
         self.cloud = cloud
-        self.left = np.ones(len(keys), np.bool_)
-        """Which hypotheses are left, shape (n,)."""
         self.variance = max(float(np.median(cloud.variances)), side**2 / 12.0)
         """Of the positions, by axis [m²]: at least that of a position anywhere in a voxel."""
-        self._keys, self._side = keys, side
+        if cloud.single:
+            self.labels = np.zeros(len(keys), np.int32)
+        else:
+            self.labels = detections(cloud, keys, self.variance, side)
+        """The detection of each hypothesis, shape (n,); those of a single contact are one."""
+        self.peaks = np.zeros(int(self.labels.max()) + 1)
+        """The probability of a contact by each detection, shape (d,)."""
+        combine = np.add if cloud.single else np.maximum
+        combine.at(self.peaks, self.labels, cloud.likelihoods)
+        np.minimum(self.peaks, CERTAIN, out=self.peaks)
+        self.left = np.ones(len(self.peaks), np.bool_)
+        """Which detections are left, shape (d,)."""
 
-    @property
-    def cloud_left(self) -> Cloud:
-        """What is left."""
-        positions, likelihoods, variances = (
-            column[self.left]
-            for column in (self.cloud.positions, self.cloud.likelihoods, self.cloud.variances)
-        )
-        return self.cloud._replace(
-            positions=positions, likelihoods=likelihoods, variances=variances
-        )
-
-    def probability(self, of: NDArray[np.bool_]) -> float:
-        """The probability of a contact by some of the hypotheses; `of` has shape (n,)."""
-        likelihoods = self.cloud.likelihoods[of]
-        total = likelihoods.sum() if self.cloud.single else likelihoods.max(initial=0.0)
-        return min(float(total), CERTAIN)
-
-    def around(self, core: FloatArray, reach: float) -> NDArray[np.bool_]:
-        """The hypotheses left that belong to what lies near a contact, shape (n,).
-
-        Those of a single contact belong together; of several contacts all of a detection do.
-
-        Args:
-            core: shape (c, 3) [m], where the contact lies.
-            reach: greatest distance from it [m]; without any the nearest hypothesis counts.
-        """
-        if self.cloud.single:
-            return self.left.copy()
-        rows = np.flatnonzero(self.left)
-        positions = self.cloud.positions[rows]
-        cells, ones = fields.cell_list(core, reach), np.ones(len(core))
-        near = fields.heaviest(positions, core, cells, ones, reach) > 0.0
-        if not near.any():
-            near[((positions - core.mean(axis=0)) ** 2).sum(axis=1).argmin()] = True
-        wanted = np.zeros(int(self._detections.max()) + 1, np.bool_)
-        wanted[self._detections[rows[near]]] = True
-        return self.left & wanted[self._detections]
+    def around(self, points: FloatArray, reach: float) -> NDArray[np.intp]:
+        """The hypotheses left in a box as large as some points (m, 3) [m] and a reach [m]."""
+        return around(self.cloud.positions, self._cells, self.labels, self.left, points, reach)
 
     @cached_property
-    def _detections(self) -> Int32Array:
-        return detections(self.cloud, self._keys, self.variance, self._side)
+    def _cells(self) -> fields.Dealt:
+        return fields.cell_list(self.cloud.positions, CELL * float(np.sqrt(self.variance)))
+
+    def probability(self, of: NDArray[np.bool_]) -> float:
+        """The probability of a contact by some of the detections; `of` has shape (d,)."""
+        return float(self.peaks[of].max(initial=0.0))
 
 
 def detections(cloud: Cloud, keys: Int64Array, variance: float, side: float) -> Int32Array:
@@ -140,13 +129,20 @@ def detections(cloud: Cloud, keys: Int64Array, variance: float, side: float) -> 
 
     reach = clusters.reach_squared(LINK * np.sqrt(variance), side)
     groups, count = clusters.label(keys, reach)
-    highest = np.zeros(count)
-    np.maximum.at(highest, groups, cloud.likelihoods)
-    high = cloud.likelihoods >= PEAK * highest[groups]
+    peak = np.zeros(count)
+    np.maximum.at(peak, groups, cloud.likelihoods)
+    high = cloud.likelihoods >= PEAK * peak[groups]
     if high.all():
         return groups
     labels = np.empty(len(keys), np.int32)
-    labels[high], _ = clusters.label(keys[high], reach)
-    nearest = KDTree(cloud.positions[high]).query(cloud.positions[~high])[1]
-    labels[~high] = labels[high][nearest]
+    labels[high], peaks = clusters.label(keys[high], reach)
+    lowest, highest = np.full(count, peaks, np.int32), np.full(count, NONE, np.int32)
+    np.minimum.at(lowest, groups[high], labels[high])
+    np.maximum.at(highest, groups[high], labels[high])
+    labels[~high] = lowest[groups[~high]]
+    several = (lowest != highest)[groups]
+    if several.any():  # the rest belongs to the nearest peak
+        between, within = np.flatnonzero(several & ~high), np.flatnonzero(several & high)
+        tree = KDTree(cloud.positions[within])
+        labels[between] = labels[within[tree.query(cloud.positions[between])[1]]]
     return labels

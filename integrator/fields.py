@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from contactfusion.arrays import FloatArray
+from contactfusion.contacts import NONE
 from contactfusion.integrator.store import Int64Array
 from contactfusion.jit import kernel
 
@@ -28,6 +29,9 @@ ROOM = 1 << 15
 BIG, ZERO = np.float32(1e30), np.float32(0.0)
 
 Float32Array = NDArray[np.float32]
+Int32Array = NDArray[np.int32]
+
+NO_ROWS: Int32Array = np.empty(0, np.int32)
 
 
 class Dealt(NamedTuple):
@@ -306,8 +310,9 @@ def _strongest(
     py: Float32Array,
     pz: Float32Array,
     scores: Float32Array,
+    which: Int32Array,
 ) -> None:
-    """Lower each place's exponent to that of the strongest hypothesis there."""
+    """Lower each place's exponent to that of the strongest hypothesis there, and write its row."""
     furthest, flatter, lift = spread.furthest, spread.flatter, spread.lift
     for h in range(len(found)):
         at = found[h]
@@ -316,12 +321,14 @@ def _strongest(
         least = max(np.sqrt(squares[h]) - around, ZERO) ** 2 * halved
         if min(least, flatter * least + lift) - log > ceiling:
             continue
+        row = np.int32(spread.cells.rows[at])
         for a in range(len(scores)):
             dx, dy, dz = px[a] - x, py[a] - y, pz[a] - z
             away = (dx * dx + dy * dy + dz * dz) * halved
             tailed = flatter * away + lift
             score = tailed if tailed < away else away
             score = score - log if away < furthest else BIG
+            which[a] = row if score < scores[a] else which[a]
             scores[a] = score if score < scores[a] else scores[a]
 
 
@@ -422,6 +429,7 @@ def _over_tiles(
     single: bool,
     tail: float,
     field: FloatArray,
+    which: Int32Array,
 ) -> None:
     """Kernel density of hypotheses in a cell list; other arguments as `kernel_density`."""
     n, origin = len(positions), places[len(places) // 2]
@@ -432,6 +440,7 @@ def _over_tiles(
     room = len(places) + LANES
     px, py = np.zeros(room, np.float32), np.zeros(room, np.float32)
     pz, scores = np.zeros(room, np.float32), np.zeros(room, np.float32)
+    best = np.zeros(room, np.int32)
     middle = np.empty(3)
     for tile in range(len(tiles.begins) - 1):
         rows = tiles.rows[tiles.begins[tile] : tiles.begins[tile + 1]]
@@ -452,13 +461,16 @@ def _over_tiles(
             _total(spread, found[:count], np.float32(tail), x, y, z, s)
         else:
             s[:] = BIG
+            best[:whole] = NONE
             ceiling = _ceiling(spread, found[:count], squares, around)
-            _strongest(spread, found[:count], squares, around, ceiling, x, y, z, s)
+            _strongest(spread, found[:count], squares, around, ceiling, x, y, z, s, best[:whole])
         for a in range(m):
             if single:
                 field[rows[a]] = s[a]
             elif s[a] < BIG:
                 field[rows[a]] = np.exp(-s[a])
+            if len(which):
+                which[rows[a]] = best[a]
 
 
 def kernel_density(
@@ -470,6 +482,7 @@ def kernel_density(
     single: bool,
     tail: float,
     field: FloatArray,
+    which: Int32Array = NO_ROWS,
 ) -> None:
     """Kernel density over places: a Gaussian a hypothesis, as wide as its spread, and a tail.
 
@@ -485,11 +498,13 @@ def kernel_density(
         single: whether the hypotheses describe one contact.
         tail: the height of a second Gaussian, `WIDER` than the first, in parts of it; or 0.
         field: shape (c,), is overwritten; 0 where no hypothesis reaches.
+        which: shape (c,), is overwritten: of several contacts the strongest hypothesis, or `NONE`;
+            or empty.
     """
-    field[:] = 0.0
+    field[:], which[:] = 0.0, NONE
     if not len(positions):
         return
     reach = (FAR if tail > 0.0 else REACH) * float(np.sqrt(variances.max()))
     cells = cell_list(positions, max(COLUMN, reach / 4.0))
     given = (positions, likelihoods, variances, single, tail)
-    _over_tiles(places, tiles, cells, *given, field)
+    _over_tiles(places, tiles, cells, *given, field, which)

@@ -7,11 +7,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from contactfusion.arrays import FloatArray
+from contactfusion.contacts import NONE
 from contactfusion.hypotheses import HypothesisKind
 from contactfusion.integrator import fields
 from contactfusion.integrator.detections import Cloud
-
-Rows = NDArray[np.intp]
+from contactfusion.integrator.nearby import Rows, connected, nearer, shifted
 
 TAIL = 0.1
 """Spreads may be stated too small: a second Gaussian, so high and three times as wide, is added."""
@@ -45,6 +45,24 @@ class Basin:
     weights: FloatArray
 
 
+class SourceField(NamedTuple):
+    """How well a contact at each place explains what a source says.
+
+    Attributes:
+        heights: shape (c,).
+        which: shape (c,), the strongest hypothesis there, or `NONE`; empty for a source of a single
+            contact.
+    """
+
+    heights: FloatArray
+    which: NDArray[np.int32]
+
+    def where(self, wanted: NDArray[np.bool_]) -> "SourceField":
+        """The field at some of the places; `wanted` has shape (c,)."""
+        which = self.which[wanted] if len(self.which) else self.which
+        return SourceField(self.heights[wanted], which)
+
+
 class Places(NamedTuple):
     """The places where a contact may be.
 
@@ -53,13 +71,15 @@ class Places(NamedTuple):
         normals: of the surface there, shape (c, 3); None without it.
         spacing: how far neighbouring places lie apart [m].
         narrowest: the least standard deviation of a hypothesis [m].
-        tiles: the places by cells.
+        cells: the places by cells.
+        tiles: likewise, by larger ones.
     """
 
     points: FloatArray
     normals: FloatArray | None
     spacing: float
     narrowest: float
+    cells: fields.Dealt
     tiles: fields.Dealt
 
     @staticmethod
@@ -67,27 +87,52 @@ class Places(NamedTuple):
         points: FloatArray, normals: FloatArray | None, spacing: float, narrowest: float
     ) -> "Places":
         """Places, put into cells."""
+        cells = fields.cell_list(points, STEP * spacing)
         tiles = fields.cell_list(points, fields.TILE)
-        return Places(points, normals, spacing, narrowest, tiles)
+        return Places(points, normals, spacing, narrowest, cells, tiles)
 
     def where(self, wanted: NDArray[np.bool_]) -> "Places":
         """Some of the places; `wanted` has shape (c,)."""
         normals = None if self.normals is None else self.normals[wanted]
         return Places.at(self.points[wanted], normals, self.spacing, self.narrowest)
 
-    def within(self, reach: float, of: FloatArray) -> NDArray[np.bool_]:
-        """Which places lie within reach [m] of some points (n, 3) [m], n > 0, shape (c,)."""
-        cells = fields.cell_list(of, reach)
-        return fields.heaviest(self.points, of, cells, np.ones(len(of)), reach) > 0.0
+    def field(self, cloud: Cloud) -> SourceField:
+        """The field of a source."""
+        heights = np.empty(len(self.points))
+        which = np.empty(0 if cloud.single else len(heights), np.int32)
+        self._add_up(self.points, self.tiles, cloud, heights, which)
+        return SourceField(heights, which)
 
-    def field(self, cloud: Cloud) -> FloatArray:
-        """How well a contact at each place explains a cloud, shape (c,)."""
-        found = np.empty(len(self.points))
+    def search(
+        self, field: SourceField, wanted: NDArray[np.bool_], cloud: Cloud, rows: Rows
+    ) -> None:
+        """Look for the strongest hypothesis again.
+
+        Args:
+            field: of a source of several contacts, is changed.
+            wanted: shape (c,), at which places.
+            cloud: the hypotheses of the source.
+            rows: those that count.
+        """
+        points = self.points[wanted]
+        heights, which = np.empty(len(points)), np.empty(len(points), np.int32)
+        tiles = fields.cell_list(points, fields.TILE)
+        self._add_up(points, tiles, cloud.picked(rows), heights, which)
+        field.heights[wanted] = heights
+        field.which[wanted] = np.append(rows, NONE)[which]
+
+    def _add_up(
+        self,
+        points: FloatArray,
+        tiles: fields.Dealt,
+        cloud: Cloud,
+        heights: FloatArray,
+        which: NDArray[np.int32],
+    ) -> None:
         variances = np.maximum(cloud.variances, self.narrowest**2)
         given = (cloud.positions, cloud.likelihoods, variances, cloud.single)
         tail = 0.0 if cloud.kind == HypothesisKind.NULL else TAIL
-        fields.kernel_density(self.points, self.tiles, *given, tail, found)
-        return found
+        fields.kernel_density(points, tiles, *given, tail, heights, which)
 
     def densest(self, weights: FloatArray) -> Basin:
         """Where the densest contact of a belief may be.
@@ -95,46 +140,33 @@ class Places(NamedTuple):
         Args:
             weights: shape (c,), over the highest.
         """
-        from scipy.spatial import KDTree
-
         heavy, some = np.flatnonzero(weights >= CORE), np.flatnonzero(weights >= BASIN)
         tops, densities = self.points[heavy], np.empty(len(heavy))
         tiles, widths = fields.cell_list(tops, fields.TILE), np.full(len(some), self._width**2)
         around = (self.points[some], weights[some], widths, True, 0.0)
         fields.kernel_density(tops, tiles, *around, densities)
         top = int(heavy[np.round(densities / densities.max(), 6).argmax()])  # the first of equals
-        core, rows = self.connected(heavy, top), self.connected(some, top)
-        if len(others := np.setdiff1d(heavy, core)):  # what is nearer to another contact is its own
-            away, elsewhere = (
-                KDTree(self.points[these]).query(self.points[rows])[0] for these in (core, others)
-            )
-            rows = rows[away <= elsewhere]
+        core, rows = self.connected(weights, CORE, top), self.connected(weights, BASIN, top)
+        inside = np.zeros(len(weights), np.bool_)
+        inside[core] = True
+        if len(others := heavy[~inside[heavy]]):  # what is nearer to another contact is its own
+            rows = rows[nearer(self.points, rows, core, others)]
         mean = weights[core] @ self.points[core] / weights[core].sum()
         return Basin(core, mean, rows, weights[rows] / weights[rows].sum())
 
-    def connected(self, rows: Rows, start: int) -> Rows:
-        """Those of some places that hang together with one of these.
+    def connected(self, values: FloatArray, least: float, start: int) -> Rows:
+        """The places of at least some value that hang together with one of them, ascending.
 
         Args:
-            rows: of the places, ascending.
+            values: shape (c,).
+            least: the least value.
             start: the row of the one.
         """
-        points, at = self.points[rows], int(np.searchsorted(rows, start))
-        cells = fields.cell_list(points, fields.TILE)
-        joined: Rows = rows[fields.linked(points, cells, at, STEP * self.spacing)]
-        return joined
+        return connected(self.points, self.cells, values, least, start, STEP * self.spacing)
 
     def mode(self, basin: Basin) -> FloatArray:
         """Where mean shift leads from the mean of a basin's core, shape (3,) [m]."""
-        points, place = self.points[basin.rows], basin.mean
-        for _ in range(STEPS):
-            squared = ((points - place) ** 2).sum(axis=1) / self._width**2
-            near = basin.weights * np.exp(-0.5 * squared)
-            shifted: FloatArray = near @ points / near.sum()
-            if np.abs(shifted - place).max() < 1e-6:
-                break
-            place = shifted
-        return np.array(place, np.float64)
+        return shifted(self.points, basin.rows, basin.weights, basin.mean, self._width, STEPS)
 
     def moments(self, basin: Basin, about: FloatArray) -> FloatArray:
         """The second moments of a belief around a point, shape (3, 3) [m²].

@@ -25,33 +25,45 @@ class Resultant(NamedTuple):
     point: FloatArray
     spread: float
 
+    def wrenches(
+        self, positions: FloatArray, normals: FloatArray | None, friction: float
+    ) -> FloatArray:
+        """What contacts can add along each edge of their friction cones, shape (c, e, 6).
 
-def misfit(
-    resultant: Resultant, positions: FloatArray, normals: FloatArray | None, friction: float
-) -> float:
-    """How badly contacts explain a resultant, as χ².
+        In standard deviations of the measured force and torque.
 
-    Their forces lie in their friction cones, of four edges each, and are eliminated by non-negative
-    least squares.
+        Args:
+            positions: shape (c, 3) [m], c > 0.
+            normals: shape (c, 3), out of the robot; None: forces of any direction.
+            friction: coefficient of friction.
+        """
+        if normals is None:
+            edges = np.broadcast_to(np.concatenate([np.eye(3), -np.eye(3)]), (len(positions), 6, 3))
+        else:
+            edges = _edges(normals, friction)
+        torques = np.cross((positions - self.point)[:, None, :], edges)
+        by_force, by_torque = self._deviations
+        return np.concatenate([edges / by_force, torques / by_torque], axis=2)
 
-    Args:
-        resultant: force and line.
-        positions: shape (c, 3) [m], c > 0.
-        normals: shape (c, 3), out of the robot; None: forces of any direction.
-        friction: coefficient of friction.
-    """
-    from scipy.optimize import nnls
+    def explained(self, wrenches: FloatArray) -> tuple[float, FloatArray]:
+        """How badly contacts explain the resultant, as χ², and how hard each presses, shape (c,).
 
-    force = float(np.linalg.norm(resultant.force))
-    by_force, by_torque = max(RELATIVE * force, LEAST), TORQUE * force * resultant.spread
-    if normals is None:
-        edges = np.broadcast_to(np.concatenate([np.eye(3), -np.eye(3)]), (len(positions), 6, 3))
-    else:
-        edges = _edges(normals, friction)
-    torques = np.cross((positions - resultant.point)[:, None, :], edges)
-    columns = np.concatenate([edges / by_force, torques / by_torque], axis=2).reshape(-1, 6)
-    wanted = np.concatenate([resultant.force / by_force, np.zeros(3)])
-    return float(nnls(columns.T, wanted)[1]) ** 2
+        Their forces are found by non-negative least squares.
+
+        Args:
+            wrenches: shape (c, e, 6), c > 0, as `wrenches` gives them.
+        """
+        from scipy.optimize import nnls
+
+        wanted = np.concatenate([self.force / self._deviations[0], np.zeros(3)])
+        along, rest = nnls(wrenches.reshape(-1, 6).T, wanted)
+        return float(rest) ** 2, along.reshape(wrenches.shape[:2]).sum(axis=1)
+
+    @property
+    def _deviations(self) -> tuple[float, float]:
+        """Standard deviations of the force [N] and the torque [N·m], by axis."""
+        force = float(np.linalg.norm(self.force))
+        return max(RELATIVE * force, LEAST), TORQUE * force * self.spread
 
 
 def _edges(normals: FloatArray, friction: float) -> FloatArray:

@@ -8,21 +8,22 @@ explains are taken out, and what is left is searched again.
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from functools import partial
+from functools import cached_property, partial
 
 import numpy as np
 from numpy.typing import NDArray
 
 from contactfusion.arrays import FloatArray
-from contactfusion.contacts import Contact
+from contactfusion.contacts import NONE, Contact
 from contactfusion.hypotheses import HypothesisKind
-from contactfusion.integrator import fields
+from contactfusion.integrator import fields, kernels
 from contactfusion.integrator.detections import LINK, Evidence, clouds_of
 from contactfusion.integrator.entries import Entries, Field, Member, Source
-from contactfusion.integrator.modes import force_near
-from contactfusion.integrator.places import STEP, Basin, Places, Rows, moments
+from contactfusion.integrator.nearby import Rows, near
+from contactfusion.integrator.places import STEP, Basin, Places, SourceField, moments
 from contactfusion.integrator.posterior import TrustConfig, pushed
-from contactfusion.integrator.resultant import Resultant, misfit
+from contactfusion.integrator.resultant import Resultant
+from contactfusion.integrator.store import Int64Array, unpack
 from contactfusion.rule import Rule
 from contactfusion.surface import Surface
 from contactfusion.thinning import voxel_downsample
@@ -51,7 +52,7 @@ MOST = 32
 """No more contacts are searched."""
 
 Taken = Mapping[int, NDArray[np.bool_]]
-"""The hypotheses that a contact explains, shape (n,), by the row of their source."""
+"""The detections that a contact explains, shape (d,), by the row of their source."""
 
 
 class Sets(Rule):
@@ -96,15 +97,11 @@ class Search:
             if source.kind == HypothesisKind.REGULAR and own.stop > own.start
         }
         if self._evidence:
-            self._places, heard = self._where(surface)
-            shape = (len(self._clouds), len(self._places.points))
-            self._fields, self._relative = np.zeros(shape), np.zeros(shape)
-            self._fits = np.ones(shape)
-            self._told, self._null = np.zeros(shape), np.zeros(shape[1])
-            self._listen(heard, 1.0 / np.hypot(1.0, friction))
+            self._places, self._fields = self._where(surface)
+            self._listen(1.0 / np.hypot(1.0, friction))
 
-    def _where(self, surface: Surface | None) -> tuple[Places, dict[int, FloatArray]]:
-        """The places, and the field of each source of evidence there.
+    def _where(self, surface: Surface | None) -> tuple[Places, list[SourceField]]:
+        """The places, and the field of each source there.
 
         They are the surface where some evidence exceeds its floor, or the positions of evidence.
         """
@@ -116,43 +113,55 @@ class Search:
             heard = {row: whole.field(each.cloud) for row, each in self._evidence.items()}
             reached = np.zeros(len(surface.points), np.bool_)
             for field in heard.values():
-                reached |= (field > self._floor * field.max()) & (field > 0.0)
+                reached |= field.heights > self._floor * field.heights.max()
             if reached.any():
-                return whole.where(reached), {row: field[reached] for row, field in heard.items()}
+                near = whole.where(reached)
+                return near, [
+                    heard[row].where(reached) if row in heard else near.field(cloud)
+                    for row, cloud in enumerate(self._clouds)
+                ]
         points = np.concatenate([each.cloud.positions for each in self._evidence.values()])
         variance = min(each.variance for each in self._evidence.values())
         # places hang together as far apart as the hypotheses of a source do
-        spacing = LINK / STEP * np.sqrt(variance)
-        places = Places.at(points, None, spacing, least)
-        return places, {row: places.field(each.cloud) for row, each in self._evidence.items()}
+        places = Places.at(points, None, LINK / STEP * np.sqrt(variance), least)
+        return places, [places.field(cloud) for cloud in self._clouds]
 
-    def _listen(self, heard: Mapping[int, FloatArray], steepest: float) -> None:
+    def _listen(self, steepest: float) -> None:
         """Work out what each source says of each place.
 
         Args:
-            heard: the fields of evidence, by row.
             steepest: the cosine between a force and the normal at the edge of the friction cone.
         """
-        for row, cloud in enumerate(self._clouds):
-            if not len(cloud.positions):
-                continue
-            field = heard[row] if row in heard else self._places.field(cloud)
+        shape = (len(self._clouds), len(self._places.points))
+        self._factors, self._seen = np.ones(shape), np.ones(shape[1])
+        """The factor of each source on the weight of each place, and that of all that is null."""
+        self._highest = np.ones(shape[0])
+        self._supports: dict[int, float] = {}
+        """The largest likelihood of each support that lies near."""
+        self._missed = float(np.prod([source.misses for source in self._entries.sources]))
+        self._fits: dict[int, FloatArray] = {}
+        for row, (cloud, field) in enumerate(zip(self._clouds, self._fields, strict=True)):
             if cloud.kind == HypothesisKind.NULL:
-                self._null += np.log1p(-(1.0 - self._floor) * np.minimum(field, 1.0))
+                self._seen *= 1.0 - (1.0 - self._floor) * np.minimum(field.heights, 1.0)
                 continue
             if cloud.force is not None and self._places.normals is not None:
                 self._fits[row] = pushed(cloud.force, self._places.normals, steepest)
-            self._believe(row, field)
+            if len(cloud.positions):
+                self._believe(row)
+            if cloud.kind == HypothesisKind.SUPPORT and field.heights.any():
+                self._supports[row] = float(cloud.likelihoods.max())
 
-    def _believe(self, row: int, field: FloatArray) -> None:
-        """Take a source's field, shape (c,), over its highest; without any it says nothing."""
-        self._fields[row] = field
-        if highest := field.max(initial=0.0):
-            self._relative[row] = field / highest
-            self._told[row] = np.log(self._relative[row] + self._floor)
-            self._told[row] += np.log(self._fits[row] + self._floor)
+    def _believe(self, row: int) -> None:
+        """Take a source's field over its highest; without any it says nothing."""
+        heights, factors = self._fields[row].heights, self._factors[row]
+        if highest := heights.max(initial=0.0):
+            self._highest[row] = highest
+            np.multiply(heights, 1.0 / highest, out=factors)
+            factors += self._floor
+            if row in self._fits:
+                factors *= self._fits[row] + self._floor
             return
-        self._relative[row] = self._told[row] = 0.0
+        factors[:] = 1.0
         if row in self._evidence:  # none of it is left, or all lies off the surface
             self._evidence[row].left[:] = False
 
@@ -160,8 +169,8 @@ class Search:
         """The contacts, in the order in which they are found."""
         found: list[Member] = []
         while len(found) < MOST and self._possible() >= FAINT:
-            total = self._null + self._told.sum(axis=0)
-            basin = self._places.densest(np.exp(total - total.max()))
+            weights = self._seen * self._factors.prod(axis=0)
+            basin = self._places.densest(weights / weights.max())
             taken = self._explained(basin)
             found.append(self._member(basin, taken))
             for row, own in taken.items():
@@ -169,16 +178,19 @@ class Search:
         return found
 
     def _take_out(self, row: int, taken: NDArray[np.bool_]) -> None:
-        """Take hypotheses out of what a source says; `taken` has shape (n,)."""
-        each, field, places = self._evidence[row], self._fields[row], self._places
+        """Take detections out of what a source says; `taken` has shape (d,)."""
+        each, field = self._evidence[row], self._fields[row]
         each.left &= ~taken
-        if each.left.any():
-            reach = fields.FAR * max(float(np.sqrt(each.cloud.variances.max())), places.narrowest)
-            near = places.within(reach, each.cloud.positions[taken])
-            field[near] = places.where(near).field(each.cloud_left) if near.any() else 0.0
+        if each.cloud.single or not each.left.any():
+            field.heights[:] = 0.0
         else:
-            field[:] = 0.0
-        self._believe(row, field)
+            gone = taken[each.labels[field.which]] & (field.which != NONE)
+            if gone.any():
+                widest = float(np.sqrt(each.cloud.variances.max()))
+                reach = fields.FAR * max(widest, self._places.narrowest)
+                rows = each.around(self._places.points[gone], reach)
+                self._places.search(field, gone, each.cloud, rows)
+        self._believe(row)
 
     def resultant(self) -> Resultant | None:
         """What is measured of all contacts together."""
@@ -198,16 +210,32 @@ class Search:
         return max(float(np.sqrt(self._evidence[row].variance)), self._places.narrowest)
 
     def _explained(self, basin: Basin) -> Taken:
-        """The hypotheses that a contact explains, with their detections."""
+        """The detections that a contact explains, by source."""
         left = [row for row, each in self._evidence.items() if each.left.any()]
-        there = np.ix_(np.array(left), basin.rows)
-        fits = (self._relative[there] * self._fits[there]) @ basin.weights
+        fits = [self._agreement(row, basin) for row in left]
         rows = [row for row, fit in zip(left, fits, strict=True) if fit > EXPLAINED]
-        core, sigmas = self._places.points[basin.core], np.sqrt(-2.0 * np.log(EXPLAINED))
-        return {
-            row: self._evidence[row].around(core, sigmas * self._spread(row))
-            for row in rows or [left[int(fits.argmax())]]
-        }
+        return {row: self._near(row, basin.core) for row in rows or [left[int(np.argmax(fits))]]}
+
+    def _agreement(self, row: int, basin: Basin) -> float:
+        """How well a source agrees with a contact, at most 1."""
+        relative = self._fields[row].heights[basin.rows] / self._highest[row]
+        if row in self._fits:
+            relative *= self._fits[row][basin.rows]
+        return float(relative @ basin.weights)
+
+    def _near(self, row: int, core: Rows) -> NDArray[np.bool_]:
+        """The detections left of a source near a contact, shape (d,): at least the nearest."""
+        each = self._evidence[row]
+        if each.cloud.single:
+            return each.left.copy()
+        wanted, points = np.zeros(len(each.left), np.bool_), self._places.points[core]
+        reach = float(np.sqrt(-2.0 * np.log(EXPLAINED))) * self._spread(row)
+        rows = each.around(points, reach)
+        wanted[each.labels[rows[near(each.cloud.positions[rows], points, reach)]]] = True
+        if not wanted.any():
+            squared = ((each.cloud.positions - points.mean(axis=0)) ** 2).sum(axis=1)
+            wanted[each.labels[np.where(each.left[each.labels], squared, np.inf).argmin()]] = True
+        return wanted
 
     def _member(self, basin: Basin, taken: Taken) -> Member:
         """The contact of a basin, by what it explains."""
@@ -236,7 +264,7 @@ class Search:
             scatter=scatter,
             covariance=covariance,
             extent=position + np.outer([along.min(), along.max()], axes[:, -1]),
-            force=force_near(entries, position, points, 2.0 * reach),
+            force=self._force(position, points, 2.0 * reach),
             voxels=len(voxel_downsample(places.points[area], entries.grid)),
             shares={
                 source.name: share
@@ -245,7 +273,7 @@ class Search:
                 )
                 if counts
             },
-            stamp=to_seconds(self._newest(shares)),
+            stamp=to_seconds(int(self._stamps[shares > 0.0].max())),
             frame=entries.grid.frame,
         )
         for array in (position, scatter, covariance, contact.extent, contact.force):
@@ -253,6 +281,28 @@ class Search:
         names = [source.name for source in entries.sources]
         given = {names[row]: self._evidence[row].probability(own) for row, own in taken.items()}
         return Member(contact, points, basin.weights, normal, reach, given)
+
+    def _force(self, position: FloatArray, points: FloatArray, reach: float) -> FloatArray:
+        """The force of the voxel nearest to a position, shape (3,) [N]; NaN when none is near.
+
+        Args:
+            position: shape (3,) [m].
+            points: shape (b, 3) [m], what belongs to the contact.
+            reach: the greatest distance of a force from these [m].
+        """
+        rows, centres = self._felt
+        if len(rows):
+            nearest = int(((centres - position) ** 2).sum(axis=1).argmin())
+            if ((points - centres[nearest]) ** 2).sum(axis=1).min() <= reach**2:
+                return np.array(self._entries.forces_in(rows[nearest : nearest + 1])[0], np.float64)
+        return np.full(3, np.nan)
+
+    @cached_property
+    def _felt(self) -> tuple[Int64Array, FloatArray]:
+        """The voxels with a force, as rows, and their centres, shape (v, 3) [m]."""
+        entries = self._entries
+        rows = np.flatnonzero(entries.bits & kernels.FORCE).astype(np.int64)
+        return rows, entries.grid.centres(unpack(entries.keys[rows]))
 
     def _existence(self, basin: Basin, taken: Taken) -> float:
         """The probability that a contact exists.
@@ -263,14 +313,11 @@ class Search:
         missed = 1.0
         for row, own in taken.items():
             missed *= 1.0 - self._evidence[row].probability(own)
-        for row, cloud in enumerate(self._clouds):
-            if cloud.kind == HypothesisKind.SUPPORT and len(cloud.positions):
-                share = float(self._relative[row, basin.rows] @ basin.weights)
-                missed *= 1.0 - share * float(cloud.likelihoods.max())
-        free = np.exp(self._told[[*taken]][:, basin.rows].sum(axis=0))
-        unseen = float(free @ np.exp(self._null[basin.rows]) / free.sum())
-        unseen *= float(np.prod([source.misses for source in self._entries.sources]))
-        kept = (1.0 - missed) * unseen
+        for row, highest in self._supports.items():
+            missed *= 1.0 - highest * self._agreement(row, basin)
+        free = self._factors[np.ix_(np.array([*taken]), basin.rows)].prod(axis=0)
+        unseen = float(free @ self._seen[basin.rows] / free.sum())
+        kept = (1.0 - missed) * unseen * self._missed
         return kept / (missed + kept)
 
     def _area(self, basin: Basin, taken: Taken) -> tuple[Rows, FloatArray]:
@@ -285,36 +332,32 @@ class Search:
             if not self._clouds[row].single and self._evidence[row].probability(own) >= SURE
         ]
         if several:
-            logarithms = np.log(self._relative[several] + self._floor).mean(axis=0)
-            agreed = np.exp(logarithms - logarithms[basin.core].max() + self._null)
-            best = basin.core[agreed[basin.core].argmax()]
-            rows = np.union1d(np.flatnonzero(agreed >= AGREED), best)
-            area = self._places.connected(rows, int(best))
-            return area, agreed[area] / agreed[area].sum()
+            together = self._factors[several].prod(axis=0)
+            least = AGREED ** len(several) * together[basin.core].max()
+            together *= self._seen ** len(several)
+            best = basin.core[together[basin.core].argmax()]
+            area = self._places.connected(together, least, int(best))
+            agreed = together[area] ** (1.0 / len(several))
+            return area, agreed / agreed.sum()
         inside = np.isin(basin.rows, basin.core)
         return basin.core, basin.weights[inside] / basin.weights[inside].sum()
 
     def _shares(self, basin: Basin, taken: Taken) -> FloatArray:
         """How much each source confirms the contact, shape (k,); they sum to 1."""
-        added = np.zeros(len(self._clouds))
-        for row, cloud in enumerate(self._clouds):
-            is_support = cloud.kind == HypothesisKind.SUPPORT and self._relative[row].any()
-            if is_support or row in taken:
-                told = float(self._told[row, basin.rows] @ basin.weights)
-                added[row] = max(told - np.log(self._floor), 0.0)
+        added, rows = np.zeros(len(self._clouds)), np.array([*taken, *self._supports])
+        told = np.log(self._factors[np.ix_(rows, basin.rows)]) @ basin.weights
+        added[rows] = np.maximum(told - np.log(self._floor), 0.0)
         if not added.any():  # a force from a place that its line misses
             added[[*taken]] = 1.0
         shares: FloatArray = added / added.sum()
         return shares
 
-    def _newest(self, shares: FloatArray) -> int:
-        """The newest stamp of the sources that have a share [ns]."""
-        stamps = [
-            self._entries.columns.stamps[own].max()
-            for share, (_, own) in zip(shares, self._entries.by_source, strict=True)
-            if share > 0.0
-        ]
-        return int(max(stamps))
+    @cached_property
+    def _stamps(self) -> Int64Array:
+        """The newest stamp of each source, shape (k,) [ns]; of one without any 0."""
+        stamps = self._entries.columns.stamps
+        newest = [stamps[own].max(initial=0) for _, own in self._entries.by_source]
+        return np.array(newest, np.int64)
 
 
 def needed(members: Sequence[Member], measured: Resultant, friction: float) -> list[Member]:
@@ -325,26 +368,27 @@ def needed(members: Sequence[Member], measured: Resultant, friction: float) -> l
         measured: what is measured of all together.
         friction: coefficient of friction.
     """
-    judged, kept = [*members], [*members]
-    for member in sorted(members, key=lambda member: member.contact.likelihood):
-        if len(kept) == 1:
-            break
-        others = [other for other in kept if other is not member]
-        gain = _misfit(others, measured, friction) - _misfit(kept, measured, friction)
-        factor = np.clip(NEEDLESS * np.exp(min(gain / 2.0, 20.0)), NEEDLESS, 1.0 / NEEDLESS)
-        exists = member.contact.likelihood
-        probability = factor * exists / (1.0 - exists + factor * exists)
-        contact = replace(member.contact, likelihood=float(probability))
-        judged[judged.index(member)] = replace(member, contact=contact, factor=float(factor))
-        if probability < EVEN:
-            kept = others
-    return judged
-
-
-def _misfit(members: Sequence[Member], measured: Resultant, friction: float) -> float:
     positions = np.array([member.contact.position for member in members])
     normals = [member.normal for member in members if member.normal is not None]
-    return misfit(measured, positions, np.array(normals) if normals else None, friction)
+    wrenches = measured.wrenches(positions, np.array(normals) if normals else None, friction)
+    judged, kept = [*members], [*range(len(members))]
+    best, pressed = measured.explained(wrenches)
+    for row in sorted(kept, key=lambda row: members[row].contact.likelihood):
+        if len(kept) == 1:
+            break
+        others = [other for other in kept if other != row]
+        found = best, np.delete(pressed, kept.index(row))
+        if pressed[kept.index(row)] > 0.0:  # without it the others have to be pressed otherwise
+            found = measured.explained(wrenches[others])
+        gain = found[0] - best
+        factor = np.clip(NEEDLESS * np.exp(min(gain / 2.0, 20.0)), NEEDLESS, 1.0 / NEEDLESS)
+        exists = members[row].contact.likelihood
+        probability = factor * exists / (1.0 - exists + factor * exists)
+        contact = replace(members[row].contact, likelihood=float(probability))
+        judged[row] = replace(members[row], contact=contact, factor=float(factor))
+        if probability < EVEN:
+            kept, (best, pressed) = others, found
+    return judged
 
 
 def _by_voxel(entries: Entries, members: Sequence[Member]) -> FloatArray:
@@ -355,6 +399,6 @@ def _by_voxel(entries: Entries, members: Sequence[Member]) -> FloatArray:
         reach = max(member.reach, entries.grid.voxel_size)
         cells = fields.cell_list(member.places, 2.0 * reach)
         heights = member.weights / member.weights.max() * member.contact.likelihood
-        near = fields.heaviest(centres, member.places, cells, heights, reach)
-        likelihoods[counted] = np.maximum(likelihoods[counted], near)
+        around = fields.heaviest(centres, member.places, cells, heights, reach)
+        likelihoods[counted] = np.maximum(likelihoods[counted], around)
     return likelihoods

@@ -207,19 +207,28 @@ class Tracks:
 
 def _paired(tracks: Sequence[Track], members: Sequence[Member]) -> dict[int, int]:
     """The member, as a row, that each track, as a row, is found again as; the nearest first."""
-    found = []
-    for row, track in enumerate(tracks):
-        for column, member in enumerate(members):
-            both = (track.contact, member.contact)
-            widths = sum(contact.covariance + contact.scatter for contact in both)
-            reach = NEAR**2 * float(np.linalg.eigvalsh(widths)[-1])
-            away = _squared(both[0].position - both[1].position) / reach
-            if away <= 1.0:
-                found.append((away, row, column))
+    if not tracks or not members:
+        return {}
+    before, now = [track.contact for track in tracks], [member.contact for member in members]
+    (where, wide), (there, wider) = (
+        (
+            np.array([contact.position for contact in contacts]),
+            np.array([contact.covariance + contact.scatter for contact in contacts]),
+        )
+        for contacts in (before, now)
+    )
+    squared = ((where[:, None] - there) ** 2).sum(axis=2)
+    most = NEAR**2 * (np.trace(wide, axis1=1, axis2=2)[:, None] + np.trace(wider, axis1=1, axis2=2))
+    rows, columns = np.nonzero(squared <= most)  # no width is larger than the trace
+    widths = NEAR**2 * np.linalg.eigvalsh(wide[rows] + wider[columns])[:, -1]
+    away = squared[rows, columns] / widths
+    found = sorted(zip(away.tolist(), rows.tolist(), columns.tolist(), strict=True))
     pairs: dict[int, int] = {}
-    for _, row, column in sorted(found):
-        if row not in pairs and column not in pairs.values():
+    taken = set[int]()
+    for part, row, column in found:
+        if part <= 1.0 and row not in pairs and column not in taken:
             pairs[row] = column
+            taken.add(column)
     return pairs
 
 

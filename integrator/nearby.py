@@ -1,0 +1,176 @@
+"""Kernels of the rule `sets`: which points lie near others, and which hang together."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from contactfusion.arrays import FloatArray
+from contactfusion.integrator.fields import Dealt
+from contactfusion.jit import kernel
+
+Rows = NDArray[np.intp]
+
+
+@kernel
+def _first(offset: float, radius: float, side: float, count: int) -> int:
+    """The first cell along an axis that a ball touches; `count` where it touches none."""
+    return int(min(max(np.floor((offset - radius) / side), 0.0), count))
+
+
+@kernel
+def _end(offset: float, radius: float, side: float, count: int) -> int:
+    """One more than the last cell along an axis that a ball touches; 0 where it touches none."""
+    return int(min(max(np.floor((offset + radius) / side) + 1.0, 0.0), count))
+
+
+@kernel
+def _squared(points: FloatArray, row: int, x: float, y: float, z: float) -> float:
+    dx, dy, dz = points[row, 0] - x, points[row, 1] - y, points[row, 2] - z
+    squared: float = dx * dx + dy * dy + dz * dz
+    return squared
+
+
+@kernel
+def around(
+    points: FloatArray,
+    cells: Dealt,
+    labels: NDArray[np.int32],
+    left: NDArray[np.bool_],
+    others: FloatArray,
+    reach: float,
+) -> Rows:
+    """The points left in the box around others, widened by a reach, as rows.
+
+    Args:
+        points: shape (n, 3) [m].
+        cells: the points by cells.
+        labels: shape (n,), of each point.
+        left: shape (labels,), which count.
+        others: shape (m, 3) [m], m > 0.
+        reach: [m].
+    """
+    low, high = others[0] - reach, others[0] + reach
+    for row in range(1, len(others)):
+        for axis in range(3):
+            low[axis] = min(low[axis], others[row, axis] - reach)
+            high[axis] = max(high[axis], others[row, axis] + reach)
+    side, least, counts = cells.side, cells.low, cells.counts
+    first, end = np.empty(3, np.int64), np.empty(3, np.int64)
+    for axis in range(3):
+        middle, half = 0.5 * (low[axis] + high[axis]), 0.5 * (high[axis] - low[axis])
+        first[axis] = _first(middle - least[axis], half, side, counts[axis])
+        end[axis] = _end(middle - least[axis], half, side, counts[axis])
+    found, count = np.empty(len(points), np.intp), 0
+    for i in range(first[0], end[0]):
+        for j in range(first[1], end[1]):
+            column = (i * counts[1] + j) * counts[2]
+            for at in range(cells.begins[column + first[2]], cells.begins[column + end[2]]):
+                row = cells.rows[at]
+                inside = left[labels[row]]
+                for axis in range(3):
+                    inside &= low[axis] <= points[row, axis] <= high[axis]
+                found[count] = row
+                count += inside
+    return found[:count]
+
+
+@kernel
+def near(points: FloatArray, others: FloatArray, reach: float) -> NDArray[np.bool_]:
+    """Which points lie within reach [m] of others (m, 3) [m], shape (n,)."""
+    found = np.zeros(len(points), np.bool_)
+    for row in range(len(points)):
+        for other in range(len(others)):
+            x, y, z = others[other]
+            if _squared(points, row, x, y, z) <= reach * reach:
+                found[row] = True
+                break
+    return found
+
+
+@kernel
+def connected(
+    points: FloatArray, cells: Dealt, values: FloatArray, least: float, start: int, reach: float
+) -> Rows:
+    """The points of at least some value that hang together with one of them, ascending.
+
+    Args:
+        points: shape (c, 3) [m].
+        cells: the points by cells.
+        values: shape (c,).
+        least: the least value.
+        start: the row of the one.
+        reach: points that are no further apart hang together [m].
+    """
+    side, low, counts, begins = cells.side, cells.low, cells.counts, cells.begins
+    seen = np.zeros(len(points), np.bool_)
+    found = [start]
+    seen[start] = True
+    done = 0
+    while done < len(found):
+        row = found[done]
+        done += 1
+        px, py, pz = points[row, 0], points[row, 1], points[row, 2]
+        x, y, z = px - low[0], py - low[1], pz - low[2]
+        for i in range(_first(x, reach, side, counts[0]), _end(x, reach, side, counts[0])):
+            for j in range(_first(y, reach, side, counts[1]), _end(y, reach, side, counts[1])):
+                first = _first(z, reach, side, counts[2])
+                end = _end(z, reach, side, counts[2])
+                column = (i * counts[1] + j) * counts[2]
+                for at in range(begins[column + first], begins[column + end]):
+                    other = cells.rows[at]
+                    if values[other] < least or seen[other]:
+                        continue
+                    if _squared(points, other, px, py, pz) <= reach * reach:
+                        seen[other] = True
+                        found.append(other)
+    return np.sort(np.array(found))
+
+
+@kernel
+def nearer(points: FloatArray, rows: Rows, these: Rows, others: Rows) -> NDArray[np.bool_]:
+    """Which of some points are no further from these than from the others, shape (len(rows),).
+
+    Args:
+        points: shape (c, 3) [m].
+        rows: of the points.
+        these: rows of points.
+        others: rows of points.
+    """
+    found = np.empty(len(rows), np.bool_)
+    for number in range(len(rows)):
+        x, y, z = points[rows[number]]
+        away = np.full(2, np.inf)
+        for side, group in enumerate((these, others)):
+            for other in group:
+                away[side] = min(away[side], _squared(points, other, x, y, z))
+        found[number] = away[0] <= away[1]
+    return found
+
+
+@kernel
+def shifted(
+    points: FloatArray, rows: Rows, weights: FloatArray, start: FloatArray, width: float, steps: int
+) -> FloatArray:
+    """Where mean shift over weighted points leads, shape (3,) [m].
+
+    Args:
+        points: shape (c, 3) [m].
+        rows: of the points.
+        weights: shape (len(rows),).
+        start: shape (3,) [m].
+        width: of the kernel [m].
+        steps: at most.
+    """
+    place = start.copy()
+    for _ in range(steps):
+        total, mean = 0.0, np.zeros(3)
+        for number in range(len(rows)):
+            squared = _squared(points, rows[number], place[0], place[1], place[2])
+            near = weights[number] * np.exp(-0.5 * squared / width**2)
+            total += near
+            mean += near * points[rows[number]]
+        mean /= total
+        away = np.abs(mean - place).max()
+        if away < 1e-6:
+            break
+        place = mean
+    return place
