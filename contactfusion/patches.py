@@ -13,6 +13,9 @@ from contactfusion.jit import kernel
 from contactfusion.model import Model
 from contactfusion.units import Angles, Offset, TaxelEdge
 
+TOUCHING = 1.25
+"""Taxels that are no further apart than so many of their edges touch each other."""
+
 
 class TaxelGridConfig(Model):
     """Taxels in rows and columns on a plane."""
@@ -90,6 +93,17 @@ class PatchConfig(Model):
                 for _, centres, edges in self.sheets()
             ]
         )
+
+    def neighbours(self) -> NDArray[np.intp]:
+        """Pairs of taxels of a plane whose areas touch, at an edge or a corner, shape (p, 2)."""
+        from scipy.spatial import KDTree
+
+        pairs, count = [np.empty((0, 2), np.intp)], 0
+        for _, centres, edges in self.sheets():
+            tree = KDTree(centres[:, :2] / edges)
+            pairs.append(count + tree.query_pairs(TOUCHING, p=np.inf, output_type="ndarray"))
+            count += len(centres)
+        return np.concatenate(pairs)
 
     def count(self, side: float) -> int:
         """The number of positions of `covered`, for voxels of a side [m]."""

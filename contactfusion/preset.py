@@ -51,7 +51,7 @@ class Preset:
 PRESETS: Mapping[str, Preset] = {
     "paper": Preset(
         generators={
-            "tactile": {"p_max": 1.0},
+            "tactile": {"p_max": 1.0, "relative_to": "reading"},
             "force_torque": {"friction": None},
             "range": {"evidence": "motion", "scale": 0.01},
             "lidar_cpm": {"p_max": 1.0, "weights": "paper"},

@@ -1,7 +1,7 @@
 """Contacts from patches of taxels (F §V-C), and free space over a healthy patch (method §5)."""
 
 from collections.abc import Mapping, Sequence
-from typing import Annotated, Self
+from typing import Annotated, Literal, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -85,6 +85,10 @@ class TactileConfig(GeneratorConfig):
     """The values of untouched taxels."""
     floor: float = Field(default=5.0, ge=1)
     """The least value of a contact, in standard deviations of the noise."""
+    relative_to: Literal["reading", "neighbours"] = "reading"
+    """The values over the largest of which a value is a likelihood: all of the reading (F Eq 4), or
+    its own and those of the taxels that touch it, so that a light press beside a firm one counts.
+    """
     p_max: float = Field(default=0.95, gt=0, le=1)
     """The largest likelihood; 1 would saturate a voxel for good."""
     noise: Spread = Field(default=0.004, ge=0)
@@ -109,7 +113,7 @@ class TactileConfig(GeneratorConfig):
 
 
 class TactileGenerator(Generator[TactileConfig]):
-    """Regular, multi contact: the value of each touched taxel over the largest (F Eq 4).
+    """Regular, multi contact: the value of each touched taxel over a largest one (F Eq 4).
 
     A taxel wider than a voxel gives hypotheses over its area, so that active neighbours form one
     cluster whose centroid lies between them. Output "free" is Null, p = 1, for taxels that are
@@ -126,6 +130,7 @@ class TactileGenerator(Generator[TactileConfig]):
         self._taxels = len(config.patch.centres())
         self._areas = TaxelAreas(config.patch)
         self._spreads = np.hypot(config.patch.spreads(), config.noise)
+        self._neighbours = config.patch.neighbours()
         self._baseline, self._noise = config.baseline.load(self._taxels)
         self._covered: tuple[float, FloatArray, NDArray[np.intp]] | None = None
         self.reset()
@@ -149,19 +154,30 @@ class TactileGenerator(Generator[TactileConfig]):
         positions, taxels = self._positions(state.grid.voxel_size)
         touched = touch >= self.config.floor * self._noise
         chosen = touched[taxels]
-        largest = touch[touched].max(initial=0.0)
-        likelihoods = np.minimum(touch[taxels[chosen]] / largest, self.config.p_max)
+        felt = np.where(touched, touch, 0.0)
+        likelihoods = np.minimum(felt / self._largest(felt), self.config.p_max)
         clouds = [
             self.cloud(
                 reading,
                 positions[chosen],
-                likelihoods,
+                likelihoods[taxels[chosen]],
                 spreads=self._spreads[taxels[chosen]],
             )
         ]
         if self.config.free:
             clouds.append(self._free(reading, state, touched))
         return clouds
+
+    def _largest(self, touch: FloatArray) -> FloatArray:
+        """The signal with which each taxel's is compared, positive, shape (n,)."""
+        largest = touch.copy()
+        if self.config.relative_to == "reading":
+            largest[:] = touch.max()
+        else:
+            first, second = self._neighbours.T
+            np.maximum.at(largest, first, touch[second])
+            np.maximum.at(largest, second, touch[first])
+        return np.maximum(largest, np.finfo(np.float64).tiny)
 
     def touch(self, reading: TactileImage) -> FloatArray:
         """The signal of touch of each taxel, at least 0, in the unit of the sensor.

@@ -143,3 +143,18 @@ def test_near_is_near_to_a_taxel_of_any_grid(
 ) -> None:
     near = TaxelAreas(around()).near(np.array([point]), 0.002)
     assert np.flatnonzero(near).tolist() == taxels
+
+
+def test_neighbours_touch_at_an_edge_or_a_corner_of_their_own_plane() -> None:
+    grid = {"rows": 2, "columns": 3, "pitch": (0.01, 0.03)}
+    pairs = {(0, 1), (1, 2), (3, 4), (4, 5), (0, 3), (1, 4), (2, 5), (0, 4), (1, 3), (1, 5), (2, 4)}
+    found = PatchConfig.model_validate({"grid": grid}).neighbours()
+    assert {tuple(sorted(pair)) for pair in found.tolist()} == pairs
+    twice = PatchConfig.model_validate({"grids": [grid, {**grid, "xyz": (0.01, 0.0, 0.0)}]})
+    other = {(first + 6, second + 6) for first, second in pairs}
+    assert {tuple(sorted(pair)) for pair in twice.neighbours().tolist()} == pairs | other
+
+
+def test_taxels_apart_from_each_other_have_no_neighbours() -> None:
+    apart = {"places": [(0.0, 0.0, 0.0), (0.02, 0.0, 0.0)], "size": (0.01, 0.01)}
+    assert not len(PatchConfig.model_validate(apart).neighbours())

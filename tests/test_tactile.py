@@ -56,6 +56,14 @@ def test_the_largest_is_that_of_all_patches_in_the_reading() -> None:
     assert by_taxel(felt(image(10.0, 40.0), two, p_max=1.0)) == {0.0: 0.25, 100.0: 1.0}
 
 
+def test_relative_to_its_neighbours_a_light_press_beside_a_firm_one_counts() -> None:
+    two = {"grid": {"rows": 1, "columns": 7, "pitch": (SIDE, SIDE)}}
+    cloud = felt(image(40, 20, 0, 0, 6, 8, 0), two, relative_to="neighbours")
+    expected = {-15.0: 0.95, -10.0: 0.5, 5.0: 0.75, 10.0: 0.95}
+    assert by_taxel(cloud) == pytest.approx(expected)
+    assert not len(felt(image(0, 0, 0, 0, 0, 0, 0), two, relative_to="neighbours"))
+
+
 def test_a_likelihood_is_capped() -> None:
     assert by_taxel(felt(image(10.0, 39.0, 40.0, 0.0))) == {-7.5: 0.25, -2.5: 0.95, 2.5: 0.95}
 
