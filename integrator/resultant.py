@@ -16,11 +16,13 @@ class Resultant(NamedTuple):
     """What a source of a single contact measures, as the sum over all contacts.
 
     Attributes:
+        source: its name.
         force: shape (3,) [N], on the robot.
         point: shape (3,) [m], on the line of the force.
         spread: standard deviation of the line's position, by axis [m].
     """
 
+    source: str
     force: FloatArray
     point: FloatArray
     spread: float

@@ -70,7 +70,7 @@ class Sets(Rule):
         """The contacts over the surface near evidence, or over the evidence's positions."""
         search = Search(entries, surface, self._floor, self._friction)
         members = search.members()
-        if (measured := search.resultant()) is not None:
+        if members and (measured := search.resultant()) is not None:
             members = needed(members, measured, self._friction)
         members.sort(key=lambda member: -round(member.contact.likelihood, 6))
         return Field(entries, partial(_by_voxel, entries, members), members=members)
@@ -135,6 +135,8 @@ class Search:
         shape = (len(self._clouds), len(self._places.points))
         self._factors, self._seen = np.ones(shape), np.ones(shape[1])
         """The factor of each source on the weight of each place, and that of all that is null."""
+        self._explains = np.zeros(shape, np.bool_)
+        """Where a contact explains what is left of each source of evidence."""
         self._highest = np.ones(shape[0])
         self._supports: dict[int, float] = {}
         """The largest likelihood of each support that lies near."""
@@ -156,12 +158,14 @@ class Search:
         heights, factors = self._fields[row].heights, self._factors[row]
         if highest := heights.max(initial=0.0):
             self._highest[row] = highest
+            if row in self._evidence:
+                np.greater(heights, EXPLAINED * highest, out=self._explains[row])
             np.multiply(heights, 1.0 / highest, out=factors)
             factors += self._floor
             if row in self._fits:
                 factors *= self._fits[row] + self._floor
             return
-        factors[:] = 1.0
+        factors[:], self._explains[row] = 1.0, False
         if row in self._evidence:  # none of it is left, or all lies off the surface
             self._evidence[row].left[:] = False
 
@@ -170,6 +174,7 @@ class Search:
         found: list[Member] = []
         while len(found) < MOST and self._possible() >= FAINT:
             weights = self._seen * self._factors.prod(axis=0)
+            weights[~self._explains.any(axis=0)] = 0.0  # support alone makes no contact
             basin = self._places.densest(weights / weights.max())
             taken = self._explained(basin)
             found.append(self._member(basin, taken))
@@ -197,7 +202,8 @@ class Search:
         for row, each in self._evidence.items():
             if each.cloud.force is not None:
                 point = each.cloud.positions[each.cloud.likelihoods.argmax()]
-                return Resultant(each.cloud.force, point, self._spread(row))
+                name = self._entries.sources[row].name
+                return Resultant(name, each.cloud.force, point, self._spread(row))
         return None
 
     def _possible(self) -> float:
@@ -363,6 +369,8 @@ class Search:
 def needed(members: Sequence[Member], measured: Resultant, friction: float) -> list[Member]:
     """The contacts, those less probable that the resultant of all is explained without.
 
+    What only its own source tells of is asked first: along its line it would explain itself.
+
     Args:
         members: the contacts.
         measured: what is measured of all together.
@@ -373,7 +381,8 @@ def needed(members: Sequence[Member], measured: Resultant, friction: float) -> l
     wrenches = measured.wrenches(positions, np.array(normals) if normals else None, friction)
     judged, kept = [*members], [*range(len(members))]
     best, pressed = measured.explained(wrenches)
-    for row in sorted(kept, key=lambda row: members[row].contact.likelihood):
+    own = [{*member.given} == {measured.source} for member in members]
+    for row in sorted(kept, key=lambda row: (not own[row], members[row].contact.likelihood)):
         if len(kept) == 1:
             break
         others = [other for other in kept if other != row]
