@@ -10,6 +10,14 @@ from contactfusion.errors import ConfigurationError
 from contactfusion.model import Model
 from contactfusion.units import ForceBias, Load, Offset, TorqueBias
 
+SHARE = 0.05
+"""Standard deviation of the mass of a load, as a share of it."""
+FORGETS = 30.0
+"""Time over which an estimated bias follows one that drifts [s]."""
+CORRELATED = 0.3
+"""Time over which deviations hang together, such as those of a hand that shakes [s]."""
+UNLIKELY = 60.0
+"""A larger square of a deviation of six axes, in standard deviations, is a contact."""
 LEAST_SPAN = 0.05
 """The least spread of gravity's directions about a line: root mean square, per length."""
 
@@ -39,6 +47,54 @@ class Compensation(Model):
         weight = self.mass * gravity
         torque = np.cross(self.centre_of_mass, weight)
         return np.concatenate([weight + self.force_bias, torque + self.torque_bias])
+
+
+class BiasEstimate:
+    """What is left of bias and load after compensation, learned while nothing is touched.
+
+    Each axis reads b + a · g: a bias, and a part of gravity, for the load may be heavier than said,
+    and one axis reads a share of another. It is a Kalman filter of these four by axis. What
+    deviates by more than noise does is a contact, and is not learned; what the filter does not
+    know yet is noise.
+
+    Args:
+        deviations: shape (6,), of one sample by axis [N, N·m].
+        bias: standard deviation of the force's bias [N]; the torque's is as many deviations.
+    """
+
+    def __init__(self, deviations: FloatArray, bias: float) -> None:
+        self._deviations = deviations
+        prior = np.array([bias, SHARE, SHARE, SHARE]) / deviations[0]
+        self._learned, self._unsure = np.zeros((6, 4)), np.diag(prior**2)
+        self._stamp: float | None = None
+
+    def update(
+        self, stamp: float, wrench: FloatArray, gravity: FloatArray, mass: float, touched: bool
+    ) -> FloatArray:
+        """What a sample reads beside bias and load, shape (6,) [N, N·m].
+
+        Args:
+            stamp: of the sample [s].
+            wrench: shape (6,), compensated [N, N·m].
+            gravity: shape (3,) [m/s²], in the sensor's frame.
+            mass: of the load [kg].
+            touched: whether another source reports a contact, so that nothing is learned.
+        """
+        elapsed = CORRELATED if self._stamp is None else max(stamp - self._stamp, 0.0)
+        self._stamp = stamp
+        samples = min(elapsed / CORRELATED, 1.0)  # as many are independent
+        if samples:
+            self._unsure[0, 0] += elapsed**2 / FORGETS**2 / samples
+        weight = np.array([1.0, *(mass * gravity)])
+        reach = self._unsure @ weight
+        unknown = float(weight @ reach)
+        surprise = wrench / self._deviations - self._learned @ weight
+        is_contact = surprise @ surprise > UNLIKELY * (1.0 + unknown)
+        if samples and not touched and not is_contact:
+            variance = 1.0 / samples + unknown
+            self._learned += np.outer(surprise, reach / variance)
+            self._unsure -= np.outer(reach, reach) / variance
+        return np.asarray(wrench - self._deviations * (self._learned @ weight))
 
 
 @dataclass(frozen=True, eq=False)

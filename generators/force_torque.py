@@ -15,7 +15,7 @@ from scipy.spatial.distance import cdist
 from contactfusion.arrays import FloatArray
 from contactfusion.frames import Pose, points_in, vectors_in
 from contactfusion.generator import Generator, GeneratorConfig, OfRobot
-from contactfusion.generators.compensation import Compensation
+from contactfusion.generators.compensation import BiasEstimate, Compensation
 from contactfusion.grid import Grid
 from contactfusion.hooks import hookimpl
 from contactfusion.hypotheses import HypothesisCloud, Note
@@ -24,7 +24,15 @@ from contactfusion.robots.description import WristConfig
 from contactfusion.state import State
 from contactfusion.surface import Surface
 from contactfusion.thinning import voxel_downsample
-from contactfusion.units import Acceleration, Force, ForceNoise, Memory, Spread, TorqueNoise
+from contactfusion.units import (
+    Acceleration,
+    Force,
+    ForceBias,
+    ForceNoise,
+    Memory,
+    Spread,
+    TorqueNoise,
+)
 
 STEADY = 2.0
 """Scatter of samples at rest, in standard deviations of the noise, at most."""
@@ -69,6 +77,9 @@ class ForceTorqueConfig(GeneratorConfig):
     tare: Memory = Field(default=0.0, ge=0)
     """Duration of the first rest, without contact, whose mean wrench is a further bias [s]; there
     are no clouds before its end. 0: none."""
+    unknown_bias: ForceBias = Field(default=0.0, ge=0)
+    """Standard deviation of what is left of the bias of a force, by axis [N]; it is learned while
+    nothing is touched, with that of torques and with errors of the load. 0: nothing is left."""
     average: Memory = Field(default=0.0, ge=0)
     """Duration over which the newest wrenches are averaged [s], 0: none; the stated noise is that
     of one sample, for drift does not average out."""
@@ -107,6 +118,8 @@ class ForceTorqueGenerator(Generator[ForceTorqueConfig]):
         self._first_force: FloatArray | None = None
         self._has_changed = False
         self._calmest: tuple[float, str] | None = None
+        noise = np.repeat([self.config.force_noise, self.config.torque_noise], 3)
+        self._left = BiasEstimate(noise, self.config.unknown_bias)
 
     def generate(self, reading: Reading, state: State) -> Sequence[HypothesisCloud]:
         """The positions on the surface where one contact explains the wrench.
@@ -211,7 +224,11 @@ class ForceTorqueGenerator(Generator[ForceTorqueConfig]):
             self._bias = self._tared(reading.stamp, wrench, touched=bool(state.contacts))
             if self._bias is None:
                 return None
-        return self._averaged(reading.stamp, wrench - self._bias)
+        wrench = self._averaged(reading.stamp, wrench - self._bias)
+        if not self.config.unknown_bias:
+            return wrench
+        mass, is_touched = compensation.mass, bool(state.contacts)
+        return self._left.update(reading.stamp, wrench, gravity, mass, is_touched)
 
     def _weighed(
         self, compensation: Compensation, reading: Reading, state: State, pose: Pose

@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from contactfusion.arrays import FloatArray
 from contactfusion.errors import ConfigurationError
-from contactfusion.generators.compensation import Compensation, fit_compensation
+from contactfusion.generators.compensation import BiasEstimate, Compensation, fit_compensation
 from contactfusion.generators.force_torque import ForceTorqueConfig
 
 TRUTH = Compensation(
@@ -109,3 +109,46 @@ def test_a_fit_goes_into_a_configuration_as_its_text() -> None:
     options: dict[str, Any] = {"compensation": yaml.safe_load(fit.compensation.model_dump_json())}
     config = ForceTorqueConfig(sign="on_robot", **options)
     assert config.compensation == fit.compensation
+
+
+NOISE = np.repeat([0.1, 0.005], 3)
+BIAS = np.array([0.6, -0.5, 0.4, 0.02, -0.03, 0.01])
+
+
+def left_over(
+    wrenches: FloatArray, gravity: FloatArray, mass: float = 0.0, touched: bool = False
+) -> FloatArray:
+    """What samples of 100 Hz read beside what was learned of the bias, shape (n, 6)."""
+    estimate, rng = BiasEstimate(NOISE, 0.6), np.random.default_rng(2)
+    noisy = wrenches + NOISE * rng.standard_normal(wrenches.shape)
+    rows = enumerate(zip(noisy, gravity, strict=True))
+    return np.array([estimate.update(n / 100, w, g, mass, touched) for n, (w, g) in rows])
+
+
+def test_a_bias_is_learned_while_nothing_is_touched() -> None:
+    still = np.tile([0.0, 0.0, -9.81], (400, 1))
+    found = left_over(np.tile(BIAS, (400, 1)), still)
+    assert np.abs(found[200:].mean(axis=0) / NOISE).max() < 0.5
+    untold = left_over(np.tile(BIAS, (400, 1)), still, touched=True)
+    np.testing.assert_allclose(untold.mean(axis=0), BIAS, atol=0.02)
+
+
+def test_a_contact_is_not_learned_however_long_it_lasts() -> None:
+    pressed = np.tile(BIAS, (6000, 1))
+    pressed[300:] += (0.0, 0.0, 3.0, 0.1, 0.0, 0.0)
+    found = left_over(pressed, np.tile([0.0, 0.0, -9.81], (6000, 1)))
+    np.testing.assert_allclose(found[-100:, 2].mean(), 3.0, atol=0.3)
+
+
+def test_a_bias_that_drifts_is_followed() -> None:
+    drift = np.outer(np.arange(12000) / 6000.0, [0.2, 0.0, 0.0, 0.0, 0.01, 0.0])
+    found = left_over(BIAS + drift, np.tile([0.0, 0.0, -9.81], (12000, 1)))
+    assert np.abs(found[-500:].mean(axis=0) / NOISE).max() < 2.5
+
+
+def test_a_load_that_is_heavier_than_said_is_learned_as_the_hand_turns() -> None:
+    angles = np.linspace(0.0, 4.0 * np.pi, 3000)
+    turning = around(np.array([1.0, 0.0, 0.0]), angles)
+    heavier = np.hstack([0.05 * 1.5 * turning, np.zeros((3000, 3))])
+    found = left_over(BIAS + heavier, turning, mass=1.5)
+    assert np.abs(found[1500:, :3]).mean() < 1.2 * NOISE[0]

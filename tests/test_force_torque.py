@@ -563,3 +563,18 @@ def test_a_wrench_that_cannot_be_explained_does_not_speak_against_a_contact() ->
     twisted = Wrench(stamp=0.0, frame="base", force=DOWN, torque=np.array([0.0, 0.0, 9.0]))
     for reading in (missed, twisted):
         assert existence_after(reading) == pytest.approx(0.95)
+
+
+def test_an_unknown_bias_is_no_contact_and_hides_none() -> None:
+    bias, wrist = np.array([0.9, 0.7, -0.8]), generator(unknown_bias=0.6)
+    assert np.linalg.norm(bias) > wrist.least_force
+    for stamp in np.arange(100) / 100:
+        (cloud,) = wrist.generate(touch(np.zeros(3), bias, float(stamp)), robot())
+        assert not len(cloud)
+    both = Wrench(stamp=1.0, frame="base", force=bias + DOWN, torque=np.cross(PLACE, DOWN))
+    (cloud,) = wrist.generate(both, robot())
+    assert distance_to_line(cloud.positions, PLACE, DOWN).max() < 0.002
+    wrist.reset()
+    (cloud,) = wrist.generate(both, robot())
+    assert len(cloud) and cloud.forces is not None
+    np.testing.assert_allclose(cloud.forces[0], bias + DOWN)  # too much for a bias
