@@ -13,6 +13,7 @@ MODULES = (
     "contactfusion.integrator.fields",
     "contactfusion.integrator.kernels",
     "contactfusion.integrator.moments",
+    "contactfusion.integrator.nearby",
     "contactfusion.integrator.store",
     "contactfusion.nearest",
     "contactfusion.patches",
