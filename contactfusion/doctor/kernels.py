@@ -63,8 +63,8 @@ def _fuse(positions: Any) -> None:
     NearestGrid.of(positions).improve(positions, np.eye(4), 0, np.ones(100), np.zeros(100, np.intp))
     surface = Surface("base", positions, np.tile([0.0, 0.0, 1.0], (100, 1)))
     likelihoods, spreads = np.linspace(0.1, 0.9, 100), np.linspace(0.001, 0.01, 100)
-    for rule in ("de_morgan", "max", "log_odds", "dempster_shafer", "posterior"):
-        condensation = "modes" if rule == "posterior" else "cluster_mass"
+    for rule in ("de_morgan", "max", "log_odds", "dempster_shafer", "posterior", "sets"):
+        condensation = {"posterior": "modes", "sets": "members"}.get(rule, "cluster_mass")
         integrator = Integrator(
             IntegratorConfig(rule=rule, expiry="voxel", condensation=condensation)
         )
