@@ -508,7 +508,7 @@ def test_open_loop_a_bottle_straight_in_front_is_lifted_and_held() -> None:
 
 @pytest.mark.slow
 def test_open_loop_a_bottle_far_beside_is_not() -> None:
-    grasp = scene(offset=0.05)
+    grasp = scene(offset=0.07)  # at 0.05 it depends on the CPU whether fingers catch it
     assert not success(grasp, played(grasp, OPEN_LOOP))
 
 
