@@ -100,7 +100,7 @@ class PatchConfig(Model):
 
         pairs, count = [np.empty((0, 2), np.intp)], 0
         for _, centres, edges in self.sheets():
-            tree = KDTree(centres[:, :2] / edges)
+            tree = KDTree(centres / (*edges, max(edges)))  # taxels may lie over each other, too
             pairs.append(count + tree.query_pairs(TOUCHING, p=np.inf, output_type="ndarray"))
             count += len(centres)
         return np.concatenate(pairs)

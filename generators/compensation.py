@@ -78,12 +78,12 @@ class BiasEstimate:
             wrench: shape (6,), compensated [N, N·m].
             gravity: shape (3,) [m/s²], in the sensor's frame.
             mass: of the load [kg].
-            touched: whether another source reports a contact, so that nothing is learned.
+            touched: whether other sources have evidence of a contact, so that nothing is learned.
         """
         elapsed = CORRELATED if self._stamp is None else max(stamp - self._stamp, 0.0)
         self._stamp = stamp
         samples = min(elapsed / CORRELATED, 1.0)  # as many are independent
-        if samples:
+        if samples:  # so much that the gain of the bias comes to rest at elapsed / FORGETS
             self._unsure[0, 0] += elapsed**2 / FORGETS**2 / samples
         weight = np.array([1.0, *(mass * gravity)])
         reach = self._unsure @ weight

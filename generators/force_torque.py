@@ -120,6 +120,8 @@ class ForceTorqueGenerator(Generator[ForceTorqueConfig]):
         self._calmest: tuple[float, str] | None = None
         noise = np.repeat([self.config.force_noise, self.config.torque_noise], 3)
         self._left = BiasEstimate(noise, self.config.unknown_bias)
+        self._asked: object = None
+        self._touched = False
 
     def generate(self, reading: Reading, state: State) -> Sequence[HypothesisCloud]:
         """The positions on the surface where one contact explains the wrench.
@@ -227,8 +229,10 @@ class ForceTorqueGenerator(Generator[ForceTorqueConfig]):
         wrench = self._averaged(reading.stamp, wrench - self._bias)
         if not self.config.unknown_bias:
             return wrench
-        mass, is_touched = compensation.mass, bool(state.contacts)
-        return self._left.update(reading.stamp, wrench, gravity, mass, is_touched)
+        if state.fusion is not self._asked:  # once a step
+            self._asked = state.fusion
+            self._touched = len(state.evidence(without=self.name)) > 0
+        return self._left.update(reading.stamp, wrench, gravity, compensation.mass, self._touched)
 
     def _weighed(
         self, compensation: Compensation, reading: Reading, state: State, pose: Pose

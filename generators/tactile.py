@@ -1,6 +1,7 @@
 """Contacts from patches of taxels (F §V-C), and free space over a healthy patch (method §5)."""
 
 from collections.abc import Mapping, Sequence
+from functools import cached_property
 from typing import Annotated, Literal, Self
 
 import numpy as np
@@ -130,7 +131,6 @@ class TactileGenerator(Generator[TactileConfig]):
         self._taxels = len(config.patch.centres())
         self._areas = TaxelAreas(config.patch)
         self._spreads = np.hypot(config.patch.spreads(), config.noise)
-        self._neighbours = config.patch.neighbours()
         self._baseline, self._noise = config.baseline.load(self._taxels)
         self._covered: tuple[float, FloatArray, NDArray[np.intp]] | None = None
         self.reset()
@@ -170,14 +170,17 @@ class TactileGenerator(Generator[TactileConfig]):
 
     def _largest(self, touch: FloatArray) -> FloatArray:
         """The signal with which each taxel's is compared, positive, shape (n,)."""
-        largest = touch.copy()
         if self.config.relative_to == "reading":
-            largest[:] = touch.max()
+            largest = np.full_like(touch, touch.max())
         else:
-            first, second = self._neighbours.T
+            largest, (first, second) = touch.copy(), self._neighbours.T
             np.maximum.at(largest, first, touch[second])
             np.maximum.at(largest, second, touch[first])
         return np.maximum(largest, np.finfo(np.float64).tiny)
+
+    @cached_property
+    def _neighbours(self) -> NDArray[np.intp]:
+        return self.config.patch.neighbours()
 
     def touch(self, reading: TactileImage) -> FloatArray:
         """The signal of touch of each taxel, at least 0, in the unit of the sensor.

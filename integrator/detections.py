@@ -87,10 +87,11 @@ class Evidence:
         self.cloud = cloud
         self.variance = max(float(np.median(cloud.variances)), side**2 / 12.0)
         """Of the positions, by axis [m²]: at least that of a position anywhere in a voxel."""
-        if cloud.single:
-            self.labels = np.zeros(len(keys), np.int32)
-        else:
-            self.labels = detections(cloud, keys, self.variance, side)
+        self.labels = (
+            np.zeros(len(keys), np.int32)
+            if cloud.single
+            else detections(cloud, keys, self.variance, side)
+        )
         """The detection of each hypothesis, shape (n,); those of a single contact are one."""
         self.peaks = np.zeros(int(self.labels.max()) + 1)
         """The probability of a contact by each detection, shape (d,)."""

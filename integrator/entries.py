@@ -123,6 +123,12 @@ class Entries:
         return self.flags(HypothesisKind.REGULAR, HypothesisKind.SUPPORT)
 
     @cached_property
+    def felt(self) -> tuple[Int64Array, FloatArray]:
+        """The voxels with a force, as rows, and their centres, shape (v, 3) [m]."""
+        rows = np.flatnonzero(self.bits & kernels.FORCE).astype(np.int64)
+        return rows, self.grid.centres(unpack(self.keys[rows]))
+
+    @cached_property
     def begin(self) -> Int64Array:
         """Where the entries of each source begin, shape (k + 1,); the last is n."""
         return np.ascontiguousarray(self.starts[:, 0])

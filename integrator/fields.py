@@ -126,36 +126,6 @@ def heaviest(
 
 
 @kernel
-def linked(points: FloatArray, cells: Dealt, start: int, reach: float) -> NDArray[np.bool_]:
-    """Which points are connected to one of them by steps of at most `reach`, shape (n,).
-
-    Args:
-        points: shape (n, 3) [m].
-        cells: the points by cells.
-        start: the row of the first point.
-        reach: [m].
-    """
-    found = np.zeros(len(points), np.bool_)
-    waiting, count = np.empty(len(points), np.int64), 1
-    found[start], waiting[0] = True, start
-    first, last = np.empty(3, np.int64), np.empty(3, np.int64)
-    while count > 0:
-        count -= 1
-        row = waiting[count]
-        _touched(points[row], cells, reach, first, last)
-        for i in range(first[0], last[0] + 1):
-            for j in range(first[1], last[1] + 1):
-                column = (i * cells.counts[1] + j) * cells.counts[2]
-                begin, end = cells.begins[column + first[2]], cells.begins[column + last[2] + 1]
-                for at in range(begin, end):
-                    other = cells.rows[at]
-                    if not found[other] and _squared(points[row], points[other]) <= reach * reach:
-                        found[other], waiting[count] = True, other
-                        count += 1
-    return found
-
-
-@kernel
 def _squared(first: FloatArray, second: FloatArray) -> float:
     total = 0.0
     for axis in range(3):

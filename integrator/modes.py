@@ -10,6 +10,7 @@ from contactfusion.arrays import FloatArray
 from contactfusion.contacts import NONE, Contact
 from contactfusion.integrator import fields, kernels
 from contactfusion.integrator.entries import Belief, Entries, Field
+from contactfusion.integrator.nearby import connected
 from contactfusion.model import Model
 from contactfusion.reason import Reason, Why, millimetres
 from contactfusion.rule import Condensation, Neighbourhood
@@ -134,7 +135,7 @@ def _mode(
     widths = np.full(len(some), (scale * WIDTH) ** 2)
     fields.kernel_density(tops, cells, places[some], weights[some], widths, True, 0.0, densities)
     densest = int(np.round(densities / densities.max(), 6).argmax())  # the first of equals
-    joined = fields.linked(tops, cells, densest, scale * LINK)
+    joined = connected(tops, cells, weights[heavy], 0.0, densest, scale * LINK)
     core, heights = tops[joined], weights[heavy][joined]
     cells = fields.cell_list(core, fields.TILE)
     basin = fields.heaviest(places, core, cells, heights, scale * BASIN) > 0.0
@@ -216,11 +217,10 @@ def force_near(entries: Entries, mode: FloatArray, basin: FloatArray, reach: flo
         basin: shape (b, 3) [m], the places that belong to the mode.
         reach: the greatest distance of a force from these [m].
     """
-    rows = np.flatnonzero(entries.bits & kernels.FORCE)
+    rows, centres = entries.felt
     if not len(rows):
         return np.full(3, np.nan)
-    centres = entries.grid.centres(entries.voxels[rows])
     nearest = int(((centres - mode) ** 2).sum(axis=1).argmin())
     if ((basin - centres[nearest]) ** 2).sum(axis=1).min() > reach**2:
         return np.full(3, np.nan)
-    return np.asarray(entries.forces_in(rows[nearest : nearest + 1].astype(np.int64))[0])
+    return np.asarray(entries.forces_in(rows[nearest : nearest + 1])[0])

@@ -1,4 +1,4 @@
-"""Kernels of the rule `sets`: which points lie near others, and which hang together."""
+"""Kernels: which points lie near others, and which hang together."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -56,9 +56,8 @@ def around(
     side, least, counts = cells.side, cells.low, cells.counts
     first, end = np.empty(3, np.int64), np.empty(3, np.int64)
     for axis in range(3):
-        middle, half = 0.5 * (low[axis] + high[axis]), 0.5 * (high[axis] - low[axis])
-        first[axis] = _first(middle - least[axis], half, side, counts[axis])
-        end[axis] = _end(middle - least[axis], half, side, counts[axis])
+        first[axis] = _first(low[axis] - least[axis], 0.0, side, counts[axis])
+        end[axis] = _end(high[axis] - least[axis], 0.0, side, counts[axis])
     found, count = np.empty(len(points), np.intp), 0
     for i in range(first[0], end[0]):
         for j in range(first[1], end[1]):

@@ -16,14 +16,15 @@ from numpy.typing import NDArray
 from contactfusion.arrays import FloatArray
 from contactfusion.contacts import NONE, Contact
 from contactfusion.hypotheses import HypothesisKind
-from contactfusion.integrator import fields, kernels
+from contactfusion.integrator import fields
 from contactfusion.integrator.detections import LINK, Evidence, clouds_of
 from contactfusion.integrator.entries import Entries, Field, Member, Source
+from contactfusion.integrator.modes import force_near
 from contactfusion.integrator.nearby import Rows, near
 from contactfusion.integrator.places import STEP, Basin, Places, SourceField, moments
 from contactfusion.integrator.posterior import TrustConfig, pushed
 from contactfusion.integrator.resultant import Resultant
-from contactfusion.integrator.store import Int64Array, unpack
+from contactfusion.integrator.store import Int64Array
 from contactfusion.rule import Rule
 from contactfusion.surface import Surface
 from contactfusion.thinning import voxel_downsample
@@ -160,8 +161,8 @@ class Search:
             self._highest[row] = highest
             if row in self._evidence:
                 np.greater(heights, EXPLAINED * highest, out=self._explains[row])
-            np.multiply(heights, 1.0 / highest, out=factors)
-            factors += self._floor
+            np.multiply(heights, 1.0 / (highest * self._floor), out=factors)
+            factors += 1.0  # in floors: a product of many sources does not vanish
             if row in self._fits:
                 factors *= self._fits[row] + self._floor
             return
@@ -270,7 +271,7 @@ class Search:
             scatter=scatter,
             covariance=covariance,
             extent=position + np.outer([along.min(), along.max()], axes[:, -1]),
-            force=self._force(position, points, 2.0 * reach),
+            force=force_near(entries, position, points, 2.0 * reach),
             voxels=len(voxel_downsample(places.points[area], entries.grid)),
             shares={
                 source.name: share
@@ -287,28 +288,6 @@ class Search:
         names = [source.name for source in entries.sources]
         given = {names[row]: self._evidence[row].probability(own) for row, own in taken.items()}
         return Member(contact, points, basin.weights, normal, reach, given)
-
-    def _force(self, position: FloatArray, points: FloatArray, reach: float) -> FloatArray:
-        """The force of the voxel nearest to a position, shape (3,) [N]; NaN when none is near.
-
-        Args:
-            position: shape (3,) [m].
-            points: shape (b, 3) [m], what belongs to the contact.
-            reach: the greatest distance of a force from these [m].
-        """
-        rows, centres = self._felt
-        if len(rows):
-            nearest = int(((centres - position) ** 2).sum(axis=1).argmin())
-            if ((points - centres[nearest]) ** 2).sum(axis=1).min() <= reach**2:
-                return np.array(self._entries.forces_in(rows[nearest : nearest + 1])[0], np.float64)
-        return np.full(3, np.nan)
-
-    @cached_property
-    def _felt(self) -> tuple[Int64Array, FloatArray]:
-        """The voxels with a force, as rows, and their centres, shape (v, 3) [m]."""
-        entries = self._entries
-        rows = np.flatnonzero(entries.bits & kernels.FORCE).astype(np.int64)
-        return rows, entries.grid.centres(unpack(entries.keys[rows]))
 
     def _existence(self, basin: Basin, taken: Taken) -> float:
         """The probability that a contact exists.
@@ -351,8 +330,8 @@ class Search:
     def _shares(self, basin: Basin, taken: Taken) -> FloatArray:
         """How much each source confirms the contact, shape (k,); they sum to 1."""
         added, rows = np.zeros(len(self._clouds)), np.array([*taken, *self._supports])
-        told = np.log(self._factors[np.ix_(rows, basin.rows)]) @ basin.weights
-        added[rows] = np.maximum(told - np.log(self._floor), 0.0)
+        confirmed = np.log(self._factors[np.ix_(rows, basin.rows)]) @ basin.weights
+        added[rows] = np.maximum(confirmed, 0.0)
         if not added.any():  # a force from a place that its line misses
             added[[*taken]] = 1.0
         shares: FloatArray = added / added.sum()

@@ -143,7 +143,7 @@ def test_a_contact_is_not_learned_however_long_it_lasts() -> None:
 def test_a_bias_that_drifts_is_followed() -> None:
     drift = np.outer(np.arange(12000) / 6000.0, [0.2, 0.0, 0.0, 0.0, 0.01, 0.0])
     found = left_over(BIAS + drift, np.tile([0.0, 0.0, -9.81], (12000, 1)))
-    assert np.abs(found[-500:].mean(axis=0) / NOISE).max() < 2.5
+    assert np.abs(found[-500:].mean(axis=0) / NOISE).max() < 1.5
 
 
 def test_a_load_that_is_heavier_than_said_is_learned_as_the_hand_turns() -> None:

@@ -5,11 +5,9 @@ import tracemalloc
 
 import numpy as np
 import pytest
-from hypothesis import example, given, settings
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
-from scipy.sparse import csr_matrix
-from scipy.sparse.csgraph import connected_components
 from scipy.spatial.distance import cdist
 
 from contactfusion.arrays import FloatArray
@@ -270,31 +268,3 @@ def test_out_of_reach_of_every_place_there_is_no_weight(point: list[float]) -> N
 
 
 # Chains
-
-
-@many
-@given(
-    seed=seeds,
-    count=st.integers(1, 300),
-    reach=st.sampled_from((0.001, 0.006, 0.012, 0.02)),
-    size=sizes,
-)
-@example(seed=0, count=200, reach=0.006, size=0.1)
-def test_linked_is_what_a_chain_of_steps_joins(
-    seed: int, count: int, reach: float, size: float
-) -> None:
-    rng = np.random.default_rng(seed)
-    points = scattered(rng, count, size)
-    start = int(rng.integers(count))
-    found = fields.linked(points, fields.cell_list(points, fields.TILE), start, reach)
-    _, labels = connected_components(csr_matrix((cdist(points, points) <= reach).astype(np.int8)))
-    assert np.array_equal(found, labels == labels[start])
-
-
-def test_a_chain_holds_while_its_steps_are_no_longer_than_its_reach() -> None:
-    points = np.zeros((6, 3))
-    points[:, 0] = [0.0, 0.012, 0.024, 0.0361, 0.048, 0.060]
-    listed = fields.cell_list(points, fields.TILE)
-    for start in range(6):
-        found = fields.linked(points, listed, start, 0.01200001)
-        assert found.tolist() == [start < 3] * 3 + [start >= 3] * 3

@@ -29,9 +29,12 @@ PLACE = np.array([0.021, -0.033, 0.02])
 """On the top of the box."""
 
 
+def body(**shape: Any) -> BodyConfig:
+    return BodyConfig.model_validate({"frame": "base", "spacing": 0.004, "shapes": [shape]})
+
+
 def sampled(**shape: Any) -> Surface:
-    body = BodyConfig.model_validate({"frame": "base", "spacing": 0.004, "shapes": [shape]})
-    return body.sampled(Path())
+    return body(**shape).sampled(Path())
 
 
 BOX = sampled(shape="box", size=(0.2, 0.2, 0.04))
@@ -578,3 +581,30 @@ def test_an_unknown_bias_is_no_contact_and_hides_none() -> None:
     (cloud,) = wrist.generate(both, robot())
     assert len(cloud) and cloud.forces is not None
     np.testing.assert_allclose(cloud.forces[0], bias + DOWN)  # too much for a bias
+
+
+def test_a_bias_is_not_learned_while_another_source_has_evidence_of_a_contact() -> None:
+    weak = np.array([0.0, 0.0, -0.9])
+    options = {"sign": "on_robot", "type": "force_torque", "sensor": "wrist"}
+    taxels = {"patch": {"grid": {"rows": 1, "columns": 1, "pitch": (0.01, 0.01)}}}
+    skin = {"type": "tactile", "sensor": "skin", "timeout": 10.0, **taxels}
+    left = {}
+    for pressed in (0.0, 50.0):
+        pipeline = Pipeline(
+            PipelineConfig(
+                generators={"wrist": {**options, "unknown_bias": 0.6}, "skin": skin},
+                surface=body(shape="box", size=(0.2, 0.2, 0.04)),
+            )
+        )
+        pipeline.take(
+            TactileImage(stamp=0.0, frame="base", sensor="skin", values=np.array([pressed]))
+        )
+        pipeline.step(0.0)
+        wrist = pipeline.generators["wrist"]
+        assert isinstance(wrist, ForceTorqueGenerator)
+        for stamp in np.arange(1, 50) / 100:
+            reading = touch(PLACE, weak, float(stamp))
+            found = wrist.compensated(reading, pipeline.state(float(stamp)))
+        assert found is not None
+        left[pressed] = float(np.linalg.norm(found[:3]))
+    assert left[0.0] < 0.1 and left[50.0] == pytest.approx(0.9)

@@ -2,6 +2,10 @@
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.sparse import csr_matrix
+from scipy.sparse.csgraph import connected_components
 from scipy.spatial.distance import cdist
 
 from contactfusion.integrator.fields import cell_list
@@ -35,18 +39,31 @@ def test_near_is_within_reach_of_any(rng: np.random.Generator) -> None:
     np.testing.assert_array_equal(near(points, others, 0.3), expected)
 
 
-def test_connected_hang_together_in_steps_over_what_is_high_enough(
-    rng: np.random.Generator,
+@given(
+    seed=st.integers(0, 2**32 - 1),
+    count=st.integers(1, 300),
+    reach=st.sampled_from((0.001, 0.006, 0.012, 0.02)),
+    least=st.sampled_from((0.0, 0.4)),
+)
+def test_connected_is_what_a_chain_of_steps_joins_over_what_is_high_enough(
+    seed: int, count: int, reach: float, least: float
 ) -> None:
-    points, values = rng.uniform(0, 1, (200, 3)), rng.uniform(0, 1, 200)
+    rng = np.random.default_rng(seed)
+    points, values = rng.uniform(0, 0.1, (count, 3)), rng.uniform(0, 1, count)
     start = int(values.argmax())
-    found = connected(points, cell_list(points, 0.2), values, 0.4, start, 0.17)
-    linked = (cdist(points, points) <= 0.17) & (values >= 0.4)
-    expected = np.arange(200) == start
-    for _ in range(200):
-        expected = expected | linked[expected].any(axis=0)
-    np.testing.assert_array_equal(found, np.flatnonzero(expected))
-    assert 1 < len(found) < (values >= 0.4).sum()
+    values[start] = 1.0
+    found = connected(points, cell_list(points, 0.02), values, least, start, reach)
+    linked = (cdist(points, points) <= reach) & (values >= least) & (values >= least)[:, None]
+    _, labels = connected_components(csr_matrix(linked.astype(np.int8)))
+    np.testing.assert_array_equal(found, np.flatnonzero(labels == labels[start]))
+
+
+def test_a_chain_holds_while_its_steps_are_no_longer_than_its_reach() -> None:
+    points = np.zeros((6, 3))
+    points[:, 0] = [0.0, 0.012, 0.024, 0.0361, 0.048, 0.060]
+    for start in range(6):
+        found = connected(points, cell_list(points, 0.04), np.ones(6), 0.0, start, 0.01200001)
+        assert found.tolist() == ([0, 1, 2] if start < 3 else [3, 4, 5])
 
 
 def test_nearer_compares_the_nearest_of_each_side(rng: np.random.Generator) -> None:

@@ -156,5 +156,6 @@ def test_neighbours_touch_at_an_edge_or_a_corner_of_their_own_plane() -> None:
 
 
 def test_taxels_apart_from_each_other_have_no_neighbours() -> None:
-    apart = {"places": [(0.0, 0.0, 0.0), (0.02, 0.0, 0.0)], "size": (0.01, 0.01)}
-    assert not len(PatchConfig.model_validate(apart).neighbours())
+    for other in ((0.02, 0.0, 0.0), (0.0, 0.0, -0.02)):
+        apart = {"places": [(0.0, 0.0, 0.0), other], "size": (0.01, 0.01)}
+        assert not len(PatchConfig.model_validate(apart).neighbours())

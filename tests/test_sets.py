@@ -11,6 +11,7 @@ from contactfusion import Contact, Fusion, HypothesisCloud, Integrator, Integrat
 from contactfusion.arrays import FloatArray
 from contactfusion.errors import ConfigurationError
 from contactfusion.hypotheses import HypothesisKind
+from contactfusion.integrator.sets import MOST
 from contactfusion.shapes import ShapeConfig
 from contactfusion.surface import Surface
 from tests.clouds import NULL, REGULAR, SUPPORT, contents
@@ -138,6 +139,14 @@ def test_presses_a_taxel_apart_are_two_when_what_is_between_them_is_unlikely() -
     row = [(0, 0, 0), (0, 50, 0), (0, 100, 0)]
     assert len(fused(emit("skin", (0.9, 0.2, 0.9), row, 50 / 12**0.5)).contacts) == 2
     assert len(fused(emit("skin", (0.9, 0.8, 0.9), row, 50 / 12**0.5)).contacts) == 1
+
+
+def test_each_of_very_many_skins_makes_its_own_contact() -> None:
+    places_of_skins = [(30 * i, 30 * j, 0) for i in range(20) for j in range(10)]
+    clouds = [emit(f"skin_{n:03d}", 0.9, place) for n, place in enumerate(places_of_skins)]
+    contacts = fused(*clouds).contacts
+    assert len(contacts) == MOST
+    assert all(min(away(contact, place) for place in places_of_skins) < 2.0 for contact in contacts)
 
 
 # The resultant of all contacts
