@@ -24,15 +24,7 @@ from contactfusion.robots.description import WristConfig
 from contactfusion.state import State
 from contactfusion.surface import Surface
 from contactfusion.thinning import voxel_downsample
-from contactfusion.units import (
-    Acceleration,
-    Force,
-    ForceBias,
-    ForceNoise,
-    Memory,
-    Spread,
-    TorqueNoise,
-)
+from contactfusion.units import Acceleration, Force, ForceNoise, Memory, Spread, TorqueNoise
 
 STEADY = 2.0
 """Scatter of samples at rest, in standard deviations of the noise, at most."""
@@ -77,7 +69,7 @@ class ForceTorqueConfig(GeneratorConfig):
     tare: Memory = Field(default=0.0, ge=0)
     """Duration of the first rest, without contact, whose mean wrench is a further bias [s]; there
     are no clouds before its end. 0: none."""
-    unknown_bias: ForceBias = Field(default=0.0, ge=0)
+    unknown_bias: Force = Field(default=0.0, ge=0)
     """Standard deviation of what is left of the bias of a force, by axis [N]; it is learned while
     nothing is touched, with that of torques and with errors of the load. 0: nothing is left."""
     average: Memory = Field(default=0.0, ge=0)

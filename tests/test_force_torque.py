@@ -608,3 +608,8 @@ def test_a_bias_is_not_learned_while_another_source_has_evidence_of_a_contact() 
         assert found is not None
         left[pressed] = float(np.linalg.norm(found[:3]))
     assert left[0.0] < 0.1 and left[50.0] == pytest.approx(0.9)
+
+
+def test_an_unknown_bias_is_no_negative_force() -> None:
+    with pytest.raises(ConfigurationError, match="unknown_bias: .*greater than or equal to 0"):
+        generator(unknown_bias=-1.0)
