@@ -605,8 +605,8 @@ def test_a_bias_is_not_learned_while_another_source_has_evidence_of_a_contact() 
         for stamp in np.arange(1, 50) / 100:
             reading = touch(PLACE, weak, float(stamp))
             found = wrist.compensated(reading, pipeline.state(float(stamp)))
-        assert found is not None
-        left[pressed] = float(np.linalg.norm(found[:3]))
+            assert found is not None
+            left[pressed] = float(np.linalg.norm(found[:3]))
     assert left[0.0] < 0.1 and left[50.0] == pytest.approx(0.9)
 
 
