@@ -211,6 +211,10 @@ def experiment_touch(
     free: Annotated[
         float, typer.Option(help="Minutes of free motion, in which any contact is a false alarm.")
     ] = 1.0,
+    places: Annotated[
+        int | None,
+        typer.Option(min=1, max=5, help="Number of places at which the hand is touched at once."),
+    ] = None,
     out: Out = Path("out/touch"),
 ) -> None:
     """Touch objects in simulation, and compare with the truth; resumes where it stopped."""
@@ -232,6 +236,7 @@ def experiment_touch(
         executor=_executor(executor, workers, scheduler),
         draw=draw or (),
         free=free,
+        places=places,
     )
     run_touch(options, out)
 

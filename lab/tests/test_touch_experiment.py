@@ -55,6 +55,11 @@ def plan() -> Plan:
     return read_plan(DEFAULT, [], 15, "prototype", (), 3)[0]
 
 
+def test_the_number_of_places_is_that_of_the_scene_or_given() -> None:
+    given = [read_plan(DEFAULT, [], 15, None, (), 3, places=places)[0] for places in (None, 3)]
+    assert [plan.scene.places for plan in given] == [1, 3]
+
+
 @pytest.fixture(scope="module")
 def felt(plan: Plan) -> Trial:
     return run_trial(plan, touch())

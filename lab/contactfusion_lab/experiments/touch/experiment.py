@@ -86,6 +86,7 @@ class Options:
         executor: the workers.
         draw: touches to draw, by their names; none: one of each object.
         free: how long the hand moves in free air, in all [min].
+        places: number of places at which the hand is touched at once; None: as in the scene.
     """
 
     config: Path = DEFAULT
@@ -101,6 +102,7 @@ class Options:
     executor: Executor = Local()
     draw: Sequence[str] = ()
     free: float = 1.0
+    places: int | None = None
 
 
 def run_touch(options: Options, out: Path) -> None:
@@ -121,7 +123,7 @@ def run_touch(options: Options, out: Path) -> None:
     faults = read_faults(options.faults) if options.faults else ()
     plan, targets = read_plan(
         options.config, options.objects, options.directions, options.noise, faults, options.seed,
-        options.preset,
+        options.preset, options.places,
     )  # fmt: skip
     experiment = TouchExperiment(
         plan, targets, options.repeats, methods, options.draw, options.free

@@ -172,6 +172,7 @@ def read_plan(
     faults: Sequence[Fault],
     seed: int,
     preset: str = "",
+    places: int | None = None,
 ) -> tuple[Plan, tuple[str, ...]]:
     """Put an experiment together.
 
@@ -184,6 +185,7 @@ def read_plan(
         faults: how sensors fail, besides those of the file.
         seed: of all chance.
         preset: the preset that replaces options of the file; empty: none.
+        places: number of places at which the hand is touched at once; None: as in the scene.
 
     Returns:
         The plan, and the names of the objects.
@@ -195,7 +197,8 @@ def read_plan(
     path = path.resolve()
     fields = read_yaml(path)
     try:
-        scene = _scene(fields.pop("scene", None), path.parent, noise)
+        given = {name: value for name, value in (("noise", noise), ("places", places)) if value}
+        scene = _scene(fields.pop("scene", None), path.parent, given)
         if preset:
             fields = _replaced(fields, preset)
         pipeline = PipelineConfig(**{"folder": path.parent, **fields})
@@ -212,11 +215,11 @@ def read_plan(
     return Plan(pipeline, scene, directions, seed), tuple(targets)
 
 
-def _scene(described: Any, folder: Path, noise: str | None) -> TouchConfig:
+def _scene(described: Any, folder: Path, given: Mapping[str, Any]) -> TouchConfig:
     if not isinstance(described, dict):
         raise ConfigurationError("give a scene of type touch", "scene")
     try:
-        return rooted(TouchConfig(**{**described, **({"noise": noise} if noise else {})}), folder)
+        return rooted(TouchConfig(**{**described, **given}), folder)
     except ConfigurationError as error:
         raise error.under("scene") from None
 

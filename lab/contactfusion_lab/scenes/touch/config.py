@@ -47,10 +47,12 @@ class TouchConfig(Model):
     the inverse kinematics [rad, m]; the others are at 0, or where they are `still`."""
     short: Reach = Field(default=0.0, ge=0)
     """Distance before the first touch at which the hand stops [m]; 0: it touches."""
+    places: int = Field(default=1, ge=1, le=5)
+    """Number of places at which the hand is touched: probes press on its skin beside the object."""
     speed: Speed = Field(default=0.05, gt=0)
     """Of the hand [m/s]."""
     press: Force = Field(default=6.0, gt=0)
-    """Contact force at which the hand stops [N]."""
+    """Contact force at which the hand stops, and with which each probe presses [N]."""
     arm_stiffness: float = Field(default=400.0, gt=0)
     """Stiffness of the joints that move the tool [N·m/rad, N/m]."""
     friction: float = Field(default=0.5, ge=0)

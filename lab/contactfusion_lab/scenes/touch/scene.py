@@ -20,6 +20,7 @@ from contactfusion.robots.model import RobotModel, shared_robot
 from contactfusion.robots.objects import ObjectModel
 from contactfusion.robots.solids import Solid, loaded_open3d
 from contactfusion.scene import Scene
+from contactfusion.shapes import ShapeConfig
 from contactfusion.stream import Arrival, Facts, Verdict
 from contactfusion_lab.scenes.approach import Approach, led_by, straight, tries
 from contactfusion_lab.scenes.arm import STEP, CompliantArm
@@ -27,6 +28,7 @@ from contactfusion_lab.scenes.as_built import as_built
 from contactfusion_lab.scenes.clutter import clutter, swept
 from contactfusion_lab.scenes.facts import standing, true_contact
 from contactfusion_lab.scenes.sensor_errors import Arrivals
+from contactfusion_lab.scenes.touch import probes
 from contactfusion_lab.scenes.touch.config import TouchConfig
 from contactfusion_lab.scenes.touch.sensors import TouchSensors
 from contactfusion_lab.scenes.touch.world import Touching, TouchWorld, contacts_of
@@ -102,8 +104,11 @@ class TouchScene(Scene):
         self._target = ObjectModel(config.objects[config.touched])
         around = {name: ObjectModel(fixed) for name, fixed in config.surroundings.items()}
         self._objects = {config.touched: self._target, **around}
+        self._tip = Solid([ShapeConfig(shape="sphere", radius=probes.RADIUS)])
         # parts of the noise have generators of their own: whoever adds one changes no other
-        surface_rng, self._clutter_rng, press_rng, late_rng, slide_rng = self._rng.spawn(5)
+        surface_rng, self._clutter_rng, press_rng, late_rng, slide_rng, self._probe_rng = (
+            self._rng.spawn(6)
+        )
         with as_built(robot, config.noise.surface, surface_rng) as built:
             self._world = TouchWorld(built, self._objects, config.friction)
         self._built = built
@@ -182,9 +187,12 @@ class TouchScene(Scene):
         while True:
             yield from self._late.until(step * STEP, self._sensed(sensors, arm, step, last=False))
             step += 1
-            yielding = pushes.mean() < self.press and travelled < end
+            is_pushed = pushes.mean() >= self.press or (since and config.places > 1)
+            yielding = not is_pushed and travelled < end
             travelled = min(travelled + config.speed * STEP, end) if yielding else travelled
             stood = 0 if yielding else stood + 1
+            if stood and not since and config.places > 1 and not config.short:
+                self._press(arm.positions)
             if slide and stood and not since:
                 sideways = self._aside(path.at(travelled))
             since += bool(since or stood)
@@ -224,9 +232,22 @@ class TouchScene(Scene):
 
     def _seen(self, poses: Mapping[str, Pose]) -> list[tuple[Solid, Pose]]:
         """All collision geometry that is visible to cameras, with its poses."""
-        links = [(solid, poses[name]) for name, solid in self._built.solids.items()]
-        bodies = (*self._objects.values(), *self._clutter)
-        return links + [(model.solid, model.config.pose.pose()) for model in bodies]
+        seen = [(solid, poses[name]) for name, solid in self._built.solids.items()]
+        seen += [(model.solid, model.config.pose.pose()) for model in self._bodies]
+        return seen + [(self._tip, pose) for pose in self._world.balls()]
+
+    @property
+    def _bodies(self) -> tuple[ObjectModel, ...]:
+        """All bodies that stand in the scene."""
+        return (*self._objects.values(), *self._clutter)
+
+    def _press(self, joints: FloatArray) -> None:
+        """Press probes on the hand where it stands at joint positions, shape (n,) [rad, m]."""
+        touched, forces = self._moments[-1].places, self.config.noise.press
+        free = probes.places(self.robot, self._hand, joints, touched, self._bodies, self._probe_rng)
+        for place, normal in itertools.islice(free, self.config.places - 1):
+            force = self.config.press if forces is None else self._probe_rng.uniform(*forces)
+            self._world.press(place, normal, probes.RADIUS, probes.GAP, force)
 
     def _cluttered(self, path: Approach) -> list[ObjectModel]:
         """Bodies around the target, none of them in the path."""

@@ -16,6 +16,8 @@ from contactfusion_lab.scenes.arm import CompliantArm
 
 FAINT = 0.05
 """Least normal force of a contact point that counts [N]."""
+BALL_MASS, BALL_SPEED = 0.01, 0.05
+"""Mass of a ball that presses [kg], and the speed with which it comes [m/s]."""
 APART = 0.015
 """Single-linkage distance: contact points further apart are separate contacts [m]."""
 
@@ -51,7 +53,7 @@ class TouchWorld:
         self._world = self.physics = BulletWorld(model, hollow=True)
         """The robot and all bodies."""
         self._bullet, self._client = self._world.bullet, self._world.client
-        self._friction, self._clutter = friction, list[int]()
+        self._friction, self._clutter, self._balls = friction, list[int](), list[int]()
         self._bodies = {name: self._stand(added) for name, added in objects.items()}
         # a touch is a point contact, which bears no moment, whatever the URDF says
         grip = {"lateralFriction": 1.0, "spinningFriction": 0.0, "rollingFriction": 0.0}
@@ -79,6 +81,46 @@ class TouchWorld:
         added = [body for model in clutter for body in self._stand(model)]
         self._clutter += added
         return added
+
+    def press(
+        self, place: FloatArray, normal: FloatArray, radius: float, gap: float, force: float
+    ) -> int:
+        """Press a ball on a place, along a straight guide; its number in PyBullet.
+
+        Args:
+            place: shape (3,), on the robot [m].
+            normal: shape (3,), outward there.
+            radius: of the ball [m].
+            gap: its distance from the robot before it comes [m].
+            force: with which it presses [N].
+        """
+        bullet, client = self._bullet, self._client
+        ball = bullet.createCollisionShape(bullet.GEOM_SPHERE, radius=radius, **client)
+        body: int = bullet.createMultiBody(
+            basePosition=(place + (radius + gap) * normal).tolist(),
+            linkMasses=[BALL_MASS],
+            linkCollisionShapeIndices=[ball],
+            linkVisualShapeIndices=[-1],
+            linkPositions=[[0.0] * 3],
+            linkOrientations=[[0.0, 0.0, 0.0, 1.0]],
+            linkInertialFramePositions=[[0.0] * 3],
+            linkInertialFrameOrientations=[[0.0, 0.0, 0.0, 1.0]],
+            linkParentIndices=[0],
+            linkJointTypes=[bullet.JOINT_PRISMATIC],
+            linkJointAxis=[(-normal).tolist()],
+            **client,
+        )
+        bullet.changeDynamics(body, 0, lateralFriction=self._friction, **client)
+        bullet.setJointMotorControl2(
+            body, 0, bullet.VELOCITY_CONTROL, targetVelocity=BALL_SPEED, force=force, **client
+        )
+        self._balls.append(body)
+        return body
+
+    def balls(self) -> list[Pose]:
+        """Where the balls are that press."""
+        states = [self._bullet.getLinkState(ball, 0, **self._client) for ball in self._balls]
+        return [pose_of(state[4], np.eye(3)) for state in states]
 
     def adopt(self, name: str, body: int) -> None:
         """Register a further body of `physics`, such as one that moves, as an object."""
@@ -127,7 +169,7 @@ class TouchWorld:
         """The contact points on the robot now."""
         points = [
             point
-            for bodies in (*self._bodies.values(), self._clutter)
+            for bodies in (*self._bodies.values(), self._clutter, self._balls)
             for body in bodies
             for point in self._bullet.getContactPoints(self._world.robot, body, **self._client)
             if point[9] >= FAINT
