@@ -16,6 +16,10 @@ from contactfusion.errors import ConfigurationError
 from contactfusion.model import Model
 from contactfusion.units import Memory, Spacing, Tolerance
 
+RULES = {"members": "sets", "modes": "posterior"}
+"""The rule that a condensation is for; all others are for `de_morgan`."""
+EXISTENCE = 0.5
+"""The probability from which a contact of a set is reported."""
 PARTS = {"rule": "rule_options", "condensation": "condensation_options"}
 """The fields that name a plug-in, and those that hold its options."""
 MOVED = {
@@ -35,7 +39,9 @@ class IntegratorConfig(Model):
     """How hypotheses are kept, fused and condensed (method §1-3).
 
     `rule` and `condensation` are names, or mappings of `type` and options, such as
-    ``{type: posterior, floor: 0.02}``.
+    ``{type: posterior, floor: 0.02}``. Where only one of both is given, the other goes with it:
+    `sets` with `members`, `posterior` or another rule with `cluster_centroid`, `modes` with
+    `posterior`, another condensation with `de_morgan`.
     """
 
     frame: str = Field(default="base", min_length=1)
@@ -47,16 +53,17 @@ class IntegratorConfig(Model):
     expiry: Literal["source", "voxel"] = "source"
     """`source`: an entry lives by its own stamp; `voxel`: all entries of a voxel live by the newest
     (F §III-B)."""
-    rule: str = "de_morgan"
-    """How the likelihoods of one voxel combine."""
+    rule: str = "sets"
+    """How hypotheses are fused."""
     rule_options: dict[str, Any] = Field(default_factory=dict)
     """The options of the rule, fields of its `Config`."""
-    condensation: str = "cluster_centroid"
-    """How voxels become contacts."""
+    condensation: str = "members"
+    """How what is fused becomes contacts."""
     condensation_options: dict[str, Any] = Field(default_factory=dict)
     """The options of the condensation, fields of its `Config`."""
-    threshold: float = Field(default=0.1, gt=0, le=1)
-    """The fused likelihood from which a voxel is a contact."""
+    threshold: float = Field(default=EXISTENCE, gt=0, le=1)
+    """The fused likelihood from which a voxel, or a contact of a set, is a contact; 0.1 with other
+    condensations than `members`."""
     tolerance: Tolerance | None = Field(default=None, gt=0)
     """Voxels at most this far apart belong to one contact [m]; None: two sides of a voxel."""
     stale_after: Memory = Field(default=1.0, gt=0)
@@ -91,7 +98,7 @@ class IntegratorConfig(Model):
                 options = {key: given[key] for key in given if key != "type"}
                 fields[part] = given.get("type", cls.model_fields[part].default)
                 fields[held] = {**options, **fields.get(held, {})}
-        return _moved(fields, {part: cls.model_fields[part].default for part in PARTS})
+        return _with_threshold(_moved(_paired(fields)))
 
     @model_serializer(mode="wrap")
     def _with_options(self, serialize: SerializerFunctionWrapHandler) -> dict[str, Any]:
@@ -103,7 +110,29 @@ class IntegratorConfig(Model):
         return fields
 
 
-def _moved(fields: dict[str, Any], defaults: Mapping[str, str]) -> dict[str, Any]:
+def _paired(fields: dict[str, Any]) -> dict[str, Any]:
+    """The fields, where a rule is given with its condensation, and the other way round."""
+    if "rule" not in fields and "condensation" in fields:
+        return {**fields, "rule": RULES.get(fields["condensation"], "de_morgan")}
+    if "condensation" not in fields and fields.get("rule", "sets") != "sets":
+        return {**fields, "condensation": "cluster_centroid"}
+    return fields
+
+
+def _with_threshold(fields: dict[str, Any]) -> dict[str, Any]:
+    """The fields with the threshold of the condensation; of a set it is that of existence."""
+    if fields.get("condensation", "members") != "members":
+        return {"threshold": 0.1, **fields}
+    options = fields.get("condensation_options", {})
+    if "existence" in options:
+        return {**fields, "threshold": options["existence"]}
+    if fields.get("threshold", EXISTENCE) != EXISTENCE:
+        held = {**options, "existence": fields["threshold"]}
+        return {**fields, "condensation_options": held}
+    return fields
+
+
+def _moved(fields: dict[str, Any]) -> dict[str, Any]:
     """The fields with those of 0.1.0 as options of their rule or condensation.
 
     Warns:
@@ -112,7 +141,7 @@ def _moved(fields: dict[str, Any], defaults: Mapping[str, str]) -> dict[str, Any
     for key in [key for key in fields if key in MOVED]:
         value = fields.pop(key)
         part, owners = MOVED[key]
-        name, held = fields.get(part, defaults[part]), PARTS[part]
+        name, held = fields.get(part, IntegratorConfig.model_fields[part].default), PARTS[part]
         owner = name if name in owners else owners[0]
         options = {"type": owner, key: value}
         text = yaml.safe_dump(options, default_flow_style=True, sort_keys=False).strip()
