@@ -149,7 +149,7 @@ class Generator(ABC, Generic[ConfigT]):
             likelihoods: shape (n,), or one number for all.
             output: that it belongs to.
             frame: the frame of the positions; that of the reading by default.
-            **optional: `forces`, `spreads`, `single` and `notes` of the cloud.
+            **optional: `forces`, `spreads`, `single`, `notes` and `resultant` of the cloud.
         """
         if output not in self.outputs:
             hint = name_hint(output, self.outputs, "outputs")

@@ -1,6 +1,6 @@
 """Contact hypotheses: where a source believes, or rules out, a contact (F §III-A)."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import StrEnum
 
 import numpy as np
@@ -9,6 +9,7 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from contactfusion.arrays import FloatArray, finite_number, frozen_array
 from contactfusion.errors import InvalidCloudError, name_hint
+from contactfusion.frames import Pose, points_in, vectors_in
 from contactfusion.time import LONGEST_SECONDS
 
 LARGEST = float(np.finfo(np.float64).max)
@@ -53,6 +54,33 @@ def kind_of(value: str) -> HypothesisKind:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class Resultant:
+    """The sum of the forces and torques of all contacts on a part of the robot.
+
+    Attributes:
+        force: shape (3,) [N], on the robot.
+        torque: shape (3,) [N·m], on the robot, about `origin`.
+        origin: shape (3,) [m].
+        force_deviation: standard deviation of the force, by axis [N].
+        torque_deviation: standard deviation of the torque, by axis [N·m].
+        links: of the part; empty: the whole robot.
+    """
+
+    force: FloatArray
+    torque: FloatArray
+    origin: FloatArray
+    force_deviation: float
+    torque_deviation: float
+    links: tuple[str, ...] = ()
+
+    def moved(self, pose: Pose) -> "Resultant":
+        """In another frame; `pose` is that of the present frame in it."""
+        force, torque = vectors_in(pose, np.stack([self.force, self.torque]))
+        origin = points_in(pose, self.origin[None])[0]
+        return replace(self, force=force, torque=torque, origin=origin)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class HypothesisCloud:
     """All hypotheses that one source gives at one instant, as arrays.
 
@@ -70,6 +98,8 @@ class HypothesisCloud:
         single: whether the cloud describes one contact somewhere in it; then the likelihoods sum
             to the probability that there is a contact at all (F Eq 2).
         notes: remarks that reach the report, see `Note`.
+        resultant: of all contacts, in the cloud's frame, where the source measures it; also of an
+            empty cloud, for the sum of several contacts may point at no place.
 
     Raises:
         InvalidCloudError: a value that no hypothesis can have; names the first bad row.
@@ -85,6 +115,7 @@ class HypothesisCloud:
     spreads: FloatArray | None = None
     single: bool = False
     notes: tuple[str, ...] = ()
+    resultant: Resultant | None = None
 
     def __post_init__(self) -> None:
         """Check every field and freeze the arrays."""

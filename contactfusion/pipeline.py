@@ -377,6 +377,7 @@ class Pipeline:
             frame=self.grid.frame,
             positions=points_in(pose, cloud.positions),
             forces=None if cloud.forces is None else vectors_in(pose, cloud.forces),
+            resultant=cloud.resultant and cloud.resultant.moved(pose),
         )
 
 

@@ -18,7 +18,7 @@ from contactfusion.generator import Generator, GeneratorConfig, OfRobot
 from contactfusion.generators.compensation import BiasEstimate, Compensation
 from contactfusion.grid import Grid
 from contactfusion.hooks import hookimpl
-from contactfusion.hypotheses import HypothesisCloud, Note
+from contactfusion.hypotheses import HypothesisCloud, Note, Resultant
 from contactfusion.readings import Reading, Wrench
 from contactfusion.robots.description import WristConfig
 from contactfusion.state import State
@@ -139,9 +139,10 @@ class ForceTorqueGenerator(Generator[ForceTorqueConfig]):
         notes = (Note.MORE_THAN_ONE_CONTACT,) if probability < 1.0 else ()
         if not self._was_free and reading.stamp - first >= LOADED:
             notes = (*notes, Note.NEVER_FREE if self._has_changed else Note.UNCHANGED)
-        if probability == 0.0:
-            return (self.nothing(reading, notes=notes),)
         pose = state.frames.pose(state.grid.frame, of=reading.frame)
+        resultant = self._resultant(force, torque, reading, state).moved(pose)
+        if probability == 0.0:
+            return (self._off(reading, state, notes, resultant),)
         nearest = points_in(pose, line_of_action(force, torque)[None])[0]
         force = vectors_in(pose, force[None])[0]
         if state.robot is not None:  # the sensor measures contacts on the links it carries only
@@ -151,7 +152,7 @@ class ForceTorqueGenerator(Generator[ForceTorqueConfig]):
         if not len(positions):
             pulls = len(self._on_surface(nearest, -force, surface, state.grid))
             why = Note.PULLS if pulls else Note.OFF_SURFACE
-            return (self.nothing(reading, notes=(*notes, why)),)
+            return (self._off(reading, state, (*notes, why), resultant),)
         levers = positions - pose[:3, 3]
         return (
             self.cloud(
@@ -163,8 +164,32 @@ class ForceTorqueGenerator(Generator[ForceTorqueConfig]):
                 spreads=self.spreads(force, levers),
                 single=True,
                 notes=notes,
+                resultant=resultant,
             ),
         )
+
+    def _off(
+        self, reading: Wrench, state: State, notes: Sequence[str], resultant: Resultant
+    ) -> HypothesisCloud:
+        """The cloud where no single contact explains the wrench."""
+        return self.cloud(
+            reading,
+            np.empty((0, 3)),
+            0.0,
+            frame=state.grid.frame,
+            notes=tuple(notes),
+            resultant=resultant,
+        )
+
+    def _resultant(
+        self, force: FloatArray, torque: FloatArray, reading: Wrench, state: State
+    ) -> Resultant:
+        """The sum over all contacts on the links that the sensor carries, in its frame."""
+        links: tuple[str, ...] = ()
+        if state.robot is not None:
+            links = tuple(state.robot.model.beyond(state.link_of(reading.frame)))
+        deviations = self.config.force_noise, self.config.torque_noise
+        return Resultant(force, torque, np.zeros(3), *deviations, links)
 
     @property
     def waits_for(self) -> str:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from contactfusion.arrays import FloatArray
 from contactfusion.contacts import Contact
 from contactfusion.grid import Grid
-from contactfusion.hypotheses import HypothesisKind
+from contactfusion.hypotheses import HypothesisKind, Resultant
 from contactfusion.integrator import kernels
 from contactfusion.integrator.store import Columns, Int64Array, mean_places, unpack
 from contactfusion.time import NANOSECONDS_PER_SECOND
@@ -33,11 +33,13 @@ class Source:
         kind: evidence, support or null.
         misses: probability of a miss, that it finds nothing while there is a contact; 1 unless its
             probability of detection is known and its newest cloud is empty.
+        resultant: of all contacts, as its newest cloud measures it.
     """
 
     name: str
     kind: HypothesisKind
     misses: float = 1.0
+    resultant: Resultant | None = None
 
 
 @dataclass(frozen=True, eq=False)

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from enum import StrEnum
 
-from contactfusion.hypotheses import HypothesisCloud, HypothesisKind
+from contactfusion.hypotheses import HypothesisCloud, HypothesisKind, Resultant
 from contactfusion.time import NANOSECONDS_PER_SECOND
 
 RATE_WINDOW = 16
@@ -101,6 +101,7 @@ class SourceRecord:
     replace: bool = False
     sensitivity: float = 0.0
     found_nothing: bool = False
+    resultant: Resultant | None = None
     looked: int | None = None
     stamps: deque[int] = field(default_factory=lambda: deque(maxlen=RATE_WINDOW))
     first_step: int | None = None
@@ -131,6 +132,7 @@ class SourceRecord:
                 self.remarks[note] += 1
         if len(cloud) or not cloud.notes:
             self.looked = stamp
+        self.resultant = cloud.resultant
         self.found_nothing = not cloud.likelihoods.any() and not cloud.notes
 
     def is_active(self, now: int) -> bool:
@@ -150,8 +152,12 @@ class SourceRecord:
             now: [ns].
             lifetime: of its entries [ns].
         """
-        fresh = bool(self.stamps) and now - self.stamps[-1] <= lifetime
+        fresh = self.is_fresh(now, lifetime)
         return 1.0 - self.sensitivity if fresh and self.found_nothing else 1.0
+
+    def is_fresh(self, now: int, lifetime: int) -> bool:
+        """Whether its newest cloud is not older than entries may be; both times in ns."""
+        return bool(self.stamps) and now - self.stamps[-1] <= lifetime
 
     def forget(self) -> None:
         """Forget all stamps, as at the restart of a clock; the counts stay."""

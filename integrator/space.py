@@ -59,9 +59,7 @@ class Space:
         oldest = np.array([self._oldest(record, now) for record in records], np.int64)
         rows, order = store.sort_rows(rows, row_range)
         starts = store.merge(self._columns, old_range, rows, row_range, order, oldest, out)
-        sources = tuple(
-            Source(record.name, record.kind, self._misses(record, now)) for record in records
-        )
+        sources = tuple(self._source(record, now) for record in records)
         entries = self._lined_up(now, sources, out, starts)
         self._columns, starts = entries.columns, entries.starts.tolist()
         self._ranges = {
@@ -78,8 +76,10 @@ class Space:
         """Drop all entries."""
         self._ranges.clear()
 
-    def _misses(self, record: SourceRecord, now: int) -> float:
-        return record.misses(now, self._voxel_timeout if self._by_voxel else record.timeout)
+    def _source(self, record: SourceRecord, now: int) -> Source:
+        lifetime = self._voxel_timeout if self._by_voxel else record.timeout
+        resultant = record.resultant if record.is_fresh(now, lifetime) else None
+        return Source(record.name, record.kind, record.misses(now, lifetime), resultant)
 
     def _oldest(self, record: SourceRecord, now: int) -> int:
         return ALWAYS if self._by_voxel else now - record.timeout

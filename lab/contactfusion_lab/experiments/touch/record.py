@@ -12,7 +12,7 @@ from scipy.spatial import KDTree
 
 from contactfusion.arrays import FloatArray
 from contactfusion.grid import VOXEL_LIMIT, Grid
-from contactfusion.hypotheses import HypothesisCloud, HypothesisKind, kind_of
+from contactfusion.hypotheses import HypothesisCloud, HypothesisKind, Resultant, kind_of
 from contactfusion_lab.scenes.arm import STEP
 
 REQUIRED = ("positions", "likelihoods")
@@ -199,6 +199,8 @@ def arrays_of(record: Record) -> dict[str, Any]:
                 arrays[f"{source}/before/{name}"] = np.concatenate(before).astype(np.float32)
             if held[-1] is not None:
                 arrays[f"{source}/{name}"] = held[-1]
+        if any(cloud.resultant for cloud in clouds):
+            arrays[f"{source}/resultants"] = [_row_of(cloud.resultant) for cloud in clouds]
     return arrays
 
 
@@ -212,6 +214,9 @@ def fields_of(record: Record) -> dict[str, Any]:
                 "kind": str(arrived[-1].cloud.kind),
                 "frame": arrived[-1].cloud.frame,
                 "notes": [each.cloud.notes for each in arrived],
+                "links": next(
+                    (each.cloud.resultant.links for each in arrived if each.cloud.resultant), ()
+                ),
             }
             for source, arrived in record.history.items()
         },
@@ -238,6 +243,8 @@ def record_of(fields: Mapping[str, Any], arrays: Mapping[str, Any]) -> Record:
 def _history(source: str, held: Mapping[str, Any], arrays: Mapping[str, Any]) -> list[Arrived]:
     kind, frame, notes = kind_of(held["kind"]), held["frame"], map(tuple, held["notes"])
     table = arrays[f"{source}/clouds"]
+    links = tuple(held.get("links", ()))
+    resultants = arrays.get(f"{source}/resultants", np.full((len(table), 11), np.nan))
     has = [*np.ones((2, len(table))), *table[:, 4:].T]
     positions, likelihoods, forces, spreads = (
         _unstacked(f"{source}/", name, table[:, 2] * flags, flags > 0.0, arrays)
@@ -248,13 +255,28 @@ def _history(source: str, held: Mapping[str, Any], arrays: Mapping[str, Any]) ->
             float(stamp),
             HypothesisCloud(
                 source, kind, float(measured), frame, positions[row], likelihoods[row],
-                forces[row], spreads[row], bool(single), remarks,
+                forces[row], spreads[row], bool(single), remarks, _resultant_of(resultant, links),
             ),
         )
-        for row, ((stamp, measured, _, single, *_), remarks) in enumerate(
-            zip(table, notes, strict=True)
+        for row, ((stamp, measured, _, single, *_), remarks, resultant) in enumerate(
+            zip(table, notes, resultants, strict=True)
         )
     ]  # fmt: skip
+
+
+def _row_of(resultant: Resultant | None) -> FloatArray:
+    """A resultant but for its links, shape (11,); NaN for none."""
+    if resultant is None:
+        return np.full(11, np.nan)
+    deviations = resultant.force_deviation, resultant.torque_deviation
+    return np.concatenate([resultant.force, resultant.torque, resultant.origin, deviations])
+
+
+def _resultant_of(row: FloatArray, links: tuple[str, ...]) -> Resultant | None:
+    """A resultant from its row; `links` are those of the part of the robot."""
+    if np.isnan(row[0]):
+        return None
+    return Resultant(row[:3], row[3:6], row[6:9], float(row[9]), float(row[10]), links)
 
 
 def _has(cloud: HypothesisCloud) -> list[bool]:
