@@ -57,6 +57,10 @@ class SourceField(NamedTuple):
     heights: FloatArray
     which: NDArray[np.int32]
 
+    def copy(self) -> "SourceField":
+        """The same, to be changed."""
+        return SourceField(self.heights.copy(), self.which.copy())
+
     def where(self, wanted: NDArray[np.bool_]) -> "SourceField":
         """The field at some of the places; `wanted` has shape (c,)."""
         which = self.which[wanted] if len(self.which) else self.which

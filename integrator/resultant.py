@@ -1,78 +1,260 @@
-"""A wrench as the resultant of all contacts: which of them it needs (method §2)."""
+"""The force and torque of all contacts together, and what they say of each (method §2).
 
+A wrench is the sum over the contacts, so that what is known of some says where others are. The
+force of a contact is unknown: a Gaussian as wide as the force of all, narrower across the normal
+where friction is low, and it pushes.
+"""
+
+from collections.abc import Sequence
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from contactfusion.arrays import FloatArray
+from contactfusion.contacts import Contact
+from contactfusion.grid import Grid
+from contactfusion.hypotheses import HypothesisKind, Resultant
+from contactfusion.integrator.detections import CERTAIN, clouds_of
+from contactfusion.integrator.entries import Entries, Member
+from contactfusion.integrator.kernels import EDGE
+from contactfusion.integrator.places import STEP, Places
+from contactfusion.surface import Surface
+from contactfusion.thinning import voxel_downsample
 
-RELATIVE, LEAST = 0.1, 0.2
-"""Standard deviation of a measured force: this part of it, and at least so much [N]."""
-TORQUE = 1.5
-"""Standard deviation of a torque, in forces times the spread of the source's positions."""
+RELATIVE = 0.1
+"""Standard deviation of a measured force, as a part of it, beside that of its noise."""
+LEVER = 1.5
+"""Standard deviation of the lever of a force, in those of the positions of contacts."""
+STRENGTH = 2.0
+"""Standard deviation of the force of a contact, in forces of all together: they may oppose."""
+NEEDLESS = 0.02
+"""The least factor on the odds of a contact that a sum is explained without."""
+EVEN = 0.5
+"""A contact that is less probable than that takes no part in a sum."""
+RARE = 0.1
+"""The odds, before a sum is looked at, of a contact of which only the sum tells."""
+COARSE = 2.0
+"""Such a contact is looked for in steps of so many spacings of the surface."""
 
 
-class Resultant(NamedTuple):
-    """What a source of a single contact measures, as the sum over all contacts.
+class Maps(NamedTuple):
+    """What contacts add to a sum.
 
     Attributes:
-        source: its name.
-        force: shape (3,) [N], on the robot.
-        point: shape (3,) [m], on the line of the force.
-        spread: standard deviation of the line's position, by axis [m].
+        wrenches: shape (c, 6, 3), of a unit of force along each axis, in standard deviations.
+        normals: shape (c, 3), out of the robot; None: forces of any direction.
     """
 
-    source: str
-    force: FloatArray
-    point: FloatArray
-    spread: float
+    wrenches: FloatArray
+    normals: FloatArray | None
 
-    def wrenches(
-        self, positions: FloatArray, normals: FloatArray | None, friction: float
-    ) -> FloatArray:
-        """What contacts can add along each edge of their friction cones, shape (c, e, 6).
+    def at(self, rows: Sequence[int]) -> "Maps":
+        """Those of some contacts."""
+        chosen = np.array(rows, np.intp)
+        normals = None if self.normals is None else self.normals[chosen]
+        return Maps(self.wrenches[chosen], normals)
 
-        In standard deviations of the measured force and torque.
+
+class Superposition:
+    """A resultant as a sum over contacts.
+
+    Args:
+        source: that measures it.
+        resultant: of all contacts.
+        surface: of the robot, or None.
+        deviation: standard deviation of the positions of contacts, by axis [m].
+        friction: coefficient of friction.
+    """
+
+    def __init__(
+        self,
+        source: str,
+        resultant: Resultant,
+        surface: Surface | None,
+        deviation: float,
+        friction: float,
+    ) -> None:
+        self.source, self.surface = source, surface
+        self.carried = np.ones(0 if surface is None else len(surface.points), np.bool_)
+        """Whether a contact at each point of the surface takes part, shape (n,)."""
+        if surface is not None and resultant.links:
+            links = np.array([name in resultant.links for name in surface.link_names])
+            self.carried = links[surface.links]
+        self.deviation = LEVER * deviation
+        strength = float(np.linalg.norm(resultant.force))
+        self._by_force = float(np.hypot(resultant.force_deviation, RELATIVE * strength))
+        by_torque = float(np.hypot(resultant.torque_deviation, self.deviation * strength))
+        self._scale = np.repeat([1.0 / self._by_force, 1.0 / by_torque], 3)
+        self._wrench = np.concatenate([resultant.force, resultant.torque]) * self._scale
+        self._origin, self._strength = resultant.origin, STRENGTH * strength
+        self._across = min(friction / 2.0, 1.0)
+
+    def maps(self, positions: FloatArray, normals: FloatArray | None) -> Maps:
+        """What contacts at some places add.
 
         Args:
-            positions: shape (c, 3) [m], c > 0.
+            positions: shape (c, 3) [m].
             normals: shape (c, 3), out of the robot; None: forces of any direction.
-            friction: coefficient of friction.
         """
-        if normals is None:
-            edges = np.broadcast_to(np.concatenate([np.eye(3), -np.eye(3)]), (len(positions), 6, 3))
-        else:
-            edges = _edges(normals, friction)
-        torques = np.cross((positions - self.point)[:, None, :], edges)
-        by_force, by_torque = self._deviations
-        return np.concatenate([edges / by_force, torques / by_torque], axis=2)
+        roots = np.broadcast_to(self._strength * np.eye(3), (len(positions), 3, 3))
+        if normals is not None:
+            along = normals[:, :, None] * normals[:, None, :]
+            roots = self._strength * (self._across * np.eye(3) + (1.0 - self._across) * along)
+        levers = (positions - self._origin)[:, :, None]
+        torques = np.cross(levers, roots, axis=1)
+        wrenches = np.concatenate([roots, torques], axis=1) * self._scale[:, None]
+        return Maps(wrenches, normals)
 
-    def explained(self, wrenches: FloatArray) -> tuple[float, FloatArray]:
-        """How badly contacts explain the resultant, as χ², and how hard each presses, shape (c,).
+    def maps_of(self, members: Sequence[Member]) -> Maps:
+        """What the contacts of a set add."""
+        positions = np.reshape([member.contact.position for member in members], (-1, 3))
+        normals = [member.normal for member in members if member.normal is not None]
+        if len(normals) < len(members):
+            return self.maps(positions, None)
+        units = np.reshape(normals, (-1, 3))
+        return self.maps(positions, units / np.linalg.norm(units, axis=1, keepdims=True))
 
-        Their forces are found by non-negative least squares.
+    def gains(self, tried: Maps, found: Maps) -> FloatArray:
+        """By how much a further contact explains the sum better, shape (c,).
+
+        The logarithm of the factor on the probability of what is measured.
 
         Args:
-            wrenches: shape (c, e, 6), c > 0, as `wrenches` gives them.
+            tried: what the further contact adds, at each of c places.
+            found: what the contacts add that are known.
         """
-        from scipy.optimize import nnls
+        wrenches = found.wrenches
+        inverse = np.linalg.inv(np.eye(6) + np.einsum("kij,klj->il", wrenches, wrenches))
+        left = inverse @ self._wrench
+        across = inverse @ tried.wrenches
+        precision = np.eye(3) + np.swapaxes(tried.wrenches, 1, 2) @ across
+        given = left @ tried.wrenches
+        units = np.linalg.solve(precision, given[:, :, None])[:, :, 0]
+        gains = 0.5 * (given * units).sum(axis=1) - 0.5 * np.linalg.slogdet(precision)[1]
+        if tried.normals is None:
+            return np.asarray(gains, np.float64)
+        pulls = np.maximum((tried.normals * units).sum(axis=1), 0.0) ** 2
+        if found.normals is not None and len(wrenches):
+            moved = np.einsum("kji,cjl,cl->cki", wrenches, across, units, optimize=True)
+            pulled = ((left @ wrenches - moved) * found.normals).sum(axis=2)
+            pulls += (np.maximum(pulled, 0.0) ** 2).sum(axis=1)
+        return np.asarray(gains - 0.5 * (self._strength / self._by_force) ** 2 * pulls, np.float64)
 
-        wanted = np.concatenate([self.force / self._deviations[0], np.zeros(3)])
-        along, rest = nnls(wrenches.reshape(-1, 6).T, wanted)
-        return float(rest) ** 2, along.reshape(wrenches.shape[:2]).sum(axis=1)
+    def unexplained(self, found: Maps) -> float:
+        """The sum that contacts leave, as half of χ²."""
+        covariance = np.eye(6) + np.einsum("kij,klj->il", found.wrenches, found.wrenches)
+        return 0.5 * float(self._wrench @ np.linalg.solve(covariance, self._wrench))
 
-    @property
-    def _deviations(self) -> tuple[float, float]:
-        """Standard deviations of the force [N] and the torque [N·m], by axis."""
-        force = float(np.linalg.norm(self.force))
-        return max(RELATIVE * force, LEAST), TORQUE * force * self.spread
+    def bears(self, points: FloatArray) -> NDArray[np.bool_]:
+        """Whether contacts at some places, shape (c, 3) [m], take part in the sum, shape (c,)."""
+        if self.surface is None or self.carried.all() or not len(points):
+            return np.ones(len(points), np.bool_)
+        return self.carried[self.surface.nearest(points)[1]]
+
+    def borne(self, members: Sequence[Member]) -> list[Member]:
+        """The contacts of a set that take part in the sum."""
+        positions = np.reshape([member.contact.position for member in members], (-1, 3))
+        return [members[row] for row in np.flatnonzero(self.bears(positions))]
 
 
-def _edges(normals: FloatArray, friction: float) -> FloatArray:
-    """Four edges of the friction cone into the surface at each place, shape (c, 4, 3)."""
-    across = np.eye(3)[np.abs(normals).argmin(axis=1)]
-    first = np.cross(normals, across)
-    first /= np.linalg.norm(first, axis=1, keepdims=True)
-    second = np.cross(normals, first)
-    sides = np.stack([first, -first, second, -second], axis=1)
-    return np.asarray(friction * sides - normals[:, None, :], np.float64)
+def needed(members: Sequence[Member], sum_of: Superposition) -> list[Member]:
+    """The contacts, those less probable that a sum over them is explained without.
+
+    What only its own source tells of is asked first: along its line it would explain itself.
+
+    Args:
+        members: the contacts.
+        sum_of: what is measured of all together.
+    """
+    judged, maps = [*members], sum_of.maps_of(members)
+    positions = np.reshape([member.contact.position for member in members], (-1, 3))
+    kept = np.flatnonzero(sum_of.bears(positions)).tolist()
+    own = [{*member.given} == {sum_of.source} for member in members]
+    for row in sorted(kept, key=lambda row: (not own[row], members[row].contact.likelihood)):
+        if len(kept) == 1:
+            break
+        others = [other for other in kept if other != row]
+        gain = sum_of.gains(maps.at([row]), maps.at(others))[0]
+        factor = float(np.exp(np.clip(gain, np.log(NEEDLESS), -np.log(NEEDLESS))))
+        exists = members[row].contact.likelihood
+        odds = RARE if own[row] else exists / max(1.0 - exists, EDGE)
+        probability = factor * odds / (1.0 + factor * odds)
+        contact = replace(members[row].contact, likelihood=probability)
+        judged[row] = replace(members[row], contact=contact, factor=factor)
+        if probability < EVEN:
+            kept = others
+    return judged
+
+
+def missing(
+    members: Sequence[Member],
+    sum_of: Superposition,
+    entries: Entries,
+    floor: float,
+) -> list[Member]:
+    """A further contact without which a sum is not explained; none if it is.
+
+    No other evidence speaks for it: it lies where the sum and support agree.
+
+    Args:
+        members: the contacts that evidence speaks for.
+        sum_of: what is measured of all together.
+        entries: what was fused.
+        floor: what a source leaves to places that it does not believe in.
+    """
+    surface, probable = (
+        sum_of.surface,
+        [each for each in members if each.contact.likelihood >= EVEN],
+    )
+    known = sum_of.maps_of(sum_of.borne(probable))
+    if surface is None or sum_of.unexplained(known) < -np.log(RARE):
+        return []
+    spacing = COARSE * surface.spacing
+    rows = np.flatnonzero(sum_of.carried)
+    if not len(rows):
+        return []
+    rows = rows[voxel_downsample(surface.points[rows], Grid(entries.grid.frame, spacing))]
+    normals = surface.normals[rows]
+    places = Places.at(surface.points[rows], normals, spacing, spacing)
+    weights, added = np.ones(len(rows)), {}
+    for source, cloud in zip(entries.sources, clouds_of(entries), strict=True):
+        heights = places.field(cloud).heights
+        if cloud.kind == HypothesisKind.NULL:
+            weights *= 1.0 - (1.0 - floor) * np.minimum(heights, 1.0)
+        elif cloud.kind == HypothesisKind.SUPPORT and heights.any():
+            added[source.name] = heights / heights.max() + floor
+            weights *= added[source.name]
+    gains = sum_of.gains(sum_of.maps(places.points, normals), known)
+    best = gains.max()
+    joint = weights * np.exp(gains - best)
+    odds = RARE * float(np.exp(min(best, 50.0)) * joint.sum() / weights.sum())
+    probability = min(odds / (1.0 + odds), CERTAIN)
+    basin = places.densest(joint / joint.max())
+    position = places.mode(basin)
+    confirmed = {name: float(basin.weights @ field[basin.rows]) for name, field in added.items()}
+    confirmed[sum_of.source] = 1.0 + floor
+    total = sum(confirmed.values())
+    contact = Contact(
+        position=position,
+        likelihood=probability,
+        scatter=np.zeros((3, 3)),
+        covariance=places.moments(basin, position) + np.eye(3) * sum_of.deviation**2,
+        extent=np.stack([position, position]),
+        force=np.full(3, np.nan),
+        voxels=1,
+        shares={
+            source.name: confirmed.get(source.name, 0.0) / total
+            for source, counts in zip(entries.sources, entries.counted, strict=True)
+            if counts
+        },
+        stamp=max(member.contact.stamp for member in members),
+        frame=entries.grid.frame,
+    )
+    for array in (position, contact.scatter, contact.covariance, contact.extent, contact.force):
+        array.flags.writeable = False
+    normal = basin.weights @ normals[basin.rows]
+    points, reach = places.points[basin.rows], 0.5 * STEP * places.spacing
+    given = {sum_of.source: probability}
+    return [Member(contact, points, basin.weights, normal, reach, given)]

@@ -6,7 +6,7 @@ matching pursuit: a contact lies where the product of all fields is densest; the
 explains are taken out, and what is left is searched again.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import cached_property, partial
 
@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from contactfusion.arrays import FloatArray
 from contactfusion.contacts import NONE, Contact
-from contactfusion.hypotheses import HypothesisKind
+from contactfusion.hypotheses import HypothesisKind, Resultant
 from contactfusion.integrator import fields
 from contactfusion.integrator.detections import LINK, Evidence, clouds_of
 from contactfusion.integrator.entries import Entries, Field, Member, Source
@@ -23,7 +23,7 @@ from contactfusion.integrator.modes import force_near
 from contactfusion.integrator.nearby import Rows, near
 from contactfusion.integrator.places import STEP, Basin, Places, SourceField, moments
 from contactfusion.integrator.posterior import TrustConfig, pushed
-from contactfusion.integrator.resultant import Resultant
+from contactfusion.integrator.resultant import Superposition, missing, needed
 from contactfusion.integrator.store import Int64Array
 from contactfusion.rule import Rule
 from contactfusion.surface import Surface
@@ -41,12 +41,12 @@ LARGE = 2.0
 """
 EXPLAINED = 0.1
 """A contact explains a detection whose field has this part of its highest there."""
-NEEDLESS = 0.02
-"""The factor on the odds of a contact that the resultant of all is explained without."""
+IDLE = 1e-4
+"""Places that are less likely than that part of the likeliest are as good as none."""
+LEAST_FORCE = 0.2
+"""Standard deviation of a force of which no source states the noise [N]."""
 FAINT = 0.1
 """What is left is searched while a contact of it could be so probable."""
-EVEN = 0.5
-"""A contact that is less probable than that takes no part in the resultant."""
 TINY = 1e-12
 """A mean normal of a smaller square has no direction."""
 MOST = 32
@@ -71,8 +71,9 @@ class Sets(Rule):
         """The contacts over the surface near evidence, or over the evidence's positions."""
         search = Search(entries, surface, self._floor, self._friction)
         members = search.members()
-        if members and (measured := search.resultant()) is not None:
-            members = needed(members, measured, self._friction)
+        for sum_of in search.sums if members else ():
+            members = needed(members, sum_of)
+            members += missing(members, sum_of, entries, self._floor)
         members.sort(key=lambda member: -round(member.contact.likelihood, 6))
         return Field(entries, partial(_by_voxel, entries, members), members=members)
 
@@ -97,9 +98,12 @@ class Search:
             for row, (source, own) in enumerate(entries.by_source)
             if source.kind == HypothesisKind.REGULAR and own.stop > own.start
         }
+        self.sums: list[Superposition] = []
+        """What is measured of all contacts together."""
         if self._evidence:
             self._places, self._fields = self._where(surface)
             self._listen(1.0 / np.hypot(1.0, friction))
+            self.sums = [*self._superpositions(surface, friction)]
 
     def _where(self, surface: Surface | None) -> tuple[Places, list[SourceField]]:
         """The places, and the field of each source there.
@@ -171,17 +175,87 @@ class Search:
             self._evidence[row].left[:] = False
 
     def members(self) -> list[Member]:
-        """The contacts, in the order in which they are found."""
-        found: list[Member] = []
+        """The contacts, in the order in which they are found.
+
+        Where a sum over them is measured, each is looked for once more beside the others.
+        """
+        if not self._evidence:
+            return []
+        heard = [each.copy() for each in self._fields]
+        found = self._found(())
+        if self.sums and len(found) > 1:
+            self._hear(heard)
+            found = self._found([member for _, member in found])
+        self._hear(heard)
+        return self._fewest(found)
+
+    def _hear(self, fields_: Sequence[SourceField]) -> None:
+        """Take it that no contact explains anything yet."""
+        self._fields = [each.copy() for each in fields_]
+        for row, each in self._evidence.items():
+            each.left[:] = True
+            self._believe(row)
+
+    def _found(self, before: Sequence[Member]) -> list[tuple[Basin, Member]]:
+        """The contacts one by one, beside those found so far and the later ones of before."""
+        found: list[tuple[Basin, Member]] = []
         while len(found) < MOST and self._possible() >= FAINT:
             weights = self._seen * self._factors.prod(axis=0)
             weights[~self._explains.any(axis=0)] = 0.0  # support alone makes no contact
+            beside = [*(member for _, member in found), *before[len(found) + 1 :]]
+            for sum_of in self.sums if beside else ():
+                self._weigh(weights, sum_of, beside)
             basin = self._places.densest(weights / weights.max())
             taken = self._explained(basin)
-            found.append(self._member(basin, taken))
+            found.append((basin, self._member(basin, taken)))
             for row, own in taken.items():
                 self._take_out(row, own)
+            for row, each in self._evidence.items():  # beside this one, it tells of a sum
+                if each.cloud.force is not None and each.left.any():
+                    self._take_out(row, each.left.copy())
         return found
+
+    def _fewest(self, found: Sequence[tuple[Basin, Member]]) -> list[Member]:
+        """The contacts without those of which every source may tell of another one.
+
+        So is what a finger feels without a place that of the contact which its skin locates.
+        """
+        kept = dict(enumerate(found))
+        for number, (_, member) in enumerate(found):
+            rows = [
+                row
+                for row, source in enumerate(self._entries.sources)
+                if source.name in member.given
+            ]
+            if len(kept) == 1 or not all(self._clouds[row].single for row in rows):
+                continue
+            fits = {
+                other: min(self._agreement(row, basin) for row in rows)
+                for other, (basin, _) in kept.items()
+                if other != number
+            }
+            best = max(fits, key=lambda other: fits[other])
+            if fits[best] >= AGREED:
+                del kept[number]
+                basin, other = kept[best]
+                missed = np.prod([1.0 - each for each in member.given.values()])
+                likelihood = 1.0 - (1.0 - other.contact.likelihood) * float(missed)
+                contact = replace(other.contact, likelihood=likelihood)
+                given = {**other.given, **member.given}
+                kept[best] = basin, replace(other, contact=contact, given=given)
+        return [member for _, member in kept.values()]
+
+    def _weigh(self, weights: FloatArray, sum_of: Superposition, found: Sequence[Member]) -> None:
+        """Multiply weights (c,) by how well a contact there explains a sum beside those found."""
+        found, normals = sum_of.borne(found), self._places.normals
+        rows = np.flatnonzero(weights > IDLE * weights.max())
+        rows = rows[sum_of.bears(self._places.points[rows])]
+        if not found or not len(rows):
+            return
+        across = None if normals is None else normals[rows]
+        maps = sum_of.maps(self._places.points[rows], across)
+        gains = sum_of.gains(maps, sum_of.maps_of(found))
+        weights[rows] *= np.exp(gains - gains.max()) + self._floor
 
     def _take_out(self, row: int, taken: NDArray[np.bool_]) -> None:
         """Take detections out of what a source says; `taken` has shape (d,)."""
@@ -198,14 +272,18 @@ class Search:
                 self._places.search(field, gone, each.cloud, rows)
         self._believe(row)
 
-    def resultant(self) -> Resultant | None:
-        """What is measured of all contacts together."""
-        for row, each in self._evidence.items():
-            if each.cloud.force is not None:
+    def _superpositions(self, surface: Surface | None, friction: float) -> Iterator[Superposition]:
+        """The sums over contacts that sources measure, as they say or by their force."""
+        for row, source in enumerate(self._entries.sources):
+            resultant, each = source.resultant, self._evidence.get(row)
+            if resultant is None and each is not None and each.cloud.force is not None:
                 point = each.cloud.positions[each.cloud.likelihoods.argmax()]
-                name = self._entries.sources[row].name
-                return Resultant(name, each.cloud.force, point, self._spread(row))
-        return None
+                strength = float(np.linalg.norm(each.cloud.force))
+                deviations = LEAST_FORCE, strength * self._spread(row)
+                resultant = Resultant(each.cloud.force, np.zeros(3), point, *deviations)
+            if resultant is not None:
+                narrowest = self._places.narrowest
+                yield Superposition(source.name, resultant, surface, narrowest, friction)
 
     def _possible(self) -> float:
         """The probability of a contact by all that is left."""
@@ -343,40 +421,6 @@ class Search:
         stamps = self._entries.columns.stamps
         newest = [stamps[own].max(initial=0) for _, own in self._entries.by_source]
         return np.array(newest, np.int64)
-
-
-def needed(members: Sequence[Member], measured: Resultant, friction: float) -> list[Member]:
-    """The contacts, those less probable that the resultant of all is explained without.
-
-    What only its own source tells of is asked first: along its line it would explain itself.
-
-    Args:
-        members: the contacts.
-        measured: what is measured of all together.
-        friction: coefficient of friction.
-    """
-    positions = np.array([member.contact.position for member in members])
-    normals = [member.normal for member in members if member.normal is not None]
-    wrenches = measured.wrenches(positions, np.array(normals) if normals else None, friction)
-    judged, kept = [*members], [*range(len(members))]
-    best, pressed = measured.explained(wrenches)
-    own = [{*member.given} == {measured.source} for member in members]
-    for row in sorted(kept, key=lambda row: (not own[row], members[row].contact.likelihood)):
-        if len(kept) == 1:
-            break
-        others = [other for other in kept if other != row]
-        found = best, np.delete(pressed, kept.index(row))
-        if pressed[kept.index(row)] > 0.0:  # without it the others have to be pressed otherwise
-            found = measured.explained(wrenches[others])
-        gain = found[0] - best
-        factor = np.clip(NEEDLESS * np.exp(min(gain / 2.0, 20.0)), NEEDLESS, 1.0 / NEEDLESS)
-        exists = members[row].contact.likelihood
-        probability = factor * exists / (1.0 - exists + factor * exists)
-        contact = replace(members[row].contact, likelihood=float(probability))
-        judged[row] = replace(members[row], contact=contact, factor=float(factor))
-        if probability < EVEN:
-            kept, (best, pressed) = others, found
-    return judged
 
 
 def _by_voxel(entries: Entries, members: Sequence[Member]) -> FloatArray:

@@ -130,7 +130,7 @@ class SourceRecord:
         for note in dict.fromkeys(cloud.notes):
             if note in self.remarks or len(self.remarks) < REMARKS:
                 self.remarks[note] += 1
-        if len(cloud) or not cloud.notes:
+        if len(cloud) or cloud.resultant or not cloud.notes:
             self.looked = stamp
         self.resultant = cloud.resultant
         self.found_nothing = not cloud.likelihoods.any() and not cloud.notes
