@@ -156,7 +156,7 @@ class Superposition:
     def borne(self, members: Sequence[Member]) -> list[Member]:
         """The contacts of a set that take part in the sum."""
         positions = np.reshape([member.contact.position for member in members], (-1, 3))
-        return [members[row] for row in np.flatnonzero(self.bears(positions))]
+        return [members[row] for row in np.flatnonzero(self.bears(positions)).tolist()]
 
 
 def needed(members: Sequence[Member], sum_of: Superposition) -> list[Member]:
