@@ -85,11 +85,20 @@ class PatchConfig(Model):
         """The centre of each taxel, shape (n, 3) [m]."""
         return np.concatenate([points_in(pose, centres) for pose, centres, _ in self.sheets()])
 
-    def spreads(self) -> FloatArray:
-        """The standard deviation, by axis, of a position anywhere on each taxel, shape (n,) [m]."""
+    def spreads(self, side: float) -> FloatArray:
+        """How unsure the positions of `covered` are, by axis, shape (n,), for each taxel [m].
+
+        The standard deviation of a position anywhere on the part of the taxel that each stands for.
+
+        Args:
+            side: of a voxel [m].
+        """
         return np.concatenate(
             [
-                np.full(len(centres), np.hypot(*edges) / np.sqrt(24.0))
+                np.full(
+                    len(centres),
+                    np.hypot(*(edge / _cells(edge, side) for edge in edges)) / np.sqrt(24.0),
+                )
                 for _, centres, edges in self.sheets()
             ]
         )

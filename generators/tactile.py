@@ -86,7 +86,7 @@ class TactileConfig(GeneratorConfig):
     """The values of untouched taxels."""
     floor: float = Field(default=5.0, ge=1)
     """The least value of a contact, in standard deviations of the noise."""
-    relative_to: Literal["reading", "neighbours"] = "reading"
+    relative_to: Literal["reading", "neighbours"] = "neighbours"
     """The values over the largest of which a value is a likelihood: all of the reading (F Eq 4), or
     its own and those of the taxels that touch it, so that a light press beside a firm one counts.
     """
@@ -130,9 +130,8 @@ class TactileGenerator(Generator[TactileConfig]):
             self.outputs = {"": HypothesisKind.REGULAR, "free": HypothesisKind.NULL}
         self._taxels = len(config.patch.centres())
         self._areas = TaxelAreas(config.patch)
-        self._spreads = np.hypot(config.patch.spreads(), config.noise)
         self._baseline, self._noise = config.baseline.load(self._taxels)
-        self._covered: tuple[float, FloatArray, NDArray[np.intp]] | None = None
+        self._covered: tuple[float, FloatArray, NDArray[np.intp], FloatArray] | None = None
         self.reset()
 
     def reset(self) -> None:
@@ -151,7 +150,7 @@ class TactileGenerator(Generator[TactileConfig]):
         """Hypotheses over the area of each touched taxel."""
         assert isinstance(reading, TactileImage)
         touch = self.touch(reading)
-        positions, taxels = self._positions(state.grid.voxel_size)
+        positions, taxels, spreads = self._positions(state.grid.voxel_size)
         touched = touch >= self.config.floor * self._noise
         chosen = touched[taxels]
         felt = np.where(touched, touch, 0.0)
@@ -161,7 +160,7 @@ class TactileGenerator(Generator[TactileConfig]):
                 reading,
                 positions[chosen],
                 likelihoods[taxels[chosen]],
-                spreads=self._spreads[taxels[chosen]],
+                spreads=spreads[taxels[chosen]],
             )
         ]
         if self.config.free:
@@ -217,14 +216,16 @@ class TactileGenerator(Generator[TactileConfig]):
         disputed = self._health.disputed(stamp, claimed)
         if not self._health.healthy(stamp):
             return self.nothing(reading, output="free", notes=(Note.UNHEALTHY,))
-        positions, taxels = self._positions(side)
+        positions, taxels, _ = self._positions(side)
         felt = near(positions[touched[taxels]], MARGIN * side)
         return self.cloud(reading, positions[~(felt | disputed)[taxels]], 1.0, output="free")
 
-    def _positions(self, side: float) -> tuple[FloatArray, NDArray[np.intp]]:
+    def _positions(self, side: float) -> tuple[FloatArray, NDArray[np.intp], FloatArray]:
+        """Positions over the taxels, the taxel of each, and the spreads of those of each taxel."""
         if self._covered is None or self._covered[0] != side:
-            self._covered = (side, *self.config.patch.covered(side))
-        return self._covered[1], self._covered[2]
+            spreads = np.hypot(self.config.patch.spreads(side), self.config.noise)
+            self._covered = (side, *self.config.patch.covered(side), spreads)
+        return self._covered[1:]
 
 
 @hookimpl

@@ -25,7 +25,7 @@ from contactfusion.thinning import voxel_downsample
 
 RELATIVE = 0.1
 """Standard deviation of a measured force, as a part of it, beside that of its noise."""
-LEVER = 1.5
+LEVER = 2.0
 """Standard deviation of the lever of a force, in those of the positions of contacts."""
 STRENGTH = 2.0
 """Standard deviation of the force of a contact, in forces of all together: they may oppose."""
@@ -35,6 +35,8 @@ EVEN = 0.5
 """A contact that is less probable than that takes no part in a sum."""
 RARE = 0.1
 """The odds, before a sum is looked at, of a contact of which only the sum tells."""
+DOUBT = 0.05
+"""What a prediction, or free space, leaves there to places that it speaks against."""
 COARSE = 2.0
 """Such a contact is looked for in steps of so many spacings of the surface."""
 
@@ -188,12 +190,7 @@ def needed(members: Sequence[Member], sum_of: Superposition) -> list[Member]:
     return judged
 
 
-def missing(
-    members: Sequence[Member],
-    sum_of: Superposition,
-    entries: Entries,
-    floor: float,
-) -> list[Member]:
+def missing(members: Sequence[Member], sum_of: Superposition, entries: Entries) -> list[Member]:
     """A further contact without which a sum is not explained; none if it is.
 
     No other evidence speaks for it: it lies where the sum and support agree.
@@ -202,7 +199,6 @@ def missing(
         members: the contacts that evidence speaks for.
         sum_of: what is measured of all together.
         entries: what was fused.
-        floor: what a source leaves to places that it does not believe in.
     """
     surface, probable = (
         sum_of.surface,
@@ -222,19 +218,20 @@ def missing(
     for source, cloud in zip(entries.sources, clouds_of(entries), strict=True):
         heights = places.field(cloud).heights
         if cloud.kind == HypothesisKind.NULL:
-            weights *= 1.0 - (1.0 - floor) * np.minimum(heights, 1.0)
+            weights *= 1.0 - (1.0 - DOUBT) * np.minimum(heights, 1.0)
         elif cloud.kind == HypothesisKind.SUPPORT and heights.any():
-            added[source.name] = heights / heights.max() + floor
+            added[source.name] = heights / heights.max() + DOUBT
             weights *= added[source.name]
     gains = sum_of.gains(sum_of.maps(places.points, normals), known)
     best = gains.max()
     joint = weights * np.exp(gains - best)
     odds = RARE * float(np.exp(min(best, 50.0)) * joint.sum() / weights.sum())
-    probability = min(odds / (1.0 + odds), CERTAIN)
     basin = places.densest(joint / joint.max())
+    here = float(joint[basin.rows].sum() / joint.sum())
+    probability = min(odds / (1.0 + odds), CERTAIN) * here
     position = places.mode(basin)
     confirmed = {name: float(basin.weights @ field[basin.rows]) for name, field in added.items()}
-    confirmed[sum_of.source] = 1.0 + floor
+    confirmed[sum_of.source] = 1.0
     total = sum(confirmed.values())
     contact = Contact(
         position=position,

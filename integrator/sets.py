@@ -73,7 +73,7 @@ class Sets(Rule):
         members = search.members()
         for sum_of in search.sums if members else ():
             members = needed(members, sum_of)
-            members += missing(members, sum_of, entries, self._floor)
+            members += missing(members, sum_of, entries)
         members.sort(key=lambda member: -round(member.contact.likelihood, 6))
         return Field(entries, partial(_by_voxel, entries, members), members=members)
 
