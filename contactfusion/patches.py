@@ -93,14 +93,12 @@ class PatchConfig(Model):
         Args:
             side: of a voxel [m].
         """
-        return np.concatenate(
-            [
-                np.full(
-                    len(centres),
-                    np.hypot(*(edge / _cells(edge, side) for edge in edges)) / np.sqrt(24.0),
-                )
-                for _, centres, edges in self.sheets()
-            ]
+        parts = [
+            (len(centres), [edge / _cells(edge, side) for edge in edges])
+            for _, centres, edges in self.sheets()
+        ]
+        return np.repeat(
+            [np.hypot(x, y) / np.sqrt(24.0) for _, (x, y) in parts], [count for count, _ in parts]
         )
 
     def neighbours(self) -> NDArray[np.intp]:

@@ -28,7 +28,7 @@ def test_a_grid_goes_row_by_row_around_the_origin() -> None:
 def test_places_are_centres_of_taxels_of_the_given_size() -> None:
     irregular = patch(places=[(0.0, 0.0, 0.0), (0.1, 0.2, 0.3)], size=(0.01, 0.02))
     np.testing.assert_array_equal(irregular.centres(), [[0.0, 0.0, 0.0], [0.1, 0.2, 0.3]])
-    np.testing.assert_allclose(irregular.spreads(), np.hypot(0.01, 0.02) / np.sqrt(24.0))
+    np.testing.assert_allclose(irregular.spreads(0.02), np.hypot(0.01, 0.02) / np.sqrt(24.0))
 
 
 @pytest.mark.parametrize(
@@ -106,12 +106,14 @@ def test_several_grids_follow_each_other_each_where_it_is() -> None:
 def test_one_grid_of_several_is_like_a_grid() -> None:
     one, other = patch(grid=ROW), patch(grids=[ROW])
     np.testing.assert_array_equal(one.centres(), other.centres())
-    np.testing.assert_array_equal(one.spreads(), other.spreads())
+    np.testing.assert_array_equal(one.spreads(0.01), other.spreads(0.01))
 
 
-def test_taxels_spread_by_the_grid_they_are_of() -> None:
+def test_positions_spread_over_the_part_of_a_taxel_that_they_stand_for() -> None:
     widths = np.hypot([0.1] * 5 + [0.2] * 2, [0.02] * 5 + [0.1] * 2)
-    np.testing.assert_allclose(around().spreads(), widths / np.sqrt(24.0))
+    np.testing.assert_allclose(around().spreads(0.2), widths / np.sqrt(24.0))
+    parts = np.hypot([0.05] * 7, [0.02] * 5 + [0.05] * 2)
+    np.testing.assert_allclose(around().spreads(0.05), parts / np.sqrt(24.0))
 
 
 def test_each_grid_is_covered_on_its_own_plane() -> None:

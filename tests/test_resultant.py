@@ -49,7 +49,7 @@ def test_beside_a_known_contact_few_places_explain_the_rest(
     known: FloatArray, wanted: FloatArray
 ) -> None:
     found = gains(known)
-    assert found[nearest(wanted)] > 10.0
+    assert found[nearest(wanted)] > 5.0
     assert np.mean(found > found[nearest(wanted)]) < 0.02
 
 
