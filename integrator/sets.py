@@ -98,6 +98,7 @@ class Search:
             for row, (source, own) in enumerate(entries.by_source)
             if source.kind == HypothesisKind.REGULAR and own.stop > own.start
         }
+        self._rows = {source.name: row for row, source in enumerate(entries.sources)}
         self.sums: list[Superposition] = []
         """What is measured of all contacts together."""
         if self._evidence:
@@ -177,13 +178,14 @@ class Search:
     def members(self) -> list[Member]:
         """The contacts, in the order in which they are found.
 
-        Where a sum over them is measured, each is looked for once more beside the others.
+        Where a sum over them is measured, and sources of a single contact tell of some, each is
+        looked for once more beside the others.
         """
         if not self._evidence:
             return []
         heard = [each.copy() for each in self._fields]
         found = self._found(())
-        if self.sums and len(found) > 1:
+        if self.sums and len(found) > 1 and any(self._vague(member) for _, member in found):
             self._hear(heard)
             found = self._found([member for _, member in found])
         self._hear(heard)
@@ -203,7 +205,10 @@ class Search:
             weights = self._seen * self._factors.prod(axis=0)
             weights[~self._explains.any(axis=0)] = 0.0  # support alone makes no contact
             beside = [*(member for _, member in found), *before[len(found) + 1 :]]
-            for sum_of in self.sums if beside else ():
+            is_vague = any(
+                each.cloud.single and each.left.any() for each in self._evidence.values()
+            )
+            for sum_of in self.sums if beside and is_vague else ():
                 self._weigh(weights, sum_of, beside)
             basin = self._places.densest(weights / weights.max())
             taken = self._explained(basin)
@@ -222,12 +227,7 @@ class Search:
         """
         kept = dict(enumerate(found))
         for number, (_, member) in enumerate(found):
-            rows = [
-                row
-                for row, source in enumerate(self._entries.sources)
-                if source.name in member.given
-            ]
-            if len(kept) == 1 or not all(self._clouds[row].single for row in rows):
+            if len(kept) == 1 or not (rows := self._vague(member)):
                 continue
             fits = {
                 other: min(self._agreement(row, basin) for row in rows)
@@ -244,6 +244,11 @@ class Search:
                 given = {**other.given, **member.given}
                 kept[best] = basin, replace(other, contact=contact, given=given)
         return [member for _, member in kept.values()]
+
+    def _vague(self, member: Member) -> list[int]:
+        """The rows of a contact's sources if each of them is of a single contact, else none."""
+        rows = [self._rows[name] for name in member.given]
+        return rows if all(self._clouds[row].single for row in rows) else []
 
     def _weigh(self, weights: FloatArray, sum_of: Superposition, found: Sequence[Member]) -> None:
         """Multiply weights (c,) by how well a contact there explains a sum beside those found."""
