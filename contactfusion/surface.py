@@ -238,11 +238,14 @@ class Surface:
 
     def anchor(self, point: FloatArray) -> Anchor:
         """A point, shape (3,) [m], as one that moves with the nearest part."""
-        (row,) = self.nearest(point[None])[1]
-        begins = np.cumsum([0, *(len(part.points) for part, _ in self._parts)])
-        if row == begins[-1]:
-            return Anchor(None, point)
-        part, pose = self._parts[int(np.searchsorted(begins, row, side="right")) - 1]
+        number = 0
+        if len(self._parts) != 1:
+            (row,) = self.nearest(point[None])[1]
+            begins = np.cumsum([0, *(len(part.points) for part, _ in self._parts)])
+            if row == begins[-1]:
+                return Anchor(None, point)
+            number = int(np.searchsorted(begins, row, side="right")) - 1
+        part, pose = self._parts[number]
         return Anchor(part, points_in(inverse(pose), point[None])[0])
 
     def follow(self, anchor: Anchor) -> FloatArray | None:
