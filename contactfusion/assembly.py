@@ -95,7 +95,7 @@ def built_integrator(config: PipelineConfig) -> Integrator:
     )
     rule_options = _part_options("rule", own.rule, rule_class, own.rule_options, config)
     options = _part_options(
-        "condensation", own.condensation, condensation_class, own.condensation_options, config
+        "condensation", own.condensation, condensation_class, own.condensed_by, config
     )
     with Guard(f"integrator: the plug-in '{own.rule}'", rule_class):
         rule = rule_class(rule_options)

@@ -76,6 +76,13 @@ class IntegratorConfig(Model):
     """Whether a cloud of a source that was never plugged is an error."""
 
     @property
+    def condensed_by(self) -> dict[str, Any]:
+        """The options of the condensation, with the threshold where it is one of them."""
+        if self.condensation != "members":
+            return self.condensation_options
+        return {**self.condensation_options, "existence": self.threshold}
+
+    @property
     def linking_distance(self) -> float:
         """Voxels at most this far apart belong to one contact [m]."""
         return 2.0 * self.voxel_size if self.tolerance is None else self.tolerance
@@ -123,13 +130,10 @@ def _with_threshold(fields: dict[str, Any]) -> dict[str, Any]:
     """The fields with the threshold of the condensation; of a set it is that of existence."""
     if fields.get("condensation", "members") != "members":
         return {"threshold": 0.1, **fields}
-    options = fields.get("condensation_options", {})
-    if "existence" in options:
-        return {**fields, "threshold": options["existence"]}
-    if fields.get("threshold", EXISTENCE) != EXISTENCE:
-        held = {**options, "existence": fields["threshold"]}
-        return {**fields, "condensation_options": held}
-    return fields
+    held = dict(fields.get("condensation_options", {}))
+    if "existence" not in held:
+        return fields
+    return {**fields, "threshold": held.pop("existence"), "condensation_options": held}
 
 
 def _moved(fields: dict[str, Any]) -> dict[str, Any]:

@@ -272,7 +272,7 @@ def _built_in_rule(config: IntegratorConfig) -> Rule:
 def _built_in_condensation(config: IntegratorConfig) -> Condensation:
     cls = _built_in("condensation", config.condensation, contactfusion_condensations())
     try:
-        return cls(cls.Config(**config.condensation_options), config.linking_distance)
+        return cls(cls.Config(**config.condensed_by), config.linking_distance)
     except ConfigurationError as error:
         raise error.under("condensation") from None
 
