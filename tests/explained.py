@@ -3,7 +3,7 @@
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
-from contactfusion import HypothesisCloud, HypothesisKind, Integrator
+from contactfusion import HypothesisCloud, HypothesisKind, Integrator, IntegratorConfig
 from contactfusion.explain.explanation import Explanation, explanation_of
 from contactfusion.explain.moment import Moment, Settings, moment_at
 from contactfusion.pipeline import Step
@@ -19,6 +19,12 @@ PLUGS: Mapping[str, HypothesisKind] = {
 }
 
 
+def _law(config: Mapping[str, Any]) -> IntegratorConfig:
+    """A configuration; De Morgan where nothing says how to fuse."""
+    says = {"rule", "condensation"} & config.keys()
+    return law(**(config if says else {"rule": "de_morgan", **config}))
+
+
 def stepped(
     *rounds: Round,
     plugs: Mapping[str, HypothesisKind] = PLUGS,
@@ -27,7 +33,7 @@ def stepped(
     **config: Any,
 ) -> Iterator[Step]:
     """Step after each round of clouds; sources replace what they said, as generators do."""
-    integrator = Integrator(law(**config))
+    integrator = Integrator(_law(config))
     for source, kind in plugs.items():
         timeout = (timeouts or {}).get(source)
         integrator.plug(source, kind, timeout=timeout, replace=True)
@@ -43,7 +49,7 @@ def moment(*rounds: Round, **options: Any) -> Moment:
 
 
 def settings(timeouts: Mapping[str, float] | None = None, **config: Any) -> Settings:
-    return Settings(law(**config), timeouts or {})
+    return Settings(_law(config), timeouts or {})
 
 
 def explanation(

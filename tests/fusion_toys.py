@@ -23,7 +23,7 @@ PLACE = (0.1, 0.0, 0.0)
 CONFIG: dict[str, Any] = {
     "generators": {"eye": {"type": "eye"}},
     "cycle": {"every": 0.1},
-    "integrator": {"timeout": 0.3},
+    "integrator": {"rule": "de_morgan", "timeout": 0.3},
 }
 
 

@@ -49,7 +49,7 @@ def test_a_contact_is_explained_by_its_sources(replayed: Source, capsys: Printed
     explain_recording(replayed, 0.5, None, as_json=False, picture=None)
     told = capsys.readouterr().out
     assert "0.500 s: 1 contact in 'base'" in told
-    assert "eye and hand: 1 - (1 - 0.90)(1 - 0.80) = 0.98" in told
+    assert "1.00 over time; of this step P(contact) 0.98 by eye 0.90 and hand 0.80" in told
 
 
 def test_the_same_as_json_and_as_a_picture(replayed: Source, capsys: Printed) -> None:
@@ -74,7 +74,7 @@ def test_a_time_outside_the_recording_is_refused(replayed: Source) -> None:
 
 def test_fields_can_be_changed(replayed: Source, capsys: Printed) -> None:
     capsys.readouterr()
-    changed = Source(replayed.recording, overrides=["integrator.threshold=0.99"])
+    changed = Source(replayed.recording, overrides=["integrator.threshold=1.0"])
     explain_recording(changed, 0.5, None, as_json=False, picture=None)
     assert "no contact at" in capsys.readouterr().out
 

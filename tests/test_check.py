@@ -62,7 +62,7 @@ def test_a_sound_configuration_is_reported_line_by_line(file: Path) -> None:
     found = check_file(file)
     assert found.faults == ()
     assert found.lines == (
-        "frame 'base', voxels of 5 mm; rule de_morgan, condensation cluster_centroid; "
+        "frame 'base', voxels of 5 mm; rule sets, condensation members; "
         "a step after each reading of 'wrist'",
         "frame 'tool' in 'base' at (0.0, 0.0, 0.5) m",
         "generator 'wrist' (force_torque): Wrench of 'wrist' -> 'wrist' (regular)",

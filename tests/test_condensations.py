@@ -10,15 +10,20 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from contactfusion import Contact, Fusion, Integrator, IntegratorConfig
+from contactfusion import Contact, Fusion, HypothesisCloud, Integrator, IntegratorConfig
 from contactfusion.arrays import FloatArray
 from contactfusion.errors import ConfigurationError
-from tests.clouds import HERE, NULL, SIDE, SUPPORT, THERE, Voxel, centres, cloud, fused
+from tests.clouds import HERE, NULL, SIDE, SUPPORT, THERE, Voxel, centres, cloud
+from tests.clouds import fused as fused_by
 
 TWELVE: dict[Voxel, float] = {(x, y, 0): 1 / 12 for x in range(4) for y in range(3)}
 
 WIDE = 0.125
 """The side of the voxels of tests that reach to the ends of the space [m]; exact in binary."""
+
+
+def fused(*clouds: HypothesisCloud, now: float = 0.0, **config: Any) -> Fusion:
+    return fused_by(*clouds, now=now, **{"rule": "de_morgan", **config})
 
 
 def contacts_of(likelihoods: dict[Voxel, float], **config: Any) -> tuple[Contact, ...]:

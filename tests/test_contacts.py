@@ -29,6 +29,7 @@ def test_a_contact_tells_its_place_its_likelihood_and_who_gave_it_the_greatest_f
         cloud("skin", 0.0, {HERE: 0.75}),
         cloud("wrist", 0.0, {}),
         cloud("free", 0.0, {(90, 0, 0): 1.0}, NULL),
+        rule="de_morgan",
     ).contacts[0]
     assert str(contact) == (
         "contact at (0.003, 0.003, 0.003) m in 'base', likelihood 0.81, from skin 75%, camera 25%"
@@ -122,7 +123,7 @@ def shares(fusion: Fusion, contact: Contact) -> dict[str, float]:
 @settings(max_examples=30)
 @given(clouds=clouds)
 def test_an_explanation_counts_the_voxels_of_the_contact(clouds: list[HypothesisCloud]) -> None:
-    fusion = fused(*clouds)
+    fusion = fused(*clouds, rule="de_morgan")
     explained = explanation((0.0, clouds)).contacts
     for contact, why in zip(fusion.contacts, explained, strict=False):
         columns = fusion.space.source_likelihoods[fusion.rows_of(contact)]
@@ -134,7 +135,8 @@ def test_an_explanation_counts_the_voxels_of_the_contact(clouds: list[Hypothesis
 
 
 def test_the_voxels_of_contacts_cannot_be_changed_and_are_those_of_one_step() -> None:
-    first, second = (fused(cloud("skin", 0.0, {HERE: 0.5, THERE: 0.25})) for _ in range(2))
+    clouds = cloud("skin", 0.0, {HERE: 0.5, THERE: 0.25})
+    first, second = (fused(clouds, rule="de_morgan") for _ in range(2))
     assert [first.rows_of(contact).tolist() for contact in first.contacts] == [[0], [1]]
     assert not first.owners.flags.writeable
     with pytest.raises(ValueError, match="no contact of this step: contact at "):

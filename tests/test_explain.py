@@ -13,7 +13,7 @@ from tests.clouds import HERE, NULL, SUPPORT, THERE, cloud, fused
 
 
 def lines(*clouds: HypothesisCloud, **config: Any) -> list[str]:
-    return explain_fusion(fused(*clouds, **config)).split("\n")
+    return explain_fusion(fused(*clouds, **{"rule": "de_morgan", **config})).split("\n")
 
 
 def test_nothing_is_explained_in_two_words() -> None:

@@ -188,7 +188,7 @@ def test_by_voxel_a_silent_source_lives_on_while_another_refreshes_the_voxel() -
 
 
 def test_by_voxel_a_null_keeps_evidence_alive_and_timeouts_of_sources_are_unused() -> None:
-    one = integrator(timeout=0.5, expiry="voxel")
+    one = integrator(rule="de_morgan", timeout=0.5, expiry="voxel")
     one.plug("a", timeout=0.01)
     one.receive(cloud("a", 0.0, {HERE: 0.5}))
     one.receive(cloud("free", 0.4, {HERE: 1.0}, NULL))
@@ -275,7 +275,7 @@ def test_a_time_that_is_none_is_refused_and_changes_nothing(now: float) -> None:
 
 
 def test_after_a_reset_a_clock_may_start_again_with_the_same_plugs() -> None:
-    one = integrator()
+    one = integrator(rule="de_morgan")
     one.plug("a", replace=True)
     one.receive(cloud("a", 5.0, {HERE: 0.5}))
     one.receive(cloud("a", 50.0, {HERE: 0.5}))
@@ -497,7 +497,8 @@ def test_an_unknown_rule_or_condensation_gets_the_nearest_name() -> None:
 def test_each_voxel_has_its_verdict(
     kinds: dict[HypothesisKind, float], verdict: str, likelihood: float
 ) -> None:
-    fusion = fused(*(cloud(str(kind), 0.0, {HERE: p}, kind) for kind, p in kinds.items()))
+    clouds = [cloud(str(kind), 0.0, {HERE: p}, kind) for kind, p in kinds.items()]
+    fusion = fused(*clouds, rule="de_morgan")
     assert verdicts(fusion) == {HERE: verdict}
     assert by_voxel(fusion) == {HERE: pytest.approx(likelihood, abs=1e-7)}
     assert len(fusion.contacts) == (verdict == "contact")
@@ -505,8 +506,10 @@ def test_each_voxel_has_its_verdict(
 
 @pytest.mark.parametrize("threshold", [0.1, 0.3, 0.6, 0.9, 1.0])
 def test_a_likelihood_at_the_threshold_is_a_contact(threshold: float) -> None:
-    at = fused(cloud("a", 0.0, {HERE: threshold}), threshold=threshold)
-    under = fused(cloud("a", 0.0, {HERE: threshold - 2e-6}), threshold=threshold)
+    at, under = (
+        fused(cloud("a", 0.0, {HERE: p}), rule="de_morgan", threshold=threshold)
+        for p in (threshold, threshold - 2e-6)
+    )
     assert (verdicts(at), verdicts(under)) == ({HERE: "contact"}, {HERE: "below_threshold"})
 
 

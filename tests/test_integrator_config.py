@@ -38,8 +38,8 @@ def test_a_mapping_names_a_rule_and_its_options() -> None:
 
 
 def test_a_mapping_without_a_type_holds_options_of_the_default() -> None:
-    law = config(condensation={"min_voxels": 3})
-    assert (law.condensation, law.condensation_options) == ("cluster_centroid", {"min_voxels": 3})
+    law = config(condensation={"rate": 2.0})
+    assert (law.condensation, law.condensation_options) == ("members", {"rate": 2.0})
 
 
 def test_what_is_dumped_is_read_again() -> None:
@@ -60,7 +60,7 @@ def test_what_is_dumped_is_read_again() -> None:
         ("rule", {"type": "log_odds", "prior": 0.0}),
         ("rule", {"type": "dempster_shafer", "prior": 1.0}),
         ("rule", {"type": "posterior", "flour": 0.02}),
-        ("rule", {"floor": 0.02}),
+        ("rule", {"prior": 0.1}),
     ],
     ids=str,
 )
@@ -122,14 +122,15 @@ def test_a_field_that_moved_is_read_with_a_sentence_that_names_its_new_place() -
 
 
 def test_a_field_that_moved_and_has_no_effect_is_left_out_and_reported() -> None:
-    with pytest.warns(FutureWarning, match="`prior` .* has no effect with the rule 'de_morgan'"):
+    with pytest.warns(FutureWarning, match="`prior` .* has no effect with the rule 'sets'"):
         assert config(prior=0.3) == config()
 
 
 def test_a_command_says_once_that_a_field_has_moved(tmp_path: Path) -> None:
     skin = {"type": "tactile", "sensor": "skin", "patch": "skin", "baseline": {"noise": 0.05}}
     robot = "contactfusion.robots:mobile_base.yaml"
-    fields = {"robot": robot, "generators": {"skin": skin}, "integrator": {"min_voxels": 2}}
+    integrator = {"condensation": "cluster_centroid", "min_voxels": 2}
+    fields = {"robot": robot, "generators": {"skin": skin}, "integrator": integrator}
     file = tmp_path / "pipeline.yaml"
     file.write_text(yaml.safe_dump(fields))
     command = [sys.executable, "-m", "contactfusion", "check", str(file), str(MOVED_OPTIONS)]

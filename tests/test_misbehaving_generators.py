@@ -174,7 +174,7 @@ class Cycles:
 
     def __init__(self, pipe: Pipeline) -> None:
         self.pipe, self.now, self.longest, self.heard = pipe, 0.0, 0.0, 0
-        self.expected = alone()[:2]
+        self.healthy = pipeline()
 
     def cycle(self, ask: str | None = None) -> Step:
         self.now += 0.01
@@ -184,9 +184,17 @@ class Cycles:
         self.pipe.receive(wrench(self.now, *PLACE))
         step = self.pipe.step(self.now)
         self.longest = max(self.longest, time.perf_counter() - start)
+        self.healthy.receive(wrench(self.now, *PLACE))
+        expected = told_of_healthy(self.healthy.step(self.now))[:2]
         near = min(step.fusion.contacts, key=lambda contact: contact.position[0])
-        assert (near.position.tobytes(), near.likelihood) == self.expected
+        assert (near.position.tobytes(), near.likelihood) == expected
         return step
+
+    def reset(self) -> None:
+        """Begin again at 0 s."""
+        self.pipe.reset()
+        self.healthy.reset()
+        self.now = 0.0
 
     def until_heard(self, ask: str) -> Step:
         """Ask, and run until the remote generator has answered or was refused."""
@@ -255,8 +263,8 @@ def test_an_isolated_generator_that_dies_is_started_again_three_times(isolated: 
         (message,) = refusals(cycles.until_heard(ask))
         assert message == f"{ended} 4 times: it stays out"
     assert isolated.ended == {"generators.remote": message}
-    isolated.reset()
-    cycles.now, cycles.heard = 0.0, 0
+    cycles.reset()
+    cycles.heard = 0
     assert refusals(cycles.until_heard("now")) == []
     assert isolated.ended == {}
     isolated.unplug("remote")
@@ -349,8 +357,7 @@ def test_what_an_isolated_generator_was_doing_at_a_reset_is_never_heard(
     cycles = Cycles(isolated)
     cycles.until_heard("now")
     cycles.cycle("sleep")
-    isolated.reset()
-    cycles.now = 0.0
+    cycles.reset()
     step = cycles.until_heard("now")
     far = max(step.fusion.contacts, key=lambda contact: contact.position[0])
     assert far.stamp == pytest.approx(0.01)

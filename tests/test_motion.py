@@ -257,7 +257,8 @@ def test_it_makes_a_contact_on_the_way_more_likely_but_is_none_by_itself(
 ) -> None:
     motion = {"type": "motion", "links": ["arm"], "ahead": AHEAD}
     robot = {"urdf": model.config.urdf}
-    fields: dict[str, Any] = {"generators": {"ahead": motion}, "robot": robot}
+    law = {"rule": "de_morgan"}
+    fields: dict[str, Any] = {"generators": {"ahead": motion}, "robot": robot, "integrator": law}
     pipe = Pipeline(PipelineConfig(**fields))
     pipe.integrator.plug("camera", HypothesisKind.REGULAR)
     pipe.receive(joints(1.0, turn=0.0, slide=0.0))

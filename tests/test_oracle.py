@@ -23,7 +23,7 @@ HERE: Voxel = (0, 0, 0)
 
 
 def config(**fields: Any) -> IntegratorConfig:
-    return law(**{"voxel_size": 1.0, **fields})
+    return law(**{"voxel_size": 1.0, "rule": "de_morgan", **fields})
 
 
 def cloud(
@@ -519,7 +519,7 @@ def test_voxels_exactly_the_tolerance_apart_are_one_contact(
 ) -> None:
     places = (np.array([HERE, far]) + 0.5) * side
     one = HypothesisCloud("skin", REGULAR, 0.0, "base", places, np.array([0.5, 0.5]))
-    law = IntegratorConfig(voxel_size=side, tolerance=tolerance)
+    law = config(voxel_size=side, tolerance=tolerance)
     assert len(fused(one, law=law).contacts) == contacts
 
 

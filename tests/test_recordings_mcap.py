@@ -106,7 +106,7 @@ def touching() -> Fusion:
     """Give two contacts, of which one is felt with a force."""
     touches = [
         cloud("skin", 0.2, {HERE: 0.8}, forces=ONE[None]),
-        cloud("camera", 0.25, {HERE: 0.5, THERE: 0.4}),
+        cloud("camera", 0.25, {HERE: 0.5, THERE: 0.6}),
     ]
     return fused(*touches, now=0.25)
 

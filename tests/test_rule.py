@@ -156,7 +156,7 @@ def explained(
     threshold: float = 0.1,
 ) -> Explanation:
     """One step of some rule and condensation, explained."""
-    config = IntegratorConfig(threshold=threshold)
+    config = IntegratorConfig(rule="de_morgan", threshold=threshold)
     integrator = Integrator(
         config,
         rule=rule(Model()),

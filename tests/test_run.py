@@ -404,6 +404,7 @@ def test_late_and_seldom_transforms_place_what_was_seen_between(
     config: Path, tmp_path: Path
 ) -> None:
     readings = [*touching(2.0, frame="camera"), *(moving(0.5 * i, i) for i in range(5))]
+    config.write_text(CONFIG.replace("frame: base", "frame: base, rule: de_morgan"))
     path = recorded(tmp_path / "moving.mcap", sorted(readings, key=lambda one: one.stamp))
     steps = list(Session(setting_of_file(config), path).steps())
     places = {

@@ -239,7 +239,7 @@ def test_what_lies_off_the_surface_is_no_contact_beside_what_lies_on_it() -> Non
 
 def test_members_needs_a_rule_that_finds_contacts() -> None:
     with pytest.raises(ConfigurationError, match="'members' needs a rule that finds the contacts"):
-        Integrator(IntegratorConfig(condensation="members"))
+        Integrator(IntegratorConfig(rule="de_morgan", condensation="members"))
 
 
 def test_voxels_are_as_likely_as_the_contact_near_them() -> None:

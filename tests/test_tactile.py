@@ -101,7 +101,7 @@ def in_palm(generators: dict[str, Any], **config: Any) -> Pipeline:
     return Pipeline(PipelineConfig(**fields))
 
 
-def pipeline(**options: Any) -> Pipeline:
+def pipeline(rule: str = "sets", **options: Any) -> Pipeline:
     skin = {"type": "tactile", "sensor": "palm", "patch": WIDE, **options}
     # A second source stands for a LiDAR: one taxel that may lie anywhere.
     lidar = {
@@ -109,7 +109,7 @@ def pipeline(**options: Any) -> Pipeline:
         "sensor": "lidar",
         "patch": {"places": [(0.0, 0.03, 0.0)], "size": (SIDE, SIDE)},
     }
-    return in_palm({"skin": skin, "lidar": lidar})
+    return in_palm({"skin": skin, "lidar": lidar}, integrator={"frame": "palm", "rule": rule})
 
 
 def cycle(pipe: Pipeline, palm: FloatArray | None, lidar: bool, stamp: float) -> Step:
@@ -121,7 +121,8 @@ def cycle(pipe: Pipeline, palm: FloatArray | None, lidar: bool, stamp: float) ->
 
 def test_neighbours_form_one_cluster_whose_centroid_interpolates() -> None:
     for share, expected in ((1.0, 0.0), (0.5, -0.0033), (0.25, -0.006)):
-        step = cycle(pipeline(p_max=1.0), np.array([0.0, 80.0, 80.0 * share, 0.0]), False, 0.0)
+        pipe = pipeline("de_morgan", p_max=1.0)
+        step = cycle(pipe, np.array([0.0, 80.0, 80.0 * share, 0.0]), False, 0.0)
         (contact,) = step.fusion.contacts
         assert contact.position[1] == pytest.approx(expected, abs=0.0005)
 
@@ -311,7 +312,7 @@ def test_no_fault_forbids_another_sources_contact_for_longer_than_the_window(
     fault: str, pressed: bool, period: int
 ) -> None:
     # The LiDAR's contact comes for good, or in pulses too short to persist.
-    pipe = pipeline(free=True, health_window=WINDOW, timeout=0.5)
+    pipe = pipeline("de_morgan", free=True, health_window=WINDOW, timeout=0.5)
     last = noisy(0)
     forbidden = []
     for step in range(220):
