@@ -8,6 +8,7 @@ from pydantic import Field as FieldOf
 
 from contactfusion.contacts import NONE, Contact, Contacts
 from contactfusion.hooks import hookimpl
+from contactfusion.hypotheses import HypothesisKind
 from contactfusion.integrator import clusters, kernels
 from contactfusion.integrator.clusters import ContactTable
 from contactfusion.integrator.entries import Field, Member
@@ -205,9 +206,12 @@ class Members(Condensation):
             sentence = f"{_told(member)}, {under}"
             values = {"exists": exists, "existence": self.existence, "factor": member.factor}
             return [Reason(Why.IMPROBABLE, sentence, values=values)]
-        if around.best == NONE:
+        given = {} if around.best == NONE else field.given(around.best)
+        sources = field.entries.sources
+        evidence = {each.name for each in sources if each.kind == HypothesisKind.REGULAR}
+        names = [name for name in given if name in evidence]
+        if not names or not field.members:
             return ()
-        names = [*field.given(around.best)]
         sentence = f"what {' and '.join(names)} gave here is explained by another contact"
         return [Reason(Why.ELSEWHERE, sentence, names[0])]
 

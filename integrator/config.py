@@ -22,6 +22,8 @@ EXISTENCE = 0.5
 """The probability from which a contact of a set is reported."""
 PARTS = {"rule": "rule_options", "condensation": "condensation_options"}
 """The fields that name a plug-in, and those that hold its options."""
+FORMER = {"rule": "de_morgan", "condensation": "cluster_centroid"}
+"""The defaults of 0.1.0."""
 MOVED = {
     "floor": ("rule", ("posterior", "sets")),
     "friction": ("rule", ("posterior", "sets")),
@@ -82,6 +84,13 @@ class IntegratorConfig(Model):
             return self.condensation_options
         return {**self.condensation_options, "existence": self.threshold}
 
+    def for_voxels(self) -> "IntegratorConfig":
+        """With a condensation of voxels in place of the default one, as for `de_morgan`."""
+        if self.condensation != "members":
+            return self
+        fields = self.model_dump(exclude={"condensation", "threshold", "rule"})
+        return IntegratorConfig(rule="de_morgan", **fields)
+
     @property
     def linking_distance(self) -> float:
         """Voxels at most this far apart belong to one contact [m]."""
@@ -105,7 +114,7 @@ class IntegratorConfig(Model):
                 options = {key: given[key] for key in given if key != "type"}
                 fields[part] = given.get("type", cls.model_fields[part].default)
                 fields[held] = {**options, **fields.get(held, {})}
-        return _with_threshold(_moved(_paired(fields)))
+        return _with_threshold(_paired(_moved(fields)))
 
     @model_serializer(mode="wrap")
     def _with_options(self, serialize: SerializerFunctionWrapHandler) -> dict[str, Any]:
@@ -145,7 +154,9 @@ def _moved(fields: dict[str, Any]) -> dict[str, Any]:
     for key in [key for key in fields if key in MOVED]:
         value = fields.pop(key)
         part, owners = MOVED[key]
-        name, held = fields.get(part, IntegratorConfig.model_fields[part].default), PARTS[part]
+        name, held = fields.get(part, FORMER[part]), PARTS[part]
+        if name in owners:
+            fields[part] = name
         owner = name if name in owners else owners[0]
         options = {"type": owner, key: value}
         text = yaml.safe_dump(options, default_flow_style=True, sort_keys=False).strip()

@@ -170,8 +170,16 @@ class Fusion:
                 found[entries.places[own]] = True
         return entries.grid.centres(unpack(entries.keys[found]))
 
+    @property
+    def alone(self) -> "Fusion":
+        """The same step by itself: its contacts are not followed over time."""
+        if not self.condensation.needs_members:
+            return self
+        entries, parts = self.field.entries, (self.rule, self.condensation)
+        return fuse(entries, *parts, self.threshold, self.surface, self.report)
+
     def without(self, source: str) -> "Fusion":
-        """The same entries fused again without those of one source.
+        """The same entries fused again without those of one source, as a step by itself.
 
         Raises:
             SourceError: no such source was plugged at this step.

@@ -52,6 +52,8 @@ class Integrator:
         condensation: Condensation | None = None,
     ) -> None:
         self.config = config or IntegratorConfig()
+        if rule is not None and not rule.finds_members and condensation is None:
+            self.config = self.config.for_voxels()
         self.rule = rule or _built_in_rule(self.config)
         """How likelihoods combine."""
         self.condensation = condensation or _built_in_condensation(self.config)

@@ -17,14 +17,14 @@ from contactfusion.arrays import FloatArray
 from contactfusion.contacts import NONE, Contact
 from contactfusion.hypotheses import HypothesisKind, Resultant
 from contactfusion.integrator import fields
-from contactfusion.integrator.detections import LINK, Evidence, clouds_of
+from contactfusion.integrator.detections import CERTAIN, LINK, Evidence, clouds_of
 from contactfusion.integrator.entries import Entries, Field, Member, Source
 from contactfusion.integrator.modes import force_near
 from contactfusion.integrator.nearby import Rows, near
 from contactfusion.integrator.places import STEP, Basin, Places, SourceField, moments
 from contactfusion.integrator.posterior import TrustConfig, pushed
 from contactfusion.integrator.resultant import Superposition, missing, needed
-from contactfusion.integrator.store import Int64Array
+from contactfusion.integrator.store import Int64Array, rasterise
 from contactfusion.rule import Rule
 from contactfusion.surface import Surface
 from contactfusion.thinning import voxel_downsample
@@ -150,7 +150,9 @@ class Search:
         self._fits: dict[int, FloatArray] = {}
         for row, (cloud, field) in enumerate(zip(self._clouds, self._fields, strict=True)):
             if cloud.kind == HypothesisKind.NULL:
-                self._seen *= 1.0 - (1.0 - self._floor) * np.minimum(field.heights, 1.0)
+                if len(cloud.positions):
+                    free = np.maximum(field.heights, self._within(row))
+                    self._seen *= 1.0 - (1.0 - self._floor) * np.minimum(free, 1.0)
                 continue
             if cloud.force is not None and self._places.normals is not None:
                 self._fits[row] = pushed(cloud.force, self._places.normals, steepest)
@@ -158,6 +160,14 @@ class Search:
                 self._believe(row)
             if cloud.kind == HypothesisKind.SUPPORT and field.heights.any():
                 self._supports[row] = float(cloud.likelihoods.max())
+
+    def _within(self, row: int) -> FloatArray:
+        """What a source says of the voxel that each place lies in, shape (c,)."""
+        columns, own = self._entries.columns, self._entries.by_source[row][1]
+        keys, sought = columns.keys[own], np.empty(len(self._places.points), np.int64)
+        rasterise(self._places.points, 1.0 / self._entries.grid.voxel_size, sought)
+        at = np.minimum(np.searchsorted(keys, sought), len(keys) - 1)
+        return np.asarray(columns.likelihoods[own][at] * (keys[at] == sought), np.float64)
 
     def _believe(self, row: int) -> None:
         """Take a source's field over its highest; without any it says nothing."""
@@ -203,7 +213,7 @@ class Search:
         found: list[tuple[Basin, Member]] = []
         while len(found) < MOST and self._possible() >= FAINT:
             weights = self._seen * self._factors.prod(axis=0)
-            weights[~self._explains.any(axis=0)] = 0.0  # support alone makes no contact
+            weights[~self._sought()] = 0.0
             beside = [*(member for _, member in found), *before[len(found) + 1 :]]
             is_vague = any(
                 each.cloud.single and each.left.any() for each in self._evidence.values()
@@ -219,6 +229,16 @@ class Search:
                 if each.cloud.force is not None and each.left.any():
                     self._take_out(row, each.left.copy())
         return found
+
+    def _sought(self) -> NDArray[np.bool_]:
+        """Where the surest of what is left is explained, shape (c,).
+
+        Support alone makes no contact, and much that is faint hides none that is sure.
+        """
+        sure = {row: each.probability(each.left) for row, each in self._evidence.items()}
+        least = SURE * max(sure.values())
+        rows = [row for row, probability in sure.items() if probability >= least]
+        return np.asarray(self._explains[rows].any(axis=0))
 
     def _fewest(self, found: Sequence[tuple[Basin, Member]]) -> list[Member]:
         """The contacts without those of which every source may tell of another one.
@@ -370,7 +390,11 @@ class Search:
             array.flags.writeable = False
         names = [source.name for source in entries.sources]
         given = {names[row]: self._evidence[row].probability(own) for row, own in taken.items()}
-        return Member(contact, points, basin.weights, normal, reach, given)
+        rows, weights = basin.rows, basin.weights
+        if is_large:  # the basin is where its middle may be
+            rows = np.union1d(rows, area)
+            weights = np.full(len(rows), 1.0 / len(rows))
+        return Member(contact, places.points[rows], weights, normal, reach, given)
 
     def _existence(self, basin: Basin, taken: Taken) -> float:
         """The probability that a contact exists.
@@ -382,7 +406,7 @@ class Search:
         for row, own in taken.items():
             missed *= 1.0 - self._evidence[row].probability(own)
         for row, highest in self._supports.items():
-            missed *= 1.0 - highest * self._agreement(row, basin)
+            missed *= 1.0 - min(highest, CERTAIN) * self._agreement(row, basin)
         free = self._factors[np.ix_(np.array([*taken]), basin.rows)].prod(axis=0)
         unseen = float(free @ self._seen[basin.rows] / free.sum())
         kept = (1.0 - missed) * unseen * self._missed

@@ -15,6 +15,8 @@ from contactfusion.time import NANOSECONDS_PER_SECOND, to_seconds
 
 NEAR = 3.0
 """A contact is the same as an earlier one within so many standard deviations of both."""
+SLIDING = 0.2
+"""Contacts slide no faster [m/s]: between steps one may be found so much further."""
 SMOOTHING = 0.2
 """Time over which the position of a contact at rest is averaged [s]."""
 POSSIBLE = 0.01
@@ -118,7 +120,8 @@ class Tracks:
         for track in self._tracks:
             track.probability = self._after(track.probability, elapsed)
             track.contact = replace(track.contact, position=_followed(track, track.anchor, surface))
-        pairs = _paired(self._tracks, members)
+        slid = SLIDING * elapsed / NANOSECONDS_PER_SECOND
+        pairs = _paired(self._tracks, members, slid)
         for number, track in enumerate(self._tracks):
             if number in pairs:
                 self._confirm(track, members[pairs[number]], looks, elapsed)
@@ -205,8 +208,14 @@ class Tracks:
         track.contact = contact
 
 
-def _paired(tracks: Sequence[Track], members: Sequence[Member]) -> dict[int, int]:
-    """The member, as a row, that each track, as a row, is found again as; the nearest first."""
+def _paired(tracks: Sequence[Track], members: Sequence[Member], slid: float) -> dict[int, int]:
+    """The member, as a row, that each track, as a row, is found again as; the nearest first.
+
+    Args:
+        tracks: of the contacts before.
+        members: the contacts now.
+        slid: how far one may have slid meanwhile [m].
+    """
     if not tracks or not members:
         return {}
     before, now = [track.contact for track in tracks], [member.contact for member in members]
@@ -218,10 +227,11 @@ def _paired(tracks: Sequence[Track], members: Sequence[Member]) -> dict[int, int
         for contacts in (before, now)
     )
     squared = ((where[:, None] - there) ** 2).sum(axis=2)
-    most = NEAR**2 * (np.trace(wide, axis1=1, axis2=2)[:, None] + np.trace(wider, axis1=1, axis2=2))
+    traces = np.trace(wide, axis1=1, axis2=2)[:, None] + np.trace(wider, axis1=1, axis2=2)
+    most = (NEAR * np.sqrt(traces) + slid) ** 2
     rows, columns = np.nonzero(squared <= most)  # no width is larger than the trace
-    widths = NEAR**2 * np.linalg.eigvalsh(wide[rows] + wider[columns])[:, -1]
-    away = squared[rows, columns] / widths
+    widths = np.linalg.eigvalsh(wide[rows] + wider[columns])[:, -1]
+    away = squared[rows, columns] / (NEAR * np.sqrt(widths) + slid) ** 2
     found = sorted(zip(away.tolist(), rows.tolist(), columns.tolist(), strict=True))
     pairs: dict[int, int] = {}
     taken = set[int]()

@@ -158,7 +158,7 @@ def ablated(steps: Iterable[Step]) -> list[Worth]:
     """
     statistics: dict[tuple[str, bool], _Statistics] = {}
     for step in steps:
-        fusion = step.fusion
+        fusion = step.fusion.alone
         side = fusion.field.entries.grid.voxel_size
         for name, sources in groups(fusion).items():
             group = statistics.setdefault(name, _Statistics())
@@ -186,9 +186,9 @@ def _without(fusion: Fusion, sources: Sequence[str]) -> Fusion:
     live = dict(
         zip((source.name for source in entries.sources), np.diff(entries.begin), strict=True)
     )
-    missing = {source.name: source.misses for source in entries.sources}
+    told = {source.name for source in entries.sources if source.misses < 1.0 or source.resultant}
     for source in sources:
-        if live[source] or missing[source] < 1.0:
+        if live[source] or source in told:
             fusion = fusion.without(source)
     return fusion
 
