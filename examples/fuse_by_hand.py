@@ -29,7 +29,7 @@ near = np.linalg.norm(seen - [0.05, 0.01, 0.0], axis=1)
 camera = cf.HypothesisCloud("camera", support, STAMP, "palm", seen, 1e-4 / (1e-4 + near**2))
 free = cf.HypothesisCloud("camera/free", null, STAMP, "palm", line[2:], np.ones(2))
 
-integrator = cf.Integrator(cf.IntegratorConfig(frame="palm"))
+integrator = cf.Integrator(cf.IntegratorConfig(frame="palm", rule="de_morgan"))
 for cloud in (skin, wrench, camera, free):
     integrator.receive(cloud)
 fusion = integrator.step(STAMP)

@@ -154,9 +154,9 @@ def _moved(fields: dict[str, Any]) -> dict[str, Any]:
     for key in [key for key in fields if key in MOVED]:
         value = fields.pop(key)
         part, owners = MOVED[key]
-        name, held = fields.get(part, FORMER[part]), PARTS[part]
-        if name in owners:
-            fields[part] = name
+        if FORMER[part] in owners:
+            fields.setdefault(part, FORMER[part])
+        name, held = fields.get(part, IntegratorConfig.model_fields[part].default), PARTS[part]
         owner = name if name in owners else owners[0]
         options = {"type": owner, key: value}
         text = yaml.safe_dump(options, default_flow_style=True, sort_keys=False).strip()

@@ -366,6 +366,9 @@ class Search:
         covariance = unsure + (0.0 if is_large else places.moments(basin, position))
         covariance *= np.sqrt(len(taken))
         along = (places.points[area] - position) @ axes[:, -1]
+        # the area ends beyond the outermost hypotheses, where their field has fallen to `AGREED`
+        beyond = np.sqrt(2.0 * np.log(1.0 / AGREED) * len(taken) / precision)
+        ends = np.minimum(along.min() + beyond, 0.0), np.maximum(along.max() - beyond, 0.0)
         shares = self._shares(basin, taken)
         reach = 0.5 * STEP * places.spacing
         contact = Contact(
@@ -373,7 +376,7 @@ class Search:
             likelihood=self._existence(basin, taken),
             scatter=scatter,
             covariance=covariance,
-            extent=position + np.outer([along.min(), along.max()], axes[:, -1]),
+            extent=position + np.outer(ends, axes[:, -1]),
             force=force_near(entries, position, points, 2.0 * reach),
             voxels=len(voxel_downsample(places.points[area], entries.grid)),
             shares={
