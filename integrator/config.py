@@ -18,8 +18,8 @@ from contactfusion.units import Memory, Spacing, Tolerance
 
 RULES = {"members": "sets", "modes": "posterior"}
 """The rule that a condensation is for; all others are for `de_morgan`."""
-EXISTENCE = 0.5
-"""The probability from which a contact of a set is reported."""
+THRESHOLD, THRESHOLDS = 0.1, {"members": 0.5}
+"""The threshold by default, and with some condensations."""
 PARTS = {"rule": "rule_options", "condensation": "condensation_options"}
 """The fields that name a plug-in, and those that hold its options."""
 FORMER = {"rule": "de_morgan", "condensation": "cluster_centroid"}
@@ -63,7 +63,7 @@ class IntegratorConfig(Model):
     """How what is fused becomes contacts."""
     condensation_options: dict[str, Any] = Field(default_factory=dict)
     """The options of the condensation, fields of its `Config`."""
-    threshold: float = Field(default=EXISTENCE, gt=0, le=1)
+    threshold: float = Field(default=THRESHOLDS["members"], gt=0, le=1)
     """The fused likelihood from which a voxel, or a contact of a set, is a contact; 0.1 with other
     condensations than `members`."""
     tolerance: Tolerance | None = Field(default=None, gt=0)
@@ -84,12 +84,17 @@ class IntegratorConfig(Model):
             return self.condensation_options
         return {**self.condensation_options, "existence": self.threshold}
 
-    def for_voxels(self) -> "IntegratorConfig":
-        """With a condensation of voxels in place of the default one, as for `de_morgan`."""
-        if self.condensation != "members":
-            return self
-        fields = self.model_dump(exclude={"condensation", "threshold", "rule"})
-        return IntegratorConfig(rule="de_morgan", **fields)
+    def using(self, rule: str, condensation: str) -> "IntegratorConfig":
+        """With another rule and condensation, without the options of those before.
+
+        The threshold stays as it is if it was not the default one.
+        """
+        same = {"rule": rule == self.rule, "condensation": condensation == self.condensation}
+        left_out = {part for part, is_same in same.items() if not is_same}
+        if self.threshold == THRESHOLDS.get(self.condensation, THRESHOLD):
+            left_out.add("threshold")
+        fields = self.model_dump(exclude=left_out)
+        return IntegratorConfig(**{"rule": rule, "condensation": condensation, **fields})
 
     @property
     def linking_distance(self) -> float:
@@ -138,7 +143,7 @@ def _paired(fields: dict[str, Any]) -> dict[str, Any]:
 def _with_threshold(fields: dict[str, Any]) -> dict[str, Any]:
     """The fields with the threshold of the condensation; of a set it is that of existence."""
     if fields.get("condensation", "members") != "members":
-        return {"threshold": 0.1, **fields}
+        return {"threshold": THRESHOLD, **fields}
     held = dict(fields.get("condensation_options", {}))
     if "existence" not in held:
         return fields

@@ -52,8 +52,9 @@ class Integrator:
         condensation: Condensation | None = None,
     ) -> None:
         self.config = config or IntegratorConfig()
-        if rule is not None and not rule.finds_members and condensation is None:
-            self.config = self.config.for_voxels()
+        alone = rule is not None and condensation is None and not rule.finds_members
+        if alone and self.config.condensation == "members":
+            self.config = self.config.using("de_morgan", "cluster_centroid")
         self.rule = rule or _built_in_rule(self.config)
         """How likelihoods combine."""
         self.condensation = condensation or _built_in_condensation(self.config)

@@ -26,7 +26,7 @@ WIDE = {"grid": {"rows": 1, "columns": 4, "pitch": (0.02, 0.02)}}
 """Four taxels of 4 × 4 voxels, along y."""
 
 
-OF_READING = {"relative_to": "reading"}
+OF_READING: dict[str, Any] = {"relative_to": "reading"}
 
 
 def generator(patch: dict[str, Any] = ROW, **options: Any) -> TactileGenerator:
@@ -56,7 +56,8 @@ def test_the_likelihood_is_the_value_over_the_largest_of_the_reading() -> None:
 
 def test_the_largest_is_that_of_all_patches_in_the_reading() -> None:
     two = {"places": [(0.0, 0.0, 0.0), (0.0, 0.1, 0.0)], "size": (SIDE, SIDE)}
-    assert by_taxel(felt(image(10.0, 40.0), two, p_max=1.0, **OF_READING)) == {0.0: 0.25, 100.0: 1.0}
+    cloud = felt(image(10.0, 40.0), two, p_max=1.0, **OF_READING)
+    assert by_taxel(cloud) == {0.0: 0.25, 100.0: 1.0}
 
 
 def test_relative_to_its_neighbours_a_light_press_beside_a_firm_one_counts() -> None:

@@ -30,7 +30,8 @@ def test_a_method_changes_rule_and_condensation_alone() -> None:
     config = IntegratorConfig(frame="lab", voxel_size=0.002)
     applied = POSTERIOR.applied(config)
     assert (applied.rule, applied.condensation) == ("posterior", "modes")
-    assert applied == config.model_copy(update={"rule": "posterior", "condensation": "modes"})
+    changed = {"rule": "posterior", "condensation": "modes", "threshold": 0.1}
+    assert applied == config.model_copy(update=changed)
 
 
 def test_a_factor_of_spreads_is_reported_in_names() -> None:

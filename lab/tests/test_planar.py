@@ -195,10 +195,13 @@ def test_contacts_are_those_of_skin_generator_and_integrator(name: str) -> None:
     robot = read_robot(BASE)
     pipeline: dict[str, Any] = {
         "robot": {"urdf": str(robot.path()), "patches": {"skin": robot.patches["skin"]}},
-        "integrator": {"frame": "base", "voxel_size": 0.0125, "timeout": 0.25},
+        "integrator": {
+            "frame": "base", "rule": "de_morgan", "voxel_size": 0.0125, "timeout": 0.25,
+        },
         "generators": {
             "skin": {
                 "type": "tactile", "sensor": "skin", "patch": "skin", "baseline": {"noise": 1e-6},
+                "relative_to": "reading",
             }
         },
     }  # fmt: skip

@@ -204,7 +204,8 @@ def test_where_sensors_are_can_be_reconstructed(push: Path) -> None:
     tree = FrameTree({**static, **frames_of(found, "/tf")})
     model, (x, y, yaw) = shared_robot(robot), (0.0, 0.0, 0.0)
     base = found["/odometry"][-1].fields["pose"]["pose"]
-    (x, y, height), yaw = xyz(base["position"]), 2.0 * np.arcsin(base["orientation"]["z"])
+    (x, y, height), turn = xyz(base["position"]), base["orientation"]
+    yaw = 2.0 * np.arctan2(turn["z"], turn["w"])
     rotation = np.array([[np.cos(yaw), -np.sin(yaw), 0], [np.sin(yaw), np.cos(yaw), 0], [0, 0, 1]])
     for lidar in robot.lidars.values():
         wanted = pose_of((x, y, height), rotation) @ model.pose_on_link(lidar.frame)

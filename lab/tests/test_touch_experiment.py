@@ -246,7 +246,9 @@ class TestOneTouch:
             for n, generator in plan.pipeline_of("box").generators.items()
             if n != "believed"
         }
-        pipeline = Pipeline(plan.pipeline_of("box").model_copy(update={"generators": every}))
+        integrator = DE_MORGAN.applied(plan.pipeline.integrator)
+        given = {"generators": every, "integrator": integrator}
+        pipeline = Pipeline(plan.pipeline_of("box").model_copy(update=given))
         assert plan.pipeline.robot is not None
         scene = TouchScene(plan.scene_of(touch()), shared_robot(plan.pipeline.robot), touch().seed)
         stamp = 0.0

@@ -8,6 +8,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from contactfusion import IntegratorConfig
 from contactfusion.errors import RobotError
 from contactfusion_lab.experiments.methods import DE_MORGAN_TUNED, TUNING_SEEDS, Method
 from contactfusion_lab.experiments.touch import tuned
@@ -37,7 +38,7 @@ def test_what_is_tried_can_be_fused_and_told_apart() -> None:
         assert applied.voxel_size <= COARSEST and applied.rule == "de_morgan"
     papers = tried[0]
     assert papers.applied(tuned._pipeline().integrator).model_dump() == (
-        tuned._pipeline().integrator.model_copy(update={"tolerance": 0.01}).model_dump()
+        IntegratorConfig(frame="base", rule="de_morgan", tolerance=0.01).model_dump()
     )
     assert papers.near == "evidence" and papers.p_max == 1.0
 

@@ -54,13 +54,8 @@ class Method:
 
     def applied(self, config: IntegratorConfig) -> IntegratorConfig:
         """A configuration with this rule and condensation; options of another are left out."""
-        update: dict[str, Any] = {"rule": self.rule, "condensation": self.condensation}
-        if self.rule != config.rule:
-            update["rule_options"] = {}
-        if self.condensation != config.condensation:
-            update["condensation_options"] = {}
-        update |= {field: dict(v) if isinstance(v, tuple) else v for field, v in self.options}
-        return config.model_copy(update=update)
+        update = {field: dict(v) if isinstance(v, tuple) else v for field, v in self.options}
+        return config.using(self.rule, self.condensation).model_copy(update=update)
 
     @property
     def looks_at_spreads(self) -> bool:
