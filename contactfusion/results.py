@@ -20,9 +20,11 @@ ENTRIES = {"xx": (0, 0), "xy": (0, 1), "xz": (0, 2), "yy": (1, 1), "yz": (1, 2),
 COLUMNS: tuple[str, ...] = (
     *("stamp", "x", "y", "z", "likelihood", "dispersion", "voxels", "fx", "fy", "fz", "shares"),
     *(f"cov_{name}" for name in ENTRIES),
+    *("x_from", "y_from", "z_from", "x_to", "y_to", "z_to", "track", "since"),
 )
 """Stamp [s], place [m], likelihood, dispersion [m], voxels, force [N], share of each source,
-covariance [m²]."""
+covariance [m²], the two ends of the extent [m], number and time of making of a contact that is
+followed [s]."""
 Row = tuple[str | int | float | None, ...]
 COMMAND_COLUMNS: tuple[str, ...] = (
     "stamp",
@@ -53,8 +55,10 @@ def contact_rows(step: Step) -> Iterator[Row]:
             *contact.force,
         ]
         covariance = [contact.covariance[entry] for entry in ENTRIES.values()]
-        cells, entries = ([f"{n:.6g}" for n in row] for row in (numbers, covariance))
-        yield (f"{step.stamp:.6f}", *cells, shares, *entries)
+        ends = contact.extent.ravel()
+        cells, entries = ([f"{n:.6g}" for n in row] for row in (numbers, [*covariance, *ends]))
+        followed = (contact.track, f"{contact.since:.6f}") if contact.track else ("", "")
+        yield (f"{step.stamp:.6f}", *cells, shares, *entries, *followed)
 
 
 def command_rows(step: Step) -> Iterator[Row]:
@@ -142,6 +146,9 @@ def _schema() -> "pyarrow.Schema":
             *((name, pa.float64()) for name in numbers),
             ("voxels", pa.int64()),
             ("covariance", pa.list_(pa.float64(), 9)),
+            ("extent", pa.list_(pa.float64(), 6)),
+            ("track", pa.int64()),
+            ("since", pa.float64()),
             ("shares", pa.map_(pa.string(), pa.float64())),
         ]
     )
@@ -166,5 +173,8 @@ def _parquet_rows(step: Step, epoch_ns: int) -> Iterator[dict[str, Any]]:
             **dict(forces),
             "voxels": int(contact.voxels),
             "covariance": contact.covariance.ravel().tolist(),
+            "extent": contact.extent.ravel().tolist(),
+            "track": contact.track or None,
+            "since": contact.since if contact.track else None,
             "shares": list(contact.shares.items()),
         }

@@ -365,6 +365,8 @@ def test_contacts(written: Written) -> None:
         assert one["dispersion"] == contact.dispersion
         assert one["covariance"] == contact.covariance.ravel().tolist()
         assert [numbers(end) for end in one["extent"]] == contact.extent.tolist()
+        assert one["track"] == contact.track > 0
+        assert one["since"] == {"sec": 1_700_000_000, "nanosec": 373_456_789}
         np.testing.assert_array_equal(numbers(one["force"]), contact.force)
         shares = dict(zip(one["sources"], one["shares"], strict=True))
         assert shares == dict(contact.shares)

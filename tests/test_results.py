@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from contactfusion import Integrator, IntegratorConfig
 from contactfusion.results import COLUMNS, contact_rows
 from tests.clouds import HERE, cloud, fused
 
@@ -27,6 +28,24 @@ def test_a_row_holds_the_covariance_of_the_contact_after_all_else() -> None:
     told = [[float(row[f"cov_{min(a, b)}{max(a, b)}"]) for a in "xyz"] for b in "xyz"]
     assert told == pytest.approx(contact.covariance, rel=1e-5)
     assert told[0][2] > 0.0
+
+
+def test_a_row_holds_the_ends_of_a_contact() -> None:
+    clouds = [cloud("skin", 0.0, {HERE: 0.9, (0, 0, 1): 0.8})]
+    row, (contact,) = row_of(*clouds), fused(*clouds).contacts
+    ends = [[float(row[f"{axis}_{end}"]) for axis in "xyz"] for end in ("from", "to")]
+    np.testing.assert_allclose(ends, contact.extent, atol=1e-6)
+    assert np.ptp(ends, axis=0).max() > 0.0
+
+
+def test_a_row_holds_the_number_of_a_contact_that_is_followed() -> None:
+    told = cloud("skin", 0.0, {HERE: 0.9})
+    assert (row_of(told)["track"], row_of(told)["since"]) == ("", "")  # De Morgan follows none
+    integrator = Integrator(IntegratorConfig())
+    integrator.receive(told)
+    step: Any = SimpleNamespace(stamp=0.5, fusion=integrator.step(0.5))
+    (found,) = contact_rows(step)
+    assert found[-2:] == (1, "0.500000")
 
 
 def test_a_row_tells_place_likelihood_and_shares() -> None:

@@ -144,6 +144,8 @@ def _contact(contact: Contact, epoch_ns: int) -> Message:
         extent=[point(end) for end in contact.extent],
         force=vector(contact.force),
         voxels=int(contact.voxels),
+        track=contact.track,
+        since=ros_time(recorded_stamp(contact.since, epoch_ns) if contact.track else 0),
         sources=list(contact.shares),
         shares=numbers(contact.shares.values()),
     )
