@@ -6,13 +6,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from contactfusion import Integrator, IntegratorConfig
 from contactfusion.results import COLUMNS, contact_rows
 from tests.clouds import HERE, cloud, fused
 
 
-def row_of(*clouds: Any) -> dict[str, Any]:
-    step: Any = SimpleNamespace(stamp=0.5, fusion=fused(*clouds))
+def row_of(*clouds: Any, **config: Any) -> dict[str, Any]:
+    step: Any = SimpleNamespace(stamp=0.5, fusion=fused(*clouds, **config))
     (row,) = contact_rows(step)
     return dict(zip(COLUMNS, row, strict=True))
 
@@ -39,13 +38,10 @@ def test_a_row_holds_the_ends_of_a_contact() -> None:
 
 
 def test_a_row_holds_the_number_of_a_contact_that_is_followed() -> None:
-    told = cloud("skin", 0.0, {HERE: 0.9})
-    assert (row_of(told)["track"], row_of(told)["since"]) == ("", "")  # De Morgan follows none
-    integrator = Integrator(IntegratorConfig())
-    integrator.receive(told)
-    step: Any = SimpleNamespace(stamp=0.5, fusion=integrator.step(0.5))
-    (found,) = contact_rows(step)
-    assert found[-2:] == (1, "0.500000")
+    row = row_of(cloud("skin", 0.0, {HERE: 0.9}))
+    assert (row["track"], row["since"]) == (1, "0.000000")
+    row = row_of(cloud("skin", 0.0, {HERE: 0.9}), rule="de_morgan")
+    assert (row["track"], row["since"]) == ("", "")
 
 
 def test_a_row_tells_place_likelihood_and_shares() -> None:
