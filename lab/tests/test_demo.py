@@ -90,7 +90,7 @@ def test_after_its_death_the_skin_has_no_share_in_any_contact(shown: Shown) -> N
     shares = [dict(part.split(":") for part in text.split()) for text in late]
     assert len(shares) > 50
     assert all(float(each.get("skin", 0.0)) == 0.0 for each in shares)
-    assert all(float(each["lidar"]) > 0.5 for each in shares)
+    assert all(float(each["lidar"]) > 0.4 for each in shares)  # the rest is predicted
 
 
 def test_every_link_of_the_page_leads_to_a_file_beside_it(shown: Shown) -> None:
