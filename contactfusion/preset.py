@@ -52,7 +52,7 @@ PRESETS: Mapping[str, Preset] = {
     "paper": Preset(
         generators={
             "tactile": {"p_max": 1.0, "relative_to": "reading"},
-            "force_torque": {"friction": None},
+            "force_torque": {"friction": None, "unknown_bias": 0.0},
             "range": {"evidence": "motion", "scale": 0.01},
             "lidar_cpm": {"p_max": 1.0, "weights": "paper"},
             "lidar_rule": {"p_max": 1.0},

@@ -67,6 +67,8 @@ class BiasEstimate:
         prior = np.array([bias, SHARE, SHARE, SHARE]) / deviations[0]
         self._learned, self._unsure = np.zeros((6, 4)), np.diag(prior**2)
         self._stamp: float | None = None
+        self.unknown = 1.0
+        """Standard deviation of what a sample reads without contact, in those of noise alone."""
 
     def update(
         self, stamp: float, wrench: FloatArray, gravity: FloatArray, mass: float, touched: bool
@@ -80,7 +82,7 @@ class BiasEstimate:
             mass: of the load [kg].
             touched: whether other sources have evidence of a contact, so that nothing is learned.
         """
-        elapsed = CORRELATED if self._stamp is None else max(stamp - self._stamp, 0.0)
+        elapsed = 0.0 if self._stamp is None else max(stamp - self._stamp, 0.0)
         self._stamp = stamp
         samples = min(elapsed / CORRELATED, 1.0)  # as many are independent
         if samples:  # so much that the gain of the bias comes to rest at elapsed / FORGETS
@@ -94,6 +96,7 @@ class BiasEstimate:
             variance = 1.0 / samples + unknown
             self._learned += np.outer(surprise, reach / variance)
             self._unsure -= np.outer(reach, reach) / variance
+        self.unknown = float(np.sqrt(1.0 + weight @ self._unsure @ weight))
         return np.asarray(wrench - self._deviations * (self._learned @ weight))
 
 

@@ -188,7 +188,7 @@ class ForceTorqueGenerator(Generator[ForceTorqueConfig]):
         links: tuple[str, ...] = ()
         if state.robot is not None:
             links = tuple(state.robot.model.beyond(state.link_of(reading.frame)))
-        deviations = self.config.force_noise, self.config.torque_noise
+        deviations = self._force_noise, self._torque_noise
         return Resultant(force, torque, np.zeros(3), *deviations, links)
 
     @property
@@ -224,9 +224,19 @@ class ForceTorqueGenerator(Generator[ForceTorqueConfig]):
         return loaded and not (reading.force.any() or reading.torque.any())
 
     @property
+    def _force_noise(self) -> float:
+        """Standard deviation of a force, by axis, with what is unknown of the bias [N]."""
+        return self._left.unknown * self.config.force_noise
+
+    @property
+    def _torque_noise(self) -> float:
+        """Standard deviation of a torque, by axis, with what is unknown of the bias [N·m]."""
+        return self._left.unknown * self.config.torque_noise
+
+    @property
     def least_force(self) -> float:
         """The force under which no contact is reported [N]."""
-        return self.config.min_force or 5.0 * self.config.force_noise
+        return self._left.unknown * (self.config.min_force or 5.0 * self.config.force_noise)
 
     def compensated(self, reading: Wrench, state: State) -> FloatArray | None:
         """The contact's wrench on the robot, shape (6,) [N, N·m]; None before the tare."""
@@ -270,8 +280,8 @@ class ForceTorqueGenerator(Generator[ForceTorqueConfig]):
         along = abs(float(torque @ force)) / magnitude
         across = float(np.linalg.norm(np.cross(force, torque))) / magnitude
         sigma = np.sqrt(
-            self.config.torque_noise**2
-            + (across * self.config.force_noise / magnitude) ** 2
+            self._torque_noise**2
+            + (across * self._force_noise / magnitude) ** 2
             + (self.config.patch * magnitude) ** 2
         )
         return float(np.clip(2.0 - along / (3.0 * sigma), 0.0, 1.0))
@@ -289,7 +299,7 @@ class ForceTorqueGenerator(Generator[ForceTorqueConfig]):
         """
         magnitude = np.linalg.norm(force)
         lever_squared = (np.square(levers).sum(axis=1) + (levers @ force / magnitude) ** 2) / 2.0
-        noise = np.sqrt(self.config.torque_noise**2 + lever_squared * self.config.force_noise**2)
+        noise = np.sqrt(self._torque_noise**2 + lever_squared * self._force_noise**2)
         across = np.hypot(noise / magnitude, self.config.patch)
         spreads: FloatArray = np.hypot(across, self.config.noise)
         return spreads

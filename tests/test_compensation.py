@@ -133,6 +133,15 @@ def test_a_bias_is_learned_while_nothing_is_touched() -> None:
     np.testing.assert_allclose(untold.mean(axis=0), BIAS, atol=0.02)
 
 
+def test_what_is_not_known_of_a_bias_is_known_better_with_each_sample() -> None:
+    estimate, unknown = BiasEstimate(NOISE, 0.6), []
+    for stamp in np.arange(200) / 100:
+        estimate.update(float(stamp), BIAS, np.zeros(3), 0.0, touched=False)
+        unknown.append(estimate.unknown)
+    assert unknown[0] == pytest.approx(np.hypot(1.0, 0.6 / NOISE[0]))
+    assert (np.diff(unknown) <= 1e-9).all() and 1.0 < unknown[-1] < 1.1
+
+
 def test_a_contact_is_not_learned_however_long_it_lasts() -> None:
     pressed = np.tile(BIAS, (6000, 1))
     pressed[300:] += (0.0, 0.0, 3.0, 0.1, 0.0, 0.0)
