@@ -16,13 +16,15 @@ from contactfusion.arrays import FloatArray
 from contactfusion.contacts import Contact
 from contactfusion.grid import Grid
 from contactfusion.hypotheses import HypothesisKind, Resultant
-from contactfusion.integrator.detections import CERTAIN, clouds_of
-from contactfusion.integrator.entries import Entries, Member
+from contactfusion.integrator.detections import CERTAIN, Cloud, clouds_of
+from contactfusion.integrator.entries import Entries, Member, Source
 from contactfusion.integrator.kernels import EDGE
 from contactfusion.integrator.places import STEP, Places
 from contactfusion.surface import Surface
 from contactfusion.thinning import voxel_downsample
 
+LEAST = 0.2
+"""Standard deviation of a force of which its source does not state the noise [N]."""
 RELATIVE = 0.1
 """Standard deviation of a measured force, as a part of it, beside that of its noise."""
 LEVER = 2.0
@@ -161,6 +163,21 @@ class Superposition:
         return [members[row] for row in np.flatnonzero(self.bears(positions)).tolist()]
 
 
+def measured(source: Source, cloud: Cloud, spread: float) -> Resultant | None:
+    """What a source measures of all contacts, as it says or by the force of its single contact.
+
+    Args:
+        source: that measures.
+        cloud: its hypotheses.
+        spread: how unsure their positions are, by axis [m].
+    """
+    if source.resultant or cloud.force is None:
+        return source.resultant
+    point = cloud.positions[cloud.likelihoods.argmax()]
+    deviations = LEAST, float(np.linalg.norm(cloud.force)) * spread
+    return Resultant(cloud.force, np.zeros(3), point, *deviations)
+
+
 def needed(members: Sequence[Member], sum_of: Superposition) -> list[Member]:
     """The contacts, those less probable that a sum over them is explained without.
 
@@ -200,10 +217,8 @@ def missing(members: Sequence[Member], sum_of: Superposition, entries: Entries) 
         sum_of: what is measured of all together.
         entries: what was fused.
     """
-    surface, probable = (
-        sum_of.surface,
-        [each for each in members if each.contact.likelihood >= EVEN],
-    )
+    surface = sum_of.surface
+    probable = [member for member in members if member.contact.likelihood >= EVEN]
     known = sum_of.maps_of(sum_of.borne(probable))
     if surface is None or sum_of.unexplained(known) < -np.log(RARE):
         return []
@@ -214,14 +229,7 @@ def missing(members: Sequence[Member], sum_of: Superposition, entries: Entries) 
     rows = rows[voxel_downsample(surface.points[rows], Grid(entries.grid.frame, spacing))]
     normals = surface.normals[rows]
     places = Places.at(surface.points[rows], normals, spacing, spacing)
-    weights, added = np.ones(len(rows)), {}
-    for source, cloud in zip(entries.sources, clouds_of(entries), strict=True):
-        heights = places.field(cloud).heights
-        if cloud.kind == HypothesisKind.NULL:
-            weights *= 1.0 - (1.0 - DOUBT) * np.minimum(heights, 1.0)
-        elif cloud.kind == HypothesisKind.SUPPORT and heights.any():
-            added[source.name] = heights / heights.max() + DOUBT
-            weights *= added[source.name]
+    weights, added = _predicted(places, entries)
     gains = sum_of.gains(sum_of.maps(places.points, normals), known)
     best = gains.max()
     joint = weights * np.exp(gains - best)
@@ -255,3 +263,21 @@ def missing(members: Sequence[Member], sum_of: Superposition, entries: Entries) 
     points, reach = places.points[basin.rows], 0.5 * STEP * places.spacing
     given = {sum_of.source: probability}
     return [Member(contact, points, basin.weights, normal, reach, given)]
+
+
+def _predicted(places: Places, entries: Entries) -> tuple[FloatArray, dict[str, FloatArray]]:
+    """How likely a contact is at each place without any evidence, and the factor of each support.
+
+    Both of shape (c,).
+    """
+    weights, added = np.ones(len(places.points)), {}
+    for source, cloud in zip(entries.sources, clouds_of(entries), strict=True):
+        if cloud.kind == HypothesisKind.REGULAR or not len(cloud.positions):
+            continue
+        heights = places.field(cloud).heights
+        if cloud.kind == HypothesisKind.NULL:
+            weights *= 1.0 - (1.0 - DOUBT) * np.minimum(heights, 1.0)
+        elif heights.any():
+            added[source.name] = heights / heights.max() + DOUBT
+            weights *= added[source.name]
+    return weights, added

@@ -6,7 +6,7 @@ matching pursuit: a contact lies where the product of all fields is densest; the
 explains are taken out, and what is left is searched again.
 """
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import cached_property, partial
 
@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from contactfusion.arrays import FloatArray
 from contactfusion.contacts import NONE, Contact
-from contactfusion.hypotheses import HypothesisKind, Resultant
+from contactfusion.hypotheses import HypothesisKind
 from contactfusion.integrator import fields
 from contactfusion.integrator.detections import CERTAIN, LINK, Evidence, clouds_of
 from contactfusion.integrator.entries import Entries, Field, Member, Source
@@ -23,7 +23,7 @@ from contactfusion.integrator.modes import force_near
 from contactfusion.integrator.nearby import Rows, near
 from contactfusion.integrator.places import STEP, Basin, Places, SourceField, moments
 from contactfusion.integrator.posterior import TrustConfig, pushed
-from contactfusion.integrator.resultant import Superposition, missing, needed
+from contactfusion.integrator.resultant import Superposition, measured, missing, needed
 from contactfusion.integrator.store import Int64Array, rasterise
 from contactfusion.rule import Rule
 from contactfusion.surface import Surface
@@ -43,8 +43,6 @@ EXPLAINED = 0.1
 """A contact explains a detection whose field has this part of its highest there."""
 IDLE = 1e-4
 """Places that are less likely than that part of the likeliest are as good as none."""
-LEAST_FORCE = 0.2
-"""Standard deviation of a force of which no source states the noise [N]."""
 FAINT = 0.1
 """What is left is searched while a contact of it could be so probable."""
 TINY = 1e-12
@@ -104,7 +102,12 @@ class Search:
         if self._evidence:
             self._places, self._fields = self._where(surface)
             self._listen(1.0 / np.hypot(1.0, friction))
-            self.sums = [*self._superpositions(surface, friction)]
+            spread = {row: self._spread(row) for row in self._evidence}
+            self.sums = [
+                Superposition(source.name, found, surface, self._places.narrowest, friction)
+                for row, source in enumerate(entries.sources)
+                if (found := measured(source, self._clouds[row], spread.get(row, 0.0)))
+            ]
 
     def _where(self, surface: Surface | None) -> tuple[Places, list[SourceField]]:
         """The places, and the field of each source there.
@@ -296,19 +299,6 @@ class Search:
                 rows = each.around(self._places.points[gone], reach)
                 self._places.search(field, gone, each.cloud, rows)
         self._believe(row)
-
-    def _superpositions(self, surface: Surface | None, friction: float) -> Iterator[Superposition]:
-        """The sums over contacts that sources measure, as they say or by their force."""
-        for row, source in enumerate(self._entries.sources):
-            resultant, each = source.resultant, self._evidence.get(row)
-            if resultant is None and each is not None and each.cloud.force is not None:
-                point = each.cloud.positions[each.cloud.likelihoods.argmax()]
-                strength = float(np.linalg.norm(each.cloud.force))
-                deviations = LEAST_FORCE, strength * self._spread(row)
-                resultant = Resultant(each.cloud.force, np.zeros(3), point, *deviations)
-            if resultant is not None:
-                narrowest = self._places.narrowest
-                yield Superposition(source.name, resultant, surface, narrowest, friction)
 
     def _possible(self) -> float:
         """The probability of a contact by all that is left."""
