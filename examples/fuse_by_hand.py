@@ -29,6 +29,7 @@ near = np.linalg.norm(seen - [0.05, 0.01, 0.0], axis=1)
 camera = cf.HypothesisCloud("camera", support, STAMP, "palm", seen, 1e-4 / (1e-4 + near**2))
 free = cf.HypothesisCloud("camera/free", null, STAMP, "palm", line[2:], np.ones(2))
 
+# De Morgan can be checked by hand: 1 - (1 - p)(1 - q)..., and free space forbids.
 integrator = cf.Integrator(cf.IntegratorConfig(frame="palm", rule="de_morgan"))
 for cloud in (skin, wrench, camera, free):
     integrator.receive(cloud)

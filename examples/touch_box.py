@@ -47,7 +47,7 @@ pipeline = cf.Pipeline(
             "wrist": {"type": "force_torque", "sensor": "wrist", "wrist": "wrist", "load": "robot"},
             "believed": {"type": "simulator", "objects": {"box": box}},
         },
-        integrator=cf.IntegratorConfig(frame="base", condensation="cluster_mass"),
+        integrator=cf.IntegratorConfig(frame="base"),
     )
 )
 

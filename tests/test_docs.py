@@ -2,6 +2,7 @@
 
 import json
 import re
+import runpy
 import time
 from collections.abc import Iterator
 from dataclasses import replace
@@ -132,7 +133,34 @@ def test_the_example_of_the_first_fusion_prints_what_it_says(
 ) -> None:
     exec(python_of("first_fusion.md"), {})
     contact, without = capsys.readouterr().out.splitlines()
-    assert "likelihood 0.90" in contact and without == "()"
+    assert "(0.300, 0.020, 0.100) m" in contact and "likelihood 0.90" in contact and without == "()"
+
+
+def test_the_first_example_of_the_readme_prints_what_it_says(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    text = (ROOT / "README.md").read_text()
+    (example, *_) = re.findall(r"^```python\n(.*?)^```", text, re.MULTILINE | re.DOTALL)
+    told = re.findall(r"^print\(.*\)  # (.*?)(?:: .*|, \.\.\.)$", example, re.MULTILINE)
+    exec(example, {})
+    printed = capsys.readouterr().out.splitlines()
+    assert len(told) == len(printed) == 3
+    assert [line.startswith(words) for words, line in zip(told, printed, strict=True)] == [True] * 3
+
+
+def test_the_page_on_rules_says_what_its_example_prints(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    pytest.importorskip("matplotlib")
+    monkeypatch.setattr("sys.argv", ["compare_rules.py", str(tmp_path)])
+    runpy.run_path(str(ROOT / "examples" / "compare_rules.py"))
+    printed = " ".join(capsys.readouterr().out.split())
+    page = (ROOT / "docs" / "rules.md").read_text()
+    told = page.split("## Six situations")[1].split("## When you want another")[0]
+    assert {*re.findall(r"\d+ mm off", told)} <= {*re.findall(r"\d+ mm off", printed)}
+    stated = {"0.4", "0.9"}  # by sources
+    likelihoods = {*re.findall(r"\b[01]\.\d+\b", told)} - stated
+    assert likelihoods <= {*re.findall(r"\b[01]\.\d+\b", printed)}
 
 
 @pytest.fixture
@@ -175,12 +203,8 @@ def test_the_live_loop_reports_a_push_and_stops_the_robot(
 ) -> None:
     surface = {"frame": "wrist", "shapes": [{"shape": "sphere", "radius": 0.05}]}
     options = {"type": "force_torque", "sensor": "wrist", "sign": "on_robot"}
-    integrator = {"frame": "wrist", "rule": "posterior", "condensation": "modes"}
-    (tmp_path / "hand.yaml").write_text(
-        yaml.safe_dump(
-            {"generators": {"wrist": options}, "integrator": integrator, "surface": surface}
-        )
-    )
+    described = {"generators": {"wrist": options}, "integrator": {"frame": "wrist"}}
+    (tmp_path / "hand.yaml").write_text(yaml.safe_dump({**described, "surface": surface}))
 
     class Driver:
         def read(self) -> Iterator[tuple[float, list[float], list[float]]]:
