@@ -64,6 +64,9 @@ class Resultant:
         force_deviation: standard deviation of the force, by axis [N].
         torque_deviation: standard deviation of the torque, by axis [N·m].
         links: of the part; empty: the whole robot.
+
+    Raises:
+        InvalidCloudError: a vector that is not finite, or a deviation that is not positive.
     """
 
     force: FloatArray
@@ -72,6 +75,17 @@ class Resultant:
     force_deviation: float
     torque_deviation: float
     links: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        """Check every field and freeze the arrays."""
+        for name in ("force", "torque", "origin"):
+            what = f"the {name} of a resultant"
+            vector = frozen_array(getattr(self, name), (3,), what, InvalidCloudError)
+            object.__setattr__(self, name, vector)
+        for name in ("force_deviation", "torque_deviation"):
+            what = f"the {name} of a resultant"
+            if finite_number(getattr(self, name), what, InvalidCloudError) <= 0.0:
+                raise InvalidCloudError(f"{what} is {getattr(self, name):g}, not positive")
 
     def moved(self, pose: Pose) -> "Resultant":
         """In another frame; `pose` is that of the present frame in it."""

@@ -1,5 +1,6 @@
 """The force and torque of all contacts: what is known of some says where the others are."""
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -9,6 +10,7 @@ from hypothesis import strategies as st
 
 from contactfusion import Fusion, HypothesisCloud, Integrator, IntegratorConfig
 from contactfusion.arrays import FloatArray
+from contactfusion.errors import InvalidCloudError
 from contactfusion.frames import points_in, pose_at, vectors_in
 from contactfusion.hypotheses import HypothesisKind, Resultant
 from contactfusion.integrator.resultant import Superposition
@@ -86,6 +88,22 @@ def test_no_frame_is_special(pose: list[float]) -> None:
     np.testing.assert_allclose(
         other.gains(maps.at([1]), maps.at([0])), BOTH.gains(here.at([1]), here.at([0])), rtol=1e-6
     )
+
+
+@pytest.mark.parametrize(
+    ("field", "value", "problem"),
+    [
+        ("force", (0.0, np.nan, 1.0), "force of a resultant"),
+        ("origin", (0.0, 0.0), "origin of a resultant"),
+        ("torque_deviation", 0.0, "torque_deviation of a resultant is 0, not positive"),
+        ("force_deviation", np.inf, "force_deviation of a resultant"),
+    ],
+)
+def test_a_resultant_that_cannot_be_is_refused_by_its_field(
+    field: str, value: Any, problem: str
+) -> None:
+    with pytest.raises(InvalidCloudError, match=problem):
+        replace(resultant([ON_TOP], PUSHES[:1]), **{field: value})
 
 
 # In the fusion
