@@ -27,6 +27,9 @@ LANES = 32
 ROOM = 1 << 15
 """The greatest number of cells, beside eight a point; beyond, cells are wider."""
 BIG, ZERO = np.float32(1e30), np.float32(0.0)
+NEAREST, FURTHER = 2.0, 2.0
+"""The strongest hypothesis is looked for so near first, in standard deviations, then further away
+by at least this factor."""
 
 Float32Array = NDArray[np.float32]
 Int32Array = NDArray[np.int32]
@@ -165,6 +168,50 @@ def _tailed(away: np.float32, height: np.float32) -> np.float32:
     return cubed * cubed * cubed + height * wide
 
 
+class Room(NamedTuple):
+    """Arrays that are written anew for each tile.
+
+    Attributes:
+        found: shape (n,), hypotheses that are near, as positions in the arrays of a `Spread`.
+        squares: shape (n,), their squared distances from the middle of the tile [m²].
+        bounds: shape (n,), their least exponents anywhere in it.
+        chosen: shape (n,), those that are looked at.
+        x: shape (c,) [m], of the places of the tile, as are all others.
+        y: shape (c,) [m].
+        z: shape (c,) [m].
+        rows: shape (c,), the places themselves.
+        scores: shape (c,), the exponent of the strongest hypothesis, or the sum of all.
+        which: shape (c,), the strongest hypothesis, or `NONE`.
+    """
+
+    found: Int64Array
+    squares: Float32Array
+    bounds: Float32Array
+    chosen: Int64Array
+    x: Float32Array
+    y: Float32Array
+    z: Float32Array
+    rows: Int64Array
+    scores: Float32Array
+    which: Int32Array
+
+
+@kernel
+def _room(hypotheses: int, places: int) -> Room:
+    return Room(
+        np.empty(hypotheses, np.int64),
+        np.empty(hypotheses, np.float32),
+        np.empty(hypotheses, np.float32),
+        np.empty(hypotheses, np.int64),
+        np.zeros(places, np.float32),
+        np.zeros(places, np.float32),
+        np.zeros(places, np.float32),
+        np.zeros(places, np.int64),
+        np.zeros(places, np.float32),
+        np.zeros(places, np.int32),
+    )
+
+
 class Spread(NamedTuple):
     """Hypotheses by cells, prepared in single precision, from an origin among the places.
 
@@ -256,41 +303,43 @@ def _gather(
 
 
 @kernel
-def _ceiling(
-    spread: Spread, found: Int64Array, squares: Float32Array, around: np.float32
-) -> np.float32:
-    """Upper bound of the exponent of the strongest hypothesis, anywhere `around` the middle."""
-    ceiling = BIG
-    for h in range(len(found)):
-        away = (np.sqrt(squares[h]) + around) ** 2 * spread.halved[found[h]]
-        if away < spread.furthest:
-            away = min(away, spread.flatter * away + spread.lift)
-            ceiling = min(ceiling, away - spread.logs[found[h]])
-    return ceiling
-
-
-@kernel
-def _strongest(
+def _bounds(
     spread: Spread,
     found: Int64Array,
     squares: Float32Array,
     around: np.float32,
-    ceiling: np.float32,
-    px: Float32Array,
-    py: Float32Array,
-    pz: Float32Array,
-    scores: Float32Array,
-    which: Int32Array,
+    bounds: Float32Array,
 ) -> None:
+    """Write the least exponent of each hypothesis, anywhere `around` the middle."""
+    flatter, lift = spread.flatter, spread.lift
+    for h in range(len(found)):
+        away = max(np.sqrt(squares[h]) - around, ZERO)
+        away = away * away * spread.halved[found[h]]
+        bounds[h] = min(away, flatter * away + lift) - spread.logs[found[h]]
+
+
+@kernel
+def _between(
+    found: Int64Array, bounds: Float32Array, above: np.float32, most: np.float32, chosen: Int64Array
+) -> int:
+    """Write the hypotheses with a bound above one value, and not above another; their number."""
+    count = 0
+    for h in range(len(found)):
+        chosen[count] = found[h]  # written over unless it counts
+        count += (bounds[h] > above) & (bounds[h] <= most)
+    return count
+
+
+@kernel
+def _strongest(spread: Spread, found: Int64Array, count: int, room: Room) -> None:
     """Lower each place's exponent to that of the strongest hypothesis there, and write its row."""
     furthest, flatter, lift = spread.furthest, spread.flatter, spread.lift
-    for h in range(len(found)):
-        at = found[h]
+    whole = (count + LANES - 1) // LANES * LANES
+    px, py, pz = room.x[:whole], room.y[:whole], room.z[:whole]
+    scores, which = room.scores[:whole], room.which[:whole]
+    for at in found:
         x, y, z = spread.x[at], spread.y[at], spread.z[at]
         halved, log = spread.halved[at], spread.logs[at]
-        least = max(np.sqrt(squares[h]) - around, ZERO) ** 2 * halved
-        if min(least, flatter * least + lift) - log > ceiling:
-            continue
         row = np.int32(spread.cells.rows[at])
         for a in range(len(scores)):
             dx, dy, dz = px[a] - x, py[a] - y, pz[a] - z
@@ -303,17 +352,11 @@ def _strongest(
 
 
 @kernel
-def _total(
-    spread: Spread,
-    found: Int64Array,
-    height: np.float32,
-    px: Float32Array,
-    py: Float32Array,
-    pz: Float32Array,
-    scores: Float32Array,
-) -> None:
-    """Add up the densities of the hypotheses at each place."""
-    furthest = spread.furthest
+def _total(spread: Spread, found: Int64Array, height: np.float32, count: int, room: Room) -> None:
+    """Add up the densities of the hypotheses at each place of a tile."""
+    furthest, whole = spread.furthest, (count + LANES - 1) // LANES * LANES
+    px, py, pz, scores = room.x[:whole], room.y[:whole], room.z[:whole], room.scores[:whole]
+    scores[:] = ZERO
     for h in range(len(found)):
         at = found[h]
         x, y, z = spread.x[at], spread.y[at], spread.z[at]
@@ -342,50 +385,78 @@ def _ball(places: FloatArray, rows: Int64Array, middle: FloatArray) -> float:
 
 
 @kernel
-def _relevant(
+def _exponent(spread: Spread, away: float, widest: float, most: float) -> np.float32:
+    """The least exponent of any hypothesis so far away [m]."""
+    squared = np.float32(0.5 * (away / widest) ** 2)
+    return np.float32(min(squared, spread.flatter * squared + spread.lift) - most)
+
+
+@kernel
+def _distance(spread: Spread, exponent: np.float32, widest: float, most: float) -> float:
+    """The distance from which on no hypothesis has a lesser exponent [m]."""
+    away = max(exponent + most, 0.0)
+    away = max(away, (away - spread.lift) / spread.flatter)
+    return float(np.sqrt(2.0 * away)) * widest
+
+
+@kernel
+def _find_strongest(
     spread: Spread,
+    rows: Int64Array,
     middle: FloatArray,
     around: np.float32,
     widest: float,
     most: float,
     reach: float,
-    single: bool,
-    found: Int64Array,
-    squares: Float32Array,
-) -> int:
-    """Write the hypotheses with weight around a place, and their squared distances [m²].
+    room: Room,
+    field: FloatArray,
+    which: Int32Array,
+) -> None:
+    """Write the density of the strongest hypothesis at each place of a tile, and its row.
 
-    Of several contacts the strongest counts: the search goes further until nothing beyond can be.
+    The search goes further away until no hypothesis beyond can be stronger at any place.
 
     Args:
         spread: the hypotheses.
-        middle: shape (3,) [m], of the places that matter.
+        rows: shape (m,), the places.
+        middle: shape (3,) [m], of the places.
         around: their greatest distance from it [m].
         widest: the largest standard deviation [m].
         most: the logarithm of the largest likelihood.
         reach: distance beyond which a hypothesis counts as zero [m].
-        single: whether they describe one contact.
-        found: shape (n,), is overwritten.
-        squares: shape (n,), is overwritten.
-
-    Returns:
-        Their number.
+        room: holds the places.
+        field: shape (c,), is written at the places.
+        which: likewise; or empty.
     """
-    within = reach
-    if not single and reach >= 2.0 * around:
-        within = max(widest, float(around))
-    while True:
-        count = _gather(spread, middle, within + float(around), found, squares)
-        if within >= reach:
-            return count
-        ceiling, needed = _ceiling(spread, found[:count], squares, around), 2.0 * within
-        if ceiling < BIG:
-            away = max(float(ceiling) + most, 0.0)
-            away = max(away, float((away - spread.lift) / spread.flatter))
-            needed = float(np.sqrt(2.0 * away)) * widest
-        if needed <= within:
-            return count
-        within = min(needed, reach)
+    count, within, done = len(rows), min(NEAREST * widest, reach), -BIG
+    room.rows[:count], room.scores[:count], room.which[:count] = rows, BIG, NONE
+    while count > 0:
+        is_last = within >= reach
+        limit = room.scores[:count].max()
+        if not is_last:
+            limit = min(limit, _exponent(spread, within, widest, most))
+        n = _gather(spread, middle, within + float(around), room.found, room.squares)
+        found, bounds = room.found[:n], room.bounds[:n]
+        _bounds(spread, found, room.squares[:n], around, bounds)
+        _strongest(
+            spread, room.chosen[: _between(found, bounds, done, limit, room.chosen)], count, room
+        )
+        weakest, left, done = -BIG, 0, limit
+        for a in range(count):
+            row, score = room.rows[a], room.scores[a]
+            if score > done and not is_last:  # another one further away may be stronger
+                room.x[left], room.y[left], room.z[left] = room.x[a], room.y[a], room.z[a]
+                room.rows[left], room.scores[left], room.which[left] = row, score, room.which[a]
+                weakest = max(weakest, score)
+                left += 1
+                continue
+            if score < BIG:
+                field[row] = np.exp(-score)
+            if len(which):
+                which[row] = room.which[a]
+        count = left
+        needed = _distance(spread, weakest, widest, most) if weakest < BIG else 0.0
+        within = min(max(needed, FURTHER * within), reach)
 
 
 @kernel
@@ -402,45 +473,33 @@ def _over_tiles(
     which: Int32Array,
 ) -> None:
     """Kernel density of hypotheses in a cell list; other arguments as `kernel_density`."""
-    n, origin = len(positions), places[len(places) // 2]
+    origin = places[len(places) // 2]
     spread = _ready(cells, positions, likelihoods, variances, tail, origin)
     widest, most = np.sqrt(variances.max()), np.log(likelihoods.max())
     reach = (FAR if tail > 0.0 else REACH) * widest
-    found, squares = np.empty(n + 1, np.int64), np.empty(n + 1, np.float32)
-    room = len(places) + LANES
-    px, py = np.zeros(room, np.float32), np.zeros(room, np.float32)
-    pz, scores = np.zeros(room, np.float32), np.zeros(room, np.float32)
-    best = np.zeros(room, np.int32)
-    middle = np.empty(3)
+    room, middle = _room(len(positions) + 1, len(places) + LANES), np.empty(3)
     for tile in range(len(tiles.begins) - 1):
         rows = tiles.rows[tiles.begins[tile] : tiles.begins[tile + 1]]
-        m = len(rows)
-        if m == 0:
+        if len(rows) == 0:
             continue
         around = np.float32(_ball(places, rows, middle))
-        count = _relevant(spread, middle, around, widest, most, reach, single, found, squares)
-        if count == 0:
+        gap = 0.0
+        for axis in range(3):
+            width = cells.counts[axis] * cells.side
+            gap += _gap(middle[axis] - cells.low[axis], 0, width) ** 2
+        if gap > (reach + float(around)) ** 2:  # all hypotheses are too far away
             continue
-        for a in range(m):
-            px[a], py[a] = places[rows[a], 0] - origin[0], places[rows[a], 1] - origin[1]
-            pz[a] = places[rows[a], 2] - origin[2]
-        whole = (m + LANES - 1) // LANES * LANES
-        x, y, z, s = px[:whole], py[:whole], pz[:whole], scores[:whole]
+        for a in range(len(rows)):
+            room.x[a] = places[rows[a], 0] - origin[0]
+            room.y[a] = places[rows[a], 1] - origin[1]
+            room.z[a] = places[rows[a], 2] - origin[2]
         if single:
-            s[:] = ZERO
-            _total(spread, found[:count], np.float32(tail), x, y, z, s)
-        else:
-            s[:] = BIG
-            best[:whole] = NONE
-            ceiling = _ceiling(spread, found[:count], squares, around)
-            _strongest(spread, found[:count], squares, around, ceiling, x, y, z, s, best[:whole])
-        for a in range(m):
-            if single:
-                field[rows[a]] = s[a]
-            elif s[a] < BIG:
-                field[rows[a]] = np.exp(-s[a])
-            if len(which):
-                which[rows[a]] = best[a]
+            count = _gather(spread, middle, reach + float(around), room.found, room.squares)
+            _total(spread, room.found[:count], np.float32(tail), len(rows), room)
+            for a in range(len(rows)):
+                field[rows[a]] = room.scores[a]
+            continue
+        _find_strongest(spread, rows, middle, around, widest, most, reach, room, field, which)
 
 
 def kernel_density(
