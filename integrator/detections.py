@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 from contactfusion.arrays import FloatArray
 from contactfusion.contacts import NONE
 from contactfusion.hypotheses import HypothesisKind
-from contactfusion.integrator import clusters, fields
+from contactfusion.integrator import clusters
+from contactfusion.integrator.cells import Dealt, cell_list, nearest
 from contactfusion.integrator.clusters import Int32Array
 from contactfusion.integrator.entries import Entries
 from contactfusion.integrator.nearby import around
@@ -106,8 +107,8 @@ class Evidence:
         return around(self.cloud.positions, self._cells, self.labels, self.left, points, reach)
 
     @cached_property
-    def _cells(self) -> fields.Dealt:
-        return fields.cell_list(self.cloud.positions, CELL * float(np.sqrt(self.variance)))
+    def _cells(self) -> Dealt:
+        return cell_list(self.cloud.positions, CELL * float(np.sqrt(self.variance)))
 
     def probability(self, of: NDArray[np.bool_]) -> float:
         """The probability of a contact by some of the detections; `of` has shape (d,)."""
@@ -126,8 +127,6 @@ def detections(cloud: Cloud, keys: Int64Array, variance: float, side: float) -> 
         variance: of the positions, by axis [m²].
         side: of a voxel [m].
     """
-    from scipy.spatial import KDTree
-
     reach = clusters.reach_squared(LINK * np.sqrt(variance), side)
     groups, count = clusters.label(keys, reach)
     peak = np.zeros(count)
@@ -142,8 +141,14 @@ def detections(cloud: Cloud, keys: Int64Array, variance: float, side: float) -> 
     np.maximum.at(highest, groups[high], labels[high])
     labels[~high] = lowest[groups[~high]]
     several = (lowest != highest)[groups]
-    if several.any():  # the rest belongs to the nearest peak
+    if several.any():  # the rest belongs to the nearest peak, near neighbours together
         between, within = np.flatnonzero(several & ~high), np.flatnonzero(several & high)
-        tree = KDTree(cloud.positions[within])
-        labels[between] = labels[within[tree.query(cloud.positions[between])[1]]]
+        away, tops = LINK * np.sqrt(variance), cloud.positions[within]
+        dealt = cell_list(cloud.positions[between], away)
+        counts = np.diff(dealt.begins)
+        begins, counts = dealt.begins[:-1][counts > 0], counts[counts > 0]
+        rows = between[dealt.rows]
+        middles = np.add.reduceat(cloud.positions[rows], begins, axis=0) / counts[:, None]
+        own = within[nearest(middles, tops, cell_list(tops, away))]
+        labels[rows] = np.repeat(labels[own], counts)
     return labels

@@ -1,7 +1,7 @@
-"""Kernels of the rule `posterior`: how well a contact at each place would explain a source.
+"""Kernels: how well a contact at each place would explain a source.
 
 Places are processed cell by cell: hypotheses near one of them are near its neighbours, and the
-innermost loops go over places side by side. Neighbours of a point are found by the same cells.
+innermost loops go over places side by side.
 """
 
 from typing import NamedTuple
@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from contactfusion.arrays import FloatArray
 from contactfusion.contacts import NONE
+from contactfusion.integrator.cells import Dealt, cell_list, gap
 from contactfusion.integrator.store import Int64Array
 from contactfusion.jit import kernel
 
@@ -24,8 +25,6 @@ COLUMN = 0.024
 """The least side of the cells of hypotheses [m]."""
 LANES = 32
 """Innermost loops go over multiples of this number of places, which fill vectors."""
-ROOM = 1 << 15
-"""The greatest number of cells, beside eight a point; beyond, cells are wider."""
 BIG, ZERO = np.float32(1e30), np.float32(0.0)
 NEAREST, FURTHER = 2.0, 2.0
 """The strongest hypothesis is looked for so near first, in standard deviations, then further away
@@ -35,111 +34,6 @@ Float32Array = NDArray[np.float32]
 Int32Array = NDArray[np.int32]
 
 NO_ROWS: Int32Array = np.empty(0, np.int32)
-
-
-class Dealt(NamedTuple):
-    """A cell list: points by the cells of a grid over them.
-
-    Attributes:
-        rows: shape (n,), the points cell by cell.
-        begins: shape (cells + 1,), where each cell begins in `rows`; z runs first, then y.
-        low: shape (3,) [m], the least corner of the grid.
-        counts: shape (3,), number of cells along each axis.
-        side: of a cell [m].
-    """
-
-    rows: Int64Array
-    begins: Int64Array
-    low: FloatArray
-    counts: Int64Array
-    side: float
-
-
-@kernel
-def cell_list(points: FloatArray, side: float) -> Dealt:
-    """Sort points by cells of `side` [m], or of wider ones where these would be too many.
-
-    Args:
-        points: shape (n, 3) [m], at least one.
-        side: of a cell [m].
-    """
-    n = len(points)
-    low, high = np.full(3, np.inf), np.full(3, -np.inf)
-    for row in range(n):
-        for axis in range(3):
-            low[axis] = min(low[axis], points[row, axis])
-            high[axis] = max(high[axis], points[row, axis])
-    while np.prod(np.floor((high - low) / side) + 1.0) > ROOM + 8 * n:
-        side *= 1.5
-    counts = (np.floor((high - low) / side) + 1.0).astype(np.int64)
-    cells, rows = np.empty(n, np.int64), np.empty(n, np.int64)
-    begins = np.zeros(counts[0] * counts[1] * counts[2] + 1, np.int64)
-    for row in range(n):
-        i = int((points[row, 0] - low[0]) / side)
-        j = int((points[row, 1] - low[1]) / side)
-        k = int((points[row, 2] - low[2]) / side)
-        cells[row] = (i * counts[1] + j) * counts[2] + k
-        begins[cells[row] + 1] += 1
-    for cell in range(len(begins) - 1):
-        begins[cell + 1] += begins[cell]
-    at = begins[:-1].copy()
-    for row in range(n):
-        rows[at[cells[row]]] = row
-        at[cells[row]] += 1
-    return Dealt(rows, begins, low, counts, side)
-
-
-@kernel
-def _touched(
-    point: FloatArray, cells: Dealt, radius: float, first: Int64Array, last: Int64Array
-) -> None:
-    """Write the first and last cell along each axis that a ball around a point touches."""
-    for axis in range(3):
-        offset, most = point[axis] - cells.low[axis], cells.counts[axis] - 1.0
-        last[axis] = int(min(max(np.floor((offset + radius) / cells.side), -1.0), most))
-        first[axis] = int(min(max(np.floor((offset - radius) / cells.side), 0.0), most + 1.0))
-
-
-@kernel
-def heaviest(
-    points: FloatArray, places: FloatArray, cells: Dealt, weights: FloatArray, radius: float
-) -> FloatArray:
-    """The largest weight of a place within `radius` of each point, 0 without any, shape (n,).
-
-    Args:
-        points: shape (n, 3) [m].
-        places: shape (c, 3) [m].
-        cells: the places by cells.
-        weights: shape (c,).
-        radius: [m].
-    """
-    found = np.zeros(len(points))
-    first, last = np.empty(3, np.int64), np.empty(3, np.int64)
-    for row in range(len(points)):
-        _touched(points[row], cells, radius, first, last)
-        for i in range(first[0], last[0] + 1):
-            for j in range(first[1], last[1] + 1):
-                column = (i * cells.counts[1] + j) * cells.counts[2]
-                begin, end = cells.begins[column + first[2]], cells.begins[column + last[2] + 1]
-                for at in range(begin, end):
-                    other = cells.rows[at]
-                    if _squared(points[row], places[other]) <= radius * radius:
-                        found[row] = max(found[row], weights[other])
-    return found
-
-
-@kernel
-def _squared(first: FloatArray, second: FloatArray) -> float:
-    total = 0.0
-    for axis in range(3):
-        total += (first[axis] - second[axis]) ** 2
-    return total
-
-
-@kernel
-def _gap(x: float, cell: int, side: float) -> float:
-    """The distance of a coordinate from a cell [m]."""
-    return max(cell * side - x, x - (cell + 1) * side, 0.0)
 
 
 @kernel
@@ -284,9 +178,9 @@ def _gather(
     first_j = max(int(np.floor((cy - radius) / side)), 0)
     last_j = min(int(np.floor((cy + radius) / side)), counts[1] - 1)
     for i in range(first_i, last_i + 1):
-        gap_x = _gap(cx, i, side)
+        gap_x = gap(cx, i, side)
         for j in range(first_j, last_j + 1):
-            left = radius * radius - gap_x**2 - _gap(cy, j, side) ** 2
+            left = radius * radius - gap_x**2 - gap(cy, j, side) ** 2
             if left < 0.0:
                 continue
             first = max(int(np.floor((cz - np.sqrt(left)) / side)), 0)
@@ -387,16 +281,17 @@ def _ball(places: FloatArray, rows: Int64Array, middle: FloatArray) -> float:
 @kernel
 def _exponent(spread: Spread, away: float, widest: float, most: float) -> np.float32:
     """The least exponent of any hypothesis so far away [m]."""
-    squared = np.float32(0.5 * (away / widest) ** 2)
-    return np.float32(min(squared, spread.flatter * squared + spread.lift) - most)
+    squared = 0.5 * (away / widest) ** 2
+    tailed = squared * float(spread.flatter) + float(spread.lift)
+    return np.float32(min(squared, tailed) - most)
 
 
 @kernel
 def _distance(spread: Spread, exponent: np.float32, widest: float, most: float) -> float:
     """The distance from which on no hypothesis has a lesser exponent [m]."""
-    away = max(exponent + most, 0.0)
-    away = max(away, (away - spread.lift) / spread.flatter)
-    return float(np.sqrt(2.0 * away)) * widest
+    squared = max(float(exponent) + most, 0.0)
+    squared = max(squared, (squared - float(spread.lift)) / float(spread.flatter))
+    return float(np.sqrt(2.0 * squared)) * widest
 
 
 @kernel
@@ -483,11 +378,11 @@ def _over_tiles(
         if len(rows) == 0:
             continue
         around = np.float32(_ball(places, rows, middle))
-        gap = 0.0
+        away = 0.0
         for axis in range(3):
             width = cells.counts[axis] * cells.side
-            gap += _gap(middle[axis] - cells.low[axis], 0, width) ** 2
-        if gap > (reach + float(around)) ** 2:  # all hypotheses are too far away
+            away += gap(middle[axis] - cells.low[axis], 0, width) ** 2
+        if away > (reach + float(around)) ** 2:  # all hypotheses are too far away
             continue
         for a in range(len(rows)):
             room.x[a] = places[rows[a], 0] - origin[0]

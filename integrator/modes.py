@@ -9,6 +9,7 @@ from pydantic import Field as FieldOf
 from contactfusion.arrays import FloatArray
 from contactfusion.contacts import NONE, Contact
 from contactfusion.integrator import fields, kernels
+from contactfusion.integrator.cells import cell_list, heaviest
 from contactfusion.integrator.entries import Belief, Entries, Field
 from contactfusion.integrator.nearby import connected
 from contactfusion.model import Model
@@ -130,15 +131,15 @@ def _mode(
     """
     heavy = np.flatnonzero(weights >= HEAVY * weights.max())
     some = np.flatnonzero(weights >= FAINT * weights.max())
-    tops, cells = places[heavy], fields.cell_list(places[heavy], fields.TILE)
+    tops, cells = places[heavy], cell_list(places[heavy], fields.TILE)
     densities = np.empty(len(heavy))
     widths = np.full(len(some), (scale * WIDTH) ** 2)
     fields.kernel_density(tops, cells, places[some], weights[some], widths, True, 0.0, densities)
     densest = int(np.round(densities / densities.max(), 6).argmax())  # the first of equals
     joined = connected(tops, cells, weights[heavy], 0.0, densest, scale * LINK)
     core, heights = tops[joined], weights[heavy][joined]
-    cells = fields.cell_list(core, fields.TILE)
-    basin = fields.heaviest(places, core, cells, heights, scale * BASIN) > 0.0
+    cells = cell_list(core, fields.TILE)
+    basin = heaviest(places, core, cells, heights, scale * BASIN) > 0.0
     basin &= weights > 0.0  # the rest belongs to an earlier mode
     place = heights @ core / heights.sum()
     if ((core - place) ** 2).sum(axis=1).max() > (scale * LONG) ** 2:

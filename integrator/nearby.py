@@ -4,7 +4,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from contactfusion.arrays import FloatArray
-from contactfusion.integrator.fields import Dealt
+from contactfusion.integrator.cells import Dealt
 from contactfusion.jit import kernel
 
 Rows = NDArray[np.intp]

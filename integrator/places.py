@@ -10,6 +10,7 @@ from contactfusion.arrays import FloatArray
 from contactfusion.contacts import NONE
 from contactfusion.hypotheses import HypothesisKind
 from contactfusion.integrator import fields
+from contactfusion.integrator.cells import Dealt, cell_list
 from contactfusion.integrator.detections import Cloud
 from contactfusion.integrator.nearby import Rows, connected, nearer, shifted
 
@@ -83,16 +84,16 @@ class Places(NamedTuple):
     normals: FloatArray | None
     spacing: float
     narrowest: float
-    cells: fields.Dealt
-    tiles: fields.Dealt
+    cells: Dealt
+    tiles: Dealt
 
     @staticmethod
     def at(
         points: FloatArray, normals: FloatArray | None, spacing: float, narrowest: float
     ) -> "Places":
         """Places, put into cells."""
-        cells = fields.cell_list(points, STEP * spacing)
-        tiles = fields.cell_list(points, fields.TILE)
+        cells = cell_list(points, STEP * spacing)
+        tiles = cell_list(points, fields.TILE)
         return Places(points, normals, spacing, narrowest, cells, tiles)
 
     def where(self, wanted: NDArray[np.bool_]) -> "Places":
@@ -120,7 +121,7 @@ class Places(NamedTuple):
         """
         points = self.points[wanted]
         heights, which = np.empty(len(points)), np.empty(len(points), np.int32)
-        tiles = fields.cell_list(points, fields.TILE)
+        tiles = cell_list(points, fields.TILE)
         self._add_up(points, tiles, cloud.picked(rows), heights, which)
         field.heights[wanted] = heights
         field.which[wanted] = np.append(rows, NONE)[which]
@@ -128,7 +129,7 @@ class Places(NamedTuple):
     def _add_up(
         self,
         points: FloatArray,
-        tiles: fields.Dealt,
+        tiles: Dealt,
         cloud: Cloud,
         heights: FloatArray,
         which: NDArray[np.int32],
@@ -146,7 +147,7 @@ class Places(NamedTuple):
         """
         heavy, some = np.flatnonzero(weights >= CORE), np.flatnonzero(weights >= BASIN)
         tops, densities = self.points[heavy], np.empty(len(heavy))
-        tiles, widths = fields.cell_list(tops, fields.TILE), np.full(len(some), self._width**2)
+        tiles, widths = cell_list(tops, fields.TILE), np.full(len(some), self._width**2)
         around = (self.points[some], weights[some], widths, True, 0.0)
         fields.kernel_density(tops, tiles, *around, densities)
         top = int(heavy[np.round(densities / densities.max(), 6).argmax()])  # the first of equals

@@ -16,6 +16,7 @@ from pydantic import Field as FieldOf
 from contactfusion.arrays import FloatArray
 from contactfusion.hypotheses import HypothesisKind
 from contactfusion.integrator import fields
+from contactfusion.integrator.cells import cell_list, heaviest
 from contactfusion.integrator.detections import Cloud, clouds_of
 from contactfusion.integrator.entries import Belief, Entries, Field, Source
 from contactfusion.integrator.places import TAIL
@@ -165,9 +166,9 @@ def _by_voxel(entries: Entries, belief: Belief) -> FloatArray:
     """The likelihood of the likeliest place within a side of each voxel's centre, shape (m,)."""
     likelihoods, counted = np.zeros(len(entries.keys)), entries.counted_voxels
     side, heights = entries.grid.voxel_size, belief.weights / belief.weights.max()
-    cells = fields.cell_list(belief.places, 2.0 * side)
+    cells = cell_list(belief.places, 2.0 * side)
     centres = entries.grid.centres(entries.voxels[counted])
-    near = fields.heaviest(centres, belief.places, cells, heights, side)
+    near = heaviest(centres, belief.places, cells, heights, side)
     likelihoods[counted] = belief.exists * near
     return likelihoods
 
@@ -219,7 +220,7 @@ def _candidates(
 def _fields(clouds: Sequence[Cloud], places: FloatArray, wanted: Sequence[bool]) -> FloatArray:
     """The fields of some sources, shape (k, c); 0 for the others."""
     densities = np.zeros((len(clouds), len(places)))
-    tiles = fields.cell_list(places, fields.TILE)
+    tiles = cell_list(places, fields.TILE)
     for cloud, field, is_wanted in zip(clouds, densities, wanted, strict=True):
         if is_wanted:
             variances = np.maximum(cloud.variances, NARROWEST**2)

@@ -17,6 +17,7 @@ from contactfusion.arrays import FloatArray
 from contactfusion.contacts import NONE, Contact
 from contactfusion.hypotheses import HypothesisKind
 from contactfusion.integrator import fields
+from contactfusion.integrator.cells import cell_list, heaviest
 from contactfusion.integrator.detections import CERTAIN, LINK, Evidence, clouds_of
 from contactfusion.integrator.entries import Entries, Field, Member, Source
 from contactfusion.integrator.modes import force_near
@@ -451,8 +452,8 @@ def _by_voxel(entries: Entries, members: Sequence[Member]) -> FloatArray:
     centres = entries.grid.centres(entries.voxels[counted])
     for member in members:
         reach = max(member.reach, entries.grid.voxel_size)
-        cells = fields.cell_list(member.places, 2.0 * reach)
+        cells = cell_list(member.places, 2.0 * reach)
         heights = member.weights / member.weights.max() * member.contact.likelihood
-        around = fields.heaviest(centres, member.places, cells, heights, reach)
+        around = heaviest(centres, member.places, cells, heights, reach)
         likelihoods[counted] = np.maximum(likelihoods[counted], around)
     return likelihoods

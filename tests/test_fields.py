@@ -12,6 +12,7 @@ from scipy.spatial.distance import cdist
 
 from contactfusion.arrays import FloatArray
 from contactfusion.integrator import fields
+from contactfusion.integrator.cells import ROOM, cell_list, heaviest, nearest
 
 TAIL = 0.1
 seeds = st.integers(0, 2**32 - 1)
@@ -29,7 +30,7 @@ def kernel_density(
     tail: float,
 ) -> FloatArray:
     field = np.full(len(places), np.nan)
-    tiles = fields.cell_list(places, fields.TILE)
+    tiles = cell_list(places, fields.TILE)
     variances = np.square(spreads)
     fields.kernel_density(places, tiles, positions, likelihoods, variances, single, tail, field)
     return field
@@ -219,10 +220,10 @@ def test_every_point_is_dealt_to_the_cell_that_it_lies_in(
     seed: int, count: int, size: float, side: float
 ) -> None:
     points = scattered(np.random.default_rng(seed), count, size)
-    listed = fields.cell_list(points, side)
+    listed = cell_list(points, side)
     assert sorted(listed.rows.tolist()) == list(range(count))
     assert listed.side >= side and listed.low == pytest.approx(points.min(axis=0), abs=0.0)
-    assert len(listed.begins) == listed.counts.prod() + 1 <= fields.ROOM + 8 * count + 1
+    assert len(listed.begins) == listed.counts.prod() + 1 <= ROOM + 8 * count + 1
     assert listed.begins[0] == 0 and listed.begins[-1] == count
     i, j, k = ((points - listed.low) / listed.side).astype(int).T
     cells = (i * listed.counts[1] + j) * listed.counts[2] + k
@@ -232,9 +233,9 @@ def test_every_point_is_dealt_to_the_cell_that_it_lies_in(
 
 def test_where_there_would_be_too_many_cells_they_are_wider() -> None:
     near = np.zeros((5, 3))
-    assert fields.cell_list(near, 0.01).side == 0.01
-    listed = fields.cell_list(np.vstack([near, FAR]), 0.01)
-    assert listed.side > 10.0 and listed.counts.prod() <= fields.ROOM + 8 * 6
+    assert cell_list(near, 0.01).side == 0.01
+    listed = cell_list(np.vstack([near, FAR]), 0.01)
+    assert listed.side > 10.0 and listed.counts.prod() <= ROOM + 8 * 6
 
 
 # The heaviest within reach
@@ -255,7 +256,7 @@ def test_the_heaviest_place_within_reach_is_found(
     points = places[rng.integers(0, counts[1], counts[0])] + rng.normal(0, 0.01, (counts[0], 3))
     points[0] += 100.0 * rng.normal(size=3)
     weights = rng.uniform(0.1, 1.0, counts[1])
-    found = fields.heaviest(points, places, fields.cell_list(places, side), weights, radius)
+    found = heaviest(points, places, cell_list(places, side), weights, radius)
     near = cdist(points, places) <= radius
     assert np.array_equal(found, (near * weights).max(axis=1))
 
@@ -263,8 +264,23 @@ def test_the_heaviest_place_within_reach_is_found(
 @pytest.mark.parametrize("point", [FAR, [-1e4, 0.0, 0.0], [0.0, 0.1, 1e4], [0.0, 0.0, 0.0101]])
 def test_out_of_reach_of_every_place_there_is_no_weight(point: list[float]) -> None:
     places = np.zeros((3, 3))
-    listed = fields.cell_list(places, 0.005)
-    assert fields.heaviest(np.array([point]), places, listed, np.ones(3), 0.01).tolist() == [0.0]
+    listed = cell_list(places, 0.005)
+    assert heaviest(np.array([point]), places, listed, np.ones(3), 0.01).tolist() == [0.0]
 
 
 # Chains
+
+
+# The nearest place
+
+
+@many
+@given(seed=seeds, size=sizes, side=st.sampled_from((0.003, 0.03, 9.0)))
+def test_the_nearest_place_is_found_also_from_outside_of_all_cells(
+    seed: int, size: float, side: float
+) -> None:
+    rng = np.random.default_rng(seed)
+    places, points = scattered(rng, 30, size), scattered(rng, 40, 3.0 * size)
+    found = nearest(points, places, cell_list(places, side))
+    away = np.linalg.norm(points[:, None] - places, axis=2)
+    assert np.array_equal(found, away.argmin(axis=1))

@@ -8,7 +8,7 @@ from scipy.sparse import csr_matrix
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial.distance import cdist
 
-from contactfusion.integrator.fields import cell_list
+from contactfusion.integrator.cells import cell_list
 from contactfusion.integrator.nearby import around, connected, near, nearer, shifted
 
 

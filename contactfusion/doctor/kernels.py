@@ -9,6 +9,7 @@ MODULES = (
     "contactfusion.generators.motion",
     "contactfusion.generators.proximity",
     "contactfusion.generators.first_touch",
+    "contactfusion.integrator.cells",
     "contactfusion.integrator.clusters",
     "contactfusion.integrator.fields",
     "contactfusion.integrator.kernels",
