@@ -94,6 +94,7 @@ class Superposition:
         self._wrench = np.concatenate([resultant.force, resultant.torque]) * self._scale
         self._origin, self._strength = resultant.origin, STRENGTH * strength
         self._across = min(friction / 2.0, 1.0)
+        self._penalty = 0.5 * (self._strength / self._by_force) ** 2
 
     def maps(self, positions: FloatArray, normals: FloatArray | None) -> Maps:
         """What contacts at some places add.
@@ -129,27 +130,54 @@ class Superposition:
             tried: what the further contact adds, at each of c places.
             found: what the contacts add that are known.
         """
-        wrenches = found.wrenches
-        inverse = np.linalg.inv(np.eye(6) + np.einsum("kij,klj->il", wrenches, wrenches))
+        inverse = np.linalg.inv(_covariance(found.wrenches))
         left = inverse @ self._wrench
         across = inverse @ tried.wrenches
-        precision = np.eye(3) + np.swapaxes(tried.wrenches, 1, 2) @ across
-        given = left @ tried.wrenches
-        units = np.linalg.solve(precision, given[:, :, None])[:, :, 0]
-        gains = 0.5 * (given * units).sum(axis=1) - 0.5 * np.linalg.slogdet(precision)[1]
-        if tried.normals is None:
-            return np.asarray(gains, np.float64)
-        pulls = np.maximum((tried.normals * units).sum(axis=1), 0.0) ** 2
-        if found.normals is not None and len(wrenches):
-            moved = np.einsum("kji,cjl,cl->cki", wrenches, across, units, optimize=True)
-            pulled = ((left @ wrenches - moved) * found.normals).sum(axis=2)
-            pulls += (np.maximum(pulled, 0.0) ** 2).sum(axis=1)
-        return np.asarray(gains - 0.5 * (self._strength / self._by_force) ** 2 * pulls, np.float64)
+        gains, forces = self._gains(left[None], across, tried.wrenches)
+        pulls = _pulls(forces, tried.normals)
+        if found.normals is not None:
+            residuals = left - (across @ forces[:, :, None])[:, :, 0]
+            pulls += self._all_pull(residuals, found).sum(axis=1)
+        return np.asarray(gains - self._penalty * pulls, np.float64)
+
+    def gains_of(self, found: Maps) -> FloatArray:
+        """By how much each of some contacts explains the sum better beside the others, shape (c,).
+
+        Args:
+            found: what the contacts add.
+        """
+        wrenches = found.wrenches
+        own = wrenches @ np.swapaxes(wrenches, 1, 2)
+        whole = _covariance(wrenches)
+        inverses = np.linalg.inv(whole - own)
+        left = inverses @ self._wrench
+        gains, forces = self._gains(left, inverses @ wrenches, wrenches)
+        if found.normals is None:
+            return gains
+        before = self._all_pull(left, found)
+        pulls = _pulls(forces, found.normals).sum() - (before.sum(axis=1) - before.diagonal())
+        return np.asarray(gains - self._penalty * pulls, np.float64)
+
+    def _gains(
+        self, left: FloatArray, across: FloatArray, wrenches: FloatArray
+    ) -> tuple[FloatArray, FloatArray]:
+        """The gains of contacts that may pull, shape (c,), and their forces, shape (c, 3)."""
+        precisions = np.eye(3) + np.swapaxes(wrenches, 1, 2) @ across
+        given = (left[:, None, :] @ wrenches)[:, 0]
+        forces = np.linalg.solve(precisions, given[:, :, None])[:, :, 0]
+        gains = 0.5 * (given * forces).sum(axis=1) - 0.5 * np.linalg.slogdet(precisions)[1]
+        return np.asarray(gains, np.float64), np.asarray(forces, np.float64)
+
+    def _all_pull(self, residuals: FloatArray, found: Maps) -> FloatArray:
+        """How much each contact pulls by what is left of the sum, (c, 6), shape (c, k)."""
+        assert found.normals is not None
+        along = (found.wrenches @ found.normals[:, :, None])[:, :, 0]
+        return np.asarray(np.square(np.maximum(residuals @ along.T, 0.0)), np.float64)
 
     def unexplained(self, found: Maps) -> float:
         """The sum that contacts leave, as half of χ²."""
-        covariance = np.eye(6) + np.einsum("kij,klj->il", found.wrenches, found.wrenches)
-        return 0.5 * float(self._wrench @ np.linalg.solve(covariance, self._wrench))
+        left = np.linalg.solve(_covariance(found.wrenches), self._wrench)
+        return 0.5 * float(self._wrench @ left)
 
     def bears(self, points: FloatArray) -> NDArray[np.bool_]:
         """Whether contacts at some places, shape (c, 3) [m], take part in the sum, shape (c,)."""
@@ -161,6 +189,19 @@ class Superposition:
         """The contacts of a set that take part in the sum."""
         positions = np.reshape([member.contact.position for member in members], (-1, 3))
         return [members[row] for row in np.flatnonzero(self.bears(positions)).tolist()]
+
+
+def _covariance(wrenches: FloatArray) -> FloatArray:
+    """The covariance of a sum of contacts, in that of what is measured, shape (6, 6)."""
+    columns = np.swapaxes(wrenches, 0, 1).reshape(6, -1)
+    return np.asarray(np.eye(6) + columns @ columns.T, np.float64)
+
+
+def _pulls(forces: FloatArray, normals: FloatArray | None) -> FloatArray:
+    """How much each contact pulls, shape (c,): the square of its force out of the robot."""
+    if normals is None:
+        return np.zeros(len(forces))
+    return np.asarray(np.square(np.maximum((normals * forces).sum(axis=1), 0.0)), np.float64)
 
 
 def measured(source: Source, cloud: Cloud, spread: float) -> Resultant | None:
@@ -191,19 +232,21 @@ def needed(members: Sequence[Member], sum_of: Superposition) -> list[Member]:
     positions = np.reshape([member.contact.position for member in members], (-1, 3))
     kept = np.flatnonzero(sum_of.bears(positions)).tolist()
     own = [{*member.given} == {sum_of.source} for member in members]
+    gains = dict[int, float]()
     for row in sorted(kept, key=lambda row: (not own[row], members[row].contact.likelihood)):
         if len(kept) == 1:
             break
-        others = [other for other in kept if other != row]
-        gain = sum_of.gains(maps.at([row]), maps.at(others))[0]
-        factor = float(np.exp(np.clip(gain, np.log(NEEDLESS), -np.log(NEEDLESS))))
+        if not gains:
+            gains = dict(zip(kept, sum_of.gains_of(maps.at(kept)).tolist(), strict=True))
+        factor = float(np.exp(np.clip(gains[row], np.log(NEEDLESS), -np.log(NEEDLESS))))
         exists = members[row].contact.likelihood
         odds = RARE if own[row] else exists / max(1.0 - exists, EDGE)
         probability = factor * odds / (1.0 + factor * odds)
         contact = replace(members[row].contact, likelihood=probability)
         judged[row] = replace(members[row], contact=contact, factor=factor)
         if probability < EVEN:
-            kept = others
+            kept.remove(row)
+            gains.clear()
     return judged
 
 
