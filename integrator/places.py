@@ -1,6 +1,7 @@
 """The places where a contact may be, and where a belief over them is densest."""
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -68,7 +69,8 @@ class SourceField(NamedTuple):
         return SourceField(self.heights[wanted], which)
 
 
-class Places(NamedTuple):
+@dataclass(frozen=True, eq=False)
+class Places:
     """The places where a contact may be.
 
     Attributes:
@@ -76,30 +78,27 @@ class Places(NamedTuple):
         normals: of the surface there, shape (c, 3); None without it.
         spacing: how far neighbouring places lie apart [m].
         narrowest: the least standard deviation of a hypothesis [m].
-        cells: the places by cells.
-        tiles: likewise, by larger ones.
     """
 
     points: FloatArray
     normals: FloatArray | None
     spacing: float
     narrowest: float
-    cells: Dealt
-    tiles: Dealt
 
-    @staticmethod
-    def at(
-        points: FloatArray, normals: FloatArray | None, spacing: float, narrowest: float
-    ) -> "Places":
-        """Places, put into cells."""
-        cells = cell_list(points, STEP * spacing)
-        tiles = cell_list(points, fields.TILE)
-        return Places(points, normals, spacing, narrowest, cells, tiles)
+    @cached_property
+    def cells(self) -> Dealt:
+        """The places by cells."""
+        return cell_list(self.points, STEP * self.spacing)
+
+    @cached_property
+    def tiles(self) -> Dealt:
+        """The places by larger cells."""
+        return cell_list(self.points, fields.TILE)
 
     def where(self, wanted: NDArray[np.bool_]) -> "Places":
         """Some of the places; `wanted` has shape (c,)."""
         normals = None if self.normals is None else self.normals[wanted]
-        return Places.at(self.points[wanted], normals, self.spacing, self.narrowest)
+        return Places(self.points[wanted], normals, self.spacing, self.narrowest)
 
     def field(self, cloud: Cloud) -> SourceField:
         """The field of a source."""

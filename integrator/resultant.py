@@ -271,7 +271,7 @@ def missing(members: Sequence[Member], sum_of: Superposition, entries: Entries) 
         return []
     rows = rows[voxel_downsample(surface.points[rows], Grid(entries.grid.frame, spacing))]
     normals = surface.normals[rows]
-    places = Places.at(surface.points[rows], normals, spacing, spacing)
+    places = Places(surface.points[rows], normals, spacing, spacing)
     weights, added = _predicted(places, entries)
     gains = sum_of.gains(sum_of.maps(places.points, normals), known)
     best = gains.max()

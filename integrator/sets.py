@@ -119,7 +119,7 @@ class Search:
         if surface is not None and len(surface.points):
             spacing = max(surface.spacing, least)
             narrowest = max(NARROWEST * spacing, least)
-            whole = Places.at(surface.points, surface.normals, spacing, narrowest)
+            whole = Places(surface.points, surface.normals, spacing, narrowest)
             heard = {row: whole.field(each.cloud) for row, each in self._evidence.items()}
             reached = np.zeros(len(surface.points), np.bool_)
             for field in heard.values():
@@ -133,7 +133,7 @@ class Search:
         points = np.concatenate([each.cloud.positions for each in self._evidence.values()])
         variance = min(each.variance for each in self._evidence.values())
         # places hang together as far apart as the hypotheses of a source do
-        places = Places.at(points, None, LINK / STEP * np.sqrt(variance), least)
+        places = Places(points, None, LINK / STEP * np.sqrt(variance), least)
         return places, [places.field(cloud) for cloud in self._clouds]
 
     def _listen(self, steepest: float) -> None:
