@@ -23,7 +23,7 @@ TILE = 0.04
 """Side of the cells of places [m]: each holds enough of them to fill vectors."""
 COLUMN = 0.024
 """The least side of the cells of hypotheses [m]."""
-LANES = 32
+LANES = 16
 """Innermost loops go over multiples of this number of places, which fill vectors."""
 BIG, ZERO = np.float32(1e30), np.float32(0.0)
 NEAREST, FURTHER = 2.0, 2.0

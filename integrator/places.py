@@ -1,6 +1,6 @@
 """The places where a contact may be, and where a belief over them is densest."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import NamedTuple
 
@@ -157,6 +157,16 @@ class Places:
             rows = rows[nearer(self.points, rows, core, others)]
         mean = weights[core] @ self.points[core] / weights[core].sum()
         return Basin(core, mean, rows, weights[rows] / weights[rows].sum())
+
+    def anywhere(self, basin: Basin, weights: FloatArray) -> Basin:
+        """A contact that lies in a basin or, as sources do not tell several apart, elsewhere.
+
+        Args:
+            basin: where it is densest.
+            weights: shape (c,), of the belief.
+        """
+        rows = np.flatnonzero(weights >= BASIN * weights.max())
+        return replace(basin, rows=rows, weights=weights[rows] / weights[rows].sum())
 
     def connected(self, values: FloatArray, least: float, start: int) -> Rows:
         """The places of at least some value that hang together with one of them, ascending.

@@ -6,7 +6,7 @@ matching pursuit: a contact lies where the product of all fields is densest; the
 explains are taken out, and what is left is searched again.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from functools import cached_property, partial
 
@@ -22,7 +22,7 @@ from contactfusion.integrator.detections import CERTAIN, LINK, Evidence, clouds_
 from contactfusion.integrator.entries import Entries, Field, Member, Source
 from contactfusion.integrator.modes import force_near
 from contactfusion.integrator.nearby import Rows, near
-from contactfusion.integrator.places import STEP, Basin, Places, SourceField, moments
+from contactfusion.integrator.places import BASIN, STEP, Basin, Places, SourceField, moments
 from contactfusion.integrator.posterior import TrustConfig, pushed
 from contactfusion.integrator.resultant import Superposition, measured, missing, needed
 from contactfusion.integrator.store import Int64Array, rasterise
@@ -199,7 +199,11 @@ class Search:
             return []
         heard = [each.copy() for each in self._fields]
         found = self._found(())
-        if self.sums and len(found) > 1 and any(self._vague(member) for _, member in found):
+        if (
+            self.sums
+            and len(found) > 1
+            and any(self._is_vague(self._rows_of(member)) for _, member in found)
+        ):
             self._hear(heard)
             found = self._found([member for _, member in found])
         self._hear(heard)
@@ -226,6 +230,8 @@ class Search:
                 self._weigh(weights, sum_of, beside)
             basin = self._places.densest(weights / weights.max())
             taken = self._explained(basin)
+            if self._is_vague(taken):
+                basin = self._places.anywhere(basin, weights)
             found.append((basin, self._member(basin, taken)))
             for row, own in taken.items():
                 self._take_out(row, own)
@@ -251,7 +257,8 @@ class Search:
         """
         kept = dict(enumerate(found))
         for number, (_, member) in enumerate(found):
-            if len(kept) == 1 or not (rows := self._vague(member)):
+            rows = self._rows_of(member)
+            if len(kept) == 1 or not self._is_vague(rows):
                 continue
             fits = {
                 other: min(self._agreement(row, basin) for row in rows)
@@ -269,10 +276,13 @@ class Search:
                 kept[best] = basin, replace(other, contact=contact, given=given)
         return [member for _, member in kept.values()]
 
-    def _vague(self, member: Member) -> list[int]:
-        """The rows of a contact's sources if each of them is of a single contact, else none."""
-        rows = [self._rows[name] for name in member.given]
-        return rows if all(self._clouds[row].single for row in rows) else []
+    def _is_vague(self, rows: Iterable[int]) -> bool:
+        """Whether each of some sources tells of a single contact."""
+        return all(self._clouds[row].single for row in rows)
+
+    def _rows_of(self, member: Member) -> list[int]:
+        """The rows of the sources of a contact."""
+        return [self._rows[name] for name in member.given]
 
     def _weigh(self, weights: FloatArray, sum_of: Superposition, found: Sequence[Member]) -> None:
         """Multiply weights (c,) by how well a contact there explains a sum beside those found."""
@@ -347,19 +357,22 @@ class Search:
         scatter = moments(places.points[area] - middle, weights)
         lengths, axes = np.linalg.eigh(scatter)
         precision = sum(1.0 / self._spread(row) ** 2 for row in taken)
-        is_large = lengths[-1] * precision > LARGE**2
-        position = middle if is_large else places.mode(basin)
+        is_wide, is_vague = lengths[-1] * precision > LARGE**2, self._is_vague(taken)
+        is_large = is_wide and not is_vague
+        position = middle if is_wide else places.mode(basin)
         normal = None if places.normals is None else basin.weights @ places.normals[basin.rows]
-        unsure = np.eye(3) / precision
-        if normal is not None and not is_large:  # along the surface a belief is as wide as spreads
+        covariance = np.eye(3) * np.sqrt(len(taken)) / precision
+        if not is_large and normal is not None:  # along the surface a belief is as wide as spreads
             across = np.outer(normal, normal) / max(float(normal @ normal), TINY)
-            unsure = across / precision + np.eye(3) * places.spacing**2 / 12.0
-        covariance = unsure + (0.0 if is_large else places.moments(basin, position))
-        covariance *= np.sqrt(len(taken))
+            covariance = across * places.narrowest**2 + np.eye(3) * places.spacing**2 / 12.0
+        if not is_large:
+            covariance += places.moments(basin, position)
         along = (places.points[area] - position) @ axes[:, -1]
         # the area ends beyond the outermost hypotheses, where their field has fallen to `AGREED`
         beyond = np.sqrt(2.0 * np.log(1.0 / AGREED) * len(taken) / precision)
         ends = np.minimum(along.min() + beyond, 0.0), np.maximum(along.max() - beyond, 0.0)
+        if is_vague:  # that is where it may lie, not how large it is
+            ends = 0.0, 0.0
         shares = self._shares(basin, taken)
         reach = 0.5 * STEP * places.spacing
         contact = Contact(
@@ -401,8 +414,16 @@ class Search:
             missed *= 1.0 - self._evidence[row].probability(own)
         for row, highest in self._supports.items():
             missed *= 1.0 - min(highest, CERTAIN) * self._agreement(row, basin)
-        free = self._factors[np.ix_(np.array([*taken]), basin.rows)].prod(axis=0)
-        unseen = float(free @ self._seen[basin.rows] / free.sum())
+        # over where its own sources see it, so that the surer null is, the less is left
+        told = self._factors[[*taken]].prod(axis=0)
+        top = basin.core[told[basin.core].argmax()]
+        least = BASIN * told[top]
+        rows = (
+            np.flatnonzero(told >= least)
+            if self._is_vague(taken)
+            else self._places.connected(told, least, int(top))
+        )
+        unseen = float(told[rows] @ self._seen[rows] / told[rows].sum())
         kept = (1.0 - missed) * unseen * self._missed
         return kept / (missed + kept)
 

@@ -223,7 +223,34 @@ def test_a_stated_spread_comes_back_as_covariance(spread: float) -> None:
     np.testing.assert_allclose(alone.covariance, np.eye(3) * (spread / 1e3) ** 2, atol=1e-9)
     wide = ShapeConfig(shape="rectangle", size=(0.1, 0.1)).sampled("hand", 0.001)
     on_it = only(emit("skin", 0.9, (0, 0, 0), spread), surface=wide).covariance
-    np.testing.assert_allclose(on_it, np.eye(3) * (spread / 1e3) ** 2, rtol=0.12, atol=1e-8)
+    np.testing.assert_allclose(on_it[:2, :2], np.eye(2) * (spread / 1e3) ** 2, rtol=0.12, atol=1e-8)
+    # across the surface a contact is as unsure as a position in a voxel, however wide the spread
+    assert np.sqrt(on_it[2, 2]) == pytest.approx(0.005 / np.sqrt(12.0), rel=0.05)
+
+
+def test_a_force_that_crosses_the_hand_twice_leaves_both_ends_in_the_covariance() -> None:
+    line = np.array([(x, 0.0, 0.0) for x in range(-60, 61, 4)])
+    wrench = emit("wrench", np.full(len(line), 0.9 / len(line)), line, 6.0, single=True)
+    contact = only(wrench, surface=FINGERS)
+    other = contact.position * (-1, 1, 1)
+    offset = other - contact.position
+    assert offset @ np.linalg.solve(contact.covariance, offset) < 2.5**2
+    assert np.ptp(contact.extent, axis=0).max() == 0.0  # it is not known to be large
+
+
+@given(sure=st.tuples(st.floats(0.05, 0.99), st.floats(0.05, 0.99)), x=st.floats(-10.0, 30.0))
+@settings(deadline=None, max_examples=50)
+def test_the_surer_free_space_is_the_less_likely_is_a_contact_near_it(
+    sure: tuple[float, float], x: float
+) -> None:
+    skin = emit("skin", (0.6, 0.9, 0.7), [(0, 0, 0), (4, 0, 0), (8, 0, 0)])
+    likelihoods = []
+    for p in sorted(sure):
+        free = emit("free", p, PATCH + (x, 0, 0), 4.0, NULL)
+        members = fused(skin, free, surface=PALM).field.members
+        assert members is not None
+        likelihoods.append(members[0].contact.likelihood)
+    assert likelihoods[1] <= likelihoods[0] + 1e-6
 
 
 def test_a_position_without_spread_is_as_unsure_as_its_voxel() -> None:
