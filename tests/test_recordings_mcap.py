@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 import yaml
 
-from contactfusion import Fusion
+from contactfusion import Fusion, Integrator, IntegratorConfig
 from contactfusion.arrays import FloatArray
 from contactfusion.controller import Command
 from contactfusion.errors import (
@@ -371,6 +371,22 @@ def test_contacts(written: Written) -> None:
         shares = dict(zip(one["sources"], one["shares"], strict=True))
         assert shares == dict(contact.shares)
     assert math.isnan(sent["contacts"][1]["force"]["x"])
+
+
+def test_what_happened_to_contacts_in_the_steps_in_which_any_did(written: Written) -> None:
+    integrator = Integrator(IntegratorConfig(frame="base"))
+    integrator.plug("skin", replace=True)
+    integrator.receive(cloud("skin", 0.2, {HERE: 0.8}))
+    integrator.step(0.2)
+    kept = Step(0.3, integrator.step(0.3), None)
+    integrator.receive(cloud("skin", 0.4, {}))
+    broken = integrator.step(0.4)
+    assert "/contactfusion/events" not in written(kept)
+    (sent,) = written(Step(0.4, broken, None))["/contactfusion/events"]
+    assert sent.kind == "contactfusion_msgs/msg/ContactEvents"
+    (event,) = sent.fields["events"]
+    assert event["change"] == "broken" and event["contact"]["track"] == 1
+    assert sent.fields["header"]["frame_id"] == "base"
 
 
 def test_contacts_are_drawn_after_those_of_before_are_deleted(

@@ -64,20 +64,26 @@ def _fuse(positions: Any) -> None:
     NearestGrid.of(positions).improve(positions, np.eye(4), 0, np.ones(100), np.zeros(100, np.intp))
     surface = Surface("base", positions, np.tile([0.0, 0.0, 1.0], (100, 1)))
     likelihoods, spreads = np.linspace(0.1, 0.9, 100), np.linspace(0.001, 0.01, 100)
+    line = np.outer(np.linspace(0.0, 0.2, 100), [1.0, 0.0, 0.0])
+    waves = 0.5 + 0.4 * np.cos(np.linspace(0.0, 20.0, 100))  # with peaks, and what is between them
     for rule in ("de_morgan", "max", "log_odds", "dempster_shafer", "posterior", "sets"):
         condensation = {"posterior": "modes", "sets": "members"}.get(rule, "cluster_mass")
         integrator = Integrator(
             IntegratorConfig(rule=rule, expiry="voxel", condensation=condensation)
         )
-        for source, stamp in (("a", 0.0), ("b", 0.0), ("a", 0.1)):
+        for source, stamp, places, given in (
+            ("a", 0.0, positions, likelihoods),
+            ("b", 0.0, line, waves),
+            ("a", 0.1, positions, likelihoods),
+        ):
             integrator.receive(
                 HypothesisCloud(
                     source=source,
                     kind=HypothesisKind.REGULAR,
                     stamp=stamp,
                     frame="base",
-                    positions=positions,
-                    likelihoods=likelihoods,
+                    positions=places,
+                    likelihoods=given,
                     forces=positions,
                     spreads=spreads,
                 )

@@ -135,10 +135,10 @@ class McapWriter:
     def step(self, step: Step) -> None:
         """Write the contacts and the command of a step.
 
-        Below /contactfusion, contacts go to /contacts, and for viewers to /contacts/markers as
-        spheres with their likelihoods and to /contacts/voxels as a cloud of those with evidence; of
-        successive steps with nothing to draw only the first is drawn. A command goes to /command,
-        and its twist to /cmd_vel.
+        Below /contactfusion, contacts go to /contacts, what happened to them, if anything, to
+        /events, and for viewers to /contacts/markers as spheres with their likelihoods and to
+        /contacts/voxels as a cloud of those with evidence; of successive steps with nothing to draw
+        only the first is drawn. A command goes to /command, and its twist to /cmd_vel.
 
         Raises:
             RecordingError: a stamp is out of the range of ROS.

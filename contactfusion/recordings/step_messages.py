@@ -1,7 +1,7 @@
 """Results of a step of the pipeline as ROS 2 messages: contacts, their picture, the command."""
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from functools import cache
 
 import numpy as np
@@ -12,6 +12,7 @@ from contactfusion.controller import Command
 from contactfusion.integrator.fusion import Fusion
 from contactfusion.integrator.kernels import REGULAR
 from contactfusion.integrator.store import unpack
+from contactfusion.integrator.tracks import ContactEvent
 from contactfusion.pipeline import Step
 from contactfusion.readings.messages import (
     Message,
@@ -57,6 +58,8 @@ def step_messages(step: Step, epoch_ns: int, pictures: bool = True) -> Iterator[
     stamp = recorded_stamp(step.stamp, epoch_ns)
     top = header(stamp, step.fusion.field.entries.grid.frame)
     yield contact_message(step.fusion.contacts, top, epoch_ns, OURS)
+    if step.fusion.changes:
+        yield f"{OURS}events", _events(step.fusion.changes, top, epoch_ns)
     if pictures:
         yield marker_message(step.fusion.contacts, top, OURS)
         yield f"{OURS}contacts/voxels", voxel_cloud(step.fusion, top)
@@ -149,6 +152,18 @@ def _contact(contact: Contact, epoch_ns: int) -> Message:
         sources=list(contact.shares),
         shares=numbers(contact.shares.values()),
     )
+
+
+def _events(changes: Sequence[ContactEvent], top: Message, epoch_ns: int) -> Message:
+    events = [
+        message(
+            "contactfusion_msgs/ContactEvent",
+            change=str(event.change),
+            contact=_contact(event.contact, epoch_ns),
+        )
+        for event in changes
+    ]
+    return message("contactfusion_msgs/ContactEvents", header=top, events=events)
 
 
 def _command(command: Command, stamp: int) -> Iterator[Posting]:

@@ -423,7 +423,7 @@ def test_a_run_of_a_scene_writes_what_is_recorded_and_contacts_beside_it(
     assert {topic: ran[topic] for topic in recorded} == recorded
     assert {topic for topic in ran if topic not in recorded and "marker" not in topic} == {
         f"/contactfusion/{name}"
-        for name in ("cmd_vel", "command", "configuration", "contacts", "contacts/voxels")
+        for name in ("cmd_vel", "command", "configuration", "contacts", "contacts/voxels", "events")
     }
     kept = setting_of_recording(tmp_path / "run.mcap")
     assert sum(len(step.fusion.contacts) for step in Session(kept, tmp_path / "run.mcap").play())
