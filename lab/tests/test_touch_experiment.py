@@ -399,12 +399,12 @@ def outcomes(errors: FloatArray, **changes: Any) -> pd.DataFrame:
             "detected": errors <= 0.03, "false": (errors > 0.03).astype(int), "error": errors,
             "sigma": 0.01, "force": 6.0, "latency": 0.1, "gospa": np.minimum(errors, 0.03),
             "gospa_distance": errors * (errors <= 0.03), "gospa_missed": 0, "gospa_false": 0,
-            "recall": 1.0, "probability": np.where(silent, 0.0, 0.9), "level": 0.5,
+            "recall": 1.0, "probability": np.where(silent, 0.0, 0.9), "level": 0.5, "lost": 0,
             "radius": 0.02}  # fmt: skip
     alarms = (np.arange(n) % 10 == 0).astype(int)
     air = {"short": True, "true_contacts": 0, "contacts": alarms, "detected": False,
            "false": alarms, "error": np.nan, "sigma": np.nan, "force": 0.0,
-           "latency": np.nan, "probability": 0.9 * alarms, "gospa": 0.0}  # fmt: skip
+           "latency": np.nan, "lost": 0, "probability": 0.9 * alarms, "gospa": 0.0}  # fmt: skip
     frame = pd.concat([pd.DataFrame(felt), pd.DataFrame(air, range(n))], ignore_index=True)
     names: dict[str, Any] = {CASE: "all, m", "row": "all", "object": "box", "repeat": 0}
     return frame.assign(direction=[*range(n), *range(n)], **names, **changes)

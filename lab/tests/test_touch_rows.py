@@ -89,6 +89,7 @@ def outcomes(row: str, method: str, errors: list[float], short: bool = False) ->
         radius=0.02,
         force=6.0,
         latency=0.1,
+        lost=0,
     )
     return [
         replace(first, touch=f"box-{number:02d}-0", direction=number, detected=error <= 0.03,

@@ -14,6 +14,7 @@ from contactfusion.pipeline import Pipeline
 from contactfusion.robots.model import shared_robot
 from contactfusion_lab.experiments.methods import Method
 from contactfusion_lab.experiments.touch import rows, tables
+from contactfusion_lab.experiments.touch.course import course_of
 from contactfusion_lab.experiments.touch.plan import DEFAULT, Plan, read_plan
 from contactfusion_lab.experiments.touch.record import (
     COARSEST,
@@ -30,7 +31,6 @@ from contactfusion_lab.experiments.touch.rows import (
     TIMED,
     everything,
     fused,
-    latency,
     reported,
 )
 from contactfusion_lab.experiments.touch.trial import Trial, run_trial
@@ -177,15 +177,29 @@ class TestLatency:
             "tip_1": [*arrived("tip_1", 0.3, places=PLACE + 0.1), *arrived("tip_1", 0.72)],
         }
         one = over_time(history, 0.52)
-        assert latency(one, ALL, DE_MORGAN, plan.pipeline) == pytest.approx(0.75 - 0.52)
+        assert course_of(one, ALL, DE_MORGAN, plan.pipeline).latency == pytest.approx(0.75 - 0.52)
 
     def test_a_report_far_away_or_before_is_none(self, plan: Plan) -> None:
         far = over_time({"tip_1": arrived("tip_1", 0.7, places=PLACE + 0.1)}, 0.52)
-        assert np.isnan(latency(far, ALL, DE_MORGAN, plan.pipeline))
+        assert np.isnan(course_of(far, ALL, DE_MORGAN, plan.pipeline).latency)
         before = over_time({"tip_1": arrived("tip_1", 0.2)}, 0.8)  # it has timed out
-        assert np.isnan(latency(before, ALL, DE_MORGAN, plan.pipeline))
+        assert np.isnan(course_of(before, ALL, DE_MORGAN, plan.pipeline).latency)
         in_air = trial(cloud("tip_1", PLACE, 0.9), places=(), short=True)
-        assert np.isnan(latency(in_air, ALL, DE_MORGAN, plan.pipeline))
+        assert np.isnan(course_of(in_air, ALL, DE_MORGAN, plan.pipeline).latency)
+
+    def test_a_report_that_is_lost_and_comes_again_is_counted(self, plan: Plan) -> None:
+        history = {
+            "tip_1": [
+                *arrived("tip_1", 0.3),
+                *arrived("tip_1", 0.45, places=PLACE + 0.1),
+                *arrived("tip_1", 0.6),
+            ],
+        }
+        one = over_time(history, 0.2)
+        assert course_of(one, ALL, DE_MORGAN, plan.pipeline).lost == 1
+        often = [cloud for k in range(8) for cloud in arrived("tip_1", 0.3 + 0.1 * k)]
+        steady = over_time({"tip_1": often}, 0.2)
+        assert course_of(steady, ALL, DE_MORGAN, plan.pipeline).lost == 0
 
     def test_without_evidence_no_rule_reports_anything(self, plan: Plan) -> None:
         support = trial(cloud("believed", PLACE, 0.9), cloud("tip_1", [], 0.0))
@@ -200,7 +214,7 @@ class TestLatency:
         first = felt.record.stamps[np.flatnonzero(before)[0]]
         assert first - 0.05 < felt.onset <= first
         for method in (DE_MORGAN, POSTERIOR):
-            seconds = latency(felt, everything(plan.pipeline), method, plan.pipeline)
+            seconds = course_of(felt, everything(plan.pipeline), method, plan.pipeline).latency
             assert 0.0 <= seconds <= felt.record.end - felt.onset
 
     def test_the_force_is_what_presses_in_the_end(self, plan: Plan, felt: Trial) -> None:

@@ -1,15 +1,18 @@
 """`experiment touch`: touches, each with a twin in free air, and what comes of them."""
 
+import itertools
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any, final
 
 import numpy as np
+import pandas as pd
 
 from contactfusion.errors import ConfigurationError
 from contactfusion.faults import read_faults
 from contactfusion.files import write_whole
+from contactfusion.pipeline_config import PipelineConfig
 from contactfusion.terminal import note
 from contactfusion_lab.experiments.methods import (
     DE_MORGAN_TUNED,
@@ -18,13 +21,18 @@ from contactfusion_lab.experiments.methods import (
     with_spreads,
 )
 from contactfusion_lab.experiments.touch import figures, free, tables
+from contactfusion_lab.experiments.touch.course import course_of
 from contactfusion_lab.experiments.touch.plan import DEFAULT, Free, Plan, Touch, read_plan
 from contactfusion_lab.experiments.touch.rows import (
+    ALL_AND_SIMULATOR,
     PAPERS,
     ROWS,
+    TIMED,
+    Outcome,
+    Row,
     compare_all,
     everything,
-    outcomes_of,
+    outcome,
     shared,
 )
 from contactfusion_lab.experiments.touch.trial import (
@@ -41,7 +49,7 @@ from contactfusion_lab.trials.executor import Executor, Local
 from contactfusion_lab.trials.folder import trial_file
 from contactfusion_lab.trials.measures import CASE, parts_of
 from contactfusion_lab.trials.runner import Experiment, Made, run
-from contactfusion_lab.trials.tables import Units, as_csv, comparisons_text, write_results
+from contactfusion_lab.trials.tables import Units, as_csv, comparisons_text, frame_of, write_results
 
 METHODS = (
     Method("de_morgan", "cluster_centroid"),
@@ -269,6 +277,37 @@ def _evaluate(
     if len(alarms):
         write_whole(out / "free.csv", as_csv(alarms.drop(columns=CASE)))
     write_results(out, frame, summary, texts, missing="nan")
+
+
+def outcomes_of(
+    trials: Iterable[Trial], methods: Sequence[Method], config: PipelineConfig
+) -> pd.DataFrame:
+    """Fuse every touch by every row, and again without each modality of two rows.
+
+    Args:
+        trials: the clouds of every source.
+        methods: how hypotheses are fused.
+        config: the pipeline that received the readings of the touches.
+
+    Returns:
+        One row an outcome; ROW, METHOD is the case.
+    """
+    every = everything(config)
+    fewer = [(row, name) for row in (ALL_AND_SIMULATOR, every) for name in row.modalities]
+    cases = [
+        (method, row, without)
+        for method in methods
+        for row, without in [*((row, "") for row in (*ROWS, every)), *fewer]
+    ]
+    outcomes = dict[tuple[Method, Row, str], list[Outcome]]((case, []) for case in cases)
+    for trial in trials:
+        for method, row, without in cases:
+            found = outcome(trial, row, method, config, without=without)
+            if row.name in TIMED and not without and not trial.touch.short:
+                found = replace(found, **asdict(course_of(trial, row, method, config)))
+            outcomes[method, row, without].append(found)
+    frame = frame_of(itertools.chain.from_iterable(outcomes.values()), Outcome)
+    return frame.assign(**{CASE: frame["row"] + ", " + frame["method"]})
 
 
 def _summary(trials: Sequence[Trial]) -> dict[str, Any]:

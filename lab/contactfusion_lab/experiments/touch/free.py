@@ -9,7 +9,8 @@ from scipy.stats import chi2
 
 from contactfusion.pipeline_config import PipelineConfig
 from contactfusion_lab.experiments.methods import Method
-from contactfusion_lab.experiments.touch.rows import ROWS, everything, reported
+from contactfusion_lab.experiments.touch.course import reports
+from contactfusion_lab.experiments.touch.rows import ROWS, everything
 from contactfusion_lab.experiments.touch.trial import FreeTrial
 from contactfusion_lab.trials.measures import CASE, CONFIDENCE, Measure, parts_of, resampled
 from contactfusion_lab.trials.tables import cell, frame_of, markdown
@@ -56,7 +57,7 @@ def alarms_of(
     cases = [(method, row) for method in methods for row in (*ROWS, everything(config))]
     found = [
         _alarms(trial, str(method), row.name, [
-            len(reported(instant, row, method, config)) > 0 for instant in cycles
+            len(places) > 0 for _, places in reports(cycles, row, method, config)
         ])
         for trial in trials
         if not trial.touched

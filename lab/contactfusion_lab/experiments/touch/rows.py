@@ -1,12 +1,10 @@
 """Rows of the table: what is fused in each, what comes of it, and rows against each other."""
 
-import itertools
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 import pandas as pd
-from scipy.spatial.distance import cdist
 
 from contactfusion.arrays import FloatArray
 from contactfusion.contacts import Contact
@@ -22,8 +20,7 @@ from contactfusion_lab.experiments.touch.record import Instant, thinned
 from contactfusion_lab.experiments.touch.trial import Trial
 from contactfusion_lab.trials.calibration import level, radius
 from contactfusion_lab.trials.localisation import localisation
-from contactfusion_lab.trials.measures import CASE, TRIAL, Comparison, compared
-from contactfusion_lab.trials.tables import frame_of
+from contactfusion_lab.trials.measures import TRIAL, Comparison, compared
 
 NEAR = 0.03
 """A contact this near a true one has detected it [m] (method §8)."""
@@ -109,6 +106,7 @@ class Outcome:
         force: magnitude of the sum of the true contact forces [N].
         latency: time from the first contact to the first report near a true one [s]; NaN where none
             came, and where it is not evaluated.
+        lost: how often no report was near a true contact any more, though there still was one.
     """
 
     touch: str
@@ -134,6 +132,7 @@ class Outcome:
     radius: float
     force: float
     latency: float
+    lost: int
 
 
 def modality_of(config: PipelineConfig, source: str) -> str:
@@ -168,43 +167,41 @@ def fused(
         config: the pipeline that received the readings.
         without: a modality to leave out.
     """
-    clouds = _counted(instant, row, method, config, without)
-    return _fused(instant, clouds, method, config)
+    integrator = Integrator(method.applied(config.integrator))
+    grid = Grid(integrator.config.frame, integrator.config.voxel_size)
+    for cloud in counted(instant, row, method, config, without=without):
+        if cloud.kind == HypothesisKind.NULL:
+            cloud = thinned(cloud, instant.occupied, grid)
+        receive(integrator, cloud, config)
+    return integrator.step(instant.stamp, believed_robot(instant, config).surface)
 
 
 def reported(instant: Instant, row: Row, method: Method, config: PipelineConfig) -> FloatArray:
     """Positions of the contacts that are reported, shape (n, 3) [m]; see `fused`."""
-    clouds = _counted(instant, row, method, config, "")
+    clouds = counted(instant, row, method, config)
     contacts: Sequence[Contact] = ()
     if any(cloud.kind == HypothesisKind.REGULAR and cloud.likelihoods.any() for cloud in clouds):
-        contacts = _fused(instant, clouds, method, config).contacts  # never any without evidence
+        contacts = fused(instant, row, method, config).contacts  # never any without evidence
     return np.reshape([contact.position for contact in contacts], (-1, 3))
 
 
-def _fused(
-    instant: Instant, clouds: Sequence[HypothesisCloud], method: Method, config: PipelineConfig
-) -> Fusion:
-    integrator = Integrator(method.applied(config.integrator))
-    grid = Grid(integrator.config.frame, integrator.config.voxel_size)
-    for cloud in clouds:
-        options = config.generators[cloud.source.split("/")[0]]
-        if cloud.kind == HypothesisKind.NULL:
-            cloud = thinned(cloud, instant.occupied, grid)
-        integrator.plug(
-            cloud.source,
-            cloud.kind,
-            timeout=options.get("timeout"),
-            replace=options.get("replace", True),
-            sensitivity=options.get("sensitivity", 0.0) * (cloud.kind == HypothesisKind.REGULAR),
-        )
-        integrator.receive(cloud)
-    return integrator.step(instant.stamp, believed_robot(instant, config).surface)
+def receive(integrator: Integrator, cloud: HypothesisCloud, config: PipelineConfig) -> None:
+    """Receive a cloud as the pipeline does that is configured."""
+    options = config.generators[cloud.source.split("/")[0]]
+    integrator.plug(
+        cloud.source,
+        cloud.kind,
+        timeout=options.get("timeout"),
+        replace=options.get("replace", True),
+        sensitivity=options.get("sensitivity", 0.0) * (cloud.kind == HypothesisKind.REGULAR),
+    )
+    integrator.receive(cloud)
 
 
-def _counted(
-    instant: Instant, row: Row, method: Method, config: PipelineConfig, without: str
+def counted(
+    instant: Instant, row: Row, method: Method, config: PipelineConfig, *, without: str = ""
 ) -> list[HypothesisCloud]:
-    """The clouds of a row, as the method has them count."""
+    """The newest clouds of a row, as the method has them count; see `fused`."""
     ungated = row.ungated if method.near == "as the row" else method.near == "evidence"
     clouds = []
     for name, cloud in instant.clouds.items():
@@ -264,6 +261,7 @@ def outcome(
         radius=radius(contacts[0].covariance) if contacts else np.nan,
         force=trial.force,
         latency=np.nan,
+        lost=0,
     )
 
 
@@ -271,18 +269,6 @@ def _level(contact: Contact, places: FloatArray) -> float:
     """The level of the nearest true contact in the covariance of a reported one."""
     nearest = places[np.linalg.norm(places - contact.position, axis=1).argmin()]
     return level(nearest - contact.position, contact.covariance)
-
-
-def latency(trial: Trial, row: Row, method: Method, config: PipelineConfig) -> float:
-    """Time from the first contact to the first report near a true one [s]; NaN: none came.
-
-    Hypotheses are fused at 20 Hz.
-    """
-    for instant in trial.since_onset:
-        away = cdist(reported(instant, row, method, config), instant.contacts)
-        if away.min(initial=np.inf) <= NEAR:
-            return instant.stamp - trial.onset
-    return np.nan
 
 
 def shared(trial: Trial, config: PipelineConfig) -> dict[tuple[str, str], bool]:
@@ -299,37 +285,6 @@ def shared(trial: Trial, config: PipelineConfig) -> dict[tuple[str, str], bool]:
         for i, first in enumerate(names)
         for second in names[i + 1 :]
     }
-
-
-def outcomes_of(
-    trials: Iterable[Trial], methods: Sequence[Method], config: PipelineConfig
-) -> pd.DataFrame:
-    """Fuse every touch by every row, and again without each modality of two rows.
-
-    Args:
-        trials: the clouds of every source.
-        methods: how hypotheses are fused.
-        config: the pipeline that received the readings of the touches.
-
-    Returns:
-        One row an outcome; ROW, METHOD is the case.
-    """
-    every = everything(config)
-    fewer = [(row, name) for row in (ALL_AND_SIMULATOR, every) for name in row.modalities]
-    cases = [
-        (method, row, without)
-        for method in methods
-        for row, without in [*((row, "") for row in (*ROWS, every)), *fewer]
-    ]
-    outcomes = dict[tuple[Method, Row, str], list[Outcome]]((case, []) for case in cases)
-    for trial in trials:
-        for method, row, without in cases:
-            found = outcome(trial, row, method, config, without=without)
-            if row.name in TIMED and not without and not trial.touch.short:
-                found = replace(found, latency=latency(trial, row, method, config))
-            outcomes[method, row, without].append(found)
-    frame = frame_of(itertools.chain.from_iterable(outcomes.values()), Outcome)
-    return frame.assign(**{CASE: frame["row"] + ", " + frame["method"]})
 
 
 def felt(outcomes: pd.DataFrame) -> pd.DataFrame:

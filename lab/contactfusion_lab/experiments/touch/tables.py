@@ -95,6 +95,7 @@ BY_TIME: tuple[Column, ...] = (
     ("median s", "latency median", SECONDS),
     ("p90", "latency p90", SECONDS),
     ("never %", "never reported", PERCENT),
+    ("lost a report", "lost again", (1.0, ".3f")),
 )
 
 
@@ -154,6 +155,8 @@ def measures_of(outcomes: pd.DataFrame, seed: int) -> Iterator[Measure]:
             found = latencies.dropna().to_numpy()
             yield from figure(f"latency {name}", found, STATISTICS[name], "s")
         yield from share("never reported", latencies.isna())
+        lost = touches.loc[latencies.notna(), "lost"].to_numpy(np.float64)
+        yield from figure("lost again", lost, np.mean, "")
     yield from figure("σ mean", touches["sigma"].dropna().to_numpy(), np.mean, "m")
 
 

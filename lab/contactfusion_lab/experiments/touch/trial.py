@@ -68,11 +68,6 @@ class Trial:
         found = self.record.at(self.record.end)
         return Instant(found.stamp, found.clouds, found.joints, self.places)
 
-    @cached_property
-    def since_onset(self) -> list[Instant]:
-        """The states at the cycles of 20 Hz from the first contact on; none without any."""
-        return [] if np.isnan(self.onset) else list(self.record.cycles(self.onset))
-
     @property
     def ending(self) -> "Trial":
         """The touch without the clouds before the last ones."""
