@@ -415,15 +415,15 @@ class Search:
         for row, highest in self._supports.items():
             missed *= 1.0 - min(highest, CERTAIN) * self._agreement(row, basin)
         # over where its own sources see it, so that the surer null is, the less is left
-        told = self._factors[[*taken]].prod(axis=0)
-        top = basin.core[told[basin.core].argmax()]
-        least = BASIN * told[top]
+        belief = self._factors[[*taken]].prod(axis=0)
+        top = basin.core[belief[basin.core].argmax()]
+        least = BASIN * belief[top]
         rows = (
-            np.flatnonzero(told >= least)
+            np.flatnonzero(belief >= least)
             if self._is_vague(taken)
-            else self._places.connected(told, least, int(top))
+            else self._places.connected(belief, least, int(top))
         )
-        unseen = float(told[rows] @ self._seen[rows] / told[rows].sum())
+        unseen = float(belief[rows] @ self._seen[rows] / belief[rows].sum())
         kept = (1.0 - missed) * unseen * self._missed
         return kept / (missed + kept)
 
