@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from contactfusion.arrays import FloatArray
+from contactfusion.arrays import FloatArray, frozen
 from contactfusion.contacts import Contact
 from contactfusion.grid import Grid
 from contactfusion.hypotheses import HypothesisKind, Resultant
@@ -48,17 +48,19 @@ class Maps(NamedTuple):
 
     Attributes:
         wrenches: shape (c, 6, 3), of a unit of force along each axis, in standard deviations.
+        roots: shape (c, 3, 3) [N], what a unit of force is along each axis.
         normals: shape (c, 3), out of the robot; None: forces of any direction.
     """
 
     wrenches: FloatArray
+    roots: FloatArray
     normals: FloatArray | None
 
     def at(self, rows: Sequence[int]) -> "Maps":
         """Those of some contacts."""
         chosen = np.array(rows, np.intp)
         normals = None if self.normals is None else self.normals[chosen]
-        return Maps(self.wrenches[chosen], normals)
+        return Maps(self.wrenches[chosen], self.roots[chosen], normals)
 
 
 class Superposition:
@@ -110,7 +112,7 @@ class Superposition:
         levers = (positions - self._origin)[:, :, None]
         torques = np.cross(levers, roots, axis=1)
         wrenches = np.concatenate([roots, torques], axis=1) * self._scale[:, None]
-        return Maps(wrenches, normals)
+        return Maps(wrenches, roots, normals)
 
     def maps_of(self, members: Sequence[Member]) -> Maps:
         """What the contacts of a set add."""
@@ -173,6 +175,12 @@ class Superposition:
         assert found.normals is not None
         along = (found.wrenches @ found.normals[:, :, None])[:, :, 0]
         return np.asarray(np.square(np.maximum(residuals @ along.T, 0.0)), np.float64)
+
+    def forces(self, found: Maps) -> FloatArray:
+        """The likeliest forces of contacts that explain the sum together, shape (c, 3) [N]."""
+        left = np.linalg.solve(_covariance(found.wrenches), self._wrench)
+        units = left @ found.wrenches
+        return np.asarray((found.roots @ units[:, :, None])[:, :, 0], np.float64)
 
     def unexplained(self, found: Maps) -> float:
         """The sum that contacts leave, as half of χ²."""
@@ -306,6 +314,30 @@ def missing(members: Sequence[Member], sum_of: Superposition, entries: Entries) 
     points, reach = places.points[basin.rows], 0.5 * STEP * places.spacing
     given = {sum_of.source: probability}
     return [Member(contact, points, basin.weights, normal, reach, given)]
+
+
+def shared(members: Sequence[Member], sum_of: Superposition) -> list[Member]:
+    """The contacts, each with its part of a sum where several bear it; their own force otherwise.
+
+    Args:
+        members: the contacts.
+        sum_of: what is measured of all together.
+    """
+    probable = [member for member in members if member.contact.likelihood >= EVEN]
+    bearing = sum_of.borne(probable)
+    if len(bearing) < 2:
+        return [*members]
+    parts = frozen(sum_of.forces(sum_of.maps_of(bearing)))
+    forces = dict(zip(map(id, bearing), parts, strict=True))
+    found = []
+    for member in members:
+        force = forces.get(id(member))
+        if force is not None and (
+            sum_of.source in member.given or np.isnan(member.contact.force).any()
+        ):
+            member = replace(member, contact=replace(member.contact, force=force))
+        found.append(member)
+    return found
 
 
 def _predicted(places: Places, entries: Entries) -> tuple[FloatArray, dict[str, FloatArray]]:

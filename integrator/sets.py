@@ -24,7 +24,7 @@ from contactfusion.integrator.modes import force_near
 from contactfusion.integrator.nearby import Rows, near
 from contactfusion.integrator.places import BASIN, STEP, Basin, Places, SourceField, moments
 from contactfusion.integrator.posterior import TrustConfig, pushed
-from contactfusion.integrator.resultant import Superposition, measured, missing, needed
+from contactfusion.integrator.resultant import Superposition, measured, missing, needed, shared
 from contactfusion.integrator.store import Int64Array, rasterise
 from contactfusion.rule import Rule
 from contactfusion.surface import Surface
@@ -73,6 +73,7 @@ class Sets(Rule):
         for sum_of in search.sums if members else ():
             members = needed(members, sum_of)
             members += missing(members, sum_of, entries)
+            members = shared(members, sum_of)
         members.sort(key=lambda member: -round(member.contact.likelihood, 6))
         return Field(entries, partial(_by_voxel, entries, members), members=members)
 

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from contactfusion import Contact, Fusion, HypothesisCloud, Integrator, IntegratorConfig
 from contactfusion.arrays import FloatArray
 from contactfusion.errors import ConfigurationError
-from contactfusion.hypotheses import HypothesisKind
+from contactfusion.hypotheses import HypothesisKind, Resultant
 from contactfusion.integrator.sets import MOST
 from contactfusion.shapes import ShapeConfig
 from contactfusion.surface import Surface
@@ -212,6 +212,25 @@ def test_free_space_everywhere_leaves_the_area_of_a_press_where_it_is() -> None:
     members = fused(skin, free, surface=PALM).field.members
     assert members is not None and len(members) == 1
     assert np.abs(members[0].contact.extent * 1e3 - (24, 0, 0)).max() < 10.0
+
+
+def test_two_feet_on_a_plate_are_two_contacts_each_with_its_part_of_the_weight() -> None:
+    plate = ShapeConfig(shape="rectangle", size=(0.6, 0.5)).sampled("hand", 0.01)
+    foot = [(x, y, 0) for x in range(-100, 101, 20) for y in range(-40, 41, 20)]
+    left, right = np.array(foot) + (20, 120, 0), np.array(foot) + (-60, -130, 0)
+    skin = emit("skin", 0.9, [*left, *right], 20 / 12**0.5)
+    weights = {(20, 120): 300.0, (-60, -130): 450.0}
+    force = np.array([0.0, 0.0, -750.0])
+    torques = [np.cross((x / 1e3, y / 1e3, 0.0), (0.0, 0.0, -w)) for (x, y), w in weights.items()]
+    measured = Resultant(force, np.sum(torques, axis=0), np.zeros(3), 2.0, 0.5)
+    wrench = emit("wrench", [], [], resultant=measured)
+    fusion = fused(skin, wrench, surface=plate)
+    assert len(fusion.contacts) == 2
+    for (x, y), weight in weights.items():
+        contact = min(fusion.contacts, key=lambda each: away(each, (x, y, 0)))
+        assert away(contact, (x, y, 0)) < 10.0
+        assert contact.force[2] == pytest.approx(-weight, rel=0.05)
+        assert np.ptp(contact.extent[:, 0]) == pytest.approx(0.2, abs=0.03)
 
 
 # What a contact says of itself
