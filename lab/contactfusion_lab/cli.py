@@ -357,7 +357,8 @@ def experiment_grasp(
         ),
     ] = None,
     rule: Annotated[
-        list[str] | None, typer.Option(help="RULE or RULE/CONDENSATION; may be repeated.")
+        list[str] | None,
+        typer.Option(help="RULE, RULE/CONDENSATION or de_morgan_tuned; may be repeated."),
     ] = None,
     noise: Noise = None,
     faults: Faults = None,
