@@ -168,7 +168,7 @@ def train_cpm(
 def experiment_recordings(
     data: Annotated[Path | None, typer.Option(help="Folder of the real recordings.")] = None,
     rule: Annotated[
-        str | None, typer.Option(help="RULE or RULE/CONDENSATION; default: that of each recording.")
+        str | None, typer.Option(help="RULE or RULE/CONDENSATION; default: the integrator's.")
     ] = None,
     out: Out = Path("out/recordings"),
 ) -> None:
