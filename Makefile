@@ -46,7 +46,10 @@ goldens: $(READY)
 
 show-recordings: $(READY)
 	$(BIN)/contactfusion experiment recordings --out out/recordings
-	$(BIN)/contactfusion experiment recordings --rule posterior/modes --out out/recordings_posterior
+	for rule in de_morgan posterior/modes; do \
+		$(BIN)/contactfusion experiment recordings --rule $$rule \
+			--out out/recordings_$${rule%%/*} || exit 1; \
+	done
 
 # Touches that are made already are kept, so it goes on where it was stopped.
 TOUCH := $(BIN)/contactfusion experiment touch --seed 2014
@@ -60,9 +63,12 @@ show-touch: $(READY)
 			|| exit 1; \
 	done
 	for fault in $(FAULTS); do \
-		$(TOUCH) --rule de_morgan --rule posterior/modes \
-			--faults examples/faults/$$fault.yaml --out out/touch/$$fault || exit 1; \
+		$(TOUCH) --faults examples/faults/$$fault.yaml --out out/touch/$$fault || exit 1; \
 	done
+	for places in 2 3; do \
+		$(TOUCH) --places $$places --repeats 3 --free 0 --out out/touch/places_$$places || exit 1; \
+	done
+	$(TOUCH) --rule sets/members --repeats 14 --free 0 --out out/touch/coverage
 
 # Pushes that are made already are kept, too.
 PUSH := $(BIN)/contactfusion experiment push
@@ -115,7 +121,7 @@ show-sensing: $(READY)
 		$(PUSH) --sensing fused --without $$without $(EYES) --targets random:100 \
 			--out out/sensing/without_$$(basename $$without) || exit 1; \
 	done
-	$(PUSH) --sensing fused --rule de_morgan --rule posterior --rule posterior/modes $(EYES) \
+	$(PUSH) --sensing fused --rule sets/members --rule de_morgan --rule posterior/modes $(EYES) \
 		--targets random:100 --out out/sensing/rules
 	for sensing in lidar rgbd; do \
 		$(PUSH) --sensing $$sensing --objects real_box,soft_cylinder,ball_box --targets real \

@@ -168,7 +168,7 @@ def train_cpm(
 def experiment_recordings(
     data: Annotated[Path | None, typer.Option(help="Folder of the real recordings.")] = None,
     rule: Annotated[
-        str | None, typer.Option(help="RULE or RULE/CONDENSATION; default: that of each recording.")
+        str | None, typer.Option(help="RULE or RULE/CONDENSATION; default: the integrator's.")
     ] = None,
     out: Out = Path("out/recordings"),
 ) -> None:
@@ -192,7 +192,10 @@ def experiment_touch(
     repeats: Annotated[int, typer.Option(min=1, help="Touches per direction.")] = 5,
     rule: Annotated[
         list[str] | None,
-        typer.Option(help="RULE or RULE/CONDENSATION; may be repeated; default: all."),
+        typer.Option(
+            help="RULE, RULE/CONDENSATION or de_morgan_tuned; may be repeated; default: "
+            "sets, de_morgan, de_morgan_tuned and posterior/modes."
+        ),
     ] = None,
     spreads: Annotated[
         list[float] | None,
@@ -218,7 +221,7 @@ def experiment_touch(
     out: Out = Path("out/touch"),
 ) -> None:
     """Touch objects in simulation, and compare with the truth; resumes where it stopped."""
-    from contactfusion_lab.experiments.methods import Method
+    from contactfusion_lab.experiments.methods import DE_MORGAN, Method
     from contactfusion_lab.experiments.touch.experiment import METHODS, Options, run_touch
     from contactfusion_lab.experiments.touch.plan import DEFAULT
 
@@ -227,7 +230,7 @@ def experiment_touch(
         objects=listed(objects),
         directions=directions,
         repeats=repeats,
-        methods=[Method.named(name) for name in rule or ()] or (METHODS[:1] if preset else METHODS),
+        methods=[Method.named(name) for name in rule or ()] or ([DE_MORGAN] if preset else METHODS),
         spreads=spreads or (),
         noise=noise,
         faults=faults,
@@ -354,7 +357,8 @@ def experiment_grasp(
         ),
     ] = None,
     rule: Annotated[
-        list[str] | None, typer.Option(help="RULE or RULE/CONDENSATION; may be repeated.")
+        list[str] | None,
+        typer.Option(help="RULE, RULE/CONDENSATION or de_morgan_tuned; may be repeated."),
     ] = None,
     noise: Noise = None,
     faults: Faults = None,

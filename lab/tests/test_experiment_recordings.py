@@ -8,12 +8,10 @@ import pytest
 from contactfusion.errors import PluginError
 from contactfusion.readings import TactileImage
 from contactfusion_lab.experiments import eflesh, force_plates, icub, recordings
-from contactfusion_lab.experiments.methods import Method
+from contactfusion_lab.experiments.methods import DE_MORGAN, DEFAULT_METHOD, POSTERIOR, Method
 from contactfusion_lab.trials.measures import Measure
 from tests.real_data import real_data
 
-POSTERIOR = Method("posterior", "modes")
-OWN = Method("de_morgan", "cluster_mass")
 UNKNOWN = Method("no_such_rule", "modes")
 
 
@@ -32,16 +30,16 @@ def asked(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> list[Method | None
 
     for name in ("plates", "force_plates"):
         (tmp_path / name).mkdir()
-    monkeypatch.setattr(recordings, "FUSED", {"plates": (fuses, OWN)})
+    monkeypatch.setattr(recordings, "FUSED", {"plates": fuses})
     monkeypatch.setattr(recordings, "UNFUSED", {"hub": fuses_nothing})
     return methods
 
 
-def test_each_recording_is_fused_by_its_own_method(
+def test_by_default_all_is_fused_as_by_the_integrator(
     asked: list[Method | None], tmp_path: Path
 ) -> None:
     recordings.run_recordings(tmp_path, None, tmp_path / "out")
-    assert asked == [OWN, None]
+    assert asked == [DEFAULT_METHOD, None]
     written = (tmp_path / "out" / "results.csv").read_text()
     assert "plates,left," in written and "hub,left," in written
 
@@ -79,9 +77,10 @@ def test_the_method_reaches_the_skin() -> None:
 
 def test_force_plates_find_the_foot_by_either_method() -> None:
     walk = force_plates.read(real_data("force_plates"))
-    by_mass, by_modes = (
-        force_plates.locate(walk, "plate_1", 0.005, method).places for method in (OWN, POSTERIOR)
+    by_voxels, by_modes = (
+        force_plates.locate(walk, "plate_1", 0.005, method).places
+        for method in (DE_MORGAN, POSTERIOR)
     )
-    apart = np.linalg.norm(by_mass - by_modes, axis=1)
+    apart = np.linalg.norm(by_voxels - by_modes, axis=1)
     assert np.nanmedian(apart) < force_plates.VOXEL_SIZE
     assert np.nanmax(apart) > 0.0  # they are two methods

@@ -33,14 +33,13 @@ from contactfusion_lab.experiments.grasp.plan import (
     read_plan,
 )
 from contactfusion_lab.experiments.grasp.trial import Row, content_of, load, run_trial
-from contactfusion_lab.experiments.methods import Method
+from contactfusion_lab.experiments.methods import DE_MORGAN, DEFAULT_METHOD, POSTERIOR
 from contactfusion_lab.scenes.grasp.scene import GraspScene, grasped
 from lab.tests.here import Here
 from tests.test_cli import Ask, ask
 
 __all__ = ["ask"]
 
-DE_MORGAN = Method("de_morgan", "cluster_centroid")
 OPEN_LOOP = Column(NONE, DE_MORGAN)
 FILE: dict[str, Any] = yaml.safe_load(DEFAULT.read_text())
 ROW = Row(
@@ -163,15 +162,24 @@ def test_a_load_is_weighed_where_the_column_feels_the_wrist() -> None:
     weighs = [
         "wrist" in (told.pipeline_of(column).controller or {}) for column in (*COLUMNS, OPEN_LOOP)
     ]
-    assert weighs == [True, False, False, True, True, True, False]
+    assert weighs == [True, True, False, False, True, True, True, False]
 
 
 def test_columns_are_all_sources_by_all_rules() -> None:
-    posterior = Method("posterior", "modes")
     assert columns_of([], []) == COLUMNS
-    names = [column.name for column in columns_of(["tactile", "none"], [DE_MORGAN, posterior])]
+    names = [column.name for column in columns_of(["tactile", "none"], [DE_MORGAN, POSTERIOR])]
     assert names == ["tactile-de_morgan_cluster_centroid", "tactile-posterior_modes", "none"]
-    assert columns_of([], [posterior])[0].method == posterior
+    assert columns_of([], [POSTERIOR])[0].method == POSTERIOR
+
+
+def test_without_a_rule_all_is_fused_as_the_integrator_does_with_nothing_set() -> None:
+    (tactile,) = columns_of(["tactile"], [])
+    for column in (COLUMNS[0], tactile):
+        config = plan().pipeline_of(column).integrator
+        assert config == plan().pipeline.integrator and config.rule == "sets"
+    assert {column.method for column in COLUMNS if column.sources == "all"} == {
+        DEFAULT_METHOD, DE_MORGAN, POSTERIOR,
+    }  # fmt: skip
 
 
 def test_every_column_of_the_table_is_a_pipeline() -> None:
@@ -185,7 +193,7 @@ def test_cameras_are_on_where_anybody_looks_through_them() -> None:
     planned = plan()
     (grasp,) = planned.grasps(["bottle"], 1)
     rates = [planned.scene_of(column, grasp).camera_rate for column in COLUMNS]
-    assert rates == [0.0, 0.0, 0.0, 0.0, 4.0, 4.0]
+    assert rates == [4.0, 0.0, 0.0, 0.0, 0.0, 4.0, 4.0]
 
 
 def test_each_object_changes_the_scene() -> None:
@@ -347,7 +355,13 @@ def test_all_columns_make_all_grasps_and_leave_tables_and_figures(
     assert len(rows) == 4 * len(COLUMNS)
     summary = json.loads((tmp_path / "summary.json").read_text())
     assert summary["reached"]["none"]["all"]["success"]["hits"] == 2
-    assert summary["tests"][0]["only_other"] == 2
+    only_other = {
+        each["case"]: each["only_other"]
+        for each in summary["tests"]
+        if each["measure"] == "success"
+    }
+    assert only_other == {column.name: 2 * (column == OPEN_LOOP) for column in COLUMNS[1:]}
+    assert {each["against"] for each in summary["tests"]} == {"all-sets_members"}
     output = capsys.readouterr().out
     assert "| none | 2/4 | 2/4, 50.00 % [15.0, 85.0]" in output
     assert "**none**: 2 of 4" in (tmp_path / "table.md").read_text()
@@ -360,10 +374,8 @@ def test_it_goes_on_where_it_stopped(tmp_path: Path, monkeypatch: pytest.MonkeyP
     run_grasp(chosen(repeats=3, sources=["none", "tactile"]), tmp_path)
     assert done == [
         "none/bottle-000", "none/bottle-001",
-        "tactile-de_morgan_cluster_centroid/bottle-000",
-        "tactile-de_morgan_cluster_centroid/bottle-001",
-        "none/bottle-002",
-        "tactile-de_morgan_cluster_centroid/bottle-002",
+        "tactile-sets_members/bottle-000", "tactile-sets_members/bottle-001",
+        "none/bottle-002", "tactile-sets_members/bottle-002",
     ]  # fmt: skip
 
 
@@ -445,7 +457,7 @@ def test_without_grasps_of_the_first_column_nothing_is_compared(
     with pytest.raises(RobotError, match="2 of 6 grasps were not made"):
         run_grasp(chosen(repeats=2, sources=["wrist", "none", "tactile"]), tmp_path)
     summary = json.loads((tmp_path / "summary.json").read_text())
-    assert list(summary["reached"]) == ["none", "tactile-de_morgan_cluster_centroid"]
+    assert list(summary["reached"]) == ["none", "tactile-sets_members"]
     assert summary["tests"] == []
     assert "Compared" not in (tmp_path / "table.md").read_text()
 
@@ -517,7 +529,7 @@ BIASED: dict[str, Any] = {"faults": [{"fault": "bias", "sensor": "wrist", "amoun
 def test_a_grasp_that_is_recorded_can_be_replayed_and_explained(
     faults: tuple[Fault, ...], tmp_path: Path
 ) -> None:
-    planned, (column, *_) = plan(faults=faults), COLUMNS
+    planned, column = plan(faults=faults), Column("force_torque+motion", DE_MORGAN)
     (grasp,) = planned.grasps(["bottle"], 1)
     config = planned.pipeline_of(column, grasp.seed)
     assert config.robot is not None

@@ -7,16 +7,31 @@ import pytest
 from contactfusion.errors import ConfigurationError, PluginError
 from contactfusion.integrator.config import IntegratorConfig
 from contactfusion.integrator.integrator import Integrator
-from contactfusion_lab.experiments.methods import DE_MORGAN_TUNED, Method, with_spreads
-
-DE_MORGAN = Method("de_morgan", "cluster_centroid")
-POSTERIOR = Method("posterior", "modes")
+from contactfusion_lab.experiments.methods import (
+    DE_MORGAN,
+    DE_MORGAN_TUNED,
+    DEFAULT_METHOD,
+    POSTERIOR,
+    Method,
+    with_spreads,
+)
 
 
 def test_a_method_is_named_by_its_rule_and_its_condensation() -> None:
-    assert Method.named("max") == Method("max", "cluster_centroid")
     assert Method.named("posterior/modes") == POSTERIOR
-    assert str(Method.named("max/cluster_mass")) == "max/cluster_mass"
+    assert str(Method.named("de_morgan/cluster_mass")) == "de_morgan/cluster_mass"
+
+
+def test_a_rule_alone_brings_its_condensation() -> None:
+    assert Method.named("sets") == Method("sets", "members")
+    assert Method.named("de_morgan") == DE_MORGAN
+    assert Method.named("posterior") == Method("posterior", "cluster_centroid")
+
+
+def test_the_default_method_is_what_fuses_with_nothing_set() -> None:
+    for nothing_set in (IntegratorConfig(frame="lab"), IntegratorConfig(threshold=0.7)):
+        assert DEFAULT_METHOD.applied(nothing_set) == nothing_set
+    assert DEFAULT_METHOD == Method.named("sets/members")
 
 
 def test_what_is_not_there_and_what_does_not_fit_is_reported() -> None:
@@ -41,11 +56,13 @@ def test_a_factor_of_spreads_is_reported_in_names() -> None:
 
 
 def test_only_methods_that_look_at_spreads_fuse_once_more() -> None:
-    assert with_spreads([DE_MORGAN, POSTERIOR], []) == [DE_MORGAN, POSTERIOR]
-    assert with_spreads([DE_MORGAN, POSTERIOR], [0.5, 2.0, 1.0]) == [
-        DE_MORGAN,
-        POSTERIOR,
+    methods = [DEFAULT_METHOD, DE_MORGAN, POSTERIOR]
+    assert with_spreads(methods, []) == methods
+    assert with_spreads(methods, [0.5, 2.0, 1.0]) == [
+        *methods,
+        Method("sets", "members", 0.5),
         Method("posterior", "modes", 0.5),
+        Method("sets", "members", 2.0),
         Method("posterior", "modes", 2.0),
     ]
 
@@ -77,5 +94,5 @@ def test_a_factor_that_is_none_is_refused(factor: float) -> None:
 
 
 def test_a_factor_that_would_change_nothing_is_refused() -> None:
-    with pytest.raises(ConfigurationError, match="only a rule that gives a belief"):
-        with_spreads([DE_MORGAN], [2.0])
+    with pytest.raises(ConfigurationError, match="none of these rules looks at spreads"):
+        with_spreads([DE_MORGAN, DE_MORGAN_TUNED], [2.0])

@@ -9,9 +9,9 @@ from typing import Any
 import pytest
 
 from contactfusion_lab.experiments.grasp.experiment import columns_of
-from contactfusion_lab.experiments.methods import Method
+from contactfusion_lab.experiments.methods import DE_MORGAN, DEFAULT_METHOD, POSTERIOR, Method
 from contactfusion_lab.experiments.push.experiment import Options, read_plans
-from contactfusion_lab.experiments.touch.experiment import TouchExperiment
+from contactfusion_lab.experiments.touch.experiment import METHODS, TouchExperiment
 from contactfusion_lab.experiments.touch.plan import DEFAULT, read_plan
 from contactfusion_lab.scenes.noise import PARTS
 from contactfusion_lab.scenes.push.noise import PARTS as PUSH_PARTS
@@ -51,6 +51,19 @@ class TestCases:
             for experiment, names in parts.items()
             for noise in ("prototype", "hard", *(f"prototype+{name}" for name in names))
         }
+
+    def test_the_default_stands_beside_the_rules_that_it_is_compared_with(
+        self, cases: list[show_hard.Case]
+    ) -> None:
+        rules = {(case.experiment, case.folder): given(case, "rule") for case in cases}
+        assert [Method.named(name) for name in rules["touch", "hard"]] == [*METHODS]
+        assert [Method.named(name) for name in rules["grasp", "hard"]] == [*METHODS]
+        assert rules["push", "hard"] == []
+        others = [Method.named(name) for name in rules["push", "hard_rules"]]
+        assert others == [DE_MORGAN, POSTERIOR]
+        assert rules["grasp", "hard_papers"] == ["de_morgan"]
+        unseen = [Method.named(name) for name in rules["grasp", "hard_unseen"]]
+        assert unseen == [DEFAULT_METHOD, DE_MORGAN, POSTERIOR]
 
     def test_no_two_share_a_folder(self, cases: list[show_hard.Case]) -> None:
         assert max(Counter(case.out for case in cases).values()) == 1

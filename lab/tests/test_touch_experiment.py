@@ -22,7 +22,7 @@ from contactfusion.hypotheses import HypothesisCloud, HypothesisKind
 from contactfusion.pipeline import Pipeline
 from contactfusion.robots.model import shared_robot
 from contactfusion.robots.objects import ObjectModel
-from contactfusion_lab.experiments.methods import Method
+from contactfusion_lab.experiments.methods import DE_MORGAN, DEFAULT_METHOD, POSTERIOR, Method
 from contactfusion_lab.experiments.touch import tables
 from contactfusion_lab.experiments.touch.experiment import DRAWN, METHODS, Options, run_touch
 from contactfusion_lab.experiments.touch.plan import DEFAULT, SHORT, Plan, Touch, read_plan
@@ -43,8 +43,6 @@ from contactfusion_lab.scenes.touch.scene import TouchScene
 from contactfusion_lab.trials.measures import CASE
 from lab.tests.here import Here
 
-DE_MORGAN = Method("de_morgan", "cluster_centroid")
-POSTERIOR = Method("posterior", "modes")
 EXAMPLES = Path(__file__).parents[2] / "examples"
 BY_NAME = {row.name: row for row in ROWS}
 PLACE = np.array([0.7, 0.0, 0.3])
@@ -240,13 +238,16 @@ class TestOneTouch:
         wrist = felt.clouds["wrist"].positions
         assert np.linalg.norm(wrist - felt.places[0], axis=1).min() < 0.02
 
-    def test_every_generator_fused_is_what_the_pipeline_fuses(self, plan: Plan) -> None:
+    @pytest.mark.parametrize("method", [DEFAULT_METHOD, DE_MORGAN], ids=str)
+    def test_every_generator_fused_is_what_the_pipeline_fuses(
+        self, plan: Plan, method: Method
+    ) -> None:
         every = {
             n: generator
             for n, generator in plan.pipeline_of("box").generators.items()
             if n != "believed"
         }
-        integrator = DE_MORGAN.applied(plan.pipeline.integrator)
+        integrator = method.applied(plan.pipeline.integrator)
         given = {"generators": every, "integrator": integrator}
         pipeline = Pipeline(plan.pipeline_of("box").model_copy(update=given))
         assert plan.pipeline.robot is not None
@@ -257,7 +258,7 @@ class TestOneTouch:
             stamp = reading.stamp
         live = pipeline.step(stamp).fusion.contacts
         later = fused(
-            run_trial(plan, touch()).last, everything(plan.pipeline), DE_MORGAN, plan.pipeline
+            run_trial(plan, touch()).last, everything(plan.pipeline), method, plan.pipeline
         ).contacts
         assert len(live) == len(later) > 0
         for first, second in zip(live, later, strict=True):
@@ -368,18 +369,18 @@ class TestOutcome:
         assert fewer.contacts == 1 and fewer.detected
         assert fewer.row == "all without force"
 
-    def test_spreads_are_multiplied_before_they_are_fused(self, plan: Plan) -> None:
-        def dispersion(spread: float, factor: float) -> float:
+    @pytest.mark.parametrize("method", [DEFAULT_METHOD, POSTERIOR], ids=str)
+    def test_spreads_are_multiplied_before_they_are_fused(self, plan: Plan, method: Method) -> None:
+        def unsure(spread: float, factor: float) -> float:
             line = PLACE + np.outer(np.arange(8), [0.005, 0.0, 0.0])
             likelihoods = [0.8, *[0.02] * 7]
             force = cloud("wrist", line, likelihoods, single=True, spread=spread)
             skin = replace(cloud("tip_1", PLACE, 0.9), spreads=None)  # says nothing, stays so
-            method = replace(POSTERIOR, spreads=factor)
-            fusion = fused(trial(skin, force).last, BY_NAME["all"], method, plan.pipeline)
-            return fusion.contacts[0].dispersion
+            wider = replace(method, spreads=factor)
+            fusion = fused(trial(skin, force).last, BY_NAME["all"], wider, plan.pipeline)
+            return float(np.trace(fusion.contacts[0].covariance))
 
-        assert dispersion(0.004, 2.0) == dispersion(0.008, 1.0)
-        assert dispersion(0.004, 2.0) > 1.2 * dispersion(0.004, 1.0)
+        assert unsure(0.004, 2.0) == unsure(0.008, 1.0) > 1.05 * unsure(0.004, 1.0)
 
     def test_modalities_that_share_a_voxel(self, plan: Plan) -> None:
         felt = trial(
@@ -512,23 +513,23 @@ class TestExperiment:
         assert kept.stat().st_mtime_ns == before and lost.read_bytes() == made
         assert ((out / "results.csv").read_bytes(), (out / "summary.json").read_bytes()) == results
 
-    def test_the_posterior_is_drawn_beside_the_papers_method(self) -> None:
-        assert METHODS[:DRAWN] == (DE_MORGAN, POSTERIOR)
+    def test_the_default_method_is_drawn_beside_that_of_the_papers(self) -> None:
+        assert METHODS[:DRAWN] == (DEFAULT_METHOD, DE_MORGAN)
 
     @pytest.mark.slow
     def test_other_methods_and_spreads_only_fuse_again(self, out: Path, tmp_path: Path) -> None:
         copied = tmp_path / "copy"
         shutil.copytree(out, copied)
         made = {path: path.stat().st_mtime_ns for path in (copied / "trials").iterdir()}
-        run_touch(replace(SMALL, methods=(DE_MORGAN, POSTERIOR), spreads=(2.0,)), copied)
+        run_touch(replace(SMALL, methods=(DEFAULT_METHOD, DE_MORGAN), spreads=(2.0,)), copied)
         assert {path: path.stat().st_mtime_ns for path in made} == made
         text = (copied / "table.md").read_text()
         headings = [line for line in text.splitlines() if line.startswith("## ")]
-        names = [str(DE_MORGAN), str(POSTERIOR), f"{POSTERIOR}, σ × 2"]
+        names = [str(DEFAULT_METHOD), str(DE_MORGAN), f"{DEFAULT_METHOD}, σ × 2"]
         assert headings == [f"## {name}" for name in ("Touches", *names, "by any method")]
         assert all(f"| {name} | one contact: n | " in text for name in names)
-        assert (copied / "pictures" / "box-00-0_posterior_modes.png").is_file()
-        assert (copied / "rows_posterior_modes_spreads_2.png").is_file()
+        assert (copied / "pictures" / "box-00-0_sets_members.png").is_file()
+        assert (copied / "rows_sets_members_spreads_2.png").is_file()
 
     @pytest.mark.slow
     def test_it_compares_methods_and_what_the_simulator_adds(

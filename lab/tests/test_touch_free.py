@@ -12,6 +12,7 @@ from contactfusion.arrays import FloatArray
 from contactfusion.errors import ConfigurationError, RobotError
 from contactfusion.readings import JointCommand, JointState, ObjectPose, PointCloud, Reading
 from contactfusion.robots.model import shared_robot
+from contactfusion_lab.experiments.methods import DE_MORGAN
 from contactfusion_lab.experiments.touch import free
 from contactfusion_lab.experiments.touch.experiment import run_touch
 from contactfusion_lab.experiments.touch.plan import DEFAULT, SECONDS, Free, read_plan
@@ -24,7 +25,7 @@ from contactfusion_lab.experiments.touch.trial import (
 )
 from contactfusion_lab.scenes.touch.free import SPEEDS, FreeMotion
 from contactfusion_lab.trials.measures import CASE
-from lab.tests.test_touch_experiment import DE_MORGAN, PLACE, SMALL, cloud
+from lab.tests.test_touch_experiment import PLACE, SMALL, cloud
 
 PLAN = read_plan(DEFAULT, [], 15, "none", (), 3)[0]
 

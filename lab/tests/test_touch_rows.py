@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import pandas as pd
 
-from contactfusion_lab.experiments.methods import DE_MORGAN_TUNED, Method
+from contactfusion_lab.experiments.touch.experiment import METHODS
 from contactfusion_lab.experiments.touch.plan import DEFAULT, read_plan
 from contactfusion_lab.experiments.touch.rows import (
     PAPERS,
@@ -17,8 +17,6 @@ from contactfusion_lab.experiments.touch.rows import (
 )
 from contactfusion_lab.trials.measures import CASE
 from contactfusion_lab.trials.tables import frame_of
-
-POSTERIOR = Method("posterior", "modes")
 
 
 def test_first_touch_believes_in_the_target_alone() -> None:
@@ -115,31 +113,23 @@ def test_the_best_modality_detects_the_most_touches_those_in_free_air_do_not_cou
 
 def test_rows_are_compared_with_the_best_modality_and_with_the_first_method() -> None:
     plan, _ = read_plan(DEFAULT, [], 1, None, (), 0)
-    methods = [Method("max", "modes"), Method("log_odds", "modes")]
     rows = [row.name for row in (*ROWS, everything(plan.pipeline))]
     frame = framed(
         *(
             outcomes(row, str(method), [0.01 if row == "force" else 0.05] * 4)
-            for method in methods
+            for method in METHODS
             for row in rows
         ),
-        outcomes("all", str(methods[0]), [0.01] * 4, short=True),
+        outcomes("all", str(METHODS[0]), [0.01] * 4, short=True),
     )
-    found = compare_all(frame, methods, plan.pipeline, 0)
+    found = compare_all(frame, METHODS, plan.pipeline, 0)
     wide = [row.name for row in (*ROWS, everything(plan.pipeline)) if len(row.modalities) > 1]
     pairs = {(each.case, each.against) for each in found}
+    first, others = METHODS[0], METHODS[1:]
     assert {each.trials for each in found} == {4}
-    assert len(found) == 3 * len(pairs) == 3 * (2 * (len(wide) + 1) + len(wide))
-    assert ("all, max/modes", "force, max/modes") in pairs
-    assert ("all, log_odds/modes", "all, max/modes") in pairs
-
-
-def test_a_belief_is_compared_with_what_is_tuned() -> None:
-    plan, _ = read_plan(DEFAULT, [], 1, None, (), 0)
-    methods = [Method("de_morgan", "cluster_centroid"), POSTERIOR, DE_MORGAN_TUNED]
-    rows = [row.name for row in (*ROWS, everything(plan.pipeline))]
-    frame = framed(*(outcomes(row, str(method), [0.01] * 4) for method in methods for row in rows))
-    pairs = {(each.case, each.against) for each in compare_all(frame, methods, plan.pipeline, 0)}
-    assert ("all, posterior/modes", "all, de_morgan_tuned") in pairs
-    assert ("all, de_morgan_tuned", "all, de_morgan/cluster_centroid") in pairs
-    assert ("all, de_morgan/cluster_centroid", "all, de_morgan_tuned") not in pairs
+    assert len(found) == 3 * len(pairs)
+    assert pairs == {
+        *((f"{row}, {method}", f"force, {method}") for method in METHODS for row in wide),
+        *((f"all + simulator, {method}", f"all, {method}") for method in METHODS),
+        *((f"{row}, {method}", f"{row}, {first}") for method in others for row in wide),
+    }

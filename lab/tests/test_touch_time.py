@@ -12,9 +12,10 @@ from contactfusion.grid import Grid
 from contactfusion.hypotheses import HypothesisCloud, HypothesisKind
 from contactfusion.pipeline import Pipeline
 from contactfusion.robots.model import shared_robot
-from contactfusion_lab.experiments.methods import Method
+from contactfusion_lab.experiments.methods import DE_MORGAN, DEFAULT_METHOD, POSTERIOR, Method
 from contactfusion_lab.experiments.touch import rows, tables
 from contactfusion_lab.experiments.touch.course import course_of
+from contactfusion_lab.experiments.touch.experiment import METHODS
 from contactfusion_lab.experiments.touch.plan import DEFAULT, Plan, read_plan
 from contactfusion_lab.experiments.touch.record import (
     COARSEST,
@@ -36,9 +37,7 @@ from contactfusion_lab.experiments.touch.rows import (
 from contactfusion_lab.experiments.touch.trial import Trial, run_trial
 from contactfusion_lab.scenes.touch.scene import TouchScene
 from lab.tests.test_touch_experiment import (
-    DE_MORGAN,
     PLACE,
-    POSTERIOR,
     cloud,
     equal_clouds,
     outcomes,
@@ -203,7 +202,7 @@ class TestLatency:
 
     def test_without_evidence_no_rule_reports_anything(self, plan: Plan) -> None:
         support = trial(cloud("believed", PLACE, 0.9), cloud("tip_1", [], 0.0))
-        for method in (DE_MORGAN, POSTERIOR):
+        for method in METHODS:
             row = everything(plan.pipeline)
             assert not len(reported(support.last, row, method, plan.pipeline))
             assert not fused(support.last, row, method, plan.pipeline).contacts
@@ -213,7 +212,7 @@ class TestLatency:
         before = [len(places) for places in felt.record.contacts]
         first = felt.record.stamps[np.flatnonzero(before)[0]]
         assert first - 0.05 < felt.onset <= first
-        for method in (DE_MORGAN, POSTERIOR):
+        for method in (DEFAULT_METHOD, DE_MORGAN, POSTERIOR):
             seconds = course_of(felt, everything(plan.pipeline), method, plan.pipeline).latency
             assert 0.0 <= seconds <= felt.record.end - felt.onset
 

@@ -10,7 +10,12 @@ import pytest
 
 from contactfusion import IntegratorConfig
 from contactfusion.errors import RobotError
-from contactfusion_lab.experiments.methods import DE_MORGAN_TUNED, TUNING_SEEDS, Method
+from contactfusion_lab.experiments.methods import (
+    DE_MORGAN,
+    DE_MORGAN_TUNED,
+    TUNING_SEEDS,
+    Method,
+)
 from contactfusion_lab.experiments.touch import tuned
 from contactfusion_lab.experiments.touch.experiment import METHODS, TUNED_ON
 from contactfusion_lab.experiments.touch.record import COARSEST
@@ -18,7 +23,7 @@ from contactfusion_lab.experiments.touch.rows import NEAR
 from contactfusion_lab.experiments.touch.trial import Trial, content_of
 from contactfusion_lab.trials.runner import Failure, Made
 from lab.tests.here import Here
-from lab.tests.test_touch_experiment import DE_MORGAN, PLACE, cloud, trial
+from lab.tests.test_touch_experiment import PLACE, cloud, trial
 
 ROOT = Path(__file__).parents[2]
 FEW = tuned.Options(1, 1, Here())
@@ -95,7 +100,9 @@ def test_the_best_of_the_first_seed_is_checked_on_the_second(
     assert "range as support" in (tmp_path / "table.md").read_text()
     summary = json.loads((tmp_path / "summary.json").read_text())
     assert summary["best"] == str(best)
+    beside = [str(DE_MORGAN), "posterior/modes", str(DE_MORGAN_TUNED)]
     assert len(summary["gospa"]) == tuned.CHECKED + 3
+    assert list(summary["gospa"])[-3:] == beside
     tried = pd.read_csv(tmp_path / "tried.csv")
     assert tried.groupby("round")["touches"].first().tolist() == [1, 3, 9]
     assert tried.groupby("round").size().tolist()[0] == len(few)

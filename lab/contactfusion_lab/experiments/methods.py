@@ -39,7 +39,7 @@ class Method:
     def named(cls, name: str) -> "Method":
         """Read RULE, RULE/CONDENSATION, or the name of a method that is tuned.
 
-        The papers' condensation unless another is named.
+        Without a condensation that which a rule alone brings.
 
         Raises:
             PluginError: no such rule or condensation is installed.
@@ -48,7 +48,7 @@ class Method:
         if name in TUNED:
             return TUNED[name]
         rule, _, condensation = name.partition("/")
-        method = cls(rule, condensation or "cluster_centroid")
+        method = cls(rule, condensation or IntegratorConfig(rule=rule).condensation)
         Integrator(method.applied(IntegratorConfig()))
         return method
 
@@ -59,9 +59,9 @@ class Method:
 
     @property
     def looks_at_spreads(self) -> bool:
-        """Whether its rule gives a belief; others take voxels one by one, whatever the spreads."""
+        """Whether its rule looks at spreads; others take voxels one by one."""
         rule: type[Rule] = installed_plugins().find("rules", self.rule)
-        return rule.gives_belief
+        return rule.gives_belief or rule.finds_members
 
     @property
     def stem(self) -> str:
@@ -74,6 +74,10 @@ class Method:
         return f"{self.name or f'{self.rule}/{self.condensation}'}{factor}"
 
 
+DEFAULT_METHOD = Method(IntegratorConfig().rule, IntegratorConfig().condensation)
+"""What fuses with nothing set."""
+DE_MORGAN, POSTERIOR = Method("de_morgan", "cluster_centroid"), Method("posterior", "modes")
+"""The papers', and that of a single contact over the surface."""
 TUNING_SEEDS = (7, 8)
 """Of the touches on which settings were chosen, of `posterior` and of `DE_MORGAN_TUNED`."""
 DE_MORGAN_TUNED = Method(
@@ -104,7 +108,8 @@ def with_spreads(methods: Sequence[Method], factors: Sequence[float]) -> list[Me
     looking = [method for method in methods if method.looks_at_spreads]
     if factors and not looking:
         raise ConfigurationError(
-            "only a rule that gives a belief looks at spreads: add one, such as 'posterior/modes'"
+            "none of these rules looks at spreads: add one that does, such as 'sets' or "
+            "'posterior/modes'"
         )
     further = [replace(method, spreads=factor) for factor in factors for method in looking]
     return list(dict.fromkeys([*methods, *further]))

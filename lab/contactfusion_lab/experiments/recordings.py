@@ -10,7 +10,7 @@ from contactfusion.errors import RecordingError
 from contactfusion.files import make_folder, write_whole
 from contactfusion.terminal import note
 from contactfusion_lab.experiments import eflesh, force_plates, hub, icub, ouster
-from contactfusion_lab.experiments.methods import Method
+from contactfusion_lab.experiments.methods import DEFAULT_METHOD, Method
 from contactfusion_lab.trials.measures import Measure
 from contactfusion_lab.trials.tables import as_csv, frame_of
 
@@ -20,12 +20,12 @@ Experiment = Callable[[Path, Path], list[Measure]]
 """Measures on recordings in one folder, and draws into another."""
 Fused = Callable[[Path, Path, Method], list[Measure]]
 """The same by a method."""
-FUSED: dict[str, tuple[Fused, Method]] = {
-    "force_plates": (force_plates.measure, Method("de_morgan", "cluster_mass")),
-    "eflesh": (eflesh.measure, Method("de_morgan", "cluster_centroid")),
-    "icub_grasp": (icub.measure, Method("de_morgan", "cluster_centroid")),
+FUSED: dict[str, Fused] = {
+    "force_plates": force_plates.measure,
+    "eflesh": eflesh.measure,
+    "icub_grasp": icub.measure,
 }
-"""Experiments by the part of the recordings that they run on, with their default fusion methods."""
+"""Experiments by the part of the recordings that they run on."""
 UNFUSED: dict[str, Experiment] = {"hub": hub.measure, "ouster": ouster.measure}
 """Experiments without fusion."""
 FOLDERS = {"hub": "force_plates"}
@@ -37,8 +37,8 @@ def run_recordings(data: Path | None, method: Method | None, out: Path) -> None:
 
     Args:
         data: the folder of the recordings; None: where `CONTACTFUSION_DATA` points.
-        method: how hypotheses are fused, and then only what fuses is measured; None: each recording
-            by its own method.
+        method: how hypotheses are fused, and then only what fuses is measured; None: as the
+            integrator does by default.
         out: the folder that takes the results.
 
     Raises:
@@ -78,12 +78,12 @@ def _csv(measures: Sequence[Measure]) -> str:
 
 
 def _experiments(method: Method | None) -> dict[str, Experiment]:
-    """The experiments by name, by one fusion method or each by its own."""
+    """The experiments by name; by a method that is given, those that fuse."""
 
-    def by(measure: Fused, own: Method) -> Experiment:
-        return lambda folder, out: measure(folder, out, method or own)
+    def by(measure: Fused) -> Experiment:
+        return lambda folder, out: measure(folder, out, method or DEFAULT_METHOD)
 
-    fused = {name: by(measure, own) for name, (measure, own) in FUSED.items()}
+    fused = {name: by(measure) for name, measure in FUSED.items()}
     if method is None:
         return {**fused, **UNFUSED}
     note(f"{', '.join(UNFUSED)}: nothing is fused there, left out")

@@ -10,6 +10,7 @@ from contactfusion.errors import ConfigurationError
 from contactfusion.faults import read_faults
 from contactfusion_lab.experiments.grasp.film import film
 from contactfusion_lab.experiments.grasp.plan import (
+    ALL,
     DEFAULT,
     NONE,
     Column,
@@ -20,22 +21,22 @@ from contactfusion_lab.experiments.grasp.plan import (
 )
 from contactfusion_lab.experiments.grasp.tables import evaluate
 from contactfusion_lab.experiments.grasp.trial import Row, content_of, load, run_trial
-from contactfusion_lab.experiments.methods import Method
+from contactfusion_lab.experiments.methods import DE_MORGAN, DEFAULT_METHOD, POSTERIOR, Method
 from contactfusion_lab.trials.choices import require_once
 from contactfusion_lab.trials.executor import Executor, Local
 from contactfusion_lab.trials.folder import trial_file
 from contactfusion_lab.trials.runner import Experiment, Made, run
 
-DE_MORGAN, POSTERIOR = Method("de_morgan", "cluster_centroid"), Method("posterior", "modes")
 COLUMNS = (
+    Column(ALL, DEFAULT_METHOD),
     Column("force_torque+motion", DE_MORGAN),
     Column(NONE, DE_MORGAN),
     Column("tactile", DE_MORGAN),
     Column("force_torque", DE_MORGAN),
-    Column("all", DE_MORGAN),
-    Column("all", POSTERIOR),
+    Column(ALL, DE_MORGAN),
+    Column(ALL, POSTERIOR),
 )
-"""Columns of the table; the first is the paper's, the others are compared with it."""
+"""Columns of the table; the others are compared with the first. The second is the paper's."""
 Task = tuple[Column, Grasp]
 
 
@@ -49,7 +50,7 @@ class Options:
         repeats: how often each object is grasped.
         sources: by what the hand feels: names or types of generators with "+" between them, `none`
             (open loop) or `all`.
-        rules: how that is fused.
+        rules: how that is fused; none: as the integrator does by default.
         noise: of the sensors, by name; None: the scene's.
         faults: a YAML file of faults, or None.
         seed: of all chance.
@@ -154,12 +155,15 @@ class GraspExperiment(Experiment[Task]):
 
 
 def columns_of(sources: Sequence[str], rules: Sequence[Method]) -> Sequence[Column]:
-    """The columns of the table: all sources by all rules; without any, `COLUMNS`."""
+    """The columns of the table: all sources by all rules; without any, `COLUMNS`.
+
+    Without rules by that of the integrator; with no sources nothing is fused.
+    """
     if not sources and not rules:
         return COLUMNS
     chosen = sources or list(dict.fromkeys(column.sources for column in COLUMNS))
     pairs = [
         Column(source, rule if source != NONE else DE_MORGAN)
-        for source, rule in product(chosen, rules or [DE_MORGAN])
+        for source, rule in product(chosen, rules or [DEFAULT_METHOD])
     ]
     return list(dict.fromkeys(pairs))

@@ -295,9 +295,7 @@ def felt(outcomes: pd.DataFrame) -> pd.DataFrame:
 def compare_all(
     outcomes: pd.DataFrame, methods: Sequence[Method], config: PipelineConfig, seed: int
 ) -> list[Comparison]:
-    """Compare rows with the best single modality, and with the same rows by other methods.
-
-    These are the first, and for a rule that gives a belief those that are tuned.
+    """Compare rows with the best single modality, and with the same rows by the first method.
 
     Detection and GOSPA are compared over all touches, ε where both report.
 
@@ -309,14 +307,12 @@ def compare_all(
     """
     wide = [row.name for row in (*ROWS, everything(config)) if len(row.modalities) > 1]
     first, pairs = methods[0], list[tuple[str, str]]()
-    tuned = [method for method in methods if method.name]
     for method in methods:
         best = best_single(outcomes[outcomes["method"] == str(method)])
         pairs += [(f"{row}, {method}", f"{best}, {method}") for row in wide]
         pairs.append((f"{ALL_AND_SIMULATOR.name}, {method}", f"{ALL.name}, {method}"))
-        others = [] if method == first else [first]
-        others += tuned if method.looks_at_spreads else []
-        pairs += [(f"{row}, {method}", f"{row}, {other}") for other in others for row in wide]
+        if method != first:
+            pairs += [(f"{row}, {method}", f"{row}, {first}") for row in wide]
     frame = felt(outcomes).rename(columns={"touch": TRIAL})
     return compared(frame, pairs, "detected", ["gospa", "error"], seed)
 

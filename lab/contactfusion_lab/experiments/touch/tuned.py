@@ -21,8 +21,14 @@ from contactfusion.errors import RobotError
 from contactfusion.files import write_whole
 from contactfusion.pipeline_config import PipelineConfig
 from contactfusion.terminal import note
-from contactfusion_lab.experiments.methods import DE_MORGAN_TUNED, TUNING_SEEDS, Method
-from contactfusion_lab.experiments.touch.experiment import METHODS, TouchExperiment
+from contactfusion_lab.experiments.methods import (
+    DE_MORGAN,
+    DE_MORGAN_TUNED,
+    POSTERIOR,
+    TUNING_SEEDS,
+    Method,
+)
+from contactfusion_lab.experiments.touch.experiment import TouchExperiment
 from contactfusion_lab.experiments.touch.plan import DEFAULT, read_plan
 from contactfusion_lab.experiments.touch.record import COARSEST
 from contactfusion_lab.experiments.touch.rows import (
@@ -122,7 +128,7 @@ def tune(options: Options, out: Path) -> Method:
             for method, cost in costs.items()
         ]  # fmt: skip
         left = sorted(left, key=costs.__getitem__)[: max(len(left) // 3, CHECKED)]
-    shown = dict.fromkeys([*left[:CHECKED], *METHODS[:2], DE_MORGAN_TUNED])
+    shown = dict.fromkeys([*left[:CHECKED], DE_MORGAN, POSTERIOR, DE_MORGAN_TUNED])
     costs_by_seed = [rated(list(shown), files, options.executor) for files in (first, second)]
     table = [[str(method), *(_cell(costs[method]) for costs in costs_by_seed)] for method in shown]
     counts = [f"seed {seed}: GOSPA cm" for seed in TUNING_SEEDS]
