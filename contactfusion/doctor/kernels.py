@@ -56,12 +56,14 @@ def _fuse(positions: Any) -> None:
     import numpy as np
 
     from contactfusion.hypotheses import HypothesisCloud, HypothesisKind
+    from contactfusion.integrator.cells import cell_list, nearest
     from contactfusion.integrator.config import IntegratorConfig
     from contactfusion.integrator.integrator import Integrator
     from contactfusion.nearest import NearestGrid
     from contactfusion.surface import Surface
 
     NearestGrid.of(positions).improve(positions, np.eye(4), 0, np.ones(100), np.zeros(100, np.intp))
+    nearest(positions, positions, cell_list(positions, 0.1))
     surface = Surface("base", positions, np.tile([0.0, 0.0, 1.0], (100, 1)))
     likelihoods, spreads = np.linspace(0.1, 0.9, 100), np.linspace(0.001, 0.01, 100)
     for rule in ("de_morgan", "max", "log_odds", "dempster_shafer", "posterior", "sets"):
