@@ -66,7 +66,7 @@ def _fuse(positions: Any) -> None:
     nearest(positions, positions, cell_list(positions, 0.1))
     surface = Surface("base", positions, np.tile([0.0, 0.0, 1.0], (100, 1)))
     likelihoods, spreads = np.linspace(0.1, 0.9, 100), np.linspace(0.001, 0.01, 100)
-    for rule in ("de_morgan", "max", "log_odds", "dempster_shafer", "posterior", "sets"):
+    for rule in ("de_morgan", "posterior", "sets"):
         condensation = {"posterior": "modes", "sets": "members"}.get(rule, "cluster_mass")
         integrator = Integrator(
             IntegratorConfig(rule=rule, expiry="voxel", condensation=condensation)

@@ -19,8 +19,12 @@ def test_a_demo_that_cannot_be_written_is_one_sentence(folder: Path, ask: Ask) -
     ("arguments", "words"),
     [
         (["touch", "--spreads", "0"], ["more than 0, not by 0"]),
-        (["touch", "--rule", "max", "--spreads", "2"], ["looks at spreads", "'posterior/modes'"]),
-        (["touch", "--rule", "max/modes"], ["'modes' needs a rule that gives a belief"]),
+        (
+            ["touch", "--rule", "de_morgan", "--spreads", "2"],
+            ["looks at spreads", "'posterior/modes'"],
+        ),
+        (["touch", "--rule", "de_morgan/modes"], ["'modes' needs a rule that gives a belief"]),
+        (["touch", "--rule", "max"], ["the rule 'max' was removed: take 'sets'"]),
         (["recordings", "--rule", "posteriori"], ["did you mean 'posterior'"]),
         (["recordings", "--data", "nowhere"], ["nowhere", "force_plates"]),
     ],

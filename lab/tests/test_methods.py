@@ -14,14 +14,16 @@ POSTERIOR = Method("posterior", "modes")
 
 
 def test_a_method_is_named_by_its_rule_and_its_condensation() -> None:
-    assert Method.named("max") == Method("max", "cluster_centroid")
+    assert Method.named("de_morgan") == DE_MORGAN
     assert Method.named("posterior/modes") == POSTERIOR
-    assert str(Method.named("max/cluster_mass")) == "max/cluster_mass"
+    assert str(Method.named("de_morgan/cluster_mass")) == "de_morgan/cluster_mass"
 
 
 def test_what_is_not_there_and_what_does_not_fit_is_reported() -> None:
     with pytest.raises(PluginError, match="did you mean 'de_morgan'"):
         Method.named("de_morgen")
+    with pytest.raises(PluginError, match="the rule 'max' was removed: take 'sets'"):
+        Method.named("max/modes")
     with pytest.raises(ConfigurationError, match="'modes' needs a rule that gives a belief"):
         Method.named("de_morgan/modes")
 

@@ -114,7 +114,7 @@ def test_the_best_modality_detects_the_most_touches_those_in_free_air_do_not_cou
 
 def test_rows_are_compared_with_the_best_modality_and_with_the_first_method() -> None:
     plan, _ = read_plan(DEFAULT, [], 1, None, (), 0)
-    methods = [Method("max", "modes"), Method("log_odds", "modes")]
+    methods = [Method("de_morgan", "threshold"), Method("de_morgan", "cluster_mass")]
     rows = [row.name for row in (*ROWS, everything(plan.pipeline))]
     frame = framed(
         *(
@@ -129,8 +129,8 @@ def test_rows_are_compared_with_the_best_modality_and_with_the_first_method() ->
     pairs = {(each.case, each.against) for each in found}
     assert {each.trials for each in found} == {4}
     assert len(found) == 3 * len(pairs) == 3 * (2 * (len(wide) + 1) + len(wide))
-    assert ("all, max/modes", "force, max/modes") in pairs
-    assert ("all, log_odds/modes", "all, max/modes") in pairs
+    assert ("all, de_morgan/threshold", "force, de_morgan/threshold") in pairs
+    assert ("all, de_morgan/cluster_mass", "all, de_morgan/threshold") in pairs
 
 
 def test_a_belief_is_compared_with_what_is_tuned() -> None:

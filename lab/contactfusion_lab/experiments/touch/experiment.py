@@ -47,9 +47,6 @@ METHODS = (
     Method("de_morgan", "cluster_centroid"),
     Method("posterior", "modes"),
     Method("de_morgan", "cluster_mass"),
-    Method("max", "cluster_centroid"),
-    Method("log_odds", "cluster_centroid"),
-    Method("dempster_shafer", "cluster_centroid"),
     DE_MORGAN_TUNED,
 )
 """Methods of the table; the first is the papers', the others are compared with it."""
