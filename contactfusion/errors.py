@@ -21,6 +21,15 @@ LISTING = re.compile(r"[:;]? [Tt]he ([\w ]+ are: [^;]+)")
 GOES_ON = re.compile(r"\?; (.)")
 """The continuation of a sentence after the question of a `name_hint` without its list."""
 
+AGAINST = "take 'sets', and Null hypotheses for what speaks against a contact"
+"""What takes the place of likelihoods under a prior."""
+REMOVED_RULES = {
+    "max": "take 'sets', and only one of the sources that repeat each other",
+    "log_odds": AGAINST,
+    "dempster_shafer": AGAINST,
+}
+"""What takes the place of rules that were removed."""
+
 
 class ContactFusionError(Exception):
     """The root of every error that contactfusion raises on purpose."""
@@ -126,6 +135,21 @@ def name_hint(name: str, known: Iterable[str], what: str) -> str:
     if not close:
         return listing
     return f"did you mean '{folded[close[0]]}'? {listing[0].upper()}{listing[1:]}"
+
+
+def missing_plugin(part: str, name: str, known: Iterable[str], further: str = "") -> PluginError:
+    """The error for a plug-in that is not there, or not any more.
+
+    Args:
+        part: what it is, e.g. "rule".
+        name: that was not found.
+        known: the names that exist.
+        further: ends the sentence on one that never was.
+    """
+    if part == "rule" and name in REMOVED_RULES:
+        return PluginError(f"the rule '{name}' was removed: {REMOVED_RULES[name]}")
+    hint = name_hint(name, known, f"{part}s")
+    return PluginError(f"there is no {part} '{name}'; {hint}{further}")
 
 
 def listed_once(sentences: Iterable[str], printed: str = "") -> Iterator[str]:

@@ -19,7 +19,7 @@ from contactfusion.errors import (
     Guard,
     PluginError,
     cause_in,
-    name_hint,
+    missing_plugin,
     place_of,
 )
 from contactfusion.extras import extra_of, installs
@@ -108,8 +108,7 @@ class Plugins:
         singular = kind.removesuffix("s")
         if name in self.failures:
             raise PluginError(f"the {singular} '{name}' cannot be used: {self.failures[name]}")
-        hint = name_hint(name, self._offers[kind], kind)
-        raise PluginError(f"there is no {singular} '{name}'; {hint}")
+        raise missing_plugin(singular, name, self._offers[kind])
 
     def offers(self, kind: str) -> Mapping[str, type[Any]]:
         """All classes of a kind by name; imports every plug-in."""

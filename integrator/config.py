@@ -12,7 +12,7 @@ from pydantic import (
     model_validator,
 )
 
-from contactfusion.errors import ConfigurationError
+from contactfusion.errors import AGAINST, REMOVED_RULES, ConfigurationError
 from contactfusion.model import Model
 from contactfusion.units import Memory, Spacing, Tolerance
 
@@ -27,7 +27,6 @@ FORMER = {"rule": "de_morgan", "condensation": "cluster_centroid"}
 MOVED = {
     "floor": ("rule", ("posterior", "sets")),
     "friction": ("rule", ("posterior", "sets")),
-    "prior": ("rule", ("log_odds", "dempster_shafer")),
     "existence": ("condensation", ("modes", "members")),
     "mode_share": ("condensation", ("modes",)),
     "min_voxels": ("condensation", ("cluster_centroid",)),
@@ -154,8 +153,13 @@ def _moved(fields: dict[str, Any]) -> dict[str, Any]:
     """The fields with those of 0.1.0 as options of their rule or condensation.
 
     Warns:
-        FutureWarning: names the new place of each.
+        FutureWarning: names the new place of each; of `prior`, what takes its place.
     """
+    if "prior" in fields:
+        del fields["prior"]
+        if str(fields.get("rule")) not in REMOVED_RULES:  # else the error on the rule says it
+            problem = f"was removed with its rules: leave it out, or {AGAINST}"
+            warnings.warn(f"`prior` of the integrator {problem}", FutureWarning, stacklevel=2)
     for key in [key for key in fields if key in MOVED]:
         value = fields.pop(key)
         part, owners = MOVED[key]

@@ -268,7 +268,7 @@ class Field:
         entries: what it was made of.
         likelihoods: shape (m,), in the order of `entries.keys`; or a function that computes them on
             first use.
-        details: further arrays of shape (m,) that the rule reports, e.g. "conflict".
+        details: further arrays of shape (m,) that the rule reports.
         belief: of a rule that has one, where there may be a contact.
         members: of a rule that finds them, the contacts of a set, the most probable first.
     """

@@ -7,9 +7,9 @@ from typing import TypeVar
 from contactfusion.errors import (
     ConfigurationError,
     ContactFusionError,
-    PluginError,
     SourceError,
     TimeError,
+    missing_plugin,
     name_hint,
 )
 from contactfusion.grid import Grid
@@ -282,10 +282,7 @@ def _built_in_condensation(config: IntegratorConfig) -> Condensation:
 
 def _built_in(part: str, name: str, known: Mapping[str, type[P]]) -> type[P]:
     if name not in known:
-        hint = name_hint(name, known, f"{part}s")
-        raise PluginError(
-            f"there is no {part} '{name}'; {hint} (that of a plug-in is passed as `{part}=`)"
-        )
+        raise missing_plugin(part, name, known, f" (that of a plug-in is passed as `{part}=`)")
     return known[name]
 
 

@@ -15,9 +15,6 @@ from contactfusion.jit import kernel
 REGULAR, SUPPORT, NULL, FORCE = 1, 2, 4, 8
 """Bits of the kinds of hypothesis that are alive in a voxel, and of regular ones with a force."""
 
-CLIP = 1e-6
-"""Likelihoods of 0 and 1 have no finite log odds: they are clipped by this much."""
-
 SUPPORT_ONLY, BELOW_THRESHOLD, CONTACT, NULLED = 0, 1, 2, 3
 """Codes of the verdicts on a voxel."""
 
@@ -198,91 +195,3 @@ def de_morgan(
     for voxel in range(voxels):
         fused[voxel] = 1.0 - fused[voxel]
     return fused
-
-
-@kernel
-def largest(
-    places: Places,
-    voxels: int,
-    begin: Int64Array,
-    counts: NDArray[np.bool_],
-    likelihoods: Likelihoods,
-) -> FloatArray:
-    """Fuse by the largest likelihood; arguments and result as `de_morgan`."""
-    fused = np.zeros(voxels)
-    for source in range(len(counts)):
-        if counts[source]:
-            for entry in range(begin[source], begin[source + 1]):
-                voxel = places[entry]
-                fused[voxel] = max(fused[voxel], np.float64(likelihoods[entry]))
-    return fused
-
-
-@kernel
-def log_odds(
-    places: Places,
-    voxels: int,
-    begin: Int64Array,
-    counts: NDArray[np.bool_],
-    likelihoods: Likelihoods,
-    prior: float,
-) -> FloatArray:
-    """Fuse by adding log odds, H = σ(l0 + Σ(logit p - l0)), l0 = logit of the prior.
-
-    Arguments and result as `de_morgan`; `prior` is the probability of a contact without evidence.
-    """
-    base = np.log(prior / (1.0 - prior))
-    odds, known = np.full(voxels, base), np.zeros(voxels, np.bool_)
-    for source in range(len(counts)):
-        if counts[source]:
-            for entry in range(begin[source], begin[source + 1]):
-                p = min(max(np.float64(likelihoods[entry]), CLIP), 1.0 - CLIP)
-                odds[places[entry]] += np.log(p / (1.0 - p)) - base
-                known[places[entry]] = True
-    fused = np.zeros(voxels)
-    for voxel in np.flatnonzero(known):
-        fused[voxel] = 1.0 / (1.0 + np.exp(-odds[voxel]))
-    return fused
-
-
-@kernel
-def dempster_shafer(
-    places: Places,
-    voxels: int,
-    begin: Int64Array,
-    counts: NDArray[np.bool_],
-    likelihoods: Likelihoods,
-    prior: float,
-) -> tuple[FloatArray, FloatArray]:
-    """Fuse by Dempster's rule over contact, no contact and unknown.
-
-    A likelihood above the prior p0 gives the mass (p - p0) / (1 - p0) to contact, one below gives
-    (p0 - p) / p0 to no contact, the rest to unknown. Sources that agree combine like De Morgan;
-    the product of the two sides is their conflict, which Dempster's rule divides out.
-
-    Returns:
-        H = m(contact) + p0 · m(unknown) and the conflict, both of shape (m,). When all is
-        conflict, nothing is known and H is the prior.
-    """
-    not_for, not_against = np.ones(voxels), np.ones(voxels)
-    known = np.zeros(voxels, np.bool_)
-    for source in range(len(counts)):
-        if counts[source]:
-            for entry in range(begin[source], begin[source + 1]):
-                p, voxel = np.float64(likelihoods[entry]), places[entry]
-                known[voxel] = True
-                if p >= prior:
-                    not_for[voxel] *= 1.0 - (p - prior) / (1.0 - prior)
-                else:
-                    not_against[voxel] *= 1.0 - (prior - p) / prior
-    fused, conflict = np.zeros(voxels), np.zeros(voxels)
-    for voxel in np.flatnonzero(known):
-        unlikely, unopposed = not_for[voxel], not_against[voxel]
-        clash = (1.0 - unlikely) * (1.0 - unopposed)
-        conflict[voxel] = clash
-        if clash < 1.0:
-            contact = (1.0 - unlikely) * unopposed / (1.0 - clash)
-            fused[voxel] = contact + prior * unlikely * unopposed / (1.0 - clash)
-        else:
-            fused[voxel] = prior
-    return fused, conflict

@@ -15,7 +15,7 @@ SIDE = 0.005
 
 Voxel = tuple[int, int, int]
 Likelihoods = Mapping[Voxel, float] | Sequence[tuple[Voxel, float]]
-OPTIONS = {"prior", "floor", "friction", "min_voxels", "mass_threshold", "existence", "mode_share"}
+OPTIONS = {"floor", "friction", "min_voxels", "mass_threshold", "existence", "mode_share"}
 """Of the built-in rules and condensations."""
 HERE: Voxel = (0, 0, 0)
 THERE: Voxel = (40, 0, 0)

@@ -5,7 +5,7 @@ one loop per sentence of the law. Nothing is shared with the integrator but the 
 """
 
 import math
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -352,48 +352,9 @@ def centre_of(voxel: Voxel, voxel_size: float) -> Vector:
     return vector((index + 0.5) * voxel_size for index in voxel)
 
 
-def de_morgan(likelihoods: Sequence[float], prior: float) -> float:
+def de_morgan(likelihoods: Iterable[float]) -> float:
     """1 − Π(1 − p) (F Eq 1)."""
     return 1.0 - math.prod(1.0 - p for p in likelihoods)
-
-
-def largest(likelihoods: Sequence[float], prior: float) -> float:
-    return max(likelihoods)
-
-
-def log_odds(likelihoods: Sequence[float], prior: float) -> float:
-    """σ(l0 + Σ(logit p − l0))."""
-
-    def logit(p: float) -> float:
-        clipped = min(max(p, 1e-6), 1 - 1e-6)
-        return math.log(clipped / (1 - clipped))
-
-    start = math.log(prior / (1 - prior))
-    return 1.0 / (1.0 + math.exp(-(start + sum(logit(p) - start for p in likelihoods))))
-
-
-def dempster_shafer(likelihoods: Sequence[float], prior: float) -> float:
-    """m(contact) + p0·m(unknown) after Dempster's rule; the prior when all is conflict."""
-    contact, none, unknown = 0.0, 0.0, 1.0
-    for p in likelihoods:
-        says_contact = (p - prior) / (1 - prior) if p >= prior else 0.0
-        says_none = (prior - p) / prior if p < prior else 0.0
-        says_nothing = 1.0 - says_contact - says_none
-        contact, none, unknown = (
-            contact * says_contact + contact * says_nothing + unknown * says_contact,
-            none * says_none + none * says_nothing + unknown * says_none,
-            unknown * says_nothing,
-        )
-    agreement = contact + none + unknown
-    return (contact + prior * unknown) / agreement if agreement > 0 else prior
-
-
-RULES: dict[str, Callable[[Sequence[float], float], float]] = {
-    "de_morgan": de_morgan,
-    "max": largest,
-    "log_odds": log_odds,
-    "dempster_shafer": dempster_shafer,
-}
 
 
 def fuse(
@@ -405,9 +366,7 @@ def fuse(
         names = sorted(there)
         present = {kinds[name] for name in names}
         voices = [there[n].likelihood for n in names if kinds[n] is not HypothesisKind.NULL]
-        likelihood = (
-            RULES[config.rule](voices, config.rule_options.get("prior", 0.05)) if voices else 0.0
-        )
+        likelihood = de_morgan(voices)
         if HypothesisKind.NULL in present:
             verdict = "nulled"
         elif HypothesisKind.REGULAR not in present:

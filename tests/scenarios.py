@@ -116,18 +116,14 @@ class _Author:
         self.side = random.choice((0.005, 0.005, 0.01, 0.004, 0.02, 0.1, 0.3, 1 / 128))
         self.cycle_time = random.choice((0.1, 0.05, 0.01, 0.02, 0.125))
         self.start = random.choice((0.0, 0.0, 12.3, -5.0, 1.7e9))
-        rule = random.choice(("de_morgan", "de_morgan", "max", "log_odds", "dempster_shafer"))
         self.threshold = random.choice((0.1, 0.1, 0.3, 0.6, 0.7, 0.5, 0.05, 1.0))
-        if rule == "log_odds" and self.threshold == 1.0:
-            # There p = 1 is clipped to just what the margin lets pass: the last bit would decide.
-            self.threshold = 0.9
         self.step_offset, tolerance = self._draw_tolerance()
         self.config = law(
             frame=FRAME,
             voxel_size=self.side,
             timeout=self._cycles(1, 6),
             expiry=random.choice(("source", "source", "voxel")),
-            rule=rule,
+            rule="de_morgan",
             condensation=random.choice(
                 ("cluster_centroid", "cluster_centroid", "threshold", "cluster_mass")
             ),
@@ -138,7 +134,6 @@ class _Author:
             max_ahead=random.choice((0.0, 1.0, 2.0)) * self.cycle_time,
             min_voxels=random.choice((1, 1, 1, 2, 3)),
             mass_threshold=random.uniform(0.2, 1.5),
-            prior=random.choice((0.05, 0.2, 0.5)),
         )
         self.ahead = round(self.config.max_ahead / self.cycle_time)
         self.pool = self._draw_pool()

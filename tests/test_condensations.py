@@ -364,12 +364,9 @@ def test_prediction_alone_gives_a_voxel_no_mass_but_adds_to_that_of_evidence() -
 # modes, see test_modes.py
 
 
-@pytest.mark.parametrize("rule", ["de_morgan", "max", "log_odds", "dempster_shafer"])
-def test_a_condensation_that_needs_a_belief_is_refused_beside_a_rule_that_gives_none(
-    rule: str,
-) -> None:
-    with pytest.raises(ConfigurationError, match=f"'posterior', not '{rule}'") as refused:
-        Integrator(IntegratorConfig(rule=rule, condensation="modes"))
+def test_a_condensation_that_needs_a_belief_is_refused_beside_a_rule_that_gives_none() -> None:
+    with pytest.raises(ConfigurationError, match="'posterior', not 'de_morgan'") as refused:
+        Integrator(IntegratorConfig(rule="de_morgan", condensation="modes"))
     assert refused.value.path == "condensation"
     Integrator(IntegratorConfig(rule="posterior", condensation="modes"))
 

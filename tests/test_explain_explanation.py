@@ -73,32 +73,6 @@ def test_one_source_alone_needs_no_formula_and_without_it_nothing_remains() -> N
     assert not without.contact and math.isnan(without.likelihood) and math.isnan(without.moved)
 
 
-@pytest.mark.parametrize(
-    ("rule", "formula"),
-    [
-        ("max", "lidar and skin: max(0.50, 0.80) = 0.80"),
-        ("log_odds", "lidar and skin: log odds -2.94 + 2.94 + 4.33 = 4.33, that is 0.99"),
-        (
-            "dempster_shafer",
-            "lidar and skin: 0.47 for a contact, 0.79 for a contact; 0.89, conflict 0.00",
-        ),
-    ],
-)
-def test_each_rule_tells_its_own_formula(rule: str, formula: str) -> None:
-    (contact,) = explanation((0.0, [skin(0.0), lidar(0.0)]), rule=rule).contacts
-    assert contact.combination == formula
-
-
-def test_the_formulas_give_the_likelihood_that_was_fused() -> None:
-    fused = explanation((0.0, [skin(0.0), lidar(0.0)]), rule="log_odds").contacts[0].likelihood
-    assert fused == pytest.approx(1.0 / (1.0 + math.exp(-4.33)), abs=1e-4)
-    fused = (
-        explanation((0.0, [skin(0.0), lidar(0.0)]), rule="dempster_shafer").contacts[0].likelihood
-    )
-    unknown = (1.0 - 0.9 / 1.9) * (1.0 - 15.0 / 19.0)
-    assert fused == pytest.approx(1.0 - unknown + 0.05 * unknown, abs=1e-6)
-
-
 def test_a_wide_contact_owns_all_its_voxels_and_makes_no_place_of_them() -> None:
     row = {(x, 0, z): 0.5 for x in range(30) for z in range(10)}
     one = explanation((0.0, [cloud("skin", 0.0, row)]))

@@ -691,7 +691,7 @@ def test_an_empty_integrator_gives_an_empty_step() -> None:
     assert (space.source_likelihoods.shape, space.sources) == ((0, 0), ())
 
 
-@pytest.mark.parametrize("rule", ["de_morgan", "max", "log_odds", "dempster_shafer", "posterior"])
+@pytest.mark.parametrize("rule", ["de_morgan", "posterior"])
 @pytest.mark.parametrize("condensation", ["threshold", "cluster_centroid", "cluster_mass"])
 @pytest.mark.parametrize("expiry", ["source", "voxel"])
 def test_empty_clouds_give_an_empty_step(rule: str, condensation: str, expiry: str) -> None:
@@ -957,9 +957,8 @@ def test_silence_moves_no_contact_and_adds_to_no_share() -> None:
     )
 
 
-@pytest.mark.parametrize("rule", ["de_morgan", "max", "log_odds", "dempster_shafer"])
-def test_rules_of_voxels_do_not_hear_silence(rule: str) -> None:
-    silent, deaf = told(rule=rule), told(0.0, rule=rule)
+def test_a_rule_of_voxels_does_not_hear_silence() -> None:
+    silent, deaf = told(rule="de_morgan"), told(0.0, rule="de_morgan")
     for one in (silent, deaf):
         one.receive(cloud("watch", 0.0, {}))
     assert contents(silent.step(0.0)) == contents(deaf.step(0.0))

@@ -11,7 +11,7 @@ import pytest
 import yaml
 
 from contactfusion import Integrator, IntegratorConfig, Pipeline, PipelineConfig
-from contactfusion.errors import ConfigurationError, PluginError
+from contactfusion.errors import REMOVED_RULES, ConfigurationError, PluginError
 from contactfusion.integrator.condensations import ClusterMassConfig, contactfusion_condensations
 from contactfusion.integrator.config import MOVED
 from contactfusion.integrator.posterior import TrustConfig
@@ -43,10 +43,10 @@ def test_a_mapping_without_a_type_holds_options_of_the_default() -> None:
 
 
 def test_what_is_dumped_is_read_again() -> None:
-    law = config(rule={"type": "log_odds", "prior": 0.2}, condensation="cluster_mass")
+    law = config(rule={"type": "posterior", "floor": 0.02}, condensation="cluster_mass")
     dumped = law.model_dump(mode="json")
     assert (dumped["rule"], dumped["condensation"]) == (
-        {"type": "log_odds", "prior": 0.2},
+        {"type": "posterior", "floor": 0.02},
         "cluster_mass",
     )
     assert config(**dumped) == law
@@ -57,8 +57,7 @@ def test_what_is_dumped_is_read_again() -> None:
     [
         ("condensation", {"type": "cluster_centroid", "min_voxels": 0}),
         ("condensation", {"type": "cluster_mass", "mass_threshold": 0.0}),
-        ("rule", {"type": "log_odds", "prior": 0.0}),
-        ("rule", {"type": "dempster_shafer", "prior": 1.0}),
+        ("rule", {"type": "posterior", "floor": 0.0}),
         ("rule", {"type": "posterior", "flour": 0.02}),
         ("rule", {"prior": 0.1}),
     ],
@@ -122,7 +121,27 @@ def test_a_field_that_moved_is_read_with_a_sentence_that_names_its_new_place() -
 
 
 def test_a_field_that_moved_and_has_no_effect_is_left_out_and_reported() -> None:
-    with pytest.warns(FutureWarning, match="`prior` .* has no effect with the rule 'sets'"):
+    with pytest.warns(FutureWarning, match="`mode_share` .* no effect with the condensation 'mem"):
+        assert config(mode_share=0.3) == config()
+
+
+# Rules and fields that were removed
+
+
+@pytest.mark.parametrize("rule", REMOVED_RULES)
+def test_a_rule_that_was_removed_is_one_sentence_that_names_its_replacement(rule: str) -> None:
+    sentence = rf"^the rule '{rule}' was removed: take 'sets', and (only one|Null) [\w ]+$"
+    with warnings.catch_warnings(action="error"):
+        for given in (rule, {"type": rule, "prior": 0.1}):
+            law = config(rule=given, prior=0.1)
+            with pytest.raises(PluginError, match=sentence):
+                Integrator(law)
+            with pytest.raises(PluginError, match=sentence):
+                Pipeline(PipelineConfig(integrator=law))
+
+
+def test_a_field_that_was_removed_is_left_out_with_a_sentence_that_names_its_replacement() -> None:
+    with pytest.warns(FutureWarning, match="`prior` .* was removed .* take 'sets', and Null "):
         assert config(prior=0.3) == config()
 
 

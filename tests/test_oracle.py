@@ -273,41 +273,10 @@ def test_two_sources_that_meet_combine_by_de_morgan() -> None:
     assert verdicts(fusion) == {HERE: "contact"}
 
 
-@pytest.mark.parametrize(
-    ("rule", "expected"),
-    [
-        ("de_morgan", 0.75),
-        ("max", 0.5),
-        # odds: (1 / 19) · (1 · 19)² = 19
-        ("log_odds", 0.95),
-        # unknown: (10 / 19)² = 100 / 361; contact: 261 / 361; plus 100 / 361 · 0.05
-        ("dempster_shafer", 266 / 361),
-    ],
-)
-def test_each_rule_combines_two_halves(rule: str, expected: float) -> None:
-    clouds = cloud("skin", 0.0, {HERE: 0.5}), cloud("wrist", 0.0, {HERE: 0.5})
-    assert likelihoods(fused(*clouds, law=config(rule=rule)))[HERE] == pytest.approx(expected)
-
-
-def test_dempster_shafer_weighs_conflict() -> None:
-    # 0.75 against a prior of 0.5: half contact; 0.25: half none. 1/4 each is left of 3/4.
-    law = config(rule="dempster_shafer", prior=0.5)
-    clouds = cloud("skin", 0.0, {HERE: 0.75}), cloud("wrist", 0.0, {HERE: 0.25})
-    assert likelihoods(fused(*clouds, law=law))[HERE] == pytest.approx((1 + 0.5) / 3)
-
-
-def test_dempster_shafer_gives_the_prior_when_all_is_conflict() -> None:
-    law = config(rule="dempster_shafer", prior=0.3)
-    clouds = cloud("skin", 0.0, {HERE: 1.0}), cloud("wrist", 0.0, {HERE: 1e-30})
-    assert likelihoods(fused(*clouds, law=law)) == {HERE: 0.3}
-
-
-@pytest.mark.parametrize("rule", ["de_morgan", "max", "log_odds", "dempster_shafer"])
-def test_null_forbids_a_contact_and_alone_has_no_likelihood(rule: str) -> None:
+def test_null_forbids_a_contact_and_alone_has_no_likelihood() -> None:
     fusion = fused(
         cloud("skin", 0.0, {HERE: 0.5}),
         cloud("skin/free", 0.0, {HERE: 0.1, (1, 0, 0): 1.0}, kind=NULL),
-        law=config(rule=rule),
     )
     assert verdicts(fusion) == {HERE: "nulled", (1, 0, 0): "nulled"}
     assert likelihoods(fusion) == pytest.approx({HERE: 0.5, (1, 0, 0): 0.0})

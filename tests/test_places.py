@@ -101,11 +101,8 @@ def test_each_source_has_a_place_of_its_own_in_a_voxel() -> None:
     assert found["a", HOME] == mean((A, 0.5)) and found["b", HOME] == mean((B, 0.1))
 
 
-@pytest.mark.parametrize("rule", ["de_morgan", "max", "log_odds", "dempster_shafer"])
-def test_a_rule_that_needs_no_places_gets_the_centres_of_voxels_and_costs_no_room(
-    rule: str,
-) -> None:
-    one = Integrator(IntegratorConfig(rule=rule))
+def test_a_rule_that_needs_no_places_gets_the_centres_of_voxels_and_costs_no_room() -> None:
+    one = Integrator(IntegratorConfig(rule="de_morgan"))
     for stamp in (0.0, 0.1):
         one.receive(cloud("a", stamp, (A, 0.25), (B, 0.75), (NEAR, 0.5)))
         entries = one.step(stamp).field.entries

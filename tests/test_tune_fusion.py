@@ -215,10 +215,10 @@ def test_timeouts_of_generators_are_varied_where_they_have_one() -> None:
 
 
 def test_values_may_be_given_and_what_is_configured_is_among_them() -> None:
-    vary = ("integrator.threshold=0.5, 5e-2", "integrator.rule=max")
+    vary = ("integrator.threshold=0.5, 5e-2", "integrator.rule=posterior")
     threshold, rule = fields_to_vary(makes([])(()), vary)
     assert threshold.values == (0.05, 0.1, 0.5)
-    assert rule.values == ("max", "de_morgan") and rule.configured == "de_morgan"
+    assert rule.values == ("posterior", "de_morgan") and rule.configured == "de_morgan"
 
 
 @pytest.mark.parametrize(
@@ -379,7 +379,7 @@ def test_a_field_that_changes_nothing_has_one_line(tmp_path: Path) -> None:
 
 
 def test_words_are_varied_and_drawn_too(tmp_path: Path) -> None:
-    found = tuned(tmp_path, ("integrator.rule=de_morgan,max",))
+    found = tuned(tmp_path, ("integrator.rule=de_morgan,posterior",))
     assert len(list(found.trials())) == 2
     assert write_tuning(found, tmp_path / "out")
 

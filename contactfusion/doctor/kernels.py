@@ -66,7 +66,7 @@ def _fuse(positions: Any) -> None:
     likelihoods, spreads = np.linspace(0.1, 0.9, 100), np.linspace(0.001, 0.01, 100)
     line = np.outer(np.linspace(0.0, 0.2, 100), [1.0, 0.0, 0.0])
     waves = 0.5 + 0.4 * np.cos(np.linspace(0.0, 20.0, 100))  # with peaks, and what is between them
-    for rule in ("de_morgan", "max", "log_odds", "dempster_shafer", "posterior", "sets"):
+    for rule in ("de_morgan", "posterior", "sets"):
         condensation = {"posterior": "modes", "sets": "members"}.get(rule, "cluster_mass")
         integrator = Integrator(
             IntegratorConfig(rule=rule, expiry="voxel", condensation=condensation)

@@ -37,6 +37,8 @@ def test_the_default_method_is_what_fuses_with_nothing_set() -> None:
 def test_what_is_not_there_and_what_does_not_fit_is_reported() -> None:
     with pytest.raises(PluginError, match="did you mean 'de_morgan'"):
         Method.named("de_morgen")
+    with pytest.raises(PluginError, match="the rule 'max' was removed: take 'sets'"):
+        Method.named("max/modes")
     with pytest.raises(ConfigurationError, match="'modes' needs a rule that gives a belief"):
         Method.named("de_morgan/modes")
 

@@ -99,8 +99,8 @@ class TestSensing:
         assert suite.label == "skin-posterior_modes"
 
     def test_a_label_states_what_differs(self, weights: Path) -> None:
-        suite = feeling("fused", weights, rule="max", without=("motion", "skin/free"))
-        assert suite.label == "fused-max-without_motion-without_skin_free"
+        suite = feeling("fused", weights, rule="posterior", without=("motion", "skin/free"))
+        assert suite.label == "fused-posterior-without_motion-without_skin_free"
 
     def test_a_generator_without_a_source_is_left_out_with_its_sensor(self, weights: Path) -> None:
         suite = feeling("fused", weights, without=("lidar",))
@@ -148,7 +148,7 @@ class TestSensing:
             ("rule", {"lidar": "lidar_sid"}, "no 'lidar_sid'; did you mean 'lidar_side'"),
             ("rule", {"camera": "camra"}, "no 'camra'; did you mean 'camera'"),
             ("rule", {"rule": "posteriro"}, "no rule 'posteriro'; did you mean 'posterior'"),
-            ("rule", {"rule": "max/modes"}, "'modes' needs a rule that gives a belief"),
+            ("rule", {"rule": "de_morgan/modes"}, "'modes' needs a rule that gives a belief"),
             ("skin", {"without": ("motion",)}, "unknown source 'motion'; .* of 'skin' are: skin"),
             ("skin", {"without": ("skin",)}, "'skin' without skin feels nothing"),
             ("lidar", {"weights": Path("no.safetensors")}, "no file 'no.safetensors'"),
@@ -217,7 +217,7 @@ class TestPlans:
         ("changes", "problem"),
         [
             ({"sensings": ("skin", "skin")}, "'skin' stands twice among the sensings"),
-            ({"rules": ("max", "max")}, "'max' stands twice among the rules"),
+            ({"rules": ("de_morgan", "de_morgan")}, "'de_morgan' stands twice among the rules"),
             ({"lidar": "lidar_side"}, "'lidar_side' was chosen, but what feels here is skin"),
             ({"weights": Path("no.safetensors")}, "was given, but there are no networks in skin"),
         ],
@@ -266,12 +266,12 @@ class TestExperiment:
         out = tmp_path / "out"
         run_push(small(targets), out)
         held = content(out / "trials")
-        run_push(small(targets, sensings=("rule",), rules=("max",)), out)
+        run_push(small(targets, sensings=("rule",), rules=("posterior",)), out)
         assert held.items() < content(out / "trials").items()
         rows = list(csv.DictReader((out / "results.csv").read_text().splitlines()))
-        assert [row["sensing"] for row in rows] == ["skin", "skin", "rule-max", "rule-max"]
-        other = small(targets, sensings=("rule",), rules=("max",), lidar="lidar_side")
-        with pytest.raises(ConfigurationError, match="pushes of other sensings 'rule-max'"):
+        assert [row["sensing"] for row in rows] == ["skin"] * 2 + ["rule-posterior"] * 2
+        other = small(targets, sensings=("rule",), rules=("posterior",), lidar="lidar_side")
+        with pytest.raises(ConfigurationError, match="pushes of other sensings 'rule-posterior'"):
             run_push(other, out)
 
     def test_another_lidar_pushes_too(self, tmp_path: Path) -> None:
