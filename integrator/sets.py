@@ -17,9 +17,9 @@ from contactfusion.arrays import FloatArray
 from contactfusion.contacts import NONE, Contact
 from contactfusion.hypotheses import HypothesisKind
 from contactfusion.integrator import fields
-from contactfusion.integrator.cells import cell_list, heaviest
 from contactfusion.integrator.detections import CERTAIN, LINK, Evidence, clouds_of
 from contactfusion.integrator.entries import Entries, Field, Member, Source
+from contactfusion.integrator.members import FAINT, by_voxel
 from contactfusion.integrator.modes import force_near
 from contactfusion.integrator.nearby import Rows, near
 from contactfusion.integrator.places import BASIN, STEP, Basin, Places, SourceField, moments
@@ -44,8 +44,6 @@ EXPLAINED = 0.1
 """A contact explains a detection whose field has this part of its highest there."""
 IDLE = 1e-4
 """Places that are less likely than that part of the likeliest are as good as none."""
-FAINT = 0.1
-"""What is left is searched while a contact of it could be so probable."""
 TINY = 1e-12
 """A mean normal of a smaller square has no direction."""
 MOST = 32
@@ -74,7 +72,7 @@ class Sets(Rule):
             members = needed(members, sum_of)
             members += missing(members, sum_of, entries)
         members.sort(key=lambda member: -round(member.contact.likelihood, 6))
-        return Field(entries, partial(_by_voxel, entries, members), members=members)
+        return Field(entries, partial(by_voxel, entries, members), members=members)
 
 
 class Search:
@@ -465,16 +463,3 @@ class Search:
         stamps = self._entries.columns.stamps
         newest = [stamps[own].max(initial=0) for _, own in self._entries.by_source]
         return np.array(newest, np.int64)
-
-
-def _by_voxel(entries: Entries, members: Sequence[Member]) -> FloatArray:
-    """The probability of the likeliest contact near each voxel's centre, shape (m,)."""
-    likelihoods, counted = np.zeros(len(entries.keys)), entries.counted_voxels
-    centres = entries.grid.centres(entries.voxels[counted])
-    for member in members:
-        reach = max(member.reach, entries.grid.voxel_size)
-        cells = cell_list(member.places, 2.0 * reach)
-        heights = member.weights / member.weights.max() * member.contact.likelihood
-        around = heaviest(centres, member.places, cells, heights, reach)
-        likelihoods[counted] = np.maximum(likelihoods[counted], around)
-    return likelihoods

@@ -17,15 +17,14 @@ from contactfusion.explain.neighbourhood import (
     Expected,
     Part,
     expected_places,
-    explained_at,
     missing_at,
     nearest_hypotheses,
     neighbourhood_at,
     neighbourhood_of,
     parts_at,
-    reasons_at,
     shares_at,
 )
+from contactfusion.explain.reasons import explained_at, reasons_at
 from contactfusion.hypotheses import HypothesisKind
 from contactfusion.integrator.fusion import Fusion
 from contactfusion.reason import Reason, Why, millimetres
