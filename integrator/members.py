@@ -11,7 +11,7 @@ from contactfusion.contacts import NONE, Contact
 from contactfusion.hypotheses import HypothesisKind
 from contactfusion.integrator import kernels
 from contactfusion.integrator.cells import cell_list, heaviest
-from contactfusion.integrator.entries import Entries, Field, Member
+from contactfusion.integrator.entries import Entries, Field, Member, Source
 from contactfusion.model import Model
 from contactfusion.reason import Reason, Why
 from contactfusion.rule import Condensation, Neighbourhood
@@ -52,9 +52,10 @@ class Members(Condensation):
         """The probability of the contact, and by which sources."""
         if (member := _member_at(field, around)) is None:
             return ""
+        words = told(member, field.entries.sources)
         if contact is None or abs(contact.likelihood - member.contact.likelihood) < ROUNDED:
-            return _told(member)
-        return f"P(contact) {contact.likelihood:.2f} over time; of this step {_told(member)}"
+            return words
+        return f"P(contact) {contact.likelihood:.2f} over time; of this step {words}"
 
     def objections(
         self, field: Field, verdicts: NDArray[np.uint8], around: Neighbourhood
@@ -65,8 +66,9 @@ class Members(Condensation):
             under = f"under the existence {self.existence:g} that is asked for"
             if exists >= self.existence - kernels.EDGE:
                 under = "but one step alone makes no contact after others without it"
-            sentence = f"{_told(member)}, {under}"
-            values = {"exists": exists, "existence": self.existence, "factor": member.factor}
+            sentence = f"{told(member, field.entries.sources)}, {under}"
+            values = {"exists": exists, "existence": self.existence}
+            values |= {f"{name}.factor": factor for name, factor in member.factors.items()}
             return [Reason(Why.IMPROBABLE, sentence, values=values)]
         given = {} if around.best == NONE else field.given(around.best)
         sources = field.entries.sources
@@ -101,10 +103,34 @@ def _member_at(field: Field, around: Neighbourhood) -> Member | None:
     return away[nearest] if nearest <= around.reach else None
 
 
-def _told(member: Member) -> str:
+def told(member: Member, sources: Sequence[Source]) -> str:
     """The probability of a contact of a set, and how it comes about."""
     given = " and ".join(f"{name} {p:.2f}" for name, p in member.given.items())
-    sentence = f"P(contact) {member.contact.likelihood:.2f} by {given}"
-    if member.factor < 1.0:
-        return f"{sentence}; the force of all contacts is explained without it"
-    return sentence
+    words = [f"P(contact) {member.contact.likelihood:.2f} by {given}"]
+    by_name = {source.name: source for source in sources}
+    for name, (before, after) in _changes(member).items():
+        if abs(after - before) >= ROUNDED:
+            who = _speaker(by_name[name], member, after > before)
+            does = "raises" if after > before else "lowers"
+            words.append(f"{who} {does} it from {before:.2f} to {after:.2f}")
+    return "; ".join(words)
+
+
+def _changes(member: Member) -> dict[str, tuple[float, float]]:
+    """The probability of a contact before and after each source that speaks for or against it."""
+    after, changes = member.contact.likelihood, dict[str, tuple[float, float]]()
+    for name, factor in [*member.factors.items()][::-1]:
+        before = after / (after + factor * (1.0 - after))
+        changes[name], after = (before, after), before
+    return {name: changes[name] for name in member.factors}
+
+
+def _speaker(source: Source, member: Member, is_for: bool) -> str:
+    """What of a source speaks for or against a contact."""
+    if source.kind != HypothesisKind.REGULAR:
+        return f"{source.name} ({source.kind})"
+    if source.misses < 1.0 and source.resultant is None:
+        return f"the silence of {source.name}"
+    how = "which needs it" if is_for else "explained without it"
+    alone = {*member.given} == {source.name}
+    return f"the force of {source.name}, {'which alone tells of it' if alone else how},"
