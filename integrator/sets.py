@@ -20,7 +20,7 @@ from contactfusion.integrator import fields
 from contactfusion.integrator.detections import CERTAIN, LINK, Evidence, clouds_of
 from contactfusion.integrator.entries import Entries, Field, Member, Source
 from contactfusion.integrator.kernels import EDGE
-from contactfusion.integrator.members import FAINT, by_voxel
+from contactfusion.integrator.members import FAINT, by_voxel, told_in
 from contactfusion.integrator.modes import force_near
 from contactfusion.integrator.nearby import Rows, near
 from contactfusion.integrator.places import BASIN, STEP, Basin, Places, SourceField, moments
@@ -76,6 +76,10 @@ class Sets(Rule):
             members += missing(members, sum_of, entries)
         members.sort(key=lambda member: -round(member.contact.likelihood, 6))
         return Field(entries, partial(by_voxel, entries, members), members=members)
+
+    def explain(self, field: Field, row: int) -> str:
+        """The most probable contact near a voxel."""
+        return told_in(field, row)
 
 
 class Search:

@@ -1,6 +1,7 @@
 """A place in the hypothesis space: the part of each source, and where contacts are expected."""
 
 import math
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,7 +12,7 @@ from contactfusion.arrays import FloatArray
 from contactfusion.contacts import NONE
 from contactfusion.explain.moment import View
 from contactfusion.hypotheses import HypothesisKind
-from contactfusion.integrator import clusters, kernels
+from contactfusion.integrator import clusters
 from contactfusion.integrator.clusters import reach_squared
 from contactfusion.integrator.fusion import Fusion
 from contactfusion.integrator.sources import SourceReport
@@ -69,30 +70,37 @@ def neighbourhood_at(view: View, position: FloatArray, reach: float) -> Neighbou
     offsets = np.abs(view.centres - position)
     inside = (offsets**2).sum(axis=1) <= reach**2 + 1e-12
     inside |= (offsets <= 0.5 * view.fusion.field.entries.grid.voxel_size).all(axis=1)
-    return Neighbourhood(position, reach, inside, _best(view, inside, position))
+    best = _best(view, inside, position)
+    return Neighbourhood(position, reach, inside, best, view.fusion.contacts)
 
 
 def neighbourhood_of(view: View, number: int) -> Neighbourhood:
-    """The voxels of a contact, by its row in the contacts."""
-    contact, inside = view.fusion.contacts[number], view.owners == number
+    """The voxels of a contact, by its row in the contacts, and those of what it explains."""
+    contacts, inside = view.fusion.contacts, view.owners == number
+    contact = contacts[number]
     reach = max(view.settings.tolerance, 2.0 * contact.dispersion)
-    if view.fusion.condensation.needs_belief:  # contacts that are not made of voxels
+    if not view.fusion.condensation.looks_at_voxels:
+        places, own = view.fusion.field.entries.places, view.explained == number
         near = neighbourhood_at(view, contact.position, view.settings.tolerance).inside
-        inside |= near & (view.owners == NONE)
-    return Neighbourhood(contact.position, reach, inside, _best(view, inside, contact.position))
+        near[places[(view.explained != NONE) & ~own]] = False
+        inside |= near
+        inside[places[own]] = True
+    best = _best(view, inside, contact.position)
+    return Neighbourhood(contact.position, reach, inside, best, contacts)
 
 
-def parts_at(view: View, around: Neighbourhood) -> list[Part]:
+def parts_at(view: View, around: Neighbourhood, heard: Collection[str] = ()) -> list[Part]:
     """The part of each source at a place, likelier first; sources without one are left out.
 
-    Where a rule has a belief, a source whose field reaches here from further away has a part.
+    A source has a part from further away where it is one of those heard, or where a rule has a
+    belief and its field reaches here.
     """
     entries, found = view.fusion.field.entries, []
     positions = entries.positions
     fits, reached = fits_at(view.fusion, around)
     parts = zip(entries.by_source, entries.parts(around.inside), fits, reached, strict=True)
     for (_, own), (source, rows), fit, is_reached in parts:
-        if own.stop == own.start or not (len(rows) or is_reached):
+        if own.stop == own.start or not (len(rows) or is_reached or source.name in heard):
             continue
         columns = entries.columns
         away = np.linalg.norm(positions[own] - around.position, axis=1)
@@ -180,8 +188,10 @@ def expected_places(view: View) -> list[Expected]:
     """
     died = [Expected(dead.contact.position, dead.stamp) for dead in view.past.dead(view.stamp)]
     places = _apart(view, died)[:MOST_DEAD]
-    places += _apart(view, [Expected(place) for place in _hopeless(view)], places)
-    return places[:MOST]
+    hopeless = [Expected(place) for place in _hopeless(view)]
+    # what no contact of a set explains is a detection of its own, however near one is
+    contacts = not view.fusion.condensation.needs_members
+    return (places + _apart(view, hopeless, places, contacts))[:MOST]
 
 
 def _hopeless(view: View) -> list[FloatArray]:
@@ -191,8 +201,13 @@ def _hopeless(view: View) -> list[FloatArray]:
     stay under the threshold even with evidence.
     """
     entries, likelihoods = view.fusion.field.entries, view.fusion.field.likelihoods
-    evidence = (entries.bits & kernels.REGULAR) > 0
-    wanted = entries.counted_voxels & (evidence | (likelihoods >= view.fusion.threshold))
+    evidence, left = np.zeros(len(entries.keys), np.bool_), view.explained == NONE
+    for source, own in entries.by_source:
+        if source.kind == HypothesisKind.REGULAR:
+            evidence[entries.places[own][left[own]]] = True
+    wanted = evidence.copy()
+    if not view.fusion.condensation.needs_members:
+        wanted |= entries.counted_voxels & (likelihoods >= view.fusion.threshold)
     rows = np.flatnonzero(wanted & (view.owners == NONE))
     if not len(rows):
         return []
@@ -205,13 +220,13 @@ def _hopeless(view: View) -> list[FloatArray]:
 
 
 def _apart(
-    view: View, candidates: list[Expected], others: list[Expected] | None = None
+    view: View, candidates: list[Expected], others: Sequence[Expected] = (), contacts: bool = True
 ) -> list[Expected]:
-    """The places that lie apart from every contact and from each other, in order."""
-    owned = view.centres[view.owners != NONE]
+    """The places that lie apart from each other, and from every contact unless told otherwise."""
     taken = [contact.position for contact in view.fusion.contacts]
-    tree = cKDTree(np.concatenate([owned, np.reshape(taken, (-1, 3))]))
-    apart, found = APART * view.settings.tolerance, list(others or [])
+    owned = np.concatenate([view.centres[view.owners != NONE], np.reshape(taken, (-1, 3))])
+    tree = cKDTree(owned[: len(owned) * contacts])
+    apart, found = APART * view.settings.tolerance, list(others)
     kept: list[Expected] = []
     for candidate in candidates:
         if len(kept) == MOST:

@@ -34,7 +34,7 @@ def explained_at(view: View, around: Neighbourhood, contact: Contact | None = No
             fusion.condensation, lambda: fusion.condensation.explain(fusion.field, around, contact)
         )
     ]
-    if not lines[0] and around.best != NONE:
+    if not lines[0] and around.best != NONE and not fusion.condensation.needs_members:
         lines = [_words(fusion.rule, lambda: fusion.rule.explain(fusion.field, around.best))]
     if contact is not None:
         lines.append(view.trouble)
@@ -59,13 +59,13 @@ def reasons_at(view: View, around: Neighbourhood) -> list[Reason]:
         Empty where there are no hypotheses of evidence or support: then their absence is the
         reason.
     """
-    if (contact := _contact_in(view, around)) is not None:
-        return [contact]
-    reasons, trouble = _objections(view, around)
+    if (contact := contact_at(view, around)) is not None:
+        return [_contact_in(view, around, contact)]
+    fusion, (reasons, trouble) = view.fusion, _objections(view, around)
     if around.best != NONE:
-        code = int(view.fusion.verdict_codes[around.best])
+        code = int(fusion.verdict_codes[around.best])
         reasons = reasons or [_of_verdict(code, view, around)]
-        if code != kernels.NULLED and not view.fusion.condensation.needs_belief:
+        if code != kernels.NULLED and fusion.condensation.looks_at_voxels:
             reasons += _nulled(view, around)
     return reasons + trouble
 
@@ -83,18 +83,19 @@ def _objections(view: View, around: Neighbourhood) -> tuple[list[Reason], list[R
         return [], [Reason(Why.FAILED, str(error))]
 
 
-def _contact_in(view: View, around: Neighbourhood) -> Reason | None:
-    """Which contact lies at a place, or reaches into it."""
-    contacts = view.fusion.contacts
-    here = nearest(around.position, contacts)
+def contact_at(view: View, around: Neighbourhood) -> Contact | None:
+    """The contact that lies at a place, or reaches into it."""
+    here = nearest(around.position, view.fusion.contacts)
     if here is not None and here[1] <= around.reach:
-        contact, away = here
-    elif around.best != NONE and view.owners[around.best] != NONE:
-        contact = contacts[view.owners[around.best]]
-        away = float(np.linalg.norm(contact.position - around.position))
-    else:
-        return None
-    number = next(n for n, own in enumerate(contacts, 1) if own is contact)
+        return here[0]
+    owner = NONE if around.best == NONE else int(view.owners[around.best])
+    return None if owner == NONE else view.fusion.contacts[owner]
+
+
+def _contact_in(view: View, around: Neighbourhood, contact: Contact) -> Reason:
+    """That a place belongs to a contact."""
+    number = next(n for n, own in enumerate(view.fusion.contacts, 1) if own is contact)
+    away = float(np.linalg.norm(contact.position - around.position))
     sentence = (
         f"this is contact {number}, of likelihood {contact.likelihood:.2f}, whose middle is "
         f"{millimetres(away)} away"
