@@ -1,8 +1,10 @@
 """Reasons: what speaks for or against a contact, or keeps a source from speaking, in words."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import StrEnum
+
+from contactfusion.arrays import FloatArray
 
 
 class Why(StrEnum):
@@ -50,6 +52,12 @@ def millimetres(metres: float) -> str:
     if metres < 0.1:
         return f"{metres * 1000.0:.1f} mm"
     return f"{metres * 100.0:.0f} cm" if metres < 1.0 else f"{metres:.1f} m"
+
+
+def place_words(place: Sequence[float] | FloatArray) -> str:
+    """A place [m] as text."""
+    x, y, z = (float(value) for value in place)
+    return f"({x:.3f}, {y:.3f}, {z:.3f}) m"
 
 
 def counted(count: int, singular: str) -> str:

@@ -27,12 +27,14 @@ class Neighbourhood:
         reach: how far it reaches [m].
         inside: shape (m,), which voxels of the field lie in it.
         best: the row of the likeliest voxel in it with more than null, or `NONE`.
+        contacts: those that are reported, the most likely first.
     """
 
     position: FloatArray
     reach: float
     inside: NDArray[np.bool_]
     best: int
+    contacts: Sequence[Contact] = ()
 
 
 class Rule(ABC):
@@ -98,6 +100,11 @@ class Condensation(ABC):
     def __init__(self, config: Model, tolerance: float) -> None:
         self.config = config
         self.tolerance = tolerance
+
+    @property
+    def looks_at_voxels(self) -> bool:
+        """Whether contacts come of voxels over the threshold."""
+        return not (self.needs_belief or self.needs_members)
 
     @abstractmethod
     def condense(self, field: "Field", verdicts: NDArray[np.uint8]) -> Iterable[Contact]:

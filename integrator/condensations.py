@@ -6,12 +6,12 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field as FieldOf
 
-from contactfusion.contacts import NONE, Contact, Contacts
+from contactfusion.contacts import NONE, Contacts
 from contactfusion.hooks import hookimpl
-from contactfusion.hypotheses import HypothesisKind
 from contactfusion.integrator import clusters, kernels
 from contactfusion.integrator.clusters import ContactTable
-from contactfusion.integrator.entries import Field, Member
+from contactfusion.integrator.entries import Field
+from contactfusion.integrator.members import Members
 from contactfusion.integrator.modes import Modes
 from contactfusion.integrator.store import Int64Array, unpack
 from contactfusion.model import Model
@@ -20,8 +20,6 @@ from contactfusion.rule import Condensation, Neighbourhood
 
 FAINTEST = 0.01
 """`cluster_mass` leaves out voxels less likely than this."""
-ROUNDED = 0.005
-"""Probabilities that differ by less are printed as one."""
 WIDE = 64
 """Beyond so many sides a tolerance may span all there is."""
 
@@ -112,25 +110,6 @@ class ClusterMass(Condensation):
         return [Reason(Why.TOO_LITTLE_MASS, sentence, values=values)]
 
 
-def _member_at(field: Field, around: Neighbourhood) -> Member | None:
-    """The contact of a set that is nearest to a place, within its reach."""
-    away = {
-        float(np.linalg.norm(member.contact.position - around.position)): member
-        for member in field.members or ()
-    }
-    nearest = min(away, default=np.inf)
-    return away[nearest] if nearest <= around.reach else None
-
-
-def _told(member: Member) -> str:
-    """The probability of a contact of a set, and how it comes about."""
-    given = " and ".join(f"{name} {p:.2f}" for name, p in member.given.items())
-    sentence = f"P(contact) {member.contact.likelihood:.2f} by {given}"
-    if member.factor < 1.0:
-        return f"{sentence}; the force of all contacts is explained without it"
-    return sentence
-
-
 def _judged(verdicts: NDArray[np.uint8]) -> NDArray[np.bool_]:
     """Which voxels were judged by their likelihood, shape (m,)."""
     return np.asarray((verdicts == kernels.CONTACT) | (verdicts == kernels.BELOW_THRESHOLD))
@@ -158,62 +137,6 @@ def _clustered(field: Field, wanted: NDArray[np.bool_], tolerance: float) -> Con
             return ContactTable(field, selected, np.zeros(len(keys), np.int32), 1)
     labels, count = clusters.label(keys, reach)
     return ContactTable(field, selected, labels, count)
-
-
-class MembersConfig(Model):
-    """Which contacts of a set are reported."""
-
-    existence: float = FieldOf(default=0.5, gt=0, le=1)
-    """A contact is reported when it is at least so probable."""
-    rate: float = FieldOf(default=1.0, gt=0)
-    """How often contacts are made and broken, about [1/s]: what was there is believed for as long.
-    """
-
-
-class Members(Condensation):
-    """The contacts of a set that are probable enough, as the rule found them."""
-
-    Config = MembersConfig
-    needs_members = True
-
-    def __init__(self, config: MembersConfig, tolerance: float) -> None:
-        super().__init__(config, tolerance)
-        self.existence, self.rate = config.existence, config.rate
-
-    def condense(self, field: Field, verdicts: NDArray[np.uint8]) -> Sequence[Contact]:
-        """The contacts that exist with at least the probability that is asked for."""
-        contacts = [member.contact for member in field.members or ()]
-        least = self.existence - kernels.EDGE
-        return [contact for contact in contacts if contact.likelihood >= least]
-
-    def explain(self, field: Field, around: Neighbourhood, contact: Contact | None) -> str:
-        """The probability of the contact, and by which sources."""
-        if (member := _member_at(field, around)) is None:
-            return ""
-        if contact is None or abs(contact.likelihood - member.contact.likelihood) < ROUNDED:
-            return _told(member)
-        return f"P(contact) {contact.likelihood:.2f} over time; of this step {_told(member)}"
-
-    def objections(
-        self, field: Field, verdicts: NDArray[np.uint8], around: Neighbourhood
-    ) -> Sequence[Reason]:
-        """The contact that is not probable enough, or that no evidence speaks for."""
-        if (member := _member_at(field, around)) is not None:
-            exists = member.contact.likelihood
-            under = f"under the existence {self.existence:g} that is asked for"
-            if exists >= self.existence - kernels.EDGE:
-                under = "but one step alone makes no contact after others without it"
-            sentence = f"{_told(member)}, {under}"
-            values = {"exists": exists, "existence": self.existence, "factor": member.factor}
-            return [Reason(Why.IMPROBABLE, sentence, values=values)]
-        given = {} if around.best == NONE else field.given(around.best)
-        sources = field.entries.sources
-        evidence = {each.name for each in sources if each.kind == HypothesisKind.REGULAR}
-        names = [name for name in given if name in evidence]
-        if not names or not field.members:
-            return ()
-        sentence = f"what {' and '.join(names)} gave here is explained by another contact"
-        return [Reason(Why.ELSEWHERE, sentence, names[0])]
 
 
 @hookimpl

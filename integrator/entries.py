@@ -2,7 +2,7 @@
 
 import itertools
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
 
@@ -249,7 +249,10 @@ class Member:
         normal: out of the robot, shape (3,); None without a surface.
         reach: half the step by which places hang together [m].
         given: the probability of a contact by each source that it explains.
-        factor: on its odds, by which the resultant of all contacts needs it.
+        factors: on its odds, by each source that speaks for or against it beside these: Support and
+            Null there, those that are silent, and those that measure a resultant; in this order.
+        explains: the entries that it explains, as rows of the columns; of what is the sum over
+            several contacts each explains all.
     """
 
     contact: Contact
@@ -258,7 +261,8 @@ class Member:
     normal: FloatArray | None
     reach: float
     given: Mapping[str, float]
-    factor: float = 1.0
+    factors: Mapping[str, float] = field(default_factory=dict)
+    explains: NDArray[np.intp] = field(default_factory=lambda: np.empty(0, np.intp))
 
 
 class Field:

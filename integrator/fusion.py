@@ -12,7 +12,8 @@ from contactfusion.contacts import NONE, Contact, Contacts
 from contactfusion.errors import Guard, SourceError, name_hint
 from contactfusion.hypotheses import ContactHypothesis, HypothesisKind
 from contactfusion.integrator import kernels
-from contactfusion.integrator.entries import Entries, Field
+from contactfusion.integrator.entries import Entries, Field, Member
+from contactfusion.integrator.members import found_again, lies_in
 from contactfusion.integrator.sources import Report
 from contactfusion.integrator.store import Int64Array, unpack
 from contactfusion.integrator.tracks import ContactEvent
@@ -111,14 +112,15 @@ class Fusion:
     def owners(self) -> NDArray[np.intp]:
         """The contact that each voxel belongs to, a row of `contacts` or -1, shape (m,).
 
-        Of contacts that are not made of voxels those within three standard deviations count as
-        theirs, and the likeliest contact comes first.
+        Of contacts that are not made of voxels those where they lie count as theirs, and the
+        likeliest contact comes first: their place or area as a set has it, or three standard
+        deviations about them.
 
         Raises:
             PluginError: the condensation raised, or gave what are no rows of its contacts.
         """
         with guarded(self.condensation):
-            owners = np.array(self._owners() if self._owners else self._by_ellipsoid())
+            owners = np.array(self._owners() if self._owners else self._by_place())
             shape, count = self.field.entries.keys.shape, len(self.contacts)
             if owners.shape != shape or not ((owners >= NONE) & (owners < count)).all():
                 raise ValueError(
@@ -190,12 +192,20 @@ class Fusion:
         fewer = self.field.entries.without(source)
         return fuse(fewer, self.rule, self.condensation, self.threshold, self.surface, self.report)
 
-    def _by_ellipsoid(self) -> NDArray[np.intp]:
-        """The likeliest contact within whose covariance each voxel lies."""
+    @cached_property
+    def found(self) -> dict[int, Member]:
+        """What contacts, by their row, are in the set of this step by itself, if they are in it."""
+        return found_again(self.contacts, self.field) if self.condensation.needs_members else {}
+
+    def _by_place(self) -> NDArray[np.intp]:
+        """The likeliest contact that lies in each voxel, or within whose covariance it lies."""
         entries = self.field.entries
         centres = entries.grid.centres(entries.voxels)
         owners = np.full(len(centres), NONE, np.intp)
         for number, contact in reversed(list(enumerate(self.contacts))):
+            if member := self.found.get(number):
+                owners[lies_in(member, centres, entries.grid.voxel_size)] = number
+                continue
             offsets = centres - contact.position
             squared = (offsets * np.linalg.solve(contact.covariance, offsets.T).T).sum(axis=1)
             owners[squared <= SIGMAS**2] = number
@@ -219,9 +229,8 @@ def fuse(
         field = rule.fuse(entries, entries.sources, surface)
         if not isinstance(field, Field):
             raise TypeError(f"it gave {type(field).__name__}, not a Field")
-    if condensation.needs_belief or condensation.needs_members:  # it looks at places, not at voxels
-        verdicts = np.empty(0, np.uint8)
-    else:
+    verdicts = np.empty(0, np.uint8)
+    if condensation.looks_at_voxels:
         verdicts = kernels.judge(field.likelihoods, entries.bits, threshold)
     with guarded(condensation):
         found = condensation.condense(field, verdicts)

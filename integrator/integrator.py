@@ -14,10 +14,11 @@ from contactfusion.errors import (
 )
 from contactfusion.grid import Grid
 from contactfusion.hypotheses import HypothesisCloud, HypothesisKind, kind_of
-from contactfusion.integrator.condensations import Members, contactfusion_condensations
+from contactfusion.integrator.condensations import contactfusion_condensations
 from contactfusion.integrator.config import IntegratorConfig
 from contactfusion.integrator.fusion import Fusion, fuse
 from contactfusion.integrator.inbox import Inbox
+from contactfusion.integrator.members import Members
 from contactfusion.integrator.rules import contactfusion_rules
 from contactfusion.integrator.sources import Event, EventKind, Report, SourceRecord
 from contactfusion.integrator.space import Space

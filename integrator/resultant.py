@@ -248,10 +248,12 @@ def needed(members: Sequence[Member], sum_of: Superposition) -> list[Member]:
             gains = dict(zip(kept, sum_of.gains_of(maps.at(kept)).tolist(), strict=True))
         factor = float(np.exp(np.clip(gains[row], np.log(NEEDLESS), -np.log(NEEDLESS))))
         exists = members[row].contact.likelihood
-        odds = RARE if own[row] else exists / max(1.0 - exists, EDGE)
+        before = exists / max(1.0 - exists, EDGE)
+        odds = RARE if own[row] else before
         probability = factor * odds / (1.0 + factor * odds)
         contact = replace(members[row].contact, likelihood=probability)
-        judged[row] = replace(members[row], contact=contact, factor=factor)
+        factors = {**members[row].factors, sum_of.source: factor * odds / max(before, EDGE)}
+        judged[row] = replace(members[row], contact=contact, factors=factors)
         if probability < EVEN:
             kept.remove(row)
             gains.clear()

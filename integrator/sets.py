@@ -17,9 +17,10 @@ from contactfusion.arrays import FloatArray
 from contactfusion.contacts import NONE, Contact
 from contactfusion.hypotheses import HypothesisKind
 from contactfusion.integrator import fields
-from contactfusion.integrator.cells import cell_list, heaviest
 from contactfusion.integrator.detections import CERTAIN, LINK, Evidence, clouds_of
 from contactfusion.integrator.entries import Entries, Field, Member, Source
+from contactfusion.integrator.kernels import EDGE
+from contactfusion.integrator.members import FAINT, by_voxel, told_in
 from contactfusion.integrator.modes import force_near
 from contactfusion.integrator.nearby import Rows, near
 from contactfusion.integrator.places import BASIN, STEP, Basin, Places, SourceField, moments
@@ -44,13 +45,13 @@ EXPLAINED = 0.1
 """A contact explains a detection whose field has this part of its highest there."""
 IDLE = 1e-4
 """Places that are less likely than that part of the likeliest are as good as none."""
-FAINT = 0.1
-"""What is left is searched while a contact of it could be so probable."""
 TINY = 1e-12
 """A mean normal of a smaller square has no direction."""
 MOST = 32
 """No more contacts are searched."""
 
+Given = Mapping[str, float]
+"""Numbers by the name of a source."""
 Taken = Mapping[int, NDArray[np.bool_]]
 """The detections that a contact explains, shape (d,), by the row of their source."""
 
@@ -75,7 +76,11 @@ class Sets(Rule):
             members += missing(members, sum_of, entries)
             members = shared(members, sum_of)
         members.sort(key=lambda member: -round(member.contact.likelihood, 6))
-        return Field(entries, partial(_by_voxel, entries, members), members=members)
+        return Field(entries, partial(by_voxel, entries, members), members=members)
+
+    def explain(self, field: Field, row: int) -> str:
+        """The most probable contact near a voxel."""
+        return told_in(field, row)
 
 
 class Search:
@@ -146,18 +151,20 @@ class Search:
         shape = (len(self._clouds), len(self._places.points))
         self._factors, self._seen = np.ones(shape), np.ones(shape[1])
         """The factor of each source on the weight of each place, and that of all that is null."""
+        self._free: dict[int, FloatArray] = {}
+        """The factor of each that is null."""
         self._explains = np.zeros(shape, np.bool_)
         """Where a contact explains what is left of each source of evidence."""
         self._highest = np.ones(shape[0])
         self._supports: dict[int, float] = {}
         """The largest likelihood of each support that lies near."""
-        self._missed = float(np.prod([source.misses for source in self._entries.sources]))
         self._fits: dict[int, FloatArray] = {}
         for row, (cloud, field) in enumerate(zip(self._clouds, self._fields, strict=True)):
             if cloud.kind == HypothesisKind.NULL:
                 if len(cloud.positions):
                     free = np.maximum(field.heights, self._within(row))
-                    self._seen *= 1.0 - (1.0 - self._floor) * np.minimum(free, 1.0)
+                    self._free[row] = 1.0 - (1.0 - self._floor) * np.minimum(free, 1.0)
+                    self._seen *= self._free[row]
                 continue
             if cloud.force is not None and self._places.normals is not None:
                 self._fits[row] = pushed(cloud.force, self._places.normals, steepest)
@@ -208,7 +215,9 @@ class Search:
             self._hear(heard)
             found = self._found([member for _, member in found])
         self._hear(heard)
-        return self._fewest(found)
+        members = self._fewest(found)
+        told = self._entries_of(self._summed)
+        return [replace(each, explains=np.append(each.explains, told)) for each in members]
 
     def _hear(self, fields_: Sequence[SourceField]) -> None:
         """Take it that no contact explains anything yet."""
@@ -220,6 +229,8 @@ class Search:
     def _found(self, before: Sequence[Member]) -> list[tuple[Basin, Member]]:
         """The contacts one by one, beside those found so far and the later ones of before."""
         found: list[tuple[Basin, Member]] = []
+        self._summed: dict[int, NDArray[np.bool_]] = {}
+        """The detections that tell of several contacts together, by the row of their source."""
         while len(found) < MOST and self._possible() >= FAINT:
             weights = self._seen * self._factors.prod(axis=0)
             weights[~self._sought()] = 0.0
@@ -238,7 +249,8 @@ class Search:
                 self._take_out(row, own)
             for row, each in self._evidence.items():  # beside this one, it tells of a sum
                 if each.cloud.force is not None and each.left.any():
-                    self._take_out(row, each.left.copy())
+                    self._summed[row] = each.left.copy()
+                    self._take_out(row, self._summed[row])
         return found
 
     def _sought(self) -> NDArray[np.bool_]:
@@ -274,7 +286,8 @@ class Search:
                 likelihood = 1.0 - (1.0 - other.contact.likelihood) * float(missed)
                 contact = replace(other.contact, likelihood=likelihood)
                 given = {**other.given, **member.given}
-                kept[best] = basin, replace(other, contact=contact, given=given)
+                explains = np.append(other.explains, member.explains)
+                kept[best] = basin, replace(other, contact=contact, given=given, explains=explains)
         return [member for _, member in kept.values()]
 
     def _is_vague(self, rows: Iterable[int]) -> bool:
@@ -349,6 +362,13 @@ class Search:
             wanted[each.labels[np.where(each.left[each.labels], squared, np.inf).argmin()]] = True
         return wanted
 
+    def _entries_of(self, taken: Taken) -> Rows:
+        """The entries of some detections."""
+        rows = [np.empty(0, np.intp)]
+        for row, own in taken.items():
+            rows.append(self._entries.begin[row] + np.flatnonzero(own[self._evidence[row].labels]))
+        return np.concatenate(rows)
+
     def _member(self, basin: Basin, taken: Taken) -> Member:
         """The contact of a basin, by what it explains."""
         entries, places = self._entries, self._places
@@ -376,9 +396,10 @@ class Search:
             ends = 0.0, 0.0
         shares = self._shares(basin, taken)
         reach = 0.5 * STEP * places.spacing
+        likelihood, given, factors = self._existence(basin, taken)
         contact = Contact(
             position=position,
-            likelihood=self._existence(basin, taken),
+            likelihood=likelihood,
             scatter=scatter,
             covariance=covariance,
             extent=position + np.outer(ends, axes[:, -1]),
@@ -396,25 +417,27 @@ class Search:
         )
         for array in (position, scatter, covariance, contact.extent, contact.force):
             array.flags.writeable = False
-        names = [source.name for source in entries.sources]
-        given = {names[row]: self._evidence[row].probability(own) for row, own in taken.items()}
         rows, weights = basin.rows, basin.weights
         if is_large:  # the basin is where its middle may be
             rows = np.union1d(rows, area)
             weights = np.full(len(rows), 1.0 / len(rows))
-        return Member(contact, places.points[rows], weights, normal, reach, given)
+        where, explains = places.points[rows], self._entries_of(taken)
+        return Member(contact, where, weights, normal, reach, given, factors, explains)
 
-    def _existence(self, basin: Basin, taken: Taken) -> float:
-        """The probability that a contact exists.
+    def _existence(self, basin: Basin, taken: Taken) -> tuple[float, Given, Given]:
+        """The probability that a contact exists, those by what it explains, and others' factors.
 
         By what it explains and by the support there, less silence and null: both are missed
         detections, by Bayes.
         """
-        missed = 1.0
-        for row, own in taken.items():
-            missed *= 1.0 - self._evidence[row].probability(own)
+        names, factors = [*self._rows], dict[str, float]()
+        given = {names[row]: self._evidence[row].probability(own) for row, own in taken.items()}
+        missed = min(float(np.prod([1.0 - each for each in given.values()])), 1.0 - EDGE)
+        odds = (1.0 - missed) / missed
         for row, highest in self._supports.items():
-            missed *= 1.0 - min(highest, CERTAIN) * self._agreement(row, basin)
+            wrong = 1.0 - min(highest, CERTAIN) * self._agreement(row, basin)
+            factors[names[row]] = (1.0 - missed * wrong) / (wrong * (1.0 - missed))
+            missed *= wrong
         # over where its own sources see it, so that the surer null is, the less is left
         belief = self._factors[[*taken]].prod(axis=0)
         top = basin.core[belief[basin.core].argmax()]
@@ -424,9 +447,14 @@ class Search:
             if self._is_vague(taken)
             else self._places.connected(belief, least, int(top))
         )
-        unseen = float(belief[rows] @ self._seen[rows] / belief[rows].sum())
-        kept = (1.0 - missed) * unseen * self._missed
-        return kept / (missed + kept)
+        left = belief[rows]
+        for row, free in self._free.items():
+            before, left = left, left * free[rows]
+            factors[names[row]] = float(left.sum() / before.sum())
+        silent = [source for source in self._entries.sources if source.misses < 1.0]
+        factors |= {source.name: max(source.misses, EDGE) for source in silent}
+        odds *= float(np.prod([*factors.values()]))
+        return odds / (1.0 + odds), given, factors
 
     def _area(self, basin: Basin, taken: Taken) -> tuple[Rows, FloatArray]:
         """The area of a contact as rows of places, and the weight of each; they sum to 1.
@@ -466,16 +494,3 @@ class Search:
         stamps = self._entries.columns.stamps
         newest = [stamps[own].max(initial=0) for _, own in self._entries.by_source]
         return np.array(newest, np.int64)
-
-
-def _by_voxel(entries: Entries, members: Sequence[Member]) -> FloatArray:
-    """The probability of the likeliest contact near each voxel's centre, shape (m,)."""
-    likelihoods, counted = np.zeros(len(entries.keys)), entries.counted_voxels
-    centres = entries.grid.centres(entries.voxels[counted])
-    for member in members:
-        reach = max(member.reach, entries.grid.voxel_size)
-        cells = cell_list(member.places, 2.0 * reach)
-        heights = member.weights / member.weights.max() * member.contact.likelihood
-        around = heaviest(centres, member.places, cells, heights, reach)
-        likelihoods[counted] = np.maximum(likelihoods[counted], around)
-    return likelihoods

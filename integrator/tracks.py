@@ -121,7 +121,8 @@ class Tracks:
             track.probability = self._after(track.probability, elapsed)
             track.contact = replace(track.contact, position=_followed(track, track.anchor, surface))
         slid = SLIDING * elapsed / NANOSECONDS_PER_SECOND
-        pairs = _paired(self._tracks, members, slid)
+        before, found = ([each.contact for each in group] for group in (self._tracks, members))
+        pairs = paired(before, found, slid)
         for number, track in enumerate(self._tracks):
             if number in pairs:
                 self._confirm(track, members[pairs[number]], looks, elapsed)
@@ -208,17 +209,16 @@ class Tracks:
         track.contact = contact
 
 
-def _paired(tracks: Sequence[Track], members: Sequence[Member], slid: float) -> dict[int, int]:
-    """The member, as a row, that each track, as a row, is found again as; the nearest first.
+def paired(before: Sequence[Contact], now: Sequence[Contact], slid: float = 0.0) -> dict[int, int]:
+    """Which contacts, as rows, are the same, the nearest first.
 
     Args:
-        tracks: of the contacts before.
-        members: the contacts now.
+        before: contacts.
+        now: those of a step.
         slid: how far one may have slid meanwhile [m].
     """
-    if not tracks or not members:
+    if not before or not now:
         return {}
-    before, now = [track.contact for track in tracks], [member.contact for member in members]
     (where, wide), (there, wider) = (
         (
             np.array([contact.position for contact in contacts]),

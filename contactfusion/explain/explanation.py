@@ -17,22 +17,23 @@ from contactfusion.explain.neighbourhood import (
     Expected,
     Part,
     expected_places,
-    explained_at,
     missing_at,
     nearest_hypotheses,
     neighbourhood_at,
     neighbourhood_of,
     parts_at,
-    reasons_at,
     shares_at,
 )
+from contactfusion.explain.reasons import contact_at, explained_at, reasons_at
 from contactfusion.hypotheses import HypothesisKind
 from contactfusion.integrator.fusion import Fusion
-from contactfusion.reason import Reason, Why, millimetres
+from contactfusion.reason import Reason, Why, millimetres, place_words
 from contactfusion.rule import Neighbourhood
 
 MOST = 8
 """The most contacts that are explained in full."""
+ROUNDED = 0.005
+"""Shares and changes that are smaller are as good as none."""
 FAR = 0.05
 """The greatest distance from a hypothesis at which a place can be explained [m]."""
 Place = tuple[float, float, float]
@@ -140,10 +141,9 @@ class Explanation:
         frame: of all places and forces.
         rule: that fused.
         condensation: that made contacts.
-        threshold: from which likelihood on a voxel is a contact.
-        judged: whether contacts come of voxels over the threshold, and not of a belief; JSON has
-            the name of the condensation instead.
-        tolerance: linking distance [m].
+        threshold: from which likelihood on a voxel, or a contact of a set, is a contact; NaN: the
+            condensation has none.
+        tolerance: linking distance of voxels [m]; NaN: contacts do not come of voxels.
         contacts: the likeliest first.
         untold: number of further contacts.
         places: without a contact; the one asked for, or the most conspicuous ones.
@@ -155,7 +155,6 @@ class Explanation:
     rule: str
     condensation: str
     threshold: float
-    judged: bool
     tolerance: float
     contacts: tuple[ContactExplanation, ...]
     untold: int
@@ -165,9 +164,8 @@ class Explanation:
 
 def as_json(explanation: Explanation) -> str:
     """An explanation as JSON: names as in the classes, m, s and N, null for NaN."""
-    fields = asdict(explanation)
-    del fields["judged"]
-    return json.dumps(_plain(fields), indent=1, ensure_ascii=False, allow_nan=False)
+    fields = _plain(asdict(explanation))
+    return json.dumps(fields, indent=1, ensure_ascii=False, allow_nan=False)
 
 
 def _plain(value: Any) -> Any:
@@ -210,12 +208,6 @@ def _sources(view: View) -> list[SourceExplanation]:
     return found
 
 
-def place_words(place: Place | FloatArray) -> str:
-    """A place [m] as text."""
-    x, y, z = (float(value) for value in place)
-    return f"({x:.3f}, {y:.3f}, {z:.3f}) m"
-
-
 def explanation_of(
     moment: Moment, settings: Settings, at: Sequence[float] | None = None
 ) -> Explanation:
@@ -231,16 +223,15 @@ def explanation_of(
         ContactFusionError: `at` is no place, or nothing is or was near it.
     """
     view, config = View(moment, settings), settings.integrator
-    contacts = view.fusion.contacts
+    contacts, condensation = view.fusion.contacts, view.fusion.condensation
     wanted = expected_places(view) if at is None else [_asked(view, at)]
     return Explanation(
         stamp=view.stamp,
         frame=config.frame,
         rule=config.rule,
         condensation=config.condensation,
-        threshold=view.fusion.threshold,
-        judged=not view.fusion.condensation.needs_belief,
-        tolerance=settings.tolerance,
+        threshold=np.nan if condensation.needs_belief else view.fusion.threshold,
+        tolerance=settings.tolerance if condensation.looks_at_voxels else np.nan,
         contacts=tuple(_contact(view, number) for number in range(min(len(contacts), MOST))),
         untold=max(len(contacts) - MOST, 0),
         places=tuple(_place(view, place, at is not None) for place in wanted),
@@ -284,7 +275,8 @@ def _contact(view: View, number: int) -> ContactExplanation:
     if view.fusion.field.belief is not None and not view.fusion.condensation.needs_belief:
         shares = shares_at(view.fusion, around)  # a belief knows more than the contact's voxels
     parts = [
-        replace(part, share=shares.get(part.source, np.nan)) for part in parts_at(view, around)
+        replace(part, share=shares.get(part.source, np.nan))
+        for part in parts_at(view, around, _heard(view.fusion, number))
     ]
     parts.sort(key=lambda part: -np.nan_to_num(part.share))
     limit = reach_of(contact, view.settings.integrator.voxel_size)
@@ -302,12 +294,25 @@ def _contact(view: View, number: int) -> ContactExplanation:
     )
 
 
+def _heard(fusion: Fusion, number: int) -> set[str]:
+    """The sources that speak for or against a contact of a set, wherever their hypotheses lie."""
+    if (member := fusion.found.get(number)) is None:
+        return set()
+    shares, factors = fusion.contacts[number].shares, member.factors
+    heard = {name for name, share in shares.items() if share >= ROUNDED}
+    return heard | {name for name, factor in factors.items() if abs(factor - 1.0) >= ROUNDED}
+
+
 def _place(view: View, wanted: Expected, asked: bool) -> PlaceExplanation:
     fusion = view.fusion
     around = neighbourhood_at(view, wanted.position, view.settings.tolerance)
     parts = parts_at(view, around)
     missing = _missing(view, around, parts)
-    reasons = reasons_at(view, around)
+    contact, reasons = contact_at(view, around), reasons_at(view, around)
+    here = around  # without a source the contact of a place may be where it was, and not here
+    if contact is not None:
+        reach = reach_of(contact, view.settings.integrator.voxel_size)
+        here = replace(around, position=contact.position, reach=reach)
     if not reasons or reasons[0].why == Why.FAILED:
         reasons.insert(0, _nothing(fusion, around, parts, missing))
     likelihood = np.nan if around.best == NONE else float(fusion.field.likelihoods[around.best])
@@ -320,7 +325,7 @@ def _place(view: View, wanted: Expected, asked: bool) -> PlaceExplanation:
         reasons=tuple(reasons),
         said=tuple(parts),
         missing=tuple(missing),
-        without=_withouts(view, parts, around, around.reach),
+        without=_withouts(view, parts, here, here.reach),
         last_contact=view.stamp - wanted.last_contact,
     )
 

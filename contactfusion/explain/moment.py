@@ -249,6 +249,20 @@ class View:
         """The contact that each voxel belongs to, a row of the contacts or `NONE`, shape (m,)."""
         return self._owned[0]
 
+    @cached_property
+    def explained(self) -> NDArray[np.intp]:
+        """The contact that each entry speaks of, a row of the contacts or `NONE`, shape (n,).
+
+        Contacts of a set explain evidence wherever it lies, others what lies in their voxels.
+        """
+        entries, found = self.fusion.field.entries, self.fusion.found
+        rows = self.owners[entries.places]
+        if self.fusion.condensation.needs_members:
+            rows[np.repeat(entries.flags(HypothesisKind.REGULAR), np.diff(entries.begin))] = NONE
+        for number, member in reversed(found.items()):
+            rows[member.explains] = number
+        return rows
+
     @property
     def trouble(self) -> str:
         """Why it is not known which voxels the contacts are made of; empty when it is."""

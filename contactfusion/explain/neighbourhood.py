@@ -1,7 +1,7 @@
-"""A place in the hypothesis space: the part of each source, and why there is no contact."""
+"""A place in the hypothesis space: the part of each source, and where contacts are expected."""
 
 import math
-from collections.abc import Callable
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -9,17 +9,15 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from contactfusion.arrays import FloatArray
-from contactfusion.contacts import NONE, Contact
-from contactfusion.errors import PluginError
-from contactfusion.explain.counterfactual import nearest
+from contactfusion.contacts import NONE
 from contactfusion.explain.moment import View
 from contactfusion.hypotheses import HypothesisKind
-from contactfusion.integrator import clusters, kernels
+from contactfusion.integrator import clusters
 from contactfusion.integrator.clusters import reach_squared
-from contactfusion.integrator.fusion import Fusion, guarded
+from contactfusion.integrator.fusion import Fusion
 from contactfusion.integrator.sources import SourceReport
-from contactfusion.reason import Reason, Why, counted, millimetres
-from contactfusion.rule import Condensation, Neighbourhood, Rule
+from contactfusion.reason import Reason, Why, millimetres
+from contactfusion.rule import Neighbourhood
 
 MOST, MOST_DEAD = 3, 2
 """The most places that are found, and the most of them of contacts that died."""
@@ -72,30 +70,37 @@ def neighbourhood_at(view: View, position: FloatArray, reach: float) -> Neighbou
     offsets = np.abs(view.centres - position)
     inside = (offsets**2).sum(axis=1) <= reach**2 + 1e-12
     inside |= (offsets <= 0.5 * view.fusion.field.entries.grid.voxel_size).all(axis=1)
-    return Neighbourhood(position, reach, inside, _best(view, inside, position))
+    best = _best(view, inside, position)
+    return Neighbourhood(position, reach, inside, best, view.fusion.contacts)
 
 
 def neighbourhood_of(view: View, number: int) -> Neighbourhood:
-    """The voxels of a contact, by its row in the contacts."""
-    contact, inside = view.fusion.contacts[number], view.owners == number
+    """The voxels of a contact, by its row in the contacts, and those of what it explains."""
+    contacts, inside = view.fusion.contacts, view.owners == number
+    contact = contacts[number]
     reach = max(view.settings.tolerance, 2.0 * contact.dispersion)
-    if view.fusion.condensation.needs_belief:  # contacts that are not made of voxels
+    if not view.fusion.condensation.looks_at_voxels:
+        places, own = view.fusion.field.entries.places, view.explained == number
         near = neighbourhood_at(view, contact.position, view.settings.tolerance).inside
-        inside |= near & (view.owners == NONE)
-    return Neighbourhood(contact.position, reach, inside, _best(view, inside, contact.position))
+        near[places[(view.explained != NONE) & ~own]] = False
+        inside |= near
+        inside[places[own]] = True
+    best = _best(view, inside, contact.position)
+    return Neighbourhood(contact.position, reach, inside, best, contacts)
 
 
-def parts_at(view: View, around: Neighbourhood) -> list[Part]:
+def parts_at(view: View, around: Neighbourhood, heard: Collection[str] = ()) -> list[Part]:
     """The part of each source at a place, likelier first; sources without one are left out.
 
-    Where a rule has a belief, a source whose field reaches here from further away has a part.
+    A source has a part from further away where it is one of those heard, or where a rule has a
+    belief and its field reaches here.
     """
     entries, found = view.fusion.field.entries, []
     positions = entries.positions
     fits, reached = fits_at(view.fusion, around)
     parts = zip(entries.by_source, entries.parts(around.inside), fits, reached, strict=True)
     for (_, own), (source, rows), fit, is_reached in parts:
-        if own.stop == own.start or not (len(rows) or is_reached):
+        if own.stop == own.start or not (len(rows) or is_reached or source.name in heard):
             continue
         columns = entries.columns
         away = np.linalg.norm(positions[own] - around.position, axis=1)
@@ -183,8 +188,10 @@ def expected_places(view: View) -> list[Expected]:
     """
     died = [Expected(dead.contact.position, dead.stamp) for dead in view.past.dead(view.stamp)]
     places = _apart(view, died)[:MOST_DEAD]
-    places += _apart(view, [Expected(place) for place in _hopeless(view)], places)
-    return places[:MOST]
+    hopeless = [Expected(place) for place in _hopeless(view)]
+    # what no contact of a set explains is a detection of its own, however near one is
+    contacts = not view.fusion.condensation.needs_members
+    return (places + _apart(view, hopeless, places, contacts))[:MOST]
 
 
 def _hopeless(view: View) -> list[FloatArray]:
@@ -194,8 +201,13 @@ def _hopeless(view: View) -> list[FloatArray]:
     stay under the threshold even with evidence.
     """
     entries, likelihoods = view.fusion.field.entries, view.fusion.field.likelihoods
-    evidence = (entries.bits & kernels.REGULAR) > 0
-    wanted = entries.counted_voxels & (evidence | (likelihoods >= view.fusion.threshold))
+    evidence, left = np.zeros(len(entries.keys), np.bool_), view.explained == NONE
+    for source, own in entries.by_source:
+        if source.kind == HypothesisKind.REGULAR:
+            evidence[entries.places[own][left[own]]] = True
+    wanted = evidence.copy()
+    if not view.fusion.condensation.needs_members:
+        wanted |= entries.counted_voxels & (likelihoods >= view.fusion.threshold)
     rows = np.flatnonzero(wanted & (view.owners == NONE))
     if not len(rows):
         return []
@@ -208,13 +220,13 @@ def _hopeless(view: View) -> list[FloatArray]:
 
 
 def _apart(
-    view: View, candidates: list[Expected], others: list[Expected] | None = None
+    view: View, candidates: list[Expected], others: Sequence[Expected] = (), contacts: bool = True
 ) -> list[Expected]:
-    """The places that lie apart from every contact and from each other, in order."""
-    owned = view.centres[view.owners != NONE]
+    """The places that lie apart from each other, and from every contact unless told otherwise."""
     taken = [contact.position for contact in view.fusion.contacts]
-    tree = cKDTree(np.concatenate([owned, np.reshape(taken, (-1, 3))]))
-    apart, found = APART * view.settings.tolerance, list(others or [])
+    owned = np.concatenate([view.centres[view.owners != NONE], np.reshape(taken, (-1, 3))])
+    tree = cKDTree(owned[: len(owned) * contacts])
+    apart, found = APART * view.settings.tolerance, list(others)
     kept: list[Expected] = []
     for candidate in candidates:
         if len(kept) == MOST:
@@ -295,144 +307,3 @@ def _refused(report: SourceReport) -> str:
     refused = {"refused": report.invalid, "late": report.late}
     counts = [f"{count} {what}" for what, count in refused.items() if count]
     return f" ({' and '.join(counts)} so far)" if counts else ""
-
-
-def explained_at(view: View, around: Neighbourhood, contact: Contact | None = None) -> str:
-    """How the likelihood here comes about, as the condensation and the rule explain it.
-
-    Args:
-        view: of the moment.
-        around: the place.
-        contact: that there is; None: there is none.
-
-    Returns:
-        Empty where no source has a part, or one alone, whose likelihood it is. What a plug-in
-        raises stands in place of its explanation.
-    """
-    fusion = view.fusion
-    lines = [
-        _words(
-            fusion.condensation, lambda: fusion.condensation.explain(fusion.field, around, contact)
-        )
-    ]
-    if not lines[0] and around.best != NONE:
-        lines = [_words(fusion.rule, lambda: fusion.rule.explain(fusion.field, around.best))]
-    if contact is not None:
-        lines.append(view.trouble)
-    return "; ".join(filter(None, lines))
-
-
-def _words(part: Rule | Condensation, explain: Callable[[], str]) -> str:
-    """The explanation of a rule or condensation, or the sentence on what it raised."""
-    try:
-        with guarded(part):
-            if not isinstance(words := explain(), str):
-                raise TypeError(f"`explain` gave {type(words).__name__}, not a str")
-        return words
-    except PluginError as error:  # the rest of the explanation stands
-        return str(error)
-
-
-def reasons_at(view: View, around: Neighbourhood) -> list[Reason]:
-    """What kept the hypotheses at a place from being a contact, the main reason first.
-
-    Returns:
-        Empty where there are no hypotheses of evidence or support: then their absence is the
-        reason.
-    """
-    if (contact := _contact_in(view, around)) is not None:
-        return [contact]
-    reasons, trouble = _objections(view, around)
-    if around.best != NONE:
-        code = int(view.fusion.verdict_codes[around.best])
-        reasons = reasons or [_of_verdict(code, view, around)]
-        if code != kernels.NULLED and not view.fusion.condensation.needs_belief:
-            reasons += _nulled(view, around)
-    return reasons + trouble
-
-
-def _objections(view: View, around: Neighbourhood) -> tuple[list[Reason], list[Reason]]:
-    """The objections of the condensation to a contact, and the reason of what it raised."""
-    fusion, condensation = view.fusion, view.fusion.condensation
-    try:
-        with guarded(condensation):
-            found = [*condensation.objections(fusion.field, fusion.verdict_codes, around)]
-            if others := [item for item in found if not isinstance(item, Reason)]:
-                raise TypeError(f"`objections` gave {type(others[0]).__name__}, not a Reason")
-        return found, []
-    except PluginError as error:  # the rest of the explanation stands
-        return [], [Reason(Why.FAILED, str(error))]
-
-
-def _contact_in(view: View, around: Neighbourhood) -> Reason | None:
-    """Which contact lies at a place, or reaches into it."""
-    contacts = view.fusion.contacts
-    here = nearest(around.position, contacts)
-    if here is not None and here[1] <= around.reach:
-        contact, away = here
-    elif around.best != NONE and view.owners[around.best] != NONE:
-        contact = contacts[view.owners[around.best]]
-        away = float(np.linalg.norm(contact.position - around.position))
-    else:
-        return None
-    number = next(n for n, own in enumerate(contacts, 1) if own is contact)
-    sentence = (
-        f"this is contact {number}, of likelihood {contact.likelihood:.2f}, whose middle is "
-        f"{millimetres(away)} away"
-    )
-    values = {"distance_m": away, "likelihood": contact.likelihood}
-    return Reason(Why.CONTACT, sentence, values=values)
-
-
-def _of_verdict(code: int, view: View, around: Neighbourhood) -> Reason:
-    """Why the likeliest voxel is no contact, by the verdict on it."""
-    match code:
-        case kernels.NULLED:
-            return _nulled(view, around)[0]
-        case kernels.SUPPORT_ONLY:
-            names = [*view.fusion.field.given(around.best)]
-            sentence = f"predicted by {' and '.join(names)}, but no sensor felt it"
-            return Reason(Why.SUPPORT_ONLY, sentence, names[0])
-        case kernels.BELOW_THRESHOLD:
-            return _below(view, around)
-        case _:
-            voxels = int((view.fusion.verdict_codes[around.inside] == kernels.CONTACT).sum())
-            sentence = (
-                f"{counted(voxels, 'voxel')} over the threshold within "
-                f"{millimetres(around.reach)}, of which {view.settings.integrator.condensation} "
-                "made no contact"
-            )
-            return Reason(Why.NOT_CONDENSED, sentence, values={"voxels": float(voxels)})
-
-
-def _nulled(view: View, around: Neighbourhood) -> list[Reason]:
-    """Which sources rule out how much of the evidence and support at a place; empty: none does."""
-    entries = view.fusion.field.entries
-    held = around.inside & entries.counted_voxels
-    ruled = held & (view.fusion.verdict_codes == kernels.NULLED)
-    if not ruled.any():
-        return []
-    found = []
-    for source, rows in entries.parts(ruled):
-        if source.kind == HypothesisKind.NULL and len(rows):
-            row = rows[entries.columns.stamps[rows].argmax()]
-            age = float(entries.now - entries.columns.stamps[row]) / 1e9
-            found.append((source.name, float(entries.columns.likelihoods[row]), age))
-    who = " and ".join(f"{name} (likelihood {p:.2f}, {age:.2f} s old)" for name, p, age in found)
-    part = f"{int(ruled.sum())} of {counted(int(held.sum()), 'voxel')}"
-    values = {"nulled_voxels": float(ruled.sum()), "told_voxels": float(held.sum())}
-    for name, likelihood, age in found:
-        values |= {f"{name}.likelihood": likelihood, f"{name}.age_s": age}
-    return [Reason(Why.NULLED, f"ruled out by {who} in {part}", found[0][0], values)]
-
-
-def _below(view: View, around: Neighbourhood) -> Reason:
-    likelihood = float(view.fusion.field.likelihoods[around.best])
-    short = view.fusion.threshold - likelihood
-    digits = 2 if short >= 0.005 else max(2, math.ceil(-math.log10(max(short, 1e-9))))
-    return Reason(
-        Why.BELOW_THRESHOLD,
-        f"likelihood {likelihood:.{digits}f} is {short:.{digits}f} under the threshold "
-        f"{view.fusion.threshold:g}",
-        values={"likelihood": likelihood, "threshold": view.fusion.threshold, "short": short},
-    )

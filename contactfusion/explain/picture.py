@@ -1,6 +1,7 @@
 """A picture of a place: the voxels around it by verdict, and the part of each source there."""
 
 import io
+import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -22,7 +23,7 @@ NARROWEST = 0.04
 WIDEST = 0.3
 """Distance beyond which contacts do not widen the picture [m]."""
 SIGMAS = 2.0
-LIKELY = {"contact": "over the threshold"}
+LIKELY = {"contact": "over the threshold", "nulled": "with null"}
 """Labels of verdicts where contacts do not come of voxels."""
 
 
@@ -54,7 +55,8 @@ def picture(explanation: Explanation, fusion: Fusion) -> bytes:
     centre, parts, missing, title = _focus(explanation)
     half = _half_width(explanation, fusion, centre)
     across = _across(fusion, centre, half)
-    _draw_voxels(around, fusion, centre, half, across, {} if explanation.judged else LIKELY)
+    names = {} if fusion.condensation.looks_at_voxels else LIKELY
+    _draw_voxels(around, fusion, centre, half, across, names)
     for number, contact in enumerate(fusion.contacts[: len(explanation.contacts)], 1):
         _draw_contact(around, contact, number, across)
     for place in explanation.places:
@@ -88,9 +90,8 @@ def _half_width(explanation: Explanation, fusion: Fusion, centre: FloatArray) ->
     """How far the picture reaches from its middle [mm]."""
     ends = [contact.extent for contact in fusion.contacts[: len(explanation.contacts)]]
     far = [float(np.abs(end - centre).max()) for end in ends]
-    return 1000.0 * max(
-        NARROWEST, 4.0 * explanation.tolerance, *(1.3 * away for away in far if away < WIDEST)
-    )
+    reaches = [4.0 * place.reach for place in explanation.places]
+    return 1000.0 * max([NARROWEST, *reaches, *(1.3 * away for away in far if away < WIDEST)])
 
 
 def _across(fusion: Fusion, centre: FloatArray, half: float) -> NDArray[np.intp]:
@@ -198,7 +199,7 @@ def _draw_sources(
     for name, row in rows.items():
         label = "hypotheses live so long" if row == 0 else None
         ages.plot([timeouts[name]] * 2, [row - 0.4, row + 0.4], color=CONTACT_COLOUR, label=label)
-    if explanation.judged:
+    if not math.isnan(explanation.threshold):
         likelihoods.axvline(
             explanation.threshold, color=CONTACT_COLOUR, linestyle=":", label="threshold"
         )

@@ -14,7 +14,6 @@ from contactfusion.explain.explanation import (
     PlaceExplanation,
     SourceExplanation,
     explanation_of,
-    place_words,
 )
 from contactfusion.explain.moment import Settings, moment_at
 from contactfusion.explain.neighbourhood import Part
@@ -22,7 +21,7 @@ from contactfusion.hypotheses import HypothesisKind
 from contactfusion.integrator.fusion import Fusion
 from contactfusion.pipeline import Pipeline
 from contactfusion.readings import Reading
-from contactfusion.reason import Reason, Why, counted, millimetres
+from contactfusion.reason import Reason, Why, counted, millimetres, place_words
 
 KINDS = {
     HypothesisKind.REGULAR: "evidence",
@@ -38,6 +37,8 @@ REASONS = {
     "support_only": "predicted, but no sensor felt them",
     "nulled": "ruled out",
 }
+NO_VETO = {"nulled": "with null"}
+"""Where contacts do not come of voxels, null rules none out."""
 
 
 def as_text(explanation: Explanation) -> str:
@@ -45,8 +46,7 @@ def as_text(explanation: Explanation) -> str:
     total = len(explanation.contacts) + explanation.untold
     lines = [
         f"{explanation.stamp:.3f} s: {counted(total, 'contact') if total else 'no contact'} in "
-        f"'{explanation.frame}' ({explanation.rule}, {explanation.condensation}, "
-        f"{_limits(explanation)})"
+        f"'{explanation.frame}' ({', '.join(_law(explanation))})"
     ]
     for number, contact in enumerate(explanation.contacts, 1):
         lines += ["", *_contact(number, contact)]
@@ -58,11 +58,13 @@ def as_text(explanation: Explanation) -> str:
     return "\n".join(lines)
 
 
-def _limits(explanation: Explanation) -> str:
-    tolerance = f"tolerance {millimetres(explanation.tolerance)}"
-    if not explanation.judged:
-        return tolerance
-    return f"threshold {explanation.threshold:g}, {tolerance}"
+def _law(explanation: Explanation) -> Iterator[str]:
+    """How contacts come about."""
+    yield from (explanation.rule, explanation.condensation)
+    if not math.isnan(explanation.threshold):
+        yield f"threshold {explanation.threshold:g}"
+    if not math.isnan(explanation.tolerance):
+        yield f"tolerance {millimetres(explanation.tolerance)}"
 
 
 def _contact(number: int, contact: ContactExplanation) -> Iterator[str]:
@@ -221,7 +223,8 @@ def explain_fusion(fusion: Fusion) -> str:
     if not lines:
         lines.append("no contact")
     verdicts = Counter(str(verdict) for verdict in fusion.space.verdicts)
-    others = [f"{verdicts[key]} {words}" for key, words in REASONS.items() if verdicts[key]]
+    reasons = REASONS if fusion.condensation.looks_at_voxels else {**REASONS, **NO_VETO}
+    others = [f"{verdicts[key]} {words}" for key, words in reasons.items() if verdicts[key]]
     if others:
         lines.append(f"other voxels: {', '.join(others)}")
     lines += [f"{source} remarks: {note}" for source, note in fusion.report.notes]
