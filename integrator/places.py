@@ -17,7 +17,7 @@ from contactfusion.integrator.nearby import Rows, connected, nearer, shifted
 
 TAIL = 0.1
 """Spreads may be stated too small: a second Gaussian, so high and three times as wide, is added."""
-STEP = 2.4
+STEP = 2.0
 """Places are connected in steps of so many spacings."""
 WIDTH = 1.6
 """Width of the kernel by which the densest place is found, in spacings."""

@@ -440,13 +440,12 @@ class Search:
             missed *= wrong
         # over where its own sources see it, so that the surer null is, the less is left
         belief = self._factors[[*taken]].prod(axis=0)
-        top = basin.core[belief[basin.core].argmax()]
-        least = BASIN * belief[top]
-        rows = (
-            np.flatnonzero(belief >= least)
-            if self._is_vague(taken)
-            else self._places.connected(belief, least, int(top))
-        )
+        rows = basin.core
+        for _ in range(2):  # null may have moved the core away from the top of the belief
+            top = int(rows[belief[rows].argmax()])
+            rows = self._places.connected(belief, BASIN * belief[top], top)
+        if self._is_vague(taken):  # it may lie elsewhere, too
+            rows = np.flatnonzero(belief >= BASIN * belief.max())
         left = belief[rows]
         for row, free in self._free.items():
             before, left = left, left * free[rows]

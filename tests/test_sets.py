@@ -141,6 +141,18 @@ def test_presses_a_taxel_apart_are_two_when_what_is_between_them_is_unlikely() -
     assert len(fused(emit("skin", (0.9, 0.8, 0.9), row, 50 / 12**0.5)).contacts) == 1
 
 
+@pytest.mark.parametrize("spread", [3.0, 4.0])
+def test_presses_two_centimetres_apart_are_two_of_one_skin_and_of_two(spread: float) -> None:
+    ends = np.array([(-10, 0, 0), (10, 0, 0)])
+    for clouds in (
+        [emit("skin", 0.8, ends, spread)],
+        [emit(f"skin_{number}", 0.8, place, spread) for number, place in enumerate(ends)],
+    ):
+        found = places(fused(*clouds, surface=PALM))
+        assert len(found) == 2
+        np.testing.assert_allclose(found, ends, atol=2.0)
+
+
 def test_each_of_very_many_skins_makes_its_own_contact() -> None:
     places_of_skins = [(30 * i, 30 * j, 0) for i in range(20) for j in range(10)]
     clouds = [emit(f"skin_{n:03d}", 0.9, place) for n, place in enumerate(places_of_skins)]
