@@ -141,11 +141,8 @@ def nearest(points: FloatArray, places: FloatArray, cells: Dealt) -> Int64Array:
                     column = (i * counts[1] + j) * counts[2]
                     begin, end = cells.begins[column + first[2]], cells.begins[column + last[2] + 1]
                     for other in cells.rows[begin:end]:
-                        dx, dy, dz = (
-                            places[other, 0] - x,
-                            places[other, 1] - y,
-                            places[other, 2] - z,
-                        )
+                        dx, dy = places[other, 0] - x, places[other, 1] - y
+                        dz = places[other, 2] - z
                         squared = dx * dx + dy * dy + dz * dz
                         if squared < best:
                             best, found[row] = squared, other
