@@ -272,7 +272,6 @@ class Field:
         entries: what it was made of.
         likelihoods: shape (m,), in the order of `entries.keys`; or a function that computes them on
             first use.
-        details: further arrays of shape (m,) that the rule reports.
         belief: of a rule that has one, where there may be a contact.
         members: of a rule that finds them, the contacts of a set, the most probable first.
     """
@@ -281,12 +280,10 @@ class Field:
         self,
         entries: Entries,
         likelihoods: FloatArray | Callable[[], FloatArray],
-        details: Mapping[str, FloatArray] | None = None,
         belief: Belief | None = None,
         members: Sequence[Member] | None = None,
     ) -> None:
-        self.entries, self.details, self.belief = entries, details or {}, belief
-        self.members = members
+        self.entries, self.belief, self.members = entries, belief, members
         self._likelihoods = likelihoods
 
     @cached_property

@@ -1,0 +1,149 @@
+"""The estimate of a contact of a set: where it lies, how large it is, how probably it exists."""
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from contactfusion.arrays import FloatArray
+from contactfusion.contacts import Contact
+from contactfusion.integrator.detections import CERTAIN
+from contactfusion.integrator.entries import Member
+from contactfusion.integrator.kernels import EDGE
+from contactfusion.integrator.likelihood_fields import SURE, LikelihoodFields, Taken
+from contactfusion.integrator.modes import force_near
+from contactfusion.integrator.nearby import Rows
+from contactfusion.integrator.places import BASIN, STEP, Basin, moments
+from contactfusion.thinning import voxel_downsample
+from contactfusion.time import to_seconds
+
+AGREED = 0.3
+"""Connected places where sources of several contacts agree so well are the area of a contact."""
+LARGE = 2.0
+"""A contact is a line or a patch when its area is wider than positions are unsure, by this factor.
+"""
+TINY = 1e-12
+"""A mean normal of a smaller square has no direction."""
+
+Given = Mapping[str, float]
+"""Numbers by the name of a source."""
+
+
+def estimate(fields: LikelihoodFields, basin: Basin, taken: Taken) -> Member:
+    """The contact of a basin, by the detections that it explains."""
+    entries, places = fields.entries, fields.places
+    area, weights = _area(fields, basin, taken)
+    middle = weights @ places.points[area]
+    scatter = moments(places.points[area] - middle, weights)
+    lengths, axes = np.linalg.eigh(scatter)
+    precision = sum(1.0 / fields.spread(row) ** 2 for row in taken)
+    is_wide, is_vague = lengths[-1] * precision > LARGE**2, fields.is_vague(taken)
+    is_large = is_wide and not is_vague
+    position = middle if is_wide else places.mode(basin)
+    normal = None if places.normals is None else basin.weights @ places.normals[basin.rows]
+    covariance = np.eye(3) * np.sqrt(len(taken)) / precision
+    if not is_large and normal is not None:  # along the surface a belief is as wide as spreads
+        across = np.outer(normal, normal) / max(float(normal @ normal), TINY)
+        covariance = across * places.narrowest**2 + np.eye(3) * places.spacing**2 / 12.0
+    if not is_large:
+        covariance += places.moments(basin, position)
+    extent = np.tile(position, (2, 1))
+    if not is_vague:  # otherwise the area is where it may lie, not how large it is
+        along = (places.points[area] - position) @ axes[:, -1]
+        # it ends beyond the outermost hypotheses, where their field has fallen to `AGREED`
+        beyond = np.sqrt(2.0 * np.log(1.0 / AGREED) * len(taken) / precision)
+        ends = np.minimum(along.min() + beyond, 0.0), np.maximum(along.max() - beyond, 0.0)
+        extent += np.outer(ends, axes[:, -1])
+    shares, reach = _shares(fields, basin, taken), 0.5 * STEP * places.spacing
+    likelihood, given, factors = _existence(fields, basin, taken)
+    contact = Contact(
+        position=position,
+        likelihood=likelihood,
+        scatter=scatter,
+        covariance=covariance,
+        extent=extent,
+        force=force_near(entries, position, places.points[basin.rows], 2.0 * reach),
+        voxels=len(voxel_downsample(places.points[area], entries.grid)),
+        shares={
+            source.name: share
+            for source, share, counts in zip(
+                entries.sources, shares.tolist(), entries.counted, strict=True
+            )
+            if counts
+        },
+        stamp=to_seconds(int(fields.newest[shares > 0.0].max())),
+        frame=entries.grid.frame,
+    )
+    for array in (position, scatter, covariance, extent, contact.force):
+        array.flags.writeable = False
+    rows, weights = basin.rows, basin.weights
+    if is_large:  # the basin is where its middle may be
+        rows = np.union1d(rows, area)
+        weights = np.full(len(rows), 1.0 / len(rows))
+    where, explains = places.points[rows], fields.entries_of(taken)
+    return Member(contact, where, weights, normal, reach, given, factors, explains)
+
+
+def _existence(fields: LikelihoodFields, basin: Basin, taken: Taken) -> tuple[float, Given, Given]:
+    """The probability that a contact exists, those by what it explains, and others' factors.
+
+    By what it explains and by the support there, less silence and null: both are missed
+    detections, by Bayes.
+    """
+    names, factors = [*fields.rows], dict[str, float]()
+    given = {names[row]: fields.evidence[row].probability(own) for row, own in taken.items()}
+    missed = min(float(np.prod([1.0 - each for each in given.values()])), 1.0 - EDGE)
+    odds = (1.0 - missed) / missed
+    for row, highest in fields.supports.items():
+        wrong = 1.0 - min(highest, CERTAIN) * fields.agreement(row, basin)
+        factors[names[row]] = (1.0 - missed * wrong) / (wrong * (1.0 - missed))
+        missed *= wrong
+    # over where its own sources see it, so that the surer null is, the less is left
+    belief = fields.factors[[*taken]].prod(axis=0)
+    rows = basin.core
+    for _ in range(2):  # null may have moved the core away from the top of the belief
+        top = int(rows[belief[rows].argmax()])
+        rows = fields.places.connected(belief, BASIN * belief[top], top)
+    if fields.is_vague(taken):  # it may lie elsewhere, too
+        rows = np.flatnonzero(belief >= BASIN * belief.max())
+    left = belief[rows]
+    for row, free in fields.free.items():
+        before, left = left, left * free[rows]
+        factors[names[row]] = float(left.sum() / before.sum())
+    silent = [source for source in fields.entries.sources if source.misses < 1.0]
+    factors |= {source.name: max(source.misses, EDGE) for source in silent}
+    odds *= float(np.prod([*factors.values()]))
+    return odds / (1.0 + odds), given, factors
+
+
+def _area(fields: LikelihoodFields, basin: Basin, taken: Taken) -> tuple[Rows, FloatArray]:
+    """The area of a contact as rows of places, and the weight of each; they sum to 1.
+
+    Where those sources agree that tell of several contacts, and are sure; those of a single one
+    only tell where it lies.
+    """
+    several = [
+        row
+        for row, own in taken.items()
+        if not fields.clouds[row].single and fields.evidence[row].probability(own) >= SURE
+    ]
+    if several:
+        together = fields.factors[several].prod(axis=0)
+        least = AGREED ** len(several) * together[basin.core].max()
+        together *= fields.seen ** len(several)
+        best = basin.core[together[basin.core].argmax()]
+        area = fields.places.connected(together, least, int(best))
+        agreed = together[area] ** (1.0 / len(several))
+        return area, agreed / agreed.sum()
+    inside = np.isin(basin.rows, basin.core)
+    return basin.core, basin.weights[inside] / basin.weights[inside].sum()
+
+
+def _shares(fields: LikelihoodFields, basin: Basin, taken: Taken) -> FloatArray:
+    """How much each source confirms the contact, shape (k,); they sum to 1."""
+    added, rows = np.zeros(len(fields.clouds)), np.array([*taken, *fields.supports])
+    confirmed = np.log(fields.factors[np.ix_(rows, basin.rows)]) @ basin.weights
+    added[rows] = np.maximum(confirmed, 0.0)
+    if not added.any():  # a force from a place that its line misses
+        added[[*taken]] = 1.0
+    shares: FloatArray = added / added.sum()
+    return shares

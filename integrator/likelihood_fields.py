@@ -1,0 +1,234 @@
+"""Likelihood fields: how well a contact at each place explains what each source says.
+
+Detections that a contact explains are taken out, so that what is left can be searched again.
+"""
+
+from collections.abc import Iterable, Mapping
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from contactfusion.arrays import FloatArray
+from contactfusion.contacts import NONE
+from contactfusion.hypotheses import HypothesisKind
+from contactfusion.integrator import fields
+from contactfusion.integrator.detections import LINK, Evidence, clouds_of
+from contactfusion.integrator.entries import Entries
+from contactfusion.integrator.nearby import Rows, near
+from contactfusion.integrator.places import STEP, Basin, Places, SourceField
+from contactfusion.integrator.posterior import pushed
+from contactfusion.integrator.store import Int64Array, rasterise
+from contactfusion.surface import Surface
+
+NARROWEST = 0.8
+"""The least standard deviation of a hypothesis over a surface, in spacings of its points."""
+SURE = 0.5
+"""A source that is so sure of a contact tells its area."""
+EXPLAINED = 0.1
+"""A contact explains a detection whose field has this part of its highest there."""
+
+Taken = Mapping[int, NDArray[np.bool_]]
+"""The detections that a contact explains, shape (d,), by the row of their source."""
+
+
+class LikelihoodFields:
+    """The field of each source over the places where a contact may be.
+
+    Args:
+        entries: all live entries.
+        surface: of the robot, or None.
+        floor: what a source leaves to places that it does not believe in.
+        friction: coefficient of friction.
+
+    Attributes:
+        clouds: the hypotheses of each source.
+        evidence: what each source of evidence says, by row.
+        rows: the row of each source by its name.
+        places: where a contact may be; with evidence, as are all that follow.
+        factors: shape (k, c), of each source on the weight of each place.
+        seen: shape (c,), that of all that is null.
+        free: that of each that is null, by row.
+        supports: the largest likelihood of each support that lies near, by row.
+    """
+
+    def __init__(
+        self, entries: Entries, surface: Surface | None, floor: float, friction: float
+    ) -> None:
+        self.entries, self._floor = entries, floor
+        self.clouds, side = clouds_of(entries), entries.grid.voxel_size
+        self.evidence = {
+            row: Evidence(self.clouds[row], entries.columns.keys[own], side)
+            for row, (source, own) in enumerate(entries.by_source)
+            if source.kind == HypothesisKind.REGULAR and own.stop > own.start
+        }
+        self.rows = {source.name: row for row, source in enumerate(entries.sources)}
+        if self.evidence:
+            self.places, self._whole = self._where(surface)
+            self._fields = [each.copy() for each in self._whole]
+            self._listen(1.0 / np.hypot(1.0, friction))
+
+    def _where(self, surface: Surface | None) -> tuple[Places, list[SourceField]]:
+        """The places, and the field of each source there.
+
+        They are the surface where some evidence exceeds its floor, or the positions of evidence.
+        """
+        least = self.entries.grid.voxel_size / np.sqrt(12.0)
+        if surface is not None and len(surface.points):
+            spacing = max(surface.spacing, least)
+            narrowest = max(NARROWEST * spacing, least)
+            whole = Places(surface.points, surface.normals, spacing, narrowest)
+            heard = {row: whole.field(each.cloud) for row, each in self.evidence.items()}
+            reached = np.zeros(len(surface.points), np.bool_)
+            for field in heard.values():
+                reached |= field.heights > self._floor * field.heights.max()
+            if reached.any():
+                near = whole.where(reached)
+                return near, [
+                    heard[row].where(reached) if row in heard else near.field(cloud)
+                    for row, cloud in enumerate(self.clouds)
+                ]
+        points = np.concatenate([each.cloud.positions for each in self.evidence.values()])
+        variance = min(each.variance for each in self.evidence.values())
+        # places hang together as far apart as the hypotheses of a source do
+        places = Places(points, None, LINK / STEP * np.sqrt(variance), least)
+        return places, [places.field(cloud) for cloud in self.clouds]
+
+    def _listen(self, steepest: float) -> None:
+        """Work out what each source says of each place.
+
+        Args:
+            steepest: the cosine between a force and the normal at the edge of the friction cone.
+        """
+        shape = (len(self.clouds), len(self.places.points))
+        self.factors, self.seen = np.ones(shape), np.ones(shape[1])
+        self.free: dict[int, FloatArray] = {}
+        self._explains = np.zeros(shape, np.bool_)
+        """Where a contact explains what is left of each source of evidence."""
+        self._highest = np.ones(shape[0])
+        self.supports: dict[int, float] = {}
+        self._fits: dict[int, FloatArray] = {}
+        for row, (cloud, field) in enumerate(zip(self.clouds, self._fields, strict=True)):
+            if cloud.kind == HypothesisKind.NULL:
+                if len(cloud.positions):
+                    free = np.maximum(field.heights, self._within(row))
+                    self.free[row] = 1.0 - (1.0 - self._floor) * np.minimum(free, 1.0)
+                    self.seen *= self.free[row]
+                continue
+            if cloud.force is not None and self.places.normals is not None:
+                self._fits[row] = pushed(cloud.force, self.places.normals, steepest)
+            if len(cloud.positions):
+                self._believe(row)
+            if cloud.kind == HypothesisKind.SUPPORT and field.heights.any():
+                self.supports[row] = float(cloud.likelihoods.max())
+
+    def _within(self, row: int) -> FloatArray:
+        """What a source says of the voxel that each place lies in, shape (c,)."""
+        columns, own = self.entries.columns, self.entries.by_source[row][1]
+        keys, sought = columns.keys[own], np.empty(len(self.places.points), np.int64)
+        rasterise(self.places.points, 1.0 / self.entries.grid.voxel_size, sought)
+        at = np.minimum(np.searchsorted(keys, sought), len(keys) - 1)
+        return np.asarray(columns.likelihoods[own][at] * (keys[at] == sought), np.float64)
+
+    def _believe(self, row: int) -> None:
+        """Take a source's field over its highest; without any it says nothing."""
+        heights, factors = self._fields[row].heights, self.factors[row]
+        if highest := heights.max(initial=0.0):
+            self._highest[row] = highest
+            if row in self.evidence:
+                np.greater(heights, EXPLAINED * highest, out=self._explains[row])
+            np.multiply(heights, 1.0 / (highest * self._floor), out=factors)
+            factors += 1.0  # in floors: a product of many sources does not vanish
+            if row in self._fits:
+                factors *= self._fits[row] + self._floor
+            return
+        factors[:], self._explains[row] = 1.0, False
+        if row in self.evidence:  # none of it is left, or all lies off the surface
+            self.evidence[row].left[:] = False
+
+    def restore(self) -> None:
+        """Take it that no contact explains anything yet."""
+        self._fields = [each.copy() for each in self._whole]
+        for row, each in self.evidence.items():
+            each.left[:] = True
+            self._believe(row)
+
+    def sought(self) -> NDArray[np.bool_]:
+        """Where the surest of what is left is explained, shape (c,).
+
+        Support alone makes no contact, and much that is faint hides none that is sure.
+        """
+        sure = {row: each.probability(each.left) for row, each in self.evidence.items()}
+        least = SURE * max(sure.values())
+        rows = [row for row, probability in sure.items() if probability >= least]
+        return np.asarray(self._explains[rows].any(axis=0))
+
+    def is_vague(self, rows: Iterable[int]) -> bool:
+        """Whether each of some sources tells of a single contact."""
+        return all(self.clouds[row].single for row in rows)
+
+    def take_out(self, row: int, taken: NDArray[np.bool_]) -> None:
+        """Take detections out of what a source says; `taken` has shape (d,)."""
+        each, field = self.evidence[row], self._fields[row]
+        each.left &= ~taken
+        if each.cloud.single or not each.left.any():
+            field.heights[:] = 0.0
+        else:
+            gone = taken[each.labels[field.which]] & (field.which != NONE)
+            if gone.any():
+                widest = float(np.sqrt(each.cloud.variances.max()))
+                reach = fields.FAR * max(widest, self.places.narrowest)
+                rows = each.around(self.places.points[gone], reach)
+                self.places.search(field, gone, each.cloud, rows)
+        self._believe(row)
+
+    def possible(self) -> float:
+        """The probability of a contact by all that is left."""
+        missed = [1.0 - each.probability(each.left) for each in self.evidence.values()]
+        return 1.0 - float(np.prod(missed))
+
+    def spread(self, row: int) -> float:
+        """How unsure the positions of a source are, by axis [m]."""
+        return max(float(np.sqrt(self.evidence[row].variance)), self.places.narrowest)
+
+    def explained(self, basin: Basin) -> Taken:
+        """The detections that a contact explains, by source."""
+        left = [row for row, each in self.evidence.items() if each.left.any()]
+        fits = [self.agreement(row, basin) for row in left]
+        rows = [row for row, fit in zip(left, fits, strict=True) if fit > EXPLAINED]
+        return {row: self._near(row, basin.core) for row in rows or [left[int(np.argmax(fits))]]}
+
+    def agreement(self, row: int, basin: Basin) -> float:
+        """How well a source agrees with a contact, at most 1."""
+        relative = self._fields[row].heights[basin.rows] / self._highest[row]
+        if row in self._fits:
+            relative *= self._fits[row][basin.rows]
+        return float(relative @ basin.weights)
+
+    def _near(self, row: int, core: Rows) -> NDArray[np.bool_]:
+        """The detections left of a source near a contact, shape (d,): at least the nearest."""
+        each = self.evidence[row]
+        if each.cloud.single:
+            return each.left.copy()
+        wanted, points = np.zeros(len(each.left), np.bool_), self.places.points[core]
+        reach = float(np.sqrt(-2.0 * np.log(EXPLAINED))) * self.spread(row)
+        rows = each.around(points, reach)
+        wanted[each.labels[rows[near(each.cloud.positions[rows], points, reach)]]] = True
+        if not wanted.any():
+            squared = ((each.cloud.positions - points.mean(axis=0)) ** 2).sum(axis=1)
+            wanted[each.labels[np.where(each.left[each.labels], squared, np.inf).argmin()]] = True
+        return wanted
+
+    def entries_of(self, taken: Taken) -> Rows:
+        """The entries of some detections."""
+        rows = [np.empty(0, np.intp)]
+        for row, own in taken.items():
+            rows.append(self.entries.begin[row] + np.flatnonzero(own[self.evidence[row].labels]))
+        return np.concatenate(rows)
+
+    @cached_property
+    def newest(self) -> Int64Array:
+        """The newest stamp of each source, shape (k,) [ns]; of one without any 0."""
+        stamps = self.entries.columns.stamps
+        newest = [stamps[own].max(initial=0) for _, own in self.entries.by_source]
+        return np.array(newest, np.int64)
