@@ -48,11 +48,10 @@ def estimate(fields: LikelihoodFields, basin: Basin, taken: Taken) -> Member:
         covariance += places.moments(basin, position)
     extent = np.tile(position, (2, 1))
     if not is_vague:  # otherwise the area is where it may lie, not how large it is
-        along = (places.points[area] - position) @ axes[:, -1]
-        # it ends beyond the outermost hypotheses, where their field has fallen to `AGREED`
-        beyond = np.sqrt(2.0 * np.log(1.0 / AGREED) * len(taken) / precision)
-        ends = np.minimum(along.min() + beyond, 0.0), np.maximum(along.max() - beyond, 0.0)
-        extent += np.outer(ends, axes[:, -1])
+        own, size = _size(fields, taken, area, position)
+        along = (own - position) @ axes[:, -1]
+        extent += np.outer((along.min(), along.max()), axes[:, -1])
+        scatter = size if is_large else scatter
     shares, reach = _shares(fields, basin, taken), 0.5 * STEP * places.spacing
     likelihood, given, factors = _existence(fields, basin, taken)
     contact = Contact(
@@ -136,6 +135,27 @@ def _area(fields: LikelihoodFields, basin: Basin, taken: Taken) -> tuple[Rows, F
         return area, agreed / agreed.sum()
     inside = np.isin(basin.rows, basin.core)
     return basin.core, basin.weights[inside] / basin.weights[inside].sum()
+
+
+def _size(
+    fields: LikelihoodFields, taken: Taken, area: Rows, position: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """The positions that are strongest somewhere in an area, shape (n, 3) [m], and their scatter.
+
+    The area itself is wider, as far as positions are unsure. That of the contact is among them.
+    """
+    found, scatter, precision = [position[None]], np.zeros((3, 3)), TINY
+    for row in taken:
+        cloud = fields.clouds[row]
+        if cloud.single or not len(which := fields.strongest(row, area)):
+            continue
+        positions, likelihoods = cloud.positions[which], cloud.likelihoods[which]
+        weights = likelihoods / likelihoods.sum()
+        trusted = 1.0 / fields.spread(row) ** 2
+        scatter += trusted * moments(positions - weights @ positions, weights)
+        precision += trusted
+        found.append(positions)
+    return np.concatenate(found), scatter / precision
 
 
 def _shares(fields: LikelihoodFields, basin: Basin, taken: Taken) -> FloatArray:

@@ -205,6 +205,11 @@ class LikelihoodFields:
             relative *= self._fits[row][basin.rows]
         return float(relative @ basin.weights)
 
+    def strongest(self, row: int, places: Rows) -> Rows:
+        """The hypotheses of a source of several contacts that are strongest at some places."""
+        which = np.unique(self._fields[row].which[places])
+        return np.asarray(which[which != NONE], np.intp)
+
     def _near(self, row: int, core: Rows) -> NDArray[np.bool_]:
         """The detections left of a source near a contact, shape (d,): at least the nearest."""
         each = self.evidence[row]

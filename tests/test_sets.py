@@ -135,6 +135,20 @@ def test_a_flat_face_of_taxels_is_one_contact_with_extent() -> None:
         assert contact.scatter[1, 1] == pytest.approx(0.288**2, rel=0.01)
 
 
+@pytest.mark.parametrize("spread", [5.0, 20.0, 40.0])
+@pytest.mark.parametrize("half", [0.0, 120.0])
+def test_a_contact_is_as_wide_as_it_is_however_unsure_its_position(
+    half: float, spread: float
+) -> None:
+    """As of a base that sees what it pushes: a column, or a strip, over the height of its face."""
+    face = ShapeConfig(shape="rectangle", size=(0.6, 0.35)).sampled("hand", 0.01)
+    across = np.linspace(-half, half, 1 + int(half) // 5)
+    strip = [(x, y, 0.0) for x in across for y in np.linspace(-170.0, 170.0, 35)]
+    contact = only(emit("lidar", 0.9, strip, spread), surface=face)
+    assert np.sqrt(3.0 * contact.scatter[0, 0]) * 1e3 == pytest.approx(half, abs=0.15 * half + 8.0)
+    assert np.sqrt(3.0 * contact.scatter[1, 1]) * 1e3 == pytest.approx(170.0, abs=30.0)
+
+
 def test_presses_a_taxel_apart_are_two_when_what_is_between_them_is_unlikely() -> None:
     row = [(0, 0, 0), (0, 50, 0), (0, 100, 0)]
     assert len(fused(emit("skin", (0.9, 0.2, 0.9), row, 50 / 12**0.5)).contacts) == 2
