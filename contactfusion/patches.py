@@ -85,6 +85,11 @@ class PatchConfig(Model):
         """The centre of each taxel, shape (n, 3) [m]."""
         return np.concatenate([points_in(pose, centres) for pose, centres, _ in self.sheets()])
 
+    def normals(self) -> FloatArray:
+        """The direction that each taxel faces, shape (n, 3)."""
+        facing = [(pose[:3, 2], len(centres)) for pose, centres, _ in self.sheets()]
+        return np.repeat([normal for normal, _ in facing], [count for _, count in facing], axis=0)
+
     def spreads(self, side: float) -> FloatArray:
         """How unsure the positions of `covered` are, by axis, shape (n,), for each taxel [m].
 

@@ -15,7 +15,7 @@ from contactfusion.generator import Generator, GeneratorConfig, OfRobot
 from contactfusion.generators.baselines import BaselineConfig
 from contactfusion.grid import Grid
 from contactfusion.hooks import hookimpl
-from contactfusion.hypotheses import HypothesisCloud, HypothesisKind, Note
+from contactfusion.hypotheses import HypothesisCloud, HypothesisKind, Note, Resultant
 from contactfusion.patches import PatchConfig, TaxelAreas
 from contactfusion.readings import Reading, TactileImage
 from contactfusion.state import State
@@ -28,6 +28,9 @@ ALIVE = 0.5
 MARGIN = 2.0
 """Distance in voxels within which a taxel may share a voxel with a contact, and can't exclude
 it."""
+
+POINT = 1e-4
+"""The least standard deviation of the lever of a force [m]."""
 
 
 class Health:
@@ -95,6 +98,10 @@ class TactileConfig(GeneratorConfig):
     noise: Spread = Field(default=0.004, ge=0)
     """Standard deviation, by axis, of the position of the patch and of the spread of a push in the
     skin, together [m]."""
+    gain: float | None = Field(default=None, gt=0)
+    """Force on a taxel per unit of its value [N]; None: unknown. With it the sum of all forces, and
+    so the centre of pressure, is known of a patch that covers all of its link that can be touched.
+    """
     free: bool = False
     """Whether a healthy patch excludes contacts where it measures none, as Null."""
     health_window: Memory = Field(default=2.0, gt=0)
@@ -128,7 +135,8 @@ class TactileGenerator(Generator[TactileConfig]):
         super().__init__(name, config)
         if config.free:
             self.outputs = {"": HypothesisKind.REGULAR, "free": HypothesisKind.NULL}
-        self._taxels = len(config.patch.centres())
+        self._centres = config.patch.centres()
+        self._taxels = len(self._centres)
         self._areas = TaxelAreas(config.patch)
         self._baseline, self._noise = config.baseline.load(self._taxels)
         self._covered: tuple[float, FloatArray, NDArray[np.intp], FloatArray] | None = None
@@ -161,11 +169,29 @@ class TactileGenerator(Generator[TactileConfig]):
                 positions[chosen],
                 likelihoods[taxels[chosen]],
                 spreads=spreads[taxels[chosen]],
+                resultant=self._resultant(np.where(touched, touch, 0.0), reading, state),
             )
         ]
         if self.config.free:
             clouds.append(self._free(reading, state, touched))
         return clouds
+
+    def _resultant(self, touch: FloatArray, reading: Reading, state: State) -> Resultant | None:
+        """The sum of the forces on all taxels, in the patch's frame; None where none is known."""
+        if self.config.gain is None or not touch.any():
+            return None
+        centres, normals = self._centres, self.config.patch.normals()
+        forces = -self.config.gain * touch[:, None] * normals
+        force, torque = forces.sum(axis=0), np.cross(centres, forces).sum(axis=0)
+        noise = self.config.gain * self._noise * (touch > 0.0)
+        levers = np.linalg.norm(centres - centres[touch > 0.0].mean(axis=0), axis=1)
+        misplaced = self.config.noise * float(np.linalg.norm(force))
+        by_torque = float(np.hypot(np.linalg.norm(noise * levers), misplaced))
+        links = (state.link_of(reading.frame),) if state.robot else ()
+        by_force = float(np.linalg.norm(noise))
+        return Resultant(
+            force, torque, np.zeros(3), by_force, max(by_torque, POINT * by_force), links
+        )
 
     def _largest(self, touch: FloatArray) -> FloatArray:
         """The signal with which each taxel's is compared, positive, shape (n,)."""

@@ -253,6 +253,7 @@ class Member:
             Null there, those that are silent, and those that measure a resultant; in this order.
         explains: the entries that it explains, as rows of the columns; of what is the sum over
             several contacts each explains all.
+        is_large: whether it is a line or a patch.
     """
 
     contact: Contact
@@ -263,6 +264,7 @@ class Member:
     given: Mapping[str, float]
     factors: Mapping[str, float] = field(default_factory=dict)
     explains: NDArray[np.intp] = field(default_factory=lambda: np.empty(0, np.intp))
+    is_large: bool = False
 
 
 class Field:

@@ -79,7 +79,7 @@ def estimate(fields: LikelihoodFields, basin: Basin, taken: Taken) -> Member:
         rows = np.union1d(rows, area)
         weights = np.full(len(rows), 1.0 / len(rows))
     where, explains = places.points[rows], fields.entries_of(taken)
-    return Member(contact, where, weights, normal, reach, given, factors, explains)
+    return Member(contact, where, weights, normal, reach, given, factors, explains, is_large)
 
 
 def _existence(fields: LikelihoodFields, basin: Basin, taken: Taken) -> tuple[float, Given, Given]:

@@ -29,6 +29,8 @@ RELATIVE = 0.1
 """Standard deviation of a measured force, as a part of it, beside that of its noise."""
 LEVER = 2.0
 """Standard deviation of the lever of a force, in those of the positions of contacts."""
+PRESSED = 0.5
+"""Standard deviation of the centre of a patch's pressure from its middle, in that of its area."""
 STRENGTH = 2.0
 """Standard deviation of the force of a contact, in forces of all together: they may oppose."""
 NEEDLESS = 0.02
@@ -47,8 +49,9 @@ class Maps(NamedTuple):
     """What contacts add to a sum.
 
     Attributes:
-        wrenches: shape (c, 6, 3), of a unit of force along each axis, in standard deviations.
-        roots: shape (c, 3, 3) [N], what a unit of force is along each axis.
+        wrenches: shape (c, 6, k), of a unit of each unknown, in standard deviations: of the force
+            along each axis, then of the lever of a patch.
+        roots: shape (c, 3, k) [N], what a unit of each is of force.
         normals: shape (c, 3), out of the robot; None: forces of any direction.
     """
 
@@ -94,7 +97,7 @@ class Superposition:
         by_torque = float(np.hypot(resultant.torque_deviation, self.deviation * strength))
         self._scale = np.repeat([1.0 / self._by_force, 1.0 / by_torque], 3)
         self._wrench = np.concatenate([resultant.force, resultant.torque]) * self._scale
-        self._origin, self._strength = resultant.origin, STRENGTH * strength
+        self._resultant, self._strength = resultant, STRENGTH * strength
         self._across = min(friction / 2.0, 1.0)
         self._penalty = 0.5 * (self._strength / self._by_force) ** 2
 
@@ -109,19 +112,31 @@ class Superposition:
         if normals is not None:
             along = normals[:, :, None] * normals[:, None, :]
             roots = self._strength * (self._across * np.eye(3) + (1.0 - self._across) * along)
-        levers = (positions - self._origin)[:, :, None]
+        levers = (positions - self._resultant.origin)[:, :, None]
         torques = np.cross(levers, roots, axis=1)
         wrenches = np.concatenate([roots, torques], axis=1) * self._scale[:, None]
         return Maps(wrenches, roots, normals)
 
     def maps_of(self, members: Sequence[Member]) -> Maps:
-        """What the contacts of a set add."""
+        """What the contacts of a set add; the pressure of a patch has its centre anywhere on it."""
         positions = np.reshape([member.contact.position for member in members], (-1, 3))
         normals = [member.normal for member in members if member.normal is not None]
         if len(normals) < len(members):
             return self.maps(positions, None)
         units = np.reshape(normals, (-1, 3))
-        return self.maps(positions, units / np.linalg.norm(units, axis=1, keepdims=True))
+        units = units / np.linalg.norm(units, axis=1, keepdims=True)
+        maps = self.maps(positions, units)
+        if not any(member.is_large for member in members):
+            return maps
+        levers = np.zeros((len(members), 3, 3))
+        for row, member in enumerate(members):
+            if member.is_large:
+                lengths, axes = np.linalg.eigh(member.contact.scatter)
+                levers[row] = PRESSED * axes * np.sqrt(np.maximum(lengths, 0.0))
+        turned = self._strength * np.cross(levers, units[:, :, None], axis=1) * self._scale[3]
+        free = np.concatenate([np.zeros_like(turned), turned], axis=1)
+        roots = np.concatenate([maps.roots, np.zeros_like(maps.roots)], axis=2)
+        return Maps(np.concatenate([maps.wrenches, free], axis=2), roots, units)
 
     def gains(self, tried: Maps, found: Maps) -> FloatArray:
         """By how much a further contact explains the sum better, shape (c,).
@@ -163,8 +178,8 @@ class Superposition:
     def _gains(
         self, left: FloatArray, across: FloatArray, wrenches: FloatArray
     ) -> tuple[FloatArray, FloatArray]:
-        """The gains of contacts that may pull, shape (c,), and their forces, shape (c, 3)."""
-        precisions = np.eye(3) + np.swapaxes(wrenches, 1, 2) @ across
+        """The gains of contacts that may pull, shape (c,), and their unknowns, shape (c, k)."""
+        precisions = np.eye(wrenches.shape[2]) + np.swapaxes(wrenches, 1, 2) @ across
         given = (left[:, None, :] @ wrenches)[:, 0]
         forces = np.linalg.solve(precisions, given[:, :, None])[:, :, 0]
         gains = 0.5 * (given * forces).sum(axis=1) - 0.5 * np.linalg.slogdet(precisions)[1]
@@ -173,7 +188,7 @@ class Superposition:
     def _all_pull(self, residuals: FloatArray, found: Maps) -> FloatArray:
         """How much each contact pulls by what is left of the sum, (c, 6), shape (c, k)."""
         assert found.normals is not None
-        along = (found.wrenches @ found.normals[:, :, None])[:, :, 0]
+        along = (found.wrenches[:, :, :3] @ found.normals[:, :, None])[:, :, 0]
         return np.asarray(np.square(np.maximum(residuals @ along.T, 0.0)), np.float64)
 
     def forces(self, found: Maps) -> FloatArray:
@@ -186,6 +201,28 @@ class Superposition:
         """The sum that contacts leave, as half of χ²."""
         left = np.linalg.solve(_covariance(found.wrenches), self._wrench)
         return 0.5 * float(self._wrench @ left)
+
+    def centre_of_pressure(
+        self, position: FloatArray, normal: FloatArray
+    ) -> tuple[FloatArray, float] | None:
+        """Where on a plane the sum has no torque but about the normal, and its deviation [m].
+
+        Args:
+            position: shape (3,), on the plane [m].
+            normal: shape (3,), out of the robot.
+
+        Returns:
+            Its offset from the position, shape (3,) [m], and the standard deviation along the
+            plane; None of a sum that pulls.
+        """
+        pushes = -float(self._resultant.force @ normal)
+        if pushes <= self._resultant.force_deviation:
+            return None
+        lever = position - self._resultant.origin
+        torque = self._resultant.torque - np.cross(lever, self._resultant.force)
+        offset = -np.cross(normal, torque) / pushes
+        by_force = float(np.linalg.norm(lever + offset)) * self._resultant.force_deviation
+        return offset, float(np.hypot(self._resultant.torque_deviation, by_force)) / pushes
 
     def bears(self, points: FloatArray) -> NDArray[np.bool_]:
         """Whether contacts at some places, shape (c, 3) [m], take part in the sum, shape (c,)."""
@@ -209,7 +246,7 @@ def _pulls(forces: FloatArray, normals: FloatArray | None) -> FloatArray:
     """How much each contact pulls, shape (c,): the square of its force out of the robot."""
     if normals is None:
         return np.zeros(len(forces))
-    return np.asarray(np.square(np.maximum((normals * forces).sum(axis=1), 0.0)), np.float64)
+    return np.asarray(np.square(np.maximum((normals * forces[:, :3]).sum(axis=1), 0.0)), np.float64)
 
 
 def measured(source: Source, cloud: Cloud, spread: float) -> Resultant | None:
@@ -340,6 +377,42 @@ def shared(members: Sequence[Member], sum_of: Superposition) -> list[Member]:
             member = replace(member, contact=replace(member.contact, force=force))
         found.append(member)
     return found
+
+
+def centred(members: Sequence[Member], sums: Sequence[Superposition]) -> list[Member]:
+    """The contacts; a line or a patch that alone bears a sum lies at its centre of pressure.
+
+    Args:
+        members: the contacts.
+        sums: all that is measured of all together.
+    """
+    probable = [member for member in members if member.contact.likelihood >= EVEN]
+    found = []
+    for member in members:
+        alone = [sum_of for sum_of in sums if [*map(id, sum_of.borne(probable))] == [id(member)]]
+        if member.is_large and member.normal is not None and alone:
+            contact = _centred(member.contact, member.normal, alone)
+            member = replace(member, contact=contact)
+        found.append(member)
+    return found
+
+
+def _centred(contact: Contact, normal: FloatArray, sums: Sequence[Superposition]) -> Contact:
+    """A contact where its area and the sums that it bears alone put the centre of its pressure."""
+    normal = normal / np.linalg.norm(normal)
+    along = np.linalg.svd(normal[None])[2][1:]  # two unit vectors along the plane
+    precision = np.linalg.inv(along @ (PRESSED**2 * contact.scatter + contact.covariance) @ along.T)
+    weighted = np.zeros(2)
+    for sum_of in sums:
+        if (found := sum_of.centre_of_pressure(contact.position, normal)) is not None:
+            offset, deviation = found
+            precision = precision + np.eye(2) / deviation**2
+            weighted = weighted + along @ offset / deviation**2
+    covariance = np.linalg.inv(precision)
+    position = contact.position + covariance @ weighted @ along
+    across = float(normal @ contact.covariance @ normal) * np.outer(normal, normal)
+    both = along.T @ covariance @ along + across
+    return replace(contact, position=frozen(position), covariance=frozen(both))
 
 
 def _predicted(places: Places, entries: Entries) -> tuple[FloatArray, dict[str, FloatArray]]:

@@ -20,7 +20,14 @@ from contactfusion.integrator.likelihood_fields import LikelihoodFields
 from contactfusion.integrator.members import FAINT, by_voxel, told_in
 from contactfusion.integrator.places import Basin
 from contactfusion.integrator.posterior import TrustConfig
-from contactfusion.integrator.resultant import Superposition, measured, missing, needed, shared
+from contactfusion.integrator.resultant import (
+    Superposition,
+    centred,
+    measured,
+    missing,
+    needed,
+    shared,
+)
 from contactfusion.rule import Rule
 from contactfusion.surface import Surface
 
@@ -49,6 +56,7 @@ class Sets(Rule):
             members = needed(members, sum_of)
             members += missing(members, sum_of, entries)
             members = shared(members, sum_of)
+        members = centred(members, search.sums)
         members.sort(key=lambda member: -round(member.contact.likelihood, 6))
         return Field(entries, partial(by_voxel, entries, members), members=members)
 

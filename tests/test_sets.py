@@ -259,6 +259,35 @@ def test_two_feet_on_a_plate_are_two_contacts_each_with_its_part_of_the_weight()
         assert np.ptp(contact.extent[:, 0]) == pytest.approx(0.2, abs=0.03)
 
 
+@pytest.mark.parametrize("pressed", [(-60.0, 10.0), (0.0, 0.0), (75.0, -20.0)])
+def test_a_face_in_flat_contact_lies_at_its_centre_of_pressure(
+    pressed: tuple[float, float],
+) -> None:
+    """The wrench of one foot: its force acts anywhere under it, with friction and torsion."""
+    plate = ShapeConfig(shape="rectangle", size=(0.6, 0.5)).sampled("hand", 0.01)
+    foot = [(x, y, 0) for x in range(-100, 101, 20) for y in range(-40, 41, 20)]
+    skin = emit("skin", 0.9, foot, 20 / 12**0.5)
+    force, place = np.array([20.0, -10.0, -500.0]), np.array([*pressed, 0.0]) / 1e3
+    torque = np.cross(place, force) + (0.0, 0.0, 0.7)
+    wrench = emit("wrench", [], [], resultant=Resultant(force, torque, np.zeros(3), 2.0, 0.5))
+    contact = only(skin, wrench, surface=plate)
+    assert away(contact, (*pressed, 0.0)) < 1.0
+    assert np.ptp(contact.extent[:, 0]) == pytest.approx(0.2, abs=0.03)
+    along = np.sqrt(contact.covariance.diagonal()[:2])
+    np.testing.assert_allclose(along, 0.5 / 500.0, rtol=0.2)
+    assert away(only(skin, surface=plate), (0.0, 0.0, 0.0)) < 5.0  # else it lies in its middle
+
+
+def test_a_wrench_that_pulls_moves_no_face() -> None:
+    plate = ShapeConfig(shape="rectangle", size=(0.6, 0.5)).sampled("hand", 0.01)
+    foot = [(x, y, 0) for x in range(-100, 101, 20) for y in range(-40, 41, 20)]
+    skin = emit("skin", 0.9, foot, 20 / 12**0.5)
+    force = np.array([0.0, 0.0, 500.0])
+    pulls = Resultant(force, np.array([0.0, -30.0, 0.0]), np.zeros(3), 2.0, 0.5)
+    contact = only(skin, emit("wrench", [], [], resultant=pulls), surface=plate)
+    assert away(contact, (0.0, 0.0, 0.0)) < 5.0
+
+
 # What a contact says of itself
 
 

@@ -54,6 +54,29 @@ def test_the_likelihood_is_the_value_over_the_largest_of_the_reading() -> None:
     assert cloud.kind == HypothesisKind.REGULAR and not cloud.single
 
 
+def test_with_a_gain_the_forces_add_up_to_a_resultant() -> None:
+    values, gain = np.array([10.0, 20.0, 40.0, 0.0]), 0.05
+    y = np.array([-7.5, -2.5, 2.5, 7.5]) / 1e3
+    cloud = felt(image(*values), gain=gain, baseline={"noise": 0.5}, noise=0.001)
+    assert cloud.resultant is not None
+    np.testing.assert_allclose(cloud.resultant.force, (0.0, 0.0, -gain * values.sum()))
+    centre = values @ y / values.sum()
+    expected = np.cross((0.0, centre, 0.0), cloud.resultant.force)
+    np.testing.assert_allclose(cloud.resultant.torque, expected, atol=1e-12)
+    assert cloud.resultant.force_deviation == pytest.approx(gain * 0.5 * np.sqrt(3.0))
+    strength = gain * values.sum()
+    assert 0.001 * strength < cloud.resultant.torque_deviation < 0.0012 * strength
+    assert felt(image(*values)).resultant is None
+    assert felt(image(0.0, 0.0, 0.0, 0.0), gain=gain).resultant is None
+
+
+def test_forces_point_against_the_facing_of_the_taxels() -> None:
+    turned = {"grid": {**ROW["grid"], "rpy": (np.pi / 2.0, 0.0, 0.0)}}
+    cloud = felt(image(0.0, 20.0, 20.0, 0.0), turned, gain=0.1)
+    assert cloud.resultant is not None
+    np.testing.assert_allclose(cloud.resultant.force, (0.0, 4.0, 0.0), atol=1e-12)
+
+
 def test_the_largest_is_that_of_all_patches_in_the_reading() -> None:
     two = {"places": [(0.0, 0.0, 0.0), (0.0, 0.1, 0.0)], "size": (SIDE, SIDE)}
     cloud = felt(image(10.0, 40.0), two, p_max=1.0, **OF_READING)

@@ -167,6 +167,9 @@ def train_cpm(
 @experiments.command("recordings")
 def experiment_recordings(
     data: Annotated[Path | None, typer.Option(help="Folder of the real recordings.")] = None,
+    only: Annotated[
+        list[str] | None, typer.Option(help="A data set, repeatable; default: all.")
+    ] = None,
     rule: Annotated[
         str | None, typer.Option(help="RULE or RULE/CONDENSATION; default: the integrator's.")
     ] = None,
@@ -176,7 +179,7 @@ def experiment_recordings(
     from contactfusion_lab.experiments.methods import Method
     from contactfusion_lab.experiments.recordings import run_recordings
 
-    run_recordings(data, Method.named(rule) if rule else None, out)
+    run_recordings(data, Method.named(rule) if rule else None, out, only or ())
 
 
 @experiments.command("touch")

@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from contactfusion.errors import PluginError
+from contactfusion.errors import ConfigurationError, PluginError
 from contactfusion.readings import TactileImage
 from contactfusion_lab.experiments import eflesh, force_plates, icub, recordings
 from contactfusion_lab.experiments.methods import DE_MORGAN, DEFAULT_METHOD, POSTERIOR, Method
@@ -52,6 +52,14 @@ def test_by_another_method_what_fuses_nothing_is_left_out(
     assert "hub: nothing is fused there, left out" in capsys.readouterr().out
     written = (tmp_path / "out" / "results.csv").read_text()
     assert '"left, posterior/modes"' in written and "hub" not in written
+
+
+def test_single_experiments_can_be_chosen(asked: list[Method | None], tmp_path: Path) -> None:
+    recordings.run_recordings(tmp_path, None, tmp_path / "out", ["hub"])
+    assert asked == [None]
+    with pytest.raises(ConfigurationError, match="unknown experiment 'plate'; .*'plates'"):
+        recordings.run_recordings(tmp_path, None, tmp_path / "out", ["plate"])
+    assert asked == [None]
 
 
 def test_the_method_reaches_the_hand() -> None:

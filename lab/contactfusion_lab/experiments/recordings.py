@@ -9,8 +9,9 @@ from pathlib import Path
 from contactfusion.errors import RecordingError
 from contactfusion.files import make_folder, write_whole
 from contactfusion.terminal import note
-from contactfusion_lab.experiments import eflesh, force_plates, hub, icub, ouster
+from contactfusion_lab.experiments import eflesh, force_plates, hub, icub, icub_foot, ouster
 from contactfusion_lab.experiments.methods import DEFAULT_METHOD, Method
+from contactfusion_lab.trials.choices import require_known
 from contactfusion_lab.trials.measures import Measure
 from contactfusion_lab.trials.tables import as_csv, frame_of
 
@@ -24,6 +25,7 @@ FUSED: dict[str, Fused] = {
     "force_plates": force_plates.measure,
     "eflesh": eflesh.measure,
     "icub_grasp": icub.measure,
+    "icub_tipping": icub_foot.measure,
 }
 """Experiments by the part of the recordings that they run on."""
 UNFUSED: dict[str, Experiment] = {"hub": hub.measure, "ouster": ouster.measure}
@@ -32,7 +34,9 @@ FOLDERS = {"hub": "force_plates"}
 """Folders of the recordings that share that of another experiment."""
 
 
-def run_recordings(data: Path | None, method: Method | None, out: Path) -> None:
+def run_recordings(
+    data: Path | None, method: Method | None, out: Path, only: Sequence[str] = ()
+) -> None:
     """Measure on every recording; write results.csv, summary.json and a figure each.
 
     Args:
@@ -40,14 +44,17 @@ def run_recordings(data: Path | None, method: Method | None, out: Path) -> None:
         method: how hypotheses are fused, and then only what fuses is measured; None: as the
             integrator does by default.
         out: the folder that takes the results.
+        only: the experiments; none: all.
 
     Raises:
+        ConfigurationError: there is no such experiment.
         RecordingError: a recording is not there, or not what it should be.
     """
+    experiments = _experiments(method, only)
     folder = data or data_folder()
     make_folder(out)
     measures: list[Measure] = []
-    for name, measure in _experiments(method).items():
+    for name, measure in experiments.items():
         note(f"{name} ...")
         part = folder / FOLDERS.get(name, name)
         if not part.is_dir():
@@ -77,17 +84,18 @@ def _csv(measures: Sequence[Measure]) -> str:
     return as_csv(frame.assign(asked=asked, met=met), missing="nan")
 
 
-def _experiments(method: Method | None) -> dict[str, Experiment]:
+def _experiments(method: Method | None, only: Sequence[str]) -> dict[str, Experiment]:
     """The experiments by name; by a method that is given, those that fuse."""
 
     def by(measure: Fused) -> Experiment:
         return lambda folder, out: measure(folder, out, method or DEFAULT_METHOD)
 
     fused = {name: by(measure) for name, measure in FUSED.items()}
-    if method is None:
-        return {**fused, **UNFUSED}
-    note(f"{', '.join(UNFUSED)}: nothing is fused there, left out")
-    return fused
+    if method is not None and not only:
+        note(f"{', '.join(UNFUSED)}: nothing is fused there, left out")
+    known = fused if method else {**fused, **UNFUSED}
+    require_known(only, known, "experiment", "experiments")
+    return {name: measure for name, measure in known.items() if not only or name in only}
 
 
 def data_folder() -> Path:
