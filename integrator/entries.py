@@ -254,6 +254,8 @@ class Member:
         explains: the entries that it explains, as rows of the columns; of what is the sum over
             several contacts each explains all.
         is_large: whether it is a line or a patch.
+        centres: of several sources, where each alone locates it, shape (3,) [m], and how unsure
+            that is, by axis [m].
     """
 
     contact: Contact
@@ -265,6 +267,7 @@ class Member:
     factors: Mapping[str, float] = field(default_factory=dict)
     explains: NDArray[np.intp] = field(default_factory=lambda: np.empty(0, np.intp))
     is_large: bool = False
+    centres: Mapping[str, tuple[FloatArray, float]] = field(default_factory=dict)
 
 
 class Field:

@@ -21,6 +21,8 @@ AGREED = 0.3
 LARGE = 2.0
 """A contact is a line or a patch when its area is wider than positions are unsure, by this factor.
 """
+NEAR = 3.0
+"""A single contact's positions are near a contact up to so many standard deviations from it."""
 TINY = 1e-12
 """A mean normal of a smaller square has no direction."""
 
@@ -79,7 +81,10 @@ def estimate(fields: LikelihoodFields, basin: Basin, taken: Taken) -> Member:
         rows = np.union1d(rows, area)
         weights = np.full(len(rows), 1.0 / len(rows))
     where, explains = places.points[rows], fields.entries_of(taken)
-    return Member(contact, where, weights, normal, reach, given, factors, explains, is_large)
+    centres = _centres(fields, basin, taken) if len(taken) > 1 else {}
+    return Member(
+        contact, where, weights, normal, reach, given, factors, explains, is_large, centres
+    )
 
 
 def _existence(fields: LikelihoodFields, basin: Basin, taken: Taken) -> tuple[float, Given, Given]:
@@ -156,6 +161,29 @@ def _size(
         precision += trusted
         found.append(positions)
     return np.concatenate(found), scatter / precision
+
+
+def _centres(
+    fields: LikelihoodFields, basin: Basin, taken: Taken
+) -> dict[str, tuple[FloatArray, float]]:
+    """Where each source alone locates a contact, and how unsure that is, by axis [m].
+
+    Of a source of a single contact, that is near the basin: its line of force may go on.
+    """
+    names, found = [*fields.rows], dict[str, tuple[FloatArray, float]]()
+    for row, own in taken.items():
+        cloud, spread = fields.clouds[row], fields.spread(row)
+        kept = own[fields.evidence[row].labels]
+        if cloud.single:
+            core = fields.places.points[basin.core] - basin.mean
+            reach = NEAR * spread + float(np.sqrt(np.square(core).sum(axis=1).max()))
+            kept = np.square(cloud.positions - basin.mean).sum(axis=1) <= reach**2
+        if kept.any():
+            weights = cloud.likelihoods[kept] / cloud.likelihoods[kept].sum()
+            centre = weights @ cloud.positions[kept]
+            scatter = weights @ np.square(cloud.positions[kept] - centre)
+            found[names[row]] = centre, float(np.sqrt(spread**2 + scatter.max()))
+    return found
 
 
 def _shares(fields: LikelihoodFields, basin: Basin, taken: Taken) -> FloatArray:

@@ -16,6 +16,7 @@ from contactfusion.grid import Grid
 from contactfusion.hypotheses import HypothesisCloud, HypothesisKind, kind_of
 from contactfusion.integrator.condensations import contactfusion_condensations
 from contactfusion.integrator.config import IntegratorConfig
+from contactfusion.integrator.disagreement import Disagreement
 from contactfusion.integrator.fusion import Fusion, fuse
 from contactfusion.integrator.inbox import Inbox
 from contactfusion.integrator.members import Members
@@ -75,6 +76,7 @@ class Integrator:
         self._tracks: Tracks | None = None
         if isinstance(self.condensation, Members):
             self._tracks = Tracks(self.condensation.rate, self.condensation.existence)
+        self._disagreement = Disagreement()
         self._grid = Grid(self.config.frame, self.config.voxel_size)
         self._space = Space(self._grid, self.config, places=self.rule.needs_places)
         lead = to_nanoseconds(self.config.max_ahead)
@@ -207,6 +209,8 @@ class Integrator:
             for record in records
             if record.kind == HypothesisKind.REGULAR and record.looked is not None
         }
+        for source, message in self._disagreement.watch(at, fusion.field.members):
+            self.note(EventKind.DISAGREES, source, message)
         contacts, changes = self._tracks.follow(at, fusion.field.members, looks, surface)
         return replace(fusion, contacts=contacts, changes=changes)
 
@@ -216,6 +220,7 @@ class Integrator:
         self._space.clear()
         if self._tracks:
             self._tracks.clear()
+        self._disagreement.clear()
         for record in self._sources.values():
             record.forget()
         self._last = None

@@ -391,28 +391,34 @@ def centred(members: Sequence[Member], sums: Sequence[Superposition]) -> list[Me
     for member in members:
         alone = [sum_of for sum_of in sums if [*map(id, sum_of.borne(probable))] == [id(member)]]
         if member.is_large and member.normal is not None and alone:
-            contact = _centred(member.contact, member.normal, alone)
-            member = replace(member, contact=contact)
+            contact, centres = _centred(member.contact, member.normal, alone)
+            member = replace(member, contact=contact, centres={**member.centres, **centres})
         found.append(member)
     return found
 
 
-def _centred(contact: Contact, normal: FloatArray, sums: Sequence[Superposition]) -> Contact:
-    """A contact where its area and the sums that it bears alone put the centre of its pressure."""
+def _centred(
+    contact: Contact, normal: FloatArray, sums: Sequence[Superposition]
+) -> tuple[Contact, dict[str, tuple[FloatArray, float]]]:
+    """A contact where its area and the sums that it bears alone put the centre of its pressure.
+
+    Second, by the source of each sum, where that alone puts it, and how unsure that is [m].
+    """
     normal = normal / np.linalg.norm(normal)
     along = np.linalg.svd(normal[None])[2][1:]  # two unit vectors along the plane
     precision = np.linalg.inv(along @ (PRESSED**2 * contact.scatter + contact.covariance) @ along.T)
-    weighted = np.zeros(2)
+    weighted, centres = np.zeros(2), {}
     for sum_of in sums:
         if (found := sum_of.centre_of_pressure(contact.position, normal)) is not None:
             offset, deviation = found
+            centres[sum_of.source] = contact.position + offset, deviation
             precision = precision + np.eye(2) / deviation**2
             weighted = weighted + along @ offset / deviation**2
     covariance = np.linalg.inv(precision)
     position = contact.position + covariance @ weighted @ along
     across = float(normal @ contact.covariance @ normal) * np.outer(normal, normal)
     both = along.T @ covariance @ along + across
-    return replace(contact, position=frozen(position), covariance=frozen(both))
+    return replace(contact, position=frozen(position), covariance=frozen(both)), centres
 
 
 def _predicted(places: Places, entries: Entries) -> tuple[FloatArray, dict[str, FloatArray]]:

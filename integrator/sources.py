@@ -26,6 +26,7 @@ class EventKind(StrEnum):
     EARLY = "early"
     REFUSED = "refused"
     OVERRUN = "overrun"
+    DISAGREES = "disagrees"
 
 
 @dataclass(frozen=True, slots=True)

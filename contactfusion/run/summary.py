@@ -21,7 +21,7 @@ from contactfusion.readings import Reading, Transform
 from contactfusion.readings.codec import Role
 from contactfusion.readings.registry import installed_kinds
 
-TELLING = (EventKind.REFUSED, EventKind.STALE, EventKind.OVERRUN)
+TELLING = (EventKind.REFUSED, EventKind.STALE, EventKind.OVERRUN, EventKind.DISAGREES)
 """What is worth a sentence at the end."""
 CAUSES: dict[str, str] = {Note.MORE_THAN_ONE_CONTACT: "tare?"}
 """The likely cause of a remark that most clouds of a source come with, of a force that changes."""

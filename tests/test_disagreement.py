@@ -1,0 +1,76 @@
+"""Two sources that lie apart in the same direction for long, by more than they state."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from contactfusion import Integrator, IntegratorConfig
+from contactfusion.hypotheses import HypothesisCloud
+from contactfusion.integrator.sources import Event, EventKind
+from contactfusion.surface import Surface
+from tests.clouds import REGULAR
+from tests.test_sets import PALM
+
+STEP = 0.05
+
+
+def disagreements(
+    offset: Any,
+    seconds: float = 6.0,
+    noise: float = 0.0,
+    surface: Surface | None = PALM,
+    pauses: float = STEP,
+) -> list[Event]:
+    """What is reported of two skins in contact, the second of which is off, [mm] of 4 mm stated."""
+    integrator, rng = Integrator(IntegratorConfig(frame="hand")), np.random.default_rng(0)
+    events = []
+    for stamp in np.arange(0.0, seconds, pauses).tolist():
+        for name, by in (("left", (0.0, 0.0, 0.0)), ("right", offset)):
+            place = (np.array([10.0, 5.0, 0.0]) + by + noise * rng.standard_normal(3)) / 1e3
+            place[2] = 0.0
+            patch = place + np.array([(x, y, 0.0) for x in (-2, 2) for y in (-2, 2)]) / 1e3
+            cloud = HypothesisCloud(
+                name, REGULAR, stamp, "hand", patch, np.full(4, 0.9), spreads=np.full(4, 0.004)
+            )
+            integrator.receive(cloud)
+        events += integrator.step(stamp, surface).report.events
+    return [event for event in events if event.kind == EventKind.DISAGREES]
+
+
+@pytest.mark.parametrize("surface", [None, PALM], ids=["no surface", "palm"])
+def test_two_sources_that_stay_apart_are_reported_once(surface: Surface | None) -> None:
+    (event,) = disagreements((0.0, -15.0, 0.0), surface=surface)
+    assert event.source == "right"
+    assert "'right' finds contacts 15 mm from where 'left' does, at (0, -15, 0) mm" in event.message
+    assert "is one misplaced, or not calibrated?" in event.message
+
+
+def test_sources_within_what_they_state_agree() -> None:
+    assert not disagreements((0.0, -6.0, 0.0))
+    assert not disagreements((0.0, 0.0, 0.0), noise=8.0)
+
+
+def test_a_moment_is_no_disagreement() -> None:
+    assert not disagreements((0.0, -15.0, 0.0), seconds=1.5)
+
+
+def test_time_without_steps_counts_for_nothing() -> None:
+    assert not disagreements((0.0, -15.0, 0.0), seconds=30.0, pauses=1.0)
+
+
+def test_a_reset_forgets_what_was_apart() -> None:
+    integrator = Integrator(IntegratorConfig(frame="hand"))
+    for start in (0.0, 0.0):
+        for stamp in np.arange(start, start + 1.5, STEP).tolist():
+            for name, y in (("left", 0.005), ("right", -0.010)):
+                place = np.array([[0.01, y, 0.0]])
+                spreads = np.array([0.004])
+                integrator.receive(
+                    HypothesisCloud(
+                        name, REGULAR, stamp, "hand", place, np.array([0.9]), spreads=spreads
+                    )
+                )
+            step = integrator.step(stamp, PALM)
+            assert not [e for e in step.report.events if e.kind == EventKind.DISAGREES]
+        integrator.reset()
