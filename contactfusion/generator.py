@@ -33,7 +33,7 @@ class OfRobot:
         kind: the field of `RobotConfig` that holds it by name.
     """
 
-    kind: Literal["patches", "wrists", "cameras", "fingers"]
+    kind: Literal["patches", "wrists", "cameras", "fingers", "efforts"]
 
 
 class GeneratorConfig(Model):

@@ -24,6 +24,8 @@ LINK = 3.6
 deviations: neighbours are that are √12 apart, as unsure as a position anywhere between them."""
 CELL = 4.0
 """The side of the cells of hypotheses, in standard deviations of a position."""
+ALIKE = 0.999
+"""A single contact's hypotheses state one force when their mean has that part of their strength."""
 PEAK = 0.5
 """A detection that is less likely than this part of its peak between two peaks is two."""
 
@@ -67,8 +69,10 @@ def clouds_of(entries: Entries) -> list[Cloud]:
         likelihoods = given.astype(np.float64)
         force = None
         if single and felt >= 0 and source.kind == HypothesisKind.REGULAR:
-            mean = columns.forces[felt : felt + end - begin, :3].sum(axis=0)
-            force = mean if mean.any() else None
+            forces = columns.forces[felt : felt + end - begin, :3]
+            mean, sizes = forces.sum(axis=0), np.linalg.norm(forces, axis=1).sum()
+            # where the force depends on the position, as by joint torques, it is of no use here
+            force = mean if np.linalg.norm(mean) > ALIKE * sizes else None
         clouds.append(
             Cloud(source.kind, single, positions[begin:end], likelihoods, variances, force)
         )

@@ -253,8 +253,9 @@ def finds_its_robot(config: PipelineConfig, model: RobotModel) -> None:
     frames = {*config.frame_tree().frames, *model.link_names}
     rest = np.zeros(len(model.joint_names))
     joints = JointState(
-        stamp=0.0, frame=model.root, names=model.joint_names, positions=rest, velocities=rest
-    )
+        stamp=0.0, frame=model.root, names=model.joint_names, positions=rest, velocities=rest,
+        efforts=np.ones(len(rest)),
+    )  # fmt: skip
     pipe.receive(joints)
     for generator in pipe.generators.values():
         sensor = generator.config.sensor

@@ -9,6 +9,7 @@ MODULES = (
     "contactfusion.generators.motion",
     "contactfusion.generators.proximity",
     "contactfusion.generators.first_touch",
+    "contactfusion.generators.torque_field",
     "contactfusion.integrator.cells",
     "contactfusion.integrator.clusters",
     "contactfusion.integrator.fields",
@@ -50,6 +51,7 @@ def touch_kernels() -> None:
     _perceive()
     _thin(positions)
     _slide(positions)
+    _load(positions)
 
 
 def _fuse(positions: Any) -> None:
@@ -127,3 +129,17 @@ def _slide(positions: Any) -> None:
     grid.distances(positions)
     up = np.array([0.0, 0.0, 1.0])
     first_touches(grid, Tufts.of(positions), np.zeros((1, 3)), np.eye(3)[None], up, 0.1, 0.0)
+
+
+def _load(positions: Any) -> None:
+    import numpy as np
+
+    from contactfusion.generators.torque_field import explained
+
+    axes, count = np.eye(3), len(positions)
+    loads, up = np.ones((count, 3), np.bool_), np.tile([0.0, 0.0, 1.0], (count, 1))
+    gains, evidence, forces = np.empty(count), np.empty(count), np.empty((count, 3))
+    explained(
+        positions, up, loads, 0.0 * axes, axes, np.ones(3), np.ones(3), 0.9, 1e-3,
+        gains, evidence, forces,
+    )  # fmt: skip

@@ -96,6 +96,22 @@ class FingerConfig(Model):
     """The links of the finger."""
 
 
+class EffortConfig(Model):
+    """What is known of the effort that one joint reports; `identify` measures it in free motion."""
+
+    noise: float = Field(gt=0)
+    """Standard deviation of what is left of the torque in free motion [N·m, N]."""
+    offset: float = 0.0
+    """What it reports without any load, in its own unit."""
+    constant: float = Field(default=1.0, gt=0)
+    """Torque or force per unit of what it reports: of a motor's current [N·m/A, N/A]."""
+    coulomb: float = Field(default=0.0, ge=0)
+    """Friction against the motion that does not depend on speed [N·m, N]; 0 where torque is
+    measured behind the gear."""
+    viscous: float = Field(default=0.0, ge=0)
+    """Friction against the motion per speed [N·m·s, N·s/m]."""
+
+
 class RobotConfig(Model):
     """A robot: its URDF, and the sensors on it."""
 
@@ -124,6 +140,8 @@ class RobotConfig(Model):
     """Spinning LiDARs, by name."""
     fingers: dict[str, FingerConfig] = Field(default_factory=dict)
     """Compliant fingers, by name."""
+    efforts: dict[str, EffortConfig] = Field(default_factory=dict)
+    """What is known of the efforts that joints report, by joint."""
     folder: Path = Path()
     """The folder of relative file names; that of the file by default."""
     files_within: Path | None = None

@@ -90,6 +90,11 @@ class RobotModel:
         return _built, (self.config.model_dump_json(),)
 
     @property
+    def kinematics(self) -> tuple[Any, Any]:
+        """Pinocchio, and its model of the robot, which must not be changed."""
+        return self._pin, self._model
+
+    @property
     def units(self) -> tuple[str, ...]:
         """The unit of each joint's position: "m" if prismatic, "rad" if revolute."""
         prismatic = (joint.shortname().startswith("JointModelP") for joint in self._joints)
@@ -166,7 +171,7 @@ class RobotModel:
 
     def poses_at(self, positions: FloatArray) -> dict[str, Pose]:
         """The pose of each link with the joints at `positions`, shape (n,) [rad, m]."""
-        self._pin.framesForwardKinematics(self._model, self._data, self._configuration(positions))
+        self._pin.framesForwardKinematics(self._model, self._data, self.configuration(positions))
         placed = self._data.oMf
         return {name: placed[number].homogeneous for name, number in self._body.items()}
 
@@ -205,7 +210,7 @@ class RobotModel:
         jacobian = self._pin.computeFrameJacobian(
             self._model,
             self._data,
-            self._configuration(positions),
+            self.configuration(positions),
             self._body[link],
             self._pin.LOCAL_WORLD_ALIGNED,
         )
@@ -217,7 +222,7 @@ class RobotModel:
         The root link's z points up.
         """
         torques: FloatArray = self._pin.computeGeneralizedGravity(
-            self._model, self._data, self._configuration(positions)
+            self._model, self._data, self.configuration(positions)
         )
         return torques
 
@@ -227,7 +232,7 @@ class RobotModel:
         Raises:
             RobotError: a joint moves no mass.
         """
-        matrix = self._pin.crba(self._model, self._data, self._configuration(positions))
+        matrix = self._pin.crba(self._model, self._data, self.configuration(positions))
         massless = np.diag(matrix) <= 0.0
         if massless.any():
             name = self.joint_names[int(massless.argmax())]
@@ -331,7 +336,7 @@ class RobotModel:
     def _joints(self) -> Sequence[Any]:
         return list(self._model.joints)[1:]
 
-    def _configuration(self, positions: FloatArray) -> FloatArray:
+    def configuration(self, positions: FloatArray) -> FloatArray:
         """Pinocchio's configuration vector: a joint without limits is a cosine and a sine."""
         vector = np.empty(self._model.nq)
         for joint, position in zip(self._joints, positions, strict=True):
@@ -424,6 +429,7 @@ class RobotModel:
         named += [("links", name, tuple(links), "link") for name in config.links or ()]
         for name, frame in config.frames.items():
             named.append((f"frames.{name}.parent", frame.parent, frames, "frame"))
+        named += [(f"efforts.{name}", name, joints, "joint") for name in config.efforts]
         for kind in ("patches", "wrists", "cameras", "lidars"):
             for name, sensor in getattr(config, kind).items():
                 named.append((f"{kind}.{name}.frame", sensor.frame, frames, "frame"))

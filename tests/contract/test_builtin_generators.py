@@ -13,6 +13,7 @@ from contactfusion.generators.finger_pose import FingerPoseConfig
 from contactfusion.generators.first_touch import FirstTouchConfig
 from contactfusion.generators.force_torque import ForceTorqueConfig
 from contactfusion.generators.free_space import FreeSpaceConfig
+from contactfusion.generators.joint_torque import JointTorqueConfig
 from contactfusion.generators.networks import LearnedConfig
 from contactfusion.generators.range import RangeConfig
 from contactfusion.generators.rgbd_cpm import RgbdCpmConfig
@@ -30,7 +31,7 @@ from contactfusion.readings import (
 )
 from contactfusion.shapes import BodyConfig
 from contactfusion.testing import EXAMPLES, check_generator, example_reading
-from tests import hands, pictures
+from tests import arms, hands, pictures
 from tests.test_rgbd_cpm import sure_of_a_point
 
 HOME = "contactfusion"
@@ -67,6 +68,14 @@ def finger_pose(folder: Path) -> Given:
     ]
     state = hands.state(hands.slide(folder), x=0.1)
     return {"config": FingerPoseConfig.model_validate(config), "readings": readings, "state": state}
+
+
+def joint_torque(folder: Path) -> Given:
+    """An arm whose forearm is pushed harder and harder."""
+    _, _, torques = arms.pushed("link_6", 10.0)
+    readings = [arms.reading((1 + index) * torques, stamp=0.1 * index) for index in range(EXAMPLES)]
+    config = JointTorqueConfig(effort="external", joints=arms.known())
+    return {"config": config, "readings": readings, "state": arms.state()}
 
 
 def first_touch(folder: Path) -> Given:
@@ -172,6 +181,7 @@ GIVEN: dict[str, Callable[[Path], Given]] = {
     "first_touch": first_touch,
     "force_torque": force_torque,
     "free_space": free_space,
+    "joint_torque": joint_torque,
     "lidar_cpm": lidar_cpm,
     "lidar_rule": lidar_rule,
     "motion": motion,

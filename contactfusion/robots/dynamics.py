@@ -1,0 +1,93 @@
+"""The dynamics of a robot: what its joints bear, and how a force on a link loads them."""
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from contactfusion.arrays import FloatArray
+from contactfusion.errors import RobotError
+from contactfusion.robots.model import RobotModel
+
+
+class Dynamics:
+    """Momentum, gravity and lever arms by joint, in the order of the robot's `joint_names`.
+
+    Args:
+        model: the robot; its root link does not move.
+    """
+
+    def __init__(self, model: RobotModel) -> None:
+        self.model = model
+        self._pin, whole = model.kinematics
+        self._model: Any = whole.copy()
+        self._data: Any = self._model.createData()
+        self.supports: NDArray[np.bool_] = np.zeros(
+            (len(model.link_names), self._model.nv), np.bool_
+        )
+        """Which joints a force on each link loads, shape (links, n)."""
+        for row, name in enumerate(model.link_names):
+            frame = self._model.frames[self._model.getBodyId(name)]
+            for joint in self._model.supports[frame.parentJoint]:
+                if joint:
+                    self.supports[row, self._model.joints[joint].idx_v] = True
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Pickle as the robot."""
+        return Dynamics, (self.model,)
+
+    def require_inertias(self) -> None:
+        """Refuse a robot that has no mass where a joint moves it.
+
+        Raises:
+            RobotError: names the links that every joint moves without a mass.
+        """
+        masses = np.array([self.model.urdf.links[name].mass for name in self.model.link_names])
+        weighs = masses @ self.supports > 0.0
+        if not weighs.all():
+            joint = self.model.joint_names[int(np.argmin(weighs))]
+            moved = self.supports[:, int(np.argmin(weighs))]
+            links = ", ".join(np.array(self.model.link_names)[moved])
+            raise RobotError(
+                f"{self.model.urdf.path}: joint '{joint}' moves no mass: give inertias of {links}"
+            )
+
+    def axes(self, positions: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """How each joint moves a point at the root's origin that it carries.
+
+        A point at p moves by linear + angular × p for a unit of joint speed, and a force f there
+        loads the joint with that, times f.
+
+        Args:
+            positions: shape (n,) [rad, m].
+
+        Returns:
+            Linear and angular velocity, both of shape (n, 3), in the root link's frame.
+        """
+        at = self.model.configuration(positions)
+        jacobian = self._pin.computeJointJacobians(self._model, self._data, at)
+        columns = np.reshape(np.array(jacobian), (6, -1))
+        return np.ascontiguousarray(columns[:3].T), np.ascontiguousarray(columns[3:].T)
+
+    def momentum(self, positions: FloatArray, velocities: FloatArray) -> FloatArray:
+        """The generalised momentum M(q) q', shape (n,) [N·m·s, N·s]."""
+        mass = self._pin.crba(self._model, self._data, self.model.configuration(positions))
+        upper = np.triu(mass)
+        symmetric = upper + np.triu(upper, 1).T
+        return np.asarray(symmetric @ velocities, np.float64)
+
+    def drift(
+        self, positions: FloatArray, velocities: FloatArray, gravity: FloatArray
+    ) -> FloatArray:
+        """How the momentum changes without any torque, C(q, q')ᵀ q' − g(q), shape (n,) [N·m, N].
+
+        Args:
+            positions: shape (n,) [rad, m].
+            velocities: shape (n,) [rad/s, m/s].
+            gravity: shape (3,) [m/s²], in the root link's frame.
+        """
+        at = self.model.configuration(positions)
+        self._model.gravity.linear = gravity
+        coriolis = self._pin.computeCoriolisMatrix(self._model, self._data, at, velocities)
+        held = self._pin.computeGeneralizedGravity(self._model, self._data, at)
+        return np.asarray(coriolis.T @ velocities - held, np.float64)

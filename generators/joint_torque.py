@@ -1,0 +1,259 @@
+"""Contacts anywhere on an arm from the torques, or motor currents, of its joints."""
+
+from collections.abc import Mapping, Sequence
+from typing import Annotated, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field
+from scipy.special import logsumexp
+from scipy.stats import chi2
+
+from contactfusion.arrays import FloatArray
+from contactfusion.errors import ConfigurationError, name_hint
+from contactfusion.frames import inverse, points_in, vectors_in
+from contactfusion.generator import Generator, GeneratorConfig, OfRobot
+from contactfusion.generators.external_torque import Effort, ExternalTorque
+from contactfusion.generators.torque_field import explained
+from contactfusion.hooks import hookimpl
+from contactfusion.hypotheses import HypothesisCloud, Note
+from contactfusion.readings import JointState, Reading
+from contactfusion.robots.description import EffortConfig
+from contactfusion.robots.dynamics import Dynamics
+from contactfusion.robots.model import RobotModel
+from contactfusion.robots.posed import PosedRobot
+from contactfusion.state import State
+from contactfusion.surface import Surface
+from contactfusion.thinning import voxel_downsample
+from contactfusion.units import Acceleration, Force, Spread
+
+SURE = 0.999
+"""Less than one in a thousand of single contacts leaves more unexplained."""
+FAINT = 1e-3
+"""Points that are less likely than that part of the likeliest are left out."""
+DOUBT = 0.1
+"""The odds of a contact before anything is measured; a contact that is less probable is none."""
+FELT = 2.0
+"""Points where a force changes the evidence by less, as a logarithm, are as good as not felt."""
+BLIND = "in this pose no joint feels a force on any link"
+"""A note: the arm is stretched out, or its efforts are too noisy."""
+HELD, MOST = 0.9, 3
+"""Where more parts of the arm are needed to hold that probability, nothing is claimed."""
+COVERED = 0.002
+"""Points of a link that are so near a neighbouring link can't be touched [m]."""
+LARGEST = 30.0
+"""Logarithms of odds are cut off there."""
+
+
+class JointTorqueConfig(GeneratorConfig):
+    """The options of `joint_torque`."""
+
+    effort: Effort
+    """What the joints report: the `external` torque, as some drivers compute it, the `measured`
+    torque of the motors or behind the gears, or the motors' `current`."""
+    joints: Annotated[dict[str, EffortConfig], OfRobot("efforts")] = Field(min_length=1)
+    """The joints, by name, or a list of names from the robot's description."""
+    sign: Literal["on_robot", "by_robot"] = "on_robot"
+    """Of `external`: whether it is the torque of the world on the robot, or of the robot on the
+    world."""
+    links: tuple[str, ...] = ()
+    """The links that may be touched; none: all that a joint moves."""
+    gain: float = Field(default=30.0, gt=0)
+    """Of the momentum observer [1/s]; it lags by one over it."""
+    scale: float = Field(default=0.05, ge=0, lt=1)
+    """Standard deviation of a torque of contacts, as a part of it: of current constants and
+    inertias."""
+    friction: float = Field(default=0.5, gt=0)
+    """The largest tangential force of a contact, per normal force."""
+    strength: Force = Field(default=50.0, gt=0)
+    """Standard deviation of the force of contacts, by axis [N]."""
+    p_max: float = Field(default=0.95, gt=0, le=1)
+    """The largest probability of a contact."""
+    noise: Spread = Field(default=0.005, ge=0)
+    """Standard deviation, by axis, of the position of the robot's surface [m]."""
+    gravity: tuple[Acceleration, Acceleration, Acceleration] = (0.0, 0.0, -9.81)
+    """In the frame of the hypothesis space [m/s²]."""
+
+
+class JointTorqueGenerator(Generator[JointTorqueConfig]):
+    """Regular, single contact: the points of the surface where a force explains all torques."""
+
+    Config = JointTorqueConfig
+    readings = (JointState,)
+    needs_body = True
+
+    def __init__(self, name: str, config: JointTorqueConfig) -> None:
+        super().__init__(name, config)
+        self._torque: ExternalTorque | None = None
+
+    def prepare(self, robot: RobotModel) -> None:
+        """Look its joints and links up in the robot.
+
+        Raises:
+            ConfigurationError: the robot lacks one of them.
+            RobotError: it has no inertias, and the effort needs them.
+        """
+        config = self.config
+        for joint in config.joints:
+            if joint not in robot.joint_names:
+                hint = name_hint(joint, robot.joint_names, "joints of the robot")
+                raise ConfigurationError(f"unknown joint '{joint}'; {hint}", "joints")
+        dynamics = Dynamics(robot)
+        if config.effort != "external":
+            dynamics.require_inertias()
+        self._dynamics = dynamics
+        self._torque = ExternalTorque(
+            dynamics, config.joints, config.effort, config.gain, config.scale
+        )
+        self._felt = dynamics.supports & self._torque.known
+        chosen = robot.known_links(config.links)
+        rows = zip(robot.link_names, self._felt, strict=True)
+        loaded = {name for name, joints in rows if joints.any()}
+        self._links = [name for name in robot.parts if name in chosen and name in loaded]
+        self._open = np.concatenate([exposed(robot, name) for name in self._links])
+        self._groups = np.unique(self._felt, axis=0, return_inverse=True)[1].ravel()
+
+    def reset(self) -> None:
+        """Begin the observer again."""
+        if self._torque is not None:
+            self._torque.reset()
+
+    def generate(self, reading: Reading, state: State) -> Sequence[HypothesisCloud]:
+        """The surface where one contact explains the torques.
+
+        Raises:
+            ConfigurationError: there is no robot.
+            InvalidReadingError: a joint has no effort.
+        """
+        assert isinstance(reading, JointState)
+        robot = state.posed_robot(self.name)
+        if self._torque is None:
+            self.prepare(robot.model)
+        assert self._torque is not None
+        if self._is_dead(reading):
+            return (self.nothing(reading, notes=(Note.UNHEALTHY,)),)
+        to_root = inverse(robot.base)
+        gravity = vectors_in(to_root, np.array([self.config.gravity]))[0]
+        found = self._torque.update(reading, robot.positions, gravity)
+        if found is None:
+            return ()
+        return (self._cloud(reading, state, robot, *found),)
+
+    def _is_dead(self, reading: JointState) -> bool:
+        """Whether all efforts are exactly zero: those of a working arm never are."""
+        return reading.efforts is not None and not reading.efforts.any()
+
+    def _cloud(
+        self,
+        reading: JointState,
+        state: State,
+        robot: PosedRobot,
+        torques: FloatArray,
+        deviations: FloatArray,
+    ) -> HypothesisCloud:
+        """The hypotheses that torques with standard deviations, both of shape (n,), give."""
+        config = self.config
+        assert self._torque is not None
+        if config.effort == "external" and config.sign == "by_robot":
+            torques = -torques
+        surface = robot.surface_of(self._links)
+        rows = np.flatnonzero(self._open)
+        rows = rows[voxel_downsample(surface.points[rows], state.grid)]
+        points, groups = surface.points[rows], self._groups[surface.links[rows]]
+        precisions = np.where(self._torque.known, 1.0 / deviations**2, 0.0)
+        gains, evidence, forces = self._explained(robot, surface, rows, torques, precisions)
+        felt = gains - evidence > FELT
+        if not felt.any():
+            return self.nothing(reading, notes=(BLIND,))
+        points, groups, forces = points[felt], groups[felt], forces[felt]
+        gains, evidence = gains[felt], evidence[felt]
+        log_odds = np.log(DOUBT) + logsumexp(evidence) - np.log(len(evidence))
+        probability = 1.0 / (1.0 + np.exp(-np.clip(log_odds, -LARGEST, LARGEST)))
+        if probability < DOUBT:
+            return self.nothing(reading)
+        joints = int(self._torque.known.sum())
+        left = float(precisions @ torques**2) - 2.0 * gains.max()
+        limit = float(chi2.ppf(SURE, max(joints - 3, 1)))
+        single = float(np.clip(2.0 - left / limit, 0.0, 1.0))
+        notes = (Note.MORE_THAN_ONE_CONTACT,) if single < 1.0 else ()
+        weights = np.exp(gains - gains.max())
+        weights /= weights.sum()
+        if undecided := self._undecided(groups, weights):
+            return self.nothing(reading, notes=(*notes, undecided))
+        if single == 0.0:
+            return self.nothing(reading, notes=notes)
+        kept = weights >= FAINT * weights.max()
+        weights = weights[kept] / weights[kept].sum()
+        spread = np.hypot(config.noise, max(surface.spacing, state.grid.voxel_size) / np.sqrt(12.0))
+        return self.cloud(
+            reading,
+            points[kept],
+            min(probability * single, config.p_max) * weights,
+            frame=state.grid.frame,
+            forces=forces[kept],
+            spreads=np.full(len(weights), spread),
+            single=True,
+            notes=notes,
+        )
+
+    def _undecided(self, groups: NDArray[np.intp], weights: FloatArray) -> str:
+        """A note where the contact may lie on too many parts, or most likely near the base; or "".
+
+        Args:
+            groups: shape (m,), the part of each point: links that load the same joints.
+            weights: shape (m,), how probable each point is; they sum to 1.
+        """
+        shares = np.bincount(groups, weights)
+        order = np.argsort(-shares, kind="stable")
+        needed = int(np.searchsorted(np.cumsum(shares[order]), HELD)) + 1
+        first = self._felt.sum(axis=1) <= 1
+        near_base = sum(shares[group] for group in {*self._groups[first]} if group < len(shares))
+        if needed <= MOST and near_base <= 0.5:
+            return ""
+        parts = {*order[:needed].tolist()}
+        links = [
+            name
+            for name, group in zip(self._dynamics.model.link_names, self._groups, strict=True)
+            if group in parts and name in self._links
+        ]
+        return f"it cannot tell on which link: {', '.join(links)}"
+
+    def _explained(
+        self,
+        robot: PosedRobot,
+        surface: Surface,
+        rows: NDArray[np.intp],
+        torques: FloatArray,
+        precisions: FloatArray,
+    ) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Gains and evidence, shape (m,), and forces, (m, 3) [N], at points of the surface."""
+        config, to_root = self.config, inverse(robot.base)
+        points = points_in(to_root, surface.points[rows])
+        normals = vectors_in(to_root, surface.normals[rows])
+        linear, angular = self._dynamics.axes(robot.positions)
+        gains, evidence = np.empty(len(rows)), np.empty(len(rows))
+        forces = np.empty((len(rows), 3))
+        explained(
+            points, normals, self._felt[surface.links[rows]], linear, angular, torques, precisions,
+            float(1.0 / np.hypot(1.0, config.friction)), config.strength**-2,
+            gains, evidence, forces,
+        )  # fmt: skip
+        return gains, evidence, vectors_in(robot.base, forces)
+
+
+def exposed(robot: RobotModel, link: str) -> NDArray[np.bool_]:
+    """The points of a link's surface that no link beside it covers, shape (n,)."""
+    points, rest = robot.parts[link].points, robot.known_positions(None)[0]
+    poses = robot.poses_at(np.clip(rest, *robot.limits.T))
+    exposed, parents = np.ones(len(points), np.bool_), robot.urdf.parents
+    for other, solid in robot.solids.items():
+        if parents.get(other) == link or parents.get(link) == other:
+            near = solid.signed_distances(points_in(inverse(poses[other]) @ poses[link], points))
+            exposed &= near > COVERED
+    return exposed
+
+
+@hookimpl
+def contactfusion_generators() -> Mapping[str, type[Generator[JointTorqueConfig]]]:
+    """The generator."""
+    return {"joint_torque": JointTorqueGenerator}

@@ -1,0 +1,271 @@
+"""Contacts on an arm by the torques of its joints: the observer, and where a contact may be."""
+
+import re
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from contactfusion import IntegratorConfig, Pipeline, PipelineConfig
+from contactfusion.arrays import FloatArray
+from contactfusion.errors import ConfigurationError, InvalidReadingError, RobotError
+from contactfusion.generators.external_torque import Effort, ExternalTorque
+from contactfusion.generators.joint_torque import JointTorqueConfig, JointTorqueGenerator
+from contactfusion.hypotheses import HypothesisCloud, Note
+from contactfusion.pipeline_config import CycleConfig
+from contactfusion.readings import JointState
+from contactfusion.robots.description import EffortConfig, RobotConfig
+from contactfusion.robots.dynamics import Dynamics
+from contactfusion.robots.model import RobotModel
+from tests.arms import ARM, BENT, SIGMA, STILL, known, pushed, reading, robot, state, whole
+
+UP = np.array([0.0, 0.0, -9.81])
+RUBS = np.array([1.0, 1.0, 1.0, 1.0, 0.0, 0.0, 0.0])
+"""Joints with friction; the physics cannot follow it where little moves."""
+
+
+def generator(**options: Any) -> JointTorqueGenerator:
+    config = JointTorqueConfig(**{"effort": "external", "joints": known(), **options})
+    return JointTorqueGenerator("arm", config)
+
+
+def only(cloud: tuple[HypothesisCloud, ...]) -> HypothesisCloud:
+    (found,) = cloud
+    return found
+
+
+def links_of(cloud: HypothesisCloud) -> dict[str, float]:
+    """The probability of a contact on each link."""
+    surface = state().placed_surface("test")
+    names = [surface.link_names[surface.links[row]] for row in surface.nearest(cloud.positions)[1]]
+    found = dict.fromkeys(names, 0.0)
+    for name, probability in zip(names, cloud.likelihoods.tolist(), strict=True):
+        found[name] += probability
+    return found
+
+
+@pytest.mark.parametrize("link", ["link_5", "link_6", "palm"])
+@pytest.mark.parametrize("newtons", [10.0, 20.0])
+def test_a_push_is_found_where_it_is(link: str, newtons: float) -> None:
+    away, right = [], []
+    for seed in range(12):
+        point, force, torques = pushed(link, newtons, seed)
+        cloud = only(generator().generate(reading(torques), state()))
+        assert cloud.single and cloud.likelihoods.sum() == pytest.approx(0.95)
+        assert cloud.forces is not None
+        best = int(cloud.likelihoods.argmax())
+        away.append(float(np.linalg.norm(cloud.positions[best] - point)))
+        on = links_of(cloud)
+        right.append(max(on, key=lambda name: on[name]))
+    assert np.median(away) < 0.03
+    hand = {name for name in robot().link_names if name.startswith(("finger", "palm", "wrist"))}
+    near = {"link_5": {"link_4", "link_6"}, "link_6": {"link_5", "link_7"} | hand, "palm": hand}
+    assert sum(name == link or name in near[link] for name in right) >= 10
+
+
+def test_a_joint_that_feels_nothing_excludes_the_links_beyond_it() -> None:
+    _, _, torques = pushed("link_3", 20.0)
+    cloud = only(generator().generate(reading(torques), state()))
+    on = links_of(cloud)
+    assert sum(on.get(name, 0.0) for name in ("link_2", "link_3")) > 0.8 * sum(on.values())
+
+
+def test_near_the_base_it_cannot_tell() -> None:
+    torques = np.zeros(len(ARM))
+    torques[0] = 0.8
+    cloud = only(generator().generate(reading(torques), state()))
+    assert not len(cloud)
+    assert any(note.startswith("it cannot tell on which link: link_1,") for note in cloud.notes)
+
+
+def test_noise_alone_is_no_contact() -> None:
+    rng = np.random.default_rng(0)
+    for _ in range(50):
+        noise = SIGMA * rng.standard_normal(len(ARM))
+        cloud = only(generator().generate(reading(noise), state()))
+        assert not len(cloud) and not cloud.notes
+
+
+def test_the_sign_of_an_external_torque_is_configured() -> None:
+    point, _, torques = pushed("link_6", 20.0)
+    cloud = only(generator(sign="by_robot").generate(reading(-torques), state()))
+    best = int(cloud.likelihoods.argmax())
+    assert np.linalg.norm(cloud.positions[best] - point) < 0.05
+
+
+def test_two_pushes_at_once_are_told_apart_from_one() -> None:
+    _, _, first = pushed("link_3", 30.0, 1)
+    _, _, second = pushed("palm", 30.0, 2)
+    cloud = only(generator(scale=0.0).generate(reading(first + second), state()))
+    assert Note.MORE_THAN_ONE_CONTACT in cloud.notes
+
+
+def test_a_robot_that_is_mounted_elsewhere_finds_it_there() -> None:
+    base = np.eye(4)
+    base[:3, :3] = Rotation.from_euler("xyz", [0.4, -0.2, 1.0]).as_matrix()
+    base[:3, 3] = 0.5, -0.2, 0.8
+    point, _, torques = pushed("link_6", 20.0, 4)
+    here = only(generator().generate(reading(torques), state()))
+    there = only(generator().generate(reading(torques), state(base=base)))
+    best = there.positions[int(there.likelihoods.argmax())]
+    expected = base[:3, :3] @ here.positions[int(here.likelihoods.argmax())] + base[:3, 3]
+    assert np.linalg.norm(best - expected) < 0.02
+
+
+def test_wrong_constants_make_it_less_sure_of_the_place() -> None:
+    _, _, torques = pushed("link_6", 20.0, 5)
+    wrong = torques * np.array([1.3, 0.8, 1.1, 0.9, 1.2, 0.75, 1.0])
+    sure = only(generator(scale=0.05).generate(reading(torques), state()))
+    wide = only(generator(scale=0.3).generate(reading(wrong), state()))
+    assert len(wide) > 3 * len(sure)
+
+
+def moving(
+    effort: Effort, push: FloatArray, friction: float = 0.0, velocities: bool = True
+) -> Iterator[JointState]:
+    """An arm that swings under gravity and its motors, pushed from 1 s on; readings at 200 Hz."""
+    pin, fingered = robot().kinematics
+    held = [fingered.getJointId(name) for name in STILL]
+    arm = pin.buildReducedModel(fingered, held, robot().configuration(whole(BENT)))
+    data, step, zero = arm.createData(), 0.001, np.zeros(len(ARM))
+    positions, speeds = BENT.copy(), zero
+    for number in range(2000):
+        stamp = number * step
+        wanted = (
+            BENT
+            + 0.2 * np.sin(2.0 * stamp + np.arange(len(ARM)))
+            - 0.2 * np.sin(np.arange(len(ARM)))
+        )
+        gravity = pin.computeGeneralizedGravity(arm, data, positions)
+        inertia = np.diag(pin.crba(arm, data, positions))
+        motors = gravity + inertia * (400.0 * (wanted - positions) - 40.0 * speeds)
+        rubbed = friction * RUBS * np.tanh(speeds / 0.01)
+        load = push if stamp >= 1.0 else zero
+        if number % 5 == 0:
+            reported = motors / (2.0 if effort == "current" else 1.0) + 0.3
+            yield reading(reported, positions, stamp, velocities=speeds if velocities else None)
+        acceleration = pin.aba(arm, data, positions, speeds, motors + load - rubbed)
+        speeds = speeds + step * acceleration
+        positions = positions + step * speeds
+
+
+@pytest.mark.parametrize("effort", ["measured", "current"])
+@pytest.mark.parametrize("velocities", [True, False])
+def test_the_observer_tells_the_push_from_motors_gravity_and_friction(
+    effort: Effort, velocities: bool
+) -> None:
+    push = np.array([3.0, -2.0, 1.0, 4.0, 0.5, -1.0, 0.2])
+    constant = 2.0 if effort == "current" else 1.0
+    joints = {
+        name: EffortConfig(noise=SIGMA, offset=0.3, constant=constant, coulomb=0.5 * rubs)
+        for name, rubs in zip(ARM, RUBS.tolist(), strict=True)
+    }
+    torque = ExternalTorque(Dynamics(robot()), joints, effort, gain=30.0, scale=0.0)
+    free, loaded = [], []
+    for each in moving(effort, push, 0.5, velocities):
+        found = torque.update(each, whole(each.positions), UP)
+        if found is None:
+            assert each.stamp == 0.0
+        elif 0.3 < each.stamp < 1.0:
+            free.append(found[0][: len(ARM)])
+        elif each.stamp > 1.3:
+            loaded.append(found[0][: len(ARM)])
+    assert np.abs(np.mean(free, axis=0)).max() < 0.15
+    np.testing.assert_allclose(np.mean(loaded, axis=0), push, atol=0.35)
+
+
+def test_friction_at_rest_may_be_anything_within_its_limit() -> None:
+    torque = ExternalTorque(Dynamics(robot()), known(coulomb=1.0), "measured", 30.0, 0.0)
+    for stamp in (0.0, 0.01):
+        zero = np.zeros(len(ARM))
+        found = torque.update(reading(zero, BENT, stamp, velocities=zero), whole(BENT), UP)
+    assert found is not None
+    np.testing.assert_allclose(found[1][: len(ARM)], np.hypot(SIGMA, 1.0 / np.sqrt(3.0)))
+
+
+def test_after_a_gap_the_observer_begins_again() -> None:
+    torque = ExternalTorque(Dynamics(robot()), known(), "measured", 30.0, 0.0)
+    zero = np.zeros(len(ARM))
+    stamps = (0.0, 0.01, 1.0, 1.01, 1.005)
+    given = [torque.update(reading(zero, BENT, at), whole(BENT), UP) for at in stamps]
+    assert [each is not None for each in given] == [False, True, False, True, False]
+
+
+def test_the_pipeline_finds_the_push_with_nothing_set() -> None:
+    point, force, torques = pushed("link_6", 20.0, 4)
+    config = PipelineConfig(
+        robot=RobotConfig(
+            urdf="contactfusion.robots:arm_hand.urdf", still=STILL, spacing=0.01, efforts=known()
+        ),
+        generators={"arm": {"type": "joint_torque", "effort": "external", "joints": list(ARM)}},
+        integrator=IntegratorConfig(frame="base"),
+        cycle=CycleConfig(on="joint_state"),
+    )
+    steps = Pipeline(config).run(reading(torques, stamp=0.01 * number) for number in range(30))
+    (contact,) = [*steps][-1].fusion.contacts
+    assert np.linalg.norm(contact.position - point) < 0.05
+    assert contact.force @ force > 0.8 * np.linalg.norm(contact.force) * np.linalg.norm(force)
+
+
+def test_a_joint_of_which_nothing_is_known_is_named() -> None:
+    config = PipelineConfig(
+        robot=RobotConfig(urdf="contactfusion.robots:arm_hand.urdf", still=STILL, efforts=known()),
+        generators={"arm": {"type": "joint_torque", "effort": "external", "joints": ["arm_9"]}},
+        integrator=IntegratorConfig(frame="base"),
+        cycle=CycleConfig(on="joint_state"),
+    )
+    with pytest.raises(ConfigurationError, match="arm_9"):
+        Pipeline(config)
+
+
+# Bad input
+
+
+def test_a_reading_without_efforts_is_refused() -> None:
+    with pytest.raises(InvalidReadingError, match="has no efforts; a driver that reports"):
+        generator().generate(reading(None), state())
+
+
+def test_a_joint_without_effort_is_named() -> None:
+    fewer = JointState(
+        stamp=0.0, frame="base", names=ARM[:6], positions=BENT[:6], efforts=np.ones(6)
+    )
+    with pytest.raises(InvalidReadingError, match="no effort of 'arm_7'"):
+        generator().generate(fewer, state())
+
+
+def test_efforts_are_found_by_name_in_any_order() -> None:
+    point, _, torques = pushed("link_6", 20.0, 6)
+    order = np.array([3, 0, 6, 2, 5, 1, 4])
+    turned = JointState(
+        stamp=0.0, frame="base", names=tuple(ARM[row] for row in order), positions=BENT[order],
+        efforts=torques[order],
+    )  # fmt: skip
+    straight = only(generator().generate(reading(torques), state()))
+    again = only(generator().generate(turned, state()))
+    np.testing.assert_array_equal(straight.likelihoods, again.likelihoods)
+    assert len(point) == 3
+
+
+def test_efforts_that_are_all_zero_are_of_no_sensor() -> None:
+    cloud = only(generator().generate(reading(np.zeros(len(ARM))), state()))
+    assert cloud.notes == (Note.UNHEALTHY,)
+
+
+def test_an_unknown_joint_is_named_with_the_nearest() -> None:
+    wrong = {"arm_8": EffortConfig(noise=0.1)}
+    with pytest.raises(ConfigurationError, match="unknown joint 'arm_8'; .*'arm_"):
+        generator(joints=wrong).prepare(robot())
+
+
+def test_a_robot_without_inertias_is_refused_where_they_are_needed(tmp_path: Path) -> None:
+    text = robot().urdf.path.read_text()
+    path = tmp_path / "light.urdf"
+    path.write_text(re.sub(r"<inertial>.*?</inertial>", "", text))
+    light = RobotModel(RobotConfig(urdf=str(path), still=STILL))
+    generator().prepare(light)
+    with pytest.raises(RobotError, match="joint 'arm_1' moves no mass: give inertias of link_1"):
+        generator(effort="measured").prepare(light)
