@@ -25,6 +25,10 @@ PERSISTS = 0.2
 """Evidence of other sources that lasts longer than this silences a taxel [s]."""
 ALIVE = 0.5
 """The share of taxels that must have changed for a patch to show noise."""
+OFTEN = 10
+"""So often half of the taxels must have changed before one that never did is stuck."""
+STUCK = "{} of the taxels never change: stuck?"
+"""A note on a cloud."""
 MARGIN = 2.0
 """Distance in voxels within which a taxel may share a voxel with a contact, and can't exclude
 it."""
@@ -45,6 +49,7 @@ class Health:
         self._window = window
         self._values: FloatArray | None = None
         self._changed = np.full(taxels, -np.inf)
+        self._changes = np.zeros(taxels, np.int64)
         self._confirmed = -np.inf
         self._disputed_since = np.full(taxels, np.inf)
 
@@ -56,7 +61,9 @@ class Health:
             values: shape (n,), as measured.
         """
         if self._values is not None:
-            self._changed[values != self._values] = stamp
+            changed = values != self._values
+            self._changed[changed] = stamp
+            self._changes += changed
         self._values = values
 
     def confirm(self, stamp: float) -> None:
@@ -67,6 +74,11 @@ class Health:
         """Whether the patch has shown itself alive within the window."""
         noisy = float((stamp - self._changed <= self._window).mean()) >= ALIVE
         return noisy or stamp - self._confirmed <= self._window
+
+    def stuck(self) -> NDArray[np.bool_]:
+        """Taxels that have never changed while most others have, often, shape (n,)."""
+        often = float(np.median(self._changes)) >= OFTEN
+        return np.asarray((self._changes == 0) & often, np.bool_)
 
     def disputed(self, stamp: float, contradicted: NDArray[np.bool_]) -> NDArray[np.bool_]:
         """Taxels over which another source has reported a contact for long, shape (n,).
@@ -158,17 +170,22 @@ class TactileGenerator(Generator[TactileConfig]):
         """Hypotheses over the area of each touched taxel."""
         assert isinstance(reading, TactileImage)
         touch = self.touch(reading)
+        self._health.watch(reading.stamp, reading.values)
+        stuck = self._health.stuck() & (touch > 0.0)
+        touch = np.where(stuck, 0.0, touch)
         positions, taxels, spreads = self._positions(state.grid.voxel_size)
         touched = touch >= self.config.floor * self._noise
         chosen = touched[taxels]
         felt = np.where(touched, touch, 0.0)
         likelihoods = np.minimum(felt / self._largest(felt), self.config.p_max)
+        notes = (STUCK.format(stuck.sum()),) if stuck.any() and chosen.any() else ()
         clouds = [
             self.cloud(
                 reading,
                 positions[chosen],
                 likelihoods[taxels[chosen]],
                 spreads=spreads[taxels[chosen]],
+                notes=notes,
                 resultant=self._resultant(np.where(touched, touch, 0.0), reading, state),
             )
         ]
@@ -236,7 +253,6 @@ class TactileGenerator(Generator[TactileConfig]):
         if len(others):
             others = points_in(state.frames.pose(reading.frame, of=state.grid.frame), others)
         claimed = near(others, MARGIN * side)
-        self._health.watch(stamp, reading.values)
         if (touched & claimed).any():
             self._health.confirm(stamp)
         disputed = self._health.disputed(stamp, claimed)

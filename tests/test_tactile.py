@@ -54,6 +54,41 @@ def test_the_likelihood_is_the_value_over_the_largest_of_the_reading() -> None:
     assert cloud.kind == HypothesisKind.REGULAR and not cloud.single
 
 
+def _read(gen: TactileGenerator, pressed: int, readings: int, stuck: bool) -> HypothesisCloud:
+    """A row of taxels with noise, the last of which stays at 3; one is pressed at last."""
+    rng, clouds = np.random.default_rng(0), []
+    for number in range(readings):
+        values = 0.1 * rng.standard_normal(4)
+        values[pressed] += 10.0 * (number == readings - 1)
+        values[3] = 3.0 if stuck else 3.0 + 0.1 * rng.standard_normal()
+        reading = image(*values, stamp=0.05 * number)
+        clouds.append(gen.generate(reading, State(now=reading.stamp, grid=GRID))[0])
+    return clouds[-1]
+
+
+def test_a_taxel_that_never_changes_is_stuck() -> None:
+    quiet = {"baseline": {"noise": 0.1}}
+    cloud = _read(generator(**quiet), 0, 20, stuck=True)
+    assert set(by_taxel(cloud)) == {-7.5}
+    assert cloud.notes == ("1 of the taxels never change: stuck?",)
+    assert set(by_taxel(_read(generator(**quiet), 0, 20, stuck=False))) == {-7.5, 7.5}
+
+
+def test_a_stuck_taxel_alone_is_silence() -> None:
+    cloud = _read(generator(baseline={"noise": 0.1}, floor=500.0), 0, 20, stuck=True)
+    assert not len(cloud) and not cloud.notes
+
+
+def test_nothing_is_stuck_before_most_taxels_have_changed() -> None:
+    cloud = _read(generator(baseline={"noise": 0.1}), 0, 8, stuck=True)
+    assert set(by_taxel(cloud)) == {-7.5, 7.5}
+    still = generator()
+    for number in range(30):
+        reading = image(0.0, 0.0, 10.0, 0.0, stamp=0.05 * number)
+        cloud = still.generate(reading, State(now=reading.stamp, grid=GRID))[0]
+    assert set(by_taxel(cloud)) == {2.5}
+
+
 def test_with_a_gain_the_forces_add_up_to_a_resultant() -> None:
     values, gain = np.array([10.0, 20.0, 40.0, 0.0]), 0.05
     y = np.array([-7.5, -2.5, 2.5, 7.5]) / 1e3
