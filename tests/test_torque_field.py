@@ -1,5 +1,7 @@
 """Kernels: one contact at each point of the surface, as an explanation of joint torques."""
 
+from typing import Any, cast
+
 import numpy as np
 import pytest
 from scipy.optimize import minimize
@@ -49,10 +51,10 @@ def by_search(point: FloatArray, normal: FloatArray, torques: FloatArray, fricti
         return friction * pushes - float(np.sqrt(np.sum((force + pushes * normal) ** 2) + 1e-12))
 
     starts = [-normal * size for size in (0.1, 5.0, 30.0)]
-    bounds = {"type": "ineq", "fun": inside}
-    found = [minimize(cost, start, constraints=[bounds], method="SLSQP") for start in starts]
-    none = cost(np.zeros(3))
-    return 0.5 * (none - min([none, *(each.fun for each in found if inside(each.x) > -1e-6)]))
+    bounds, solve = {"type": "ineq", "fun": inside}, cast("Any", minimize)
+    found = [solve(cost, start, constraints=[bounds], method="SLSQP") for start in starts]
+    costs = [cost(np.zeros(3)), *(each.fun for each in found if inside(each.x) > -1e-6)]
+    return 0.5 * (costs[0] - min(costs))
 
 
 @pytest.mark.parametrize("friction", [0.1, 0.5, 2.0])
