@@ -111,9 +111,9 @@ class TactileConfig(GeneratorConfig):
     """Standard deviation, by axis, of the position of the patch and of the spread of a push in the
     skin, together [m]."""
     gain: float | None = Field(default=None, gt=0)
-    """Force on a taxel per unit of its value [N per unit]; None: unknown. With it the sum of all forces, and
-    so the centre of pressure, is known of a patch that covers all of its link that can be touched.
-    """
+    """Force on a taxel per unit of its value [N per unit]; None: unknown. With it the sum of all
+    forces, and so the centre of pressure, is known of a patch that covers all of its link that can
+    be touched."""
     free: bool = False
     """Whether a healthy patch excludes contacts where it measures none, as Null."""
     health_window: Memory = Field(default=2.0, gt=0)
