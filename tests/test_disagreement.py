@@ -24,7 +24,7 @@ def disagreements(
 ) -> list[Event]:
     """What is reported of two skins in contact, the second of which is off, [mm] of 4 mm stated."""
     integrator, rng = Integrator(IntegratorConfig(frame="hand")), np.random.default_rng(0)
-    events = []
+    events = list[Event]()
     for stamp in np.arange(0.0, seconds, pauses).tolist():
         for name, by in (("left", (0.0, 0.0, 0.0)), ("right", offset)):
             place = (np.array([10.0, 5.0, 0.0]) + by + noise * rng.standard_normal(3)) / 1e3

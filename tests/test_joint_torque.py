@@ -1,7 +1,7 @@
 """Contacts on an arm by the torques of its joints: the observer, and where a contact may be."""
 
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -32,7 +32,7 @@ def generator(**options: Any) -> JointTorqueGenerator:
     return JointTorqueGenerator("arm", config)
 
 
-def only(cloud: tuple[HypothesisCloud, ...]) -> HypothesisCloud:
+def only(cloud: Sequence[HypothesisCloud]) -> HypothesisCloud:
     (found,) = cloud
     return found
 

@@ -53,7 +53,8 @@ def by_search(point: FloatArray, normal: FloatArray, torques: FloatArray, fricti
     starts = [-normal * size for size in (0.1, 5.0, 30.0)]
     bounds, solve = {"type": "ineq", "fun": inside}, cast("Any", minimize)
     found = [solve(cost, start, constraints=[bounds], method="SLSQP") for start in starts]
-    costs = [cost(np.zeros(3)), *(each.fun for each in found if inside(each.x) > -1e-6)]
+    fit = [float(each.fun) for each in found if inside(each.x) > -1e-6]
+    costs = [cost(np.zeros(3)), *fit]
     return 0.5 * (costs[0] - min(costs))
 
 

@@ -222,7 +222,7 @@ def learned(run: Run, runs: Sequence[Run]) -> Learned:
     )
     wrench = np.concatenate([foot.at_skin(foot.wrench_centres) for foot in feet])
     given = np.column_stack([wrench, np.ones(len(wrench))])
-    fitted = np.linalg.lstsq(given, skin, rcond=None)[0]
+    fitted: FloatArray = np.asarray(np.linalg.lstsq(given, skin, rcond=None)[0], np.float64)
     force = sum(np.abs(foot.at_skin(foot.wrenches)[:, 2]).sum() for foot in feet)
     return Learned(
         baseline=np.max([image.max(axis=0) for image in images], axis=0),
@@ -282,14 +282,23 @@ class Track:
     def after(self, stamp: float) -> "Track":
         """The part after a stamp [s]."""
         late = self.stamps > stamp
-        columns = (self.stamps, self.places, self.covariances, self.judge)
-        return Track(*(column[late] for column in columns), self.deviation)
+        return Track(
+            self.stamps[late],
+            self.places[late],
+            self.covariances[late],
+            self.judge[late],
+            self.deviation,
+        )
 
     def joined(self, other: "Track") -> "Track":
         """This one, then another."""
-        pairs = ("stamps", "places", "covariances", "judge")
-        columns = [np.concatenate([getattr(self, each), getattr(other, each)]) for each in pairs]
-        return Track(*columns, self.deviation)
+        return Track(
+            np.concatenate([self.stamps, other.stamps]),
+            np.concatenate([self.places, other.places]),
+            np.concatenate([self.covariances, other.covariances]),
+            np.concatenate([self.judge, other.judge]),
+            self.deviation,
+        )
 
 
 class Trial:
