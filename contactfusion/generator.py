@@ -12,7 +12,7 @@ from pydantic import Field
 
 from contactfusion.errors import PluginError, name_hint
 from contactfusion.grid import Grid
-from contactfusion.hypotheses import HypothesisCloud, HypothesisKind
+from contactfusion.hypotheses import HypothesisCloud, HypothesisKind, Resultant
 from contactfusion.model import Model
 from contactfusion.plugins import class_fault
 from contactfusion.readings import Reading
@@ -85,6 +85,10 @@ class Generator(ABC, Generic[ConfigT]):
     """The kind of each output; output "free" of the generator "skin" is the source "skin/free"."""
     needs_body: ClassVar[bool] = False
     """Whether it needs the robot or its surface for any cloud; `check` then requires it."""
+
+    resultant: Resultant | None = None
+    """The sum of all contacts on a part of the robot by the last reading, in the grid's frame, for
+    other generators; None: it is not measured."""
 
     def __init__(self, name: str, config: ConfigT) -> None:
         self.name = name

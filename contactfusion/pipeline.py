@@ -27,7 +27,7 @@ from contactfusion.estimate import HYPOTHESIS, counted, size
 from contactfusion.frames import points_in, vectors_in
 from contactfusion.generator import checked_clouds
 from contactfusion.grid import Grid
-from contactfusion.hypotheses import HypothesisCloud, HypothesisKind
+from contactfusion.hypotheses import HypothesisCloud, HypothesisKind, Resultant
 from contactfusion.integrator.fusion import Fusion
 from contactfusion.integrator.sources import Event
 from contactfusion.isolation import Isolated
@@ -39,6 +39,8 @@ from contactfusion.state import State
 from contactfusion.stream import Stream
 
 LOG = logging.getLogger(__name__)
+FRESH = 0.1
+"""A resultant that is older is not passed on [s]."""
 CONTROLLER = "the controller"
 """Name of the controller in messages, beside the quoted names of generators."""
 Ask = Callable[[AnyGenerator, Reading, State], Sequence[HypothesisCloud]]
@@ -125,6 +127,8 @@ class Pipeline:
         self._fusion: Fusion | None = None
         self._wrenches = list[Wrench]()
         """Since the last step, for the controller."""
+        self._resultants: dict[str, tuple[float, Resultant]] = {}
+        """The newest of each generator, with its stamp."""
 
     def plug(self, name: str, options: dict[str, Any]) -> None:
         """Plug a generator in, also while running.
@@ -233,6 +237,8 @@ class Pipeline:
             for generator in takers:
                 self.given[generator.name] += 1
                 self._deliver(generator, functools.partial(self._ask, generator, reading, state))
+                if generator.resultant is not None:
+                    self._resultants[generator.name] = reading.stamp, generator.resultant
 
     def step(self, now: float) -> Step:
         """Fuse all that is alive at `now` [s], and let the controller act on the contacts."""
@@ -261,7 +267,13 @@ class Pipeline:
 
     def state(self, stamp: float) -> State:
         """Robot state at a stamp [s]: joints, base pose, frames, surface."""
-        return self._robot.state(stamp, self._fusion)
+        state = self._robot.state(stamp, self._fusion)
+        fresh = {
+            name: resultant
+            for name, (measured, resultant) in self._resultants.items()
+            if abs(stamp - measured) <= FRESH and name in self.generators
+        }
+        return replace(state, resultants=fresh) if fresh else state
 
     def reset(self) -> None:
         """Start again, as when a recording is played a second time; plugs stay."""
@@ -269,6 +281,7 @@ class Pipeline:
         self._robot.clear()
         self._fusion = None
         self._wrenches.clear()
+        self._resultants.clear()
         self.unplaced.clear()
         self.given.clear()
         self._failed_commands, self._first_failure = 0, ""

@@ -11,6 +11,7 @@ from contactfusion.contacts import Contact
 from contactfusion.errors import ConfigurationError, RobotError
 from contactfusion.frames import FrameTree, Pose
 from contactfusion.grid import Grid
+from contactfusion.hypotheses import Resultant
 from contactfusion.readings import JointState, Wrench
 from contactfusion.surface import Surface
 
@@ -45,6 +46,8 @@ class State:
         robot: the robot of the URDF in its pose, in the grid's frame, or None.
         objects: the believed poses of objects in the grid's frame, by name.
         wrenches: readings of all wrists since the last step, for controllers alone.
+        resultants: the sum of all contacts on a part of the robot as generators measure it, by the
+            name of the generator, in the grid's frame; none older than 0.1 s.
         fusion: the last step of the integrator, or None before the first; a `Fusion`, unless the
             generator is isolated.
         unplaced: why the pose of the configured robot or surface in the grid's frame is unknown;
@@ -60,6 +63,7 @@ class State:
     robot: "PosedRobot | None" = None
     objects: Mapping[str, Pose] = field(default_factory=dict)
     wrenches: tuple[Wrench, ...] = ()
+    resultants: Mapping[str, Resultant] = field(default_factory=dict)
     fusion: LastStep | None = None
     unplaced: str = ""
 

@@ -114,6 +114,7 @@ class ForceTorqueGenerator(Generator[ForceTorqueConfig]):
         self._left = BiasEstimate(noise, self.config.unknown_bias)
         self._asked: object = None
         self._touched = False
+        self.resultant = None
 
     def generate(self, reading: Reading, state: State) -> Sequence[HypothesisCloud]:
         """The positions on the surface where one contact explains the wrench.
@@ -132,6 +133,8 @@ class ForceTorqueGenerator(Generator[ForceTorqueConfig]):
         if wrench is None:
             return ()
         force, torque = wrench[:3], wrench[3:]
+        pose = state.frames.pose(state.grid.frame, of=reading.frame)
+        self.resultant = resultant = self._resultant(force, torque, reading, state).moved(pose)
         if np.linalg.norm(force) < self.least_force:
             self._was_free = True
             return (self.nothing(reading),)
@@ -139,8 +142,6 @@ class ForceTorqueGenerator(Generator[ForceTorqueConfig]):
         notes = (Note.MORE_THAN_ONE_CONTACT,) if probability < 1.0 else ()
         if not self._was_free and reading.stamp - first >= LOADED:
             notes = (*notes, Note.NEVER_FREE if self._has_changed else Note.UNCHANGED)
-        pose = state.frames.pose(state.grid.frame, of=reading.frame)
-        resultant = self._resultant(force, torque, reading, state).moved(pose)
         if probability == 0.0:
             return (self._off(reading, state, notes, resultant),)
         nearest = points_in(pose, line_of_action(force, torque)[None])[0]

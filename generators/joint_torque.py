@@ -15,6 +15,7 @@ from contactfusion.frames import inverse, points_in, vectors_in
 from contactfusion.generator import Generator, GeneratorConfig, OfRobot
 from contactfusion.generators.external_torque import Effort, ExternalTorque
 from contactfusion.generators.torque_field import explained
+from contactfusion.grid import Grid
 from contactfusion.hooks import hookimpl
 from contactfusion.hypotheses import HypothesisCloud, Note
 from contactfusion.readings import JointState, Reading
@@ -23,9 +24,9 @@ from contactfusion.robots.dynamics import Dynamics
 from contactfusion.robots.model import RobotModel
 from contactfusion.robots.posed import PosedRobot
 from contactfusion.state import State
-from contactfusion.surface import Surface
+from contactfusion.surface import RigidPart, Surface
 from contactfusion.thinning import voxel_downsample
-from contactfusion.units import Acceleration, Force, Spread
+from contactfusion.units import Acceleration, Force, Spacing, Spread
 
 SURE = 0.999
 """Less than one in a thousand of single contacts leaves more unexplained."""
@@ -37,10 +38,10 @@ FELT = 2.0
 """Points where a force changes the evidence by less, as a logarithm, are as good as not felt."""
 BLIND = "in this pose no joint feels a force on any link"
 """A note: the arm is stretched out, or its efforts are too noisy."""
+UNDECIDED = "it cannot tell on which link: "
+"""How a note begins that names links, with commas between them."""
 HELD, MOST = 0.9, 3
 """Where more parts of the arm are needed to hold that probability, nothing is claimed."""
-COVERED = 0.002
-"""Points of a link that are so near a neighbouring link can't be touched [m]."""
 LARGEST = 30.0
 """Logarithms of odds are cut off there."""
 
@@ -71,6 +72,8 @@ class JointTorqueConfig(GeneratorConfig):
     """The largest probability of a contact."""
     noise: Spread = Field(default=0.005, ge=0)
     """Standard deviation, by axis, of the position of the robot's surface [m]."""
+    spacing: Spacing = Field(default=0.01, gt=0)
+    """Distance between the points of the surface that are tried [m]."""
     gravity: tuple[Acceleration, Acceleration, Acceleration] = (0.0, 0.0, -9.81)
     """In the frame of the hypothesis space [m/s²]."""
 
@@ -109,8 +112,12 @@ class JointTorqueGenerator(Generator[JointTorqueConfig]):
         chosen = robot.known_links(config.links)
         rows = zip(robot.link_names, self._felt, strict=True)
         loaded = {name for name, joints in rows if joints.any()}
-        self._links = [name for name in robot.parts if name in chosen and name in loaded]
-        self._open = np.concatenate([exposed(robot, name) for name in self._links])
+        self._parts = {
+            name: _thinned(part, robot.exposed[name], self.config.spacing)
+            for name, part in robot.parts.items()
+            if name in chosen and name in loaded
+        }
+        """The surface of each link that may be touched."""
         self._groups = np.unique(self._felt, axis=0, return_inverse=True)[1].ravel()
 
     def reset(self) -> None:
@@ -137,7 +144,43 @@ class JointTorqueGenerator(Generator[JointTorqueConfig]):
         found = self._torque.update(reading, robot.positions, gravity)
         if found is None:
             return ()
-        return (self._cloud(reading, state, robot, *found),)
+        torques, deviations = found
+        if self.config.effort == "external" and self.config.sign == "by_robot":
+            torques = -torques
+        return (self._cloud(reading, state, robot, *self._unmeasured(state, torques, deviations)),)
+
+    def _unmeasured(
+        self, state: State, torques: FloatArray, deviations: FloatArray
+    ) -> tuple[FloatArray, FloatArray, frozenset[str]]:
+        """Torques without those of contacts whose sum another sensor measures, as at a wrist.
+
+        Args:
+            state: its resultants, of which one on a part of another's is in that already.
+            torques: shape (n,), of all contacts [N·m, N].
+            deviations: shape (n,), their standard deviations.
+
+        Returns:
+            The torques and deviations that are left, and the links that they do not speak of.
+        """
+        robot, squares, measured = state.posed_robot(self.name), deviations**2, set[str]()
+        linear, angular = self._dynamics.axes(robot.positions)
+        parts = {name: {*each.links} for name, each in state.resultants.items() if each.links}
+        for name, links in parts.items():
+            if any(links < others for others in parts.values()):
+                continue
+            at_root = state.resultants[name].moved(inverse(robot.base))
+            rows = [robot.model.link_names.index(link) for link in links]
+            loads = self._felt[rows].all(axis=0)
+            by_force = linear + np.cross(angular, at_root.origin)
+            load = loads * (by_force @ at_root.force + angular @ at_root.torque)
+            torques = torques - load
+            squares = squares + loads * (
+                np.square(by_force).sum(axis=1) * at_root.force_deviation**2
+                + np.square(angular).sum(axis=1) * at_root.torque_deviation**2
+                + (self.config.scale * load) ** 2
+            )
+            measured |= links
+        return torques, np.sqrt(squares), frozenset(measured)
 
     def _is_dead(self, reading: JointState) -> bool:
         """Whether all efforts are exactly zero: those of a working arm never are."""
@@ -150,18 +193,23 @@ class JointTorqueGenerator(Generator[JointTorqueConfig]):
         robot: PosedRobot,
         torques: FloatArray,
         deviations: FloatArray,
+        measured: frozenset[str],
     ) -> HypothesisCloud:
-        """The hypotheses that torques with standard deviations, both of shape (n,), give."""
+        """The hypotheses that torques with standard deviations, both of shape (n,), give.
+
+        Contacts on links that are measured otherwise are left out.
+        """
         config = self.config
         assert self._torque is not None
-        if config.effort == "external" and config.sign == "by_robot":
-            torques = -torques
-        surface = robot.surface_of(self._links)
-        rows = np.flatnonzero(self._open)
-        rows = rows[voxel_downsample(surface.points[rows], state.grid)]
-        points, groups = surface.points[rows], self._groups[surface.links[rows]]
+        parts = [
+            (part, robot.poses[name]) for name, part in self._parts.items() if name not in measured
+        ]
+        if not parts:
+            return self.nothing(reading)
+        surface = Surface.of_parts(state.grid.frame, parts, robot.model.link_names)
+        points, groups = surface.points, self._groups[surface.links]
         precisions = np.where(self._torque.known, 1.0 / deviations**2, 0.0)
-        gains, evidence, forces = self._explained(robot, surface, rows, torques, precisions)
+        gains, evidence, forces = self._explained(robot, surface, torques, precisions)
         felt = gains - evidence > FELT
         if not felt.any():
             return self.nothing(reading, notes=(BLIND,))
@@ -184,7 +232,8 @@ class JointTorqueGenerator(Generator[JointTorqueConfig]):
             return self.nothing(reading, notes=notes)
         kept = weights >= FAINT * weights.max()
         weights = weights[kept] / weights[kept].sum()
-        spread = np.hypot(config.noise, max(surface.spacing, state.grid.voxel_size) / np.sqrt(12.0))
+        apart = max(config.spacing, surface.spacing)
+        spread = np.hypot(config.noise, apart / np.sqrt(12.0))
         return self.cloud(
             reading,
             points[kept],
@@ -214,43 +263,39 @@ class JointTorqueGenerator(Generator[JointTorqueConfig]):
         links = [
             name
             for name, group in zip(self._dynamics.model.link_names, self._groups, strict=True)
-            if group in parts and name in self._links
+            if group in parts and name in self._parts
         ]
-        return f"it cannot tell on which link: {', '.join(links)}"
+        return f"{UNDECIDED}{', '.join(links)}"
 
     def _explained(
         self,
         robot: PosedRobot,
         surface: Surface,
-        rows: NDArray[np.intp],
         torques: FloatArray,
         precisions: FloatArray,
     ) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Gains and evidence, shape (m,), and forces, (m, 3) [N], at points of the surface."""
         config, to_root = self.config, inverse(robot.base)
-        points = points_in(to_root, surface.points[rows])
-        normals = vectors_in(to_root, surface.normals[rows])
+        points, normals = points_in(to_root, surface.points), vectors_in(to_root, surface.normals)
         linear, angular = self._dynamics.axes(robot.positions)
-        gains, evidence = np.empty(len(rows)), np.empty(len(rows))
-        forces = np.empty((len(rows), 3))
+        gains, evidence, forces = (
+            np.empty(len(points)),
+            np.empty(len(points)),
+            np.empty_like(points),
+        )
         explained(
-            points, normals, self._felt[surface.links[rows]], linear, angular, torques, precisions,
+            points, normals, self._felt[surface.links], linear, angular, torques, precisions,
             float(1.0 / np.hypot(1.0, config.friction)), config.strength**-2,
             gains, evidence, forces,
         )  # fmt: skip
         return gains, evidence, vectors_in(robot.base, forces)
 
 
-def exposed(robot: RobotModel, link: str) -> NDArray[np.bool_]:
-    """The points of a link's surface that no link beside it covers, shape (n,)."""
-    points, rest = robot.parts[link].points, robot.known_positions(None)[0]
-    poses = robot.poses_at(np.clip(rest, *robot.limits.T))
-    exposed, parents = np.ones(len(points), np.bool_), robot.urdf.parents
-    for other, solid in robot.solids.items():
-        if parents.get(other) == link or parents.get(link) == other:
-            near = solid.signed_distances(points_in(inverse(poses[other]) @ poses[link], points))
-            exposed &= near > COVERED
-    return exposed
+def _thinned(part: RigidPart, exposed: NDArray[np.bool_], spacing: float) -> RigidPart:
+    """The exposed points of a part that lie a distance [m] apart, or face otherwise."""
+    points, normals, links = part.points[exposed], part.normals[exposed], part.links[exposed]
+    rows = voxel_downsample(points + spacing * normals, Grid("part", spacing))
+    return RigidPart(points[rows], normals[rows], links[rows])
 
 
 @hookimpl

@@ -14,6 +14,7 @@ from contactfusion.jit import kernel
 
 ANGLES, HALVINGS = 16, 5
 """Directions on the edge of the cone that are tried, and refinements of the best of them."""
+COSINES, SINES = (turn(2.0 * np.pi * np.arange(ANGLES) / ANGLES) for turn in (np.cos, np.sin))
 
 
 @kernel
@@ -63,50 +64,57 @@ def _solved(square: FloatArray, given: FloatArray, force: FloatArray) -> float:
 
 
 @kernel
-def _along(square: FloatArray, given: FloatArray, way: FloatArray) -> tuple[float, float]:
-    """What the best force along a unit vector explains, and its size, at least 0."""
-    explained = given[0] * way[0] + given[1] * way[1] + given[2] * way[2]
-    if explained <= 0.0:
-        return 0.0, 0.0
-    costs = 0.0
-    for row in range(3):
-        for column in range(3):
-            costs += way[row] * square[row, column] * way[column]
-    return explained * explained / costs, explained / costs
-
-
-@kernel
 def _on_edge(
     square: FloatArray, given: FloatArray, inward: FloatArray, cosine: float, force: FloatArray
 ) -> float:
-    """Write the best force on the edge of the cone of friction; what it explains."""
-    first, second, way = np.empty(3), np.empty(3), np.empty(3)
+    """Write the best force on the edge of the cone of friction; what it explains.
+
+    In axes along the normal and across it, what a force at an angle about the normal explains is a
+    quotient of trigonometric polynomials: its size follows from the angle.
+    """
+    axes, turned, sums = np.empty((3, 3)), np.empty((3, 3)), np.empty(3)
     least = 0
     for axis in range(3):
         if abs(inward[axis]) < abs(inward[least]):
             least = axis
     length = np.sqrt(1.0 - inward[least] ** 2)
     for axis in range(3):
-        first[axis] = ((axis == least) - inward[least] * inward[axis]) / length
-    second[0] = inward[1] * first[2] - inward[2] * first[1]
-    second[1] = inward[2] * first[0] - inward[0] * first[2]
-    second[2] = inward[0] * first[1] - inward[1] * first[0]
-    sine, best, at = np.sqrt(1.0 - cosine**2), 0.0, 0.0
-    force[:] = 0.0
-    step = 2.0 * np.pi / ANGLES
+        axes[0, axis] = inward[axis]
+        axes[1, axis] = ((axis == least) - inward[least] * inward[axis]) / length
+    axes[2, 0] = inward[1] * axes[1, 2] - inward[2] * axes[1, 1]
+    axes[2, 1] = inward[2] * axes[1, 0] - inward[0] * axes[1, 2]
+    axes[2, 2] = inward[0] * axes[1, 1] - inward[1] * axes[1, 0]
+    for row in range(3):
+        sums[row] = 0.0
+        for axis in range(3):
+            sums[row] += given[axis] * axes[row, axis]
+        for column in range(row, 3):
+            turned[row, column] = 0.0
+            for first in range(3):
+                for second in range(3):
+                    turned[row, column] += (
+                        axes[row, first] * square[first, second] * axes[column, second]
+                    )
+    sine = np.sqrt(1.0 - cosine**2)
+    step, best, at, size = 2.0 * np.pi / ANGLES, 0.0, 0.0, 0.0
     for trial in range(ANGLES + 2 * HALVINGS):
         if trial < ANGLES:
-            angle = trial * step
+            u, v, angle = COSINES[trial], SINES[trial], trial * step
         else:
             step *= 0.5 if (trial - ANGLES) % 2 == 0 else 1.0
             angle = at + (step if (trial - ANGLES) % 2 == 0 else -step)
-        for axis in range(3):
-            across = np.cos(angle) * first[axis] + np.sin(angle) * second[axis]
-            way[axis] = cosine * inward[axis] + sine * across
-        explained, size = _along(square, given, way)
-        if explained > best:
-            best, at = explained, angle
-            force[:] = size * way
+            u, v = np.cos(angle), np.sin(angle)
+        u, v = sine * u, sine * v
+        explained = cosine * sums[0] + u * sums[1] + v * sums[2]
+        if explained <= 0.0:
+            continue
+        costs = cosine * cosine * turned[0, 0] + u * u * turned[1, 1] + v * v * turned[2, 2]
+        costs += 2.0 * (cosine * (u * turned[0, 1] + v * turned[0, 2]) + u * v * turned[1, 2])
+        if explained * explained > best * costs:
+            best, at, size = explained * explained / costs, angle, explained / costs
+    u, v = sine * np.cos(at), sine * np.sin(at)
+    for axis in range(3):
+        force[axis] = size * (cosine * axes[0, axis] + u * axes[1, axis] + v * axes[2, axis])
     return best
 
 

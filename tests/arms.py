@@ -8,7 +8,6 @@ import numpy as np
 from contactfusion import Grid, State
 from contactfusion.arrays import FloatArray
 from contactfusion.frames import FrameTree
-from contactfusion.generators.joint_torque import exposed
 from contactfusion.readings import JointState
 from contactfusion.robots.description import EffortConfig, RobotConfig
 from contactfusion.robots.dynamics import Dynamics
@@ -62,7 +61,7 @@ def pushed(link: str, newtons: float, seed: int = 0) -> tuple[FloatArray, FloatA
     """A random point of a link [m], the force that pushes it [N], and the torques of all joints."""
     rng, surface = np.random.default_rng(seed), state().placed_surface("test")
     own = np.flatnonzero(surface.links == surface.link_names.index(link))
-    row = int(rng.choice(own[exposed(robot(), link)]))
+    row = int(rng.choice(own[robot().exposed[link]]))
     force = -newtons * surface.normals[row]
     linear, angular = Dynamics(robot()).axes(whole(BENT))
     arms = linear + np.cross(angular, surface.points[row])

@@ -27,6 +27,8 @@ from contactfusion.units import LENGTH
 
 SPHERE_SPACING = 0.008
 """The distance between the points that spheres are fitted to, about [m]."""
+COVERED = 0.002
+"""Points of a link that are so near a neighbouring link can't be touched [m]."""
 MOUNTED = 10.0
 """The furthest that a frame is mounted from its link [m]; half of the links' reach if greater."""
 
@@ -316,6 +318,21 @@ class RobotModel:
             which = "no link" if self.config.links is None else "no link of `links`"
             raise RobotError(f"{self.urdf.path}: {which} has a <{self.config.shapes}> shape")
         return parts
+
+    @cached_property
+    def exposed(self) -> dict[str, NDArray[np.bool_]]:
+        """The points of each part that no neighbouring link covers, shape (n,) each."""
+        rest, parents = self.known_positions(None)[0], self.urdf.parents
+        poses = self.poses_at(np.clip(rest, *self.limits.T))
+        found = {}
+        for name, part in self.parts.items():
+            free = np.ones(len(part.points), np.bool_)
+            for other, solid in self.solids.items():
+                if parents.get(other) == name or parents.get(name) == other:
+                    points = points_in(inverse(poses[other]) @ poses[name], part.points)
+                    free &= solid.signed_distances(points) > COVERED
+            found[name] = free
+        return found
 
     @cached_property
     def spheres(self) -> SphereModel:

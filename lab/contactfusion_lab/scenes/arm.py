@@ -46,6 +46,8 @@ class CompliantArm:
         bullet.setGravity(0.0, 0.0, -9.81, **client)
         self._commanded = positions
         self.positions, self.velocities = positions.copy(), np.zeros(count)
+        self.torques, self.dragged = np.zeros((2, count))
+        """What motors and friction exerted in the last step, shape (n,) [N·m, N]."""
 
     def adapt(self, positions: FloatArray) -> None:
         """Set stiffness and damping for the inertias at positions far from those at the start.
@@ -58,8 +60,13 @@ class CompliantArm:
         """Stiffness K of the joints, shape (n,) [N·m/rad, N/m]."""
         self._damping = 2.0 * np.sqrt(self.stiffness * inertias)
 
-    def step(self, commanded: FloatArray) -> None:
-        """One step of the physics towards the commanded positions q*, shape (n,) [rad, m]."""
+    def step(self, commanded: FloatArray, friction: FloatArray | None = None) -> None:
+        """One step of the physics.
+
+        Args:
+            commanded: q*, shape (n,) [rad, m].
+            friction: the most that friction exerts, shape (n,) [N·m, N]; None: there is none.
+        """
         bullet, client, world = self._world.bullet, self._world.client, self._world
         torques = (
             self.stiffness * (commanded - self.positions)
@@ -68,6 +75,11 @@ class CompliantArm:
         )
         self._commanded = commanded
         np.clip(torques, -self._most, self._most, out=torques)
+        if friction is not None:  # a motor that stands still with a limited force holds as it does
+            bullet.setJointMotorControlArray(
+                world.robot, world.joints, bullet.VELOCITY_CONTROL,
+                targetVelocities=[0.0] * len(friction), forces=friction, **client
+            )  # fmt: skip
         bullet.setJointMotorControlArray(
             world.robot, world.joints, bullet.TORQUE_CONTROL, forces=torques, **client
         )
@@ -76,3 +88,6 @@ class CompliantArm:
         states = bullet.getJointStates(world.robot, world.joints, **client)
         self.positions = np.array([state[0] for state in states])
         self.velocities = np.array([state[1] for state in states])
+        self.torques = torques
+        if friction is not None:
+            self.dragged = np.array([state[3] for state in states])

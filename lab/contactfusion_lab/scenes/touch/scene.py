@@ -152,7 +152,7 @@ class TouchScene(Scene):
 
     def verdict(self, pipeline: Pipeline, last: Step) -> Verdict:
         """The true contacts at the end, and the distance of reported ones from them."""
-        return _touch_verdict(self.truth.contacts, self.robot.root, pipeline, last)
+        return touch_verdict(self.truth.contacts, self.robot.root, pipeline, last)
 
     def arrivals(self) -> Iterator[Arrival]:
         """The readings with the times at which they come."""
@@ -409,7 +409,7 @@ def distance_to_touch(
     return float(hits.min(initial=np.inf))
 
 
-def _touch_verdict(touching: Touching, root: str, pipeline: Pipeline, last: Step) -> Verdict:
+def touch_verdict(touching: Touching, root: str, pipeline: Pipeline, last: Step) -> Verdict:
     """The true contacts, and the distance of the contacts of the last step from them.
 
     Args:

@@ -1,0 +1,1 @@
+"""`experiment press`: arms pressed anywhere, felt by the torques of their joints."""

@@ -1,0 +1,1 @@
+"""Scene `press`: an arm in motion is pressed anywhere."""
