@@ -21,7 +21,7 @@ from contactfusion.robots.description import RobotConfig
 from contactfusion.robots.model import shared_robot
 from contactfusion.stream import Facts, Stream, Verdict
 
-LAB_SCENES = ("grasp", "push", "touch")
+LAB_SCENES = ("grasp", "press", "push", "touch")
 """Scenes that contactfusion-lab brings."""
 
 

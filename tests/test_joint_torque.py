@@ -2,6 +2,7 @@
 
 import re
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +15,7 @@ from contactfusion.arrays import FloatArray
 from contactfusion.errors import ConfigurationError, InvalidReadingError, RobotError
 from contactfusion.generators.external_torque import Effort, ExternalTorque
 from contactfusion.generators.joint_torque import JointTorqueConfig, JointTorqueGenerator
-from contactfusion.hypotheses import HypothesisCloud, Note
+from contactfusion.hypotheses import HypothesisCloud, Note, Resultant
 from contactfusion.pipeline_config import CycleConfig
 from contactfusion.readings import JointState
 from contactfusion.robots.description import EffortConfig, RobotConfig
@@ -269,3 +270,42 @@ def test_a_robot_without_inertias_is_refused_where_they_are_needed(tmp_path: Pat
     generator().prepare(light)
     with pytest.raises(RobotError, match="joint 'arm_1' moves no mass: give inertias of link_1"):
         generator(effort="measured").prepare(light)
+
+
+# Beside a wrist
+
+
+def held(force: FloatArray, point: FloatArray) -> Resultant:
+    """The wrench of a force on the hand, as a sensor at the origin measures it."""
+    links = robot().beyond("wrist_sensor")
+    return Resultant(force, np.cross(point, force), np.zeros(3), 0.1, 0.01, links)
+
+
+def test_what_a_wrist_measures_is_left_out_so_that_an_elbow_comes_apart_from_a_hand() -> None:
+    elbow, _, first = pushed("link_4", 30.0, 1)
+    hand, force, second = pushed("palm", 30.0, 2)
+    both = reading(first + second)
+    mixed = only(generator(scale=0.01).generate(both, state()))
+    assert Note.MORE_THAN_ONE_CONTACT in mixed.notes
+    beside = replace(state(), resultants={"wrist": held(force, hand)})
+    cloud = only(generator(scale=0.01).generate(both, beside))
+    assert cloud.notes == ()
+    best = cloud.positions[int(cloud.likelihoods.argmax())]
+    assert np.linalg.norm(best - elbow) < 0.06
+    assert not {*robot().beyond("wrist_sensor")} & {*links_of(cloud)} - {
+        name for name, share in links_of(cloud).items() if share == 0.0
+    }
+
+
+def test_a_hand_that_a_wrist_measures_alone_is_no_contact_of_the_arm() -> None:
+    hand, force, torques = pushed("palm", 30.0, 2)
+    beside = replace(state(), resultants={"wrist": held(force, hand)})
+    assert not len(only(generator().generate(reading(torques), beside)))
+
+
+def test_of_two_sensors_one_behind_the_other_the_first_measures_all() -> None:
+    hand, force, torques = pushed("palm", 30.0, 2)
+    whole_hand = held(force, hand)
+    finger = Resultant(0.1 * force, np.zeros(3), hand, 0.1, 0.01, ("finger_1_distal",))
+    beside = replace(state(), resultants={"wrist": whole_hand, "finger": finger})
+    assert not len(only(generator().generate(reading(torques), beside)))

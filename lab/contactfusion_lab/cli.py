@@ -247,6 +247,43 @@ def experiment_touch(
     run_touch(options, out)
 
 
+@experiments.command("press")
+def experiment_press(
+    arms: Annotated[
+        str, typer.Option(help="Arms, separated by commas: panda, ur10e, kuka; default: all.")
+    ] = "",
+    force: Annotated[
+        list[float] | None,
+        typer.Option(help="Force of a probe \\[N]; may be repeated; default: 10 and 20."),
+    ] = None,
+    touches: Annotated[
+        int, typer.Option(min=1, help="Number of presses of each arm by each force.")
+    ] = 40,
+    places: Annotated[
+        int, typer.Option(min=1, max=2, help="Number of places that are pressed at once.")
+    ] = 1,
+    free: Annotated[float, typer.Option(min=0.0, help="Minutes of free motion of each arm.")] = 1.0,
+    seed: Seed = 0,
+    workers: Workers = 2,
+    executor: Executed = "local",
+    scheduler: Scheduler = "",
+    out: Out = Path("out/press"),
+) -> None:
+    """Press arms in motion anywhere, felt by joint torques; resumes where it stopped."""
+    from contactfusion_lab.experiments.press.experiment import Options, run_press
+
+    options = Options(
+        arms=listed(arms),
+        forces=force or (10.0, 20.0),
+        touches=touches,
+        places=places,
+        free=free,
+        seed=seed,
+        executor=_executor(executor, workers, scheduler),
+    )
+    run_press(options, out)
+
+
 @experiments.command("push")
 def experiment_push(
     sensing: Annotated[

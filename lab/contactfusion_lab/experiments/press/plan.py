@@ -121,7 +121,9 @@ class Arm:
     @cached_property
     def settings(self) -> dict[str, Any]:
         """What trials of it are a function of."""
-        pipeline = self.pipeline.model_dump(mode="json", exclude={"folder": True, "robot": {"folder"}})
+        pipeline = self.pipeline.model_dump(
+            mode="json", exclude={"folder": True, "robot": {"folder"}}
+        )
         return {"pipeline": pipeline, "scene": self.scene.model_dump(mode="json")}
 
     def felt(self, generators: Sequence[str]) -> PipelineConfig:

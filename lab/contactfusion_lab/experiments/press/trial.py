@@ -216,14 +216,21 @@ def _temporary(described, scene):
     from contactfusion.generators.external_torque import ExternalTorque
     from contactfusion.robots.description import EffortConfig
     from contactfusion.robots.dynamics import Dynamics
+
     robot = scene.robot
     names = described.pipeline.generators["torques"]["joints"]
-    ext = ExternalTorque(Dynamics(robot), {k: EffortConfig(noise=.1) for k in names}, "measured", 30., .05)
+    ext = ExternalTorque(
+        Dynamics(robot), {k: EffortConfig(noise=0.1) for k in names}, "measured", 30.0, 0.05
+    )
     R = []
     for r in scene.readings():
         if isinstance(r, JointState):
             f = ext.update(r, robot.positions(r), np.array([0, 0, -9.81]))
-            if f is not None: R.append(f[0])
+            if f is not None:
+                R.append(f[0])
     R = np.array(R)[50:]
     rows = [robot.joint_names.index(k) for k in names]
-    return {k: EffortConfig(noise=float(R[:, j].std()), offset=-float(R[:, j].mean())) for k, j in zip(names, rows)}
+    return {
+        k: EffortConfig(noise=float(R[:, j].std()), offset=-float(R[:, j].mean()))
+        for k, j in zip(names, rows)
+    }

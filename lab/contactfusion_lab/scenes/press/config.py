@@ -5,7 +5,7 @@ from typing import Literal
 from pydantic import Field
 
 from contactfusion.model import Model
-from contactfusion.units import Force, Seconds, Speed
+from contactfusion.units import Force, Seconds
 from contactfusion_lab.scenes.noise import TouchNoise
 from contactfusion_lab.scenes.press.drives import DrivesConfig
 from contactfusion_lab.scenes.ranges import AnyRange
@@ -27,7 +27,7 @@ class PressConfig(Model):
     """Number of places that are pressed; of two the second is on the tool or beyond. With none the
     arm goes from posture to posture."""
     press: Force = Field(default=10.0, gt=0)
-    """Force of each probe [N]."""
+    """Force of each probe along its guide [N]; friction adds to it."""
     speed: AnyRange = (0.05, 0.25)
     """Speed of the fastest joint [rad/s]."""
     lead: Seconds = Field(default=1.0, gt=0)

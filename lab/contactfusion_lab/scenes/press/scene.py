@@ -257,7 +257,9 @@ class PressScene(Scene):
             ]
         )
         parts = self.robot.parts.items()
-        solid = KDTree(np.concatenate([points_in(poses[name], part.points) for name, part in parts]))
+        solid = KDTree(
+            np.concatenate([points_in(poses[name], part.points) for name, part in parts])
+        )
         others = [
             np.linalg.norm(first - second) for first, second in itertools.combinations(tips, 2)
         ]
@@ -290,9 +292,7 @@ class PressScene(Scene):
         parts, count = [positions[None]], 1
         while count <= steps:
             following = self._posture()
-            if not all(
-                self._is_free(each) for each in np.linspace(positions, following, 8)[1:]
-            ):
+            if not all(self._is_free(each) for each in np.linspace(positions, following, 8)[1:]):
                 continue
             speed = self._rng.uniform(*self.config.speed)
             seconds = STEEPEST * np.abs(following - positions).max() / speed
