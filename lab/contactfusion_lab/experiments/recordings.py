@@ -11,6 +11,7 @@ from contactfusion.files import make_folder, write_whole
 from contactfusion.terminal import note
 from contactfusion_lab.experiments import eflesh, force_plates, hub, icub, icub_foot, ouster
 from contactfusion_lab.experiments.methods import DEFAULT_METHOD, Method
+from contactfusion_lab.experiments.ur10e import experiment as ur10e
 from contactfusion_lab.trials.choices import require_known
 from contactfusion_lab.trials.measures import Measure
 from contactfusion_lab.trials.tables import as_csv, frame_of
@@ -28,7 +29,11 @@ FUSED: dict[str, Fused] = {
     "icub_tipping": icub_foot.measure,
 }
 """Experiments by the part of the recordings that they run on."""
-UNFUSED: dict[str, Experiment] = {"hub": hub.measure, "ouster": ouster.measure}
+UNFUSED: dict[str, Experiment] = {
+    "hub": hub.measure,
+    "ouster": ouster.measure,
+    "ur10e_currents": ur10e.measure,
+}
 """Experiments without fusion."""
 FOLDERS = {"hub": "force_plates"}
 """Folders of the recordings that share that of another experiment."""
