@@ -13,7 +13,12 @@ from contactfusion.frames import FrameConfig, FrameTree
 from contactfusion.integrator.config import PARTS, IntegratorConfig
 from contactfusion.model import Model, rooted
 from contactfusion.preset import preset_named
-from contactfusion.robots.description import RobotConfig, read_robot
+from contactfusion.robots.description import (
+    EffortConfig,
+    PayloadConfig,
+    RobotConfig,
+    read_robot,
+)
 from contactfusion.shapes import BodyConfig
 from contactfusion.units import Period
 from contactfusion.yaml_files import read_yaml, with_overrides
@@ -46,6 +51,48 @@ class CycleConfig(Model):
         return self
 
 
+class IdentifiedRobot(Model):
+    """What was identified of a robot; it replaces what the robot's description holds."""
+
+    efforts: dict[str, EffortConfig] = Field(default_factory=dict)
+    """Of the efforts that joints report, by joint."""
+    payload: PayloadConfig | None = None
+    """What it carries; None: that of the description."""
+
+
+class IdentifiedConfig(Model):
+    """What `contactfusion identify` writes; it replaces what is configured."""
+
+    robot: IdentifiedRobot = Field(default_factory=IdentifiedRobot)
+    """Of the robot."""
+    generators: dict[str, dict[str, Any]] = Field(default_factory=dict)
+    """Options of generators, by name."""
+
+    def over(self, fields: Mapping[str, Any]) -> dict[str, Any]:
+        """The fields of a configuration, whose robot is read, with what was identified.
+
+        Raises:
+            ConfigurationError: the configuration lacks the robot or a generator.
+        """
+        robot, generators = fields.get("robot"), _mapping(fields.get("generators"))
+        for name in self.generators:
+            if name not in generators:
+                hint = name_hint(name, generators, "generators")
+                raise ConfigurationError(f"there is no such generator; {hint}", f"generators.{name}")
+        changed = {
+            name: {**options, **self.generators.get(name, {})}
+            for name, options in generators.items()
+        }
+        if self.robot == IdentifiedRobot():
+            return {**fields, "generators": changed}
+        if not isinstance(robot, RobotConfig):
+            raise ConfigurationError("the configuration has no robot", "robot")
+        update: dict[str, Any] = {"efforts": {**robot.efforts, **self.robot.efforts}}
+        if self.robot.payload is not None:
+            update["payload"] = self.robot.payload
+        return {**fields, "generators": changed, "robot": robot.model_copy(update=update)}
+
+
 class PipelineConfig(Model):
     """Everything between the sensors and the contacts."""
 
@@ -64,6 +111,9 @@ class PipelineConfig(Model):
     robot: RobotConfig | None = None
     """A robot by URDF, or the name of a file that describes it; MODULE:FILE for one in an installed
     Python package."""
+    identified: IdentifiedConfig | None = None
+    """What `contactfusion identify` measured, or the name of the file that it wrote; it replaces
+    what robot and generators are given here."""
     controller: dict[str, Any] | None = None
     """The `type` of the controller and its options."""
     faults: tuple[FaultConfig, ...] = ()
@@ -80,18 +130,25 @@ class PipelineConfig(Model):
     @model_validator(mode="before")
     @classmethod
     def _read(cls, fields: Any) -> Any:
-        """Apply the preset; read the robot's file, and root the file names in it."""
+        """Apply the preset; read the files of robot and identification, root the names in them."""
         if (preset := fields.get("preset")) is not None:
             fields = preset_named(str(preset)).beneath(fields)
         robot, folder = fields.get("robot"), Path(fields.get("folder", ""))
         within = Path(fields["files_within"]) if fields.get("files_within") is not None else None
         try:
             if isinstance(robot, str | Path):
-                return {**fields, "robot": read_robot(robot, folder, within)}
-            if isinstance(robot, dict):
-                return {**fields, "robot": rooted(RobotConfig(**robot), folder, within)}
+                fields = {**fields, "robot": read_robot(robot, folder, within)}
+            elif isinstance(robot, dict):
+                fields = {**fields, "robot": rooted(RobotConfig(**robot), folder, within)}
         except ConfigurationError as error:
             raise error.under("robot") from None
+        try:
+            fields = with_identified(fields, folder, within)
+            if (found := fields.get("identified")) is not None:
+                found = found if isinstance(found, Model) else IdentifiedConfig(**found)
+                fields = found.over(fields)
+        except ConfigurationError as error:
+            raise error.under("identified") from None
         return fields
 
     @model_validator(mode="after")
@@ -162,6 +219,25 @@ def pipeline_fields(fields: Mapping[str, Any]) -> dict[str, Any]:
     return {name: value for name, value in fields.items() if name not in NOT_OURS}
 
 
+def with_identified(
+    fields: Mapping[str, Any], folder: Path, within: Path | None = None
+) -> dict[str, Any]:
+    """The fields of a configuration, with what is in the file of `identified` in its place.
+
+    Args:
+        fields: of a `PipelineConfig`.
+        folder: that of a relative name.
+        within: the folder that the file has to lie in; None: no limit.
+
+    Raises:
+        ConfigurationError: the file is missing, or no YAML.
+    """
+    found = fields.get("identified")
+    if isinstance(found, str | Path):
+        return {**fields, "identified": read_yaml(file_in(folder, found, within))}
+    return dict(fields)
+
+
 def overridden(fields: Mapping[str, Any], overrides: Sequence[str]) -> dict[str, Any]:
     """The fields of a configuration with single values changed.
 
@@ -172,7 +248,9 @@ def overridden(fields: Mapping[str, Any], overrides: Sequence[str]) -> dict[str,
     Raises:
         ConfigurationError: one is no change, or is of a generator that does not exist.
     """
-    changed = with_overrides(_with_types(fields, overrides), overrides)
+    identified = _mapping(fields.get("identified"))  # it would hide a change of what it holds
+    placed = [f"identified.{each}" if _holds(identified, each) else each for each in overrides]
+    changed = with_overrides(_with_types(fields, overrides), placed)
     known, held = _mapping(fields.get("generators")), _mapping(changed.get("generators"))
     for override in overrides:
         keys = override.partition("=")[0].strip().split(".")
@@ -181,6 +259,17 @@ def overridden(fields: Mapping[str, Any], overrides: Sequence[str]) -> dict[str,
             hint = name_hint(name, known, "generators")
             raise ConfigurationError(f"'{override}': there is no generator '{name}'; {hint}")
     return changed
+
+
+def _holds(identified: Mapping[str, Any], override: str) -> bool:
+    """Whether a change is of what was identified: of a field of the robot, or of an option."""
+    keys = override.partition("=")[0].strip().split(".")
+    held: Any = identified
+    for key in keys:
+        if isinstance(held, dict) and key not in held:
+            return False
+        held = held[key] if isinstance(held, dict) else held
+    return len(keys) > (2 if keys[0] == "generators" else 1)
 
 
 def _with_types(fields: Mapping[str, Any], overrides: Sequence[str]) -> dict[str, Any]:

@@ -13,18 +13,17 @@ import yaml
 from contactfusion import cli
 from contactfusion.arrays import FloatArray
 from contactfusion.doctor.robot import (
-    Sample,
     camera_faults,
     check_robot,
     finger_faults,
     middle,
     patch_faults,
     recorded_wrenches,
-    resting,
     weigh,
     wrist_faults,
 )
 from contactfusion.errors import ConfigurationError, ContactFusionError
+from contactfusion.identify.wrists import Sample, resting
 from contactfusion.readings import Wrench
 from contactfusion.robots.description import located
 from contactfusion.robots.model import RobotModel
@@ -568,13 +567,13 @@ def test_a_pose_is_at_rest_when_it_lasts_or_stands_alone() -> None:
     rest = [sample(0.8 + 0.01 * n, 1.3) for n in range(50)]
     alone = [sample(3.0, 2.0), sample(5.0, 2.5)]
     poses = resting([*dense, *away, *rest, *alone])
-    assert [round(positions[1], 6) for positions, _ in poses] == [0.3, 1.3, 2.0, 2.5]
+    assert [round(positions[1], 6) for positions, *_ in poses] == [0.3, 1.3, 2.0, 2.5]
 
 
 def test_a_pose_is_the_mean_of_its_wrenches() -> None:
     noise = np.arange(30.0)[:, None] - 14.5
     (pose,) = resting([sample(0.01 * n, 0.3, noise=one) for n, one in enumerate(noise)])
-    assert np.allclose(pose[1], wrench_at(0.3))
+    assert np.allclose(pose.wrench, wrench_at(0.3))
 
 
 def test_nothing_at_all_has_no_poses() -> None:

@@ -1,11 +1,6 @@
-"""Checks of a ROBOT.yaml: its contents, implausible values, and comparison with a recording.
-
-A wrench sensor at rest measures the weight of its load. Of both signs only one gives a positive
-mass, so gravity decides whether the sensor measures the force on the robot or by it.
-"""
+"""Checks of a ROBOT.yaml: its contents, implausible values, and comparison with a recording."""
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -13,7 +8,7 @@ import numpy as np
 from contactfusion.arrays import FloatArray
 from contactfusion.errors import ConfigurationError, RecordingError, RobotError, name_hint
 from contactfusion.frames import inverse, points_in, vectors_in
-from contactfusion.generators.compensation import CompensationFit, fit_compensation
+from contactfusion.identify.wrists import Sample, Weighed, resting, weighed
 from contactfusion.model import rooted
 from contactfusion.readings import Wrench
 from contactfusion.recordings.opening import open_recording
@@ -30,14 +25,6 @@ FACING = 0.5
 """The cosine of the angle between a patch's z and the normal of the surface is at least this."""
 GRAVITY = np.array([[0.0, 0.0, -9.81]])
 """Gravity in the root link's frame, whose z is taken to point up [m/s²]."""
-STILL = 0.01
-"""Joints that move by less are at rest [rad, m]."""
-LASTING = 0.2
-"""The least duration of a rest, or distance in time of a single sample from its neighbours [s]."""
-LEAST_POSES = 3
-LEFT_OVER = 0.2
-"""The greatest share of the weight that a fit may leave unexplained."""
-SIGNS = {"on_robot": 1.0, "by_robot": -1.0}
 
 
 def check_robot(name: str, out: Path | None = None, recording: Path | None = None) -> bool:
@@ -242,19 +229,6 @@ def triple(vector: FloatArray) -> str:
     return "(" + ", ".join(f"{number:.3f}" for number in rounded) + ")"
 
 
-@dataclass(frozen=True, eq=False)
-class Sample:
-    """A wrench, with the joints' positions at its stamp.
-
-    Attributes:
-        reading: the wrench.
-        positions: shape (n,), of the model's joints [rad, m].
-    """
-
-    reading: Wrench
-    positions: FloatArray
-
-
 def recorded_wrenches(model: RobotModel, path: Path) -> dict[str, list[Sample]]:
     """The wrenches of a recording by the name of their sensor, with the joints' positions.
 
@@ -300,80 +274,29 @@ def weigh(
     own = samples[wrist]
     if (frame := own[0].reading.frame) != config.frame:
         return [], [f"{sensor} is in '{config.frame}', but its wrenches come in '{frame}'"]
-    poses = resting(own)
-    if len(poses) < LEAST_POSES:
-        return [], [
-            f"{sensor} rested in {len(poses)} poses; {LEAST_POSES} that are turned far from each "
-            "other tell weight and bias apart"
-        ]
-    wrenches = np.array([wrench for _, wrench in poses])
-    robots = [PosedRobot(model, positions, model.root, np.eye(4)) for positions, _ in poses]
+    rests = resting(own)
+    robots = [PosedRobot(model, rest.positions, model.root, np.eye(4)) for rest in rests]
     to_sensor = [inverse(robot.pose_of(config.frame)) for robot in robots]
     gravities = np.array([vectors_in(pose, GRAVITY)[0] for pose in to_sensor])
-    fits: dict[str, CompensationFit] = {}
-    why = ""
-    for sign, factor in SIGNS.items():
-        signed = factor * wrenches
-        try:
-            fits[sign] = fit_compensation(signed[:, :3], signed[:, 3:], gravities)
-        except ConfigurationError as error:  # of the two signs one gives a negative mass
-            why = error.problem
-    if not fits:
-        return [], [f"{sensor}: {why}"]
-    ((sign, fit),) = fits.items()
-    weight = fit.compensation.mass * 9.81
-    left = float(np.linalg.norm(fit.force_residual))
-    if left > LEFT_OVER * weight:
-        return [], [
-            f"{sensor}: neither sign explains its wrenches, as {left:.2f} N are left over beside a "
-            f"weight of {weight:.2f} N: is its frame turned, or did something touch?"
-        ]
+    try:
+        found = weighed(rests, gravities)
+    except ConfigurationError as error:
+        return [], [f"{sensor}: {error.problem}"]
     loads = [robot.load_on(config.frame) for robot in robots]
     centres = [points_in(to, c[None])[0] for to, (_, c) in zip(to_sensor, loads, strict=True)]
     wrong = []
-    if sign != config.sign:
-        wrong.append(f"{sensor}: gravity says sign {sign}, the description says {config.sign}")
-    mass, centre = loads[0][0], np.mean(centres, axis=0)
-    return _compared(sensor, len(poses), sign, fit, mass, centre), wrong
+    if found.sign != config.sign:
+        wrong.append(
+            f"{sensor}: gravity says sign {found.sign}, the description says {config.sign}"
+        )
+    return _compared(sensor, found, loads[0][0], np.mean(centres, axis=0)), wrong
 
 
-def resting(samples: Sequence[Sample]) -> list[tuple[FloatArray, FloatArray]]:
-    """The poses at which the robot rested.
-
-    A log may be dense, or have one row a pose: a rest is defined by how long the joints stay, or
-    by the distance in time of a pose from its neighbours.
-
-    Returns:
-        For each the joints, shape (n,) [rad, m], and the mean wrench, shape (6,) [N, N·m].
-    """
-    groups: list[list[Sample]] = []
-    for sample in samples:
-        if groups and np.abs(sample.positions - groups[-1][0].positions).max(initial=0.0) < STILL:
-            groups[-1].append(sample)
-        else:
-            groups.append([sample])
-    poses = []
-    for number, group in enumerate(groups):
-        first, last = group[0].reading.stamp, group[-1].reading.stamp
-        spans = [last - first]
-        if number > 0:
-            spans.append(first - groups[number - 1][-1].reading.stamp)
-        if number + 1 < len(groups):
-            spans.append(groups[number + 1][0].reading.stamp - last)
-        if max(spans) >= LASTING:
-            readings = (sample.reading for sample in group)
-            wrenches = [np.hstack([wrench.force, wrench.torque]) for wrench in readings]
-            poses.append((group[0].positions, np.mean(wrenches, axis=0)))
-    return poses
-
-
-def _compared(
-    sensor: str, count: int, sign: str, fit: CompensationFit, mass: float, centre: FloatArray
-) -> list[str]:
-    found = fit.compensation
+def _compared(sensor: str, loaded: Weighed, mass: float, centre: FloatArray) -> list[str]:
+    fit, found = loaded.fit, loaded.fit.compensation
     apart = np.linalg.norm(centre - found.centre_of_mass) * 1000.0
     return [
-        f"{sensor} in {count} poses at rest: gravity says sign {sign}",
+        f"{sensor} in {loaded.poses} poses at rest: gravity says sign {loaded.sign}",
         f"  mass {found.mass:.3f} kg, by the URDF {mass:.3f} kg",
         f"  centre of mass {_mm(np.array(found.centre_of_mass))}, by the URDF {_mm(centre)}: "
         f"{apart:.1f} mm apart",

@@ -13,7 +13,7 @@ from contactfusion.frames import FrameConfig
 from contactfusion.hooks import GROUP
 from contactfusion.model import Model, rooted
 from contactfusion.patches import PatchConfig
-from contactfusion.units import Degrees, Metres, Spacing
+from contactfusion.units import Degrees, Load, Metres, Offset, Spacing
 from contactfusion.yaml_files import read_yaml
 
 CameraRange = Annotated[Metres, Field(le=100)]
@@ -112,6 +112,17 @@ class EffortConfig(Model):
     """Friction against the motion per speed [N·m·s, N·s/m]."""
 
 
+class PayloadConfig(Model):
+    """What the robot carries beside the masses of its URDF, as a point mass."""
+
+    frame: str
+    """The frame of its centre of mass: a link, or one of `frames`."""
+    mass: Load = Field(ge=0)
+    """Its mass [kg]."""
+    centre_of_mass: Offset = (0.0, 0.0, 0.0)
+    """Its centre of mass [m]."""
+
+
 class RobotConfig(Model):
     """A robot: its URDF, and the sensors on it."""
 
@@ -142,6 +153,8 @@ class RobotConfig(Model):
     """Compliant fingers, by name."""
     efforts: dict[str, EffortConfig] = Field(default_factory=dict)
     """What is known of the efforts that joints report, by joint."""
+    payload: PayloadConfig | None = None
+    """What it carries beside the masses of its URDF, such as a tool."""
     folder: Path = Path()
     """The folder of relative file names; that of the file by default."""
     files_within: Path | None = None

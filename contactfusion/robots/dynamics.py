@@ -91,3 +91,49 @@ class Dynamics:
         coriolis = self._pin.computeCoriolisMatrix(self._model, self._data, at, velocities)
         held = self._pin.computeGeneralizedGravity(self._model, self._data, at)
         return np.asarray(coriolis.T @ velocities - held, np.float64)
+
+    def payload_columns(
+        self, link: str, positions: FloatArray, velocities: FloatArray, gravity: FloatArray
+    ) -> tuple[FloatArray, FloatArray]:
+        """What each inertial parameter of a payload adds to momentum and drift.
+
+        The parameters are mass [kg], the three first moments [kg·m], and the inertias xx, xy, yy,
+        xz, yz, zz about the link's origin [kg·m²]; both are linear in them.
+
+        Args:
+            link: that carries it.
+            positions: shape (n,) [rad, m].
+            velocities: shape (n,) [rad/s, m/s].
+            gravity: shape (3,) [m/s²], in the root link's frame.
+
+        Returns:
+            Momentum [N·m·s, N·s] and drift [N·m, N] per unit of each, both of shape (n, 10).
+        """
+        pin, at, frame = self._pin, self.model.configuration(positions), self._model.getBodyId(link)
+        pin.computeJointJacobiansTimeVariation(self._model, self._data, at, velocities)
+        pin.updateFramePlacement(self._model, self._data, frame)
+        own = (self._model, self._data, frame, pin.LOCAL)
+        jacobian = np.reshape(pin.getFrameJacobian(*own), (6, -1))
+        change = np.reshape(pin.getFrameJacobianTimeVariation(*own), (6, -1))
+        moving = jacobian @ velocities
+        falling = np.r_[self._data.oMf[frame].rotation.T @ gravity, 0.0, 0.0, 0.0]
+        momenta, weights = PARAMETERS @ moving, PARAMETERS @ falling  # (10, 6), of each parameter
+        turning = np.zeros((6, 6))  # of a force by the link's motion
+        turning[:3, :3] = turning[3:, 3:] = pin.skew(moving[3:])
+        turning[3:, :3] = pin.skew(moving[:3])
+        drift = momenta @ change + (weights - momenta @ turning.T) @ jacobian
+        return (momenta @ jacobian).T, drift.T
+
+
+def _spatial_inertias() -> FloatArray:
+    """Spatial inertias of a unit of each inertial parameter, shape (10, 6, 6)."""
+    found = np.zeros((10, 6, 6))
+    found[0, :3, :3] = np.eye(3)
+    cross = np.cross(np.eye(3)[:, None], np.eye(3)).transpose(0, 2, 1)
+    found[1:4, :3, 3:], found[1:4, 3:, :3] = -cross, cross
+    for number, (row, column) in enumerate(((0, 0), (0, 1), (1, 1), (0, 2), (1, 2), (2, 2)), 4):
+        found[number, 3 + row, 3 + column] = found[number, 3 + column, 3 + row] = 1.0
+    return found
+
+
+PARAMETERS = _spatial_inertias()

@@ -18,7 +18,7 @@ from contactfusion.errors import (
 )
 from contactfusion.frames import FrameConfig, FrameTree, Parent, Pose, inverse, points_in
 from contactfusion.readings import JointState
-from contactfusion.robots.description import RobotConfig
+from contactfusion.robots.description import PayloadConfig, RobotConfig
 from contactfusion.robots.solids import Solid
 from contactfusion.robots.spheres import SphereModel, fitted_spheres
 from contactfusion.robots.urdf import Shapes, Urdf, read_urdf
@@ -86,6 +86,10 @@ class RobotModel:
         self._check_names()
         self._frames = self._fixed_frames()
         self.require_mounted(config.frames)
+        self._payload: tuple[str, float, FloatArray] | None = None
+        """The link that carries it, its mass [kg] and its centre of mass there, shape (3,) [m]."""
+        if config.payload is not None:
+            self._carry(config.payload)
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Pickle as the configuration; the robot is built once in each process."""
@@ -245,7 +249,7 @@ class RobotModel:
         """The load of a sensor: mass [kg] and centre of mass, shape (3,) [m].
 
         Args:
-            frame: of the sensor; its own link belongs to the load.
+            frame: of the sensor; its own link belongs to the load, as does a payload beyond it.
             poses: of all links, in one frame.
 
         Returns:
@@ -255,13 +259,11 @@ class RobotModel:
             RobotError: no link and no frame of the description has that name.
         """
         links = self.beyond(frame)
-        masses = np.array([self.urdf.links[name].mass for name in links])
-        centres = np.array(
-            [
-                points_in(poses[name], np.array([self.urdf.links[name].centre_of_mass]))[0]
-                for name in links
-            ]
-        )
+        held = [(name, self.urdf.links[name].mass, self.urdf.links[name].centre_of_mass) for name in links]
+        if self._payload is not None and self._payload[0] in links:
+            held.append(self._payload)
+        masses = np.array([mass for _, mass, _ in held])
+        centres = np.array([points_in(poses[name], np.array([at]))[0] for name, _, at in held])
         mass = float(masses.sum())
         return mass, masses @ centres / mass if mass else centres[0]
 
@@ -450,6 +452,8 @@ class RobotModel:
         for kind in ("patches", "wrists", "cameras", "lidars"):
             for name, sensor in getattr(config, kind).items():
                 named.append((f"{kind}.{name}.frame", sensor.frame, frames, "frame"))
+        if config.payload is not None:
+            named.append(("payload.frame", config.payload.frame, frames, "frame"))
         for name, finger in config.fingers.items():
             at = f"fingers.{name}"
             named += [(f"{at}.joints", joint, joints, "joint") for joint in finger.joints]
@@ -459,6 +463,15 @@ class RobotModel:
                 hint = name_hint(name, known, f"{what}s")
                 cure = "; give its pose on a link in `robot.frames`" if what == "frame" else ""
                 raise ConfigurationError(f"unknown {what} '{name}': {hint}{cure}", path)
+
+    def _carry(self, payload: PayloadConfig) -> None:
+        """Add a payload to the link that carries it, as a point mass."""
+        link = self.link_of(payload.frame)
+        centre = points_in(self.pose_on_link(payload.frame), np.array([payload.centre_of_mass]))[0]
+        self._payload = link, payload.mass, centre
+        carrier = self._model.frames[self._body[link]]
+        inertia = self._pin.Inertia(payload.mass, centre, np.zeros((3, 3)))
+        self._model.inertias[carrier.parentJoint] += carrier.placement.act(inertia)
 
     def _fixed_frames(self) -> FrameTree:
         """The tree of the description's frames, from their links."""

@@ -12,7 +12,12 @@ from pydantic import Field, model_validator
 from contactfusion.errors import ConfigurationError, RecordingError, naming
 from contactfusion.files import require_file
 from contactfusion.model import Model
-from contactfusion.pipeline_config import PipelineConfig, overridden, pipeline_fields
+from contactfusion.pipeline_config import (
+    PipelineConfig,
+    overridden,
+    pipeline_fields,
+    with_identified,
+)
 from contactfusion.recordings.messages import typestore
 from contactfusion.recordings.opening import DESCRIBED, SUFFIXES, YAML, unfit_configuration
 from contactfusion.recordings.ros.files import Bag
@@ -132,7 +137,8 @@ def read_fields(path: Path, overrides: Sequence[str] = ()) -> dict[str, Any]:
         overrides: fields to change, as "a.b=c".
 
     Raises:
-        ConfigurationError: the file is missing, a recording, or no YAML, or a change is none.
+        ConfigurationError: the file, or that of `identified`, is missing, a recording, or no
+            YAML, or a change is none.
     """
     require_file(path, ConfigurationError)
     if path.suffix in (*DESCRIBED, *SUFFIXES):
@@ -140,7 +146,7 @@ def read_fields(path: Path, overrides: Sequence[str] = ()) -> dict[str, Any]:
             f"{path} is a recording, and no configuration: `contactfusion init {path} --out "
             f"{path.stem}.yaml` writes a first configuration for it"
         )
-    return overridden(read_yaml(path), overrides)
+    return overridden(with_identified(read_yaml(path), path.parent), overrides)
 
 
 def setting_of_file(path: Path, overrides: Sequence[str] = (), seed: int | None = None) -> Setting:

@@ -1,0 +1,1 @@
+"""Identification of efforts, payloads and wrists from recordings without contact."""
