@@ -251,7 +251,7 @@ def test_the_examples_of_sensors_are_options_that_their_generators_take(tmp_path
     pytest.importorskip("pinocchio")
     write_first(arm(tmp_path), tmp_path / "first.yaml")
     examples = uncommented((tmp_path / "first.yaml").read_text())
-    assert len(examples["generators"]) == 7
+    assert len(examples["generators"]) == 8
     for options in PipelineConfig(folder=tmp_path, **examples).generators.values():
         given = {name: value for name, value in options.items() if name != "type"}
         installed_plugins().find("generators", options["type"]).Config(**given)

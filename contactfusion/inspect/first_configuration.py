@@ -22,6 +22,7 @@ from contactfusion.inspect.first_lines import (
     range_lines,
     robot_lines,
     stand_in_lines,
+    switch_lines,
     tactile_lines,
     text_of,
 )
@@ -39,6 +40,7 @@ from contactfusion.readings import (
     JointState,
     PointCloud,
     Reading,
+    Switch,
     TactileImage,
     Wrench,
 )
@@ -150,6 +152,7 @@ def _examples(model: RobotModel) -> Iterator[str]:
     yield "    sensor: pad"
     yield "    map: pad_map.npz  # of TaxelMap.fit"
     yield "    min_signal: 100.0  # in the sensor's unit"
+    yield from indented(switch_lines("foot", "foot", link))
     yield from indented(range_lines("cloud", "cloud", link))
     yield from indented(free_space_lines("air", "camera", link))
     yield from indented(motion_lines("ahead", "joint_states"))
@@ -356,6 +359,8 @@ def _uses(
         elif topic.reading == TactileImage.__name__:
             lines = tactile_lines(name, sensor, start.channels.get(sensor, 1))
             yield _Use(sensor, tuple(lines), "say where its taxels are, under `patch`")
+        elif topic.reading == Switch.__name__:
+            yield _Use(sensor, tuple(switch_lines(name, sensor, "")), without_robot or lost)
         elif topic.reading == DepthImage.__name__:
             why = "it forbids contacts: make sure of the camera's place before"
             lines = free_space_lines(name, sensor, "")

@@ -108,6 +108,15 @@ def tactile_lines(name: str, sensor: str, channels: int) -> Iterator[str]:
     yield "  baseline: {values: 0.0, noise: 1.0}  # of untouched taxels, in the sensor's unit"
 
 
+def switch_lines(name: str, sensor: str, link: str) -> Iterator[str]:
+    """A switch."""
+    yield f"{text_of(name)}:  # a foot switch or a bumper"
+    yield "  type: switch"
+    yield f"  sensor: {text_of(sensor)}"
+    yield from _links(link, "a contact on which closes it; []: the link that carries its frame")
+    yield "  # inverted: true  # where it reports closed while nothing presses it"
+
+
 def free_space_lines(name: str, sensor: str, link: str) -> Iterator[str]:
     """A depth camera."""
     yield f"{text_of(name)}:  # a depth camera: free space"
@@ -123,9 +132,9 @@ def motion_lines(name: str, sensor: str) -> Iterator[str]:
     yield f"  sensor: {text_of(sensor)}"
 
 
-def _links(link: str) -> Iterator[str]:
+def _links(link: str, meaning: str = "those that may touch; []: the whole robot") -> Iterator[str]:
     chosen = f"[{link}]" if link else "[]"
-    yield f"  links: {chosen}  # those that may touch; []: the whole robot"
+    yield f"  links: {chosen}  # {meaning}"
 
 
 def indented(lines: Iterable[str]) -> Iterator[str]:

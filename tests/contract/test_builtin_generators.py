@@ -25,6 +25,7 @@ from contactfusion.readings import (
     JointCommand,
     ObjectPose,
     PointCloud,
+    Switch,
     TactileImage,
     Twist,
     Wrench,
@@ -151,6 +152,14 @@ def simulator(folder: Path) -> Given:
     return {"config": config, "readings": [*readings, example_reading(ObjectPose)], "state": state}
 
 
+def switch(folder: Path) -> Given:
+    """A hand on a slide, whose switch is closed now and then."""
+    readings = [
+        Switch(stamp=0.1 * index, frame="hand", closed=index % 2 == 1) for index in range(EXAMPLES)
+    ]
+    return {"readings": readings, "state": hands.state(hands.slide(folder))}
+
+
 def tactile(folder: Path) -> Given:
     """Four rows of four taxels, as many as an example has values."""
     grid = {"rows": 4, "columns": 4, "pitch": (0.01, 0.01)}
@@ -188,6 +197,7 @@ GIVEN: dict[str, Callable[[Path], Given]] = {
     "range": range_camera,
     "rgbd_cpm": rgbd_cpm,
     "simulator": simulator,
+    "switch": switch,
     "tactile": tactile,
     "taxel_map": taxel_map,
 }
