@@ -18,7 +18,7 @@ from contactfusion.generators.joint_torque import JointTorqueConfig, JointTorque
 from contactfusion.hypotheses import HypothesisCloud, Note, Resultant
 from contactfusion.pipeline_config import CycleConfig
 from contactfusion.readings import JointState
-from contactfusion.robots.description import EffortConfig, RobotConfig
+from contactfusion.robots.description import EffortConfig, LinkMassConfig, RobotConfig
 from contactfusion.robots.dynamics import Dynamics
 from contactfusion.robots.model import RobotModel
 from tests.arms import ARM, BENT, SIGMA, STILL, known, pushed, reading, robot, state, whole
@@ -309,3 +309,38 @@ def test_of_two_sensors_one_behind_the_other_the_first_measures_all() -> None:
     finger = Resultant(0.1 * force, np.zeros(3), hand, 0.1, 0.01, ("finger_1_distal",))
     beside = replace(state(), resultants={"wrist": whole_hand, "finger": finger})
     assert not len(only(generator().generate(reading(torques), beside)))
+
+
+# Masses in place of those of the URDF
+
+
+def test_a_heavier_link_loads_the_joints_by_its_weight() -> None:
+    link = robot().urdf.links["link_4"]
+    x, y, z = link.centre_of_mass
+    changed = {"mass": link.mass + 1.0, "centre_of_mass": (x, y, z)}
+    heavy = RobotModel(
+        robot().config.model_copy(update={"masses": {"link_4": LinkMassConfig(**changed)}})
+    )
+    at, rest = whole(BENT), np.zeros(len(whole(BENT)))
+    more = Dynamics(heavy).drift(at, rest, UP) - Dynamics(robot()).drift(at, rest, UP)
+    _, columns = Dynamics(robot()).payload_columns("link_4", at, rest, UP)
+    np.testing.assert_allclose(more, columns[:, :4] @ [1.0, x, y, z], atol=1e-9)
+    assert np.abs(more).max() > 1.0
+    poses = robot().poses_at(at)
+    assert heavy.load_on("link_4", poses)[0] == robot().load_on("link_4", poses)[0] + 1.0
+
+
+def test_the_same_mass_changes_nothing() -> None:
+    link = robot().urdf.links["link_4"]
+    same = LinkMassConfig(mass=link.mass, centre_of_mass=link.centre_of_mass)
+    again = RobotModel(robot().config.model_copy(update={"masses": {"link_4": same}}))
+    at, rest = whole(BENT), np.full(len(whole(BENT)), 0.3)
+    np.testing.assert_allclose(
+        Dynamics(again).momentum(at, rest), Dynamics(robot()).momentum(at, rest), atol=1e-12
+    )
+
+
+def test_the_mass_of_an_unknown_link_is_refused_with_the_nearest_name() -> None:
+    with pytest.raises(ConfigurationError, match="unknown link 'link_44'.*'link_4'"):
+        mass = LinkMassConfig(mass=1.0, centre_of_mass=(0.0, 0.0, 0.0))
+        RobotModel(robot().config.model_copy(update={"masses": {"link_44": mass}}))

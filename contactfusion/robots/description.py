@@ -112,6 +112,15 @@ class EffortConfig(Model):
     """Friction against the motion per speed [N·m·s, N·s/m]."""
 
 
+class LinkMassConfig(Model):
+    """The mass of a link as it was identified, in place of that of the URDF."""
+
+    mass: Load = Field(gt=0)
+    """Its mass [kg]."""
+    centre_of_mass: Offset
+    """Its centre of mass, in the link's frame [m]."""
+
+
 class PayloadConfig(Model):
     """What the robot carries beside the masses of its URDF, as a point mass."""
 
@@ -153,8 +162,10 @@ class RobotConfig(Model):
     """Compliant fingers, by name."""
     efforts: dict[str, EffortConfig] = Field(default_factory=dict)
     """What is known of the efforts that joints report, by joint."""
+    masses: dict[str, LinkMassConfig] = Field(default_factory=dict)
+    """Masses of links in place of those of the URDF, by link; `identify` measures them."""
     payload: PayloadConfig | None = None
-    """What it carries beside the masses of its URDF, such as a tool."""
+    """What it carries beside the masses of its links, such as a tool."""
     folder: Path = Path()
     """The folder of relative file names; that of the file by default."""
     files_within: Path | None = None

@@ -88,6 +88,9 @@ class RobotModel:
         self.require_mounted(config.frames)
         self._payload: tuple[str, float, FloatArray] | None = None
         """The link that carries it, its mass [kg] and its centre of mass there, shape (3,) [m]."""
+        for name, given in config.masses.items():
+            link = self.urdf.links[name]
+            self._weigh(name, (-link.mass, link.centre_of_mass), (given.mass, given.centre_of_mass))
         if config.payload is not None:
             self._carry(config.payload)
 
@@ -245,6 +248,11 @@ class RobotModel:
             raise RobotError(f"{self.urdf.path}: joint '{name}' moves no mass")
         return 1.0 / np.diag(np.linalg.inv(matrix))
 
+    def mass_of(self, link: str) -> tuple[float, FloatArray]:
+        """Mass [kg] and centre of mass of a link, shape (3,) [m], in its frame."""
+        own = self.config.masses.get(link, self.urdf.links[link])
+        return own.mass, np.array(own.centre_of_mass)
+
     def load_on(self, frame: str, poses: Mapping[str, Pose]) -> tuple[float, FloatArray]:
         """The load of a sensor: mass [kg] and centre of mass, shape (3,) [m].
 
@@ -259,7 +267,7 @@ class RobotModel:
             RobotError: no link and no frame of the description has that name.
         """
         links = self.beyond(frame)
-        held = [(name, self.urdf.links[name].mass, self.urdf.links[name].centre_of_mass) for name in links]
+        held = [(name, *self.mass_of(name)) for name in links]
         if self._payload is not None and self._payload[0] in links:
             held.append(self._payload)
         masses = np.array([mass for _, mass, _ in held])
@@ -452,6 +460,7 @@ class RobotModel:
         for kind in ("patches", "wrists", "cameras", "lidars"):
             for name, sensor in getattr(config, kind).items():
                 named.append((f"{kind}.{name}.frame", sensor.frame, frames, "frame"))
+        named += [(f"masses.{name}", name, links, "link") for name in config.masses]
         if config.payload is not None:
             named.append(("payload.frame", config.payload.frame, frames, "frame"))
         for name, finger in config.fingers.items():
@@ -469,9 +478,17 @@ class RobotModel:
         link = self.link_of(payload.frame)
         centre = points_in(self.pose_on_link(payload.frame), np.array([payload.centre_of_mass]))[0]
         self._payload = link, payload.mass, centre
+        self._weigh(link, (payload.mass, centre))
+
+    def _weigh(self, link: str, *added: tuple[float, Sequence[float] | FloatArray]) -> None:
+        """Add point masses to a link: mass [kg], less than 0 to take it off, and position [m]."""
         carrier = self._model.frames[self._body[link]]
-        inertia = self._pin.Inertia(payload.mass, centre, np.zeros((3, 3)))
-        self._model.inertias[carrier.parentJoint] += carrier.placement.act(inertia)
+        inertia = self._model.inertias[carrier.parentJoint].toDynamicParameters()
+        for mass, at in added:
+            point = self._pin.Inertia(1.0, np.array(at), np.zeros((3, 3)))
+            inertia = inertia + mass * carrier.placement.act(point).toDynamicParameters()
+        changed = self._pin.Inertia.FromDynamicParameters(inertia)
+        self._model.inertias[carrier.parentJoint] = changed
 
     def _fixed_frames(self) -> FrameTree:
         """The tree of the description's frames, from their links."""
