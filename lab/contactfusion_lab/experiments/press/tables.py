@@ -170,5 +170,4 @@ def _draw(frame: pd.DataFrame, out: Path) -> None:
         axes.set(title=arm, xlabel="error of the likeliest contact [cm]", xlim=(0.0, 15.0))
     panels[0].set(ylabel="of all presses [%]", ylim=(0.0, 100.0))
     panels[-1].legend(fontsize="small", loc="lower right")
-    figure.tight_layout()
     figure.savefig(out / "press.png", dpi=110)
