@@ -19,10 +19,10 @@ from contactfusion_lab.trials.tables import bullets, cell, markdown, write_resul
 NEAR_BASE = 3
 """Links that at most so many joints move are near the base."""
 READ = (
-    "Links are far from the base where more than three joints move them. *Reported*: any contact at "
-    f"the end of a press; *found*: a reported contact within {100.0 * NEAR:.0f} cm, mean over "
-    "true contacts; error: of the likeliest contact; *right set*: the true link is that of the contact, "
-    "or among those between which the generator states that it cannot decide; *alarms*: reports "
+    "Links are far from the base where more than three joints move them. *Reported*: any contact "
+    f"at the end of a press; *found*: a reported contact within {100.0 * NEAR:.0f} cm, mean over "
+    "true contacts; error: of the likeliest contact; *right set*: the true link is that of the "
+    "contact, or among those between which the generator states that it cannot decide; *alarms*: reports "
     "that begin in free motion. In brackets 95 % intervals, a bootstrap over presses. Each arm is "
     "one of five specimens of its kind, whose masses err by 5 %, and was identified by a minute of "
     "free motion of its own. Published for real arms: 91.5 % detected and 3.0 cm on a Franka "
