@@ -78,7 +78,9 @@ class IdentifiedConfig(Model):
         for name in self.generators:
             if name not in generators:
                 hint = name_hint(name, generators, "generators")
-                raise ConfigurationError(f"there is no such generator; {hint}", f"generators.{name}")
+                raise ConfigurationError(
+                    f"there is no such generator; {hint}", f"generators.{name}"
+                )
         changed = {
             name: {**options, **self.generators.get(name, {})}
             for name, options in generators.items()

@@ -257,7 +257,10 @@ class RobotModel:
             RobotError: no link and no frame of the description has that name.
         """
         links = self.beyond(frame)
-        held = [(name, self.urdf.links[name].mass, self.urdf.links[name].centre_of_mass) for name in links]
+        held = [
+            (name, self.urdf.links[name].mass, self.urdf.links[name].centre_of_mass)
+            for name in links
+        ]
         if self._payload is not None and self._payload[0] in links:
             held.append(self._payload)
         masses = np.array([mass for _, mass, _ in held])
