@@ -34,6 +34,7 @@ app = typer.Typer(
 for function in (
     running.run,
     running.check,
+    running.identify,
     running.record,
     recordings.inspect,
     recordings.init,

@@ -107,6 +107,36 @@ def check(
     print("OK")
 
 
+def identify(
+    configuration: Annotated[Path, typer.Argument(help="The configuration (YAML).")],
+    recording: Annotated[
+        Path, typer.Argument(help=f"Of free motion, without contact. {RECORDING}")
+    ],
+    out: Annotated[
+        Path | None,
+        typer.Option(help="YAML file to write, for the configuration's field `identified`."),
+    ] = None,
+    topic: Topics = None,
+    ignore: Ignored = None,
+    set_: Changed = None,
+) -> None:
+    """Identify friction, offsets, payload and noise of joints, and the load of wrists."""
+    from contactfusion.identify.identification import identify_file
+
+    found = identify_file(
+        configuration,
+        recording,
+        out,
+        overrides=set_ or [],
+        topics=roles(topic),
+        ignored=ignore or [],
+    )
+    for line in found.report():
+        print(line)
+    if out is not None:
+        print(f"results: {out}; it counts once {configuration} has `identified: {out.name}`")
+
+
 def record(
     configuration: Annotated[Path, typer.Argument(help="The configuration (YAML), with `scene`.")],
     set_: Annotated[

@@ -55,7 +55,7 @@ class Session:
     ) -> None:
         self.setting = setting
         whole = played if isinstance(played, Stream) else _opened(setting, played)
-        self.stream, self.inputs = _matched(setting, whole, window, tap, watched)
+        self.stream, self.inputs = matched(setting, whole, window, tap, watched)
         self._broken: RecordingError | None = None
         try:
             self.pipeline = Pipeline(self.setting.config(self.inputs.generators), ask)
@@ -145,7 +145,7 @@ def _opened(setting: Setting, recording: Path | None) -> Stream:
         return stream_of(config)
 
 
-def _matched(
+def matched(
     setting: Setting, whole: Stream, window: Window, tap: Tap | None, watched: bool
 ) -> tuple[Stream, Inputs]:
     """What is played of a stream, and what it feeds; of a scene, all to all that listen."""

@@ -1,0 +1,280 @@
+"""What one `joint_torque` generator is told by a recording: the story of its identification."""
+
+from collections.abc import Iterator, Mapping, Sequence
+
+import numpy as np
+
+from contactfusion.arrays import FloatArray
+from contactfusion.errors import ConfigurationError, RecordingError
+from contactfusion.frames import points_in
+from contactfusion.generators.external_torque import ExternalTorque
+from contactfusion.generators.joint_torque import JointTorqueConfig
+from contactfusion.identify.joints import FIELDS, Choice, Fit, Mask, Regression
+from contactfusion.identify.recorded import Motion, Recorded
+from contactfusion.identify.report import Identification, plain, stated, table
+from contactfusion.identify.windows import PERIOD, WIDTH, plateaus, windows_of
+from contactfusion.robots.description import EffortConfig, PayloadConfig
+from contactfusion.robots.dynamics import Dynamics
+from contactfusion.robots.model import RobotModel
+
+SETTLED = 5.0
+"""The observer has settled after so many times its lag."""
+FOLD = 1.0
+"""Parts of a recording that are held out in turn last at least so long [s]."""
+OUTLIER = 6.0
+"""Residuals beyond so many robust standard deviations are not noise."""
+RESTING = 0.1
+"""A joint moves where friction is uncertain by less than this share of the most."""
+LEAST_NOISE = 1e-6
+"""[N·m, N]"""
+LAGS = tuple(range(-20, 21))
+"""Delays of efforts that are tried, in rows of `PERIOD`."""
+LATE = 2
+"""A delay of fewer rows does no harm, ..."""
+BETTER = 0.8
+"""... and one counts where it leaves less than this share of the residuals."""
+Spans = Sequence[tuple[float, float]]
+
+
+class Arm:
+    """The joints of one generator."""
+
+    def __init__(self, recorded: Recorded, name: str, config: JointTorqueConfig) -> None:
+        assert recorded.model is not None
+        self.name, self.config, self.recorded = name, config, recorded
+        self.model: RobotModel = recorded.model
+        self.motion: Motion = recorded.motions[name]
+        self.joints = dict(config.joints)
+        self.names = tuple(self.joints)
+        self.numbers = np.array([self.model.joint_names.index(each) for each in self.names])
+        self.efforts = self.motion.efforts(self.names)
+        if dead := [self.names[row] for row in np.flatnonzero(~self.efforts.any(axis=0))]:
+            raise RecordingError(
+                f"generators.{name}: the efforts of {', '.join(dead)} are zero throughout; its "
+                "driver does not report them"
+            )
+
+    def identify(self, found: Identification) -> None:
+        """Add what is told to the report and to the fields."""
+        dynamics, effort = Dynamics(self.model), self.config.effort
+        link = None if effort == "external" else self._last_link(dynamics)
+        windows = windows_of(
+            self.motion, self.efforts, dynamics, self.numbers, link, LAGS if link else ()
+        )
+        regression = Regression(windows, self.joints, effort, self._configured_payload(link))
+        saturated = list(self._saturated(found))
+        used = outside(windows.stamps, saturated)
+        choice, fit = regression.told(used)
+        touched = regression.contacts(fit)
+        if touched:
+            used &= outside(windows.stamps, [(begin, end) for begin, end, _ in touched])
+            choice, fit = regression.told(used)
+        for begin, end, names in touched:
+            found.warnings.append(
+                f"{self.name}: from {begin:.1f} to {end:.1f} s the residual of {', '.join(names)} "
+                "stays on one side: something may have touched; these seconds are left out"
+            )
+        if link and (late := self._late(regression, fit.payload, used)):
+            found.warnings.append(
+                f"{self.name}: its efforts come {abs(late) * 1e3:.0f} ms "
+                f"{'after' if late > 0 else 'before'} its positions: are both stamped when they "
+                "are measured?"
+            )
+        spans = [*saturated, *((begin, end) for begin, end, _ in touched)]
+        noise = self._noise(regression, choice, used, spans, link)
+        self._report(found, choice, fit, noise, link)
+
+    def _last_link(self, dynamics: Dynamics) -> str:
+        """The link of a payload: as configured, or the one that the outermost joint carries."""
+        robot = self.recorded.config.robot
+        if robot is not None and robot.payload is not None:
+            return self.model.link_of(robot.payload.frame)
+        depth = {
+            name: dynamics.supports[self.model.link_names.index(self.model.urdf.children[name])]
+            for name in self.names
+        }
+        return self.model.urdf.children[max(depth, key=lambda name: int(depth[name].sum()))]
+
+    def _configured_payload(self, link: str | None) -> FloatArray:
+        """Mass [kg] and first moments in the link's frame [kg·m], shape (4,)."""
+        robot = self.recorded.config.robot
+        if link is None or robot is None or robot.payload is None:
+            return np.zeros(4)
+        payload = robot.payload
+        pose = self.model.pose_on_link(payload.frame)
+        centre = points_in(pose, np.array([payload.centre_of_mass]))[0]
+        return np.array([payload.mass, *(payload.mass * centre)])
+
+    def _saturated(self, found: Identification) -> Iterator[tuple[float, float]]:
+        stamps = self.motion.stamps
+        for name, efforts in zip(self.names, self.efforts.T, strict=True):
+            for value, spans in plateaus(stamps, efforts).items():
+                longest = max(end - begin for begin, end in spans)
+                found.warnings.append(
+                    f"{self.name}: the effort of {name} saturates at {value:g}, for up to "
+                    f"{longest:.1f} s, first at {spans[0][0]:.1f} s; these seconds are left out"
+                )
+                yield from spans
+
+    def _late(self, regression: Regression, payload: FloatArray, used: Mask) -> float:
+        """By how much efforts lag positions [s]; 0 where they do not."""
+        lagging = regression.windows.lagging
+        left = {lag: regression.left_by(lagging[lag], payload, used) for lag in LAGS}
+        best = min(LAGS, key=lambda lag: left[lag])
+        is_late = abs(best) >= LATE and left[best] < left[0] + np.log(BETTER)
+        return best * PERIOD if is_late else 0.0
+
+    def _values(
+        self, choice: Choice, fit: Fit, link: str | None
+    ) -> tuple[dict[str, EffortConfig], PayloadConfig | None]:
+        """Joints and payload as a fit has them, and as configured where it tells nothing."""
+        joints = {}
+        for row, (name, before) in enumerate(self.joints.items()):
+            told = {
+                each: float(fit.joints[row, number])
+                for number, each in enumerate(FIELDS)
+                if choice.told[row, number]
+            }
+            for each in told.keys() & {"coulomb", "viscous"}:
+                told[each] = max(told[each], 0.0)
+            joints[name] = before.model_copy(update=told)
+        mass = float(fit.payload[0])
+        if link is None or mass <= 0.0:
+            return joints, None
+        x, y, z = (fit.payload[1:] / mass).tolist()
+        return joints, PayloadConfig(frame=link, mass=mass, centre_of_mass=(x, y, z))
+
+    def _noise(
+        self,
+        regression: Regression,
+        choice: Choice,
+        used: Mask,
+        spans: Spans,
+        link: str | None,
+    ) -> tuple[FloatArray, FloatArray]:
+        """What the generator's own observer leaves on parts that the fit has not seen.
+
+        Returns:
+            Standard deviations by joint, shape (k,) [N·m, N], and their standard errors.
+        """
+        stamps, lag = self.motion.stamps, 1.0 / self.config.gain
+        length = max(FOLD, 4.0 * SETTLED * lag)
+        parts = ((stamps - stamps[0]) // length).astype(int)
+        windows = ((regression.windows.stamps - stamps[0]) // length).astype(int)
+        left, friction = np.full((2, *self.efforts.shape), np.nan)
+        for fold in (0, 1):
+            fit = regression.fit(choice, used & (windows % 2 != fold))
+            joints, payload = self._values(choice, fit, link)
+            silent = {name: each.model_copy(update={"noise": 0.0}) for name, each in joints.items()}
+            model = RobotModel(self.model.config.model_copy(update={"payload": payload}))
+            observer = ExternalTorque(
+                Dynamics(model), silent, self.config.effort, self.config.gain, scale=0.0
+            )
+            part, begun = -1, 0.0
+            for row in np.flatnonzero(parts % 2 == fold):
+                if parts[row] != part:
+                    part, begun = parts[row], stamps[row]
+                    observer.reset()
+                found = observer.update(
+                    self.motion.readings[row],
+                    self.motion.positions[row],
+                    self.motion.gravities[row],
+                )
+                if found is None:  # it begins again
+                    begun = stamps[row]
+                elif self.config.effort == "external" or stamps[row] > begun + SETTLED * lag:
+                    left[row], friction[row] = (values[self.numbers] for values in found)
+        left[~outside(stamps, spans)] = np.nan
+        period = float(np.median(np.diff(stamps)))
+        correlated = period if self.config.effort == "external" else max(lag, period)
+        noise = np.array(
+            [_deviation(*pair, period) for pair in zip(left.T, friction.T, strict=True)]
+        )
+        alone = np.maximum(np.sum(~np.isnan(left), axis=0) * period / correlated, 2.0)
+        return noise, noise / np.sqrt(2.0 * alone)
+
+    def _report(
+        self,
+        found: Identification,
+        choice: Choice,
+        fit: Fit,
+        noise: tuple[FloatArray, FloatArray],
+        link: str | None,
+    ) -> None:
+        joints, payload = self._values(choice, fit, link)
+        shown = {"external": ("offset",), "measured": ("offset", "coulomb", "viscous")}
+        columns = shown.get(self.config.effort, FIELDS)
+        rows, effort = [("joint", *columns, "noise")], {}
+        for row, (name, joint) in enumerate(joints.items()):
+            cells = [name]
+            for each in columns:
+                number, unit = FIELDS.index(each), self._unit(row, each)
+                error = fit.errors[row, number] if choice.told[row, number] else None
+                cells.append(stated(getattr(joint, each), error, unit))
+            cells.append(stated(noise[0][row], noise[1][row], self._unit(row, "noise")))
+            rows.append(tuple(cells))
+            effort[name] = joint.model_copy(update={"noise": float(noise[0][row])})
+        found.lines += [f"{self.name} ({self.config.effort}), {self._length()}", *table(rows)]
+        found.kept += [f"{self.name}: {sentence}" for sentence in choice.kept]
+        self._keep(found, effort)
+        if choice.payload[0] and payload is not None:
+            found.lines += self._of_payload(choice, fit, payload)
+            found.fields["robot"]["payload"] = plain(payload)
+        elif self._configured_payload(link)[0] > 0.0 and fit.payload[0] == 0.0:
+            found.fields["robot"]["payload"] = {"frame": link, "mass": 0.0}
+
+    def _length(self) -> str:
+        stamps = self.motion.stamps
+        return f"{stamps[-1] - stamps[0]:.1f} s, {len(stamps)} readings"
+
+    def _unit(self, row: int, name: str) -> str:
+        """The unit of a value of a joint."""
+        newton = "N" if self.model.units[self.numbers[row]] == "m" else "N·m"
+        per_speed = "N·s/m" if newton == "N" else "N·m·s"
+        own = "A" if self.config.effort == "current" else newton
+        return {"offset": own, "constant": f"{newton}/A", "viscous": per_speed}.get(name, newton)
+
+    def _keep(self, found: Identification, efforts: Mapping[str, EffortConfig]) -> None:
+        """Put efforts where the configuration has them: on the robot, or in the generator."""
+        values = {name: plain(effort) for name, effort in efforts.items()}
+        options = self.recorded.config.generators[self.name]
+        if isinstance(options["joints"], Mapping):
+            found.fields["generators"][self.name] = {"joints": values}
+            return
+        held = found.fields["robot"].setdefault("efforts", {})
+        if both := values.keys() & held.keys():
+            raise ConfigurationError(
+                f"joint '{min(both)}' of the robot's `efforts` is another generator's, too, and "
+                "would get two values: give one of them `joints` of its own, each with `noise`",
+                f"generators.{self.name}.joints",
+            )
+        held.update(values)
+
+    def _of_payload(self, choice: Choice, fit: Fit, payload: PayloadConfig) -> list[str]:
+        errors = np.where(choice.payload, fit.payload_errors, np.nan)
+        centre = ", ".join(
+            stated(1e3 * value, 1e3 * error / payload.mass if error == error else None, "mm")
+            for value, error in zip(payload.centre_of_mass, errors[1:], strict=True)
+        )
+        mass = stated(payload.mass, float(errors[0]), "kg")
+        return [f"payload on '{payload.frame}': {mass}, centre {centre}"]
+
+
+def outside(stamps: FloatArray, spans: Spans) -> Mask:
+    """Which stamps, shape (n,), lie in none of the spans, nor within a window of one."""
+    free = np.ones(len(stamps), np.bool_)
+    for begin, end in spans:
+        free &= (stamps < begin - WIDTH) | (stamps > end + WIDTH)
+    return free
+
+
+def _deviation(left: FloatArray, friction: FloatArray, period: float) -> float:
+    """Root mean square without outliers, and without rests, whose friction is unknown."""
+    known = ~np.isnan(left)
+    moving = known & (friction <= RESTING * np.nanmax(friction, initial=0.0))
+    if moving.sum() * period >= 1.0:
+        known = moving
+    left = left[known]
+    off = np.abs(left - np.median(left))
+    left = left[off <= OUTLIER * 1.4826 * np.median(off)]
+    return max(float(np.sqrt(np.mean(left**2))), LEAST_NOISE)

@@ -1,0 +1,335 @@
+"""Identification of what joints report: offset, current constant, friction, payload, by regression.
+
+In each window c (e − o) = τ + Y π + f tanh(q'/SLOW) + v q': c is the constant of a joint, e what it
+reports, o its offset, τ the torque of motion and gravity by the URDF, π the payload, f and v its
+Coulomb and viscous friction. Residuals are those of e, whose noise is what windows leave; Huber's
+weights spare a few outliers, and standard errors allow for residuals that hang together for a
+second (a sandwich over clusters, Liang & Zeger 1986).
+"""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from contactfusion.arrays import FloatArray
+from contactfusion.generators.external_torque import SLOW, Effort
+from contactfusion.identify.windows import WIDTH, Windows, spans
+from contactfusion.robots.description import EffortConfig
+
+FIELDS = ("offset", "constant", "coulomb", "viscous")
+FAST = 5.0 * SLOW
+"""A joint above this speed moves [rad/s, m/s]."""
+MOVED = 0.5
+"""A joint moves in a direction if it does so for this time [s]."""
+SHARE = 0.1
+"""A parameter is told from the others by at least such a share of what it explains."""
+WRONG = 0.1
+"""The greatest standard error of a constant and of a payload's mass, as a share of it."""
+CENTRED = 0.02
+"""The greatest standard error of a payload's centre of mass [m]."""
+HEAVY = 0.05
+"""What weighs less is no payload [kg]."""
+SURE = 3.0
+"""Standard errors by which a payload differs from none."""
+CLUSTER = round(1.0 / WIDTH)
+"""Windows whose residuals hang together."""
+HUBER = 1.345
+"""Residuals above so many standard deviations weigh less (Huber 1964)."""
+ROUNDS = 10
+"""Steps of Gauss and Newton; weights follow with each."""
+FLOOR = 1e-3
+"""Residuals are never taken to be smaller than this share of an effort's spread."""
+RIDGE = 1e-10
+"""Keeps what nothing excites at its start, with a standard error beyond all bounds."""
+PRESSED = 6.0
+"""A residual that exceeds its noise so many times, ..."""
+LASTING = 0.3
+"""... for so long and to one side, is that of a contact [s]."""
+APART = 0.5
+"""Contacts that are nearer than this are one [s]."""
+Mask = NDArray[np.bool_]
+
+
+@dataclass
+class Choice:
+    """What is told of joints and payload, and why the rest is not.
+
+    Attributes:
+        told: which of `FIELDS` of each joint, shape (k, 4); the others stay as configured.
+        payload: which of mass and first moments, shape (4,).
+        kept: a sentence on each that stays as configured.
+    """
+
+    told: Mask
+    payload: Mask
+    kept: list[str] = field(default_factory=list)
+
+
+@dataclass(frozen=True, eq=False)
+class Fit:
+    """Parameters with standard errors.
+
+    Attributes:
+        joints: `FIELDS` of each joint, shape (k, 4).
+        errors: their standard errors, shape (k, 4); 0 where the configured value stays.
+        payload: mass [kg] and first moments [kg·m], shape (4,).
+        payload_errors: their standard errors, shape (4,); 0 where configured values stay.
+        deviations: robust standard deviation of residuals by joint, shape (k,), in its own unit.
+        residuals: by window and joint, in such deviations, shape (w, k).
+    """
+
+    joints: FloatArray
+    errors: FloatArray
+    payload: FloatArray
+    payload_errors: FloatArray
+    deviations: FloatArray
+    residuals: FloatArray
+
+
+class Regression:
+    """The equation of motion of the joints of one generator.
+
+    Args:
+        windows: the motion.
+        configured: what is known of the efforts of the joints, by name.
+        effort: what they report.
+        payload: mass [kg] and first moments [kg·m] that are configured, shape (4,).
+    """
+
+    def __init__(
+        self,
+        windows: Windows,
+        configured: dict[str, EffortConfig],
+        effort: Effort,
+        payload: FloatArray,
+    ) -> None:
+        self.windows, self.names, self.effort = windows, tuple(configured), effort
+        self.configured = np.array(
+            [[getattr(each, name) for name in FIELDS] for each in configured.values()]
+        )
+        self.payload = payload
+        self._floor = FLOOR * np.maximum(windows.efforts.std(axis=0), 1e-9)
+
+    def choice(self, used: Mask) -> Choice:
+        """What directions, speeds and loads of the motion can tell.
+
+        Args:
+            used: the windows that count, shape (w,).
+        """
+        told = np.zeros(self.configured.shape, np.bool_)
+        told[:, 0] = True
+        if self.effort == "external":
+            return Choice(told, np.zeros(4, np.bool_))
+        told[:, 1], told[:, 2:] = self.effort == "current", True
+        choice = Choice(told, np.ones(4, np.bool_))
+        for joint in range(len(self.names)):
+            choice.kept += self._untold(joint, used, told[joint])
+        return choice
+
+    def _untold(self, joint: int, used: Mask, told: Mask) -> list[str]:
+        """Mark what is not told of a joint, in place; a sentence on each reason."""
+        windows, name, kept = self.windows, self.names[joint], list[str]()
+        speeds, sliding = windows.velocities[used, joint], windows.sliding[used, joint]
+        forward, back = (WIDTH * np.sum(side > FAST) for side in (speeds, -speeds))
+        if forward + back < 2.0 * MOVED:
+            told[:] = False
+            return [f"{name} hardly moved: all that it bears may be friction at rest"]
+        if min(forward, back) < MOVED:
+            told[[0, 2]] = False
+            kept.append(f"{name} moved in one direction: offset and Coulomb friction look alike")
+        if _share(speeds, sliding) < SHARE:
+            told[3] = False
+            kept.append(f"{name} kept one speed: viscous and Coulomb friction look alike")
+        slope, share = self._slope(joint, used)
+        if slope < 0.0 and share > SHARE:
+            told[:] = False
+            kept.append(f"{name} reports less as its torque rises: is its sign reversed?")
+        elif told[1] and share < SHARE:
+            told[1] = False
+            kept.append(
+                f"{name} bore too little of gravity and inertia: they are {100 * share:.0f} % of "
+                "its current, which tell no constant"
+            )
+        return kept
+
+    def _slope(self, joint: int, used: Mask) -> tuple[float, float]:
+        """Effort per torque, and the share of the effort that torque alone explains."""
+        windows = self.windows
+        efforts, ones = windows.efforts[used, joint], np.ones(used.sum())
+        others = np.column_stack(
+            [ones, windows.sliding[used, joint], windows.velocities[used, joint]]
+        )
+        torques = self._torques(self.payload)[used, joint]
+        slope = np.linalg.lstsq(np.column_stack([others, torques]), efforts, rcond=None)[0][-1]
+        alone = torques - others @ np.linalg.lstsq(others, torques, rcond=None)[0]
+        return float(slope), float(abs(slope) * alone.std() / max(efforts.std(), 1e-12))
+
+    def _torques(self, payload: FloatArray) -> FloatArray:
+        """The torques of motion and gravity with a payload, shape (w, k)."""
+        return np.asarray(self.windows.torques + self.windows.payload @ point_mass(payload))
+
+    def fit(self, choice: Choice, used: Mask) -> Fit:
+        """Estimate what is told; offsets that are not are estimated only so as not to disturb.
+
+        Args:
+            choice: what is told.
+            used: the windows that count, shape (w,).
+        """
+        windows, count = self.windows, len(self.names)
+        free = choice.told.copy()
+        free[:, 0] = True
+        joints, payload = self.configured.copy(), self.payload.copy()
+        joints[:, 1] = 1.0 / joints[:, 1]
+        for joint in np.flatnonzero(free[:, 1]).tolist():
+            joints[joint, 1] = self._slope(joint, used)[0]
+        columns = np.r_[free.ravel(), choice.payload]
+        deviations = np.maximum(windows.efforts[used].std(axis=0), self._floor)
+        clusters = (np.arange(used.sum()) // CLUSTER).astype(np.intp)
+        own = np.arange(count)
+        for _ in range(ROUNDS):
+            offset, slope, coulomb, viscous = joints.T
+            sliding, speeds = windows.sliding[used], windows.velocities[used]
+            torques = self._torques(payload)[used] + coulomb * sliding + viscous * speeds
+            residuals = windows.efforts[used] - offset - slope * torques
+            sticking = slope * coulomb * windows.sticking[used]
+            robust = 1.4826 * np.median(np.abs(residuals), axis=0)
+            deviations = np.maximum(robust, self._floor)
+            scales = np.sqrt(deviations**2 + sticking**2 / 3.0)
+            weights = np.minimum(1.0, HUBER / np.maximum(np.abs(residuals / scales), 1e-9))
+            whole = np.zeros((used.sum(), count, 4 * count + 4))
+            for number, column in enumerate(
+                (np.ones_like(torques), torques, slope * sliding, slope * speeds)
+            ):
+                whole[:, own, 4 * own + number] = column
+            whole[:, :, 4 * count :] = slope[:, None] * windows.payload[used][:, :, :4]
+            whole = whole[:, :, columns] / scales[:, :, None]
+            scores = whole * (weights * residuals / scales)[:, :, None]
+            weighted = np.reshape(whole * weights[:, :, None], (-1, whole.shape[2]))
+            curvature = weighted.T @ whole.reshape(weighted.shape)
+            size = np.sqrt(np.maximum(np.diag(curvature), 1e-30))
+            inverse = np.linalg.inv(curvature / np.outer(size, size) + RIDGE * np.eye(len(size)))
+            inverse /= np.outer(size, size)
+            step = np.zeros(len(columns))
+            step[columns] = inverse @ scores.sum(axis=(0, 1))
+            joints += step[:-4].reshape(count, 4)
+            payload = payload + step[-4:]
+        sums = np.zeros((clusters[-1] + 1, scores.shape[2]))
+        np.add.at(sums, clusters, scores.sum(axis=1))
+        sandwich = inverse @ (sums.T @ sums) @ inverse * len(sums) / max(len(sums) - 1, 1)
+        errors = np.zeros(len(columns))
+        errors[columns] = np.sqrt(np.maximum(np.diag(sandwich), np.diag(inverse)))
+        return self._fit_of(joints, payload, errors, deviations)
+
+    def _fit_of(
+        self, joints: FloatArray, payload: FloatArray, errors: FloatArray, deviations: FloatArray
+    ) -> Fit:
+        windows, (offset, slope, coulomb, viscous) = self.windows, joints.T
+        torques = self._torques(payload) + coulomb * windows.sliding + viscous * windows.velocities
+        sticking = slope * coulomb * windows.sticking
+        scales = np.sqrt(deviations**2 + sticking**2 / 3.0)
+        by_joint = errors[:-4].reshape(joints.shape).copy()
+        by_joint[:, 1] /= slope**2
+        found = joints.copy()
+        found[:, 1] = 1.0 / slope
+        residuals = (windows.efforts - offset - slope * torques) / scales
+        return Fit(found, by_joint, payload, errors[-4:], deviations, residuals)
+
+    def told(self, used: Mask) -> tuple[Choice, Fit]:
+        """The fit of all that the motion tells, by its kind and by standard errors."""
+        choice = self.choice(used)
+        while True:
+            fit = self.fit(choice, used)
+            before = len(choice.kept)
+            self._drop(choice, fit, used)
+            if len(choice.kept) == before:
+                return choice, fit
+
+    def _drop(self, choice: Choice, fit: Fit, used: Mask) -> None:
+        """Keep as configured what has too large a standard error."""
+        noise = fit.deviations * fit.joints[:, 1]
+        fastest = np.abs(self.windows.velocities[used]).max(axis=0)
+        _, constant, coulomb, viscous = np.abs(fit.joints.T)
+        most = np.stack(
+            [
+                fit.deviations,
+                WRONG * constant,
+                np.maximum(noise, WRONG * coulomb),
+                np.maximum(noise / np.maximum(fastest, FAST), WRONG * viscous),
+            ],
+            axis=1,
+        )
+        for joint, number in zip(*np.nonzero(choice.told & (fit.errors > most)), strict=True):
+            choice.told[joint, number] = False
+            choice.kept.append(
+                f"{self.names[joint]} leaves its {FIELDS[number]} open: "
+                f"{fit.joints[joint, number]:.3g} ± {fit.errors[joint, number]:.2g}"
+            )
+        self._drop_payload(choice, fit)
+
+    def _drop_payload(self, choice: Choice, fit: Fit) -> None:
+        mass, error = fit.payload[0], fit.payload_errors[0]
+        if not choice.payload[0]:
+            return
+        if error > max(HEAVY / 2.0, WRONG * abs(mass)):
+            choice.payload[:] = False
+            choice.kept.append(f"the payload stays open: {mass:.2f} ± {error:.2g} kg")
+        elif mass < max(HEAVY, SURE * error):
+            choice.payload[:] = False
+            self.payload = np.zeros(4)
+            lighter = mass < -max(HEAVY, SURE * error)
+            choice.kept.append(
+                f"there is no payload: {mass:.3f} ± {error:.2g} kg"
+                + (", the last link is lighter than in the URDF" if lighter else "")
+            )
+        for axis, name in enumerate("xyz", 1):
+            if choice.payload[axis] and fit.payload_errors[axis] > CENTRED * max(mass, HEAVY):
+                choice.payload[axis] = False
+                choice.kept.append(
+                    f"the payload's centre along {name} stays open: the wrist never tilted enough"
+                )
+
+    def left_by(self, efforts: FloatArray, payload: FloatArray, used: Mask) -> float:
+        """What other efforts, shape (w, k), would leave unexplained: mean logarithm by joint."""
+        windows, logs = self.windows, []
+        torques = self._torques(payload)
+        for joint in range(len(self.names)):
+            held = (windows.sliding[:, joint], windows.velocities[:, joint], torques[:, joint])
+            columns = np.column_stack([np.ones(used.sum()), *(column[used] for column in held)])
+            wanted = efforts[used, joint]
+            left = wanted - columns @ np.linalg.lstsq(columns, wanted, rcond=None)[0]
+            logs.append(np.log(max(float(left.std()), float(self._floor[joint]))))
+        return float(np.mean(logs))
+
+    def contacts(self, fit: Fit) -> list[tuple[float, float, tuple[str, ...]]]:
+        """When residuals are not those of free motion: begin and end [s], and the joints."""
+        found = []
+        for joint, name in enumerate(self.names):
+            for side in (fit.residuals[:, joint], -fit.residuals[:, joint]):
+                for begin, end in spans(self.windows.stamps, side > PRESSED, LASTING - WIDTH):
+                    found.append((begin - WIDTH / 2.0, end + WIDTH / 2.0, (name,)))
+        joined: list[tuple[float, float, tuple[str, ...]]] = []
+        for begin, end, names in sorted(found):
+            if joined and begin < joined[-1][1] + APART:
+                first, last, before = joined[-1]
+                joined[-1] = first, max(last, end), tuple(dict.fromkeys((*before, *names)))
+            else:
+                joined.append((begin, end, names))
+        return joined
+
+
+def point_mass(payload: FloatArray) -> FloatArray:
+    """Inertial parameters of a point mass, shape (10,), by mass and first moments, (4,)."""
+    mass, moments = payload[0], payload[1:]
+    inertia = np.zeros((3, 3))
+    if mass > 0.0:
+        inertia = (moments @ moments * np.eye(3) - np.outer(moments, moments)) / mass
+    xx, xy, yy, xz, yz, zz = inertia[[0, 0, 1, 0, 1, 2], [0, 1, 1, 2, 2, 2]]
+    return np.array([mass, *moments, xx, xy, yy, xz, yz, zz])
+
+
+def _share(column: FloatArray, other: FloatArray) -> float:
+    """The share of a column that another one and a constant do not explain."""
+    others = np.column_stack([np.ones(len(other)), other])
+    left = column - others @ np.linalg.lstsq(others, column, rcond=None)[0]
+    return float(np.linalg.norm(left)) / max(float(np.linalg.norm(column)), 1e-12)
