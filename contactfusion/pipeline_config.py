@@ -15,6 +15,7 @@ from contactfusion.model import Model, rooted
 from contactfusion.preset import preset_named
 from contactfusion.robots.description import (
     EffortConfig,
+    LinkMassConfig,
     PayloadConfig,
     RobotConfig,
     read_robot,
@@ -56,6 +57,8 @@ class IdentifiedRobot(Model):
 
     efforts: dict[str, EffortConfig] = Field(default_factory=dict)
     """Of the efforts that joints report, by joint."""
+    masses: dict[str, LinkMassConfig] = Field(default_factory=dict)
+    """Of links, in place of those of the URDF, by link."""
     payload: PayloadConfig | None = None
     """What it carries; None: that of the description."""
 
@@ -89,7 +92,10 @@ class IdentifiedConfig(Model):
             return {**fields, "generators": changed}
         if not isinstance(robot, RobotConfig):
             raise ConfigurationError("the configuration has no robot", "robot")
-        update: dict[str, Any] = {"efforts": {**robot.efforts, **self.robot.efforts}}
+        update: dict[str, Any] = {
+            "efforts": {**robot.efforts, **self.robot.efforts},
+            "masses": {**robot.masses, **self.robot.masses},
+        }
         if self.robot.payload is not None:
             update["payload"] = self.robot.payload
         return {**fields, "generators": changed, "robot": robot.model_copy(update=update)}

@@ -1,6 +1,7 @@
 """What one `joint_torque` generator is told by a recording: the story of its identification."""
 
 from collections.abc import Iterator, Mapping, Sequence
+from typing import Any
 
 import numpy as np
 
@@ -13,7 +14,7 @@ from contactfusion.identify.joints import FIELDS, Choice, Fit, Mask, Regression
 from contactfusion.identify.recorded import Motion, Recorded
 from contactfusion.identify.report import Identification, plain, stated, table
 from contactfusion.identify.windows import PERIOD, WIDTH, plateaus, windows_of
-from contactfusion.robots.description import EffortConfig, PayloadConfig
+from contactfusion.robots.description import EffortConfig, LinkMassConfig, PayloadConfig
 from contactfusion.robots.dynamics import Dynamics
 from contactfusion.robots.model import RobotModel
 
@@ -29,6 +30,11 @@ LEAST_NOISE = 1e-6
 """[N·m, N]"""
 LAGS = tuple(range(-20, 21))
 """Delays of efforts that are tried, in rows of `PERIOD`."""
+LIGHTEST = 0.1
+"""The least share of a link's mass that is believed."""
+MASS, CENTRE = 0.1, 0.01
+"""Standard deviation of the mass of a link, as a share of it, and of its centre of mass [m]: how far
+the URDF is trusted."""
 LATE = 2
 """A delay of fewer rows does no harm, ..."""
 BETTER = 0.8
@@ -58,10 +64,15 @@ class Arm:
         """Add what is told to the report and to the fields."""
         dynamics, effort = Dynamics(self.model), self.config.effort
         link = None if effort == "external" else self._last_link(dynamics)
+        links = self._weighed(dynamics) if link else []
         windows = windows_of(
-            self.motion, self.efforts, dynamics, self.numbers, link, LAGS if link else ()
+            self.motion, self.efforts, dynamics, self.numbers, link, links, LAGS if link else ()
         )
-        regression = Regression(windows, self.joints, effort, self._configured_payload(link))
+        weights = np.array([self.model.mass_of(name)[0] for name in links])
+        believed = np.outer(weights, [MASS, *3 * (CENTRE,)]).ravel()
+        regression = Regression(
+            windows, self.joints, effort, self._configured_payload(link), believed
+        )
         saturated = list(self._saturated(found))
         used = outside(windows.stamps, saturated)
         choice, fit = regression.told(used)
@@ -81,8 +92,33 @@ class Arm:
                 "are measured?"
             )
         spans = [*saturated, *((begin, end) for begin, end, _ in touched)]
-        noise = self._noise(regression, choice, used, spans, link)
+        noise = self._noise(regression, choice, used, spans, link, links)
         self._report(found, choice, fit, noise, link)
+        if masses := self._masses(fit, links):
+            changes = [
+                each.mass / self.model.mass_of(name)[0] - 1.0 for name, each in masses.items()
+            ]
+            found.lines.append(
+                f"masses of {len(masses)} links: the URDF's, changed by up to "
+                f"{100.0 * max(map(abs, changes)):.1f} %; only what loads the joints is told"
+            )
+            found.fields["robot"]["masses"] = {name: plain(each) for name, each in masses.items()}
+
+    def _masses(self, fit: Fit, links: Sequence[str]) -> dict[str, LinkMassConfig]:
+        """The masses of links as a fit has them."""
+        found = {}
+        for name, (more, *moments) in zip(links, fit.masses.reshape(-1, 4).tolist(), strict=True):
+            mass, centre = self.model.mass_of(name)
+            heavier = max(mass + more, LIGHTEST * mass)
+            x, y, z = ((mass * centre + moments) / heavier).tolist()
+            found[name] = LinkMassConfig(mass=heavier, centre_of_mass=(x, y, z))
+        return found
+
+    def _weighed(self, dynamics: Dynamics) -> list[str]:
+        """The links with a mass that the joints move."""
+        moved = dynamics.supports[:, self.numbers].any(axis=1).tolist()
+        names = zip(self.model.link_names, moved, strict=True)
+        return [name for name, is_moved in names if is_moved and self.model.mass_of(name)[0] > 0.0]
 
     def _last_link(self, dynamics: Dynamics) -> str:
         """The link of a payload: as configured, or the one that the outermost joint carries."""
@@ -151,6 +187,7 @@ class Arm:
         used: Mask,
         spans: Spans,
         link: str | None,
+        links: Sequence[str],
     ) -> tuple[FloatArray, FloatArray]:
         """What the generator's own observer leaves on parts that the fit has not seen.
 
@@ -166,7 +203,10 @@ class Arm:
             fit = regression.fit(choice, used & (windows % 2 != fold))
             joints, payload = self._values(choice, fit, link)
             silent = {name: each.model_copy(update={"noise": 0.0}) for name, each in joints.items()}
-            model = RobotModel(self.model.config.model_copy(update={"payload": payload}))
+            update: dict[str, Any] = {"payload": payload}
+            if masses := self._masses(fit, links):
+                update["masses"] = {**self.model.config.masses, **masses}
+            model = RobotModel(self.model.config.model_copy(update=update))
             observer = ExternalTorque(
                 Dynamics(model), silent, self.config.effort, self.config.gain, scale=0.0
             )

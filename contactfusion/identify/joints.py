@@ -1,7 +1,8 @@
 """Identification of what joints report: offset, current constant, friction, payload, by regression.
 
-In each window c (e − o) = τ + Y π + f tanh(q'/SLOW) + v q': c is the constant of a joint, e what it
-reports, o its offset, τ the torque of motion and gravity by the URDF, π the payload, f and v its
+In each window c (e − o) = τ + Y π + Z μ + f tanh(q'/SLOW) + v q': c is the constant of a joint, e
+what it reports, o its offset, τ the torque of motion and gravity by the URDF, π the payload, μ what
+the links weigh beside their masses in the URDF, which are believed to be about right, f and v its
 Coulomb and viscous friction. Residuals are those of e, whose noise is what windows leave; Huber's
 weights spare a few outliers, and standard errors allow for residuals that hang together for a
 second (a sandwich over clusters, Liang & Zeger 1986).
@@ -75,6 +76,7 @@ class Fit:
         errors: their standard errors, shape (k, 4); 0 where the configured value stays.
         payload: mass [kg] and first moments [kg·m], shape (4,).
         payload_errors: their standard errors, shape (4,); 0 where configured values stay.
+        masses: mass [kg] and first moments [kg·m] of links beside those of the URDF, shape (4 l,).
         deviations: robust standard deviation of residuals by joint, shape (k,), in its own unit.
         residuals: by window and joint, in such deviations, shape (w, k).
     """
@@ -83,6 +85,7 @@ class Fit:
     errors: FloatArray
     payload: FloatArray
     payload_errors: FloatArray
+    masses: FloatArray
     deviations: FloatArray
     residuals: FloatArray
 
@@ -95,6 +98,7 @@ class Regression:
         configured: what is known of the efforts of the joints, by name.
         effort: what they report.
         payload: mass [kg] and first moments [kg·m] that are configured, shape (4,).
+        believed: standard deviations of what links weigh beside the URDF, shape (4 l,).
     """
 
     def __init__(
@@ -103,12 +107,13 @@ class Regression:
         configured: dict[str, EffortConfig],
         effort: Effort,
         payload: FloatArray,
+        believed: FloatArray,
     ) -> None:
         self.windows, self.names, self.effort = windows, tuple(configured), effort
         self.configured = np.array(
             [[getattr(each, name) for name in FIELDS] for each in configured.values()]
         )
-        self.payload = payload
+        self.payload, self._believed = payload, believed
         self._floor = FLOOR * np.maximum(windows.efforts.std(axis=0), 1e-9)
 
     def choice(self, used: Mask) -> Choice:
@@ -165,9 +170,10 @@ class Regression:
         alone = torques - others @ np.linalg.lstsq(others, torques, rcond=None)[0]
         return float(slope), float(abs(slope) * alone.std() / max(efforts.std(), 1e-12))
 
-    def _torques(self, payload: FloatArray) -> FloatArray:
-        """The torques of motion and gravity with a payload, shape (w, k)."""
-        return np.asarray(self.windows.torques + self.windows.payload @ point_mass(payload))
+    def _torques(self, payload: FloatArray, masses: FloatArray | None = None) -> FloatArray:
+        """The torques of motion and gravity with a payload, and other masses, shape (w, k)."""
+        torques = self.windows.torques + self.windows.payload @ point_mass(payload)
+        return np.asarray(torques if masses is None else torques + self.windows.masses @ masses)
 
     def fit(self, choice: Choice, used: Mask) -> Fit:
         """Estimate what is told; offsets that are not are estimated only so as not to disturb.
@@ -183,57 +189,72 @@ class Regression:
         joints[:, 1] = 1.0 / joints[:, 1]
         for joint in np.flatnonzero(free[:, 1]).tolist():
             joints[joint, 1] = self._slope(joint, used)[0]
-        columns = np.r_[free.ravel(), choice.payload]
+        masses = np.zeros(len(self._believed))
+        columns = np.r_[free.ravel(), choice.payload, np.ones(len(masses), np.bool_)]
+        prior = np.r_[np.zeros(4 * count + 4), self._believed**-2.0][columns]
         deviations = np.maximum(windows.efforts[used].std(axis=0), self._floor)
         clusters = (np.arange(used.sum()) // CLUSTER).astype(np.intp)
         own = np.arange(count)
         for _ in range(ROUNDS):
             offset, slope, coulomb, viscous = joints.T
             sliding, speeds = windows.sliding[used], windows.velocities[used]
-            torques = self._torques(payload)[used] + coulomb * sliding + viscous * speeds
+            torques = self._torques(payload, masses)[used] + coulomb * sliding + viscous * speeds
             residuals = windows.efforts[used] - offset - slope * torques
             sticking = slope * coulomb * windows.sticking[used]
             robust = 1.4826 * np.median(np.abs(residuals), axis=0)
             deviations = np.maximum(robust, self._floor)
             scales = np.sqrt(deviations**2 + sticking**2 / 3.0)
             weights = np.minimum(1.0, HUBER / np.maximum(np.abs(residuals / scales), 1e-9))
-            whole = np.zeros((used.sum(), count, 4 * count + 4))
+            whole = np.zeros((used.sum(), count, len(columns)))
             for number, column in enumerate(
                 (np.ones_like(torques), torques, slope * sliding, slope * speeds)
             ):
                 whole[:, own, 4 * own + number] = column
-            whole[:, :, 4 * count :] = slope[:, None] * windows.payload[used][:, :, :4]
+            linear = np.concatenate([windows.payload[used][:, :, :4], windows.masses[used]], axis=2)
+            whole[:, :, 4 * count :] = slope[:, None] * linear
             whole = whole[:, :, columns] / scales[:, :, None]
             scores = whole * (weights * residuals / scales)[:, :, None]
             weighted = np.reshape(whole * weights[:, :, None], (-1, whole.shape[2]))
-            curvature = weighted.T @ whole.reshape(weighted.shape)
+            curvature = weighted.T @ whole.reshape(weighted.shape) + np.diag(prior)
             size = np.sqrt(np.maximum(np.diag(curvature), 1e-30))
             inverse = np.linalg.inv(curvature / np.outer(size, size) + RIDGE * np.eye(len(size)))
             inverse /= np.outer(size, size)
             step = np.zeros(len(columns))
-            step[columns] = inverse @ scores.sum(axis=(0, 1))
-            joints += step[:-4].reshape(count, 4)
-            payload = payload + step[-4:]
+            before = np.r_[np.zeros(4 * count + 4), masses][columns]
+            step[columns] = inverse @ (scores.sum(axis=(0, 1)) - prior * before)
+            joints += step[: 4 * count].reshape(count, 4)
+            payload = payload + step[4 * count : 4 * count + 4]
+            masses = masses + step[4 * count + 4 :]
         sums = np.zeros((clusters[-1] + 1, scores.shape[2]))
         np.add.at(sums, clusters, scores.sum(axis=1))
         sandwich = inverse @ (sums.T @ sums) @ inverse * len(sums) / max(len(sums) - 1, 1)
         errors = np.zeros(len(columns))
         errors[columns] = np.sqrt(np.maximum(np.diag(sandwich), np.diag(inverse)))
-        return self._fit_of(joints, payload, errors, deviations)
+        return self._fit_of(joints, payload, masses, errors, deviations)
 
     def _fit_of(
-        self, joints: FloatArray, payload: FloatArray, errors: FloatArray, deviations: FloatArray
+        self,
+        joints: FloatArray,
+        payload: FloatArray,
+        masses: FloatArray,
+        errors: FloatArray,
+        deviations: FloatArray,
     ) -> Fit:
         windows, (offset, slope, coulomb, viscous) = self.windows, joints.T
-        torques = self._torques(payload) + coulomb * windows.sliding + viscous * windows.velocities
+        torques = (
+            self._torques(payload, masses)
+            + coulomb * windows.sliding
+            + viscous * windows.velocities
+        )
         sticking = slope * coulomb * windows.sticking
         scales = np.sqrt(deviations**2 + sticking**2 / 3.0)
-        by_joint = errors[:-4].reshape(joints.shape).copy()
+        by_joint = errors[: joints.size].reshape(joints.shape).copy()
         by_joint[:, 1] /= slope**2
         found = joints.copy()
         found[:, 1] = 1.0 / slope
         residuals = (windows.efforts - offset - slope * torques) / scales
-        return Fit(found, by_joint, payload, errors[-4:], deviations, residuals)
+        own = errors[joints.size : joints.size + 4]
+        return Fit(found, by_joint, payload, own, masses, deviations, residuals)
 
     def told(self, used: Mask) -> tuple[Choice, Fit]:
         """The fit of all that the motion tells, by its kind and by standard errors."""

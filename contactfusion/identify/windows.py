@@ -5,7 +5,7 @@ the equation that the generator's momentum observer follows (`generators/externa
 acceleration is needed, and the noise of encoders counts at the ends of a window only.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -40,6 +40,7 @@ class Windows:
         efforts: shape (w, k), in the joints' own units.
         torques: that motion and gravity take by the URDF, shape (w, k) [N·m, N].
         payload: those per unit of each inertial parameter, shape (w, k, 10).
+        masses: those per unit of mass and first moments of each link, shape (w, k, 4 l).
         sliding: direction of the motion, from -1 to 1, shape (w, k).
         velocities: shape (w, k) [rad/s, m/s].
         sticking: share of friction that is unknown as the joint rests, shape (w, k).
@@ -50,6 +51,7 @@ class Windows:
     efforts: FloatArray
     torques: FloatArray
     payload: FloatArray
+    masses: FloatArray
     sliding: FloatArray
     velocities: FloatArray
     sticking: FloatArray
@@ -67,6 +69,7 @@ def windows_of(
     dynamics: Dynamics,
     numbers: NDArray[np.intp],
     link: str | None,
+    links: Sequence[str],
     lags: tuple[int, ...],
 ) -> Windows:
     """Average a motion over windows.
@@ -78,13 +81,14 @@ def windows_of(
         numbers: of these joints among those of the robot, shape (k,).
         link: that carries a payload; None: motion and gravity load no joint, as where torques of
             contacts are reported.
+        links: whose masses may be others than those of the URDF.
         lags: rows by which efforts are shifted, too.
 
     Raises:
         RecordingError: the motion is too short.
     """
     parts = [
-        _windows(stretch, efforts[rows], motion, rows, dynamics, numbers, link, lags)
+        _windows(stretch, efforts[rows], motion, rows, dynamics, numbers, link, links, lags)
         for stretch, rows in _stretches(motion.stamps)
     ]
     length = WIDTH * sum(len(part.stamps) for part in parts)
@@ -94,7 +98,16 @@ def windows_of(
             f"joints for {LEAST:g} s at least, better for a minute"
         )
     shifted = {lag: np.concatenate([part.lagging[lag] for part in parts]) for lag in lags}
-    names = ("stamps", "efforts", "torques", "payload", "sliding", "velocities", "sticking")
+    names = (
+        "stamps",
+        "efforts",
+        "torques",
+        "payload",
+        "masses",
+        "sliding",
+        "velocities",
+        "sticking",
+    )
     return Windows(
         *(np.concatenate([getattr(part, name) for part in parts]) for name in names), shifted
     )
@@ -117,6 +130,7 @@ def _windows(
     dynamics: Dynamics,
     numbers: NDArray[np.intp],
     link: str | None,
+    links: Sequence[str],
     lags: tuple[int, ...],
 ) -> Windows:
     """Of a stretch without gaps."""
@@ -149,12 +163,32 @@ def _windows(
     def change(values: FloatArray) -> FloatArray:
         return np.asarray(np.diff(values[::step], axis=0) / width)
 
+    def columns(which: int, rows: Sequence[int]) -> FloatArray:
+        """Momentum (0) or drift (1) per unit of what each link weighs, shape (len(rows), k, 4 l)."""
+        found = [
+            [
+                dynamics.payload_columns(name, positions[row], rate[row], gravities[nearest[row]])[
+                    which
+                ][numbers, :4]
+                for name in links
+            ]
+            for row in rows
+        ]
+        return (
+            np.reshape(found, (len(rows), len(links), len(numbers), 4))
+            .transpose(0, 2, 1, 3)
+            .reshape(len(rows), len(numbers), -1)
+        )
+
+    ends = range(0, count, step)
+    middles = [row + step // 2 for row in ends[:-1]]
     shifted = np.arange(count)
     return Windows(
         edges[0] + period / 2.0 + width * (np.arange(len(mean(sliding))) + 0.5),
         mean(efforts),
         change(momentum) - mean(drift),
         change(further[0]) - mean(further[1]),
+        np.diff(columns(0, ends), axis=0) / width - columns(1, middles),
         mean(sliding),
         mean(speeds),
         mean(1.0 - sliding**2),

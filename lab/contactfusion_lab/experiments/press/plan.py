@@ -141,7 +141,7 @@ def arm(name: str) -> Arm:
     Raises:
         ConfigurationError: its file is not what it should be.
     """
-    path = Path(__file__).with_name(f"{name}.yaml")
+    path = arm_file(name)
     fields = read_yaml(path)
     try:
         scene = PressConfig(**fields.pop("scene"))
@@ -149,3 +149,8 @@ def arm(name: str) -> Arm:
     except ConfigurationError as error:
         raise ConfigurationError(f"{path}: {error}") from None
     return Arm(pipeline, scene)
+
+
+def arm_file(name: str) -> Path:
+    """The file of an arm."""
+    return Path(__file__).with_name(f"{name}.yaml")

@@ -6,6 +6,7 @@ from dataclasses import asdict, dataclass, replace
 from functools import lru_cache
 from itertools import pairwise
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import numpy as np
 
@@ -13,15 +14,25 @@ from contactfusion.arrays import FloatArray
 from contactfusion.errors import ConfigurationError
 from contactfusion.generators.joint_torque import UNDECIDED
 from contactfusion.hypotheses import HypothesisCloud
+from contactfusion.identify.identification import identify_file
 from contactfusion.integrator.fusion import Fusion
 from contactfusion.integrator.integrator import Integrator
 from contactfusion.loop import play
 from contactfusion.pipeline import Pipeline
-from contactfusion.pipeline_config import PipelineConfig
-from contactfusion.readings import JointState, Reading
+from contactfusion.pipeline_config import IdentifiedConfig, PipelineConfig
+from contactfusion.readings import JointState, Reading, Wrench
+from contactfusion.recordings.mcap import McapWriter
 from contactfusion.robots.model import shared_robot
 from contactfusion.surface import Surface
-from contactfusion_lab.experiments.press.plan import ALONE, BESIDE, SECONDS, Arm, Press, arm
+from contactfusion_lab.experiments.press.plan import (
+    ALONE,
+    BESIDE,
+    SECONDS,
+    Arm,
+    Press,
+    arm,
+    arm_file,
+)
 from contactfusion_lab.scenes.press.config import PressConfig
 from contactfusion_lab.scenes.press.scene import PressScene
 from contactfusion_lab.trials.calibration import level, radius
@@ -29,8 +40,10 @@ from contactfusion_lab.trials.localisation import localisation
 
 NEAR = 0.05
 """A contact this near a true one has found it: half the width of an upper arm [m]."""
-MOTION = 60.0
-"""Length of the free motion by which a specimen is identified [s]."""
+SELDOM = 0.1
+"""Rate of images where no camera counts [Hz]."""
+MOTION, LIVELY = 60.0, (0.3, 0.8)
+"""Length of the free motion by which a specimen is identified [s], and its speed [rad/s]."""
 
 
 @dataclass(frozen=True)
@@ -200,37 +213,23 @@ def load(path: Path) -> Trial:
 
 @lru_cache(maxsize=8)
 def identified(name: str, specimen: int) -> Arm:
-    """An arm with what a minute of free motion tells of the joints of one specimen."""
-    described = arm(name)
+    """An arm with what a minute of free motion tells of one specimen, as a user identifies it."""
+    described, path = arm(name), arm_file(name)
     assert described.pipeline.robot is not None  # each file has one
-    config = described.scene.model_copy(
-        update={"places": 0, "specimen": specimen, "seconds": MOTION}
+    free = {
+        "places": 0, "specimen": specimen, "seconds": MOTION, "speed": LIVELY,
+        "camera_rate": SELDOM,
+    }  # fmt: skip
+    scene = PressScene(
+        described.scene.model_copy(update=free), shared_robot(described.pipeline.robot), specimen
     )
-    scene = PressScene(config, shared_robot(described.pipeline.robot), specimen)
-    efforts = _temporary(described, scene)
-    robot = described.pipeline.robot.model_copy(update={"efforts": efforts})
-    return replace(described, pipeline=described.pipeline.model_copy(update={"robot": robot}))
-
-
-def _temporary(described, scene):
-    from contactfusion.generators.external_torque import ExternalTorque
-    from contactfusion.robots.description import EffortConfig
-    from contactfusion.robots.dynamics import Dynamics
-
-    robot = scene.robot
-    names = described.pipeline.generators["torques"]["joints"]
-    ext = ExternalTorque(
-        Dynamics(robot), {k: EffortConfig(noise=0.1) for k in names}, "measured", 30.0, 0.05
-    )
-    R = []
-    for r in scene.readings():
-        if isinstance(r, JointState):
-            f = ext.update(r, robot.positions(r), np.array([0, 0, -9.81]))
-            if f is not None:
-                R.append(f[0])
-    R = np.array(R)[50:]
-    rows = [robot.joint_names.index(k) for k in names]
-    return {
-        k: EffortConfig(noise=float(R[:, j].std()), offset=-float(R[:, j].mean()))
-        for k, j in zip(names, rows)
-    }
+    with TemporaryDirectory(prefix="contactfusion-") as folder:
+        recording = Path(folder, "free.mcap")
+        with McapWriter(recording, scene.epoch_ns) as writer:
+            for reading in scene.readings():
+                if isinstance(reading, JointState | Wrench):
+                    writer.reading(reading)
+        measured = IdentifiedConfig(**identify_file(path, recording).fields)
+    pipeline = described.pipeline
+    fields = measured.over({"robot": pipeline.robot, "generators": pipeline.generators})
+    return replace(described, pipeline=pipeline.model_copy(update=fields))
