@@ -163,7 +163,7 @@ def _windows(
     def change(values: FloatArray) -> FloatArray:
         return np.asarray(np.diff(values[::step], axis=0) / width)
 
-    def columns(which: int, rows: Sequence[int]) -> FloatArray:
+    def of_links(which: int, rows: Sequence[int]) -> FloatArray:
         """Momentum (0) or drift (1) per unit of what each link weighs, shape (len(rows), k, 4 l)."""
         found = [
             [
@@ -188,7 +188,7 @@ def _windows(
         mean(efforts),
         change(momentum) - mean(drift),
         change(further[0]) - mean(further[1]),
-        np.diff(columns(0, ends), axis=0) / width - columns(1, middles),
+        np.diff(of_links(0, ends), axis=0) / width - of_links(1, middles),
         mean(sliding),
         mean(speeds),
         mean(1.0 - sliding**2),
