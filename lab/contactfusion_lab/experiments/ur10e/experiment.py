@@ -1,7 +1,7 @@
 """Contact by the motor currents of a real UR10e: when, whether, and on which links.
 
 Whatever is learned for runs of one profile of motion is learned on those of the other: the noise of
-free motion, the settings and the threshold of the alarm, and what a contact does to residuals. The
+free motion and the threshold of the alarm, and what a contact does to residuals. The
 pose of the profile `direct` is known: there `joint_torque` says on which links a contact may be,
 with constants of the motors by all other runs of it.
 """
@@ -15,7 +15,13 @@ from contactfusion.arrays import FloatArray
 from contactfusion.errors import RecordingError
 from contactfusion.figures import COLOURS, new_figure
 from contactfusion_lab.experiments.ur10e.alarm import Alarm, plain_first
-from contactfusion_lab.experiments.ur10e.evidence import Evidence, Part, discriminant, judged
+from contactfusion_lab.experiments.ur10e.evidence import (
+    LENGTH,
+    Evidence,
+    Part,
+    discriminant,
+    judged,
+)
 from contactfusion_lab.experiments.ur10e.links import MEASURED, Motors, located
 from contactfusion_lab.experiments.ur10e.runs import JOINTS, MARGIN, Run, read
 from contactfusion_lab.trials.measures import Measure, auc, grouped, p50, p90, proportion
@@ -34,12 +40,14 @@ def measure(folder: Path, out: Path) -> list[Measure]:
     """Measure alarms, evidence of contact, and links that may be touched; draw some alarms."""
     runs = [*read(folder)]
     profiles = sorted({run.profile for run in runs})
-    if len(profiles) < 2:
-        raise RecordingError(
-            f"all runs in '{folder}' are of the profile '{profiles[0]}': learning needs another"
-        )
+    for profile, controller in sorted({(run.profile, run.controller) for run in runs}):
+        if not any(run.profile != profile and run.controller == controller for run in runs):
+            raise RecordingError(
+                f"all runs under {controller} control in '{folder}' are of the profile "
+                f"'{profile}': there is no other to learn from"
+            )
     alarms = {
-        profile: Alarm.chosen([run for run in runs if run.profile != profile])
+        profile: Alarm.fitted([run for run in runs if run.profile != profile])
         for profile in profiles
     }
     measures = [*_alarm_measures(runs, alarms)]
@@ -65,7 +73,7 @@ def _alarm_measures(runs: Sequence[Run], alarms: dict[str, Alarm]) -> Iterator[M
         asked = name == "alarm"
         for controller in (*sorted({*controllers.tolist()}), "all"):
             rows = np.isfinite(onsets) & ((controllers == controller) | (controller == "all"))
-            delays = np.round(stamps[rows] - onsets[rows], DIGITS)
+            delays = np.asarray(np.round(stamps[rows] - onsets[rows], DIGITS), np.float64)
             case, n = f"{name}, {controller} control", len(delays)
             rng = np.random.default_rng(0)
             note = "asked: within ± 10 ms; threshold by the other profile"
@@ -99,18 +107,21 @@ def _areas(runs: Sequence[Run], profile: str, part: Part) -> Iterator[Measure]:
         own = [run for run in runs if run.controller == controller]
         rest = [run for run in own if run.profile != profile]
         tried = judged([run for run in own if run.profile == profile], part)
-        given = judged(rest, part)
+        given, note = judged(rest, part), "learned on the other profile"
+        if part == "windows":
+            total = sum(len(run.stamps) // LENGTH for run in own if run.profile == profile)
+            note += f"; {1.0 - len(tried.contact) / total:.0%} left out, as the force passes 5 N"
         scores = {
             "evidence": Evidence.learned(given).of(tried.residuals),
             "linear discriminant": tried.residuals @ discriminant(given),
         }
         for name, values in scores.items():
-            both = np.column_stack([values, tried.contact])
+            both = np.column_stack([values, tried.contact.astype(np.float64)])
             figures = grouped(both, _area, tried.group, np.random.default_rng(0))
             least = AREA.get(controller) if name == "evidence" else None
             yield Measure(
                 NAME, f"{profile}, {controller} control, {part}", f"area under ROC, {name}",
-                *figures, "", len(values), least, note="learned on the other profile",
+                *figures, "", len(values), least, note=note,
             )  # fmt: skip
 
 
@@ -122,6 +133,10 @@ def _area(scored: FloatArray) -> float:
 
 def _link_measures(runs: Sequence[Run]) -> Iterator[Measure]:
     """Sets of links that hold 90 % of the probability, with motors that other runs taught."""
+    if len(runs) < 2:
+        raise RecordingError(
+            f"constants are learned on other runs of '{KNOWN_POSE}': two are needed"
+        )
     case, motors, found, groups = f"{KNOWN_POSE}, links", [], [], []
     for number, run in enumerate(runs):
         motors.append(Motors.learned([other for other in runs if other is not run]))
