@@ -1,14 +1,14 @@
 """An alarm of contact by motor currents, without the pose of the arm.
 
-What follows from the past of a joint's residual is taken off by a linear prediction; what is left is
-summed over the last few samples, and weighed by its noise in free motion. Two things load a joint in
-free motion as hard as a contact: its set value jumps and the current follows late, so a deviation grows
-with recent changes of the set value; and its friction sticks and slips, which moves that joint alone,
-while a contact moves several. So joints count by the logarithm of a heavy-tailed density (Student's),
-and not by their squares.
+What follows from the past of a joint's residual is taken off by a linear prediction. What is left
+is summed since each onset that a contact may have, some samples ago, and weighed by its noise in
+free motion; the likeliest onset counts (as in the generalised likelihood ratio of Willsky & Jones
+1976). Two events load a joint in free motion as hard as a contact. Its set value jumps, and the
+current follows late: so a deviation grows with recent changes of the set value. And its friction
+sticks and slips, which moves that joint alone, while a contact moves several: so joints count by
+the logarithm of a heavy-tailed density (Student's), and not by their squares.
 """
 
-import itertools
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Self
@@ -17,7 +17,6 @@ import numpy as np
 from scipy.signal import lfilter
 
 from contactfusion.arrays import FloatArray
-from contactfusion.errors import RecordingError
 from contactfusion_lab.experiments.ur10e.runs import PERIOD, Run
 
 ORDER = 5
@@ -32,12 +31,8 @@ SAFE = 1.1
 """The threshold is the highest statistic in free motion, times this."""
 SETTLED = 60
 """Samples at the beginning of a run that are not judged."""
-LATEST = 0.1
-"""A later alarm counts as being so late where settings are compared [s]."""
-SUMMED = ((2,), (3,), (2, 4), (3, 5))
-UNSURE = (0.1, 0.2, 0.3)
-"""Settings that are tried on the training runs: numbers of samples in a sum, and a deviation per
-change of a set value."""
+ONSETS = (2, 3, 4, 5)
+"""Samples since onsets that are considered."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,31 +41,29 @@ class Noise:
 
     Attributes:
         prediction: shape (ORDER + 1, 6), of a sample by the last ones, newest first, and by 1.
-        deviations: standard deviation [A] of the sum of so many samples, over its root, (6,).
+        deviations: by number of samples, of their sum over its root, shape (6,) [A].
     """
 
     prediction: FloatArray
     deviations: Mapping[int, FloatArray]
 
     @classmethod
-    def of(cls, runs: Sequence[Run], summed: Sequence[int]) -> Self:
-        """The noise of runs, with deviations for these numbers of samples in a sum."""
+    def of(cls, runs: Sequence[Run]) -> Self:
+        """The noise of the free motion of runs."""
         free = [run.free for run in runs]
         given = np.concatenate([_past(run)[rows] for run, rows in zip(runs, free, strict=True)])
         values = np.concatenate([run.residual[rows] for run, rows in zip(runs, free, strict=True)])
-        prediction = np.stack(
-            [
-                np.linalg.lstsq(given[:, :, joint], values[:, joint], rcond=None)[0]
-                for joint in range(values.shape[1])
-            ],
-            axis=1,
-        )
+        fits = [
+            np.linalg.lstsq(given[:, :, joint], values[:, joint], rcond=None)[0]
+            for joint in range(values.shape[1])
+        ]
+        prediction = np.asarray(np.stack(fits, axis=1), np.float64)
         blank = cls(prediction, {})
         still = np.concatenate(
             [changes(run)[rows] < STILL for run, rows in zip(runs, free, strict=True)]
         )
         deviations = {}
-        for count in summed:
+        for count in ONSETS:
             sums = np.concatenate([blank.sums(run, count)[run.free] for run in runs])
             squares = np.where(still, sums**2, 0.0).sum(axis=0)
             deviations[count] = np.sqrt(squares / np.maximum(still.sum(axis=0), 1))
@@ -79,7 +72,7 @@ class Noise:
     def sums(self, run: Run, count: int) -> FloatArray:
         """What was not predicted, summed over the last samples, over their root, (n, 6) [A]."""
         left = run.residual - np.einsum("nkj,kj->nj", _past(run), self.prediction)
-        return np.asarray(lfilter(np.ones(count) / np.sqrt(count), 1.0, left, axis=0), np.float64)
+        return np.asarray(lfilter(np.ones(count) / np.sqrt(count), [1.0], left, axis=0), np.float64)
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,49 +90,18 @@ class Alarm:
     threshold: float
 
     @classmethod
-    def fitted(cls, runs: Sequence[Run], summed: Sequence[int], unsure: float) -> Self:
-        """The alarm with the noise of runs, that is silent in all their free motion."""
+    def fitted(cls, runs: Sequence[Run]) -> Self:
+        """The alarm by the noise of runs, that is silent in all their free motion."""
         noises = {
-            name: Noise.of([run for run in runs if run.controller == name], summed)
+            name: Noise.of([run for run in runs if run.controller == name])
             for name in sorted({run.controller for run in runs})
         }
-        blank = cls(noises, unsure, np.inf)
-        return cls(noises, unsure, SAFE * float(blank.highest(runs).max()))
-
-    @classmethod
-    def chosen(cls, runs: Sequence[Run]) -> Self:
-        """The alarm, with the settings that do best on these runs.
-
-        Each run is judged by the threshold that the other ones give: the fewest that are alarmed in
-        free motion come first, then the quickest.
-        """
-        settings = itertools.product(SUMMED, UNSURE)
-        alarms = [cls.fitted(runs, summed, unsure) for summed, unsure in settings]
-        return min(alarms, key=lambda alarm: alarm._faults(runs))
-
-    def highest(self, runs: Sequence[Run]) -> FloatArray:
-        """The highest statistic in the free motion of each run, shape (r,)."""
-        return np.array([self.statistic(run)[SETTLED:][run.free[SETTLED:]].max() for run in runs])
-
-    def _faults(self, runs: Sequence[Run]) -> tuple[int, float]:
-        """How many runs are alarmed early, and how late alarms are in the mean [s]."""
-        highest = self.highest(runs)
-        others = np.where(np.eye(len(runs), dtype=bool), -np.inf, highest).max(axis=1)
-        delays = [self.first(run) - run.onset for run in runs if np.isfinite(run.onset)]
-        late = float(np.minimum(delays, LATEST).mean()) if delays else 0.0
-        return int((highest > SAFE * others).sum()), late
+        blank = cls(noises, _unsure(runs, noises), np.inf)
+        free = [blank.statistic(run)[SETTLED:][run.free[SETTLED:]].max() for run in runs]
+        return cls(noises, blank.unsure, SAFE * float(max(free)))
 
     def statistic(self, run: Run) -> FloatArray:
-        """How little free motion explains each sample, shape (n,).
-
-        Raises:
-            RecordingError: nothing is known of its controller.
-        """
-        if run.controller not in self.noises:
-            raise RecordingError(
-                f"{run.name}: no run of another profile is under {run.controller} control, to "
-                "learn from"
-            )
+        """How little free motion explains each sample, shape (n,)."""
         noise = self.noises[run.controller]
         spread = (self.unsure * changes(run)) ** 2
         weighed = [
@@ -153,8 +115,21 @@ class Alarm:
         return first_above(run, self.statistic(run), self.threshold)
 
 
+def _unsure(runs: Sequence[Run], noises: Mapping[str, Noise]) -> float:
+    """Deviation of a residual per recent change of its set value, as free motion shows it."""
+    excess = squares = 0.0
+    for run in runs:
+        moved = changes(run)
+        rows = (moved >= STILL) & run.free[:, None]
+        squares += len(ONSETS) * float((moved[rows] ** 2).sum())
+        noise = noises[run.controller]
+        for count, deviation in noise.deviations.items():
+            excess += float((noise.sums(run, count) ** 2 - deviation**2)[rows].sum())
+    return float(np.sqrt(max(excess, 0.0) / squares)) if squares else 0.0
+
+
 def first_above(run: Run, statistic: FloatArray, threshold: float) -> float:
-    """The first stamp at which a statistic (n,) passes its threshold [s]; inf where it never does."""
+    """The first stamp at which a statistic (n,) passes a threshold [s]; inf where it never does."""
     above = statistic[SETTLED:] > threshold
     return float(run.stamps[SETTLED + int(above.argmax())]) if above.any() else np.inf
 

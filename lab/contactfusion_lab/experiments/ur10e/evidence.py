@@ -12,6 +12,7 @@ from contactfusion_lab.experiments.ur10e.runs import PERIOD, Run
 
 WINDOW = 0.2
 """Over which residuals are averaged [s]."""
+LENGTH = round(WINDOW / PERIOD)
 Part = Literal["windows", "samples"]
 """What is judged."""
 
@@ -45,10 +46,9 @@ def judged(runs: Sequence[Run], part: Part) -> Judged:
 
 
 def _windows(run: Run) -> tuple[FloatArray, NDArray[np.bool_]]:
-    length = round(WINDOW / PERIOD)
-    count = len(run.stamps) // length
-    residuals = run.residual[: count * length].reshape(count, length, -1).mean(axis=1)
-    share = run.touching[: count * length].reshape(count, length).mean(axis=1)
+    count = len(run.stamps) // LENGTH
+    residuals = run.residual[: count * LENGTH].reshape(count, LENGTH, -1).mean(axis=1)
+    share = run.touching[: count * LENGTH].reshape(count, LENGTH).mean(axis=1)
     clear = (share == 0.0) | (share == 1.0)
     return residuals[clear], share[clear] > 0.0
 

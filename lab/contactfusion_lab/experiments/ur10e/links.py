@@ -1,4 +1,4 @@
-"""Links that a contact may be on, by `joint_torque` from motor currents, where the pose is known."""
+"""Links that a contact may be on, by `joint_torque` from currents, where the pose is known."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -20,21 +20,19 @@ from contactfusion.robots.model import shared_robot
 from contactfusion.robots.posed import PosedRobot
 from contactfusion_lab.experiments.ur10e.runs import Run
 
-URDF = "contactfusion_lab.scenes.arms:ur10e_like.urdf"
 BASE, TOOL, SENSOR = "base_link", "tool", "arm"
 POSE = np.radians([-12.3, -69.5, 105.3, -125.8, -90.0, 107.7])
 """The joints while the tool presses in the profile `direct`; they hardly move."""
 UP = np.array([0.0, 0.0, 1.0])
 """Where the sensor under the tool pushes."""
 MEASURED = {0: 1, 1: 1, 2: 2, 3: 3, 4: 3, 5: 3}
-"""By joint the one whose constant it takes. The force hardly loads the first, fifth and sixth, whose
-motors are the same as those of the second, and of the fourth."""
+"""By joint the one whose constant it takes. The force hardly loads the first, fifth and sixth,
+whose motors are those of the second, and of the fourth."""
 STRIDE = 20
 """So many samples apart contacts are located."""
 HELD = 0.9
 """The probability that a set of links holds."""
-SPACING = 0.01
-"""Between points of the arm's surface [m]."""
+ARM = RobotConfig(urdf="contactfusion_lab.scenes.arms:ur10e_like.urdf", spacing=0.01)
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,7 +76,7 @@ class Motors:
 
 def levers() -> FloatArray:
     """How a force at the tip of the tool loads each joint, shape (6, 3) [m]."""
-    robot = shared_robot(RobotConfig(urdf=URDF, spacing=SPACING))
+    robot = shared_robot(ARM)
     linear, angular = Dynamics(robot).axes(POSE)
     tip = robot.poses_at(POSE)[TOOL][:3, 3]
     return np.asarray(linear + np.cross(angular, tip), np.float64)
@@ -101,7 +99,7 @@ def located(run: Run, motors: Motors) -> Located:
     """On which links the contacts of a run may be."""
     clouds = list[HypothesisCloud]()
     pipeline = Pipeline(_config(motors), tell=clouds.append)
-    robot = shared_robot(pipeline.config.robot or RobotConfig(urdf=URDF))
+    robot = shared_robot(ARM)
     surface = PosedRobot(robot, POSE, BASE, np.eye(4)).surface
     tool, held, sizes = surface.link_names.index(TOOL), [], []
     for row in np.flatnonzero(run.touching)[::STRIDE]:
@@ -128,16 +126,16 @@ def located(run: Run, motors: Motors) -> Located:
 
 def _config(motors: Motors) -> PipelineConfig:
     """The generator with its own settings, and what was learned of the motors."""
-    robot = shared_robot(RobotConfig(urdf=URDF, spacing=SPACING))
+    names = shared_robot(ARM).joint_names
     efforts = {
         name: EffortConfig(noise=noise, offset=offset, constant=constant)
         for name, noise, offset, constant in zip(
-            robot.joint_names, motors.noises.tolist(), motors.offsets.tolist(),
+            names, motors.noises.tolist(), motors.offsets.tolist(),
             motors.constants.tolist(), strict=True,
         )
     }  # fmt: skip
     return PipelineConfig(
-        robot=RobotConfig(urdf=URDF, spacing=SPACING, efforts=efforts),
+        robot=ARM.model_copy(update={"efforts": efforts}),
         generators={
             SENSOR: {
                 "type": "joint_torque", "sensor": SENSOR, "effort": "external", "sign": "by_robot",

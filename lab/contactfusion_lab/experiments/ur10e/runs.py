@@ -1,7 +1,7 @@
 """Runs of a UR10e that presses a tool on a force sensor.
 
-Joint angles over time are not recorded. The input is the residual of each joint, its motor's current
-less the set value; the force sensor is the truth.
+Joint angles over time are not recorded. The input is the residual of each joint, the current of its
+motor less the set value; the force sensor is the truth.
 """
 
 import re
@@ -74,11 +74,13 @@ class Run:
 
     @cached_property
     def leaves_noise(self) -> float:
-        """From when on, until the onset, the force is above its noise [s]."""
+        """From when on, until the onset, the force is above its noise [s]; inf without an onset."""
+        if not np.isfinite(self.onset):
+            return np.inf
         before = self.forces[self.force_stamps < self.onset]
         noise = self.forces[self.force_stamps < self.onset - MARGIN]
         quiet = before <= noise.mean() + NOISES * noise.std()
-        return float(self.force_stamps[np.flatnonzero(quiet)[-1] + 1]) if len(before) else -np.inf
+        return float(self.force_stamps[np.flatnonzero(quiet)[-1] + 1])
 
     @cached_property
     def free(self) -> NDArray[np.bool_]:
@@ -117,7 +119,7 @@ def read_run(path: Path) -> Run:
     name = NAME.fullmatch(path.stem)
     if name is None:
         raise RecordingError(
-            f"{path}: the name is not of the form PROFILE_..._CONTROLLER_control_F_FORCEN_..._v_SPEED"
+            f"{path}: the name is not as in direct_contact_UR_control_F_100N_damping_0_v_0.10_1"
         )
     series = dict(
         zip(
