@@ -11,6 +11,7 @@ import time
 from collections.abc import Callable, Iterator
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.optimize import nnls
 
 from benchmarks.interleave import Spread
@@ -69,7 +70,7 @@ def _timed(rounds: int) -> tuple[list[float], list[float]]:
     return own, theirs
 
 
-def _arm() -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray]:
+def _arm() -> tuple[FloatArray, FloatArray, NDArray[np.bool_], FloatArray, FloatArray]:
     """Points and normals of the arm, the joints that they load, and the axes of all joints."""
     robot = shared_robot(RobotConfig(urdf="contactfusion.robots:arm_hand.urdf"))
     dynamics, rng = Dynamics(robot), np.random.default_rng(0)

@@ -317,10 +317,8 @@ def test_of_two_sensors_one_behind_the_other_the_first_measures_all() -> None:
 def test_a_heavier_link_loads_the_joints_by_its_weight() -> None:
     link = robot().urdf.links["link_4"]
     x, y, z = link.centre_of_mass
-    changed = {"mass": link.mass + 1.0, "centre_of_mass": (x, y, z)}
-    heavy = RobotModel(
-        robot().config.model_copy(update={"masses": {"link_4": LinkMassConfig(**changed)}})
-    )
+    changed = LinkMassConfig(mass=link.mass + 1.0, centre_of_mass=(x, y, z))
+    heavy = RobotModel(robot().config.model_copy(update={"masses": {"link_4": changed}}))
     at, rest = whole(BENT), np.zeros(len(whole(BENT)))
     more = Dynamics(heavy).drift(at, rest, UP) - Dynamics(robot()).drift(at, rest, UP)
     _, columns = Dynamics(robot()).payload_columns("link_4", at, rest, UP)

@@ -116,9 +116,9 @@ class Arm:
 
     def _weighed(self, dynamics: Dynamics) -> list[str]:
         """The links with a mass that the joints move."""
-        moved = dynamics.supports[:, self.numbers].any(axis=1).tolist()
-        names = zip(self.model.link_names, moved, strict=True)
-        return [name for name, is_moved in names if is_moved and self.model.mass_of(name)[0] > 0.0]
+        moved = np.flatnonzero(dynamics.supports[:, self.numbers].any(axis=1)).tolist()
+        names = [self.model.link_names[row] for row in moved]
+        return [name for name in names if self.model.mass_of(name)[0] > 0.0]
 
     def _last_link(self, dynamics: Dynamics) -> str:
         """The link of a payload: as configured, or the one that the outermost joint carries."""

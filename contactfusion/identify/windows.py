@@ -6,7 +6,7 @@ acceleration is needed, and the noise of encoders counts at the ends of a window
 """
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import numpy as np
 from numpy.typing import NDArray
@@ -98,19 +98,9 @@ def windows_of(
             f"joints for {LEAST:g} s at least, better for a minute"
         )
     shifted = {lag: np.concatenate([part.lagging[lag] for part in parts]) for lag in lags}
-    names = (
-        "stamps",
-        "efforts",
-        "torques",
-        "payload",
-        "masses",
-        "sliding",
-        "velocities",
-        "sticking",
-    )
-    return Windows(
-        *(np.concatenate([getattr(part, name) for part in parts]) for name in names), shifted
-    )
+    names = [field.name for field in fields(Windows) if field.name != "lagging"]
+    joined = {name: np.concatenate([getattr(part, name) for part in parts]) for name in names}
+    return Windows(**joined, lagging=shifted)
 
 
 def _stretches(stamps: FloatArray) -> Iterator[tuple[FloatArray, slice]]:

@@ -460,7 +460,7 @@ class RobotModel:
         for kind in ("patches", "wrists", "cameras", "lidars"):
             for name, sensor in getattr(config, kind).items():
                 named.append((f"{kind}.{name}.frame", sensor.frame, frames, "frame"))
-        named += [(f"masses.{name}", name, links, "link") for name in config.masses]
+        named += [(f"masses.{name}", name, tuple(links), "link") for name in config.masses]
         if config.payload is not None:
             named.append(("payload.frame", config.payload.frame, frames, "frame"))
         for name, finger in config.fingers.items():

@@ -124,7 +124,10 @@ def evaluate(
     frame = frame_of_trials(trials, joints)
     summary, lines = list(_summary(frame, plan)), []
     for each in summary:
-        cells = [cell(*each[name], scale, form) for name, _, scale, form in COLUMNS]
+        cells = []
+        for name, _, scale, form in COLUMNS:
+            value, low, high = each[name]
+            cells.append(cell(value, low, high, scale, form))
         alarms = each["alarms a minute"]
         ends = [f"{each[name]}" for name in ("arm", "force", "links", "row", "n")]
         lines.append([*ends, *cells, "-" if alarms is None else f"{alarms:.1f}"])

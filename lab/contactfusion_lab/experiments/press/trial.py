@@ -123,7 +123,7 @@ Fused = Sequence[tuple[float, Fusion, Surface]]
 
 def _fused(
     config: PipelineConfig, readings: Sequence[Reading], rows: Mapping[str, Sequence[str]]
-) -> dict[str, Fused]:
+) -> Mapping[str, Fused]:
     """What is fused of the clouds of some generators each.
 
     Args:
@@ -188,7 +188,7 @@ def scene_of(config: PressConfig, press: Press) -> PressConfig:
 def _link_at(surface: Surface, place: FloatArray) -> str:
     """The link whose surface is nearest to a place, shape (3,) [m]."""
     (row,) = surface.nearest(place[None])[1]
-    return surface.link_names[surface.links[row]]
+    return str(surface.link_names[surface.links[row]])
 
 
 def content_of(trial: Trial) -> bytes:

@@ -263,7 +263,7 @@ class PressScene(Scene):
         others = [
             np.linalg.norm(first - second) for first, second in itertools.combinations(tips, 2)
         ]
-        return bool((solid.query(tips)[0] >= RADIUS).all() and min(others, default=1.0) >= APART)
+        return bool(np.min(solid.query(tips)[0]) >= RADIUS and min(others, default=1.0) >= APART)
 
     def _meets(self, aim: Aim, posture: FloatArray, rates: FloatArray) -> bool:
         """Whether a point of a link moves towards its outside, at joint velocities (n,)."""
