@@ -6,7 +6,7 @@ from functools import cached_property, lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from contactfusion.arrays import FloatArray
 from contactfusion.errors import (
@@ -257,7 +257,7 @@ class RobotModel:
             RobotError: no link and no frame of the description has that name.
         """
         links = self.beyond(frame)
-        held = [
+        held: list[tuple[str, float, ArrayLike]] = [
             (name, self.urdf.links[name].mass, self.urdf.links[name].centre_of_mass)
             for name in links
         ]
