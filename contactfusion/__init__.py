@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from contactfusion.grid import Grid
     from contactfusion.hooks import hookimpl
     from contactfusion.hypotheses import ContactHypothesis, HypothesisCloud, HypothesisKind, Note
+    from contactfusion.identify.identification import identify_file
     from contactfusion.integrator.config import IntegratorConfig
     from contactfusion.integrator.entries import Field
     from contactfusion.integrator.fusion import Fusion
@@ -142,6 +143,7 @@ _HOMES = {
     "fit_baseline": "contactfusion.generators.baselines",
     "fit_compensation": "contactfusion.generators.compensation",
     "hookimpl": "contactfusion.hooks",
+    "identify_file": "contactfusion.identify.identification",
     "message": "contactfusion.readings.messages",
     "open_recording": "contactfusion.recordings.opening",
     "open_scene": "contactfusion.scene",
@@ -225,6 +227,7 @@ __all__ = [
     "fit_baseline",
     "fit_compensation",
     "hookimpl",
+    "identify_file",
     "message",
     "open_recording",
     "open_scene",

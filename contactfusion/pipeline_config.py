@@ -153,7 +153,8 @@ class PipelineConfig(Model):
         try:
             fields = with_identified(fields, folder, within)
             if (found := fields.get("identified")) is not None:
-                found = found if isinstance(found, IdentifiedConfig) else IdentifiedConfig(**found)
+                if not isinstance(found, IdentifiedConfig):
+                    found = IdentifiedConfig(**found)
                 fields = found.over(fields)
         except ConfigurationError as error:
             raise error.under("identified") from None

@@ -45,8 +45,8 @@ class Sines:
         """Positions, velocities and accelerations, each of shape (n, 7)."""
         rng, found = np.random.default_rng(seed), np.zeros((3, len(stamps), 7))
         found[0] = self.middle
-        for part in (1.0, 0.4):
-            rate = 2.0 * np.pi * rng.uniform(0.1, 0.4, 7) / part
+        for part in (1.0, 0.5):
+            rate = 2.0 * np.pi * rng.uniform(0.15, 0.25, 7) / part
             angle = np.outer(stamps, rate) + rng.uniform(0.0, 2.0 * np.pi, 7)
             size = part * self.span * rng.uniform(0.8, 1.2, 7)
             found += (
@@ -67,7 +67,7 @@ def table(
     joints: Joints,
     payload: PayloadConfig | None = TOOL,
     seconds: float = 60.0,
-    rate: float = 500.0,
+    rate: float = 200.0,
     seed: int = 0,
     sines: Sines | None = None,
     push: tuple[float, float, FloatArray] | None = None,

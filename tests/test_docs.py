@@ -325,6 +325,7 @@ def test_the_example_of_the_page_on_configuration_holds_every_field_of_the_integ
     assert set(example["integrator"]) == set(IntegratorConfig.model_fields) - set(PARTS.values())
     assert set(example) == set(RunConfig.model_fields) - {
         "folder",
+        "identified",
         "robot",
         "scene",
         "files_within",

@@ -35,7 +35,14 @@ PUBLIC = {
     *("SegmenterConfig", "ShapeConfig", "State", "Step", "Surface", "Switch", "TactileImage"),
     *("TaxelMap", "Transform", "Twist", "Viewer", "Wrench"),
     *("check_file", "check_generator", "explain_fusion", "explain_moment", "fit_baseline"),
-    *("fit_compensation", "hookimpl", "open_recording", "open_scene", "plot_fusion"),
+    *(
+        "fit_compensation",
+        "hookimpl",
+        "identify_file",
+        "open_recording",
+        "open_scene",
+        "plot_fusion",
+    ),
     *("read_robot", "run_file"),
 }
 """All that users may rely on: a name more or less is decided here."""

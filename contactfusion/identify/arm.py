@@ -4,13 +4,14 @@ from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
+from scipy.integrate import cumulative_trapezoid
 
 from contactfusion.arrays import FloatArray
 from contactfusion.errors import ConfigurationError, RecordingError
 from contactfusion.frames import points_in
 from contactfusion.generators.external_torque import ExternalTorque
 from contactfusion.generators.joint_torque import JointTorqueConfig
-from contactfusion.identify.joints import FIELDS, Choice, Fit, Mask, Regression
+from contactfusion.identify.joints import FAST, FIELDS, Choice, Fit, Mask, Regression
 from contactfusion.identify.recorded import Motion, Recorded
 from contactfusion.identify.report import Identification, plain, stated, table
 from contactfusion.identify.windows import PERIOD, WIDTH, plateaus, windows_of
@@ -28,6 +29,8 @@ RESTING = 0.1
 """A joint moves where friction is uncertain by less than this share of the most."""
 LEAST_NOISE = 1e-6
 """[N·m, N]"""
+ASTRAY = 0.3
+"""Velocities may differ from those of positions by such a share."""
 LAGS = tuple(range(-20, 21))
 """Delays of efforts that are tried, in rows of `PERIOD`."""
 LIGHTEST = 0.1
@@ -91,6 +94,7 @@ class Arm:
                 f"{'after' if late > 0 else 'before'} its positions: are both stamped when they "
                 "are measured?"
             )
+        found.warnings += self._strange_velocities()
         spans = [*saturated, *((begin, end) for begin, end, _ in touched)]
         noise = self._noise(regression, choice, used, spans, link, links)
         self._report(found, choice, fit, noise, link)
@@ -119,6 +123,28 @@ class Arm:
         moved = np.flatnonzero(dynamics.supports[:, self.numbers].any(axis=1)).tolist()
         names = [self.model.link_names[row] for row in moved]
         return [name for name in names if self.model.mass_of(name)[0] > 0.0]
+
+    def _strange_velocities(self) -> Iterator[str]:
+        """A sentence on joints whose velocities are not those of their positions."""
+        readings = [each for each in self.motion.readings if each.velocities is not None]
+        if len(readings) < len(self.motion.readings) or self.config.effort == "external":
+            return
+        rows = [readings[0].names.index(name) for name in self.names]
+        rates = np.array(
+            [each.velocities[rows] for each in readings if each.velocities is not None]
+        )
+        stamps, joints = self.motion.stamps, np.array(self.motion.positions)[:, self.numbers]
+        moved = cumulative_trapezoid(rates, stamps, axis=0, initial=0)
+        step = max(1, round(WIDTH / float(np.median(np.diff(stamps)))))
+        truly, said = (np.diff(each[::step], axis=0) for each in (joints, moved))
+        off, size = (np.sqrt(np.mean(each**2, axis=0)) for each in (truly - said, truly))
+        strange = off > np.maximum(ASTRAY * size, WIDTH * FAST)
+        if strange.any():
+            wrong = ", ".join(self.names[row] for row in np.flatnonzero(strange))
+            yield (
+                f"{self.name}: the velocities of {wrong} are not those of the positions, and the "
+                "generator believes them: its noise holds their error; leave them out, or mend them"
+            )
 
     def _last_link(self, dynamics: Dynamics) -> str:
         """The link of a payload: as configured, or the one that the outermost joint carries."""

@@ -210,7 +210,8 @@ class Regression:
                 (np.ones_like(torques), torques, slope * sliding, slope * speeds)
             ):
                 whole[:, own, 4 * own + number] = column
-            linear = np.concatenate([windows.payload[used][:, :, :4], windows.masses[used]], axis=2)
+            payloads = windows.payload[used] @ point_mass_slopes(payload)
+            linear = np.concatenate([payloads, windows.masses[used]], axis=2)
             whole[:, :, 4 * count :] = slope[:, None] * linear
             whole = whole[:, :, columns] / scales[:, :, None]
             scores = whole * (weights * residuals / scales)[:, :, None]
@@ -340,13 +341,31 @@ class Regression:
 
 
 def point_mass(payload: FloatArray) -> FloatArray:
-    """Inertial parameters of a point mass, shape (10,), by mass and first moments, (4,)."""
+    """Inertial parameters of a point mass, shape (10,), by mass and first moments, (4,).
+
+    What is lighter than a payload has no inertia about the link's origin.
+    """
     mass, moments = payload[0], payload[1:]
-    inertia = np.zeros((3, 3))
-    if mass > 0.0:
-        inertia = (moments @ moments * np.eye(3) - np.outer(moments, moments)) / mass
-    xx, xy, yy, xz, yz, zz = inertia[[0, 0, 1, 0, 1, 2], [0, 1, 1, 2, 2, 2]]
-    return np.array([mass, *moments, xx, xy, yy, xz, yz, zz])
+    return np.array([mass, *moments, *_inertia(moments, moments) / (2.0 * max(mass, HEAVY))])
+
+
+def point_mass_slopes(payload: FloatArray) -> FloatArray:
+    """The derivatives of `point_mass` by mass and first moments, shape (10, 4)."""
+    mass, moments = payload[0], payload[1:]
+    slopes = np.zeros((10, 4))
+    slopes[:4] = np.eye(4)
+    if mass > HEAVY:
+        slopes[4:, 0] = -_inertia(moments, moments) / (2.0 * mass**2)
+    for axis, unit in enumerate(np.eye(3)):
+        slopes[4:, 1 + axis] = _inertia(moments, unit) / max(mass, HEAVY)
+    return slopes
+
+
+def _inertia(first: FloatArray, second: FloatArray) -> FloatArray:
+    """The symmetric form 2 a·b I − a bᵀ − b aᵀ, its xx, xy, yy, xz, yz and zz, shape (6,)."""
+    crossed = np.outer(first, second)
+    whole = 2.0 * np.trace(crossed) * np.eye(3) - crossed - crossed.T
+    return np.asarray(whole[[0, 0, 1, 0, 1, 2], [0, 1, 1, 2, 2, 2]])
 
 
 def _share(column: FloatArray, other: FloatArray) -> float:

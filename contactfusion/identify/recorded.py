@@ -131,9 +131,10 @@ class Recorded:
         robot, joints = self.config.robot, options.get("joints")
         if issubclass(of, JointTorqueConfig) and self.model is None:
             raise ConfigurationError("needs a robot by URDF", f"generators.{name}")
-        for joint in joints or () if self.model is not None else ():
-            if joint not in self.model.joint_names:
-                hint = name_hint(str(joint), self.model.joint_names, "joints of the robot")
+        known = self.model.joint_names if self.model is not None else ()
+        for joint in joints if isinstance(joints, list | tuple | dict) else ():
+            if joint not in known:
+                hint = name_hint(str(joint), known, "joints of the robot")
                 raise ConfigurationError(
                     f"unknown joint '{joint}'; {hint}", f"generators.{name}.joints"
                 )

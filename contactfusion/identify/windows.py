@@ -25,7 +25,7 @@ WIDTH = 0.1
 """Of a window [s]."""
 SMOOTHED = 7
 """Velocities are the slope of a cubic over so many rows."""
-LEAST = 10.0
+LEAST = 5.0
 """The shortest motion that anything is identified from [s]."""
 PLATEAU = 0.2
 """An effort that stays so long at exactly its greatest or least value is saturated [s]."""
@@ -97,10 +97,11 @@ def windows_of(
             f"{length:.1f} s of efforts without a gap over {LONGEST:g} s are too few: move all "
             f"joints for {LEAST:g} s at least, better for a minute"
         )
-    shifted = {lag: np.concatenate([part.lagging[lag] for part in parts]) for lag in lags}
     names = [field.name for field in fields(Windows) if field.name != "lagging"]
-    joined = {name: np.concatenate([getattr(part, name) for part in parts]) for name in names}
-    return Windows(**joined, lagging=shifted)
+    return Windows(
+        **{name: np.concatenate([getattr(part, name) for part in parts]) for name in names},
+        lagging={lag: np.concatenate([part.lagging[lag] for part in parts]) for lag in lags},
+    )
 
 
 def _stretches(stamps: FloatArray) -> Iterator[tuple[FloatArray, slice]]:
