@@ -269,3 +269,28 @@ def test_a_robot_without_inertias_is_refused_where_they_are_needed(tmp_path: Pat
     generator().prepare(light)
     with pytest.raises(RobotError, match="joint 'arm_1' moves no mass: give inertias of link_1"):
         generator(effort="measured").prepare(light)
+
+
+@pytest.mark.parametrize(("sign", "times"), [("by_robot", 1), ("on_robot", 0)])
+def test_torques_that_hold_the_arm_with_the_wrong_sign_are_told_once(sign: str, times: int) -> None:
+    still, positions = np.zeros(len(ARM)), whole(BENT)
+    held = -Dynamics(robot()).drift(positions, np.zeros(len(positions)), UP)[: len(ARM)]
+    arm = generator(effort="measured", sign=sign)
+    notes = [
+        note
+        for step in range(80)
+        for cloud in arm.generate(reading(held, stamp=0.05 * step, velocities=still), state())
+        for note in cloud.notes
+    ]
+    assert notes.count(Note.REVERSED) == times
+
+
+def test_a_driver_by_name_reports_minus_the_torque_of_the_motors() -> None:
+    still, positions = np.zeros(len(ARM)), whole(BENT)
+    held = -Dynamics(robot()).drift(positions, np.zeros(len(positions)), UP)[: len(ARM)]
+    arm = JointTorqueGenerator(
+        "arm", JointTorqueConfig.model_validate({"vendor": "kinova_torque", "joints": known()})
+    )
+    for step in range(40):
+        clouds = arm.generate(reading(-held, stamp=0.05 * step, velocities=still), state())
+    assert not len(only(clouds)) and not only(clouds).notes
