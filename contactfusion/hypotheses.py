@@ -34,6 +34,7 @@ class Note(StrEnum):
     MORE_THAN_ONE_CONTACT = "more than one contact"
     OFF_SURFACE = "off the surface"
     PULLS = "the force pulls: sign?"
+    REVERSED = "reversed, it would explain what it does not: sign?"
     NEVER_FREE = "loaded since the first reading: tare?"
     UNCHANGED = "loaded and unchanged since the first reading: columns?"
     SATURATED = "saturated"

@@ -21,6 +21,7 @@ LONGEST = 0.1
 SLOW = 0.01
 """Speed at which friction turns from sticking to sliding [rad/s, m/s]."""
 Effort = Literal["external", "measured", "current"]
+Sign = Literal["on_robot", "by_robot"]
 
 
 class ExternalTorque:
@@ -32,6 +33,7 @@ class ExternalTorque:
         effort: what they report: the torque of contacts, of motors, or the motors' currents.
         gain: K of the observer [1/s].
         scale: standard deviation of a torque, as a part of it.
+        sign: whether they report torques on the robot, or of the robot.
     """
 
     def __init__(
@@ -41,6 +43,7 @@ class ExternalTorque:
         effort: Effort,
         gain: float,
         scale: float,
+        sign: Sign = "on_robot",
     ) -> None:
         self._dynamics, self._effort, self._gain, self._scale = dynamics, effort, gain, scale
         self._names = dynamics.model.joint_names
@@ -52,6 +55,8 @@ class ExternalTorque:
         self._noise, self._offset, self._constant, self._coulomb, self._viscous = (
             np.array([getattr(joint, field) for joint in own]) for field in fields
         )
+        if sign == "by_robot":
+            self._constant = -self._constant
         self.reset()
 
     def reset(self) -> None:

@@ -6,7 +6,7 @@ the papers' three groups of equations (F Eq 6-7) are this line solved for x, y o
 
 from collections import deque
 from collections.abc import Mapping, Sequence
-from typing import Annotated, Literal, Self
+from typing import Annotated, Any, Literal, Self
 
 import numpy as np
 from pydantic import Field, model_validator
@@ -16,6 +16,7 @@ from contactfusion.arrays import FloatArray
 from contactfusion.frames import Pose, points_in, vectors_in
 from contactfusion.generator import Generator, GeneratorConfig, OfRobot
 from contactfusion.generators.compensation import BiasEstimate, Compensation
+from contactfusion.generators.sign import SignWatch, WeightWatch
 from contactfusion.grid import Grid
 from contactfusion.hooks import hookimpl
 from contactfusion.hypotheses import HypothesisCloud, Note, Resultant
@@ -25,22 +26,31 @@ from contactfusion.state import State
 from contactfusion.surface import Surface
 from contactfusion.thinning import voxel_downsample
 from contactfusion.units import Acceleration, Force, ForceNoise, Memory, Spread, TorqueNoise
+from contactfusion.vendors import WRENCHES, beneath
 
 STEADY = 2.0
 """Scatter of samples at rest, in standard deviations of the noise, at most."""
 LOADED = 1.0
 """Duration of a load from the first reading on after which it may be a bias [s]."""
+ON_LINE = 2.0
+"""A contact of others lies on a line of action within so many tolerances of the surface."""
 AXES = ("force x", "force y", "force z", "torque x", "torque y", "torque z")
 
 
 class ForceTorqueConfig(GeneratorConfig):
     """The options of `force_torque`."""
 
+    vendor: str | None = None
+    """The convention of a known driver, in place of `sign` and `axes`, such as
+    `franka_k_f_ext_hat_k`."""
     sign: Literal["on_robot", "by_robot"] | None = None
     """Whether the sensor measures the force of the world on the robot, or of the robot on the
     world; drivers differ, so it must be configured, here or by `wrist`."""
     wrist: Annotated[WristConfig | None, OfRobot("wrists")] = None
     """The sensor, by its name in the robot's description."""
+    axes: str | None = None
+    """The frame along whose axes the wrenches are given, about the origin of their own frame; None:
+    their own."""
     load: Literal["configured", "robot"] = "configured"
     """Whether the load on the sensor is that of `compensation`, or follows from the robot's URDF
     and joints."""
@@ -76,10 +86,27 @@ class ForceTorqueConfig(GeneratorConfig):
     """Duration over which the newest wrenches are averaged [s], 0: none; the stated noise is that
     of one sample, for drift does not average out."""
 
+    @model_validator(mode="before")
+    @classmethod
+    def _by_vendor(cls, fields: Any) -> Any:
+        return beneath("force_torque", fields)
+
+    @model_validator(mode="after")
+    def _compensated_once(self) -> Self:
+        known = WRENCHES[self.vendor] if self.vendor else None
+        if known and known.compensated and (self.load == "robot" or self.compensation.mass):
+            raise ValueError(
+                f"the driver takes gravity off what '{self.vendor}' reports: leave the mass in "
+                "compensation and `load: robot` out, and tell the driver its payload"
+            )
+        return self
+
     @model_validator(mode="after")
     def _one_sign_one_load(self) -> Self:
         if (self.sign is None) == (self.wrist is None):
-            raise ValueError("give the sign, or a wrist of the robot's description")
+            raise ValueError(
+                "give the sign, or a wrist of the robot's description; a vendor gives the sign"
+            )
         if self.load == "robot" and self.compensation.mass:
             raise ValueError("give the mass in compensation, or take the load of the robot")
         return self
@@ -115,6 +142,7 @@ class ForceTorqueGenerator(Generator[ForceTorqueConfig]):
         self._asked: object = None
         self._touched = False
         self.resultant = None
+        self._sign, self._weight, self._is_reversed = SignWatch(), WeightWatch(), False
 
     def generate(self, reading: Reading, state: State) -> Sequence[HypothesisCloud]:
         """The positions on the surface where one contact explains the wrench.
@@ -135,11 +163,12 @@ class ForceTorqueGenerator(Generator[ForceTorqueConfig]):
         force, torque = wrench[:3], wrench[3:]
         pose = state.frames.pose(state.grid.frame, of=reading.frame)
         self.resultant = resultant = self._resultant(force, torque, reading, state).moved(pose)
+        said = (Note.REVERSED,) if self._is_reversed else ()
         if np.linalg.norm(force) < self.least_force:
             self._was_free = True
-            return (self.nothing(reading),)
+            return (self.nothing(reading, notes=said),)
         probability = self.explained(force, torque)
-        notes = (Note.MORE_THAN_ONE_CONTACT,) if probability < 1.0 else ()
+        notes = (*said, Note.MORE_THAN_ONE_CONTACT) if probability < 1.0 else said
         if not self._was_free and reading.stamp - first >= LOADED:
             notes = (*notes, Note.NEVER_FREE if self._has_changed else Note.UNCHANGED)
         if probability == 0.0:
@@ -150,8 +179,11 @@ class ForceTorqueGenerator(Generator[ForceTorqueConfig]):
             link = state.link_of(reading.frame)
             surface = state.robot.surface_of(state.robot.model.beyond(link))
         positions = self._on_surface(nearest, force, surface, state.grid)
+        pulls = not len(positions) and len(self._on_surface(nearest, -force, surface, state.grid))
+        reverse = bool(pulls) or self._is_contradicted(nearest, force, surface, state)
+        if self._sign.suspects(reading.stamp, reverse):
+            notes = (*notes, Note.REVERSED)
         if not len(positions):
-            pulls = len(self._on_surface(nearest, -force, surface, state.grid))
             why = Note.PULLS if pulls else Note.OFF_SURFACE
             return (self._off(reading, state, (*notes, why), resultant),)
         levers = positions - pose[:3, 3]
@@ -168,6 +200,21 @@ class ForceTorqueGenerator(Generator[ForceTorqueConfig]):
                 resultant=resultant,
             ),
         )
+
+    def _is_contradicted(
+        self, start: FloatArray, force: FloatArray, surface: Surface, state: State
+    ) -> bool:
+        """Whether others find a contact on the line of action where the force pulls, none else."""
+        found = state.evidence(without=self.name)
+        if not len(found):
+            return False
+        direction = force / np.linalg.norm(force)
+        offsets = found - start
+        beside = np.linalg.norm(offsets - np.outer(offsets @ direction, direction), axis=1)
+        distances, rows = surface.nearest(found, self.config.surface_tolerance)
+        near = (beside <= ON_LINE * self.config.surface_tolerance) & np.isfinite(distances)
+        along = surface.normals[rows[near]] @ direction
+        return bool(near.any() and (along > 0.0).all())
 
     def _off(
         self, reading: Wrench, state: State, notes: Sequence[str], resultant: Resultant
@@ -242,7 +289,10 @@ class ForceTorqueGenerator(Generator[ForceTorqueConfig]):
     def compensated(self, reading: Wrench, state: State) -> FloatArray | None:
         """The contact's wrench on the robot, shape (6,) [N, N·m]; None before the tare."""
         sign = 1.0 if self.config.on_robot() else -1.0
-        wrench = sign * np.concatenate([reading.force, reading.torque])
+        parts = np.stack([reading.force, reading.torque])
+        if self.config.axes:
+            parts = vectors_in(state.frames.pose(reading.frame, of=self.config.axes), parts)
+        wrench = sign * parts.ravel()
         compensation, gravity = self.config.compensation, np.zeros(3)
         if compensation.mass or self.config.load == "robot":
             pose = state.frames.pose(reading.frame, of=state.grid.frame)
@@ -250,6 +300,8 @@ class ForceTorqueGenerator(Generator[ForceTorqueConfig]):
             if self.config.load == "robot":
                 compensation = self._weighed(compensation, reading, state, pose)
         wrench = wrench - compensation.contactless(gravity)
+        weight = compensation.mass * gravity
+        self._is_reversed = self._weight.suspects(reading.stamp, weight, wrench[:3])
         if self._bias is None:
             self._bias = self._tared(reading.stamp, wrench, touched=bool(state.contacts))
             if self._bias is None:

@@ -1,11 +1,11 @@
 """Contacts anywhere on an arm from the torques, or motor currents, of its joints."""
 
 from collections.abc import Mapping, Sequence
-from typing import Annotated, Literal
+from typing import Annotated, Any
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import Field
+from pydantic import Field, model_validator
 from scipy.special import logsumexp
 from scipy.stats import chi2
 
@@ -13,7 +13,8 @@ from contactfusion.arrays import FloatArray
 from contactfusion.errors import ConfigurationError, name_hint
 from contactfusion.frames import inverse, points_in, vectors_in
 from contactfusion.generator import Generator, GeneratorConfig, OfRobot
-from contactfusion.generators.external_torque import Effort, ExternalTorque
+from contactfusion.generators.external_torque import Effort, ExternalTorque, Sign
+from contactfusion.generators.sign import SignWatch
 from contactfusion.generators.torque_field import explained
 from contactfusion.grid import Grid
 from contactfusion.hooks import hookimpl
@@ -27,6 +28,7 @@ from contactfusion.state import State
 from contactfusion.surface import RigidPart, Surface
 from contactfusion.thinning import voxel_downsample
 from contactfusion.units import Acceleration, Force, Spacing, Spread
+from contactfusion.vendors import beneath
 
 SURE = 0.999
 """Less than one in a thousand of single contacts leaves more unexplained."""
@@ -42,6 +44,8 @@ UNDECIDED = "it cannot tell on which link: "
 """How a note begins that names links, with commas between them."""
 HELD, MOST = 0.9, 3
 """Where more parts of the arm are needed to hold that probability, nothing is claimed."""
+TENTH = 10
+"""Of samples that no contact explains one in so many is tried with the other sign."""
 LARGEST = 30.0
 """Logarithms of odds are cut off there."""
 
@@ -49,14 +53,17 @@ LARGEST = 30.0
 class JointTorqueConfig(GeneratorConfig):
     """The options of `joint_torque`."""
 
+    vendor: str | None = None
+    """The convention of a known driver, in place of `effort` and `sign`, such as
+    `franka_tau_ext_hat_filtered`."""
     effort: Effort
     """What the joints report: the `external` torque, as some drivers compute it, the `measured`
     torque of the motors or behind the gears, or the motors' `current`."""
     joints: Annotated[dict[str, EffortConfig], OfRobot("efforts")] = Field(min_length=1)
     """The joints, by name, or a list of names from the robot's description."""
-    sign: Literal["on_robot", "by_robot"] = "on_robot"
-    """Of `external`: whether it is the torque of the world on the robot, or of the robot on the
-    world."""
+    sign: Sign = "on_robot"
+    """Whether efforts are torques on the robot, of the world where they are `external` and else of
+    its motors, or the reverse."""
     links: tuple[str, ...] = ()
     """The links that may be touched; none: all that a joint moves."""
     gain: float = Field(default=30.0, gt=0)
@@ -77,6 +84,11 @@ class JointTorqueConfig(GeneratorConfig):
     gravity: tuple[Acceleration, Acceleration, Acceleration] = (0.0, 0.0, -9.81)
     """In the frame of the hypothesis space [m/s²]."""
 
+    @model_validator(mode="before")
+    @classmethod
+    def _by_vendor(cls, fields: Any) -> Any:
+        return beneath("joint_torque", fields)
+
 
 class JointTorqueGenerator(Generator[JointTorqueConfig]):
     """Regular, single contact: the points of the surface where a force explains all torques."""
@@ -88,6 +100,7 @@ class JointTorqueGenerator(Generator[JointTorqueConfig]):
     def __init__(self, name: str, config: JointTorqueConfig) -> None:
         super().__init__(name, config)
         self._torque: ExternalTorque | None = None
+        self.reset()
 
     def prepare(self, robot: RobotModel) -> None:
         """Look its joints and links up in the robot.
@@ -106,7 +119,7 @@ class JointTorqueGenerator(Generator[JointTorqueConfig]):
             dynamics.require_inertias()
         self._dynamics = dynamics
         self._torque = ExternalTorque(
-            dynamics, config.joints, config.effort, config.gain, config.scale
+            dynamics, config.joints, config.effort, config.gain, config.scale, config.sign
         )
         self._felt = dynamics.supports & self._torque.known
         chosen = robot.known_links(config.links)
@@ -122,6 +135,7 @@ class JointTorqueGenerator(Generator[JointTorqueConfig]):
 
     def reset(self) -> None:
         """Begin the observer again."""
+        self._sign, self._unexplained, self._reverse = SignWatch(), 0, False
         if self._torque is not None:
             self._torque.reset()
 
@@ -139,15 +153,10 @@ class JointTorqueGenerator(Generator[JointTorqueConfig]):
         assert self._torque is not None
         if self._is_dead(reading):
             return (self.nothing(reading, notes=(Note.UNHEALTHY,)),)
-        to_root = inverse(robot.base)
-        gravity = vectors_in(to_root, np.array([self.config.gravity]))[0]
-        found = self._torque.update(reading, robot.positions, gravity)
+        found = self._torque.update(reading, robot.positions, self._gravity(robot))
         if found is None:
             return ()
-        torques, deviations = found
-        if self.config.effort == "external" and self.config.sign == "by_robot":
-            torques = -torques
-        return (self._cloud(reading, state, robot, *self._unmeasured(state, torques, deviations)),)
+        return (self._cloud(reading, state, robot, *self._unmeasured(state, *found)),)
 
     def _unmeasured(
         self, state: State, torques: FloatArray, deviations: FloatArray
@@ -182,6 +191,11 @@ class JointTorqueGenerator(Generator[JointTorqueConfig]):
             measured |= links
         return torques, np.sqrt(squares), frozenset(measured)
 
+    def _gravity(self, robot: PosedRobot) -> FloatArray:
+        """Shape (3,) [m/s²], in the root link's frame."""
+        gravity: FloatArray = vectors_in(inverse(robot.base), np.array([self.config.gravity]))[0]
+        return gravity
+
     def _is_dead(self, reading: JointState) -> bool:
         """Whether all efforts are exactly zero: those of a working arm never are."""
         return reading.efforts is not None and not reading.efforts.any()
@@ -210,20 +224,33 @@ class JointTorqueGenerator(Generator[JointTorqueConfig]):
         points, groups = surface.points, self._groups[surface.links]
         precisions = np.where(self._torque.known, 1.0 / deviations**2, 0.0)
         gains, evidence, forces = self._explained(robot, surface, torques, precisions)
+        whole = float(precisions @ torques**2)
+        limit = float(chi2.ppf(SURE, max(int(self._torque.known.sum()) - 3, 1)))
+        notes: tuple[str, ...] = ()
+        if whole > limit:
+            if whole - 2.0 * gains.max() <= limit:
+                self._unexplained = 0
+            else:
+                if self._unexplained % TENTH == 0:
+                    mirrored = self._mirrored(robot, torques)
+                    others = self._explained(robot, surface, mirrored, precisions)[0]
+                    self._reverse = precisions @ mirrored**2 - 2.0 * others.max() <= limit
+                self._unexplained += 1
+            reverse = self._unexplained > 0 and self._reverse
+            if self._sign.suspects(reading.stamp, reverse):
+                notes = (Note.REVERSED,)
         felt = gains - evidence > FELT
         if not felt.any():
-            return self.nothing(reading, notes=(BLIND,))
+            return self.nothing(reading, notes=(*notes, BLIND))
         points, groups, forces = points[felt], groups[felt], forces[felt]
         gains, evidence = gains[felt], evidence[felt]
         log_odds = np.log(DOUBT) + logsumexp(evidence) - np.log(len(evidence))
         probability = 1.0 / (1.0 + np.exp(-np.clip(log_odds, -LARGEST, LARGEST)))
         if probability < DOUBT:
-            return self.nothing(reading)
-        joints = int(self._torque.known.sum())
-        left = float(precisions @ torques**2) - 2.0 * gains.max()
-        limit = float(chi2.ppf(SURE, max(joints - 3, 1)))
-        single = float(np.clip(2.0 - left / limit, 0.0, 1.0))
-        notes = (Note.MORE_THAN_ONE_CONTACT,) if single < 1.0 else ()
+            return self.nothing(reading, notes=notes)
+        single = float(np.clip(2.0 - (whole - 2.0 * gains.max()) / limit, 0.0, 1.0))
+        if single < 1.0:
+            notes = (*notes, Note.MORE_THAN_ONE_CONTACT)
         weights = np.exp(gains - gains.max())
         weights /= weights.sum()
         if undecided := self._undecided(groups, weights):
@@ -244,6 +271,13 @@ class JointTorqueGenerator(Generator[JointTorqueConfig]):
             single=True,
             notes=notes,
         )
+
+    def _mirrored(self, robot: PosedRobot, torques: FloatArray) -> FloatArray:
+        """What would be left of efforts of the other sign, in an arm at rest, shape (n,)."""
+        if self.config.effort == "external":
+            return -torques
+        still = np.zeros(len(torques))
+        return -2.0 * self._dynamics.drift(robot.positions, still, self._gravity(robot)) - torques
 
     def _undecided(self, groups: NDArray[np.intp], weights: FloatArray) -> str:
         """A note where the contact may lie on too many parts, or most likely near the base; or "".

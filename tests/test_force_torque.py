@@ -613,3 +613,41 @@ def test_a_bias_is_not_learned_while_another_source_has_evidence_of_a_contact() 
 def test_an_unknown_bias_is_no_negative_force() -> None:
     with pytest.raises(ConfigurationError, match="unknown_bias: .*greater than or equal to 0"):
         generator(unknown_bias=-1.0)
+
+
+PRESS = Wrench(
+    stamp=0.0, frame="wrist", force=np.array([0.0, 0.0, -10.0]), torque=np.zeros(3)
+)  # into a surface whose normal is z
+
+
+def times_reversed(sign: str, state: State) -> int:
+    """How often six seconds of a press make the sign suspect."""
+    generator = ForceTorqueGenerator("wrist", ForceTorqueConfig.model_validate({"sign": sign}))
+    clouds = (generator.generate(replace(PRESS, stamp=0.1 * step), state) for step in range(60))
+    return [note for (cloud,) in clouds for note in cloud.notes].count(Note.REVERSED)
+
+
+def test_a_wrench_that_pulls_on_all_of_a_surface_is_told_once() -> None:
+    x, y, _ = 0.1 * np.eye(3)
+    plate = Surface.rectangle("wrist", np.zeros(3), x, y, 0.005)
+    state = State(now=0.0, grid=Grid("wrist", 0.005), surface=plate)
+    assert times_reversed("by_robot", state) == 1
+    assert times_reversed("on_robot", state) == 0
+
+
+class Felt:
+    """A last step in which another source has evidence at the top of a ball."""
+
+    contacts = ()
+
+    def evidence(self, without: str) -> FloatArray:
+        return np.array([[0.0, 0.0, 0.06]])
+
+
+def test_a_contact_that_others_find_opposite_to_the_force_is_told_once() -> None:
+    shapes = [{"shape": "sphere", "radius": 0.06}]
+    ball = BodyConfig.model_validate({"frame": "wrist", "shapes": shapes}).sampled(Path())
+    state = State(now=0.0, grid=Grid("wrist", 0.005), surface=ball)
+    assert times_reversed("by_robot", state) == 0  # nothing else tells of it
+    assert times_reversed("by_robot", replace(state, fusion=Felt())) == 1
+    assert times_reversed("on_robot", replace(state, fusion=Felt())) == 0

@@ -65,6 +65,7 @@ CORE = {
     "state",
     "stream",
     "thinning",
+    "vendors",
     "vision",
     "yaml_files",
 }

@@ -342,3 +342,28 @@ def test_the_mass_of_an_unknown_link_is_refused_with_the_nearest_name() -> None:
     with pytest.raises(ConfigurationError, match="unknown link 'link_44'.*'link_4'"):
         mass = LinkMassConfig(mass=1.0, centre_of_mass=(0.0, 0.0, 0.0))
         RobotModel(robot().config.model_copy(update={"masses": {"link_44": mass}}))
+
+
+@pytest.mark.parametrize(("sign", "times"), [("by_robot", 1), ("on_robot", 0)])
+def test_torques_that_hold_the_arm_with_the_wrong_sign_are_told_once(sign: str, times: int) -> None:
+    still, positions = np.zeros(len(ARM)), whole(BENT)
+    held = -Dynamics(robot()).drift(positions, np.zeros(len(positions)), UP)[: len(ARM)]
+    arm = generator(effort="measured", sign=sign)
+    notes = [
+        note
+        for step in range(80)
+        for cloud in arm.generate(reading(held, stamp=0.05 * step, velocities=still), state())
+        for note in cloud.notes
+    ]
+    assert notes.count(Note.REVERSED) == times
+
+
+def test_a_driver_by_name_reports_minus_the_torque_of_the_motors() -> None:
+    still, positions = np.zeros(len(ARM)), whole(BENT)
+    held = -Dynamics(robot()).drift(positions, np.zeros(len(positions)), UP)[: len(ARM)]
+    arm = JointTorqueGenerator(
+        "arm", JointTorqueConfig.model_validate({"vendor": "kinova_torque", "joints": known()})
+    )
+    for step in range(40):
+        clouds = arm.generate(reading(-held, stamp=0.05 * step, velocities=still), state())
+    assert not len(only(clouds)) and not only(clouds).notes

@@ -31,6 +31,7 @@ from contactfusion.plugins import (
 )
 from contactfusion.readings.codec import Codec
 from contactfusion.readings.registry import Kinds, installed_kinds
+from contactfusion.vendors import VENDORS
 
 READING = "reading"
 """What is listed as the kind of a plug-in that is a kind of reading."""
@@ -91,6 +92,8 @@ def describe_plugin(name: str) -> None:
             if hasattr(cls, "Config"):
                 refuse(name, cls, class_fault(cls, object, BaseModel))
                 console.print(_options(cls.Config))
+            if name in VENDORS and kind == "generators":
+                console.print(*_vendors(name), sep="\n", highlight=False)
             return
     if codec := installed_kinds().find(name):
         _describe_kind(codec, console)
@@ -260,6 +263,17 @@ def _options(model: type[BaseModel]) -> Table:
         table.add_column(heading)
     _add_options(table, model, "")
     return table
+
+
+def _vendors(kind: str) -> Iterator[str]:
+    """The conventions of drivers that a type of generator knows, each as a paragraph."""
+    for name, known in VENDORS[kind].items():
+        options = ", ".join(f"{option}: {value}" for option, value in known.options.items())
+        gravity = "off" if known.compensated else "not off"
+        yield (
+            f"vendor {name} ({options}): of {known.frame}; the driver takes gravity "
+            f"{gravity} ({known.source})"
+        )
 
 
 def _add_options(table: Table, model: type[BaseModel], prefix: str) -> None:

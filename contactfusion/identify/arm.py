@@ -36,8 +36,8 @@ LAGS = tuple(range(-20, 21))
 LIGHTEST = 0.1
 """The least share of a link's mass that is believed."""
 MASS, CENTRE = 0.1, 0.01
-"""Standard deviation of the mass of a link, as a share of it, and of its centre of mass [m]: how far
-the URDF is trusted."""
+"""Standard deviation of the mass of a link, as a share of it, and of its centre of mass [m]: how
+far the URDF is trusted."""
 LATE = 2
 """A delay of fewer rows does no harm, ..."""
 BETTER = 0.8
@@ -56,7 +56,8 @@ class Arm:
         self.joints = dict(config.joints)
         self.names = tuple(self.joints)
         self.numbers = np.array([self.model.joint_names.index(each) for each in self.names])
-        self.efforts = self.motion.efforts(self.names)
+        self._side = -1.0 if config.sign == "by_robot" else 1.0
+        self.efforts = self._side * self.motion.efforts(self.names)
         if dead := [self.names[row] for row in np.flatnonzero(~self.efforts.any(axis=0))]:
             raise RecordingError(
                 f"generators.{name}: the efforts of {', '.join(dead)} are zero throughout; its "
@@ -73,9 +74,11 @@ class Arm:
         )
         weights = np.array([self.model.mass_of(name)[0] for name in links])
         believed = np.outer(weights, [MASS, *3 * (CENTRE,)]).ravel()
-        regression = Regression(
-            windows, self.joints, effort, self._configured_payload(link), believed
-        )
+        joints = {
+            name: each.model_copy(update={"offset": self._side * each.offset})
+            for name, each in self.joints.items()
+        }
+        regression = Regression(windows, joints, effort, self._configured_payload(link), believed)
         saturated = list(self._saturated(found))
         used = outside(windows.stamps, saturated)
         choice, fit = regression.told(used)
@@ -199,6 +202,8 @@ class Arm:
             }
             for each in told.keys() & {"coulomb", "viscous"}:
                 told[each] = max(told[each], 0.0)
+            if "offset" in told:
+                told["offset"] *= self._side
             joints[name] = before.model_copy(update=told)
         mass = float(fit.payload[0])
         if link is None or mass <= 0.0:
@@ -234,7 +239,7 @@ class Arm:
                 update["masses"] = {**self.model.config.masses, **masses}
             model = RobotModel(self.model.config.model_copy(update=update))
             observer = ExternalTorque(
-                Dynamics(model), silent, self.config.effort, self.config.gain, scale=0.0
+                Dynamics(model), silent, self.config.effort, self.config.gain, 0.0, self.config.sign
             )
             part, begun = -1, 0.0
             for row in np.flatnonzero(parts % 2 == fold):

@@ -155,7 +155,7 @@ def _windows(
         return np.asarray(np.diff(values[::step], axis=0) / width)
 
     def of_links(which: int, rows: Sequence[int]) -> FloatArray:
-        """Momentum (0) or drift (1) per unit of what each link weighs, shape (len(rows), k, 4 l)."""
+        """Momentum (0) or drift (1) per unit of what links weigh, shape (len(rows), k, 4 l)."""
         found = [
             [
                 dynamics.payload_columns(name, positions[row], rate[row], gravities[nearest[row]])[

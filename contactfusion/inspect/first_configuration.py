@@ -17,6 +17,7 @@ from contactfusion.inspect.first_lines import (
     free_space_lines,
     indented,
     integrator_lines,
+    joint_torque_lines,
     motion_lines,
     named_from,
     range_lines,
@@ -52,6 +53,7 @@ from contactfusion.recordings.ros.topics import last
 from contactfusion.robots.description import RobotConfig
 from contactfusion.robots.model import RobotModel
 from contactfusion.terminal import note
+from contactfusion.vendors import convention_of
 
 URDF = (".urdf", ".xacro", ".xml")
 """Suffixes of files that describe robots."""
@@ -278,6 +280,7 @@ def _of_sensors(held: _Held, out: Path, robot: Path | None) -> _First:
         f"{_name(use.sensor)}: the sign is taken to be on_robot: push the tool along the sensor's "
         "-x, and the force must point to -x; else set sign: by_robot"
         for use in weighed
+        if not any(line.strip().startswith("vendor:") for line in use.lines)
     ]
     lines = [
         f"# A first configuration for {path.name}, by `contactfusion init`:",
@@ -352,7 +355,9 @@ def _uses(
             if felt and model is None and not lost:
                 lost = f"the `surface` hangs on {felt} alone"
             felt = felt or ("" if lost else sensor)
-            lines = force_torque_lines(name, sensor, start.wrenches.get(sensor))
+            vendor = convention_of("force_torque", topic.name)
+            first = start.wrenches.get(sensor)
+            lines = force_torque_lines(name, sensor, first, vendor, model)
             yield _Use(sensor, tuple(lines), lost)
         elif topic.reading == PointCloud.__name__:
             yield _Use(sensor, tuple(range_lines(name, sensor, "")), without_robot or lost)
@@ -365,9 +370,14 @@ def _uses(
             why = "it forbids contacts: make sure of the camera's place before"
             lines = free_space_lines(name, sensor, "")
             yield _Use(sensor, tuple(lines), without_robot or lost or why)
-        elif topic.reading == JointState.__name__ and model and not moving:
-            moving = True
-            yield _Use(sensor, tuple(motion_lines(name, sensor)))
+        elif topic.reading == JointState.__name__ and model:
+            if not moving:
+                moving = True
+                yield _Use(sensor, tuple(motion_lines(name, sensor)))
+            if vendor := convention_of("joint_torque", topic.name):
+                joints = [joint for joint in model.joint_names if joint in start.joints]
+                lines = joint_torque_lines(name, sensor, vendor, joints)
+                yield _Use(sensor, tuple(lines), "say how noisy its efforts are, under `joints`")
 
 
 def _name(sensor: str) -> str:

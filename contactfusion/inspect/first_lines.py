@@ -11,6 +11,7 @@ import yaml
 
 from contactfusion.readings import Wrench
 from contactfusion.robots.model import RobotModel
+from contactfusion.vendors import EFFORTS, WRENCHES
 
 REST = 0.5
 """The first seconds of a sensor, from which noise and bias are estimated [s]."""
@@ -61,12 +62,33 @@ def integrator_lines(space: str, rule: Sequence[str]) -> Iterator[str]:
     yield "cycle: {every: 0.05}  # fuse at this period [s]"
 
 
-def force_torque_lines(name: str, sensor: str, wrenches: Sequence[Wrench] | None) -> Iterator[str]:
-    """A six-axis force-torque sensor, by its first wrenches; None where they are unknown."""
+def force_torque_lines(
+    name: str,
+    sensor: str,
+    wrenches: Sequence[Wrench] | None,
+    vendor: str = "",
+    model: RobotModel | None = None,
+) -> Iterator[str]:
+    """A six-axis force-torque sensor.
+
+    Args:
+        name: of the generator.
+        sensor: its name.
+        wrenches: its first ones; None where they are unknown.
+        vendor: the convention of its driver; empty where it is unknown.
+        model: the robot, or None.
+    """
     yield f"{text_of(name)}:  # a six-axis force-torque sensor"
     yield "  type: force_torque"
     yield f"  sensor: {text_of(sensor)}"
-    yield "  sign: on_robot  # or by_robot, where contacts come on the far side"
+    options = WRENCHES[vendor].options if vendor else {"sign": "on_robot"}
+    axes = options.get("axes")
+    if vendor and (axes is None or (model and axes in model.link_names)):
+        yield f"  vendor: {vendor}  # sign: {options['sign']}; its frame: {WRENCHES[vendor].frame}"
+    else:
+        yield f"  sign: {options['sign']}  # or the reverse, where contacts come on the far side"
+        if vendor:
+            yield f"  # vendor: {vendor}  # in place of sign; it needs a robot with link '{axes}'"
     force, torque, rest = FORCE_NOISE, TORQUE_NOISE, "bias is their mean, taken untouched"
     if wrenches is not None:
         force, torque, bias = _noise(wrenches)
@@ -106,6 +128,17 @@ def tactile_lines(name: str, sensor: str, channels: int) -> Iterator[str]:
     yield f"  sensor: {text_of(sensor)}"
     yield f"  patch: {{grid: {{rows: 1, columns: {channels}, pitch: [0.005, 0.005]}}}}  # [m]"
     yield "  baseline: {values: 0.0, noise: 1.0}  # of untouched taxels, in the sensor's unit"
+
+
+def joint_torque_lines(name: str, sensor: str, vendor: str, joints: Sequence[str]) -> Iterator[str]:
+    """Joints whose driver reports their efforts by a known convention."""
+    yield f"{text_of(name)}_torque:  # contacts anywhere on the arm, by the torques of its joints"
+    yield "  type: joint_torque"
+    yield f"  sensor: {text_of(sensor)}"
+    yield f"  vendor: {vendor}"
+    yield f"  joints:  # {EFFORTS[vendor].frame}"
+    for joint in joints:
+        yield f"    {text_of(joint)}: {{noise: 0.5}}  # what is left in free motion [N·m]"
 
 
 def switch_lines(name: str, sensor: str, link: str) -> Iterator[str]:

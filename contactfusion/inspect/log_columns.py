@@ -17,6 +17,7 @@ from contactfusion.readings.columns import Column
 from contactfusion.recordings.log import FASTEST, NANOSECONDS, SLOW, stated_unit
 from contactfusion.recordings.tables import Columns, column_names, read_columns
 from contactfusion.time import NANOSECONDS_PER_SECOND
+from contactfusion.vendors import convention_of
 
 BLANK = "FILL_IN"
 """Placeholder for what the user has to fill in."""
@@ -31,6 +32,8 @@ WRENCH = re.compile(
     r"(?:[^a-z0-9]+n?(?:[^a-z0-9]?m?m)?[^a-z0-9]*)?"
 )
 """A column of a wrench, in lower case: `fx`, `left_Fz`, `wrench.torque.y`, `Mx [Nm]`."""
+NUMBERED = re.compile(r"(?P<before>.*?)[^A-Za-z0-9]?(?P<number>\d)\]?")
+"""A column of an array: `actual_TCP_force_0`."""
 
 
 @final
@@ -244,9 +247,13 @@ def _wrenches(path: Path, names: Sequence[Column]) -> dict[str, tuple[Column, ..
         if match := WRENCH.fullmatch(str(name).lower()):
             what = "force" if match["kind"].startswith("f") else "torque"
             found.setdefault(match["before"], {}).setdefault(what + match["axis"], name)
+        elif (match := NUMBERED.fullmatch(str(name))) and convention_of("force_torque", str(name)):
+            found.setdefault(match["before"], {})[match["number"]] = name
     components = [what + axis for what in ("force", "torque") for axis in AXES]
     return {
-        _name(before) or sensor_of(path): tuple(six[component] for component in components)
+        _name(before) or sensor_of(path): tuple(
+            six[component] for component in (components if components[0] in six else sorted(six))
+        )
         for before, six in found.items()
         if len(six) == len(components)
     }
