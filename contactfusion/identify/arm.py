@@ -275,7 +275,8 @@ class Arm:
         joints, payload = self._values(choice, fit, link)
         shown = {"external": ("offset",), "measured": ("offset", "coulomb", "viscous")}
         columns = shown.get(self.config.effort, FIELDS)
-        rows, effort = [("joint", *columns, "noise")], {}
+        rows: list[tuple[str, ...]] = [("joint", *columns, "noise")]
+        effort = {}
         for row, (name, joint) in enumerate(joints.items()):
             cells = [name]
             for each in columns:

@@ -9,6 +9,7 @@ second (a sandwich over clusters, Liang & Zeger 1986).
 """
 
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -88,6 +89,22 @@ class Fit:
     masses: FloatArray
     deviations: FloatArray
     residuals: FloatArray
+
+
+class _Line(NamedTuple):
+    """The regression, linear about some values.
+
+    Attributes:
+        residuals: in deviations, shape (w, k).
+        deviations: robust, by joint, shape (k,).
+        scores: weighted residuals times their slopes, of each window that counts, shape (u, p).
+        inverse: of the curvature, shape (p, p).
+    """
+
+    residuals: FloatArray
+    deviations: FloatArray
+    scores: FloatArray
+    inverse: FloatArray
 
 
 class Regression:
@@ -182,80 +199,81 @@ class Regression:
             choice: what is told.
             used: the windows that count, shape (w,).
         """
-        windows, count = self.windows, len(self.names)
         free = choice.told.copy()
         free[:, 0] = True
+        columns = np.r_[free.ravel(), choice.payload]
         joints, payload = self.configured.copy(), self.payload.copy()
-        joints[:, 1] = 1.0 / joints[:, 1]
+        joints[:, 1] = 1.0 / joints[:, 1]  # effort per torque: residuals are linear in it
         for joint in np.flatnonzero(free[:, 1]).tolist():
             joints[joint, 1] = self._slope(joint, used)[0]
         masses = np.zeros(len(self._believed))
-        columns = np.r_[free.ravel(), choice.payload, np.ones(len(masses), np.bool_)]
-        prior = np.r_[np.zeros(4 * count + 4), self._believed**-2.0][columns]
-        deviations = np.maximum(windows.efforts[used].std(axis=0), self._floor)
-        clusters = (np.arange(used.sum()) // CLUSTER).astype(np.intp)
-        own = np.arange(count)
+        columns = np.r_[columns, np.ones(len(masses), np.bool_)]
         for _ in range(ROUNDS):
-            offset, slope, coulomb, viscous = joints.T
-            sliding, speeds = windows.sliding[used], windows.velocities[used]
-            torques = self._torques(payload, masses)[used] + coulomb * sliding + viscous * speeds
-            residuals = windows.efforts[used] - offset - slope * torques
-            sticking = slope * coulomb * windows.sticking[used]
-            robust = 1.4826 * np.median(np.abs(residuals), axis=0)
-            deviations = np.maximum(robust, self._floor)
-            scales = np.sqrt(deviations**2 + sticking**2 / 3.0)
-            weights = np.minimum(1.0, HUBER / np.maximum(np.abs(residuals / scales), 1e-9))
-            whole = np.zeros((used.sum(), count, len(columns)))
-            for number, column in enumerate(
-                (np.ones_like(torques), torques, slope * sliding, slope * speeds)
-            ):
-                whole[:, own, 4 * own + number] = column
-            payloads = windows.payload[used] @ point_mass_slopes(payload)
-            linear = np.concatenate([payloads, windows.masses[used]], axis=2)
-            whole[:, :, 4 * count :] = slope[:, None] * linear
-            whole = whole[:, :, columns] / scales[:, :, None]
-            scores = whole * (weights * residuals / scales)[:, :, None]
-            weighted = np.reshape(whole * weights[:, :, None], (-1, whole.shape[2]))
-            curvature = weighted.T @ whole.reshape(weighted.shape) + np.diag(prior)
-            size = np.sqrt(np.maximum(np.diag(curvature), 1e-30))
-            inverse = np.linalg.inv(curvature / np.outer(size, size) + RIDGE * np.eye(len(size)))
-            inverse /= np.outer(size, size)
-            step = np.zeros(len(columns))
-            before = np.r_[np.zeros(4 * count + 4), masses][columns]
-            step[columns] = inverse @ (scores.sum(axis=(0, 1)) - prior * before)
-            joints += step[: 4 * count].reshape(count, 4)
-            payload = payload + step[4 * count : 4 * count + 4]
-            masses = masses + step[4 * count + 4 :]
-        sums = np.zeros((clusters[-1] + 1, scores.shape[2]))
-        np.add.at(sums, clusters, scores.sum(axis=1))
-        sandwich = inverse @ (sums.T @ sums) @ inverse * len(sums) / max(len(sums) - 1, 1)
+            line = self._linearised(joints, payload, masses, columns, used)
+            step, scores = np.zeros(len(columns)), line.scores.sum(axis=0)
+            scores[len(scores) - len(masses) :] -= masses / self._believed**2
+            step[columns] = line.inverse @ scores
+            joints = joints + step[: joints.size].reshape(joints.shape)
+            payload = payload + step[joints.size : joints.size + 4]
+            masses = masses + step[joints.size + 4 :]
+        line = self._linearised(joints, payload, masses, columns, used)
+        clusters = np.add.reduceat(line.scores, np.arange(0, used.sum(), CLUSTER))
+        spare = len(clusters) / max(len(clusters) - 1, 1)
+        sandwich = line.inverse @ (clusters.T @ clusters) @ line.inverse * spare
         errors = np.zeros(len(columns))
-        errors[columns] = np.sqrt(np.maximum(np.diag(sandwich), np.diag(inverse)))
-        return self._fit_of(joints, payload, masses, errors, deviations)
+        errors[columns] = np.sqrt(np.maximum(np.diag(sandwich), np.diag(line.inverse)))
+        by_joint, of_payload = errors[: joints.size], errors[joints.size : joints.size + 4]
+        slope, by_joint = joints[:, 1].copy(), by_joint.reshape(joints.shape)
+        joints[:, 1], by_joint[:, 1] = 1.0 / slope, by_joint[:, 1] / slope**2
+        return Fit(joints, by_joint, payload, of_payload, masses, line.deviations, line.residuals)
 
-    def _fit_of(
+    def _linearised(
         self,
         joints: FloatArray,
         payload: FloatArray,
         masses: FloatArray,
-        errors: FloatArray,
-        deviations: FloatArray,
-    ) -> Fit:
-        windows, (offset, slope, coulomb, viscous) = self.windows, joints.T
-        torques = (
-            self._torques(payload, masses)
-            + coulomb * windows.sliding
-            + viscous * windows.velocities
-        )
-        sticking = slope * coulomb * windows.sticking
-        scales = np.sqrt(deviations**2 + sticking**2 / 3.0)
-        by_joint = errors[: joints.size].reshape(joints.shape).copy()
-        by_joint[:, 1] /= slope**2
-        found = joints.copy()
-        found[:, 1] = 1.0 / slope
-        residuals = (windows.efforts - offset - slope * torques) / scales
-        own = errors[joints.size : joints.size + 4]
-        return Fit(found, by_joint, payload, own, masses, deviations, residuals)
+        columns: Mask,
+        used: Mask,
+    ) -> "_Line":
+        """Residuals at some values, weighted, and how they change with the free parameters.
+
+        Args:
+            joints: offset, effort per torque, Coulomb and viscous friction, shape (k, 4).
+            payload: mass and first moments, shape (4,).
+            masses: those of links beside the URDF, shape (4 l,).
+            columns: which of all these are free, shape (4 k + 4 + 4 l,).
+            used: the windows that count, shape (w,).
+        """
+        windows, count = self.windows, len(self.names)
+        offset, slope, coulomb, viscous = joints.T
+        torques = self._torques(payload, masses)
+        torques += coulomb * windows.sliding + viscous * windows.velocities
+        residuals = windows.efforts - offset - slope * torques
+        robust = 1.4826 * np.median(np.abs(residuals[used]), axis=0)
+        deviations = np.maximum(robust, self._floor)
+        resting = slope * coulomb * windows.sticking
+        scales = np.sqrt(deviations**2 + resting**2 / 3.0)
+        residuals = residuals / scales
+        weights = np.minimum(1.0, HUBER / np.maximum(np.abs(residuals[used]), 1e-9))
+        slopes = np.zeros((used.sum(), count, len(columns)))
+        first = 4 * np.arange(count)
+        slopes[:, np.arange(count), first] = 1.0
+        slopes[:, np.arange(count), first + 1] = torques[used]
+        slopes[:, np.arange(count), first + 2] = slope * windows.sliding[used]
+        slopes[:, np.arange(count), first + 3] = slope * windows.velocities[used]
+        loads = windows.payload[used] @ point_mass_slopes(payload)
+        weighed = np.concatenate([loads, windows.masses[used]], axis=2)
+        slopes[:, :, 4 * count :] = slope[:, None] * weighed
+        slopes = slopes[:, :, columns] / scales[used][:, :, None]
+        scores = np.sum(slopes * (weights * residuals[used])[:, :, None], axis=1)
+        weighted = np.reshape(slopes * weights[:, :, None], (-1, slopes.shape[2]))
+        curvature = weighted.T @ slopes.reshape(weighted.shape)
+        prior = np.zeros(len(curvature))
+        prior[len(prior) - len(masses) :] = self._believed**-2.0
+        curvature += np.diag(prior)
+        size = np.sqrt(np.maximum(np.diag(curvature), 1e-30))
+        inverse = np.linalg.inv(curvature / np.outer(size, size) + RIDGE * np.eye(len(size)))
+        return _Line(residuals, deviations, scores, inverse / np.outer(size, size))
 
     def told(self, used: Mask) -> tuple[Choice, Fit]:
         """The fit of all that the motion tells, by its kind and by standard errors."""
