@@ -156,20 +156,13 @@ def _windows(
 
     def of_links(which: int, rows: Sequence[int]) -> FloatArray:
         """Momentum (0) or drift (1) per unit of what links weigh, shape (len(rows), k, 4 l)."""
-        found = [
-            [
-                dynamics.payload_columns(name, positions[row], rate[row], gravities[nearest[row]])[
-                    which
-                ][numbers, :4]
-                for name in links
-            ]
-            for row in rows
-        ]
-        return (
-            np.reshape(found, (len(rows), len(links), len(numbers), 4))
-            .transpose(0, 2, 1, 3)
-            .reshape(len(rows), len(numbers), -1)
-        )
+        found = np.zeros((len(rows), len(numbers), 4 * len(links)))
+        for number, row in enumerate(rows):
+            at = positions[row], rate[row], gravities[nearest[row]]
+            for first, name in zip(range(0, 4 * len(links), 4), links, strict=True):
+                columns = dynamics.payload_columns(name, *at)[which]
+                found[number, :, first : first + 4] = columns[numbers, :4]
+        return found
 
     ends = range(0, count, step)
     middles = [row + step // 2 for row in ends[:-1]]
