@@ -231,7 +231,7 @@ class Arm:
         windows = ((regression.windows.stamps - stamps[0]) // length).astype(int)
         left, friction = np.full((2, *self.efforts.shape), np.nan)
         for fold in (0, 1):
-            fit = regression.fit(choice, used & (windows % 2 != fold))
+            fit = regression.whole(choice, used & (windows % 2 != fold))
             joints, payload = self._values(choice, fit, link)
             silent = {name: each.model_copy(update={"noise": 0.0}) for name, each in joints.items()}
             update: dict[str, Any] = {"payload": payload}

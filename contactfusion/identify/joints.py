@@ -8,7 +8,7 @@ weights spare a few outliers, and standard errors allow for residuals that hang 
 second (a sandwich over clusters, Liang & Zeger 1986).
 """
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -192,31 +192,43 @@ class Regression:
         torques = self.windows.torques + self.windows.payload @ point_mass(payload)
         return np.asarray(torques if masses is None else torques + self.windows.masses @ masses)
 
-    def fit(self, choice: Choice, used: Mask) -> Fit:
+    def whole(self, choice: Choice, used: Mask) -> Fit:
+        """The fit of joints and payload, then of joints and links that carry it.
+
+        A payload and the links look alike: what a payload explains is no other mass of a link.
+        """
+        first = self.fit(choice, used)
+        second = self.fit(choice, used, first.payload) if len(self._believed) else first
+        return replace(second, payload_errors=first.payload_errors)
+
+    def fit(self, choice: Choice, used: Mask, held: FloatArray | None = None) -> Fit:
         """Estimate what is told; offsets that are not are estimated only so as not to disturb.
 
         Args:
             choice: what is told.
             used: the windows that count, shape (w,).
+            held: a payload that stays while the links' masses are estimated, shape (4,); None: it
+                is estimated, and the links weigh what they do in the URDF.
         """
         free = choice.told.copy()
         free[:, 0] = True
-        columns = np.r_[free.ravel(), choice.payload]
-        joints, payload = self.configured.copy(), self.payload.copy()
+        masses, weighs = np.zeros(len(self._believed)), held is not None
+        columns = np.r_[free.ravel(), choice.payload & (not weighs), np.full(len(masses), weighs)]
+        prior = np.r_[np.zeros(free.size + 4), self._believed**-2.0]
+        joints = self.configured.copy()
+        payload = (self.payload if held is None else held).copy()
         joints[:, 1] = 1.0 / joints[:, 1]  # effort per torque: residuals are linear in it
         for joint in np.flatnonzero(free[:, 1]).tolist():
             joints[joint, 1] = self._slope(joint, used)[0]
-        masses = np.zeros(len(self._believed))
-        columns = np.r_[columns, np.ones(len(masses), np.bool_)]
         for _ in range(ROUNDS):
-            line = self._linearised(joints, payload, masses, columns, used)
-            step, scores = np.zeros(len(columns)), line.scores.sum(axis=0)
-            scores[len(scores) - len(masses) :] -= masses / self._believed**2
-            step[columns] = line.inverse @ scores
+            line = self._linearised(joints, payload, masses, columns, used, prior)
+            pulled = prior * np.r_[np.zeros(free.size + 4), masses]
+            step = np.zeros(len(columns))
+            step[columns] = line.inverse @ (line.scores.sum(axis=0) - pulled[columns])
             joints = joints + step[: joints.size].reshape(joints.shape)
             payload = payload + step[joints.size : joints.size + 4]
             masses = masses + step[joints.size + 4 :]
-        line = self._linearised(joints, payload, masses, columns, used)
+        line = self._linearised(joints, payload, masses, columns, used, prior)
         clusters = np.add.reduceat(line.scores, np.arange(0, used.sum(), CLUSTER))
         spare = len(clusters) / max(len(clusters) - 1, 1)
         sandwich = line.inverse @ (clusters.T @ clusters) @ line.inverse * spare
@@ -234,6 +246,7 @@ class Regression:
         masses: FloatArray,
         columns: Mask,
         used: Mask,
+        prior: FloatArray,
     ) -> "_Line":
         """Residuals at some values, weighted, and how they change with the free parameters.
 
@@ -243,6 +256,7 @@ class Regression:
             masses: those of links beside the URDF, shape (4 l,).
             columns: which of all these are free, shape (4 k + 4 + 4 l,).
             used: the windows that count, shape (w,).
+            prior: one over the variance that each of these is believed to have, shape as columns.
         """
         windows, count = self.windows, len(self.names)
         offset, slope, coulomb, viscous = joints.T
@@ -268,9 +282,7 @@ class Regression:
         scores = np.sum(slopes * (weights * residuals[used])[:, :, None], axis=1)
         weighted = np.reshape(slopes * weights[:, :, None], (-1, slopes.shape[2]))
         curvature = weighted.T @ slopes.reshape(weighted.shape)
-        prior = np.zeros(len(curvature))
-        prior[len(prior) - len(masses) :] = self._believed**-2.0
-        curvature += np.diag(prior)
+        curvature += np.diag(prior[columns])
         size = np.sqrt(np.maximum(np.diag(curvature), 1e-30))
         inverse = np.linalg.inv(curvature / np.outer(size, size) + RIDGE * np.eye(len(size)))
         return _Line(residuals, deviations, scores, inverse / np.outer(size, size))
@@ -283,7 +295,7 @@ class Regression:
             before = len(choice.kept)
             self._drop(choice, fit, used)
             if len(choice.kept) == before:
-                return choice, fit
+                return choice, self.whole(choice, used)
 
     def _drop(self, choice: Choice, fit: Fit, used: Mask) -> None:
         """Keep as configured what has too large a standard error."""
