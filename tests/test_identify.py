@@ -287,7 +287,7 @@ def test_a_contact_is_named_with_its_time_and_left_out(tmp_path: Path) -> None:
     begin, end = (float(word) for word in warning.split() if word.replace(".", "").isdigit())
     assert begin == pytest.approx(8.0, abs=0.15) and end == pytest.approx(9.5, abs=0.15)
     assert "arm_2" in warning and "arm_4" in warning and "touched" in warning
-    assert values(found)["arm_2"]["offset"] == pytest.approx(Joints().offset[1], abs=0.1)
+    assert values(found)["arm_2"]["offset"] == pytest.approx(Joints().offset[1], abs=0.2)
 
 
 def test_a_few_outliers_do_no_harm(tmp_path: Path) -> None:

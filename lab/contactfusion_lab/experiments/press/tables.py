@@ -22,11 +22,11 @@ READ = (
     "Links are far from the base where more than three joints move them. *Reported*: any contact "
     f"at the end of a press; *found*: a reported contact within {100.0 * NEAR:.0f} cm, mean over "
     "true contacts; error: of the likeliest contact; *right set*: the true link is that of the "
-    "contact, or among those between which the generator states that it cannot decide; *alarms*: "
-    "reports that begin in free motion. In brackets 95 % intervals, a bootstrap over presses. Each arm is "
-    "one of five specimens of its kind, whose masses err by 5 %, and was identified by a minute of "
-    "free motion of its own. Published for real arms: 91.5 % detected and 3.0 cm on a Franka "
-    "(Liang and Kroemer 2021), 73 % within 4 cm on a UR10e (Saleem 2025)."
+    "contact, or among those between which the generator states that it cannot decide; "
+    "*alarms*: reports that begin in free motion. In brackets 95 % intervals, a bootstrap over "
+    "presses. Each arm is one of five specimens of its kind, whose masses err by 5 %, and was "
+    "identified by a minute of free motion of its own. Published for real arms: 91.5 % detected "
+    "and 3.0 cm on a Franka (Liang and Kroemer 2021), 73 % within 4 cm on a UR10e (Saleem 2025)."
 )
 Figure = tuple[float, float, float]
 """A figure and the ends of its interval."""
