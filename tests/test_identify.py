@@ -16,7 +16,7 @@ from contactfusion.errors import ContactFusionError
 from contactfusion.generators.external_torque import Effort, ExternalTorque
 from contactfusion.identify.report import Identification
 from contactfusion.readings import JointState
-from contactfusion.robots.description import EffortConfig
+from contactfusion.robots.description import EffortConfig, LinkMassConfig, RobotConfig
 from contactfusion.robots.dynamics import Dynamics
 from contactfusion.robots.model import RobotModel
 from tests.arms import ARM, BENT, STILL, pushed, whole
@@ -275,6 +275,32 @@ def test_a_motion_that_tells_no_payload_keeps_it_as_it_is(tmp_path: Path) -> Non
     found = told(tmp_path, short(sines=Sines(span=span)))
     assert "payload" not in found.fields["robot"]
     assert any("the payload stays open" in sentence for sentence in found.kept)
+
+
+def test_links_that_weigh_otherwise_than_in_the_description_are_weighed(tmp_path: Path) -> None:
+    true = carrying(None)
+    wrong: dict[str, Any] = {}
+    for link, factor in (("link_2", 1.06), ("link_4", 0.92), ("link_6", 1.08)):
+        mass, centre = true.mass_of(link)
+        wrong[link] = {"mass": factor * mass, "centre_of_mass": centre.tolist()}
+    robot = {"urdf": "contactfusion.robots:arm_hand.urdf", "still": dict(STILL), "masses": wrong}
+    found = told(tmp_path, table(Joints(), payload=None), robot=robot)
+    masses = found.fields["robot"]["masses"]
+    weighed = RobotModel(true.config.model_copy(update={"masses": {
+        name: LinkMassConfig(**each) for name, each in masses.items()
+    }}))  # fmt: skip
+    described = RobotModel(RobotConfig.model_validate(robot))
+    rng, before, after = np.random.default_rng(0), list[FloatArray](), list[FloatArray]()
+    for _ in range(20):
+        at = whole(BENT + rng.uniform(-0.3, 0.3, len(ARM)))
+        held, wrongly, now = (
+            Dynamics(each).drift(at, np.zeros(len(at)), GRAVITY)[: len(ARM)]
+            for each in (true, described, weighed)
+        )
+        before.append(wrongly - held)
+        after.append(now - held)
+    # a constant part is in the offsets of the joints
+    assert np.std(after, axis=0).max() < 0.5 * np.std(before, axis=0).max()
 
 
 # Doubts
