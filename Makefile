@@ -7,7 +7,7 @@ DEMO_READY := $(VENV)/.ready-demo
 READY := $(VENV)/.ready
 SOAK_SCENARIOS ?= 2000
 
-.PHONY: demo test test-lab test-lab-changed lint soak bench goldens bare show-recordings show-touch show-push show-sensing show-paper show-hard show-replay show-grasp show-dask train clean
+.PHONY: demo test test-lab test-lab-changed lint soak bench goldens bare show-recordings show-touch show-push show-sensing show-paper show-hard show-replay show-grasp show-press show-dask train clean
 
 demo: $(DEMO_READY)
 	$(BIN)/contactfusion demo --out out/demo
@@ -184,6 +184,13 @@ show-grasp: $(READY)
 		$(GRASP) --repeats 100 $(FELT) --sources tactile --faults examples/faults/$$fault.yaml \
 			--out out/grasp/$$fault || exit 1; \
 	done
+
+# Arms pressed anywhere, at one place and at two; presses that are made already are kept.
+show-press: $(READY)
+	@echo "about 2 hours on two cores; started again, it goes on where it was stopped"
+	$(BIN)/contactfusion experiment press --seed 2014 --touches 200 --free 10 --out out/press/one
+	$(BIN)/contactfusion experiment press --seed 2014 --touches 100 --places 2 --force 20 --free 0 \
+		--out out/press/two
 
 # Pushes on a cluster of this machine, which loses a worker, then its scheduler; about 5 minutes.
 show-dask: $(READY)

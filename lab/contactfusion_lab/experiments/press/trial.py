@@ -211,7 +211,7 @@ def load(path: Path) -> Trial:
         raise ConfigurationError(f"{path} is no trial of this experiment") from None
 
 
-@lru_cache(maxsize=8)
+@lru_cache(maxsize=32)
 def identified(name: str, specimen: int) -> Arm:
     """An arm with what a minute of free motion tells of one specimen, as a user identifies it."""
     described, path = arm(name), arm_file(name)
