@@ -66,6 +66,9 @@ class JointTorqueConfig(GeneratorConfig):
     its motors, or the reverse."""
     links: tuple[str, ...] = ()
     """The links that may be touched; none: all that a joint moves."""
+    forces: bool = True
+    """Whether it states the force of its contact, which is taken for the sum of all contacts on the
+    robot; false where several have a limb each."""
     gain: float = Field(default=30.0, gt=0)
     """Of the momentum observer [1/s]; it lags by one over it."""
     scale: float = Field(default=0.05, ge=0, lt=1)
@@ -266,7 +269,7 @@ class JointTorqueGenerator(Generator[JointTorqueConfig]):
             points[kept],
             min(probability * single, config.p_max) * weights,
             frame=state.grid.frame,
-            forces=forces[kept],
+            forces=forces[kept] if config.forces else None,
             spreads=np.full(len(weights), spread),
             single=True,
             notes=notes,

@@ -368,3 +368,11 @@ def test_a_driver_by_name_reports_minus_the_torque_of_the_motors() -> None:
     for step in range(40):
         clouds = arm.generate(reading(-held, stamp=0.05 * step, velocities=still), state())
     assert not len(only(clouds)) and not only(clouds).notes
+
+
+def test_one_limb_of_several_states_no_force() -> None:
+    _, _, torques = pushed("link_6", 20.0)
+    stated = only(generator().generate(reading(torques), state()))
+    limb = only(generator(forces=False).generate(reading(torques), state()))
+    assert stated.forces is not None and limb.forces is None
+    assert limb.likelihoods.tolist() == stated.likelihoods.tolist()

@@ -19,6 +19,7 @@ class BulletWorld:
 
     Args:
         robot: the robot; its root link stands at the origin until it is placed.
+        fixed: whether its root link stands still; else it floats, as that of a legged robot.
         hollow: whether the mesh of a body is taken as it is; otherwise, as always for the robot,
             its convex hull: faster, and contacts are overestimated, never underestimated.
 
@@ -27,7 +28,7 @@ class BulletWorld:
         RobotError: PyBullet cannot load the robot.
     """
 
-    def __init__(self, robot: RobotModel, *, hollow: bool = False) -> None:
+    def __init__(self, robot: RobotModel, *, fixed: bool = True, hollow: bool = False) -> None:
         try:
             import pybullet
         except ImportError:
@@ -40,7 +41,7 @@ class BulletWorld:
         flags = pybullet.URDF_USE_INERTIA_FROM_FILE
         try:
             self.robot: int = pybullet.loadURDF(
-                str(robot.urdf.path), useFixedBase=True, flags=flags, **self.client
+                str(robot.urdf.path), useFixedBase=fixed, flags=flags, **self.client
             )
         except pybullet.error as error:
             raise RobotError(f"{robot.urdf.path}: PyBullet cannot load it: {error}") from None

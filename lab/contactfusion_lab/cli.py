@@ -164,6 +164,18 @@ def train_cpm(
     train_networks(options, out)
 
 
+@experiments.command("feet")
+def experiment_feet(
+    trials: Annotated[int, typer.Option(min=1, help="Number of scripts of each kind.")] = 10,
+    seed: Seed = 100,
+    out: Out = Path("out/feet"),
+) -> None:
+    """Tell which feet of a quadruped touch the ground, by the torques of its joints."""
+    from contactfusion_lab.experiments.feet import run_feet
+
+    run_feet(trials, seed, out)
+
+
 @experiments.command("recordings")
 def experiment_recordings(
     data: Annotated[Path | None, typer.Option(help="Folder of the real recordings.")] = None,
