@@ -42,7 +42,7 @@ NEAR = 0.05
 """A contact this near a true one has found it: half the width of an upper arm [m]."""
 SELDOM = 0.1
 """Rate of images where no camera counts [Hz]."""
-MOTION, LIVELY = 60.0, (0.3, 0.8)
+MOTION, LIVELY = 60.0, (0.2, 0.6)
 """Length of the free motion by which a specimen is identified [s], and its speed [rad/s]."""
 
 

@@ -34,6 +34,8 @@ class DrivesConfig(Model):
     """Torque per current, by joint [N·m/A]; it varies by 5 % from arm to arm."""
     encoder: float = Field(default=2e-5, ge=0)
     """Standard deviation of a measured position [rad]."""
+    velocity: float = Field(default=1e-3, ge=0)
+    """Standard deviation of a measured velocity [rad/s]."""
     inertia: float = Field(default=0.05, ge=0)
     """Standard deviation of the mass of each link, as a share of it, constant."""
 
@@ -90,13 +92,19 @@ class Drives:
         return found
 
     def read(
-        self, stamp: float, positions: FloatArray, torques: FloatArray, dragged: FloatArray
+        self,
+        stamp: float,
+        positions: FloatArray,
+        velocities: FloatArray,
+        torques: FloatArray,
+        dragged: FloatArray,
     ) -> JointState:
         """The reading of the joints.
 
         Args:
             stamp: [s].
             positions: shape (n,) [rad].
+            velocities: shape (n,) [rad/s].
             torques: shape (n,), mean torques of the motors since the last reading [N·m].
             dragged: shape (n,), those of friction [N·m].
         """
@@ -105,12 +113,13 @@ class Drives:
         efforts = behind + self._zeros + self._noise * self._rng.standard_normal(count)
         if self._config.effort == "current":
             efforts = efforts / self._constants
-        noise = self._config.encoder * self._rng.standard_normal(count)
+        encoders, speeds = self._rng.standard_normal((2, count))
         return JointState(
             stamp=stamp,
             frame=self._robot.root,
             sensor="joints",
             names=self._names,
-            positions=positions[rows] + noise,
+            positions=positions[rows] + self._config.encoder * encoders,
+            velocities=velocities[rows] + self._config.velocity * speeds,
             efforts=efforts,
         )

@@ -45,6 +45,8 @@ START = 0.3
 """Time in which the arm comes to its speed [s]."""
 STEEPEST = 1.875
 """Greatest speed on a path of least jerk, of which the mean is 1."""
+REST = 0.7
+"""Time for which the arm rests in each posture [s]."""
 INNER = 0.8
 """Postures lie in that part of the range of each joint, about its middle."""
 WIDEST = 2.5
@@ -170,8 +172,9 @@ class PressScene(Scene):
             stamp = self._stamp
             if step % period == 0:
                 yield self._drives.read(
-                    stamp, arm.positions, torques.mean(axis=0), dragged.mean(axis=0)
-                )
+                    stamp, arm.positions, arm.velocities, torques.mean(axis=0),
+                    dragged.mean(axis=0),
+                )  # fmt: skip
                 yield from sensors.wrenches(stamp, arm.positions, self._world.felt())
             if step % image == 0 or step == len(course) - 1:
                 poses = self.robot.poses_at(arm.positions)
@@ -288,7 +291,8 @@ class PressScene(Scene):
     def _free(self) -> FloatArray:
         """Commanded positions from posture to posture, shape (steps + 1, n) [rad, m]."""
         steps = round(self.config.seconds / STEP)
-        positions = next(filter(self._is_free, map(lambda _: self._posture(), itertools.count())))
+        postures = (self._posture() for _ in itertools.count())
+        positions = next(filter(self._is_free, postures))
         parts, count = [positions[None]], 1
         while count <= steps:
             following = self._posture()
@@ -300,7 +304,8 @@ class PressScene(Scene):
             parts.append(
                 positions + t**3 * (10.0 - 15.0 * t + 6.0 * t**2) * (following - positions)
             )
-            count += len(t)
+            parts.append(np.tile(following, (round(REST / STEP), 1)))
+            count += len(t) + len(parts[-1])
             positions = following
         return np.concatenate(parts)[: steps + 1]
 
