@@ -95,7 +95,8 @@ def _pyramid(normal: FloatArray) -> FloatArray:
     first = np.cross(normal, np.eye(3)[int(np.abs(normal).argmin())])
     first /= np.linalg.norm(first)
     second = np.cross(normal, first)
-    return -normal + FRICTION * np.array([first, -first, second, -second])
+    edges = -normal + FRICTION * np.stack([first, -first, second, -second])
+    return np.asarray(edges, np.float64)
 
 
 def _milliseconds(work: Callable[[], None], repeats: int) -> float:

@@ -365,6 +365,7 @@ def test_a_driver_by_name_reports_minus_the_torque_of_the_motors() -> None:
     arm = JointTorqueGenerator(
         "arm", JointTorqueConfig.model_validate({"vendor": "kinova_torque", "joints": known()})
     )
+    clouds: Sequence[HypothesisCloud] = ()
     for step in range(40):
         clouds = arm.generate(reading(-held, stamp=0.05 * step, velocities=still), state())
     assert not len(only(clouds)) and not only(clouds).notes
