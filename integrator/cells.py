@@ -3,6 +3,7 @@
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from contactfusion.arrays import FloatArray
 from contactfusion.integrator.store import Int64Array
@@ -37,6 +38,29 @@ def gap(x: float, cell: int, side: float) -> float:
 
 
 @kernel
+def grouped(groups: NDArray[np.integer], count: int) -> tuple[Int64Array, Int64Array]:
+    """Sort rows by their group; within each they ascend.
+
+    Args:
+        groups: shape (n,), of each row, from 0.
+        count: the number of groups.
+
+    Returns:
+        The rows, shape (n,), and where each group begins among them, shape (count + 1,).
+    """
+    rows, begins = np.empty(len(groups), np.int64), np.zeros(count + 1, np.int64)
+    for row in range(len(groups)):
+        begins[groups[row] + 1] += 1
+    for group in range(count):
+        begins[group + 1] += begins[group]
+    at = begins[:-1].copy()
+    for row in range(len(groups)):
+        rows[at[groups[row]]] = row
+        at[groups[row]] += 1
+    return rows, begins
+
+
+@kernel
 def cell_list(points: FloatArray, side: float) -> Dealt:
     """Sort points by cells of `side` [m], or of wider ones where these would be too many.
 
@@ -53,20 +77,13 @@ def cell_list(points: FloatArray, side: float) -> Dealt:
     while np.prod(np.floor((high - low) / side) + 1.0) > ROOM + 8 * n:
         side *= 1.5
     counts = (np.floor((high - low) / side) + 1.0).astype(np.int64)
-    cells, rows = np.empty(n, np.int64), np.empty(n, np.int64)
-    begins = np.zeros(counts[0] * counts[1] * counts[2] + 1, np.int64)
+    cells = np.empty(n, np.int64)
     for row in range(n):
         i = int((points[row, 0] - low[0]) / side)
         j = int((points[row, 1] - low[1]) / side)
         k = int((points[row, 2] - low[2]) / side)
         cells[row] = (i * counts[1] + j) * counts[2] + k
-        begins[cells[row] + 1] += 1
-    for cell in range(len(begins) - 1):
-        begins[cell + 1] += begins[cell]
-    at = begins[:-1].copy()
-    for row in range(n):
-        rows[at[cells[row]]] = row
-        at[cells[row]] += 1
+    rows, begins = grouped(cells, counts[0] * counts[1] * counts[2])
     return Dealt(rows, begins, low, counts, side)
 
 

@@ -11,10 +11,10 @@ from contactfusion.arrays import FloatArray
 from contactfusion.contacts import NONE
 from contactfusion.hypotheses import HypothesisKind
 from contactfusion.integrator import clusters
-from contactfusion.integrator.cells import Dealt, cell_list, nearest
+from contactfusion.integrator.cells import Dealt, cell_list, grouped, nearest
 from contactfusion.integrator.clusters import Int32Array
 from contactfusion.integrator.entries import Entries
-from contactfusion.integrator.nearby import around
+from contactfusion.integrator.nearby import around, nearest_left, reached
 from contactfusion.integrator.store import Int64Array
 
 CERTAIN = 0.99
@@ -109,6 +109,26 @@ class Evidence:
     def around(self, points: FloatArray, reach: float) -> NDArray[np.intp]:
         """The hypotheses left in a box as large as some points (m, 3) [m] and a reach [m]."""
         return around(self.cloud.positions, self._cells, self.labels, self.left, points, reach)
+
+    def near(self, points: FloatArray, reach: float) -> NDArray[np.bool_]:
+        """The detections left within reach [m] of points (m, 3) [m], at least the nearest."""
+        given = (self.cloud.positions, self._cells, self.labels, self.left, points, reach)
+        wanted = reached(*given)
+        if not wanted.any():
+            middle = points.mean(axis=0)
+            nearest = nearest_left(self.cloud.positions, self.labels, self.left, middle)
+            wanted[self.labels[nearest]] = True
+        return wanted
+
+    def rows_of(self, taken: NDArray[np.bool_]) -> NDArray[np.intp]:
+        """The hypotheses of some detections, ascending; `taken` has shape (d,)."""
+        rows, begins = self._by_detection
+        found = [rows[begins[label] : begins[label + 1]] for label in np.flatnonzero(taken)]
+        return np.sort(np.concatenate(found))
+
+    @cached_property
+    def _by_detection(self) -> tuple[Int64Array, Int64Array]:
+        return grouped(self.labels, len(self.peaks))
 
     @cached_property
     def _cells(self) -> Dealt:

@@ -1,11 +1,12 @@
 """The estimate of a contact of a set: where it lies, how large it is, how probably it exists."""
 
+import math
 from collections.abc import Mapping
 
 import numpy as np
 
 from contactfusion.arrays import FloatArray
-from contactfusion.contacts import Contact
+from contactfusion.contacts import NONE, Contact
 from contactfusion.integrator.detections import CERTAIN
 from contactfusion.integrator.entries import Member
 from contactfusion.integrator.kernels import EDGE
@@ -95,18 +96,18 @@ def _existence(fields: LikelihoodFields, basin: Basin, taken: Taken) -> tuple[fl
     """
     names, factors = [*fields.rows], dict[str, float]()
     given = {names[row]: fields.evidence[row].probability(own) for row, own in taken.items()}
-    missed = min(float(np.prod([1.0 - each for each in given.values()])), 1.0 - EDGE)
+    missed = min(math.prod(1.0 - each for each in given.values()), 1.0 - EDGE)
     odds = (1.0 - missed) / missed
     for row, highest in fields.supports.items():
         wrong = 1.0 - min(highest, CERTAIN) * fields.agreement(row, basin)
         factors[names[row]] = (1.0 - missed * wrong) / (wrong * (1.0 - missed))
         missed *= wrong
     # over where its own sources see it, so that the surer null is, the less is left
-    belief = fields.factors[[*taken]].prod(axis=0)
-    rows = basin.core
+    belief, rows, top = fields.product(taken), basin.core, NONE
     for _ in range(2):  # null may have moved the core away from the top of the belief
-        top = int(rows[belief[rows].argmax()])
-        rows = fields.places.connected(belief, BASIN * belief[top], top)
+        before, top = top, int(rows[belief[rows].argmax()])
+        if top != before:
+            rows = fields.places.connected(belief, BASIN * belief[top], top)
     if fields.is_vague(taken):  # it may lie elsewhere, too
         rows = np.flatnonzero(belief >= BASIN * belief.max())
     left = belief[rows]
@@ -115,7 +116,7 @@ def _existence(fields: LikelihoodFields, basin: Basin, taken: Taken) -> tuple[fl
         factors[names[row]] = float(left.sum() / before.sum())
     silent = [source for source in fields.entries.sources if source.misses < 1.0]
     factors |= {source.name: max(source.misses, EDGE) for source in silent}
-    odds *= float(np.prod([*factors.values()]))
+    odds *= math.prod(factors.values())
     return odds / (1.0 + odds), given, factors
 
 
@@ -131,9 +132,10 @@ def _area(fields: LikelihoodFields, basin: Basin, taken: Taken) -> tuple[Rows, F
         if not fields.clouds[row].single and fields.evidence[row].probability(own) >= SURE
     ]
     if several:
-        together = fields.factors[several].prod(axis=0)
+        together = fields.product(several)
         least = AGREED ** len(several) * together[basin.core].max()
-        together *= fields.seen ** len(several)
+        if fields.free:
+            together = together * fields.seen ** len(several)
         best = basin.core[together[basin.core].argmax()]
         area = fields.places.connected(together, least, int(best))
         agreed = together[area] ** (1.0 / len(several))
@@ -189,7 +191,7 @@ def _centres(
 def _shares(fields: LikelihoodFields, basin: Basin, taken: Taken) -> FloatArray:
     """How much each source confirms the contact, shape (k,); they sum to 1."""
     added, rows = np.zeros(len(fields.clouds)), np.array([*taken, *fields.supports])
-    confirmed = np.log(fields.factors[np.ix_(rows, basin.rows)]) @ basin.weights
+    confirmed = np.log(fields.factors[rows[:, None], basin.rows]) @ basin.weights
     added[rows] = np.maximum(confirmed, 0.0)
     if not added.any():  # a force from a place that its line misses
         added[[*taken]] = 1.0

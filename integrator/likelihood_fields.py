@@ -3,8 +3,9 @@
 Detections that a contact explains are taken out, so that what is left can be searched again.
 """
 
+import functools
+import math
 from collections.abc import Iterable, Mapping
-from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,7 +16,7 @@ from contactfusion.hypotheses import HypothesisKind
 from contactfusion.integrator import fields
 from contactfusion.integrator.detections import LINK, Evidence, clouds_of
 from contactfusion.integrator.entries import Entries
-from contactfusion.integrator.nearby import Rows, near
+from contactfusion.integrator.nearby import Rows, labelled
 from contactfusion.integrator.places import STEP, Basin, Places, SourceField
 from contactfusion.integrator.posterior import pushed
 from contactfusion.integrator.store import Int64Array, rasterise
@@ -146,6 +147,10 @@ class LikelihoodFields:
         if row in self.evidence:  # none of it is left, or all lies off the surface
             self.evidence[row].left[:] = False
 
+    def product(self, rows: Iterable[int]) -> FloatArray:
+        """The product of the factors of some sources, shape (c,); not to be changed."""
+        return functools.reduce(np.multiply, (self.factors[row] for row in rows))
+
     def restore(self) -> None:
         """Take it that no contact explains anything yet."""
         self._fields = [each.copy() for each in self._whole]
@@ -174,8 +179,8 @@ class LikelihoodFields:
         if each.cloud.single or not each.left.any():
             field.heights[:] = 0.0
         else:
-            gone = taken[each.labels[field.which]] & (field.which != NONE)
-            if gone.any():
+            gone = labelled(field.which, each.labels, taken)
+            if len(gone):
                 widest = float(np.sqrt(each.cloud.variances.max()))
                 reach = fields.FAR * max(widest, self.places.narrowest)
                 rows = each.around(self.places.points[gone], reach)
@@ -185,7 +190,7 @@ class LikelihoodFields:
     def possible(self) -> float:
         """The probability of a contact by all that is left."""
         missed = [1.0 - each.probability(each.left) for each in self.evidence.values()]
-        return 1.0 - float(np.prod(missed))
+        return 1.0 - math.prod(missed)
 
     def spread(self, row: int) -> float:
         """How unsure the positions of a source are, by axis [m]."""
@@ -207,31 +212,26 @@ class LikelihoodFields:
 
     def strongest(self, row: int, places: Rows) -> Rows:
         """The hypotheses of a source of several contacts that are strongest at some places."""
-        which = np.unique(self._fields[row].which[places])
-        return np.asarray(which[which != NONE], np.intp)
+        strongest = np.zeros(len(self.clouds[row].positions) + 1, np.bool_)  # the last: `NONE`
+        strongest[self._fields[row].which[places]] = True
+        return np.flatnonzero(strongest[:-1])
 
     def _near(self, row: int, core: Rows) -> NDArray[np.bool_]:
         """The detections left of a source near a contact, shape (d,): at least the nearest."""
         each = self.evidence[row]
         if each.cloud.single:
             return each.left.copy()
-        wanted, points = np.zeros(len(each.left), np.bool_), self.places.points[core]
         reach = float(np.sqrt(-2.0 * np.log(EXPLAINED))) * self.spread(row)
-        rows = each.around(points, reach)
-        wanted[each.labels[rows[near(each.cloud.positions[rows], points, reach)]]] = True
-        if not wanted.any():
-            squared = ((each.cloud.positions - points.mean(axis=0)) ** 2).sum(axis=1)
-            wanted[each.labels[np.where(each.left[each.labels], squared, np.inf).argmin()]] = True
-        return wanted
+        return each.near(self.places.points[core], reach)
 
     def entries_of(self, taken: Taken) -> Rows:
         """The entries of some detections."""
         rows = [np.empty(0, np.intp)]
         for row, own in taken.items():
-            rows.append(self.entries.begin[row] + np.flatnonzero(own[self.evidence[row].labels]))
+            rows.append(self.entries.begin[row] + self.evidence[row].rows_of(own))
         return np.concatenate(rows)
 
-    @cached_property
+    @functools.cached_property
     def newest(self) -> Int64Array:
         """The newest stamp of each source, shape (k,) [ns]; of one without any 0."""
         stamps = self.entries.columns.stamps

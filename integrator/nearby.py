@@ -4,6 +4,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from contactfusion.arrays import FloatArray
+from contactfusion.contacts import NONE
 from contactfusion.integrator.cells import Dealt
 from contactfusion.jit import kernel
 
@@ -73,6 +74,62 @@ def around(
 
 
 @kernel
+def reached(
+    points: FloatArray,
+    cells: Dealt,
+    labels: NDArray[np.int32],
+    left: NDArray[np.bool_],
+    others: FloatArray,
+    reach: float,
+) -> NDArray[np.bool_]:
+    """Of which labels a point lies within reach of others, among those left, shape (labels,).
+
+    Args:
+        points: shape (n, 3) [m].
+        cells: the points by cells.
+        labels: shape (n,), of each point.
+        left: shape (labels,), which count.
+        others: shape (m, 3) [m].
+        reach: [m].
+    """
+    side, low, counts, begins = cells.side, cells.low, cells.counts, cells.begins
+    found = np.zeros(len(left), np.bool_)
+    for other in range(len(others)):
+        px, py, pz = others[other]
+        x, y, z = px - low[0], py - low[1], pz - low[2]
+        first = _first(z, reach, side, counts[2])
+        end = _end(z, reach, side, counts[2])
+        for i in range(_first(x, reach, side, counts[0]), _end(x, reach, side, counts[0])):
+            for j in range(_first(y, reach, side, counts[1]), _end(y, reach, side, counts[1])):
+                column = (i * counts[1] + j) * counts[2]
+                for row in cells.rows[begins[column + first] : begins[column + end]]:
+                    label = labels[row]
+                    if left[label] and not found[label]:
+                        found[label] = _squared(points, row, px, py, pz) <= reach * reach
+    return found
+
+
+@kernel
+def nearest_left(
+    points: FloatArray, labels: NDArray[np.int32], left: NDArray[np.bool_], place: FloatArray
+) -> int:
+    """The point nearest to a place among those left, the first of equals, as a row; or `NONE`.
+
+    Args:
+        points: shape (n, 3) [m].
+        labels: shape (n,), of each point.
+        left: shape (labels,), which count.
+        place: shape (3,) [m].
+    """
+    nearest, least = NONE, np.inf
+    for row in range(len(points)):
+        squared = _squared(points, row, place[0], place[1], place[2])
+        if squared < least and left[labels[row]]:
+            nearest, least = row, squared
+    return nearest
+
+
+@kernel
 def near(points: FloatArray, others: FloatArray, reach: float) -> NDArray[np.bool_]:
     """Which points lie within reach [m] of others (m, 3) [m], shape (n,)."""
     found = np.zeros(len(points), np.bool_)
@@ -83,6 +140,24 @@ def near(points: FloatArray, others: FloatArray, reach: float) -> NDArray[np.boo
                 found[row] = True
                 break
     return found
+
+
+@kernel
+def labelled(
+    which: NDArray[np.int32], labels: NDArray[np.int32], wanted: NDArray[np.bool_]
+) -> Rows:
+    """The rows of `which`, shape (c,), that hold a point of some labels, not `NONE`; ascending.
+
+    Args:
+        which: shape (c,), points.
+        labels: shape (n,), of each point.
+        wanted: shape (labels,).
+    """
+    found, count = np.empty(len(which), np.intp), 0
+    for row in range(len(which)):
+        found[count] = row  # written over unless it counts
+        count += which[row] != NONE and wanted[labels[which[row]]]
+    return found[:count]
 
 
 @kernel
@@ -137,11 +212,14 @@ def nearer(points: FloatArray, rows: Rows, these: Rows, others: Rows) -> NDArray
     found = np.empty(len(rows), np.bool_)
     for number in range(len(rows)):
         x, y, z = points[rows[number]]
-        away = np.full(2, np.inf)
-        for side, group in enumerate((these, others)):
-            for other in group:
-                away[side] = min(away[side], _squared(points, other, x, y, z))
-        found[number] = away[0] <= away[1]
+        away = np.inf
+        for other in these:
+            away = min(away, _squared(points, other, x, y, z))
+        found[number] = True
+        for other in others:
+            if _squared(points, other, x, y, z) < away:
+                found[number] = False
+                break
     return found
 
 

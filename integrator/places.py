@@ -108,13 +108,13 @@ class Places:
         return SourceField(heights, which)
 
     def search(
-        self, field: SourceField, wanted: NDArray[np.bool_], cloud: Cloud, rows: Rows
+        self, field: SourceField, wanted: Rows, cloud: Cloud, rows: Rows
     ) -> None:
         """Look for the strongest hypothesis again.
 
         Args:
             field: of a source of several contacts, is changed.
-            wanted: shape (c,), at which places.
+            wanted: at which places.
             cloud: the hypotheses of the source.
             rows: those that count.
         """
