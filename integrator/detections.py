@@ -52,7 +52,7 @@ class Cloud(NamedTuple):
     def picked(self, rows: NDArray[np.intp]) -> "Cloud":
         """Some of the hypotheses."""
         columns = (self.positions, self.likelihoods, self.variances)
-        positions, likelihoods, variances = (column[rows] for column in columns)
+        positions, likelihoods, variances = (column.take(rows, axis=0) for column in columns)
         return self._replace(positions=positions, likelihoods=likelihoods, variances=variances)
 
 

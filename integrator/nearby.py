@@ -97,12 +97,12 @@ def reached(
     for other in range(len(others)):
         px, py, pz = others[other]
         x, y, z = px - low[0], py - low[1], pz - low[2]
-        first = _first(z, reach, side, counts[2])
-        end = _end(z, reach, side, counts[2])
+        j_first, j_end = _first(y, reach, side, counts[1]), _end(y, reach, side, counts[1])
+        k_first, k_end = _first(z, reach, side, counts[2]), _end(z, reach, side, counts[2])
         for i in range(_first(x, reach, side, counts[0]), _end(x, reach, side, counts[0])):
-            for j in range(_first(y, reach, side, counts[1]), _end(y, reach, side, counts[1])):
+            for j in range(j_first, j_end):
                 column = (i * counts[1] + j) * counts[2]
-                for row in cells.rows[begins[column + first] : begins[column + end]]:
+                for row in cells.rows[begins[column + k_first] : begins[column + k_end]]:
                     label = labels[row]
                     if left[label] and not found[label]:
                         found[label] = _squared(points, row, px, py, pz) <= reach * reach
@@ -175,26 +175,23 @@ def connected(
         reach: points that are no further apart hang together [m].
     """
     side, low, counts, begins = cells.side, cells.low, cells.counts, cells.begins
-    seen = np.zeros(len(points), np.bool_)
+    left = values >= least
     found = [start]
-    seen[start] = True
+    left[start] = False
     done = 0
     while done < len(found):
         row = found[done]
         done += 1
         px, py, pz = points[row, 0], points[row, 1], points[row, 2]
         x, y, z = px - low[0], py - low[1], pz - low[2]
+        j_first, j_end = _first(y, reach, side, counts[1]), _end(y, reach, side, counts[1])
+        k_first, k_end = _first(z, reach, side, counts[2]), _end(z, reach, side, counts[2])
         for i in range(_first(x, reach, side, counts[0]), _end(x, reach, side, counts[0])):
-            for j in range(_first(y, reach, side, counts[1]), _end(y, reach, side, counts[1])):
-                first = _first(z, reach, side, counts[2])
-                end = _end(z, reach, side, counts[2])
+            for j in range(j_first, j_end):
                 column = (i * counts[1] + j) * counts[2]
-                for at in range(begins[column + first], begins[column + end]):
-                    other = cells.rows[at]
-                    if values[other] < least or seen[other]:
-                        continue
-                    if _squared(points, other, px, py, pz) <= reach * reach:
-                        seen[other] = True
+                for other in cells.rows[begins[column + k_first] : begins[column + k_end]]:
+                    if left[other] and _squared(points, other, px, py, pz) <= reach * reach:
+                        left[other] = False
                         found.append(other)
     return np.sort(np.array(found))
 

@@ -26,6 +26,8 @@ CORE, BASIN = 0.3, 0.1
 belongs to it."""
 KEPT = 1.0 + BASIN * np.log(BASIN) / (1.0 - BASIN)
 """The part of a Gaussian's variance on a plane that lies in a basin."""
+TILE = 7.0
+"""Places of a surface are processed by cells of at least so many spacings, to fill vectors."""
 STEPS = 20
 """Of mean shift at most."""
 
@@ -93,7 +95,7 @@ class Places:
     @cached_property
     def tiles(self) -> Dealt:
         """The places by larger cells."""
-        return cell_list(self.points, fields.TILE)
+        return cell_list(self.points, self._tile)
 
     def where(self, wanted: NDArray[np.bool_]) -> "Places":
         """Some of the places; `wanted` has shape (c,)."""
@@ -120,7 +122,7 @@ class Places:
         """
         points = self.points[wanted]
         heights, which = np.empty(len(points)), np.empty(len(points), np.int32)
-        tiles = cell_list(points, fields.TILE)
+        tiles = cell_list(points, self._tile)
         self._add_up(points, tiles, cloud.picked(rows), heights, which)
         field.heights[wanted] = heights
         field.which[wanted] = np.append(rows, NONE)[which]
@@ -146,7 +148,7 @@ class Places:
         """
         heavy, some = np.flatnonzero(weights >= CORE), np.flatnonzero(weights >= BASIN)
         tops, densities = self.points[heavy], np.empty(len(heavy))
-        tiles, widths = cell_list(tops, fields.TILE), np.full(len(some), self._width**2)
+        tiles, widths = cell_list(tops, self._tile), np.full(len(some), self._width**2)
         around = (self.points[some], weights[some], widths, True, 0.0)
         fields.kernel_density(tops, tiles, *around, densities)
         top = int(heavy[np.round(densities / densities.max(), 6).argmax()])  # the first of equals
@@ -189,6 +191,13 @@ class Places:
         """
         within = moments(self.points[basin.rows] - about, basin.weights)
         return np.asarray(within / KEPT, np.float64)
+
+    @property
+    def _tile(self) -> float:
+        """The side of the cells that places are processed by [m]."""
+        if self.normals is None:  # they lie as densely as hypotheses
+            return fields.TILE
+        return max(fields.TILE, TILE * self.spacing)
 
     @property
     def _width(self) -> float:

@@ -117,8 +117,7 @@ class Search:
         self._summed: dict[int, NDArray[np.bool_]] = {}
         """The detections that tell of several contacts together, by the row of their source."""
         while len(found) < MOST and self._fields.possible() >= FAINT:
-            weights = self._fields.seen * self._fields.factors.prod(axis=0)
-            weights[~self._fields.sought()] = 0.0
+            weights = self._fields.seen * self._fields.factors.prod(axis=0) * self._fields.sought()
             beside = [*(member for _, member in found), *before[len(found) + 1 :]]
             is_vague = any(
                 each.cloud.single and each.left.any() for each in self._fields.evidence.values()
