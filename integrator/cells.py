@@ -38,7 +38,7 @@ def gap(x: float, cell: int, side: float) -> float:
 
 
 @kernel
-def grouped(groups: NDArray[np.integer], count: int) -> tuple[Int64Array, Int64Array]:
+def grouped(groups: Int64Array | NDArray[np.int32], count: int) -> tuple[Int64Array, Int64Array]:
     """Sort rows by their group; within each they ascend.
 
     Args:

@@ -112,19 +112,17 @@ class Evidence:
 
     def near(self, points: FloatArray, reach: float) -> NDArray[np.bool_]:
         """The detections left within reach [m] of points (m, 3) [m], at least the nearest."""
-        given = (self.cloud.positions, self._cells, self.labels, self.left, points, reach)
-        wanted = reached(*given)
+        left = (self.cloud.positions, self._cells, self.labels, self.left)
+        wanted = reached(*left, points, reach)
         if not wanted.any():
-            middle = points.mean(axis=0)
-            nearest = nearest_left(self.cloud.positions, self.labels, self.left, middle)
-            wanted[self.labels[nearest]] = True
+            wanted[self.labels[nearest_left(*left, points.mean(axis=0))]] = True
         return wanted
 
     def rows_of(self, taken: NDArray[np.bool_]) -> NDArray[np.intp]:
         """The hypotheses of some detections, ascending; `taken` has shape (d,)."""
         rows, begins = self._by_detection
         found = [rows[begins[label] : begins[label + 1]] for label in np.flatnonzero(taken)]
-        return np.sort(np.concatenate(found))
+        return found[0] if len(found) == 1 else np.sort(np.concatenate(found))
 
     @cached_property
     def _by_detection(self) -> tuple[Int64Array, Int64Array]:

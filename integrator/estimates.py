@@ -27,6 +27,8 @@ NEAR = 3.0
 TINY = 1e-12
 """A mean normal of a smaller square has no direction."""
 
+UNIT = np.eye(3)
+
 Given = Mapping[str, float]
 """Numbers by the name of a source."""
 
@@ -35,25 +37,27 @@ def estimate(fields: LikelihoodFields, basin: Basin, taken: Taken) -> Member:
     """The contact of a basin, by the detections that it explains."""
     entries, places = fields.entries, fields.places
     area, weights = _area(fields, basin, taken)
-    middle = weights @ places.points[area]
-    scatter = moments(places.points[area] - middle, weights)
+    points, around = places.points[area], places.points[basin.rows]
+    middle = weights @ points
+    scatter = moments(points - middle, weights)
     lengths, axes = np.linalg.eigh(scatter)
     precision = sum(1.0 / fields.spread(row) ** 2 for row in taken)
     is_wide, is_vague = lengths[-1] * precision > LARGE**2, fields.is_vague(taken)
     is_large = is_wide and not is_vague
     position = middle if is_wide else places.mode(basin)
     normal = None if places.normals is None else basin.weights @ places.normals[basin.rows]
-    covariance = np.eye(3) * np.sqrt(len(taken)) / precision
-    if not is_large and normal is not None:  # along the surface a belief is as wide as spreads
-        across = np.outer(normal, normal) / max(float(normal @ normal), TINY)
-        covariance = across * places.narrowest**2 + np.eye(3) * places.spacing**2 / 12.0
+    if is_large or normal is None:
+        covariance = UNIT * np.sqrt(len(taken)) / precision
+    else:  # along the surface a belief is as wide as spreads
+        across = normal[:, None] * normal / max(float(normal @ normal), TINY)
+        covariance = across * places.narrowest**2 + UNIT * places.spacing**2 / 12.0
     if not is_large:
         covariance += places.moments(basin, position)
-    extent = np.tile(position, (2, 1))
+    extent = np.array((position, position))
     if not is_vague:  # otherwise the area is where it may lie, not how large it is
         own, size = _size(fields, taken, area, position)
         along = (own - position) @ axes[:, -1]
-        extent += np.outer((along.min(), along.max()), axes[:, -1])
+        extent += np.array(((along.min(),), (along.max(),))) * axes[:, -1]
         scatter = size if is_large else scatter
     shares, reach = _shares(fields, basin, taken), 0.5 * STEP * places.spacing
     likelihood, given, factors = _existence(fields, basin, taken)
@@ -63,8 +67,8 @@ def estimate(fields: LikelihoodFields, basin: Basin, taken: Taken) -> Member:
         scatter=scatter,
         covariance=covariance,
         extent=extent,
-        force=force_near(entries, position, places.points[basin.rows], 2.0 * reach),
-        voxels=len(voxel_downsample(places.points[area], entries.grid)),
+        force=force_near(entries, position, around, 2.0 * reach),
+        voxels=len(voxel_downsample(points, entries.grid)),
         shares={
             source.name: share
             for source, share, counts in zip(
@@ -77,14 +81,14 @@ def estimate(fields: LikelihoodFields, basin: Basin, taken: Taken) -> Member:
     )
     for array in (position, scatter, covariance, extent, contact.force):
         array.flags.writeable = False
-    rows, weights = basin.rows, basin.weights
+    weights = basin.weights
     if is_large:  # the basin is where its middle may be
-        rows = np.union1d(rows, area)
-        weights = np.full(len(rows), 1.0 / len(rows))
-    where, explains = places.points[rows], fields.entries_of(taken)
+        around = places.points[np.union1d(basin.rows, area)]
+        weights = np.full(len(around), 1.0 / len(around))
+    explains = fields.entries_of(taken)
     centres = _centres(fields, basin, taken) if len(taken) > 1 else {}
     return Member(
-        contact, where, weights, normal, reach, given, factors, explains, is_large, centres
+        contact, around, weights, normal, reach, given, factors, explains, is_large, centres
     )
 
 
@@ -105,8 +109,8 @@ def _existence(fields: LikelihoodFields, basin: Basin, taken: Taken) -> tuple[fl
     # over where its own sources see it, so that the surer null is, the less is left
     belief, rows, top = fields.product(taken), basin.core, NONE
     for _ in range(2):  # null may have moved the core away from the top of the belief
-        before, top = top, int(rows[belief[rows].argmax()])
-        if top != before:
+        start, top = top, int(rows[belief[rows].argmax()])
+        if top != start:
             rows = fields.places.connected(belief, BASIN * belief[top], top)
     if fields.is_vague(taken):  # it may lie elsewhere, too
         rows = np.flatnonzero(belief >= BASIN * belief.max())

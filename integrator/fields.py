@@ -246,7 +246,14 @@ def _strongest(spread: Spread, found: Int64Array, count: int, room: Room) -> Non
 
 
 @kernel
-def _total(spread: Spread, found: Int64Array, height: np.float32, count: int, room: Room) -> None:
+def _total(
+    spread: Spread,
+    likelihoods: Float32Array,
+    found: Int64Array,
+    height: np.float32,
+    count: int,
+    room: Room,
+) -> None:
     """Add up the densities of the hypotheses at each place of a tile."""
     furthest, whole = spread.furthest, (count + LANES - 1) // LANES * LANES
     px, py, pz, scores = room.x[:whole], room.y[:whole], room.z[:whole], room.scores[:whole]
@@ -254,7 +261,7 @@ def _total(spread: Spread, found: Int64Array, height: np.float32, count: int, ro
     for h in range(len(found)):
         at = found[h]
         x, y, z = spread.x[at], spread.y[at], spread.z[at]
-        halved, likelihood = spread.halved[at], np.exp(spread.logs[at])
+        halved, likelihood = spread.halved[at], likelihoods[at]
         for a in range(len(scores)):
             dx, dy, dz = px[a] - x, py[a] - y, pz[a] - z
             away = (dx * dx + dy * dy + dz * dz) * halved
@@ -372,6 +379,7 @@ def _over_tiles(
     spread = _ready(cells, positions, likelihoods, variances, tail, origin)
     widest, most = np.sqrt(variances.max()), np.log(likelihoods.max())
     reach = (FAR if tail > 0.0 else REACH) * widest
+    shares = np.exp(spread.logs) if single else spread.logs
     room, middle = _room(len(positions) + 1, len(places) + LANES), np.empty(3)
     for tile in range(len(tiles.begins) - 1):
         rows = tiles.rows[tiles.begins[tile] : tiles.begins[tile + 1]]
@@ -390,7 +398,7 @@ def _over_tiles(
             room.z[a] = places[rows[a], 2] - origin[2]
         if single:
             count = _gather(spread, middle, reach + float(around), room.found, room.squares)
-            _total(spread, room.found[:count], np.float32(tail), len(rows), room)
+            _total(spread, shares, room.found[:count], np.float32(tail), len(rows), room)
             for a in range(len(rows)):
                 field[rows[a]] = room.scores[a]
             continue

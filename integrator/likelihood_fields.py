@@ -11,7 +11,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from contactfusion.arrays import FloatArray
-from contactfusion.contacts import NONE
 from contactfusion.hypotheses import HypothesisKind
 from contactfusion.integrator import fields
 from contactfusion.integrator.detections import LINK, Evidence, clouds_of

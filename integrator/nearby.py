@@ -24,7 +24,7 @@ def _end(offset: float, radius: float, side: float, count: int) -> int:
 
 
 @kernel
-def _squared(points: FloatArray, row: int, x: float, y: float, z: float) -> float:
+def _squared(points: FloatArray, row: int | np.uintp, x: float, y: float, z: float) -> float:
     dx, dy, dz = points[row, 0] - x, points[row, 1] - y, points[row, 2] - z
     squared: float = dx * dx + dy * dy + dz * dz
     return squared
@@ -111,21 +111,36 @@ def reached(
 
 @kernel
 def nearest_left(
-    points: FloatArray, labels: NDArray[np.int32], left: NDArray[np.bool_], place: FloatArray
+    points: FloatArray,
+    cells: Dealt,
+    labels: NDArray[np.int32],
+    left: NDArray[np.bool_],
+    place: FloatArray,
 ) -> int:
-    """The point nearest to a place among those left, the first of equals, as a row; or `NONE`.
+    """The point nearest to a place among those left, the first of equals, as a row.
 
     Args:
         points: shape (n, 3) [m].
+        cells: the points by cells.
         labels: shape (n,), of each point.
-        left: shape (labels,), which count.
+        left: shape (labels,), which count, at least one.
         place: shape (3,) [m].
     """
-    nearest, least = NONE, np.inf
-    for row in range(len(points)):
-        squared = _squared(points, row, place[0], place[1], place[2])
-        if squared < least and left[labels[row]]:
-            nearest, least = row, squared
+    side, counts, begins = cells.side, cells.counts, cells.begins
+    x, y, z = place - cells.low
+    nearest, least, reach = NONE, np.inf, side
+    while least > reach * reach or nearest == NONE:
+        reach *= 2.0
+        j_first, j_end = _first(y, reach, side, counts[1]), _end(y, reach, side, counts[1])
+        k_first, k_end = _first(z, reach, side, counts[2]), _end(z, reach, side, counts[2])
+        for i in range(_first(x, reach, side, counts[0]), _end(x, reach, side, counts[0])):
+            for j in range(j_first, j_end):
+                column = (i * counts[1] + j) * counts[2]
+                for row in cells.rows[begins[column + k_first] : begins[column + k_end]]:
+                    squared = _squared(points, row, place[0], place[1], place[2])
+                    is_first = squared < least or (squared == least and row < nearest)
+                    if is_first and left[labels[row]]:
+                        nearest, least = row, squared
     return nearest
 
 
@@ -176,10 +191,10 @@ def connected(
     """
     side, low, counts, begins = cells.side, cells.low, cells.counts, cells.begins
     left = values >= least
-    found = [start]
-    left[start] = False
-    done = 0
-    while done < len(found):
+    left[start] = True
+    found, count, done = np.empty(left.sum(), np.intp), 1, 0
+    found[0], left[start] = start, False
+    while done < count < len(found):
         row = found[done]
         done += 1
         px, py, pz = points[row, 0], points[row, 1], points[row, 2]
@@ -189,11 +204,12 @@ def connected(
         for i in range(_first(x, reach, side, counts[0]), _end(x, reach, side, counts[0])):
             for j in range(j_first, j_end):
                 column = (i * counts[1] + j) * counts[2]
-                for other in cells.rows[begins[column + k_first] : begins[column + k_end]]:
+                for at in range(begins[column + k_first], begins[column + k_end]):
+                    other = np.uintp(cells.rows[at])
                     if left[other] and _squared(points, other, px, py, pz) <= reach * reach:
-                        left[other] = False
-                        found.append(other)
-    return np.sort(np.array(found))
+                        found[count], left[other] = other, False
+                        count += 1
+    return np.sort(found[:count])
 
 
 @kernel

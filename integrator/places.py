@@ -109,9 +109,7 @@ class Places:
         self._add_up(self.points, self.tiles, cloud, heights, which)
         return SourceField(heights, which)
 
-    def search(
-        self, field: SourceField, wanted: Rows, cloud: Cloud, rows: Rows
-    ) -> None:
+    def search(self, field: SourceField, wanted: Rows, cloud: Cloud, rows: Rows) -> None:
         """Look for the strongest hypothesis again.
 
         Args:

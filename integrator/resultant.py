@@ -277,13 +277,13 @@ def needed(members: Sequence[Member], sum_of: Superposition) -> list[Member]:
     positions = np.reshape([member.contact.position for member in members], (-1, 3))
     kept = np.flatnonzero(sum_of.bears(positions)).tolist()
     own = [{*member.given} == {sum_of.source} for member in members]
-    gains = dict[int, float]()
+    gains, least = dict[int, float](), float(np.log(NEEDLESS))
     for row in sorted(kept, key=lambda row: (not own[row], members[row].contact.likelihood)):
         if len(kept) == 1:
             break
         if not gains:
             gains = dict(zip(kept, sum_of.gains_of(maps.at(kept)).tolist(), strict=True))
-        factor = float(np.exp(np.clip(gains[row], np.log(NEEDLESS), -np.log(NEEDLESS))))
+        factor = float(np.exp(min(max(gains[row], least), -least)))
         exists = members[row].contact.likelihood
         before = exists / max(1.0 - exists, EDGE)
         odds = RARE if own[row] else before

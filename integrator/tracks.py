@@ -167,7 +167,7 @@ class Tracks:
         before, found = track.contact, member.contact
         away = found.position - before.position
         track.averaged *= float(np.exp(-elapsed / NANOSECONDS_PER_SECOND / SMOOTHING))
-        if _squared(away) > np.trace(found.covariance) / 3.0:  # it has moved on
+        if _squared(away) > found.covariance.trace() / 3.0:  # it has moved on
             track.averaged = 0.0
         track.averaged += 1.0
         place = frozen(before.position + away / track.averaged)
@@ -197,7 +197,7 @@ class Tracks:
                 yield ContactEvent(Change.BROKEN, contact, stamp)
             track.contact = replace(contact, track=0, since=np.nan)
             return
-        unsure = np.trace(contact.covariance) / 3.0
+        unsure = contact.covariance.trace() / 3.0
         if not track.is_made:
             self._made += 1
             contact = replace(contact, track=self._made, since=stamp)

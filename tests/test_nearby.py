@@ -8,8 +8,18 @@ from scipy.sparse import csr_matrix
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial.distance import cdist
 
-from contactfusion.integrator.cells import cell_list
-from contactfusion.integrator.nearby import around, connected, near, nearer, shifted
+from contactfusion.contacts import NONE
+from contactfusion.integrator.cells import cell_list, grouped
+from contactfusion.integrator.nearby import (
+    around,
+    connected,
+    labelled,
+    near,
+    nearer,
+    nearest_left,
+    reached,
+    shifted,
+)
 
 
 @pytest.fixture(params=range(4))
@@ -31,6 +41,39 @@ def test_around_is_empty_far_away(rng: np.random.Generator) -> None:
     cells, labels = cell_list(points, 0.01), np.zeros(50, np.int32)
     for far in (-1.0, 1.0):
         assert not len(around(points, cells, labels, all_left, np.full((1, 3), far), 0.01))
+
+
+def test_reached_are_the_labels_left_with_a_point_within_reach(rng: np.random.Generator) -> None:
+    points, others = rng.uniform(0, 0.1, (300, 3)), rng.uniform(-0.02, 0.12, (30, 3))
+    labels, left = rng.integers(0, 40, 300).astype(np.int32), rng.random(40) < 0.7
+    found = reached(points, cell_list(points, 0.013), labels, left, others, 0.012)
+    near_any = cdist(points, others).min(axis=1) <= 0.012
+    expected = np.isin(np.arange(40), labels[near_any]) & left
+    assert expected.any()
+    np.testing.assert_array_equal(found, expected)
+
+
+def test_the_nearest_left_is_the_first_of_equals(rng: np.random.Generator) -> None:
+    points = np.repeat(rng.uniform(0, 1, (50, 3)), 2, axis=0)
+    cells, labels = cell_list(points, 0.05), np.repeat(np.arange(20, dtype=np.int32), 5)
+    left = rng.random(20) < 0.5
+    for place in (points[7], points[7] + 3.0):
+        away = np.where(left[labels], cdist(points, place[None])[:, 0], np.inf)
+        assert nearest_left(points, cells, labels, left, place) == away.argmin()
+
+
+def test_labelled_holds_a_point_of_a_wanted_label(rng: np.random.Generator) -> None:
+    which, labels = rng.integers(NONE, 30, 200).astype(np.int32), np.arange(30, dtype=np.int32) // 3
+    wanted = np.arange(10) % 3 == 0
+    expected = np.flatnonzero((which != NONE) & wanted[labels[which]])
+    np.testing.assert_array_equal(labelled(which, labels, wanted), expected)
+
+
+def test_grouped_rows_ascend_within_each_group(rng: np.random.Generator) -> None:
+    groups = rng.integers(0, 6, 100)
+    rows, begins = grouped(groups, 7)
+    np.testing.assert_array_equal(rows, np.argsort(groups, kind="stable"))
+    np.testing.assert_array_equal(np.diff(begins), np.bincount(groups, minlength=7))
 
 
 def test_near_is_within_reach_of_any(rng: np.random.Generator) -> None:
@@ -56,6 +99,13 @@ def test_connected_is_what_a_chain_of_steps_joins_over_what_is_high_enough(
     linked = (cdist(points, points) <= reach) & (values >= least) & (values >= least)[:, None]
     _, labels = connected_components(csr_matrix(linked.astype(np.int8)))
     np.testing.assert_array_equal(found, np.flatnonzero(labels == labels[start]))
+
+
+def test_what_hangs_together_with_a_low_place_is_found_with_it() -> None:
+    points = np.linspace(0.0, 0.05, 6)[:, None] * [1.0, 0.0, 0.0]
+    values, cells = np.array([1.0, 1.0, 0.2, 1.0, 0.0, 1.0]), cell_list(points, 0.011)
+    assert connected(points, cells, values, 0.5, 2, 0.011).tolist() == [0, 1, 2, 3]
+    assert connected(points, cells, values, 2.0, 2, 0.011).tolist() == [2]
 
 
 def test_a_chain_holds_while_its_steps_are_no_longer_than_its_reach() -> None:
