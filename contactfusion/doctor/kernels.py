@@ -60,10 +60,12 @@ def _fuse(positions: Any) -> None:
     from contactfusion.hypotheses import HypothesisCloud, HypothesisKind
     from contactfusion.integrator.config import IntegratorConfig
     from contactfusion.integrator.integrator import Integrator
+    from contactfusion.integrator.nearby import near
     from contactfusion.nearest import NearestGrid
     from contactfusion.surface import Surface
 
     NearestGrid.of(positions).improve(positions, np.eye(4), 0, np.ones(100), np.zeros(100, np.intp))
+    near(positions, positions, 0.1)  # only explanations ask for it
     surface = Surface("base", positions, np.tile([0.0, 0.0, 1.0], (100, 1)))
     likelihoods, spreads = np.linspace(0.1, 0.9, 100), np.linspace(0.001, 0.01, 100)
     line = np.outer(np.linspace(0.0, 0.2, 100), [1.0, 0.0, 0.0])
