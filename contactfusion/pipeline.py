@@ -237,6 +237,7 @@ class Pipeline:
             for generator in takers:
                 self.given[generator.name] += 1
                 self._deliver(generator, functools.partial(self._ask, generator, reading, state))
+                self._resultants.pop(generator.name, None)
                 if generator.resultant is not None:
                     self._resultants[generator.name] = reading.stamp, generator.resultant
 

@@ -151,6 +151,7 @@ class ForceTorqueGenerator(Generator[ForceTorqueConfig]):
             ConfigurationError: there is no surface to place contacts on.
         """
         assert isinstance(reading, Wrench)
+        self.resultant = None
         surface = state.placed_surface(self.name)
         if self._is_dead(reading):
             return (self.nothing(reading, notes=(Note.UNHEALTHY,)),)

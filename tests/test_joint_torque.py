@@ -17,8 +17,13 @@ from contactfusion.generators.external_torque import Effort, ExternalTorque
 from contactfusion.generators.joint_torque import JointTorqueConfig, JointTorqueGenerator
 from contactfusion.hypotheses import HypothesisCloud, Note, Resultant
 from contactfusion.pipeline_config import CycleConfig
-from contactfusion.readings import JointState
-from contactfusion.robots.description import EffortConfig, LinkMassConfig, RobotConfig
+from contactfusion.readings import JointState, Wrench
+from contactfusion.robots.description import (
+    EffortConfig,
+    LinkMassConfig,
+    RobotConfig,
+    WristConfig,
+)
 from contactfusion.robots.dynamics import Dynamics
 from contactfusion.robots.model import RobotModel
 from tests.arms import ARM, BENT, SIGMA, STILL, known, pushed, reading, robot, state, whole
@@ -309,6 +314,33 @@ def test_of_two_sensors_one_behind_the_other_the_first_measures_all() -> None:
     finger = Resultant(0.1 * force, np.zeros(3), hand, 0.1, 0.01, ("finger_1_distal",))
     beside = replace(state(), resultants={"wrist": whole_hand, "finger": finger})
     assert not len(only(generator().generate(reading(torques), beside)))
+
+
+def test_a_wrist_that_dies_while_it_is_touched_leaves_the_hand_to_the_joints() -> None:
+    wrist = {"type": "force_torque", "sensor": "wrist", "wrist": "wrist", "load": "robot"}
+    described = RobotConfig(
+        urdf="contactfusion.robots:arm_hand.urdf", still=STILL, spacing=0.01, efforts=known(),
+        wrists={"wrist": WristConfig(frame="wrist_sensor", sign="on_robot")},
+    )  # fmt: skip
+    config = PipelineConfig(
+        robot=described, generators={"wrist": wrist}, integrator=IntegratorConfig(frame="base")
+    )
+    pipeline = Pipeline(config)
+
+    def measured(stamp: float, force: float) -> set[str]:
+        pipeline.receive(reading(None, stamp=stamp))
+        given = np.full(3, force), np.zeros(3)
+        pipeline.receive(
+            Wrench(
+                stamp=stamp, frame="wrist_sensor", sensor="wrist", force=given[0], torque=given[1]
+            )
+        )
+        return {*pipeline.state(stamp).resultants}
+
+    assert measured(0.0, 20.0) == {"wrist"}
+    assert measured(0.01, 0.0) == set()  # exact zeros under a load
+    assert measured(0.02, 20.0) == {"wrist"}
+    assert not pipeline.state(0.5).resultants  # nothing came since
 
 
 # Masses in place of those of the URDF
