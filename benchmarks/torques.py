@@ -1,6 +1,6 @@
 """Contacts by joint torques: the whole field over an arm, against a solver for each point.
 
-`python -m benchmarks.torques` prints the medians [ms] alone, for another CPU by `NUMBA_CPU_NAME`.
+`python -m benchmarks.torques` prints the medians [ms] alone.
 """
 
 import json
@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from scipy.optimize import nnls
 
 from benchmarks.interleave import Spread
-from benchmarks.over_surface import HASWELL
+from benchmarks.over_surface import HASWELL, haswell
 from benchmarks.table import Row
 from contactfusion.arrays import FloatArray
 from contactfusion.generators.torque_field import explained
@@ -36,7 +36,7 @@ def rows(rounds: int) -> Iterator[Row]:
     yield Row(f"joint_torque, {JOINTS} joints, {POINTS:,} points", Spread.of(ours), "ms", 10.0)
     done = subprocess.run(
         [sys.executable, "-m", "benchmarks.torques", str(rounds)],
-        env={**os.environ, "NUMBA_CPU_NAME": HASWELL}, check=True, capture_output=True, text=True,
+        env={**os.environ, **haswell()}, check=True, capture_output=True, text=True,
     )  # fmt: skip
     yield Row(f"  as on {HASWELL}", Spread.of(json.loads(done.stdout)), "ms", 10.0)
     ratios = [theirs / own for theirs, own in zip(peer, ours, strict=True)]
