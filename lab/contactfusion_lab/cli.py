@@ -170,7 +170,7 @@ def experiment_feet(
     seed: Seed = 100,
     out: Out = Path("out/feet"),
 ) -> None:
-    """Tell which feet of a quadruped touch the ground, by the torques of its joints."""
+    """Lift the feet of a quadruped, and find which touch the ground by joint torques."""
     from contactfusion_lab.experiments.feet import run_feet
 
     run_feet(trials, seed, out)

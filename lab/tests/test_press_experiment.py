@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -16,12 +17,12 @@ PLAN = Plan(("panda",), (10.0, 20.0), 3, 1, 1.0, 4)
 JOINTS = {"panda": {"panda_link2": 2, "panda_link5": 5}}
 
 
-def found(row: str = ALONE, **fields: object) -> Found:
+def found(row: str = ALONE, **fields: Any) -> Found:
     known = Found(
         row=row, contacts=1, found=1, false=0, error=0.02, link="panda_link5", links=(),
         probability=0.9, level=0.5, radius=0.05, latency=0.1, alarms=0,
     )  # fmt: skip
-    return replace(known, **fields)  # type: ignore[arg-type]
+    return replace(known, **fields)
 
 
 def trial(number: int, link: str, *rows: Found, force: float = 10.0) -> Trial:
