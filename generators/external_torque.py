@@ -32,7 +32,7 @@ class ExternalTorque:
         joints: what is known of their efforts, by name; all others report none.
         effort: what they report: the torque of contacts, of motors, or the motors' currents.
         gain: K of the observer [1/s].
-        scale: standard deviation of a torque, as a part of it.
+        scale: standard deviation of torques of contacts and of inertia, as a part of them.
         sign: whether they report torques on the robot, or of the robot.
     """
 
@@ -61,8 +61,11 @@ class ExternalTorque:
 
     def reset(self) -> None:
         """Begin again."""
+        self.share = 1.0
+        """The part of a sudden change that the last update took up."""
         self._last: JointState | None = None
-        self._positions = self._momentum = self._residual = np.zeros(len(self._names))
+        self._positions = self._momentum = np.zeros(len(self._names))
+        self._residual = self._inertial = np.zeros(len(self._names))
 
     def update(
         self, reading: JointState, positions: FloatArray, gravity: FloatArray
@@ -82,22 +85,26 @@ class ExternalTorque:
         """
         efforts = self._constant * (self._of_joints(reading, reading.efforts) - self._offset)
         if self._effort == "external":
-            return efforts, self._deviations(efforts, 0.0 * efforts)
+            return efforts, self._deviations(efforts)
         elapsed = reading.stamp - self._last.stamp if self._last else np.inf
         velocities = self._velocities(reading, positions, elapsed)
         self._last, self._positions = reading, positions
         momentum = self._dynamics.momentum(positions, velocities)
         if not 0.0 < elapsed <= LONGEST:
-            self._momentum, self._residual = momentum, 0.0 * momentum
+            self._momentum, self._residual, self._inertial = momentum, *np.zeros((2, len(momentum)))
             return None
         sliding = np.tanh(velocities / SLOW)
         friction = self._coulomb * sliding + self._viscous * velocities
         drift = self._dynamics.drift(positions, velocities, gravity)
         change = momentum - self._momentum - (efforts - friction + drift) * elapsed
         step = self._gain * elapsed
+        self.share = step / (1.0 + step)
         self._residual = (self._residual + self._gain * change) / (1.0 + step)
+        gained = self._gain * (momentum - self._momentum)
+        self._inertial = (self._inertial + gained) / (1.0 + step)
         self._momentum = momentum
-        return self._residual, self._deviations(self._residual, self._coulomb * (1.0 - sliding**2))
+        sticking = self._coulomb * (1.0 - sliding**2)
+        return self._residual, self._deviations(self._residual, self._inertial, sticking)
 
     def _velocities(self, reading: JointState, positions: FloatArray, elapsed: float) -> FloatArray:
         """As measured, or by the difference of positions."""
@@ -108,9 +115,15 @@ class ExternalTorque:
             return np.zeros(len(self._names))
         return np.asarray((positions - self._positions) / elapsed, np.float64)
 
-    def _deviations(self, torques: FloatArray, sticking: FloatArray) -> FloatArray:
+    def _deviations(
+        self,
+        torques: FloatArray,
+        inertial: FloatArray | float = 0.0,
+        sticking: FloatArray | float = 0.0,
+    ) -> FloatArray:
         """By noise, a wrong scale, and friction at rest, which is anywhere within its limits."""
-        squares = self._noise**2 + (self._scale * torques) ** 2 + sticking**2 / 3.0
+        scaled = self._scale**2 * (torques**2 + np.square(inertial))
+        squares = self._noise**2 + scaled + np.square(sticking) / 3.0
         return np.asarray(np.sqrt(squares), np.float64)
 
     def _of_joints(

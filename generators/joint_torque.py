@@ -44,6 +44,11 @@ UNDECIDED = "it cannot tell on which link: "
 """How a note begins that names links, with commas between them."""
 HELD, MOST = 0.9, 3
 """Where more parts of the arm are needed to hold that probability, nothing is claimed."""
+UNLOCATED = 3
+"""Wherever a link that no more joints move is touched, some force explains their torques: where
+another link is as likely, nothing is claimed."""
+SILENT = 16.8
+"""A wrench of a smaller square, in its deviations, is that of no contact: 99 of 100 are."""
 TENTH = 10
 """Of samples that no contact explains one in so many is tried with the other sign."""
 LARGEST = 30.0
@@ -69,7 +74,7 @@ class JointTorqueConfig(GeneratorConfig):
     forces: bool = True
     """Whether it states the force of its contact, which is taken for the sum of all contacts on the
     robot; false where several have a limb each."""
-    gain: float = Field(default=30.0, gt=0)
+    gain: float = Field(default=10.0, gt=0)
     """Of the momentum observer [1/s]; it lags by one over it."""
     scale: float = Field(default=0.05, ge=0, lt=1)
     """Standard deviation of a torque of contacts, as a part of it: of current constants and
@@ -139,6 +144,8 @@ class JointTorqueGenerator(Generator[JointTorqueConfig]):
     def reset(self) -> None:
         """Begin the observer again."""
         self._sign, self._unexplained, self._reverse = SignWatch(), 0, False
+        self._measured: FloatArray | float = 0.0
+        """What contacts load the joints with that another sensor measures, with the observer's lag."""
         if self._torque is not None:
             self._torque.reset()
 
@@ -174,25 +181,33 @@ class JointTorqueGenerator(Generator[JointTorqueConfig]):
         Returns:
             The torques and deviations that are left, and the links that they do not speak of.
         """
+        assert self._torque is not None
         robot, squares, measured = state.posed_robot(self.name), deviations**2, set[str]()
+        whole = np.zeros(len(torques))
         linear, angular = self._dynamics.axes(robot.positions)
         parts = {name: {*each.links} for name, each in state.resultants.items() if each.links}
         for name, links in parts.items():
             if any(links < others for others in parts.values()):
                 continue
-            at_root = state.resultants[name].moved(inverse(robot.base))
+            measured |= links
+            wrench = state.resultants[name]
+            squared = wrench.force @ wrench.force / wrench.force_deviation**2
+            squared += wrench.torque @ wrench.torque / wrench.torque_deviation**2
+            if squared < SILENT:
+                continue
+            at_root = wrench.moved(inverse(robot.base))
             rows = [robot.model.link_names.index(link) for link in links]
             loads = self._felt[rows].all(axis=0)
             by_force = linear + np.cross(angular, at_root.origin)
             load = loads * (by_force @ at_root.force + angular @ at_root.torque)
-            torques = torques - load
+            whole += load
             squares = squares + loads * (
                 np.square(by_force).sum(axis=1) * at_root.force_deviation**2
                 + np.square(angular).sum(axis=1) * at_root.torque_deviation**2
                 + (self.config.scale * load) ** 2
             )
-            measured |= links
-        return torques, np.sqrt(squares), frozenset(measured)
+        self._measured = self._measured + self._torque.share * (whole - self._measured)
+        return torques - self._measured, np.sqrt(squares), frozenset(measured)
 
     def _gravity(self, robot: PosedRobot) -> FloatArray:
         """Shape (3,) [m/s²], in the root link's frame."""
@@ -256,9 +271,9 @@ class JointTorqueGenerator(Generator[JointTorqueConfig]):
             notes = (*notes, Note.MORE_THAN_ONE_CONTACT)
         weights = np.exp(gains - gains.max())
         weights /= weights.sum()
-        if undecided := self._undecided(groups, weights):
-            return self.nothing(reading, notes=(*notes, undecided))
-        if single == 0.0:
+        undecided, is_located = self._undecided(groups, weights)
+        notes = (*notes, *undecided)
+        if single == 0.0 or not is_located:
             return self.nothing(reading, notes=notes)
         kept = weights >= FAINT * weights.max()
         weights = weights[kept] / weights[kept].sum()
@@ -282,27 +297,31 @@ class JointTorqueGenerator(Generator[JointTorqueConfig]):
         still = np.zeros(len(torques))
         return -2.0 * self._dynamics.drift(robot.positions, still, self._gravity(robot)) - torques
 
-    def _undecided(self, groups: NDArray[np.intp], weights: FloatArray) -> str:
-        """A note where the contact may lie on too many parts, or most likely near the base; or "".
+    def _undecided(
+        self, groups: NDArray[np.intp], weights: FloatArray
+    ) -> tuple[tuple[str, ...], bool]:
+        """A note where the contact may lie on several parts, and whether a place can be claimed.
+
+        It cannot where too many parts come into question, or most likely those near the base.
 
         Args:
             groups: shape (m,), the part of each point: links that load the same joints.
             weights: shape (m,), how probable each point is; they sum to 1.
         """
-        shares = np.bincount(groups, weights)
+        shares = np.bincount(groups, weights, self._groups.max() + 1)
         order = np.argsort(-shares, kind="stable")
         needed = int(np.searchsorted(np.cumsum(shares[order]), HELD)) + 1
-        first = self._felt.sum(axis=1) <= 1
-        near_base = sum(shares[group] for group in {*self._groups[first]} if group < len(shares))
-        if needed <= MOST and near_base <= 0.5:
-            return ""
+        if needed == 1:
+            return (), True
+        near = np.unique(self._groups[self._felt.sum(axis=1) <= UNLOCATED])
+        is_near = shares[near].sum() > 0.5
         parts = {*order[:needed].tolist()}
         links = [
             name
             for name, group in zip(self._dynamics.model.link_names, self._groups, strict=True)
             if group in parts and name in self._parts
         ]
-        return f"{UNDECIDED}{', '.join(links)}"
+        return (f"{UNDECIDED}{', '.join(links)}",), needed <= MOST and not is_near
 
     def _explained(
         self,
