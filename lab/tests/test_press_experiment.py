@@ -14,7 +14,8 @@ from contactfusion_lab.experiments.press.tables import evaluate, frame_of_trials
 from contactfusion_lab.experiments.press.trial import Found, Trial, content_of, load
 
 PLAN = Plan(("panda",), (10.0, 20.0), 3, 1, 1.0, 4)
-JOINTS = {"panda": {"panda_link2": 2, "panda_link5": 5}}
+MOVED = {"panda_link2": 2, "panda_link3": 3, "panda_link5": 5, "panda_hand": 7, "panda_finger": 7}
+JOINTS = {"panda": {link: frozenset("1234567"[:count]) for link, count in MOVED.items()}}
 
 
 def found(row: str = ALONE, **fields: Any) -> Found:
@@ -70,6 +71,12 @@ def test_the_right_set_of_links_counts_where_one_is_not_decided() -> None:
     assert frame["reported"].tolist() == [False, True]
     assert np.isnan(frame["right_link"][0]) and frame["right_link"][1]
     assert frame["far"].tolist() == [False, True]
+
+
+def test_links_that_the_same_joints_move_count_as_the_same() -> None:
+    hand = trial(0, "panda_finger", found(link="panda_hand"))
+    frame = frame_of_trials([hand, trial(1, "panda_finger")], JOINTS)
+    assert frame["right_link"].tolist() == [True, False]
 
 
 def test_the_table_has_each_arm_force_and_part_of_the_arm(tmp_path: Path) -> None:

@@ -5,6 +5,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, final
 
+import numpy as np
+
 from contactfusion.errors import ConfigurationError
 from contactfusion.robots.dynamics import Dynamics
 from contactfusion.robots.model import shared_robot
@@ -100,10 +102,12 @@ class PressExperiment(Experiment[Press]):
         evaluate(found, self.plan, joints, failed, out)
 
 
-def _joints(name: str) -> dict[str, int]:
-    """How many joints move each link of an arm."""
-    robot = arm(name).pipeline.robot
-    assert robot is not None  # each file has one
-    dynamics = Dynamics(shared_robot(robot))
-    counts = dynamics.supports.sum(axis=1).tolist()
-    return dict(zip(dynamics.model.link_names, counts, strict=True))
+def _joints(name: str) -> dict[str, frozenset[str]]:
+    """By link of an arm, the joints whose efforts feel a force on it."""
+    config = arm(name).pipeline
+    assert config.robot is not None  # each file has one
+    dynamics, known = Dynamics(shared_robot(config.robot)), config.generators["torques"]["joints"]
+    names = np.array(dynamics.model.joint_names)
+    felt = dynamics.supports & np.isin(names, known)
+    links = dynamics.model.link_names
+    return {link: frozenset(names[row].tolist()) for link, row in zip(links, felt, strict=True)}

@@ -24,7 +24,7 @@ BESIDE: Mapping[str, tuple[str, ...]] = {
     "every generator": ("torques", "wrist", "left", "right", "ahead"),
 }
 """The other rows, by the generators of the files whose clouds are fused."""
-TRIALS = 1
+TRIALS = 2
 """Counts up when trials change, so that old ones are not taken for new."""
 SECONDS = 20.0
 """Length of a free motion [s]."""

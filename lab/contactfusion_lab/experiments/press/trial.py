@@ -42,7 +42,7 @@ NEAR = 0.05
 """A contact this near a true one has found it: half the width of an upper arm [m]."""
 SELDOM = 0.1
 """Rate of images where no camera counts [Hz]."""
-MOTION, LIVELY = 60.0, (0.2, 0.6)
+MOTION, LIVELY = 120.0, (0.2, 0.6)
 """Length of the free motion by which a specimen is identified [s], and its speed [rad/s]."""
 
 
@@ -213,7 +213,7 @@ def load(path: Path) -> Trial:
 
 @lru_cache(maxsize=32)
 def identified(name: str, specimen: int) -> Arm:
-    """An arm with what a minute of free motion tells of one specimen, as a user identifies it."""
+    """An arm with what two minutes of free motion tell of one specimen, as a user identifies it."""
     described, path = arm(name), arm_file(name)
     assert described.pipeline.robot is not None  # each file has one
     free = {

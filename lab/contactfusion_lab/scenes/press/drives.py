@@ -99,14 +99,14 @@ class Drives:
         torques: FloatArray,
         dragged: FloatArray,
     ) -> JointState:
-        """The reading of the joints.
+        """The reading of the joints, of means since the last one.
 
         Args:
-            stamp: [s].
+            stamp: of the middle of that time [s].
             positions: shape (n,) [rad].
             velocities: shape (n,) [rad/s].
-            torques: shape (n,), mean torques of the motors since the last reading [N·m].
-            dragged: shape (n,), those of friction [N·m].
+            torques: shape (n,), of the motors [N·m].
+            dragged: shape (n,), of friction [N·m].
         """
         count, rows = len(self._rows), self._rows
         behind = torques[rows] + dragged[rows] * (self._config.effort == "measured")

@@ -158,7 +158,7 @@ class PressScene(Scene):
         )  # fmt: skip
         period = round(1.0 / config.rate / STEP)
         image = round(1.0 / config.camera_rate / STEP)
-        torques, dragged = np.zeros((2, period, len(course[0])))
+        window = np.zeros((period, 4, len(course[0])))
         self._moments = [self._world.touching()]
         for step, commanded in enumerate(course[1:], start=1):
             if step == comes:
@@ -167,14 +167,12 @@ class PressScene(Scene):
             if step % 200 == 0:
                 arm.adapt(arm.positions)
             arm.step(commanded, self._drives.friction(arm.velocities))
-            torques[step % period], dragged[step % period] = arm.torques, arm.dragged
+            window[step % period] = arm.positions, arm.velocities, arm.torques, arm.dragged
             self._look(step)
             stamp = self._stamp
             if step % period == 0:
-                yield self._drives.read(
-                    stamp, arm.positions, arm.velocities, torques.mean(axis=0),
-                    dragged.mean(axis=0),
-                )  # fmt: skip
+                middle = stamp - 0.5 * (period - 1) * STEP
+                yield self._drives.read(middle, *window.mean(axis=0))
                 yield from sensors.wrenches(stamp, arm.positions, self._world.felt())
             if step % image == 0 or step == len(course) - 1:
                 poses = self.robot.poses_at(arm.positions)

@@ -68,13 +68,14 @@ class TouchWorld:
             name: rows[model.link_of(wrist.frame)] for name, wrist in model.config.wrists.items()
         }
         self._feedback: dict[str, Pose] = {}
+        self._inertial: dict[str, Pose] = {}
         for name, row in self._wrists.items():
             self._bullet.enableJointForceTorqueSensor(self._world.robot, row, True, **self._client)
             # it is reported at the link's origin, but along the axes of the link's inertia
             axes = self._bullet.getDynamicsInfo(self._world.robot, row, **self._client)[4]
             back = inverse(model.pose_on_link(model.config.wrists[name].frame))
-            rotation = Rotation.from_quat(axes).as_matrix()
-            self._feedback[name] = back @ pose_of((0.0, 0.0, 0.0), rotation)
+            rotation = pose_of((0.0, 0.0, 0.0), Rotation.from_quat(axes).as_matrix())
+            self._feedback[name], self._inertial[name] = back @ rotation, inverse(rotation)
 
     def stand(self, clutter: Sequence[ObjectModel]) -> list[int]:
         """Add further bodies that do not move; their numbers in PyBullet."""
@@ -159,8 +160,10 @@ class TouchWorld:
         for name, row in self._wrists.items():
             state = self._bullet.getJointState(self._world.robot, row, **self._client)
             # PyBullet reports what the arm exerts on the link; the world exerts the reverse on it
-            wrench = -np.array(state[2])
-            back = self._feedback[name]
+            wrench, back = -np.array(state[2]), self._feedback[name]
+            if state[3]:  # and leaves out the friction of the link's own joint
+                axis = self._bullet.getJointInfo(self._world.robot, row, **self._client)[13]
+                wrench[3:] -= state[3] * vectors_in(self._inertial[name], np.array([axis]))[0]
             force, torque = vectors_in(back, wrench.reshape(2, 3))
             wrenches[name] = np.concatenate([force, torque + np.cross(back[:3, 3], force)])
         return wrenches
