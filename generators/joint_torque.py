@@ -145,7 +145,7 @@ class JointTorqueGenerator(Generator[JointTorqueConfig]):
         """Begin the observer again."""
         self._sign, self._unexplained, self._reverse = SignWatch(), 0, False
         self._measured: FloatArray | float = 0.0
-        """What contacts load the joints with that another sensor measures, with the observer's lag."""
+        """What another sensor measures of the torques of contacts, with the observer's lag."""
         if self._torque is not None:
             self._torque.reset()
 

@@ -19,8 +19,8 @@ from contactfusion_lab.trials.tables import bullets, cell, markdown, write_resul
 NEAR_BASE = 3
 """Links that at most so many joints move are near the base."""
 READ = (
-    "Links are far from the base where more than three joints move them; those that the same joints "
-    "move, as a hand and its fingers that stay, count as the same. *Reported*: any contact "
+    "Links are far from the base where more than three joints move them; those that the same "
+    "joints move, as a hand and its fingers that stay, count as the same. *Reported*: any contact "
     f"at the end of a press; *found*: a reported contact within {100.0 * NEAR:.0f} cm, mean over "
     "true contacts; error: of the likeliest contact; *right set*: the true link is that of the "
     "contact, or among those between which the generator states that it cannot decide; "
