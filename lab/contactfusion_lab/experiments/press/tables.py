@@ -19,11 +19,11 @@ from contactfusion_lab.trials.tables import bullets, cell, markdown, write_resul
 NEAR_BASE = 3
 """Links that at most so many joints move are near the base."""
 READ = (
-    "Links are far from the base where more than three joints move them; those that the same "
-    "joints move, as a hand and its fingers that stay, count as the same. *Reported*: any contact "
-    f"at the end of a press; *found*: a reported contact within {100.0 * NEAR:.0f} cm, mean over "
-    "true contacts; error: of the likeliest contact; *right set*: the true link is that of the "
-    "contact, or among those between which the generator states that it cannot decide; "
+    "Presses are far from the base where more than three joints move each pressed link; links that "
+    "the same joints move, as a hand and fingers that stay, count as the same. *Reported*: any "
+    f"contact at the end of a press; *found*: a reported contact within {100.0 * NEAR:.0f} cm, "
+    "mean over true contacts; error: of the likeliest contact; *right set*: the true link is that "
+    "of the contact, or among those between which the generator states that it cannot decide; "
     "*alarms*: reports that begin in free motion. In brackets 95 % intervals, a bootstrap over "
     "presses. Each arm is one of five specimens of its kind, whose masses err by 5 %, and was "
     "identified by two minutes of free motion of its own. Published for real arms: 91.5 % detected "
@@ -81,7 +81,7 @@ def frame_of_trials(trials: Sequence[Trial], joints: Joints) -> pd.DataFrame:
                     "true_contacts": len(true),
                     "true_force": trial.forces[0] if has else np.nan,
                     "true_link": trial.links[0] if has else "",
-                    "far": has and len(true[0]) > NEAR_BASE,
+                    "far": has and min(map(len, true)) > NEAR_BASE,
                     CASE: found.row,
                     "contacts": found.contacts,
                     "reported": found.contacts > 0,
