@@ -77,8 +77,8 @@ class JointTorqueConfig(GeneratorConfig):
     gain: float = Field(default=10.0, gt=0)
     """Of the momentum observer [1/s]; it lags by one over it."""
     scale: float = Field(default=0.05, ge=0, lt=1)
-    """Standard deviation of a torque of contacts, as a part of it: of current constants and
-    inertias."""
+    """Standard deviation of torques of contacts and of inertia, as a part of them: by how much
+    current constants and inertias are wrong."""
     friction: float = Field(default=0.5, gt=0)
     """The largest tangential force of a contact, per normal force."""
     strength: Force = Field(default=50.0, gt=0)
@@ -144,7 +144,7 @@ class JointTorqueGenerator(Generator[JointTorqueConfig]):
     def reset(self) -> None:
         """Begin the observer again."""
         self._sign, self._unexplained, self._reverse = SignWatch(), 0, False
-        self._measured: FloatArray | float = 0.0
+        self._lagging: FloatArray | float = 0.0
         """What another sensor measures of the torques of contacts, with the observer's lag."""
         if self._torque is not None:
             self._torque.reset()
@@ -206,8 +206,8 @@ class JointTorqueGenerator(Generator[JointTorqueConfig]):
                 + np.square(angular).sum(axis=1) * at_root.torque_deviation**2
                 + (self.config.scale * load) ** 2
             )
-        self._measured = self._measured + self._torque.share * (whole - self._measured)
-        return torques - self._measured, np.sqrt(squares), frozenset(measured)
+        self._lagging = self._lagging + self._torque.share * (whole - self._lagging)
+        return torques - self._lagging, np.sqrt(squares), frozenset(measured)
 
     def _gravity(self, robot: PosedRobot) -> FloatArray:
         """Shape (3,) [m/s²], in the root link's frame."""

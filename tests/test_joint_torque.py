@@ -211,12 +211,12 @@ def test_torques_of_a_fast_start_are_as_unsure_as_inertias() -> None:
     for scale in (0.0, 0.1):
         torque = ExternalTorque(Dynamics(robot()), known(), "measured", 10.0, scale)
         for stamp, speeds in ((0.0, zero), (0.01, zero + 0.05)):
-            # as far as inertia asks for, so that no contact is left
             begun = torque.update(reading(zero, BENT, stamp, velocities=speeds), whole(BENT), UP)
         assert begun is not None
         deviations[scale] = begun[1][: len(ARM)], begun[0][: len(ARM)]
     np.testing.assert_allclose(deviations[0.0][0], SIGMA)
-    inertial = Dynamics(robot()).momentum(whole(BENT), whole(zero + 0.05))[: len(ARM)] / 0.11
+    gained = Dynamics(robot()).momentum(whole(BENT), whole(zero + 0.05))[: len(ARM)]
+    inertial = 10.0 * gained / (1.0 + 10.0 * 0.01)  # as late as the observer is
     expected = np.sqrt(SIGMA**2 + 0.01 * (deviations[0.1][1] ** 2 + inertial**2))
     np.testing.assert_allclose(deviations[0.1][0], expected)
 

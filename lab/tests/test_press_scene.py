@@ -124,3 +124,14 @@ def test_drives_of_another_robot_are_refused() -> None:
     drives = config().drives.model_copy(update={"coulomb": (1.0, 1.0)})
     with pytest.raises(ConfigurationError, match="2 values for the 7 joints panda_joint1"):
         PressScene(config(drives=drives), robot())
+
+
+def test_a_wrist_on_a_moving_joint_does_not_feel_the_friction_of_its_motor() -> None:
+    described = arm("kuka")
+    assert described.pipeline.robot is not None
+    free = {"places": 0, "seconds": 3.0, "camera_rate": 0.1, "speed": (0.2, 0.6)}
+    scene = PressScene(
+        described.scene.model_copy(update=free), shared_robot(described.pipeline.robot), 3
+    )
+    about = [each.torque[2] for each in scene.readings() if isinstance(each, Wrench)]
+    assert np.sqrt(np.mean(np.square(about))) < 0.05  # of 1 N·m of friction
