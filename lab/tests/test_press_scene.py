@@ -14,7 +14,8 @@ from contactfusion.readings import JointState, Wrench
 from contactfusion.robots.description import EffortConfig
 from contactfusion.robots.dynamics import Dynamics
 from contactfusion.robots.model import RobotModel, shared_robot
-from contactfusion_lab.experiments.press.plan import arm
+from contactfusion_lab.experiments.press.plan import Plan, arm
+from contactfusion_lab.experiments.press.trial import scene_of
 from contactfusion_lab.scenes.press.config import PressConfig
 from contactfusion_lab.scenes.press.scene import PressScene
 
@@ -135,3 +136,17 @@ def test_a_wrist_on_a_moving_joint_does_not_feel_the_friction_of_its_motor() -> 
     )
     about = [each.torque[2] for each in scene.readings() if isinstance(each, Wrench)]
     assert np.sqrt(np.mean(np.square(about))) < 0.05  # of 1 N·m of friction
+
+
+def test_a_link_that_turns_about_a_probe_does_not_jam_it() -> None:
+    plan = Plan(("kuka",), (10.0,), touches=23, places=1, minutes=0.0, seed=2014)
+    press = plan.presses()[-1]
+    described = arm("kuka")
+    scene = PressScene(
+        scene_of(described.scene, press).model_copy(update={"camera_rate": 0.1}),
+        shared_robot(described.pipeline.robot), press.seed,
+    )  # fmt: skip
+    for _ in scene.readings():
+        pass
+    forces = np.linalg.norm(scene.touching.forces, axis=1)
+    assert 5.0 < forces.max() < 30.0

@@ -191,7 +191,7 @@ class PressScene(Scene):
         """Let a probe come to where a link is at joint positions, shape (n,) [rad, m]."""
         pose = self.robot.poses_at(positions)[aim.link]
         point, normal = points_in(pose, aim.point[None])[0], vectors_in(pose, aim.normal[None])[0]
-        self._world.press(point, normal, RADIUS, GAP, self.config.press)
+        self._world.press(point, normal, RADIUS, GAP, self.config.press, yields=True)
 
     def _posture(self) -> FloatArray:
         """Random joint positions, shape (n,) [rad, m]."""

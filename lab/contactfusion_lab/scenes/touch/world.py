@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy.cluster.hierarchy import fcluster, linkage
+from scipy.linalg import null_space
 from scipy.spatial.transform import Rotation
 
 from contactfusion.arrays import FloatArray
@@ -53,7 +54,9 @@ class TouchWorld:
         self._world = self.physics = BulletWorld(model, hollow=True)
         """The robot and all bodies."""
         self._bullet, self._client = self._world.bullet, self._world.client
-        self._friction, self._clutter, self._balls = friction, list[int](), list[int]()
+        self._friction, self._clutter = friction, list[int]()
+        self._balls = dict[int, int]()
+        """Balls that press, with the number of the link that is the ball."""
         self._bodies = {name: self._stand(added) for name, added in objects.items()}
         # a touch is a point contact, which bears no moment, whatever the URDF says
         grip = {"lateralFriction": 1.0, "spinningFriction": 0.0, "rollingFriction": 0.0}
@@ -84,7 +87,13 @@ class TouchWorld:
         return added
 
     def press(
-        self, place: FloatArray, normal: FloatArray, radius: float, gap: float, force: float
+        self,
+        place: FloatArray,
+        normal: FloatArray,
+        radius: float,
+        gap: float,
+        force: float,
+        yields: bool = False,
     ) -> int:
         """Press a ball on a place, along a straight guide; its number in PyBullet.
 
@@ -94,33 +103,39 @@ class TouchWorld:
             radius: of the ball [m].
             gap: its distance from the robot before it comes [m].
             force: with which it presses [N].
+            yields: whether the guide yields to that force sideways, too. A stiff one can jam on a
+                link that moves, whose force on it nothing bounds.
         """
         bullet, client = self._bullet, self._client
         ball = bullet.createCollisionShape(bullet.GEOM_SPHERE, radius=radius, **client)
+        axes = [*null_space(normal[None]).T, -normal] if yields else [-normal]
         body: int = bullet.createMultiBody(
             basePosition=(place + (radius + gap) * normal).tolist(),
-            linkMasses=[BALL_MASS],
-            linkCollisionShapeIndices=[ball],
-            linkVisualShapeIndices=[-1],
-            linkPositions=[[0.0] * 3],
-            linkOrientations=[[0.0, 0.0, 0.0, 1.0]],
-            linkInertialFramePositions=[[0.0] * 3],
-            linkInertialFrameOrientations=[[0.0, 0.0, 0.0, 1.0]],
-            linkParentIndices=[0],
-            linkJointTypes=[bullet.JOINT_PRISMATIC],
-            linkJointAxis=[(-normal).tolist()],
+            linkMasses=[BALL_MASS] * len(axes),
+            linkCollisionShapeIndices=[*[-1] * (len(axes) - 1), ball],
+            linkVisualShapeIndices=[-1] * len(axes),
+            linkPositions=[[0.0] * 3] * len(axes),
+            linkOrientations=[[0.0, 0.0, 0.0, 1.0]] * len(axes),
+            linkInertialFramePositions=[[0.0] * 3] * len(axes),
+            linkInertialFrameOrientations=[[0.0, 0.0, 0.0, 1.0]] * len(axes),
+            linkParentIndices=[*range(len(axes))],
+            linkJointTypes=[bullet.JOINT_PRISMATIC] * len(axes),
+            linkJointAxis=[axis.tolist() for axis in axes],
             **client,
         )
-        bullet.changeDynamics(body, 0, lateralFriction=self._friction, **client)
-        bullet.setJointMotorControl2(
-            body, 0, bullet.VELOCITY_CONTROL, targetVelocity=BALL_SPEED, force=force, **client
-        )
-        self._balls.append(body)
+        last = len(axes) - 1
+        bullet.changeDynamics(body, last, lateralFriction=self._friction, **client)
+        for row in range(len(axes)):
+            bullet.setJointMotorControl2(
+                body, row, bullet.VELOCITY_CONTROL, targetVelocity=BALL_SPEED * (row == last),
+                force=force, **client
+            )  # fmt: skip
+        self._balls[body] = last
         return body
 
     def balls(self) -> list[Pose]:
         """Where the balls are that press."""
-        states = [self._bullet.getLinkState(ball, 0, **self._client) for ball in self._balls]
+        states = [self._bullet.getLinkState(*ball, **self._client) for ball in self._balls.items()]
         return [pose_of(state[4], np.eye(3)) for state in states]
 
     def adopt(self, name: str, body: int) -> None:
