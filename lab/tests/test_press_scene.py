@@ -22,8 +22,8 @@ from contactfusion_lab.scenes.press.scene import PressScene
 EARTH = np.array([0.0, 0.0, -9.81])
 
 
-def robot() -> RobotModel:
-    config = arm("panda").pipeline.robot
+def robot(name: str = "panda") -> RobotModel:
+    config = arm(name).pipeline.robot
     assert config is not None
     return shared_robot(config)
 
@@ -128,12 +128,8 @@ def test_drives_of_another_robot_are_refused() -> None:
 
 
 def test_a_wrist_on_a_moving_joint_does_not_feel_the_friction_of_its_motor() -> None:
-    described = arm("kuka")
-    assert described.pipeline.robot is not None
     free = {"places": 0, "seconds": 3.0, "camera_rate": 0.1, "speed": (0.2, 0.6)}
-    scene = PressScene(
-        described.scene.model_copy(update=free), shared_robot(described.pipeline.robot), 3
-    )
+    scene = PressScene(arm("kuka").scene.model_copy(update=free), robot("kuka"), 3)
     about = [each.torque[2] for each in scene.readings() if isinstance(each, Wrench)]
     assert np.sqrt(np.mean(np.square(about))) < 0.05  # of 1 N·m of friction
 
@@ -141,11 +137,8 @@ def test_a_wrist_on_a_moving_joint_does_not_feel_the_friction_of_its_motor() -> 
 def test_a_link_that_turns_about_a_probe_does_not_jam_it() -> None:
     plan = Plan(("kuka",), (10.0,), touches=23, places=1, minutes=0.0, seed=2014)
     press = plan.presses()[-1]
-    described = arm("kuka")
-    scene = PressScene(
-        scene_of(described.scene, press).model_copy(update={"camera_rate": 0.1}),
-        shared_robot(described.pipeline.robot), press.seed,
-    )  # fmt: skip
+    pressed = scene_of(arm("kuka").scene, press).model_copy(update={"camera_rate": 0.1})
+    scene = PressScene(pressed, robot("kuka"), press.seed)
     for _ in scene.readings():
         pass
     forces = np.linalg.norm(scene.touching.forces, axis=1)
