@@ -11,6 +11,7 @@ EXTRAS: dict[str, dict[str, str]] = {
     "parquet": {"pyarrow": "pyarrow"},
     "view": {"rerun-sdk": "rerun"},
     "c3d": {"ezc3d": "ezc3d"},
+    "ros2": {"cyclonedds": "cyclonedds", "rosbags": "rosbags"},
 }
 """For each extra its packages, with the module of each."""
 

@@ -1,0 +1,1 @@
+"""A pipeline on a running robot: ROS 2 in and out, a clock, a watchdog."""
