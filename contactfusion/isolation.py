@@ -66,10 +66,15 @@ class Isolated(Generator[GeneratorConfig]):
         self.outputs = inner.outputs
         self._inner = inner
         self._live = live
-        self._waiting = deque[Packed](maxlen=1 if live else None)
+        self._waiting = deque[tuple[int, Packed]](maxlen=1 if live else None)
         self._module = type(inner).__module__
         self._ends, self._patience = 0, START
         self._busy = self._outdated = False
+        self.answered = deque[int](maxlen=16)
+        """The numbers of the readings whose clouds have come, the newest last; the first is 1."""
+        self.scripted = False
+        """Whether `answer` alone chooses which readings are processed, as it was recorded."""
+        self._given = 0
         self.out = ""
         """Why it stays out until the next `reset`; empty while it takes part."""
         try:
@@ -84,8 +89,24 @@ class Isolated(Generator[GeneratorConfig]):
     def generate(self, reading: Reading, state: State) -> Sequence[HypothesisCloud]:
         """Send the reading; live, the clouds that are done."""
         given = reading, _portable(state, self.name)
-        self._waiting.append(ForkingPickler.dumps(given))  # the state as it is now
-        return self.collect(wait=False) if self._live or not self._busy else ()
+        self._given += 1
+        self._waiting.append((self._given, ForkingPickler.dumps(given)))  # the state as it is now
+        return () if self.scripted or (self._busy and not self._live) else self.collect(wait=False)
+
+    def answer(self, number: int) -> Sequence[HypothesisCloud]:
+        """The clouds of a reading by its number; those before it that wait are dropped.
+
+        Raises:
+            PluginError: as `collect` does, or there is no such reading.
+        """
+        while self._waiting and self._waiting[0][0] < number:
+            self._waiting.popleft()
+        if not self._waiting or self._waiting[0][0] != number:
+            raise PluginError(f"'{self.name}' was given no reading {number}")
+        if self._busy:  # with its preparation
+            self._received(wait=True)
+        self._send()
+        return self._received(wait=True)
 
     def most_hypotheses(self, grid: Grid) -> int | None:
         """That of the inner generator."""
@@ -107,35 +128,46 @@ class Isolated(Generator[GeneratorConfig]):
             PluginError: the generator raised, its process ended or gave no answer in time, or it
                 stays out.
         """
-        clouds: Sequence[HypothesisCloud] = ()
-        if self._busy:
-            try:
-                answer = self._answers.get(block=wait, timeout=self._patience)
-            except queue.Empty:
-                if wait:
-                    why = f"gave no answer within {self._patience:g} s (`patience`)"
-                    raise self._stay_out(why) from None
-                return ()
-            self._busy, outdated, self._outdated = False, self._outdated, False
-            self._patience = self.config.patience
-            if answer is None:
-                answer = self._after_end()
-            if not outdated:
-                if isinstance(answer, PluginError):
-                    raise answer
-                clouds = answer
+        if self.scripted:
+            return ()
+        clouds = self._received(wait) if self._busy else ()
         if self._waiting and not self._busy:
-            waiting = self._waiting.popleft()
-            if self.out:
-                raise PluginError(self.out)
-            self._todo.put(waiting)
-            self._busy = True
+            self._send()
         return clouds
+
+    def _send(self) -> None:
+        """Send the reading that has waited longest."""
+        number, waiting = self._waiting.popleft()
+        if self.out:
+            raise PluginError(self.out)
+        self._todo.put(waiting)
+        self._asked, self._busy = number, True
+
+    def _received(self, wait: bool) -> Sequence[HypothesisCloud]:
+        """The clouds of the reading that was sent; nothing as long as it is processed."""
+        try:
+            answer = self._answers.get(block=wait, timeout=self._patience)
+        except queue.Empty:
+            if wait:
+                why = f"gave no answer within {self._patience:g} s (`patience`)"
+                raise self._stay_out(why) from None
+            return ()
+        self._busy, outdated, self._outdated = False, self._outdated, False
+        self._patience = self.config.patience
+        if answer is None:
+            answer = self._after_end()
+        if outdated:
+            return ()
+        if self._asked:
+            self.answered.append(self._asked)
+        if isinstance(answer, PluginError):
+            raise answer
+        return answer
 
     def reset(self) -> None:
         """Drop the readings that wait or are being processed; a process that ended starts again."""
         self._waiting.clear()
-        self._ends = 0
+        self._ends = self._given = 0
         if self.out:
             self.out = ""
             self._start()
@@ -169,7 +201,7 @@ class Isolated(Generator[GeneratorConfig]):
         )
         self._courier.start()
         self._todo.put(self._packed)
-        self._busy, self._outdated = True, False
+        self._asked, self._busy, self._outdated = 0, True, False
         self._patience = max(START, self.config.patience)
 
     def _after_end(self) -> PluginError:

@@ -199,7 +199,9 @@ def _on(pipeline: "Pipeline", arrivals: Iterable[Arrival]) -> Iterator["Step"]:
 
 
 def _taken(pipeline: "Pipeline", arrival: Arrival) -> Iterator["Step"]:
-    """Pass the readings of an arrival to a pipeline; the step that is then due, if any."""
+    """Pass changes and readings of an arrival to a pipeline; the step that is then due, if any."""
+    for change in arrival.changes:
+        change.carry_out(pipeline)
     for reading in arrival.readings:
         pipeline.take(reading)
     if arrival.due:

@@ -108,6 +108,8 @@ class Pipeline:
         self._robot = Robot(config, self.grid)
         self.generators: dict[str, AnyGenerator] = {}
         """The plugged generators by name."""
+        self.options: dict[str, dict[str, Any]] = {}
+        """The `type` and the options of each."""
         self._unready: dict[str, str] = {}
         """Why a generator or the controller is not called: its `reset` raised."""
         self._raised: set[str] = set()
@@ -125,6 +127,9 @@ class Pipeline:
             self.close()
             raise
         self._fusion: Fusion | None = None
+        self._collected = False
+        self.transform_lag = 0.0
+        """So long before a step the newest transforms may be, as on a running robot [s]."""
         self._wrenches = list[Wrench]()
         """Since the last step, for the controller."""
         self._resultants: dict[str, tuple[float, Resultant]] = {}
@@ -170,7 +175,27 @@ class Pipeline:
                 replace=generator.config.replace,
                 sensitivity=generator.config.sensitivity * (kind == HypothesisKind.REGULAR),
             )
-        self.generators[name] = generator
+        self.generators[name], self.options[name] = generator, options
+
+    def plugged(self, name: str) -> AnyGenerator:
+        """The generator of a name.
+
+        Raises:
+            SourceError: no such generator is plugged.
+        """
+        if name not in self.generators:
+            hint = name_hint(name, self.generators, "plugged generators")
+            raise SourceError(f"unknown generator '{name}'; {hint}")
+        return self.generators[name]
+
+    def restart(self, name: str) -> None:
+        """Let a generator drop its state, such as its tare; a process that ended starts again.
+
+        Raises:
+            SourceError: no such generator is plugged.
+        """
+        self._unready.pop(f"'{name}'", None)
+        self._reset(f"'{name}'", self.plugged(name))
 
     def _require_affordable(self, generator: AnyGenerator) -> None:
         """Make sure that a generator's clouds are no larger than memory and time allow."""
@@ -189,10 +214,8 @@ class Pipeline:
         Raises:
             SourceError: no such generator is plugged.
         """
-        if name not in self.generators:
-            hint = name_hint(name, self.generators, "plugged generators")
-            raise SourceError(f"unknown generator '{name}'; {hint}")
-        generator = self.generators.pop(name)
+        generator = self.plugged(name)
+        del self.generators[name], self.options[name]
         self._unready.pop(f"'{name}'", None)
         for source in generator.sources:
             self.integrator.unplug(source)
@@ -241,14 +264,36 @@ class Pipeline:
                 if generator.resultant is not None:
                     self._resultants[generator.name] = reading.stamp, generator.resultant
 
-    def step(self, now: float) -> Step:
-        """Fuse all that is alive at `now` [s], and let the controller act on the contacts."""
+    def collect(self) -> None:
+        """Receive the clouds of isolated generators that are done; the next step asks no more."""
+        self._collected = True
         for generator in list(self.generators.values()):
             if isinstance(generator, Isolated):
                 self._deliver(generator, functools.partial(generator.collect, wait=False))
                 while generator.owes:
                     self._deliver(generator, functools.partial(generator.collect, wait=True))
-        state = self.state(now)
+
+    def answer(self, name: str, number: int) -> None:
+        """Receive the clouds of an isolated generator for one of its readings, as was recorded.
+
+        Args:
+            name: of the generator.
+            number: of the reading; those before it that wait are dropped.
+
+        Raises:
+            SourceError: no such generator is plugged, or it is not isolated.
+        """
+        generator = self.plugged(name)
+        if not isinstance(generator, Isolated):
+            raise SourceError(f"'{name}' does not run in a process of its own")
+        self._deliver(generator, functools.partial(generator.answer, number))
+
+    def step(self, now: float) -> Step:
+        """Fuse all that is alive at `now` [s], and let the controller act on the contacts."""
+        if not self._collected:
+            self.collect()
+        self._collected = False
+        state = self._with_resultants(self._robot.state(now, self._fusion, self.transform_lag))
         if state.unplaced:
             self.integrator.refuse("surface", state.unplaced)
         self._fusion = self.integrator.step(now, state.surface)
@@ -268,11 +313,23 @@ class Pipeline:
 
     def state(self, stamp: float) -> State:
         """Robot state at a stamp [s]: joints, base pose, frames, surface."""
-        state = self._robot.state(stamp, self._fusion)
+        return self._with_resultants(self._robot.state(stamp, self._fusion))
+
+    def placed(self, reading: Reading) -> bool:
+        """Whether the frame of a reading, and the robot, are placed in the space at its stamp."""
+        frames, space = self._robot.frames(reading.stamp), self.grid.frame
+        try:
+            for frame in (reading.frame, *self._robot.roots):
+                frames.pose(space, of=frame)
+        except FrameError:
+            return False
+        return True
+
+    def _with_resultants(self, state: State) -> State:
         fresh = {
             name: resultant
             for name, (measured, resultant) in self._resultants.items()
-            if abs(stamp - measured) <= FRESH and name in self.generators
+            if abs(state.now - measured) <= FRESH and name in self.generators
         }
         return replace(state, resultants=fresh) if fresh else state
 
@@ -291,6 +348,16 @@ class Pipeline:
             self._reset(f"'{name}'", generator)
         if self._controller:
             self._reset(CONTROLLER, self._controller)
+
+    def restore(self) -> None:
+        """Undo what was changed since the start: generators and the threshold are as configured."""
+        for name in [*self.generators]:
+            if self.options[name] != self.config.generators.get(name):
+                self.unplug(name)
+        for name, options in self.config.generators.items():
+            if name not in self.generators:
+                self.plug(name, options)
+        self.integrator.set_threshold(self.config.integrator.threshold)
 
     @property
     def misplaced(self) -> str:

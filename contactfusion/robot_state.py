@@ -100,17 +100,23 @@ class Robot:
         self._transforms.clear()
         self._forget()
 
-    def state(self, stamp: float, fusion: Fusion | None) -> State:
-        """Robot state at a stamp [s], with the last step of the integrator."""
+    def state(self, stamp: float, fusion: Fusion | None, lag: float = 0.0) -> State:
+        """Robot state at a stamp [s], with the last step of the integrator.
+
+        Args:
+            stamp: [s].
+            fusion: that step.
+            lag: so long before the stamp the newest transforms may be [s].
+        """
         known = self._known
-        if known is None or known.now != stamp:
-            known = self._known = self._at(stamp)
+        if known is None or known.now != stamp or lag:
+            known = self._known = self._at(stamp, lag)
         self._frames = known.frames
         return known if known.fusion is fusion else replace(known, fusion=fusion)
 
     def frames(self, stamp: float) -> FrameTree:
         """The poses of all frames at a stamp [s]; unlike `state` it moves no surface."""
-        _, _, self._frames = self._placed_at(stamp)
+        _, _, self._frames = self._placed_at(stamp, 0.0)
         return self._frames
 
     def _forget(self) -> None:
@@ -131,9 +137,18 @@ class Robot:
             if distance > SAME[0] or angle > SAME[1]:
                 yield link, f"{distance:.3g} m and {angle:.3g} rad apart"
 
-    def _places(self, stamp: float) -> tuple[JointState | None, BasePose | None, FrameTree]:
+    @property
+    def roots(self) -> tuple[str, ...]:
+        """The frame of the robot, or of the surface, if any."""
+        if self.model is not None:
+            return (self.model.root,)
+        return () if self._body is None else (self._body.frame,)
+
+    def _places(
+        self, stamp: float, lag: float
+    ) -> tuple[JointState | None, BasePose | None, FrameTree]:
         frames, joints = self._fixed, self._states.joints(stamp)
-        if transforms := self._transforms.at(stamp):
+        if transforms := self._transforms.at(stamp, lag):
             frames = frames.under(transforms)
         base = self._states.base_pose(stamp)
         if base:
@@ -144,8 +159,8 @@ class Robot:
             frames = frames.extended(self.model.frames_at(positions, unknown))
         return joints, base, frames
 
-    def _at(self, stamp: float) -> State:
-        joints, base, frames = self._placed_at(stamp)
+    def _at(self, stamp: float, lag: float) -> State:
+        joints, base, frames = self._placed_at(stamp, lag)
         robot, surface, unplaced = None, None, ""
         try:
             if self.model is not None:
@@ -412,9 +427,14 @@ class TransformBuffer:
             if series.static
         }
 
-    def at(self, stamp: float) -> "TransformsAt | None":
-        """The frames at a stamp [s]; None while there are none."""
-        return TransformsAt(self._series, self._frames, stamp) if self._series else None
+    def at(self, stamp: float, lag: float = 0.0) -> "TransformsAt | None":
+        """The frames at a stamp [s]; None while there are none.
+
+        Args:
+            stamp: [s].
+            lag: so long before the stamp the newest transform of a frame may be [s].
+        """
+        return TransformsAt(self._series, self._frames, stamp, lag=lag) if self._series else None
 
 
 def transforms_ahead(readings: Iterable[Reading]) -> Iterator[Reading]:
@@ -454,11 +474,13 @@ class TransformsAt:
     """[s]"""
     clamped: bool = False
     """Whether a pose before the first or after the last transform is that of the first or last."""
+    lag: float = 0.0
+    """So long after the last transform its pose holds [s]."""
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Pickle the transforms that are next to the stamp, without the rest of the buffer."""
         near = {name: series.around(self.stamp) for name, series in self._series.items()}
-        return TransformsAt, (near, self.frames, self.stamp, self.clamped)
+        return TransformsAt, (near, self.frames, self.stamp, self.clamped, self.lag)
 
     def nearest(self) -> "TransformsAt":
         """The same frames, with unknown poses as they were known nearest in time."""
@@ -475,7 +497,8 @@ class TransformsAt:
             return None
         first, last = series.stamps[0], series.stamps[-1]
         stamp = min(max(self.stamp, first), last)
-        if not series.static and not self.clamped and stamp != self.stamp:
+        held = self.clamped or 0.0 <= self.stamp - stamp <= self.lag
+        if not series.static and not held and stamp != self.stamp:
             raise FrameError(
                 f"the transform of '{frame}' in '{series.parent}' is not known at "
                 f"{self.stamp:.3f} s: there is one from {first:.3f} to {last:.3f} s"

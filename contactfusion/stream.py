@@ -9,6 +9,7 @@ from contactfusion.contacts import Contact
 from contactfusion.readings import ObjectPose, Reading, Transform
 
 if TYPE_CHECKING:
+    from contactfusion.changes import Change
     from contactfusion.controller import Command
     from contactfusion.pipeline import Pipeline, Step
 
@@ -24,11 +25,13 @@ class Arrival:
         stamp: the time [s]; None: it moves no clock, as a transform that comes ahead.
         readings: in their order.
         due: whether the pipeline is to step then, whatever its cycle policy.
+        changes: of the pipeline, before the readings.
     """
 
     stamp: float | None
     readings: tuple[Reading, ...]
     due: bool = False
+    changes: "tuple[Change, ...]" = ()
 
 
 @dataclass(frozen=True, eq=False)

@@ -214,6 +214,18 @@ class Integrator:
         contacts, changes = self._tracks.follow(at, fusion.field.members, looks, surface)
         return replace(fusion, contacts=contacts, changes=changes)
 
+    def set_threshold(self, threshold: float) -> None:
+        """Report contacts from another likelihood on; of a set, from another probability.
+
+        Raises:
+            ConfigurationError: it does not lie between 0 and 1.
+        """
+        if not 0.0 < threshold <= 1.0:
+            raise ConfigurationError(f"{threshold} does not lie between 0 and 1", "threshold")
+        self.config = self.config.model_copy(update={"threshold": threshold})
+        if isinstance(self.condensation, Members) and self._tracks:
+            self.condensation.existence = self._tracks.existence = threshold
+
     def reset(self) -> None:
         """Forget all hypotheses and stamps, as when a recording starts again; plugs stay."""
         self._inbox.clear()

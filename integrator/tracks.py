@@ -91,7 +91,7 @@ class Tracks:
     """
 
     def __init__(self, rate: float, existence: float) -> None:
-        self._rate, self._existence = rate, existence
+        self._rate, self.existence = rate, existence
         self.clear()
 
     def clear(self) -> None:
@@ -185,7 +185,7 @@ class Tracks:
         track.heard = {name: looks.get(name, stamp) for name, stamp in track.heard.items()}
 
     def _is_reported(self, track: Track) -> bool:
-        return track.probability >= self._existence - EDGE
+        return track.probability >= self.existence - EDGE
 
     def _events(self, track: Track, now: int, surface: Surface | None) -> Iterator[ContactEvent]:
         """What happened to a contact; brings its probability, number and anchor up to date."""

@@ -78,9 +78,9 @@ def test_clouds_of_other_stamps_take_the_frames_of_these_and_build_no_state(
     built: list[float] = []
     at = Robot._at
 
-    def counted(robot: Robot, stamp: float) -> State:
+    def counted(robot: Robot, stamp: float, lag: float) -> State:
         built.append(stamp)
-        return at(robot, stamp)
+        return at(robot, stamp, lag)
 
     monkeypatch.setattr(Robot, "_at", counted)
 

@@ -1,0 +1,161 @@
+"""Changes of a pipeline while it runs, by one line of text: as typed, recorded and played again."""
+
+import shlex
+import threading
+from collections.abc import Callable, Mapping
+from typing import TYPE_CHECKING, Any, Final, final
+
+from contactfusion.errors import ConfigurationError, ContactFusionError, SourceError, name_hint
+from contactfusion.isolation import Isolated
+from contactfusion.yaml_files import with_overrides
+
+if TYPE_CHECKING:
+    from contactfusion.pipeline import Pipeline
+
+
+@final
+class Change:
+    """A change of a pipeline, and what came of it.
+
+    Args:
+        text: such as "threshold 0.6" or "tare wrist"; `USES` has all.
+
+    Attributes:
+        text: as given.
+        done: a sentence on what was changed; empty before, or where it failed.
+        failure: why it could not be; None: it could, or was not carried out yet.
+    """
+
+    def __init__(self, text: str) -> None:
+        self.text = text
+        self.done = ""
+        self.failure: ContactFusionError | None = None
+        self._ended = threading.Event()
+
+    def carry_out(self, pipeline: "Pipeline") -> None:
+        """Change a pipeline, between two of its readings; a change that fails changes nothing."""
+        try:
+            name, *arguments = words(self.text)
+            self.done = _CHANGES[name](pipeline, *arguments)
+        except ContactFusionError as error:
+            self.failure = error
+        self._ended.set()
+
+    def wait(self, timeout: float) -> str:
+        """Wait until it is carried out; the sentence on what was changed.
+
+        Args:
+            timeout: the longest wait [s].
+
+        Raises:
+            ContactFusionError: why it could not be.
+        """
+        if not self._ended.wait(timeout):
+            raise ConfigurationError(f"'{self.text}': the loop is busy for over {timeout:g} s")
+        if self.failure is not None:
+            raise self.failure
+        return self.done
+
+
+def words(text: str) -> list[str]:
+    """The words of a change, the first its name.
+
+    Raises:
+        ConfigurationError: there is no such change, or it takes other words.
+    """
+    try:
+        split = shlex.split(text)
+    except ValueError as error:
+        raise ConfigurationError(f"'{text}': {error}") from None
+    if not split or split[0] not in USES:
+        raise ConfigurationError(
+            f"unknown change '{split[0] if split else ''}'; "
+            + name_hint(split[0] if split else "", USES, "changes")
+        )
+    name, *arguments = split
+    use = USES[name]
+    least = 2 if name == "answer" else 1
+    if len(arguments) < least or (len(arguments) > least and not use.endswith("…")):
+        raise ConfigurationError(f"'{text}': write {name} {use}")
+    return split
+
+
+def _threshold(pipeline: "Pipeline", value: str) -> str:
+    try:
+        threshold = float(value)
+    except ValueError:
+        raise ConfigurationError(f"'{value}' is no number", "integrator.threshold") from None
+    before = pipeline.integrator.config.threshold
+    pipeline.integrator.set_threshold(threshold)
+    return f"the threshold is {threshold:g}, and was {before:g}"
+
+
+def _plug(pipeline: "Pipeline", name: str, *options: str) -> str:
+    fields: dict[str, Any] = {"generators": dict(pipeline.config.generators)}
+    changed = with_overrides(fields, [f"generators.{name}.{option}" for option in options])
+    if "type" not in (found := changed["generators"].get(name) or {}):
+        hint = name_hint(name, pipeline.config.generators, "generators of the configuration")
+        raise SourceError(f"'{name}' has no type: write plug {name} type=…, or {hint}")
+    pipeline.plug(name, found)
+    return f"'{name}' is plugged"
+
+
+def _unplug(pipeline: "Pipeline", name: str) -> str:
+    pipeline.unplug(name)
+    return f"'{name}' is unplugged"
+
+
+def _tare(pipeline: "Pipeline", name: str) -> str:
+    generator = pipeline.plugged(name)
+    if not tares(generator):
+        fitting = [known for known, each in pipeline.generators.items() if tares(each)]
+        hint = name_hint(name, fitting, "generators with an option `tare` above 0")
+        raise ConfigurationError(f"'{name}' takes no tare; {hint}")
+    pipeline.restart(name)
+    return f"'{name}' takes its tare of {generator.config.tare:g} s again"
+
+
+def _restart(pipeline: "Pipeline", name: str) -> str:
+    pipeline.restart(name)
+    return f"'{name}' starts again"
+
+
+def _isolate(pipeline: "Pipeline", name: str) -> str:
+    if isinstance(pipeline.plugged(name), Isolated):
+        return f"'{name}' runs in a process of its own already"
+    options = {**pipeline.options[name], "isolate": True}
+    pipeline.unplug(name)
+    pipeline.plug(name, options)
+    return f"'{name}' runs in a process of its own from now on"
+
+
+def _answer(pipeline: "Pipeline", name: str, number: str) -> str:
+    pipeline.answer(name, int(number))
+    return f"the clouds of reading {number} of '{name}' have come"
+
+
+def tares(generator: Any) -> bool:
+    """Whether a generator takes a tare."""
+    return bool(getattr(generator.config, "tare", 0.0))
+
+
+_CHANGES: Final[Mapping[str, Callable[..., str]]] = {
+    "threshold": _threshold,
+    "plug": _plug,
+    "unplug": _unplug,
+    "tare": _tare,
+    "restart": _restart,
+    "isolate": _isolate,
+    "answer": _answer,
+}
+USES: Final[Mapping[str, str]] = {
+    "threshold": "VALUE",
+    "plug": "NAME [OPTION=VALUE]…",
+    "unplug": "NAME",
+    "tare": "NAME",
+    "restart": "NAME",
+    "isolate": "NAME",
+    "answer": "NAME NUMBER",
+}
+"""The changes by name, and the words that they take; `answer` is recorded, and never typed: when
+the clouds of an isolated generator came."""
