@@ -1,8 +1,9 @@
 """Changes of a pipeline while it runs, by one line of text: as typed, recorded and played again."""
 
+import functools
 import shlex
-import threading
 from collections.abc import Callable, Mapping
+from concurrent.futures import Future
 from typing import TYPE_CHECKING, Any, Final, final
 
 from contactfusion.errors import ConfigurationError, ContactFusionError, SourceError, name_hint
@@ -22,39 +23,29 @@ class Change:
 
     Attributes:
         text: as given.
-        done: a sentence on what was changed; empty before, or where it failed.
-        failure: why it could not be; None: it could, or was not carried out yet.
+        outcome: a sentence on what was changed, once it is carried out, or why it could not be.
     """
 
     def __init__(self, text: str) -> None:
         self.text = text
-        self.done = ""
-        self.failure: ContactFusionError | None = None
-        self._ended = threading.Event()
+        self.outcome = Future[str]()
 
     def carry_out(self, pipeline: "Pipeline") -> None:
-        """Change a pipeline, between two of its readings; a change that fails changes nothing."""
-        try:
-            name, *arguments = words(self.text)
-            self.done = _CHANGES[name](pipeline, *arguments)
-        except ContactFusionError as error:
-            self.failure = error
-        self._ended.set()
+        """Change a pipeline, between two of its readings."""
+        settle(self.outcome, functools.partial(_changed, pipeline, self.text))
 
-    def wait(self, timeout: float) -> str:
-        """Wait until it is carried out; the sentence on what was changed.
 
-        Args:
-            timeout: the longest wait [s].
+def settle(outcome: "Future[str]", do: Callable[[], str]) -> None:
+    """Do something that another thread waits for."""
+    try:
+        outcome.set_result(do())
+    except ContactFusionError as error:
+        outcome.set_exception(error)
 
-        Raises:
-            ContactFusionError: why it could not be.
-        """
-        if not self._ended.wait(timeout):
-            raise ConfigurationError(f"'{self.text}': the loop is busy for over {timeout:g} s")
-        if self.failure is not None:
-            raise self.failure
-        return self.done
+
+def _changed(pipeline: "Pipeline", text: str) -> str:
+    name, *arguments = words(text)
+    return _CHANGES[name](pipeline, *arguments)
 
 
 def words(text: str) -> list[str]:
@@ -125,7 +116,10 @@ def _isolate(pipeline: "Pipeline", name: str) -> str:
         return f"'{name}' runs in a process of its own already"
     options = {**pipeline.options[name], "isolate": True}
     pipeline.unplug(name)
-    pipeline.plug(name, options)
+    try:
+        pipeline.plug(name, options)
+    except ContactFusionError as error:
+        raise SourceError(f"'{name}' is unplugged: {error}") from None
     return f"'{name}' runs in a process of its own from now on"
 
 

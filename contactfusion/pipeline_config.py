@@ -21,10 +21,10 @@ from contactfusion.robots.description import (
     read_robot,
 )
 from contactfusion.shapes import BodyConfig
-from contactfusion.units import Period
+from contactfusion.units import Memory, Period
 from contactfusion.yaml_files import read_yaml, with_overrides
 
-NOT_OURS = ("recording", "scene")
+NOT_OURS = ("recording", "scene", "live")
 """Fields of a file for `run` that are not of the pipeline."""
 
 
@@ -37,6 +37,9 @@ class CycleConfig(Model):
     """Step after each reading of this sensor or type, e.g. `wrench`."""
     ready: bool = False
     """Step when every active source has reported (F §III-B)."""
+    wait: Memory = Field(default=0.1, ge=0)
+    """How long a reading waits for the transforms that place it, and how old transforms may be at a
+    step [s]; on a running robot, and where a recording of one is played."""
 
     @model_validator(mode="before")
     @classmethod

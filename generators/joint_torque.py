@@ -6,8 +6,7 @@ from typing import Annotated, Any
 import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field, model_validator
-from scipy.special import logsumexp
-from scipy.stats import chi2
+from scipy.special import chdtri, logsumexp
 
 from contactfusion.arrays import FloatArray
 from contactfusion.errors import ConfigurationError, name_hint
@@ -243,7 +242,7 @@ class JointTorqueGenerator(Generator[JointTorqueConfig]):
         precisions = np.where(self._torque.known, 1.0 / deviations**2, 0.0)
         gains, evidence, forces = self._explained(robot, surface, torques, precisions)
         whole = float(precisions @ torques**2)
-        limit = float(chi2.ppf(SURE, max(int(self._torque.known.sum()) - 3, 1)))
+        limit = float(chdtri(max(int(self._torque.known.sum()) - 3, 1), 1.0 - SURE))
         notes: tuple[str, ...] = ()
         if whole > limit:
             if whole - 2.0 * gains.max() <= limit:

@@ -14,7 +14,7 @@ import typer
 from typer.main import get_command
 
 from contactfusion import terminal
-from contactfusion.cli import recordings, running
+from contactfusion.cli import live, recordings, running
 from contactfusion.cli.plugin_commands import PluginGroup, add_commands
 from contactfusion.cli.tuning import tune
 from contactfusion.errors import ContactFusionError, cause_in
@@ -43,6 +43,8 @@ for function in (
     recordings.ablate,
     recordings.view,
     running.plugins,
+    live.live,
+    live.ctl,
     running.doctor,
     running.convert,
 ):

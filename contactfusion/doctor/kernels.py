@@ -1,6 +1,6 @@
 """The compiled kernels: their modules, the state of their cache, and a call of each."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from types import ModuleType
 from typing import Any
 
@@ -42,19 +42,27 @@ def is_kept(kernel: Any) -> bool:
     return bool(kernel._cache._cache_file._load_index())  # numba has no public name for it
 
 
-def touch_kernels() -> None:
-    """Call every kernel, so that it is compiled: one small cycle for each rule, and the rest."""
+RULES = ("de_morgan", "posterior", "sets")
+"""The rules that have kernels."""
+
+
+def touch_kernels(rules: Sequence[str] = RULES) -> None:
+    """Call every kernel, so that it is compiled: one small cycle for each rule, and the rest.
+
+    Args:
+        rules: those whose kernels are needed.
+    """
     import numpy as np
 
     positions = np.random.default_rng(0).uniform(-0.1, 0.1, (100, 3))
-    _fuse(positions)
+    _fuse(positions, rules)
     _perceive()
     _thin(positions)
     _slide(positions)
     _load(positions)
 
 
-def _fuse(positions: Any) -> None:
+def _fuse(positions: Any, rules: Sequence[str]) -> None:
     import numpy as np
 
     from contactfusion.hypotheses import HypothesisCloud, HypothesisKind
@@ -70,7 +78,7 @@ def _fuse(positions: Any) -> None:
     likelihoods, spreads = np.linspace(0.1, 0.9, 100), np.linspace(0.001, 0.01, 100)
     line = np.outer(np.linspace(0.0, 0.2, 100), [1.0, 0.0, 0.0])
     waves = 0.5 + 0.4 * np.cos(np.linspace(0.0, 20.0, 100))  # with peaks, and what is between them
-    for rule in ("de_morgan", "posterior", "sets"):
+    for rule in rules:
         condensation = {"posterior": "modes", "sets": "members"}.get(rule, "cluster_mass")
         integrator = Integrator(
             IntegratorConfig(rule=rule, expiry="voxel", condensation=condensation)

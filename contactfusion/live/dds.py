@@ -109,7 +109,7 @@ class DdsTransport(Transport):
             _end(sample, writes, ours=str(sample.participant_key) == self._guid)
             for writes, reader in self._found
             for sample in reader.read(10_000)
-            if sample.topic_name.startswith(f"{PREFIX}/") and _is_alive(sample)
+            if _is_alive(sample) and sample.topic_name.startswith(f"{PREFIX}/")
         ]
 
     def listen(self, topic: str, msgtype: str, quality: Quality, take: Take) -> None:

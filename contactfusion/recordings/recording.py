@@ -63,9 +63,11 @@ class Recording(Stream):
 
     Attributes:
         has_messages: whether it holds messages that a tap can take as they are.
+        holder: what it is, in sentences on what it does not hold.
     """
 
     has_messages: bool = False
+    holder: str = "the recording"
 
     @property
     def streams(self) -> Mapping[str, SensorTopics]:

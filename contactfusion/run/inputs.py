@@ -41,6 +41,7 @@ def find_inputs(
     watched: bool = False,
     ignored: Mapping[str, type[Reading]] = NOTHING,
     on: str | None = None,
+    holder: str = "the recording",
 ) -> Inputs:
     """Find the topic for each generator.
 
@@ -56,13 +57,14 @@ def find_inputs(
         watched: whether to read what no generator takes, too, so that it can be looked at.
         ignored: the kind of reading of each topic that is not read at all.
         on: the sensor, or the kind of reading, whose topics are read as a step is due with each.
+        holder: what holds the topics, in sentences.
 
     Raises:
         ConfigurationError: a role or a topic is unknown, does not fit, or several fit.
         PluginError: a type of generator is not installed.
     """
     chosen = {role: topic.removeprefix("/") for role, topic in chosen.items()}
-    finding = _Finding(topics, chosen, ignored)
+    finding = _Finding(topics, chosen, ignored, holder)
     wanted = {name: _kinds(options) for name, options in generators.items()}
     fed = {
         name: finding.feed(name, dict(options), wanted[name])
@@ -95,8 +97,9 @@ class _Finding:
         topics: Mapping[str, type[Reading]],
         chosen: Mapping[str, str],
         ignored: Mapping[str, type[Reading]],
+        holder: str,
     ) -> None:
-        self.topics, self.chosen, self.ignored = topics, chosen, ignored
+        self.topics, self.chosen, self.ignored, self.holder = topics, chosen, ignored, holder
         self.sensors: dict[str, str] = {}
         """The name of the sensor of each topic that is read."""
         self.missing: list[str] = []
@@ -132,7 +135,7 @@ class _Finding:
         )
         if left_out:
             return f"nothing feeds it, as {left_out} is ignored (--ignore)"
-        return f"the recording holds no {_named(kinds)}"
+        return f"{self.holder} holds no {_named(kinds)}"
 
     def context(self, wanted: Kinds) -> None:
         """Read the state of robot and world."""

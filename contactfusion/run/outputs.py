@@ -12,6 +12,7 @@ from contactfusion.loop import Observer
 from contactfusion.recordings.mcap import McapWriter
 from contactfusion.recordings.messages import ros_name, typestore
 from contactfusion.recordings.recording import RawMessage, Recording
+from contactfusion.recordings.ros.delivery import CHANGES, CYCLES
 from contactfusion.recordings.step_messages import OURS
 from contactfusion.results import (
     COLUMNS,
@@ -83,7 +84,7 @@ def opened_outputs(
         return {folder / name: table_file(folder / name, *made) for name, made in tables.items()}
     match out.suffix:
         case ".mcap":
-            return {out: _mcap(out, session)}
+            return {out: mcap_file(out, session)}
         case ".csv":
             return {out: table_file(out, COLUMNS, contact_rows)}
         case _:
@@ -106,7 +107,8 @@ class Output(Observer):
 
     def copy(self, message: RawMessage) -> None:
         """Write a message, but not of an earlier run: this run reports anew."""
-        if message.topic.startswith(OURS) or self.failure is not None:
+        ours = message.topic.startswith(OURS) and message.topic not in (CYCLES, CHANGES)
+        if ours or self.failure is not None:
             return
         if message.definition or message.msgtype in typestore().types:
             try:
@@ -118,7 +120,7 @@ class Output(Observer):
 
 
 @contextmanager
-def _mcap(path: Path, session: Session) -> Iterator[Observer]:
+def mcap_file(path: Path, session: Session) -> Iterator[Observer]:
     """All that came, contacts and command below /contactfusion, and the configuration."""
     stream, config = session.stream, session.pipeline.config
     with McapWriter(path, stream.epoch_ns) as writer:

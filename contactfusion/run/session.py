@@ -33,6 +33,7 @@ class Session:
         tap: takes every message of a recording of ROS as it is.
         watched: whether to play what no generator listens to, too, so that it can be looked at.
         ask: how a generator is asked for its clouds.
+        live: whether no step waits for generators in processes of their own.
 
     Attributes:
         stream: what is played.
@@ -52,13 +53,14 @@ class Session:
         tap: Tap | None = None,
         watched: bool = False,
         ask: Ask = asked,
+        live: bool = False,
     ) -> None:
         self.setting = setting
         whole = played if isinstance(played, Stream) else _opened(setting, played)
         self.stream, self.inputs = matched(setting, whole, window, tap, watched)
         self._broken: RecordingError | None = None
         try:
-            self.pipeline = Pipeline(self.setting.config(self.inputs.generators), ask)
+            self.pipeline = Pipeline(setting.config(self.inputs.generators), ask, live=live)
         except (ConfigurationError, FrameError, PluginError) as error:
             raise ConfigurationError(f"{setting.origin}: {error}") from error
 
@@ -166,7 +168,9 @@ def matched(
     ignored = {name: kind for name, kind in held.items() if name not in kinds}
     config = setting.config()
     try:
-        inputs = find_inputs(kinds, config.generators, roles, watched, ignored, config.cycle.on)
+        inputs = find_inputs(
+            kinds, config.generators, roles, watched, ignored, config.cycle.on, whole.holder
+        )
     except PluginError as error:
         raise ConfigurationError(f"{setting.origin}: {error}") from error
     read = dict[str, tuple[str, ...]]()

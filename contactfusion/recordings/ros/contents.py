@@ -10,6 +10,7 @@ from contactfusion.readings.depth_image import CAMERA_INFO, DEPTHS, IMAGE, INFO
 from contactfusion.readings.registry import installed_kinds
 from contactfusion.recordings.messages import typestore
 from contactfusion.recordings.ouster import CONVERT
+from contactfusion.recordings.recording import SensorTopics
 from contactfusion.recordings.ros.channels import Channel
 from contactfusion.recordings.ros.files import Bag
 from contactfusion.recordings.ros.topics import Topic, parent, usual_sensor
@@ -42,6 +43,30 @@ def contents_of(bag: Bag) -> dict[str, Topic]:
         )
         for name, group in groups.items()
     }
+
+
+def streams_of(
+    sensors: Mapping[str, Sequence[str]], contents: Mapping[str, Topic]
+) -> dict[str, SensorTopics]:
+    """Topics of one sensor and kind, by the name of the sensor.
+
+    Where topics of other kinds are of the same sensor, as the images of a camera that also gives
+    clouds, they have entries under their own names.
+
+    Args:
+        sensors: topics by the names of sensors.
+        contents: all topics.
+    """
+    found: dict[str, SensorTopics] = {}
+    for sensor, topics in sensors.items():
+        for topic in topics:
+            kind = contents[topic].kind
+            assert kind is not None
+            group = found.setdefault(sensor, SensorTopics(kind, ()))
+            name = sensor if group.kind is kind else topic.removeprefix("/")
+            before = found[name].topics if name in found else ()
+            found[name] = SensorTopics(kind, (*before, topic))
+    return found
 
 
 def topics_of(

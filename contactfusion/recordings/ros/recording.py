@@ -3,10 +3,11 @@
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
-from typing import Any, final
+from typing import TYPE_CHECKING, Any, final
 
 from pydantic import Field
 
+from contactfusion.changes import Change
 from contactfusion.errors import InvalidReadingError, PluginError, RecordingError, name_hint
 from contactfusion.hooks import hookimpl
 from contactfusion.model import Model
@@ -23,12 +24,16 @@ from contactfusion.recordings.recording import (
     Window,
 )
 from contactfusion.recordings.ros.channels import Channel
-from contactfusion.recordings.ros.contents import contents_of, topics_of
+from contactfusion.recordings.ros.contents import contents_of, streams_of, topics_of
+from contactfusion.recordings.ros.delivery import CHANGES, CYCLES, Delivery, as_recorded
 from contactfusion.recordings.ros.files import Bag
 from contactfusion.recordings.ros.order import Entry, Sorter, TopicState, TopicTally
-from contactfusion.recordings.ros.topics import Topic, listeners
-from contactfusion.stream import Trouble
+from contactfusion.recordings.ros.topics import Side, Topic, header_stamp, listeners
+from contactfusion.stream import Arrival, Trouble
 from contactfusion.time import LONGEST_SECONDS, NANOSECONDS_PER_SECOND, to_nanoseconds
+
+if TYPE_CHECKING:
+    from contactfusion.pipeline import Pipeline
 
 
 class RosConfig(Model):
@@ -55,7 +60,8 @@ class RosRecording(RecordingFormat):
 
     The stamp and the frame of a reading are those of its header; stamps count from the first of the
     whole recording, also when only a part of it is read. Headers that are up to a second out of
-    order are sorted; messages are held for no longer, so long files need no more memory.
+    order are sorted; messages are held for no longer, so long files need no more memory. What
+    `contactfusion live` recorded is played as it arrived, with its steps and changes.
 
     Args:
         config: the file, the topics, and the time.
@@ -86,6 +92,7 @@ class RosRecording(RecordingFormat):
         self._folder = folder
         self._whole: RosRecording | None = None
         """The recording of which this is a part: it keeps a file that was made for it."""
+        self._delivery: Delivery | None = None
         self.tally: dict[str, TopicTally] = {}
         """Statistics by topic, while readings are read."""
         with Bag(self.path) as bag:
@@ -94,7 +101,9 @@ class RosRecording(RecordingFormat):
             self._readable = self._not_ignored()
             self.sensors = topics_of(self.path, self._readable, sensors)
             """The topics of each sensor, transforms among them."""
-            self.epoch_ns = self._begin_ns = self._first_stamp(bag, None)
+            self._is_live = CYCLES in self.contents and not config.start
+            first = bag.first_ns if self._is_live else self._first_stamp(bag, None)
+            self.epoch_ns = self._begin_ns = first
             _, stop = self._window(bag)
             last = bag.last_ns if stop is None else min(stop, bag.last_ns)
             self.end = (last - bag.first_ns) / NANOSECONDS_PER_SECOND
@@ -113,21 +122,8 @@ class RosRecording(RecordingFormat):
 
     @property
     def streams(self) -> Mapping[str, SensorTopics]:
-        """Topics of one sensor and kind, by the name of the sensor.
-
-        Where topics of other kinds are of the same sensor, as the images of a camera that also
-        gives clouds, they have entries under their own names.
-        """
-        found: dict[str, SensorTopics] = {}
-        for sensor, topics in self.sensors.items():
-            for topic in topics:
-                kind = self.contents[topic].kind
-                assert kind is not None
-                group = found.setdefault(sensor, SensorTopics(kind, ()))
-                name = sensor if group.kind is kind else topic.removeprefix("/")
-                before = found[name].topics if name in found else ()
-                found[name] = SensorTopics(kind, (*before, topic))
-        return found
+        """Topics of one sensor and kind, by the name of the sensor."""
+        return streams_of(self.sensors, self.contents)
 
     def part(
         self, sensors: Mapping[str, Sequence[str]], window: Window = WHOLE, tap: Tap | None = None
@@ -188,6 +184,30 @@ class RosRecording(RecordingFormat):
             yield from self._made(entry)
         if problem:
             raise RecordingError(_in(self.path, problem))
+
+    def begin(self, pipeline: "Pipeline") -> None:
+        """Prepare the pipeline for what was recorded of a running robot."""
+        if self._is_live:
+            as_recorded(pipeline)
+            self._delivery = Delivery(pipeline, self.epoch_ns)
+
+    def arrivals(self) -> Iterator[Arrival]:
+        """The readings at their stamps; of a running robot as they arrived, with its steps."""
+        return self._as_arrived(self._delivery) if self._delivery else super().arrivals()
+
+    def _as_arrived(self, delivery: Delivery) -> Iterator[Arrival]:
+        self.tally = {topic: TopicTally() for topic in self.contents}
+        topics = self._states(self.tally)
+        for mark in {CYCLES, CHANGES} & self.contents.keys():
+            topics[mark] = TopicState(mark, Side("", ()), self.tally[mark], {})
+        try:
+            with Bag(self.path) as bag:
+                _, stop = self._window(bag)
+                found = messages(bag, topics, None, stop, self.tally, self._tap)
+                for state, logged, message in found:
+                    yield from _arrived(delivery, state, logged, message)
+        except RecordingError as error:
+            raise RecordingError(_in(self.path, error)) from None
 
     def troubles(self) -> Iterator[Trouble]:
         """Problems of each topic; none before the readings are read."""
@@ -282,6 +302,22 @@ class RosRecording(RecordingFormat):
 def _put(sorter: Sorter, state: TopicState, logged: int, message: Message) -> None:
     for part in state.listener.parts(message):
         sorter.put(state, part, logged)
+
+
+def _arrived(
+    delivery: Delivery, state: TopicState, logged: int, message: Message
+) -> Iterator[Arrival]:
+    """What a message of a running robot was to the pipeline."""
+    if state.topic == CYCLES:
+        now = header_stamp(message)
+        for reading in delivery.before_step(now):
+            yield Arrival(None, (reading,))
+        yield Arrival(delivery.seconds(now), (), due=True)
+    elif state.topic == CHANGES:
+        yield Arrival(None, (), changes=(Change(message.data),))
+    else:
+        for reading in delivery.of(state, message, logged):
+            yield Arrival(None, (reading,))
 
 
 def _in(path: Path, problem: RecordingError) -> str:

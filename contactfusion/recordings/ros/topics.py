@@ -269,7 +269,12 @@ def usual_sensor(topic: Topic) -> str:
 
 def stamp_of(message: Message) -> int:
     """The stamp of the header of a message [ns]."""
-    stamp = message.header.stamp
+    return header_stamp(message.header)
+
+
+def header_stamp(header: Message) -> int:
+    """The stamp of a std_msgs/Header [ns]."""
+    stamp = header.stamp
     nanoseconds: int = stamp.sec * NANOSECONDS_PER_SECOND + stamp.nanosec
     return nanoseconds
 

@@ -1,0 +1,85 @@
+"""Commands of a pipeline that runs on a robot."""
+
+import shlex
+from enum import StrEnum
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from contactfusion.cli.options import Changed, Ignored, Topics, roles
+
+
+class Ros(StrEnum):
+    """How ROS 2 is joined."""
+
+    DDS = "dds"
+    RCLPY = "rclpy"
+
+
+def live(
+    configuration: Annotated[Path, typer.Argument(help="The configuration (YAML).")],
+    set_: Changed = None,
+    topic: Topics = None,
+    ignore: Ignored = None,
+    ros: Annotated[
+        Ros,
+        typer.Option(help="Join by Cyclone DDS, without an installation of ROS, or by rclpy."),
+    ] = Ros.DDS,
+    domain: Annotated[
+        int | None,
+        typer.Option(min=0, max=232, help="The ROS domain; default: ROS_DOMAIN_ID, or 0."),
+    ] = None,
+    name: Annotated[
+        str | None, typer.Option(help="What `ctl` calls it; default: the name of the file.")
+    ] = None,
+    record: Annotated[
+        Path | None,
+        typer.Option(help="The MCAP file that takes all that comes; `run` plays it as it was."),
+    ] = None,
+    wait: Annotated[
+        float,
+        typer.Option(min=0.0, help="Longest wait for missing topics, before it starts \\[s]."),
+    ] = 5.0,
+    duration: Annotated[
+        float | None, typer.Option(min=0.0, help="End after so long \\[s]; default: by Ctrl-C.")
+    ] = None,
+) -> None:
+    """Find contacts on a running robot: ROS 2 topics in, contacts and commands out."""
+    from contactfusion.live.run import run_live
+    from contactfusion.live.transport import Transport
+
+    def opened() -> Transport:
+        from contactfusion.live.dds import DdsTransport
+
+        return DdsTransport(domain)
+
+    run_live(
+        configuration,
+        opened,
+        overrides=set_ or [],
+        topics=roles(topic),
+        ignored=ignore or [],
+        name=name,
+        record=record,
+        wait=wait,
+        duration=duration,
+    )
+
+
+def ctl(
+    order: Annotated[
+        list[str],
+        typer.Argument(
+            help="status, threshold VALUE, plug NAME [OPTION=VALUE]…, unplug NAME, tare NAME, "
+            "restart NAME, isolate NAME, record start [FILE.mcap], or record stop."
+        ),
+    ],
+    name: Annotated[
+        str | None, typer.Option(help="What runs, by its name; default: the only one.")
+    ] = None,
+) -> None:
+    """Change what `contactfusion live` runs, or ask how it does."""
+    from contactfusion.live.control import ask
+
+    print(ask(shlex.join(order), name))

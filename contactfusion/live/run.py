@@ -1,0 +1,321 @@
+"""`contactfusion live`: the pipeline of a configuration on a running robot, from start to end."""
+
+import functools
+import json
+import signal
+import threading
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from concurrent.futures import Future
+from contextlib import ExitStack, closing, contextmanager
+from datetime import datetime
+from pathlib import Path
+from typing import NamedTuple, final
+
+from contactfusion.changes import Change, settle, words
+from contactfusion.doctor.kernels import RULES, touch_kernels
+from contactfusion.errors import ConfigurationError, ContactFusionError, naming
+from contactfusion.integrator.sources import EventKind
+from contactfusion.live.commander import Commander
+from contactfusion.live.config import LiveConfig
+from contactfusion.live.control import PATIENCE, Control
+from contactfusion.live.results import Results
+from contactfusion.live.status import Status
+from contactfusion.live.stream import LiveStream
+from contactfusion.live.tape import Tape
+from contactfusion.live.transport import End, Transport
+from contactfusion.loop import Observer
+from contactfusion.pipeline import Step
+from contactfusion.recordings.recording import WHOLE
+from contactfusion.run.configuration import Setting, setting_of_file
+from contactfusion.run.session import Session, matched
+from contactfusion.run.summary import Summary
+from contactfusion.runner import Budgets
+from contactfusion.terminal import note
+
+LOOK = 0.5
+"""The time between two looks at what is on the network [s]."""
+REPORT = 1.0
+"""The time between two diagnostics [s]."""
+SHOW = 0.1
+"""The time between two snapshots for the page and `ctl` [s]."""
+NO_TOPICS: Mapping[str, str] = {}
+
+
+class Address(NamedTuple):
+    """Where the page is served."""
+
+    host: str
+    port: int
+
+
+def run_live(
+    path: Path,
+    open_transport: Callable[[], Transport],
+    *,
+    overrides: Sequence[str] = (),
+    topics: Mapping[str, str] = NO_TOPICS,
+    ignored: Sequence[str] = (),
+    name: str | None = None,
+    record: Path | None = None,
+    wait: float = 5.0,
+    duration: float | None = None,
+    web: Address | None = None,
+) -> None:
+    """Run the pipeline of a YAML file on a robot until Ctrl-C or SIGTERM.
+
+    However it ends, unless it is killed, the last commands are zero and the recording is whole.
+
+    Args:
+        path: the configuration; its recording or scene is left alone.
+        open_transport: joins the network.
+        overrides: fields to change, as "a.b=c".
+        topics: topics by role.
+        ignored: topics that are not read at all.
+        name: as `contactfusion ctl` calls it; None: that of the file.
+        record: the MCAP file that takes all that comes; None: none.
+        wait: for the topics that generators need, before it starts without them [s].
+        duration: end after so long [s]; None: when it is told to.
+        web: where a page shows it; None: nowhere.
+
+    Raises:
+        ContactFusionError: the configuration, a plug-in, the network or the recording is not what
+            it should be.
+    """
+    setting = setting_of_file(path, overrides).choosing(topics, ignored)
+    with naming(path):
+        config = LiveConfig(**(setting.fields.get("live") or {}))
+    transport = open_transport()
+    tape = Tape(note)
+    budgets = Budgets(time.perf_counter)
+    try:
+        network = LiveStream(transport, config)
+        rule = setting.config().integrator.rule
+        touch_kernels([rule] if rule in RULES else [])  # while others are discovered
+        missing = _awaited(network, setting, wait)
+        session = Session(setting, network, tap=tape.copy, ask=budgets.ask, live=True)
+    except BaseException:
+        transport.close()
+        raise
+    with closing(session):
+        for sentence in (*session.inputs.taken, *missing):
+            note(sentence)
+        stream = session.stream
+        assert isinstance(stream, LiveStream)
+        tape.load(session)
+        live = _Live(path.stem, setting, session, stream, transport, config, tape, budgets)
+        live.run(name or path.stem, record, duration, web)
+
+
+def _awaited(network: LiveStream, setting: Setting, wait: float) -> Sequence[str]:
+    """Wait until all that generators need is there; what is missing then, in sentences."""
+    ends = time.monotonic() + wait
+    while True:
+        _, inputs = matched(setting, network, WHOLE, None, watched=False)
+        if not inputs.missing or time.monotonic() > ends:
+            return inputs.missing
+        time.sleep(0.05)
+        network.look()
+
+
+@final
+class _Live:
+    """What runs beside the loop, and in its gaps."""
+
+    def __init__(
+        self,
+        name: str,
+        setting: Setting,
+        session: Session,
+        stream: LiveStream,
+        transport: Transport,
+        config: LiveConfig,
+        tape: Tape,
+        budgets: Budgets,
+    ) -> None:
+        self._setting, self._session, self._stream = setting, session, stream
+        self._transport, self._tape, self._budgets = transport, tape, budgets
+        pipeline = session.pipeline
+        self._status = Status(name, pipeline, stream)
+        self._results = Results(transport, config, stream.epoch_ns, pipeline.grid.frame)
+        self._results.on_event = self._noted
+        self._commander = Commander(
+            transport, config, pipeline.config.controller is not None, self._stops
+        )
+        budgets.note = functools.partial(pipeline.integrator.note, EventKind.OVERRUN)
+        stream.obey, stream.idle = self._commander.send, self._idle
+        stream.rematch = self._rematched
+        self._reported = self._shown = 0.0
+        self._ends: float | None = None
+        self._troubled: set[str] = set()
+
+    def run(
+        self, name: str, record: Path | None, duration: float | None, web: Address | None
+    ) -> None:
+        """Play until the end, and report."""
+        summary = Summary(self._session.pipeline)
+        began = time.monotonic()
+        self._ends = None if duration is None else began + duration
+        with ExitStack() as stack:
+            stack.enter_context(_ended_by_signals(self._stream))
+            stack.callback(self._close_tape)
+            stack.enter_context(self._commander)
+            stack.enter_context(Control(name, self.order))
+            stack.enter_context(self._looking())
+            if web is not None:
+                note(stack.enter_context(self._page(web)))
+            if record is not None:
+                note(self._tape.start(record))
+            note(f"live as '{name}'; Ctrl-C ends it, `contactfusion ctl --name {name}` changes it")
+            observer = Observer(step=self._step)
+            for _ in self._session.play(summary.observer, observer):
+                if observer.failure is not None:
+                    raise observer.failure
+        for line in summary.lines():
+            note(line)
+        note(f"{time.monotonic() - began:.1f} s")
+
+    def order(self, text: str) -> str:
+        """Carry out an order of `ctl` or of the page, from any thread; a sentence on it.
+
+        Raises:
+            ContactFusionError: it can't be.
+        """
+        order, _, rest = text.strip().partition(" ")
+        if order == "status":
+            return json.dumps(self._status.snapshot, indent=1)
+        if order == "record":
+            return self._record(rest.strip())
+        words(text)
+        change = Change(text.strip())
+        self._stream.queue.put(change)
+        done = _result(change.outcome)
+        self._stream.queue.put(functools.partial(self._results.event, "info", done))
+        return done
+
+    def _record(self, what: str) -> str:
+        """Begin or end a recording, in the thread of the loop."""
+        verb, _, file = what.partition(" ")
+        if verb not in ("start", "stop"):
+            raise ConfigurationError("write record start [FILE.mcap], or record stop")
+        now = datetime.now().strftime("%Y%m%d-%H%M%S")
+        path = Path(file.strip() or f"{self._setting.origin.stem}-{now}.mcap")
+        outcome = Future[str]()
+        do = functools.partial(self._tape.start, path) if verb == "start" else self._tape.stop
+        self._stream.queue.put(functools.partial(settle, outcome, do))
+        return _result(outcome)
+
+    def _step(self, step: Step) -> None:
+        self._tape.step(step)
+        self._status.step(step)
+        if not self._commander.stopped:
+            self._results.step(step)
+        self._status.draw()
+
+    def _idle(self, now: int) -> None:
+        """In the gaps of the loop: watch what is stale, and report."""
+        stale = self._stream.stale(now)
+        self._commander.comes_round(stale)
+        self._status.stopped = self._commander.stopped
+        if stale:
+            self._results.none()
+        for change in self._budgets.changes():
+            self._stream.queue.put(change)
+        at = time.monotonic()
+        if self._ends is not None and at >= self._ends:
+            self._ends = None
+            self._stream.end_soon()
+        if at - self._shown >= SHOW:
+            self._shown = at
+            self._status.recording = str(self._tape.path or "")
+            self._status.fields()
+        if at - self._reported >= REPORT:
+            self._reported = at
+            self._results.diagnostics(self._status.diagnostics())
+            for trouble in self._stream.troubles():
+                kind = f"{trouble.sensor} {trouble.note.split(':')[-1]}"
+                if kind not in self._troubled:
+                    self._troubled.add(kind)
+                    self._results.event("warning", f"/{trouble.sensor}: {trouble.note}")
+
+    def _stops(self, text: str) -> None:
+        """Take note that commands become zero, or go on; also from the thread of the watchdog."""
+        self._stream.queue.put(functools.partial(self._results.event, "warning", text))
+
+    def _noted(self, level: str, text: str) -> None:
+        self._status.event(level, text)
+        if level != "info":
+            note(text)
+
+    def _rematched(self, stream: LiveStream) -> Mapping[str, Sequence[str]]:
+        """What is listened to, now that topics came or went."""
+        try:
+            part, _ = matched(self._setting, stream, WHOLE, None, watched=False)
+        except ContactFusionError as error:
+            self._results.event("error", str(error))
+            return stream.sensors
+        assert isinstance(part, LiveStream)
+        return part.sensors
+
+    def _close_tape(self) -> None:
+        if self._tape.path is not None:
+            print(f"results: {self._tape.path}")
+            self._tape.stop()
+
+    @contextmanager
+    def _looking(self) -> Iterator[None]:
+        """Look at what is on the network, in a thread of its own."""
+        ended = threading.Event()
+
+        def look() -> None:
+            known: Sequence[End] = ()
+            while not ended.wait(LOOK):
+                now = self._transport.ends()
+                if now != known:
+                    known = now
+                    self._stream.queue.put(functools.partial(self._stream.discovered, now))
+
+        thread = threading.Thread(target=look, name="discovery", daemon=True)
+        thread.start()
+        try:
+            yield
+        finally:
+            ended.set()
+            thread.join()
+
+    @contextmanager
+    def _page(self, web: Address) -> Iterator[str]:
+        """Serve the page; its address, in a sentence."""
+        raise ConfigurationError(f"no page yet at {web}")
+        yield ""
+
+
+def _result(outcome: "Future[str]") -> str:
+    """What came of something that the loop does.
+
+    Raises:
+        ContactFusionError: it could not be done, or the loop has no time.
+    """
+    try:
+        return outcome.result(PATIENCE)
+    except TimeoutError:
+        raise ConfigurationError(f"the loop has no time for it within {PATIENCE:g} s") from None
+
+
+@contextmanager
+def _ended_by_signals(stream: LiveStream) -> Iterator[None]:
+    """Let Ctrl-C and SIGTERM end the stream after the step in hand; a second one at once."""
+
+    def end(number: int, frame: object) -> None:
+        stream.end_soon()
+        signal.signal(number, signal.default_int_handler)
+
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    before = {number: signal.signal(number, end) for number in (signal.SIGINT, signal.SIGTERM)}
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)

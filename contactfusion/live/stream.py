@@ -1,0 +1,406 @@
+"""A running robot as a stream: its topics become readings, its clock the steps."""
+
+import functools
+import time
+from collections import deque
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Final, final
+
+from contactfusion.changes import Change
+from contactfusion.errors import ConfigurationError, RecordingError
+from contactfusion.hypotheses import HypothesisKind
+from contactfusion.integrator.sources import EventKind
+from contactfusion.live.config import LiveConfig
+from contactfusion.live.queue import Packet, Queue
+from contactfusion.live.transport import End, Quality, Transport
+from contactfusion.pipeline import takes
+from contactfusion.readings import DepthImage, JointState, Odometry, Reading, Transform
+from contactfusion.readings.codec import Codec
+from contactfusion.readings.depth_image import CAMERA_INFO, INFO
+from contactfusion.readings.messages import Message, header, message
+from contactfusion.readings.poses import STATIC
+from contactfusion.readings.registry import installed_kinds
+from contactfusion.recordings.messages import defined, type_hash, typestore
+from contactfusion.recordings.recording import (
+    WHOLE,
+    RawMessage,
+    Recording,
+    SensorTopics,
+    Tap,
+    Window,
+)
+from contactfusion.recordings.ros.contents import SEVERAL, streams_of, topics_of
+from contactfusion.recordings.ros.delivery import CHANGES, CYCLES, Delivery, answers
+from contactfusion.recordings.ros.order import TopicState, TopicTally
+from contactfusion.recordings.ros.topics import Topic, last, listeners, parent
+from contactfusion.recordings.step_messages import OURS
+from contactfusion.stream import Arrival, Trouble
+from contactfusion.time import to_nanoseconds
+
+if TYPE_CHECKING:
+    from contactfusion.controller import Command
+    from contactfusion.pipeline import Pipeline
+
+NETWORK = Path("the network")
+"""What stands for a file in sentences on topics."""
+TIMED = 256
+"""Number of newest steps whose duration is kept."""
+IDLE = 0.02
+"""The longest wait for a message, before the loop looks at its clock [s]."""
+END: Final = object()
+"""In the queue: the stream ends."""
+
+
+def contents_of(ends: Sequence[End]) -> dict[str, Topic]:
+    """The topics that others write, by name.
+
+    An image is one of depth when its topic says so and a camera_info stands beside it; a topic of
+    another type than its hash says, or of several types, is not read.
+    """
+    written: dict[str, list[End]] = {}
+    for end in ends:
+        if end.writes and not end.ours:
+            written.setdefault(end.topic, []).append(end)
+    types = {
+        name: SEVERAL.join(sorted({end.msgtype for end in group}))
+        for name, group in written.items()
+    }
+    codecs = installed_kinds().by_message()
+
+    def kind(name: str) -> type[Reading] | None:
+        codec = codecs.get(types[name])
+        if codec is None or name.startswith(OURS) or mismatch(written[name]):
+            return None
+        if codec.kind is DepthImage:
+            beside = types.get(f"{parent(name)}/{INFO}") == CAMERA_INFO
+            return DepthImage if beside and "depth" in name else None
+        return codec.kind
+
+    return {
+        name: Topic(name, types[name], 0, kind(name), len(group))
+        for name, group in sorted(written.items())
+    }
+
+
+def mismatch(ends: Sequence[End]) -> str:
+    """Why messages of the writers of a topic can't be read, as a clause; else empty."""
+    for end in ends:
+        try:
+            known = type_hash(end.msgtype, defined(end.msgtype))
+        except RecordingError:
+            continue
+        if end.type_hash and end.type_hash != known:
+            return f"its {end.msgtype} is another than that of ROS 2 Jazzy, by its hash"
+    return ""
+
+
+@final
+class LiveStream(Recording):
+    """The topics of a running robot.
+
+    Messages are passed on in the order of their arrival. Steps are due at the period of the cycle
+    policy by the clock of this machine (those that are missed are skipped), after the reading that
+    it names (readings that came meanwhile share a step), or when all sources have reported.
+
+    Args:
+        transport: of the messages.
+        config: where commands go, and when they are zero.
+        sensors: topics by the names of the sensors that are listened to; None: none yet.
+        tap: takes every message in its order, and the instants of steps and changes.
+        clock: of this machine [ns since 1970].
+    """
+
+    has_messages = True
+    holder = str(NETWORK)
+
+    def __init__(
+        self,
+        transport: Transport,
+        config: LiveConfig,
+        sensors: Mapping[str, Sequence[str]] | None = None,
+        tap: Tap | None = None,
+        clock: Callable[[], int] = time.time_ns,
+    ) -> None:
+        self._transport, self._config, self._tap, self._clock = transport, config, tap, clock
+        self._ignored: tuple[str, ...] = ()
+        self.queue = Queue()
+        self.contents: dict[str, Topic] = {}
+        """The topics that others write, by name."""
+        self.sensors: Mapping[str, Sequence[str]] = sensors or {}
+        """Those that are listened to, by the names of their sensors."""
+        self.states: dict[str, TopicState] = {}
+        """Those that are listened to, by name."""
+        self._types: dict[str, str] = {}
+        self.arrived: dict[str, int] = {}
+        """The arrival of the last message by topic [ns since 1970]."""
+        self.obey: Callable[[Command | None], object] = lambda command: None
+        """Takes the command of a step."""
+        self.idle: Callable[[int], object] = lambda now: None
+        """Called each time that the loop comes round, with the time [ns since 1970]."""
+        self.rematch: Callable[[LiveStream], Mapping[str, Sequence[str]]] = lambda stream: {}
+        """Finds what is listened to, when topics come or go."""
+        self.overruns = 0
+        """Number of steps that were missed."""
+        self.took = deque[float](maxlen=TIMED)
+        """The durations of the newest steps, from readings to command [s]."""
+        self.epoch_ns = self._logged = self._now = self._began = clock()
+        self.look()
+
+    def look(self) -> None:
+        """Take note of what is on the network now."""
+        self.refresh(self._transport.ends())
+
+    def refresh(self, ends: Sequence[End]) -> bool:
+        """Take note of what is on the network; whether its topics have changed."""
+        contents = contents_of(ends)
+        for name in self._ignored:
+            contents.pop(name, None)
+        changed = contents != self.contents
+        self.contents = contents
+        self.topics = {name: stream.kind for name, stream in self.streams.items()}
+        self._reliable = {
+            name: all(end.quality.reliable for end in ends if end.topic == name and end.writes)
+            for name in contents
+        }
+        return changed
+
+    @property
+    def streams(self) -> Mapping[str, SensorTopics]:
+        """All topics that can be read, by the names of their sensors."""
+        if not any(topic.kind for topic in self.contents.values()):
+            return {}
+        return streams_of(topics_of(NETWORK, self.contents, {}), self.contents)
+
+    def without(self, topics: Sequence[str]) -> "LiveStream":
+        """The same without some topics, which need not be there yet."""
+        made = LiveStream(self._transport, self._config, tap=self._tap, clock=self._clock)
+        made._ignored = tuple(f"/{topic.removeprefix('/')}" for topic in topics)
+        made.look()
+        return made
+
+    def part(
+        self, sensors: Mapping[str, Sequence[str]], window: Window = WHOLE, tap: Tap | None = None
+    ) -> "LiveStream":
+        """The stream that listens to some topics."""
+        made = LiveStream(self._transport, self._config, sensors, tap, self._clock)
+        made._ignored = self._ignored
+        return made
+
+    def readings(self) -> Iterator[Reading]:
+        """The readings as they arrive, once there is a pipeline."""
+        for arrival in self.arrivals():
+            yield from arrival.readings
+
+    def begin(self, pipeline: "Pipeline") -> None:
+        """Prepare to deliver to a pipeline.
+
+        Raises:
+            ConfigurationError: it has faults, which act on what is played.
+        """
+        if pipeline.config.faults:
+            raise ConfigurationError("faults act on what `run` plays, not on a robot", "faults")
+        self._pipeline = pipeline
+        self._delivery = Delivery(pipeline, self.epoch_ns)
+
+    def discovered(self, ends: Sequence[End]) -> None:
+        """Listen to what has come on the network."""
+        if self.refresh(ends):
+            self.sensors = self.rematch(self)
+            self.listen()
+
+    def end_soon(self) -> None:
+        """End after what the loop has in its hands; from any thread, or a signal handler."""
+        self.queue.put(END)
+
+    def arrivals(self) -> Iterator[Arrival]:
+        """What arrives, and the steps that are due, until `end_soon`."""
+        self.listen()
+        self._began = self._time()
+        policy = self._pipeline.config.cycle
+        every = None if policy.every is None else to_nanoseconds(policy.every)
+        named = None if policy.on is None else installed_kinds().find(policy.on)
+        due_at = self._clock() + (every or 0)
+        triggered, behind = 0, 0
+        while True:
+            now = self._time()
+            self.idle(now)
+            wait = IDLE if every is None else min(IDLE, max(0, due_at - now) / 1e9)
+            what = self.queue.take(wait)
+            if what is END:
+                return
+            behind -= 1
+            if isinstance(what, Packet):
+                for reading in self._delivered(what):
+                    yield Arrival(None, (reading,))
+                    if _is_named(reading, policy.on, named):
+                        behind = behind if triggered else len(self.queue)
+                        triggered += 1
+                self._record_answers()
+            elif isinstance(what, Change):
+                self._mark(CHANGES, message("std_msgs/String", data=what.text))
+                yield Arrival(None, (), changes=(what,))
+            elif callable(what):
+                what()
+            now = self._time()
+            if every is not None:
+                due = now >= due_at
+                missed = (now - due_at) // every if due else 0
+                due_at += (missed + 1) * every if due else 0
+            elif policy.on is not None:
+                due, missed = triggered > 0 and behind <= 0, max(0, triggered - 1)
+            else:
+                due = self._pipeline.integrator.ready(self._delivery.seconds(now))
+                missed = 0
+            if due or self._delivery.overdue(now):
+                if missed and due:
+                    self._overrun(missed)
+                triggered = 0
+                yield from self._step()
+
+    def send(self, command: "Command | None") -> None:
+        """Pass on the command of a step."""
+        self.obey(command)
+
+    def stale(self, now: int) -> str:
+        """Why what the pipeline believes is not fresh, as a clause; empty where it is.
+
+        Args:
+            now: [ns since 1970].
+        """
+        evidence, state = self._listened()
+        limit = to_nanoseconds(self._config.stale_after)
+        newest = max((self.arrived.get(topic, self._began) for topic in evidence), default=now)
+        if now - newest > limit:
+            return f"no sensor of contacts has reported for {(now - newest) / 1e9:.2f} s"
+        for topic in state:
+            silent = now - self.arrived.get(topic, now)
+            if silent > limit:
+                return f"{topic} has been silent for {silent / 1e9:.2f} s"
+        return ""
+
+    def troubles(self) -> Iterator[Trouble]:
+        """What it met in the messages of each topic."""
+        for topic, state in self.states.items():
+            kind, tally = state.listener.kind, state.tally
+            dropped = self.queue.dropped[topic]
+            met = (
+                (dropped, "dropped: they come faster than they are taken"),
+                (tally.unreadable, f"unreadable: {tally.why_unreadable}"),
+                (tally.refused, f"refused: {tally.why_refused}"),
+            )
+            notes = [f"{count} {what}" for count, what in met if count]
+            if topic in self.contents and (several := self.contents[topic].publishers) > 1:
+                notes.append(f"{several} publishers")
+            if notes and kind is not None:
+                yield Trouble(topic.removeprefix("/"), kind, ", ".join(notes))
+
+    def close(self) -> None:
+        """Leave the network."""
+        self._transport.close()
+
+    def listen(self) -> None:
+        """Listen to the topics of the sensors that are there, and no longer to others."""
+        there = {
+            sensor: [name for name in topics if (known := self.contents.get(name)) and known.kind]
+            for sensor, topics in self.sensors.items()
+        }
+        found = listeners(there, self.contents)
+        for topic in self.states.keys() - found.keys():
+            if topic in self.contents:  # a publisher that is gone may come back
+                self._transport.ignore(topic)
+                del self.states[topic]
+        for topic, listener in found.items():
+            before = self.states.get(topic)
+            tally = before.tally if before else TopicTally()
+            self.states[topic] = TopicState(topic, listener, tally, {})
+            if before is None:
+                msgtype = self._types[topic] = self.contents[topic].msgtype
+                self._transport.listen(
+                    topic,
+                    msgtype,
+                    Quality(self._reliable[topic], last(topic) == STATIC),
+                    functools.partial(self.queue.packet, topic),
+                )
+
+    def _time(self) -> int:
+        """The time, which never falls [ns since 1970]."""
+        self._now = max(self._now, self._clock())
+        return self._now
+
+    def _delivered(self, packet: Packet) -> Iterator[Reading]:
+        """The readings that a message makes or places."""
+        state = self.states.get(packet.topic)
+        if state is None:
+            return
+        self.arrived[packet.topic] = packet.arrived
+        state.tally.messages += 1
+        try:
+            sent = typestore().deserialize_cdr(packet.cdr, self._types[packet.topic])
+        except Exception as error:  # rosbags meets damage with errors of many kinds
+            state.tally.cannot_read(error)
+            return
+        logged = self._log(packet.topic, self._types[packet.topic], packet.cdr, packet.arrived)
+        yield from self._delivery.of(state, sent, logged)
+
+    def _step(self) -> Iterator[Arrival]:
+        """A step now, with the readings that have waited for long enough."""
+        self._pipeline.collect()
+        self._record_answers()
+        now = self._time()
+        for reading in self._delivery.before_step(now):
+            yield Arrival(None, (reading,))
+        self._record_answers()
+        self._mark(CYCLES, header(now, ""))
+        began = time.perf_counter()
+        yield Arrival(self._delivery.seconds(now), (), due=True)
+        self.took.append(time.perf_counter() - began)
+
+    def _record_answers(self) -> None:
+        for text in answers(self._pipeline):
+            self._mark(CHANGES, message("std_msgs/String", data=text))
+
+    def _mark(self, topic: str, sent: Message) -> None:
+        """Record the instant of a step, or a change."""
+        if self._tap is not None:
+            msgtype = sent.__msgtype__
+            self._log(topic, msgtype, bytes(typestore().serialize_cdr(sent, msgtype)), self._now)
+
+    def _log(self, topic: str, msgtype: str, cdr: bytes, arrived: int) -> int:
+        """Record a message; its stamp in the log, which rises [ns since 1970]."""
+        self._logged = max(self._logged + 1, arrived)
+        if self._tap is not None:
+            self._tap(RawMessage(topic, msgtype, defined(msgtype), self._logged, cdr))
+        return self._logged
+
+    def _overrun(self, missed: int) -> None:
+        self.overruns += missed
+        steps = "a step was" if missed == 1 else f"{missed} steps were"
+        text = f"{steps} missed: the loop is slow"
+        self._pipeline.integrator.note(EventKind.OVERRUN, "cycle", text)
+
+    def _listened(self) -> tuple[list[str], list[str]]:
+        """The topics of evidence, and those of the robot's state that have come."""
+        evidence, state = [], []
+        for topic, known in self.states.items():
+            kind = known.listener.kind
+            if kind is None:
+                continue
+            sensor = next((s for s, names in self.sensors.items() if topic in names), "")
+            if any(
+                takes(generator, sensor, kind)
+                and HypothesisKind.REGULAR in generator.sources.values()
+                and kind not in (JointState, Odometry, Transform)
+                for generator in self._pipeline.generators.values()
+            ):
+                evidence.append(topic)
+            elif issubclass(kind, JointState | Odometry) and self._pipeline.listens(sensor, kind):
+                state.append(topic)
+        return evidence, state
+
+
+def _is_named(reading: Reading, on: str | None, codec: "Codec[Reading] | None") -> bool:
+    """Whether a step is due after a reading."""
+    return on is not None and (
+        reading.sensor == on or (codec is not None and isinstance(reading, codec.kind))
+    )
