@@ -105,6 +105,24 @@ class Generator(ABC, Generic[ConfigT]):
             state: the robot at the reading's stamp.
         """
 
+    def absorb(self, reading: Reading, state: State) -> None:
+        """Take note of a reading that a newer one of its sensor follows before the next step.
+
+        On a running robot a generator that implements it is asked for the clouds of the newest
+        reading only; it must do here what later clouds depend on, such as filtering. Other
+        generators are asked for the clouds of each reading.
+
+        Args:
+            reading: as for `generate`.
+            state: the robot at the reading's stamp.
+        """
+        raise NotImplementedError  # only called where a class implements it
+
+    @property
+    def absorbs(self) -> bool:
+        """Whether it need not make clouds of each reading."""
+        return type(self).absorb is not Generator.absorb
+
     def prepare(self, robot: "RobotModel") -> None:
         """Do long computations that depend on the robot alone, before the first reading."""
         return None

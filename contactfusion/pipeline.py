@@ -128,6 +128,10 @@ class Pipeline:
             raise
         self._fusion: Fusion | None = None
         self._collected = False
+        self.conflates = False
+        """Whether generators that `absorb` make clouds of the newest reading before a step only."""
+        self._newest: dict[tuple[str, str], Reading] = {}
+        """The newest reading since the last step, by generator that absorbs and sensor."""
         self.transform_lag = 0.0
         """So long before a step the newest transforms may be, as on a running robot [s]."""
         self._wrenches = list[Wrench]()
@@ -255,14 +259,28 @@ class Pipeline:
             for generator in self.generators.values()
             if takes(generator, reading.sensor, kind)
         ]
-        if takers:
-            state = self.state(reading.stamp)
-            for generator in takers:
-                self.given[generator.name] += 1
-                self._deliver(generator, functools.partial(self._ask, generator, reading, state))
-                self._resultants.pop(generator.name, None)
-                if generator.resultant is not None:
-                    self._resultants[generator.name] = reading.stamp, generator.resultant
+        for generator in takers:
+            self.given[generator.name] += 1
+            if not (self.conflates and generator.absorbs):
+                self._generate(generator, reading)
+                continue
+            key = generator.name, reading.sensor
+            if before := self._newest.get(key):
+                self._deliver(generator, functools.partial(self._absorbed, generator, before))
+            self._newest[key] = reading
+
+    def _generate(self, generator: AnyGenerator, reading: Reading) -> None:
+        """Receive the clouds of a reading."""
+        state = self.state(reading.stamp)
+        self._deliver(generator, functools.partial(self._ask, generator, reading, state))
+        self._resultants.pop(generator.name, None)
+        if generator.resultant is not None:
+            self._resultants[generator.name] = reading.stamp, generator.resultant
+
+    def _absorbed(self, generator: AnyGenerator, reading: Reading) -> Sequence[HypothesisCloud]:
+        """No clouds: a generator takes note of a reading that a newer one follows."""
+        generator.absorb(reading, self.state(reading.stamp))
+        return ()
 
     def collect(self) -> None:
         """Receive the clouds of isolated generators that are done; the next step asks no more."""
@@ -290,6 +308,10 @@ class Pipeline:
 
     def step(self, now: float) -> Step:
         """Fuse all that is alive at `now` [s], and let the controller act on the contacts."""
+        newest, self._newest = self._newest, {}
+        for (name, _), reading in newest.items():
+            if name in self.generators:
+                self._generate(self.generators[name], reading)
         if not self._collected:
             self.collect()
         self._collected = False
@@ -338,6 +360,7 @@ class Pipeline:
         self.integrator.reset()
         self._robot.clear()
         self._fusion = None
+        self._newest.clear()
         self._wrenches.clear()
         self._resultants.clear()
         self.unplaced.clear()

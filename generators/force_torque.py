@@ -155,12 +155,10 @@ class ForceTorqueGenerator(Generator[ForceTorqueConfig]):
         surface = state.placed_surface(self.name)
         if self._is_dead(reading):
             return (self.nothing(reading, notes=(Note.UNHEALTHY,)),)
-        wrench = self.compensated(reading, state)
-        self._watch(reading)
-        first = self._span[0] if self._span else reading.stamp
-        self._span = first, reading.stamp
-        if wrench is None:
+        wrench = self._filtered(reading, state)
+        if wrench is None or self._span is None:
             return ()
+        first = self._span[0]
         force, torque = wrench[:3], wrench[3:]
         pose = state.frames.pose(state.grid.frame, of=reading.frame)
         self.resultant = resultant = self._resultant(force, torque, reading, state).moved(pose)
@@ -201,6 +199,19 @@ class ForceTorqueGenerator(Generator[ForceTorqueConfig]):
                 resultant=resultant,
             ),
         )
+
+    def absorb(self, reading: Reading, state: State) -> None:
+        """Take note of a wrench, for the tare, the average, the bias and what is watched."""
+        assert isinstance(reading, Wrench)
+        if not self._is_dead(reading):
+            self._filtered(reading, state)
+
+    def _filtered(self, reading: Wrench, state: State) -> FloatArray | None:
+        """The contact's wrench on the robot, shape (6,) [N, N·m]; None before the tare."""
+        wrench = self.compensated(reading, state)
+        self._watch(reading)
+        self._span = self._span[0] if self._span else reading.stamp, reading.stamp
+        return wrench
 
     def _is_contradicted(
         self, start: FloatArray, force: FloatArray, surface: Surface, state: State

@@ -2,6 +2,7 @@
 
 import json
 import time
+from collections import Counter
 from collections.abc import Callable
 from typing import final
 
@@ -19,7 +20,8 @@ from contactfusion.recordings.messages import recorded_stamp, typestore
 from contactfusion.recordings.step_messages import OURS, marker_message, voxel_cloud
 
 STRONGEST = f"{OURS}contacts/strongest"
-"""The wrench of the contact with the greatest force, about the origin of its frame."""
+"""The wrench of the contact with the greatest force, about the origin of its frame, when measured.
+"""
 CLOUD = f"{OURS}contacts/cloud"
 """A point a contact, with its probability."""
 VOXELS = f"{OURS}contacts/voxels"
@@ -64,6 +66,8 @@ class Results:
         """When each event was published last [s]."""
         self._drawn_at = -np.inf
         self._has_drawn = True  # what an earlier process drew is deleted
+        self.sent: Counter[str] = Counter()
+        """Number of messages by topic."""
         self.on_event: Callable[[str, str], object] = lambda level, text: None
         """Takes the level of each event, info, warning or error, and its sentence."""
 
@@ -74,7 +78,8 @@ class Results:
         felt = [contact for contact in contacts if np.isfinite(contact.force).all()]
         if felt:
             strongest = max(felt, key=lambda contact: float(np.linalg.norm(contact.force)))
-            self._send(STRONGEST, _wrench(strongest, top))
+            measured = header(recorded_stamp(strongest.stamp, self._epoch_ns), self._frame)
+            self._send(STRONGEST, _wrench(strongest, measured))
         for change in step.fusion.changes:
             self.event("info", f"contact {change.contact.track} {change.change}", _where(change))
         for event in step.events:
@@ -137,6 +142,7 @@ class Results:
         self._send(CLOUD, _cloud(contacts, top))
 
     def _send(self, topic: str, sent: Message) -> None:
+        self.sent[topic] += 1
         self._senders[topic](typestore().serialize_cdr(sent, sent.__msgtype__))
 
 

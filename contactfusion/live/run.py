@@ -35,6 +35,8 @@ from contactfusion.terminal import note
 
 LOOK = 0.5
 """The time between two looks at what is on the network [s]."""
+WATCH_NS = 10_000_000
+"""The least time between two looks at what is stale [ns]."""
 REPORT = 1.0
 """The time between two diagnostics [s]."""
 SHOW = 0.1
@@ -139,13 +141,14 @@ class _Live:
         self._status = Status(name, pipeline, stream)
         self._results = Results(transport, config, stream.epoch_ns, pipeline.grid.frame)
         self._results.on_event = self._noted
+        self._status.sent = self._results.sent
         self._commander = Commander(
             transport, config, pipeline.config.controller is not None, self._stops
         )
         budgets.note = functools.partial(pipeline.integrator.note, EventKind.OVERRUN)
         stream.obey, stream.idle = self._commander.send, self._idle
         stream.rematch = self._rematched
-        self._reported = self._shown = 0.0
+        self._watched, self._reported, self._shown = 0, 0.0, 0.0
         self._ends: float | None = None
         self._troubled: set[str] = set()
 
@@ -214,6 +217,9 @@ class _Live:
 
     def _idle(self, now: int) -> None:
         """In the gaps of the loop: watch what is stale, and report."""
+        if now - self._watched < WATCH_NS:
+            return
+        self._watched = now
         stale = self._stream.stale(now)
         self._commander.comes_round(stale)
         self._status.stopped = self._commander.stopped

@@ -3,6 +3,7 @@
 import math
 import time
 from collections import deque
+from collections.abc import Mapping
 from typing import Any, final
 
 import numpy as np
@@ -48,6 +49,8 @@ class Status:
         """A version, and points of the robot's surface, shape (n, 3) [m], at most 4,000."""
         self.snapshot: dict[str, Any] = {}
         """What `fields` gave last, for other threads."""
+        self.sent: Mapping[str, int] = {}
+        """Number of messages of results by topic."""
         self.stopped = ""
         """Why commands are zero; empty where they are not."""
         self.recording = ""
@@ -104,6 +107,15 @@ class Status:
                 for contact in contacts
             ],
             "sources": [self._source(name, report, now) for name, report in reports.items()],
+            "topics": [
+                {
+                    "topic": topic,
+                    "messages": state.tally.messages,
+                    "dropped": self._stream.queue.dropped[topic],
+                }
+                for topic, state in self._stream.states.items()
+            ],
+            "sent": dict(self.sent),
             "events": list(self._events),
             "surface": self.surface[0],
         }

@@ -30,6 +30,7 @@ def typestore() -> "Typestore":
     return store
 
 
+@cache
 def defined(msgtype: str) -> str:
     """The definition of a type, with those that it is made of.
 

@@ -53,6 +53,7 @@ class Delivery:
             codec.kind for codec in installed_kinds().all() if codec.role is Role.SENSED
         }
         pipeline.transform_lag = pipeline.config.cycle.wait
+        pipeline.conflates = not pipeline.config.cycle.ready  # which waits for clouds
 
     def seconds(self, stamp_ns: int) -> float:
         """A stamp since 1970 [ns] as one since the epoch [s]."""
