@@ -124,6 +124,8 @@ def _isolate(pipeline: "Pipeline", name: str) -> str:
 
 
 def _answer(pipeline: "Pipeline", name: str, number: str) -> str:
+    if not number.isdecimal():
+        raise ConfigurationError(f"'{number}' is no number of a reading")
     pipeline.answer(name, int(number))
     return f"the clouds of reading {number} of '{name}' have come"
 

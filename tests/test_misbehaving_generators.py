@@ -119,19 +119,33 @@ def test_an_overrun_is_named_with_its_time_and_budget() -> None:
     assert event.message == "'slow' took 0.06 s of 0.05 s"
 
 
-def test_after_three_overruns_in_a_row_it_is_unplugged_and_the_healthy_contact_stays() -> None:
+def test_after_three_overruns_in_a_row_it_leaves_the_loop_and_the_healthy_contact_stays() -> None:
     runner = runner_with_slow()
-    plugged = []
-    for _ in range(4):
-        runner.receive(point(0.0, 1.0, 0.0, 0.0))
-        plugged.append("slow" in runner.pipeline.generators)
-    assert plugged == [True, True, False, False]
-    runner.receive(wrench(0.0, *PLACE))
-    step = runner.pipeline.step(0.0)
+    apart = []
+    try:
+        for _ in range(4):
+            runner.receive(point(0.0, 1.0, 0.0, 0.0))
+            apart.append(isinstance(runner.pipeline.generators["slow"], Isolated))
+        assert apart == [False, False, True, True]
+        runner.receive(wrench(0.0, *PLACE))
+        step = runner.pipeline.step(0.0)
+    finally:
+        runner.pipeline.close()
     told = [event.message for event in step.events if event.kind == EventKind.OVERRUN]
-    assert told[-1] == "'slow' was unplugged after 3 overruns in a row"
-    assert (EventKind.UNPLUGGED, "slow") in [(e.kind, e.source) for e in step.events]
+    assert told[-1] == "'slow' leaves the loop after 3 overruns in a row"
     assert told_of_healthy(step) == alone()
+
+
+def test_one_that_can_have_no_process_of_its_own_is_unplugged(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    runner = runner_with_slow()
+    monkeypatch.setattr(Slow, "__reduce__", lambda self: 1 / 0, raising=False)
+    for _ in range(3):
+        runner.receive(point(0.0, 1.0, 0.0, 0.0))
+    assert "slow" not in runner.pipeline.generators
+    step = runner.pipeline.step(0.0)
+    assert (EventKind.UNPLUGGED, "slow") in [(e.kind, e.source) for e in step.events]
 
 
 def test_one_call_in_time_starts_the_count_again() -> None:
@@ -139,15 +153,6 @@ def test_one_call_in_time_starts_the_count_again() -> None:
     for seconds in (1.0, 1.0, 0.05, 1.0, 1.0):
         runner.receive(point(0.0, seconds, 0.0, 0.0))
     assert len(overruns(runner)) == 4
-    assert "slow" in runner.pipeline.generators
-
-
-def test_one_that_is_plugged_again_starts_with_a_clean_record() -> None:
-    runner = runner_with_slow()
-    for _ in range(3):
-        runner.receive(point(0.0, 1.0, 0.0, 0.0))
-    runner.pipeline.plug("slow", {"type": "slow"})
-    runner.receive(wrench(0.0, *PLACE))
     assert "slow" in runner.pipeline.generators
 
 

@@ -86,7 +86,10 @@ def run_live(
     """
     setting = setting_of_file(path, overrides).choosing(topics, ignored)
     with naming(path):
-        config = LiveConfig(**(setting.fields.get("live") or {}))
+        try:
+            config = LiveConfig(**(setting.fields.get("live") or {}))
+        except ConfigurationError as error:
+            raise error.under("live") from None
     transport = open_transport()
     tape = Tape(note)
     budgets = Budgets(time.perf_counter)

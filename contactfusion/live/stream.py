@@ -227,9 +227,7 @@ class LiveStream(Recording):
             self.idle(now)
             wait = IDLE if every is None else min(IDLE, max(0, due_at - now) / 1e9)
             what = self.queue.take(wait)
-            if what is END:
-                return
-            behind -= 1
+            behind = 0 if what is END else behind - 1
             if isinstance(what, Packet):
                 for reading in self._delivered(what):
                     yield Arrival(None, (reading,))
@@ -257,6 +255,8 @@ class LiveStream(Recording):
                     self._overrun(missed)
                 triggered = 0
                 yield from self._step()
+            if what is END:
+                return
 
     def send(self, command: "Command | None") -> None:
         """Pass on the command of a step."""

@@ -1,0 +1,120 @@
+"""Changes of a pipeline while it runs: what they do, and what is said of wrong ones."""
+
+from typing import Any
+
+import pytest
+
+from contactfusion import Pipeline, PipelineConfig
+from contactfusion.changes import USES, Change, words
+from contactfusion.errors import ContactFusionError
+from contactfusion.isolation import Isolated
+from contactfusion.readings import Wrench
+from tests.wire import PROBE
+
+
+def pipeline(**wrist: Any) -> Pipeline:
+    generators = {"wrist": {**PROBE["generators"]["wrist"], **wrist}}
+    return Pipeline(PipelineConfig(**{**PROBE, "generators": generators}))
+
+
+def push(stamp: float, force: float = -5.0) -> Wrench:
+    return Wrench(
+        stamp=stamp, frame="probe", sensor="wrist",
+        force=[0.0, 0.0, force], torque=[0.0, -0.02 * force, 0.0],
+    )  # fmt: skip
+
+
+def change(pipe: Pipeline, text: str) -> str:
+    made = Change(text)
+    made.carry_out(pipe)
+    return made.outcome.result(0.0)
+
+
+def contacts(pipe: Pipeline, stamp: float) -> int:
+    pipe.take(push(stamp))
+    return len(pipe.step(stamp).fusion.contacts)
+
+
+def test_a_threshold_above_the_probability_hides_a_contact_and_a_lower_one_shows_it() -> None:
+    pipe = pipeline()
+    assert contacts(pipe, 0.0) == 1
+    assert change(pipe, "threshold 1") == "the threshold is 1, and was 0.5"
+    assert contacts(pipe, 0.1) == 0
+    change(pipe, "threshold 0.5")
+    assert contacts(pipe, 0.2) == 1
+
+
+def test_what_is_unplugged_contributes_nothing_until_it_is_plugged_again() -> None:
+    pipe = pipeline()
+    assert change(pipe, "unplug wrist") == "'wrist' is unplugged"
+    assert contacts(pipe, 0.0) == 0
+    assert change(pipe, "plug wrist") == "'wrist' is plugged"
+    assert contacts(pipe, 0.1) == 1
+
+
+def test_options_of_a_plug_change_those_of_the_configuration() -> None:
+    pipe = pipeline()
+    change(pipe, "unplug wrist")
+    change(pipe, "plug wrist min_force=9")
+    assert contacts(pipe, 0.0) == 0
+
+
+def test_a_tare_takes_what_is_measured_now_for_nothing() -> None:
+    pipe = pipeline(tare=0.05)
+    for row in range(8):
+        pipe.take(push(0.01 * row, force=0.0))
+    assert contacts(pipe, 0.1) == 1
+    assert change(pipe, "tare wrist") == "'wrist' takes its tare of 0.05 s again"
+    for row in range(20):  # the contact is forgotten, and the load of the tool is 5 N more
+        pipe.take(push(1.0 + 0.01 * row))
+        pipe.step(1.0 + 0.01 * row)
+    assert contacts(pipe, 9.0) == 0
+
+
+def test_an_isolated_generator_goes_on_in_a_process_of_its_own() -> None:
+    pipe = pipeline()
+    try:
+        assert change(pipe, "isolate wrist").startswith("'wrist' runs in a process of its own")
+        assert isinstance(pipe.generators["wrist"], Isolated)
+        assert contacts(pipe, 0.0) == 1
+    finally:
+        pipe.close()
+
+
+def test_restore_undoes_changes() -> None:
+    pipe = pipeline()
+    for text in ("threshold 0.9", "unplug wrist", "plug other type=switch"):
+        change(pipe, text)
+    pipe.restore()
+    assert list(pipe.generators) == ["wrist"]
+    assert pipe.integrator.config.threshold == 0.5
+
+
+@pytest.mark.parametrize(
+    ("text", "sentence"),
+    [
+        ("", "unknown change ''"),
+        ("treshold 0.4", "unknown change 'treshold'; did you mean"),
+        ("threshold", "'threshold': write threshold VALUE"),
+        ("threshold 0.1 0.2", "write threshold VALUE"),
+        ("threshold high", "integrator.threshold: 'high' is no number"),
+        ("threshold nan", "threshold: nan does not lie between 0 and 1"),
+        ("unplug wrst", "unknown generator 'wrst'; did you mean 'wrist'"),
+        ("tare wrist", "'wrist' takes no tare"),
+        ("plug skin", "'skin' has no type: write plug skin type="),
+        ("plug wrist", "the generator 'wrist' is plugged already"),
+        ("answer wrist 3", "'wrist' does not run in a process of its own"),
+        ("answer wrist x", "'x' is no number of a reading"),
+        ('unplug "wrist', "No closing quotation"),
+    ],
+)
+def test_a_wrong_change_is_one_sentence_and_changes_nothing(text: str, sentence: str) -> None:
+    pipe = pipeline()
+    with pytest.raises(ContactFusionError, match=sentence):
+        change(pipe, text)
+    assert contacts(pipe, 0.0) == 1
+
+
+def test_every_change_has_a_use() -> None:
+    assert words("restart wrist") == ["restart", "wrist"]
+    assert list(USES) == sorted(USES, key=list(USES).index)

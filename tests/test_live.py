@@ -1,0 +1,189 @@
+"""`contactfusion live` in processes of their own, over DDS: from start to each of its ends."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import yaml
+
+pytest.importorskip("cyclonedds")
+
+from contactfusion.live.control import ask
+from contactfusion.live.dds import DdsTransport
+from contactfusion.live.transport import Quality, Send
+from contactfusion.readings.messages import Message
+from contactfusion.recordings.messages import typestore
+from contactfusion.recordings.ros.files import Bag
+from tests.wire import PROBE, wrench
+
+STRONGEST = "/contactfusion/contacts/strongest"
+HEARD = Quality(False, False)
+PATIENCE = 60.0
+"""The longest wait for a process on a busy machine [s]."""
+
+
+@pytest.fixture
+def robot(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Iterator["Robot"]:
+    monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+    monkeypatch.setenv("ROS_DOMAIN_ID", str(100 + os.getpid() % 100))
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
+    made = Robot(tmp_path)
+    yield made
+    made.close()
+
+
+class Robot:
+    """A wrist sensor on DDS, what it hears, and a pipeline that listens."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder, self.transport = folder, DdsTransport()
+        self.heard: dict[str, list[tuple[int, Message]]] = {}
+        self._send: Send = self.transport.advertise("/wrist", "geometry_msgs/msg/WrenchStamped")
+        self.live: subprocess.Popen[str] | None = None
+
+    def listen(self, topic: str, msgtype: str) -> None:
+        heard = self.heard[topic] = []
+        decode = typestore().deserialize_cdr
+        take = lambda cdr, at: heard.append((at, decode(cdr, msgtype)))  # noqa: E731
+        self.transport.listen(topic, msgtype, HEARD, take)
+
+    def start(self, *options: str, **fields: Any) -> None:
+        """Start `live`, and press until its first contact is heard."""
+        file = self.folder / "probe.yaml"
+        file.write_text(yaml.safe_dump({**PROBE, **fields}), encoding="utf-8")
+        self.listen(STRONGEST, "geometry_msgs/msg/WrenchStamped")
+        command = [sys.executable, "-m", "contactfusion", "live", str(file), *options]
+        self.live = subprocess.Popen(
+            command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, cwd=self.folder
+        )
+        self.push_until(lambda: bool(self.heard[STRONGEST]))
+
+    def push_until(self, is_so: Any, fz: float = -5.0) -> None:
+        """Press at 100 Hz until something is so."""
+        ends = time.monotonic() + PATIENCE
+        while not is_so():
+            assert time.monotonic() < ends, "it never came"
+            assert self.live is None or self.live.poll() is None, self.live.communicate()[0]
+            self.push(fz)
+
+    def push(self, fz: float = -5.0) -> None:
+        sent = wrench(time.time_ns(), fz)
+        self._send(typestore().serialize_cdr(sent, sent.__msgtype__))
+        time.sleep(0.01)
+
+    def end(self, number: int = signal.SIGINT) -> tuple[int, str]:
+        """End `live` by a signal: its exit status, and what it printed."""
+        assert self.live is not None
+        self.live.send_signal(number)
+        printed = self.live.communicate(timeout=PATIENCE)[0]
+        return self.live.returncode, printed
+
+    def close(self) -> None:
+        if self.live is not None and self.live.poll() is None:
+            self.live.kill()
+            self.live.communicate()
+        self.transport.close()
+
+
+def diagnosed(robot: Robot) -> set[str]:
+    """The parts whose state was diagnosed."""
+    states = {state.name for _, m in robot.heard["/diagnostics"] for state in m.status}
+    return {name.removeprefix("contactfusion: ") for name in states}
+
+
+def messages_of(path: Path, topic: str) -> list[bytes]:
+    with Bag(path) as bag:
+        channels = [channel for channel in bag.channels if channel.topic == topic]
+        return [bytes(channel.cdr(raw)) for channel, _, raw in bag.messages(channels)]
+
+
+def test_a_wrench_becomes_a_contact_that_other_nodes_hear(robot: Robot) -> None:
+    robot.listen("/contactfusion/contacts/markers", "visualization_msgs/msg/MarkerArray")
+    robot.listen("/contactfusion/contacts/cloud", "sensor_msgs/msg/PointCloud2")
+    robot.listen("/contactfusion/events", "std_msgs/msg/String")
+    robot.listen("/diagnostics", "diagnostic_msgs/msg/DiagnosticArray")
+    robot.start()
+    robot.push_until(lambda: all(robot.heard.values()) and "wrist" in diagnosed(robot))
+    _, strongest = robot.heard[STRONGEST][-1]
+    assert strongest.wrench.force.z == pytest.approx(-5.0)
+    assert strongest.wrench.torque.y == pytest.approx(0.1, abs=0.03)
+    cloud = next(m for _, m in robot.heard["/contactfusion/contacts/cloud"] if m.width)
+    x, _, z, probability = cloud.data.view(np.float32)
+    assert (x, z) == pytest.approx((0.02, 0.046), abs=0.005)
+    assert probability > 0.5
+    assert [field.name for field in cloud.fields] == ["x", "y", "z", "probability"]
+    events = [json.loads(m.data) for _, m in robot.heard["/contactfusion/events"]]
+    assert "made" in [event.get("change") for event in events]
+    assert diagnosed(robot) == {"cycle", "wrist"}
+
+
+def test_what_is_recorded_live_is_found_again_when_it_is_played(robot: Robot) -> None:
+    robot.start("--record", "live.mcap", "--name", "probe")
+    for row in range(60):
+        robot.push(-5.0 if row % 20 < 12 else 0.0)
+    assert ask("threshold 0.9", "probe") == "the threshold is 0.9, and was 0.5"
+    for row in range(60):
+        robot.push(-8.0 if row % 20 < 12 else 0.0)
+    status, printed = robot.end()
+    assert status == 0, printed
+    live, again = robot.folder / "live.mcap", robot.folder / "again.mcap"
+    played = ["run", "probe.yaml", str(live), "--out", str(again)]
+    command = [sys.executable, "-m", "contactfusion", *played]
+    subprocess.run(command, cwd=robot.folder, check=True, capture_output=True)
+    for topic in ("contacts", "events", "cycles", "changes"):
+        first = messages_of(live, f"/contactfusion/{topic}")
+        assert first == messages_of(again, f"/contactfusion/{topic}")
+        assert first
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_it_ends_by_a_signal_with_a_whole_recording(robot: Robot, number: int) -> None:
+    robot.start("--record", "live.mcap")
+    for _ in range(20):
+        robot.push()
+    status, printed = robot.end(number)
+    assert status == 0
+    assert "results: live.mcap" in printed
+    assert messages_of(robot.folder / "live.mcap", "/wrist")
+    assert not list(robot.folder.glob(".live.mcap*"))
+
+
+def test_orders_change_what_runs_and_wrong_ones_are_answered_with_a_sentence(robot: Robot) -> None:
+    robot.start()
+    robot.push_until(lambda: json.loads(ask("status"))["sources"])
+    (source,) = json.loads(ask("status"))["sources"]
+    assert (source["name"], source["topic"], source["health"]) == ("wrist", "/wrist", "ok")
+    assert ask("unplug wrist") == "'wrist' is unplugged"
+    assert ask("plug wrist") == "'wrist' is plugged"
+    with pytest.raises(ValueError, match="unknown generator 'wrst'; did you mean 'wrist'"):
+        ask("unplug wrst")
+    with pytest.raises(ValueError, match="unknown change 'fly'"):
+        ask("fly")
+    with pytest.raises(ValueError, match="no `contactfusion live` runs as 'arm'"):
+        ask("status", "arm")
+    assert ask("record start late.mcap") == "recording to late.mcap"
+    with pytest.raises(ValueError, match=r"late.mcap is being recorded; stop that first"):
+        ask("record start other.mcap")
+    for _ in range(20):
+        robot.push()
+    assert ask("record stop") == "late.mcap is recorded"
+    assert messages_of(robot.folder / "late.mcap", "/wrist")
+
+
+def test_a_configuration_that_is_wrong_ends_it_before_it_starts(tmp_path: Path) -> None:
+    file = tmp_path / "probe.yaml"
+    file.write_text(yaml.safe_dump({**PROBE, "live": {"twist": "cmd vel"}}), encoding="utf-8")
+    done = subprocess.run(
+        [sys.executable, "-m", "contactfusion", "live", str(file)], capture_output=True, text=True
+    )
+    assert done.returncode == 1
+    assert "live.twist" in done.stderr
+    assert len(done.stderr.splitlines()) == 1

@@ -1,0 +1,278 @@
+"""A running robot as a stream: what arrives, when steps are due, and what is not fresh."""
+
+import time
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from contactfusion import Pipeline, PipelineConfig
+from contactfusion.changes import Change
+from contactfusion.live.config import LiveConfig
+from contactfusion.live.queue import Queue
+from contactfusion.live.stream import LiveStream, contents_of
+from contactfusion.live.transport import DEPTH, Quality, matches
+from contactfusion.loop import play
+from contactfusion.pipeline import Step
+from contactfusion.recordings.mcap import McapWriter
+from contactfusion.recordings.messages import typestore
+from contactfusion.recordings.recording import RawMessage
+from contactfusion.recordings.ros import RosConfig, RosRecording
+from contactfusion.recordings.ros.delivery import CHANGES, CYCLES
+from tests.wire import MILLISECOND, PROBE, RELIABLE, START, Clock, Wire, transforms, wrench
+
+WRENCH = "geometry_msgs/msg/WrenchStamped"
+START_OF_PROCESS = 5.0
+"""Until it takes its first reading, and until it has answered it, on a busy machine [s]."""
+SENSORS = {"wrist": ("/wrist",)}
+
+
+class Live:
+    """A stream on a wire, whose pipeline is played until the queue is empty."""
+
+    def __init__(self, wire: Wire, sensors: dict[str, tuple[str, ...]], **fields: Any) -> None:
+        self.clock, self.wire, self.taped = Clock(), wire, list[RawMessage]()
+        self.pipeline = Pipeline(PipelineConfig(**{**PROBE, **fields}), live=True)
+        self.stream = LiveStream(
+            wire, LiveConfig(), sensors, tap=self.taped.append, clock=self.clock
+        )
+        self.stream.listen()
+        self.stream.begin(self.pipeline)
+
+    def play(self) -> list[Step]:
+        self.stream.end_soon()
+        return list(play(self.pipeline, self.stream))
+
+    def say(self, topic: str, sent: Any, at: int = 0) -> None:
+        """A message arrives at a time after the start [ms]."""
+        self.wire.say(topic, sent, START + at * MILLISECOND)
+
+
+@pytest.fixture
+def wire() -> Wire:
+    made = Wire()
+    made.writer("/wrist", WRENCH)
+    return made
+
+
+def test_a_step_is_due_after_each_reading_of_the_sensor_that_is_named(wire: Wire) -> None:
+    live = Live(wire, SENSORS)
+    live.clock.now += MILLISECOND
+    live.say("/wrist", wrench(START), 1)
+    (step,) = live.play()
+    (contact,) = step.fusion.contacts
+    assert step.stamp == pytest.approx(1e-3)
+    assert contact.position[2] > 0.04
+    assert contact.frame == "probe"
+
+
+def test_readings_that_wait_together_share_a_step_and_the_newest_counts(wire: Wire) -> None:
+    live = Live(wire, SENSORS)
+    for row in range(5):
+        live.say("/wrist", wrench(START + row * MILLISECOND, fz=-5.0 - row), row)
+    live.clock.now += 5 * MILLISECOND
+    (step,) = live.play()
+    (contact,) = step.fusion.contacts
+    assert contact.force[2] == pytest.approx(-9.0)
+    assert live.stream.overruns == 4
+    assert "4 steps were missed: the loop is slow" in [event.message for event in step.events]
+
+
+def test_steps_at_a_period_follow_the_clock_and_those_missed_are_skipped(wire: Wire) -> None:
+    live = Live(wire, SENSORS, cycle={"every": 0.1})
+    times = iter([0, 100, 100, 100, 350, 350, 350, 360, 360, 360, 500, 500, 500])
+
+    def come_round(now: int) -> None:
+        try:
+            live.clock.now = START + next(times) * MILLISECOND
+        except StopIteration:
+            live.stream.end_soon()
+
+    live.stream.idle = come_round
+    stamps = [round(step.stamp, 3) for step in play(live.pipeline, live.stream)]
+    assert stamps == [0.1, 0.35, 0.5]
+    assert live.stream.overruns == 2
+
+
+def test_a_reading_waits_for_the_transform_that_places_it(wire: Wire) -> None:
+    wire.writer("/tf", "tf2_msgs/msg/TFMessage")
+    sensors = {**SENSORS, "tf": ("/tf",)}
+    live = Live(wire, sensors, integrator={"frame": "base"})
+    live.say("/tf", transforms(START - MILLISECOND, "base", "probe"))
+    live.say("/wrist", wrench(START), 0)
+    live.say("/tf", transforms(START + 20 * MILLISECOND, "base", "probe"), 20)
+    live.clock.now += 20 * MILLISECOND
+    (step,) = live.play()
+    assert [contact.frame for contact in step.fusion.contacts] == ["base"]
+
+
+def test_a_reading_that_no_transform_places_in_time_is_refused_with_the_reason(wire: Wire) -> None:
+    wire.writer("/tf", "tf2_msgs/msg/TFMessage")
+    live = Live(wire, {**SENSORS, "tf": ("/tf",)}, integrator={"frame": "base"})
+    live.say("/tf", transforms(START - MILLISECOND, "base", "probe"))
+    live.say("/wrist", wrench(START), 0)
+    live.clock.now += 99 * MILLISECOND
+    live.stream.queue.put(lambda: setattr(live.clock, "now", START + 101 * MILLISECOND))
+    (step,) = live.play()
+    refused = [event.message for event in step.events if event.kind == "refused"]
+    assert any("'base' is not known at 0.000 s" in message for message in refused)
+
+
+def test_a_stamp_of_another_clock_is_refused_by_name(wire: Wire) -> None:
+    live = Live(wire, SENSORS)
+    live.say("/wrist", wrench(START + 3600 * 1000 * MILLISECOND))
+    assert live.play() == []
+    (trouble,) = live.stream.troubles()
+    assert trouble.note == "1 refused: its clock is 3.6e+03 s ahead of this machine's"
+
+
+def test_a_message_without_a_stamp_counts_from_its_arrival(wire: Wire) -> None:
+    live = Live(wire, SENSORS)
+    live.clock.now += 3 * MILLISECOND
+    live.say("/wrist", wrench(0), 3)
+    (step,) = live.play()
+    assert step.fusion.contacts[0].stamp == pytest.approx(3e-3)
+
+
+def test_garbage_is_counted_and_the_loop_goes_on(wire: Wire) -> None:
+    live = Live(wire, SENSORS)
+    whole = bytes(typestore().serialize_cdr(wrench(START), WRENCH))
+    lying = whole[:12] + b"\xff\xff\xff\x7f" + whole[16:]
+    for garbage in (b"", b"\x00", whole[:20], lying, bytes(300)):
+        wire.takes["/wrist"](garbage, START)
+    live.say("/wrist", wrench(START))
+    assert len(live.play()) == 1
+    (trouble,) = live.stream.troubles()
+    assert trouble.note.startswith("5 unreadable: ") or "unreadable" in trouble.note
+
+
+def test_what_is_stale_is_named_and_what_reports_again_is_not(wire: Wire) -> None:
+    live = Live(wire, SENSORS)
+    live.say("/wrist", wrench(START))
+    live.play()
+    assert live.stream.stale(START + 250 * MILLISECOND) == ""
+    late = live.stream.stale(START + 300 * MILLISECOND)
+    assert late == "no sensor of contacts has reported for 0.30 s"
+
+
+def test_odometry_that_came_and_ceased_is_stale_beside_a_sensor_that_reports(wire: Wire) -> None:
+    wire.writer("/odom", "nav_msgs/msg/Odometry")
+    live = Live(wire, {**SENSORS, "odom": ("/odom",)})
+    live.stream.arrived |= {"/wrist": START + 400 * MILLISECOND, "/odom": START}
+    live.stream.listen()
+    assert live.stream.stale(START + 400 * MILLISECOND) == "/odom has been silent for 0.40 s"
+
+
+def test_a_topic_that_comes_late_is_listened_to_once_it_is_matched(wire: Wire) -> None:
+    bare = Wire()
+    live = Live(bare, {})
+    live.stream.rematch = lambda stream: SENSORS
+    bare.writer("/wrist", WRENCH)
+    live.stream.discovered(bare.ends())
+    live.say("/wrist", wrench(START))
+    assert len(live.play()[0].fusion.contacts) == 1
+
+
+def test_the_tape_holds_messages_steps_and_changes_in_their_order(wire: Wire) -> None:
+    live = Live(wire, SENSORS)
+    live.say("/wrist", wrench(START))
+    live.stream.queue.put(Change("threshold 0.7"))
+    live.play()
+    assert [raw.topic for raw in live.taped] == ["/wrist", CHANGES, CYCLES]
+    stamps = [raw.log_stamp_ns for raw in live.taped]
+    assert stamps == sorted(set(stamps))
+    assert live.pipeline.integrator.config.threshold == 0.7
+
+
+def test_clouds_of_a_process_of_its_own_come_again_when_they_came(
+    wire: Wire, tmp_path: Path
+) -> None:
+    wrist = {**PROBE["generators"]["wrist"], "isolate": True}
+    live = Live(wire, SENSORS, generators={"wrist": wrist})
+    for row in range(12):
+        live.say("/wrist", wrench(START + row * MILLISECOND, fz=-5.0 - row), row)
+        live.stream.queue.put(partial(time.sleep, START_OF_PROCESS if row < 2 else 0.05))
+    steps = live.play()
+    live.pipeline.close()
+    assert sum(raw.topic == CHANGES for raw in live.taped) > 1
+    with McapWriter(tmp_path / "live.mcap", live.stream.epoch_ns) as writer:
+        writer.text("/contactfusion/configuration", "{}")
+        for raw in live.taped:
+            writer.copy(raw)
+    again = Pipeline(live.pipeline.config)
+    try:
+        recording = RosRecording(RosConfig(file=tmp_path / "live.mcap"))
+        replayed = list(play(again, recording))
+    finally:
+        again.close()
+    assert found(replayed) == found(steps)
+    assert any(step.fusion.contacts for step in steps)
+
+
+def found(steps: list[Step]) -> list[tuple[float, list[bytes]]]:
+    """The stamp of each step, and the places of its contacts to the bit."""
+    return [
+        (step.stamp, [contact.position.tobytes() for contact in step.fusion.contacts])
+        for step in steps
+    ]
+
+
+def test_of_a_flood_the_oldest_are_dropped_and_counted() -> None:
+    queue = Queue()
+    for row in range(DEPTH + 7):
+        queue.packet("/wrist", b"%d" % row, row)
+    assert len(queue) == DEPTH
+    assert queue.dropped["/wrist"] == 7
+    first = queue.take(0.0)
+    assert getattr(first, "arrived", None) == 7
+    assert Queue().take(0.0) is None
+
+
+@pytest.mark.parametrize(
+    ("writers", "kind"),
+    [
+        ([("/eye/depth", "sensor_msgs/msg/Image")], None),
+        ([("/skin", "sensor_msgs/msg/Imu")], None),
+    ],
+)
+def test_what_no_reading_is_made_of_is_not_read(
+    writers: list[tuple[str, str]], kind: object
+) -> None:
+    wire = Wire()
+    for topic, msgtype in writers:
+        wire.writer(topic, msgtype)
+    assert contents_of(wire.ends())[writers[0][0]].kind is kind
+
+
+def test_an_image_beside_its_camera_info_is_one_of_depth_by_its_name() -> None:
+    wire = Wire()
+    wire.writer("/eye/camera_info", "sensor_msgs/msg/CameraInfo")
+    for name in ("depth", "color"):
+        wire.writer(f"/eye/{name}", "sensor_msgs/msg/Image")
+    found = contents_of(wire.ends())
+    assert found["/eye/depth"].kind is not None
+    assert found["/eye/color"].kind is None
+
+
+def test_a_type_that_is_another_by_its_hash_and_one_of_two_types_are_not_read() -> None:
+    wire = Wire()
+    wire.writer("/wrist", WRENCH, type_hash="RIHS01_00")
+    wire.writer("/both", WRENCH)
+    wire.writer("/both", "sensor_msgs/msg/JointState")
+    found = contents_of(wire.ends())
+    assert found["/wrist"].kind is None
+    assert found["/both"].kind is None
+
+
+def test_faults_are_for_what_is_played(wire: Wire) -> None:
+    with pytest.raises(ValueError, match="faults act on what `run` plays, not on a robot"):
+        Live(wire, SENSORS, faults=[{"sensor": "wrist", "fault": "silent"}])
+
+
+def test_a_reader_may_ask_for_no_more_than_is_offered() -> None:
+    assert matches(offered=RELIABLE, asked=Quality(False, False))
+    assert not matches(offered=Quality(False, False), asked=RELIABLE)
+    assert not matches(offered=RELIABLE, asked=Quality(True, True))
+    assert matches(offered=Quality(True, False, 0.1), asked=Quality(True, False, 0.2))
+    assert not matches(offered=RELIABLE, asked=Quality(True, False, 0.2))
