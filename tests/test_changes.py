@@ -2,6 +2,7 @@
 
 from typing import Any
 
+import numpy as np
 import pytest
 
 from contactfusion import Pipeline, PipelineConfig
@@ -20,7 +21,7 @@ def pipeline(**wrist: Any) -> Pipeline:
 def push(stamp: float, force: float = -5.0) -> Wrench:
     return Wrench(
         stamp=stamp, frame="probe", sensor="wrist",
-        force=[0.0, 0.0, force], torque=[0.0, -0.02 * force, 0.0],
+        force=np.array([0.0, 0.0, force]), torque=np.array([0.0, -0.02 * force, 0.0]),
     )  # fmt: skip
 
 

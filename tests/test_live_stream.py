@@ -1,6 +1,7 @@
 """A running robot as a stream: what arrives, when steps are due, and what is not fresh."""
 
 import time
+from collections.abc import Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -31,7 +32,7 @@ SENSORS = {"wrist": ("/wrist",)}
 class Live:
     """A stream on a wire, whose pipeline is played until the queue is empty."""
 
-    def __init__(self, wire: Wire, sensors: dict[str, tuple[str, ...]], **fields: Any) -> None:
+    def __init__(self, wire: Wire, sensors: Mapping[str, Sequence[str]], **fields: Any) -> None:
         self.clock, self.wire, self.taped = Clock(), wire, list[RawMessage]()
         self.pipeline = Pipeline(PipelineConfig(**{**PROBE, **fields}), live=True)
         self.stream = LiveStream(

@@ -11,6 +11,7 @@ from pydantic import Field, model_validator
 
 from contactfusion.errors import ConfigurationError, RecordingError, naming
 from contactfusion.files import require_file
+from contactfusion.live.config import LiveConfig
 from contactfusion.model import Model
 from contactfusion.pipeline_config import (
     PipelineConfig,
@@ -29,12 +30,14 @@ TOPIC: Final = f"{OURS}configuration"
 
 
 class RunConfig(PipelineConfig):
-    """A pipeline, and what it listens to: a recording or a scene."""
+    """A pipeline, and what it listens to: a recording or a scene, or a running robot."""
 
     recording: dict[str, Any] = Field(default_factory=dict)
     """The `type` of the recording and its options."""
     scene: dict[str, Any] = Field(default_factory=dict)
     """The `type` of the scene and its options."""
+    live: LiveConfig = LiveConfig()
+    """For `contactfusion live`: where commands go, and when they are zero."""
 
     @model_validator(mode="after")
     def _one_stream(self) -> Self:
