@@ -9,7 +9,7 @@ from contactfusion.controller import Command
 from contactfusion.live.commander import HEARTBEAT, LAST, PERIOD, Commander
 from contactfusion.live.config import LiveConfig
 from contactfusion.readings import Twist
-from tests.wire import Wire
+from tests.wire import Clock, Wire
 
 FORWARD = Command(
     twist=Twist(
@@ -19,7 +19,7 @@ FORWARD = Command(
 
 
 def commander(wire: Wire, notes: list[str], **options: object) -> Commander:
-    return Commander(wire, LiveConfig.model_validate(options), True, notes.append)
+    return Commander(wire, LiveConfig.model_validate(options), True, Clock(), notes.append)
 
 
 def speeds(wire: Wire) -> list[float]:
@@ -99,7 +99,7 @@ def test_newer_bases_get_a_twist_with_a_stamp_and_the_frame() -> None:
 
 def test_a_pipeline_without_a_controller_commands_nothing() -> None:
     wire = Wire()
-    with Commander(wire, LiveConfig(), False, print) as made:
+    with Commander(wire, LiveConfig(), False, Clock(), print) as made:
         made.send(None)
         made.comes_round("nothing is fresh")
     assert not wire.sent["/cmd_vel"]

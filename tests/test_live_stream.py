@@ -1,5 +1,6 @@
 """A running robot as a stream: what arrives, when steps are due, and what is not fresh."""
 
+import threading
 import time
 from collections.abc import Mapping, Sequence
 from functools import partial
@@ -10,18 +11,22 @@ import pytest
 
 from contactfusion import Pipeline, PipelineConfig
 from contactfusion.changes import Change
+from contactfusion.errors import ConfigurationError
+from contactfusion.live.clock import SimulatedTime
 from contactfusion.live.config import LiveConfig
+from contactfusion.live.discovery import contents_of, mismatch, written_by_others
 from contactfusion.live.queue import Queue
-from contactfusion.live.stream import LiveStream, contents_of
+from contactfusion.live.stream import LiveStream
 from contactfusion.live.transport import DEPTH, Quality, matches
 from contactfusion.loop import play
 from contactfusion.pipeline import Step
+from contactfusion.readings.messages import message
 from contactfusion.recordings.mcap import McapWriter
 from contactfusion.recordings.messages import typestore
 from contactfusion.recordings.recording import RawMessage
 from contactfusion.recordings.ros import RosConfig, RosRecording
 from contactfusion.recordings.ros.delivery import CHANGES, CYCLES
-from tests.wire import MILLISECOND, PROBE, RELIABLE, START, Clock, Wire, transforms, wrench
+from tests.wire import MILLISECOND, PROBE, RELIABLE, SECOND, START, Clock, Wire, transforms, wrench
 
 WRENCH = "geometry_msgs/msg/WrenchStamped"
 START_OF_PROCESS = 5.0
@@ -120,12 +125,31 @@ def test_a_reading_that_no_transform_places_in_time_is_refused_with_the_reason(w
     assert any("'base' is not known at 0.000 s" in message for message in refused)
 
 
-def test_a_stamp_of_another_clock_is_refused_by_name(wire: Wire) -> None:
+@pytest.mark.parametrize(
+    ("stamp", "why"),
+    [
+        (START + 3600 * SECOND, "its clock is 3.6e+03 s ahead of this machine's"),
+        (START - 3600 * SECOND, "its clock is 3.6e+03 s behind this machine's"),
+        (7 * SECOND, "it counts simulated time, and this pipeline does not: --sim-time"),
+    ],
+)
+def test_a_stamp_of_another_clock_is_refused_by_name(wire: Wire, stamp: int, why: str) -> None:
     live = Live(wire, SENSORS)
-    live.say("/wrist", wrench(START + 3600 * 1000 * MILLISECOND))
+    live.say("/wrist", wrench(stamp))
     assert live.play() == []
     (trouble,) = live.stream.troubles()
-    assert trouble.note == "1 refused: its clock is 3.6e+03 s ahead of this machine's"
+    assert trouble.note == f"1 refused: {why}"
+
+
+def test_simulated_time_is_that_of_the_clock_topic() -> None:
+    wire = Wire()
+    clock = message("builtin_interfaces/Time", sec=7, nanosec=5)
+    told = message("rosgraph_msgs/Clock", clock=clock)
+    hear = threading.Timer(0.1, lambda: wire.say("/clock", told, 0))
+    hear.start()
+    assert SimulatedTime(wire, patience=10.0)() == 7 * SECOND + 5
+    with pytest.raises(ConfigurationError, match="nothing came on /clock within 0.01 s"):
+        SimulatedTime(Wire(), patience=0.01)
 
 
 def test_a_message_without_a_stamp_counts_from_its_arrival(wire: Wire) -> None:
@@ -264,6 +288,9 @@ def test_a_type_that_is_another_by_its_hash_and_one_of_two_types_are_not_read() 
     found = contents_of(wire.ends())
     assert found["/wrist"].kind is None
     assert found["/both"].kind is None
+    written = written_by_others(wire.ends())
+    assert "another than that of ROS 2 Jazzy: its hash is RIHS01_00" in mismatch(written["/wrist"])
+    assert "writers of several types, geometry_msgs/msg/Wrench" in mismatch(written["/both"])
 
 
 def test_faults_are_for_what_is_played(wire: Wire) -> None:

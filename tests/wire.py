@@ -13,6 +13,7 @@ from contactfusion.recordings.messages import defined, type_hash, typestore
 
 RELIABLE = Quality(True, False)
 MILLISECOND = 1_000_000
+SECOND = 1_000_000_000
 START = 1_700_000_000_000_000_000
 """When clocks of tests start [ns since 1970]."""
 

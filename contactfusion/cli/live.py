@@ -41,6 +41,9 @@ def live(
         float,
         typer.Option(min=0.0, help="Longest wait for missing topics, before it starts \\[s]."),
     ] = 5.0,
+    sim_time: Annotated[
+        bool, typer.Option("--sim-time", help="Take the time from /clock, as of a simulation.")
+    ] = False,
     duration: Annotated[
         float | None, typer.Option(min=0.0, help="End after so long \\[s]; default: by Ctrl-C.")
     ] = None,
@@ -64,6 +67,7 @@ def live(
         record=record,
         wait=wait,
         duration=duration,
+        sim_time=sim_time,
     )
 
 

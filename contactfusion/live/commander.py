@@ -8,6 +8,7 @@ from typing import Final, final
 import numpy as np
 
 from contactfusion.controller import Command
+from contactfusion.live.clock import Clock
 from contactfusion.live.config import LiveConfig
 from contactfusion.live.transport import Send, Transport
 from contactfusion.readings.messages import Message, header, message, twist
@@ -33,6 +34,7 @@ class Commander:
         transport: what takes them.
         config: their topics, and how long the loop may hang.
         moves: whether there is a controller whose commands are sent.
+        clock: the time now [ns].
         note: takes a sentence when the commands become zero, and when they no longer are.
     """
 
@@ -41,9 +43,10 @@ class Commander:
         transport: Transport,
         config: LiveConfig,
         moves: bool,
+        clock: Clock,
         note: Callable[[str], object],
     ) -> None:
-        self._transport, self._config, self._note = transport, config, note
+        self._transport, self._config, self._clock, self._note = transport, config, clock, note
         self._beat = transport.advertise(HEARTBEAT, "std_msgs/msg/Header")
         self._senders: dict[str, Send] = {}
         if moves:  # a receiver finds it before the first command
@@ -106,7 +109,7 @@ class Commander:
                 if hangs > self._config.hangs_after:
                     self._stop(f"the loop has not come round for {hangs:.2f} s")
                 else:
-                    self._beat(_cdr(header(time.time_ns(), "")))
+                    self._beat(_cdr(header(self._clock(), "")))
                 if self.stopped:
                     self._zero()
 
@@ -127,7 +130,7 @@ class Commander:
 
     def _send_twist(self, moving: Message) -> None:
         if self._config.stamped:
-            top = header(time.time_ns(), self._frame)
+            top = header(self._clock(), self._frame)
             moving = message("geometry_msgs/TwistStamped", header=top, twist=moving)
         self._send(self._config.twist, moving)
 
@@ -136,7 +139,7 @@ class Commander:
             self._config.joint_velocities,
             message(
                 "sensor_msgs/JointState",
-                header=header(time.time_ns(), ""),
+                header=header(self._clock(), ""),
                 name=list(velocities),
                 position=np.empty(0),
                 velocity=np.fromiter(velocities.values(), np.float64),

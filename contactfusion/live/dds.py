@@ -2,13 +2,13 @@
 
 import os
 import threading
-import time
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cache
 from typing import TYPE_CHECKING, Any, final
 
 from contactfusion.errors import ConfigurationError, missing_extra
+from contactfusion.live.clock import machine_time
 from contactfusion.live.transport import DEPTH, RESULTS, End, Quality, Send, Take, Transport
 from contactfusion.recordings.messages import defined, type_hash, typestore
 from contactfusion.time import NANOSECONDS_PER_SECOND
@@ -180,7 +180,7 @@ class DdsTransport(Transport):
                 taken: Any = AT_ONCE * [None]
                 while not isinstance(taken, int) and len(taken) == AT_ONCE:
                     taken = ddspy_take(each.reader._ref, anything, AT_ONCE)
-                    arrived = time.time_ns()
+                    arrived = machine_time()
                     for cdr, info in () if isinstance(taken, int) else taken:
                         if info.valid_data:
                             each.take(cdr, arrived)

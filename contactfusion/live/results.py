@@ -11,6 +11,7 @@ import numpy as np
 from contactfusion.contacts import Contact
 from contactfusion.integrator.sources import Event
 from contactfusion.integrator.tracks import ContactEvent
+from contactfusion.live.clock import Clock
 from contactfusion.live.config import LiveConfig
 from contactfusion.live.transport import Send, Transport
 from contactfusion.pipeline import Step
@@ -55,12 +56,16 @@ class Results:
         config: how often pictures are sent.
         epoch_ns: the origin of stamps [ns since 1970].
         frame: of the contacts.
+        clock: the time now [ns].
     """
 
-    def __init__(self, transport: Transport, config: LiveConfig, epoch_ns: int, frame: str) -> None:
+    def __init__(
+        self, transport: Transport, config: LiveConfig, epoch_ns: int, frame: str, clock: Clock
+    ) -> None:
         self._senders: dict[str, Send] = {
             topic: transport.advertise(topic, msgtype) for topic, msgtype in TOPICS.items()
         }
+        self._clock = clock
         self._epoch_ns, self._period, self._frame = epoch_ns, config.pictures, frame
         self._published: dict[Event, float] = {}
         """When each event was published last [s]."""
@@ -99,7 +104,7 @@ class Results:
         """Publish once that no contact is known, as when what is believed is not fresh."""
         if self._has_drawn:
             self._has_drawn = False
-            self._draw((), header(time.time_ns(), self._frame))
+            self._draw((), header(self._clock(), self._frame))
 
     def event(self, level: str, text: str, more: dict[str, object] | None = None) -> None:
         """Publish an event.
@@ -133,7 +138,7 @@ class Results:
             )
             for name, level, text, values in states
         ]
-        top = header(time.time_ns(), "")
+        top = header(self._clock(), "")
         sent = message("diagnostic_msgs/DiagnosticArray", header=top, status=status)
         self._send(DIAGNOSTICS, sent)
 

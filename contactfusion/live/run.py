@@ -2,6 +2,7 @@
 
 import functools
 import json
+import re
 import signal
 import threading
 import time
@@ -16,6 +17,7 @@ from contactfusion.changes import Change, settle, words
 from contactfusion.doctor.kernels import RULES, touch_kernels
 from contactfusion.errors import ConfigurationError, ContactFusionError, naming
 from contactfusion.integrator.sources import EventKind
+from contactfusion.live.clock import Clock, SimulatedTime, machine_time
 from contactfusion.live.commander import Commander
 from contactfusion.live.config import LiveConfig
 from contactfusion.live.control import PATIENCE, Control
@@ -33,6 +35,7 @@ from contactfusion.run.summary import Summary
 from contactfusion.runner import Budgets
 from contactfusion.terminal import note
 
+NUMBERS = r"[\d.e+-]+"
 LOOK = 0.5
 """The time between two looks at what is on the network [s]."""
 WATCH_NS = 10_000_000
@@ -62,6 +65,7 @@ def run_live(
     record: Path | None = None,
     wait: float = 5.0,
     duration: float | None = None,
+    sim_time: bool = False,
     web: Address | None = None,
 ) -> None:
     """Run the pipeline of a YAML file on a robot until Ctrl-C or SIGTERM.
@@ -77,7 +81,8 @@ def run_live(
         name: as `contactfusion ctl` calls it; None: that of the file.
         record: the MCAP file that takes all that comes; None: none.
         wait: for the topics that generators need, before it starts without them [s].
-        duration: end after so long [s]; None: when it is told to.
+        duration: end after so long [s]; None: by Ctrl-C.
+        sim_time: whether the time on /clock counts, in place of that of this machine.
         web: where a page shows it; None: nowhere.
 
     Raises:
@@ -94,7 +99,8 @@ def run_live(
     tape = Tape(note)
     budgets = Budgets(time.perf_counter)
     try:
-        network = LiveStream(transport, config)
+        clock = SimulatedTime(transport, wait) if sim_time else machine_time
+        network = LiveStream(transport, config, clock=clock)
         rule = setting.config().integrator.rule
         touch_kernels([rule] if rule in RULES else [])  # while others are discovered
         missing = _awaited(network, setting, wait)
@@ -108,7 +114,7 @@ def run_live(
         stream = session.stream
         assert isinstance(stream, LiveStream)
         tape.load(session)
-        live = _Live(path.stem, setting, session, stream, transport, config, tape, budgets)
+        live = _Live(path.stem, setting, session, stream, transport, config, tape, budgets, clock)
         live.run(name or path.stem, record, duration, web)
 
 
@@ -137,16 +143,18 @@ class _Live:
         config: LiveConfig,
         tape: Tape,
         budgets: Budgets,
+        clock: Clock,
     ) -> None:
         self._setting, self._session, self._stream = setting, session, stream
         self._transport, self._tape, self._budgets = transport, tape, budgets
         pipeline = session.pipeline
         self._status = Status(name, pipeline, stream)
-        self._results = Results(transport, config, stream.epoch_ns, pipeline.grid.frame)
+        frame = pipeline.grid.frame
+        self._results = Results(transport, config, stream.epoch_ns, frame, clock)
         self._results.on_event = self._noted
         self._status.sent = self._results.sent
         self._commander = Commander(
-            transport, config, pipeline.config.controller is not None, self._stops
+            transport, config, pipeline.config.controller is not None, clock, self._stops
         )
         budgets.note = functools.partial(pipeline.integrator.note, EventKind.OVERRUN)
         stream.obey, stream.idle = self._commander.send, self._idle
@@ -241,11 +249,12 @@ class _Live:
         if at - self._reported >= REPORT:
             self._reported = at
             self._results.diagnostics(self._status.diagnostics())
-            for trouble in self._stream.troubles():
-                kind = f"{trouble.sensor} {trouble.note.split(':')[-1]}"
+            met = {f"/{each.sensor}": each.note for each in self._stream.troubles()}
+            for topic, text in {**met, **self._stream.unread}.items():
+                kind = f"{topic} {re.sub(NUMBERS, '', text)}"  # what is counted counts on
                 if kind not in self._troubled:
                     self._troubled.add(kind)
-                    self._results.event("warning", f"/{trouble.sensor}: {trouble.note}")
+                    self._results.event("warning", f"{topic}: {text}")
 
     def _stops(self, text: str) -> None:
         """Take note that commands become zero, or go on; also from the thread of the watchdog."""

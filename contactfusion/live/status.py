@@ -13,7 +13,6 @@ from contactfusion.changes import tares
 from contactfusion.integrator.sources import EventKind, SourceReport
 from contactfusion.live.stream import LiveStream
 from contactfusion.pipeline import Pipeline, Step, takes
-from contactfusion.time import NANOSECONDS_PER_SECOND
 
 SHOWN = 0.2
 """The least time between two updates of the robot's surface [s]."""
@@ -66,8 +65,7 @@ class Status:
 
     def event(self, level: str, text: str) -> None:
         """Take note of an event: its level, info, warning or error, and a sentence."""
-        at = (time.time_ns() - self._stream.epoch_ns) / NANOSECONDS_PER_SECOND
-        self._events.append({"time": round(at, 3), "text": text, "level": level})
+        self._events.append({"time": round(self._stream.now(), 3), "text": text, "level": level})
 
     def draw(self) -> None:
         """Take note of the robot's surface, right after a step."""
@@ -84,7 +82,7 @@ class Status:
 
     def fields(self) -> dict[str, Any]:
         """All of it, as JSON can hold it, from the thread of the loop."""
-        now = (time.time_ns() - self._stream.epoch_ns) / NANOSECONDS_PER_SECOND
+        now = self._stream.now()
         step = self._step
         contacts = () if step is None or self.stopped else step.fusion.contacts
         reports = {} if step is None else step.fusion.report.sources

@@ -8,20 +8,21 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Final, final
 
 from contactfusion.changes import Change
-from contactfusion.errors import ConfigurationError, RecordingError
+from contactfusion.errors import ConfigurationError
 from contactfusion.hypotheses import HypothesisKind
 from contactfusion.integrator.sources import EventKind
+from contactfusion.live.clock import Clock, SimulatedTime, machine_time
 from contactfusion.live.config import LiveConfig
+from contactfusion.live.discovery import contents_of, mismatch, written_by_others
 from contactfusion.live.queue import Packet, Queue
 from contactfusion.live.transport import End, Quality, Transport
 from contactfusion.pipeline import takes
-from contactfusion.readings import DepthImage, JointState, Odometry, Reading, Transform
+from contactfusion.readings import JointState, Odometry, Reading, Transform
 from contactfusion.readings.codec import Codec
-from contactfusion.readings.depth_image import CAMERA_INFO, INFO
 from contactfusion.readings.messages import Message, header, message
 from contactfusion.readings.poses import STATIC
 from contactfusion.readings.registry import installed_kinds
-from contactfusion.recordings.messages import defined, type_hash, typestore
+from contactfusion.recordings.messages import defined, typestore
 from contactfusion.recordings.recording import (
     WHOLE,
     RawMessage,
@@ -30,13 +31,12 @@ from contactfusion.recordings.recording import (
     Tap,
     Window,
 )
-from contactfusion.recordings.ros.contents import SEVERAL, streams_of, topics_of
+from contactfusion.recordings.ros.contents import streams_of, topics_of
 from contactfusion.recordings.ros.delivery import CHANGES, CYCLES, Delivery, answers
 from contactfusion.recordings.ros.order import TopicState, TopicTally
-from contactfusion.recordings.ros.topics import Topic, last, listeners, parent
-from contactfusion.recordings.step_messages import OURS
+from contactfusion.recordings.ros.topics import Topic, last, listeners
 from contactfusion.stream import Arrival, Trouble
-from contactfusion.time import to_nanoseconds
+from contactfusion.time import NANOSECONDS_PER_SECOND, to_nanoseconds
 
 if TYPE_CHECKING:
     from contactfusion.controller import Command
@@ -52,49 +52,6 @@ END: Final = object()
 """In the queue: the stream ends."""
 
 
-def contents_of(ends: Sequence[End]) -> dict[str, Topic]:
-    """The topics that others write, by name.
-
-    An image is one of depth when its topic says so and a camera_info stands beside it; a topic of
-    another type than its hash says, or of several types, is not read.
-    """
-    written: dict[str, list[End]] = {}
-    for end in ends:
-        if end.writes and not end.ours:
-            written.setdefault(end.topic, []).append(end)
-    types = {
-        name: SEVERAL.join(sorted({end.msgtype for end in group}))
-        for name, group in written.items()
-    }
-    codecs = installed_kinds().by_message()
-
-    def kind(name: str) -> type[Reading] | None:
-        codec = codecs.get(types[name])
-        if codec is None or name.startswith(OURS) or mismatch(written[name]):
-            return None
-        if codec.kind is DepthImage:
-            beside = types.get(f"{parent(name)}/{INFO}") == CAMERA_INFO
-            return DepthImage if beside and "depth" in name else None
-        return codec.kind
-
-    return {
-        name: Topic(name, types[name], 0, kind(name), len(group))
-        for name, group in sorted(written.items())
-    }
-
-
-def mismatch(ends: Sequence[End]) -> str:
-    """Why messages of the writers of a topic can't be read, as a clause; else empty."""
-    for end in ends:
-        try:
-            known = type_hash(end.msgtype, defined(end.msgtype))
-        except RecordingError:
-            continue
-        if end.type_hash and end.type_hash != known:
-            return f"its {end.msgtype} is another than that of ROS 2 Jazzy, by its hash"
-    return ""
-
-
 @final
 class LiveStream(Recording):
     """The topics of a running robot.
@@ -108,7 +65,7 @@ class LiveStream(Recording):
         config: where commands go, and when they are zero.
         sensors: topics by the names of the sensors that are listened to; None: none yet.
         tap: takes every message in its order, and the instants of steps and changes.
-        clock: of this machine [ns since 1970].
+        clock: the time now [ns]; stamps of messages are by it.
     """
 
     has_messages = True
@@ -120,13 +77,15 @@ class LiveStream(Recording):
         config: LiveConfig,
         sensors: Mapping[str, Sequence[str]] | None = None,
         tap: Tap | None = None,
-        clock: Callable[[], int] = time.time_ns,
+        clock: Clock = machine_time,
     ) -> None:
         self._transport, self._config, self._tap, self._clock = transport, config, tap, clock
         self._ignored: tuple[str, ...] = ()
         self.queue = Queue()
         self.contents: dict[str, Topic] = {}
         """The topics that others write, by name."""
+        self.unread: dict[str, str] = {}
+        """Why topics that could be of use can't be read, by name, as clauses."""
         self.sensors: Mapping[str, Sequence[str]] = sensors or {}
         """Those that are listened to, by the names of their sensors."""
         self.states: dict[str, TopicState] = {}
@@ -154,6 +113,11 @@ class LiveStream(Recording):
     def refresh(self, ends: Sequence[End]) -> bool:
         """Take note of what is on the network; whether its topics have changed."""
         contents = contents_of(ends)
+        self.unread = {
+            name: why
+            for name, group in written_by_others(ends).items()
+            if name not in self._ignored and (why := mismatch(group))
+        }
         for name in self._ignored:
             contents.pop(name, None)
         changed = contents != self.contents
@@ -323,8 +287,12 @@ class LiveStream(Recording):
                     functools.partial(self.queue.packet, topic),
                 )
 
+    def now(self) -> float:
+        """The time since the epoch [s]."""
+        return (self._clock() - self.epoch_ns) / NANOSECONDS_PER_SECOND
+
     def _time(self) -> int:
-        """The time, which never falls [ns since 1970]."""
+        """The time, which never falls [ns]."""
         self._now = max(self._now, self._clock())
         return self._now
 
@@ -333,14 +301,16 @@ class LiveStream(Recording):
         state = self.states.get(packet.topic)
         if state is None:
             return
-        self.arrived[packet.topic] = packet.arrived
+        simulated = isinstance(self._clock, SimulatedTime)
+        arrived = self._time() if simulated else packet.arrived
+        self.arrived[packet.topic] = arrived
         state.tally.messages += 1
         try:
             sent = typestore().deserialize_cdr(packet.cdr, self._types[packet.topic])
         except Exception as error:  # rosbags meets damage with errors of many kinds
             state.tally.cannot_read(error)
             return
-        logged = self._log(packet.topic, self._types[packet.topic], packet.cdr, packet.arrived)
+        logged = self._log(packet.topic, self._types[packet.topic], packet.cdr, arrived)
         yield from self._delivery.of(state, sent, logged)
 
     def _step(self) -> Iterator[Arrival]:

@@ -23,6 +23,10 @@ CHANGES: Final = f"{OURS}changes"
 """The topic of changes of the pipeline while it ran, as std_msgs/String."""
 AHEAD_NS = NANOSECONDS_PER_SECOND // 2
 """A stamp further ahead of its arrival is of another clock [ns]."""
+BEHIND_NS = 10 * NANOSECONDS_PER_SECOND
+"""Likewise a stamp further behind [ns]."""
+SIMULATED = 1e9
+"""The least time between a clock since 1970 and one since the start of a simulation [s]."""
 MOST_WAITING = 10_000
 """Number of readings that wait for transforms; beyond, the oldest goes on without."""
 
@@ -71,9 +75,8 @@ class Delivery:
         places = False
         for part in listener.parts(message):
             stamp = part.stamp or arrived  # some drivers leave it out
-            if stamp - arrived > AHEAD_NS and not listener.is_static:
-                ahead = (stamp - arrived) / NANOSECONDS_PER_SECOND
-                tally.refuse(f"its clock is {ahead:.3g} s ahead of this machine's")
+            if not (listener.is_static or -BEHIND_NS <= stamp - arrived <= AHEAD_NS):
+                tally.refuse(_of_another_clock(stamp - arrived))
                 continue
             try:
                 reading = listener.reading(part, self.seconds(stamp))
@@ -125,6 +128,15 @@ class Delivery:
             else:
                 late.add(reading.sensor)
                 self._waiting.append(each)
+
+
+def _of_another_clock(ahead: int) -> str:
+    """The clause on a stamp so far ahead of its arrival [ns]."""
+    seconds = abs(ahead) / NANOSECONDS_PER_SECOND
+    if seconds > SIMULATED:
+        return "it counts simulated time, and this pipeline does not: --sim-time"
+    side = "ahead of" if ahead > 0 else "behind"
+    return f"its clock is {seconds:.3g} s {side} this machine's"
 
 
 def answers(pipeline: "Pipeline") -> Iterator[str]:
