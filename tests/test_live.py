@@ -46,7 +46,7 @@ class Robot:
     def __init__(self, folder: Path) -> None:
         self.folder, self.transport = folder, DdsTransport()
         self.heard: dict[str, list[tuple[int, Message]]] = {}
-        self._send: Send = self.transport.advertise("/wrist", "geometry_msgs/msg/WrenchStamped")
+        self.plug()
         self.live: subprocess.Popen[str] | None = None
 
     def listen(self, topic: str, msgtype: str) -> None:
@@ -74,9 +74,32 @@ class Robot:
             assert self.live is None or self.live.poll() is None, self.live.communicate()[0]
             self.push(fz)
 
+    def plug(self) -> None:
+        """A driver of the wrist sensor starts."""
+        self._driver = DdsTransport()
+        self.send: Send = self._driver.advertise("/wrist", "geometry_msgs/msg/WrenchStamped")
+
+    def unplug(self) -> None:
+        """It is gone."""
+        self._driver.close()
+
+    def wait_for(self, event: str) -> None:
+        """Wait until an event is heard."""
+        heard = self.heard["/contactfusion/events"]
+        ends = time.monotonic() + PATIENCE
+        while not any(event in sent.data for _, sent in heard):
+            assert time.monotonic() < ends, [sent.data for _, sent in heard]
+            time.sleep(0.05)
+
+    def memory(self) -> float:
+        """The resident memory of `live` [MB]."""
+        assert self.live is not None
+        pages = Path(f"/proc/{self.live.pid}/statm").read_text(encoding="utf-8").split()[1]
+        return int(pages) * os.sysconf("SC_PAGE_SIZE") / 1e6
+
     def push(self, fz: float = -5.0) -> None:
         sent = wrench(time.time_ns(), fz)
-        self._send(typestore().serialize_cdr(sent, sent.__msgtype__))
+        self.send(typestore().serialize_cdr(sent, sent.__msgtype__))
         time.sleep(0.01)
 
     def end(self, number: int = signal.SIGINT) -> tuple[int, str]:
@@ -90,6 +113,7 @@ class Robot:
         if self.live is not None and self.live.poll() is None:
             self.live.kill()
             self.live.communicate()
+        self._driver.close()
         self.transport.close()
 
 
@@ -187,3 +211,46 @@ def test_a_configuration_that_is_wrong_ends_it_before_it_starts(tmp_path: Path) 
     assert done.returncode == 1
     assert "live.twist" in done.stderr
     assert len(done.stderr.splitlines()) == 1
+
+
+def test_a_sensor_that_is_gone_makes_the_belief_stale_and_is_heard_again_when_it_is_back(
+    robot: Robot,
+) -> None:
+    robot.listen("/contactfusion/events", "std_msgs/msg/String")
+    robot.start()
+    robot.unplug()
+    robot.wait_for("commands are zero: no sensor of contacts has reported for 0.")
+    assert json.loads(ask("status"))["contacts"] == []
+    robot.plug()
+    heard = len(robot.heard[STRONGEST])
+    robot.push_until(lambda: len(robot.heard[STRONGEST]) > heard)
+    robot.wait_for("commands go on")
+
+
+def test_a_flood_leaves_the_loop_alive_and_memory_bounded(robot: Robot) -> None:
+    robot.start()
+    sent = wrench(time.time_ns())
+    cdr = bytes(typestore().serialize_cdr(sent, sent.__msgtype__))
+    before = robot.memory()
+    ends = time.monotonic() + 3.0
+    while time.monotonic() < ends:
+        for _ in range(200):  # about 10 kHz and more
+            robot.send(cdr)
+        time.sleep(0.01)
+    state = json.loads(ask("status"))
+    assert state["topics"][0]["messages"] > 1000
+    assert state["cycle"]["rate"] > 0.0
+    assert robot.memory() < before + 100.0
+
+
+def test_garbage_is_reported_and_harms_nothing(robot: Robot) -> None:
+    robot.listen("/contactfusion/events", "std_msgs/msg/String")
+    robot.start()
+    other = DdsTransport()
+    send = other.advertise("/wrist", "std_msgs/msg/String")
+    sent = typestore().types["std_msgs/msg/String"](data="x" * 10)
+    send(typestore().serialize_cdr(sent, sent.__msgtype__))
+    robot.wait_for("it has writers of several types")
+    other.close()
+    heard = len(robot.heard[STRONGEST])
+    robot.push_until(lambda: len(robot.heard[STRONGEST]) > heard)
