@@ -38,6 +38,8 @@ LOOPBACK = """<CycloneDDS><Domain>
 <MaxAutoParticipantIndex>50</MaxAutoParticipantIndex></Discovery>
 </Domain></CycloneDDS>"""
 """The configuration of Cyclone that keeps to this machine, and needs no multicast."""
+TYPING = threading.Lock()
+"""Held while a topic is made: cyclonedds completes its type then, which all transports share."""
 
 
 @dataclass(eq=False)
@@ -161,9 +163,10 @@ class DdsTransport(Transport):
         from cyclonedds.topic import Topic as DdsTopic
 
         key = topic, msgtype
-        if key not in self._topics:
-            self._topics[key] = DdsTopic(self._participant, PREFIX + topic, dds_type(msgtype))
-        return self._topics[key]
+        with TYPING:
+            if key not in self._topics:
+                self._topics[key] = DdsTopic(self._participant, PREFIX + topic, dds_type(msgtype))
+            return self._topics[key]
 
     def _read(self) -> None:
         """Pass on what comes, until the transport is closed."""

@@ -1,4 +1,4 @@
-"""The commands that the laboratory adds to the command line: demo, experiment, train, tune push."""
+"""The commands of the laboratory: demo, experiment, simulate, train, tune push."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -6,8 +6,10 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from contactfusion.cli.options import Out, listed
+from contactfusion.cli.options import Changed, Out, listed
+from contactfusion.cli.options import Seed as FileSeed
 from contactfusion.errors import ConfigurationError, name_hint
+from contactfusion_lab.simulate import Part
 
 if TYPE_CHECKING:
     from contactfusion_lab.trials.executor import Executor
@@ -83,6 +85,26 @@ def demo(out: Out = Path("out/demo")) -> None:
     from contactfusion_lab.demo.run import show
 
     show(out)
+
+
+def simulate(
+    configuration: Annotated[
+        Path, typer.Argument(help="The configuration (YAML), with a scene of type push.")
+    ],
+    part: Annotated[Part, typer.Option(help="The part of the robot that this process is.")] = (
+        Part.ALL
+    ),
+    set_: Changed = None,
+    domain: Annotated[
+        int | None,
+        typer.Option(min=0, max=232, help="The ROS domain; default: ROS_DOMAIN_ID, or 0."),
+    ] = None,
+    seed: FileSeed = None,
+) -> None:
+    """Run the robot of a scene in real time, as ROS 2 nodes: twists in, readings out."""
+    from contactfusion_lab.simulate.run import simulate as run
+
+    run(configuration, part, set_ or [], seed, domain)
 
 
 def tune_push(

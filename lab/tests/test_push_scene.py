@@ -184,7 +184,7 @@ def touching(*points: tuple[int, float, float]) -> Any:
     rows = np.array(points, np.float64).reshape(-1, 3)
     places = np.column_stack([rows[:, 1:], np.full(len(rows), -0.2)])
     normals = np.tile([-1.0, 0.0, 0.0], (len(rows), 1))
-    push._world.touches = Touches(rows[:, 0], places, normals, np.full(len(rows), 24.0))
+    push.world.touches = Touches(rows[:, 0], places, normals, np.full(len(rows), 24.0))
     return push.truth()
 
 

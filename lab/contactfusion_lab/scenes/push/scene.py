@@ -1,7 +1,7 @@
 """A push: readings, ground truth, and the loop with a pipeline and its controller."""
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from enum import StrEnum
 from functools import cache
@@ -29,7 +29,7 @@ from contactfusion_lab.scenes.push.config import RATE, PushConfig
 from contactfusion_lab.scenes.push.objects import outlines
 from contactfusion_lab.scenes.push.odometry import PushOdometry
 from contactfusion_lab.scenes.push.sensors import PushSkin, range_sensors, rng_of
-from contactfusion_lab.scenes.push.world import PushWorld, Touches
+from contactfusion_lab.scenes.push.world import PushWorld, Touches, Velocity, WorldState
 from contactfusion_lab.scenes.sensor_errors import Arrivals
 
 BASE = "contactfusion.robots:mobile_base.yaml"
@@ -92,15 +92,16 @@ class PushScene:
             raise RobotError(f"a push needs a patch 'skin' on the robot: {hint}")
         self.config = config
         self._frame = robot.patches["skin"].frame
-        self._world = PushWorld(config, robot, seed)
+        self.world = PushWorld(config, robot, seed)
+        """The physics."""
         self._require_outside()
         self._skin = PushSkin(robot.patches["skin"], config.white[0], config.noise.taxels, seed)
         self._rng = np.random.default_rng(seed)
         self._range_sensors = range_sensors(config, robot, seed, self._clutter(seed))
         self._odometry = PushOdometry(
             config.noise.odometry,
-            self._world.base_pose,
-            self._world.base_twist,
+            self.world.base_pose,
+            self.world.base_twist,
             rng_of(seed, "odometry errors"),
         )
         self._arrivals = Arrivals(config.noise.delays, rng_of(seed, "delays"))
@@ -117,13 +118,19 @@ class PushScene:
         Odometry, the twist of the base, the skin's image, and those of LiDARs and cameras that are
         due.
         """
+        return [
+            *self.motion_readings(self.stamp),
+            *self.sensor_readings(self.stamp, self.world.state),
+        ]
+
+    def motion_readings(self, stamp: float) -> list[Reading]:
+        """Odometry, and the twist of the base, as of a stamp [s]."""
         x, y, yaw = self._odometry.pose
         forward, lateral, yaw_rate = self._odometry.twist
         linear, angular = np.array([forward, lateral, 0.0]), np.array([0.0, 0.0, yaw_rate])
-        values = self._skin.values(self.stamp, self._world.touches, self._world.steps, self._rng)
         return [
             Odometry(
-                stamp=self.stamp,
+                stamp=stamp,
                 frame="odom",
                 sensor="odometry",
                 child_frame=self._frame,
@@ -132,11 +139,24 @@ class PushScene:
                 linear=linear,
                 angular=angular,
             ),
-            Twist(
-                stamp=self.stamp, frame=self._frame, sensor="wheels", linear=linear, angular=angular
+            Twist(stamp=stamp, frame=self._frame, sensor="wheels", linear=linear, angular=angular),
+        ]
+
+    def sensor_readings(self, stamp: float, state: WorldState) -> list[Reading]:
+        """The skin's image, and the readings of LiDARs and cameras that are due.
+
+        Args:
+            stamp: [s].
+            state: of this world, or of one of the same configuration.
+        """
+        values = self._skin.values(stamp, state.touches, self.world.steps, self._rng)
+        return [
+            TactileImage(stamp=stamp, frame=self._frame, sensor="skin", values=values),
+            *(
+                sensor.reading(stamp, state.base, state.object)
+                for sensor in self._range_sensors
+                if sensor.due(stamp)
             ),
-            TactileImage(stamp=self.stamp, frame=self._frame, sensor="skin", values=values),
-            *self._range_readings(),
         ]
 
     def arriving(self) -> list[Reading]:
@@ -148,15 +168,23 @@ class PushScene:
 
     def drive(self, forward: float, lateral: float, yaw_rate: float) -> None:
         """One cycle, in which the base moves forward, to the left [m/s] and yaws [rad/s]."""
-        world = self._world
-        world.drive(forward, lateral, yaw_rate)
+        self.world.drive(forward, lateral, yaw_rate)
+        self._measure()
+
+    def follow(self, velocities: Iterable[Velocity]) -> None:
+        """One cycle, in which the base has a velocity at each step of the physics."""
+        self.world.follow(velocities)
+        self._measure()
+
+    def _measure(self) -> None:
+        world = self.world
         pressed = len(world.touches.forces) > 0
         self._odometry.follow(world.base_pose, world.base_twist, pressed, self.config.period)
         self._cycles += 1
 
     def truth(self) -> PushTruth:
         """The ground truth now."""
-        world = self._world
+        world = self.world
         base, pushed = world.base_pose, world.object_pose
         kind, contact = touching(world.touches, world.steps)
         cos, sin = np.cos(base[2]), np.sin(base[2])
@@ -170,33 +198,25 @@ class PushScene:
 
     def facts(self) -> Facts:
         """The true contact, in the robot's frame, and the true pose of the object in `odom`."""
-        truth, touches = self.truth(), self._world.touches
+        truth, touches = self.truth(), self.world.touches
         objects = standing(self.stamp, "odom", {OBJECT: planar_pose(truth.object, 0.0)})
         if truth.kind == "none":
             return Facts(self.stamp, self._frame, (), objects)
-        points = touches.points[_recent(touches, self._world.steps)]
+        points = touches.points[_recent(touches, self.world.steps)]
         position = np.array([*truth.contact, points[:, 2].mean()])
-        force = touches.forces @ touches.normals / self._world.steps
+        force = touches.forces @ touches.normals / self.world.steps
         contact = true_contact(self.stamp, self._frame, position, force, points[_ends(points)])
         return Facts(self.stamp, self._frame, (contact,), objects)
-
-    def _range_readings(self) -> list[Reading]:
-        stamp, base, pushed = self.stamp, self._world.base_pose, self._world.object_pose
-        return [
-            sensor.reading(stamp, base, pushed)
-            for sensor in self._range_sensors
-            if sensor.due(stamp)
-        ]
 
     def _clutter(self, seed: int) -> Clutter | None:
         if not self.config.noise.clutter or not self.config.sees:
             return None
-        base, pushed = self._world.base.chassis.corners, outlines(self.config.object)
-        return Clutter(base, pushed, self._world.object_pose, rng_of(seed, "clutter"))
+        base, pushed = self.world.base.chassis.corners, outlines(self.config.object)
+        return Clutter(base, pushed, self.world.object_pose, rng_of(seed, "clutter"))
 
     def _require_outside(self) -> None:
         x, y = self.config.target
-        base = self._world.base.chassis
+        base = self.world.base.chassis
         if base.rear - base.front <= x <= 0.0 and abs(y) <= base.half_width:
             raise ConfigurationError(
                 f"the target {self.config.target} lies under the robot, whose front stands at "
@@ -294,7 +314,8 @@ class Pushing(Scene):
     Config = PushConfig
 
     def __init__(self, scene: PushScene) -> None:
-        self._scene = scene
+        self.scene = scene
+        """The robot and its world."""
         self._readings: list[Reading] = []
         self._lost = 0.0
         self._twist: Twist | None = None
@@ -312,11 +333,11 @@ class Pushing(Scene):
         Raises:
             ConfigurationError: it does.
         """
-        target = (pipeline.config.controller or {}).get("target", self._scene.config.target)
-        if tuple(target) != self._scene.config.target:
+        target = (pipeline.config.controller or {}).get("target", self.scene.config.target)
+        if tuple(target) != self.scene.config.target:
             raise ConfigurationError(
                 f"the controller pushes to {tuple(target)}, but the scene's target is "
-                f"{self._scene.config.target}",
+                f"{self.scene.config.target}",
                 "controller.target",
             )
 
@@ -329,9 +350,9 @@ class Pushing(Scene):
         while self._ending is None:
             if self._twist is not None:
                 linear, angular = self._twist.linear, self._twist.angular
-                self._scene.drive(float(linear[0]), float(linear[1]), float(angular[2]))
-            self._readings = self._scene.arriving()
-            yield Arrival(self._scene.stamp, tuple(self._readings), due=True)
+                self.scene.drive(float(linear[0]), float(linear[1]), float(angular[2]))
+            self._readings = self.scene.arriving()
+            yield Arrival(self.scene.stamp, tuple(self._readings), due=True)
 
     def send(self, command: Command | None) -> None:
         """Accept the velocity of the next cycle, and record how this one ended.
@@ -339,7 +360,7 @@ class Pushing(Scene):
         Raises:
             ConfigurationError: there is no controller, or it failed.
         """
-        scene, config = self._scene, self._scene.config
+        scene, config = self.scene, self.scene.config
         self._truth = truth = scene.truth()
         self._twist = _twist(command)
         self._lost += config.period * (truth.kind == "none" and scene.stamp > 0.0)
@@ -359,13 +380,13 @@ class Pushing(Scene):
 
     def facts(self) -> Facts:
         """The true contact, and the true pose of the object."""
-        return self._scene.facts()
+        return self.scene.facts()
 
     def verdict(self, pipeline: Pipeline, last: Step) -> Verdict:
         """The ending of the push, and the distance of its true contact from the target."""
         truth, ending = self._truth, self._ending
         assert truth is not None  # there was a step
-        within = self._scene.config.within
+        within = self.scene.config.within
         success = ending == Ending.ARRIVED and truth.distance <= within
         if truth.kind == "none":
             touches = "the object does not touch the robot"

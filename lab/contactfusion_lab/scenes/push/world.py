@@ -3,6 +3,7 @@
 import math
 import os
 import weakref
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from typing import Any
 
@@ -10,7 +11,7 @@ import numpy as np
 
 from contactfusion.arrays import FloatArray
 from contactfusion.errors import ConfigurationError, missing_extra
-from contactfusion.frames import planar_point, planar_turned, planar_turned_back
+from contactfusion.frames import PlanarPose, planar_point, planar_turned, planar_turned_back
 from contactfusion.robots.description import RobotConfig
 from contactfusion_lab.scenes.push.bodies import (
     GRAVITY,
@@ -45,6 +46,8 @@ HEAVIEST = 250.0
 """Payload of the base, the greatest mass of an object [kg]."""
 SOFTEST = 0.05
 """Greatest compression of a soft object under the force at which it slides [m]."""
+Velocity = tuple[float, float, float]
+"""Of a base: forward, lateral, to the left [m/s], and yaw rate [rad/s]."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,6 +65,21 @@ class Touches:
     points: FloatArray
     normals: FloatArray
     forces: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class WorldState:
+    """What sensors of a push depend on.
+
+    Attributes:
+        base: true pose of the base in `odom`.
+        object: true pose of the object in `odom`.
+        touches: contact points of the last cycle.
+    """
+
+    base: PlanarPose
+    object: PlanarPose
+    touches: Touches
 
 
 class PushWorld:
@@ -126,11 +144,28 @@ class PushWorld:
             vy: lateral, to the left [m/s].
             omega: yaw rate [rad/s].
         """
-        bullet, client = self._bullet, self._client
-        # one number for all worlds of a process, and another may have changed it
-        bullet.setPhysicsEngineParameter(contactBreakingThreshold=BREAKING, **client)
-        # halfway through the cycle; the velocity stays the same in the world
-        self._heading = self.base_pose[2] + omega * self.config.period / 2.0
+        self._steer((vx, vy, omega), self.config.period)
+        self._advance(range(self.steps))
+
+    def follow(self, velocities: Iterable[Velocity]) -> None:
+        """One cycle of physics, in which the base has a velocity at each step.
+
+        Args:
+            velocities: one is taken before each step; where they end, so does the cycle.
+        """
+        self._advance(self._steered(velocities))
+
+    def _steered(self, velocities: Iterable[Velocity]) -> Iterator[int]:
+        """The steps of the cycle, before each of which the base takes its velocity."""
+        for step, velocity in enumerate(velocities):
+            self._steer(velocity, 1.0 / RATE)
+            yield step
+
+    def _steer(self, velocity: Velocity, duration: float) -> None:
+        """Set the velocity of the base for a duration [s]."""
+        bullet, client, (vx, vy, omega) = self._bullet, self._client, velocity
+        # halfway through; the velocity stays the same in the world
+        self._heading = self.base_pose[2] + omega * duration / 2.0
         bullet.setJointMotorControlArray(
             self._base,
             (0, 1, 2),
@@ -139,8 +174,14 @@ class PushWorld:
             forces=(STRONGEST, STRONGEST, STRONGEST),
             **client,
         )
+
+    def _advance(self, steps: Iterable[int]) -> None:
+        """Some steps of physics, whose contact points are gathered."""
+        bullet, client = self._bullet, self._client
+        # one number for all worlds of a process, and another may have changed it
+        bullet.setPhysicsEngineParameter(contactBreakingThreshold=BREAKING, **client)
         rows: list[tuple[float, ...]] = []
-        for step in range(self.steps):
+        for step in steps:
             self._shove()
             bullet.stepSimulation(**client)
             found = bullet.getContactPoints(self._base, self._object, **client)
@@ -166,19 +207,19 @@ class PushWorld:
         return round(self.config.period * RATE)
 
     @property
-    def base_pose(self) -> tuple[float, float, float]:
+    def base_pose(self) -> PlanarPose:
         """True pose of the base: x, y [m] and yaw [rad] in `odom`."""
         x, y, yaw = self._bullet.getJointStates(self._base, (0, 1, 2), **self._client)
         return x[0], y[0], yaw[0]
 
     @property
-    def base_twist(self) -> tuple[float, float, float]:
-        """Twist of the base in the last cycle: forward, lateral [m/s], yaw rate [rad/s]."""
+    def base_twist(self) -> Velocity:
+        """Twist of the base in the last cycle."""
         x, y, yaw = self._bullet.getJointStates(self._base, (0, 1, 2), **self._client)
         return *planar_turned_back((x[1], y[1]), self._heading), yaw[1]
 
     @property
-    def object_pose(self) -> tuple[float, float, float]:
+    def object_pose(self) -> PlanarPose:
         """True pose of the object: x, y [m] and yaw [rad] in `odom`."""
         position, orientation = self._bullet.getBasePositionAndOrientation(
             self._object, **self._client
@@ -188,6 +229,11 @@ class PushWorld:
         yaw = math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
         back = -self._back[0], -self._back[1]
         return *planar_point((position[0], position[1], yaw), back), yaw
+
+    @property
+    def state(self) -> WorldState:
+        """What sensors depend on, at the end of the last cycle."""
+        return WorldState(self.base_pose, self.object_pose, self.touches)
 
     def mass(self) -> float:
         """Mass of the object, with a ball inside [kg]."""
