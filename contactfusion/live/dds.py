@@ -153,10 +153,10 @@ class DdsTransport(Transport):
         """Leave the domain, and end the thread."""
         self._ended.set()
         self._thread.join(5.0)
+        self._participant.__del__()  # with all that is in it, also what others hold
         self._listening.clear()
         self._topics.clear()
         self._found.clear()
-        del self._participant, self._waiting
         self._domain = None
 
     def _topic(self, topic: str, msgtype: str) -> "Topic[Any]":
