@@ -44,11 +44,18 @@ def live(
     sim_time: Annotated[
         bool, typer.Option("--sim-time", help="Take the time from /clock, as of a simulation.")
     ] = False,
+    web: Annotated[
+        str | None,
+        typer.Option(
+            metavar="\\[HOST:]PORT", help="Serve a page that shows it; default of HOST: 127.0.0.1."
+        ),
+    ] = None,
     duration: Annotated[
         float | None, typer.Option(min=0.0, help="End after so long \\[s]; default: by Ctrl-C.")
     ] = None,
 ) -> None:
     """Find contacts on a running robot: ROS 2 topics in, contacts and commands out."""
+    from contactfusion.live.page import Address
     from contactfusion.live.run import run_live
     from contactfusion.live.transport import Transport
 
@@ -68,6 +75,7 @@ def live(
         wait=wait,
         duration=duration,
         sim_time=sim_time,
+        web=None if web is None else Address.of(web),
     )
 
 

@@ -11,7 +11,7 @@ from concurrent.futures import Future
 from contextlib import ExitStack, closing, contextmanager
 from datetime import datetime
 from pathlib import Path
-from typing import NamedTuple, final
+from typing import final
 
 from contactfusion.changes import Change, settle, words
 from contactfusion.doctor.kernels import RULES, touch_kernels
@@ -21,6 +21,7 @@ from contactfusion.live.clock import Clock, SimulatedTime, machine_time
 from contactfusion.live.commander import Commander
 from contactfusion.live.config import LiveConfig
 from contactfusion.live.control import PATIENCE, Control
+from contactfusion.live.page import Address, Page
 from contactfusion.live.results import Results
 from contactfusion.live.status import Status
 from contactfusion.live.stream import LiveStream
@@ -45,13 +46,6 @@ REPORT = 1.0
 SHOW = 0.1
 """The time between two snapshots for the page and `ctl` [s]."""
 NO_TOPICS: Mapping[str, str] = {}
-
-
-class Address(NamedTuple):
-    """Where the page is served."""
-
-    host: str
-    port: int
 
 
 def run_live(
@@ -304,8 +298,9 @@ class _Live:
     @contextmanager
     def _page(self, web: Address) -> Iterator[str]:
         """Serve the page; its address, in a sentence."""
-        raise ConfigurationError(f"no page yet at {web}")
-        yield ""
+        status = self._status
+        with Page(*web, lambda: status.snapshot, lambda: status.surface, self.order) as page:
+            yield f"a page shows it: {page.url}"
 
 
 def _result(outcome: "Future[str]") -> str:
