@@ -344,7 +344,7 @@ def test_updates_reach_the_browser_five_times_a_second(browser: Browser, page: P
     assert browser.value("points.length") == SURFACE.size
     assert browser.value("document.body.className") == ""
     row = browser.value("document.querySelector('#contacts tbody').textContent")
-    assert row.startswith("10.100, 0.000, 0.000 m · wrist 100 %0.935.0")
+    assert row.startswith("10.100, 0.000, 0.000 m · wrist 100\u00a0%0.935.0")
 
 
 def test_buttons_order_a_tare_and_a_recording(
