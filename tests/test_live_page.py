@@ -286,7 +286,7 @@ def test_a_client_that_is_gone_is_noticed_though_nothing_changes(
 def test_a_client_that_reads_nothing_holds_up_no_other(
     page: Page, running: Running, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("contactfusion.live.page._Handler.timeout", 0.5)
+    monkeypatch.setattr("contactfusion.live.page.PATIENCE", 0.5)
     running.fields["events"] = [{"time": 0.0, "text": "x" * 3_000_000, "level": "info"}]
     with socket.create_connection(("127.0.0.1", int(page.server_address[1]))) as slow:
         slow.sendall(b"GET /status HTTP/1.0\r\nHost: localhost\r\n\r\n")

@@ -165,11 +165,11 @@ HEADERS = {
 class _Handler(BaseHTTPRequestHandler):
     """Answers a request."""
 
-    timeout = PATIENCE
     server_version, sys_version = "contactfusion", ""
 
     def setup(self) -> None:
         super().setup()
+        self.connection.settimeout(PATIENCE)
         assert isinstance(self.server, Page)
         self.page = self.server
 
