@@ -10,7 +10,7 @@ import time
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
-from urllib.request import urlopen
+from urllib.request import Request, urlopen
 
 import numpy as np
 import pytest
@@ -170,7 +170,8 @@ def test_the_page_shows_what_runs_and_records_it(robot: Robot) -> None:
     with urlopen(f"{page}/surface") as answer:
         points = np.frombuffer(answer.read(), "<f4").reshape(-1, 3)
     assert np.linalg.norm(points, axis=1) == pytest.approx(0.05, abs=1e-4)
-    with urlopen(f"{page}/change", b"record start") as answer:
+    record = Request(f"{page}/change", b"record start", {"Origin": page})
+    with urlopen(record) as answer:
         assert b"probe-" in answer.read()
     robot.push()
     code, printed = robot.end()
