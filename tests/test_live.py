@@ -3,12 +3,14 @@
 import json
 import os
 import signal
+import socket
 import subprocess
 import sys
 import time
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
+from urllib.request import Request, urlopen
 
 import numpy as np
 import pytest
@@ -178,6 +180,28 @@ def test_it_ends_by_a_signal_with_a_whole_recording(robot: Robot, number: int) -
     assert "results: live.mcap" in printed
     assert messages_of(robot.folder / "live.mcap", "/wrist")
     assert not list(robot.folder.glob(".live.mcap*"))
+
+
+def test_the_page_shows_what_runs_and_records_it(robot: Robot) -> None:
+    with socket.create_server(("127.0.0.1", 0)) as free:
+        port = free.getsockname()[1]
+    robot.start("--web", str(port))
+    page = f"http://127.0.0.1:{port}"
+    with urlopen(f"{page}/status") as stream:
+        statuses = (json.loads(line[6:]) for line in stream if line.startswith(b"data: "))
+        shown = next(each["sources"] for each in statuses if each["sources"])
+    assert [source["name"] for source in shown] == ["wrist"]
+    with urlopen(f"{page}/surface") as answer:
+        points = np.frombuffer(answer.read(), "<f4").reshape(-1, 3)
+    assert np.linalg.norm(points, axis=1) == pytest.approx(0.05, abs=1e-4)
+    record = Request(f"{page}/change", b"record start", {"Origin": page})
+    with urlopen(record) as answer:
+        assert b"probe-" in answer.read()
+    robot.push()
+    code, printed = robot.end()
+    assert (code, f"a page shows it: {page}/" in printed) == (0, True), printed
+    (recording,) = robot.folder.glob("probe-*.mcap")
+    assert messages_of(recording, "/wrist")
 
 
 def test_orders_change_what_runs_and_wrong_ones_are_answered_with_a_sentence(robot: Robot) -> None:

@@ -97,9 +97,12 @@ def page(running: Running) -> Iterator[Page]:
 def ask(
     page: Page, path: str = "/", body: bytes | None = None, **headers: str
 ) -> tuple[int, bytes, http.client.HTTPMessage]:
-    """Status, body and headers of an answer; to a POST where there is a body."""
+    """Status, body and headers of an answer; to a POST from the page where there is a body."""
     with closing(connected(page)) as connection:
         method = "GET" if body is None else "POST"
+        if body is not None:
+            headers.setdefault("Host", "localhost")
+            headers.setdefault("Origin", f"http://{headers['Host']}")
         connection.request(method, path, body, headers)
         answer = connection.getresponse()
         return answer.status, answer.read(), answer.headers
@@ -159,6 +162,8 @@ def test_a_taken_port_and_an_unknown_host_are_one_sentence(page: Page, running: 
         running.page(port=int(port))
     with pytest.raises(ConfigurationError, match="can't be served at no.such.host.invalid:0: "):
         running.page("no.such.host.invalid")
+    with pytest.raises(ConfigurationError, match=r"--web: 'robot\.\.local' is no name of a host"):
+        running.page("robot..local")
 
 
 def test_the_page_needs_nothing_but_its_own_server(page: Page) -> None:
@@ -207,6 +212,7 @@ def test_a_long_order_is_refused(page: Page, running: Running, length: int) -> N
     with closing(connected(page)) as connection:
         connection.putrequest("POST", "/change")
         connection.putheader("Content-Length", str(length))
+        connection.putheader("Origin", f"http://127.0.0.1:{page.server_address[1]}")
         connection.endheaders(b"x" * min(length, 65536))
         assert connection.getresponse().status == 413
     assert running.orders == []
@@ -237,6 +243,9 @@ def test_what_another_site_asks_for_is_refused(page: Page, running: Running, ori
     for path, body in (("/change", b"tare wrist"), ("/status", None)):
         assert ask(page, path, body, Host="localhost", Origin=origin)[0] == 403
     assert running.orders == []
+    with closing(connected(page)) as connection:  # a browser names the origin of each POST
+        connection.request("POST", "/change", b"tare wrist")
+        assert connection.getresponse().status == 403
     ours = "http://localhost"
     assert ask(page, "/change", b"tare wrist", Host="localhost", Origin=ours)[0] == 200
 
@@ -258,6 +267,37 @@ def test_beyond_this_machine_it_takes_the_token_once_and_then_its_cookie(running
         assert ask(page, "/", Cookie=f"a=b; {cookie}")[0] == 200
         assert ask(page, "/change", b"tare wrist", Cookie=cookie)[0] == 200
         assert ask(page, "/change", b"tare wrist", Cookie=cookie, Origin="http://a.b")[0] == 403
+
+
+@pytest.mark.parametrize("target", ["/../page.py", "/%2e%2e/page.py", "http://[", "/page.py"])
+def test_nothing_else_is_served(page: Page, target: str, capfd: pytest.CaptureFixture[str]) -> None:
+    head = f"GET {target} HTTP/1.0\r\nHost: localhost\r\n\r\n"
+    with socket.create_connection(("127.0.0.1", int(page.server_address[1]))) as connection:
+        connection.sendall(head.encode())
+        assert b" 404 " in connection.recv(100)
+    assert capfd.readouterr().err == ""
+
+
+def test_a_request_that_drips_in_ends(page: Page, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("contactfusion.live.page.PATIENCE", 0.5)
+    with socket.create_connection(("127.0.0.1", int(page.server_address[1]))) as slow:
+        slow.sendall(b"GET / HTTP/1.0\r\n")
+        until(lambda: streams() == 1)
+        began = time.monotonic()
+        with pytest.raises(OSError, match="reset|pipe"):
+            while time.monotonic() - began < 5.0:
+                slow.sendall(b"X")
+                time.sleep(0.1)
+    until(lambda: streams() == 0)
+
+
+def test_nothing_is_sent_before_there_is_a_status(page: Page, running: Running) -> None:
+    running.silent = True
+    connection, answer = streamed(page)
+    with closing(connection):
+        time.sleep(0.3)
+        running.silent = False
+        assert next(statuses(answer))["configuration"] == "probe"
 
 
 def test_a_client_that_goes_away_leaves_no_thread(page: Page) -> None:
@@ -286,7 +326,7 @@ def test_a_client_that_is_gone_is_noticed_though_nothing_changes(
 def test_a_client_that_reads_nothing_holds_up_no_other(
     page: Page, running: Running, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("contactfusion.live.page._Handler.timeout", 0.5)
+    monkeypatch.setattr("contactfusion.live.page.PATIENCE", 0.5)
     running.fields["events"] = [{"time": 0.0, "text": "x" * 3_000_000, "level": "info"}]
     with socket.create_connection(("127.0.0.1", int(page.server_address[1]))) as slow:
         slow.sendall(b"GET /status HTTP/1.0\r\nHost: localhost\r\n\r\n")
@@ -344,7 +384,7 @@ def test_updates_reach_the_browser_five_times_a_second(browser: Browser, page: P
     assert browser.value("points.length") == SURFACE.size
     assert browser.value("document.body.className") == ""
     row = browser.value("document.querySelector('#contacts tbody').textContent")
-    assert row.startswith("10.100, 0.000, 0.000 m · wrist 100 %0.935.0")
+    assert row.startswith("10.100, 0.000, 0.000 m · wrist 100\u00a0%0.935.0")
 
 
 def test_buttons_order_a_tare_and_a_recording(

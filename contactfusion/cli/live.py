@@ -47,7 +47,7 @@ def live(
     web: Annotated[
         str | None,
         typer.Option(
-            metavar="\\[HOST:]PORT", help="Serve a page that shows it; default of HOST: 127.0.0.1."
+            metavar="[HOST:]PORT", help="Serve a page that shows it; default of HOST: 127.0.0.1."
         ),
     ] = None,
     duration: Annotated[

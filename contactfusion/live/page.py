@@ -15,7 +15,7 @@ from collections.abc import Callable, Mapping
 from http.server import BaseHTTPRequestHandler
 from pathlib import Path
 from typing import Any, NamedTuple, Self, final
-from urllib.parse import parse_qs, urlsplit
+from urllib.parse import parse_qs
 
 import numpy as np
 
@@ -32,7 +32,7 @@ CLIENTS = 8
 CONNECTIONS = 32
 """The most connections at a time; further ones are closed."""
 PATIENCE = 5.0
-"""The longest wait for a client to send or to take something [s]."""
+"""The longest wait for a client to send its request, or to take something [s]."""
 LONGEST = 1000
 """The longest order [bytes]."""
 DRAINED = 65536
@@ -102,6 +102,8 @@ class Page(socketserver.ThreadingTCPServer):
         except OSError as error:
             problem = f"the page can't be served at {host}:{port}: {error.strerror}"
             raise ConfigurationError(problem, "--web") from None
+        except UnicodeError:
+            raise ConfigurationError(f"'{host}' is no name of a host", "--web") from None
         interface = ipaddress.ip_address(bound)
         shown = socket.gethostname() if interface.is_unspecified else host
         shown = f"[{shown}]" if ":" in shown else shown
@@ -165,23 +167,32 @@ HEADERS = {
 class _Handler(BaseHTTPRequestHandler):
     """Answers a request."""
 
-    timeout = PATIENCE
     server_version, sys_version = "contactfusion", ""
 
     def setup(self) -> None:
         super().setup()
+        self.connection.settimeout(PATIENCE)
         assert isinstance(self.server, Page)
         self.page = self.server
 
     def handle(self) -> None:
+        late = threading.Timer(PATIENCE, self._stop_reading)
+        late.daemon = True
+        late.start()
         with contextlib.suppress(OSError):  # the client is gone, or too slow
             super().handle()
+        late.cancel()
+
+    def _stop_reading(self) -> None:
+        """End a request that is not here yet; what is sent goes on."""
+        with contextlib.suppress(OSError):
+            self.connection.shutdown(socket.SHUT_RD)
 
     def log_message(self, format: str, *args: object) -> None:
         """Print nothing: the terminal is for events."""
 
     def do_GET(self) -> None:
-        path = urlsplit(self.path).path
+        path = self.path.partition("?")[0]
         if not self._admits():
             return
         if path == "/":
@@ -203,7 +214,7 @@ class _Handler(BaseHTTPRequestHandler):
         if not self._admits():
             return
         order = body.decode(errors="replace").strip()
-        if urlsplit(self.path).path != "/change":
+        if self.path != "/change":
             self._answer(404, "there is nothing here")
         elif int(length) > LONGEST:
             self._answer(413, f"an order is at most {LONGEST} bytes long")
@@ -218,8 +229,9 @@ class _Handler(BaseHTTPRequestHandler):
     def _admits(self) -> bool:
         """Whether the request may be answered; answers it otherwise."""
         host = self.headers.get("Host", "")
-        origin = self.headers.get("Origin")
-        if origin is not None and origin != f"http://{host}":
+        ours = f"http://{host}"
+        lacking = ours if self.command == "GET" else ""  # a browser names it in each POST
+        if self.headers.get("Origin", lacking) != ours:
             self._answer(403, "another site asked for it")
         elif self.page.token and not self._has_token():
             self._answer(403, "open the link with the token, which `contactfusion live` printed")
@@ -231,7 +243,7 @@ class _Handler(BaseHTTPRequestHandler):
 
     def _has_token(self) -> bool:
         token, cookie = self.page.token, self.page.cookie
-        given = parse_qs(urlsplit(self.path).query).get("token", [""])[0]
+        given = parse_qs(self.path.partition("?")[2]).get("token", [""])[0]
         cookies = [part.strip() for part in self.headers.get("Cookie", "").split(";")]
         return secrets.compare_digest(given.encode(), token.encode()) or any(
             [secrets.compare_digest(each.encode(), cookie.encode()) for each in cookies]
@@ -249,7 +261,7 @@ class _Handler(BaseHTTPRequestHandler):
             while not self.page.ended.wait(PERIOD):
                 status = self.page.status()
                 now = time.monotonic()
-                if status is not known:
+                if status and status is not known:
                     known, sent = status, now
                     self.wfile.write(f"data: {json.dumps(status)}\n\n".encode())
                 elif now - sent > ALIVE:
