@@ -128,8 +128,8 @@ def test_a_reading_that_no_transform_places_in_time_is_refused_with_the_reason(w
 @pytest.mark.parametrize(
     ("stamp", "why"),
     [
-        (START + 3600 * SECOND, "its clock is 3.6e+03 s ahead of this machine's"),
-        (START - 3600 * SECOND, "its clock is 3.6e+03 s behind this machine's"),
+        (START + 3600 * SECOND, "its clock is 3,600.000 s ahead of this machine's: set both by NTP or PTP"),
+        (START - 3600 * SECOND, "its clock is 3,600.000 s behind this machine's: set both by NTP or PTP"),
         (7 * SECOND, "it counts simulated time, and this pipeline does not: --sim-time"),
     ],
 )

@@ -1,6 +1,7 @@
 """Commands that run pipelines, and look after the installation."""
 
 import sys
+from contextlib import closing
 from pathlib import Path
 from typing import Annotated
 
@@ -201,8 +202,17 @@ def doctor(
     ouster: Annotated[
         bool, typer.Option("--ouster", help="Install the environment that converts Ouster files.")
     ] = False,
+    live: Annotated[
+        bool, typer.Option("--live", help="Check what is on the ROS 2 network, for 6 s.")
+    ] = False,
+    domain: Annotated[
+        int | None,
+        typer.Option(
+            min=0, max=232, help="The ROS domain for --live; default: ROS_DOMAIN_ID, or 0."
+        ),
+    ] = None,
 ) -> None:
-    """Check the installation, or a robot description, and name what to repair."""
+    """Check the installation, a robot description or a network, and name what to repair."""
     if robot is not None:
         from contactfusion.doctor.robot import check_robot
 
@@ -219,6 +229,13 @@ def doctor(
         make_environment()
     elif warm:
         compile_kernels()
+    elif live:
+        from contactfusion.doctor.live import check_network
+        from contactfusion.live.dds import DdsTransport
+
+        with closing(DdsTransport(domain)) as transport:
+            if not check_network(transport):
+                raise typer.Exit(1)
     elif not check():
         raise typer.Exit(1)
 

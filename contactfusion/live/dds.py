@@ -2,7 +2,7 @@
 
 import os
 import threading
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cache
 from typing import TYPE_CHECKING, Any, final
@@ -27,6 +27,8 @@ HASH = "typehash="
 """The word before the hash of a type, in the user data of a reader or a writer."""
 BLOCKING = 0.1
 """The longest time that sending waits for a reader that lags behind [s]."""
+MOST = 10_000
+"""The most ends, and the most participants, that are known at a time."""
 AT_ONCE = 256
 """Number of messages that are taken from a reader at once."""
 PATIENCE = 0.2
@@ -71,6 +73,7 @@ class DdsTransport(Transport):
         try:
             from cyclonedds.builtin import (
                 BuiltinDataReader,
+                BuiltinTopicDcpsParticipant,
                 BuiltinTopicDcpsPublication,
                 BuiltinTopicDcpsSubscription,
             )
@@ -97,6 +100,7 @@ class DdsTransport(Transport):
                 (False, BuiltinTopicDcpsSubscription),
             )
         ]
+        self._peers = BuiltinDataReader(self._participant, BuiltinTopicDcpsParticipant)
         self._listening: dict[str, _Listening] = {}
         self._topics: dict[tuple[str, str], Topic[Any]] = {}
         self._lock = threading.Lock()
@@ -107,10 +111,11 @@ class DdsTransport(Transport):
 
     def ends(self) -> Sequence[End]:
         """All readers and writers of topics of ROS that are alive."""
+        peers = {str(sample.key): _peer(sample) for sample in self._peers.read(MOST)}
         return [
-            _end(sample, writes, ours=str(sample.participant_key) == self._guid)
+            _end(sample, writes, peers, ours=str(sample.participant_key) == self._guid)
             for writes, reader in self._found
-            for sample in reader.read(10_000)
+            for sample in reader.read(MOST)
             if _is_alive(sample) and sample.topic_name.startswith(f"{PREFIX}/")
         ]
 
@@ -214,7 +219,17 @@ def _is_alive(sample: Any) -> bool:
     return bool(sample.sample_info.instance_state & InstanceState.Alive)
 
 
-def _end(sample: Any, writes: bool, *, ours: bool) -> End:
+def _peer(sample: Any) -> str:
+    """The process of a participant and its machine, as Cyclone and Fast DDS name them; its key."""
+    from cyclonedds.qos import Policy
+
+    known = {each.key: each.value for each in sample.qos if isinstance(each, Policy.Property)}
+    host = known.get("__Hostname") or known.get("fastdds.physical_data.host", "").partition(":")[0]
+    process = known.get("__Pid") or known.get("fastdds.physical_data.process")
+    return f"process {process} on {host}" if host and process else str(sample.key)
+
+
+def _end(sample: Any, writes: bool, peers: Mapping[str, str], *, ours: bool) -> End:
     from cyclonedds.qos import Policy
 
     qos = sample.qos
@@ -231,7 +246,7 @@ def _end(sample: Any, writes: bool, *, ours: bool) -> End:
         writes,
         Quality(reliable, latched, None if endless else seconds),
         hashed,
-        str(sample.participant_key),
+        peers.get(str(sample.participant_key), str(sample.participant_key)),
         ours,
     )
 

@@ -38,7 +38,7 @@ class End(NamedTuple):
         writes: whether it is a writer.
         quality: of its service.
         type_hash: of its type, "RIHS01_…"; empty where it names none.
-        peer: the participant that has it.
+        peer: who has it: its process and machine where they are known, else its participant.
         ours: whether it is an end of this process.
     """
 

@@ -76,7 +76,7 @@ class Delivery:
         for part in listener.parts(message):
             stamp = part.stamp or arrived  # some drivers leave it out
             if not (listener.is_static or -BEHIND_NS <= stamp - arrived <= AHEAD_NS):
-                tally.refuse(_of_another_clock(stamp - arrived))
+                tally.refuse(of_another_clock(stamp - arrived))
                 continue
             try:
                 reading = listener.reading(part, self.seconds(stamp))
@@ -130,13 +130,13 @@ class Delivery:
                 self._waiting.append(each)
 
 
-def _of_another_clock(ahead: int) -> str:
+def of_another_clock(ahead: int) -> str:
     """The clause on a stamp so far ahead of its arrival [ns]."""
     seconds = abs(ahead) / NANOSECONDS_PER_SECOND
     if seconds > SIMULATED:
         return "it counts simulated time, and this pipeline does not: --sim-time"
     side = "ahead of" if ahead > 0 else "behind"
-    return f"its clock is {seconds:.3g} s {side} this machine's"
+    return f"its clock is {seconds:,.3f} s {side} this machine's: set both by NTP or PTP"
 
 
 def answers(pipeline: "Pipeline") -> Iterator[str]:
