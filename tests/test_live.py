@@ -7,7 +7,7 @@ import socket
 import subprocess
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 from urllib.request import Request, urlopen
@@ -88,10 +88,7 @@ class Robot:
     def wait_for(self, event: str) -> None:
         """Wait until an event is heard."""
         heard = self.heard["/contactfusion/events"]
-        ends = time.monotonic() + PATIENCE
-        while not any(event in sent.data for _, sent in heard):
-            assert time.monotonic() < ends, [sent.data for _, sent in heard]
-            time.sleep(0.05)
+        wait_until(lambda: any(event in sent.data for _, sent in heard))
 
     def memory(self) -> float:
         """The resident memory of `live` [MB]."""
@@ -123,6 +120,13 @@ def diagnosed(robot: Robot) -> set[str]:
     """The parts whose state was diagnosed."""
     states = {state.name for _, m in robot.heard["/diagnostics"] for state in m.status}
     return {name.removeprefix("contactfusion: ") for name in states}
+
+
+def wait_until(is_so: Callable[[], bool]) -> None:
+    ends = time.monotonic() + PATIENCE
+    while not is_so():
+        assert time.monotonic() < ends, "it never came"
+        time.sleep(0.05)
 
 
 def messages_of(path: Path, topic: str) -> list[bytes]:
@@ -204,6 +208,25 @@ def test_the_page_shows_what_runs_and_records_it(robot: Robot) -> None:
     assert messages_of(recording, "/wrist")
 
 
+def test_the_page_is_opened_in_a_browser_where_it_is_wanted(
+    robot: Robot, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    opened = robot.folder / "opened"
+    browser = robot.folder / "browser"
+    browser.write_text(f'#!/bin/sh\necho "$1" > {opened}\n', encoding="utf-8")
+    browser.chmod(0o755)
+    monkeypatch.setenv("BROWSER", str(browser))
+    robot.start("--view")
+    with urlopen(opened.read_text(encoding="utf-8").strip()) as answer:
+        assert b"<html" in answer.read()
+    robot.end()
+    monkeypatch.setenv("BROWSER", "/bin/false")
+    command = [sys.executable, "-m", "contactfusion", "live", "probe.yaml", "--view", "--wait", "0"]
+    done = subprocess.run(command, cwd=robot.folder, capture_output=True, text=True)
+    assert done.returncode == 1
+    assert "contactfusion: --view: no browser opens here; --web 8080 serves" in done.stderr
+
+
 def test_orders_change_what_runs_and_wrong_ones_are_answered_with_a_sentence(robot: Robot) -> None:
     robot.start()
     robot.push_until(lambda: json.loads(ask("status"))["sources"])
@@ -244,7 +267,7 @@ def test_a_sensor_that_is_gone_makes_the_belief_stale_and_is_heard_again_when_it
     robot.start()
     robot.unplug()
     robot.wait_for("commands are zero: no sensor of contacts has reported for 0.")
-    assert json.loads(ask("status"))["contacts"] == []
+    wait_until(lambda: json.loads(ask("status"))["contacts"] == [])
     robot.plug()
     heard = len(robot.heard[STRONGEST])
     robot.push_until(lambda: len(robot.heard[STRONGEST]) > heard)

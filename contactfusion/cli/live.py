@@ -50,6 +50,9 @@ def live(
             metavar="[HOST:]PORT", help="Serve a page that shows it; default of HOST: 127.0.0.1."
         ),
     ] = None,
+    view: Annotated[
+        bool, typer.Option("--view", help="Open that page in a browser of this machine.")
+    ] = False,
     duration: Annotated[
         float | None, typer.Option(min=0.0, help="End after so long \\[s]; default: by Ctrl-C.")
     ] = None,
@@ -76,6 +79,7 @@ def live(
         duration=duration,
         sim_time=sim_time,
         web=None if web is None else Address.of(web),
+        view=view,
     )
 
 

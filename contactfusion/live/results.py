@@ -69,6 +69,8 @@ class Results:
         self._epoch_ns, self._period, self._frame = epoch_ns, config.pictures, frame
         self._published: dict[Event, float] = {}
         """When each event was published last [s]."""
+        self._mode = ""
+        """Of the controller, as it was published last."""
         self._drawn_at = -np.inf
         self._has_drawn = True  # what an earlier process drew is deleted
         self.sent: Counter[str] = Counter()
@@ -94,6 +96,11 @@ class Results:
                 self._published.clear()
             self._published[event] = step.stamp
             self.event("warning", event.message, {"source": event.source, "kind": str(event.kind)})
+        command = step.command
+        if command is not None and command.mode != self._mode:
+            self._mode = command.mode
+            text = ": ".join(filter(None, ("controller", command.mode, command.reason)))
+            self.event("info", text, {"mode": command.mode, "reason": command.reason})
         now = time.monotonic()
         if now - self._drawn_at >= self._period and (contacts or self._has_drawn):
             self._drawn_at, self._has_drawn = now, bool(contacts)

@@ -6,6 +6,7 @@ import re
 import signal
 import threading
 import time
+import webbrowser
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import Future
 from contextlib import ExitStack, closing, contextmanager
@@ -61,6 +62,7 @@ def run_live(
     duration: float | None = None,
     sim_time: bool = False,
     web: Address | None = None,
+    view: bool = False,
 ) -> None:
     """Run the pipeline of a YAML file on a robot until Ctrl-C or SIGTERM.
 
@@ -78,6 +80,7 @@ def run_live(
         duration: end after so long [s]; None: by Ctrl-C.
         sim_time: whether the time on /clock counts, in place of that of this machine.
         web: where a page shows it; None: nowhere.
+        view: whether to open the page in a browser of this machine, on any free port without `web`.
 
     Raises:
         ContactFusionError: the configuration, a plug-in, the network or the recording is not what
@@ -109,7 +112,9 @@ def run_live(
         assert isinstance(stream, LiveStream)
         tape.load(session)
         live = _Live(path.stem, setting, session, stream, transport, config, tape, budgets, clock)
-        live.run(name or path.stem, record, duration, web)
+        live.run(
+            name or path.stem, record, duration, web or (Address.of("0") if view else None), view
+        )
 
 
 def _awaited(network: LiveStream, setting: Setting, wait: float) -> Sequence[str]:
@@ -158,7 +163,12 @@ class _Live:
         self._troubled: set[str] = set()
 
     def run(
-        self, name: str, record: Path | None, duration: float | None, web: Address | None
+        self,
+        name: str,
+        record: Path | None,
+        duration: float | None,
+        web: Address | None,
+        view: bool,
     ) -> None:
         """Play until the end, and report."""
         summary = Summary(self._session.pipeline)
@@ -171,7 +181,7 @@ class _Live:
             stack.enter_context(Control(name, self.order))
             stack.enter_context(self._looking())
             if web is not None:
-                note(stack.enter_context(self._page(web)))
+                note(stack.enter_context(self._page(web, view)))
             if record is not None:
                 note(self._tape.start(record))
             note(f"live as '{name}'; Ctrl-C ends it, `contactfusion ctl --name {name}` changes it")
@@ -296,10 +306,19 @@ class _Live:
             thread.join()
 
     @contextmanager
-    def _page(self, web: Address) -> Iterator[str]:
-        """Serve the page; its address, in a sentence."""
+    def _page(self, web: Address, view: bool) -> Iterator[str]:
+        """Serve the page, and open it where it is wanted; its address, in a sentence.
+
+        Raises:
+            ConfigurationError: there is no browser.
+        """
         status = self._status
         with Page(*web, lambda: status.snapshot, lambda: status.surface, self.order) as page:
+            if view and not webbrowser.open(page.url):
+                raise ConfigurationError(
+                    "no browser opens here; --web 8080 serves the page for another machine",
+                    "--view",
+                )
             yield f"a page shows it: {page.url}"
 
 

@@ -92,6 +92,7 @@ class Status:
             "stopped": self.stopped,
             "cycle": self._cycle(),
             "recording": self.recording,
+            "controller": "" if step is None or step.command is None else step.command.mode,
             "frame": self._pipeline.grid.frame,
             "contacts": [
                 {
