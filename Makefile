@@ -7,7 +7,7 @@ DEMO_READY := $(VENV)/.ready-demo
 READY := $(VENV)/.ready
 SOAK_SCENARIOS ?= 2000
 
-.PHONY: demo test test-lab test-lab-changed lint soak bench goldens bare show-recordings show-touch show-push show-sensing show-paper show-hard show-replay show-grasp show-press show-dask train clean
+.PHONY: demo test test-lab test-lab-changed lint soak bench goldens bare show-recordings show-touch show-push show-sensing show-paper show-hard show-replay show-grasp show-press show-dask show-live train clean
 
 demo: $(DEMO_READY)
 	$(BIN)/contactfusion demo --out out/demo
@@ -195,6 +195,10 @@ show-press: $(READY)
 # Pushes on a cluster of this machine, which loses a worker, then its scheduler; about 5 minutes.
 show-dask: $(READY)
 	$(BIN)/python scripts/show_dask.py
+
+# A base, its sensors and `live` in real time, with DDS between; about 20 minutes on two cores.
+show-live: $(READY)
+	$(BIN)/python scripts/show_live.py
 
 train: $(READY)
 	$(BIN)/contactfusion train cpm --out out/cpm
