@@ -156,16 +156,29 @@ class JointTorqueGenerator(Generator[JointTorqueConfig]):
             InvalidReadingError: a joint has no effort.
         """
         assert isinstance(reading, JointState)
+        if self._is_dead(reading):
+            return (self.nothing(reading, notes=(Note.UNHEALTHY,)),)
+        found = self._loads(reading, state)
+        if found is None:
+            return ()
+        return (self._cloud(reading, state, state.posed_robot(self.name), *found),)
+
+    def absorb(self, reading: Reading, state: State) -> None:
+        """Follow the momentum and what other sensors measure, without looking for the contact."""
+        assert isinstance(reading, JointState)
+        if not self._is_dead(reading):
+            self._loads(reading, state)
+
+    def _loads(
+        self, reading: JointState, state: State
+    ) -> tuple[FloatArray, FloatArray, frozenset[str]] | None:
+        """What `_unmeasured` leaves of the external torques; None at the first reading."""
         robot = state.posed_robot(self.name)
         if self._torque is None:
             self.prepare(robot.model)
         assert self._torque is not None
-        if self._is_dead(reading):
-            return (self.nothing(reading, notes=(Note.UNHEALTHY,)),)
         found = self._torque.update(reading, robot.positions, self._gravity(robot))
-        if found is None:
-            return ()
-        return (self._cloud(reading, state, robot, *self._unmeasured(state, *found)),)
+        return None if found is None else self._unmeasured(state, *found)
 
     def _unmeasured(
         self, state: State, torques: FloatArray, deviations: FloatArray

@@ -196,6 +196,22 @@ def test_the_observer_tells_the_push_from_motors_gravity_and_friction(
     np.testing.assert_allclose(np.mean(loaded, axis=0), push, atol=0.35)
 
 
+def test_readings_that_it_absorbs_count_as_those_of_which_it_makes_clouds() -> None:
+    every, some = (generator(effort="measured") for _ in range(2))
+    held = -Dynamics(robot()).drift(whole(BENT), np.zeros(len(whole(BENT))), UP)[: len(ARM)]
+    motors = held - pushed("link_6", 20.0)[2]
+    readings = [reading(motors, stamp=0.005 * number) for number in range(100)]
+    for each in readings[:-1]:
+        every.generate(each, state())
+        some.absorb(each, state())
+    last = readings[-1]
+    expected = only(every.generate(last, state()))
+    found = only(some.generate(last, state()))
+    assert len(found.positions)
+    np.testing.assert_array_equal(found.positions, expected.positions)
+    np.testing.assert_array_equal(found.likelihoods, expected.likelihoods)
+
+
 def test_friction_at_rest_may_be_anything_within_its_limit() -> None:
     torque = ExternalTorque(Dynamics(robot()), known(coulomb=1.0), "measured", 30.0, 0.0)
     for stamp in (0.0, 0.01):
