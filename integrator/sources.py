@@ -28,6 +28,11 @@ class EventKind(StrEnum):
     OVERRUN = "overrun"
     DISAGREES = "disagrees"
 
+    @property
+    def is_warning(self) -> bool:
+        """Whether something is wrong with the source."""
+        return self not in (EventKind.PLUGGED, EventKind.BACK)
+
 
 @dataclass(frozen=True, slots=True)
 class Event:

@@ -6,7 +6,7 @@ from collections.abc import Callable
 import numpy as np
 
 from contactfusion.controller import Command
-from contactfusion.live.commander import HEARTBEAT, LAST, PERIOD, Commander
+from contactfusion.live.commander import CALM, HEARTBEAT, LAST, PERIOD, Commander
 from contactfusion.live.config import LiveConfig
 from contactfusion.readings import Twist
 from tests.wire import Clock, Wire
@@ -61,10 +61,22 @@ def test_commands_are_zero_while_something_is_not_fresh_and_go_on_after() -> Non
         made.comes_round("")
         made.send(FORWARD)
         assert speeds(wire)[-1] == 0.3
-    assert notes == [
-        "commands are zero: no sensor of contacts has reported for 0.30 s",
-        "commands go on",
-    ]
+        assert notes == ["commands are zero: no sensor of contacts has reported for 0.30 s"]
+        began = time.monotonic()
+        while len(notes) == 1 and time.monotonic() < began + 10.0:
+            made.comes_round("")
+            time.sleep(0.01)
+        assert time.monotonic() > began + CALM
+    assert notes[1:] == ["commands go on"]
+
+
+def test_what_alternates_is_noted_once() -> None:
+    wire, notes = Wire(), list[str]()
+    with commander(wire, notes) as made:
+        for _ in range(3):
+            made.comes_round("the wheels have been silent for 0.26 s")
+            made.comes_round("")
+    assert notes == ["commands are zero: the wheels have been silent for 0.26 s"]
 
 
 def test_zero_is_repeated_while_the_loop_hangs_and_the_heart_stops() -> None:

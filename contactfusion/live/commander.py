@@ -21,6 +21,8 @@ PERIOD = 0.05
 """The time between two beats, and between two zero commands [s]."""
 LAST = 3
 """Number of zero commands at the end."""
+CALM = 1.0
+"""So long commands go on before that is noted: what alternates is noted once [s]."""
 STILL = np.zeros(3)
 
 
@@ -59,6 +61,10 @@ class Commander:
         self._round = time.monotonic()
         self.stopped = ""
         """Why commands are zero, as a clause; empty where they are not."""
+        self._noted = False
+        """Whether it was noted last that commands are zero."""
+        self._zero_at = self._round
+        """When they were zero last."""
         self._lock = threading.RLock()
         self._ended = threading.Event()
         self._thread = threading.Thread(target=self._watch, name="watchdog", daemon=True)
@@ -114,8 +120,15 @@ class Commander:
                     self._zero()
 
     def _stop(self, why: str) -> None:
-        if bool(why) != bool(self.stopped):
-            self._note(f"commands are zero: {why}" if why else "commands go on")
+        now = time.monotonic()
+        if why:
+            self._zero_at = now
+            if not self._noted:
+                self._noted = True
+                self._note(f"commands are zero: {why}")
+        elif self._noted and now - self._zero_at > CALM:
+            self._noted = False
+            self._note("commands go on")
         if why and not self.stopped:
             self.stopped = why
             self._zero()

@@ -95,7 +95,8 @@ class Results:
             if len(self._published) > MOST_EVENTS:
                 self._published.clear()
             self._published[event] = step.stamp
-            self.event("warning", event.message, {"source": event.source, "kind": str(event.kind)})
+            level = "warning" if event.kind.is_warning else "info"
+            self.event(level, event.message, {"source": event.source, "kind": str(event.kind)})
         command = step.command
         if command is not None and command.mode != self._mode:
             self._mode = command.mode

@@ -10,7 +10,7 @@ import numpy as np
 
 from contactfusion.arrays import FloatArray
 from contactfusion.controller import Command
-from contactfusion.integrator.sources import EventKind, SourceReport
+from contactfusion.integrator.sources import SourceReport
 from contactfusion.pipeline import Step
 from contactfusion.pipeline_config import PipelineConfig
 from contactfusion.readings import Reading
@@ -24,9 +24,6 @@ from contactfusion.view.world import Absences, Beliefs, Body, Places, draw_comma
 
 LONGEST = 32.0
 """The longest arrow of a force or a torque, in sides of a voxel."""
-CALM = (EventKind.PLUGGED, EventKind.BACK)
-"""Events that are no warnings."""
-
 STATES = {"active": (45, 125, 80), "silent": (170, 60, 50), "not heard yet": (85, 85, 95)}
 """States of a source, with their colours."""
 MODES = ((40, 105, 160), (150, 100, 20), (110, 75, 165), (20, 120, 115), (150, 65, 115))
@@ -159,7 +156,7 @@ class Series:
             recorder.plot(f"ages{path}", stamp, report.age)
             recorder.enter(f"states{path}", stamp, _state(report))
         for event in step.events:
-            level = "INFO" if event.kind in CALM else "WARN"
+            level = "WARN" if event.kind.is_warning else "INFO"
             recorder.log(entity("events", event.source), stamp, level, event.message)
         if step.command is not None:
             self._draw_mode(step.command, stamp)
