@@ -47,8 +47,8 @@ MOVES, STANDS = 0.05, 0.005
 """The base moves faster than the one, and stands where it is slower than the other [m/s]."""
 PUSHED = 2.0
 """Time after the first contact at which something is ended [s]."""
-WATCHED = 1.5
-"""Time after an end for which the base is watched [s]."""
+WATCHED = {"sensors": 12.0, "live": 1.5}
+"""Time after an end for which the base is watched: of sensors until DDS forgets them [s]."""
 SOON: Final = 30.0
 """The longest wait for what comes soon [s]."""
 LIVE = (sys.executable, "-m", "contactfusion")
@@ -181,18 +181,19 @@ def _end(push: Push, way: str) -> dict[str, Any]:
         robot.wait(lambda: robot.speeds[-1][1] > MOVES)
         at = time.time_ns()
         robot.processes[ended].send_signal(number)
-        time.sleep(WATCHED)
-        if number == signal.SIGSTOP:
-            robot.processes[ended].send_signal(signal.SIGCONT)
-        return {
-            "zero": _from(at, [(when, speed) for when, speed in robot.commanded], 0.0),
+        time.sleep(WATCHED[ended])
+        still = {
+            "zero": _from(at, robot.commanded, 0.0),
             "stands": _from(at, robot.speeds, STANDS),
         }
+        if number == signal.SIGSTOP:
+            robot.processes[ended].send_signal(signal.SIGCONT)
+        return still
 
 
 def _from(at: int, speeds: list[tuple[int, float]], still: float) -> float | None:
     """The time from an instant [ns] until speeds stay still [s]; None: they never do."""
-    later = [(when, speed) for when, speed in speeds if at <= when <= at + WATCHED * 1e9]
+    later = [(when, speed) for when, speed in speeds if when >= at]
     moving = [row for row, (_, speed) in enumerate(later) if speed > still]
     row = moving[-1] + 1 if moving else 0
     return round((later[row][0] - at) / 1e9, 3) if row < len(later) else None

@@ -184,12 +184,39 @@ def test_what_is_stale_is_named_and_what_reports_again_is_not(wire: Wire) -> Non
     assert late == "no sensor of contacts has reported for 0.30 s"
 
 
+def test_a_sensor_whose_process_is_gone_stays_stale(wire: Wire) -> None:
+    live = Live(wire, SENSORS)
+    live.say("/wrist", wrench(START))
+    live.play()
+    wire.writers.clear()
+    live.stream.discovered(wire.ends())
+    gone = live.stream.stale(START + SECOND)
+    assert gone == "no sensor of contacts has reported for 1.00 s"
+
+
+def test_without_any_sensor_of_contacts_nothing_is_fresh(wire: Wire) -> None:
+    live = Live(wire, {})
+    live.stream.discovered(wire.ends())
+    assert live.stream.stale(live.clock.now + SECOND).startswith("no sensor of contacts has")
+
+
 def test_odometry_that_came_and_ceased_is_stale_beside_a_sensor_that_reports(wire: Wire) -> None:
     wire.writer("/odom", "nav_msgs/msg/Odometry")
     live = Live(wire, {**SENSORS, "odom": ("/odom",)})
     live.stream.arrived |= {"/wrist": START + 400 * MILLISECOND, "/odom": START}
     live.stream.listen()
     assert live.stream.stale(START + 400 * MILLISECOND) == "/odom has been silent for 0.40 s"
+
+
+def test_wheels_that_are_gone_are_silent(wire: Wire) -> None:
+    wire.writer("/odom", "nav_msgs/msg/Odometry")
+    live = Live(wire, {**SENSORS, "odom": ("/odom",)})
+    live.stream.rematch = lambda stream: SENSORS
+    live.stream.listen()
+    del wire.writers[-1]
+    live.stream.arrived |= {"/wrist": START + SECOND, "/odom": START}
+    live.stream.discovered(wire.ends())
+    assert live.stream.stale(START + SECOND) == "/odom has been silent for 1.00 s"
 
 
 def test_a_topic_that_comes_late_is_listened_to_once_it_is_matched(wire: Wire) -> None:

@@ -170,7 +170,15 @@ class LiveStream(Recording):
     def discovered(self, ends: Sequence[End]) -> None:
         """Listen to what has come on the network."""
         if self.refresh(ends):
-            self.sensors = self.rematch(self)
+            found = self.rematch(self)
+            gone = {  # whose silence counts on
+                sensor: [topic for topic in topics if topic not in self.contents]
+                for sensor, topics in self.sensors.items()
+            }
+            self.sensors = {
+                sensor: [*found.get(sensor, ()), *gone.get(sensor, ())]
+                for sensor in {**found, **gone}
+            }
             self.listen()
 
     def end_soon(self) -> None:
@@ -234,7 +242,9 @@ class LiveStream(Recording):
         """
         evidence, state = self._listened()
         limit = to_nanoseconds(self._config.stale_after)
-        newest = max((self.arrived.get(topic, self._began) for topic in evidence), default=now)
+        newest = max(
+            (self.arrived.get(topic, self._began) for topic in evidence), default=self._began
+        )
         if now - newest > limit:
             return f"no sensor of contacts has reported for {(now - newest) / 1e9:.2f} s"
         for topic in state:
