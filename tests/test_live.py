@@ -227,6 +227,23 @@ def test_the_page_is_opened_in_a_browser_where_it_is_wanted(
     assert "contactfusion: --view: no browser opens here; --web 8080 serves" in done.stderr
 
 
+SPHERE = """<robot name="probe"><link name="probe"><collision><geometry><sphere radius="0.05"/>
+</geometry></collision></link><link name="mount"/>
+<joint name="flange" type="fixed"><parent link="probe"/><child link="mount"/></joint></robot>"""
+
+
+def test_another_robot_on_the_network_is_told(robot: Robot) -> None:
+    (robot.folder / "probe.urdf").write_text(SPHERE, encoding="utf-8")
+    robot.listen("/contactfusion/events", "std_msgs/msg/String")
+    described = "/robot_description", "std_msgs/msg/String"
+    send = robot.transport.advertise(*described, latched=True)
+    sent = typestore().types[described[1]](data=SPHERE.replace("flange", "gripper"))
+    send(typestore().serialize_cdr(sent, described[1]))
+    robot.start(robot={"urdf": "probe.urdf", "spacing": 0.004}, surface=None)
+    robot.wait_for("the robot on /robot_description is another: it lacks the joint flange")
+    robot.wait_for("it has the joint gripper besides")
+
+
 def test_orders_change_what_runs_and_wrong_ones_are_answered_with_a_sentence(robot: Robot) -> None:
     robot.start()
     robot.push_until(lambda: json.loads(ask("status"))["sources"])

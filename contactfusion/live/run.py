@@ -7,7 +7,7 @@ import signal
 import threading
 import time
 import webbrowser
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Future
 from contextlib import ExitStack, closing, contextmanager
 from datetime import datetime
@@ -22,14 +22,17 @@ from contactfusion.live.clock import Clock, SimulatedTime, machine_time
 from contactfusion.live.commander import Commander
 from contactfusion.live.config import LiveConfig
 from contactfusion.live.control import PATIENCE, Control
+from contactfusion.live.description import TOPIC, differences
 from contactfusion.live.page import Address, Page
 from contactfusion.live.results import Results
 from contactfusion.live.status import Status
 from contactfusion.live.stream import LiveStream
 from contactfusion.live.tape import Tape
-from contactfusion.live.transport import End, Transport
+from contactfusion.live.transport import End, Quality, Transport
 from contactfusion.loop import Observer
 from contactfusion.pipeline import Step
+from contactfusion.readings.messages import Message
+from contactfusion.recordings.messages import typestore
 from contactfusion.recordings.recording import WHOLE
 from contactfusion.run.configuration import Setting, setting_of_file
 from contactfusion.run.session import Session, matched
@@ -161,6 +164,9 @@ class _Live:
         self._watched, self._reported, self._shown = 0, 0.0, 0.0
         self._ends: float | None = None
         self._troubled: set[str] = set()
+        if pipeline.config.robot is not None:
+            self._urdf = pipeline.config.robot.path().read_text(encoding="utf-8")
+            transport.listen(TOPIC, "std_msgs/msg/String", Quality(True, True), self._described)
 
     def run(
         self,
@@ -263,6 +269,18 @@ class _Live:
     def _stops(self, text: str) -> None:
         """Take note that commands become zero, or go on; also from the thread of the watchdog."""
         self._stream.queue.put(functools.partial(self._results.event, "warning", text))
+
+    def _described(self, cdr: bytes, arrived: int) -> None:
+        """Compare the robot on the network with that of the configuration."""
+        clauses: Iterable[str]
+        try:
+            described: Message = typestore().deserialize_cdr(cdr, "std_msgs/msg/String")
+            clauses = differences(described.data, self._urdf)
+        except Exception as error:  # rosbags meets damage with errors of many kinds
+            clauses = (f"it can't be read: {error}",)
+        for clause in clauses:
+            text = f"the robot on {TOPIC} is another: {clause}"
+            self._stream.queue.put(functools.partial(self._results.event, "warning", text))
 
     def _noted(self, level: str, text: str) -> None:
         self._status.event(level, text)
