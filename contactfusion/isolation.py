@@ -6,6 +6,7 @@ import pickle
 import queue
 import signal
 import threading
+import time
 import traceback
 from collections import deque
 from collections.abc import Callable, Sequence
@@ -45,7 +46,7 @@ class Isolated(Generator[GeneratorConfig]):
     after they are done. Without a clock, every reading is processed, and each step waits for those
     before it, so that equal input gives equal contacts; an answer that takes longer than the
     `patience` of the generator ends its process, and the generator stays out. A process that ends
-    by itself is started again at most `RESTARTS` times.
+    by itself, or on a live robot by its patience, is started again at most `RESTARTS` times.
 
     Args:
         inner: the generator that runs in a process of its own.
@@ -141,16 +142,19 @@ class Isolated(Generator[GeneratorConfig]):
         if self.out:
             raise PluginError(self.out)
         self._todo.put(waiting)
-        self._asked, self._busy = number, True
+        self._asked, self._busy, self._sent_at = number, True, time.monotonic()
 
     def _received(self, wait: bool) -> Sequence[HypothesisCloud]:
         """The clouds of the reading that was sent; nothing as long as it is processed."""
         try:
             answer = self._answers.get(block=wait, timeout=self._patience)
         except queue.Empty:
+            why = f"gave no answer within {self._patience:g} s (`patience`)"
             if wait:
-                why = f"gave no answer within {self._patience:g} s (`patience`)"
                 raise self._stay_out(why) from None
+            if self._live and time.monotonic() - self._sent_at > self._patience:
+                self._process.kill()
+                raise self._started_again(why) from None
             return ()
         self._busy, outdated, self._outdated = False, self._outdated, False
         self._patience = self.config.patience
@@ -202,12 +206,16 @@ class Isolated(Generator[GeneratorConfig]):
         self._courier.start()
         self._todo.put(self._packed)
         self._asked, self._busy, self._outdated = 0, True, False
+        self._sent_at = time.monotonic()
         self._patience = max(START, self.config.patience)
 
     def _after_end(self) -> PluginError:
-        """Start again after the process ended, or stay out; the reading in process is lost."""
-        self._process.join(timeout=1.0)  # its pipe closes just before it ends
-        how = f"has ended (exit code {self._process.exitcode})"
+        """Start again after the process ended, or stay out."""
+        self._process.join(timeout=0.1)  # its pipe closes just before it ends
+        return self._started_again(f"has ended (exit code {self._process.exitcode})")
+
+    def _started_again(self, how: str) -> PluginError:
+        """Start again unless that was done too often; the reading in process is lost."""
         if self._ends == RESTARTS:
             return self._stay_out(f"{how} {RESTARTS + 1} times")
         self._ends += 1

@@ -275,6 +275,37 @@ def test_an_isolated_generator_that_dies_is_started_again_three_times(isolated: 
     isolated.unplug("remote")
 
 
+@pytest.mark.parametrize("ask", ["hang", "half", "stop"])
+def test_an_isolated_generator_that_hangs_is_started_again_and_delays_no_cycle(ask: str) -> None:
+    pipe = pipeline(live=True, remote={**REMOTE, "patience": 0.3})
+    cycles = Cycles(pipe)
+    cycles.until_heard("now")
+    cycles.longest = 0.0
+    (message,) = refusals(cycles.until_heard(ask))
+    assert message == (
+        "the process of 'remote' gave no answer within 0.3 s (`patience`): it is started again, "
+        "1 of 3 times"
+    )
+    assert cycles.longest < 0.2
+    assert refusals(cycles.until_heard("now")) == []
+    pipe.close()
+
+
+def test_a_large_reading_for_a_process_that_stopped_delays_no_cycle() -> None:
+    pipe = pipeline(live=True, remote={**REMOTE, "patience": 0.3})
+    cycles = Cycles(pipe)
+    cycles.until_heard("now")
+    cycles.cycle("stop")
+    cycles.longest = 0.0
+    many = PointCloud(stamp=cycles.now, frame="base", points=np.ones((200_000, 3)), sensor="now")
+    start = time.perf_counter()
+    pipe.receive(many)
+    assert time.perf_counter() - start < 0.2
+    cycles.until_heard("now")
+    assert cycles.longest < 0.2
+    pipe.close()
+
+
 def test_an_answer_that_is_only_half_written_keeps_no_cycle_waiting(isolated: Pipeline) -> None:
     cycles = Cycles(isolated)
     cycles.until_heard("now")
