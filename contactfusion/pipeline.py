@@ -29,7 +29,8 @@ from contactfusion.generator import checked_clouds
 from contactfusion.grid import Grid
 from contactfusion.hypotheses import HypothesisCloud, HypothesisKind, Resultant
 from contactfusion.integrator.fusion import Fusion
-from contactfusion.integrator.sources import Event
+from contactfusion.integrator.inbox import OTHER_CLOCK
+from contactfusion.integrator.sources import Event, EventKind
 from contactfusion.isolation import Isolated
 from contactfusion.loop import play
 from contactfusion.pipeline_config import PipelineConfig
@@ -37,6 +38,7 @@ from contactfusion.readings import JointState, Odometry, Reading, Wrench
 from contactfusion.robot_state import Robot
 from contactfusion.state import State
 from contactfusion.stream import Stream
+from contactfusion.time import LEAP
 
 LOG = logging.getLogger(__name__)
 FRESH = 0.1
@@ -308,6 +310,12 @@ class Pipeline:
 
     def step(self, now: float) -> Step:
         """Fuse all that is alive at `now` [s], and let the controller act on the contacts."""
+        for source, stamp in self._robot.leave_out(now + LEAP):
+            self.integrator.note(
+                EventKind.EARLY,
+                source,
+                f"{source} is {stamp - now:,.3f} s ahead of the step: left out, {OTHER_CLOCK}",
+            )
         newest, self._newest = self._newest, {}
         for (name, _), reading in newest.items():
             if name in self.generators:

@@ -4,7 +4,7 @@ import functools
 import math
 from bisect import bisect_right
 from collections import deque
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, TypeVar, final
 
@@ -93,6 +93,20 @@ class Robot:
         else:
             return
         self._forget()
+
+    def leave_out(self, limit: float) -> Iterator[tuple[str, float]]:
+        """Drop what is newer than a step can know: it is of another clock, and hides what is not.
+
+        Args:
+            limit: the newest stamp that counts, now and until the next call [s].
+
+        Yields:
+            What was dropped since the last call, and its newest stamp [s].
+        """
+        left_out = {**self._states.leave_out(limit), **self._transforms.leave_out(limit)}
+        if left_out:
+            self._forget()
+            yield from left_out.items()
 
     def clear(self) -> None:
         """Forget all readings."""
@@ -225,23 +239,55 @@ class StateBuffer:
         self._joints: dict[tuple[str, ...], deque[JointState]] = {}
         self._odometry: deque[Odometry] = deque(maxlen=LENGTH)
         self._integrated: deque[tuple[float, Pose]] = deque(maxlen=LENGTH)
+        self._limit = math.inf
+        self._left_out: dict[str, float] = {}
 
     def add(self, reading: Reading) -> None:
         """Store a reading, unless it is older than the newest of its type."""
         if isinstance(reading, JointState):
-            _append(self._joints.setdefault(reading.names, deque(maxlen=LENGTH)), reading)
+            self._append(self._joints.setdefault(reading.names, deque(maxlen=LENGTH)), reading)
         elif isinstance(reading, Odometry):
-            _append(self._odometry, reading)
+            self._append(self._odometry, reading)
             if self._odometry[-1] is reading:
                 self._integrated.clear()
         elif isinstance(reading, Twist):
             self._integrate(reading)
+
+    def leave_out(self, limit: float) -> Mapping[str, float]:
+        """Drop what is newer than a limit [s]; what was dropped since the last call, as `Robot`."""
+        self._limit = limit
+        self._drop(self._odometry)
+        for readings in self._joints.values():
+            self._drop(readings)
+        self._drop_integrated()
+        self._joints = {names: readings for names, readings in self._joints.items() if readings}
+        left_out, self._left_out = self._left_out, {}
+        return left_out
 
     def clear(self) -> None:
         """Forget all readings."""
         self._joints.clear()
         self._odometry.clear()
         self._integrated.clear()
+        self._limit = math.inf
+        self._left_out.clear()
+
+    def _append(self, readings: deque[R], reading: R) -> None:
+        if reading.stamp <= self._limit:
+            self._drop(readings)
+        if not readings or reading.stamp >= readings[-1].stamp:
+            readings.append(reading)
+
+    def _drop_integrated(self) -> None:
+        """Drop the poses by twists that are newer than the limit."""
+        while self._integrated and self._integrated[-1][0] > self._limit:
+            self._left_out.setdefault(Twist.__name__, self._integrated.pop()[0])
+
+    def _drop(self, readings: deque[R]) -> None:
+        """Drop what is newer than the limit."""
+        while readings and readings[-1].stamp > self._limit:
+            last = readings.pop()
+            self._left_out.setdefault(last.label, last.stamp)
 
     def joints(self, stamp: float) -> JointState | None:
         """The joints at a stamp [s]: positions in between, the rest of the nearer reading.
@@ -278,6 +324,8 @@ class StateBuffer:
         """Integrate the pose of the base by a twist that has held since its last pose."""
         if not self._odometry or twist.frame != self._odometry[-1].child_frame:
             return
+        if twist.stamp <= self._limit:
+            self._drop_integrated()
         last = self._odometry[-1]
         before, pose = self._integrated[-1] if self._integrated else (last.stamp, last.pose)
         period = twist.stamp - before
@@ -326,11 +374,6 @@ def _together(parts: Sequence[JointState]) -> JointState:
     )
 
 
-def _append(readings: deque[R], reading: R) -> None:
-    if not readings or reading.stamp >= readings[-1].stamp:
-        readings.append(reading)
-
-
 def _around(readings: deque[R], stamp: float) -> tuple[R, R, float] | None:
     """The readings before and after a stamp, and where it lies between them."""
     if not readings:
@@ -360,6 +403,15 @@ class _Series:
         self.transforms.append(transform)
         if len(self.stamps) >= 2 * LENGTH:
             del self.stamps[:LENGTH], self.transforms[:LENGTH]
+
+    def drop(self, limit: float) -> float | None:
+        """Drop what is newer than a limit [s]; the newest stamp, or None where nothing is."""
+        newest = self.stamps[-1] if self.stamps else -math.inf
+        if self.static or newest <= limit:
+            return None
+        first = bisect_right(self.stamps, limit)
+        del self.stamps[first:], self.transforms[first:]
+        return newest
 
     def around(self, stamp: float) -> "_Series":
         """The first and the last pose, and the two next to a stamp: no other counts then."""
@@ -394,6 +446,8 @@ class TransformBuffer:
     def __init__(self) -> None:
         self._series: dict[str, _Series] = {}
         self._frames: frozenset[str] = frozenset()
+        self._limit = math.inf
+        self._left_out: dict[str, float] = {}
 
     def add(self, transform: Transform) -> None:
         """Store a transform, unless one of the frame is as new.
@@ -405,18 +459,42 @@ class TransformBuffer:
             series = self._series[transform.child_frame] = _Series(
                 transform.frame, transform.static
             )
-            self._frames = frozenset(self._series) | {
-                known.parent for known in self._series.values()
-            }
+            self._name()
         if series.static:  # published again; the newest holds
             series.stamps.clear()
             series.transforms.clear()
+        if transform.stamp <= self._limit:
+            self._drop(transform.child_frame, series)
         series.add(transform)
+
+    def leave_out(self, limit: float) -> Mapping[str, float]:
+        """Drop what is newer than a limit [s]; what was dropped since the last call, as `Robot`."""
+        self._limit = limit
+        for frame, series in self._series.items():
+            self._drop(frame, series)
+        if not all(series.stamps for series in self._series.values()):
+            self._series = {frame: each for frame, each in self._series.items() if each.stamps}
+            self._name()
+        left_out, self._left_out = self._left_out, {}
+        return left_out
 
     def clear(self) -> None:
         """Forget all transforms."""
         self._series.clear()
         self._frames = frozenset()
+        self._limit = math.inf
+        self._left_out.clear()
+
+    def _drop(self, frame: str, series: _Series) -> None:
+        """Drop what is newer than the limit."""
+        newest = series.drop(self._limit)
+        if newest is not None:
+            self._left_out[f"the transform of '{frame}'"] = newest
+
+    def _name(self) -> None:
+        """Take note of all frames that a transform names."""
+        parents = {known.parent for known in self._series.values()}
+        self._frames = frozenset(self._series) | parents
 
     @property
     def static(self) -> dict[str, Parent]:

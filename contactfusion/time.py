@@ -5,6 +5,8 @@ from contactfusion.errors import TimeError
 NANOSECONDS_PER_SECOND = 1_000_000_000
 LONGEST_SECONDS = 4.0e9
 """Stamps, timeouts and their sums stay below this [s], so that int64 nanoseconds hold them."""
+LEAP = 2.0
+"""A stamp further ahead of a step is of another clock [s]; recorded transforms come 1 s early."""
 
 
 def to_nanoseconds(seconds: float) -> int:

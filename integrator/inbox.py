@@ -10,7 +10,9 @@ from contactfusion.grid import VOXEL_LIMIT, Grid
 from contactfusion.hypotheses import HypothesisCloud
 from contactfusion.integrator.sources import Event, EventKind, SourceRecord
 from contactfusion.integrator.store import Int64Array, rasterise
-from contactfusion.time import to_nanoseconds
+from contactfusion.time import LEAP, to_nanoseconds
+
+OTHER_CLOCK = "its clock is another"
 
 
 @dataclass(slots=True)
@@ -76,7 +78,9 @@ class Inbox:
     def take(
         self, now: int, sources: Mapping[str, SourceRecord], events: list[Event]
     ) -> dict[str, list[Arrival]]:
-        """Accept what is neither late nor early; late clouds are dropped, early ones stay.
+        """Accept what is neither late nor early; early clouds stay.
+
+        Late clouds are dropped, and those that are so early that their clock is another.
 
         Returns:
             The accepted clouds by source, in order of arrival.
@@ -86,7 +90,12 @@ class Inbox:
         for arrival in self._arrivals:
             cloud = arrival.cloud
             source = sources[cloud.source]
-            if arrival.stamp > now + self._max_ahead:
+            if arrival.stamp > now + max(self._max_ahead, to_nanoseconds(LEAP)):
+                source.early += 1
+                lead = (arrival.stamp - now) / 1e9
+                message = f"a cloud of '{source.name}' is {lead:,.3f} s early: dropped, {OTHER_CLOCK}"
+                events.append(Event(EventKind.EARLY, source.name, message))
+            elif arrival.stamp > now + self._max_ahead:
                 if not arrival.held:
                     arrival.held = True
                     source.early += 1
