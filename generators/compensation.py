@@ -45,7 +45,8 @@ class Compensation(Model):
             gravity: shape (3,) [m/s²], in the sensor's frame.
         """
         weight = self.mass * gravity
-        torque = np.cross(self.centre_of_mass, weight)
+        (x, y, z), (a, b, c) = self.centre_of_mass, weight.tolist()
+        torque = np.array([y * c - z * b, z * a - x * c, x * b - y * a])
         return np.concatenate([weight + self.force_bias, torque + self.torque_bias])
 
 

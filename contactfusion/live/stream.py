@@ -48,6 +48,8 @@ TIMED = 256
 """Number of newest steps whose duration is kept."""
 IDLE = 0.02
 """The longest wait for a message, before the loop looks at its clock [s]."""
+YIELD = 5e-5
+"""A pause in which threads that receive are given the interpreter [s]."""
 END: Final = object()
 """In the queue: the stream ends."""
 
@@ -204,7 +206,9 @@ class LiveStream(Recording):
                 for reading in self._delivered(what):
                     yield Arrival(None, (reading,))
                     if _is_named(reading, policy.on, named):
-                        behind = behind if triggered else len(self.queue)
+                        if not triggered:  # what came during the last step shares this one
+                            time.sleep(YIELD)
+                            behind = len(self.queue)
                         triggered += 1
                 self._record_answers()
             elif isinstance(what, Change):
