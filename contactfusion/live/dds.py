@@ -9,7 +9,16 @@ from typing import TYPE_CHECKING, Any, final
 
 from contactfusion.errors import ConfigurationError, missing_extra
 from contactfusion.live.clock import machine_time
-from contactfusion.live.transport import DEPTH, RESULTS, End, Quality, Send, Take, Transport
+from contactfusion.live.transport import (
+    DEPTH,
+    RESULTS,
+    End,
+    Quality,
+    Send,
+    Take,
+    Transport,
+    domain_number,
+)
 from contactfusion.recordings.messages import defined, type_hash, typestore
 from contactfusion.time import NANOSECONDS_PER_SECOND
 
@@ -68,6 +77,7 @@ class DdsTransport(Transport):
     """
 
     def __init__(self, domain: int | None = None) -> None:
+        super().__init__()
         try:
             from cyclonedds.builtin import (
                 BuiltinDataReader,
@@ -78,7 +88,7 @@ class DdsTransport(Transport):
             from cyclonedds.domain import Domain, DomainParticipant
         except ImportError:
             raise missing_extra("cyclonedds", "ros2") from None
-        number = _domain() if domain is None else domain
+        number = domain_number(domain)
         self._domain: Domain | None = None
         try:
             if os.environ.get("ROS_AUTOMATIC_DISCOVERY_RANGE", "").upper() == "LOCALHOST":
@@ -143,9 +153,10 @@ class DdsTransport(Transport):
         writer = DataWriter(self._participant, self._topic(topic, msgtype), qos=qos)
 
         def send(cdr: bytes | memoryview) -> None:
-            """Send a message; one that no reader makes room for is dropped."""
+            """Send a message, unless no reader makes room for it, or it is malformed."""
             whole = bytes(cdr)
-            ddspy_write(writer._ref, whole.ljust((len(whole) + 3) & ~3, b"\0"))
+            if ddspy_write(writer._ref, whole.ljust((len(whole) + 3) & ~3, b"\0")) < 0:
+                self.unsent[topic] += 1
 
         return send
 
@@ -187,14 +198,6 @@ class DdsTransport(Transport):
                     for cdr, info in () if isinstance(taken, int) else taken:
                         if info.valid_data:
                             each.take(cdr, arrived)
-
-
-def _domain() -> int:
-    """The number of the domain by the environment."""
-    text = os.environ.get("ROS_DOMAIN_ID") or "0"
-    if not text.isdecimal() or int(text) > 232:
-        raise ConfigurationError(f"ROS_DOMAIN_ID: '{text}' is no number from 0 to 232")
-    return int(text)
 
 
 def _local_domain(number: int) -> Any:
