@@ -143,6 +143,7 @@ class DdsTransport(Transport):
         with self._lock:
             if found := self._listening.pop(topic, None):
                 self._waiting.detach(found.condition)
+                found.reader.__del__()  # also where the thread still holds it
 
     def advertise(self, topic: str, msgtype: str, latched: bool = False) -> Send:
         """A writer of a topic."""
@@ -250,6 +251,7 @@ def _quality_of_service(msgtype: str, quality: Quality, depth: int) -> "Qos":
         else Policy.Reliability.BestEffort,
         Policy.Durability.TransientLocal if quality.latched else Policy.Durability.Volatile,
         Policy.History.KeepLast(depth),
+        Policy.DurabilityService(0, Policy.History.KeepLast(depth), -1, -1, -1),  # for late readers
         Policy.DataRepresentation(use_cdrv0_representation=True),
         Policy.Userdata(hashed.encode()),
     )

@@ -15,7 +15,7 @@ Send = Callable[[bytes | memoryview], None]
 DEPTH = 1000
 """Number of messages of a topic that a reader keeps until they are taken."""
 RESULTS = 10
-"""Number of messages of a topic that a writer keeps for readers that lag behind."""
+"""Number of messages of a topic that a writer keeps, for readers that lag behind or come late."""
 
 
 class Quality(NamedTuple):
@@ -91,7 +91,7 @@ class Transport(ABC):
         Args:
             topic: as ROS calls it.
             msgtype: as ROS 2 calls it.
-            latched: whether late readers receive the last message.
+            latched: whether late readers receive the last `RESULTS` messages.
 
         Raises:
             RecordingError: nothing that is installed defines the type.
