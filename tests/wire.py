@@ -23,6 +23,7 @@ class Wire(Transport):
     """Topics that tests write, and what is sent on others."""
 
     def __init__(self) -> None:
+        super().__init__()
         self.writers: list[End] = []
         self.takes: dict[str, Take] = {}
         self.sent: dict[str, list[Message]] = defaultdict(list)

@@ -63,6 +63,10 @@ def live(
     from contactfusion.live.transport import Transport
 
     def opened() -> Transport:
+        if ros is Ros.RCLPY:
+            from contactfusion.live.node import NodeTransport
+
+            return NodeTransport(domain)
         from contactfusion.live.dds import DdsTransport
 
         return DdsTransport(domain)

@@ -9,7 +9,16 @@ from typing import TYPE_CHECKING, Any, final
 
 from contactfusion.errors import ConfigurationError, missing_extra
 from contactfusion.live.clock import machine_time
-from contactfusion.live.transport import DEPTH, RESULTS, End, Quality, Send, Take, Transport
+from contactfusion.live.transport import (
+    DEPTH,
+    RESULTS,
+    End,
+    Quality,
+    Send,
+    Take,
+    Transport,
+    domain_number,
+)
 from contactfusion.recordings.messages import defined, type_hash, typestore
 from contactfusion.time import NANOSECONDS_PER_SECOND
 
@@ -70,6 +79,7 @@ class DdsTransport(Transport):
     """
 
     def __init__(self, domain: int | None = None) -> None:
+        super().__init__()
         try:
             from cyclonedds.builtin import (
                 BuiltinDataReader,
@@ -81,7 +91,7 @@ class DdsTransport(Transport):
             from cyclonedds.domain import Domain, DomainParticipant
         except ImportError:
             raise missing_extra("cyclonedds", "ros2") from None
-        number = _domain() if domain is None else domain
+        number = domain_number(domain)
         self._domain: Domain | None = None
         try:
             if os.environ.get("ROS_AUTOMATIC_DISCOVERY_RANGE", "").upper() == "LOCALHOST":
@@ -138,6 +148,7 @@ class DdsTransport(Transport):
         with self._lock:
             if found := self._listening.pop(topic, None):
                 self._waiting.detach(found.condition)
+                found.reader.__del__()  # also where the thread still holds it
 
     def advertise(self, topic: str, msgtype: str, latched: bool = False) -> Send:
         """A writer of a topic."""
@@ -148,9 +159,10 @@ class DdsTransport(Transport):
         writer = DataWriter(self._participant, self._topic(topic, msgtype), qos=qos)
 
         def send(cdr: bytes | memoryview) -> None:
-            """Send a message; one that no reader makes room for is dropped."""
+            """Send a message, unless no reader makes room for it, or it is malformed."""
             whole = bytes(cdr)
-            ddspy_write(writer._ref, whole.ljust((len(whole) + 3) & ~3, b"\0"))
+            if ddspy_write(writer._ref, whole.ljust((len(whole) + 3) & ~3, b"\0")) < 0:
+                self.unsent[topic] += 1
 
         return send
 
@@ -192,14 +204,6 @@ class DdsTransport(Transport):
                     for cdr, info in () if isinstance(taken, int) else taken:
                         if info.valid_data:
                             each.take(cdr, arrived)
-
-
-def _domain() -> int:
-    """The number of the domain by the environment."""
-    text = os.environ.get("ROS_DOMAIN_ID") or "0"
-    if not text.isdecimal() or int(text) > 232:
-        raise ConfigurationError(f"ROS_DOMAIN_ID: '{text}' is no number from 0 to 232")
-    return int(text)
 
 
 def _local_domain(number: int) -> Any:
@@ -262,6 +266,7 @@ def _quality_of_service(msgtype: str, quality: Quality, depth: int) -> "Qos":
         else Policy.Reliability.BestEffort,
         Policy.Durability.TransientLocal if quality.latched else Policy.Durability.Volatile,
         Policy.History.KeepLast(depth),
+        Policy.DurabilityService(0, Policy.History.KeepLast(depth), -1, -1, -1),  # for late readers
         Policy.DataRepresentation(use_cdrv0_representation=True),
         Policy.Userdata(hashed.encode()),
     )

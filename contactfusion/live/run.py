@@ -260,7 +260,11 @@ class _Live:
             self._reported = at
             self._results.diagnostics(self._status.diagnostics())
             met = {f"/{each.sensor}": each.note for each in self._stream.troubles()}
-            for topic, text in {**met, **self._stream.unread}.items():
+            unsent = {
+                topic: f"{count} could not be sent"
+                for topic, count in tuple(self._transport.unsent.items())
+            }
+            for topic, text in {**met, **self._stream.unread, **unsent}.items():
                 kind = f"{topic} {re.sub(NUMBERS, '', text)}"  # what is counted counts on
                 if kind not in self._troubled:
                     self._troubled.add(kind)

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Final, final
 
 from contactfusion.changes import Change
-from contactfusion.errors import ConfigurationError
+from contactfusion.errors import ConfigurationError, RecordingError
 from contactfusion.hypotheses import HypothesisKind
 from contactfusion.integrator.sources import EventKind
 from contactfusion.live.clock import Clock, SimulatedTime, machine_time
@@ -290,16 +290,17 @@ class LiveStream(Recording):
                 del self.states[topic]
         for topic, listener in found.items():
             before = self.states.get(topic)
-            tally = before.tally if before else TopicTally()
-            self.states[topic] = TopicState(topic, listener, tally, {})
             if before is None:
                 msgtype = self._types[topic] = self.contents[topic].msgtype
-                self._transport.listen(
-                    topic,
-                    msgtype,
-                    Quality(self._reliable[topic], last(topic) == STATIC),
-                    functools.partial(self.queue.packet, topic),
-                )
+                quality = Quality(self._reliable[topic], last(topic) == STATIC)
+                take = functools.partial(self.queue.packet, topic)
+                try:
+                    self._transport.listen(topic, msgtype, quality, take)
+                except RecordingError as error:
+                    self.unread[topic] = str(error)
+                    continue
+            tally = before.tally if before else TopicTally()
+            self.states[topic] = TopicState(topic, listener, tally, {})
 
     def now(self) -> float:
         """The time since the epoch [s]."""

@@ -1,8 +1,12 @@
 """The contract of transports: topics of ROS 2 as serialised messages, in and out."""
 
+import os
 from abc import ABC, abstractmethod
+from collections import Counter
 from collections.abc import Callable, Sequence
 from typing import NamedTuple
+
+from contactfusion.errors import ConfigurationError
 
 Take = Callable[[bytes, int], object]
 """Takes a message in CDR, and when it arrived [ns since 1970]; called in a thread of its own."""
@@ -11,7 +15,7 @@ Send = Callable[[bytes | memoryview], None]
 DEPTH = 1000
 """Number of messages of a topic that a reader keeps until they are taken."""
 RESULTS = 10
-"""Number of messages of a topic that a writer keeps for readers that lag behind."""
+"""Number of messages of a topic that a writer keeps, for readers that lag behind or come late."""
 
 
 class Quality(NamedTuple):
@@ -54,6 +58,10 @@ class End(NamedTuple):
 class Transport(ABC):
     """Topics of ROS 2 as serialised messages."""
 
+    def __init__(self) -> None:
+        self.unsent: Counter[str] = Counter()
+        """Number of messages that could not be sent, by topic."""
+
     @abstractmethod
     def ends(self) -> Sequence[End]:
         """All readers and writers that are known now, also those of this process."""
@@ -78,12 +86,12 @@ class Transport(ABC):
 
     @abstractmethod
     def advertise(self, topic: str, msgtype: str, latched: bool = False) -> Send:
-        """What sends messages on a topic, reliably.
+        """What sends messages on a topic, reliably; those that can't be sent are counted.
 
         Args:
             topic: as ROS calls it.
             msgtype: as ROS 2 calls it.
-            latched: whether late readers receive the last message.
+            latched: whether late readers receive the last `RESULTS` messages.
 
         Raises:
             RecordingError: nothing that is installed defines the type.
@@ -92,6 +100,18 @@ class Transport(ABC):
     @abstractmethod
     def close(self) -> None:
         """Leave the network."""
+
+
+def domain_number(domain: int | None) -> int:
+    """The number of a domain; None: that of `ROS_DOMAIN_ID`, or 0.
+
+    Raises:
+        ConfigurationError: there is no such domain.
+    """
+    text = (os.environ.get("ROS_DOMAIN_ID") or "0") if domain is None else str(domain)
+    if not text.isdecimal() or int(text) > 232:
+        raise ConfigurationError(f"the ROS domain '{text}' is no number from 0 to 232")
+    return int(text)
 
 
 def matches(offered: Quality, asked: Quality) -> bool:
