@@ -93,8 +93,8 @@ class Inbox:
             if arrival.stamp > now + max(self._max_ahead, to_nanoseconds(LEAP)):
                 source.early += 1
                 lead = (arrival.stamp - now) / 1e9
-                message = f"a cloud of '{source.name}' is {lead:,.3f} s early: dropped, {OTHER_CLOCK}"
-                events.append(Event(EventKind.EARLY, source.name, message))
+                message = f"a cloud of '{source.name}' is {lead:,.3f} s early: dropped, "
+                events.append(Event(EventKind.EARLY, source.name, message + OTHER_CLOCK))
             elif arrival.stamp > now + self._max_ahead:
                 if not arrival.held:
                     arrival.held = True

@@ -1,20 +1,22 @@
 """Commands of a pipeline that runs on a robot."""
 
 import shlex
-from enum import StrEnum
+from functools import partial
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from contactfusion.cli.options import Changed, Ignored, Topics, roles
-
-
-class Ros(StrEnum):
-    """How ROS 2 is joined."""
-
-    DDS = "dds"
-    RCLPY = "rclpy"
+from contactfusion.cli.options import (
+    Changed,
+    Domain,
+    Ignored,
+    JoinedBy,
+    Ros,
+    Topics,
+    joined,
+    roles,
+)
 
 
 def live(
@@ -22,14 +24,8 @@ def live(
     set_: Changed = None,
     topic: Topics = None,
     ignore: Ignored = None,
-    ros: Annotated[
-        Ros,
-        typer.Option(help="Join by Cyclone DDS, without an installation of ROS, or by rclpy."),
-    ] = Ros.DDS,
-    domain: Annotated[
-        int | None,
-        typer.Option(min=0, max=232, help="The ROS domain; default: ROS_DOMAIN_ID, or 0."),
-    ] = None,
+    ros: JoinedBy = Ros.DDS,
+    domain: Domain = None,
     name: Annotated[
         str | None, typer.Option(help="What `ctl` calls it; default: the name of the file.")
     ] = None,
@@ -60,20 +56,10 @@ def live(
     """Find contacts on a running robot: ROS 2 topics in, contacts and commands out."""
     from contactfusion.live.page import Address
     from contactfusion.live.run import run_live
-    from contactfusion.live.transport import Transport
-
-    def opened() -> Transport:
-        if ros is Ros.RCLPY:
-            from contactfusion.live.node import NodeTransport
-
-            return NodeTransport(domain)
-        from contactfusion.live.dds import DdsTransport
-
-        return DdsTransport(domain)
 
     run_live(
         configuration,
-        opened,
+        partial(joined, ros, domain),
         overrides=set_ or [],
         topics=roles(topic),
         ignored=ignore or [],

@@ -1,11 +1,15 @@
 """Options that several commands share, and what their texts mean."""
 
+from enum import StrEnum
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from contactfusion.errors import ConfigurationError
+
+if TYPE_CHECKING:
+    from contactfusion.live.transport import Transport
 
 RECORDING = "A ROS bag, MCAP, folder of them, C3D, or YAML file that describes a log."
 Out = Annotated[Path, typer.Option(help="The output folder.")]
@@ -49,6 +53,40 @@ Rate = Annotated[
     typer.Option(min=1e-3, help="Speed as a multiple of real time; default: as fast as possible."),
 ]
 View = Annotated[bool, typer.Option("--view", help="Open the viewer at the end.")]
+
+
+class Ros(StrEnum):
+    """How ROS 2 is joined."""
+
+    DDS = "dds"
+    RCLPY = "rclpy"
+
+
+JoinedBy = Annotated[
+    Ros,
+    typer.Option(
+        "--ros", help="Join ROS by Cyclone DDS, without an installation of it, or by rclpy."
+    ),
+]
+Domain = Annotated[
+    int | None, typer.Option(min=0, max=232, help="The ROS domain; default: ROS_DOMAIN_ID, or 0.")
+]
+
+
+def joined(ros: Ros, domain: int | None) -> "Transport":
+    """The network of a ROS domain.
+
+    Raises:
+        DependencyError: what joins it is not installed.
+        ConfigurationError: there is no such domain, or it can't be joined.
+    """
+    if ros is Ros.RCLPY:
+        from contactfusion.live.node import NodeTransport
+
+        return NodeTransport(domain)
+    from contactfusion.live.dds import DdsTransport
+
+    return DdsTransport(domain)
 
 
 def roles(topics: list[str] | None) -> dict[str, str]:

@@ -10,14 +10,18 @@ import typer
 from contactfusion.cli.options import (
     RECORDING,
     Changed,
+    Domain,
     Duration,
     Ignored,
+    JoinedBy,
     Rate,
     Results,
+    Ros,
     Seed,
     Start,
     Topics,
     View,
+    joined,
     roles,
 )
 from contactfusion.errors import ConfigurationError, listed_once
@@ -205,12 +209,8 @@ def doctor(
     live: Annotated[
         bool, typer.Option("--live", help="Check what is on the ROS 2 network, for 6 s.")
     ] = False,
-    domain: Annotated[
-        int | None,
-        typer.Option(
-            min=0, max=232, help="The ROS domain for --live; default: ROS_DOMAIN_ID, or 0."
-        ),
-    ] = None,
+    ros: JoinedBy = Ros.DDS,
+    domain: Domain = None,
 ) -> None:
     """Check the installation, a robot description or a network, and name what to repair."""
     if robot is not None:
@@ -231,9 +231,8 @@ def doctor(
         compile_kernels()
     elif live:
         from contactfusion.doctor.live import check_network
-        from contactfusion.live.dds import DdsTransport
 
-        with closing(DdsTransport(domain)) as transport:
+        with closing(joined(ros, domain)) as transport:
             if not check_network(transport):
                 raise typer.Exit(1)
     elif not check():
