@@ -24,6 +24,7 @@ from contactfusion.time import NANOSECONDS_PER_SECOND
 
 if TYPE_CHECKING:
     from cyclonedds.core import ReadCondition
+    from cyclonedds.domain import Domain
     from cyclonedds.qos import Qos
     from cyclonedds.sub import DataReader
     from cyclonedds.topic import Topic
@@ -49,6 +50,12 @@ LOOPBACK = """<CycloneDDS><Domain>
 <MaxAutoParticipantIndex>50</MaxAutoParticipantIndex></Discovery>
 </Domain></CycloneDDS>"""
 """The configuration of Cyclone that keeps to this machine, and needs no multicast."""
+BY_NAME = """<CycloneDDS><Domain><Compatibility>
+<IgnoreTypeInformation>1.15,1.16</IgnoreTypeInformation>
+</Compatibility></Domain></CycloneDDS>"""
+"""The configuration by which types of Fast DDS (vendor 1.15) and Cyclone (1.16) are known by name, as
+nodes of ROS know them: what Fast DDS 3, of ROS 2 Kilted, says of sequences is refused by Cyclone.
+"""
 TYPING = threading.Lock()
 """Held while a topic is made: cyclonedds completes its type then, which all transports share."""
 
@@ -88,14 +95,12 @@ class DdsTransport(Transport):
                 BuiltinTopicDcpsSubscription,
             )
             from cyclonedds.core import DDSException, WaitSet
-            from cyclonedds.domain import Domain, DomainParticipant
+            from cyclonedds.domain import DomainParticipant
         except ImportError:
             raise missing_extra("cyclonedds", "ros2") from None
         number = domain_number(domain)
-        self._domain: Domain | None = None
         try:
-            if os.environ.get("ROS_AUTOMATIC_DISCOVERY_RANGE", "").upper() == "LOCALHOST":
-                self._domain = _local_domain(number)
+            self._domain: Domain | None = _domain(number)
             self._participant: DomainParticipant = DomainParticipant(number)
         except DDSException as error:
             raise ConfigurationError(
@@ -206,14 +211,16 @@ class DdsTransport(Transport):
                             each.take(cdr, arrived)
 
 
-def _local_domain(number: int) -> Any:
-    """The domain that keeps to this machine."""
+def _domain(number: int) -> "Domain | None":
+    """The domain with its settings; None: this process has joined it, and those it has hold."""
     from cyclonedds.core import DDSException
     from cyclonedds.domain import Domain
 
+    local = os.environ.get("ROS_AUTOMATIC_DISCOVERY_RANGE", "").upper() == "LOCALHOST"
+    network = LOOPBACK if local else os.environ.get("CYCLONEDDS_URI", "")
     try:
-        return Domain(number, LOOPBACK)
-    except DDSException:  # this process has joined it already, and its settings hold
+        return Domain(number, ",".join(filter(None, (network, BY_NAME))))
+    except DDSException:
         return None
 
 
