@@ -21,6 +21,8 @@ LONG = 2.0
 """The least time in contact that two sources are compared for [s]."""
 APART = 2.0
 """A mean offset of so many stated standard deviations is a disagreement; it ends at half of it."""
+MOST = 32
+"""So many sources of a contact, the first by name, are compared at most: each with each other."""
 GAP = 0.5
 """Steps that are further apart count as no time in contact [s]."""
 
@@ -70,7 +72,7 @@ class Disagreement:
         for member in members:
             if member.contact.likelihood < PROBABLE:
                 continue
-            centres = sorted(member.centres.items())
+            centres = sorted(member.centres.items())[:MOST]
             for (first, (here, unsure)), (second, (there, other)) in itertools.combinations(
                 centres, 2
             ):

@@ -121,7 +121,7 @@ def _existence(fields: LikelihoodFields, basin: Basin, taken: Taken) -> tuple[fl
     silent = [source for source in fields.entries.sources if source.misses < 1.0]
     factors |= {source.name: max(source.misses, EDGE) for source in silent}
     odds *= math.prod(factors.values())
-    return odds / (1.0 + odds), given, factors
+    return odds / (1.0 + odds) if odds < math.inf else 1.0, given, factors
 
 
 def _area(fields: LikelihoodFields, basin: Basin, taken: Taken) -> tuple[Rows, FloatArray]:

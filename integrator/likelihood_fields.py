@@ -147,8 +147,8 @@ class LikelihoodFields:
             self.evidence[row].left[:] = False
 
     def product(self, rows: Iterable[int]) -> FloatArray:
-        """The product of the factors of some sources, shape (c,); not to be changed."""
-        return functools.reduce(np.multiply, (self.factors[row] for row in rows))
+        """The product of the factors of some sources, shape (c,); as `product`."""
+        return product(self.factors[[*rows]])
 
     def restore(self) -> None:
         """Take it that no contact explains anything yet."""
@@ -236,3 +236,16 @@ class LikelihoodFields:
         stamps = self.entries.columns.stamps
         newest = [stamps[own].max(initial=0) for _, own in self.entries.by_source]
         return np.array(newest, np.int64)
+
+
+def product(factors: FloatArray) -> FloatArray:
+    """The product of factors (k, c) over sources, shape (c,).
+
+    Where so many agree that it is beyond what floats hold, it is in parts of the largest.
+    """
+    with np.errstate(over="ignore", under="ignore"):
+        whole: FloatArray = factors.prod(axis=0)
+    if np.isfinite(whole).all() and whole.any():
+        return whole
+    logarithms = np.log(np.maximum(factors, np.finfo(float).tiny)).sum(axis=0)
+    return np.asarray(np.exp(logarithms - logarithms.max()), np.float64)

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from contactfusion.arrays import FloatArray
 from contactfusion.integrator.entries import Entries, Field, Member, Source
 from contactfusion.integrator.estimates import AGREED, estimate
-from contactfusion.integrator.likelihood_fields import LikelihoodFields
+from contactfusion.integrator.likelihood_fields import LikelihoodFields, product
 from contactfusion.integrator.members import FAINT, by_voxel, told_in
 from contactfusion.integrator.places import Basin
 from contactfusion.integrator.posterior import TrustConfig
@@ -117,7 +117,8 @@ class Search:
         self._summed: dict[int, NDArray[np.bool_]] = {}
         """The detections that tell of several contacts together, by the row of their source."""
         while len(found) < MOST and self._fields.possible() >= FAINT:
-            weights = self._fields.seen * self._fields.factors.prod(axis=0) * self._fields.sought()
+            whole = product(self._fields.factors)
+            weights = self._fields.seen * whole * self._fields.sought()
             beside = [*(member for _, member in found), *before[len(found) + 1 :]]
             is_vague = any(
                 each.cloud.single and each.left.any() for each in self._fields.evidence.values()

@@ -1,5 +1,6 @@
 """Two sources that lie apart in the same direction for long, by more than they state."""
 
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -7,6 +8,7 @@ import pytest
 
 from contactfusion import Integrator, IntegratorConfig
 from contactfusion.hypotheses import HypothesisCloud
+from contactfusion.integrator.disagreement import MOST, Disagreement
 from contactfusion.integrator.sources import Event, EventKind
 from contactfusion.surface import Surface
 from tests.clouds import REGULAR
@@ -74,3 +76,13 @@ def test_a_reset_forgets_what_was_apart() -> None:
             step = integrator.step(stamp, PALM)
             assert not [e for e in step.report.events if e.kind == EventKind.DISAGREES]
         integrator.reset()
+
+
+@pytest.mark.parametrize(("apart", "told"), [(MOST - 1, MOST - 1), (MOST, 0)])
+def test_of_many_sources_the_first_by_name_are_compared(apart: int, told: int) -> None:
+    offset = {row: np.full(3, 0.02 * (row == apart)) for row in range(MOST + 1)}
+    centres = {f"skin {row:02d}": (offset[row], 0.004) for row in range(MOST + 1)}
+    member: Any = SimpleNamespace(contact=SimpleNamespace(likelihood=0.9), centres=centres)
+    watch = Disagreement()
+    found = [pair for now in range(20) for pair in watch.watch(now * 250_000_000, [member])]
+    assert len(found) == told

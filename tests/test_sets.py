@@ -11,6 +11,7 @@ from contactfusion import Contact, Fusion, HypothesisCloud, Integrator, Integrat
 from contactfusion.arrays import FloatArray
 from contactfusion.errors import ConfigurationError
 from contactfusion.hypotheses import HypothesisKind, Resultant
+from contactfusion.integrator.likelihood_fields import product
 from contactfusion.integrator.sets import MOST
 from contactfusion.shapes import ShapeConfig
 from contactfusion.surface import Surface
@@ -376,3 +377,22 @@ def test_any_clouds_give_contacts_with_probabilities_the_same_ones_again(
         assert np.linalg.eigvalsh(contact.covariance)[0] > 0.0
         assert sum(contact.shares.values()) == pytest.approx(1.0)
         assert np.isfinite(contact.position).all() and np.isfinite(contact.extent).all()
+
+
+@SURFACES
+def test_many_sources_that_agree_find_one_contact(surface: Surface | None) -> None:
+    """The product of what so many say is beyond what a float holds."""
+    rng = np.random.default_rng(0)
+    clouds = [emit(f"source {row}", 0.5, PATCH + rng.normal(0.0, 1.0, 3)) for row in range(400)]
+    contact, *others = fused(*clouds, surface=surface).contacts
+    assert np.linalg.norm(contact.position) < 3e-3
+    assert contact.likelihood > 0.99
+    assert not others
+
+
+def test_of_many_factors_the_product_is_relative_and_of_few_it_is_exact() -> None:
+    few = np.array([[2.0, 3.0, 1.0], [0.5, 0.25, 1.0]])
+    np.testing.assert_array_equal(product(few), [1.0, 0.75, 1.0])
+    many = np.repeat([[50.0, 25.0, 1.0]], 400, axis=0)
+    np.testing.assert_allclose(product(many), [1.0, 0.5**400, 0.0], rtol=1e-9, atol=1e-300)
+    np.testing.assert_allclose(product(1.0 / many)[2], 1.0)

@@ -103,9 +103,7 @@ class Numbers:
         self.came.set()
 
     def list(self) -> list[int]:
-        sent: list[Message] = [
-            typestore().deserialize_cdr(cdr, self._msgtype) for cdr in self._cdr
-        ]
+        sent: list[Message] = [typestore().deserialize_cdr(cdr, self._msgtype) for cdr in self._cdr]
         if self._msgtype == CLOUD:
             return [each.row_step for each in sent if len(each.data) == BYTES]
         return [round(1e9 * each.wrench.force.x) for each in sent]
