@@ -7,7 +7,7 @@ DEMO_READY := $(VENV)/.ready-demo
 READY := $(VENV)/.ready
 SOAK_SCENARIOS ?= 2000
 
-.PHONY: demo test test-lab test-lab-changed lint soak bench goldens bare show-recordings show-touch show-push show-sensing show-paper show-hard show-replay show-grasp show-press show-dask show-live train clean
+.PHONY: demo test test-lab test-lab-changed lint soak torture bench goldens bare show-recordings show-touch show-push show-sensing show-paper show-hard show-replay show-grasp show-press show-dask show-live train clean
 
 demo: $(DEMO_READY)
 	$(BIN)/contactfusion demo --out out/demo
@@ -35,6 +35,10 @@ lint: $(READY)
 
 soak: $(READY)
 	$(BIN)/python -m tests.soak --scenarios $(SOAK_SCENARIOS) --workers 2
+
+# Faults, kills, and want of everything; sections that are made are kept. A disk is mounted: as root.
+torture: $(READY)
+	$(BIN)/python -m tests.torture $(ONLY)
 
 bench: $(READY)
 	$(BIN)/python -m pip install --quiet --constraint constraints.txt --editable '.[bench]'

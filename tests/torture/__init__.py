@@ -1,0 +1,1 @@
+"""Faults, kills, and want of everything: what survives, and what is lost."""
