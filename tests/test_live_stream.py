@@ -202,7 +202,7 @@ def test_a_topic_that_comes_late_is_listened_to_once_it_is_matched(wire: Wire) -
 def test_a_topic_whose_type_the_transport_lacks_is_named_and_the_others_are_heard(
     wire: Wire, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    listen, lacks = wire.listen, "nothing defines the type sensor_msgs/msg/Imu"
+    listen, lacks = wire.listen, "nothing defines the type sensor_msgs/msg/JointState"
 
     def only_wrenches(topic: str, msgtype: str, *more: Any) -> None:
         if msgtype != WRENCH:
@@ -210,9 +210,9 @@ def test_a_topic_whose_type_the_transport_lacks_is_named_and_the_others_are_hear
         listen(topic, msgtype, *more)
 
     monkeypatch.setattr(wire, "listen", only_wrenches)
-    wire.writer("/imu", "sensor_msgs/msg/Imu")
-    live = Live(wire, {**SENSORS, "imu": ("/imu",)})
-    assert live.stream.unread == {"/imu": lacks}
+    wire.writer("/joints", "sensor_msgs/msg/JointState")
+    live = Live(wire, {**SENSORS, "joints": ("/joints",)})
+    assert live.stream.unread == {"/joints": lacks}
     live.say("/wrist", wrench(START), 1)
     assert len(live.play()) == 1
 
