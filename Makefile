@@ -7,7 +7,7 @@ DEMO_READY := $(VENV)/.ready-demo
 READY := $(VENV)/.ready
 SOAK_SCENARIOS ?= 2000
 
-.PHONY: demo test test-lab test-lab-changed lint soak torture bench goldens bare show-recordings show-touch show-push show-sensing show-paper show-hard show-replay show-grasp show-press show-dask show-live train clean
+.PHONY: demo test test-interop test-lab test-lab-changed lint soak torture bench goldens bare show-recordings show-touch show-push show-sensing show-paper show-hard show-replay show-grasp show-press show-dask show-live train clean
 
 demo: $(DEMO_READY)
 	$(BIN)/contactfusion demo --out out/demo
@@ -25,6 +25,11 @@ test-lab: $(READY)
 # Those of its slow tests that stand on what changed: since the commit BASE, or on this branch.
 test-lab-changed: $(READY)
 	$(BIN)/python scripts/changed.py $(if $(BASE),--since $(BASE)) -- $(PARALLEL)
+
+# With robots of rclpy (Jazzy, Kilted), Fast DDS and Cyclone DDS, made in .interop at first; 4 minutes.
+test-interop:
+	bash scripts/interop.sh $(PYTHON)
+	.interop/jazzy/bin/python -m pytest -q -m interop tests/interop
 
 lint: $(READY)
 	$(BIN)/ruff check .
@@ -221,4 +226,4 @@ $(READY): $(SET_UP)
 	touch $(DEMO_READY) $@
 
 clean:
-	rm -rf $(VENV) build out *.egg-info
+	rm -rf $(VENV) .interop build out *.egg-info

@@ -8,6 +8,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 from urllib.request import Request, urlopen
@@ -274,6 +275,18 @@ def test_a_configuration_that_is_wrong_ends_it_before_it_starts(tmp_path: Path) 
     )
     assert done.returncode == 1
     assert "live.twist" in done.stderr
+    assert len(done.stderr.splitlines()) == 1
+
+
+@pytest.mark.skipif(find_spec("rclpy") is not None, reason="rclpy is installed")
+def test_without_rclpy_a_sentence_says_where_it_comes_from(tmp_path: Path) -> None:
+    file = tmp_path / "probe.yaml"
+    file.write_text(yaml.safe_dump(PROBE), encoding="utf-8")
+    command = [sys.executable, "-m", "contactfusion", "live", str(file), "--ros", "rclpy"]
+    done = subprocess.run(command, capture_output=True, text=True)
+    assert done.returncode == 1
+    assert "rclpy can't be imported" in done.stderr
+    assert "`--ros dds` needs none" in done.stderr
     assert len(done.stderr.splitlines()) == 1
 
 

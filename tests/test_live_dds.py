@@ -13,7 +13,7 @@ pytest.importorskip("cyclonedds")
 from contactfusion.errors import ConfigurationError, RecordingError
 from contactfusion.live.dds import DdsTransport
 from contactfusion.live.transport import RESULTS, End, Quality, Transport
-from contactfusion.readings.messages import header, message
+from contactfusion.readings.messages import Message, header, message
 from contactfusion.recordings.messages import defined, type_hash, typestore
 from tests.wire import START, wrench
 
@@ -49,7 +49,8 @@ def numbered(number: int) -> bytes:
 
 
 def number_of(cdr: bytes) -> int:
-    return int(typestore().deserialize_cdr(cdr, WRENCH).wrench.force.z)
+    sent: Message = typestore().deserialize_cdr(cdr, WRENCH)
+    return int(sent.wrench.force.z)
 
 
 def until(is_so: Callable[[], object]) -> None:
@@ -111,7 +112,8 @@ def test_a_large_cloud_arrives_as_it_was_sent(here: Transport, there: Transport)
     )
     send(typestore().serialize_cdr(cloud, cloud.__msgtype__))
     until(lambda: heard)
-    assert (typestore().deserialize_cdr(heard[0], CLOUD).data == data).all()
+    came: Message = typestore().deserialize_cdr(heard[0], CLOUD)
+    assert (came.data == data).all()
 
 
 def test_an_end_shows_its_type_its_hash_its_quality_and_whose_it_is(

@@ -11,7 +11,7 @@ import pytest
 
 from contactfusion import Pipeline, PipelineConfig
 from contactfusion.changes import Change
-from contactfusion.errors import ConfigurationError
+from contactfusion.errors import ConfigurationError, RecordingError
 from contactfusion.live.clock import SimulatedTime
 from contactfusion.live.config import LiveConfig
 from contactfusion.live.discovery import contents_of, mismatch, written_by_others
@@ -227,6 +227,24 @@ def test_a_topic_that_comes_late_is_listened_to_once_it_is_matched(wire: Wire) -
     live.stream.discovered(bare.ends())
     live.say("/wrist", wrench(START))
     assert len(live.play()[0].fusion.contacts) == 1
+
+
+def test_a_topic_whose_type_the_transport_lacks_is_named_and_the_others_are_heard(
+    wire: Wire, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    listen, lacks = wire.listen, "nothing defines the type sensor_msgs/msg/JointState"
+
+    def only_wrenches(topic: str, msgtype: str, *more: Any) -> None:
+        if msgtype != WRENCH:
+            raise RecordingError(lacks)
+        listen(topic, msgtype, *more)
+
+    monkeypatch.setattr(wire, "listen", only_wrenches)
+    wire.writer("/joints", "sensor_msgs/msg/JointState")
+    live = Live(wire, {**SENSORS, "joints": ("/joints",)})
+    assert live.stream.unread == {"/joints": lacks}
+    live.say("/wrist", wrench(START), 1)
+    assert len(live.play()) == 1
 
 
 def test_the_tape_holds_messages_steps_and_changes_in_their_order(wire: Wire) -> None:

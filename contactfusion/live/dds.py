@@ -53,8 +53,8 @@ LOOPBACK = """<CycloneDDS><Domain>
 BY_NAME = """<CycloneDDS><Domain><Compatibility>
 <IgnoreTypeInformation>1.15,1.16</IgnoreTypeInformation>
 </Compatibility></Domain></CycloneDDS>"""
-"""The configuration by which types of Fast DDS (vendor 1.15) and Cyclone (1.16) are known by name, as
-nodes of ROS know them: what Fast DDS 3, of ROS 2 Kilted, says of sequences is refused by Cyclone.
+"""The configuration that knows types of Fast DDS (vendor 1.15) and of Cyclone (1.16) by name alone,
+as ROS does: what Fast DDS 3, that of ROS 2 Kilted, says of sequences is refused by Cyclone.
 """
 TYPING = threading.Lock()
 """Held while a topic is made: cyclonedds completes its type then, which all transports share."""

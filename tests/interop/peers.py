@@ -53,7 +53,7 @@ class Robot:
     """
 
     def __init__(self, name: str, out: str, into: str) -> None:
-        command = [*COMMANDS[name], out, into]
+        command = [*map(str, COMMANDS[name]), out, into]
         # what leads to the libraries of another ROS is left out
         environment = {
             name: value
