@@ -53,7 +53,7 @@ def main(seconds: float, rate: float) -> None:
             clouds.publish(cloud)
             sent_clouds += 1
         wrench = WrenchStamped()
-        wrench.header.frame_id = "wrist"
+        wrench.header.frame_id = "probe"
         wrench.header.stamp = node.get_clock().now().to_msg()
         wrench.wrench.force.z = -5.0 - 0.1 * np.sin(now)
         wrench.wrench.torque.y = 0.1
@@ -72,7 +72,7 @@ def _cloud() -> PointCloud2:
     at = np.random.default_rng(0).normal(size=(POINTS, 3))
     at = np.abs(0.06 * at / np.linalg.norm(at, axis=1, keepdims=True)).astype(np.float32)
     cloud = PointCloud2(height=1, width=POINTS, point_step=12, row_step=12 * POINTS, is_dense=True)
-    cloud.header.frame_id = "wrist"
+    cloud.header.frame_id = "probe"
     cloud.fields = [
         PointField(name=name, offset=4 * i, datatype=PointField.FLOAT32, count=1)
         for i, name in enumerate("xyz")

@@ -223,3 +223,15 @@ def test_who_closes_is_gone_for_the_others(here: Transport) -> None:
     awaited(here, "/base", writes=False)
     other.close()
     until(lambda: not here.ends())
+
+
+def test_others_of_this_process_stay_when_the_first_leaves(on_this_machine: None) -> None:
+    first, second, third = (DdsTransport(DOMAIN + 1) for _ in range(3))
+    heard = listened(second, "/wrist", WRENCH, RELIABLE)
+    first.close()
+    send = third.advertise("/wrist", WRENCH)
+    awaited(third, "/wrist", writes=False)
+    send(numbered(7))
+    until(lambda: heard)
+    for transport in (second, third):
+        transport.close()

@@ -100,7 +100,7 @@ class DdsTransport(Transport):
             raise missing_extra("cyclonedds", "ros2") from None
         number = domain_number(domain)
         try:
-            self._domain: Domain | None = _domain(number)
+            _domain(number)
             self._participant: DomainParticipant = DomainParticipant(number)
         except DDSException as error:
             raise ConfigurationError(
@@ -179,7 +179,6 @@ class DdsTransport(Transport):
         self._listening.clear()
         self._topics.clear()
         self._found.clear()
-        self._domain = None
 
     def _topic(self, topic: str, msgtype: str) -> "Topic[Any]":
         from cyclonedds.topic import Topic as DdsTopic
@@ -211,8 +210,12 @@ class DdsTransport(Transport):
                             each.take(cdr, arrived)
 
 
+@cache
 def _domain(number: int) -> "Domain | None":
-    """The domain with its settings; None: this process has joined it, and those it has hold."""
+    """The domain with its settings, as long as this process lasts: with it all who joined leave.
+
+    None: others in this process have joined it, and its settings hold.
+    """
     from cyclonedds.core import DDSException
     from cyclonedds.domain import Domain
 
