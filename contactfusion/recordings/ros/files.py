@@ -205,7 +205,7 @@ def _opened(path: Path) -> _File:
 
 def _why(error: Exception) -> str:
     """The problem that rosbags reported; for records longer than the file it has no words."""
-    return str(error) or "it promises more than fits into memory"
+    return " ".join(str(error).split()) or "it promises more than fits into memory"
 
 
 def _checked(reader: Any) -> None:
