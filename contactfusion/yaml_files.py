@@ -108,6 +108,8 @@ def _list_index(items: list[Any], key: str, override: str) -> int:
 
 
 TAG: Final = "tag:yaml.org,2002:"
+KINDS: Final = ("null", "bool", "int", "float", "str", "seq", "map")
+"""The kinds of values that are read."""
 
 
 class _Loader(yaml.SafeLoader):
@@ -191,9 +193,6 @@ def _mapping(loader: yaml.SafeLoader, node: yaml.MappingNode) -> dict[Hashable, 
 
 
 _Loader.add_constructor(f"{TAG}map", _mapping)
-_Loader.add_constructor(
-    f"{TAG}seq", lambda loader, node: loader.construct_sequence(node, deep=True)
-)
 
 
 def _parsed(text: str) -> Any:
