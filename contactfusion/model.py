@@ -28,7 +28,7 @@ class Model(BaseModel):
         validate_default=True,
     )
 
-    def __init__(self, **fields: object) -> None:
+    def __init__(self, /, **fields: object) -> None:
         try:
             super().__init__(**fields)
         except ValidationError as error:

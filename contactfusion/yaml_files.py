@@ -1,26 +1,40 @@
-"""Configurations in YAML: read with errors that name line and column, changed by `--set a.b=c`."""
+"""Configurations in YAML: read with errors that name line and column, changed by `--set a.b=c`.
+
+All YAML of users and recordings is read here: size, depth and what aliases expand to are bounded,
+and values are text, numbers, true, false and null, in lists and mappings.
+"""
 
 import copy
 from collections.abc import Hashable, Iterable, Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 import yaml
 
 from contactfusion.errors import ConfigurationError
 from contactfusion.files import require_file
 
+LARGEST: Final = 2**19
+"""The greatest size of a text [bytes]."""
+DEEPEST: Final = 50
+"""The greatest number of lists and mappings within each other."""
+MOST: Final = 100_000
+"""The greatest number of values, as often as aliases name them."""
+
 
 def read_yaml(path: str | Path) -> dict[str, Any]:
     """The mapping in a YAML file.
 
     Raises:
-        ConfigurationError: the file is missing, is no YAML, holds a key twice, or holds something
-            else than a mapping with text as keys; one sentence, with line and column.
+        ConfigurationError: the file is missing, is no YAML, is larger than any, holds a key twice,
+            or holds something else than a mapping with text as keys; one sentence, with line and
+            column.
     """
     path = Path(path)
     require_file(path, ConfigurationError)
     try:
+        if (size := path.stat().st_size) > LARGEST:
+            raise ConfigurationError(f"{path} has {size} bytes, more than {LARGEST}")
         content = _parsed(path.read_text(encoding="utf-8"))
     except yaml.MarkedYAMLError as error:
         raise ConfigurationError(f"{path}{_position(error)}: {_problem(error)}") from None
@@ -32,6 +46,22 @@ def read_yaml(path: str | Path) -> dict[str, Any]:
         held = "is empty" if content is None else f"holds a {type(content).__name__}"
         raise ConfigurationError(f"{path} {held}, where a mapping of names to values is needed")
     return content
+
+
+def yaml_value(text: str, whole: str) -> Any:
+    """A value in YAML.
+
+    Args:
+        text: the value.
+        whole: what it stands in, for the sentence.
+
+    Raises:
+        ConfigurationError: it is no YAML.
+    """
+    try:
+        return _parsed(text)
+    except yaml.YAMLError as error:
+        raise ConfigurationError(f"the value of '{whole}': {_problem(error)}") from None
 
 
 def with_overrides(mapping: Mapping[str, Any], overrides: Iterable[str]) -> dict[str, Any]:
@@ -52,10 +82,7 @@ def with_overrides(mapping: Mapping[str, Any], overrides: Iterable[str]) -> dict
         keys = path.strip().split(".")
         if not equals or not all(keys):
             raise ConfigurationError(f"'{override}' is no change; write it as name.name=value")
-        try:
-            value = _parsed(text)
-        except yaml.YAMLError as error:
-            raise ConfigurationError(f"the value of '{override}': {_problem(error)}") from None
+        value = yaml_value(text, override)
         holder: Any = changed
         for depth, key in enumerate(keys):
             if isinstance(holder, list):
@@ -80,20 +107,74 @@ def _list_index(items: list[Any], key: str, override: str) -> int:
     return int(key)
 
 
+TAG: Final = "tag:yaml.org,2002:"
+KINDS: Final = ("null", "bool", "int", "float", "str", "seq", "map")
+"""The kinds of values that are read."""
+
+
 class _Loader(yaml.SafeLoader):
     """The safe loader; keys are text and stand once, and only true and false are booleans.
 
-    YAML 1.1 would take `on`, `off`, `yes` and `no` for booleans, also as keys.
+    YAML 1.1 would take `on`, `off`, `yes` and `no` for booleans, also as keys, and days for dates.
     """
 
     yaml_implicit_resolvers = {
         letter: [
             (tag, pattern)
             for tag, pattern in resolvers
-            if tag != "tag:yaml.org,2002:bool" or letter in "tTfF"
+            if tag != f"{TAG}timestamp" and (tag != f"{TAG}bool" or letter in "tTfF")
         ]
         for letter, resolvers in yaml.SafeLoader.yaml_implicit_resolvers.items()
     }
+    yaml_constructors = {
+        tag: yaml.SafeLoader.yaml_constructors[tag]
+        for tag in (
+            None,
+            *(f"{TAG}{kind}" for kind in ("null", "bool", "int", "float", "str", "seq")),
+        )
+    }
+
+    def __init__(self, stream: str) -> None:
+        super().__init__(stream)
+        self._depth = self._count = 0
+        self._sizes: dict[int, int] = {}
+        """By the node's id, when it is whole: number of values in it, as aliases repeat them."""
+
+    def compose_node(self, parent: yaml.Node | None, index: Any) -> yaml.Node | None:
+        """A node of bounded depth and size."""
+        event: Any = self.peek_event()  # type: ignore[no-untyped-call]
+        mark = event.start_mark
+        self._depth += 1
+        if self._depth > DEEPEST:
+            raise _refused(f"lists and mappings are more than {DEEPEST} within each other", mark)
+        node = super().compose_node(parent, index)
+        self._depth -= 1
+        if node is None or id(node) in self._sizes:
+            return node
+        if isinstance(node, yaml.CollectionNode) and node.end_mark is None:
+            raise _refused("an alias names what it stands in", mark)
+        held: Any = node.value if isinstance(node, yaml.CollectionNode) else ()
+        parts = [part for item in held for part in (item if isinstance(item, tuple) else (item,))]
+        self._sizes[id(node)] = size = 1 + sum(self._sizes[id(part)] for part in parts)
+        self._count += 1
+        if max(size, self._count) > MOST:
+            raise _refused(f"it holds more than {MOST} values", mark)
+        return node
+
+    def construct_object(self, node: yaml.Node, deep: bool = False) -> Any:
+        """The value of a node; what has no value, such as a number of 5,000 digits, is refused."""
+        try:
+            return super().construct_object(node, deep)
+        except yaml.YAMLError:
+            raise
+        except (ValueError, LookupError, AttributeError, TypeError, ArithmeticError) as error:
+            text = str(node.value)[:20]
+            problem = f"'{text}' is no {node.tag.split(':')[-1]}: {error}"
+            raise _refused(problem, node.start_mark) from None
+
+
+def _refused(problem: str, mark: Any) -> yaml.constructor.ConstructorError:
+    return yaml.constructor.ConstructorError(problem=problem, problem_mark=mark)
 
 
 def _mapping(loader: yaml.SafeLoader, node: yaml.MappingNode) -> dict[Hashable, Any]:
@@ -101,22 +182,17 @@ def _mapping(loader: yaml.SafeLoader, node: yaml.MappingNode) -> dict[Hashable, 
     for key, _ in node.value:
         if isinstance(key, yaml.ScalarNode):
             if (key.tag, key.value) in seen:
-                raise yaml.constructor.ConstructorError(
-                    problem=f"the key '{key.value}' stands here twice", problem_mark=key.start_mark
-                )
+                raise _refused(f"the key '{key.value}' stands here twice", key.start_mark)
             seen.add((key.tag, key.value))
     loader.flatten_mapping(node)
     mapping = loader.construct_mapping(node, deep=True)
     for key in mapping:
         if not isinstance(key, str):
-            raise yaml.constructor.ConstructorError(
-                problem=f"the key {key!r} is not text; put it in quotes",
-                problem_mark=node.start_mark,
-            )
+            raise _refused(f"the key {key!r} is not text; put it in quotes", node.start_mark)
     return mapping
 
 
-_Loader.add_constructor(yaml.resolver.BaseResolver.DEFAULT_MAPPING_TAG, _mapping)
+_Loader.add_constructor(f"{TAG}map", _mapping)
 
 
 def _parsed(text: str) -> Any:

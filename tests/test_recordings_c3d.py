@@ -179,6 +179,32 @@ def test_broken_files_are_refused(tmp_path: Path) -> None:
         assert "can't be read as C3D" in refusal(path)
 
 
+def test_a_file_that_crashes_or_hangs_its_library_is_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("contactfusion.recordings.c3d.SECONDS", 2.0)
+    path = c3d_file(tmp_path)
+    whole = path.read_bytes()
+    crashing = bytearray(whole)
+    crashing[803] ^= 0x80
+    path.write_bytes(crashing)
+    assert "it crashes the library that reads it (SIGSEGV)" in refusal(path)
+    path.write_bytes(whole[:770])
+    assert "it took longer than 2" in refusal(path)
+
+
+@pytest.mark.parametrize("at", range(512, 1500, 90))
+def test_a_byte_that_is_wrong_is_no_traceback(tmp_path: Path, at: int) -> None:
+    path = c3d_file(tmp_path)
+    broken = bytearray(path.read_bytes())
+    broken[at] ^= 0xFF
+    path.write_bytes(broken)
+    try:
+        list(open_recording(path).readings())
+    except RecordingError as error:
+        assert "\n" not in str(error)
+
+
 def test_a_shift_in_an_unclear_unit_is_refused(tmp_path: Path) -> None:
     assert "lengths in mm but torques of plate 0 in another unit" in refusal(
         c3d_file(tmp_path, torques="Nm", depth=40.0)

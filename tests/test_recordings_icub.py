@@ -55,6 +55,10 @@ def test_broken_trials_are_refused(tmp_path: Path) -> None:
     lines = frame(0.0)
     assert "is cut off" in refusal(trial(tmp_path, *lines, *lines[:3]))
     assert "is cut off" in refusal(trial(tmp_path))
+    whole = trial(tmp_path, *lines, *lines).read_bytes()
+    cut = trial(tmp_path)
+    cut.write_bytes(whole[:-5])  # the last number becomes 26, and was 260.0
+    assert "is cut off: line 15 does not end, and so may its last number" in refusal(cut)
     assert "line 5: 11 numbers instead of 12" in refusal(
         trial(tmp_path, *lines[:3], lines[3].rpartition(" ")[0], *lines[4:])
     )

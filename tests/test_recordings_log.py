@@ -550,3 +550,28 @@ def test_a_unit_that_the_name_of_the_column_states_or_leaves_open_passes(
     table = f"{column},value\n" + "".join(f"{2 * number},5\n" for number in range(50))
     found = readings(log(tmp_path, table, SKIN, time={"column": column, "unit": "ms"}))
     assert found[-1].stamp == pytest.approx(0.098)
+
+
+def test_a_row_with_more_or_fewer_cells_is_refused_by_its_line(tmp_path: Path) -> None:
+    row = "0.1,1,2,3,4,5,6\n"
+    more = "0.2,1,5,2,3,4,5,6\n"  # a decimal comma shifts all that follow
+    said = refusal(tmp_path, HEADER + row + more)
+    assert "log.csv, line 3: 8 cells under 7 names; are commas meant as decimal points?" in said
+    unnamed = {**WRIST, "columns": [2, 3, 4, 5, 6, 7]}
+    said = refusal(tmp_path, row + row.replace("0.1", "0.2") + more, reading=unnamed)
+    assert "log.csv, line 3: 8 cells under 7 in the first line" in said
+    said = refusal(tmp_path, HEADER + row + "0.2,1,2\n" + row)
+    assert "line 3: column 'fz' is missing: the line has 3 cells" in said
+    wide = HEADER.replace("tz", "tz,note") + row.replace("6", '6,"a, b"') + "0.2,1,2,3,4,5,6\n"
+    assert "line 3: 7 cells under 8 names" in refusal(tmp_path, wide)
+    spaced = {"column": 1, "unit": "s"}
+    assert "line 2: 3 cells under 2 in" in refusal(tmp_path, "0.1 5\n0.2 5 6\n", SKIN, time=spaced)
+
+
+def test_delimiters_at_the_end_and_in_quotes_are_no_cells(tmp_path: Path) -> None:
+    ends = 't,level,note,\n0.1,5,a\n0.2,6,"b, c",\n0.3,7,,\n0.4,8,d,,,\n'
+    assert values(log(tmp_path, ends, SKIN)) == [[5.0], [6.0], [7.0], [8.0]]
+
+
+def test_a_cell_longer_than_any_is_refused(tmp_path: Path) -> None:
+    assert "field larger than" in refusal(tmp_path, f'{HEADER}0.1,"{"x" * 200_000}\n')

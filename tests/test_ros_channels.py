@@ -7,6 +7,7 @@ import pytest
 from contactfusion.errors import RecordingError
 from contactfusion.readings import BUILT_IN
 from contactfusion.readings.depth_image import CAMERA_INFO, IMAGE
+from contactfusion.recordings.messages import type_hash
 from contactfusion.recordings.ros.channels import is_standard, ros2_text, types_in
 
 interfaces = pytest.importorskip("rosbags.interfaces")
@@ -66,3 +67,49 @@ def test_a_definition_that_is_none_is_one_sentence() -> None:
         types_in(defined("{{ no"), "a/msg/B")
     assert "\n" not in str(error.value)
     assert ros2_text(defined("{{ no"), "a/msg/B", ros1=True) == ""
+
+
+HOSTILE = {
+    "brackets": (IDL, "const long N = ((((1))));", "computes constants"),
+    "shift": (IDL, "const long N = 1 << 60000000000;", "computes constants"),
+    "product": (IDL, "const long N = 999999 * 999999;", "computes constants"),
+    "hidden": (IDL, 'const string S = "/*"; const long N = ((1)); /* " */', "computes constants"),
+    "annotation": (IDL, "@default (value=1-1-1) octet v;", "computes constants"),
+    "long_idl": (IDL, "octet v;\n" * 10_000, "90067 characters, more than 65536"),
+    "long_msg": (MSG, "float64 x\n" * 30_000, "300000 characters, more than 262144"),
+    "digits": (MSG, f"int32 A={'9' * 5000}\n", "a word of over 100 characters, '9999"),
+    "array": (MSG, "std_msgs/Header[5000000] v\n", "have 5000000 elements, more than 16384"),
+    "texts": (MSG, "string[9000] v\nstring[9000] w\n", "have 18000 elements"),
+    "nothing": (IDL, "octet v", "can't be parsed"),
+}
+
+
+@pytest.mark.parametrize("name", HOSTILE)
+def test_a_definition_that_would_take_hours_or_all_memory_is_refused(name: str) -> None:
+    form, text, why = HOSTILE[name]
+    if form is IDL:
+        text = f"module a {{ module msg {{ {text} struct B {{ octet w; }}; }}; }}; // of a robot"
+    with pytest.raises(RecordingError, match=why) as caught:
+        types_in(defined(text, form), "a/msg/B")
+    assert "\n" not in str(caught.value)
+    assert ros2_text(defined(text, form), "a/msg/B", ros1=True) == ""
+    with pytest.raises(RecordingError):
+        type_hash("a/msg/B", text)
+
+
+def test_constants_comments_and_annotations_are_no_expressions() -> None:
+    text = """module a { module msg {
+      /* a * b */ // (c)
+      module B_Constants { const double N = -1.5e-3; const string S = "(a|b)*"; };
+      typedef double double__36[36];
+      @verbatim (language="comment", text="x << y")
+      struct B { @default (value=1) octet w; double__36 covariance; sequence<octet, 5> v; };
+    }; };"""
+    constants, fields = types_in(defined(text, IDL), "a/msg/B")["a/msg/B"]
+    assert [value for *_, value in constants] == [-0.0015, "(a|b)*"]
+    assert [name for name, _ in fields] == ["w", "covariance", "v"]
+
+
+def test_a_definition_that_holds_itself_is_not_whole() -> None:
+    with pytest.raises(RecordingError, match="is not whole: maximum recursion"):
+        type_hash("a/msg/B", "a/B again\n")

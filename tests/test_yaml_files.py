@@ -153,3 +153,38 @@ def test_a_key_that_is_no_text_is_refused_at_any_depth(tmp_path: Path) -> None:
     path.write_text("generators: {5: {type: tactile}}\n")
     with pytest.raises(ConfigurationError, match="the key 5 is not text"):
         read_yaml(path)
+
+
+LAUGHS = "".join(f"a{i + 1}: &a{i + 1} [{', '.join([f'*a{i}'] * 10)}]\n" for i in range(9))
+
+
+@pytest.mark.parametrize(
+    ("text", "reason"),
+    [
+        (f"a: {'9' * 5000}\n", "line 1, column 4: '99999999999999999999' is no int: Exceeds"),
+        ("a: !!float x\n", "line 1, column 4: 'x' is no float: could not convert"),
+        ("a: !!int ''\n", "'' is no int"),
+        ("a: !!bool x\n", "'x' is no bool"),
+        ("a: !!timestamp 1\n", "could not determine a constructor"),
+        ("a: !!binary aGk=\n", "could not determine a constructor"),
+        ("a: !!set {b}\n", "could not determine a constructor"),
+        (f"a: {'[' * 60}{']' * 60}\n", "lists and mappings are more than 50 within each other"),
+        (f"a: {'[' * 100_000}\n", "lists and mappings are more than 50 within each other"),
+        ("a: &b [*b]\n", "an alias names what it stands in"),
+        ("a: &b {<<: *b}\n", "an alias names what it stands in"),
+        ("a0: &a0 1\n" + LAUGHS, "it holds more than 100000 values"),
+        (f"a: '{'x' * 2**19}'\n", "524294 bytes, more than 524288"),
+    ],
+)
+def test_what_is_too_large_or_of_no_kind_is_refused(tmp_path: Path, text: str, reason: str) -> None:
+    assert reason in refusal(written(tmp_path, text))
+
+
+def test_days_are_text_and_aliases_are_copies(tmp_path: Path) -> None:
+    path = written(tmp_path, "day: 2001-01-01\na: &a [1, {b: 2}]\nc: *a\n")
+    assert read_yaml(path) == {"day": "2001-01-01", "a": [1, {"b": 2}], "c": [1, {"b": 2}]}
+
+
+def test_a_change_is_bounded_too() -> None:
+    with pytest.raises(ConfigurationError, match="is no int"):
+        with_overrides({}, [f"a={'9' * 5000}"])

@@ -8,6 +8,7 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
+from importlib.util import find_spec
 from itertools import zip_longest
 from pathlib import Path
 from typing import Any, final
@@ -15,16 +16,18 @@ from typing import Any, final
 import numpy as np
 
 from contactfusion.arrays import FloatArray
-from contactfusion.errors import RecordingError, missing_extra
+from contactfusion.confined import MEMORY, confined
+from contactfusion.errors import RecordingError, cause_of, missing_extra
 from contactfusion.files import require_file
 from contactfusion.frames import FrameConfig
 from contactfusion.hooks import hookimpl
 from contactfusion.model import Model
 from contactfusion.readings import Markers, Reading, Transform, Wrench
+from contactfusion.recordings.c3d_content import content
 from contactfusion.recordings.recording import RecordingFormat
 from contactfusion.recordings.series import Series, even_stamps, merged
 from contactfusion.time import to_nanoseconds
-from contactfusion.unpacking import require_zip
+from contactfusion.unpacking import TIMES, require_zip
 
 LAB = "lab"
 """The frame of the laboratory, in which markers and corners are."""
@@ -32,6 +35,10 @@ METRES = {"m": 1.0, "cm": 0.01, "mm": 0.001}
 NEWTON_METRES = {"nm": 1.0, "ncm": 0.01, "nmm": 0.001}
 NOT_POINTS = ("ANGLES", "FORCES", "MOMENTS", "POWERS", "SCALARS", "REACTIONS")
 """Parameters that list points that are results of a model of the body."""
+SECONDS = 10.0
+"""The time that the reading of a small file may take [s]."""
+SLOWEST = 1e6
+"""The least speed of reading a large one, a tenth of what is usual [bytes/s]."""
 BIG_ENDIAN = 86
 """The byte by which a C3D declares big-endian numbers."""
 
@@ -87,8 +94,18 @@ class C3DRecording(RecordingFormat):
     def __init__(self, config: C3DConfig, folder: Path = Path()) -> None:
         path = folder / config.file
         with _unpacked(path) as unpacked:
-            content = _content(path, unpacked)
-        parameters, points = content["parameters"], content["header"]["points"]
+            held = _content(path, unpacked)
+        try:
+            self._take(path, held)
+        except RecordingError:
+            raise
+        except Exception as error:  # of many kinds: parameters have any type and shape
+            raise RecordingError(
+                f"{path} holds what is no C3D: {cause_of(error, C3DRecording)}"
+            ) from None
+
+    def _take(self, path: Path, held: Any) -> None:
+        parameters, points = held["parameters"], held["header"]["points"]
         rate = float(points["frame_rate"])
         if rate <= 0.0:
             raise RecordingError(f"{path} gives no rate of its frames")
@@ -103,13 +120,13 @@ class C3DRecording(RecordingFormat):
         self.topics: Mapping[str, type[Reading]] = topics
         metres = _metres(path, parameters)
         names = _marker_names(parameters)
-        positions = content["data"]["points"][:3, list(names)].transpose(2, 1, 0) * metres
+        positions = held["data"]["points"][:3, list(names)].transpose(2, 1, 0) * metres
         if positions.size:
             make = partial(_markers, tuple(names.values()))
             self._series.append(_sampled(path, positions, rate, start, make))
             topics["markers"] = Markers
-        rate = float(content["header"]["analogs"]["frame_rate"])
-        for index, plate in enumerate(content["data"].get("platform", ())):
+        rate = float(held["header"]["analogs"]["frame_rate"])
+        for index, plate in enumerate(held["data"].get("platform", ())):
             name = f"plate_{index}"
             self.corners[name] = plate["corners"].T * metres
             torque_scale = _torque_scale(path, parameters, index, plate)
@@ -190,21 +207,22 @@ def _unpacked(path: Path) -> Iterator[Path]:
 
 def _content(path: Path, unpacked: Path) -> Any:
     """The content by ezc3d, which reads a file that is cut off as a shorter one."""
+    if find_spec("ezc3d") is None:
+        raise missing_extra("ezc3d", "c3d")
     try:
-        import ezc3d
-    except ImportError:
-        raise missing_extra("ezc3d", "c3d") from None
-    try:
-        content = ezc3d.c3d(str(unpacked))
-        plates = content["parameters"].get("FORCE_PLATFORM", {}).get("USED")
-        if plates and np.any(plates["value"]):
-            content = ezc3d.c3d(str(unpacked), extract_forceplat_data=True)
-    except (OSError, RuntimeError, ValueError, IndexError) as error:
+        size = unpacked.stat().st_size
+        read = confined(
+            content,
+            str(unpacked.resolve()),
+            seconds=SECONDS + size / SLOWEST,
+            memory=MEMORY + TIMES * size,
+        )
+    except Exception as error:  # of several kinds
         raise RecordingError(f"{path} can't be read as C3D: {error}") from None
-    frames, promised = content["data"]["points"].shape[2], _promised_frames(unpacked)
+    frames, promised = read["data"]["points"].shape[2], _promised_frames(unpacked)
     if frames < promised:
         raise RecordingError(f"{path} is cut off: it holds {frames} of {promised} frames")
-    return content
+    return read
 
 
 def _promised_frames(path: Path) -> int:

@@ -117,6 +117,10 @@ def _frames(path: Path) -> NDArray[np.float64]:
         first, lines = "", []
     if first.strip() != FIRST_LINE:
         raise RecordingError(f"{path} is no trial of the iCub grasp set: it must start with -10000")
+    if lines and lines[-1].strip():
+        raise RecordingError(
+            f"{path} is cut off: line {len(lines) + 1} does not end, and so may its last number"
+        )
     while lines and not lines[-1].strip():
         lines.pop()
     if not lines or len(lines) % len(WIDTHS):

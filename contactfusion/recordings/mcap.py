@@ -15,6 +15,7 @@ from contactfusion.pipeline import Step
 from contactfusion.readings import Reading, Transform
 from contactfusion.readings.messages import Message, header, message
 from contactfusion.readings.poses import MOVING, STATIC, transforms_message
+from contactfusion.recordings.checksums import writer_with_checksums
 from contactfusion.recordings.messages import (
     defined,
     reading_messages,
@@ -54,7 +55,7 @@ NEVER = 9223372036, 854775807
 
 @final
 class McapWriter:
-    """Writes a recording as one MCAP file: profile ros2, CDR, message definitions inside.
+    """Writes a recording as one MCAP file: profile ros2, CDR, message definitions and checksums.
 
     Use as a context manager: the file appears whole at its end, or not at all after an exception;
     then an older one stays.
@@ -262,11 +263,12 @@ def _bag_that_becomes(path: Path) -> Iterator["Writer"]:
     Raises:
         WritingError: the file can't be written; what was written is kept beside it.
     """
-    from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
+    from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin
 
     make_folder(path.parent)
     with TemporaryDirectory(prefix=f".{path.name}.", dir=path.parent) as folder:
-        bag = Writer(Path(folder) / BAG, version=VERSION, storage_plugin=StoragePlugin.MCAP)
+        kind = writer_with_checksums()
+        bag = kind(Path(folder) / BAG, version=VERSION, storage_plugin=StoragePlugin.MCAP)
         bag.set_compression(CompressionMode.STORAGE, CompressionFormat.ZSTD)
         written = bag.path / f"{BAG}.mcap"
         with kept_when_cut(written, path), ExitStack() as stack:

@@ -9,6 +9,7 @@ from contactfusion.errors import RecordingError, name_hint
 from contactfusion.readings import Reading
 from contactfusion.readings.messages import Posting, header, known_types
 from contactfusion.readings.registry import installed_kinds
+from contactfusion.recordings.definitions import parsed, store_of
 from contactfusion.time import NANOSECONDS_PER_SECOND, to_nanoseconds
 
 if TYPE_CHECKING:
@@ -50,17 +51,16 @@ def type_hash(msgtype: str, definition: str) -> str:
     """The hash by which ROS 2 knows a type.
 
     Raises:
-        RecordingError: its definition can't be parsed.
+        RecordingError: its definition can't be parsed, or is not whole.
     """
-    from rosbags.typesys import Stores, TypesysError, get_types_from_msg, get_typestore
+    from rosbags.interfaces import MessageDefinition, MessageDefinitionFormat
 
-    store = get_typestore(Stores.EMPTY)
+    form = MessageDefinitionFormat.MSG
+    types = parsed(MessageDefinition(form, definition), msgtype)
     try:
-        store.register(get_types_from_msg(definition, msgtype))
-        return store.hash_rihs01(msgtype)
-    except (TypesysError, KeyError) as error:
-        reason = str(error).splitlines()[0]
-        raise RecordingError(f"the definition of {msgtype} can't be parsed: {reason}") from None
+        return store_of(types, msgtype).hash_rihs01(msgtype)
+    except KeyError as error:
+        raise RecordingError(f"the definition of {msgtype} lacks {error}") from None
 
 
 def recorded_stamp(seconds: float, epoch_ns: int) -> int:

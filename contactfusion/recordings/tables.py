@@ -119,15 +119,17 @@ def _text_columns(
         quotechar='"',
     )
     try:
+        if problem := _uneven(path, columns, indices, layout):
+            raise RecordingError(problem)
         try:
             table = read()
         except ValueError:  # an empty cell, or a bad one; converting each is five times slower
             table = read(converters=lambda cell: dtype(cell.strip() or "nan"))
     except UnicodeDecodeError:
         raise RecordingError(f"{path} is no text in UTF-8") from None
-    except ValueError as error:
-        problem = _bad_cell(path, columns, indices, layout) or f"{path}: {error}"
-        raise RecordingError(problem) from None
+    except (ValueError, csv.Error) as error:
+        found = "" if isinstance(error, csv.Error) else _bad_cell(path, columns, indices, layout)
+        raise RecordingError(found or f"{path}: {error}") from None
     return {column: table[:, [index]] for index, column in enumerate(columns)}
 
 
@@ -136,6 +138,8 @@ def _layout(path: Path, text: TextFormat) -> _Layout:
         return _laid_out(path, text)
     except UnicodeDecodeError:
         raise RecordingError(f"{path} is no text in UTF-8") from None
+    except csv.Error as error:
+        raise RecordingError(f"{path} is no table: {error}") from None
 
 
 def _laid_out(path: Path, text: TextFormat) -> _Layout:
@@ -196,23 +200,50 @@ def _index(path: Path, layout: _Layout, column: Column) -> int:
             raise RecordingError(f"{path} has {count} columns '{column}': give a number, from 1")
 
 
+def _uneven(
+    path: Path, columns: Sequence[Column], indices: Sequence[int], layout: _Layout
+) -> str | None:
+    """The sentence on the first row with other columns than the first line."""
+    least = layout.width
+    while layout.names and not layout.names[least - 1]:
+        least -= 1  # names of which the last are empty end with delimiters, rows need not
+    for number, line in _rows(path, layout):
+        mark = layout.delimiter
+        if mark and '"' not in line and line.count(mark) + 1 == layout.width:
+            continue
+        cells = layout.cells(line)
+        while len(cells) > layout.width and not cells[-1].strip():
+            cells.pop()
+        if least <= len(cells) <= layout.width:
+            continue
+        end = _cut_off(path, number)
+        for column, index in zip(columns, indices, strict=True):
+            if index >= len(cells):
+                lacks = f"column {_named(column)} is missing: the line has {len(cells)} cells"
+                return f"{path}, line {number}: {lacks}{end}"
+        above = f"{layout.width} names" if layout.names else f"{layout.width} in the first line"
+        hint = "; are commas meant as decimal points?" if mark == "," and not end else ""
+        return f"{path}, line {number}: {len(cells)} cells under {above}{end}{hint}"
+    return None
+
+
 def _bad_cell(
     path: Path, columns: Sequence[Column], indices: Sequence[int], layout: _Layout
 ) -> str | None:
-    """The sentence on the first cell that is missing or no number."""
-    for number, line in _lines(path):
-        if number <= layout.skip:
-            continue
+    """The sentence on the first cell that is no number."""
+    for number, line in _rows(path, layout):
         cells = layout.cells(line)
         for column, index in zip(columns, indices, strict=True):
-            where = f"{path}, line {number}: column {_named(column)}"
-            if index >= len(cells):
-                end = _cut_off(path, number)
-                return f"{where} is missing: the line has {len(cells)} cells{end}"
             if cells[index].strip() and not _is_number(cells[index]):
                 end = _cut_off(path, number)
+                where = f"{path}, line {number}: column {_named(column)}"
                 return f"{where} holds '{cells[index]}', not a number{end}"
     return None
+
+
+def _rows(path: Path, layout: _Layout) -> Iterator[tuple[int, str]]:
+    """The lines with cells below the header, with their numbers from 1."""
+    return (line for line in _lines(path) if line[0] > layout.skip)
 
 
 def _cut_off(path: Path, number: int) -> str:

@@ -29,6 +29,7 @@ from contactfusion.tune.score import (
     scored,
 )
 from contactfusion.units import LengthScale
+from contactfusion.yaml_files import yaml_value
 
 WITHIN = 0.03
 """Default distance from a labelled position within which a contact is right [m]."""
@@ -316,10 +317,7 @@ def _requested(holders: dict[str, Model], text: str) -> Varied:
 
 
 def _value(text: str, whole: str) -> Any:
-    try:
-        value = yaml.safe_load(text)
-    except yaml.YAMLError:
-        value = None
+    value = yaml_value(text, whole)
     if value is None:
         raise ConfigurationError(f"'{whole}': '{text.strip()}' is no value")
     if isinstance(value, str) and _is_number(value):

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from contactfusion.errors import RecordingError
 from contactfusion.readings.poses import TRANSFORMS
+from contactfusion.recordings.definitions import Types, parsed, store_of
 from contactfusion.recordings.messages import typestore
 from contactfusion.time import NANOSECONDS_PER_SECOND
 
@@ -15,15 +16,11 @@ if TYPE_CHECKING:
     from rosbags.interfaces import Connection, MessageDefinition
     from rosbags.typesys.store import Typestore
 
-Types = dict[str, Any]
-"""By the names of types: their constants and their fields, as rosbags holds them."""
 HEADER = "std_msgs/msg/Header"
 SAME_IN_BOTH = ("builtin_interfaces/msg/Time", "builtin_interfaces/msg/Duration")
 """Built-in types of ROS 1, which have no definition there."""
 RENAMED = {"tf/msg/tfMessage": "tf2_msgs/msg/TFMessage"}
 """Types of ROS 1 with another name in ROS 2."""
-RULE = 80 * "=" + "\n"
-"""The separator of the parts of a definition."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,7 +84,6 @@ def _header(raw: bytes, at: int, ros1: bool) -> tuple[int, str]:
     return _header_of(raw, at, big_endian=not ros1 and raw[1] == 0)
 
 
-@lru_cache(maxsize=256)
 def types_in(definition: "MessageDefinition", msgtype: str) -> Types:
     """The types that a definition defines; those of ROS 2 when there is no definition.
 
@@ -96,20 +92,13 @@ def types_in(definition: "MessageDefinition", msgtype: str) -> Types:
         msgtype: its type.
 
     Raises:
-        RecordingError: it can't be parsed.
+        RecordingError: it can't be parsed, or is larger than any.
     """
     from rosbags.interfaces import MessageDefinitionFormat
-    from rosbags.typesys import TypesysError, get_types_from_msg
 
     if definition.format == MessageDefinitionFormat.NONE or not definition.data.strip():
         return typestore().fielddefs
-    try:
-        if definition.format == MessageDefinitionFormat.MSG:
-            return get_types_from_msg(definition.data, msgtype)
-        return _types_in_idl(definition.data)
-    except TypesysError as error:
-        reason = str(error).splitlines()[0]
-        raise RecordingError(f"the definition of {msgtype} can't be parsed: {reason}") from None
+    return parsed(definition, msgtype)
 
 
 def is_standard(msgtype: str, types: Types) -> bool:
@@ -182,7 +171,6 @@ def ros2_text(definition: "MessageDefinition", msgtype: str, *, ros1: bool) -> s
         ros1: whether the file is one of ROS 1.
     """
     from rosbags.interfaces import MessageDefinitionFormat
-    from rosbags.typesys import TypesysError
 
     if definition.format == MessageDefinitionFormat.MSG and definition.data and not ros1:
         return definition.data
@@ -190,35 +178,16 @@ def ros2_text(definition: "MessageDefinition", msgtype: str, *, ros1: bool) -> s
         standard = is_standard(msgtype, types_in(definition, msgtype))
         store = typestore() if standard else _store(definition, msgtype)
         return store.generate_msgdef(msgtype, ros_version=2)[0]
-    except (RecordingError, TypesysError):
+    except Exception:  # of many kinds
         return ""
-
-
-def _types_in_idl(text: str) -> Types:
-    from rosbags.typesys import get_types_from_idl
-
-    if not text.startswith(f"{RULE}IDL: "):
-        return get_types_from_idl(text)
-    types: Types = {}
-    for part in text.split(RULE)[1:]:
-        types.update(get_types_from_idl(part.split("\n", 1)[1]))
-    return types
 
 
 @lru_cache(maxsize=256)
 def _store(definition: "MessageDefinition", msgtype: str) -> "Typestore":
     """A store of the types of a definition, with the header of ROS 2."""
-    from rosbags.typesys import Stores, get_typestore
-
     types = types_in(definition, msgtype)
-    store = get_typestore(Stores.EMPTY)
     mine = {name: fields for name, fields in types.items() if name not in SAME_IN_BOTH}
-    store.register({**mine, HEADER: typestore().fielddefs[HEADER]})
-    try:
-        store.get_msgdef(msgtype)
-    except Exception as error:  # of many kinds
-        raise RecordingError(f"the definition of {msgtype} is not whole: {error}") from None
-    return store
+    return store_of({**mine, HEADER: typestore().fielddefs[HEADER]}, msgtype)
 
 
 def _fields(msgtype: str, types: Types) -> list[tuple[str, Any]]:

@@ -12,6 +12,7 @@ from typing import Any, Self, final
 
 from contactfusion.errors import RecordingError
 from contactfusion.files import require_file
+from contactfusion.recordings.checksums import require_checksums
 from contactfusion.recordings.messages import typestore
 from contactfusion.recordings.ros.channels import Channel, channel_of
 from contactfusion.recordings.ros.readers import (
@@ -152,8 +153,9 @@ class Bag:
                 given += 1
                 yield table[connection.id], stamp, raw
         except Exception as error:  # rosbags raises errors of many kinds for damage
+            why = f"{_why(error).rstrip('.')}{_chunk_of(file.reader)}"
             file.problem = file.problem or (
-                f"{file.path} is damaged after {given} messages ({_why(error)}); mend it by: {mend}"
+                f"{file.path} is damaged after {given} messages ({why}); mend it by: {mend}"
             )
 
 
@@ -180,10 +182,14 @@ def _opened(path: Path) -> _File:
     from rosbags.rosbag2 import Reader as Bag2
 
     try:
-        reader = Bag1(path) if _is_ros1(path) else Bag2(path)
-        reader.open()
-        _heed_order(reader)
-        return _File(path, reader, is_cut=False)
+        with ExitStack() as stack:
+            reader = Bag1(path) if _is_ros1(path) else Bag2(path)
+            reader.open()
+            stack.callback(reader.close)
+            _checked(reader)
+            opened = _File(path, reader, is_cut=False)
+            stack.pop_all()
+            return opened
     except Exception as error:  # of many kinds
         file = _of_others(path) or _scanned(path)
         if file is None:
@@ -199,27 +205,49 @@ def _opened(path: Path) -> _File:
 
 def _why(error: Exception) -> str:
     """The problem that rosbags reported; for records longer than the file it has no words."""
-    return str(error) or "it promises more than fits into memory"
+    return " ".join(str(error).split()) or "it promises more than fits into memory"
 
 
-def _heed_order(reader: Any) -> None:
-    """Keep messages after a clock was set back from being sorted before earlier ones."""
+def _checked(reader: Any) -> None:
+    """Require checksums to fit, and keep messages after a clock was set back in their place."""
     from rosbags.rosbag1 import Reader as Bag1
-    from rosbags.rosbag2.storage_mcap import McapReader
 
     if isinstance(reader, Bag1):
         read_bag_as_it_lies(reader)
-        return
-    for storage in getattr(reader.storage, "storages", (reader.storage,)):
-        if isinstance(storage, McapReader):
-            read_mcap_as_it_lies(storage)
+    for storage in _mcaps(reader):
+        require_checksums(Path(storage.path), has_chunks=bool(storage.chunks))
+        read_mcap_as_it_lies(storage)
+
+
+def _mcaps(reader: Any) -> list[Any]:
+    """The readers of MCAP files of a reader."""
+    from rosbags.rosbag2.storage_mcap import McapReader
+
+    storage = getattr(reader, "storage", None)
+    storages = getattr(storage, "storages", (storage,))
+    return [each for each in storages if isinstance(each, McapReader)]
+
+
+def _chunk_of(reader: Any) -> str:
+    """The clause on the chunk of an MCAP file that was read last; empty for others."""
+    mcaps = _mcaps(reader)
+    if len(mcaps) != 1 or not mcaps[0].chunks or not mcaps[0].bio:
+        return ""
+    at = mcaps[0].bio.tell()
+    starts = [chunk.chunk_start_offset for chunk in mcaps[0].chunks]
+    before = sum(start < at for start in starts)
+    return f", in chunk {before} of {len(starts)}, which ends at byte {at}"
 
 
 def _of_others(path: Path) -> _File | None:
     """An MCAP file that is complete, but not of ROS 2 alone."""
     if path.suffix == ".mcap" and path.is_file() and not _lacks_its_end(path):
-        with suppress(Exception):  # of many kinds: then it is no such file
-            return _File(path, AnyMcap(path), is_cut=False)
+        with suppress(Exception), ExitStack() as stack:  # of many kinds: then it is no such file
+            reader = AnyMcap(path)
+            stack.callback(reader.close)
+            file = _File(path, reader, is_cut=False)
+            stack.pop_all()
+            return file
     return None
 
 

@@ -20,6 +20,7 @@ from pathlib import Path
 from types import SimpleNamespace
 from typing import IO, TYPE_CHECKING, Any, Final, Self, final
 
+from contactfusion.recordings.checksums import FOOTER, require_checksums
 from contactfusion.recordings.log import LONGEST_FALL
 from contactfusion.unpacking import Unpacker, most_bytes, unpacked
 
@@ -40,8 +41,6 @@ MENDED_BY = {
 """The commands that mend files, by suffix."""
 MCAP_MAGIC: Final = b"\x89MCAP0\r\n"
 """First and last bytes of a file."""
-FOOTER: Final = 37
-"""Length of the last record, with the magic after it [bytes]."""
 ROS1_IN_MCAP: Final = "ros1"
 """The encoding of a channel of ROS 1; `mcap convert` makes such files of bags."""
 KNOWN: Final = ("ros2msg", "ros2idl", "omgidl", "")
@@ -69,37 +68,37 @@ class ScannedMcap:
     def __init__(self, path: Path) -> None:
         from rosbags.rosbag2.storage_mcap import McapReader
 
-        self._reader = McapReader(path)
-        self._reader.schemas = Schemas()
-        self._reader.bio = path.open("rb")
-        self._reader.data_start = len(MCAP_MAGIC)
-        self._reader.data_end = path.stat().st_size
+        self.storage = McapReader(path)
+        self.storage.schemas = Schemas()
+        self.storage.bio = path.open("rb")
+        self.storage.data_start = len(MCAP_MAGIC)
+        self.storage.data_end = path.stat().st_size
         with suppress(Exception):  # the scan finds the end of what is whole by an error
-            self._reader.meta_scan()
+            self.storage.meta_scan()
         counts: dict[int, int] = {}
         self.start_time = 2**63 - 1
         """The first stamp of its log [ns]."""
         self.end_time = 0
         """The last stamp of its log [ns]."""
         with suppress(Exception):
-            for connection, stamp, _ in self._reader.messages_scan(self._reader.connections):
+            for connection, stamp, _ in self.storage.messages_scan(self.storage.connections):
                 counts[connection.id] = counts.get(connection.id, 0) + 1
                 self.start_time = min(self.start_time, stamp)
                 self.end_time = max(self.end_time, stamp)
         self.connections: list[Connection] = [
             connection._replace(msgcount=counts.get(connection.id, 0))
-            for connection in self._reader.connections
+            for connection in self.storage.connections
         ]
 
     def messages(
         self, connections: "list[Connection]", start: int | None = None, stop: int | None = None
     ) -> "Iterator[tuple[Connection, int, bytes]]":
         """The messages in the order of the file, to its end or the first error."""
-        return self._reader.messages_scan(connections, start, stop)
+        return self.storage.messages_scan(connections, start, stop)
 
     def close(self) -> None:
         """Close the file."""
-        self._reader.close()
+        self.storage.close()
 
 
 def scanned_bag(path: Path) -> "Reader":
@@ -198,7 +197,7 @@ class AnyMcap:
     def __init__(self, path: Path) -> None:
         from rosbags.rosbag2.storage_mcap import McapReader
 
-        self._reader = reader = McapReader(path)
+        self.storage = reader = McapReader(path)
         reader.schemas = Schemas()
         reader.bio = file = path.open("rb")
         try:
@@ -209,6 +208,7 @@ class AnyMcap:
                 reader.read_index()
             if not (reader.statistics and reader.schemas):
                 reader.meta_scan()
+            require_checksums(path, has_chunks=bool(reader.chunks))
         except Exception:
             reader.close()
             raise
@@ -228,11 +228,11 @@ class AnyMcap:
         self, connections: "list[Connection]", start: int | None = None, stop: int | None = None
     ) -> "Iterator[tuple[Connection, int, bytes]]":
         """The messages in the order of the log."""
-        return self._reader.messages(connections, start, stop)
+        return self.storage.messages(connections, start, stop)
 
     def close(self) -> None:
         """Close the file."""
-        self._reader.close()
+        self.storage.close()
 
 
 def read_bag_as_it_lies(reader: "Reader") -> None:
