@@ -2,6 +2,7 @@
 
 import json
 import os
+import re
 import signal
 import socket
 import subprocess
@@ -185,6 +186,20 @@ def test_it_ends_by_a_signal_with_a_whole_recording(robot: Robot, number: int) -
     assert "results: live.mcap" in printed
     assert messages_of(robot.folder / "live.mcap", "/wrist")
     assert not list(robot.folder.glob(".live.mcap*"))
+
+
+def test_what_was_recorded_outlives_a_process_that_is_killed(robot: Robot) -> None:
+    robot.start("--record", "live.mcap")
+    for _ in range(250):
+        robot.push()
+    robot.end(signal.SIGKILL)
+    (left,) = robot.folder.glob(".live.mcap*/recording/recording.mcap")
+    played = [sys.executable, "-m", "contactfusion", "run", "probe.yaml", str(left)]
+    done = subprocess.run(played, cwd=robot.folder, capture_output=True, text=True)
+    cut = re.search(r"recording.mcap is cut off after (\d+) messages", done.stderr)
+    assert cut is not None, done.stderr
+    assert int(cut[1]) > 500
+    assert re.search(r"\d+ steps, \d+ with contact", done.stdout), done.stdout
 
 
 def test_the_page_shows_what_runs_and_records_it(robot: Robot) -> None:

@@ -101,6 +101,7 @@ def run_live(
     try:
         clock = SimulatedTime(transport, wait) if sim_time else machine_time
         network = LiveStream(transport, config, clock=clock)
+        note("looking for topics ...")
         rule = setting.config().integrator.rule
         touch_kernels([rule] if rule in RULES else [])  # while others are discovered
         missing = _awaited(network, setting, wait)
@@ -258,6 +259,7 @@ class _Live:
             self._status.fields()
         if at - self._reported >= REPORT:
             self._reported = at
+            self._tape.flush()
             self._results.diagnostics(self._status.diagnostics())
             met = {f"/{each.sensor}": each.note for each in self._stream.troubles()}
             unsent = {

@@ -101,6 +101,12 @@ class Tape:
                 self._output.failure = error
             self._watch()
 
+    def flush(self) -> None:
+        """Write what came so far to the disk, so that it outlives this process."""
+        if isinstance(self._output, Output):
+            self._output.flush()
+            self._watch()
+
     def _watch(self) -> None:
         """End a recording that failed."""
         if self._output is not None and self._output.failure is not None:

@@ -225,6 +225,18 @@ class McapWriter:
         self._write(*contact_message(contacts, top, self._epoch_ns, below), when)
         self._write(*marker_message(contacts, top, below), when)
 
+    def flush(self) -> None:
+        """Write all that came so far to the disk: it outlives this process, in a file without end.
+
+        Raises:
+            WritingError: the file can't be written.
+        """
+        storage: Any = self._open.storage
+        with as_writing_error(self._path):
+            if storage.chunk.bio.tell():
+                storage.close_chunk()
+            storage.bio.flush()
+
     def _write(self, topic: str, sent: Message, stamp: int) -> None:
         kind = sent.__msgtype__
         channel = self._channels.get(topic) or self._opened(topic, kind, typestore=self._store)

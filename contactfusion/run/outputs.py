@@ -118,6 +118,14 @@ class Output(Observer):
         else:  # nothing could read it
             self.passed_over[message.topic] = message.msgtype
 
+    def flush(self) -> None:
+        """Write what came so far to the disk."""
+        if self.failure is None:
+            try:
+                self._writer.flush()
+            except Exception as error:  # as in `copy`
+                self.failure = error
+
 
 @contextmanager
 def mcap_file(path: Path, session: Session) -> Iterator[Observer]:
