@@ -89,8 +89,10 @@ class Robot:
 
     def wait_for(self, event: str) -> None:
         """Wait until an event is heard."""
-        heard = self.heard["/contactfusion/events"]
-        wait_until(lambda: any(event in sent.data for _, sent in heard))
+        wait_until(lambda: self.has_heard(event))
+
+    def has_heard(self, event: str) -> bool:
+        return any(event in sent.data for _, sent in self.heard["/contactfusion/events"])
 
     def memory(self) -> float:
         """The resident memory of `live` [MB]."""
@@ -316,7 +318,7 @@ def test_a_sensor_that_is_gone_makes_the_belief_stale_and_is_heard_again_when_it
     robot.plug()
     heard = len(robot.heard[STRONGEST])
     robot.push_until(lambda: len(robot.heard[STRONGEST]) > heard)
-    robot.wait_for("commands go on")
+    robot.push_until(lambda: robot.has_heard("commands go on"))
 
 
 def test_a_flood_leaves_the_loop_alive_and_memory_bounded(robot: Robot) -> None:
