@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from contactfusion.cli.options import Changed, Ignored, Topics, roles
+from contactfusion.terminal import say
 
 
 class Ros(StrEnum):
@@ -98,4 +99,4 @@ def ctl(
     """Change what `contactfusion live` runs, or ask how it does."""
     from contactfusion.live.control import ask
 
-    print(ask(shlex.join(order), name))
+    say(ask(shlex.join(order), name))

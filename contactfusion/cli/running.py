@@ -21,6 +21,7 @@ from contactfusion.cli.options import (
     roles,
 )
 from contactfusion.errors import ConfigurationError, listed_once
+from contactfusion.terminal import say
 
 
 def run(
@@ -100,12 +101,12 @@ def check(
 
     found = check_file(configuration, recording, set_ or [], roles(topic))
     for line in found.lines:
-        print(line)
+        say(line)
     for fault in listed_once(found.faults):
-        print(f"contactfusion: {fault}", file=sys.stderr)
+        say(f"contactfusion: {fault}", file=sys.stderr)
     if found.faults:
         raise typer.Exit(1)
-    print("OK")
+    say("OK")
 
 
 def identify(
@@ -133,9 +134,9 @@ def identify(
         ignored=ignore or [],
     )
     for line in found.report():
-        print(line)
+        say(line)
     if out is not None:
-        print(f"results: {out}; it counts once {configuration} has `identified: {out.name}`")
+        say(f"results: {out}; it counts once {configuration} has `identified: {out.name}`")
 
 
 def record(
@@ -254,4 +255,4 @@ def convert(
     """Convert an Ouster file to MCAP, a PointCloud2 per scan; needs `doctor --ouster` once."""
     from contactfusion.recordings import ouster
 
-    print(ouster.convert(source, out, every_nth_row, meta))
+    say(ouster.convert(source, out, every_nth_row, meta))

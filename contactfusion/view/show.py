@@ -19,6 +19,7 @@ from urllib.request import ProxyHandler, build_opener
 
 from contactfusion.errors import ContactFusionError, missing_extra
 from contactfusion.files import write_whole
+from contactfusion.terminal import say
 from contactfusion.view.recorder import TIMELINE, require_recording
 
 HOST = "127.0.0.1"
@@ -92,7 +93,7 @@ def serve(rrd: Path) -> None:
     with subprocess.Popen(command, env=environment) as process, _guarded(page) as server:
         source = quote(f"rerun+http://{HOST}:{data}/proxy", safe="")
         address = f"http://{HOST}:{server.server_port}/?url={source}&theme=dark"
-        print(f"open {address} - Ctrl+C ends", flush=True)
+        say(f"open {address} - Ctrl+C ends")
         try:
             while process.poll() is None:
                 server.handle_request()
