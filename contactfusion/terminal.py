@@ -1,4 +1,4 @@
-"""Output of a command beside its results: notes on stdout, and progress on stderr."""
+"""Output of a command: results and notes on stdout, and progress on stderr."""
 
 import sys
 import time
@@ -34,10 +34,23 @@ def is_quiet() -> bool:
     return _quiet
 
 
+def printable(text: str) -> str:
+    """A text without what a terminal obeys: names in files may hold its control sequences."""
+    return "".join(
+        mark if mark.isprintable() or mark in "\n\t" else mark.encode("unicode_escape").decode()
+        for mark in text
+    )
+
+
+def say(text: str, end: str = "\n", file: TextIO | None = None) -> None:
+    """Print a line of results, on stdout unless `file` is another; also where `--quiet` is."""
+    print(printable(text), end=end, file=file, flush=True)
+
+
 def note(text: str, end: str = "\n", file: TextIO | None = None) -> None:
     """Print a line of a summary, on stdout unless `file` is another; not where `--quiet` is."""
     if not _quiet:
-        print(text, end=end, file=file, flush=True)
+        say(text, end, file)
 
 
 @contextmanager

@@ -180,6 +180,8 @@ def test_a_range_of_columns_is_written_out(tmp_path: Path) -> None:
     recording = log(tmp_path, text, {**SKIN, "columns": ["p8..p10", "q01..q02"]})
     assert values(recording) == [[8.0, 9.0, 10.0, 1.0, 2.0]]
     assert "'p9..q3' is no range" in refusal(tmp_path, text, {**SKIN, "columns": "p9..q3"})
+    vast = {**SKIN, "columns": "1..2000000000"}
+    assert "'1..2000000000' is more than 10000 columns" in refusal(tmp_path, text, vast)
 
 
 def test_degrees_become_radians(tmp_path: Path) -> None:

@@ -1,14 +1,16 @@
 """What a command shows beside its results: only on a terminal, only on stderr, never if quiet."""
 
 import io
+import subprocess
 import sys
 from collections.abc import Iterator
 from dataclasses import dataclass
+from pathlib import Path
 
 import pytest
 from numba import njit
 
-from contactfusion.terminal import COMPILING, followed, is_quiet, note, progress, set_quiet
+from contactfusion.terminal import COMPILING, followed, is_quiet, note, progress, say, set_quiet
 
 Printed = pytest.CaptureFixture[str]
 
@@ -93,3 +95,21 @@ def test_the_first_compilation_of_kernels_is_announced(
         assert doubled(2.0) == 4.0
     shown = screen.getvalue()
     assert COMPILING in shown and shown.rindex("running") > shown.rindex(COMPILING)
+
+
+def test_a_name_that_holds_control_sequences_is_printed_as_text(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    name = "frame \x1b]0;owned\x07\x1b[2J\r\x08\u202e größe 腕\n\tnext"
+    say(name)
+    note(name)
+    line = "frame \\x1b]0;owned\\x07\\x1b[2J\\r\\x08\\u202e größe 腕\n\tnext\n"
+    assert capsys.readouterr().out == 2 * line
+
+
+def test_errors_and_warnings_of_a_command_hold_no_control_sequences(tmp_path: Path) -> None:
+    path = tmp_path / "\x1b[31mred.yaml"
+    command = [sys.executable, "-m", "contactfusion", "check", str(path)]
+    done = subprocess.run(command, capture_output=True, text=True)
+    assert done.returncode == 1
+    assert "\\x1b[31mred.yaml" in done.stderr and "\x1b" not in done.stderr

@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 from urllib.error import HTTPError
-from urllib.request import urlopen
+from urllib.request import Request, urlopen
 
 import numpy as np
 import pytest
@@ -16,7 +16,7 @@ import pytest
 from contactfusion import Fusion, Pipeline
 from contactfusion.arrays import FloatArray
 from contactfusion.controller import Command
-from contactfusion.errors import ContactFusionError, DependencyError
+from contactfusion.errors import ContactFusionError, DependencyError, WritingError
 from contactfusion.frames import FrameTree, points_in, pose_at, pose_of
 from contactfusion.pipeline import Step
 from contactfusion.pipeline_config import PipelineConfig
@@ -40,6 +40,7 @@ from contactfusion.view.recorder import ROBOT, VOXELS
 from contactfusion.view.show import program, quiet_environment, screenshot, show
 from contactfusion.view.viewer import Viewer
 from tests.clouds import HERE, NULL, SUPPORT, THERE, cloud, fused
+from tests.mcap_files import disk_of
 
 rerun = pytest.importorskip("rerun")
 from rerun.chunk import RrdReader  # noqa: E402 only where rerun is installed
@@ -220,6 +221,14 @@ class TestTheFile:
             raise ZeroDivisionError
         assert [file.name for file in tmp_path.iterdir()] == ["old.rrd"]
         assert (tmp_path / "old.rrd").read_text() == "an older file"
+
+    def test_a_file_that_the_disk_has_no_room_for_is_an_error(
+        self, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+    ) -> None:
+        with pytest.raises(WritingError, match="a.rrd can't be written"), disk_of(3000):
+            recorded(tmp_path / "a.rrd", readings())
+        assert not list(tmp_path.iterdir())
+        capfd.readouterr()
 
     def test_a_place_where_no_file_can_be_is_told(self, tmp_path: Path) -> None:
         (tmp_path / "taken").write_text("a file")
@@ -579,6 +588,10 @@ class TestShowing:
             try:
                 assert server.stdout is not None
                 address = server.stdout.readline().split()[1]
+                with pytest.raises(HTTPError) as refused:
+                    urlopen(Request(address, headers={"Host": "evil.example:80"}))
+                assert refused.value.code == 403
+                refused.value.close()
                 assert address.startswith("http://127.0.0.1:") and address.endswith("&theme=dark")
                 with answered(address) as page:
                     assert b"Rerun Viewer" in page.read()

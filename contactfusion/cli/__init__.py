@@ -18,6 +18,7 @@ from contactfusion.cli import live, recordings, running
 from contactfusion.cli.plugin_commands import PluginGroup, add_commands
 from contactfusion.cli.tuning import tune
 from contactfusion.errors import ContactFusionError, cause_in
+from contactfusion.terminal import say
 
 EVERYWHERE = {"--debug", "--quiet"}
 """Options of the program that any command takes, too."""
@@ -54,7 +55,7 @@ app.add_typer(tune)
 
 def _show_version(wanted: bool) -> None:
     if wanted:
-        print(f"contactfusion {version('contactfusion')}")
+        say(f"contactfusion {version('contactfusion')}")
         raise typer.Exit
 
 
@@ -105,7 +106,7 @@ def program(
 
 def main() -> None:
     """Run the command line; an error is one sentence, with a traceback by `--debug` alone."""
-    logging.basicConfig(format="%(message)s")
+    logging.basicConfig(format="%(message)s", handlers=[_Lines()])
     LOG.setLevel(logging.WARNING)
     # products here are small: threads of the linear algebra would only wait for each other
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
@@ -121,8 +122,16 @@ def main() -> None:
         if LOG.isEnabledFor(logging.DEBUG):
             traceback.print_exc()
         text = str(error) if isinstance(error, ContactFusionError) else _unexpected(error)
-        print(f"contactfusion: {text}", file=sys.stderr)
+        say(f"contactfusion: {text}", file=sys.stderr)
         sys.exit(1)
+
+
+class _Lines(logging.StreamHandler[TextIO]):
+    """Prints what is logged as text that no terminal obeys."""
+
+    def format(self, record: logging.LogRecord) -> str:
+        """The line of a record."""
+        return terminal.printable(super().format(record))
 
 
 class _Warnings:
@@ -146,7 +155,7 @@ class _Warnings:
             text = f"contactfusion: {message}\n"
         if text not in self._shown:
             self._shown.add(text)
-            print(text, end="", file=file or sys.stderr)
+            say(text, end="", file=file or sys.stderr)
 
 
 def _unexpected(error: Exception) -> str:

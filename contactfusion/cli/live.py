@@ -17,6 +17,7 @@ from contactfusion.cli.options import (
     joined,
     roles,
 )
+from contactfusion.terminal import say
 
 
 def live(
@@ -88,4 +89,4 @@ def ctl(
     """Change what `contactfusion live` runs, or ask how it does."""
     from contactfusion.live.control import ask
 
-    print(ask(shlex.join(order), name))
+    say(ask(shlex.join(order), name))

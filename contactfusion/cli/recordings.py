@@ -15,6 +15,7 @@ from contactfusion.cli.options import (
     roles,
 )
 from contactfusion.errors import ConfigurationError
+from contactfusion.terminal import say
 
 REPLAYED = f"{RECORDING[:-1]}; of a run's output no --config is needed."
 
@@ -29,10 +30,10 @@ def inspect(
 
     if recording.suffix in DESCRIBED:
         table = log_columns.inspect_table(recording)
-        print(log_columns.as_json(table) if json else log_columns.as_text(table))
+        say(log_columns.as_json(table) if json else log_columns.as_text(table))
     else:
         held = inspection.inspect_recording(recording)
-        print(inspection.as_json(held) if json else inspection.as_text(held))
+        say(inspection.as_json(held) if json else inspection.as_text(held))
 
 
 def init(

@@ -25,6 +25,7 @@ from contactfusion.cli.options import (
     roles,
 )
 from contactfusion.errors import ConfigurationError, listed_once
+from contactfusion.terminal import say
 
 
 def run(
@@ -104,12 +105,12 @@ def check(
 
     found = check_file(configuration, recording, set_ or [], roles(topic))
     for line in found.lines:
-        print(line)
+        say(line)
     for fault in listed_once(found.faults):
-        print(f"contactfusion: {fault}", file=sys.stderr)
+        say(f"contactfusion: {fault}", file=sys.stderr)
     if found.faults:
         raise typer.Exit(1)
-    print("OK")
+    say("OK")
 
 
 def identify(
@@ -137,9 +138,9 @@ def identify(
         ignored=ignore or [],
     )
     for line in found.report():
-        print(line)
+        say(line)
     if out is not None:
-        print(f"results: {out}; it counts once {configuration} has `identified: {out.name}`")
+        say(f"results: {out}; it counts once {configuration} has `identified: {out.name}`")
 
 
 def record(
@@ -253,4 +254,4 @@ def convert(
     """Convert an Ouster file to MCAP, a PointCloud2 per scan; needs `doctor --ouster` once."""
     from contactfusion.recordings import ouster
 
-    print(ouster.convert(source, out, every_nth_row, meta))
+    say(ouster.convert(source, out, every_nth_row, meta))

@@ -20,7 +20,7 @@ from contactfusion.generators.networks import read_networks, shipped
 from contactfusion.plugins import HOME, NO_DISTRIBUTION, Plugins, installed_plugins
 from contactfusion.recordings import ouster
 from contactfusion.robots.spheres import sphere_folder
-from contactfusion.terminal import note
+from contactfusion.terminal import note, say
 
 VULKAN_DRIVER = "a driver for Vulkan"
 """A driver that libvulkan needs; its JSON file names the library."""
@@ -58,10 +58,10 @@ def check() -> bool:
     Returns:
         Whether contactfusion itself works; a missing extra is no fault of it.
     """
-    print(f"python {sys.version.split()[0]}, contactfusion {version('contactfusion')}")
+    say(f"python {sys.version.split()[0]}, contactfusion {version('contactfusion')}")
     sound = True
     for finding in _findings():
-        print(f"  {finding}", flush=True)
+        say(f"  {finding}")
         sound = sound and not finding.core
     return sound
 
@@ -71,7 +71,7 @@ def compile_kernels() -> None:
     note("compiling kernels (a minute, once) ...")
     start = time.perf_counter()
     touch_kernels()
-    print(f"kernels are ready after {time.perf_counter() - start:.1f} s")
+    say(f"kernels are ready after {time.perf_counter() - start:.1f} s")
 
 
 def _findings() -> Iterator[Finding]:

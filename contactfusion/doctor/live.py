@@ -20,6 +20,8 @@ from contactfusion.readings.poses import STATIC
 from contactfusion.recordings.messages import defined, typestore
 from contactfusion.recordings.ros.delivery import AHEAD_NS, BEHIND_NS, of_another_clock
 from contactfusion.recordings.ros.topics import last
+from contactfusion.terminal import say
+from contactfusion.terminal import say
 
 LISTENED: Final = 3.0
 """How long others are discovered, and then how long their topics are listened to [s]."""
@@ -51,15 +53,15 @@ def check_network(transport: Transport, listened: float = LISTENED) -> bool:
         Whether anybody is there, all ends match, and all clocks agree with that of this machine.
     """
     environment = [f"{name}={os.environ[name]}" for name in VARIABLES if name in os.environ]
-    print(f"environment: {', '.join(environment) or 'nothing of ROS is set'}")
-    print(f"interfaces: {', '.join(interfaces()) or 'none is up'}", flush=True)
+    say(f"environment: {', '.join(environment) or 'nothing of ROS is set'}")
+    say(f"interfaces: {', '.join(interfaces()) or 'none is up'}")
     time.sleep(listened)
     ends = [end for end in transport.ends() if not end.ours]
     heard = _listen(transport, ends)
     time.sleep(listened)
     sound = True
     for finding in network_findings(ends, heard):
-        print(f"  {'fault: ' if finding.core else ''}{finding}")
+        say(f"  {'fault: ' if finding.core else ''}{finding}")
         sound = sound and not finding.core
     return sound
 

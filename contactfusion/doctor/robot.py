@@ -17,6 +17,7 @@ from contactfusion.robots.description import RobotConfig, located, read_robot
 from contactfusion.robots.model import RobotModel
 from contactfusion.robots.posed import PosedRobot
 from contactfusion.robots.solids import Solid
+from contactfusion.terminal import say
 from contactfusion.yaml_files import read_yaml
 
 NEAR = 0.01
@@ -49,7 +50,7 @@ def check_robot(name: str, out: Path | None = None, recording: Path | None = Non
     except ConfigurationError as error:
         raise ConfigurationError(f"{path}: {error}") from None
     robot = PosedRobot(model, middle(model), model.root, np.eye(4))
-    print(f"{path}: {len(model.link_names)} links, {len(model.joint_names)} joints")
+    say(f"{path}: {len(model.link_names)} links, {len(model.joint_names)} joints")
     _print_links(model)
     _print_joints(robot)
     _print_sensors(robot)
@@ -58,16 +59,16 @@ def check_robot(name: str, out: Path | None = None, recording: Path | None = Non
     if out is not None:
         from contactfusion.doctor.picture import draw_robot
 
-        print(f"picture: {draw_robot(robot, out)}")
+        say(f"picture: {draw_robot(robot, out)}")
     if recording is not None:
         wrenches = recorded_wrenches(model, recording)
         for wrist in config.wrists:
             lines, wrong = weigh(model, wrist, wrenches)
-            print("\n".join(lines))
+            say("\n".join(lines))
             faults += wrong
     for fault in faults:
-        print(f"warning: {fault}")
-    print("nothing to warn about" if not faults else f"{len(faults)} to put right")
+        say(f"warning: {fault}")
+    say("nothing to warn about" if not faults else f"{len(faults)} to put right")
     return not faults
 
 
@@ -163,14 +164,14 @@ def finger_faults(model: RobotModel) -> Iterator[str]:
 def _print_links(model: RobotModel) -> None:
     spheres = np.bincount(model.spheres.links, minlength=len(model.link_names))
     width = max(map(len, model.link_names))
-    print(f"  {'link':{width}}  mass [kg]  points  spheres")
+    say(f"  {'link':{width}}  mass [kg]  points  spheres")
     for name, count in zip(model.link_names, spheres, strict=True):
         points = len(model.parts[name].points) if name in model.parts else 0
-        print(f"  {name:{width}}  {model.urdf.links[name].mass:9.3f}  {points:6}  {count:7}")
+        say(f"  {name:{width}}  {model.urdf.links[name].mass:9.3f}  {points:6}  {count:7}")
     total = sum(link.mass for link in model.urdf.links.values())
     points = sum(len(part.points) for part in model.parts.values())
-    print(f"  {'together':{width}}  {total:9.3f}  {points:6}  {spheres.sum():7}")
-    print(
+    say(f"  {'together':{width}}  {total:9.3f}  {points:6}  {spheres.sum():7}")
+    say(
         f"spheres reach out of their links by {model.spheres.protrusion * 1000:.1f} mm at most, "
         f"and leave {model.spheres.gap * 1000:.1f} mm bare at most"
     )
@@ -183,7 +184,7 @@ def _print_joints(robot: PosedRobot) -> None:
     for name, (low, high), unit, at in rows:
         ends = f"{low:.3f} .. {high:.3f} [{unit}]" if np.isfinite(low) else "without ends"
         still = f", stays at {at:.3f}" if name in model.config.still else _mimicry(model, name)
-        print(f"  joint {name:{width}}  {ends}{still}")
+        say(f"  joint {name:{width}}  {ends}{still}")
 
 
 def _mimicry(model: RobotModel, name: str) -> str:
@@ -198,16 +199,16 @@ def _print_sensors(robot: PosedRobot) -> None:
     config, model = robot.model.config, robot.model
     if not (config.patches or config.cameras or config.wrists or config.fingers):
         return
-    print(f"in '{robot.frame}', with the joints at the middle of their limits [m]:")
+    say(f"in '{robot.frame}', with the joints at the middle of their limits [m]:")
     for name, patch in config.patches.items():
         pose = robot.pose_of(patch.frame)
-        print(
+        say(
             f"  patch {name}: on {model.link_of(patch.frame)} at {triple(pose[:3, 3])}, "
             f"{len(patch.centres())} taxels, z along {triple(pose[:3, 2])}"
         )
     for name, camera in config.cameras.items():
         pose = robot.pose_of(camera.frame)
-        print(
+        say(
             f"  camera {name}: on {model.link_of(camera.frame)} at {triple(pose[:3, 3])}, "
             f"looks along {triple(pose[:3, 2])}"
         )
@@ -215,12 +216,12 @@ def _print_sensors(robot: PosedRobot) -> None:
         pose = robot.pose_of(wrist.frame)
         mass, centre = robot.load_on(wrist.frame)
         centre = points_in(inverse(pose), centre[None])[0]
-        print(
+        say(
             f"  wrist {name}: on {model.link_of(wrist.frame)} at {triple(pose[:3, 3])}, "
             f"{mass:.3f} kg hang on it, their centre at {triple(centre)} in its frame"
         )
     for name, finger in config.fingers.items():
-        print(f"  finger {name}: joints {', '.join(finger.joints)}")
+        say(f"  finger {name}: joints {', '.join(finger.joints)}")
 
 
 def triple(vector: FloatArray) -> str:

@@ -52,7 +52,7 @@ from contactfusion.recordings.ros.files import Bag
 from contactfusion.recordings.ros.topics import last
 from contactfusion.robots.description import RobotConfig
 from contactfusion.robots.model import RobotModel
-from contactfusion.terminal import note
+from contactfusion.terminal import note, say
 from contactfusion.vendors import convention_of
 
 URDF = (".urdf", ".xacro", ".xml")
@@ -96,7 +96,7 @@ def write_first(source: Path, out: Path, robot: Path | None = None, force: bool 
         write_whole(path, content)
     for remark in first.remarks:
         note(remark)
-    print(f"results: {', '.join(map(str, files))}")
+    say(f"results: {', '.join(map(str, files))}")
     note(f"next: {first.then}")
 
 

@@ -38,7 +38,7 @@ from contactfusion.run.configuration import Setting, setting_of_file
 from contactfusion.run.session import Session, matched
 from contactfusion.run.summary import Summary
 from contactfusion.runner import Budgets
-from contactfusion.terminal import note
+from contactfusion.terminal import note, say
 
 NUMBERS = r"[\d.e+-]+"
 LOOK = 0.5
@@ -305,7 +305,7 @@ class _Live:
 
     def _close_tape(self) -> None:
         if self._tape.path is not None:
-            print(f"results: {self._tape.path}")
+            say(f"results: {self._tape.path}")
             self._tape.stop()
 
     @contextmanager

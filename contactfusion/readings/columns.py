@@ -13,7 +13,9 @@ from contactfusion.readings.reading import At, Reading
 
 Column = int | str
 """A column by its number, counted from 1, or by its name."""
-RANGE = re.compile(r"(.*?)(\d+)\.\.(.*?)(\d+)")
+RANGE = re.compile(r"(.*?)(\d{1,18})\.\.(.*?)(\d{1,18})")
+MOST = 10_000
+"""The greatest number of columns of a range."""
 
 
 def _columns(value: Any) -> Any:
@@ -32,6 +34,8 @@ def _written_out(item: Any) -> list[Any]:
     if before != before_last or int(last) < int(first):
         raise ValueError(f"'{item}' is no range: write it as p0..p14 or 7..18")
     numbers = range(int(first), int(last) + 1)
+    if int(last) - int(first) >= MOST:
+        raise ValueError(f"'{item}' is more than {MOST} columns")
     return [f"{before}{number:0{len(first)}}" if before else number for number in numbers]
 
 

@@ -11,7 +11,7 @@ from pathlib import Path
 
 from contactfusion.errors import DependencyError, RecordingError
 from contactfusion.files import make_folder, write_whole
-from contactfusion.terminal import note
+from contactfusion.terminal import note, say
 
 REQUIREMENTS = ("ouster-sdk==1.0.0", "mcap>=1.2,<2")
 """Packages of the environment; ouster-sdk installs numpy and rosbags."""
@@ -42,14 +42,14 @@ def make_environment() -> None:
     """
     folder = environment()
     if is_ready():
-        print(f"{REQUIREMENTS[0]} is in {folder}; convert by: {CONVERT}")
+        say(f"{REQUIREMENTS[0]} is in {folder}; convert by: {CONVERT}")
         return
     note(f"making an environment for {REQUIREMENTS[0]} in {folder} (about 230 MB) ...")
     make_folder(folder.parent)
     _run(sys.executable, "-m", "venv", "--clear", str(folder))
     _run(str(_python()), "-I", "-m", "pip", "install", "--quiet", *REQUIREMENTS)
     write_whole(_mark(), _content())
-    print(f"done; convert by: {CONVERT}")
+    say(f"done; convert by: {CONVERT}")
 
 
 def convert(source: Path, out: Path, every_nth_row: int = 1, meta: Path | None = None) -> str:
@@ -80,7 +80,7 @@ def convert(source: Path, out: Path, every_nth_row: int = 1, meta: Path | None =
     if done.returncode:
         raise RecordingError(messages[-1] if messages else f"{source} can't be converted")
     for warning in messages:  # such as that a file is cut off
-        print(warning, file=sys.stderr)
+        say(warning, file=sys.stderr)
     return done.stdout.strip()
 
 

@@ -18,7 +18,7 @@ from contactfusion.run.configuration import (
 )
 from contactfusion.run.inputs import roles_of
 from contactfusion.run.session import Session
-from contactfusion.terminal import followed, note, progress
+from contactfusion.terminal import followed, note, progress, say
 
 
 @final
@@ -104,7 +104,7 @@ def explain_recording(
             session.complain()  # when it broke off before that time
             raise
         explained = explanation.explanation_of(moment, settings, at)
-    print(explanation.as_json(explained) if as_json else text.as_text(explained))
+    say(explanation.as_json(explained) if as_json else text.as_text(explained))
     if picture is not None:
         from contactfusion.explain.picture import picture as drawn
 
@@ -135,7 +135,7 @@ def ablate_recording(source: Source, out: Path) -> None:
         paths.append(write_picture(worths, out))
     except DependencyError as error:
         note(f"no picture is drawn: {error}")
-    print(f"results: {', '.join(map(str, paths))}")
+    say(f"results: {', '.join(map(str, paths))}")
     session.complain()
 
 
@@ -178,5 +178,5 @@ def tune_recording(
         )
     paths = write_tuning(tuned, out)
     note(table(tuned))
-    print(f"results: {', '.join(map(str, paths))}")
+    say(f"results: {', '.join(map(str, paths))}")
     session.complain()

@@ -18,7 +18,7 @@ from contactfusion.run.outputs import Output, folder_of, opened_outputs
 from contactfusion.run.session import Session
 from contactfusion.run.summary import Summary, refuse
 from contactfusion.stopwatch import StopWatch
-from contactfusion.terminal import followed, note, progress
+from contactfusion.terminal import followed, note, progress, say
 
 Watch = Callable[[Session], AbstractContextManager[Observer]]
 """Opens a further observer of readings and steps, such as a viewer."""
@@ -114,7 +114,7 @@ def run_file(
         except WritingError as error:
             stopped = stopped or error
     if whole:
-        print(f"results: {', '.join(map(str, whole))}")
+        say(f"results: {', '.join(map(str, whole))}")
     if stopped is not None:
         raise stopped
     complaints = [*session.losses(), *summary.complaints()]

@@ -18,7 +18,7 @@ from contactfusion.recordings.messages import topic_of
 from contactfusion.run.configuration import setting_of_file
 from contactfusion.run.session import Session
 from contactfusion.stream import Stream
-from contactfusion.terminal import note
+from contactfusion.terminal import note, say
 
 TRUTH = "truth"
 """Topics of what no sensor measures begin with this."""
@@ -67,7 +67,7 @@ def record_scene(
             if last.stamp >= end - 2.0 * ROUNDING:
                 last = None  # there was no time for all of it
                 break
-    print(f"{out}: {recorder.counts}, {out.stat().st_size / 1000.0:.0f} kB")
+    say(f"{out}: {recorder.counts}, {out.stat().st_size / 1000.0:.0f} kB")
     if verdict := session.verdict(last):
         for sentence in verdict.sentences:
             note(f"truth: {sentence}")

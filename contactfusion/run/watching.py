@@ -10,7 +10,7 @@ from contactfusion.loop import Observer
 from contactfusion.run.asking import Source
 from contactfusion.run.execute import Watch
 from contactfusion.run.session import Session
-from contactfusion.terminal import followed
+from contactfusion.terminal import followed, say
 from contactfusion.view import show
 from contactfusion.view.recorder import loaded_rerun
 from contactfusion.view.viewer import Viewer
@@ -28,7 +28,7 @@ def drawing(session: Session, rrd: Path) -> Iterator[Observer]:
             reading=viewer.reading,
         )
     for line in viewer.absences():
-        print(line)
+        say(line)
 
 
 def view_recording(
@@ -67,9 +67,9 @@ def view_recording(
                     pass
         if screenshot is not None:
             show.screenshot(rrd, screenshot, at)
-            print(f"results: {screenshot}")
+            say(f"results: {screenshot}")
         elif save is not None and not web:
-            print(f"results: {save}")
+            say(f"results: {save}")
         else:
             show.show(rrd, web)
     if session is not None:

@@ -1,6 +1,7 @@
 """Writes drawings into a file of rerun, whole or not at all; its colours and arrows."""
 
 import math
+import warnings
 from contextlib import ExitStack
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -9,8 +10,8 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from contactfusion.arrays import FloatArray
-from contactfusion.errors import ContactFusionError, missing_extra
-from contactfusion.files import whole_file
+from contactfusion.errors import ContactFusionError, WritingError, missing_extra
+from contactfusion.files import require_file, whole_file
 from contactfusion.frames import Pose
 from contactfusion.readings.canvas import Colour
 
@@ -59,6 +60,7 @@ class Recorder:
 
     def __init__(self, path: Path) -> None:
         rerun = loaded_rerun()
+        self._path = path
         self._poses: dict[str, list[tuple[float, Pose]]] = {}
         self._values: dict[str, list[tuple[float, float]]] = {}
         self._shown: set[str] = set()
@@ -73,7 +75,8 @@ class Recorder:
         self._stream.set_log_time_enabled(False)
         self._end = ExitStack()
         try:
-            self._stream.save(self._end.enter_context(whole_file(path)))
+            self._written = self._end.enter_context(whole_file(path))
+            self._stream.save(self._written)
         except (OSError, RuntimeError) as error:
             raise ContactFusionError(f"{path} cannot be written: {error}") from None
         self._end.callback(self._stream.disconnect)
@@ -121,11 +124,19 @@ class Recorder:
 
         Args:
             blueprint: the layout of the viewer.
+
+        Raises:
+            WritingError: the file could not be written, as when the disk is full; none is left.
         """
         with self._end:
             self._send_poses()
             self._send_values()
             self._stream.send_blueprint(blueprint)
+            self._stream.disconnect()
+            try:
+                require_recording(self._written)  # rerun writes by itself, and raises nothing
+            except ContactFusionError:
+                raise WritingError(f"{self._path} can't be written: is the disk full?") from None
 
     def abandon(self, error: BaseException) -> None:
         """Leave no file after an error."""
@@ -149,6 +160,27 @@ class Recorder:
 def _nanoseconds(stamps: float | FloatArray) -> Any:
     """Stamps [s] as whole nanoseconds, alike wherever they are written."""
     return np.rint(np.multiply(stamps, 1e9)).astype("timedelta64[ns]")
+
+
+def require_recording(rrd: Path) -> None:
+    """Make sure that a file is a recording of rerun, and whole.
+
+    Raises:
+        ContactFusionError: it is not.
+        DependencyError: rerun is not installed.
+    """
+    loaded_rerun()
+    require_file(rrd, ContactFusionError)
+    from rerun.chunk import RrdReader
+
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("error")  # it reads what is cut off, and warns
+            recordings = RrdReader(rrd).recordings()
+    except (RuntimeError, Warning):
+        recordings = []
+    if not recordings:
+        raise ContactFusionError(f"{rrd} is no recording of rerun, or it is cut off")
 
 
 def loaded_rerun() -> Any:

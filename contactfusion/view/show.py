@@ -6,7 +6,6 @@ import socket
 import subprocess
 import sys
 import time
-import warnings
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
@@ -19,8 +18,9 @@ from urllib.parse import quote
 from urllib.request import ProxyHandler, build_opener
 
 from contactfusion.errors import ContactFusionError, missing_extra
-from contactfusion.files import require_file, write_whole
-from contactfusion.view.recorder import TIMELINE, loaded_rerun
+from contactfusion.files import write_whole
+from contactfusion.terminal import say
+from contactfusion.view.recorder import TIMELINE, require_recording
 
 HOST = "127.0.0.1"
 LOCAL = ("--bind", HOST)
@@ -55,7 +55,7 @@ def show(rrd: Path, web: bool = False) -> None:
         ContactFusionError: there is no such file, there is no screen, or the viewer fails.
         DependencyError: rerun is not installed.
     """
-    _require_recording(rrd)
+    require_recording(rrd)
     if web:
         serve(rrd)
         return
@@ -79,27 +79,6 @@ def require_screen() -> None:
         )
 
 
-def _require_recording(rrd: Path) -> None:
-    """Make sure that a file is a recording of rerun, and whole.
-
-    Raises:
-        ContactFusionError: it is not.
-        DependencyError: rerun is not installed.
-    """
-    loaded_rerun()
-    require_file(rrd, ContactFusionError)
-    from rerun.chunk import RrdReader
-
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("error")  # it reads what is cut off, and warns
-            recordings = RrdReader(rrd).recordings()
-    except (RuntimeError, Warning):
-        recordings = []
-    if not recordings:
-        raise ContactFusionError(f"{rrd} is no recording of rerun, or it is cut off")
-
-
 def serve(rrd: Path) -> None:
     """Serve a file until Ctrl+C.
 
@@ -114,7 +93,7 @@ def serve(rrd: Path) -> None:
     with subprocess.Popen(command, env=environment) as process, _guarded(page) as server:
         source = quote(f"rerun+http://{HOST}:{data}/proxy", safe="")
         address = f"http://{HOST}:{server.server_port}/?url={source}&theme=dark"
-        print(f"open {address} - Ctrl+C ends", flush=True)
+        say(f"open {address} - Ctrl+C ends")
         try:
             while process.poll() is None:
                 server.handle_request()
@@ -131,6 +110,10 @@ def _guarded(page: int) -> ThreadingHTTPServer:
 
     class Page(BaseHTTPRequestHandler):
         def do_GET(self) -> None:
+            name = self.headers.get("Host", "").rpartition(":")[0]
+            if name not in (HOST, "localhost"):  # a page of another name may read what it answers
+                self.send_error(403, "ask for it by the name localhost")
+                return
             try:
                 with direct.open(f"http://{HOST}:{page}{self.path}") as answer:
                     self.send_response(answer.status)
@@ -163,7 +146,7 @@ def screenshot(rrd: Path, png: Path, at: float | None = None) -> None:
         ContactFusionError: there is no such file, it is no recording, or nothing can draw it.
         DependencyError: rerun is not installed.
     """
-    _require_recording(rrd)
+    require_recording(rrd)
     with _unseen_viewer(rrd) as (client, end):
         moment = end if at is None else at
         _patiently(lambda: client.set_time(TIMELINE, duration=moment, play_state="paused"))

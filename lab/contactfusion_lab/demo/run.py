@@ -22,7 +22,7 @@ from contactfusion.results import (
     table_file,
 )
 from contactfusion.run.configuration import TOPIC, Setting
-from contactfusion.terminal import is_quiet, note
+from contactfusion.terminal import is_quiet, note, say
 from contactfusion_lab.demo.account import Story, sentences, summary
 from contactfusion_lab.demo.film import distance_figure, film, lateral_figure, shares_figure
 from contactfusion_lab.demo.page import page
@@ -68,7 +68,7 @@ def show(out: Path, lidar: str = LEARNED) -> None:
     written = list(write(story, out, console))
     for sentence in sentences(story):
         _print(console, sentence)
-    print(f"results: {', '.join(str(out / name) for name in written)}")
+    say(f"results: {', '.join(str(out / name) for name in written)}")
     note(f"look at: {out / 'index.html'}")
     if not story.arrived:
         raise ContactFusionError("the box did not arrive at its target")

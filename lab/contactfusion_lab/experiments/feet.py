@@ -28,7 +28,7 @@ from contactfusion.robots.bullet import BulletWorld
 from contactfusion.robots.description import RobotConfig
 from contactfusion.robots.model import RobotModel
 from contactfusion.robots.posed import PosedRobot
-from contactfusion.terminal import note
+from contactfusion.terminal import note, say
 from contactfusion_lab.trials.measures import Measure, grouped, p50, p90, proportion
 from contactfusion_lab.trials.tables import as_csv, frame_of
 
@@ -461,4 +461,4 @@ def run_feet(trials: int, seed: int, out: Path) -> None:
         note(f"  {figure}")
     write_whole(out / "results.csv", as_csv(frame_of(measures, Measure), missing="nan"))
     draw(watched(*recorded(seed, is_pinned=False), RATES[0]), out / "standing.png")
-    print(f"results: {out}")
+    say(f"results: {out}")

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from contactfusion.errors import RecordingError
 from contactfusion.files import make_folder, write_whole
-from contactfusion.terminal import note
+from contactfusion.terminal import note, say
 from contactfusion_lab.experiments import eflesh, force_plates, hub, icub, icub_foot, ouster
 from contactfusion_lab.experiments.methods import DEFAULT_METHOD, Method
 from contactfusion_lab.experiments.ur10e import experiment as ur10e
@@ -76,9 +76,7 @@ def run_recordings(
     summary = [{**dataclasses.asdict(figure), "met": figure.met} for figure in measures]
     write_whole(out / "summary.json", json.dumps(summary, indent=2, ensure_ascii=False) + "\n")
     asked = [figure for figure in measures if figure.met is not None]
-    print(
-        f"{sum(bool(each.met) for each in asked)} of {len(asked)} figures as asked; results: {out}"
-    )
+    say(f"{sum(bool(each.met) for each in asked)} of {len(asked)} figures as asked; results: {out}")
 
 
 def _csv(measures: Sequence[Measure]) -> str:

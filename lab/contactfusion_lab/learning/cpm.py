@@ -14,7 +14,7 @@ from contactfusion.errors import RobotError
 from contactfusion.figures import COLOURS, new_figure
 from contactfusion.files import make_folder
 from contactfusion.generators.lstm import Weights
-from contactfusion.terminal import note
+from contactfusion.terminal import note, say
 from contactfusion_lab.learning import training
 from contactfusion_lab.learning.dataset import Dataset, LabelledTrial, content_of, load
 from contactfusion_lab.learning.export import tested, write_networks
@@ -152,7 +152,7 @@ def train_cpm(options: Options, out: Path) -> None:
     histories = {
         str(name): [networks_of[name].history for _, networks_of in rounds] for name in NAMES
     }
-    print(f"learning curves: {draw_curves(histories, out / 'curves.png')}", flush=True)
+    say(f"learning curves: {draw_curves(histories, out / 'curves.png')}")
     data, trained = rounds[-1]
     shipped = _write(out / FILE, data, trained, options, trials, {})
     if options.tested:
@@ -161,12 +161,12 @@ def train_cpm(options: Options, out: Path) -> None:
             out / "test",
         )  # fmt: skip
         _write(shipped, data, trained, options, trials, figures)
-    print(f"networks: {shipped}, their card: {shipped.with_suffix('.json')}")
+    say(f"networks: {shipped}, their card: {shipped.with_suffix('.json')}")
     if options.preset:
         how: dict[Name, training.Options] = {"type": options.how(options.rounds)["location"]}
         as_lstm = _trained_round(data, how, {}, options.executor.local, out / "lstm")
         path = _write(out / LSTM_FILE, data, {**trained, **as_lstm}, options, trials, {})
-        print(f"with the type network as an LSTM: {path}")
+        say(f"with the type network as an LSTM: {path}")
 
 
 def _write(

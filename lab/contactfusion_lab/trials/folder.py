@@ -20,7 +20,15 @@ SHOWN = 0.08
 
 
 def trial_file(out: Path, name: str, suffix: str) -> Path:
-    """The file of a trial; the parts of its name that end with "/" are folders."""
+    """The file of a trial; the parts of its name that end with "/" are folders.
+
+    Raises:
+        ConfigurationError: the name, of an object or the like, leads elsewhere.
+    """
+    if not name.isprintable() or any(part in ("", ".", "..") for part in name.split("/")):
+        raise ConfigurationError(
+            f"{name!r} would be the name of a trial, and can't be that of a file"
+        )
     return out / TRIALS / f"{name}{suffix}"
 
 

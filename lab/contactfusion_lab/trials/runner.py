@@ -9,7 +9,7 @@ from typing import Any, ClassVar, Generic, TypeVar
 
 from contactfusion.errors import ContactFusionError, RobotError
 from contactfusion.files import write_whole
-from contactfusion.terminal import Progress, note
+from contactfusion.terminal import Progress, note, say
 from contactfusion_lab.trials.choices import trial_named
 from contactfusion_lab.trials.executor import Executor, WorkerCrashed
 from contactfusion_lab.trials.folder import TRIALS, claim, joined, trial_file
@@ -150,7 +150,7 @@ def _film_all(
         if isinstance(made, Failure):
             failed.append(made.why)
         else:
-            print(f"film: {made[0]}; recording: {made[1]}")
+            say(f"film: {made[0]}; recording: {made[1]}")
     return failed
 
 

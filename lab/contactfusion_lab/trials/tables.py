@@ -10,6 +10,7 @@ import numpy as np
 import pandas as pd
 
 from contactfusion.files import write_whole
+from contactfusion.terminal import say
 from contactfusion_lab.trials.folder import as_json
 from contactfusion_lab.trials.measures import CASE, Comparison, parts_of, proportion, resampled
 
@@ -58,7 +59,7 @@ def write_results(
     write_whole(out / "summary.json", as_json(summary))
     parts = [f"## {heading}\n\n{text}" for heading, text in texts.items() if text]
     write_whole(out / "table.md", "\n\n".join(parts) + "\n")
-    print(f"results: {out}/table.md, results.csv, summary.json, figures")
+    say(f"results: {out}/table.md, results.csv, summary.json, figures")
 
 
 def bullets(sentences: Sequence[str]) -> str:

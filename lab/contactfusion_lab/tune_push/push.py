@@ -15,7 +15,7 @@ from contactfusion.arrays import FloatArray
 from contactfusion.controllers.pushing_parameters import SETS, PushingParameters
 from contactfusion.errors import ConfigurationError, name_hint
 from contactfusion.files import write_whole
-from contactfusion.terminal import Progress, note
+from contactfusion.terminal import Progress, note, say
 from contactfusion_lab.trials.executor import Executor, Local
 from contactfusion_lab.trials.folder import claim
 from contactfusion_lab.trials.tables import markdown
@@ -225,7 +225,7 @@ def _report(
     }
     write_whole(out / "summary.json", json.dumps(summary, indent=1) + "\n")
     note(table)
-    print(f"the best is {best}: {out / 'parameters.yaml'}")
+    say(f"the best is {best}: {out / 'parameters.yaml'}")
 
 
 def _tried(start: PushingParameters, rounds: Sequence[Sequence[Candidate]]) -> str:
