@@ -21,7 +21,6 @@ from contactfusion.recordings.messages import defined, typestore
 from contactfusion.recordings.ros.delivery import AHEAD_NS, BEHIND_NS, of_another_clock
 from contactfusion.recordings.ros.topics import last
 from contactfusion.terminal import say
-from contactfusion.terminal import say
 
 LISTENED: Final = 3.0
 """How long others are discovered, and then how long their topics are listened to [s]."""
