@@ -6,6 +6,7 @@ of 24 taxels at 100 Hz is sent by this process, as its message is ours.
 """
 
 import argparse
+import atexit
 import json
 import os
 import subprocess
@@ -61,9 +62,10 @@ def main() -> None:
         file.write_text(CONFIGURATION % ", ".join(ring), encoding="utf-8")
         command = [sys.executable, "-m", "contactfusion", "-q", "live", str(file), "--wait", "20"]
         ended = threading.Event()
-        skin = threading.Thread(target=_skin, args=(ended,))
+        skin = threading.Thread(target=_skin, args=(ended,), daemon=True)
         skin.start()
         live = subprocess.Popen(command)
+        atexit.register(live.terminate)  # also after an error
         is_program = options.robot.name == PROGRAM
         words = ["/wrist", STRONGEST] if is_program else [
             str(Path(__file__).with_name("live_peer.py")), str(options.seconds), str(options.rate)

@@ -3,6 +3,7 @@
 import os
 import time
 from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import closing
 
 import numpy as np
@@ -234,4 +235,16 @@ def test_others_of_this_process_stay_when_the_first_leaves(on_this_machine: None
     send(numbered(7))
     until(lambda: heard)
     for transport in (second, third):
+        transport.close()
+
+
+def test_many_join_at_the_same_time(on_this_machine: None) -> None:
+    with ThreadPoolExecutor(8) as pool:
+        transports = list(pool.map(lambda _: DdsTransport(DOMAIN + 2), range(8)))
+    heard = listened(transports[0], "/wrist", WRENCH, RELIABLE)
+    send = transports[-1].advertise("/wrist", WRENCH)
+    awaited(transports[-1], "/wrist", writes=False)
+    send(numbered(7))
+    until(lambda: heard)
+    for transport in transports:
         transport.close()

@@ -56,8 +56,9 @@ BY_NAME = """<CycloneDDS><Domain><Compatibility>
 """The configuration that knows types of Fast DDS (vendor 1.15) and of Cyclone (1.16) by name alone,
 as ROS does: what Fast DDS 3, that of ROS 2 Kilted, says of sequences is refused by Cyclone.
 """
-TYPING = threading.Lock()
-"""Held while a topic is made: cyclonedds completes its type then, which all transports share."""
+SHARED = threading.Lock()
+"""Held while a domain is joined, or a topic made: cyclonedds completes its type then; all transports
+share both."""
 
 
 @dataclass(eq=False)
@@ -100,7 +101,8 @@ class DdsTransport(Transport):
             raise missing_extra("cyclonedds", "ros2") from None
         number = domain_number(domain)
         try:
-            _domain(number)
+            with SHARED:
+                _domain(number)
             self._participant: DomainParticipant = DomainParticipant(number)
         except DDSException as error:
             raise ConfigurationError(
@@ -184,7 +186,7 @@ class DdsTransport(Transport):
         from cyclonedds.topic import Topic as DdsTopic
 
         key = topic, msgtype
-        with TYPING:
+        with SHARED:
             if key not in self._topics:
                 self._topics[key] = DdsTopic(self._participant, PREFIX + topic, dds_type(msgtype))
             return self._topics[key]
