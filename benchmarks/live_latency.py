@@ -55,6 +55,7 @@ def main() -> None:
     parser.add_argument("--rate", type=float, default=1000.0, help="of wrenches [Hz]")
     options = parser.parse_args()
     os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+    os.environ.setdefault("ROS_DOMAIN_ID", "0")
     angles = np.linspace(0.0, 2.0 * np.pi, TAXELS, endpoint=False)
     ring = [f"[{0.05 * np.cos(a):.4f}, {0.05 * np.sin(a):.4f}, 0]" for a in angles]
     with TemporaryDirectory() as folder:

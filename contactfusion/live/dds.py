@@ -57,8 +57,8 @@ BY_NAME = """<CycloneDDS><Domain><Compatibility>
 as ROS does: what Fast DDS 3, that of ROS 2 Kilted, says of sequences is refused by Cyclone.
 """
 SHARED = threading.Lock()
-"""Held while a domain is joined, or a topic made: cyclonedds completes its type then; all transports
-share both."""
+"""Held while a domain is joined, or a topic made, which completes its type: all transports share
+both."""
 
 
 @dataclass(eq=False)
