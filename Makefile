@@ -7,7 +7,7 @@ DEMO_READY := $(VENV)/.ready-demo
 READY := $(VENV)/.ready
 SOAK_SCENARIOS ?= 2000
 
-.PHONY: demo test test-lab test-lab-changed lint soak bench goldens bare show-recordings show-touch show-push show-sensing show-paper show-hard show-replay show-grasp show-press show-dask show-live train clean
+.PHONY: demo test test-lab test-lab-changed lint soak fuzz bench goldens bare show-recordings show-touch show-push show-sensing show-paper show-hard show-replay show-grasp show-press show-dask show-live train clean
 
 demo: $(DEMO_READY)
 	$(BIN)/contactfusion demo --out out/demo
@@ -35,6 +35,10 @@ lint: $(READY)
 
 soak: $(READY)
 	$(BIN)/python -m tests.soak --scenarios $(SOAK_SCENARIOS) --workers 2
+
+# Broken and hostile input to each reader, MINUTES each; what is found goes to tests/fuzz/corpus.
+fuzz: $(READY)
+	$(BIN)/python -m tests.fuzz --minutes $(or $(MINUTES),10) --seed $(or $(SEED),0) $(TARGETS)
 
 bench: $(READY)
 	$(BIN)/python -m pip install --quiet --constraint constraints.txt --editable '.[bench]'

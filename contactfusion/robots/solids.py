@@ -163,10 +163,12 @@ def _closed(shape: Mesh) -> Any:
     open3d = loaded_open3d()
     with open3d.utility.VerbosityContextManager(open3d.utility.VerbosityLevel.Error):
         mesh = open3d.io.read_triangle_mesh(str(shape.file))
-        if not len(mesh.triangles):
-            raise RobotError(f"{shape.file} holds no triangles that can be read")
+        if not np.isfinite(np.asarray(mesh.vertices)).all():
+            raise RobotError(f"{shape.file} holds corners that are not finite")
         mesh.remove_duplicated_vertices()
         mesh.remove_degenerate_triangles()
+        if not len(mesh.triangles):
+            raise RobotError(f"{shape.file} holds no triangles that can be read")
     tensor = open3d.core.Tensor
     mesh = open3d.t.geometry.TriangleMesh(
         tensor(np.asarray(mesh.vertices)), tensor(np.asarray(mesh.triangles))
