@@ -27,6 +27,7 @@ from contactfusion.recordings.ros.readers import (
     read_mcap_as_it_lies,
     scanned_bag,
 )
+from contactfusion.yaml_files import LARGEST
 
 ROS1 = (".bag", ".active")
 """Suffixes of bags of ROS 1; `.bag.active` is one whose recorder was killed."""
@@ -169,7 +170,8 @@ def _files_in(path: Path) -> list[Path]:
         require_file(path, RecordingError)
         return [path]
     whole = not any(_lacks_its_end(file) for file in path.glob("*.mcap"))
-    if (path / "metadata.yaml").is_file() and whole:
+    metadata = path / "metadata.yaml"
+    if whole and metadata.is_file() and metadata.stat().st_size <= LARGEST:
         return [path]
     files = sorted(file for file in path.iterdir() if file.suffix in (*ROS1, *ROS2))
     if not files:
