@@ -16,7 +16,7 @@ from contactfusion.terminal import note, say
 
 REQUIREMENTS = ("ouster-sdk==1.0.0", "mcap>=1.2,<2")
 """Packages of the environment; ouster-sdk installs numpy and rosbags."""
-SECONDS = 20.0
+SECONDS = 10.0
 """The time that the conversion of a small file may take [s]."""
 SLOWEST = 1e5
 """The least speed of the conversion of a large one [bytes/s]."""
