@@ -7,7 +7,7 @@ DEMO_READY := $(VENV)/.ready-demo
 READY := $(VENV)/.ready
 SOAK_SCENARIOS ?= 2000
 
-.PHONY: demo test test-interop test-lab test-lab-changed lint soak torture bench goldens bare show-recordings show-touch show-push show-sensing show-paper show-hard show-replay show-grasp show-press show-dask show-live train clean
+.PHONY: demo test test-interop test-lab test-lab-changed lint soak fuzz torture bench goldens bare show-recordings show-touch show-push show-sensing show-paper show-hard show-replay show-grasp show-press show-dask show-live train clean
 
 demo: $(DEMO_READY)
 	$(BIN)/contactfusion demo --out out/demo
@@ -44,6 +44,10 @@ soak: $(READY)
 # Faults, kills, and want of everything; sections that are made are kept. A disk is mounted: as root.
 torture: $(READY)
 	$(BIN)/python -m tests.torture $(ONLY)
+
+# Broken and hostile input to each reader, MINUTES each; what is found goes to tests/fuzz/corpus.
+fuzz: $(READY)
+	$(BIN)/python -m tests.fuzz --minutes $(or $(MINUTES),10) --seed $(or $(SEED),0) $(TARGETS)
 
 bench: $(READY)
 	$(BIN)/python -m pip install --quiet --constraint constraints.txt --editable '.[bench]'

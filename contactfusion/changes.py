@@ -54,6 +54,8 @@ def words(text: str) -> list[str]:
     Raises:
         ConfigurationError: there is no such change, or it takes other words.
     """
+    if not text.isprintable():
+        raise ConfigurationError(f"{text!r} is no line of text")
     try:
         split = shlex.split(text)
     except ValueError as error:
@@ -84,7 +86,8 @@ def _threshold(pipeline: "Pipeline", value: str) -> str:
 def _plug(pipeline: "Pipeline", name: str, *options: str) -> str:
     fields: dict[str, Any] = {"generators": dict(pipeline.config.generators)}
     changed = with_overrides(fields, [f"generators.{name}.{option}" for option in options])
-    if "type" not in (found := changed["generators"].get(name) or {}):
+    found = changed["generators"].get(name) or {}
+    if not isinstance(found.get("type"), str):
         hint = name_hint(name, pipeline.config.generators, "generators of the configuration")
         raise SourceError(f"'{name}' has no type: write plug {name} type=…, or {hint}")
     pipeline.plug(name, found)
@@ -124,8 +127,8 @@ def _isolate(pipeline: "Pipeline", name: str) -> str:
 
 
 def _answer(pipeline: "Pipeline", name: str, number: str) -> str:
-    if not number.isdecimal():
-        raise ConfigurationError(f"'{number}' is no number of a reading")
+    if not (number.isdecimal() and len(number) < 19):
+        raise ConfigurationError(f"'{number[:19]}' is no number of a reading")
     pipeline.answer(name, int(number))
     return f"the clouds of reading {number} of '{name}' have come"
 

@@ -8,7 +8,7 @@ import pickle
 import signal
 import subprocess
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, BinaryIO, Final
 
@@ -49,23 +49,44 @@ def confined(
     command = [sys.executable, "-I", "-c", START]
     call = function.__module__, function.__qualname__, arguments, seconds, memory
     given = pickle.dumps([path for path in sys.path if path]) + pickle.dumps(call)
-    with subprocess.Popen(
-        command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL
-    ) as process:
-        try:
-            answer, _ = process.communicate(given, timeout=seconds + START_SECONDS)
-        except subprocess.TimeoutExpired:
-            raise LimitError(f"it took longer than {seconds:g} s") from None
-        finally:
-            process.kill()
-    if process.returncode or not answer:
-        raise LimitError(_end(process.returncode, seconds))
+    status, answer, _ = completed(command, given, seconds=seconds + START_SECONDS)
+    if status or not answer:
+        raise LimitError(ending(status))
     succeeded, result = pickle.loads(answer)
     if succeeded:
         return result
     if isinstance(result, MemoryError):
         raise LimitError(f"it took more memory than {memory / 2**30:.1f} GiB")
     raise result
+
+
+def completed(
+    command: Sequence[str], given: bytes = b"", *, seconds: float, memory: int = 0
+) -> tuple[int, bytes, bytes]:
+    """The exit status, the output and the errors of a program.
+
+    Args:
+        command: the program and its arguments.
+        given: its input.
+        seconds: the time that it may take [s].
+        memory: the addresses that it may take [bytes], on Linux; 0: no limit.
+
+    Raises:
+        LimitError: it took longer.
+    """
+    pipe = subprocess.PIPE
+    with subprocess.Popen(command, stdin=pipe, stdout=pipe, stderr=pipe) as process:
+        if memory and sys.platform == "linux":
+            import resource
+
+            resource.prlimit(process.pid, resource.RLIMIT_AS, (memory, memory))
+        try:
+            out, errors = process.communicate(given, timeout=seconds)
+        except subprocess.TimeoutExpired:
+            raise LimitError(f"it took longer than {seconds:.0f} s") from None
+        finally:
+            process.kill()
+    return process.returncode, out, errors
 
 
 def serve(given: BinaryIO) -> None:
@@ -111,9 +132,9 @@ def _limit(seconds: float, memory: int) -> None:
         resource.setrlimit(kind, (limit, limit))
 
 
-def _end(status: int, seconds: float) -> str:
-    """The clause on a process that ended without an answer, by its exit status."""
+def ending(status: int) -> str:
+    """The clause on a process that ended by itself, by its exit status."""
     if status in (-signal.SIGKILL, -getattr(signal, "SIGXCPU", signal.SIGKILL)):
-        return f"it took longer than {seconds:g} s, or more memory than there is"
+        return "it took longer than it may, or more memory than there is"
     name = signal.Signals(-status).name if status < 0 else f"exit status {status}"
     return f"it crashes the library that reads it ({name})"

@@ -3,14 +3,19 @@
 import io
 import json
 import os
+import re
 import secrets
+import time
 import zipfile
 import zlib
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from difflib import get_close_matches
-from itertools import count
+from functools import lru_cache
+from itertools import chain, count
 from pathlib import Path
+from shutil import rmtree
+from socket import gethostname
 from typing import Any, Final
 
 import numpy as np
@@ -21,6 +26,8 @@ from contactfusion.unpacking import require_arrays
 
 GIVE_CONFIG: Final = "give the configuration itself by --config FILE"
 """The advice where a configuration in a recording names a file that it may not."""
+STALE: Final = 3600.0
+"""The age at which what a killed writer left is removed by the next one [s]."""
 SHIPPED: Final = Path(__file__).resolve().parent
 """The folder of this package."""
 BROKEN = (
@@ -50,7 +57,7 @@ def write_whole(path: str | Path, content: str | bytes) -> None:
     """
     path = Path(path)
     make_folder(path.parent)
-    temporary = path.with_name(f".{path.name}.{secrets.token_hex(4)}")
+    temporary = unfinished(path)
     try:
         temporary.write_bytes(content.encode() if isinstance(content, str) else content)
         os.replace(temporary, path)
@@ -60,6 +67,53 @@ def write_whole(path: str | Path, content: str | bytes) -> None:
     finally:
         with suppress(OSError):
             temporary.unlink()
+
+
+def unfinished(path: Path) -> Path:
+    """A hidden name beside a file, for what becomes it; it holds the machine and the process.
+
+    Args:
+        path: the file; its folder exists.
+    """
+    _sweep(path.parent)
+    parts = path.name[:100], _machine(), os.getpid(), secrets.token_hex(4)
+    return path.with_name("." + ".".join(map(str, parts)))
+
+
+@lru_cache(maxsize=256)
+def _sweep(folder: Path) -> None:
+    """See, once, to what processes of this machine were writing that were killed.
+
+    A recording gets a name that says that it is cut; the rest is removed after a time.
+    """
+    for left in folder.glob(f".*.{_machine()}.*.*"):
+        name, _, process, _ = left.name[1:].rsplit(".", 3)
+        with suppress(OSError):
+            if not (process.isdecimal() and _has_ended(int(process))):
+                continue
+            for written in left.rglob("*.mcap") if left.is_dir() else ():
+                if written.stat().st_size:
+                    os.replace(written, _name_of_cut(folder / name))
+            if _age(left) > STALE:
+                rmtree(left) if left.is_dir() else left.unlink()
+
+
+def _machine() -> str:
+    return re.sub(r"\W", "_", gethostname())[:32]
+
+
+def _has_ended(process: int) -> bool:
+    try:
+        os.kill(process, 0)
+    except (ProcessLookupError, OverflowError):
+        return True
+    except PermissionError:  # it is another user's
+        return False
+    return False
+
+
+def _age(path: Path) -> float:
+    return time.time() - path.stat().st_mtime
 
 
 @contextmanager
@@ -72,7 +126,7 @@ def whole_file(path: Path) -> Iterator[Path]:
         path: the file; its folder is made if necessary.
     """
     make_folder(path.parent)
-    temporary = path.with_name(f".{path.name}.{secrets.token_hex(4)}")
+    temporary = unfinished(path)
     try:
         yield temporary
         os.replace(temporary, path)
@@ -217,15 +271,16 @@ def kept_when_cut(written: Path, path: Path) -> Iterator[None]:
     except WritingError as error:
         if not written.is_file() or not written.stat().st_size:
             raise WritingError(f"{error}; nothing of it was kept") from None
-        kept = next(name for name in _names_of_cuts(path) if not name.exists())
+        kept = _name_of_cut(path)
         os.replace(written, kept)
         raise WritingError(f"{error}; what was written until then is {kept}") from None
 
 
-def _names_of_cuts(path: Path) -> Iterator[Path]:
-    yield path.with_suffix(f".cut{path.suffix}")
-    for number in count(2):
-        yield path.with_suffix(f".cut{number}{path.suffix}")
+def _name_of_cut(path: Path) -> Path:
+    """A name that is free, for the part of a file that was written."""
+    numbers = chain([""], count(2))
+    names = (path.with_suffix(f".cut{number}{path.suffix}") for number in numbers)
+    return next(name for name in names if not name.exists())
 
 
 @contextmanager

@@ -100,7 +100,7 @@ def with_overrides(mapping: Mapping[str, Any], overrides: Iterable[str]) -> dict
 
 
 def _list_index(items: list[Any], key: str, override: str) -> int:
-    if not key.isdecimal() or int(key) >= len(items):
+    if not key.isdecimal() or len(key) > 9 or int(key) >= len(items):
         raise ConfigurationError(
             f"'{override}': '{key}' is no place in a list of {len(items)}, counted from 0"
         )

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from contactfusion.errors import ContactFusionError, RecordingError, WritingError
-from contactfusion.readings import Reading
+from contactfusion.readings import Reading, Wrench
 from contactfusion.recordings.messages import reading_messages, typestore
 from contactfusion.recordings.opening import open_recording
 from contactfusion.recordings.recording import Window
@@ -584,3 +584,40 @@ def test_on_a_full_disk_an_older_file_stays_and_what_was_written_is_kept_beside_
         whole = out.parent / "whole.csv"
         run_file(config, path, out=whole)
         assert whole.read_text().startswith(cut.read_text()) and len(cut.read_text()) > 1000
+
+
+@pytest.mark.parametrize("kind", ["ros1", "mcap"])
+def test_many_files_are_not_open_at_once_and_are_read_in_order(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, kind: str
+) -> None:
+    monkeypatch.setattr("contactfusion.recordings.ros.files.MOST_OPEN", 2)
+    folder, forces = tmp_path / "all", [float(number) for number in range(24)]
+    folder.mkdir()
+    for number in range(8):
+        said = [
+            ("/wrist", n * STEP, wrench(n * STEP, n)) for n in range(3 * number, 3 * number + 3)
+        ]
+        made = FORMATS[kind](tmp_path / str(number), said)
+        made.rename(folder / f"part{(5 * number) % 8}{made.suffix}")  # not in the order of names
+    descriptors, most = len(list(Path("/proc/self/fd").iterdir())), 0
+    found = []
+    for reading in open_recording(folder).readings():
+        most = max(most, len(list(Path("/proc/self/fd").iterdir())))
+        found.append(reading)
+    assert [one.force[0] for one in found if isinstance(one, Wrench)] == forces
+    assert most - descriptors <= 4
+
+
+@pytest.mark.parametrize("kind", ["ros1", "mcap"])
+def test_files_that_overlap_are_merged_however_many_are_open(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, kind: str
+) -> None:
+    folder = tmp_path / "all"
+    folder.mkdir()
+    for number in range(5):
+        said = [("/wrist", n * STEP, wrench(n * STEP, n)) for n in range(number, 40, 1 + number)]
+        made = FORMATS[kind](tmp_path / str(number), said)
+        made.rename(folder / f"part{number}{made.suffix}")
+    whole = [repr(one) for one in open_recording(folder).readings()]
+    monkeypatch.setattr("contactfusion.recordings.ros.files.MOST_OPEN", 1)
+    assert [repr(one) for one in open_recording(folder).readings()] == whole

@@ -107,6 +107,12 @@ def test_restore_undoes_changes() -> None:
         ("answer wrist 3", "'wrist' does not run in a process of its own"),
         ("answer wrist x", "'x' is no number of a reading"),
         ('unplug "wrist', "No closing quotation"),
+        ("tare 'a\nb'", "is no line of text"),
+        ("threshold 0.4\x1b[2J", "is no line of text"),
+        ("plug skin type=null", "'skin' has no type: write plug skin type="),
+        ("plug skin type={}", "'skin' has no type: write plug skin type="),
+        (f"answer wrist {'9' * 5000}", "is no number of a reading"),
+        (f"plug skin type=tactile shapes.{'9' * 5000}=1 shapes=[]", "skin"),
     ],
 )
 def test_a_wrong_change_is_one_sentence_and_changes_nothing(text: str, sentence: str) -> None:

@@ -1,12 +1,15 @@
 """Arrays in npz files: what is wrong with one is said in a sentence."""
 
+import os
+import sys
 from pathlib import Path
+from subprocess import Popen
 
 import numpy as np
 import pytest
 
 from contactfusion.errors import ConfigurationError
-from contactfusion.files import read_npz, write_npz
+from contactfusion.files import read_npz, unfinished, write_npz, write_whole
 
 
 def test_what_was_written_is_read_bit_for_bit(tmp_path: Path) -> None:
@@ -46,3 +49,36 @@ def test_a_missing_array_is_an_error_that_names_the_others(tmp_path: Path) -> No
     write_npz(tmp_path / "map.npz", signals=1, places=2)
     with pytest.raises(ConfigurationError, match="lacks sigma; it holds signals, places"):
         read_npz(tmp_path / "map.npz", "signals", "sigma")
+
+
+def test_what_a_killed_writer_left_goes_with_the_next_one(tmp_path: Path) -> None:
+    path = tmp_path / "a[1].csv"
+    dead = Popen([sys.executable, "-c", ""])
+    dead.wait()
+    mine = unfinished(tmp_path / "elsewhere" / path.name).name.rpartition(".")[0]
+    assert mine.endswith(f".{os.getpid()}")
+    prefix = mine.removesuffix(str(os.getpid()))
+    kept = ["b.csv", f"{prefix}{os.getpid()}.00", f"{prefix}x.00", ".a[1].csv.other.1.00"]
+    gone = [f"{prefix}{dead.pid}.00", f"{prefix}{dead.pid}.01"]
+    fresh = f"{prefix}{dead.pid}.02"
+    for name in (*kept, *gone, fresh):
+        (tmp_path / name).write_text("parts")
+    (tmp_path / gone[1]).unlink()
+    (tmp_path / gone[1] / "recording").mkdir(parents=True)
+    for name in (*kept, *gone):
+        os.utime(tmp_path / name, (0, 0))
+    write_whole(path, "whole")
+    assert sorted(file.name for file in tmp_path.iterdir()) == sorted([*kept, fresh, path.name])
+
+
+def test_a_recording_of_a_killed_process_is_named_and_kept(tmp_path: Path) -> None:
+    dead = Popen([sys.executable, "-c", ""])
+    dead.wait()
+    path = tmp_path / "live.mcap"
+    hidden = unfinished(tmp_path / "elsewhere" / path.name).name.split(".")
+    hidden[-2] = str(dead.pid)
+    left = tmp_path / ".".join(hidden) / "recording" / "recording.mcap"
+    left.parent.mkdir(parents=True)
+    left.write_bytes(b"parts")
+    write_whole(tmp_path / "a.csv", "whole")
+    assert (tmp_path / "live.cut.mcap").read_bytes() == b"parts"

@@ -190,7 +190,7 @@ def test_a_file_that_crashes_or_hangs_its_library_is_refused(
     path.write_bytes(crashing)
     assert "it crashes the library that reads it (SIGSEGV)" in refusal(path)
     path.write_bytes(whole[:770])
-    assert "it took longer than 2" in refusal(path)
+    assert "it took longer than it may" in refusal(path)
 
 
 @pytest.mark.parametrize("at", range(512, 1500, 90))

@@ -245,3 +245,22 @@ def test_links_of_the_shipped_arm_are_sampled_on_their_primitives_only() -> None
         distances = np.stack([outside_of(shape, part.points) for shape in shapes])
         assert np.abs(distances).min(axis=0).max() < 1e-9 and distances.min() > -ROUND
         points_out(shapes, part.points, part.normals)
+
+
+@pytest.mark.parametrize(
+    ("facets", "why"),
+    [
+        ("v 0 0 0\nv nan 0 0\nv 0 1 0\nf 1 2 3\n", "corners that are not finite"),
+        ("v 0 0 0\nv 0 0 0\nv 0 0 0\nf 1 2 3\n", "no triangles that can be read"),
+        ("v 0 0 0\nv 1 0 0\n", "no triangles that can be read"),
+        ("OFF\n3 1 0\n0 0 0\n1 0 0\n0 1 0\n3 0 1 99\n", "can't be read|does not hold|no triangles"),
+        ("OFF\n4 4 0\n0 0 0\n.1 0 0\n0 0.1 0\n0 0 0l 0 0 1\nv", "crashes|no triangles"),
+    ],
+)
+def test_a_mesh_of_nothing_or_of_no_numbers_is_refused(
+    tmp_path: Path, facets: str, why: str
+) -> None:
+    path = tmp_path / f"link.{'off' if facets.startswith('OFF') else 'obj'}"
+    path.write_text(facets)
+    with pytest.raises(RobotError, match=why):
+        Solid([Mesh(path, (1.0, 1.0, 1.0), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0))])

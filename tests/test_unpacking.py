@@ -336,3 +336,20 @@ def test_a_sensor_of_ouster_with_endless_pixels_is_refused(
     (tmp_path / "scan.osf").touch()
     with pytest.raises(ouster_converter.ConversionError, match="128 rings and 1048576 columns"):
         ouster_converter.convert(tmp_path / "scan.osf", tmp_path / "scan.mcap")
+
+
+KIND = "geometry_msgs/msg/WrenchStamped"
+
+
+def test_yaml_in_recordings_is_bounded(tmp_path: Path) -> None:
+    made = tmp_path / "drive"
+    with rosbag2.Writer(made, version=8, storage_plugin=rosbag2.StoragePlugin.MCAP) as writer:
+        link = writer.add_connection("/wrist", KIND, typestore=typestore())
+        writer.storage.channels[0] = writer.storage.channels[0]._replace(
+            metadata=text("offered_qos_profiles") + text("[" * 100_000)
+        )
+        writer.write(link, 10**18, typestore().serialize_cdr(wrench(), KIND))
+    assert len(list(open_recording(made / "drive.mcap").readings())) == 1
+    with (made / "metadata.yaml").open("a") as file:
+        file.write("".join(f"k{number}: [1, 2]\n" for number in range(50_000)))
+    assert len(list(open_recording(made).readings())) == 1

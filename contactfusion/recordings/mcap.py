@@ -4,13 +4,13 @@ import os
 from collections.abc import Iterator, Sequence
 from contextlib import AbstractContextManager, ExitStack, contextmanager
 from pathlib import Path
-from tempfile import TemporaryDirectory
+from shutil import rmtree
 from types import TracebackType
 from typing import TYPE_CHECKING, Any, Final, Self, final
 
 from contactfusion.contacts import Contact
 from contactfusion.errors import RecordingError
-from contactfusion.files import as_writing_error, kept_when_cut, make_folder
+from contactfusion.files import as_writing_error, kept_when_cut, make_folder, unfinished
 from contactfusion.pipeline import Step
 from contactfusion.readings import Reading, Transform
 from contactfusion.readings.messages import Message, header, message
@@ -278,9 +278,10 @@ def _bag_that_becomes(path: Path) -> Iterator["Writer"]:
     from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin
 
     make_folder(path.parent)
-    with TemporaryDirectory(prefix=f".{path.name}.", dir=path.parent) as folder:
+    folder = unfinished(path)
+    try:
         kind = writer_with_checksums()
-        bag = kind(Path(folder) / BAG, version=VERSION, storage_plugin=StoragePlugin.MCAP)
+        bag = kind(folder / BAG, version=VERSION, storage_plugin=StoragePlugin.MCAP)
         bag.set_compression(CompressionMode.STORAGE, CompressionFormat.ZSTD)
         written = bag.path / f"{BAG}.mcap"
         with kept_when_cut(written, path), ExitStack() as stack:
@@ -288,6 +289,8 @@ def _bag_that_becomes(path: Path) -> Iterator["Writer"]:
             with as_writing_error(path):
                 stack.close()
         os.replace(written, path)
+    finally:
+        rmtree(folder, ignore_errors=True)
 
 
 def _latched() -> "Qos":

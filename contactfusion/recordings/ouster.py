@@ -9,12 +9,21 @@ import sys
 import sysconfig
 from pathlib import Path
 
+from contactfusion.confined import LimitError, completed, ending
 from contactfusion.errors import DependencyError, RecordingError
 from contactfusion.files import make_folder, write_whole
 from contactfusion.terminal import note, say
 
 REQUIREMENTS = ("ouster-sdk==1.0.0", "mcap>=1.2,<2")
 """Packages of the environment; ouster-sdk installs numpy and rosbags."""
+SECONDS = 10.0
+"""The time that the conversion of a small file may take [s]."""
+SLOWEST = 1e5
+"""The least speed of the conversion of a large one [bytes/s]."""
+MEMORY = 2**32
+"""The addresses that the conversion of a small file may take, with its libraries [bytes]."""
+TIMES = 10
+"""The addresses that a large one may take beside that, as a multiple of its size."""
 CONVERTER = Path(__file__).with_name("ouster_converter.py")
 COMMAND = "contactfusion doctor --ouster"
 """The command that makes the environment."""
@@ -75,13 +84,21 @@ def convert(source: Path, out: Path, every_nth_row: int = 1, meta: Path | None =
     options = ["--every-nth-row", str(every_nth_row), *(["--meta", str(meta)] if meta else [])]
     # isolated: else the modules beside the converter would hide the packages of the same names
     command = [str(_python()), "-I", str(CONVERTER), *options, "--", str(source), str(out)]
-    done = subprocess.run(command, capture_output=True, text=True)
-    messages = _lines(done.stderr)
-    if done.returncode:
+    size = source.stat().st_size if source.is_file() else 0
+    try:
+        status, told, errors = completed(
+            command, seconds=SECONDS + size / SLOWEST, memory=MEMORY + TIMES * size
+        )
+    except LimitError as error:
+        raise RecordingError(f"{source} can't be converted: {error}") from None
+    messages = _lines(errors.decode(errors="replace"))
+    if status < 0:
+        raise RecordingError(f"{source} can't be converted: {ending(status)}")
+    if status:
         raise RecordingError(messages[-1] if messages else f"{source} can't be converted")
     for warning in messages:  # such as that a file is cut off
         say(warning, file=sys.stderr)
-    return done.stdout.strip()
+    return told.decode(errors="replace").strip()
 
 
 def _python() -> Path:

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from contactfusion.arrays import FloatArray
+from contactfusion.confined import LimitError, confined
 from contactfusion.errors import RobotError, missing_extra
 from contactfusion.estimate import MESH_SAMPLE, SAMPLE, too_much
 from contactfusion.frames import points_in
@@ -26,6 +27,10 @@ RAYS = 24
 """Rays cast from a point in all directions; it is hidden when none escapes."""
 WIDEST = 1e3
 """The greatest hole of a mesh that is closed [m]."""
+ROBUST = (".stl", ".obj")
+"""Suffixes of meshes on which open3d does not crash; others are read in a process of their own."""
+MEMORY = 2**32
+"""The addresses that this process may take, with the library [bytes]."""
 LIFT = 2e-4
 """Distance from the surface at which rays start [m]."""
 
@@ -160,18 +165,41 @@ def _scene(meshes: Sequence[tuple[FloatArray, NDArray[np.uint32]]]) -> Any:
 
 def _closed(shape: Mesh) -> Any:
     """A mesh with its holes closed: links' meshes are often open where the next link begins."""
-    open3d = loaded_open3d()
-    with open3d.utility.VerbosityContextManager(open3d.utility.VerbosityLevel.Error):
-        mesh = open3d.io.read_triangle_mesh(str(shape.file))
-        if not len(mesh.triangles):
-            raise RobotError(f"{shape.file} holds no triangles that can be read")
-        mesh.remove_duplicated_vertices()
-        mesh.remove_degenerate_triangles()
+    open3d, file = loaded_open3d(), str(shape.file.resolve())
+    try:
+        is_robust = shape.file.suffix.lower() in ROBUST
+        read = read_mesh(file) if is_robust else confined(read_mesh, file, memory=MEMORY)
+    except LimitError as error:
+        raise RobotError(f"{shape.file} can't be read: {error}") from None
+    vertices, triangles = read
+    if not np.isfinite(vertices).all():
+        raise RobotError(f"{shape.file} holds corners that are not finite")
+    if ((triangles < 0) | (triangles >= len(vertices))).any():  # open3d would look there
+        raise RobotError(f"{shape.file} holds triangles of corners that it does not hold")
+    vector = open3d.utility
+    mesh = open3d.geometry.TriangleMesh(
+        vector.Vector3dVector(vertices), vector.Vector3iVector(triangles)
+    )
+    mesh.remove_duplicated_vertices()
+    mesh.remove_degenerate_triangles()
+    if not len(mesh.triangles):
+        raise RobotError(f"{shape.file} holds no triangles that can be read")
     tensor = open3d.core.Tensor
     mesh = open3d.t.geometry.TriangleMesh(
         tensor(np.asarray(mesh.vertices)), tensor(np.asarray(mesh.triangles))
     )
     return mesh.fill_holes(WIDEST).to_legacy()
+
+
+def read_mesh(file: str) -> tuple[FloatArray, NDArray[np.int32]]:
+    """The vertices (v, 3) of a mesh, and the triangles (t, 3) of their rows.
+
+    Both are empty where open3d reads none.
+    """
+    open3d = loaded_open3d()
+    with open3d.utility.VerbosityContextManager(open3d.utility.VerbosityLevel.Error):
+        mesh = open3d.io.read_triangle_mesh(file)
+    return np.array(mesh.vertices), np.array(mesh.triangles)
 
 
 def _on_triangles(

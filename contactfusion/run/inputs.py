@@ -84,7 +84,12 @@ def roles_of(generators: Mapping[str, Mapping[str, Any]]) -> list[str]:
 
 
 def _role(name: str, options: Mapping[str, Any]) -> str:
-    return options.get("sensor") or name
+    sensor = options.get("sensor")
+    if not (sensor is None or isinstance(sensor, str)):
+        raise ConfigurationError(
+            f"input should be a valid string, not {sensor!r}", f"generators.{name}.sensor"
+        )
+    return sensor or name
 
 
 def _kinds(options: Mapping[str, Any]) -> Kinds:

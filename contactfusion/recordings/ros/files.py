@@ -1,10 +1,10 @@
 """Bags of ROS 1 and 2 and MCAP files as one: their channels and messages (extra `record`)."""
 
 from collections import Counter
-from collections.abc import Collection, Iterator
+from collections.abc import Collection, Iterator, Sequence
 from contextlib import ExitStack, suppress
 from dataclasses import dataclass, field
-from heapq import merge
+from heapq import heappop, heappush
 from os import SEEK_END
 from pathlib import Path
 from types import TracebackType
@@ -27,26 +27,33 @@ from contactfusion.recordings.ros.readers import (
     read_mcap_as_it_lies,
     scanned_bag,
 )
+from contactfusion.yaml_files import LARGEST
 
 ROS1 = (".bag", ".active")
 """Suffixes of bags of ROS 1; `.bag.active` is one whose recorder was killed."""
 ROS2 = (".mcap", ".db3")
+MOST_OPEN = 32
+"""The number of files of a folder that stay open; others are opened when they are due."""
 Logged = tuple[Channel, int, bytes]
 """A message: its channel, its stamp in the log [ns], and its bytes as in the file."""
 
 
 @dataclass(eq=False)
 class _File:
-    """An open file: its reader, of rosbags, its channels, and what is wrong with it."""
+    """A file: its reader, of rosbags, its channels, its stamps, and what is wrong with it."""
 
     path: Path
     reader: Any
     is_cut: bool
+    is_open: bool = True
     channels: dict[int, Channel] = field(default_factory=dict)
+    first_ns: int = 0
+    last_ns: int = 0
     problem: str = ""
 
     def __post_init__(self) -> None:
         """Make the channels."""
+        self.first_ns, self.last_ns = self.reader.start_time, self.reader.end_time
         alike: Counter[str] = Counter()
         for connection in self.reader.connections:
             alike[connection.topic] += 1
@@ -86,7 +93,7 @@ class Bag:
         self._stack = ExitStack()
 
     def __enter__(self) -> Self:
-        """Open all files."""
+        """Open all files; of many, the later ones are closed until their messages are due."""
         typestore()
         bound_rosbags()
         with ExitStack() as stack:
@@ -96,15 +103,19 @@ class Bag:
                 except RecordingError as error:  # of several files, the others are read
                     self._lost.append(str(error))
                     continue
-                stack.callback(file.reader.close)
                 self._files.append(file)
+                if len(self._files) <= MOST_OPEN:
+                    stack.callback(file.reader.close)
+                else:
+                    file.reader.close()
+                    file.is_open = False
             if not self._files:
                 raise RecordingError(self._lost[0])
             self._stack = stack.pop_all()
         self.channels = [channel for file in self._files for channel in file.channels.values()]
-        filled = [file.reader for file in self._files if file.count]
-        self.first_ns = min((reader.start_time for reader in filled), default=0)
-        self.last_ns = max((reader.end_time for reader in filled), default=0)
+        filled = [file for file in self._files if file.count]
+        self.first_ns = min((file.first_ns for file in filled), default=0)
+        self.last_ns = max((file.last_ns for file in filled), default=0)
         return self
 
     def __exit__(
@@ -130,7 +141,7 @@ class Bag:
             RecordingError: at the end, when a file is cut off or damaged.
         """
         parts = [self._messages(file, channels, start_ns, stop_ns) for file in self._files]
-        yield from parts[0] if len(parts) == 1 else merge(*parts, key=lambda logged: logged[1])
+        yield from _merged([file.first_ns for file in self._files], parts)
         for problem in filter(None, (*(file.problem for file in self._files), *self._lost)):
             raise RecordingError(problem)
 
@@ -138,10 +149,9 @@ class Bag:
         self, file: _File, channels: Collection[Channel], start: int | None, stop: int | None
     ) -> Iterator[Logged]:
         table = file.channels
-        wanted = [link for link in file.reader.connections if table[link.id] in channels]
-        if not wanted:
+        if not any(channel in channels for channel in table.values()):
             return
-        given = 0
+        given, reader = 0, file.reader
         mend = mended_by(file.path)
         file.problem = (
             f"{file.path} is cut off after {file.count} messages; mend it by: {mend}"
@@ -149,14 +159,42 @@ class Bag:
             else ""
         )
         try:
-            for connection, stamp, raw in file.reader.messages(wanted, start, stop):
-                given += 1
-                yield table[connection.id], stamp, raw
+            with ExitStack() as stack:
+                if not file.is_open:
+                    reader = _opened(file.path).reader
+                    stack.callback(reader.close)
+                wanted = [link for link in reader.connections if table[link.id] in channels]
+                for connection, stamp, raw in reader.messages(wanted, start, stop):
+                    given += 1
+                    yield table[connection.id], stamp, raw
         except Exception as error:  # rosbags raises errors of many kinds for damage
-            why = f"{_why(error).rstrip('.')}{_chunk_of(file.reader)}"
+            why = f"{_why(error).rstrip('.')}{_chunk_of(reader)}"
             file.problem = file.problem or (
                 f"{file.path} is damaged after {given} messages ({why}); mend it by: {mend}"
             )
+
+
+def _merged(first_ns: Sequence[int], parts: Sequence[Iterator[Logged]]) -> Iterator[Logged]:
+    """Messages of files in the order of the log; none is begun before its first one is due.
+
+    Args:
+        first_ns: the first stamp of each file [ns].
+        parts: its messages.
+    """
+    later = sorted(range(len(parts)), key=first_ns.__getitem__, reverse=True)
+    due: list[tuple[int, int, Logged]] = []
+
+    def take(number: int) -> None:
+        if (logged := next(parts[number], None)) is not None:
+            heappush(due, (logged[1], number, logged))
+
+    while due or later:
+        while later and (not due or first_ns[later[-1]] <= due[0][0]):
+            take(later.pop())
+        if due:
+            _, number, logged = heappop(due)
+            yield logged
+            take(number)
 
 
 def _is_ros1(path: Path) -> bool:
@@ -169,7 +207,8 @@ def _files_in(path: Path) -> list[Path]:
         require_file(path, RecordingError)
         return [path]
     whole = not any(_lacks_its_end(file) for file in path.glob("*.mcap"))
-    if (path / "metadata.yaml").is_file() and whole:
+    metadata = path / "metadata.yaml"
+    if whole and metadata.is_file() and metadata.stat().st_size <= LARGEST:
         return [path]
     files = sorted(file for file in path.iterdir() if file.suffix in (*ROS1, *ROS2))
     if not files:

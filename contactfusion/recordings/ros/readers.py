@@ -45,6 +45,8 @@ ROS1_IN_MCAP: Final = "ros1"
 """The encoding of a channel of ROS 1; `mcap convert` makes such files of bags."""
 KNOWN: Final = ("ros2msg", "ros2idl", "omgidl", "")
 """The encodings of definitions that rosbags knows."""
+LONGEST_QOS: Final = 2**14
+"""The greatest length of the quality of service of a channel [characters]."""
 MOST_FALLS = 2
 """Falls of the log by set clocks in one recording; more are an order of its own."""
 Span = tuple[int, int]
@@ -324,7 +326,10 @@ def _bag_messages(
 
 @cache
 def bound_rosbags() -> None:
-    """Bound what the readers of rosbags unpack by `contactfusion.unpacking`."""
+    """Bound what the readers of rosbags unpack by `contactfusion.unpacking`.
+
+    A longer quality of service of a channel than any, which is YAML, is not parsed.
+    """
     from lz4.frame import LZ4FrameDecompressor
     from rosbags.rosbag1 import reader as ros1
     from rosbags.rosbag2 import storage_mcap as mcap
@@ -339,11 +344,19 @@ def bound_rosbags() -> None:
     ros1.decompressors |= {
         name: partial(unpacked, unpacker=unpackers[name]) for name in ("bz2", "lz4")
     }
+    for storage in ("storage_mcap", "storage_sqlite3"):
+        module: Any = import_module(f"rosbags.rosbag2.{storage}")
+        module.parse_qos = partial(_bounded_qos, module.parse_qos)
     mcap.DECOMPRESSORS |= {name: _of_chunk(unpackers[name]) for name in ("lz4", "zstd")}
     ros2.zstd = SimpleNamespace(
         decompress=partial(unpacked, unpacker=zstd.ZstdDecompressor),
         open=partial(_Bounded, zstd.ZstdFile),
     )
+
+
+def _bounded_qos(parse: Callable[[Any], list[Any]], given: Any) -> list[Any]:
+    """The quality of service of a channel as rosbags parses it; nothing of a longer text."""
+    return [] if isinstance(given, str) and len(given) > LONGEST_QOS else parse(given)
 
 
 def _of_chunk(unpacker: Callable[[], Unpacker]) -> Callable[[bytes, int], bytes]:
