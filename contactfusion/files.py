@@ -184,8 +184,11 @@ def require_file(path: Path, error: type[ContactFusionError]) -> None:
     Raises:
         error: it does not exist; the sentence names the file of the folder that was probably meant.
     """
-    if path.is_file():
-        return
+    try:
+        if path.is_file():
+            return
+    except OSError as cause:  # its name is too long, or a folder may not be entered
+        raise error(f"{str(path)[:200]} can't be read: {cause.strerror}") from None
     if path.is_dir():
         raise error(f"{path} is a folder, not a file")
     if not path.parent.is_dir():

@@ -25,6 +25,11 @@ def test_a_missing_file_is_an_error_with_the_nearest_name(tmp_path: Path) -> Non
         read_npz(tmp_path / "mep.npz", "a")
 
 
+def test_a_name_longer_than_any_is_a_sentence(tmp_path: Path) -> None:
+    with pytest.raises(ConfigurationError, match="can't be read: File name too long"):
+        read_npz(tmp_path / ("x" * 300), "a")
+
+
 @pytest.mark.parametrize("length", [0, 1, 10, 100, -30])
 def test_a_file_that_is_cut_off_is_an_error(tmp_path: Path, length: int) -> None:
     path = tmp_path / "map.npz"
