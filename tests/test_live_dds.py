@@ -248,3 +248,10 @@ def test_many_join_at_the_same_time(on_this_machine: None) -> None:
     until(lambda: heard)
     for transport in transports:
         transport.close()
+
+
+def test_one_that_only_sends_takes_no_time_of_the_processor(here: Transport) -> None:
+    here.advertise("/wrist", WRENCH)
+    began = time.process_time()
+    time.sleep(1.0)
+    assert time.process_time() - began < 0.05

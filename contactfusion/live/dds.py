@@ -95,7 +95,7 @@ class DdsTransport(Transport):
                 BuiltinTopicDcpsPublication,
                 BuiltinTopicDcpsSubscription,
             )
-            from cyclonedds.core import DDSException, WaitSet
+            from cyclonedds.core import DDSException, GuardCondition, WaitSet
             from cyclonedds.domain import DomainParticipant
         except ImportError:
             raise missing_extra("cyclonedds", "ros2") from None
@@ -122,6 +122,8 @@ class DdsTransport(Transport):
         self._topics: dict[tuple[str, str], Topic[Any]] = {}
         self._lock = threading.Lock()
         self._waiting = WaitSet(self._participant)
+        self._wake = GuardCondition(self._participant)
+        self._waiting.attach(self._wake)  # without any condition, it would not wait at all
         self._ended = threading.Event()
         self._thread = threading.Thread(target=self._read, name="DDS", daemon=True)
         self._thread.start()
@@ -176,6 +178,7 @@ class DdsTransport(Transport):
     def close(self) -> None:
         """Leave the domain, and end the thread."""
         self._ended.set()
+        self._wake.set(True)
         self._thread.join(5.0)
         self._participant.__del__()  # with all that is in it, also what others hold
         self._listening.clear()
