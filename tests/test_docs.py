@@ -78,7 +78,7 @@ def unnamed(
 
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
 FURTHER = [
-    *({*ROOT.glob("*.md")} - {*PAGES}),
+    *sorted({*ROOT.glob("*.md")} - {*PAGES}),
     *ROOT.glob("lab/*.md"),
     *ROOT.glob("examples/*/*.md"),
 ]
