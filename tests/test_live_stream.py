@@ -83,6 +83,11 @@ def test_readings_that_wait_together_share_a_step_and_the_newest_counts(wire: Wi
     assert contact.force[2] == pytest.approx(-9.0)
     assert live.stream.overruns == 4
     assert "4 steps were missed: the loop is slow" in [event.message for event in step.events]
+    for row in range(5, 7):
+        live.say("/wrist", wrench(START + row * MILLISECOND), row)
+    (step,) = live.play()
+    assert live.stream.overruns == 5
+    assert not step.events  # once a second
 
 
 def test_steps_at_a_period_follow_the_clock_and_those_missed_are_skipped(wire: Wire) -> None:

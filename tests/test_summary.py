@@ -131,12 +131,12 @@ def test_a_fault_of_a_sensor_that_never_came_names_the_nearest() -> None:
 
 def test_clouds_that_are_ahead_of_time_are_told() -> None:
     pipeline = Pipeline(PipelineConfig(generators=ECHO))
-    pipeline.receive(point(9.0, *PLACE))
+    pipeline.receive(point(1.5, *PLACE))
     summary = Summary(pipeline)
-    summary.tally.add(point(9.0, *PLACE))
+    summary.tally.add(point(1.5, *PLACE))
     summary.add(pipeline.step(0.0))
     (complaint,) = summary.complaints()
-    assert complaint == "no cloud of 'eye' was accepted: a cloud of 'eye' is 9 s early: held back"
+    assert complaint == "no cloud of 'eye' was accepted: a cloud of 'eye' is 1.5 s early: held back"
 
 
 def test_sources_to_which_the_same_happens_share_a_line_and_a_list() -> None:

@@ -178,7 +178,7 @@ class _Live:
         view: bool,
     ) -> None:
         """Play until the end, and report."""
-        summary = Summary(self._session.pipeline)
+        summary = Summary(self._session.pipeline, most_events=0)
         began = time.monotonic()
         self._ends = None if duration is None else began + duration
         with ExitStack() as stack:

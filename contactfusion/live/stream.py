@@ -103,6 +103,8 @@ class LiveStream(Recording):
         """Finds what is listened to, when topics come or go."""
         self.overruns = 0
         """Number of steps that were missed."""
+        self._unnoted, self._noted_at = 0, 0
+        """Of these, those that were not noted yet; and when some were last [ns since 1970]."""
         self.took = deque[float](maxlen=TIMED)
         """The durations of the newest steps, from readings to command [s]."""
         self.epoch_ns = self._logged = self._now = self._began = clock()
@@ -360,9 +362,13 @@ class LiveStream(Recording):
 
     def _overrun(self, missed: int) -> None:
         self.overruns += missed
-        steps = "a step was" if missed == 1 else f"{missed} steps were"
+        self._unnoted += missed
+        if self._now - self._noted_at < NANOSECONDS_PER_SECOND:
+            return
+        steps = "a step was" if self._unnoted == 1 else f"{self._unnoted} steps were"
         text = f"{steps} missed: the loop is slow"
         self._pipeline.integrator.note(EventKind.OVERRUN, "cycle", text)
+        self._unnoted, self._noted_at = 0, self._now
 
     def _listened(self) -> tuple[list[str], list[str]]:
         """The topics of evidence, and those of the robot's state that have come."""

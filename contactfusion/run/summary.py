@@ -1,6 +1,7 @@
 """What came of each sensor, what its steps amounted to, and what kept a pipeline from its job."""
 
 import math
+from collections import deque
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -153,6 +154,7 @@ class Summary:
 
     Args:
         pipeline: whose steps are counted.
+        most_events: number of newest events that are kept, as of what never ends; None: all.
 
     Attributes:
         steps: how many there were.
@@ -163,18 +165,18 @@ class Summary:
         likeliest: of all contacts, likewise.
         last: the likeliest contact of the last step with any, likewise.
         last_step: None before the first.
-        events: those of all steps; JSON.
+        events: those of the steps; JSON.
         tally: the readings that came, before any faults.
     """
 
-    def __init__(self, pipeline: Pipeline) -> None:
+    def __init__(self, pipeline: Pipeline, most_events: int | None = None) -> None:
         self._pipeline = pipeline
         self.steps = self.with_contact = self.contacts = 0
         self.first: tuple[float, Contact] | None = None
         self.likeliest: tuple[float, Contact] | None = None
         self.last: tuple[float, Contact] | None = None
         self.last_step: Step | None = None
-        self.events: list[dict[str, Any]] = []
+        self.events = deque[dict[str, Any]](maxlen=most_events)
         self.tally = Tally()
         self._first_events: dict[tuple[EventKind, str], tuple[float, str]] = {}
         self._times: dict[tuple[EventKind, str], int] = {}
@@ -227,7 +229,7 @@ class Summary:
                 }
                 for name, source in self._sources.items()
             },
-            "events": self.events,
+            "events": [*self.events],
         }
 
     def lines(self) -> Iterator[str]:
