@@ -2,7 +2,7 @@
 
 import os
 import threading
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cache
 from typing import TYPE_CHECKING, Any, final
@@ -118,6 +118,9 @@ class DdsTransport(Transport):
             )
         ]
         self._peers = BuiltinDataReader(self._participant, BuiltinTopicDcpsParticipant)
+        self._looking = threading.Lock()
+        self._known: dict[str, End] = {}
+        self._names: dict[str, str] = {}
         self._listening: dict[str, _Listening] = {}
         self._topics: dict[tuple[str, str], Topic[Any]] = {}
         self._lock = threading.Lock()
@@ -130,13 +133,23 @@ class DdsTransport(Transport):
 
     def ends(self) -> Sequence[End]:
         """All readers and writers of topics of ROS that are alive."""
-        peers = {str(sample.key): _peer(sample) for sample in self._peers.read(MOST)}
-        return [
-            _end(sample, writes, peers, ours=str(sample.participant_key) == self._guid)
-            for writes, reader in self._found
-            for sample in reader.read(MOST)
-            if _is_alive(sample) and sample.topic_name.startswith(f"{PREFIX}/")
-        ]
+        with self._looking:  # what has changed alone is read: cyclonedds leaks a bit of each
+            for sample in self._peers.take(MOST):
+                if _is_alive(sample):
+                    self._names[str(sample.key)] = _peer(sample)
+                else:
+                    self._names.pop(str(sample.key), None)
+            for writes, reader in self._found:
+                for sample in reader.take(MOST):
+                    if not _is_alive(sample):
+                        self._known.pop(str(sample.key), None)
+                    elif sample.topic_name.startswith(f"{PREFIX}/"):
+                        ours = str(sample.participant_key) == self._guid
+                        self._known[str(sample.key)] = _end(sample, writes, ours=ours)
+            return [
+                end._replace(peer=self._names.get(end.peer, end.peer))
+                for end in self._known.values()
+            ]
 
     def listen(self, topic: str, msgtype: str, quality: Quality, take: Take) -> None:
         """Receive the messages of a topic from now on, in the thread of the reader."""
@@ -248,7 +261,7 @@ def _peer(sample: Any) -> str:
     return f"process {process} on {host}" if host and process else str(sample.key)
 
 
-def _end(sample: Any, writes: bool, peers: Mapping[str, str], *, ours: bool) -> End:
+def _end(sample: Any, writes: bool, *, ours: bool) -> End:
     from cyclonedds.qos import Policy
 
     qos = sample.qos
@@ -265,7 +278,7 @@ def _end(sample: Any, writes: bool, peers: Mapping[str, str], *, ours: bool) -> 
         writes,
         Quality(reliable, latched, None if endless else seconds),
         hashed,
-        peers.get(str(sample.participant_key), str(sample.participant_key)),
+        str(sample.participant_key),
         ours,
     )
 
