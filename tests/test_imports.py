@@ -38,6 +38,7 @@ DATA = (
 CORE = {
     *DATA,
     "assembly",
+    "confined",
     "controller",
     "controllers",
     "estimate",
