@@ -79,7 +79,8 @@ def test_what_takes_too_long_or_too_much_is_ended() -> None:
 
 
 def test_an_interrupt_ends_the_caller_and_what_it_waits_for() -> None:
-    script = (
+    script = (  # started in the background, a process would ignore the signal
+        "import signal\nsignal.signal(signal.SIGINT, signal.default_int_handler)\n"
         "from contactfusion.confined import confined\n"
         "from tests.test_confined import sleeping\n"
         "print('ready', flush=True)\nconfined(sleeping)\n"
