@@ -142,7 +142,7 @@ class _Loader(yaml.SafeLoader):
 
     def compose_node(self, parent: yaml.Node | None, index: Any) -> yaml.Node | None:
         """A node of bounded depth and size."""
-        event: Any = self.peek_event()  # type: ignore[no-untyped-call]
+        event: Any = self.peek_event()  # type: ignore[no-untyped-call]  # of PyYAML's parser
         mark = event.start_mark
         self._depth += 1
         if self._depth > DEEPEST:

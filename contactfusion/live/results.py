@@ -16,7 +16,7 @@ from contactfusion.live.config import LiveConfig
 from contactfusion.live.transport import Send, Transport
 from contactfusion.pipeline import Step
 from contactfusion.readings.messages import Message, header, message, vector
-from contactfusion.readings.point_cloud import FLOAT32
+from contactfusion.readings.point_cloud import cloud_message
 from contactfusion.recordings.messages import recorded_stamp, typestore
 from contactfusion.recordings.step_messages import OURS, marker_message, voxel_cloud
 
@@ -170,24 +170,8 @@ def _wrench(contact: Contact, top: Message) -> Message:
 
 
 def _cloud(contacts: tuple[Contact, ...], top: Message) -> Message:
-    points = np.array([(*contact.position, contact.likelihood) for contact in contacts], np.float32)
-    fields = [
-        message("sensor_msgs/PointField", name=name, offset=4 * i, datatype=FLOAT32, count=1)
-        for i, name in enumerate(FIELDS)
-    ]
-    size = 4 * len(FIELDS)
-    return message(
-        "sensor_msgs/PointCloud2",
-        header=top,
-        height=1,
-        width=len(contacts),
-        fields=fields,
-        is_bigendian=False,
-        point_step=size,
-        row_step=size * len(contacts),
-        data=points.reshape(-1).view(np.uint8),
-        is_dense=True,
-    )
+    rows = [(*contact.position, contact.likelihood) for contact in contacts]
+    return cloud_message(top, FIELDS, np.array(rows, "<f4").reshape(-1, len(FIELDS)))
 
 
 def _where(change: ContactEvent) -> dict[str, object]:

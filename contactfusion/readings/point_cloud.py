@@ -1,6 +1,6 @@
 """Clouds of points: of LiDARs, of laser scanners, of range cameras."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -16,9 +16,9 @@ from contactfusion.readings.reading import At, Reading
 from contactfusion.readings.values import PointValues
 
 CLOUD, SCAN = "sensor_msgs/msg/PointCloud2", "sensor_msgs/msg/LaserScan"
-FLOAT32 = 7
-"""What sensor_msgs/PointField calls it."""
-FLOATS = {7: "f4", 8: "f8"}
+FLOAT32, FLOAT64 = 7, 8
+"""What sensor_msgs/PointField calls them."""
+FLOATS = {FLOAT32: "f4", FLOAT64: "f8"}
 """The types of floats by the numbers that sensor_msgs/PointField gives them."""
 
 
@@ -51,22 +51,9 @@ class PointCloudCodec(Codec[PointCloud]):
 
     def to_message(self, reading: PointCloud, top: Message) -> Message:
         """A sensor_msgs/PointCloud2 with x, y and z as float32; no returns are kept."""
-        points = reading.points
-        fields = [
-            message("sensor_msgs/PointField", name=name, offset=4 * i, datatype=FLOAT32, count=1)
-            for i, name in enumerate("xyz")
-        ]
-        return self.message(
-            header=top,
-            height=1,
-            width=len(points),
-            fields=fields,
-            is_bigendian=False,
-            point_step=12,
-            row_step=12 * len(points),
-            data=float_bytes(points),
-            is_dense=bool(np.isfinite(points).all()),
-        )
+        with np.errstate(over="ignore"):  # one too large becomes infinite, which is no return
+            rows = reading.points.astype("<f4")
+        return cloud_message(top, "xyz", rows)
 
     def draw(self, canvas: Canvas, reading: PointCloud) -> None:
         """The points that are returns."""
@@ -165,3 +152,32 @@ def _column(cloud: Message, field: Any) -> Any:
 
 def _kind(cloud: Message, field: Any) -> "np.dtype[Any]":
     return np.dtype((">" if cloud.is_bigendian else "<") + FLOATS[field.datatype])
+
+
+def cloud_message(top: Message, names: Iterable[str], rows: NDArray[Any]) -> Message:
+    """A sensor_msgs/PointCloud2 of numbers alone.
+
+    Args:
+        top: its header.
+        names: of the k fields.
+        rows: a point each, shape (n, k), of float32 or float64, little-endian.
+    """
+    size, count = rows.itemsize, len(rows)
+    kind = FLOAT32 if size == 4 else FLOAT64
+    fields = [
+        message("sensor_msgs/PointField", name=name, offset=size * i, datatype=kind, count=1)
+        for i, name in enumerate(names)
+    ]
+    step = size * len(fields)
+    return message(
+        "sensor_msgs/PointCloud2",
+        header=top,
+        height=1,
+        width=count,
+        fields=fields,
+        is_bigendian=False,
+        point_step=step,
+        row_step=step * count,
+        data=np.ascontiguousarray(rows).reshape(-1).view(np.uint8),
+        is_dense=bool(np.isfinite(rows).all()),
+    )

@@ -1,6 +1,7 @@
 """What ezc3d reads of a C3D file, as plain data: it is called in a process with limits.
 
-On broken files ezc3d crashes, loops, and takes memory without bounds.
+On broken files ezc3d crashes, loops, and takes memory without bounds. It stands apart from the
+reader, of which that process would load a second's worth of modules.
 """
 
 from collections.abc import Mapping

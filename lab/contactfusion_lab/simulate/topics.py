@@ -11,7 +11,8 @@ import numpy as np
 from contactfusion.frames import PlanarPose, planar_pose
 from contactfusion.live.transport import Quality, Send, Transport
 from contactfusion.readings import Reading
-from contactfusion.readings.messages import Message, Posting, header, message
+from contactfusion.readings.messages import Message, Posting, header
+from contactfusion.readings.point_cloud import cloud_message
 from contactfusion.recordings.mcap import LATCHED
 from contactfusion.recordings.messages import (
     reading_messages,
@@ -40,8 +41,6 @@ STATE: Final = {
 COLUMNS = ("x", "y", "z", "normal_x", "normal_y", "normal_z", "force", "step")
 """The fields of a contact point: position [m], normal into the robot, force along it [N], and the
 step of the physics in its cycle."""
-FLOAT64 = 8
-"""What sensor_msgs/PointField calls it."""
 INCOMPLETE = 10
 """Number of states of which parts may be awaited at a time."""
 
@@ -94,26 +93,7 @@ def state_messages(state: WorldState, stamp: int) -> Iterator[Posting]:
         yield from reading_messages(pose, topic_of(pose, TRUTH), stamp)
     touches = state.touches
     rows = np.column_stack([touches.points, touches.normals, touches.forces, touches.steps])
-    fields = [
-        message("sensor_msgs/PointField", name=name, offset=8 * i, datatype=FLOAT64, count=1)
-        for i, name in enumerate(COLUMNS)
-    ]
-    size = 8 * len(COLUMNS)
-    yield (
-        TOUCHES,
-        message(
-            "sensor_msgs/PointCloud2",
-            header=header(stamp, BASE),
-            height=1,
-            width=len(rows),
-            fields=fields,
-            is_bigendian=False,
-            point_step=size,
-            row_step=size * len(rows),
-            data=rows.astype("<f8").reshape(-1).view(np.uint8),
-            is_dense=True,
-        ),
-    )
+    yield TOUCHES, cloud_message(header(stamp, BASE), COLUMNS, rows.astype("<f8"))
 
 
 def state_of(parts: Mapping[str, Message]) -> WorldState:
