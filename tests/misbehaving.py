@@ -76,6 +76,11 @@ GENERATORS: dict[str, tuple[str, str]] = {
         ANSWER,
         "        return [self.cloud(reading, np.zeros((2_000_001, 3)), 0.5)]\n" + ANSWER,
     ),
+    "leaks": (
+        ANSWER,
+        "        self.kept = getattr(self, 'kept', []) + [bytes(2**20)]\n        return []\n"
+        + ANSWER,
+    ),
     "forces": (ANSWER, "        reading.force.flags.writeable = True\n" + ANSWER),
 }
 """By name, what is replaced in `HEAD` by what."""

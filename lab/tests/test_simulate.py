@@ -34,7 +34,7 @@ from contactfusion_lab.simulate.base import (
     run_base,
 )
 from contactfusion_lab.simulate.sensors import run_sensors
-from contactfusion_lab.simulate.topics import state_messages, state_of
+from contactfusion_lab.simulate.topics import Publisher, state_messages, state_of
 from lab.tests.test_push_world import base
 from tests.mcap_files import read_by_rosbags
 from tests.test_cli import Ask, ask, folder, one_sentence
@@ -226,13 +226,34 @@ def test_the_topics_are_those_of_a_recording_of_the_scene(tmp_path: Path) -> Non
 
     with running(
         lambda node, ended: run_base(scene(), config(), node, ended),
-        lambda node, ended: run_sensors(scene(sees=("lidar", "camera")), 0, node, ended),
+        lambda node, ended: run_sensors(scene(sees=("lidar", "camera")), config(), node, ended),
     ):
         until(looked)
         latched = {end.topic for end in transport.ends() if end.writes and end.quality.latched}
     transport.close()
     assert {topic for topic in found if not topic.startswith(f"/{TRUTH}/")} == set(expected)
     assert latched == {"/robot_description", "/tf_static"}
+
+
+class Wire:
+    """A transport that keeps the topics of what is sent."""
+
+    def __init__(self) -> None:
+        self.sent = list[str]()
+
+    def advertise(self, topic: str, kind: str, latched: bool) -> Send:
+        return lambda cdr: self.sent.append(topic)
+
+
+def test_readings_pass_faults_on_their_way_and_the_truth_does_not() -> None:
+    wire = Wire()
+    faults = config("faults=[{fault: silent, sensor: odometry, start: 1}]").faults
+    publisher = Publisher(wire, 0, faults)  # type: ignore[arg-type]
+    for stamp in (0.5, 1.5):
+        odometry, wheels = scene().motion_readings(stamp)
+        publisher.readings([odometry, wheels])
+        publisher.truth(wheels)
+    assert wire.sent == ["/odometry", "/tf", *["/wheels", "/truth/wheels"] * 2]
 
 
 # The command

@@ -18,6 +18,8 @@ from contactfusion.files import write_whole
 from tests.torture.faults import clocks, faults
 from tests.torture.kills import COMMANDS, kills
 from tests.torture.life import cycles, many, plugs
+from tests.torture.live import live_faults, live_kills, live_stops
+from tests.torture.plugins import plugins
 from tests.torture.trial import Row
 from tests.torture.wants import wants
 
@@ -26,7 +28,11 @@ SECTIONS: Mapping[str, Callable[[Path], Iterator[Row]]] = {
     "wants": wants,
     "faults": faults,
     "clocks": clocks,
+    "plugins": plugins,
     "plugs": plugs,
+    "live faults": live_faults,
+    "live stops": live_stops,
+    "live kills": live_kills,
     "cycles": cycles,
     **{f"kills of {name}": partial(kills, names=[name]) for name in COMMANDS},
 }

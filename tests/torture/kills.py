@@ -31,6 +31,10 @@ COMMANDS: Mapping[str, Words] = {
         "train", "cpm", "--rounds", "0", "--varied", "0", "--driven", "7", "--tested", "6",
         "--epochs", "1", "--early", "1", "--stride", "50", "--out",
     ),
+    "tune": (
+        "tune", "push", "--trials", "6", "--rounds", "2", "--confirm", "6", "--workers", "2",
+        "--out",
+    ),
 }  # fmt: skip
 """Words of each command before its output; files that are made for it in braces."""
 MCAP = ("record", "run", "replay")

@@ -15,7 +15,7 @@ from contactfusion.readings.messages import Message, message
 from contactfusion.readings.poses import STATIC, transforms_message
 from contactfusion.recordings.mcap import DESCRIPTION
 from contactfusion.recordings.messages import typestore
-from contactfusion.run.recorder import TRUTH, fixed_frames
+from contactfusion.run.recorder import fixed_frames
 from contactfusion.terminal import note
 from contactfusion.time import NANOSECONDS_PER_SECOND
 from contactfusion_lab.scenes.push.config import RATE
@@ -108,11 +108,12 @@ def run_base(scene: PushScene, config: PipelineConfig, transport: Transport, end
 
     Args:
         scene: at its start; LiDARs and cameras that are switched on are ignored.
-        config: of the pipeline: its robot and frames, and the seed.
+        config: of the pipeline: its robot and frames, faults of sensors, and the seed.
         transport: takes the messages, and has the commands.
         ended: ends it.
     """
-    commanded, publisher = Commanded(), Publisher(transport, time.time_ns())
+    commanded = Commanded()
+    publisher = Publisher(transport, time.time_ns(), config.faults, config.seed)
     transport.listen(COMMANDS, TWIST, Quality(reliable=False, latched=False), commanded.take)
     _describe(config, publisher)
     arrivals = Arrivals(scene.config.noise.delays, rng_of(config.seed, "delays"))
@@ -147,7 +148,7 @@ def _velocities(
             now = publisher.seconds(clock.stamp)
             linear, angular = np.array([forward, lateral, 0.0]), np.array([0.0, 0.0, yaw_rate])
             true = Twist(stamp=now, frame="base", sensor="twist", linear=linear, angular=angular)
-            publisher.readings([true], TRUTH)
+            publisher.truth(true)
 
 
 def _describe(config: PipelineConfig, publisher: Publisher) -> None:

@@ -53,7 +53,7 @@ def simulate(
             scene = _opened(config, sees=[], misplaced={})
     with closing(DdsTransport(domain)) as transport, _ended_by_signals() as ended:
         if part is Part.SENSORS:
-            run_sensors(scene, config.seed, transport, ended)
+            run_sensors(scene, config, transport, ended)
         elif part is Part.BASE:
             run_base(scene, config, transport, ended)
         else:

@@ -4,6 +4,7 @@ from threading import Event
 from typing import Final
 
 from contactfusion.live.transport import Transport
+from contactfusion.pipeline_config import PipelineConfig
 from contactfusion.terminal import note
 from contactfusion_lab.scenes.push.scene import PushScene
 from contactfusion_lab.scenes.push.sensors import rng_of
@@ -14,7 +15,9 @@ PATIENCE: Final = 0.2
 """The longest wait for the truth, before it looks whether it shall end [s]."""
 
 
-def run_sensors(scene: PushScene, seed: int, transport: Transport, ended: Event) -> None:
+def run_sensors(
+    scene: PushScene, config: PipelineConfig, transport: Transport, ended: Event
+) -> None:
     """Be the skin, LiDARs and cameras of a scene, until an event.
 
     Each reading has the stamp of the truth that it is made of. States that come while readings are
@@ -22,12 +25,13 @@ def run_sensors(scene: PushScene, seed: int, transport: Transport, ended: Event)
 
     Args:
         scene: a copy of the base's, at its start.
-        seed: of the delays.
+        config: of the pipeline: faults of sensors, and the seed.
         transport: has the truth, and takes the messages.
         ended: ends it.
     """
-    listener, publisher = StateListener(transport), Publisher(transport, 0)
-    arrivals = Arrivals(scene.config.noise.delays, rng_of(seed, "delays"))
+    listener = StateListener(transport)
+    publisher = Publisher(transport, 0, config.faults, config.seed)
+    arrivals = Arrivals(scene.config.noise.delays, rng_of(config.seed, "delays"))
     count = missed = 0
     note("sensors: wait for the base; Ctrl-C ends")
     while not ended.is_set():

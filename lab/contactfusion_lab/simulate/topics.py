@@ -1,13 +1,15 @@
 """What the nodes of a simulated robot send: readings as in recordings, and the truth of a push."""
 
+import itertools
 import math
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping
 from functools import partial
 from threading import Condition
 from typing import Final, NamedTuple, final
 
 import numpy as np
 
+from contactfusion.faults import Fault, Faults
 from contactfusion.frames import PlanarPose, planar_pose
 from contactfusion.live.transport import Quality, Send, Transport
 from contactfusion.readings import Reading
@@ -52,21 +54,33 @@ class Publisher:
     Args:
         transport: takes them.
         epoch_ns: the moment from which stamps of readings count [ns since 1970].
+        faults: of the sensors.
+        seed: of the faults.
     """
 
-    def __init__(self, transport: Transport, epoch_ns: int) -> None:
+    def __init__(
+        self, transport: Transport, epoch_ns: int, faults: Iterable[Fault] = (), seed: int = 0
+    ) -> None:
         self._transport, self.epoch_ns = transport, epoch_ns
+        self._faults = Faults(faults, seed)
         self._senders: dict[str, Send] = {}
 
     def seconds(self, stamp: int) -> float:
         """A stamp [ns since 1970] as readings have it [s]."""
         return (stamp - self.epoch_ns) / NANOSECONDS_PER_SECOND
 
-    def readings(self, readings: Sequence[Reading], prefix: str = "") -> None:
-        """Send readings on the topics that a recording has them on."""
-        for reading in readings:
-            stamp = recorded_stamp(reading.stamp, self.epoch_ns)
-            self.messages(reading_messages(reading, ros_name(topic_of(reading, prefix)), stamp))
+    def readings(self, readings: Iterable[Reading]) -> None:
+        """Send what the faults leave of readings, on the topics that a recording has them on."""
+        for reading in itertools.chain.from_iterable(map(self._faults.apply, readings)):
+            self._send(reading, "")
+
+    def truth(self, reading: Reading) -> None:
+        """Send what is true."""
+        self._send(reading, TRUTH)
+
+    def _send(self, reading: Reading, prefix: str) -> None:
+        stamp = recorded_stamp(reading.stamp, self.epoch_ns)
+        self.messages(reading_messages(reading, ros_name(topic_of(reading, prefix)), stamp))
 
     def messages(self, postings: Iterable[Posting]) -> None:
         """Send messages, each on its topic."""

@@ -1,0 +1,138 @@
+"""A simulated base and `live` beside it: sensors that fail or stop, and kills of `live`."""
+
+import os
+import random
+import signal
+import subprocess
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from contactfusion.recordings.messages import typestore
+from contactfusion.recordings.ros.files import Bag
+from tests.torture.faults import FAULTS, SCENES
+from tests.torture.trial import CONTACTFUSION, Row, command
+
+SCENE = SCENES / "push_fused.yaml"
+SENSORS = ("skin", "lidar", "wheels", "odometry", "")
+"""Of the scene; the empty name is all of them."""
+SENSELESS = {"calibration": ("skin", "wheels", "odometry", "")}
+"""Sensors that a fault makes no sense for."""
+FAILING, STARTED, STOPPED = 4.0, 6.0, 12.0
+"""How long `live` runs beside faults, what it takes to start, and how long sensors stop [s]."""
+KILLS, STOPS = 60, 5
+CONTACTS = "/contactfusion/contacts"
+"""The topic of the contacts of each step in a recording."""
+
+
+def live_faults(_: Path) -> Iterator[Row]:
+    """Push beside each fault of each sensor; `live` goes on until it is ended."""
+    for fault in FAULTS:
+        found = []
+        for sensor in SENSORS:
+            if sensor in SENSELESS.get(fault["fault"], ()):
+                continue
+            change = {**fault, "start": 1.0, **({"sensor": sensor} if sensor else {})}
+            with _base(f"faults=[{change}]"):
+                done = command("live", SCENE, "--duration", str(FAILING))
+            found.append(done.fault or ("" if done.status == 0 else done.error[-200:]))
+            found[-1] = found[-1] and f"{sensor}: {found[-1]}"
+        yield Row.of(f"live, {fault['fault']}", found)
+
+
+def live_stops(folder: Path) -> Iterator[Row]:
+    """Stop the sensors while the base pushes, and let them go on: contacts come again."""
+    found = []
+    for number in range(STOPS):
+        recorded = folder / f"stopped_{number}.mcap"
+        with _base() as base:
+            words = ("live", str(SCENE), "--record", str(recorded), "--wait", "30")
+            with _live(*words) as live:
+                time.sleep(STARTED)
+                sensors = _sensors_of(base.pid)
+                os.kill(sensors, signal.SIGSTOP)
+                time.sleep(STOPPED)
+                os.kill(sensors, signal.SIGCONT)
+                went_on = time.time_ns()
+                time.sleep(FAILING)
+                live.send_signal(signal.SIGINT)
+                status = live.wait(STOPPED)
+        late = _contacts_after(recorded, went_on)
+        found.append("" if status == 0 and late else f"status {status}, {late} contacts came again")
+        recorded.unlink(missing_ok=True)
+    yield Row.of("live, sensors stopped for 12 s", found)
+
+
+def live_kills(folder: Path) -> Iterator[Row]:
+    """Kill `live` while it records: what is left is read, and lacks a second at most."""
+    rng, found = random.Random(0), []
+    recorded = folder / "killed_live.mcap"
+    with _base():
+        for _ in range(KILLS):
+            with _live("live", str(SCENE), "--record", str(recorded), "--wait", "30") as live:
+                time.sleep(STARTED / 2.0 + rng.uniform(0.0, FAILING))
+                ended = time.time_ns()
+                live.kill()
+            found.append(_left(folder, ended))
+            for path in folder.glob(".killed_live.mcap.*/recording/*"):
+                path.unlink()
+    yield Row.of("live, SIGKILL while it records", found)
+
+
+def _left(folder: Path, ended: int) -> str:
+    """What is wrong with the recording that a killed `live` has left."""
+    if (folder / "killed_live.mcap").exists():
+        return "the recording has its name, and is not whole"
+    left = [*folder.glob(".killed_live.mcap.*/recording/*.mcap")]
+    if not left or not left[0].stat().st_size:
+        return ""  # it was killed before it began
+    done = command("inspect", left[0])
+    if done.fault:
+        return done.fault
+    with Bag(left[0]) as bag:
+        logs = [log for _, log, _ in bag.messages(bag.channels)]
+    lacks = (ended - max(logs, default=ended)) / 1e9
+    return "" if lacks < 1.5 else f"it lacks the last {lacks:.1f} s"
+
+
+def _contacts_after(recorded: Path, stamp: int) -> int:
+    """Number of steps with contacts after a moment [ns since 1970]."""
+    with Bag(recorded) as bag:
+        channels = [each for each in bag.channels if each.topic == CONTACTS]
+        return sum(
+            len(typestore().deserialize_cdr(bytes(channel.cdr(raw)), channel.msgtype).contacts) > 0
+            for channel, log, raw in bag.messages(channels)
+            if log > stamp
+        )
+
+
+@contextmanager
+def _base(*changes: str) -> Iterator["subprocess.Popen[bytes]"]:
+    """A simulated base and its sensors, ended in the end."""
+    options = [word for change in changes for word in ("--set", change)]
+    with _live("simulate", str(SCENE), *options) as process:
+        yield process
+
+
+@contextmanager
+def _live(*words: str) -> Iterator["subprocess.Popen[bytes]"]:
+    """A command beside what is done here; it is ended in the end."""
+    process = subprocess.Popen(
+        [*CONTACTFUSION, *words], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
+    )
+    try:
+        yield process
+    finally:
+        process.terminate()
+        try:
+            process.wait(STOPPED)
+        except subprocess.TimeoutExpired:
+            process.kill()
+            process.wait()
+
+
+def _sensors_of(base: int) -> int:
+    """The process of the sensors, which is a child of the base's."""
+    children = Path(f"/proc/{base}/task/{base}/children").read_text(encoding="utf-8")
+    return int(children.split()[0])
