@@ -20,8 +20,8 @@ SENSORS = ("skin", "lidar", "wheels", "odometry", "")
 """Of the scene; the empty name is all of them."""
 SENSELESS = {"calibration": ("skin", "wheels", "odometry", "")}
 """Sensors that a fault makes no sense for."""
-FAILING, STOPPED = 4.0, 12.0
-"""How long `live` runs, and how long sensors stop [s]."""
+FAILING, STOPPED, FOUND = 4.0, 12.0, 40.0
+"""How long `live` runs, how long sensors stop, and in what time DDS finds them again [s]."""
 KILLS, STOPS = 60, 5
 CONTACTS = "/contactfusion/contacts"
 """The topic of the contacts of each step in a recording."""
@@ -54,7 +54,7 @@ def live_stops(folder: Path) -> Iterator[Row]:
                 time.sleep(STOPPED)
                 sensors.send_signal(signal.SIGCONT)
                 went_on = time.time_ns()
-                time.sleep(FAILING)
+                time.sleep(FOUND)
                 live.send_signal(signal.SIGINT)
                 status = live.wait(STOPPED)
         late = _contacts_after(recorded, went_on)
@@ -91,8 +91,8 @@ def _left(folder: Path, ended: int) -> str:
         return done.fault
     last = ended
     with Bag(left[0]) as bag, suppress(RecordingError):  # which says that it is cut off
-        for _, last, _ in bag.messages(bag.channels):
-            pass
+        for _, log, _ in bag.messages(bag.channels):
+            last = log
     lacks = (ended - last) / 1e9
     return "" if lacks < 1.5 else f"it lacks the last {lacks:.1f} s"
 
