@@ -36,7 +36,7 @@ def test_modes_need_the_rule_posterior(rule: str) -> None:
     config = IntegratorConfig(rule=rule, condensation="modes")
     pipeline = Pipeline(PipelineConfig(integrator=config))
     with pytest.raises(
-        ConfigurationError, match="condensation: 'modes' needs the rule 'posterior'"
+        ConfigurationError, match="'modes' needs the rule 'posterior'"
     ):
         pipeline.step(0.0)
 
