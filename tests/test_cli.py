@@ -567,7 +567,8 @@ def test_an_interrupted_run_keeps_the_steps_before_it(
             return super().fuse(entries, sources, surface)
 
     monkeypatch.setattr(type(installed_plugins()), "find", found_with("de_morgan", Interrupted))
-    assert ask("run", "wrist.yaml", "--out", "results").status == 130
+    by_it = ("--set", "integrator.rule=de_morgan")
+    assert ask("run", "wrist.yaml", *by_it, "--out", "results").status == 130
     assert json.loads((folder / "results" / "summary.json").read_text())["steps"] == 2
 
 

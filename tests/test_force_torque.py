@@ -545,8 +545,9 @@ def existence_after(reading: Wrench, **options: Any) -> float:
     pipe = Pipeline(PipelineConfig(**fields))
     pipe.receive(TactileImage(stamp=0.0, frame="base", values=np.array([100.0])))
     pipe.receive(reading)
-    (member,) = pipe.step(0.0).fusion.field.members or ()
-    return member.contact.likelihood
+    members = pipe.step(0.0).fusion.field.members or ()
+    (felt,) = (member for member in members if "skin" in member.given)
+    return felt.contact.likelihood
 
 
 def test_a_dead_sensor_says_nothing_about_contacts_and_one_that_rests_does() -> None:

@@ -861,14 +861,6 @@ def test_silence_with_a_note_takes_nothing_away() -> None:
     assert existence(one.step(0.0)) == pytest.approx(0.95)
 
 
-def test_a_source_whose_entries_live_is_not_silent() -> None:
-    one = told()
-    one.receive(cloud("watch", 0.0, {HERE: 0.5}))
-    one.step(0.0)
-    one.receive(cloud("watch", 0.1, {}))
-    assert existence(one.step(0.1)) == pytest.approx(0.975)
-
-
 def test_likelihoods_of_nothing_are_silence() -> None:
     one = told()
     one.receive(cloud("watch", 0.0, {HERE: 0.0}))

@@ -136,7 +136,7 @@ def _of_robot(urdf: Path, out: Path) -> _First:
         "",
         *(f"# {line}" for line in _examples(model)),
         "",
-        *integrator_lines(model.root, ()),
+        *integrator_lines(model.root),
     ]
     return _First("\n".join(lines) + "\n", f"contactfusion replay {out} RECORDING")
 

@@ -25,7 +25,7 @@ CLUSTERS = {"rule": "posterior", "condensation": "cluster_centroid"}
 
 
 def test_a_configuration_names_them_as_any_plug_in() -> None:
-    given = {"rule": {"type": "posterior", "floor": 0.02}, "condensation": "modes"}
+    given: dict[str, Any] = {"rule": {"type": "posterior", "floor": 0.02}, "condensation": "modes"}
     pipeline = Pipeline(PipelineConfig(integrator=IntegratorConfig(**given)))
     assert type(pipeline.integrator.rule).__module__ == "contactfusion_lab.baselines.posterior"
     assert pipeline.step(0.0).fusion.contacts == ()
@@ -35,9 +35,7 @@ def test_a_configuration_names_them_as_any_plug_in() -> None:
 def test_modes_need_the_rule_posterior(rule: str) -> None:
     config = IntegratorConfig(rule=rule, condensation="modes")
     pipeline = Pipeline(PipelineConfig(integrator=config))
-    with pytest.raises(
-        ConfigurationError, match="'modes' needs the rule 'posterior'"
-    ):
+    with pytest.raises(ConfigurationError, match="'modes' needs the rule 'posterior'"):
         pipeline.step(0.0)
 
 

@@ -29,7 +29,9 @@ def test_the_wheel_holds_every_module_and_file_of_the_laboratory(lab_wheel: Path
     assert held == files
 
 
-def test_it_adds_its_commands_scenes_and_baselines(wheel: Path, lab_wheel: Path, tmp_path: Path) -> None:
+def test_it_adds_its_commands_scenes_and_baselines(
+    wheel: Path, lab_wheel: Path, tmp_path: Path
+) -> None:
     programs = installed(tmp_path / "environment", wheel, lab_wheel)
     sentence = run(programs / "contactfusion", "plugins", "--strict", cwd=tmp_path)
     kinds = {line.split()[0]: line.split()[1] for line in sentence.splitlines() if line[:1] != " "}

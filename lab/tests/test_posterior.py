@@ -29,6 +29,7 @@ from tests.clouds import (
     by_voxel,
     centres,
     contents,
+    law,
     verdicts,
 )
 from tests.clouds import cloud as plain_cloud
@@ -213,6 +214,16 @@ def test_without_entries_there_is_nothing() -> None:
 def test_a_source_that_is_silent_adds_nothing() -> None:
     told = belief(cloud("a", {HERE: 0.5}), cloud("silent", {})).told
     assert told == pytest.approx(np.array([[math.log((1.0 + FLOOR) / FLOOR)], [0.0]]))
+
+
+def test_a_source_whose_entries_live_is_not_silent() -> None:
+    one = baseline_steps.integrator(law(**baseline_steps.MODES))
+    one.plug("watch", sensitivity=0.99)
+    for stamp, likelihoods in ((0.0, {HERE: 0.5}), (0.1, {})):
+        one.receive(plain_cloud("skin", stamp, {HERE: 0.95}))
+        one.receive(plain_cloud("watch", stamp, likelihoods))
+        found = believed(one.step(stamp)).exists
+        assert found == pytest.approx(0.975)
 
 
 # Null
