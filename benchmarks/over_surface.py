@@ -40,8 +40,7 @@ CYCLES = 20
 """Of a round, once the space is steady."""
 HASWELL = "haswell"
 """A CPU with AVX2 and without AVX-512, as robots have."""
-RULES = {"sets/members": "sets", "posterior/modes": "posterior", "de_morgan": "de_morgan"}
-CONDENSATIONS = {"posterior": "modes"}
+RULES = {"sets/members": "sets", "de_morgan": "de_morgan"}
 PRESSES = (8, 16)
 """Numbers of contacts of which the growth is measured."""
 SPACING = 0.004
@@ -69,7 +68,7 @@ def _rounds(rounds: int) -> Mapping[str, list[float]]:
     raw = typical_cycles(np.random.default_rng(0), LIVE_CYCLES + CYCLES, spreads=True)
     cycles = [[ours.frozen(cloud) for cloud in cycle] for cycle in raw]
     surface = _robot(np.random.default_rng(0), ON_ARM)
-    configs = {name: _config(rule) for name, rule in RULES.items()}
+    configs = {name: IntegratorConfig(rule=rule, timeout=TIMEOUT) for name, rule in RULES.items()}
     found = [
         {name: _median(cycles, surface, config) for name, config in configs.items()}
         for _ in range(rounds + 1)
@@ -95,12 +94,6 @@ def haswell() -> dict[str, str]:
     return {"NUMBA_CPU_NAME": HASWELL, "NUMBA_CPU_FEATURES": features.flatten()}
 
 
-def _config(rule: str) -> IntegratorConfig:
-    condensation = CONDENSATIONS.get(rule)
-    chosen = {"rule": rule} | ({"condensation": condensation} if condensation else {})
-    return IntegratorConfig.model_validate({"timeout": TIMEOUT, **chosen})
-
-
 def _pressed(count: int) -> float:
     """The median of a cycle in which a skin is pressed at so many places [ms]."""
     plate = ShapeConfig(shape="rectangle", size=(0.4, 0.2)).sampled("base", SPACING)
@@ -110,7 +103,7 @@ def _pressed(count: int) -> float:
     points = (middles[:, None] + around).reshape(-1, 3)
     full = np.full(len(points), 0.9), None, np.full(len(points), SPACING)
     cycles = [[Cloud("tactile", "REGULAR", 0.01 * k, points, *full)] for k in range(CYCLES)]
-    return _median(cycles, plate, _config("sets"))
+    return _median(cycles, plate, IntegratorConfig(timeout=TIMEOUT))
 
 
 def _median(cycles: Sequence[Sequence[Cloud]], surface: Surface, config: IntegratorConfig) -> float:

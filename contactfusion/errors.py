@@ -23,12 +23,21 @@ GOES_ON = re.compile(r"\?; (.)")
 
 AGAINST = "take 'sets', and Null hypotheses for what speaks against a contact"
 """What takes the place of likelihoods under a prior."""
-REMOVED_RULES = {
-    "max": "take 'sets', and only one of the sources that repeat each other",
-    "log_odds": AGAINST,
-    "dempster_shafer": AGAINST,
+DEFAULT = (
+    "leave `rule` and `condensation` out, for the default takes any number of contacts, or install "
+    "contactfusion-lab, which has it as a baseline"
+)
+"""What takes the place of rules and condensations that are baselines of the laboratory now."""
+REMOVED = {
+    "rule": {
+        "max": "take 'sets', and only one of the sources that repeat each other",
+        "log_odds": AGAINST,
+        "dempster_shafer": AGAINST,
+        "posterior": DEFAULT,
+    },
+    "condensation": {"modes": DEFAULT, "cluster_mass": DEFAULT},
 }
-"""What takes the place of rules that were removed."""
+"""What takes the place of rules and condensations that were removed."""
 
 
 class ContactFusionError(Exception):
@@ -146,8 +155,8 @@ def missing_plugin(part: str, name: str, known: Iterable[str], further: str = ""
         known: the names that exist.
         further: ends the sentence on one that never was.
     """
-    if part == "rule" and name in REMOVED_RULES:
-        return PluginError(f"the rule '{name}' was removed: {REMOVED_RULES[name]}")
+    if instead := REMOVED.get(part, {}).get(name):
+        return PluginError(f"the {part} '{name}' was removed: {instead}")
     hint = name_hint(name, known, f"{part}s")
     return PluginError(f"there is no {part} '{name}'; {hint}{further}")
 

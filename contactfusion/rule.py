@@ -48,8 +48,6 @@ class Rule(ABC):
     """The type of the options."""
     needs_places: ClassVar[bool] = False
     """Whether `Entries.positions` is to hold the places of hypotheses, and not only voxels."""
-    gives_belief: ClassVar[bool] = False
-    """Whether its `Field` holds a `Belief`, which some condensations need."""
     finds_members: ClassVar[bool] = False
     """Whether its `Field` holds the contacts of a set, which some condensations need."""
 
@@ -92,19 +90,14 @@ class Condensation(ABC):
 
     Config: ClassVar[type[Model]] = Model
     """The type of the options."""
-    needs_belief: ClassVar[bool] = False
-    """Whether it looks at the places of a `Belief`, and not at voxels."""
+    looks_at_voxels: ClassVar[bool] = True
+    """Whether contacts come of voxels over the threshold."""
     needs_members: ClassVar[bool] = False
-    """Whether it looks at the contacts of a set, and not at voxels."""
+    """Whether it needs a rule whose `Field` holds the contacts of a set."""
 
     def __init__(self, config: Model, tolerance: float) -> None:
         self.config = config
         self.tolerance = tolerance
-
-    @property
-    def looks_at_voxels(self) -> bool:
-        """Whether contacts come of voxels over the threshold."""
-        return not (self.needs_belief or self.needs_members)
 
     @abstractmethod
     def condense(self, field: "Field", verdicts: NDArray[np.uint8]) -> Iterable[Contact]:
@@ -115,7 +108,7 @@ class Condensation(ABC):
 
         Args:
             field: the fused likelihoods.
-            verdicts: shape (m,), the code of each voxel's verdict; empty where `needs_belief`.
+            verdicts: shape (m,), the code of each voxel's verdict; empty where it looks at none.
         """
 
     def explain(self, field: "Field", around: Neighbourhood, contact: Contact | None) -> str:

@@ -1,4 +1,4 @@
-"""Six situations, each fused by the default rule and by two others, as in docs/rules.md.
+"""Six situations, each fused by the default rule and by De Morgan, as in docs/rules.md.
 
 Run it with `python examples/compare_rules.py [FOLDER]`; it needs the extra `plot`. Positions in mm.
 """
@@ -12,8 +12,7 @@ from matplotlib.figure import Figure
 
 import contactfusion as cf
 
-MODES = {"condensation": "modes"}
-METHODS = {"default": {}, "De Morgan": {"rule": "de_morgan"}, "posterior": MODES}
+METHODS = {"default": {}, "De Morgan": {"rule": "de_morgan"}}
 VIEW = dict(aspect="equal", xlim=(-52, 52), ylim=(-42, 42), xlabel="x [mm]", ylabel="y [mm]")
 PALM = cf.ShapeConfig(shape="rectangle", size=(0.1, 0.08)).sampled("hand", 0.004)
 FINGERS = cf.Surface.joined([cf.ShapeConfig(shape="cylinder", radius=0.012, length=0.06,
@@ -67,7 +66,7 @@ def fuse(name: str, how: str, without: str = "", **config: Any) -> cf.Fusion:
 def draw(name: str, path: Path) -> None:
     """Draw the clouds of the sources, and the voxels and contacts of each method, from above."""
     _, surface, touches, clouds = SITUATIONS[name]
-    panels = (figure := Figure((13.5, 4.2), layout="constrained")).subplots(1, 4, subplot_kw=VIEW)
+    panels = (figure := Figure((10.5, 4.2), layout="constrained")).subplots(1, 3, subplot_kw=VIEW)
     for number, cloud in enumerate(clouds):
         label = f"{cloud.source}, {cloud.kind}, {cloud.spreads[0] * 1e3:.0f} mm"
         panels[0].scatter(*cloud.positions[:, :2].T * 1e3, s=9 + 70 * cloud.likelihoods,

@@ -32,7 +32,7 @@ frames:                       # poses of the sensor and the tool in their parent
   wrist: {parent: base, xyz: [0, 0, 1]}
   tool: {parent: wrist, xyz: [0, 0, 0.12]}
 
-integrator: {frame: base, voxel_size: 0.005, rule: posterior, condensation: modes}
+integrator: {frame: base, voxel_size: 0.005}
 cycle: {on: wrist}
 """
 

@@ -12,14 +12,11 @@ from contactfusion.integrator import clusters, kernels
 from contactfusion.integrator.clusters import ContactTable
 from contactfusion.integrator.entries import Field
 from contactfusion.integrator.members import Members
-from contactfusion.integrator.modes import Modes
 from contactfusion.integrator.store import Int64Array, unpack
 from contactfusion.model import Model
 from contactfusion.reason import Reason, Why, counted, millimetres
 from contactfusion.rule import Condensation, Neighbourhood
 
-FAINTEST = 0.01
-"""`cluster_mass` leaves out voxels less likely than this."""
 WIDE = 64
 """Beyond so many sides a tolerance may span all there is."""
 
@@ -52,7 +49,7 @@ class ClusterCentroid(Condensation):
 
     def condense(self, field: Field, verdicts: NDArray[np.uint8]) -> Contacts:
         """One contact a cluster of enough voxels."""
-        table = _clustered(field, verdicts == kernels.CONTACT, self.tolerance)
+        table = clustered(field, verdicts == kernels.CONTACT, self.tolerance)
         return table.contacts(table.sums.voxels >= self._min_voxels)
 
     def objections(
@@ -70,56 +67,6 @@ class ClusterCentroid(Condensation):
         return [Reason(Why.TOO_FEW_VOXELS, sentence, values=values)]
 
 
-class ClusterMassConfig(Model):
-    """Which clusters are contacts."""
-
-    mass_threshold: float = FieldOf(default=0.5, gt=0)
-    """The sum of likelihoods from which a cluster is a contact."""
-
-
-class ClusterMass(Condensation):
-    """Clusters that are likely as a whole, however thinly their likelihood is spread.
-
-    A source that describes one contact over 12 voxels gives each 1/12, under any useful threshold;
-    its cluster still sums to 1.
-    """
-
-    Config = ClusterMassConfig
-
-    def __init__(self, config: ClusterMassConfig, tolerance: float) -> None:
-        super().__init__(config, tolerance)
-        self._mass_threshold = config.mass_threshold
-
-    def condense(self, field: Field, verdicts: NDArray[np.uint8]) -> Contacts:
-        """One contact a cluster of enough mass."""
-        table = _clustered(field, _massive(field, verdicts), self.tolerance)
-        return table.contacts(table.sums.weight >= self._mass_threshold)
-
-    def objections(
-        self, field: Field, verdicts: NDArray[np.uint8], around: Neighbourhood
-    ) -> Sequence[Reason]:
-        """Too little mass."""
-        if around.best == NONE or not _judged(verdicts)[around.best]:
-            return ()
-        mass = float(field.likelihoods[around.inside & _massive(field, verdicts)].sum())
-        sentence = (
-            f"the likelihoods within {millimetres(around.reach)} sum to {mass:.2f}; a contact "
-            f"needs a cluster of {self._mass_threshold:g}"
-        )
-        values = {"mass": mass, "mass_threshold": self._mass_threshold}
-        return [Reason(Why.TOO_LITTLE_MASS, sentence, values=values)]
-
-
-def _judged(verdicts: NDArray[np.uint8]) -> NDArray[np.bool_]:
-    """Which voxels were judged by their likelihood, shape (m,)."""
-    return np.asarray((verdicts == kernels.CONTACT) | (verdicts == kernels.BELOW_THRESHOLD))
-
-
-def _massive(field: Field, verdicts: NDArray[np.uint8]) -> NDArray[np.bool_]:
-    """Which voxels add to the mass of a cluster, shape (m,)."""
-    return _judged(verdicts) & (field.likelihoods >= FAINTEST)
-
-
 def _chosen(field: Field, wanted: NDArray[np.bool_]) -> tuple[NDArray[np.int32], Int64Array]:
     """The rows of the wanted voxels, and their keys."""
     keys = field.entries.keys
@@ -128,7 +75,8 @@ def _chosen(field: Field, wanted: NDArray[np.bool_]) -> tuple[NDArray[np.int32],
     return rows[:count], row_keys[:count]
 
 
-def _clustered(field: Field, wanted: NDArray[np.bool_], tolerance: float) -> ContactTable:
+def clustered(field: Field, wanted: NDArray[np.bool_], tolerance: float) -> ContactTable:
+    """The wanted voxels, shape (m,), as clusters of those at most a tolerance [m] apart."""
     selected, keys = _chosen(field, wanted)
     reach = clusters.reach_squared(tolerance, field.entries.grid.voxel_size)
     if reach > WIDE**2 and len(keys):
@@ -145,7 +93,5 @@ def contactfusion_condensations() -> Mapping[str, type[Condensation]]:
     return {
         "threshold": Threshold,
         "cluster_centroid": ClusterCentroid,
-        "cluster_mass": ClusterMass,
-        "modes": Modes,
         "members": Members,
     }

@@ -12,12 +12,10 @@ from pydantic import (
     model_validator,
 )
 
-from contactfusion.errors import AGAINST, REMOVED_RULES, ConfigurationError
+from contactfusion.errors import AGAINST, REMOVED, ConfigurationError
 from contactfusion.model import Model
 from contactfusion.units import Memory, Spacing, Tolerance
 
-RULES = {"members": "sets", "modes": "posterior"}
-"""The rule that a condensation is for; all others are for `de_morgan`."""
 THRESHOLD, THRESHOLDS = 0.1, {"members": 0.5}
 """The threshold by default, and with some condensations."""
 PARTS = {"rule": "rule_options", "condensation": "condensation_options"}
@@ -25,9 +23,9 @@ PARTS = {"rule": "rule_options", "condensation": "condensation_options"}
 FORMER = {"rule": "de_morgan", "condensation": "cluster_centroid"}
 """The defaults of 0.1.0."""
 MOVED = {
-    "floor": ("rule", ("posterior", "sets")),
-    "friction": ("rule", ("posterior", "sets")),
-    "existence": ("condensation", ("modes", "members")),
+    "floor": ("rule", ("sets", "posterior")),
+    "friction": ("rule", ("sets", "posterior")),
+    "existence": ("condensation", ("members", "modes")),
     "mode_share": ("condensation", ("modes",)),
     "min_voxels": ("condensation", ("cluster_centroid",)),
     "mass_threshold": ("condensation", ("cluster_mass",)),
@@ -40,9 +38,8 @@ class IntegratorConfig(Model):
     """How hypotheses are kept, fused and condensed (method §1-3).
 
     `rule` and `condensation` are names, or mappings of `type` and options, such as
-    ``{type: posterior, floor: 0.02}``. Where only one of both is given, the other goes with it:
-    `sets` with `members`, `posterior` or another rule with `cluster_centroid`, `modes` with
-    `posterior`, another condensation with `de_morgan`.
+    ``{type: sets, floor: 0.02}``. Where only one of both is given, the other goes with it: `sets`
+    with `members`, another rule with `cluster_centroid`, another condensation with `de_morgan`.
     """
 
     frame: str = Field(default="base", min_length=1)
@@ -132,8 +129,8 @@ class IntegratorConfig(Model):
 
 def _paired(fields: dict[str, Any]) -> dict[str, Any]:
     """The fields, where a rule is given with its condensation, and the other way round."""
-    if "rule" not in fields and "condensation" in fields:
-        return {**fields, "rule": RULES.get(fields["condensation"], "de_morgan")}
+    if "rule" not in fields and fields.get("condensation", "members") != "members":
+        return {**fields, "rule": "de_morgan"}
     if "condensation" not in fields and fields.get("rule", "sets") != "sets":
         return {**fields, "condensation": "cluster_centroid"}
     return fields
@@ -157,7 +154,7 @@ def _moved(fields: dict[str, Any]) -> dict[str, Any]:
     """
     if "prior" in fields:
         del fields["prior"]
-        if str(fields.get("rule")) not in REMOVED_RULES:  # else the error on the rule says it
+        if str(fields.get("rule")) not in REMOVED["rule"]:  # else the error on the rule says it
             problem = f"was removed with its rules: leave it out, or {AGAINST}"
             warnings.warn(f"`prior` of the integrator {problem}", FutureWarning, stacklevel=2)
     for key in [key for key in fields if key in MOVED]:
@@ -167,12 +164,17 @@ def _moved(fields: dict[str, Any]) -> dict[str, Any]:
             fields.setdefault(part, FORMER[part])
         name, held = fields.get(part, IntegratorConfig.model_fields[part].default), PARTS[part]
         owner = name if name in owners else owners[0]
+        is_removed = owner in REMOVED[part]
         options = {"type": owner, key: value}
         text = yaml.safe_dump(options, default_flow_style=True, sort_keys=False).strip()
         place = f"`{part}: {text}`"
         if name in owners:
             fields[held] = {**fields.get(held, {}), key: value}
+            if is_removed:  # the error on it says what to do
+                continue
             problem = f"is an option of the {part} now: write {place}"
+        elif is_removed:
+            problem = f"has no effect with the {part} '{name}': leave it out"
         else:
             problem = f"has no effect with the {part} '{name}'; it is an option of {place}"
         warnings.warn(f"`{key}` of the integrator {problem}", FutureWarning, stacklevel=2)

@@ -209,35 +209,6 @@ class Entries:
 
 
 @dataclass(frozen=True, eq=False)
-class Belief:
-    """A rule's belief in one contact: its position, and its existence.
-
-    Attributes:
-        places: shape (c, 3) [m], in the grid's frame.
-        spacing: how far neighbouring places lie apart [m].
-        weights: shape (c,), the probability of each place if there is a contact; they sum to 1.
-        variances: shape (c,) [m²], by axis, of a contact at each place around it: over a surface 0,
-            for there the weights are as wide as the spreads.
-        exists: the probability that there is a contact.
-        told: shape (k, c), the addend of each source to the logarithm of each weight.
-        floor: the outlier floor of a source, as a part of its highest value.
-    """
-
-    places: FloatArray
-    spacing: float
-    weights: FloatArray
-    variances: FloatArray
-    exists: float
-    told: FloatArray
-    floor: float = 0.01
-
-    def within(self, position: FloatArray, reach: float) -> float:
-        """The part of the belief that lies within reach [m] of a place, shape (3,) [m]."""
-        near = ((self.places - position) ** 2).sum(axis=1) <= reach**2
-        return float(self.weights[near].sum())
-
-
-@dataclass(frozen=True, eq=False)
 class Member:
     """A contact of a set, and where it may be.
 
@@ -277,7 +248,6 @@ class Field:
         entries: what it was made of.
         likelihoods: shape (m,), in the order of `entries.keys`; or a function that computes them on
             first use.
-        belief: of a rule that has one, where there may be a contact.
         members: of a rule that finds them, the contacts of a set, the most probable first.
     """
 
@@ -285,10 +255,9 @@ class Field:
         self,
         entries: Entries,
         likelihoods: FloatArray | Callable[[], FloatArray],
-        belief: Belief | None = None,
         members: Sequence[Member] | None = None,
     ) -> None:
-        self.entries, self.belief, self.members = entries, belief, members
+        self.entries, self.members = entries, members
         self._likelihoods = likelihoods
 
     @cached_property

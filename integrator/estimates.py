@@ -8,10 +8,9 @@ import numpy as np
 from contactfusion.arrays import FloatArray
 from contactfusion.contacts import NONE, Contact
 from contactfusion.integrator.detections import CERTAIN
-from contactfusion.integrator.entries import Member
+from contactfusion.integrator.entries import Entries, Member
 from contactfusion.integrator.kernels import EDGE
 from contactfusion.integrator.likelihood_fields import SURE, LikelihoodFields, Taken
-from contactfusion.integrator.modes import force_near
 from contactfusion.integrator.nearby import Rows
 from contactfusion.integrator.places import BASIN, STEP, Basin, moments
 from contactfusion.thinning import voxel_downsample
@@ -201,3 +200,23 @@ def _shares(fields: LikelihoodFields, basin: Basin, taken: Taken) -> FloatArray:
         added[[*taken]] = 1.0
     shares: FloatArray = added / added.sum()
     return shares
+
+
+def force_near(
+    entries: Entries, position: FloatArray, around: FloatArray, reach: float
+) -> FloatArray:
+    """The force of the voxel nearest to a contact, shape (3,) [N]; NaN: none is measured there.
+
+    Args:
+        entries: what was fused.
+        position: of the contact, shape (3,) [m].
+        around: shape (b, 3) [m], the places that belong to it.
+        reach: the greatest distance of a force from these [m].
+    """
+    rows, centres = entries.felt
+    if not len(rows):
+        return np.full(3, np.nan)
+    nearest = int(((centres - position) ** 2).sum(axis=1).argmin())
+    if ((around - centres[nearest]) ** 2).sum(axis=1).min() > reach**2:
+        return np.full(3, np.nan)
+    return np.asarray(entries.forces_in(rows[nearest : nearest + 1])[0])

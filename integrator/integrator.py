@@ -61,12 +61,6 @@ class Integrator:
         """How likelihoods combine."""
         self.condensation = condensation or _built_in_condensation(self.config)
         """How a field of likelihoods becomes contacts."""
-        if self.condensation.needs_belief and not self.rule.gives_belief:
-            raise ConfigurationError(
-                f"'{self.config.condensation}' needs a rule that gives a belief, such as "
-                f"'posterior', not '{self.config.rule}'",
-                "condensation",
-            )
         if self.condensation.needs_members and not self.rule.finds_members:
             raise ConfigurationError(
                 f"'{self.config.condensation}' needs a rule that finds the contacts of a set, such "

@@ -17,7 +17,6 @@ from contactfusion.integrator.detections import LINK, Evidence, clouds_of
 from contactfusion.integrator.entries import Entries
 from contactfusion.integrator.nearby import Rows, labelled
 from contactfusion.integrator.places import STEP, Basin, Places, SourceField
-from contactfusion.integrator.posterior import pushed
 from contactfusion.integrator.store import Int64Array, rasterise
 from contactfusion.surface import Surface
 
@@ -27,6 +26,8 @@ SURE = 0.5
 """A source that is so sure of a contact tells its area."""
 EXPLAINED = 0.1
 """A contact explains a detection whose field has this part of its highest there."""
+SOFT = 0.15
+"""Softness of the edge of the friction cone, in cosines of the angle to the normal."""
 
 Taken = Mapping[int, NDArray[np.bool_]]
 """The detections that a contact explains, shape (d,), by the row of their source."""
@@ -249,3 +250,18 @@ def product(factors: FloatArray) -> FloatArray:
         return whole
     logarithms = np.log(np.maximum(factors, np.finfo(float).tiny)).sum(axis=0)
     return np.asarray(np.exp(logarithms - logarithms.max()), np.float64)
+
+
+def pushed(force: FloatArray, normals: FloatArray, steepest: float) -> FloatArray:
+    """How well a force fits the friction cone at each place, shape (c,), at most 1.
+
+    Args:
+        force: shape (3,) [N], on the robot.
+        normals: shape (c, 3), out of the robot.
+        steepest: the cosine between the force and the normal at the edge of the cone.
+    """
+    push = force / np.abs(force).max()
+    cosines = normals @ (push / -np.linalg.norm(push))
+    beyond = np.maximum(steepest - cosines, 0.0) / SOFT
+    fits: FloatArray = np.exp(-0.5 * beyond**2)
+    return fits

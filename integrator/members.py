@@ -43,6 +43,7 @@ class Members(Condensation):
     """The contacts of a set that are probable enough, as the rule found them."""
 
     Config = MembersConfig
+    looks_at_voxels = False
     needs_members = True
 
     def __init__(self, config: MembersConfig, tolerance: float) -> None:

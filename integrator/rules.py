@@ -5,7 +5,6 @@ from collections.abc import Mapping, Sequence
 from contactfusion.hooks import hookimpl
 from contactfusion.integrator import kernels
 from contactfusion.integrator.entries import Entries, Field, Source
-from contactfusion.integrator.posterior import Posterior
 from contactfusion.integrator.sets import Sets
 from contactfusion.rule import Rule, by_sources
 from contactfusion.surface import Surface
@@ -31,8 +30,4 @@ class DeMorgan(Rule):
 @hookimpl
 def contactfusion_rules() -> Mapping[str, type[Rule]]:
     """Offer the rules of method §2."""
-    return {
-        "de_morgan": DeMorgan,
-        "posterior": Posterior,
-        "sets": Sets,
-    }
+    return {"de_morgan": DeMorgan, "sets": Sets}

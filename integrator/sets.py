@@ -12,6 +12,7 @@ from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import Field as FieldOf
 
 from contactfusion.arrays import FloatArray
 from contactfusion.integrator.entries import Entries, Field, Member, Source
@@ -19,7 +20,6 @@ from contactfusion.integrator.estimates import AGREED, estimate
 from contactfusion.integrator.likelihood_fields import LikelihoodFields, product
 from contactfusion.integrator.members import FAINT, by_voxel, told_in
 from contactfusion.integrator.places import Basin
-from contactfusion.integrator.posterior import TrustConfig
 from contactfusion.integrator.resultant import (
     Superposition,
     centred,
@@ -28,6 +28,7 @@ from contactfusion.integrator.resultant import (
     needed,
     shared,
 )
+from contactfusion.model import Model
 from contactfusion.rule import Rule
 from contactfusion.surface import Surface
 
@@ -35,6 +36,15 @@ IDLE = 1e-4
 """Places that are less likely than that part of the likeliest are as good as none."""
 MOST = 32
 """No more contacts are searched."""
+
+
+class TrustConfig(Model):
+    """How far sources are trusted."""
+
+    floor: float = FieldOf(default=0.01, ge=1e-6, lt=1)
+    """What a source leaves to places that it does not believe in, as a part of its highest."""
+    friction: float = FieldOf(default=0.5, gt=0)
+    """The coefficient of friction of contacts whose force is known."""
 
 
 class Sets(Rule):

@@ -45,9 +45,11 @@ CASES: dict[str, tuple[str, ...]] = {
         "replay ../examples/scenes/push_five.yaml record.mcap --out replay.csv",
         *(f"explain replay.mcap --time {time} > explain_{time}.txt" for time in (1, 4, 7)),
         "explain replay.mcap --time 7 --json > explain_7.json",
-        "replay ../examples/scenes/push_five.yaml record.mcap --out modes.mcap"
+        "replay ../examples/scenes/push_five.yaml record.mcap --out de_morgan.mcap"
+        " --set integrator.rule=de_morgan",
+        "explain de_morgan.mcap --time 7 > explain_de_morgan.txt",
+        "replay ../examples/scenes/push_five.yaml record.mcap --out modes.csv"
         " --set integrator.rule=posterior --set integrator.condensation=modes",
-        "explain modes.mcap --time 7 > explain_modes.txt",
     ),
     **{name: (f"run ../examples/scenes/{name}.yaml --out .",) for name in SCENES},
     "touch": ("experiment touch --objects box --directions 2 --repeats 1 --out .",),

@@ -7,15 +7,15 @@ import numpy as np
 
 from contactfusion import Fusion, HypothesisCloud, HypothesisKind, Integrator, IntegratorConfig
 from contactfusion.arrays import FloatArray
-from contactfusion.integrator.condensations import contactfusion_condensations
-from contactfusion.integrator.rules import contactfusion_rules
+from contactfusion.integrator.config import PARTS
+from contactfusion.plugins import installed_plugins
 
 REGULAR, SUPPORT, NULL = HypothesisKind.REGULAR, HypothesisKind.SUPPORT, HypothesisKind.NULL
 SIDE = 0.005
 
 Voxel = tuple[int, int, int]
 Likelihoods = Mapping[Voxel, float] | Sequence[tuple[Voxel, float]]
-OPTIONS = {"floor", "friction", "min_voxels", "mass_threshold", "existence", "mode_share"}
+OPTIONS = {"floor", "friction", "min_voxels", "existence"}
 """Of the built-in rules and condensations."""
 HERE: Voxel = (0, 0, 0)
 THERE: Voxel = (40, 0, 0)
@@ -49,14 +49,10 @@ def cloud(
 
 def law(**fields: Any) -> IntegratorConfig:
     """A configuration, with options beside the names of rule and condensation that have them."""
-    known: dict[str, Mapping[str, Any]] = {
-        "rule": contactfusion_rules(),
-        "condensation": contactfusion_condensations(),
-    }
-    named = IntegratorConfig(**{part: fields[part] for part in known if part in fields})
+    named = IntegratorConfig(**{part: fields[part] for part in PARTS if part in fields})
     parts: dict[str, Any] = {}
-    for part, offered in known.items():
-        cls = offered[name := getattr(named, part)]
+    for part in PARTS:
+        cls = installed_plugins().find(f"{part}s", name := getattr(named, part))
         own = {key: fields.pop(key) for key in cls.Config.model_fields if key in fields}
         parts[part] = {"type": name, **own}
     assert fields.keys() <= IntegratorConfig.model_fields.keys() | OPTIONS, fields

@@ -159,7 +159,7 @@ from contactfusion.integrator.rules import DeMorgan
 class Misspelt(DeMorgan):
     """Has a misspelt flag."""
 
-    gives_beleif = True
+    needs_place = True
 
 
 @hookimpl

@@ -25,8 +25,6 @@ Voxel = tuple[int, int, int]
 
 MARGIN = 1e-6
 """How far below the threshold a likelihood may stay through rounding (method §2)."""
-FAINT = 0.01
-"""`cluster_mass` leaves out voxels that are less likely (method §3)."""
 VOXEL_LIMIT = 2**20
 TIE = 1e-4
 """Two axes of a cluster whose eigenvalues differ by less than this share are one."""
@@ -419,21 +417,9 @@ def condense(
     certain = [row for row in rows if row.verdict == "contact"]
     if config.condensation == "threshold":
         groups = [[row] for row in certain]
-    elif config.condensation == "cluster_centroid":
+    else:
         least = config.condensation_options.get("min_voxels", 1)
         groups = [g for g in clusters(certain, reach(config)) if len(g) >= least]
-    else:
-        faint = [
-            row
-            for row in rows
-            if row.verdict in ("contact", "below_threshold") and row.likelihood >= FAINT
-        ]
-        least = config.condensation_options.get("mass_threshold", 0.5)
-        groups = [
-            group
-            for group in clusters(faint, reach(config))
-            if sum(row.likelihood for row in group) >= least
-        ]
     contacts = [contact_of(config, kinds, group) for group in groups]
     return sorted(contacts, key=lambda one: (-round(one.likelihood * 1e6), one.first))
 

@@ -124,16 +124,13 @@ class _Author:
             timeout=self._cycles(1, 6),
             expiry=random.choice(("source", "source", "voxel")),
             rule="de_morgan",
-            condensation=random.choice(
-                ("cluster_centroid", "cluster_centroid", "threshold", "cluster_mass")
-            ),
+            condensation=random.choice(("cluster_centroid", "cluster_centroid", "threshold")),
             threshold=self.threshold,
             tolerance=tolerance,
             stale_after=self._cycles(3, 8),
             strict_sources=random.random() < 0.3,
             max_ahead=random.choice((0.0, 1.0, 2.0)) * self.cycle_time,
             min_voxels=random.choice((1, 1, 1, 2, 3)),
-            mass_threshold=random.uniform(0.2, 1.5),
         )
         self.ahead = round(self.config.max_ahead / self.cycle_time)
         self.pool = self._draw_pool()

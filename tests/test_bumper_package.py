@@ -18,7 +18,6 @@ from contactfusion.readings import Switch
 config = PipelineConfig(
     generators={"bumper": {"type": "bumper", "u": [0, 0.02, 0], "v": [0, 0, 0.01]}},
     frames={"front": {"parent": "base", "xyz": [0.3025, 0.1, 0.05]}},
-    integrator={"condensation": "cluster_mass"},
 )
 pipeline = Pipeline(config)
 contacts = []

@@ -32,7 +32,7 @@ surface:
   shapes: [{shape: sphere, radius: 0.05}]
 frames:
   tool: {parent: base}
-integrator: {frame: base, voxel_size: 0.005, condensation: cluster_mass}
+integrator: {frame: base, voxel_size: 0.005}
 cycle: {on: wrist}
 """
 LOG_YAML = """\
@@ -264,7 +264,7 @@ def test_the_options_of_a_plugin_are_told_with_defaults_and_meanings(ask: Ask) -
     assert all(word in answer.out for word in ("force_torque (generator)", "timeout", "meaning"))
 
 
-@pytest.mark.parametrize("name", ["de_morgan", "cluster_mass", "posterior", "modes"])
+@pytest.mark.parametrize("name", ["de_morgan", "cluster_centroid", "sets", "members"])
 def test_a_plugin_without_options_is_told_by_its_first_sentence(name: str, ask: Ask) -> None:
     answer = ask("plugins", name)
     assert answer.status == 0 and answer.out.startswith(f"{name} (")
@@ -567,7 +567,8 @@ def test_an_interrupted_run_keeps_the_steps_before_it(
             return super().fuse(entries, sources, surface)
 
     monkeypatch.setattr(type(installed_plugins()), "find", found_with("de_morgan", Interrupted))
-    assert ask("run", "wrist.yaml", "--out", "results").status == 130
+    by_it = ("--set", "integrator.rule=de_morgan")
+    assert ask("run", "wrist.yaml", *by_it, "--out", "results").status == 130
     assert json.loads((folder / "results" / "summary.json").read_text())["steps"] == 2
 
 

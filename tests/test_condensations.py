@@ -16,8 +16,6 @@ from contactfusion.errors import ConfigurationError
 from tests.clouds import HERE, NULL, SIDE, SUPPORT, THERE, Voxel, centres, cloud
 from tests.clouds import fused as fused_by
 
-TWELVE: dict[Voxel, float] = {(x, y, 0): 1 / 12 for x in range(4) for y in range(3)}
-
 WIDE = 0.125
 """The side of the voxels of tests that reach to the ends of the space [m]; exact in binary."""
 
@@ -48,7 +46,7 @@ def test_threshold_makes_each_voxel_a_contact_of_its_own() -> None:
         assert np.array_equal(contact.extent, [contact.position] * 2)
 
 
-@pytest.mark.parametrize("condensation", ["threshold", "cluster_centroid", "cluster_mass"])
+@pytest.mark.parametrize("condensation", ["threshold", "cluster_centroid"])
 def test_what_was_nulled_or_only_predicted_is_no_contact(condensation: str) -> None:
     fusion = fused(
         cloud("skin", 0.0, {HERE: 0.9}),
@@ -215,7 +213,7 @@ def test_the_covariance_of_one_voxel_is_that_of_a_cube() -> None:
     assert contact.covariance == pytest.approx(np.eye(3) * SIDE**2 / 12)
 
 
-@pytest.mark.parametrize("condensation", ["threshold", "cluster_centroid", "cluster_mass"])
+@pytest.mark.parametrize("condensation", ["threshold", "cluster_centroid"])
 def test_the_covariance_of_one_hypothesis_is_its_spread_beside_that_of_a_voxel(
     condensation: str,
 ) -> None:
@@ -325,56 +323,10 @@ def test_a_far_cluster_is_as_precise_as_a_near_one() -> None:
     assert np.array_equal(away.covariance, near.covariance)
 
 
-# cluster_mass
-
-
-def test_one_contact_spread_over_twelve_voxels_is_found_by_its_mass_and_lost_by_a_threshold() -> (
-    None
-):
-    wrench = cloud("wrench", 0.0, TWELVE, single=True)
-    contact = only(fused(wrench, condensation="cluster_mass"))
-    assert contact.position == pytest.approx(np.array([2.0, 1.5, 0.5]) * SIDE)
-    assert contact.voxels == 12 and contact.likelihood == pytest.approx(1 / 12)
-    assert fused(wrench, condensation="cluster_centroid").contacts == ()
-
-
-@pytest.mark.parametrize(("mass_threshold", "count"), [(0.75, 1), (0.7500001, 0)])
-def test_a_cluster_needs_its_mass(mass_threshold: float, count: int) -> None:
-    voxels: dict[Voxel, float] = {HERE: 0.5, (1, 0, 0): 0.25}
-    config = {"condensation": "cluster_mass", "mass_threshold": mass_threshold}
-    assert len(contacts_of(voxels, **config)) == count
-
-
-def test_the_faintest_voxels_have_no_mass_and_are_no_bridge() -> None:
-    row: dict[Voxel, float] = {(x, 0, 0): 0.009 for x in range(1, 200)}
-    assert contacts_of(row, condensation="cluster_mass") == ()
-    ends: dict[Voxel, float] = {HERE: 0.75, (200, 0, 0): 0.75}
-    assert len(contacts_of({**row, **ends}, condensation="cluster_mass")) == 2
-    row = dict.fromkeys(row, 0.011)
-    assert len(contacts_of({**row, **ends}, condensation="cluster_mass")) == 1
-
-
-def test_prediction_alone_gives_a_voxel_no_mass_but_adds_to_that_of_evidence() -> None:
-    predicted = cloud("motion", 0.0, dict.fromkeys(TWELVE, 0.9), SUPPORT)
-    faint = cloud("wrench", 0.0, {voxel: p / 4 for voxel, p in TWELVE.items()})
-    for clouds, count in (([predicted], 0), ([faint], 0), ([predicted, faint], 1)):
-        assert len(fused(*clouds, condensation="cluster_mass").contacts) == count
-
-
-# modes, see test_modes.py
-
-
-def test_a_condensation_that_needs_a_belief_is_refused_beside_a_rule_that_gives_none() -> None:
-    with pytest.raises(ConfigurationError, match="'posterior', not 'de_morgan'") as refused:
-        Integrator(IntegratorConfig(rule="de_morgan", condensation="modes"))
-    assert refused.value.path == "condensation"
-    Integrator(IntegratorConfig(rule="posterior", condensation="modes"))
-
-
 # All
 
 
-@pytest.mark.parametrize("condensation", ["threshold", "cluster_centroid", "cluster_mass"])
+@pytest.mark.parametrize("condensation", ["threshold", "cluster_centroid"])
 def test_every_contact_is_made_of_voxels_of_the_space(condensation: str) -> None:
     rng = np.random.default_rng(0)
     voxels = {(int(x), int(y), int(z)): 0.9 for x, y, z in rng.integers(-9, 9, (200, 3))}

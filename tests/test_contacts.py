@@ -55,25 +55,16 @@ clouds = st.fixed_dictionaries(dict.fromkeys(SOURCES, said)).map(
 CONDENSATIONS: dict[str, dict[str, Any]] = {
     "threshold": {},
     "cluster_centroid": {"min_voxels": 2},
-    "cluster_mass": {"mass_threshold": 0.6},
 }
 
 
 def groups(fusion: Fusion, condensation: str) -> Iterator[set[Voxel]]:
     """The voxels of each contact that there should be, by the verdicts and pairs of voxels."""
     space, voxels = fusion.space, voxels_of(fusion)
-    kinds = {"contact"} | ({"below_threshold"} if condensation == "cluster_mass" else set())
-    rows = [row for row, verdict in enumerate(space.verdicts) if verdict in kinds]
-    if condensation == "cluster_mass":
-        rows = [row for row in rows if space.likelihoods[row] >= 0.01]
+    rows = [row for row, verdict in enumerate(space.verdicts) if verdict == "contact"]
     reach = 0.0 if condensation == "threshold" else LINK
     for members in brute_force([voxels[row] for row in rows], reach):
-        mass = sum(space.likelihoods[rows[member]] for member in members)
-        if condensation == "cluster_mass":
-            wanted = mass >= 0.6
-        else:
-            wanted = condensation == "threshold" or len(members) >= 2
-        if wanted:
+        if condensation == "threshold" or len(members) >= 2:
             yield {voxels[rows[member]] for member in members}
 
 
@@ -141,10 +132,3 @@ def test_the_voxels_of_contacts_cannot_be_changed_and_are_those_of_one_step() ->
     assert not first.owners.flags.writeable
     with pytest.raises(ValueError, match="no contact of this step: contact at "):
         first.rows_of(second.contacts[0])
-
-
-def test_a_contact_of_a_belief_owns_the_voxels_within_its_covariance() -> None:
-    clouds = [cloud("skin", 0.0, {HERE: 0.9, (1, 0, 0): 0.9, THERE: 0.1})]
-    fusion = fused(*clouds, rule="posterior", condensation="modes")
-    (contact,) = fusion.contacts
-    assert [voxels_of(fusion)[row] for row in fusion.rows_of(contact)] == [HERE, (1, 0, 0)]

@@ -18,7 +18,6 @@ from tests.clouds import HERE, NULL, REGULAR, SUPPORT, THERE, Voxel, centres, cl
 from tests.explained import Round, explanation, stepped
 
 BESIDE: Voxel = (1, 0, 0)
-MODES: dict[str, Any] = {"rule": "posterior", "condensation": "modes"}
 X, Y, _ = np.eye(3)
 PLATE = Surface.rectangle("base", np.zeros(3), 0.3 * X, 0.1 * Y, 0.004)
 
@@ -131,11 +130,9 @@ def test_null_alone_is_no_place() -> None:
     assert explanation((0.0, [free(0.0)])).places == ()
 
 
-def test_a_cluster_of_too_few_voxels_or_too_little_mass_says_so() -> None:
+def test_a_cluster_of_too_few_voxels_says_so() -> None:
     few = place(explanation((0.0, [skin(0.0)]), min_voxels=3))
     assert few.reasons[0].why == Why.TOO_FEW_VOXELS and "wants 3" in few.reasons[0].sentence
-    thin = place(explanation((0.0, [skin(0.0, 0.3)]), condensation="cluster_mass"))
-    assert thin.reasons[0].values == pytest.approx({"mass": 0.3, "mass_threshold": 0.5})
 
 
 def test_evidence_comes_before_prediction_and_the_likelier_first() -> None:
@@ -260,37 +257,7 @@ def test_what_is_no_place_is_refused(at: tuple[float, ...]) -> None:
         explanation((0.0, [skin(0.0)]), at=at)
 
 
-# Beliefs
-
-
-def test_a_belief_tells_how_well_the_place_fits_each_source() -> None:
-    near = cloud("skin", 0.0, {HERE: 0.9}, spreads=np.array([0.004]))
-    rounds = (0.0, [near, lidar(0.0, voxel=BESIDE)])
-    (contact,) = explanation(rounds, **MODES).contacts
-    fits = {said.source: said.fit for said in contact.said}
-    assert all(0.3 < fit <= 1.0 for fit in fits.values())
-    assert contact.combination.startswith("P(contact) 0.95 by all evidence, 100% of the belief")
-
-
-def test_null_leaves_part_of_a_belief() -> None:
-    one = explanation((0.0, [skin(0.0, 0.5), free(0.0)]), **MODES)
-    found = place(one)
-    assert found.reasons[0].why == Why.IMPROBABLE
-    (null,) = [said for said in found.said if said.kind == NULL]
-    assert null.fit == pytest.approx(0.01, rel=0.2)
-    assert {rest.source: rest.contact for rest in found.without}["free"]
-
-
-def test_a_second_place_of_a_belief_tells_its_share() -> None:
-    rounds = (0.0, [cloud("skin", 0.0, {HERE: 0.9, THERE: 0.3})])
-    (found,) = explanation(rounds, at=centres([THERE])[0], **MODES).places
-    assert found.reasons[0].why == Why.SMALL_SHARE
-    assert found.reasons[0].values["share"] < found.reasons[0].values["mode_share"] == 0.42
-
-
-def test_without_evidence_there_is_no_belief() -> None:
-    found = place(explanation((0.0, [motion(0.0)]), at=(0.0, 0.0, 0.0), **MODES))
-    assert found.reasons[0].why == Why.SUPPORT_ONLY
+# Over a surface
 
 
 def unsure(source: str, z: float, x: float = 0.0, stamp: float = 0.0, spread: float = 0.01) -> Any:
@@ -298,53 +265,13 @@ def unsure(source: str, z: float, x: float = 0.0, stamp: float = 0.0, spread: fl
     return cloud(source, stamp, {HERE: 0.8}, positions=places, spreads=spreads)
 
 
-@pytest.mark.parametrize("condensation", ["modes", "cluster_centroid"])
-def test_over_a_surface_a_source_has_its_share_by_its_field_however_far_its_hypotheses_are(
-    condensation: str,
-) -> None:
-    clouds = [unsure("skin", 0.0, spread=0.004), unsure("lidar", 0.0, x=0.03, spread=0.02)]
-    options = {**MODES, "condensation": condensation, "surface": PLATE}
-    contact = explanation((0.0, clouds), **options).contacts[0]
-    said = {one.source: one for one in contact.said}
-    assert said["lidar"].voxels == 0 and said["lidar"].share > 0.2
-    assert said["lidar"].away == pytest.approx(0.03, abs=0.006)
-    assert sum(one.share for one in contact.said) == pytest.approx(1.0)
-    text = "\n".join(lines((0.0, clouds), **options))
-    assert "lidar (evidence): reaches here from " in text
-    assert "lidar:" not in text and "took it back" not in text
-
-
-def test_a_source_whose_field_does_not_reach_a_contact_has_no_line_there() -> None:
-    clouds = [unsure("skin", 0.0), unsure("lidar", 0.0, x=0.2)]
-    contact = explanation((0.0, clouds), surface=PLATE, **MODES).contacts[0]
-    (here,) = contact.said
-    other = {"skin": "lidar", "lidar": "skin"}[here.source]
-    elsewhere = {reason.source: reason.why for reason in contact.missing}
-    assert elsewhere[other] == Why.ELSEWHERE
-
-
-@pytest.mark.parametrize(
-    ("rule", "condensation"),
-    [
-        ("de_morgan", "cluster_centroid"),
-        ("posterior", "cluster_centroid"),
-        ("posterior", "modes"),
-    ],
-)
-def test_only_a_newer_cloud_takes_back_what_a_source_said(rule: str, condensation: str) -> None:
+@pytest.mark.parametrize("rule", ["de_morgan", "sets"])
+def test_only_a_newer_cloud_takes_back_what_a_source_said(rule: str) -> None:
     """The camera's hypothesis lies beside the contact, not in it, and is alive."""
     beside = cloud("lidar", 0.0, {(0, 0, 1): 0.05}, spreads=np.array([0.004]))
     clouds = [unsure("skin", 0.0), beside]
-    text = as_text(explanation((0.0, clouds), rule=rule, condensation=condensation, surface=PLATE))
+    text = as_text(explanation((0.0, clouds), rule=rule, surface=PLATE))
     assert "took it back" not in text
-
-
-def test_the_likelihood_of_a_voxel_of_a_belief_is_in_relation_to_the_likeliest_place() -> None:
-    clouds = [cloud("skin", 0.0, {HERE: 0.9, THERE: 0.6}, spreads=np.full(2, 0.004))]
-    first, second = explanation((0.0, clouds), rule="posterior").contacts
-    assert first.combination.endswith("100% as likely here as at the likeliest place: 0.90")
-    assert second.combination.endswith(f": {second.likelihood:.2f}")
-    assert "of the belief" not in first.combination + second.combination
 
 
 # The moment

@@ -227,8 +227,10 @@ def test_a_contact_that_may_lie_at_another_end_tells_where_and_how_probably() ->
     ("condensation", "law"),
     [
         ("members", "(sets, members, threshold 0.5)"),
-        ("modes", "(posterior, modes)"),
-        ("cluster_mass", "(de_morgan, cluster_mass, threshold 0.1, tolerance 10.0 mm)"),
+        (
+            "cluster_centroid",
+            "(de_morgan, cluster_centroid, threshold 0.1, tolerance 10.0 mm)",
+        ),
     ],
 )
 def test_only_what_a_condensation_goes_by_is_printed(condensation: str, law: str) -> None:

@@ -26,10 +26,10 @@ CASES: dict[str, tuple[list[Round], Sequence[float] | None, dict[str, Any]]] = {
         (0.2, 0.0, 0.0),
         {},
     ),
-    "belief": (
+    "set": (
         [(0.0, [cloud("skin", 0.0, ROW), cloud("lidar", 0.0, {HERE: 0.5})])],
         None,
-        {"rule": "posterior", "condensation": "modes"},
+        {"rule": "sets"},
     ),
     "nothing": ([(0.0, [])], None, {}),
 }

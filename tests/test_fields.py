@@ -1,4 +1,4 @@
-"""The kernels behind the rule `posterior`, beside numpy and scipy that go over every pair."""
+"""The kernels of fields over places, beside numpy and scipy that go over every pair."""
 
 import time
 import tracemalloc

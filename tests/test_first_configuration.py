@@ -57,9 +57,7 @@ def test_the_first_configuration_of_a_bag_replays_it(
     fields = written(out)
     assert set(fields["generators"]) == {"ft_wrench"}
     assert fields["generators"]["ft_wrench"]["tare"] == 0.5
-    assert fields["integrator"]["rule"] == "posterior"
-    assert fields["integrator"]["condensation"] == "modes"
-    assert "A wrench alone gives a line of force" in out.read_text()
+    assert fields["integrator"] == {"frame": "base", "voxel_size": 0.005}
     run_file(out, bag, out=tmp_path / "contacts.csv")
     assert len(contacts(tmp_path / "contacts.csv")) > 10
 

@@ -536,20 +536,18 @@ def test_the_zeros_of_a_dead_sensor_are_no_tare() -> None:
 
 def existence_after(reading: Wrench, **options: Any) -> float:
     """Give the existence of a contact that the skin feels, after what a sensitive wrist read."""
-    rule = {"rule": "posterior", "condensation": "modes"}
     wrist = {**WRIST, "sensitivity": 0.99, **options}
     body = {"frame": "base", "shapes": [{"shape": "box", "size": (0.2, 0.2, 0.04)}]}
     fields: dict[str, Any] = {
         "generators": {"skin": SKIN, "wrist": wrist},
         "surface": body,
-        "integrator": rule,
     }
     pipe = Pipeline(PipelineConfig(**fields))
     pipe.receive(TactileImage(stamp=0.0, frame="base", values=np.array([100.0])))
     pipe.receive(reading)
-    belief = pipe.step(0.0).fusion.field.belief
-    assert belief is not None
-    return belief.exists
+    members = pipe.step(0.0).fusion.field.members or ()
+    (felt,) = (member for member in members if "skin" in member.given)
+    return felt.contact.likelihood
 
 
 def test_a_dead_sensor_says_nothing_about_contacts_and_one_that_rests_does() -> None:

@@ -153,7 +153,7 @@ def test_a_rule_that_cannot_be_built_is_a_sentence(ask: Ask) -> None:
         ("rule_stranger", "Rule is no subclass of Rule (misbehaving_rule_stranger.py, line 6)"),
         (
             "rule_misspelt",
-            "Misspelt has a flag `gives_beleif`: did you mean `gives_belief` of Rule? "
+            "Misspelt has a flag `needs_place`: did you mean `needs_places` of Rule? "
             "(misbehaving_rule_misspelt.py, line 7)",
         ),
     ],

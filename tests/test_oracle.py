@@ -77,16 +77,6 @@ def test_the_integrator_gives_what_the_oracle_gives(seeds: range) -> None:
     assert [found for seed in seeds for found in lived(seed).differences] == []
 
 
-def test_a_cluster_whose_mass_is_exactly_enough_is_a_contact() -> None:
-    law = config(condensation="cluster_mass", mass_threshold=0.75, threshold=0.9)
-    integrator = Integrator(law)
-    half_and_quarter = cloud("skin", 0.0, {HERE: 0.5, (1, 0, 0): 0.25})
-    integrator.receive(half_and_quarter)
-    expected = fused(half_and_quarter, law=law)
-    assert len(expected.contacts) == 1
-    assert list(differences(expected, integrator.step(0.0))) == []
-
-
 @pytest.mark.parametrize("neighbour", [(1, 0, 0), (0, 1, 0), (0, 0, 1)])
 def test_a_tolerance_below_a_side_joins_no_voxels(neighbour: Voxel) -> None:
     law = config(tolerance=0.5)
@@ -553,7 +543,6 @@ def test_the_condensations_differ_in_what_they_keep() -> None:
     assert sizes(condensation="threshold", min_voxels=2) == [1, 1, 1]
     assert sizes(condensation="cluster_centroid") == [1, 2]
     assert sizes(condensation="cluster_centroid", min_voxels=2) == [2]
-    assert sizes(condensation="cluster_mass") == [3]
 
 
 def test_a_fusion_without_a_source_leaves_the_first_as_it_was() -> None:

@@ -342,16 +342,14 @@ def watched(sensitivity: float) -> float:
     """Give the existence after one source told of a contact and the other one found nothing."""
     watch = {**ECHO, "sensor": "watch", "sensitivity": sensitivity}
     eye = {**ECHO, "sensor": "eye"}
-    integrator = {"rule": "posterior", "condensation": "modes"}
-    pipe = pipeline(generators={"eye": eye, "watch": watch}, integrator=integrator)
+    pipe = pipeline(generators={"eye": eye, "watch": watch}, integrator={})
     pipe.receive(point(0.0, *LEFT, sensor="eye"))
     nothing = PointCloud(stamp=0.0, frame="base", sensor="watch", points=np.empty((0, 3)))
     pipe.receive(nothing)
     step = pipe.step(0.0)
     assert accepted(step) == {"eye": 1, "watch": 1}
-    belief = step.fusion.field.belief
-    assert belief is not None
-    return belief.exists
+    (contact,) = step.fusion.field.members or ()
+    return contact.contact.likelihood
 
 
 def test_a_generator_that_would_have_told_and_says_nothing_lowers_existence() -> None:

@@ -101,6 +101,17 @@ class First(Condensation):
         return field.entries.grid.centres(field.entries.voxels)
 
 
+class Blind(First):
+    """Looks at no voxels: a contact at the place of the first entry."""
+
+    looks_at_voxels = False
+
+    def condense(self, field: Field, verdicts: NDArray[np.uint8]) -> Iterable[Contact]:
+        """One contact."""
+        assert not len(verdicts)
+        return super().condense(field, np.full(len(field.entries.keys), kernels.CONTACT, np.uint8))
+
+
 class Strict(First):
     """Knows its voxels, and explains itself."""
 
@@ -275,3 +286,10 @@ def test_contacts_without_known_voxels_own_those_within_three_standard_deviation
     row = {(x, 0, 0): 0.5 for x in range(4)}
     (contact,) = explained(condensation=First, clouds=[cloud("skin", 0.0, row)]).contacts
     assert [part.voxels for part in contact.said] == [2]  # 3 σ are 5 mm
+
+
+def test_of_a_condensation_that_looks_at_no_voxels_neither_threshold_nor_tolerance_is_told() -> (
+    None
+):
+    one = explained(condensation=Blind)
+    assert as_text(one).startswith("0.000 s: 1 contact in 'base' (de_morgan, cluster_centroid)\n")

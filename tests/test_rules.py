@@ -1,4 +1,4 @@
-"""The algebra of fusion by De Morgan; of whole fields: test_posterior.py, test_sets.py."""
+"""The algebra of fusion by De Morgan; of whole fields: test_sets.py."""
 
 import math
 from collections.abc import Sequence
@@ -292,7 +292,7 @@ def test_null_never_raises_a_likelihood_and_never_makes_a_contact(
         assert verdict == ("nulled" if voxel in nulled else touched[voxel])
 
 
-@pytest.mark.parametrize("condensation", ["threshold", "cluster_centroid", "cluster_mass"])
+@pytest.mark.parametrize("condensation", ["threshold", "cluster_centroid"])
 @few
 @given(clouds=streams("c"))
 def test_support_alone_makes_no_contact(condensation: str, clouds: list[HypothesisCloud]) -> None:

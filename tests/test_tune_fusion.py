@@ -189,18 +189,12 @@ def test_threshold_tolerance_timeout_and_scales_are_varied_by_default() -> None:
     assert all(len(one.values) == len(LADDER) for one in fields)
 
 
-def test_what_decides_depends_on_the_condensation() -> None:
-    paths = {
-        name: [one.path for one in fields_to_vary(makes([], integrator=config)(()), ())]
-        for name, config in {
-            "modes": {"rule": "posterior", "condensation": "modes"},
-            "mass": {"condensation": "cluster_mass"},
-            "threshold": {"condensation": "threshold", "threshold": 0.6},
-        }.items()
-    }
-    assert paths["modes"][0] == "integrator.condensation.existence"
-    assert paths["mass"][:2] == ["integrator.condensation.mass_threshold", "integrator.tolerance"]
-    assert "integrator.tolerance" not in paths["threshold"]
+@pytest.mark.parametrize("condensation", ["members", "threshold"])
+def test_a_tolerance_is_varied_where_voxels_form_clusters(condensation: str) -> None:
+    integrator = {"condensation": condensation, "threshold": 0.6}
+    fields = fields_to_vary(makes([], integrator=integrator)(()), ())
+    paths = [field.path for field in fields]
+    assert paths[0] == "integrator.threshold" and "integrator.tolerance" not in paths
 
 
 def test_a_ladder_leaves_out_what_a_field_may_not_hold() -> None:
@@ -215,10 +209,10 @@ def test_timeouts_of_generators_are_varied_where_they_have_one() -> None:
 
 
 def test_values_may_be_given_and_what_is_configured_is_among_them() -> None:
-    vary = ("integrator.threshold=0.5, 5e-2", "integrator.rule=posterior")
+    vary = ("integrator.threshold=0.5, 5e-2", "integrator.rule=sets")
     threshold, rule = fields_to_vary(makes([])(()), vary)
     assert threshold.values == (0.05, 0.1, 0.5)
-    assert rule.values == ("posterior", "de_morgan") and rule.configured == "de_morgan"
+    assert rule.values == ("sets", "de_morgan") and rule.configured == "de_morgan"
 
 
 @pytest.mark.parametrize(
@@ -379,7 +373,7 @@ def test_a_field_that_changes_nothing_has_one_line(tmp_path: Path) -> None:
 
 
 def test_words_are_varied_and_drawn_too(tmp_path: Path) -> None:
-    found = tuned(tmp_path, ("integrator.rule=de_morgan,posterior",))
+    found = tuned(tmp_path, ("integrator.rule=de_morgan,sets",))
     assert len(list(found.trials())) == 2
     assert write_tuning(found, tmp_path / "out")
 

@@ -253,8 +253,7 @@ def _build(kind: str, name: str) -> None:
         case "rules":
             built_integrator(PipelineConfig(integrator=IntegratorConfig(rule=name)))
         case "condensations":
-            integrator = IntegratorConfig(rule="posterior", condensation=name)
-            built_integrator(PipelineConfig(integrator=integrator))
+            built_integrator(PipelineConfig(integrator=IntegratorConfig(condensation=name)))
 
 
 def _options(model: type[BaseModel]) -> Table:

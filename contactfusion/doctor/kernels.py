@@ -42,7 +42,7 @@ def is_kept(kernel: Any) -> bool:
     return bool(kernel._cache._cache_file._load_index())  # numba has no public name for it
 
 
-RULES = ("de_morgan", "posterior", "sets")
+RULES = ("de_morgan", "sets")
 """The rules that have kernels."""
 
 
@@ -79,10 +79,7 @@ def _fuse(positions: Any, rules: Sequence[str]) -> None:
     line = np.outer(np.linspace(0.0, 0.2, 100), [1.0, 0.0, 0.0])
     waves = 0.5 + 0.4 * np.cos(np.linspace(0.0, 20.0, 100))  # with peaks, and what is between them
     for rule in rules:
-        condensation = {"posterior": "modes", "sets": "members"}.get(rule, "cluster_mass")
-        integrator = Integrator(
-            IntegratorConfig(rule=rule, expiry="voxel", condensation=condensation)
-        )
+        integrator = Integrator(IntegratorConfig(rule=rule, expiry="voxel"))
         for source, stamp, places, given in (
             ("a", 0.0, positions, likelihoods),
             ("b", 0.0, line, waves),

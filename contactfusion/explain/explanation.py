@@ -22,7 +22,6 @@ from contactfusion.explain.neighbourhood import (
     neighbourhood_at,
     neighbourhood_of,
     parts_at,
-    shares_at,
 )
 from contactfusion.explain.reasons import contact_at, explained_at, reasons_at
 from contactfusion.hypotheses import HypothesisKind
@@ -225,12 +224,13 @@ def explanation_of(
     view, config = View(moment, settings), settings.integrator
     contacts, condensation = view.fusion.contacts, view.fusion.condensation
     wanted = expected_places(view) if at is None else [_asked(view, at)]
+    has_threshold = condensation.looks_at_voxels or condensation.needs_members
     return Explanation(
         stamp=view.stamp,
         frame=config.frame,
         rule=config.rule,
         condensation=config.condensation,
-        threshold=np.nan if condensation.needs_belief else view.fusion.threshold,
+        threshold=view.fusion.threshold if has_threshold else np.nan,
         tolerance=settings.tolerance if condensation.looks_at_voxels else np.nan,
         contacts=tuple(_contact(view, number) for number in range(min(len(contacts), MOST))),
         untold=max(len(contacts) - MOST, 0),
@@ -271,11 +271,8 @@ def _require_near(view: View, place: FloatArray) -> None:
 
 def _contact(view: View, number: int) -> ContactExplanation:
     contact, around = view.fusion.contacts[number], neighbourhood_of(view, number)
-    shares = contact.shares
-    if view.fusion.field.belief is not None and not view.fusion.condensation.needs_belief:
-        shares = shares_at(view.fusion, around)  # a belief knows more than the contact's voxels
     parts = [
-        replace(part, share=shares.get(part.source, np.nan))
+        replace(part, share=contact.shares.get(part.source, np.nan))
         for part in parts_at(view, around, _heard(view.fusion, number))
     ]
     parts.sort(key=lambda part: -np.nan_to_num(part.share))
@@ -340,7 +337,7 @@ def _nearest_words(fusion: Fusion, place: FloatArray) -> str:
 
 
 def _missing(view: View, around: Neighbourhood, parts: Sequence[Part]) -> list[Reason]:
-    """Why sources have no part here, but for those whose belief reaches here from elsewhere."""
+    """Why sources have no part here, but for those that reach here from elsewhere."""
     reach_here = {part.source for part in parts}
     return [reason for reason in missing_at(view, around) if reason.source not in reach_here]
 

@@ -48,9 +48,6 @@ class Part:
         spread: the standard deviation of that hypothesis's place [m], 0 if the source gave none.
         away: how far from the place that hypothesis lies [m].
         share: of the contact's likelihood; NaN where there is no contact.
-        fit: with a rule that has a belief, how well the place fits the source's hypotheses: as a
-            part of the fit of its best place, and for null the share that it leaves of the others'
-            belief; else NaN.
     """
 
     source: str
@@ -62,7 +59,6 @@ class Part:
     spread: float
     away: float
     share: float = math.nan
-    fit: float = math.nan
 
 
 def neighbourhood_at(view: View, position: FloatArray, reach: float) -> Neighbourhood:
@@ -92,15 +88,13 @@ def neighbourhood_of(view: View, number: int) -> Neighbourhood:
 def parts_at(view: View, around: Neighbourhood, heard: Collection[str] = ()) -> list[Part]:
     """The part of each source at a place, likelier first; sources without one are left out.
 
-    A source has a part from further away where it is one of those heard, or where a rule has a
-    belief and its field reaches here.
+    A source has a part from further away where it is one of those heard.
     """
     entries, found = view.fusion.field.entries, []
     positions = entries.positions
-    fits, reached = fits_at(view.fusion, around)
-    parts = zip(entries.by_source, entries.parts(around.inside), fits, reached, strict=True)
-    for (_, own), (source, rows), fit, is_reached in parts:
-        if own.stop == own.start or not (len(rows) or is_reached or source.name in heard):
+    parts = zip(entries.by_source, entries.parts(around.inside), strict=True)
+    for (_, own), (source, rows) in parts:
+        if own.stop == own.start or not (len(rows) or source.name in heard):
             continue
         columns = entries.columns
         away = np.linalg.norm(positions[own] - around.position, axis=1)
@@ -115,45 +109,9 @@ def parts_at(view: View, around: Neighbourhood, heard: Collection[str] = ()) -> 
                 voxels=len(rows),
                 spread=float(columns.spreads[row]),
                 away=float(away[row - own.start]),
-                fit=float(fit),
             )
         )
     return sorted(found, key=lambda part: -np.nan_to_num(part.likelihood))
-
-
-def fits_at(fusion: Fusion, around: Neighbourhood) -> tuple[FloatArray, NDArray[np.bool_]]:
-    """How well a place fits the evidence of each source, and whether its field stands out there.
-
-    Of evidence and support: the source's factor at the place of the belief that is nearest, as a
-    part of its largest; it stands out where the field exceeds its floor. Of null: the factor
-    itself, which is what it leaves of the others' belief; it stands out where it takes some.
-
-    Returns:
-        Both of shape (k,); NaN and False where no place of a belief lies in the neighbourhood.
-    """
-    belief, entries = fusion.field.belief, fusion.field.entries
-    nowhere = np.full(len(entries.sources), np.nan), np.zeros(len(entries.sources), np.bool_)
-    if belief is None:
-        return nowhere
-    squared = ((belief.places - around.position) ** 2).sum(axis=1)
-    if squared.min() > around.reach**2:
-        return nowhere
-    added, floor = belief.told[:, squared.argmin()], belief.floor
-    null = entries.flags(HypothesisKind.NULL)
-    fits: FloatArray = np.exp(added - belief.told.max(axis=1))
-    fits[null] = np.minimum(floor * np.exp(added[null]), 1.0)
-    return fits, np.where(null, fits < 1.0 - floor, added > np.log(2.0))
-
-
-def shares_at(fusion: Fusion, around: Neighbourhood) -> dict[str, float]:
-    """The share of each source in a belief at a place, summing to 1; null has none."""
-    belief, entries = fusion.field.belief, fusion.field.entries
-    assert belief is not None
-    squared = ((belief.places - around.position) ** 2).sum(axis=1)
-    near = squared <= max(around.reach**2, squared.min())
-    added = np.maximum(belief.told[:, near] @ belief.weights[near], 0.0) * entries.counted
-    parts = added / (added.sum() or 1.0)
-    return {own.name: float(part) for own, part in zip(entries.sources, parts, strict=True)}
 
 
 def _best(view: View, wanted: NDArray[np.bool_], position: FloatArray) -> int:

@@ -182,11 +182,6 @@ def _draw_sources(
         words = f"{part.source} ({part.kind})"
         likelihoods.text(0.02, row + 0.36, words, va="center", fontsize=9, bbox=BOX, zorder=4)
         ages.text(part.age, row, f" {part.age:.2f}", va="center", zorder=4)
-        if part.fit == part.fit:
-            label = "fit: as a part of its best place" if part is parts[0] else None
-            likelihoods.plot(
-                part.fit, rows[part.source], "D", color="#000000", label=label, zorder=5
-            )
     for reason in missing:
         row, words = rows[reason.source], reason.why.replace("_", " ")
         likelihoods.text(

@@ -105,8 +105,6 @@ def _parts(
         words = [_likelihood(part)]
         if not math.isnan(part.share):
             words.append(f"share {part.share:.0%}")
-        if not math.isnan(part.fit):
-            words.append(_fit(part))
         remains = _remains(rest[part.source], there, likelihood)
         yield f"  {part.source} ({KINDS[part.kind]}): {', '.join(words)}{remains}"
 
@@ -121,12 +119,6 @@ def _likelihood(part: Part) -> str:
     many = f" in {part.voxels} voxels" if part.voxels > 1 else ""
     most = "up to " if part.voxels > 1 else ""
     return f"{most}{part.likelihood:.2f}{spread}{many}, {part.age:.2f} s old"
-
-
-def _fit(part: Part) -> str:
-    if part.kind == HypothesisKind.NULL:
-        return f"leaves {part.fit:.0%} of the belief here"
-    return f"fits {part.fit:.0%} as well as its best place"
 
 
 def _remains(without: Without, there: bool, likelihood: float) -> str:

@@ -12,7 +12,6 @@ from contactfusion.errors import ConfigurationError, ContactFusionError
 from contactfusion.files import make_folder, write_whole
 from contactfusion.inspect.first_lines import (
     REST,
-    WEIGHED,
     force_torque_lines,
     free_space_lines,
     indented,
@@ -137,7 +136,7 @@ def _of_robot(urdf: Path, out: Path) -> _First:
         "",
         *(f"# {line}" for line in _examples(model)),
         "",
-        *integrator_lines(model.root, ()),
+        *integrator_lines(model.root),
     ]
     return _First("\n".join(lines) + "\n", f"contactfusion replay {out} RECORDING")
 
@@ -317,7 +316,7 @@ def _of_sensors(held: _Held, out: Path, robot: Path | None) -> _First:
         if use.left_out:
             lines += [f"# {use.sensor} is left out: {use.left_out}"]
             lines += (f"# {line}" for line in indented(use.lines))
-    lines += ["", *integrator_lines(space, WEIGHED if weighed else ())]
+    lines += ["", *integrator_lines(space)]
     then = held.play if active else f"give {out} a generator, of those in its comments"
     return _First("\n".join(lines) + "\n", then, tuple(remarks), text)
 

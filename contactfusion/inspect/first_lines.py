@@ -19,12 +19,6 @@ FORCE_NOISE, TORQUE_NOISE = 0.2, 0.01
 """The least noise that is written [N, N·m], as a sensor drifts, too."""
 PLAIN = re.compile(r"[A-Za-z_][\w/.-]*")
 """Text that YAML takes without quotes, also within braces."""
-WEIGHED = (
-    "  # A wrench alone gives a line of force, which meets the surface more than once: `posterior`",
-    "  # weighs all places on the surface together, `modes` gives those where the belief is dense.",
-    "  rule: posterior",
-    "  condensation: modes",
-)
 
 
 def robot_lines(urdf: str, model: RobotModel, unreported: Sequence[str]) -> Iterator[str]:
@@ -52,12 +46,11 @@ def stand_in_lines(sensor: str, frame: str) -> Iterator[str]:
     yield "  shapes: [{shape: sphere, radius: 0.05}]  # [m]"
 
 
-def integrator_lines(space: str, rule: Sequence[str]) -> Iterator[str]:
-    """The hypothesis space, with the lines of its rule, and the cycle."""
+def integrator_lines(space: str) -> Iterator[str]:
+    """The hypothesis space, and the cycle."""
     yield "integrator:"
     yield f"  frame: {text_of(space)}  # of the contacts"
     yield "  voxel_size: 0.005  # [m]"
-    yield from rule
     yield ""
     yield "cycle: {every: 0.05}  # fuse at this period [s]"
 

@@ -37,8 +37,6 @@ EVEN = 1e-9
 """Costs with a smaller difference are equal."""
 LADDER = (0.25, 0.5, 0.7, 1.0, 1.4, 2.0, 4.0)
 """Default factors of the configured value at which a field is tried."""
-DECISIVE = {"modes": "condensation.existence", "cluster_mass": "condensation.mass_threshold"}
-"""The field of the integrator that decides whether there is a contact, by condensation."""
 MakePipeline = Callable[[Sequence[str]], Pipeline]
 """Makes a pipeline with fields changed as `--set` changes them."""
 Readings = Callable[[], Iterable[Reading]]
@@ -237,9 +235,8 @@ def fields_to_vary(pipeline: Pipeline, vary: Sequence[str]) -> list[Varied]:
 
     Args:
         pipeline: as configured.
-        vary: such as "integrator.threshold=0.1,0.2"; empty: threshold (or what stands for it),
-            tolerance, timeouts and the length scales of generators, on ladders around what is
-            configured.
+        vary: such as "integrator.threshold=0.1,0.2"; empty: threshold, tolerance,
+            timeouts and the length scales of generators, on ladders around what is configured.
 
     Raises:
         ConfigurationError: a field is unknown or named twice, or may not hold a value.
@@ -269,8 +266,8 @@ def _holders(pipeline: Pipeline) -> dict[str, Model]:
 
 def _default_paths(pipeline: Pipeline) -> list[str]:
     integrator = pipeline.config.integrator
-    paths = [f"integrator.{DECISIVE.get(integrator.condensation, 'threshold')}"]
-    if integrator.condensation in ("cluster_centroid", "cluster_mass"):
+    paths = ["integrator.threshold"]
+    if integrator.condensation == "cluster_centroid":
         paths.append("integrator.tolerance")
     own = [name for name, g in pipeline.generators.items() if g.config.timeout is not None]
     if len(own) < len(pipeline.generators) or integrator.expiry == "voxel":

@@ -25,7 +25,7 @@ def test_a_demo_that_cannot_be_written_is_one_sentence(folder: Path, ask: Ask) -
         (["touch", "--spreads", "0"], ["more than 0, not by 0"]),
         (["touch", "--rule", "de_morgan", "--spreads", "2"], ["looks at spreads", "'sets'"]),
         (["touch", "--rule", "max"], ["the rule 'max' was removed: take 'sets'"]),
-        (["touch", "--rule", "sets/modes"], ["'modes' needs a rule that gives a belief"]),
+        (["touch", "--rule", "sets/modes"], ["'modes' needs the rule 'posterior'"]),
         (["recordings", "--rule", "posteriori"], ["did you mean 'posterior'"]),
         (["recordings", "--data", "nowhere"], ["nowhere", "force_plates"]),
     ],

@@ -29,7 +29,9 @@ def test_the_wheel_holds_every_module_and_file_of_the_laboratory(lab_wheel: Path
     assert held == files
 
 
-def test_it_adds_its_commands_and_scenes(wheel: Path, lab_wheel: Path, tmp_path: Path) -> None:
+def test_it_adds_its_commands_scenes_and_baselines(
+    wheel: Path, lab_wheel: Path, tmp_path: Path
+) -> None:
     programs = installed(tmp_path / "environment", wheel, lab_wheel)
     sentence = run(programs / "contactfusion", "plugins", "--strict", cwd=tmp_path)
     kinds = {line.split()[0]: line.split()[1] for line in sentence.splitlines() if line[:1] != " "}
@@ -37,5 +39,7 @@ def test_it_adds_its_commands_and_scenes(wheel: Path, lab_wheel: Path, tmp_path:
         ("grasp", "push", "touch"), "scene"
     )
     assert kinds["demo"] == kinds["experiment"] == kinds["train"] == "command"
+    baselines = [kinds[name] for name in ("posterior", "modes", "cluster_mass")]
+    assert baselines == ["rule", "condensation", "condensation"]
     for words in (["demo"], ["experiment", "push"], ["train", "cpm"], ["tune", "push"]):
         assert "Usage:" in run(programs / "contactfusion", *words, "-h", cwd=tmp_path)

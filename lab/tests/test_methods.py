@@ -6,7 +6,6 @@ import pytest
 
 from contactfusion.errors import ConfigurationError, PluginError
 from contactfusion.integrator.config import IntegratorConfig
-from contactfusion.integrator.integrator import Integrator
 from contactfusion_lab.experiments.methods import (
     DE_MORGAN,
     DE_MORGAN_TUNED,
@@ -39,7 +38,7 @@ def test_what_is_not_there_and_what_does_not_fit_is_reported() -> None:
         Method.named("de_morgen")
     with pytest.raises(PluginError, match="the rule 'max' was removed: take 'sets'"):
         Method.named("max/modes")
-    with pytest.raises(ConfigurationError, match="'modes' needs a rule that gives a belief"):
+    with pytest.raises(ConfigurationError, match="'modes' needs the rule 'posterior'"):
         Method.named("de_morgan/modes")
 
 
@@ -86,7 +85,8 @@ def test_a_method_sets_fields_of_the_integrator() -> None:
     applied = method.applied(IntegratorConfig(frame="lab"))
     assert (applied.voxel_size, applied.frame) == (0.02, "lab")
     assert applied.condensation_options == {"mass_threshold": 0.7}
-    assert Integrator(applied).condensation.config.model_dump() == {"mass_threshold": 0.7}
+    integrator = method.integrator(IntegratorConfig(frame="lab"))
+    assert integrator.condensation.config.model_dump() == {"mass_threshold": 0.7}
 
 
 @pytest.mark.parametrize("factor", [0.0, -1.0, float("inf"), float("nan")])

@@ -148,7 +148,7 @@ class TestSensing:
             ("rule", {"lidar": "lidar_sid"}, "no 'lidar_sid'; did you mean 'lidar_side'"),
             ("rule", {"camera": "camra"}, "no 'camra'; did you mean 'camera'"),
             ("rule", {"rule": "posteriro"}, "no rule 'posteriro'; did you mean 'posterior'"),
-            ("rule", {"rule": "de_morgan/modes"}, "'modes' needs a rule that gives a belief"),
+            ("rule", {"rule": "de_morgan/modes"}, "'modes' needs the rule 'posterior'"),
             ("skin", {"without": ("motion",)}, "unknown source 'motion'; .* of 'skin' are: skin"),
             ("skin", {"without": ("skin",)}, "'skin' without skin feels nothing"),
             ("lidar", {"weights": Path("no.safetensors")}, "no file 'no.safetensors'"),

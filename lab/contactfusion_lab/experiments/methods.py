@@ -6,9 +6,11 @@ from typing import Any, Literal
 
 import numpy as np
 
+from contactfusion.assembly import built_integrator
 from contactfusion.errors import ConfigurationError
 from contactfusion.integrator.config import IntegratorConfig
 from contactfusion.integrator.integrator import Integrator
+from contactfusion.pipeline_config import PipelineConfig
 from contactfusion.plugins import installed_plugins
 from contactfusion.rule import Rule
 
@@ -49,7 +51,7 @@ class Method:
             return TUNED[name]
         rule, _, condensation = name.partition("/")
         method = cls(rule, condensation or IntegratorConfig(rule=rule).condensation)
-        Integrator(method.applied(IntegratorConfig()))
+        method.integrator(IntegratorConfig()).step(0.0)  # some find out only then
         return method
 
     def applied(self, config: IntegratorConfig) -> IntegratorConfig:
@@ -57,11 +59,19 @@ class Method:
         update = {field: dict(v) if isinstance(v, tuple) else v for field, v in self.options}
         return config.using(self.rule, self.condensation).model_copy(update=update)
 
+    def integrator(self, config: IntegratorConfig) -> Integrator:
+        """An integrator with this rule and condensation; sources are plugged in before they send.
+
+        Args:
+            config: as for `applied`.
+        """
+        return built_integrator(PipelineConfig(integrator=self.applied(config)))
+
     @property
     def looks_at_spreads(self) -> bool:
         """Whether its rule looks at spreads; others take voxels one by one."""
         rule: type[Rule] = installed_plugins().find("rules", self.rule)
-        return rule.gives_belief or rule.finds_members
+        return rule.needs_places
 
     @property
     def stem(self) -> str:
@@ -77,7 +87,7 @@ class Method:
 DEFAULT_METHOD = Method(IntegratorConfig().rule, IntegratorConfig().condensation)
 """What fuses with nothing set."""
 DE_MORGAN, POSTERIOR = Method("de_morgan", "cluster_centroid"), Method("posterior", "modes")
-"""The papers', and that of a single contact over the surface."""
+"""The papers', and the baseline of a single contact over the surface."""
 TUNING_SEEDS = (7, 8)
 """Of the touches on which settings were chosen, of `posterior` and of `DE_MORGAN_TUNED`."""
 DE_MORGAN_TUNED = Method(

@@ -8,7 +8,6 @@ from scipy.spatial.distance import cdist
 
 from contactfusion.arrays import FloatArray
 from contactfusion.hypotheses import HypothesisCloud, HypothesisKind
-from contactfusion.integrator.integrator import Integrator
 from contactfusion.pipeline_config import PipelineConfig
 from contactfusion_lab.experiments.methods import Method
 from contactfusion_lab.experiments.touch.record import Instant
@@ -62,7 +61,7 @@ def reports(
         method: the rule, the condensation, and how clouds count.
         config: the pipeline that received the readings.
     """
-    integrator = Integrator(method.applied(config.integrator))
+    integrator = method.integrator(config.integrator)
     received, silent = dict[str, HypothesisCloud](), -np.inf
     for instant in instants:
         clouds = counted(instant, row, method, config)

@@ -167,7 +167,7 @@ def fused(
         config: the pipeline that received the readings.
         without: a modality to leave out.
     """
-    integrator = Integrator(method.applied(config.integrator))
+    integrator = method.integrator(config.integrator)
     grid = Grid(integrator.config.frame, integrator.config.voxel_size)
     for cloud in counted(instant, row, method, config, without=without):
         if cloud.kind == HypothesisKind.NULL:

@@ -1,4 +1,4 @@
-"""The rule `posterior`: where a contact is, by a product of the sources' fields with floors.
+"""The rule `posterior`: where one contact is, by a product of the sources' fields with floors.
 
 De Morgan takes likelihoods of one voxel for independent events: sources that are a voxel apart
 never meet, and a cloud that describes one contact counts as many. Here each source has a field over
@@ -6,28 +6,81 @@ the robot's surface: how well a contact at each place would explain it, as wide 
 fields multiply; a floor keeps a source that is wrong from overruling all others.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from functools import partial
 from typing import NamedTuple
 
 import numpy as np
-from pydantic import Field as FieldOf
 
 from contactfusion.arrays import FloatArray
+from contactfusion.errors import ConfigurationError
+from contactfusion.hooks import hookimpl
 from contactfusion.hypotheses import HypothesisKind
 from contactfusion.integrator import fields
 from contactfusion.integrator.cells import cell_list, heaviest
 from contactfusion.integrator.detections import Cloud, clouds_of
-from contactfusion.integrator.entries import Belief, Entries, Field, Source
+from contactfusion.integrator.entries import Entries, Field, Source
+from contactfusion.integrator.likelihood_fields import pushed
 from contactfusion.integrator.places import TAIL
-from contactfusion.model import Model
+from contactfusion.integrator.sets import TrustConfig
 from contactfusion.rule import Rule, by_sources
 from contactfusion.surface import Surface
 
 NARROWEST = 4e-3
 """The least standard deviation of a source [m], about the spacing of a surface's points."""
-SOFT = 0.15
-"""Softness of the edge of the friction cone, in cosines of the angle to the normal."""
+
+
+@dataclass(frozen=True, eq=False)
+class Belief:
+    """The belief in one contact: its position, and its existence.
+
+    Attributes:
+        places: shape (c, 3) [m], in the grid's frame.
+        spacing: how far neighbouring places lie apart [m].
+        weights: shape (c,), the probability of each place if there is a contact; they sum to 1.
+        variances: shape (c,) [m²], by axis, of a contact at each place around it: over a surface 0,
+            for there the weights are as wide as the spreads.
+        exists: the probability that there is a contact.
+        told: shape (k, c), the addend of each source to the logarithm of each weight.
+    """
+
+    places: FloatArray
+    spacing: float
+    weights: FloatArray
+    variances: FloatArray
+    exists: float
+    told: FloatArray
+
+    def within(self, position: FloatArray, reach: float) -> float:
+        """The part of the belief that lies within reach [m] of a place, shape (3,) [m]."""
+        near = ((self.places - position) ** 2).sum(axis=1) <= reach**2
+        return float(self.weights[near].sum())
+
+
+class BeliefField(Field):
+    """The fused likelihoods of `posterior`, and the belief that they come of.
+
+    Args:
+        entries: what it was made of.
+        belief: where there may be a contact; None without evidence.
+    """
+
+    def __init__(self, entries: Entries, belief: Belief | None) -> None:
+        nothing = np.zeros(len(entries.keys))
+        super().__init__(entries, partial(_by_voxel, entries, belief) if belief else nothing)
+        self.belief = belief
+
+
+def belief_of(field: Field) -> Belief | None:
+    """The belief of a field; None without evidence.
+
+    Raises:
+        ConfigurationError: another rule than `posterior` fused it.
+    """
+    if not isinstance(field, BeliefField):
+        raise ConfigurationError("'modes' needs the rule 'posterior'", "integrator.condensation")
+    return field.belief
 
 
 class Candidates(NamedTuple):
@@ -48,20 +101,10 @@ class Candidates(NamedTuple):
     densities: FloatArray
 
 
-class TrustConfig(Model):
-    """How far sources are trusted."""
-
-    floor: float = FieldOf(default=0.01, ge=1e-6, lt=1)
-    """What a source leaves to places that it does not believe in, as a part of its highest."""
-    friction: float = FieldOf(default=0.5, gt=0)
-    """The coefficient of friction of contacts whose force is known."""
-
-
 class Posterior(Rule):
-    """log w = Σ log(field + floor) tells where, 1 - Π(1 - P) over evidence whether (method §2)."""
+    """log w = Σ log(field + floor) tells where, 1 - Π(1 - P) over evidence whether."""
 
     Config = TrustConfig
-    gives_belief = True
     needs_places = True
 
     def __init__(self, config: TrustConfig) -> None:
@@ -74,7 +117,7 @@ class Posterior(Rule):
         clouds = clouds_of(entries)
         exists = existence(clouds, sources)
         if exists == 0.0:
-            return Field(entries, np.zeros(len(entries.keys)))
+            return BeliefField(entries, None)
         found = _candidates(clouds, surface, self._floor, entries.grid.voxel_size)
         there = self._logarithms(clouds, found.densities, found.normals)
         total = there.sum(axis=0)
@@ -89,13 +132,12 @@ class Posterior(Rule):
             found.variances,
             exists,
             added,
-            self._floor,
         )
-        return Field(entries, partial(_by_voxel, entries, belief), belief=belief)
+        return BeliefField(entries, belief)
 
     def explain(self, field: Field, row: int) -> str:
         """The probability of any contact, and how the voxel compares to the likeliest place."""
-        if (belief := field.belief) is None:
+        if (belief := belief_of(field)) is None:
             return by_sources(field, row, _of_support)
         fused = float(field.likelihoods[row])
         return (
@@ -141,21 +183,6 @@ class Posterior(Rule):
                         pushed(cloud.force, normals, self._steepest) + self._floor
                     )
         return logarithms
-
-
-def pushed(force: FloatArray, normals: FloatArray, steepest: float) -> FloatArray:
-    """How well a force fits the friction cone at each place, shape (c,), at most 1.
-
-    Args:
-        force: shape (3,) [N], on the robot.
-        normals: shape (c, 3), out of the robot.
-        steepest: the cosine between the force and the normal at the edge of the cone.
-    """
-    push = force / np.abs(force).max()
-    cosines = normals @ (push / -np.linalg.norm(push))
-    beyond = np.maximum(steepest - cosines, 0.0) / SOFT
-    fits: FloatArray = np.exp(-0.5 * beyond**2)
-    return fits
 
 
 def _of_support(given: Sequence[float], fused: float) -> str:
@@ -228,3 +255,9 @@ def _fields(clouds: Sequence[Cloud], places: FloatArray, wanted: Sequence[bool])
             tail = 0.0 if cloud.kind == HypothesisKind.NULL else TAIL
             fields.kernel_density(places, tiles, *given, tail, field)
     return densities
+
+
+@hookimpl
+def contactfusion_rules() -> Mapping[str, type[Rule]]:
+    """Offer the rule."""
+    return {"posterior": Posterior}

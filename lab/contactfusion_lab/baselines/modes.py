@@ -1,6 +1,6 @@
-"""The condensation `modes`: contacts are the modes of a belief (method §3)."""
+"""The condensation `modes`: contacts are the modes of a belief (docs/baselines.md)."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -8,15 +8,18 @@ from pydantic import Field as FieldOf
 
 from contactfusion.arrays import FloatArray
 from contactfusion.contacts import NONE, Contact
+from contactfusion.hooks import hookimpl
 from contactfusion.integrator import fields, kernels
 from contactfusion.integrator.cells import cell_list, heaviest
-from contactfusion.integrator.entries import Belief, Entries, Field
+from contactfusion.integrator.entries import Entries, Field
+from contactfusion.integrator.estimates import force_near
 from contactfusion.integrator.nearby import connected
 from contactfusion.model import Model
 from contactfusion.reason import Reason, Why, millimetres
 from contactfusion.rule import Condensation, Neighbourhood
 from contactfusion.thinning import voxel_downsample
 from contactfusion.time import to_seconds
+from contactfusion_lab.baselines.posterior import Belief, belief_of
 
 SPACING = 0.005
 """The lengths below suit places this far apart or closer; with coarser ones they grow [m]."""
@@ -53,8 +56,7 @@ class Modes(Condensation):
     """Each mode of a belief is a contact, if it is likely enough; its likelihood is P(contact)."""
 
     Config = ModesConfig
-
-    needs_belief = True
+    looks_at_voxels = False
 
     def __init__(self, config: ModesConfig, tolerance: float) -> None:
         super().__init__(config, tolerance)
@@ -62,7 +64,7 @@ class Modes(Condensation):
 
     def condense(self, field: Field, verdicts: NDArray[np.uint8]) -> Iterable[Contact]:
         """The densest mode if a contact exists, and further ones that weigh enough."""
-        belief = field.belief
+        belief = belief_of(field)
         if belief is None or belief.exists < self._existence - kernels.EDGE:
             return ()
         weights, scale = belief.weights.copy(), max(1.0, belief.spacing / SPACING)
@@ -78,7 +80,7 @@ class Modes(Condensation):
 
     def explain(self, field: Field, around: Neighbourhood, contact: Contact | None) -> str:
         """The probability of any contact, and the part of the belief that lies here."""
-        belief = field.belief
+        belief = belief_of(field)
         if belief is None:
             return ""
         here = belief.exists * belief.within(around.position, around.reach)
@@ -92,7 +94,7 @@ class Modes(Condensation):
         self, field: Field, verdicts: NDArray[np.uint8], around: Neighbourhood
     ) -> Sequence[Reason]:
         """Existence first, then the part of the belief that lies here."""
-        belief = field.belief
+        belief = belief_of(field)
         share = belief.within(around.position, around.reach) if belief else 0.0
         if around.best == NONE and share < LITTLE:
             return ()
@@ -113,7 +115,7 @@ class Modes(Condensation):
             f"place a contact needs {self._share:.0%}"
         )
         values = {"share": share, "mode_share": self._share}
-        return [Reason(Why.SMALL_SHARE, sentence, values=values)]
+        return [Reason("small_share", sentence, values=values)]
 
 
 def _mode(
@@ -209,19 +211,7 @@ def _newest(entries: Entries, added: FloatArray) -> int:
     return int(max(parts, default=entries.columns.stamps.max()))
 
 
-def force_near(entries: Entries, mode: FloatArray, basin: FloatArray, reach: float) -> FloatArray:
-    """The force of the voxel nearest to a mode, shape (3,) [N]; NaN when none is measured there.
-
-    Args:
-        entries: what was fused.
-        mode: shape (3,) [m].
-        basin: shape (b, 3) [m], the places that belong to the mode.
-        reach: the greatest distance of a force from these [m].
-    """
-    rows, centres = entries.felt
-    if not len(rows):
-        return np.full(3, np.nan)
-    nearest = int(((centres - mode) ** 2).sum(axis=1).argmin())
-    if ((basin - centres[nearest]) ** 2).sum(axis=1).min() > reach**2:
-        return np.full(3, np.nan)
-    return np.asarray(entries.forces_in(rows[nearest : nearest + 1])[0])
+@hookimpl
+def contactfusion_condensations() -> Mapping[str, type[Condensation]]:
+    """Offer the condensation."""
+    return {"modes": Modes}

@@ -1,4 +1,4 @@
-"""The rule `posterior`: a product of fields tells where, existence tells whether (method §2)."""
+"""The rule `posterior`: a product of fields tells where, existence tells whether."""
 
 import itertools
 import math
@@ -12,11 +12,12 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from contactfusion import Fusion, HypothesisCloud, HypothesisKind, Integrator
+from contactfusion import Fusion, HypothesisCloud, HypothesisKind
 from contactfusion.arrays import FloatArray
-from contactfusion.integrator.entries import Belief
 from contactfusion.shapes import BodyConfig
 from contactfusion.surface import Surface
+from contactfusion_lab.baselines.posterior import Belief, belief_of
+from lab.tests import baseline_steps
 from tests.clouds import (
     HERE,
     NULL,
@@ -69,17 +70,17 @@ def measured(
 
 
 def fused(*clouds: HypothesisCloud, surface: Surface | None = None, **config: Any) -> Fusion:
-    fields = {"rule": "posterior", "condensation": "modes", "floor": FLOOR}
-    integrator = Integrator(law(**{**fields, **config}))
-    for one in clouds:
-        integrator.receive(one)
-    return integrator.step(0.0, surface)
+    return baseline_steps.fused(*clouds, surface=surface, **{"floor": FLOOR, **config})
+
+
+def believed(fusion: Fusion) -> Belief:
+    found = belief_of(fusion.field)
+    assert found is not None
+    return found
 
 
 def belief(*clouds: HypothesisCloud, **others: Any) -> Belief:
-    found = fused(*clouds, **others).field.belief
-    assert found is not None
-    return found
+    return believed(fused(*clouds, **others))
 
 
 def weights(*clouds: HypothesisCloud, **others: Any) -> dict[Voxel, float]:
@@ -194,7 +195,7 @@ def test_a_contact_exists_unless_every_sensor_is_wrong(
 
 def test_support_alone_is_no_belief_and_gives_no_likelihood() -> None:
     fusion = fused(cloud("motion", {HERE: 0.9}, SUPPORT))
-    assert fusion.field.belief is None and fusion.contacts == ()
+    assert belief_of(fusion.field) is None and fusion.contacts == ()
     assert by_voxel(fusion) == {HERE: 0.0} and verdicts(fusion) == {HERE: "support_only"}
 
 
@@ -207,12 +208,22 @@ def test_support_chooses_among_the_places_of_evidence() -> None:
 
 def test_without_entries_there_is_nothing() -> None:
     fusion = fused(cloud("a", {}), cloud("b", {}, NULL))
-    assert fusion.contacts == () and fusion.field.belief is None and by_voxel(fusion) == {}
+    assert fusion.contacts == () and belief_of(fusion.field) is None and by_voxel(fusion) == {}
 
 
 def test_a_source_that_is_silent_adds_nothing() -> None:
     told = belief(cloud("a", {HERE: 0.5}), cloud("silent", {})).told
     assert told == pytest.approx(np.array([[math.log((1.0 + FLOOR) / FLOOR)], [0.0]]))
+
+
+def test_a_source_whose_entries_live_is_not_silent() -> None:
+    one = baseline_steps.integrator(law(**baseline_steps.MODES))
+    one.plug("watch", sensitivity=0.99)
+    for stamp, likelihoods in ((0.0, {HERE: 0.5}), (0.1, {})):
+        one.receive(plain_cloud("skin", stamp, {HERE: 0.95}))
+        one.receive(plain_cloud("watch", stamp, likelihoods))
+        found = believed(one.step(stamp)).exists
+        assert found == pytest.approx(0.975)
 
 
 # Null
@@ -222,8 +233,7 @@ def test_null_lowers_existence_by_bayes_and_is_no_veto() -> None:
     free = cloud("free", {HERE: 1.0}, NULL)
     kept = 0.9 * FLOOR
     fusion = fused(cloud("a", {HERE: 0.9}), free)
-    assert fusion.field.belief is not None
-    assert fusion.field.belief.exists == pytest.approx(kept / (0.1 + kept), rel=1e-5)
+    assert believed(fusion).exists == pytest.approx(kept / (0.1 + kept), rel=1e-5)
     assert verdicts(fusion) == {HERE: "nulled"}
     assert belief(cloud("a", {HERE: 1.0}), free).exists == 1.0
 
@@ -417,8 +427,7 @@ def test_the_likelihoods_of_the_space_are_probabilities_and_null_alone_has_none(
     null = [source in "d" for source in space.sources]
     counted = ~np.isnan(space.source_likelihoods[:, ~np.array(null)]).all(axis=1)
     assert (space.likelihoods[~counted] == 0.0).all()
-    found = fusion.field.belief
-    assert found is not None
+    found = believed(fusion)
     assert found.weights.sum() == pytest.approx(1.0) and (found.weights >= 0.0).all()
     assert 0.0 < found.exists <= 1.0 and found.told.shape == (len(clouds), len(found.places))
 
@@ -468,8 +477,7 @@ def test_a_source_whose_spread_is_stated_too_small_still_draws_the_contact(
     measured_at = truth - [0.0, 4.5 / too_small * true_spread, 0.0]
     wrong = measured("wrong", measured_at[None], 0.6, true_spread / too_small, SUPPORT, single)
     eye = measured("eye", np.array([truth, other]), 0.6, 0.004)
-    found = fused(eye, wrong, surface=plate() if surface else None, floor=0.01).field.belief
-    assert found is not None
+    found = belief(eye, wrong, surface=plate() if surface else None, floor=0.01)
     drawn = found.weights[found.places[:, 0] < 0.0].sum()
     assert drawn > 0.8
 
@@ -571,8 +579,7 @@ def test_a_voxel_has_the_existence_times_the_heaviest_place_within_a_side_and_0_
     clouds: list[HypothesisCloud], surface: str | None
 ) -> None:
     fusion = fused(*clouds, surface=plate() if surface else None)
-    found, space = fusion.field.belief, fusion.space
-    assert found is not None
+    found, space = believed(fusion), fusion.space
     away = np.linalg.norm(space.positions[:, None] - found.places[None], axis=2)
     most = found.exists / found.weights.max()
     within, about = (
@@ -725,8 +732,7 @@ def with_more(touch: Touch, p: float, spread: float) -> tuple[Fusion, Fusion]:
     """Fuse a touch, and again with more evidence at the place of its contact."""
     surface, clouds = touch
     before = fused(*clouds, surface=surface, existence=0.01)
-    assert before.field.belief is not None
-    there = nearest_to(before.field.belief, before.contacts[0].position)
+    there = nearest_to(believed(before), before.contacts[0].position)
     extra = measured("more", there, p, spread)
     return before, fused(*clouds, extra, surface=surface, existence=0.01)
 
@@ -737,8 +743,7 @@ def test_more_evidence_never_lowers_existence_nor_takes_the_contact_away(
     touch: Touch, p: float, spread: float
 ) -> None:
     before, after = with_more(touch, p, spread)
-    assert before.field.belief is not None and after.field.belief is not None
-    assert after.field.belief.exists >= before.field.belief.exists - 1e-12
+    assert believed(after).exists >= believed(before).exists - 1e-12
     place = before.contacts[0].position
     away = min(float(np.linalg.norm(one.position - place)) for one in after.contacts)
     assert away < 0.012

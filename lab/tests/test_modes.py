@@ -1,4 +1,4 @@
-"""The condensation `modes`: contacts are the modes of a belief (method §3)."""
+"""The condensation `modes`: contacts are the modes of a belief."""
 
 import math
 from typing import Any
@@ -8,11 +8,12 @@ import pytest
 from hypothesis import Phase, given, settings
 from hypothesis import strategies as st
 
-from contactfusion import Contact, Fusion, HypothesisCloud, Integrator
+from contactfusion import Contact, Fusion, HypothesisCloud
 from contactfusion.arrays import FloatArray
 from contactfusion.surface import Surface
-from tests.clouds import HERE, NULL, REGULAR, SIDE, SUPPORT, THERE, Voxel, centres, cloud, law
-from tests.clouds import fused as fused_by
+from contactfusion_lab.baselines.posterior import belief_of
+from lab.tests import baseline_steps
+from tests.clouds import HERE, NULL, REGULAR, SIDE, SUPPORT, THERE, Voxel, centres, cloud
 
 FLOOR = 0.02
 MIDDLE: Voxel = (1, 0, 0)
@@ -20,8 +21,7 @@ few = settings(max_examples=40)
 
 
 def fused(*clouds: HypothesisCloud, **config: Any) -> Fusion:
-    fields = {"rule": "posterior", "condensation": "modes", "floor": FLOOR}
-    return fused_by(*clouds, **{**fields, **config})
+    return baseline_steps.fused(*clouds, **{"floor": FLOOR, **config})
 
 
 def contacts_of(likelihoods: dict[Voxel, float], **config: Any) -> tuple[Contact, ...]:
@@ -195,11 +195,7 @@ def measured(
 
 
 def on(surface: Surface | None, *clouds: HypothesisCloud, **config: Any) -> tuple[Contact, ...]:
-    fields = {"rule": "posterior", "condensation": "modes", "floor": FLOOR, **config}
-    integrator = Integrator(law(**fields))
-    for one in clouds:
-        integrator.receive(one)
-    return integrator.step(0.0, surface).contacts
+    return fused(*clouds, surface=surface, **config).contacts
 
 
 @few
@@ -428,7 +424,7 @@ def test_modes_never_ask_for_them(monkeypatch: pytest.MonkeyPatch) -> None:
     def fail(*_: object) -> FloatArray:
         raise AssertionError("nobody looked")
 
-    monkeypatch.setattr("contactfusion.integrator.posterior._by_voxel", fail)
+    monkeypatch.setattr("contactfusion_lab.baselines.posterior._by_voxel", fail)
     fusion = fused(cloud("a", 0.0, {HERE: 0.9}), cloud("motion", 0.0, {THERE: 0.9}, SUPPORT))
     assert len(fusion.contacts) == 1 and len(fusion.without("motion").contacts) == 1
     with pytest.raises(AssertionError, match="nobody looked"):
@@ -471,7 +467,7 @@ def test_contacts_share_the_belief_and_lie_among_its_places(
 ) -> None:
     clouds = [cloud("a", 0.0, first), cloud("b", 0.0, second), cloud("c", 0.0, third, kind)]
     fusion = fused(*clouds, mode_share=0.05, existence=0.01)
-    belief = fusion.field.belief
+    belief = belief_of(fusion.field)
     assert belief is not None and fusion.contacts
     assert sum(contact.likelihood for contact in fusion.contacts) <= belief.exists + 1e-9
     low, high = belief.places.min(axis=0), belief.places.max(axis=0)
@@ -494,7 +490,7 @@ def test_more_evidence_at_the_place_of_a_contact_never_lowers_its_likelihood(
 ) -> None:
     clouds = [cloud("a", 0.0, first), cloud("b", 0.0, second)]
     before = fused(*clouds, existence=0.01)
-    belief, contact = before.field.belief, before.contacts[0]
+    belief, contact = belief_of(before.field), before.contacts[0]
     assert belief is not None
     nearest = belief.places[((belief.places - contact.position) ** 2).sum(axis=1).argmin()]
     x, y, z = np.floor(nearest / SIDE).astype(int).tolist()

@@ -1,0 +1,1 @@
+"""Rules and condensations that the default is compared with (docs/baselines.md)."""
