@@ -348,8 +348,8 @@ def watched(sensitivity: float) -> float:
     pipe.receive(nothing)
     step = pipe.step(0.0)
     assert accepted(step) == {"eye": 1, "watch": 1}
-    (contact,) = step.fusion.field.members or ()
-    return contact.contact.likelihood
+    (member,) = step.fusion.field.members or []
+    return member.contact.likelihood
 
 
 def test_a_generator_that_would_have_told_and_says_nothing_lowers_existence() -> None:

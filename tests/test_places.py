@@ -203,7 +203,7 @@ def test_places_stay_with_their_entries_without_a_source_and_in_some_voxels() ->
 
 
 def existence(fusion: Fusion) -> float:
-    (member,) = fusion.field.members or ()
+    (member,) = fusion.field.members or []
     return member.contact.likelihood
 
 
