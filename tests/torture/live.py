@@ -10,6 +10,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from contactfusion.errors import RecordingError
+from contactfusion.readings.messages import Message
 from contactfusion.recordings.messages import typestore
 from contactfusion.recordings.ros.files import Bag
 from tests.torture.faults import FAULTS, SCENES
@@ -101,11 +102,12 @@ def _contacts_after(recorded: Path, stamp: int) -> int:
     """Number of steps with contacts after a moment [ns since 1970]."""
     with Bag(recorded) as bag:
         channels = [each for each in bag.channels if each.topic == CONTACTS]
-        return sum(
-            len(typestore().deserialize_cdr(bytes(channel.cdr(raw)), channel.msgtype).contacts) > 0
+        found: list[Message] = [
+            typestore().deserialize_cdr(bytes(channel.cdr(raw)), channel.msgtype)
             for channel, log, raw in bag.messages(channels)
             if log > stamp
-        )
+        ]
+    return sum(len(each.contacts) > 0 for each in found)
 
 
 @contextmanager

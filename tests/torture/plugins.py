@@ -61,8 +61,8 @@ def plugins(folder: Path) -> Iterator[Row]:
         for name in ODD:
             if where == "here" and name in FATAL:
                 continue
-            rows, fault = contacts(f"  odd: {{type: {name}{options}}}\n")
+            beside, fault = contacts(f"  odd: {{type: {name}{options}}}\n")
             found.append(fault and f"{name}: {fault}")
-            if not fault and rows != alone:
+            if not fault and beside != alone:
                 found[-1] = f"{name}: other contacts than without it"
         yield Row.of(f"generators that break their contract, {where}", found)
