@@ -264,6 +264,13 @@ def test_only_a_push_runs_in_real_time(ask: Ask) -> None:
     assert "touch_box.yaml: scene.type: only a scene of type push" in sentence
 
 
+def test_a_fault_is_of_a_sensor_that_the_scene_has(ask: Ask) -> None:
+    failing = "faults=[{fault: silent, sensor: lidar}, {fault: silent, sensor: skim}]"
+    words = "simulate", str(FUSED), "--part", "sensors", "--set", failing
+    sentence = one_sentence(ask(*words))
+    assert "faults.1.sensor: no reading of 'skim' came; did you mean 'skin'?" in sentence
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_both_parts_end_in_order_by_a_signal(number: signal.Signals) -> None:

@@ -21,7 +21,7 @@ SENSORS = ("skin", "lidar", "wheels", "odometry", "")
 """Of the scene; the empty name is all of them."""
 SENSELESS = {"calibration": ("skin", "wheels", "odometry", "")}
 """Sensors that a fault makes no sense for."""
-FAILING, STOPPED, FOUND = 4.0, 12.0, 40.0
+FAILING, STOPPED, FOUND = 4.0, 12.0, 8.0
 """How long `live` runs, how long sensors stop, and in what time DDS finds them again [s]."""
 KILLS, STOPS = 60, 5
 CONTACTS = "/contactfusion/contacts"

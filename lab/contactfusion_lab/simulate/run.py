@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from contactfusion.errors import ConfigurationError, RobotError, naming
+from contactfusion.faults import unmet
 from contactfusion.live.dds import DdsTransport
 from contactfusion.run.configuration import RunConfig, setting_of_file
 from contactfusion.scene import open_scene
@@ -39,7 +40,8 @@ def simulate(
         domain: of ROS; None: `ROS_DOMAIN_ID`, or 0.
 
     Raises:
-        ConfigurationError: the file has no such scene, or there is no such domain.
+        ConfigurationError: the file has no such scene, a fault is of no sensor of it, or there is
+            no such domain.
         DependencyError: what the scene, or ROS, needs is not installed.
         RobotError: the sensors ended by themselves.
     """
@@ -49,6 +51,7 @@ def simulate(
             raise ConfigurationError("only a scene of type push runs in real time", "scene.type")
         if part is Part.SENSORS:
             scene = _opened(config, window=False)
+            _require_met(config, scene)
         else:  # which casts no rays
             scene = _opened(config, sees=[], misplaced={})
     with closing(DdsTransport(domain)) as transport, _ended_by_signals() as ended:
@@ -67,6 +70,15 @@ def _opened(config: RunConfig, **changed: Any) -> PushScene:
     opened = open_scene({**config.scene, **changed}, config.robot, config.seed, config.folder)
     assert isinstance(opened, Pushing)
     return opened.scene
+
+
+def _require_met(config: RunConfig, scene: PushScene) -> None:
+    """Refuse faults of sensors that a scene at its start, where all are due, has not."""
+    if not config.faults:
+        return
+    came = {(reading.sensor, type(reading)) for reading in scene.readings()}
+    if missing := [*unmet(config.faults, came)]:
+        raise ConfigurationError("; ".join(missing))
 
 
 @contextmanager
