@@ -2,8 +2,8 @@
 
     python -m benchmarks.growth
 
-Each source sends five hypotheses a step, around contacts on a sphere; a rule over the robot's
-surface is given that surface. Prints the time of a step, and of a source in it.
+Each source sends five hypotheses a step, around contacts on a sphere; the surface is given or not.
+Prints the time of a step, and of a source in it.
 """
 
 import argparse
@@ -30,13 +30,14 @@ def main() -> None:
     )
     surface = body.sampled(Path())
     counts = parser.parse_args().sources
-    for rule in ("sets", "de_morgan"):
+    for rule, known in (("sets", surface), ("sets", None), ("de_morgan", surface)):
         for count in counts:
-            took = step_of(count, rule, surface)
-            print(f"{rule}, {count} sources: {1e3 * took:.1f} ms, {1e3 * took / count:.3f} each")
+            took = step_of(count, rule, known)
+            what = f"{rule}, {count} sources{'' if known else ', no surface'}"
+            print(f"{what}: {1e3 * took:.1f} ms, {1e3 * took / count:.3f} each")
 
 
-def step_of(count: int, rule: str, surface: Surface) -> float:
+def step_of(count: int, rule: str, surface: Surface | None) -> float:
     """The shortest time of a step with so many sources [s]."""
     integrator, rng, shortest = (
         Integrator(IntegratorConfig(rule=rule)),

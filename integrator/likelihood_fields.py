@@ -19,6 +19,7 @@ from contactfusion.integrator.nearby import Rows, labelled
 from contactfusion.integrator.places import STEP, Basin, Places, SourceField
 from contactfusion.integrator.store import Int64Array, rasterise
 from contactfusion.surface import Surface
+from contactfusion.thinning import voxel_downsample
 
 NARROWEST = 0.8
 """The least standard deviation of a hypothesis over a surface, in spacings of its points."""
@@ -26,6 +27,9 @@ SURE = 0.5
 """A source that is so sure of a contact tells its area."""
 EXPLAINED = 0.1
 """A contact explains a detection whose field has this part of its highest there."""
+MANY = 4_000_000
+"""Without a surface, sources times places from which places of different sources that lie in one
+voxel are one: otherwise a step would grow with the square of the number of sources."""
 SOFT = 0.15
 """Softness of the edge of the friction cone, in cosines of the angle to the normal."""
 
@@ -90,6 +94,8 @@ class LikelihoodFields:
                     for row, cloud in enumerate(self.clouds)
                 ]
         points = np.concatenate([each.cloud.positions for each in self.evidence.values()])
+        if len(self.clouds) * len(points) > MANY:
+            points = points[voxel_downsample(points, self.entries.grid)]
         variance = min(each.variance for each in self.evidence.values())
         # places hang together as far apart as the hypotheses of a source do
         places = Places(points, None, LINK / STEP * np.sqrt(variance), least)

@@ -11,6 +11,7 @@ from contactfusion import Contact, Fusion, HypothesisCloud, Integrator, Integrat
 from contactfusion.arrays import FloatArray
 from contactfusion.errors import ConfigurationError
 from contactfusion.hypotheses import HypothesisKind, Resultant
+from contactfusion.integrator import likelihood_fields
 from contactfusion.integrator.likelihood_fields import product
 from contactfusion.integrator.sets import MOST
 from contactfusion.shapes import ShapeConfig
@@ -388,6 +389,18 @@ def test_many_sources_that_agree_find_one_contact(surface: Surface | None) -> No
     assert np.linalg.norm(contact.position) < 3e-3
     assert contact.likelihood > 0.99
     assert not others
+
+
+def test_places_of_many_sources_in_one_voxel_are_one(monkeypatch: pytest.MonkeyPatch) -> None:
+    rng = np.random.default_rng(0)
+    clouds = [emit(f"source {row}", 0.5, PATCH + rng.normal(0.0, 1.0, 3)) for row in range(40)]
+    before = fused(*clouds).contacts[0]
+    monkeypatch.setattr(likelihood_fields, "MANY", 100)
+    fusion = fused(*clouds)
+    assert away(fusion.contacts[0], 1e3 * before.position) < 2.5  # half a voxel
+    assert fusion.field.members is not None
+    voxels = fusion.field.entries.grid.voxels(fusion.field.members[0].places)
+    assert len(np.unique(voxels, axis=0)) == len(voxels)
 
 
 def test_of_many_factors_the_product_is_relative_and_of_few_it_is_exact() -> None:
