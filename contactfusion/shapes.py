@@ -13,7 +13,7 @@ from contactfusion.estimate import SAMPLE, too_much
 from contactfusion.files import read_npz
 from contactfusion.frames import Pose, pose_at
 from contactfusion.model import Model
-from contactfusion.surface import Surface
+from contactfusion.surface import RigidPart, Surface
 from contactfusion.units import Angles, Edge, Position, Spacing
 
 LONG, SLENDER = 100.0, 1000.0
@@ -111,6 +111,15 @@ class ShapeConfig(Model):
                 return _sphere(frame, self.radius or 0, spacing).moved(pose, frame)
 
 
+class PartConfig(ShapeConfig):
+    """A primitive as a part of a body."""
+
+    link: str = ""
+    """The link that it is part of, where sensors are on parts of the body: what a sensor measures
+    in a frame of that name, or in one that is fixed to it, is of contacts on this link alone.
+    Empty: the body's frame."""
+
+
 class BodyConfig(Model):
     """The surface of a rigid body, by shapes or from a file."""
 
@@ -118,7 +127,7 @@ class BodyConfig(Model):
     """The frame that the body is fixed to."""
     spacing: Spacing = Field(default=0.004, gt=0)
     """The distance between neighbouring points [m]."""
-    shapes: tuple[ShapeConfig, ...] = ()
+    shapes: tuple[PartConfig, ...] = ()
     """The primitives whose surfaces make up the body's."""
     file: Path | None = None
     """An npz file with `points` (n, 3) [m] and `normals` (n, 3)."""
@@ -153,7 +162,12 @@ class BodyConfig(Model):
         if self.file is not None:
             points, normals = read_npz(folder / self.file, "points", "normals")
             return Surface(self.frame, points, normals)
-        return Surface.joined([shape.sampled(self.frame, self.spacing) for shape in self.shapes])
+        links: dict[str, list[Surface]] = {}
+        for shape in self.shapes:
+            sampled = shape.sampled(self.frame, self.spacing)
+            links.setdefault(shape.link or self.frame, []).append(sampled)
+        parts = [RigidPart.of(surfaces, row) for row, surfaces in enumerate(links.values())]
+        return Surface.of_parts(self.frame, [(part, np.eye(4)) for part in parts], [*links])
 
 
 def _box(frame: str, size: FloatArray, spacing: Spacing) -> Surface:

@@ -1,6 +1,6 @@
 """The state of the robot at the stamp of one reading."""
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Protocol
 
@@ -103,19 +103,40 @@ class State:
             )
         return self.surface
 
-    def link_of(self, frame: str) -> str:
-        """The link of the robot that a sensor's frame is, or is fixed to through other frames.
+    def carried_by(self, frame: str) -> tuple[str, ...]:
+        """The links on which a wrench that is measured in a frame is felt; none: on all.
 
         Raises:
-            RobotError: there is no robot, or no chain of frames leads to one of its links.
+            RobotError: no chain of frames leads from the frame to a link.
         """
-        links = self.robot.model.urdf.links if self.robot else {}
+        links = self.links_of(frame)
+        return tuple(self.robot.model.beyond(links[0])) if self.robot else links
+
+    def links_of(self, frame: str) -> tuple[str, ...]:
+        """The link that a sensor in a frame is on; none where the body is not divided into links.
+
+        Raises:
+            RobotError: no chain of frames leads from the frame to a link.
+        """
+        is_divided = self.robot or (self.surface and len(self.surface.link_names) > 1)
+        return (self.link_of(frame),) if is_divided else ()
+
+    def link_of(self, frame: str) -> str:
+        """The link that a sensor's frame is, or is fixed to through other frames.
+
+        Raises:
+            RobotError: no chain of frames leads to a link of the robot, or of the surface.
+        """
+        links: Collection[str] = self.surface.link_names if self.surface else ()
+        if self.robot:
+            links = self.robot.model.urdf.links
         for name in self.frames.ancestors(frame):
             if name in links:
                 return name
+        whose, where = ("robot", "robot.frames") if self.robot else ("surface", "frames")
         raise RobotError(
-            f"no transform joins '{frame}' to a link of the robot; give its pose on a link in "
-            f"`robot.frames` (the links are: {', '.join(links)})"
+            f"no transform joins '{frame}' to a link of the {whose}; give its pose on a link in "
+            f"`{where}` (the links are: {', '.join(links)})"
         )
 
     def evidence(self, without: str) -> FloatArray:

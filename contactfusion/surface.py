@@ -1,6 +1,6 @@
 """A surface on which contacts can lie, as sampled points with normals."""
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING
@@ -31,6 +31,15 @@ class RigidPart:
     points: FloatArray
     normals: FloatArray
     links: NDArray[np.int32]
+
+    @classmethod
+    def of(cls, surfaces: "Sequence[Surface]", link: int) -> "RigidPart":
+        """The points of some surfaces as one link, by its index."""
+        points, normals = (
+            frozen(np.concatenate([getattr(each, name) for each in surfaces]))
+            for name in ("points", "normals")
+        )
+        return cls(points, normals, frozen(np.full(len(points), link, np.int32)))
 
     @cached_property
     def tree(self) -> "KDTree":
@@ -126,16 +135,9 @@ class Surface:
 
     @classmethod
     def joined(cls, surfaces: Sequence["Surface"]) -> "Surface":
-        """The surface of several in one frame; each becomes a link of its own."""
+        """The surface of several in one frame, as one link."""
         frame = surfaces[0].frame
-        links = np.repeat(np.arange(len(surfaces)), [len(surface.points) for surface in surfaces])
-        return cls(
-            frame,
-            np.concatenate([surface.points for surface in surfaces]),
-            np.concatenate([surface.normals for surface in surfaces]),
-            links.astype(np.int32),
-            tuple(f"{frame}/{number}" for number in range(len(surfaces))),
-        )
+        return cls.of_parts(frame, [(RigidPart.of(surfaces, 0), np.eye(4))], [frame])
 
     @classmethod
     def rectangle(
@@ -192,6 +194,11 @@ class Surface:
         """The surface in another frame; `pose` transforms this frame to that one."""
         parts = [(part, pose @ own) for part, own in self._parts]
         return Surface.of_parts(frame, parts, self.link_names)
+
+    def of_links(self, names: Collection[str]) -> "Surface":
+        """The surface without the parts of other links."""
+        parts = [each for each in self._parts if self.link_names[each[0].links[0]] in names]
+        return Surface.of_parts(self.frame, parts, self.link_names)
 
     def near_line(self, start: FloatArray, direction: FloatArray, reach: float) -> "Surface":
         """The surface without the parts that lie further than `reach` [m] from a line.

@@ -174,9 +174,8 @@ class ForceTorqueGenerator(Generator[ForceTorqueConfig]):
             return (self._off(reading, state, notes, resultant),)
         nearest = points_in(pose, line_of_action(force, torque)[None])[0]
         force = vectors_in(pose, force[None])[0]
-        if state.robot is not None:  # the sensor measures contacts on the links it carries only
-            link = state.link_of(reading.frame)
-            surface = state.robot.surface_of(state.robot.model.beyond(link))
+        if links := state.carried_by(reading.frame):
+            surface = surface.of_links(links)
         positions = self._on_surface(nearest, force, surface, state.grid)
         pulls = not len(positions) and len(self._on_surface(nearest, -force, surface, state.grid))
         reverse = bool(pulls) or self._is_contradicted(nearest, force, surface, state)
@@ -245,10 +244,8 @@ class ForceTorqueGenerator(Generator[ForceTorqueConfig]):
         self, force: FloatArray, torque: FloatArray, reading: Wrench, state: State
     ) -> Resultant:
         """The sum over all contacts on the links that the sensor carries, in its frame."""
-        links: tuple[str, ...] = ()
-        if state.robot is not None:
-            links = tuple(state.robot.model.beyond(state.link_of(reading.frame)))
         deviations = self._force_noise, self._torque_noise
+        links = state.carried_by(reading.frame)
         return Resultant(force, torque, np.zeros(3), *deviations, links)
 
     @property

@@ -110,14 +110,13 @@ class SwitchGenerator(Generator[SwitchConfig]):
 
     def _surface(self, reading: Switch, state: State) -> Surface:
         surface, links = state.placed_surface(self.name), self.config.links
-        if state.robot is not None:
-            return state.robot.surface_of(links or (state.link_of(reading.frame),))
-        if links:
+        if links and state.robot is None:
             raise ConfigurationError(
                 f"'{self.name}' names links, and there is no robot that has them: configure "
                 "`robot`, or leave `links` out"
             )
-        return surface
+        links = links or state.links_of(reading.frame)
+        return surface.of_links(links) if links else surface
 
     def _within(self, points: FloatArray, reading: Switch, state: State) -> FloatArray:
         """The points, shape (n, 3) [m], at which a contact closes it.

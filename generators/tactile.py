@@ -204,11 +204,10 @@ class TactileGenerator(Generator[TactileConfig]):
         levers = np.linalg.norm(centres - centres[touch > 0.0].mean(axis=0), axis=1)
         misplaced = self.config.noise * float(np.linalg.norm(force))
         by_torque = float(np.hypot(np.linalg.norm(noise * levers), misplaced))
-        links = (state.link_of(reading.frame),) if state.robot else ()
         by_force = float(np.linalg.norm(noise))
-        return Resultant(
-            force, torque, np.zeros(3), by_force, max(by_torque, POINT * by_force), links
-        )
+        deviations = by_force, max(by_torque, POINT * by_force)
+        links = state.links_of(reading.frame)
+        return Resultant(force, torque, np.zeros(3), *deviations, links)
 
     def _largest(self, touch: FloatArray) -> FloatArray:
         """The signal with which each taxel's is compared, positive, shape (n,)."""

@@ -6,7 +6,7 @@ matching pursuit: a contact lies where the product of all fields is densest; the
 explains are taken out, and what is left is searched again.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from functools import partial
 
@@ -62,11 +62,12 @@ class Sets(Rule):
         """The contacts over the surface near evidence, or over the evidence's positions."""
         search = Search(entries, surface, self._floor, self._friction)
         members = search.members()
-        for sum_of in search.sums if members else ():
+        sums = [*search.sums.values()]
+        for sum_of in sums if members else ():
             members = needed(members, sum_of)
             members += missing(members, sum_of, entries)
             members = shared(members, sum_of)
-        members = centred(members, search.sums)
+        members = centred(members, sums)
         members.sort(key=lambda member: -round(member.contact.likelihood, 6))
         return Field(entries, partial(by_voxel, entries, members), members=members)
 
@@ -85,7 +86,7 @@ class Search:
         friction: coefficient of friction.
 
     Attributes:
-        sums: what is measured of all contacts together.
+        sums: what is measured of all contacts together, by the row of its source.
     """
 
     def __init__(
@@ -94,11 +95,11 @@ class Search:
         self._fields, self._floor = LikelihoodFields(entries, surface, floor, friction), floor
         fields = self._fields
         spread = {row: fields.spread(row) for row in fields.evidence}
-        self.sums = [
-            Superposition(source.name, found, surface, fields.places.narrowest, friction)
+        self.sums = {
+            row: Superposition(source.name, found, surface, fields.places.narrowest, friction)
             for row, source in enumerate(entries.sources if fields.evidence else ())
             if (found := measured(source, fields.clouds[row], spread.get(row, 0.0)))
-        ]
+        }
 
     def members(self) -> list[Member]:
         """The contacts, in the order in which they are found.
@@ -133,17 +134,19 @@ class Search:
             is_vague = any(
                 each.cloud.single and each.left.any() for each in self._fields.evidence.values()
             )
-            for sum_of in self.sums if beside and is_vague else ():
+            for sum_of in self.sums.values() if beside and is_vague else ():
                 self._weigh(weights, sum_of, beside)
             basin = self._fields.places.densest(weights / weights.max())
             taken = self._fields.explained(basin)
             if self._fields.is_vague(taken):
-                basin = self._fields.places.anywhere(basin, weights)
+                basin = self._fields.places.anywhere(basin, weights * self._borne(taken))
             found.append((basin, estimate(self._fields, basin, taken)))
             for row, own in taken.items():
                 self._fields.take_out(row, own)
+            borne = found[-1][1].contact.position[None]
             for row, each in self._fields.evidence.items():  # beside this one, it tells of a sum
-                if each.cloud.force is not None and each.left.any():
+                tells = each.cloud.force is not None and each.left.any()
+                if tells and self.sums[row].bears(borne).all():
                     self._summed[row] = each.left.copy()
                     self._fields.take_out(row, self._summed[row])
         return found
@@ -174,6 +177,14 @@ class Search:
                 explains = np.append(other.explains, member.explains)
                 kept[best] = basin, replace(other, contact=contact, given=given, explains=explains)
         return [member for _, member in kept.values()]
+
+    def _borne(self, rows: Iterable[int]) -> NDArray[np.bool_]:
+        """Where a contact takes part in what one of some sources measures, shape (c,)."""
+        points = self._fields.places.points
+        borne = np.zeros(len(points), np.bool_)
+        for row in rows:
+            borne |= self.sums[row].bears(points) if row in self.sums else True
+        return borne
 
     def _rows_of(self, member: Member) -> list[int]:
         """The rows of the sources of a contact."""

@@ -13,7 +13,7 @@ from contactfusion.grid import Grid
 from contactfusion.patches import PatchConfig
 from contactfusion.robots.solids import Solid
 from contactfusion.robots.urdf import Mesh
-from contactfusion.shapes import BodyConfig, ShapeConfig
+from contactfusion.shapes import BodyConfig, PartConfig
 
 TRIANGLE = "v 0 0 0\nv {0} 0 0\nv 0 {0} 0\nf 1 2 3\n"
 
@@ -27,7 +27,7 @@ def patch(**fields: Any) -> PatchConfig:
 
 
 def body(*shapes: dict[str, Any], spacing: float) -> BodyConfig:
-    return BodyConfig(frame="base", spacing=spacing, shapes=tuple(ShapeConfig(**s) for s in shapes))
+    return BodyConfig(frame="base", spacing=spacing, shapes=tuple(PartConfig(**s) for s in shapes))
 
 
 @pytest.mark.parametrize(
@@ -129,4 +129,4 @@ def test_a_mesh_in_millimetres_is_refused_with_the_scale_that_it_needs(tmp_path:
 
 def test_a_shape_of_a_link_in_millimetres_is_refused() -> None:
     with pytest.raises(RobotError, match=r"^200 x 300 m at 4 mm spacing is .* sizes are in metres"):
-        Solid([ShapeConfig(shape="cylinder", radius=100.0, length=300.0)]).samples(0.004)
+        Solid([PartConfig(shape="cylinder", radius=100.0, length=300.0)]).samples(0.004)

@@ -1,5 +1,6 @@
 """A wrench becomes places on the surface: hand-computed cases, and honest uncertainty."""
 
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -19,6 +20,7 @@ from contactfusion.generators.force_torque import (
 )
 from contactfusion.hypotheses import HypothesisCloud, HypothesisKind, Note
 from contactfusion.integrator.sources import EventKind
+from contactfusion.pipeline import Step
 from contactfusion.readings import TactileImage, Wrench
 from contactfusion.shapes import BodyConfig
 from contactfusion.surface import Surface
@@ -488,6 +490,54 @@ def test_the_contact_of_a_pipeline_is_where_the_force_acts() -> None:
     (contact,) = pipe.step(0.0).fusion.contacts
     assert contact.position == pytest.approx(PLACE, abs=0.004)
     assert contact.force == pytest.approx(DOWN)
+
+
+PLATES: dict[str, Any] = {
+    "left": {"parent": "floor", "xyz": (0.0, 0.2, 0.0)},
+    "right": {"parent": "floor", "xyz": (0.0, -0.2, 0.0)},
+}
+"""Two plates with a sensor each, side by side in the floor."""
+
+
+def floor(links: Mapping[str, str]) -> Pipeline:
+    """A floor of two plates, each of which is part of a link."""
+    shapes = [
+        {"shape": "rectangle", "size": (0.4, 0.38), "xyz": PLATES[plate]["xyz"], "link": link}
+        for plate, link in links.items()
+    ]
+    fields = {
+        "integrator": {"frame": "floor"},
+        "generators": {plate: {**WRIST, "sensor": plate} for plate in PLATES},
+        "surface": {"frame": "floor", "spacing": 0.01, "shapes": shapes},
+        "frames": PLATES,
+    }
+    return Pipeline(PipelineConfig.model_validate(fields))
+
+
+def stand(pipe: Pipeline, weights: Mapping[str, tuple[float, float]]) -> Step:
+    """Press on each plate, at its x [m], with its weight [N]."""
+    for plate, (x, weight) in weights.items():
+        force, place = np.array([0.0, 0.0, -weight]), np.array([x, 0.0, 0.0])
+        torque = np.cross(place, force)
+        pipe.receive(Wrench(stamp=0.0, frame=plate, sensor=plate, force=force, torque=torque))
+    return pipe.step(0.0)
+
+
+@pytest.mark.parametrize("little", [30.0, 300.0])
+def test_each_of_two_plates_measures_what_presses_on_itself_alone(little: float) -> None:
+    weights = {"left": (0.1, little), "right": (-0.12, 700.0)}
+    fusion = stand(floor({"left": "left", "right": "right"}), weights).fusion
+    found = sorted(fusion.contacts, key=lambda contact: -contact.position[1])
+    assert [contact.position[0] for contact in found] == pytest.approx([0.1, -0.12], abs=0.005)
+    assert [contact.force[2] for contact in found] == pytest.approx([-little, -700.0], rel=0.05)
+    assert min(contact.likelihood for contact in found) > 0.9
+
+
+def test_a_sensor_that_is_on_no_link_of_a_divided_surface_is_told_the_links() -> None:
+    step = stand(floor({"left": "left", "right": "rihgt"}), {"left": (0.0, 9.0), "right": (0, 9)})
+    (refused,) = [event for event in step.events if event.kind == EventKind.REFUSED]
+    assert "no transform joins 'right' to a link of the surface" in refused.message
+    assert "(the links are: left, rihgt)" in refused.message
 
 
 @pytest.mark.parametrize("bad", [np.nan, np.inf])

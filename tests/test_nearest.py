@@ -13,9 +13,9 @@ from scipy.spatial.transform import Rotation
 from contactfusion.arrays import FloatArray
 from contactfusion.frames import inverse, pose_of
 from contactfusion.nearest import CELL, MOST_NODES, NearestGrid
-from contactfusion.shapes import BodyConfig, ShapeConfig
+from contactfusion.shapes import BodyConfig, PartConfig
 
-BOX = ShapeConfig(shape="box", size=(0.1, 0.06, 0.04)).sampled("box", 0.004).points
+BOX = PartConfig(shape="box", size=(0.1, 0.06, 0.04)).sampled("box", 0.004).points
 POSE = pose_of((0.3, -0.2, 0.1), Rotation.from_rotvec([0.4, -0.7, 1.1]).as_matrix())
 
 
@@ -81,7 +81,7 @@ def test_points_in_another_frame_are_brought_to_the_samples() -> None:
 
 def test_of_two_bodies_the_nearer_counts() -> None:
     fields: dict[str, Any] = {"shape": "sphere", "radius": 0.02}
-    shapes = (ShapeConfig(**fields), ShapeConfig(**fields, xyz=(0.1, 0.0, 0.0)))
+    shapes = (PartConfig(**fields), PartConfig(**fields, xyz=(0.1, 0.0, 0.0), link="far"))
     surface = BodyConfig(frame="base", shapes=shapes).sampled(Path())
     points = np.array([[0.04, 0.0, 0.0], [0.06, 0.0, 0.0]])
     _, rows = surface.nearest(points)
@@ -89,7 +89,7 @@ def test_of_two_bodies_the_nearer_counts() -> None:
 
 
 def test_a_wide_body_has_a_coarser_grid_and_its_nearest_samples_all_the_same() -> None:
-    samples = ShapeConfig(shape="box", size=(4.0, 1.0, 0.9)).sampled("boom", 0.05).points
+    samples = PartConfig(shape="box", size=(4.0, 1.0, 0.9)).sampled("boom", 0.05).points
     grid = NearestGrid.of(samples)
     assert grid.cell == 2.0 * CELL and grid.nodes.size <= MOST_NODES
     points = samples[::7] + np.random.default_rng(0).normal(0, 0.01, samples[::7].shape)

@@ -15,7 +15,7 @@ from contactfusion import Surface
 from contactfusion.arrays import FloatArray
 from contactfusion.errors import ConfigurationError
 from contactfusion.frames import Pose, pose_at, pose_of
-from contactfusion.shapes import BodyConfig, ShapeConfig
+from contactfusion.shapes import BodyConfig, PartConfig, ShapeConfig
 from contactfusion.surface import RigidPart
 
 SHAPES: dict[str, dict[str, Any]] = {
@@ -33,8 +33,8 @@ AREAS = {
 SPACING = 0.005
 
 
-def shape(kind: str, **fields: Any) -> ShapeConfig:
-    return ShapeConfig(**{"shape": kind, **SHAPES[kind], **fields})
+def shape(kind: str, **fields: Any) -> PartConfig:
+    return PartConfig(**{"shape": kind, **SHAPES[kind], **fields})
 
 
 def outside(kind: str, points: Any) -> Any:
@@ -146,12 +146,17 @@ def test_a_shape_that_cannot_be_is_refused(fields: dict[str, Any], sentence: str
 # Bodies
 
 
-def test_the_shapes_of_a_body_are_its_links() -> None:
-    body = BodyConfig(frame="tool", spacing=0.05, shapes=(shape("sphere"), shape("box")))
-    surface = body.sampled(Path())
-    assert surface.link_names == ("tool/0", "tool/1")
-    ball, box = (len(one.sampled("tool", 0.05).points) for one in body.shapes)
-    assert np.bincount(surface.links).tolist() == [ball, box]
+def test_a_body_is_one_link_unless_its_shapes_name_others() -> None:
+    shapes = shape("sphere"), shape("box", link="box"), shape("cylinder")
+    counts = [len(each.sampled("tool", 0.05).points) for each in shapes]
+    surface = BodyConfig(frame="tool", spacing=0.05, shapes=shapes[::2]).sampled(Path())
+    assert surface.link_names == ("tool",) and not surface.links.any()
+    surface = BodyConfig(frame="tool", spacing=0.05, shapes=shapes).sampled(Path())
+    assert surface.link_names == ("tool", "box")
+    assert np.bincount(surface.links).tolist() == [counts[0] + counts[2], counts[1]]
+    box = surface.of_links(["box"])
+    assert np.array_equal(box.points, shapes[1].sampled("tool", 0.05).points)
+    assert np.array_equal(box.links, np.full(counts[1], 1))
 
 
 def test_a_body_may_come_from_a_file(tmp_path: Path) -> None:
@@ -228,8 +233,8 @@ def test_the_spacing_of_several_parts_is_their_mean_by_points() -> None:
 
 
 def test_a_moved_surface_keeps_its_links() -> None:
-    parts = [shape("sphere").sampled("body", 0.05), shape("box").sampled("body", 0.05)]
-    surface = Surface.joined(parts)
+    shapes = shape("sphere"), shape("box", link="box")
+    surface = BodyConfig(frame="body", spacing=0.05, shapes=shapes).sampled(Path())
     there = surface.moved(pose_of((0.0, 0.0, 1.0)), "base")
     assert there.frame == "base" and there.link_names == surface.link_names
     assert np.array_equal(there.links, surface.links)

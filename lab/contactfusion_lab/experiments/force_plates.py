@@ -20,7 +20,7 @@ from contactfusion.pipeline import Pipeline
 from contactfusion.pipeline_config import CycleConfig, PipelineConfig
 from contactfusion.readings import Markers, Wrench
 from contactfusion.recordings.c3d import C3DConfig, C3DRecording
-from contactfusion.shapes import BodyConfig, ShapeConfig
+from contactfusion.shapes import BodyConfig, PartConfig
 from contactfusion_lab.experiments.methods import Method
 from contactfusion_lab.trials.measures import Measure, grouped, p50, p90, proportion
 
@@ -144,7 +144,7 @@ def locate(walk: Walk, plate: str, friction: float, method: Method) -> Found:
         surface=BodyConfig(
             frame=plate,
             spacing=2.0 * VOXEL_SIZE,
-            shapes=(ShapeConfig(shape="rectangle", size=(float(size[0]), float(size[1]))),),
+            shapes=(PartConfig(shape="rectangle", size=(float(size[0]), float(size[1]))),),
         ),
     )
     pipeline = Pipeline(config)
