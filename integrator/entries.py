@@ -219,6 +219,7 @@ class Member:
         weights: shape (b,), the probability of each place if it exists; they sum to 1.
         normal: out of the robot, shape (3,); None without a surface.
         reach: half the step by which places hang together [m].
+        link: where it most probably is, as an index into the surface's.
         given: the probability of a contact by each source that it explains.
         factors: on its odds, by each source that speaks for or against it beside these: Support and
             Null there, those that are silent, and those that measure a resultant; in this order.
@@ -234,6 +235,7 @@ class Member:
     weights: FloatArray
     normal: FloatArray | None
     reach: float
+    link: int
     given: Mapping[str, float]
     factors: Mapping[str, float] = field(default_factory=dict)
     explains: NDArray[np.intp] = field(default_factory=lambda: np.empty(0, np.intp))

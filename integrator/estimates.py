@@ -86,9 +86,8 @@ def estimate(fields: LikelihoodFields, basin: Basin, taken: Taken) -> Member:
         weights = np.full(len(around), 1.0 / len(around))
     explains = fields.entries_of(taken)
     centres = _centres(fields, basin, taken) if len(taken) > 1 else {}
-    return Member(
-        contact, around, weights, normal, reach, given, factors, explains, is_large, centres
-    )
+    lies = contact, around, weights, normal, reach, int(places.links[basin.top])
+    return Member(*lies, given, factors, explains, is_large, centres)
 
 
 def _existence(fields: LikelihoodFields, basin: Basin, taken: Taken) -> tuple[float, Given, Given]:

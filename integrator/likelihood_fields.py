@@ -82,7 +82,7 @@ class LikelihoodFields:
         if surface is not None and len(surface.points):
             spacing = max(surface.spacing, least)
             narrowest = max(NARROWEST * spacing, least)
-            whole = Places(surface.points, surface.normals, spacing, narrowest)
+            whole = Places(surface.points, surface.normals, spacing, narrowest, surface.links)
             heard = {row: whole.field(each.cloud) for row, each in self.evidence.items()}
             reached = np.zeros(len(surface.points), np.bool_)
             for field in heard.values():
@@ -97,8 +97,11 @@ class LikelihoodFields:
         if len(self.clouds) * len(points) > MANY:
             points = points[voxel_downsample(points, self.entries.grid)]
         variance = min(each.variance for each in self.evidence.values())
+        links = np.zeros(len(points), np.int32)
+        if surface is not None and len(surface.points):  # off it
+            links = surface.links[surface.nearest(points)[1]]
         # places hang together as far apart as the hypotheses of a source do
-        places = Places(points, None, LINK / STEP * np.sqrt(variance), least)
+        places = Places(points, None, LINK / STEP * np.sqrt(variance), least, links)
         return places, [places.field(cloud) for cloud in self.clouds]
 
     def _listen(self, steepest: float) -> None:

@@ -48,6 +48,11 @@ class Basin:
     rows: Rows
     weights: FloatArray
 
+    @property
+    def top(self) -> int:
+        """The row of the most probable place."""
+        return int(self.rows[self.weights.argmax()])
+
 
 class SourceField(NamedTuple):
     """How well a contact at each place explains what a source says.
@@ -80,12 +85,14 @@ class Places:
         normals: of the surface there, shape (c, 3); None without it.
         spacing: how far neighbouring places lie apart [m].
         narrowest: the least standard deviation of a hypothesis [m].
+        links: shape (c,), the link of each, as an index into the surface's; 0 without it.
     """
 
     points: FloatArray
     normals: FloatArray | None
     spacing: float
     narrowest: float
+    links: NDArray[np.int32]
 
     @cached_property
     def cells(self) -> Dealt:
@@ -100,7 +107,8 @@ class Places:
     def where(self, wanted: NDArray[np.bool_]) -> "Places":
         """Some of the places; `wanted` has shape (c,)."""
         normals = None if self.normals is None else self.normals[wanted]
-        return Places(self.points[wanted], normals, self.spacing, self.narrowest)
+        given = self.points[wanted], normals, self.spacing, self.narrowest
+        return Places(*given, self.links[wanted])
 
     def field(self, cloud: Cloud) -> SourceField:
         """The field of a source."""

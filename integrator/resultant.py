@@ -10,7 +10,6 @@ from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from contactfusion.arrays import FloatArray, frozen
 from contactfusion.contacts import Contact
@@ -86,11 +85,9 @@ class Superposition:
         friction: float,
     ) -> None:
         self.source, self.surface = source, surface
-        self.carried = np.ones(0 if surface is None else len(surface.points), np.bool_)
-        """Whether a contact at each point of the surface takes part, shape (n,)."""
-        if surface is not None and resultant.links:
-            links = np.array([name in resultant.links for name in surface.link_names])
-            self.carried = links[surface.links]
+        names = surface.link_names if surface else ("",)
+        self.carried = np.array([not resultant.links or each in resultant.links for each in names])
+        """Whether contacts on each link of the surface take part, shape (links,)."""
         self.deviation = LEVER * deviation
         strength = float(np.linalg.norm(resultant.force))
         self._by_force = float(np.hypot(resultant.force_deviation, RELATIVE * strength))
@@ -224,16 +221,9 @@ class Superposition:
         by_force = float(np.linalg.norm(lever + offset)) * self._resultant.force_deviation
         return offset, float(np.hypot(self._resultant.torque_deviation, by_force)) / pushes
 
-    def bears(self, points: FloatArray) -> NDArray[np.bool_]:
-        """Whether contacts at some places, shape (c, 3) [m], take part in the sum, shape (c,)."""
-        if self.surface is None or self.carried.all() or not len(points):
-            return np.ones(len(points), np.bool_)
-        return self.carried[self.surface.nearest(points)[1]]
-
     def borne(self, members: Sequence[Member]) -> list[Member]:
         """The contacts of a set that take part in the sum."""
-        positions = np.reshape([member.contact.position for member in members], (-1, 3))
-        return [members[row] for row in np.flatnonzero(self.bears(positions)).tolist()]
+        return [member for member in members if self.carried[member.link]]
 
 
 def _covariance(wrenches: FloatArray) -> FloatArray:
@@ -274,8 +264,7 @@ def needed(members: Sequence[Member], sum_of: Superposition) -> list[Member]:
         sum_of: what is measured of all together.
     """
     judged, maps = [*members], sum_of.maps_of(members)
-    positions = np.reshape([member.contact.position for member in members], (-1, 3))
-    kept = np.flatnonzero(sum_of.bears(positions)).tolist()
+    kept = [row for row, member in enumerate(members) if sum_of.carried[member.link]]
     own = [{*member.given} == {sum_of.source} for member in members]
     gains, least = dict[int, float](), float(np.log(NEEDLESS))
     for row in sorted(kept, key=lambda row: (not own[row], members[row].contact.likelihood)):
@@ -313,12 +302,12 @@ def missing(members: Sequence[Member], sum_of: Superposition, entries: Entries) 
     if surface is None or sum_of.unexplained(known) < -np.log(RARE):
         return []
     spacing = COARSE * surface.spacing
-    rows = np.flatnonzero(sum_of.carried)
+    rows = np.flatnonzero(sum_of.carried[surface.links])
     if not len(rows):
         return []
     rows = rows[voxel_downsample(surface.points[rows], Grid(entries.grid.frame, spacing))]
     normals = surface.normals[rows]
-    places = Places(surface.points[rows], normals, spacing, spacing)
+    places = Places(surface.points[rows], normals, spacing, spacing, surface.links[rows])
     weights, added = _predicted(places, entries)
     gains = sum_of.gains(sum_of.maps(places.points, normals), known)
     best = gains.max()
@@ -351,8 +340,8 @@ def missing(members: Sequence[Member], sum_of: Superposition, entries: Entries) 
         array.flags.writeable = False
     normal = basin.weights @ normals[basin.rows]
     points, reach = places.points[basin.rows], 0.5 * STEP * places.spacing
-    given = {sum_of.source: probability}
-    return [Member(contact, points, basin.weights, normal, reach, given)]
+    given, link = {sum_of.source: probability}, int(places.links[basin.top])
+    return [Member(contact, points, basin.weights, normal, reach, link, given)]
 
 
 def shared(members: Sequence[Member], sum_of: Superposition) -> list[Member]:

@@ -143,10 +143,10 @@ class Search:
             found.append((basin, estimate(self._fields, basin, taken)))
             for row, own in taken.items():
                 self._fields.take_out(row, own)
-            borne = found[-1][1].contact.position[None]
+            link = found[-1][1].link
             for row, each in self._fields.evidence.items():  # beside this one, it tells of a sum
                 tells = each.cloud.force is not None and each.left.any()
-                if tells and self.sums[row].bears(borne).all():
+                if tells and self.sums[row].carried[link]:
                     self._summed[row] = each.left.copy()
                     self._fields.take_out(row, self._summed[row])
         return found
@@ -180,10 +180,10 @@ class Search:
 
     def _borne(self, rows: Iterable[int]) -> NDArray[np.bool_]:
         """Where a contact takes part in what one of some sources measures, shape (c,)."""
-        points = self._fields.places.points
-        borne = np.zeros(len(points), np.bool_)
+        links = self._fields.places.links
+        borne = np.zeros(len(links), np.bool_)
         for row in rows:
-            borne |= self.sums[row].bears(points) if row in self.sums else True
+            borne |= self.sums[row].carried[links] if row in self.sums else True
         return borne
 
     def _rows_of(self, member: Member) -> list[int]:
@@ -194,7 +194,7 @@ class Search:
         """Multiply weights (c,) by how well a contact there explains a sum beside those found."""
         found, normals = sum_of.borne(found), self._fields.places.normals
         rows = np.flatnonzero(weights > IDLE * weights.max())
-        rows = rows[sum_of.bears(self._fields.places.points[rows])]
+        rows = rows[sum_of.carried[self._fields.places.links[rows]]]
         if not found or not len(rows):
             return
         across = None if normals is None else normals[rows]
