@@ -1,10 +1,13 @@
 """DDS as a transport: two participants hear each other as nodes of ROS 2 do."""
 
 import os
+import signal
+import subprocess
+import sys
 import time
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import closing
+from contextlib import ExitStack, closing
 
 import numpy as np
 import pytest
@@ -12,7 +15,7 @@ import pytest
 pytest.importorskip("cyclonedds")
 
 from contactfusion.errors import ConfigurationError, RecordingError
-from contactfusion.live.dds import DdsTransport
+from contactfusion.live.dds import LOOPBACK, DdsTransport
 from contactfusion.live.transport import RESULTS, End, Quality, Transport
 from contactfusion.readings.messages import Message, header, message
 from contactfusion.recordings.messages import defined, type_hash, typestore
@@ -224,6 +227,43 @@ def test_who_closes_is_gone_for_the_others(here: Transport) -> None:
     awaited(here, "/base", writes=False)
     other.close()
     until(lambda: not here.ends())
+
+
+SENDS = """
+import sys, time
+from contactfusion.live.dds import DdsTransport
+from contactfusion.recordings.messages import typestore
+from tests.test_live_dds import WRENCH, numbered
+
+send = DdsTransport(int(sys.argv[1])).advertise("/wrench", WRENCH)
+while True:
+    send(numbered(0))
+    time.sleep(0.02)
+"""
+
+
+def test_who_stopped_for_so_long_that_it_was_forgotten_is_found_again_soon(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """By itself Cyclone announces a participant every 30 s: in one of three stops that was late."""
+    short = "<Discovery><LeaseDuration>1s</LeaseDuration>"
+    monkeypatch.setenv("CYCLONEDDS_URI", LOOPBACK.replace("<Discovery>", short))
+    monkeypatch.delenv("ROS_AUTOMATIC_DISCOVERY_RANGE")
+    domain = str(10 + os.getpid() % 100)
+    with ExitStack() as ending:
+        here = ending.enter_context(closing(DdsTransport(int(domain))))
+        sends = ending.enter_context(subprocess.Popen([sys.executable, "-c", SENDS, domain]))
+        ending.callback(sends.kill)
+        heard = listened(here, "/wrench", WRENCH, RELIABLE)
+        for _ in range(4):
+            until(lambda: heard)
+            sends.send_signal(signal.SIGSTOP)
+            time.sleep(1.6)
+            heard.clear()
+            sends.send_signal(signal.SIGCONT)
+            went_on = time.monotonic()
+            until(lambda: len(heard) > 50)  # more than lay in its queue
+            assert time.monotonic() - went_on < 8.0
 
 
 def test_others_of_this_process_stay_when_the_first_leaves(on_this_machine: None) -> None:
