@@ -98,7 +98,7 @@ class LikelihoodFields:
             points = points[voxel_downsample(points, self.entries.grid)]
         variance = min(each.variance for each in self.evidence.values())
         links = np.zeros(len(points), np.int32)
-        if surface is not None and len(surface.points):  # off it
+        if surface is not None and len(surface.link_names) > 1 and len(surface.points):
             links = surface.links[surface.nearest(points)[1]]
         # places hang together as far apart as the hypotheses of a source do
         places = Places(points, None, LINK / STEP * np.sqrt(variance), least, links)

@@ -139,7 +139,10 @@ class Search:
             basin = self._fields.places.densest(weights / weights.max())
             taken = self._fields.explained(basin)
             if self._fields.is_vague(taken):
-                basin = self._fields.places.anywhere(basin, weights * self._borne(taken))
+                borne = self._borne(taken)
+                if borne[basin.core].all():  # nor on links of which none of them tells
+                    weights *= borne
+                basin = self._fields.places.anywhere(basin, weights)
             found.append((basin, estimate(self._fields, basin, taken)))
             for row, own in taken.items():
                 self._fields.take_out(row, own)

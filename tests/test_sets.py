@@ -1,5 +1,6 @@
 """The rule `sets` and the condensation `members`: any number of contacts, with nothing set."""
 
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -14,7 +15,7 @@ from contactfusion.hypotheses import HypothesisKind, Resultant
 from contactfusion.integrator import likelihood_fields
 from contactfusion.integrator.likelihood_fields import product
 from contactfusion.integrator.sets import MOST
-from contactfusion.shapes import ShapeConfig
+from contactfusion.shapes import BodyConfig, PartConfig, ShapeConfig
 from contactfusion.surface import Surface
 from tests.clouds import NULL, REGULAR, SUPPORT, contents
 
@@ -27,6 +28,14 @@ FINGERS = Surface.joined(
         for x in (-0.022, 0.022)
     ]
 )
+HALVES = BodyConfig(
+    frame="hand",
+    shapes=tuple(
+        PartConfig(shape="rectangle", size=(0.05, 0.08), xyz=(x, 0.0, 0.0), link=link)
+        for x, link in ((-0.025, "left"), (0.025, "right"))
+    ),
+).sampled(Path())
+"""The palm, of which a sensor may carry one half."""
 SURFACES = pytest.mark.parametrize("surface", [None, PALM], ids=["no surface", "palm"])
 PATCH = np.array([(x, y, 0.0) for x in (-5, 0, 5) for y in (-5, 0, 5)])
 PRESSES = np.array(
@@ -351,11 +360,11 @@ def test_voxels_are_as_likely_as_the_contact_near_them() -> None:
     assert likelihoods == pytest.approx({0: 0.8, 12: 0.9})
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=60, deadline=None)
 @given(
     seed=st.integers(0, 2**32 - 1),
     sources=st.integers(1, 4),
-    surface=st.sampled_from([None, PALM]),
+    surface=st.sampled_from([None, PALM, HALVES]),
 )
 def test_any_clouds_give_contacts_with_probabilities_the_same_ones_again(
     seed: int, sources: int, surface: Surface | None
@@ -368,9 +377,15 @@ def test_any_clouds_give_contacts_with_probabilities_the_same_ones_again(
         p = rng.uniform(0.01, 0.95, n) / (max(n, 1) if single else 1)
         mm = rng.uniform(-60, 60, (n, 3)) * (1, 1, 0.1)
         kind = (REGULAR, REGULAR, SUPPORT, NULL)[int(rng.integers(4))]
-        forces = rng.normal(0, 3, (n, 3)) if single and kind == REGULAR else None
-        spread = float(rng.uniform(0.5, 20.0))
-        clouds.append(emit(f"s{number}", p, mm, spread, kind, single=single, forces=forces))
+        spread, others = float(rng.uniform(0.5, 20.0)), dict[str, Any]()
+        if single and kind == REGULAR:
+            force = rng.normal(0, 3, 3)
+            others["forces"] = force + rng.normal(0, rng.choice([0.0, 3.0]), (n, 3))
+            links = ((), ("left",), ("right",), ("left", "right"))[int(rng.integers(4))]
+            if links or rng.integers(2):
+                torque = rng.normal(0, 0.1, 3)
+                others["resultant"] = Resultant(force, torque, np.zeros(3), 0.2, 0.01, links)
+        clouds.append(emit(f"s{number}", p, mm, spread, kind, single=single, **others))
     fusion = fused(*clouds, surface=surface)
     assert contents(fusion) == contents(fused(*clouds[::-1], surface=surface))
     for contact in fusion.contacts:
