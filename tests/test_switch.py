@@ -8,6 +8,7 @@ import pytest
 
 from contactfusion import IntegratorConfig, Pipeline, PipelineConfig, State
 from contactfusion.errors import ConfigurationError, RobotError
+from contactfusion.frames import FrameTree
 from contactfusion.generators.switch import STUCK, SwitchConfig, SwitchGenerator
 from contactfusion.hypotheses import HypothesisCloud
 from contactfusion.pipeline_config import CycleConfig
@@ -133,6 +134,18 @@ def test_its_silence_speaks_against_what_another_source_believes(
         pipeline.receive(Switch(stamp=0.1, frame="hand", sensor=sensor, closed=closed))
     contacts = pipeline.step(0.1).fusion.contacts
     assert [contact.likelihood for contact in contacts] == pytest.approx(remains, abs=0.02)
+
+
+def test_on_a_divided_surface_its_own_link_closes_it() -> None:
+    shapes = [
+        {"shape": "sphere", "radius": 0.1, "xyz": [x, 0.0, 0.0], "link": link}
+        for x, link in ((0.0, "left"), (1.0, "right"))
+    ]
+    body = BodyConfig.model_validate({"frame": "base", "shapes": shapes})
+    frames = FrameTree({"right": ("base", np.eye(4))})
+    state = State(now=0.0, grid=hands.GRID, frames=frames, surface=body.sampled(Path()))
+    (cloud,) = switch().generate(reading(True, frame="right"), state)
+    assert len(cloud.positions) and (cloud.positions[:, 0] > 0.8).all()
 
 
 def test_what_it_cannot_do_is_said_in_a_sentence(robot: RobotModel) -> None:

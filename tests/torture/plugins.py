@@ -6,6 +6,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from tests.misbehaving import write_distribution
+from tests.test_cli import RUN
 from tests.torture.trial import Row, command
 
 ODD = ("raises", "exits", "huge", "leaks", "dies", "hangs")
@@ -13,23 +14,6 @@ FATAL = ("dies", "hangs")
 """In this process they end or hold the whole of it."""
 LENGTH = 300
 """Number of wrenches."""
-RUN = """\
-recording:
-  type: log
-  file: wrist.csv
-  time: {column: t}
-  readings:
-    wrist: {type: wrench, frame: tool, columns: [fx, fy, fz, tx, ty, tz]}
-generators:
-ODD  wrist: {type: force_torque, sign: on_robot, force_noise: 0.1, torque_noise: 0.01}
-surface:
-  frame: tool
-  shapes: [{shape: sphere, radius: 0.05}]
-frames:
-  tool: {parent: base}
-integrator: {frame: base}
-cycle: {on: wrist}
-"""
 
 
 def plugins(folder: Path) -> Iterator[Row]:
@@ -44,7 +28,7 @@ def plugins(folder: Path) -> Iterator[Row]:
 
     def contacts(odd: str) -> tuple[list[list[str]], str]:
         """The contacts of a run, and what is wrong with how it ended."""
-        (made / "run.yaml").write_text(RUN.replace("ODD", odd))
+        (made / "run.yaml").write_text(RUN.replace("generators:\n", f"generators:\n{odd}"))
         out = made / "contacts.csv"
         done = command("run", made / "run.yaml", "--out", out, environment=environment)
         with out.open(encoding="utf-8") as file:
