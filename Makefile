@@ -149,7 +149,7 @@ show-sensing: $(READY)
 PAPER := $(PUSH) --preset paper
 
 show-paper: $(READY)
-	@echo "about 2 hours on two cores; started again, it goes on where it was stopped"
+	@echo "about half an hour on two cores; started again, it goes on where it was stopped"
 	$(TOUCH) --preset paper --out out/paper/touch
 	$(PAPER) --sensing skin --sensing lidar --targets grid --out out/paper/grid
 	$(PAPER) --sensing lidar --sensing rgbd --targets new --out out/paper/new
