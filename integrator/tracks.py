@@ -212,6 +212,8 @@ class Tracks:
 def paired(before: Sequence[Contact], now: Sequence[Contact], slid: float = 0.0) -> dict[int, int]:
     """Which contacts, as rows, are the same, the nearest first.
 
+    One of a step that probably does not exist is the same only as what no other is.
+
     Args:
         before: contacts.
         now: those of a step.
@@ -232,10 +234,11 @@ def paired(before: Sequence[Contact], now: Sequence[Contact], slid: float = 0.0)
     rows, columns = np.nonzero(squared <= most)  # no width is larger than the trace
     widths = np.linalg.eigvalsh(wide[rows] + wider[columns])[:, -1]
     away = squared[rows, columns] / (NEAR * np.sqrt(widths) + slid) ** 2
-    found = sorted(zip(away.tolist(), rows.tolist(), columns.tolist(), strict=True))
+    doubted = [now[column].likelihood < EVEN for column in columns]
+    found = sorted(zip(doubted, away.tolist(), rows.tolist(), columns.tolist(), strict=True))
     pairs: dict[int, int] = {}
     taken = set[int]()
-    for part, row, column in found:
+    for _, part, row, column in found:
         if part <= 1.0 and row not in pairs and column not in taken:
             pairs[row] = column
             taken.add(column)

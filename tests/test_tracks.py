@@ -184,6 +184,13 @@ def test_a_contact_keeps_its_number_and_a_new_one_gets_another() -> None:
     assert {c.track: round(c.since, 2) for c in fusion.contacts}[2] == CYCLE
 
 
+def test_an_improbable_contact_takes_no_number_from_a_probable_one() -> None:
+    stepped = Stepped()
+    stepped.step((HERE, 0.9))
+    (contact,) = stepped.step((HERE, 0.3), ((0.02, 0.0, 0.0), 0.9)).contacts
+    assert contact.track == 1 and contact.position[0] > 0.009
+
+
 def test_a_contact_that_slides_away_has_moved() -> None:
     stepped, happened = Stepped(), []
     for step in range(20):
