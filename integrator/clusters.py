@@ -29,6 +29,8 @@ WIDEST = float(1 << 22)
 """More sides of a voxel than the space has."""
 SHORT = 3
 """Up to this reach each row offset is followed on its own; they grow with the reach squared."""
+WIDE = 32
+"""From this reach on it is asked whether all voxels lie within it [voxels]."""
 LIKELIHOOD_STEP = 6
 """Contacts are ordered by their likelihood rounded to this many decimals, then by first voxel."""
 
@@ -225,6 +227,12 @@ def _number(begin: UintArray, parent: UintArray, labels: Int32Array) -> int:
     return clusters
 
 
+def _diagonal_squared(keys: Int64Array) -> int:
+    """The squared diagonal of the box around voxels [voxels²]."""
+    axes = (keys >> 2 * AXIS_BITS, keys >> AXIS_BITS & AXIS_MASK, keys & AXIS_MASK)
+    return sum(int(axis.max() - axis.min()) ** 2 for axis in axes)
+
+
 def label(keys: Int64Array, reach_squared: int) -> tuple[Int32Array, int]:
     """Label voxels by cluster.
 
@@ -239,6 +247,9 @@ def label(keys: Int64Array, reach_squared: int) -> tuple[Int32Array, int]:
     if len(keys) == 0:
         return labels, 0
     reach = _root(reach_squared)
+    if reach > WIDE and _diagonal_squared(keys) <= reach_squared:
+        labels[:] = 0
+        return labels, 1
     rows = _count(keys, reach) + 1  # arrays by numpy, which asks for huge pages
     begin, parent = np.empty(rows, np.uintp), np.empty(rows, np.uintp)
     low, high = np.empty(rows, np.int64), np.empty(rows, np.int64)

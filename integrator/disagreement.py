@@ -60,6 +60,10 @@ class Disagreement:
         self._pairs: dict[tuple[str, str], Pair] = {}
         self._now: int | None = None
 
+    def forget(self, source: str) -> None:
+        """Forget the offsets of a source, which may stand elsewhere when it comes again."""
+        self._pairs = {names: pair for names, pair in self._pairs.items() if source not in names}
+
     def watch(self, now: int, members: Sequence[Member]) -> Iterator[tuple[str, str]]:
         """The pairs that begin to disagree: the second source, and a sentence.
 
@@ -69,6 +73,7 @@ class Disagreement:
         """
         elapsed = 0.0 if self._now is None else (now - self._now) / NANOSECONDS_PER_SECOND
         elapsed, self._now = (elapsed if elapsed <= GAP else 0.0), now
+        apart: dict[tuple[str, str], list[tuple[FloatArray, float]]] = {}
         for member in members:
             if member.contact.likelihood < PROBABLE:
                 continue
@@ -76,12 +81,17 @@ class Disagreement:
             for (first, (here, unsure)), (second, (there, other)) in itertools.combinations(
                 centres, 2
             ):
-                pair = self._averaged((first, second), there - here, unsure**2 + other**2, elapsed)
-                if pair.apart:
-                    pair.apart = pair.ratio > APART / 2.0
-                elif pair.seconds >= LONG and pair.ratio > APART:
-                    pair.apart = True
-                    yield second, _sentence(first, second, pair)
+                found = there - here, unsure**2 + other**2
+                apart.setdefault((first, second), []).append(found)
+        for (first, second), told in apart.items():
+            offset = np.mean([each for each, _ in told], axis=0)
+            variance = float(np.mean([each for _, each in told]))
+            pair = self._averaged((first, second), offset, variance, elapsed)
+            if pair.apart:
+                pair.apart = pair.ratio > APART / 2.0
+            elif pair.seconds >= LONG and pair.ratio > APART:
+                pair.apart = True
+                yield second, _sentence(first, second, pair)
 
     def _averaged(
         self, names: tuple[str, str], offset: FloatArray, variance: float, elapsed: float

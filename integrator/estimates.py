@@ -23,8 +23,8 @@ LARGE = 2.0
 """
 NEAR = 3.0
 """A single contact's positions are near a contact up to so many standard deviations from it."""
-TINY = 1e-12
-"""A mean normal of a smaller square has no direction."""
+LEAST = float(np.finfo(np.float64).tiny)
+"""No probability is less: that of a miss by hundreds of sources would be none."""
 
 UNIT = np.eye(3)
 
@@ -44,11 +44,11 @@ def estimate(fields: LikelihoodFields, basin: Basin, taken: Taken) -> Member:
     is_wide, is_vague = lengths[-1] * precision > LARGE**2, fields.is_vague(taken)
     is_large = is_wide and not is_vague
     position = middle if is_wide else places.mode(basin)
-    normal = None if places.normals is None else basin.weights @ places.normals[basin.rows]
+    normal = places.normal(basin)
     if is_large or normal is None:
         covariance = UNIT * np.sqrt(len(taken)) / precision
     else:  # along the surface a belief is as wide as spreads
-        across = normal[:, None] * normal / max(float(normal @ normal), TINY)
+        across = normal[:, None] * normal / float(normal @ normal)
         covariance = across * places.narrowest**2 + UNIT * places.spacing**2 / 12.0
     if not is_large:
         covariance += places.moments(basin, position)
@@ -99,6 +99,7 @@ def _existence(fields: LikelihoodFields, basin: Basin, taken: Taken) -> tuple[fl
     names, factors = [*fields.rows], dict[str, float]()
     given = {names[row]: fields.evidence[row].probability(own) for row, own in taken.items()}
     missed = min(math.prod(1.0 - each for each in given.values()), 1.0 - EDGE)
+    missed = max(missed, LEAST)
     odds = (1.0 - missed) / missed
     for row, highest in fields.supports.items():
         wrong = 1.0 - min(highest, CERTAIN) * fields.agreement(row, basin)
@@ -114,7 +115,7 @@ def _existence(fields: LikelihoodFields, basin: Basin, taken: Taken) -> tuple[fl
         rows = np.flatnonzero(belief >= BASIN * belief.max())
     left = belief[rows]
     for row, free in fields.free.items():
-        before, left = left, left * free[rows]
+        before, left = left, np.maximum(left * free[rows], LEAST)
         factors[names[row]] = float(left.sum() / before.sum())
     silent = [source for source in fields.entries.sources if source.misses < 1.0]
     factors |= {source.name: max(source.misses, EDGE) for source in silent}
@@ -153,7 +154,7 @@ def _size(
 
     The area itself is wider, as far as positions are unsure. That of the contact is among them.
     """
-    found, scatter, precision = [position[None]], np.zeros((3, 3)), TINY
+    found, scatter, precision = [position[None]], np.zeros((3, 3)), LEAST
     for row in taken:
         cloud = fields.clouds[row]
         if cloud.single or not len(which := fields.strongest(row, area)):

@@ -138,6 +138,7 @@ class Integrator:
         del self._sources[source]
         self._inbox.drop(source)
         self._space.drop(source)
+        self._disagreement.forget(source)
         self._unplugged.add(source)
         self.note(EventKind.UNPLUGGED, source, f"'{source}' was unplugged")
 

@@ -23,6 +23,8 @@ from contactfusion.thinning import voxel_downsample
 
 NARROWEST = 0.8
 """The least standard deviation of a hypothesis over a surface, in spacings of its points."""
+HIDDEN = 1e-30
+"""However many sources see nothing at a place, that much is left of it."""
 SURE = 0.5
 """A source that is so sure of a contact tells its area."""
 EXPLAINED = 0.1
@@ -123,7 +125,7 @@ class LikelihoodFields:
                 if len(cloud.positions):
                     free = np.maximum(field.heights, self._within(row))
                     self.free[row] = 1.0 - (1.0 - self._floor) * np.minimum(free, 1.0)
-                    self.seen *= self.free[row]
+                    self.seen = np.maximum(self.seen * self.free[row], HIDDEN)
                 continue
             if cloud.force is not None and self.places.normals is not None:
                 self._fits[row] = pushed(cloud.force, self.places.normals, steepest)

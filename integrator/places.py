@@ -28,6 +28,8 @@ KEPT = 1.0 + BASIN * np.log(BASIN) / (1.0 - BASIN)
 """The part of a Gaussian's variance on a plane that lies in a basin."""
 TILE = 7.0
 """Places of a surface are processed by cells of at least so many spacings, to fill vectors."""
+TINY = 1e-12
+"""A mean normal of a smaller square has no direction."""
 STEPS = 20
 """Of mean shift at most."""
 
@@ -165,6 +167,13 @@ class Places:
             rows = rows[nearer(self.points, rows, core, others)]
         mean = weights[core] @ self.points[core] / weights[core].sum()
         return Basin(core, mean, rows, weights[rows] / weights[rows].sum())
+
+    def normal(self, basin: Basin) -> FloatArray | None:
+        """The mean normal of a basin, shape (3,), or that of its top where there is none."""
+        if self.normals is None:
+            return None
+        normal: FloatArray = basin.weights @ self.normals[basin.rows]
+        return normal if normal @ normal > TINY else self.normals[basin.top]
 
     def anywhere(self, basin: Basin, weights: FloatArray) -> Basin:
         """A contact that lies in a basin or, as sources do not tell several apart, elsewhere.

@@ -5,6 +5,7 @@ force of a contact is unknown: a Gaussian as wide as the force of all, narrower 
 where friction is low, and it pushes.
 """
 
+import math
 from collections.abc import Sequence
 from dataclasses import replace
 from typing import NamedTuple
@@ -74,6 +75,7 @@ class Superposition:
         surface: of the robot, or None.
         deviation: standard deviation of the positions of contacts, by axis [m].
         friction: coefficient of friction.
+        sure: the probability of any contact, by its source.
     """
 
     def __init__(
@@ -83,8 +85,9 @@ class Superposition:
         surface: Surface | None,
         deviation: float,
         friction: float,
+        sure: float = CERTAIN,
     ) -> None:
-        self.source, self.surface = source, surface
+        self.source, self.surface, self.sure = source, surface, sure
         names = surface.link_names if surface else ("",)
         self.carried = np.array([not resultant.links or each in resultant.links for each in names])
         """Whether contacts on each link of the surface take part, shape (links,)."""
@@ -194,6 +197,10 @@ class Superposition:
         units = left @ found.wrenches
         return np.asarray((found.roots @ units[:, :, None])[:, :, 0], np.float64)
 
+    def left(self, members: Sequence[Member]) -> float:
+        """What the contacts that bear the sum leave of it, as `unexplained`."""
+        return self.unexplained(self.maps_of(self.borne(members)))
+
     def unexplained(self, found: Maps) -> float:
         """The sum that contacts leave, as half of χ²."""
         left = np.linalg.solve(_covariance(found.wrenches), self._wrench)
@@ -240,13 +247,15 @@ def _pulls(forces: FloatArray, normals: FloatArray | None) -> FloatArray:
 
 
 def measured(source: Source, cloud: Cloud, spread: float) -> Resultant | None:
-    """What a source measures of all contacts, as it says or by the force of its single contact.
+    """What evidence measures of all contacts, as it says or by the force of its single contact.
 
     Args:
         source: that measures.
         cloud: its hypotheses.
         spread: how unsure their positions are, by axis [m].
     """
+    if source.kind != HypothesisKind.REGULAR:
+        return None
     if source.resultant or cloud.force is None:
         return source.resultant
     point = cloud.positions[cloud.likelihoods.argmax()]
@@ -297,28 +306,37 @@ def missing(members: Sequence[Member], sum_of: Superposition, entries: Entries) 
         entries: what was fused.
     """
     surface = sum_of.surface
-    probable = [member for member in members if member.contact.likelihood >= EVEN]
-    known = sum_of.maps_of(sum_of.borne(probable))
+    source = sum_of.source  # of what it is not sure of itself, it makes no surer contact
+    counted = [
+        each
+        for each in members
+        if each.contact.likelihood >= EVEN or each.given.get(source, CERTAIN) < EVEN
+    ]
+    known = sum_of.maps_of(sum_of.borne(counted))
     if surface is None or sum_of.unexplained(known) < -np.log(RARE):
         return []
-    spacing = COARSE * surface.spacing
+    spacing = COARSE * (surface.spacing or entries.grid.voxel_size)
     rows = np.flatnonzero(sum_of.carried[surface.links])
     if not len(rows):
         return []
     rows = rows[voxel_downsample(surface.points[rows], Grid(entries.grid.frame, spacing))]
     normals = surface.normals[rows]
     places = Places(surface.points[rows], normals, spacing, spacing, surface.links[rows])
-    weights, added = _predicted(places, entries)
+    weights, free, added = _predicted(places, entries)
+    weights *= free
     gains = sum_of.gains(sum_of.maps(places.points, normals), known)
     best = gains.max()
     joint = weights * np.exp(gains - best)
     odds = RARE * float(np.exp(min(best, 50.0)) * joint.sum() / weights.sum())
     basin = places.densest(joint / joint.max())
+    odds = min(odds, sum_of.sure / (1.0 - sum_of.sure))
+    odds *= float(joint[basin.rows].sum() / (joint / free)[basin.rows].sum())
+    odds *= math.prod(max(each.misses, EDGE) for each in entries.sources)
     here = float(joint[basin.rows].sum() / joint.sum())
     probability = min(odds / (1.0 + odds), CERTAIN) * here
     position = places.mode(basin)
     confirmed = {name: float(basin.weights @ field[basin.rows]) for name, field in added.items()}
-    confirmed[sum_of.source] = 1.0
+    confirmed[source] = 1.0
     total = sum(confirmed.values())
     contact = Contact(
         position=position,
@@ -338,9 +356,9 @@ def missing(members: Sequence[Member], sum_of: Superposition, entries: Entries) 
     )
     for array in (position, contact.scatter, contact.covariance, contact.extent, contact.force):
         array.flags.writeable = False
-    normal = basin.weights @ normals[basin.rows]
+    normal = places.normal(basin)
     points, reach = places.points[basin.rows], 0.5 * STEP * places.spacing
-    given, link = {sum_of.source: probability}, int(places.links[basin.top])
+    given, link = {source: probability}, int(places.links[basin.top])
     return [Member(contact, points, basin.weights, normal, reach, link, given)]
 
 
@@ -410,19 +428,21 @@ def _centred(
     return replace(contact, position=frozen(position), covariance=frozen(both)), centres
 
 
-def _predicted(places: Places, entries: Entries) -> tuple[FloatArray, dict[str, FloatArray]]:
-    """How likely a contact is at each place without any evidence, and the factor of each support.
+def _predicted(
+    places: Places, entries: Entries
+) -> tuple[FloatArray, FloatArray, dict[str, FloatArray]]:
+    """How likely a contact is at each place by support, what null leaves, and each support.
 
-    Both of shape (c,).
+    All of shape (c,).
     """
-    weights, added = np.ones(len(places.points)), {}
+    weights, free, added = np.ones(len(places.points)), np.ones(len(places.points)), {}
     for source, cloud in zip(entries.sources, clouds_of(entries), strict=True):
         if cloud.kind == HypothesisKind.REGULAR or not len(cloud.positions):
             continue
         heights = places.field(cloud).heights
         if cloud.kind == HypothesisKind.NULL:
-            weights *= 1.0 - (1.0 - DOUBT) * np.minimum(heights, 1.0)
+            free *= 1.0 - (1.0 - DOUBT) * np.minimum(heights, 1.0)
         elif heights.any():
             added[source.name] = heights / heights.max() + DOUBT
             weights *= added[source.name]
-    return weights, added
+    return weights, free, added

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from pydantic import Field as FieldOf
 
 from contactfusion.arrays import FloatArray
+from contactfusion.integrator.detections import CERTAIN
 from contactfusion.integrator.entries import Entries, Field, Member, Source
 from contactfusion.integrator.estimates import AGREED, estimate
 from contactfusion.integrator.likelihood_fields import LikelihoodFields, product
@@ -62,11 +63,15 @@ class Sets(Rule):
         """The contacts over the surface near evidence, or over the evidence's positions."""
         search = Search(entries, surface, self._floor, self._friction)
         members = search.members()
-        sums = [*search.sums.values()]
-        for sum_of in sums if members else ():
-            members = needed(members, sum_of)
-            members += missing(members, sum_of, entries)
-            members = shared(members, sum_of)
+        # what is explained least is asked first, whatever its source is called
+        sums = sorted(search.sums.values(), key=lambda sum_of: -round(sum_of.left(members), 6))
+        if members:
+            for sum_of in sums:
+                members = needed(members, sum_of)
+            for sum_of in sums:
+                members += missing(members, sum_of, entries)
+            for sum_of in sums:
+                members = shared(members, sum_of)
         members = centred(members, sums)
         members.sort(key=lambda member: -round(member.contact.likelihood, 6))
         return Field(entries, partial(by_voxel, entries, members), members=members)
@@ -94,12 +99,14 @@ class Search:
     ) -> None:
         self._fields, self._floor = LikelihoodFields(entries, surface, floor, friction), floor
         fields = self._fields
-        spread = {row: fields.spread(row) for row in fields.evidence}
-        self.sums = {
-            row: Superposition(source.name, found, surface, fields.places.narrowest, friction)
-            for row, source in enumerate(entries.sources if fields.evidence else ())
-            if (found := measured(source, fields.clouds[row], spread.get(row, 0.0)))
-        }
+        self.sums = dict[int, Superposition]()
+        for row, source in enumerate(entries.sources if fields.evidence else ()):
+            own = fields.evidence.get(row)
+            spread = fields.spread(row) if own else 0.0
+            if found := measured(source, fields.clouds[row], spread):
+                sure = CERTAIN if own is None or source.resultant else own.probability(own.left)
+                given = source.name, found, surface, fields.places.narrowest, friction, sure
+                self.sums[row] = Superposition(*given)
 
     def members(self) -> list[Member]:
         """The contacts, in the order in which they are found.
@@ -128,8 +135,7 @@ class Search:
         self._summed: dict[int, NDArray[np.bool_]] = {}
         """The detections that tell of several contacts together, by the row of their source."""
         while len(found) < MOST and self._fields.possible() >= FAINT:
-            whole = product(self._fields.factors)
-            weights = self._fields.seen * whole * self._fields.sought()
+            weights = self._weights()
             beside = [*(member for _, member in found), *before[len(found) + 1 :]]
             is_vague = any(
                 each.cloud.single and each.left.any() for each in self._fields.evidence.values()
@@ -153,6 +159,15 @@ class Search:
                     self._summed[row] = each.left.copy()
                     self._fields.take_out(row, self._summed[row])
         return found
+
+    def _weights(self) -> FloatArray:
+        """How well the next contact would explain all that is left, at each place, shape (c,)."""
+        sought = np.flatnonzero(self._fields.sought())
+        whole, weights = product(self._fields.factors[:, sought]), np.zeros(len(self._fields.seen))
+        weights[sought] = whole * self._fields.seen[sought]
+        if not weights.any():  # all of it is where hundreds of sources see nothing
+            weights[sought] = whole
+        return weights
 
     def _fewest(self, found: Sequence[tuple[Basin, Member]]) -> list[Member]:
         """The contacts without those of which every source may tell of another one.

@@ -25,6 +25,8 @@ MISSED = 0.1
 """The probability, at least, that a source misses in a step what it found in the one before."""
 EVEN = 0.5
 """The probability of a contact of which nothing is known."""
+NEVER = -(2**63)
+"""Before every stamp."""
 
 
 class Change(StrEnum):
@@ -60,7 +62,8 @@ class Track:
         anchor: what its position moves with.
         averaged: number of steps of which its position is the mean.
         given: the probability of a contact by each of its sources.
-        heard: the newest stamp of each of these [ns].
+        heard: the newest stamp at which each of these told of it [ns].
+        told: where they did, shape (3,) [m], in the frame of contacts.
         settled: where it was made or last moved to, as `anchor`.
     """
 
@@ -70,6 +73,7 @@ class Track:
     averaged: float
     given: Mapping[str, float]
     heard: Mapping[str, int]
+    told: FloatArray
     settled: Anchor
 
     @property
@@ -117,21 +121,33 @@ class Tracks:
             surface: of the robot now, or None.
         """
         elapsed = 0 if self._now is None else now - self._now
-        for track in self._tracks:
-            track.probability = self._after(track.probability, elapsed)
-            track.contact = replace(track.contact, position=_followed(track, track.anchor, surface))
         slid = SLIDING * elapsed / NANOSECONDS_PER_SECOND
-        before, found = ([each.contact for each in group] for group in (self._tracks, members))
-        pairs = paired(before, found, slid)
+        for track in self._tracks:
+            track.contact = _moved_to(track.contact, _followed(track, track.anchor, surface))
+        pairs = paired(
+            [self._expected(track, looks) for track in self._tracks],
+            [member.contact for member in members],
+            slid,
+        )
         for number, track in enumerate(self._tracks):
+            later = self._after(track.probability, elapsed)
             if number in pairs:
+                track.probability = later
                 self._confirm(track, members[pairs[number]], looks, elapsed)
-            else:
+            else:  # nothing is made where nothing is found
+                track.probability = later if track.is_made else min(later, track.probability)
                 self._miss(track, looks)
         new = sorted(set(range(len(members))) - set(pairs.values()))
-        self._tracks += [self._begun(members[row], looks) for row in new]
+        found = [self._tracks[number] for number in pairs]
+        found += [self._begun(members[row], looks) for row in new]
+        self._tracks += found[len(pairs) :]
         events = [event for track in self._tracks for event in self._events(track, now, surface)]
-        self._tracks = [track for track in self._tracks if track.probability >= POSSIBLE]
+        told = {id(track) for track in found}
+        self._tracks = [
+            track
+            for track in self._tracks
+            if id(track) in told or track.is_made or track.probability >= POSSIBLE
+        ]
         self._looked, self._now = dict(looks), now
         reported = [track.contact for track in self._tracks if self._is_reported(track)]
         reported.sort(key=lambda contact: (-round(contact.likelihood, 6), contact.track))
@@ -153,17 +169,32 @@ class Tracks:
         prior = self._after(0.0, min(since)) if since else EVEN
         probability = _updated(prior, _odds(member.contact.likelihood))
         heard = {name: looks[name] for name in member.given}
-        here = Anchor(None, member.contact.position)
-        return Track(member.contact, probability, here, 1.0, member.given, heard, here)
+        place = member.contact.position
+        here = Anchor(None, place)
+        return Track(member.contact, probability, here, 1.0, member.given, heard, place, here)
+
+    def _expected(self, track: Track, looks: Mapping[str, int]) -> Contact:
+        """A contact where it is found if its sources have said nothing new: they do not follow."""
+        if any(looks.get(name, NEVER) > stamp for name, stamp in track.heard.items()):
+            return track.contact
+        return replace(track.contact, position=track.told)
 
     def _confirm(
         self, track: Track, member: Member, looks: Mapping[str, int], elapsed: int
     ) -> None:
         """Take what is said of a contact now; only what is new makes it more probable or less."""
         heard = {name: looks[name] for name in member.given}
-        if all(stamp <= track.heard.get(name, -1) for name, stamp in heard.items()):
+        withdrawn = [
+            name
+            for name, stamp in track.heard.items()
+            if name not in heard and looks.get(name, NEVER) > stamp
+        ]
+        is_new = any(stamp > track.heard.get(name, NEVER) for name, stamp in heard.items())
+        if not is_new and not withdrawn:
             return
-        track.probability = _updated(track.probability, _odds(member.contact.likelihood))
+        if is_new:
+            track.probability = _updated(track.probability, _odds(member.contact.likelihood))
+        track.probability = _updated(track.probability, self._missed(track, withdrawn))
         before, found = track.contact, member.contact
         away = found.position - before.position
         track.averaged *= float(np.exp(-elapsed / NANOSECONDS_PER_SECOND / SMOOTHING))
@@ -171,18 +202,22 @@ class Tracks:
             track.averaged = 0.0
         track.averaged += 1.0
         place = frozen(before.position + away / track.averaged)
-        track.contact = replace(found, position=place, track=before.track, since=before.since)
-        track.given, track.heard = member.given, heard
+        kept = replace(found, track=before.track, since=before.since)
+        track.contact = _moved_to(kept, place)
+        track.given, track.heard, track.told = member.given, heard, found.position
 
     def _miss(self, track: Track, looks: Mapping[str, int]) -> None:
         """Take it that nothing is said of a contact now."""
-        spoke = [name for name, stamp in track.heard.items() if looks.get(name, -1) > stamp]
+        spoke = [name for name, stamp in track.heard.items() if looks.get(name, NEVER) > stamp]
         if not spoke:  # what was said of it is too old to live
             track.probability = 0.0
             return
-        missed = np.prod([max(1.0 - track.given[name], MISSED) for name in spoke])
-        track.probability = _updated(track.probability, float(missed))
+        track.probability = _updated(track.probability, self._missed(track, spoke))
         track.heard = {name: looks.get(name, stamp) for name, stamp in track.heard.items()}
+
+    def _missed(self, track: Track, names: Sequence[str]) -> float:
+        """The probability that sources do not find what they found in the step before."""
+        return float(np.prod([max(1.0 - track.given[name], MISSED) for name in names]))
 
     def _is_reported(self, track: Track) -> bool:
         return track.probability >= self.existence - EDGE
@@ -212,7 +247,7 @@ class Tracks:
 def paired(before: Sequence[Contact], now: Sequence[Contact], slid: float = 0.0) -> dict[int, int]:
     """Which contacts, as rows, are the same, the nearest first.
 
-    One of a step that probably does not exist is the same only as what no other is.
+    What probably exists is paired first, and what is reported before what is not.
 
     Args:
         before: contacts.
@@ -234,11 +269,13 @@ def paired(before: Sequence[Contact], now: Sequence[Contact], slid: float = 0.0)
     rows, columns = np.nonzero(squared <= most)  # no width is larger than the trace
     widths = np.linalg.eigvalsh(wide[rows] + wider[columns])[:, -1]
     away = squared[rows, columns] / (NEAR * np.sqrt(widths) + slid) ** 2
-    doubted = [now[column].likelihood < EVEN for column in columns]
-    found = sorted(zip(doubted, away.tolist(), rows.tolist(), columns.tolist(), strict=True))
+    found = sorted(
+        (now[column].likelihood < EVEN, before[row].track == 0, part, row, column)
+        for part, row, column in zip(away.tolist(), rows.tolist(), columns.tolist(), strict=True)
+    )
     pairs: dict[int, int] = {}
     taken = set[int]()
-    for _, part, row, column in found:
+    for _, _, part, row, column in found:
         if part <= 1.0 and row not in pairs and column not in taken:
             pairs[row] = column
             taken.add(column)
@@ -251,6 +288,14 @@ def _followed(track: Track, anchor: Anchor, surface: Surface | None) -> FloatArr
         return anchor.point if anchor.part is None else track.contact.position
     place = surface.follow(anchor)
     return track.contact.position if place is None else place
+
+
+def _moved_to(contact: Contact, position: FloatArray) -> Contact:
+    """A contact at another position, its extent with it."""
+    if contact.position is position:
+        return contact
+    extent = frozen(contact.extent + (position - contact.position))
+    return replace(contact, position=position, extent=extent)
 
 
 def _squared(offset: FloatArray) -> float:

@@ -86,3 +86,23 @@ def test_of_many_sources_the_first_by_name_are_compared(apart: int, told: int) -
     watch = Disagreement()
     found = [pair for now in range(20) for pair in watch.watch(now * 250_000_000, [member])]
     assert len(found) == told
+
+
+@pytest.mark.parametrize("contacts", [1, 2, 4])
+def test_several_contacts_make_no_time_pass_faster(contacts: int) -> None:
+    watch, centres = Disagreement(), {"a": (np.zeros(3), 0.004), "b": (np.full(3, 0.01), 0.004)}
+    member: Any = SimpleNamespace(contact=SimpleNamespace(likelihood=1.0), centres=centres)
+    told = [step for step in range(100) if [*watch.watch(step * 50_000_000, [member] * contacts)]]
+    assert told == [40]
+
+
+def test_a_source_that_is_mounted_anew_begins_anew() -> None:
+    watch = Disagreement()
+    centres = {"a": (np.zeros(3), 0.004), "b": (np.full(3, 0.01), 0.004)}
+    member: Any = SimpleNamespace(contact=SimpleNamespace(likelihood=1.0), centres=centres)
+    told = []
+    for step in range(79):
+        told += [*watch.watch(step * 50_000_000, [member])]
+        if step == 39:
+            watch.forget("b")
+    assert not told

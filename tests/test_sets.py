@@ -424,3 +424,94 @@ def test_of_many_factors_the_product_is_relative_and_of_few_it_is_exact() -> Non
     many = np.repeat([[50.0, 25.0, 1.0]], 400, axis=0)
     np.testing.assert_allclose(product(many), [1.0, 0.5**400, 0.0], rtol=1e-9, atol=1e-300)
     np.testing.assert_allclose(product(1.0 / many)[2], 1.0)
+
+
+def pushed(
+    source: str, p: float, at: Any, force: Any = DOWN, spread: float = 4.0
+) -> HypothesisCloud:
+    """A single contact whose force a source knows, somewhere in a square of 1 cm [mm]."""
+    mm, forces = PATCH + np.asarray(at), np.tile(force, (len(PATCH), 1))
+    return emit(source, p / len(mm), mm, spread, single=True, forces=forces)
+
+
+@pytest.mark.parametrize("p", [0.2, 0.3, 0.49, 0.6, 0.8])
+def test_a_force_makes_no_contact_surer_than_its_source_is(p: float) -> None:
+    field = fused(pushed("wrist", p, (0, 0, 0)), surface=PALM).field
+    assert field.members is not None
+    assert max(each.contact.likelihood for each in field.members) == pytest.approx(p, abs=1e-6)
+
+
+def test_silence_and_null_speak_against_a_contact_by_force_alone() -> None:
+    wrist, silent = pushed("wrist", 0.6, (0, 0, 0)), emit("skin", [], [])
+    free = emit("free", 0.95, PALM.points * 1e3, kind=NULL)
+    (alone,) = fused(wrist, surface=PALM).contacts
+    assert alone.likelihood == pytest.approx(0.6, abs=1e-6)
+    for others in ((silent,), (free,), (silent, free)):
+        field = fused(wrist, *others, surface=PALM, skin=0.9).field
+        assert all(each.contact.likelihood < 0.3 for each in field.members or ())
+
+
+def test_names_of_sources_of_force_make_no_difference() -> None:
+    def contacts(first: str, second: str) -> list[float]:
+        clouds = (
+            pushed(first, 0.85, (-26, -19, 0), (-0.5, 0.6, -4.9)),
+            pushed(second, 0.84, (30, -32, 0), (-0.6, -0.1, -5.0)),
+        )
+        found = fused(*clouds, surface=PALM).contacts
+        return sorted(round(contact.likelihood, 6) for contact in found)
+
+    assert contacts("a", "b") == contacts("b", "a") != []
+
+
+FAR = (60, 0, 0)
+
+
+@pytest.mark.parametrize(
+    ("clouds", "contacts"),
+    [
+        pytest.param([emit(f"s{k:03d}", 1.0, (0, 0, 0)) for k in range(170)], 1, id="170 agree"),
+        pytest.param(
+            [emit("skin", 0.9, (0, 0, 0)), emit("b", 0.3, FAR)]
+            + [emit(f"s{k:03d}", 0.5, FAR, kind=SUPPORT) for k in range(200)],
+            2,
+            id="200 support elsewhere",
+        ),
+        pytest.param(
+            [emit("skin", 0.9, (0, 0, 0))]
+            + [emit(f"s{k:03d}", 1.0, (0, 0, 0), kind=NULL) for k in range(170)],
+            0,
+            id="170 null",
+        ),
+        pytest.param([emit("skin", 0.9, [(0, 0, 0), (20, 0, 0)], 1e8)], 1, id="100 km unsure"),
+    ],
+)
+def test_hundreds_of_sources_and_vast_spreads_are_taken(
+    clouds: list[HypothesisCloud], contacts: int
+) -> None:
+    assert len(fused(*clouds).contacts) == contacts
+
+
+WRENCH = Resultant(np.array(DOWN), np.array([1.0, 1.0, 0.0]), np.zeros(3), 0.1, 0.01)
+"""Which no contact explains alone."""
+POINT = Surface("hand", np.zeros((1, 3)), np.array([[0.0, 0.0, 1.0]]))
+SHEET = Surface(
+    "hand",
+    np.concatenate([PALM.points + (0.0, 0.0, z) for z in (-5e-4, 5e-4)]),
+    np.concatenate([np.tile((0.0, 0.0, z), (len(PALM.points), 1)) for z in (-1.0, 1.0)]),
+)
+"""Thin, and seen from both sides."""
+
+
+@pytest.mark.parametrize("surface", [POINT, SHEET], ids=["a point", "a thin sheet"])
+def test_a_wrench_is_explained_on_any_surface(surface: Surface) -> None:
+    skin = emit("skin", 0.9, (0, 0, 0))
+    for wrench in (WRENCH, Resultant(np.array(DOWN), np.zeros(3), np.zeros(3), 0.1, 0.01)):
+        contacts = fused(skin, emit("wrist", [], [], resultant=wrench), surface=surface).contacts
+        assert contacts and all(np.isfinite(each.covariance).all() for each in contacts)
+
+
+@pytest.mark.parametrize("kind", [SUPPORT, NULL])
+def test_only_evidence_measures_a_sum(kind: HypothesisKind) -> None:
+    clouds = emit("skin", 0.9, (20, 0, 0)), emit("wrist", [], [], kind=kind, resultant=WRENCH)
+    (contact,) = fused(*clouds, surface=PALM).contacts
+    assert contact.likelihood == pytest.approx(0.9, abs=1e-6)

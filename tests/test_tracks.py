@@ -119,6 +119,41 @@ def test_steps_in_which_nothing_new_is_said_change_nothing() -> None:
         assert not stepped.wait(0.001).contacts
 
 
+@pytest.mark.parametrize("cycles", [1, 5])
+def test_a_wrong_step_is_no_news_in_the_steps_after_it(cycles: int) -> None:
+    stepped = Stepped(cycle=0.001)
+    for _ in range(500):
+        stepped.step()
+    assert not stepped.step((HERE, 0.8)).contacts
+    for _ in range(cycles):
+        assert not stepped.wait(0.001).contacts
+
+
+def test_what_ended_is_forgotten() -> None:
+    stepped = Stepped()
+    for place in range(40):
+        for _ in range(3):
+            stepped.step(((0.03 * place, 0.0, 0.0), 0.8))
+    for _ in range(20):
+        stepped.step()
+    assert stepped.integrator._tracks is not None and not stepped.integrator._tracks._tracks
+
+
+def test_what_one_of_two_sources_withdraws_no_longer_counts() -> None:
+    stepped = Stepped(timeout=3.0)
+    stepped.integrator.plug("camera", HypothesisKind.REGULAR, replace=True)
+    for p in [*[()] * 10, (0.6,)]:
+        cloud = HypothesisCloud(
+            "camera", HypothesisKind.REGULAR, stepped.now + CYCLE, "hand", np.zeros((len(p), 3)),
+            np.array(p, np.float64), spreads=np.full(len(p), 0.006),
+        )  # fmt: skip
+        stepped.integrator.receive(cloud)
+        assert not stepped.step().contacts
+    (wrong,) = stepped.step(((0.009, 0.0, 0.0), 0.95)).contacts
+    assert wrong.likelihood > 0.8
+    assert made(stepped.step()) == [("broken", 1)]
+
+
 @pytest.mark.parametrize("cycle", [1.0, 10.0])
 def test_a_slow_loop_believes_what_it_is_told(cycle: float) -> None:
     stepped = Stepped(cycle)
@@ -191,6 +226,18 @@ def test_an_improbable_contact_takes_no_number_from_a_probable_one() -> None:
     assert contact.track == 1 and contact.position[0] > 0.009
 
 
+def test_a_contact_keeps_its_number_where_another_one_has_ended() -> None:
+    stepped = settled()
+    for _ in range(10):
+        stepped.step(((0.04, 0.0, 0.0), 0.8))
+    for _ in range(40):
+        stepped.step()
+    happened = []
+    for step in range(60):
+        happened += made(stepped.step(((0.001 * step, 0.0, 0.0), 0.9)))
+    assert happened[0] == ("made", 2) and {*happened[1:]} == {("moved", 2)}
+
+
 def test_a_contact_that_slides_away_has_moved() -> None:
     stepped, happened = Stepped(), []
     for step in range(20):
@@ -232,6 +279,26 @@ def test_a_contact_moves_with_its_link() -> None:
     (contact,) = missed.contacts
     there = (0.08 * math.cos(1.5), 0.08 * math.sin(1.5), 0.0)
     np.testing.assert_allclose(contact.position, there, atol=0.002)
+
+
+def test_a_contact_of_a_slow_source_moves_with_its_link_in_between() -> None:
+    stepped, numbers = Stepped(cycle=0.01), set[int]()
+    stepped.integrator.plug("slow", HypothesisKind.REGULAR, replace=True)
+    for step in range(100):
+        angle = 0.025 * step
+        tip = (0.08 * math.cos(angle), 0.08 * math.sin(angle), 0.0)
+        now = stepped.now + stepped.cycle
+        if step % 10 == 0:
+            cloud = HypothesisCloud(
+                "slow", HypothesisKind.REGULAR, now, "hand", np.array([tip]), np.array([0.95]),
+                spreads=np.full(1, 0.004),
+            )  # fmt: skip
+            stepped.integrator.receive(cloud)
+        (contact,) = stepped.step(surface=finger(angle)).contacts
+        numbers.add(contact.track)
+        np.testing.assert_allclose(contact.position, tip, atol=0.005)
+        np.testing.assert_allclose(contact.extent.mean(axis=0), contact.position, atol=0.003)
+    assert numbers == {1}
 
 
 def test_reset_begins_again() -> None:
