@@ -143,6 +143,8 @@ def _described(
         for name in names:
             if name not in known:
                 hint = name_hint(str(name), known, f"{kind} of the robot")
+                if kind == "efforts":
+                    hint += "; `contactfusion identify` tells them from a free motion"
                 raise ConfigurationError(f"unknown name '{name}': {hint}", f"{path}.{option}")
         described = {name: known[name] for name in names}
         found[option] = described[given] if isinstance(given, str) else described

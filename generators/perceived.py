@@ -23,8 +23,8 @@ NEAR = 0.005
 """Strips further than the nearest by no more than this touch, too [m]."""
 
 
-ROBOT = (BoxConfig(x=(0.20, 0.305), y=(-0.32, 0.32), z=(-0.45, -0.035)),)
-"""The base of the package, with a margin for the noise of a LiDAR, in its frame [m]."""
+ROBOT = (BoxConfig(x=(0.20, 0.315), y=(-0.32, 0.32), z=(-0.45, -0.035)),)
+"""The base of the package, with a margin for a LiDAR and its mounting, in its frame [m]."""
 
 NOTHING_NEAR = "nothing in the region"
 """Note on a cloud; if it is permanent, the sensor's frame may be wrong."""
