@@ -189,12 +189,13 @@ class Tracks:
             for name, stamp in track.heard.items()
             if name not in heard and looks.get(name, NEVER) > stamp
         ]
-        is_new = any(stamp > track.heard.get(name, NEVER) for name, stamp in heard.items())
-        if not is_new and not withdrawn:
+        if any(stamp > track.heard.get(name, NEVER) for name, stamp in heard.items()):
+            factor = _odds(member.contact.likelihood)
+        elif withdrawn:
+            factor = self._missed(track, withdrawn)
+        else:
             return
-        if is_new:
-            track.probability = _updated(track.probability, _odds(member.contact.likelihood))
-        track.probability = _updated(track.probability, self._missed(track, withdrawn))
+        track.probability = _updated(track.probability, factor)
         before, found = track.contact, member.contact
         away = found.position - before.position
         track.averaged *= float(np.exp(-elapsed / NANOSECONDS_PER_SECOND / SMOOTHING))
