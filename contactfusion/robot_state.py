@@ -64,6 +64,7 @@ class Robot:
         self._states = StateBuffer()
         self._transforms = TransformBuffer()
         self._known: State | None = None
+        self._stray = ""
         self._placed_at = functools.lru_cache(STAMPS)(self._places)
         """Joints, base pose and frames at a stamp, until the next reading of the robot."""
         self._frames = self._fixed
@@ -71,13 +72,14 @@ class Robot:
 
     @property
     def misplaced(self) -> str:
-        """A sentence on the links that /tf_static places elsewhere than the URDF, or nothing.
+        """A sentence on what stands elsewhere than the URDF says, or nothing.
 
-        A link that a joint moves is where it was at the last lookup of frames.
+        It is a joint far beyond its limits, or else the links that /tf_static places elsewhere. A
+        link that a joint moves is where it was at the last lookup of frames.
         """
         differing = dict(self._differing())
-        if not differing:
-            return ""
+        if self._stray or not differing:
+            return self._stray
         (link, by), *others = differing.items()
         likewise = f"; likewise {', '.join(name for name, _ in others)}" if others else ""
         return (
@@ -89,6 +91,8 @@ class Robot:
         if isinstance(reading, Transform):
             self._transforms.add(reading)
         elif isinstance(reading, JointState | Odometry | Twist):
+            if isinstance(reading, JointState) and self.model and not self._stray:
+                self._stray = self.model.stray(reading)
             self._states.add(reading)
         else:
             return

@@ -189,6 +189,13 @@ def short(joints: Joints | None = None, **options: Any) -> FloatArray:
     return table(joints or Joints(), **{"seconds": 20.0, **options})
 
 
+def test_positions_in_degrees_are_refused(tmp_path: Path) -> None:
+    rows = short()
+    rows[:, 1:8] = np.degrees(rows[:, 1:8])
+    with pytest.raises(ContactFusionError, match="is it in degrees, or another joint"):
+        told(tmp_path, rows)
+
+
 def test_a_joint_that_hardly_moves_keeps_what_is_configured(tmp_path: Path) -> None:
     span = np.full(7, 0.5)
     span[2] = 0.001

@@ -76,6 +76,19 @@ def test_a_link_that_tf_static_places_elsewhere_than_the_urdf_is_told(
     assert (pipe.step(0.0).fusion.contacts, pipe.misplaced) == ((), sentence)
 
 
+def test_a_joint_in_degrees_is_told() -> None:
+    pipe = pipeline(robot=ARM)
+    model = pipe._robot.model
+    assert model is not None
+    for stamp, scale in ((0.0, 1.0), (0.1, np.degrees(1.0)), (0.2, 1.0)):
+        names, positions = ("other", *model.joint_names), np.array([900.0, *(scale * BENT)])
+        pipe.receive(JointState(stamp=stamp, frame="base", names=names, positions=positions))
+        told = pipe.misplaced
+        assert ("is it in degrees, or another joint?" in told) == (stamp > 0.0)
+    row = int((np.degrees(BENT) > model.limits[:, 1] + 2.0 * np.pi).argmax())
+    assert f"{model.joint_names[row]} is at {np.degrees(BENT[row]):.4g} rad" in told
+
+
 def test_a_patch_on_a_link_moves_with_it(tmp_path: Path) -> None:
     patch = {"grid": {"rows": 1, "columns": 1, "pitch": (0.004, 0.004)}}
     pipe = pipeline(

@@ -189,6 +189,8 @@ class Recorded:
     def _add(self, name: str, reading: Reading) -> None:
         if isinstance(reading, JointState):
             require_efforts(reading, tuple(self.joints[name].joints))
+            if self.model and (stray := self.model.stray(reading)):
+                raise ConfigurationError(stray)
         positions = np.empty(0)
         if self.model is not None:
             positions = self.model.positions(self._states.joints(reading.stamp))

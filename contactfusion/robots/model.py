@@ -32,6 +32,9 @@ COVERED = 0.002
 MOUNTED = 10.0
 """The furthest that a frame is mounted from its link [m]; half of the links' reach if greater."""
 
+TURN = 2.0 * math.pi
+"""A joint so far beyond its limits is in another unit than rad, or is not that joint."""
+
 
 class _Known(NamedTuple):
     """The joints that a message holds, sorted by what gives each joint of the robot its position.
@@ -118,6 +121,32 @@ class RobotModel:
         limits = np.stack([lower[first], upper[first]], axis=1)
         limits[turning] = -np.inf, np.inf
         return limits
+
+    def stray(self, reading: JointState) -> str:
+        """A sentence on a revolute joint that is a turn or more beyond its limits, or nothing."""
+        rows, low, high = self._bounds(reading.names)
+        away = (reading.positions < low) | (reading.positions > high)
+        if not away.any():
+            return ""
+        at = int(away.argmax())
+        least, greatest = self.limits[rows[at]]
+        return (
+            f"{reading.label}: {reading.names[at]} is at {reading.positions[at]:.4g} rad, and its "
+            f"limits in the URDF are {least:.4g} and {greatest:.4g}: is it in degrees, or another "
+            f"joint?"
+        )
+
+    @lru_cache(maxsize=8)  # noqa: B019 a robot lives as long as its pipeline
+    def _bounds(self, names: tuple[str, ...]) -> tuple[list[int], FloatArray, FloatArray]:
+        """Of joints by name their rows, -1 if unknown, and what is a turn beyond their limits."""
+        known = {name: row for row, name in enumerate(self.joint_names)}
+        rows, turns = [known.get(name, -1) for name in names], np.array(self.units) == "rad"
+        bounds = [
+            self.limits[row] + (-TURN, TURN) if row >= 0 and turns[row] else (-np.inf, np.inf)
+            for row in rows
+        ]
+        low, high = np.reshape(bounds, (-1, 2)).T
+        return rows, low, high
 
     @property
     def efforts(self) -> FloatArray:
