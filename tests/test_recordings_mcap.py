@@ -40,6 +40,7 @@ from contactfusion.readings import (
 from contactfusion.readings.messages import known_types
 from contactfusion.recordings.mcap import McapWriter
 from contactfusion.recordings.messages import typestore
+from contactfusion.recordings.recording import RawMessage
 from contactfusion.recordings.ros import RosConfig, RosRecording
 from contactfusion.recordings.ros.readers import MCAP_MAGIC
 from tests.clouds import HERE, THERE, cloud, fused
@@ -636,3 +637,12 @@ def test_steps_without_voxels_are_drawn_once(tmp_path: Path) -> None:
     found = read_by_rosbags(tmp_path / "a.mcap")
     assert len(found["/contactfusion/contacts"]) == 5
     assert [len(found[f"/contactfusion/{name}"]) for name in VIEWS] == [3, 3]
+
+
+def test_a_topic_that_cannot_be_copied_is_named(tmp_path: Path) -> None:
+    raw = RawMessage("/big", "a/msg/B", "std_msgs/Header[5000000] v\n", EPOCH, bytes(8))
+    with McapWriter(tmp_path / "out.mcap") as writer:
+        with pytest.raises(
+            RecordingError, match="^/big can't be copied: the definition"
+        ):
+            writer.copy(raw)

@@ -196,12 +196,11 @@ class McapWriter:
         channel = self._channels.get(raw.topic)
         if channel is None:
             definition = raw.definition or defined(raw.msgtype)
-            channel = self._opened(
-                raw.topic,
-                raw.msgtype,
-                msgdef=definition,
-                rihs01=type_hash(raw.msgtype, definition),
-            )
+            try:
+                known = type_hash(raw.msgtype, definition)
+            except RecordingError as error:
+                raise RecordingError(f"{raw.topic} can't be copied: {error}") from None
+            channel = self._opened(raw.topic, raw.msgtype, msgdef=definition, rihs01=known)
         self._put(channel, raw.msgtype, raw.log_stamp_ns, raw.cdr)
 
     def contacts(
