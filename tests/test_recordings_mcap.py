@@ -642,7 +642,5 @@ def test_steps_without_voxels_are_drawn_once(tmp_path: Path) -> None:
 def test_a_topic_that_cannot_be_copied_is_named(tmp_path: Path) -> None:
     raw = RawMessage("/big", "a/msg/B", "std_msgs/Header[5000000] v\n", EPOCH, bytes(8))
     with McapWriter(tmp_path / "out.mcap") as writer:
-        with pytest.raises(
-            RecordingError, match="^/big can't be copied: the definition"
-        ):
+        with pytest.raises(RecordingError, match="^/big can't be copied: the definition"):
             writer.copy(raw)
