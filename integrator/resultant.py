@@ -19,6 +19,7 @@ from contactfusion.hypotheses import HypothesisKind, Resultant
 from contactfusion.integrator.detections import CERTAIN, Cloud, clouds_of
 from contactfusion.integrator.entries import Entries, Member, Source
 from contactfusion.integrator.kernels import EDGE
+from contactfusion.integrator.likelihood_fields import HIDDEN
 from contactfusion.integrator.places import STEP, Places
 from contactfusion.surface import Surface
 from contactfusion.thinning import voxel_downsample
@@ -441,7 +442,7 @@ def _predicted(
             continue
         heights = places.field(cloud).heights
         if cloud.kind == HypothesisKind.NULL:
-            free *= 1.0 - (1.0 - DOUBT) * np.minimum(heights, 1.0)
+            free = np.maximum(free * (1.0 - (1.0 - DOUBT) * np.minimum(heights, 1.0)), HIDDEN)
         elif heights.any():
             added[source.name] = heights / heights.max() + DOUBT
             weights *= added[source.name]

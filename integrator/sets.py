@@ -63,9 +63,12 @@ class Sets(Rule):
         """The contacts over the surface near evidence, or over the evidence's positions."""
         search = Search(entries, surface, self._floor, self._friction)
         members = search.members()
-        # what is explained least is asked first, whatever its source is called
-        sums = sorted(search.sums.values(), key=lambda sum_of: -round(sum_of.left(members), 6))
+        sums = [*search.sums.values()]
         if members:
+            if (
+                len(sums) > 1
+            ):  # what is explained least is asked first, whatever its source is called
+                sums.sort(key=lambda sum_of: -round(sum_of.left(members), 6))
             for sum_of in sums:
                 members = needed(members, sum_of)
             for sum_of in sums:

@@ -515,3 +515,9 @@ def test_only_evidence_measures_a_sum(kind: HypothesisKind) -> None:
     clouds = emit("skin", 0.9, (20, 0, 0)), emit("wrist", [], [], kind=kind, resultant=WRENCH)
     (contact,) = fused(*clouds, surface=PALM).contacts
     assert contact.likelihood == pytest.approx(0.9, abs=1e-6)
+
+
+def test_a_wrench_beside_hundreds_of_nulls_is_taken() -> None:
+    nulls = [emit(f"s{k:03d}", 1.0, PALM.points * 1e3, kind=NULL) for k in range(400)]
+    skin, wrist = emit("skin", 0.9, (20, 0, 0)), emit("wrist", [], [], resultant=WRENCH)
+    assert not fused(skin, wrist, *nulls, surface=PALM).contacts
