@@ -11,8 +11,9 @@ import pytest
 import yaml
 
 from contactfusion.check import check_file
-from contactfusion.errors import RecordingError
+from contactfusion.errors import ConfigurationError, RecordingError
 from contactfusion.inspect.first_configuration import write_first
+from contactfusion.inspect.joint_columns import joint_columns, range_of
 from contactfusion.inspect.log_columns import (
     BLANK,
     Stamps,
@@ -21,9 +22,12 @@ from contactfusion.inspect.log_columns import (
     described,
     inspect_table,
 )
+from contactfusion.readings import JointState
+from contactfusion.readings.joints import JointStateColumns
 from contactfusion.recordings.log import LogRecording
 from contactfusion.recordings.opening import open_recording
 from contactfusion.run.execute import run_file
+from tests.arms import ARM, robot
 
 SIX = ("fx", "fy", "fz", "tx", "ty", "tz")
 
@@ -144,8 +148,73 @@ def test_arrays_are_tables_too(suffix: str, tmp_path: Path) -> None:
 def test_a_file_without_numbers_is_no_table(tmp_path: Path) -> None:
     path = tmp_path / "words.csv"
     path.write_text("a,b\nc,d\n")
-    with pytest.raises(RecordingError, match=r"words\.csv holds no column of numbers"):
+    with pytest.raises(RecordingError, match=r"^no column of numbers can be read: .*words\.csv"):
         inspect_table(path)
+
+
+def test_a_table_whose_rows_differ_names_the_first_such_line(tmp_path: Path) -> None:
+    path = tmp_path / "wide.csv"
+    path.write_text("t,fx,fy\n0,1,2\n1,1,2,3\n")
+    with pytest.raises(RecordingError, match=r"wide\.csv, line 3: 4 cells under 3 names"):
+        inspect_table(path)
+
+
+def numbered(*names: str, count: int = 7, first: int = 1) -> list[str]:
+    return [f"{name}{number}" for name in names for number in range(first, first + count)]
+
+
+UR = numbered("actual_q_", "target_q_", "actual_qd_", "actual_current_", count=6, first=0)
+SHOWN = [f"/joint_states/{joint}/{what}" for joint in "ab" for what in ("effort", "position")]
+
+
+@pytest.mark.parametrize(
+    ("names", "sensor", "held"),
+    [
+        (
+            numbered("q", "dq", "tau_J"),
+            "tau_J",
+            {"positions": "q1..q7", "velocities": "dq1..dq7", "efforts": "tau_J1..tau_J7"},
+        ),
+        (numbered("q", "tau"), "joints", {"positions": "q1..q7", "efforts": "tau1..tau7"}),
+        (
+            UR,
+            "actual_current",
+            {
+                "positions": "actual_q_0..actual_q_5",
+                "velocities": "actual_qd_0..actual_qd_5",
+                "efforts": "actual_current_0..actual_current_5",
+            },
+        ),
+        ([f"state.q[{n}]" for n in range(6)], "joints", {"positions": ""}),
+        (SHOWN, "joints", {"positions": "", "efforts": ""}),
+    ],
+)
+def test_joints_are_columns_that_count_alike(
+    names: Sequence[str], sensor: str, held: dict[str, str]
+) -> None:
+    found = joint_columns(names)
+    assert found and found.sensor == sensor
+    assert {kind: range_of(columns) for kind, columns in found.by_kind.items()} == held
+
+
+@pytest.mark.parametrize(
+    "names", [["q1"], numbered("p"), ["q1", "q3"], numbered("target_q_"), numbered("tau"), []]
+)
+def test_a_single_joint_gaps_commands_and_other_numbers_are_no_arm(names: Sequence[str]) -> None:
+    assert joint_columns(names) is None
+
+
+def test_efforts_are_those_of_a_known_driver_and_of_the_same_arm() -> None:
+    franka = joint_columns(numbered("q", "tau_J", "tau_ext_hat_filtered_"))
+    assert franka and franka.sensor == "tau_ext_hat_filtered"
+    arms = joint_columns(numbered("right_tau", "left_q", "left_tau", "right_q"))
+    assert arms and range_of(arms.efforts) == "left_tau1..left_tau7"
+
+
+def test_named_joints_keep_their_names() -> None:
+    found = joint_columns(SHOWN)
+    assert found and found.names == ("a", "b")
+    assert dict(found.uses())["/joint_states/b/effort"] == "effort of b [N·m or A]"
 
 
 def test_an_inspection_ends_with_a_description_to_copy(tmp_path: Path) -> None:
@@ -179,3 +248,47 @@ def test_a_first_configuration_with_blanks_is_checked_once_they_are_filled_in(
     filled = out.read_text().replace(f"rate: {BLANK}", "rate: 100")
     out.write_text(filled.replace(f"[{BLANK}]", "[a, b, c, d, e, f]"))
     assert not check_file(out).faults
+
+
+def test_joints_take_the_names_of_the_robot_that_is_named(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "arm.yaml"
+    path = table(tmp_path / "arm.csv", ["t", *numbered("q", "tau")])
+    write_first(path, out, robot=Path(robot().config.urdf))
+    printed = capsys.readouterr().out
+    assert "q1 to q7 are taken to be arm_1, arm_2" in printed
+    assert "say what its efforts are, by `effort`, and how noisy they are" in printed
+    recording = yaml.safe_load(out.read_text())["recording"]
+    arm = recording["readings"]["joints"]
+    assert arm["holds"] == ["positions", "efforts"] and arm["names"] == [*ARM]
+    assert not check_file(out).faults
+    reading = next(iter(open_recording(recording, tmp_path).readings()))
+    assert isinstance(reading, JointState)
+    assert reading.velocities is None and reading.efforts is not None
+
+
+def test_columns_hold_positions_and_each_value_at_most_once() -> None:
+    wrong: list[Any] = [["efforts"], ["positions", "positions"]]
+    for holds in wrong:
+        with pytest.raises(ConfigurationError, match="name positions, and each at most once"):
+            JointStateColumns(
+                type="joint_state", frame="base", names=("a",), columns=(1,), holds=holds
+            )
+
+
+def test_joints_without_their_robot_are_left_out_or_refused(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    both = table(tmp_path / "both.csv", ["t", *SIX, *numbered("q")])
+    write_first(both, tmp_path / "both.yaml")
+    assert "the joints q1 to q7 are left out: name --robot URDF" in capsys.readouterr().out
+    alone = table(tmp_path / "alone.csv", ["t", *numbered("q")])
+    with pytest.raises(ConfigurationError, match=r"holds joints \(q1 to q7\) and no wrench: name"):
+        write_first(alone, tmp_path / "alone.yaml")
+
+
+def test_more_joints_than_the_robot_has_are_refused(tmp_path: Path) -> None:
+    path = table(tmp_path / "arm.csv", ["t", *numbered("q", count=40)])
+    with pytest.raises(ConfigurationError, match=r"holds 40 joints \(q1 to q40\), and"):
+        write_first(path, tmp_path / "arm.yaml", robot=Path(robot().config.urdf))

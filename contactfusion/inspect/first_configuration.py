@@ -1,7 +1,7 @@
 """A first configuration for a recording or a robot, which runs as it is; comments explain it."""
 
-from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import final
@@ -11,12 +11,10 @@ import yaml
 from contactfusion.errors import ConfigurationError, ContactFusionError
 from contactfusion.files import make_folder, write_whole
 from contactfusion.inspect.first_lines import (
-    REST,
     force_torque_lines,
     free_space_lines,
     indented,
     integrator_lines,
-    joint_torque_lines,
     motion_lines,
     named_from,
     range_lines,
@@ -32,16 +30,18 @@ from contactfusion.inspect.inspection import (
     inspect_readings,
     inspect_recording,
 )
-from contactfusion.inspect.log_columns import BLANK, inspect_table, sensor_of, shown
+from contactfusion.inspect.joint_columns import JointColumns
+from contactfusion.inspect.log_columns import (
+    BLANK,
+    TableInspection,
+    inspect_table,
+    sensor_of,
+    shown,
+)
 from contactfusion.inspect.log_columns import described as described_table
+from contactfusion.inspect.sensor_uses import Start, generator_name, start_of, uses_of
 from contactfusion.pipeline_config import PipelineConfig, pipeline_fields
 from contactfusion.readings import (
-    DepthImage,
-    JointState,
-    PointCloud,
-    Reading,
-    Switch,
-    TactileImage,
     Wrench,
 )
 from contactfusion.readings.messages import Message
@@ -52,15 +52,12 @@ from contactfusion.recordings.ros.topics import last
 from contactfusion.robots.description import RobotConfig
 from contactfusion.robots.model import RobotModel
 from contactfusion.terminal import note, say
-from contactfusion.vendors import convention_of
 
 URDF = (".urdf", ".xacro", ".xml")
 """Suffixes of files that describe robots."""
 C3D = (".c3d", ".zip")
 DESCRIPTION, STRING = "robot_description", "std_msgs/msg/String"
 """The last part of the topic that holds a URDF, and the type of its message."""
-LOOK = 5.0
-"""The part of a recording that is read, from its start [s]."""
 
 
 def write_first(source: Path, out: Path, robot: Path | None = None, force: bool = False) -> None:
@@ -170,35 +167,6 @@ def _examples(model: RobotModel) -> Iterator[str]:
 
 @final
 @dataclass(frozen=True)
-class _Use:
-    """The use of a sensor of a recording.
-
-    Attributes:
-        sensor: its name.
-        lines: the generator, as lines of YAML.
-        left_out: why the generator is only a comment; empty where it is active.
-    """
-
-    sensor: str
-    lines: tuple[str, ...]
-    left_out: str = ""
-
-
-@final
-@dataclass
-class _Start:
-    """The first seconds of a recording."""
-
-    joints: set[str] = field(default_factory=set)
-    """The names of all joints that report positions."""
-    wrenches: dict[str, list[Wrench]] = field(default_factory=dict)
-    """By sensor, those of its first `REST` seconds."""
-    channels: dict[str, int] = field(default_factory=dict)
-    """By tactile sensor, the number of its values."""
-
-
-@final
-@dataclass(frozen=True)
 class _Held:
     """A recording, and how it is played.
 
@@ -211,7 +179,7 @@ class _Held:
     """
 
     inspection: Inspection
-    start: _Start
+    start: Start
     shown: Sequence[str]
     recording: Sequence[str]
     play: str
@@ -219,7 +187,7 @@ class _Held:
 
 def _of_recording(path: Path, out: Path, robot: Path | None) -> _First:
     play = f"contactfusion replay {out} {path} --out contacts.csv"
-    inspection, start = inspect_recording(path), _start(open_recording(path).readings())
+    inspection, start = inspect_recording(path), start_of(open_recording(path).readings())
     described = tuple(_recording(path, out))
     return _of_sensors(
         _Held(inspection, start, tuple(_held(inspection)), described, play), out, robot
@@ -228,12 +196,15 @@ def _of_recording(path: Path, out: Path, robot: Path | None) -> _First:
 
 def _of_table(path: Path, out: Path, robot: Path | None) -> _First:
     """A first configuration of a table; what its columns leave open is a blank."""
-    table = inspect_table(path)
+    table, remarks = inspect_table(path), list[str]()
+    if table.joints:
+        table, remark = _of_joints(table, table.joints, robot)
+        remarks.append(remark)
     described = tuple(described_table(table, named_from(path, out)))
     if table.known:
         fields = yaml.safe_load("\n".join(described_table(table, str(path.resolve()))))
         recording = open_recording(fields)
-        inspection, start = inspect_readings(path, recording), _start(recording.readings())
+        inspection, start = inspect_readings(path, recording), start_of(recording.readings())
         play = f"contactfusion run {out} --out results"
     else:
         sensor = sensor_of(path)
@@ -246,10 +217,39 @@ def _of_table(path: Path, out: Path, robot: Path | None) -> _First:
             reading=Wrench.__name__,
             generators=("force_torque",),
         )
-        inspection, start = Inspection(path, 0, 0.0, (topic,), ()), _Start()
+        inspection, start = Inspection(path, 0, 0.0, (topic,), ()), Start()
         play = f"put in what {BLANK} stands for, then: contactfusion check {out}"
     lines = ("recording:", *indented(described), "")
-    return _of_sensors(_Held(inspection, start, tuple(shown(table)), lines, play), out, robot)
+    first = _of_sensors(_Held(inspection, start, tuple(shown(table)), lines, play), out, robot)
+    return replace(first, remarks=(*remarks, *first.remarks))
+
+
+def _of_joints(
+    table: TableInspection, joints: JointColumns, robot: Path | None
+) -> tuple[TableInspection, str]:
+    """The table with its joints named as those of the robot, or without them; a remark on that.
+
+    Raises:
+        ConfigurationError: there is no robot that they move, and the table holds nothing else.
+    """
+    held = f"{joints.positions[0]} to {joints.positions[-1]}"
+    if robot is None:
+        if not table.wrenches:
+            raise ConfigurationError(
+                f"{table.path} holds joints ({held}) and no wrench: name the robot by --robot URDF"
+            )
+        return replace(table, joints=None), f"the joints {held} are left out: name --robot URDF"
+    known = RobotModel(RobotConfig(urdf=str(robot))).joint_names
+    count = len(joints.positions)
+    names = joints.names or known[:count]
+    if len(names) < count or not set(names) <= set(known):
+        found = ", ".join(joints.names) or held
+        raise ConfigurationError(
+            f"{table.path} holds {count} joints ({found}), and {robot} has "
+            f"{', '.join(known) or 'none'}"
+        )
+    named = replace(joints, names=tuple(names))
+    return replace(table, joints=named), f"{held} are taken to be {', '.join(names)}, in this order"
 
 
 def _of_sensors(held: _Held, out: Path, robot: Path | None) -> _First:
@@ -266,7 +266,7 @@ def _of_sensors(held: _Held, out: Path, robot: Path | None) -> _First:
             remarks.append(f"the robot_description is left out: {error}; name a URDF by --robot")
             text = ""
     space = model.root if model else _space(inspection)
-    uses = list(_uses(inspection, start, model, space))
+    uses = list(uses_of(inspection, start, model, space))
     if not uses:
         raise ConfigurationError(
             f"{path} holds no reading of a sensor that a generator of ours takes; "
@@ -276,8 +276,8 @@ def _of_sensors(held: _Held, out: Path, robot: Path | None) -> _First:
     active = [use for use in uses if not use.left_out]
     weighed = [use for use in active if any("type: force_torque" in line for line in use.lines)]
     remarks += [
-        f"{_name(use.sensor)}: the sign is taken to be on_robot: push the tool along the sensor's "
-        "-x, and the force must point to -x; else set sign: by_robot"
+        f"{generator_name(use.sensor)}: the sign is taken to be on_robot: push the tool along the "
+        "sensor's -x, and the force must point to -x; else set sign: by_robot"
         for use in weighed
         if not any(line.strip().startswith("vendor:") for line in use.lines)
     ]
@@ -319,83 +319,6 @@ def _of_sensors(held: _Held, out: Path, robot: Path | None) -> _First:
     lines += ["", *integrator_lines(space)]
     then = held.play if active else f"give {out} a generator, of those in its comments"
     return _First("\n".join(lines) + "\n", then, tuple(remarks), text)
-
-
-def _start(readings: Iterable[Reading]) -> _Start:
-    start, begin = _Start(), None
-    for reading in readings:
-        begin = reading.stamp if begin is None else begin
-        if reading.stamp > begin + LOOK:
-            break
-        match reading:
-            case JointState():
-                start.joints.update(reading.names)
-            case TactileImage():
-                start.channels[reading.sensor] = len(reading.values)
-            case Wrench():
-                wrenches = start.wrenches.setdefault(reading.sensor, [])
-                if not wrenches or reading.stamp <= wrenches[0].stamp + REST:
-                    wrenches.append(reading)
-            case _:
-                pass
-    return start
-
-
-def _uses(
-    inspection: Inspection, start: _Start, model: RobotModel | None, space: str
-) -> Iterator[_Use]:
-    """The use of each sensor, in the order of the topics."""
-    without_robot = "" if model else "it needs the robot: name its URDF by --robot"
-    felt, moving = "", False
-    for topic in inspection.topics:
-        sensor, name = topic.sensor, _name(topic.sensor)
-        lost = _lost(topic, inspection, model, space)
-        if topic.reading == Wrench.__name__:
-            if felt and model is None and not lost:
-                lost = f"the `surface` hangs on {felt} alone"
-            felt = felt or ("" if lost else sensor)
-            vendor = convention_of("force_torque", topic.name)
-            first = start.wrenches.get(sensor)
-            lines = force_torque_lines(name, sensor, first, vendor, model)
-            yield _Use(sensor, tuple(lines), lost)
-        elif topic.reading == PointCloud.__name__:
-            yield _Use(sensor, tuple(range_lines(name, sensor, "")), without_robot or lost)
-        elif topic.reading == TactileImage.__name__:
-            lines = tactile_lines(name, sensor, start.channels.get(sensor, 1))
-            yield _Use(sensor, tuple(lines), "say where its taxels are, under `patch`")
-        elif topic.reading == Switch.__name__:
-            yield _Use(sensor, tuple(switch_lines(name, sensor, "")), without_robot or lost)
-        elif topic.reading == DepthImage.__name__:
-            why = "it forbids contacts: make sure of the camera's place before"
-            lines = free_space_lines(name, sensor, "")
-            yield _Use(sensor, tuple(lines), without_robot or lost or why)
-        elif topic.reading == JointState.__name__ and model:
-            if not moving:
-                moving = True
-                yield _Use(sensor, tuple(motion_lines(name, sensor)))
-            if vendor := convention_of("joint_torque", topic.name):
-                joints = [joint for joint in model.joint_names if joint in start.joints]
-                lines = joint_torque_lines(name, sensor, vendor, joints)
-                yield _Use(sensor, tuple(lines), "say how noisy its efforts are, under `joints`")
-
-
-def _name(sensor: str) -> str:
-    """The name of the generator that a sensor feeds."""
-    return sensor.replace("/", "_")
-
-
-def _lost(
-    topic: TopicInspection, inspection: Inspection, model: RobotModel | None, space: str
-) -> str:
-    """Why the frame of a sensor is not joined to that of the space; empty where it is."""
-    frame = topic.frames[0] if topic.frames else ""
-    if not frame:
-        return "its headers name no frame"
-    chain = inspection.ancestors(frame)
-    joined = chain[-1] == inspection.ancestors(space)[-1]
-    if joined or (model and not model.urdf.links.keys().isdisjoint(chain)):
-        return ""
-    return f"no transform joins its frame '{frame}' to '{space}': say under `frames` where it is"
 
 
 def _space(inspection: Inspection) -> str:

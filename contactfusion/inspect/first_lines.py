@@ -124,12 +124,16 @@ def tactile_lines(name: str, sensor: str, channels: int) -> Iterator[str]:
 
 
 def joint_torque_lines(name: str, sensor: str, vendor: str, joints: Sequence[str]) -> Iterator[str]:
-    """Joints whose driver reports their efforts by a known convention."""
+    """Joints that report their efforts; `vendor` is empty where no convention is known."""
     yield f"{text_of(name)}_torque:  # contacts anywhere on the arm, by the torques of its joints"
     yield "  type: joint_torque"
     yield f"  sensor: {text_of(sensor)}"
-    yield f"  vendor: {vendor}"
-    yield f"  joints:  # {EFFORTS[vendor].frame}"
+    if vendor:
+        yield f"  vendor: {vendor}"
+        yield f"  joints:  # {EFFORTS[vendor].frame}"
+    else:
+        yield "  effort: external  # or measured, or current: docs/arm_without_skin.md"
+        yield "  joints:"
     for joint in joints:
         yield f"    {text_of(joint)}: {{noise: 0.5}}  # what is left in free motion [N·m]"
 

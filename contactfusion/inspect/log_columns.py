@@ -13,7 +13,9 @@ import numpy as np
 from contactfusion.arrays import FloatArray
 from contactfusion.errors import RecordingError
 from contactfusion.inspect.first_lines import text_of
+from contactfusion.inspect.joint_columns import JointColumns, joint_columns, range_of
 from contactfusion.readings.columns import Column
+from contactfusion.readings.joints import NO_FRAME
 from contactfusion.recordings.log import FASTEST, NANOSECONDS, SLOW, stated_unit
 from contactfusion.recordings.tables import Columns, column_names, read_columns
 from contactfusion.time import NANOSECONDS_PER_SECOND
@@ -85,6 +87,7 @@ class TableInspection:
         columns: in their order.
         stamps: the column of stamps; None where no rising column has such a name.
         wrenches: by the name of a sensor, the columns of its force and torque.
+        joints: the columns of an arm's joints; None where there are none.
     """
 
     path: Path
@@ -92,11 +95,13 @@ class TableInspection:
     columns: tuple[ColumnInspection, ...]
     stamps: Stamps | None
     wrenches: Mapping[str, tuple[Column, ...]]
+    joints: JointColumns | None
 
     @property
     def known(self) -> bool:
         """Whether a description of it has no blank."""
-        return self.stamps is not None and bool(self.wrenches)
+        named = self.joints is None or bool(self.joints.names)
+        return self.stamps is not None and bool(self.wrenches or self.joints) and named
 
 
 def inspect_table(path: Path) -> TableInspection:
@@ -109,18 +114,19 @@ def inspect_table(path: Path) -> TableInspection:
         RecordingError: it holds no table.
     """
     columns = _numbers(path)
-    if not any(values is not None for values in columns.values()):
-        raise RecordingError(f"{path} holds no column of numbers")
     stamps = next(filter(None, (_stamps(name, values) for name, values in columns.items())), None)
-    wrenches = _wrenches(path, [name for name, values in columns.items() if values is not None])
-    uses = {stamps.column: f"stamps in {stamps.unit}: {stamps.rate:.4g} Hz"} if stamps else {}
+    numbers = [name for name, values in columns.items() if values is not None]
+    wrenches, joints = _wrenches(path, numbers), joint_columns(numbers)
+    uses = dict(joints.uses()) if joints else {}
+    if stamps:
+        uses[stamps.column] = f"stamps in {stamps.unit}: {stamps.rate:.4g} Hz"
     for sensor, six in wrenches.items():
         for number, name in enumerate(six):
             what, unit = ("force", "N") if number < len(AXES) else ("torque", "N·m")
             uses[name] = f"{what} {AXES[number % len(AXES)]} of '{sensor}' [{unit}]"
     rows = max(len(values) for values in columns.values() if values is not None)
     held = tuple(_inspected(name, values, uses.get(name, "")) for name, values in columns.items())
-    return TableInspection(path, rows, held, stamps, wrenches)
+    return TableInspection(path, rows, held, stamps, wrenches, joints)
 
 
 def as_json(table: TableInspection) -> str:
@@ -172,7 +178,8 @@ def described(table: TableInspection, file: str) -> Iterator[str]:
     else:
         yield f"time: {{rate: {BLANK}}}  # rows a second [Hz]; or {{column: NAME, unit: s}}"
     yield "readings:"
-    for sensor, columns in (table.wrenches or {sensor_of(table.path): (BLANK,)}).items():
+    blank = {} if table.joints else {sensor_of(table.path): (BLANK,)}
+    for sensor, columns in (table.wrenches or blank).items():
         yield f"  {text_of(sensor)}:"
         others = (
             "" if table.wrenches else "  # or tactile_image, joint_state, …: docs/recordings.md"
@@ -181,6 +188,23 @@ def described(table: TableInspection, file: str) -> Iterator[str]:
         yield f"    frame: {text_of(sensor)}  # the axes in which it measures"
         yield f"    columns: [{', '.join(map(_column, columns))}]"
         yield "    # force x, y, z [N], torque x, y, z [N·m]; `scale` brings other units to them"
+    if table.joints:
+        yield from _described_joints(table.joints)
+
+
+def _described_joints(joints: JointColumns) -> Iterator[str]:
+    """The reading of an arm's joints as lines of YAML."""
+    yield f"  {text_of(joints.sensor)}:"
+    yield "    type: joint_state"
+    yield f"    frame: {NO_FRAME}"
+    names = ", ".join(map(text_of, joints.names)) or BLANK
+    yield f"    names: [{names}]  # as the URDF calls them, in the order of the columns"
+    parts = [
+        range_of(columns) or ", ".join(map(_column, columns)) for columns in joints.by_kind.values()
+    ]
+    yield f"    columns: [{', '.join(parts)}]"
+    yield f"    holds: [{', '.join(joints.by_kind)}]"
+    yield "    # in rad, rad/s, and N·m or A; `scale: deg` turns degrees into radians"
 
 
 def sensor_of(path: Path) -> str:
@@ -189,15 +213,21 @@ def sensor_of(path: Path) -> str:
 
 
 def _numbers(path: Path) -> dict[Column, FloatArray | None]:
-    """The values of each column, shape (n,) or (n, k); None where they are no numbers."""
+    """The values of each column, shape (n,) or (n, k); None where they are no numbers.
+
+    Raises:
+        RecordingError: there are none.
+    """
     names = column_names(path)
     found: Columns = {}
     try:
         found = read_columns(path, names)
-    except RecordingError:  # of a single column, which is then found by reading each
+    except RecordingError as error:  # of a single column, which is then found by reading each
         for name in names:
             with suppress(RecordingError):
                 found |= read_columns(path, [name])
+        if not found:
+            raise RecordingError(f"no column of numbers can be read: {error}") from None
     flat = {name: v[:, 0] if v.shape[1] == 1 else v for name, v in found.items()}
     return {name: flat.get(name) for name in names}
 

@@ -22,10 +22,10 @@ def _columns(value: Any) -> Any:
     """Take one column or a list of them, and write ranges out."""
     if not isinstance(value, list | tuple):
         value = [value]
-    return tuple(column for item in value for column in _written_out(item))
+    return tuple(column for item in value for column in written_out(item))
 
 
-def _written_out(item: Any) -> list[Any]:
+def written_out(item: Any) -> list[Any]:
     """Write out ``p0..p14`` or ``7..18``: the names, or the numbers, from the first to the last."""
     ends = RANGE.fullmatch(item) if isinstance(item, str) else None
     if ends is None:

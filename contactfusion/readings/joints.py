@@ -1,9 +1,10 @@
 """Joints: what they report, and what they are commanded."""
 
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
-from pydantic import Field
+from pydantic import Field, field_validator
 
 from contactfusion.arrays import FloatArray
 from contactfusion.errors import InvalidReadingError, RecordingError
@@ -18,6 +19,7 @@ NO_FRAME = "joints"
 TAKE_BIAS = {
     Change.MOVED: "which tells no places; take 'bias' for joints with a wrong zero",
 }
+ALL = ("positions", "velocities", "efforts")
 NAMES, POSITIONS = ("joint_1", "joint_2"), np.array([0.1, -0.2])
 """Of examples."""
 
@@ -71,20 +73,31 @@ class JointStateColumns(ColumnsConfig):
 
     names: tuple[str, ...] = Field(min_length=1)
     """The joints, in the order of the columns."""
+    holds: tuple[Literal["positions", "velocities", "efforts"], ...] = ()
+    """What the columns hold, each for all joints, such as [positions, efforts] where there are no
+    velocities; empty: positions, velocities, efforts, as far as there are columns."""
+
+    @field_validator("holds")
+    @classmethod
+    def _with_positions(cls, holds: tuple[str, ...]) -> tuple[str, ...]:
+        if holds and ("positions" not in holds or len(set(holds)) < len(holds)):
+            raise ValueError("name positions, and each at most once")
+        return holds
 
     def counts(self) -> tuple[int, ...]:
-        """Once, twice and three times the number of joints."""
-        count = len(self.names)
-        return (count, 2 * count, 3 * count)
+        """As often the number of joints as the columns hold values of each."""
+        times = (len(self.holds),) if self.holds else (1, 2, 3)
+        return tuple(len(self.names) * each for each in times)
 
     def reading(self, at: At, row: FloatArray) -> JointState:
         """The state of the joints."""
-        count = len(self.names)
+        parts = zip(self.holds or ALL, row.reshape(-1, len(self.names)), strict=False)
+        held: dict[str, FloatArray] = dict(parts)
         return JointState(
             names=self.names,
-            positions=row[:count],
-            velocities=row[count : 2 * count] if row.size > count else None,
-            efforts=row[2 * count :] if row.size > 2 * count else None,
+            positions=held["positions"],
+            velocities=held.get("velocities"),
+            efforts=held.get("efforts"),
             **at,
         )
 
