@@ -2,6 +2,7 @@
 
 import json
 import math
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -292,6 +293,30 @@ def test_a_time_outside_the_recording_says_what_there_is(time: float) -> None:
 def test_a_recording_without_steps_has_no_moment() -> None:
     with pytest.raises(TimeError, match="leads to no step"):
         moment_at([], 0.0, 0.01)
+
+
+def test_a_contact_that_leaps_keeps_its_track_and_did_not_die() -> None:
+    def leaping(track: int) -> Past:
+        past = Past(0.01)
+        for stamp, (step,) in enumerate(
+            [[*stepped((0.0, [skin(0.0, voxel=(40 * n, 0, 0))]))] for n in range(2)]
+        ):
+            tracked = [replace(contact, track=track) for contact in step.fusion.contacts]
+            past.add(float(stamp), replace(step.fusion, contacts=tracked))
+        return past
+
+    assert [dead.stamp for dead in leaping(track=0).dead(1.0)] == [0.0]
+    assert leaping(track=7).dead(1.0) == []
+
+
+def test_where_nothing_is_found_it_is_said_who_found_nothing() -> None:
+    nothing = [(0.0, [cloud("skin", 0.0, {})])]
+    plugs = {"skin": REGULAR, "lidar": REGULAR}
+    assert lines(*nothing, plugs=plugs)[2:] == [
+        "found nothing: skin",
+        "lidar: never came",
+        "the newest cloud of every other source is at most 0.00 s old",
+    ]
 
 
 def test_steps_after_the_moment_are_not_made() -> None:

@@ -22,6 +22,8 @@ from contactfusion.terminal import say
 
 EVERYWHERE = {"--debug", "--quiet"}
 """Options of the program that any command takes, too."""
+INTERRUPTED = 130
+"""The exit status after Ctrl-C or SIGTERM."""
 LOG = logging.getLogger("contactfusion")
 app = typer.Typer(
     name="contactfusion",
@@ -116,8 +118,11 @@ def main() -> None:
     try:
         program, left_out = command_line()
         program(obj=left_out)
-    except KeyboardInterrupt:
-        sys.exit(130)
+    except (KeyboardInterrupt, SystemExit) as end:  # typer turns the former into the latter
+        status = getattr(end, "code", INTERRUPTED)
+        if status == INTERRUPTED:
+            say("contactfusion: interrupted", file=sys.stderr)
+        sys.exit(status)
     except Exception as error:
         if LOG.isEnabledFor(logging.DEBUG):
             traceback.print_exc()

@@ -17,7 +17,10 @@ from contactfusion.cli.options import (
 from contactfusion.errors import ConfigurationError
 from contactfusion.terminal import say
 
-REPLAYED = f"{RECORDING[:-1]}; of a run's output no --config is needed."
+REPLAYED = (
+    f"{RECORDING[:-1]}; of a run's output, or of a configuration that names its recording, no "
+    "--config is needed."
+)
 
 
 def inspect(

@@ -89,7 +89,8 @@ class Past:
     """Buffer of the last seconds of steps, in bounded memory.
 
     Args:
-        reach: the greatest distance between the same contact in two steps [m].
+        reach: the greatest distance between the same contact in two steps [m], unless its track
+            tells that it is the same.
         seconds: length of the buffer [s].
     """
 
@@ -151,12 +152,20 @@ class Past:
         ]
 
     def _link(self, stamp: float, fusion: Fusion) -> None:
-        """Replace contacts by those of this step that are the same, and add the new ones."""
+        """Replace contacts by those of this step that are the same, and add the new ones.
+
+        The same have the same track, wherever they are, or lie within `reach`.
+        """
         now = [Dead(contact, stamp) for contact in fusion.contacts[:MOST_CONTACTS]]
         gone = self._contacts
         if now and gone:
             away = cdist(_places(gone), _places(now)).min(axis=1)
-            gone = [old for old, far in zip(gone, away, strict=True) if far > self._reach + SAME]
+            tracks = {new.contact.track for new in now} - {0}
+            gone = [
+                old
+                for old, far in zip(gone, away, strict=True)
+                if far > self._reach + SAME and old.contact.track not in tracks
+            ]
         self._contacts = (now + gone)[:MOST_CONTACTS]
 
     def _forget(self, stamp: float) -> None:

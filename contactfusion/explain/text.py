@@ -54,7 +54,11 @@ def as_text(explanation: Explanation) -> str:
         lines += ["", f"and {counted(explanation.untold, 'further contact')}, less likely"]
     for place in explanation.places:
         lines += ["", *_place(place)]
-    lines += ["", *_sources(explanation.sources)]
+    lines.append("")
+    empty = [one.source for one in explanation.sources if not (one.hypotheses or _troubles(one))]
+    if empty and not total and not explanation.places:
+        lines.append(f"found nothing: {', '.join(empty)}")
+    lines += _sources(explanation.sources)
     return "\n".join(lines)
 
 

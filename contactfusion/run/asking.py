@@ -13,6 +13,7 @@ from contactfusion.pipeline import Pipeline
 from contactfusion.run.configuration import (
     Setting,
     kept_setting,
+    names_stream,
     setting_of_file,
     setting_of_recording,
 )
@@ -27,8 +28,9 @@ class Source:
     """A recording, and the configuration that listens to it.
 
     Attributes:
-        recording: the file or folder.
-        configuration: a YAML file; None: the configuration that a run left in the recording.
+        recording: the file or folder, or a configuration that names what it plays.
+        configuration: a YAML file; None: the configuration that a run left in the recording, or the
+            one in the recording's place.
         topics: topics by role.
         overrides: fields of the configuration to change, as "a.b=c".
         ignored: topics that are not read at all.
@@ -40,13 +42,20 @@ class Source:
     overrides: Sequence[str] = ()
     ignored: Sequence[str] = ()
 
+    @property
+    def _is_whole(self) -> bool:
+        """Whether the configuration names the recording, too."""
+        return self.configuration is None and names_stream(self.recording)
+
     def setting(self) -> Setting:
         """Read the configuration; topics are those of the run that wrote the recording, if any.
 
         Raises:
             ContactFusionError: there is none, or it is not what it should be.
         """
-        if self.configuration is None:
+        if self._is_whole:
+            setting = setting_of_file(self.recording, self.overrides)
+        elif self.configuration is None:
             setting = setting_of_recording(self.recording, self.overrides)
         else:
             setting = setting_of_file(self.configuration, self.overrides)
@@ -66,7 +75,8 @@ class Source:
             ContactFusionError: it, or the configuration, is not what it should be.
         """
         with progress(f"opening {self.recording}"):
-            session = Session(self.setting(), self.recording, watched=watched)
+            played = None if self._is_whole else self.recording
+            session = Session(self.setting(), played, watched=watched)
         for line in session.inputs.taken:
             note(line, file=sys.stderr)  # stdout may be JSON
         return session

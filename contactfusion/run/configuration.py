@@ -167,6 +167,14 @@ def setting_of_file(path: Path, overrides: Sequence[str] = (), seed: int | None 
     return Setting(fields if seed is None else {**fields, "seed": seed}, path.parent, {}, path)
 
 
+def names_stream(path: Path) -> bool:
+    """Whether a file is a configuration that names the recording or the scene that it plays."""
+    if path.suffix not in YAML or not path.is_file():
+        return False
+    fields = read_yaml(path)
+    return "type" not in fields and not fields.keys().isdisjoint(("recording", "scene"))
+
+
 def setting_of_recording(path: Path, overrides: Sequence[str] = ()) -> Setting:
     """Read the configuration that a run left in its recording.
 
