@@ -371,6 +371,29 @@ def test_a_reversed_sign_is_named(tmp_path: Path) -> None:
 # Bad input
 
 
+@pytest.mark.parametrize("kind", ["measured", "current"])
+def test_a_sign_that_all_joints_contradict_is_refused(kind: str, tmp_path: Path) -> None:
+    rows = short()
+    rows[:, 8:] *= -1.0
+    words = refused(tmp_path, rows, effort=kind)
+    assert "generators.arm.sign: efforts fall as torques rise, in all" in words
+    assert words.endswith("set sign: by_robot")
+
+
+def test_measured_torques_are_not_taken_for_external_ones(tmp_path: Path) -> None:
+    words = refused(tmp_path, short(), effort="external")
+    assert "generators.arm.effort: the efforts of arm_1, arm_2, arm_3" in words
+    assert words.endswith("set effort: measured")
+
+
+def test_external_torques_with_an_offset_are_no_measured_ones(tmp_path: Path) -> None:
+    rows = short()
+    rows[:, 8:] = 2.0 + np.random.default_rng(0).normal(0.0, 0.3, (len(rows), 7))
+    assert values(told(tmp_path, rows, "external"))["arm_2"]["offset"] == pytest.approx(
+        2.0, abs=0.1
+    )
+
+
 def refused(folder: Path, rows: FloatArray, **options: Any) -> str:
     with pytest.raises(ContactFusionError) as refusal:
         identify_file(*written(folder, rows, **options))

@@ -42,6 +42,11 @@ LATE = 2
 """A delay of fewer rows does no harm, ..."""
 BETTER = 0.8
 """... and one counts where it leaves less than this share of the residuals."""
+SEVERAL = 2
+"""Number of joints that tell of a convention: a single one may be wired in reverse."""
+WEIGHS, SIZED = 0.5, 2.0
+"""Least share of an effort that weight and motion explain, and the greatest ratio of both, by which
+it is their torque."""
 Spans = Sequence[tuple[float, float]]
 
 
@@ -81,6 +86,10 @@ class Arm:
         regression = Regression(windows, joints, effort, self._configured_payload(link), believed)
         saturated = list(self._saturated(found))
         used = outside(windows.stamps, saturated)
+        if effort == "external":
+            self._require_external(dynamics, used)
+        else:
+            self._require_sign(regression, used)
         choice, fit = regression.told(used)
         touched = regression.contacts(fit)
         if touched:
@@ -294,6 +303,47 @@ class Arm:
             found.fields["robot"]["payload"] = plain(payload)
         elif self._configured_payload(link)[0] > 0.0 and fit.payload[0] == 0.0:
             found.fields["robot"]["payload"] = {"frame": link, "mass": 0.0}
+
+    def _require_sign(self, regression: Regression, used: Mask) -> None:
+        """Refuse efforts of which all that bear a torque fall as it rises.
+
+        Raises:
+            ConfigurationError: the sign to set.
+        """
+        slopes = [slope for slope, _ in regression.slopes(used).values()]
+        if len(slopes) >= SEVERAL and max(slopes) < 0.0:
+            sign = "on_robot" if self.config.sign == "by_robot" else "by_robot"
+            raise ConfigurationError(
+                f"efforts fall as torques rise, in all {len(slopes)} joints that bear one: set "
+                f"sign: {sign}",
+                f"generators.{self.name}.sign",
+            )
+
+    def _require_external(self, dynamics: Dynamics, used: Mask) -> None:
+        """Refuse torques of weight and motion in place of those of the outside world.
+
+        Args:
+            dynamics: of the robot.
+            used: the windows that count, shape (w,).
+
+        Raises:
+            ConfigurationError: the joints that report them.
+        """
+        link = self._last_link(dynamics)
+        windows = windows_of(self.motion, self.efforts, dynamics, self.numbers, link, [], ())
+        payload = self._configured_payload(link)
+        weighed = Regression(windows, self.joints, "measured", payload, np.zeros(0))
+        names = [
+            name
+            for name, (slope, share) in weighed.slopes(used).items()
+            if share > WEIGHS and 1.0 / SIZED < abs(slope) < SIZED
+        ]
+        if len(names) >= SEVERAL:
+            raise ConfigurationError(
+                f"the efforts of {', '.join(names)} are those of weight and motion, which external "
+                "torques leave out: set effort: measured",
+                f"generators.{self.name}.effort",
+            )
 
     def _length(self) -> str:
         stamps = self.motion.stamps

@@ -175,6 +175,15 @@ class Regression:
             )
         return kept
 
+    def slopes(self, used: Mask) -> dict[str, tuple[float, float]]:
+        """Of each joint that bears a torque: effort per torque, and the share that torque explains.
+
+        Args:
+            used: the windows that count, shape (w,).
+        """
+        found = {name: self._slope(joint, used) for joint, name in enumerate(self.names)}
+        return {name: slope for name, slope in found.items() if slope[1] > SHARE}
+
     def _slope(self, joint: int, used: Mask) -> tuple[float, float]:
         """Effort per torque, and the share of the effort that torque alone explains."""
         windows = self.windows
