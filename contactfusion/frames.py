@@ -184,9 +184,10 @@ class FrameTree:
             where = self._origins.get(other, f"'{other}'")
             return f"unknown frame '{name}': {hint}; `frames` or a `robot` can place it in {where}"
         if name in self._origins:
+            above = next(reversed(self._chain(other)[0]))
             return (
                 f"nothing joins '{other}' to {self._origins[name]}, which is unknown: {hint}; "
-                "name a known frame there, or place it by `frames`"
+                f"name a known frame there, such as '{above}', or place it by `frames`"
             )
         return (
             f"unknown frame '{name}': {hint}; where no transform places it, `frames` or "

@@ -113,7 +113,8 @@ def test_an_unknown_frame_of_the_space_is_named_with_where_it_comes_from(
             apart.nearest().pose(frame, of=of)
         assert str(raised.value) == (
             f"nothing joins 'hand' to {space}, which is unknown: did you mean 'bse'? "
-            "The frames are: bse, hand; name a known frame there, or place it by `frames`"
+            "The frames are: bse, hand; name a known frame there, such as 'bse', or place it by "
+            "`frames`"
         )
 
 
