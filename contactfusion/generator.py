@@ -188,10 +188,24 @@ class Generator(ABC, Generic[ConfigT]):
         )
 
     def nothing(
-        self, reading: Reading, *, output: str = "", notes: Sequence[str] = ()
+        self,
+        reading: Reading,
+        *,
+        output: str = "",
+        frame: str | None = None,
+        notes: Sequence[str] = (),
     ) -> HypothesisCloud:
-        """The empty cloud of one output: looked, found nothing."""
-        return self.cloud(reading, np.empty((0, 3)), 0.0, output=output, notes=tuple(notes))
+        """The empty cloud of one output: looked, found nothing.
+
+        Args:
+            reading: where it looked.
+            output: its name.
+            frame: of the cloud; None: that of the reading.
+            notes: remarks; with one, its silence counts against no contact.
+        """
+        return self.cloud(
+            reading, np.empty((0, 3)), 0.0, output=output, frame=frame, notes=tuple(notes)
+        )
 
 
 def generator_fault(cls: type[Generator[Any]]) -> str:

@@ -28,6 +28,8 @@ if TYPE_CHECKING:
 SAME = 1e-3, 0.01
 """Poses of a link that lie, and are turned, by no more than this apart are the same [m, rad]."""
 R = TypeVar("R", bound=Reading)
+TURN = np.pi + 1e-3
+"""Positions of a joint that is reported within one turn [rad]."""
 LENGTH = 4096
 """So many readings of joints and odometry are remembered, and at least so many poses of a frame."""
 NEARLY_ALONG = 0.9995
@@ -297,7 +299,7 @@ class StateBuffer:
         """The joints at a stamp [s]: positions in between, the rest of the nearer reading.
 
         Readings of different joints, as of an arm and of its hand, are put together; of a joint
-        that several name, the set that was received first counts. The stamp is that of the newest
+        that several name, the set with the newest reading counts, the first of several. The stamp is that of the newest
         reading where it is older, and of several sets the oldest: it shows that a sensor is silent.
         """
         parts = [_joints_between(readings, stamp) for readings in self._joints.values()]
@@ -347,6 +349,10 @@ def _joints_between(readings: deque[JointState], stamp: float) -> JointState:
     before, after, part = around
     nearer = before if part < 0.5 else after
     positions = (1.0 - part) * before.positions + part * after.positions
+    ends = np.stack([before.positions, after.positions])
+    # a turning joint passes ±π, and is not half a turn away in between
+    leaps = (np.abs(np.diff(ends, axis=0)[0]) > np.pi) & (np.abs(ends) <= TURN).all(axis=0)
+    positions[leaps] = nearer.positions[leaps]
     return replace(nearer, stamp=min(stamp, readings[-1].stamp), positions=positions)
 
 
@@ -357,7 +363,7 @@ def _together(parts: Sequence[JointState]) -> JointState:
     first = parts[0]
     names = tuple(dict.fromkeys(name for part in parts for name in part.names))
     chosen: dict[str, tuple[JointState, int]] = {}
-    for part in reversed(parts):
+    for part in sorted(reversed(parts), key=lambda part: part.stamp):
         chosen |= {name: (part, row) for row, name in enumerate(part.names)}
 
     def column(field: str) -> FloatArray:

@@ -1,6 +1,7 @@
 """Contacts from compliant fingers: joints that deviate from their reference (F §V-E)."""
 
 from collections.abc import Mapping, Sequence
+from functools import partial
 from typing import Annotated
 
 import numpy as np
@@ -102,6 +103,7 @@ class FingerPoseGenerator(Generator[FingerPoseConfig]):
         name: str,
     ) -> HypothesisCloud:
         finger = self.config.fingers[name]
+        nothing = partial(self.nothing, reading, output=name, frame=state.grid.frame)
         reference = self._references.setdefault(name, positions)
         moved = [
             joint
@@ -109,11 +111,11 @@ class FingerPoseGenerator(Generator[FingerPoseConfig]):
             if abs(positions[joint] - reference[joint]) > self.config.threshold
         ]
         if not moved:
-            return self.nothing(reading, output=name)
+            return nothing()
         points = _pushed(robot, reference, finger, moved)
         points = points[voxel_downsample(points, state.grid)]
         if not len(points):
-            return self.nothing(reading, output=name, notes=(Note.OFF_SURFACE,))
+            return nothing(notes=(Note.OFF_SURFACE,))
         return self.cloud(
             reading,
             points,

@@ -1,6 +1,7 @@
 """Contacts anywhere on an arm from the torques, or motor currents, of its joints."""
 
 from collections.abc import Mapping, Sequence
+from functools import partial
 from typing import Annotated, Any
 
 import numpy as np
@@ -12,12 +13,12 @@ from contactfusion.arrays import FloatArray
 from contactfusion.errors import ConfigurationError, name_hint
 from contactfusion.frames import inverse, points_in, vectors_in
 from contactfusion.generator import Generator, GeneratorConfig, OfRobot
-from contactfusion.generators.external_torque import Effort, ExternalTorque, Sign
+from contactfusion.generators.external_torque import LONGEST, Effort, ExternalTorque, Sign
 from contactfusion.generators.sign import SignWatch
 from contactfusion.generators.torque_field import explained
 from contactfusion.grid import Grid
 from contactfusion.hooks import hookimpl
-from contactfusion.hypotheses import HypothesisCloud, Note
+from contactfusion.hypotheses import HypothesisCloud, Note, Resultant
 from contactfusion.readings import JointState, Reading
 from contactfusion.robots.description import EffortConfig
 from contactfusion.robots.dynamics import Dynamics
@@ -37,6 +38,10 @@ DOUBT = 0.1
 """The odds of a contact before anything is measured; a contact that is less probable is none."""
 FELT = 2.0
 """Points where a force changes the evidence by less, as a logarithm, are as good as not felt."""
+SLOW = f"its readings come more than {LONGEST:g} s apart: nothing is told of contacts"
+"""A note: after such a gap the observer begins again."""
+ELSEWHERE = "what touches these links is left to another sensor: "
+"""How a note begins that names links, with commas between them."""
 BLIND = "in this pose no joint feels a force on any link"
 """A note: the arm is stretched out, or its efforts are too noisy."""
 UNDECIDED = "it cannot tell on which link: "
@@ -50,6 +55,8 @@ SILENT = 16.8
 """A wrench of a smaller square, in its deviations, is that of no contact: 99 of 100 are."""
 TENTH = 10
 """Of samples that no contact explains one in so many is tried with the other sign."""
+HARD, WIDER = 3.0, 4
+"""A likeliest force of so many times `strength` is tried with its own as the strength, so often."""
 LARGEST = 30.0
 """Logarithms of odds are cut off there."""
 
@@ -121,6 +128,11 @@ class JointTorqueGenerator(Generator[JointTorqueConfig]):
             if joint not in robot.joint_names:
                 hint = name_hint(joint, robot.joint_names, "joints of the robot")
                 raise ConfigurationError(f"unknown joint '{joint}'; {hint}", "joints")
+            if follower := next((n for n, m in robot.urdf.mimics.items() if m.joint == joint), ""):
+                raise ConfigurationError(
+                    f"joint '{joint}' drives '{follower}', and its effort is of both: leave it out",
+                    "joints",
+                )
         dynamics = Dynamics(robot)
         if config.effort != "external":
             dynamics.require_inertias()
@@ -138,13 +150,27 @@ class JointTorqueGenerator(Generator[JointTorqueConfig]):
             if name in chosen and name in loaded
         }
         """The surface of each link that may be touched."""
+        if unfelt := [name for name in config.links if name not in loaded]:
+            raise ConfigurationError(
+                f"none of `joints` moves {', '.join(unfelt)}: what touches there loads none",
+                "links",
+            )
+        if self._torque.known.sum() <= UNLOCATED and not config.links:
+            raise ConfigurationError(
+                f"{self._torque.known.sum()} joints cannot tell where on {len(loaded)} links a "
+                f"contact is: give more than {UNLOCATED}, or the `links` that may be touched",
+                "joints",
+            )
         self._groups = np.unique(self._felt, axis=0, return_inverse=True)[1].ravel()
 
     def reset(self) -> None:
         """Begin the observer again."""
         self._sign, self._unexplained, self._reverse = SignWatch(), 0, False
-        self._lagging: FloatArray | float = 0.0
-        """What another sensor measures of the torques of contacts, with the observer's lag."""
+        self._lagging: dict[str, tuple[FloatArray, FloatArray]] = {}
+        """What other sensors measure of the torques of contacts, with the observer's lag, and by
+        how much that may be wrong, both of shape (n,)."""
+        self._is_heard = False
+        self._stamp: float | None = None
         if self._torque is not None:
             self._torque.reset()
 
@@ -156,37 +182,53 @@ class JointTorqueGenerator(Generator[JointTorqueConfig]):
             InvalidReadingError: a joint has no effort.
         """
         assert isinstance(reading, JointState)
-        if self._is_dead(reading):
-            return (self.nothing(reading, notes=(Note.UNHEALTHY,)),)
-        found = self._loads(reading, state)
-        if found is None:
+        if self._is_of_others(reading):
             return ()
-        return (self._cloud(reading, state, state.posed_robot(self.name), *found),)
+        grid = state.grid.frame
+        if self._is_dead(reading):
+            return (self.nothing(reading, frame=grid, notes=(Note.UNHEALTHY,)),)
+        robot, found = self._loads(reading, state)
+        if found is None:
+            gaps = self._stamp is not None and reading.stamp - self._stamp > LONGEST
+            self._stamp = reading.stamp
+            return (self.nothing(reading, frame=grid, notes=(SLOW,)),) if gaps else ()
+        self._stamp = reading.stamp
+        return (self._cloud(reading, state, robot, *found),)
 
     def absorb(self, reading: Reading, state: State) -> None:
         """Follow the momentum and what other sensors measure, without looking for the contact."""
         assert isinstance(reading, JointState)
-        if not self._is_dead(reading):
+        if not (self._is_of_others(reading) or self._is_dead(reading)):
             self._loads(reading, state)
+            self._stamp = reading.stamp
 
     def _loads(
         self, reading: JointState, state: State
-    ) -> tuple[FloatArray, FloatArray, frozenset[str]] | None:
-        """What `_unmeasured` leaves of the external torques; None at the first reading."""
+    ) -> tuple[PosedRobot, tuple[FloatArray, FloatArray, frozenset[str]] | None]:
+        """The robot as the reading has it, and what `_unmeasured` leaves of the external torques.
+
+        These are None before they are known.
+        """
         robot = state.posed_robot(self.name)
         if self._torque is None:
             self.prepare(robot.model)
         assert self._torque is not None
+        robot = robot.with_joints(reading)
         found = self._torque.update(reading, robot.positions, self._gravity(robot))
-        return None if found is None else self._unmeasured(state, *found)
+        if found is None:
+            self._lagging = {}
+            return robot, None
+        return robot, self._unmeasured(robot, state, *found)
 
     def _unmeasured(
-        self, state: State, torques: FloatArray, deviations: FloatArray
+        self, robot: PosedRobot, state: State, torques: FloatArray, deviations: FloatArray
     ) -> tuple[FloatArray, FloatArray, frozenset[str]]:
         """Torques without those of contacts whose sum another sensor measures, as at a wrist.
 
         Args:
-            state: its resultants, of which one on a part of another's is in that already.
+            robot: as the reading has it.
+            state: its resultants, of which one on a part of another's is in that already, and of
+                several of the same links the steadiest counts.
             torques: shape (n,), of all contacts [N·m, N].
             deviations: shape (n,), their standard deviations.
 
@@ -194,41 +236,68 @@ class JointTorqueGenerator(Generator[JointTorqueConfig]):
             The torques and deviations that are left, and the links that they do not speak of.
         """
         assert self._torque is not None
-        robot, squares, measured = state.posed_robot(self.name), deviations**2, set[str]()
-        whole = np.zeros(len(torques))
+        squares, measured = deviations**2, set[str]()
+        lagging: dict[str, tuple[FloatArray, FloatArray]] = {}
         linear, angular = self._dynamics.axes(robot.positions)
-        parts = {name: {*each.links} for name, each in state.resultants.items() if each.links}
-        for name, links in parts.items():
-            if any(links < others for others in parts.values()):
-                continue
-            measured |= links
-            wrench = state.resultants[name]
+        for name, wrench in self._wrists(state).items():
+            rows = [robot.model.link_names.index(link) for link in wrench.links]
+            felt = self._felt[rows]
+            loads = felt.all(axis=0)
+            if not loads.any():
+                continue  # as of a sensor under the base: no joint feels what it measures
+            measured.update(wrench.links)
+            squares = np.where(felt.any(axis=0) & ~loads, np.inf, squares)  # between its contacts
             squared = wrench.force @ wrench.force / wrench.force_deviation**2
             squared += wrench.torque @ wrench.torque / wrench.torque_deviation**2
-            if squared < SILENT:
-                continue
-            at_root = wrench.moved(inverse(robot.base))
-            rows = [robot.model.link_names.index(link) for link in links]
-            loads = self._felt[rows].all(axis=0)
-            by_force = linear + np.cross(angular, at_root.origin)
-            load = loads * (by_force @ at_root.force + angular @ at_root.torque)
-            whole += load
-            squares = squares + loads * (
-                np.square(by_force).sum(axis=1) * at_root.force_deviation**2
-                + np.square(angular).sum(axis=1) * at_root.torque_deviation**2
-                + (self.config.scale * load) ** 2
-            )
-        self._lagging = self._lagging + self._torque.share * (whole - self._lagging)
-        return torques - self._lagging, np.sqrt(squares), frozenset(measured)
+            load = np.zeros(len(torques))
+            if squared >= SILENT:
+                at_root = wrench.moved(inverse(robot.base))
+                by_force = linear + np.cross(angular, at_root.origin)
+                load = loads * (by_force @ at_root.force + angular @ at_root.torque)
+                squares = squares + loads * (
+                    np.square(by_force).sum(axis=1) * at_root.force_deviation**2
+                    + np.square(angular).sum(axis=1) * at_root.torque_deviation**2
+                    + (self.config.scale * load) ** 2
+                )
+            # the observer may or may not hold yet what a wrist measures that is new itself
+            before, doubt = self._lagging.get(name, (0.5 * load, 0.5 * load))
+            lags = before + self._torque.share * (load - before)
+            lagging[name] = lags, doubt * (1.0 - self._torque.share)
+        self._lagging = lagging
+        for lags, doubt in lagging.values():
+            torques, squares = torques - lags, squares + doubt**2
+        return torques, np.sqrt(squares), frozenset(measured)
+
+    def _wrists(self, state: State) -> Mapping[str, Resultant]:
+        """Wrenches of parts of the robot by source, none of a part of another's part."""
+        steady = sorted(
+            ((name, each) for name, each in state.resultants.items() if each.links),
+            key=lambda item: (item[1].force_deviation, item[0]),
+        )
+        parts: dict[frozenset[str], tuple[str, Resultant]] = {}
+        for name, each in steady:
+            parts.setdefault(frozenset(each.links), (name, each))
+        return dict(
+            part for links, part in parts.items() if not any(links < other for other in parts)
+        )
 
     def _gravity(self, robot: PosedRobot) -> FloatArray:
         """Shape (3,) [m/s²], in the root link's frame."""
         gravity: FloatArray = vectors_in(inverse(robot.base), np.array([self.config.gravity]))[0]
         return gravity
 
+    def _is_of_others(self, reading: JointState) -> bool:
+        """Whether it is of joints of others, such as a gripper's, once there was one of its own."""
+        is_own = not self.config.joints.keys().isdisjoint(reading.names)
+        self._is_heard = self._is_heard or is_own
+        return self._is_heard and not is_own
+
     def _is_dead(self, reading: JointState) -> bool:
-        """Whether all efforts are exactly zero: those of a working arm never are."""
-        return reading.efforts is not None and not reading.efforts.any()
+        """Whether all own efforts are exactly zero: those of a working arm never are."""
+        if reading.efforts is None:
+            return False
+        own = [name in self.config.joints for name in reading.names]
+        return bool(any(own) and not reading.efforts[own].any())
 
     def _cloud(
         self,
@@ -248,45 +317,60 @@ class JointTorqueGenerator(Generator[JointTorqueConfig]):
         parts = [
             (part, robot.poses[name]) for name, part in self._parts.items() if name not in measured
         ]
+        is_off = any(lags.any() for lags, _ in self._lagging.values())
+        left = [name for name in self._parts if name in measured and is_off]
+        elsewhere = (f"{ELSEWHERE}{', '.join(left)}",) if left else ()
+        nothing = partial(self.nothing, reading, frame=state.grid.frame)
         if not parts:
-            return self.nothing(reading)
+            return nothing(notes=elsewhere)
         surface = Surface.of_parts(state.grid.frame, parts, robot.model.link_names)
         points, groups = surface.points, self._groups[surface.links]
         precisions = np.where(self._torque.known, 1.0 / deviations**2, 0.0)
-        gains, evidence, forces = self._explained(robot, surface, torques, precisions)
+        strength = self.config.strength
+        gains, evidence, forces = self._explained(robot, surface, torques, precisions, strength)
+        for _ in range(WIDER):  # a blow of many times the usual strength is still a contact
+            hardest = float(np.linalg.norm(forces[gains.argmax()]))
+            if hardest <= HARD * strength:
+                break
+            strength = hardest
+            gains, evidence, forces = self._explained(robot, surface, torques, precisions, strength)
         whole = float(precisions @ torques**2)
+        left_over = whole - float(_explained_by(gains, forces, strength).max())
         limit = float(chdtri(max(int(self._torque.known.sum()) - 3, 1), 1.0 - SURE))
         notes: tuple[str, ...] = ()
         if whole > limit:
-            if whole - 2.0 * gains.max() <= limit:
+            if left_over <= limit:
                 self._unexplained = 0
             else:
                 if self._unexplained % TENTH == 0:
                     mirrored = self._mirrored(robot, torques)
-                    others = self._explained(robot, surface, mirrored, precisions)[0]
-                    self._reverse = precisions @ mirrored**2 - 2.0 * others.max() <= limit
+                    others, _, pushes = self._explained(
+                        robot, surface, mirrored, precisions, strength
+                    )
+                    other = float(_explained_by(others, pushes, strength).max())
+                    self._reverse = bool(precisions @ mirrored**2 - other <= limit)
                 self._unexplained += 1
             reverse = self._unexplained > 0 and self._reverse
             if self._sign.suspects(reading.stamp, reverse):
                 notes = (Note.REVERSED,)
-        felt = gains - evidence > FELT
-        if not felt.any():
-            return self.nothing(reading, notes=(*notes, BLIND))
-        points, groups, forces = points[felt], groups[felt], forces[felt]
-        gains, evidence = gains[felt], evidence[felt]
+        is_felt = gains - evidence > FELT
+        if not is_felt.any():
+            return nothing(notes=(*notes, BLIND))
+        points, groups, forces = points[is_felt], groups[is_felt], forces[is_felt]
+        gains, evidence = gains[is_felt], evidence[is_felt]
         log_odds = np.log(DOUBT) + logsumexp(evidence) - np.log(len(evidence))
         probability = 1.0 / (1.0 + np.exp(-np.clip(log_odds, -LARGEST, LARGEST)))
         if probability < DOUBT:
-            return self.nothing(reading, notes=notes)
-        single = float(np.clip(2.0 - (whole - 2.0 * gains.max()) / limit, 0.0, 1.0))
+            return nothing(notes=(*notes, *elsewhere))
+        single = float(np.clip(2.0 - left_over / limit, 0.0, 1.0))
         if single < 1.0:
             notes = (*notes, Note.MORE_THAN_ONE_CONTACT)
         weights = np.exp(gains - gains.max())
         weights /= weights.sum()
-        undecided, is_located = self._undecided(groups, weights)
+        undecided, is_located = self._undecided(groups, weights, measured)
         notes = (*notes, *undecided)
         if single == 0.0 or not is_located:
-            return self.nothing(reading, notes=notes)
+            return nothing(notes=notes)
         kept = weights >= FAINT * weights.max()
         weights = weights[kept] / weights[kept].sum()
         apart = max(config.spacing, surface.spacing)
@@ -310,7 +394,7 @@ class JointTorqueGenerator(Generator[JointTorqueConfig]):
         return -2.0 * self._dynamics.drift(robot.positions, still, self._gravity(robot)) - torques
 
     def _undecided(
-        self, groups: NDArray[np.intp], weights: FloatArray
+        self, groups: NDArray[np.intp], weights: FloatArray, measured: frozenset[str]
     ) -> tuple[tuple[str, ...], bool]:
         """A note where the contact may lie on several parts, and whether a place can be claimed.
 
@@ -319,6 +403,7 @@ class JointTorqueGenerator(Generator[JointTorqueConfig]):
         Args:
             groups: shape (m,), the part of each point: links that load the same joints.
             weights: shape (m,), how probable each point is; they sum to 1.
+            measured: links that are left to another sensor.
         """
         shares = np.bincount(groups, weights, self._groups.max() + 1)
         order = np.argsort(-shares, kind="stable")
@@ -331,7 +416,7 @@ class JointTorqueGenerator(Generator[JointTorqueConfig]):
         links = [
             name
             for name, group in zip(self._dynamics.model.link_names, self._groups, strict=True)
-            if group in parts and name in self._parts
+            if group in parts and name in self._parts and name not in measured
         ]
         return (f"{UNDECIDED}{', '.join(links)}",), needed <= MOST and not is_near
 
@@ -341,6 +426,7 @@ class JointTorqueGenerator(Generator[JointTorqueConfig]):
         surface: Surface,
         torques: FloatArray,
         precisions: FloatArray,
+        strength: float,
     ) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Gains and evidence, shape (m,), and forces, (m, 3) [N], at points of the surface."""
         config, to_root = self.config, inverse(robot.base)
@@ -353,10 +439,15 @@ class JointTorqueGenerator(Generator[JointTorqueConfig]):
         )
         explained(
             points, normals, self._felt[surface.links], linear, angular, torques, precisions,
-            float(1.0 / np.hypot(1.0, config.friction)), config.strength**-2,
+            float(1.0 / np.hypot(1.0, config.friction)), strength**-2,
             gains, evidence, forces,
         )  # fmt: skip
         return gains, evidence, vectors_in(robot.base, forces)
+
+
+def _explained_by(gains: FloatArray, forces: FloatArray, strength: float) -> FloatArray:
+    """By how much χ² falls by the force at each point, shape (m,), however strong it is."""
+    return np.asarray(2.0 * gains + np.square(forces / strength).sum(axis=1))
 
 
 def _thinned(part: RigidPart, exposed: NDArray[np.bool_], spacing: float) -> RigidPart:

@@ -1,5 +1,6 @@
 """Predicted positions of the robot's surface, where contacts are to be expected (F §V-F, Eq 8)."""
 
+import math
 from collections.abc import Mapping, Sequence
 
 import numpy as np
@@ -94,7 +95,8 @@ class MotionGenerator(Generator[MotionConfig]):
         reading of its own, and keeps its speed until the next.
         """
         if reading.velocities is not None:
-            self._speeds |= zip(reading.names, reading.velocities.tolist(), strict=True)
+            pairs = zip(reading.names, reading.velocities.tolist(), strict=True)
+            self._speeds |= {name: speed for name, speed in pairs if math.isfinite(speed)}
             return
         for name, position in zip(reading.names, reading.positions.tolist(), strict=True):
             if name in self._last:

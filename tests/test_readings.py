@@ -116,7 +116,7 @@ def test_no_points_are_a_scene_with_nothing_in_it() -> None:
         ("joint_state", {"names": ("a", "a")}, "names a joint twice"),
         ("joint_state", {"names": ("a",)}, r"positions of JointState of 'it' have shape \(2,\)"),
         ("joint_state", {"velocities": np.ones(3)}, "velocities of JointState"),
-        ("joint_state", {"efforts": [np.nan, 1.0]}, "efforts of JointState"),
+        ("joint_state", {"efforts": [np.inf, 1.0]}, "efforts of JointState of 'it' are infinite"),
         ("twist", {"linear": np.full(3, np.inf)}, "row 0 of the linear of Twist"),
         ("odometry", {"orientation": TURN * 0.9}, "no unit quaternion: its norm is 0.9"),
         ("odometry", {"orientation": np.zeros(4)}, "no unit quaternion: its norm is 0"),

@@ -174,7 +174,20 @@ def test_joints_of_an_arm_and_of_its_hand_are_put_together() -> None:
     assert state.velocities is not None and len(state.velocities) == 3
 
 
-def test_a_joint_that_several_readings_name_is_that_of_the_first() -> None:
+def test_a_joint_that_turns_past_half_a_turn_is_not_in_between() -> None:
+    remembered = history(joints(0.0, 3.1, 0.0), joints(1.0, -3.1, 0.5))
+    assert angles(remembered, 0.4) == [3.1, 0.2]
+    assert angles(remembered, 0.6) == [-3.1, 0.3]
+
+
+def test_a_joint_that_several_readings_name_is_that_of_the_newest() -> None:
+    slow, fast = joints(0.0, 1.0, 2.0), joints(0.1, 9.0, 3.0, names=("b", "c"))
+    state = history(slow, fast).joints(0.2)
+    assert state is not None
+    assert dict(zip(state.names, state.positions, strict=True)) == {"a": 1.0, "b": 9.0, "c": 3.0}
+
+
+def test_a_joint_that_several_readings_name_at_once_is_that_of_the_first() -> None:
     remembered = history(joints(0.0, 1.0, 2.0), joints(0.0, 9.0, 3.0, names=("b", "c")))
     state = remembered.joints(0.0)
     assert state is not None

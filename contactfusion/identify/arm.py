@@ -141,10 +141,15 @@ class Arm:
         readings = [each for each in self.motion.readings if each.velocities is not None]
         if len(readings) < len(self.motion.readings) or self.config.effort == "external":
             return
-        rows = [readings[0].names.index(name) for name in self.names]
         rates = np.array(
-            [each.velocities[rows] for each in readings if each.velocities is not None]
+            [
+                each.velocities[[each.names.index(name) for name in self.names]]
+                for each in readings
+                if each.velocities is not None
+            ]
         )
+        if np.isnan(rates).any():
+            return
         stamps, joints = self.motion.stamps, np.array(self.motion.positions)[:, self.numbers]
         moved = cumulative_trapezoid(rates, stamps, axis=0, initial=0)
         step = max(1, round(WIDTH / float(np.median(np.diff(stamps)))))

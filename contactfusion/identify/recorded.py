@@ -235,3 +235,5 @@ def require_efforts(reading: JointState, names: Sequence[str]) -> None:
         if name not in reading.names:
             hint = name_hint(name, reading.names, "joints of the reading")
             raise RecordingError(f"{reading.label} has no effort of '{name}': {hint}")
+        if np.isnan(reading.efforts[reading.names.index(name)]):
+            raise RecordingError(f"{reading.label} reports no effort of '{name}'")

@@ -127,7 +127,10 @@ def _windows(
     """Of a stretch without gaps."""
     period = max(PERIOD, float(np.median(np.diff(stamps))))
     edges = np.arange(stamps[0], stamps[-1], period)
-    positions = averaged(stamps, np.array(motion.positions[rows]), edges)
+    moved = np.array(motion.positions[rows])
+    turning = np.isinf(dynamics.model.limits).all(axis=1)
+    moved[:, turning] = np.unwrap(moved[:, turning], axis=0)
+    positions = averaged(stamps, moved, edges)
     efforts = averaged(stamps, efforts, edges)
     rate = savgol_filter(positions, SMOOTHED, 3, deriv=1, delta=period, axis=0)
     count = len(positions)

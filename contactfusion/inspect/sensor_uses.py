@@ -2,7 +2,10 @@
 
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
+from itertools import compress
 from typing import final
+
+import numpy as np
 
 from contactfusion.inspect.first_lines import (
     REST,
@@ -72,8 +75,9 @@ def start_of(readings: Iterable[Reading]) -> Start:
         match reading:
             case JointState():
                 start.joints.update(reading.names)
-                if reading.efforts is not None and reading.efforts.any():
-                    start.efforts[reading.sensor] = reading.names
+                efforts = np.zeros(0) if reading.efforts is None else reading.efforts
+                if reporting := tuple(compress(reading.names, np.nan_to_num(efforts) != 0.0)):
+                    start.efforts[reading.sensor] = reporting
             case TactileImage():
                 start.channels[reading.sensor] = len(reading.values)
             case Wrench():

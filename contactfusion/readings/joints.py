@@ -10,7 +10,7 @@ from contactfusion.arrays import FloatArray
 from contactfusion.errors import InvalidReadingError, RecordingError
 from contactfusion.readings.codec import Codec, Role
 from contactfusion.readings.columns import ColumnsConfig
-from contactfusion.readings.messages import Message, known, message, numbers
+from contactfusion.readings.messages import Message, message, numbers
 from contactfusion.readings.reading import At, Reading
 from contactfusion.readings.values import Change, ElementValues
 
@@ -31,8 +31,8 @@ class JointState(Reading):
     Attributes:
         names: the joints, in the order of the arrays.
         positions: shape (n,) [rad, or m for prismatic joints].
-        velocities: shape (n,) [rad/s, m/s], or None.
-        efforts: shape (n,) [N·m, N], or None.
+        velocities: shape (n,) [rad/s, m/s], NaN of joints that report none; None: none does.
+        efforts: shape (n,) [N·m, N], likewise.
     """
 
     names: tuple[str, ...]
@@ -44,9 +44,13 @@ class JointState(Reading):
         self._set("names", tuple(self.names))
         if len(set(self.names)) != len(self.names):
             raise InvalidReadingError(f"{self.label} names a joint twice")
-        for name in ("positions", "velocities", "efforts"):
-            if getattr(self, name) is not None:
-                self._freeze(name, len(self.names))
+        self._freeze("positions", len(self.names))
+        for name in ("velocities", "efforts"):
+            if getattr(self, name) is None:
+                continue
+            values = self._freeze(name, len(self.names), finite=False)
+            if np.isinf(values).any():
+                raise InvalidReadingError(f"{name} of {self.label} are infinite")
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -136,8 +140,8 @@ class JointStateCodec(Codec[JointState]):
         return JointState(
             names=tuple(message.name),
             positions=message.position,
-            velocities=known(message.velocity),
-            efforts=known(message.effort),
+            velocities=_reported(message.velocity),
+            efforts=_reported(message.effort),
             **at,
         )
 
@@ -204,3 +208,9 @@ class JointCommandCodec(Codec[JointCommand]):
     def example(self, stamp: float, scale: float) -> JointCommand:
         """Two joints."""
         return JointCommand(stamp=stamp, frame="base", names=NAMES, positions=scale * POSITIONS)
+
+
+def _reported(values: FloatArray) -> FloatArray | None:
+    """Numbers of a message, NaN where a joint reports none; None where none does."""
+    finite = np.isfinite(values)
+    return np.where(finite, values, np.nan) if finite.any() else None

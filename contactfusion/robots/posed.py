@@ -9,6 +9,7 @@ import numpy as np
 
 from contactfusion.arrays import FloatArray
 from contactfusion.frames import Pose, points_in
+from contactfusion.readings import JointState
 from contactfusion.robots.model import RobotModel
 from contactfusion.surface import Surface
 
@@ -32,6 +33,21 @@ class PosedRobot:
     def __reduce__(self) -> tuple[Any, ...]:
         """Pickle without cached results."""
         return PosedRobot, (self.model, self.positions, self.frame, self.base)
+
+    def with_joints(self, reading: JointState) -> "PosedRobot":
+        """The robot with the joints that a reading holds where it has them."""
+        model = self.model
+        rows = {name: row for row, name in enumerate(reading.names)}
+        positions = self.positions.copy()
+        for number, name in enumerate(model.joint_names):
+            if name in rows and name not in model.config.still:
+                positions[number] = reading.positions[rows[name]]
+        positions = model.followed(positions)
+        return (
+            self
+            if np.array_equal(positions, self.positions)
+            else replace(self, positions=positions)
+        )
 
     @cached_property
     def poses(self) -> dict[str, Pose]:
