@@ -299,8 +299,9 @@ class StateBuffer:
         """The joints at a stamp [s]: positions in between, the rest of the nearer reading.
 
         Readings of different joints, as of an arm and of its hand, are put together; of a joint
-        that several name, the set with the newest reading counts, the first of several. The stamp is that of the newest
-        reading where it is older, and of several sets the oldest: it shows that a sensor is silent.
+        that several name, the set with the newest reading counts, the first of several. The stamp
+        is that of the newest reading where it is older, and of several sets the oldest: it shows
+        that a sensor is silent.
         """
         parts = [_joints_between(readings, stamp) for readings in self._joints.values()]
         return _together(parts) if parts else None

@@ -16,9 +16,10 @@ from contactfusion.generator import Generator, GeneratorConfig, OfRobot
 from contactfusion.generators.external_torque import LONGEST, Effort, ExternalTorque, Sign
 from contactfusion.generators.sign import SignWatch
 from contactfusion.generators.torque_field import explained
+from contactfusion.generators.wrist_loads import Left, WristLoads
 from contactfusion.grid import Grid
 from contactfusion.hooks import hookimpl
-from contactfusion.hypotheses import HypothesisCloud, Note, Resultant
+from contactfusion.hypotheses import HypothesisCloud, Note
 from contactfusion.readings import JointState, Reading
 from contactfusion.robots.description import EffortConfig
 from contactfusion.robots.dynamics import Dynamics
@@ -51,8 +52,6 @@ HELD, MOST = 0.9, 3
 UNLOCATED = 3
 """Wherever a link that no more joints move is touched, some force explains their torques: where
 another link is as likely, nothing is claimed."""
-SILENT = 16.8
-"""A wrench of a smaller square, in its deviations, is that of no contact: 99 of 100 are."""
 TENTH = 10
 """Of samples that no contact explains one in so many is tried with the other sign."""
 HARD, WIDER = 3.0, 4
@@ -141,6 +140,7 @@ class JointTorqueGenerator(Generator[JointTorqueConfig]):
             dynamics, config.joints, config.effort, config.gain, config.scale, config.sign
         )
         self._felt = dynamics.supports & self._torque.known
+        self._wrists = WristLoads(dynamics, self._felt, config.scale)
         chosen = robot.known_links(config.links)
         rows = zip(robot.link_names, self._felt, strict=True)
         loaded = {name for name, joints in rows if joints.any()}
@@ -166,13 +166,11 @@ class JointTorqueGenerator(Generator[JointTorqueConfig]):
     def reset(self) -> None:
         """Begin the observer again."""
         self._sign, self._unexplained, self._reverse = SignWatch(), 0, False
-        self._lagging: dict[str, tuple[FloatArray, FloatArray]] = {}
-        """What other sensors measure of the torques of contacts, with the observer's lag, and by
-        how much that may be wrong, both of shape (n,)."""
         self._is_heard = False
         self._stamp: float | None = None
         if self._torque is not None:
             self._torque.reset()
+            self._wrists.reset()
 
     def generate(self, reading: Reading, state: State) -> Sequence[HypothesisCloud]:
         """The surface where one contact explains the torques.
@@ -193,7 +191,7 @@ class JointTorqueGenerator(Generator[JointTorqueConfig]):
             self._stamp = reading.stamp
             return (self.nothing(reading, frame=grid, notes=(SLOW,)),) if gaps else ()
         self._stamp = reading.stamp
-        return (self._cloud(reading, state, robot, *found),)
+        return (self._cloud(reading, state, robot, found),)
 
     def absorb(self, reading: Reading, state: State) -> None:
         """Follow the momentum and what other sensors measure, without looking for the contact."""
@@ -202,10 +200,8 @@ class JointTorqueGenerator(Generator[JointTorqueConfig]):
             self._loads(reading, state)
             self._stamp = reading.stamp
 
-    def _loads(
-        self, reading: JointState, state: State
-    ) -> tuple[PosedRobot, tuple[FloatArray, FloatArray, frozenset[str]] | None]:
-        """The robot as the reading has it, and what `_unmeasured` leaves of the external torques.
+    def _loads(self, reading: JointState, state: State) -> tuple[PosedRobot, Left | None]:
+        """The robot as the reading has it, and the torques of contacts that it alone tells of.
 
         These are None before they are known.
         """
@@ -216,70 +212,10 @@ class JointTorqueGenerator(Generator[JointTorqueConfig]):
         robot = robot.with_joints(reading)
         found = self._torque.update(reading, robot.positions, self._gravity(robot))
         if found is None:
-            self._lagging = {}
+            self._wrists.reset()
             return robot, None
-        return robot, self._unmeasured(robot, state, *found)
-
-    def _unmeasured(
-        self, robot: PosedRobot, state: State, torques: FloatArray, deviations: FloatArray
-    ) -> tuple[FloatArray, FloatArray, frozenset[str]]:
-        """Torques without those of contacts whose sum another sensor measures, as at a wrist.
-
-        Args:
-            robot: as the reading has it.
-            state: its resultants, of which one on a part of another's is in that already, and of
-                several of the same links the steadiest counts.
-            torques: shape (n,), of all contacts [N·m, N].
-            deviations: shape (n,), their standard deviations.
-
-        Returns:
-            The torques and deviations that are left, and the links that they do not speak of.
-        """
-        assert self._torque is not None
-        squares, measured = deviations**2, set[str]()
-        lagging: dict[str, tuple[FloatArray, FloatArray]] = {}
-        linear, angular = self._dynamics.axes(robot.positions)
-        for name, wrench in self._wrists(state).items():
-            rows = [robot.model.link_names.index(link) for link in wrench.links]
-            felt = self._felt[rows]
-            loads = felt.all(axis=0)
-            if not loads.any():
-                continue  # as of a sensor under the base: no joint feels what it measures
-            measured.update(wrench.links)
-            squares = np.where(felt.any(axis=0) & ~loads, np.inf, squares)  # between its contacts
-            squared = wrench.force @ wrench.force / wrench.force_deviation**2
-            squared += wrench.torque @ wrench.torque / wrench.torque_deviation**2
-            load = np.zeros(len(torques))
-            if squared >= SILENT:
-                at_root = wrench.moved(inverse(robot.base))
-                by_force = linear + np.cross(angular, at_root.origin)
-                load = loads * (by_force @ at_root.force + angular @ at_root.torque)
-                squares = squares + loads * (
-                    np.square(by_force).sum(axis=1) * at_root.force_deviation**2
-                    + np.square(angular).sum(axis=1) * at_root.torque_deviation**2
-                    + (self.config.scale * load) ** 2
-                )
-            # the observer may or may not hold yet what a wrist measures that is new itself
-            before, doubt = self._lagging.get(name, (0.5 * load, 0.5 * load))
-            lags = before + self._torque.share * (load - before)
-            lagging[name] = lags, doubt * (1.0 - self._torque.share)
-        self._lagging = lagging
-        for lags, doubt in lagging.values():
-            torques, squares = torques - lags, squares + doubt**2
-        return torques, np.sqrt(squares), frozenset(measured)
-
-    def _wrists(self, state: State) -> Mapping[str, Resultant]:
-        """Wrenches of parts of the robot by source, none of a part of another's part."""
-        steady = sorted(
-            ((name, each) for name, each in state.resultants.items() if each.links),
-            key=lambda item: (item[1].force_deviation, item[0]),
-        )
-        parts: dict[frozenset[str], tuple[str, Resultant]] = {}
-        for name, each in steady:
-            parts.setdefault(frozenset(each.links), (name, each))
-        return dict(
-            part for links, part in parts.items() if not any(links < other for other in parts)
-        )
+        share = self._torque.share
+        return robot, self._wrists.left(robot, state.resultants, *found, share)
 
     def _gravity(self, robot: PosedRobot) -> FloatArray:
         """Shape (3,) [m/s²], in the root link's frame."""
@@ -304,21 +240,16 @@ class JointTorqueGenerator(Generator[JointTorqueConfig]):
         reading: JointState,
         state: State,
         robot: PosedRobot,
-        torques: FloatArray,
-        deviations: FloatArray,
-        measured: frozenset[str],
+        found: Left,
     ) -> HypothesisCloud:
-        """The hypotheses that torques with standard deviations, both of shape (n,), give.
-
-        Contacts on links that are measured otherwise are left out.
-        """
+        """The hypotheses that torques give; links that are measured otherwise are left out."""
         config = self.config
+        torques, deviations, measured, is_shared = found
         assert self._torque is not None
         parts = [
             (part, robot.poses[name]) for name, part in self._parts.items() if name not in measured
         ]
-        is_off = any(lags.any() for lags, _ in self._lagging.values())
-        left = [name for name in self._parts if name in measured and is_off]
+        left = [name for name in self._parts if name in measured and is_shared]
         elsewhere = (f"{ELSEWHERE}{', '.join(left)}",) if left else ()
         nothing = partial(self.nothing, reading, frame=state.grid.frame)
         if not parts:
@@ -380,7 +311,7 @@ class JointTorqueGenerator(Generator[JointTorqueConfig]):
             points[kept],
             min(probability * single, config.p_max) * weights,
             frame=state.grid.frame,
-            forces=forces[kept] if config.forces else None,
+            forces=forces[kept] if config.forces and not is_shared else None,
             spreads=np.full(len(weights), spread),
             single=True,
             notes=notes,

@@ -301,7 +301,7 @@ def test_a_contact_that_leaps_keeps_its_track_and_did_not_die() -> None:
         for stamp, (step,) in enumerate(
             [[*stepped((0.0, [skin(0.0, voxel=(40 * n, 0, 0))]))] for n in range(2)]
         ):
-            tracked = [replace(contact, track=track) for contact in step.fusion.contacts]
+            tracked = tuple(replace(contact, track=track) for contact in step.fusion.contacts)
             past.add(float(stamp), replace(step.fusion, contacts=tracked))
         return past
 

@@ -381,17 +381,31 @@ def test_a_sudden_push_of_the_hand_is_no_contact_of_the_arm_while_the_observer_l
     assert not found
 
 
-def test_a_wrist_that_feels_nothing_makes_the_joints_no_less_sure() -> None:
+def test_beside_a_wrist_that_feels_nothing_an_arm_is_found_as_without() -> None:
     point, _, torques = pushed("link_6", 20.0, 4)
     links = robot().beyond("wrist_sensor")
-    silent = Resultant(np.full(3, 0.3), np.zeros(3), np.zeros(3), 1.0, 0.1, links)
-    alone = only(generator().generate(reading(torques), state()))
+    silent = Resultant(np.full(3, 0.1), np.zeros(3), np.zeros(3), 0.3, 0.03, links)
     beside = replace(state(), resultants={"wrist": silent})
     cloud = only(generator().generate(reading(torques), beside))
-    assert 0 < len(cloud) <= len(alone)
     best = cloud.positions[int(cloud.likelihoods.argmax())]
     assert np.linalg.norm(best - point) < 0.05
     assert not {*links} & {name for name, share in links_of(cloud).items() if share > 0.0}
+
+
+@pytest.mark.parametrize("newtons", [1.0, 2.0, 3.0, 4.0, 6.0])
+def test_a_touch_of_the_hand_within_the_noise_of_its_wrist_is_none_of_the_arm(
+    newtons: float,
+) -> None:
+    links = robot().beyond("wrist_sensor")
+    sensor = robot().poses_at(whole(BENT))["wrist_sensor"][:3, 3]
+    for seed in range(4):
+        hand, force, torques = pushed("palm", newtons, seed)
+        rng = np.random.default_rng(seed)
+        measured = force + rng.standard_normal(3)
+        torque = np.cross(hand - sensor, force) + 0.1 * rng.standard_normal(3)
+        wrench = Resultant(measured, torque, sensor, 1.0, 0.1, links)
+        beside = replace(state(), resultants={"wrist": wrench})
+        assert not len(only(generator().generate(reading(torques), beside)))
 
 
 def test_of_two_sensors_one_behind_the_other_the_first_measures_all() -> None:

@@ -196,6 +196,9 @@ def test_a_sensor_under_the_base_leaves_the_arm_to_its_joints() -> None:
     alone = only(generator().generate(reading(push), state()))
     cloud = only(generator().generate(reading(push), below))
     np.testing.assert_array_equal(cloud.positions, alone.positions)
+    hand, force, push = pushed("palm", 30.0, 2)
+    both = beside(force, hand, base=robot().link_names, wrist=robot().beyond("wrist_sensor"))
+    assert not len(only(generator().generate(reading(push), both)))  # the wrist counts beside it
 
 
 def test_joints_beyond_a_sensor_tell_nothing_of_what_it_does_not_carry() -> None:
