@@ -101,6 +101,7 @@ def test_joints_that_report_no_effort_move_the_others() -> None:
     some = ExternalTorque(
         Dynamics(robot()), {name: EffortConfig(noise=SIGMA) for name in ARM[3:]}, "measured", 30, 0
     )
+    found = None
     for stamp in np.arange(0.0, 1.0, 0.002).tolist():
         angle = 4.0 * stamp
         arm = BENT + 0.5 * moves * np.sin(angle)
@@ -129,6 +130,7 @@ def test_a_gripper_neither_ends_the_contact_of_the_arm_nor_hides_that_it_is_dead
             efforts=np.full(1, effort),
         )  # fmt: skip
 
+    clouds: Sequence[HypothesisCloud] = ()
     for number in range(50):
         given = reading(HELD - push, BENT, 0.01 * number, velocities=REST)
         clouds = arm.generate(given, state())
@@ -229,6 +231,7 @@ def test_silence_beside_a_hand_that_is_left_to_a_wrist_says_so() -> None:
 def test_a_reading_that_comes_twice_says_nothing_new_and_slow_ones_are_named() -> None:
     torque = ExternalTorque(Dynamics(robot()), known(), "measured", 10.0, 0.0)
     push = np.array([3.0, -2.0, 1.0, 4.0, 0.5, -1.0, 0.2])
+    found = None
     for stamp in np.repeat(np.arange(0.0, 2.0, 0.125), 2).tolist():
         found = torque.update(reading(HELD - push, BENT, stamp, velocities=REST), whole(BENT), UP)
     assert found is not None
@@ -247,6 +250,7 @@ def test_a_joint_that_passes_half_a_turn_does_not_leap(tmp_path: Path) -> None:
     path.write_text(text[:first] + last)
     turning = RobotModel(RobotConfig(urdf=str(path), still=STILL))
     torque = ExternalTorque(Dynamics(turning), known(), "measured", 10.0, 0.0)
+    found = None
     for number, angle in enumerate((3.10, 3.12, 3.14, -3.1232, -3.1032)):
         arm = np.r_[BENT[:6], angle]
         held = -Dynamics(robot()).drift(whole(arm), whole(REST), UP)[: len(ARM)]
