@@ -197,7 +197,7 @@ class ExternalTorque:
                 hint = name_hint(name, reading.names, "joints of the reading")
                 raise InvalidReadingError(f"{reading.label} has no effort of '{name}': {hint}")
             found[number] = reading.efforts[rows[name]]
-            if abs(found[number]) > MOST or np.isnan(found[number]):
+            if not abs(found[number]) <= MOST:
                 raise InvalidReadingError(
                     f"{reading.label} has an effort of {found[number]:g} of '{name}'"
                 )

@@ -183,8 +183,8 @@ class JointTorqueGenerator(Generator[JointTorqueConfig]):
         if self._is_of_others(reading):
             return ()
         grid = state.grid.frame
-        if self._is_dead(reading):
-            return (self.nothing(reading, frame=grid, notes=(Note.UNHEALTHY,)),)
+        if fault := self._fault(reading):
+            return (self.nothing(reading, frame=grid, notes=(fault,)),)
         robot, found = self._loads(reading, state)
         if found is None:
             gaps = self._stamp is not None and reading.stamp - self._stamp > LONGEST
@@ -196,7 +196,7 @@ class JointTorqueGenerator(Generator[JointTorqueConfig]):
     def absorb(self, reading: Reading, state: State) -> None:
         """Follow the momentum and what other sensors measure, without looking for the contact."""
         assert isinstance(reading, JointState)
-        if not (self._is_of_others(reading) or self._is_dead(reading)):
+        if not (self._is_of_others(reading) or self._fault(reading)):
             self._loads(reading, state)
             self._stamp = reading.stamp
 
@@ -228,12 +228,19 @@ class JointTorqueGenerator(Generator[JointTorqueConfig]):
         self._is_heard = self._is_heard or is_own
         return self._is_heard and not is_own
 
-    def _is_dead(self, reading: JointState) -> bool:
-        """Whether all own efforts are exactly zero: those of a working arm never are."""
+    def _fault(self, reading: JointState) -> str:
+        """The note on efforts that a driver does not fill, or which are exactly zero: all of a
+        working arm never are."""
         if reading.efforts is None:
-            return False
-        own = [name in self.config.joints for name in reading.names]
-        return bool(any(own) and not reading.efforts[own].any())
+            return ""
+        own = {
+            name: effort
+            for name, effort in zip(reading.names, reading.efforts.tolist(), strict=True)
+            if name in self.config.joints
+        }
+        if missing := [name for name, effort in own.items() if np.isnan(effort)]:
+            return f"its driver reports no effort of {', '.join(missing)}"
+        return Note.UNHEALTHY if own and not any(own.values()) else ""
 
     def _cloud(
         self,

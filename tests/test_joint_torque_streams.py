@@ -173,10 +173,13 @@ def test_positions_are_those_of_the_reading_whatever_a_slow_topic_said() -> None
     assert not felt
 
 
-def test_an_effort_that_a_joint_does_not_report_is_asked_for() -> None:
+def test_an_effort_that_a_joint_does_not_report_is_named() -> None:
     efforts = np.ones(len(ARM))
     efforts[6] = np.nan
-    with pytest.raises(InvalidReadingError, match="has an effort of nan of 'arm_7'"):
+    cloud = only(generator().generate(reading(efforts), state()))
+    assert not len(cloud) and cloud.notes == ("its driver reports no effort of arm_7",)
+    efforts[6] = 1e300
+    with pytest.raises(InvalidReadingError, match=r"has an effort of 1e\+300 of 'arm_7'"):
         generator().generate(reading(efforts), state())
     other = JointState(
         stamp=0.0, frame="base", names=(*ARM, GRIPPER), positions=np.r_[BENT, 0.0],
