@@ -229,8 +229,7 @@ class JointTorqueGenerator(Generator[JointTorqueConfig]):
         return self._is_heard and not is_own
 
     def _fault(self, reading: JointState) -> str:
-        """The note on efforts that a driver does not fill, or which are exactly zero: all of a
-        working arm never are."""
+        """The note on efforts that a driver does not report, or that are all exactly zero."""
         if reading.efforts is None:
             return ""
         own = {
