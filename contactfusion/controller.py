@@ -1,5 +1,6 @@
 """The contract of controllers: contacts in, commands out."""
 
+import math
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -9,6 +10,9 @@ from contactfusion.contacts import Contact
 from contactfusion.model import Model
 from contactfusion.readings import Twist
 from contactfusion.state import State
+
+FAULT = "fault"
+"""The mode of the command in place of one that a controller failed to give: the robot stands."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,6 +32,22 @@ class Command:
     gripper: float | None = None
     mode: str = ""
     reason: str = ""
+
+    def __post_init__(self) -> None:
+        """Check what a robot would follow.
+
+        Raises:
+            TypeError: `twist` is none.
+            ValueError: a velocity of a joint, or the gripper, is no finite number.
+        """
+        twist: object = self.twist
+        if not isinstance(twist, Twist | None):
+            raise TypeError(f"its twist is {type(twist).__name__}, not a Twist")
+        speeds = dict(self.joint_velocities or {})
+        if wrong := [name for name, speed in speeds.items() if not math.isfinite(speed)]:
+            raise ValueError(f"the velocity of {', '.join(wrong)} is no finite number")
+        if self.gripper is not None and not math.isfinite(self.gripper):
+            raise ValueError(f"the gripper is commanded {self.gripper}")
 
 
 class Controller(ABC):

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from contactfusion.assembly import AnyGenerator, built_controller, built_generator, built_integrator
-from contactfusion.controller import Command, Controller
+from contactfusion.controller import FAULT, Command, Controller
 from contactfusion.errors import (
     ConfigurationError,
     ContactFusionError,
@@ -461,7 +461,7 @@ class Pipeline:
             reason = self._reason(CONTROLLER, controller, error)
             self._failed_commands += 1
             self._first_failure = self._first_failure or reason
-            return Command(mode="fault", reason=reason)
+            return Command(mode=FAULT, reason=reason)
 
     def _reset(self, who: str, plugged: AnyGenerator | Controller) -> None:
         """Reset a generator or the controller; one that raises is not called until it can be."""

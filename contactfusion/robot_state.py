@@ -370,6 +370,8 @@ def _together(parts: Sequence[JointState]) -> JointState:
     def column(field: str) -> FloatArray:
         return np.array([getattr(part, field)[row] for part, row in map(chosen.__getitem__, names)])
 
+    # a set of which every joint is told by a newer one says nothing any more
+    parts = [part for part in parts if any(chosen[name][0] is part for name in part.names)]
     optional = {
         field: column(field)
         for field in ("velocities", "efforts")

@@ -538,6 +538,33 @@ def test_a_configuration_that_names_its_recording_is_asked_about_it(
     assert by_itself.out == ask(command, "log.yaml", "--config", "wrist.yaml", *options).out
 
 
+@pytest.mark.parametrize(
+    ("command", "words"),
+    [
+        (["view", "log.yaml", "--config", "wrist.yaml", "--save", "log.yaml"], "--save: log.yaml"),
+        (
+            [
+                "explain",
+                "log.yaml",
+                "--config",
+                "wrist.yaml",
+                "--time",
+                "0",
+                "--picture",
+                "log.yaml",
+            ],
+            "--picture: log.yaml",
+        ),
+    ],
+)
+def test_what_is_played_is_not_replaced(
+    command: list[str], words: str, folder: Path, ask: Ask
+) -> None:
+    (folder / "log.yaml").write_text("type: log")
+    assert one_sentence(ask(*command)).startswith(f"{words} is the recording")
+    assert (folder / "log.yaml").read_text() == "type: log"
+
+
 def test_a_configuration_without_a_recording_is_told_to_name_one(folder: Path, ask: Ask) -> None:
     (folder / "new.yaml").write_text("generators: {}")
     sentence = one_sentence(ask("explain", "new.yaml", "--time", "1"))

@@ -178,7 +178,7 @@ def test_what_is_recorded_live_is_found_again_when_it_is_played(robot: Robot) ->
         assert first
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
 def test_it_ends_by_a_signal_with_a_whole_recording(robot: Robot, number: int) -> None:
     robot.start("--record", "live.mcap")
     for _ in range(20):
@@ -275,6 +275,9 @@ def test_orders_change_what_runs_and_wrong_ones_are_answered_with_a_sentence(rob
         ask("fly")
     with pytest.raises(ValueError, match="no `contactfusion live` runs as 'arm'"):
         ask("status", "arm")
+    (robot.folder / "taken.mcap").mkdir()
+    with pytest.raises(ValueError, match=r"taken\.mcap"):
+        ask("record start taken.mcap")
     assert ask("record start late.mcap") == "recording to late.mcap"
     with pytest.raises(ValueError, match=r"late.mcap is being recorded; stop that first"):
         ask("record start other.mcap")

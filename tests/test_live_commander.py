@@ -2,10 +2,12 @@
 
 import time
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
+import pytest
 
-from contactfusion.controller import Command
+from contactfusion.controller import FAULT, Command
 from contactfusion.live.commander import CALM, HEARTBEAT, LAST, PERIOD, Commander
 from contactfusion.live.config import LiveConfig
 from contactfusion.readings import Twist
@@ -39,6 +41,32 @@ def test_a_command_is_sent_as_a_twist() -> None:
         made.send(FORWARD)
     assert speeds(wire)[0] == 0.3
     assert wire.sent["/cmd_vel"][0].angular.z == 0.1
+
+
+def test_a_controller_that_fails_commands_zero() -> None:
+    wire = Wire()
+    with commander(wire, []) as made:
+        made.send(FORWARD)
+        made.send(Command(joint_velocities={"a": 0.2}))
+        made.send(Command(mode=FAULT, reason="it raised"))
+        assert speeds(wire) == [0.3, 0.0]
+        assert [sent.velocity[0] for sent in wire.sent["/contactfusion/joint_velocities"]] == [
+            0.2,
+            0.0,
+        ]
+
+
+@pytest.mark.parametrize(
+    ("fields", "words"),
+    [
+        ({"twist": "fast"}, "its twist is str, not a Twist"),
+        ({"joint_velocities": {"a": float("nan")}}, "the velocity of a is no finite number"),
+        ({"gripper": float("inf")}, "the gripper is commanded inf"),
+    ],
+)
+def test_what_no_robot_can_follow_is_no_command(fields: dict[str, Any], words: str) -> None:
+    with pytest.raises((TypeError, ValueError), match=words):
+        Command(**fields)
 
 
 def test_the_last_commands_are_zero_however_it_ends() -> None:

@@ -194,6 +194,14 @@ def test_a_joint_that_several_readings_name_at_once_is_that_of_the_first() -> No
     assert dict(zip(state.names, state.positions, strict=True)) == {"a": 1.0, "b": 2.0, "c": 3.0}
 
 
+def test_a_set_of_joints_that_a_newer_one_holds_whole_counts_no_more() -> None:
+    early = joints(0.0, 1.0, 2.0)
+    remembered = history(early, joints(10.0, 3.0, 4.0, 5.0, names=("a", "b", "grip")))
+    state = remembered.joints(10.0)
+    assert state is not None and state.stamp == 10.0 and state.velocities is not None
+    assert dict(zip(state.names, state.positions, strict=True)) == {"a": 3.0, "b": 4.0, "grip": 5.0}
+
+
 def test_what_one_of_several_readings_does_not_tell_is_left_out() -> None:
     bare = JointState(stamp=0.0, frame="base", names=("c",), positions=np.zeros(1))
     state = history(joints(0.0, 1.0, 2.0), bare).joints(0.0)

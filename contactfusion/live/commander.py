@@ -7,7 +7,7 @@ from typing import Final, final
 
 import numpy as np
 
-from contactfusion.controller import Command
+from contactfusion.controller import FAULT, Command
 from contactfusion.live.clock import Clock
 from contactfusion.live.config import LiveConfig
 from contactfusion.live.transport import Send, Transport
@@ -92,10 +92,13 @@ class Commander:
             self._stop(stale)
 
     def send(self, command: Command | None) -> None:
-        """Send a command; zero in its place as long as something is not fresh."""
+        """Send a command; zero in its place as long as something is not fresh, or it is a fault."""
         if command is None:
             return
         with self._lock:
+            if command.mode == FAULT:
+                self._zero()
+                return
             moving = command.twist
             if moving is not None:
                 self._frame = moving.frame

@@ -305,8 +305,9 @@ class _Live:
 
     def _close_tape(self) -> None:
         if self._tape.path is not None:
-            say(f"results: {self._tape.path}")
+            path = self._tape.path
             self._tape.stop()
+            say(f"results: {path}")
 
     @contextmanager
     def _looking(self) -> Iterator[None]:
@@ -360,7 +361,7 @@ def _result(outcome: "Future[str]") -> str:
 
 @contextmanager
 def _ended_by_signals(stream: LiveStream) -> Iterator[None]:
-    """Let Ctrl-C and SIGTERM end the stream after the step in hand; a second one at once."""
+    """Let Ctrl-C, SIGTERM, a lost terminal end the stream after the step in hand, twice at once."""
 
     def end(number: int, frame: object) -> None:
         stream.end_soon()
@@ -369,7 +370,10 @@ def _ended_by_signals(stream: LiveStream) -> Iterator[None]:
     if threading.current_thread() is not threading.main_thread():
         yield
         return
-    before = {number: signal.signal(number, end) for number in (signal.SIGINT, signal.SIGTERM)}
+    ends = [signal.SIGINT, signal.SIGTERM]
+    if signal.getsignal(signal.SIGHUP) is not signal.SIG_IGN:  # as under nohup
+        ends.append(signal.SIGHUP)
+    before = {number: signal.signal(number, end) for number in ends}
     try:
         yield
     finally:

@@ -55,8 +55,9 @@ class Tape:
             raise ConfigurationError(f"'{path}' is no name for a recording; let it end in .mcap")
         assert self._session is not None
         make_folder(path.parent)
-        self._file = mcap_file(path, self._session)
-        self._output, self.path = self._file.__enter__(), path
+        file = mcap_file(path, self._session)
+        self._output = file.__enter__()
+        self._file, self.path = file, path
         for kept in self._latched.values():
             for raw in kept:
                 self.copy(raw, again=True)

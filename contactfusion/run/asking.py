@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import final
 
-from contactfusion.errors import DependencyError, TimeError
+from contactfusion.errors import ConfigurationError, DependencyError, TimeError
 from contactfusion.files import write_whole
 from contactfusion.pipeline import Pipeline
 from contactfusion.run.configuration import (
@@ -101,6 +101,8 @@ def explain_recording(
     Raises:
         ContactFusionError: the time lies outside the recording, or nothing is near the place.
     """
+    if picture is not None and picture.resolve() == source.recording.resolve():
+        raise ConfigurationError(f"--picture: {picture} is the recording; name another file")
     from contactfusion.explain import explanation, text
     from contactfusion.explain.moment import Settings, moment_at
 

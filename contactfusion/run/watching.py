@@ -53,6 +53,9 @@ def view_recording(
     """
     if at is not None and screenshot is None:
         raise ConfigurationError("--at is the time of a picture: name its file with --screenshot")
+    for option, path in (("--save", save), ("--screenshot", screenshot)):
+        if path is not None and path.resolve() == source.recording.resolve():
+            raise ConfigurationError(f"{option}: {path} is the recording itself; name another file")
     loaded_rerun()  # before a screen is asked for, or a recording drawn
     if screenshot is None and save is None and not web:
         show.require_screen()
