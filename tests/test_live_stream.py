@@ -189,6 +189,22 @@ def test_what_is_stale_is_named_and_what_reports_again_is_not(wire: Wire) -> Non
     assert late == "no sensor of contacts has reported for 0.30 s"
 
 
+@pytest.mark.parametrize("what", ["NaN", "garbage", "another clock"])
+def test_what_cannot_be_used_keeps_nothing_fresh(wire: Wire, what: str) -> None:
+    live = Live(wire, SENSORS)
+    live.say("/wrist", wrench(START), 1)
+    for at in range(10, 500, 10):
+        live.clock.now = START + at * MILLISECOND
+        stamp = live.clock.now - (3600 * SECOND if what == "another clock" else 0)
+        if what == "garbage":
+            wire.takes["/wrist"](b"\0\1\0\0garbage", live.clock.now)
+        else:
+            live.say("/wrist", wrench(stamp, fz=float("nan") if what == "NaN" else -5.0), at)
+    live.play()
+    late = live.stream.stale(START + 500 * MILLISECOND)
+    assert late == "no sensor of contacts has reported for 0.50 s"
+
+
 def test_a_sensor_whose_process_is_gone_stays_stale(wire: Wire) -> None:
     live = Live(wire, SENSORS)
     live.say("/wrist", wrench(START))

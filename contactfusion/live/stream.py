@@ -46,6 +46,8 @@ NETWORK = Path("the network")
 """What stands for a file in sentences on topics."""
 TIMED = 256
 """Number of newest steps whose duration is kept."""
+OLD = 1.0
+"""A reading that is so much older than its message says nothing of now: its clock is another [s]."""
 IDLE = 0.02
 """The longest wait for a message, before the loop looks at its clock [s]."""
 YIELD = 5e-5
@@ -243,6 +245,8 @@ class LiveStream(Recording):
     def stale(self, now: int) -> str:
         """Why what the pipeline believes is not fresh, as a clause; empty where it is.
 
+        What can't be used keeps nothing fresh: damaged messages, NaN, stamps of another clock.
+
         Args:
             now: [ns since 1970].
         """
@@ -320,7 +324,6 @@ class LiveStream(Recording):
             return
         simulated = isinstance(self._clock, SimulatedTime)
         arrived = self._time() if simulated else packet.arrived
-        self.arrived[packet.topic] = arrived
         state.tally.messages += 1
         try:
             sent = typestore().deserialize_cdr(packet.cdr, self._types[packet.topic])
@@ -328,7 +331,14 @@ class LiveStream(Recording):
             state.tally.cannot_read(error)
             return
         logged = self._log(packet.topic, self._types[packet.topic], packet.cdr, arrived)
-        yield from self._delivery.of(state, sent, logged)
+        tally, ages = state.tally, list[float]()
+        useless = tally.refused + tally.unreadable
+        for reading in self._delivery.of(state, sent, logged):
+            ages.append(self._delivery.seconds(arrived) - reading.stamp)
+            yield reading
+        # what can't be used, or is of another clock, is no sign of life
+        if tally.refused + tally.unreadable == useless and min(ages, default=0.0) <= OLD:
+            self.arrived[packet.topic] = arrived
 
     def _step(self) -> Iterator[Arrival]:
         """A step now, with the readings that have waited for long enough."""
