@@ -214,6 +214,16 @@ def test_what_exists_is_replaced_only_by_force(bag: Path, tmp_path: Path) -> Non
     assert written(out)["generators"]
 
 
+def test_names_in_a_recording_begin_no_fields(tmp_path: Path) -> None:
+    frame = "probe\nfaults: [{fault: silent}]\n#\x1b[2J"
+    said: list[Said] = [
+        ("/wrist", stamp, wrench(stamp, frame=frame)) for stamp in range(0, SECOND, SECOND // 10)
+    ]
+    write_first(mcap(tmp_path / "drive.mcap", said), tmp_path / "first.yaml")
+    assert "faults" not in written(tmp_path / "first.yaml")
+    assert "\x1b" not in (tmp_path / "first.yaml").read_text()
+
+
 def test_equal_recordings_give_equal_files(bag: Path, tmp_path: Path) -> None:
     for name in ("a.yaml", "b.yaml"):
         write_first(bag, tmp_path / name)

@@ -1,6 +1,6 @@
 """A first configuration for a recording or a robot, which runs as it is; comments explain it."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -51,7 +51,7 @@ from contactfusion.recordings.ros.files import Bag
 from contactfusion.recordings.ros.topics import last
 from contactfusion.robots.description import RobotConfig
 from contactfusion.robots.model import RobotModel
-from contactfusion.terminal import note, say
+from contactfusion.terminal import note, printable, say
 
 URDF = (".urdf", ".xacro", ".xml")
 """Suffixes of files that describe robots."""
@@ -114,6 +114,11 @@ class _First:
     urdf: str = ""
 
 
+def _joined(lines: Iterable[str]) -> str:
+    """Lines as a file; names in recordings and URDFs end none, and so begin no field."""
+    return "".join(printable(line).replace("\n", r"\n") + "\n" for line in lines)
+
+
 def _refuse_existing(path: Path, force: bool) -> None:
     if path.exists() and not force:
         raise ConfigurationError(f"{path} exists already; --force replaces it")
@@ -135,7 +140,7 @@ def _of_robot(urdf: Path, out: Path) -> _First:
         "",
         *integrator_lines(model.root),
     ]
-    return _First("\n".join(lines) + "\n", f"contactfusion replay {out} RECORDING")
+    return _First(_joined(lines), f"contactfusion replay {out} RECORDING")
 
 
 def _examples(model: RobotModel) -> Iterator[str]:
@@ -318,7 +323,7 @@ def _of_sensors(held: _Held, out: Path, robot: Path | None) -> _First:
             lines += (f"# {line}" for line in indented(use.lines))
     lines += ["", *integrator_lines(space)]
     then = held.play if active else f"give {out} a generator, of those in its comments"
-    return _First("\n".join(lines) + "\n", then, tuple(remarks), text)
+    return _First(_joined(lines), then, tuple(remarks), text)
 
 
 def _space(inspection: Inspection) -> str:

@@ -47,7 +47,8 @@ NETWORK = Path("the network")
 TIMED = 256
 """Number of newest steps whose duration is kept."""
 OLD = 1.0
-"""A reading that is so much older than its message says nothing of now: its clock is another [s]."""
+"""A reading that is so much older than its message is of another clock, and says nothing of now
+[s]."""
 IDLE = 0.02
 """The longest wait for a message, before the loop looks at its clock [s]."""
 YIELD = 5e-5
