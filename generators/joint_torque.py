@@ -273,7 +273,7 @@ class JointTorqueGenerator(Generator[JointTorqueConfig]):
             gains, evidence, forces = self._explained(robot, surface, torques, precisions, strength)
         whole = float(precisions @ torques**2)
         left_over = whole - float(_explained_by(gains, forces, strength).max())
-        limit = float(chdtri(max(int(self._torque.known.sum()) - 3, 1), 1.0 - SURE))
+        limit = float(chdtri(max(int((precisions > 0.0).sum()) - 3, 1), 1.0 - SURE))
         notes: tuple[str, ...] = ()
         if whole > limit:
             if left_over <= limit:
