@@ -4,6 +4,7 @@ import functools
 import shlex
 from collections.abc import Callable, Mapping
 from concurrent.futures import Future
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, final
 
 from contactfusion.errors import ConfigurationError, ContactFusionError, SourceError, name_hint
@@ -20,19 +21,22 @@ class Change:
 
     Args:
         text: such as "threshold 0.6" or "tare wrist"; `USES` has all.
+        within: the folder in which all files lie that its options name, as of a change that comes
+            from a recording; None: no limit.
 
     Attributes:
         text: as given.
         outcome: a sentence on what was changed, once it is carried out, or why it could not be.
     """
 
-    def __init__(self, text: str) -> None:
+    def __init__(self, text: str, within: Path | None = None) -> None:
         self.text = text
+        self._within = within
         self.outcome = Future[str]()
 
     def carry_out(self, pipeline: "Pipeline") -> None:
         """Change a pipeline, between two of its readings."""
-        settle(self.outcome, functools.partial(_changed, pipeline, self.text))
+        settle(self.outcome, functools.partial(_changed, pipeline, self.text, self._within))
 
 
 def settle(outcome: "Future[str]", do: Callable[[], str]) -> None:
@@ -43,8 +47,10 @@ def settle(outcome: "Future[str]", do: Callable[[], str]) -> None:
         outcome.set_exception(error)
 
 
-def _changed(pipeline: "Pipeline", text: str) -> str:
+def _changed(pipeline: "Pipeline", text: str, within: Path | None) -> str:
     name, *arguments = words(text)
+    if name == "plug":
+        return _plug(pipeline, within, *arguments)
     return _CHANGES[name](pipeline, *arguments)
 
 
@@ -83,14 +89,15 @@ def _threshold(pipeline: "Pipeline", value: str) -> str:
     return f"the threshold is {threshold:g}, and was {before:g}"
 
 
-def _plug(pipeline: "Pipeline", name: str, *options: str) -> str:
+def _plug(pipeline: "Pipeline", within: Path | None, name: str, *options: str) -> str:
     fields: dict[str, Any] = {"generators": dict(pipeline.config.generators)}
     changed = with_overrides(fields, [f"generators.{name}.{option}" for option in options])
     found = changed["generators"].get(name) or {}
     if not isinstance(found.get("type"), str):
         hint = name_hint(name, pipeline.config.generators, "generators of the configuration")
         raise SourceError(f"'{name}' has no type: write plug {name} type=…, or {hint}")
-    pipeline.plug(name, found)
+    # options of the configuration itself have its rights
+    pipeline.plug(name, found, within if options else None)
     return f"'{name}' is plugged"
 
 
@@ -140,7 +147,6 @@ def tares(generator: Any) -> bool:
 
 _CHANGES: Final[Mapping[str, Callable[..., str]]] = {
     "threshold": _threshold,
-    "plug": _plug,
     "unplug": _unplug,
     "tare": _tare,
     "restart": _restart,

@@ -5,10 +5,12 @@ import json
 import os
 import re
 import secrets
+import signal
+import threading
 import time
 import zipfile
 import zlib
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from difflib import get_close_matches
 from functools import lru_cache
@@ -198,6 +200,43 @@ def require_file(path: Path, error: type[ContactFusionError]) -> None:
     raise error(f"there is no file '{path.name}' in {path.parent.resolve()}{hint}")
 
 
+def named_files(fields: object, folder: Path) -> Iterator[Path]:
+    """The files that exist of those that a configuration names, at any depth.
+
+    Args:
+        fields: of the configuration.
+        folder: that of relative names.
+    """
+    if isinstance(fields, Mapping):
+        fields = list(fields.values())
+    if isinstance(fields, list | tuple):
+        for field in fields:
+            yield from named_files(field, folder)
+    elif isinstance(fields, str | Path):
+        with suppress(OSError, ValueError):  # it is a long text, or holds a NUL
+            if (path := folder / fields).is_file():
+                yield path
+
+
+def require_spared(option: str, out: Path, read: Iterable[Path]) -> None:
+    """Refuse an output that would replace what is read.
+
+    Args:
+        option: that names it, for the sentence.
+        out: the output.
+        read: the files and folders that are read.
+
+    Raises:
+        ConfigurationError: it is one of them, or lies in one.
+    """
+    place = out.resolve()
+    for path in map(Path.resolve, read):
+        if place == path or (path.is_dir() and path in place.parents):
+            raise ConfigurationError(
+                f"{option}: {out} would replace what is read, {path.name}; name another file"
+            )
+
+
 def require_settings(settings: dict[str, Any], out: Path) -> None:
     """Refuse a folder with results of other settings.
 
@@ -284,6 +323,26 @@ def _name_of_cut(path: Path) -> Path:
     numbers = chain([""], count(2))
     names = (path.with_suffix(f".cut{number}{path.suffix}") for number in numbers)
     return next(name for name in names if not name.exists())
+
+
+@contextmanager
+def uninterrupted() -> Iterator[None]:
+    """Hold Ctrl-C back while files are closed, which is soon: an interrupt there would lose them.
+
+    Raises:
+        KeyboardInterrupt: at the end, unless the program itself handles the signal.
+    """
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    held = list[int]()
+    before = signal.signal(signal.SIGINT, lambda number, frame: held.append(number))
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, before)
+        if held and callable(before):
+            before(signal.SIGINT, None)
 
 
 @contextmanager

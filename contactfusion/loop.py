@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, TypeVar
 
 from contactfusion.errors import RecordingError
 from contactfusion.faults import broken
+from contactfusion.files import uninterrupted
 from contactfusion.readings import Reading
 from contactfusion.readings.registry import installed_kinds
 from contactfusion.stream import LONGEST_STEP_BACK, Arrival, Stream, arrival_of
@@ -95,6 +96,7 @@ def together(outputs: Iterable[AbstractContextManager[Observer]]) -> Iterator[li
 
     Raises:
         Exception: the first that an output raised at its end.
+        KeyboardInterrupt: once all are closed, if it came while they were.
     """
     opened: list[tuple[AbstractContextManager[Observer], Observer]] = []
     raised: BaseException | None = None
@@ -107,15 +109,16 @@ def together(outputs: Iterable[AbstractContextManager[Observer]]) -> Iterator[li
         raise
     finally:
         failures = list[Exception]()
-        for output, observer in reversed(opened):
-            cause = raised or observer.failure
-            try:
-                output.__exit__(type(cause) if cause else None, cause, None)
-            except Exception as met:  # such as an error of the system, with the file's name
-                observer.failure = observer.failure or met
-                failures.append(met)
-            else:
-                failures += [observer.failure] if observer.failure else []
+        with uninterrupted():
+            for output, observer in reversed(opened):
+                cause = raised or observer.failure
+                try:
+                    output.__exit__(type(cause) if cause else None, cause, None)
+                except Exception as met:  # such as an error of the system, with the file's name
+                    observer.failure = observer.failure or met
+                    failures.append(met)
+                else:
+                    failures += [observer.failure] if observer.failure else []
         if failures and raised is None:
             raise failures[-1]
 

@@ -9,6 +9,7 @@ import logging
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Any
 
 from contactfusion.assembly import AnyGenerator, built_controller, built_generator, built_integrator
@@ -141,12 +142,14 @@ class Pipeline:
         self._resultants: dict[str, tuple[float, Resultant]] = {}
         """The newest of each generator, with its stamp."""
 
-    def plug(self, name: str, options: dict[str, Any]) -> None:
+    def plug(self, name: str, options: dict[str, Any], within: Path | None = None) -> None:
         """Plug a generator in, also while running.
 
         Args:
             name: what it is called.
             options: its `type` and the fields of its `Config`.
+            within: the folder in which all files that they name have to lie; None: that of the
+                configuration, if it has one.
 
         Raises:
             SourceError: a generator of that name is plugged.
@@ -155,9 +158,8 @@ class Pipeline:
         """
         if name in self.generators:
             raise SourceError(f"the generator '{name}' is plugged already; unplug it first")
-        generator = built_generator(
-            name, options, self.config.folder, self.config.robot, self.config.files_within
-        )
+        within = self.config.files_within or within
+        generator = built_generator(name, options, self.config.folder, self.config.robot, within)
         self._require_affordable(generator)
         evidence = [*generator.sources.values()].count(HypothesisKind.REGULAR)
         if generator.config.sensitivity and evidence != 1:

@@ -1,6 +1,7 @@
 """The command line: exit status, one sentence an error, and nothing half-written."""
 
 import csv
+import errno
 import json
 import re
 import subprocess
@@ -538,31 +539,58 @@ def test_a_configuration_that_names_its_recording_is_asked_about_it(
     assert by_itself.out == ask(command, "log.yaml", "--config", "wrist.yaml", *options).out
 
 
+ASKED = ("log.yaml", "--config", "wrist.yaml")
+
+
 @pytest.mark.parametrize(
-    ("command", "words"),
+    ("command", "option", "out", "read"),
     [
-        (["view", "log.yaml", "--config", "wrist.yaml", "--save", "log.yaml"], "--save: log.yaml"),
-        (
-            [
-                "explain",
-                "log.yaml",
-                "--config",
-                "wrist.yaml",
-                "--time",
-                "0",
-                "--picture",
-                "log.yaml",
-            ],
-            "--picture: log.yaml",
-        ),
+        (("view", *ASKED), "--save", "log.yaml", "log.yaml"),
+        (("view", *ASKED), "--screenshot", "wrist.csv", "wrist.csv"),
+        (("explain", *ASKED, "--time", "0"), "--picture", "./log.yaml", "log.yaml"),
+        (("explain", *ASKED, "--time", "0"), "--picture", "wrist.yaml", "wrist.yaml"),
+        (("replay", "wrist.yaml", "log.yaml"), "--out", "wrist.csv", "wrist.csv"),
+        (("run", "wrist.yaml"), "--out", "wrist.csv", "wrist.csv"),
+        (("run", "named.yaml"), "--out", ".", "contacts.csv"),
     ],
 )
-def test_what_is_played_is_not_replaced(
-    command: list[str], words: str, folder: Path, ask: Ask
+def test_what_is_read_is_not_replaced(
+    command: tuple[str, ...], option: str, out: str, read: str, folder: Path, ask: Ask
 ) -> None:
-    (folder / "log.yaml").write_text("type: log")
-    assert one_sentence(ask(*command)).startswith(f"{words} is the recording")
-    assert (folder / "log.yaml").read_text() == "type: log"
+    (folder / "log.yaml").write_text(LOG_YAML)
+    (folder / "contacts.csv").write_bytes((folder / "wrist.csv").read_bytes())
+    (folder / "named.yaml").write_text(RUN.replace("wrist.csv", "contacts.csv"))
+    before = {path: path.read_bytes() for path in folder.iterdir()}
+    sentence = one_sentence(ask(*command, option, out))
+    assert sentence.startswith(f"{option}: ")
+    assert sentence.endswith(f" would replace what is read, {read}; name another file")
+    assert {path: path.read_bytes() for path in folder.iterdir()} == before
+
+
+def test_a_tuning_does_not_go_on_with_another_log_of_the_same_name(folder: Path, ask: Ask) -> None:
+    (folder / "log.yaml").write_text(LOG_YAML)
+    (folder / "labels.csv").write_text("start,end,x,y,z\n0,0.01,0,0,-0.05\n0.02,0.04,0,0,-0.05\n")
+    tuning = ("tune", "fusion", "log.yaml", "--config", "wrist.yaml", "--labels", "labels.csv")
+    tuning = (*tuning, "--vary", "integrator.threshold=0.5,0.99", "--out", "tuned")
+    assert ask(*tuning).status == 0
+    (folder / "wrist.yaml").write_text(f"# of the left arm\n{RUN}")
+    assert ask(*tuning).status == 0
+    (folder / "wrist.csv").write_text("\n".join(LOG[:-1]) + "\n")
+    assert "tuned holds work of other recording" in one_sentence(ask(*tuning))
+
+
+def test_results_are_kept_though_nothing_can_be_printed(
+    folder: Path, ask: Ask, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def full(text: str) -> None:
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr("contactfusion.run.execute.note", full)
+    assert ask("run", "wrist.yaml", "--out", "results").status == 1
+    assert {file.name for file in (folder / "results").iterdir()} == {
+        "contacts.csv",
+        "summary.json",
+    }
 
 
 def test_a_configuration_without_a_recording_is_told_to_name_one(folder: Path, ask: Ask) -> None:

@@ -304,6 +304,64 @@ def test_clouds_of_a_process_of_its_own_come_again_when_they_came(
     assert any(step.fusion.contacts for step in steps)
 
 
+def live_recording(path: Path, wire: Wire, *changes: str) -> None:
+    """A recording of a running robot: a touch, and changes that were made before it."""
+    live = Live(wire, SENSORS)
+    for text in changes:
+        live.stream.queue.put(Change(text))
+    live.say("/wrist", wrench(START))
+    live.play()
+    with McapWriter(path, live.stream.epoch_ns) as writer:
+        for raw in live.taped:
+            writer.copy(raw)
+
+
+def test_a_change_in_a_recording_names_files_beside_the_recording_alone(
+    wire: Wire, tmp_path: Path
+) -> None:
+    weights = tmp_path / "mine" / "weights.safetensors"
+    weights.parent.mkdir()
+    weights.write_bytes(b"")
+    change = f"plug spy type=lidar_cpm weights={weights}"
+    path = tmp_path / "theirs" / "live.mcap"
+    path.parent.mkdir()
+    live_recording(path, wire, change)
+    pipeline, recording = Pipeline(PipelineConfig(**PROBE)), RosRecording(RosConfig(file=path))
+    (step,) = play(pipeline, recording)
+    assert list(pipeline.generators) == ["wrist"]
+    assert len(step.fusion.contacts) == 1
+    (trouble,) = recording.troubles()
+    assert trouble.note.startswith(f"1 of 1 could not be made: '{change}': ")
+    assert f"may name files in {path.parent} only" in trouble.note
+
+
+def test_what_the_configuration_names_is_plugged_again_by_a_recording(
+    wire: Wire, tmp_path: Path
+) -> None:
+    live_recording(tmp_path / "live.mcap", wire, "unplug wrist", "plug wrist")
+    pipeline = Pipeline(PipelineConfig(**PROBE))
+    recording = RosRecording(RosConfig(file=tmp_path / "live.mcap"))
+    (step,) = play(pipeline, recording)
+    assert len(step.fusion.contacts) == 1
+    assert not list(recording.troubles())
+
+
+@pytest.mark.parametrize("mark", [CYCLES, CHANGES])
+def test_marks_of_another_type_are_refused(wire: Wire, tmp_path: Path, mark: str) -> None:
+    live = Live(wire, SENSORS)
+    live.say("/wrist", wrench(START))
+    live.play()
+    other = message("std_msgs/Bool", data=True)
+    cdr = bytes(typestore().serialize_cdr(other, other.__msgtype__))
+    with McapWriter(tmp_path / "live.mcap", live.stream.epoch_ns) as writer:
+        for raw in live.taped:
+            if raw.topic != mark:
+                writer.copy(raw)
+        writer.copy(RawMessage(mark, other.__msgtype__, "bool data", START, cdr))
+    with pytest.raises(RecordingError, match=f"{mark} holds std_msgs/msg/Bool, not std_msgs/msg/"):
+        RosRecording(RosConfig(file=tmp_path / "live.mcap"))
+
+
 def found(steps: list[Step]) -> list[tuple[float, list[bytes]]]:
     """The stamp of each step, and the places of its contacts to the bit."""
     return [

@@ -1,5 +1,6 @@
 """One loop plays recordings, scenes and readings: what is due, what is observed, what is sent."""
 
+import signal
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from typing import Any
@@ -213,6 +214,20 @@ def test_outputs_that_are_together_end_each_by_itself() -> None:
     with pytest.raises(KeyboardInterrupt), together([output("one")]):
         raise KeyboardInterrupt
     assert ended == {}
+
+
+def test_an_interrupt_while_outputs_end_waits_until_all_have() -> None:
+    ended = []
+
+    @contextmanager
+    def output(name: str) -> Iterator[Observer]:
+        yield Observer()
+        signal.raise_signal(signal.SIGINT)
+        ended.append(name)
+
+    with pytest.raises(KeyboardInterrupt), together([output("one"), output("two")]):
+        pass
+    assert ended == ["two", "one"]
 
 
 def test_a_command_that_a_stream_cannot_take_ends_the_run_with_its_reason() -> None:

@@ -1,6 +1,7 @@
 """MCAP files: what is written is read back by rosbags and by mcap-ros2-support."""
 
 import math
+import signal
 import sys
 from collections.abc import Callable
 from pathlib import Path
@@ -9,6 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 import yaml
+from rosbags.rosbag2 import Writer
 
 from contactfusion import Fusion, Integrator, IntegratorConfig
 from contactfusion.arrays import FloatArray
@@ -487,6 +489,22 @@ def test_an_exception_leaves_no_file_and_no_temporary(tmp_path: Path) -> None:
         writer.reading(odometry())
         raise KeyboardInterrupt
     assert list(tmp_path.iterdir()) == []
+
+
+def test_an_interrupt_while_a_file_is_closed_waits_until_it_is_whole(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    close = Writer.close
+
+    def interrupted(bag: Writer) -> None:
+        signal.raise_signal(signal.SIGINT)
+        close(bag)
+
+    monkeypatch.setattr(Writer, "close", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        write(tmp_path / "a.mcap", odometry())
+    assert list(tmp_path.iterdir()) == [tmp_path / "a.mcap"]
+    assert any(RosRecording(RosConfig(file=tmp_path / "a.mcap")).readings())
 
 
 def test_an_exception_leaves_the_file_of_before(tmp_path: Path) -> None:

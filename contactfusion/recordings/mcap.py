@@ -10,7 +10,13 @@ from typing import TYPE_CHECKING, Any, Final, Self, final
 
 from contactfusion.contacts import Contact
 from contactfusion.errors import RecordingError
-from contactfusion.files import as_writing_error, kept_when_cut, make_folder, unfinished
+from contactfusion.files import (
+    as_writing_error,
+    kept_when_cut,
+    make_folder,
+    unfinished,
+    uninterrupted,
+)
 from contactfusion.pipeline import Step
 from contactfusion.readings import Reading, Transform
 from contactfusion.readings.messages import Message, header, message
@@ -106,7 +112,7 @@ class McapWriter:
         """
         assert self._file
         self._bag = None
-        with as_writing_error(self._path):
+        with uninterrupted(), as_writing_error(self._path):
             self._file.__exit__(kind, error, trace)
 
     def reading(self, reading: Reading, prefix: str = "") -> None:

@@ -7,8 +7,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import final
 
-from contactfusion.errors import ConfigurationError, DependencyError, TimeError
-from contactfusion.files import write_whole
+from contactfusion.errors import DependencyError, TimeError
+from contactfusion.files import require_spared, write_whole
 from contactfusion.pipeline import Pipeline
 from contactfusion.run.configuration import (
     Setting,
@@ -65,6 +65,14 @@ class Source:
                 setting = setting.choosing(known, kept.ignored)
         return setting.choosing(self.topics, self.ignored)
 
+    def files(self) -> list[Path]:
+        """The files that are read: the recording, the configuration, and those that they name.
+
+        Raises:
+            ContactFusionError: the configuration is not what it should be.
+        """
+        return [self.recording, *self.setting().files(self.recording)]
+
     def session(self, watched: bool = False) -> Session:
         """Open the recording.
 
@@ -101,8 +109,8 @@ def explain_recording(
     Raises:
         ContactFusionError: the time lies outside the recording, or nothing is near the place.
     """
-    if picture is not None and picture.resolve() == source.recording.resolve():
-        raise ConfigurationError(f"--picture: {picture} is the recording; name another file")
+    if picture is not None:
+        require_spared("--picture", picture, source.files())
     from contactfusion.explain import explanation, text
     from contactfusion.explain.moment import Settings, moment_at
 
@@ -171,6 +179,8 @@ def tune_recording(
 
     with closing(source.session()) as session:
         chosen = {"topics": dict(session.setting.topics), "ignored": list(session.setting.ignored)}
+        # of the configuration the fields count, not the text
+        files = [file for file in source.files() if file != source.configuration]
 
         def pipeline(overrides: Sequence[str]) -> Pipeline:
             setting = session.setting.changed(overrides)
@@ -184,7 +194,7 @@ def tune_recording(
             vary=vary,
             within=within,
             inputs={
-                **fingerprint(source.recording),
+                **fingerprint(source.recording, files),
                 **{name: topics for name, topics in chosen.items() if topics},
             },
         )

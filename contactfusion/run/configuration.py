@@ -10,7 +10,7 @@ from typing import Any, Final, Self, final
 from pydantic import Field, model_validator
 
 from contactfusion.errors import ConfigurationError, RecordingError, naming
-from contactfusion.files import require_file
+from contactfusion.files import named_files, require_file
 from contactfusion.live.config import LiveConfig
 from contactfusion.model import Model
 from contactfusion.pipeline_config import (
@@ -116,6 +116,22 @@ class Setting:
     def choosing(self, topics: Mapping[str, str], ignored: Sequence[str]) -> "Setting":
         """The setting with further topics by role, and further ones that are not read."""
         return replace(self, topics={**self.topics, **topics}, ignored=(*self.ignored, *ignored))
+
+    def files(self, recording: Path | None) -> list[Path]:
+        """The files that are read: the configuration, the recording, and those that they name.
+
+        Args:
+            recording: what is played, a file or a folder; None: what the configuration names.
+
+        Raises:
+            ConfigurationError: the recording is described by a file that is no YAML.
+        """
+        files = [self.origin, *named_files(self.fields, self.folder)]
+        if recording is not None:
+            files.append(recording)
+            if recording.suffix in YAML:
+                files += named_files(read_yaml(recording), recording.parent)
+        return files
 
     def text(self, beside: Path) -> str:
         """The text that a recording keeps of it.

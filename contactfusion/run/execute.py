@@ -14,7 +14,7 @@ from contactfusion.loop import Observer, together
 from contactfusion.readings import Reading
 from contactfusion.recordings.recording import WHOLE, RawMessage, Window
 from contactfusion.run.configuration import setting_of_file
-from contactfusion.run.outputs import Output, folder_of, opened_outputs
+from contactfusion.run.outputs import SUMMARY, Output, folder_of, opened_outputs
 from contactfusion.run.session import Session
 from contactfusion.run.summary import Summary, refuse
 from contactfusion.stopwatch import StopWatch
@@ -63,8 +63,8 @@ def run_file(
             it should be, or something that the configuration needs never came.
         KeyboardInterrupt: the run was interrupted.
     """
-    folder = folder_of(out, recording)
     setting = setting_of_file(path, overrides, seed).choosing(topics, ignored)
+    folder = folder_of(out, setting.files(recording))
     outputs: list[Observer] = []
 
     def copy(message: RawMessage) -> None:
@@ -93,26 +93,28 @@ def run_file(
                         f"--start: of what is played, {recording or path} holds nothing after "
                         f"{window.start:g} s"
                     )
-        except Exception as error:
+        except (Exception, KeyboardInterrupt) as error:
             if not summary.came:
                 raise
             if stopped is None or any(stopped is output.failure for output in outputs):
                 stopped = error  # it names the file
         took = time.perf_counter() - began
-    for line in (*_lines(session, summary, took), *pace.lines(), *stopwatch.lines()):
-        note(line)
     fields = summary.fields()
-    if verdict := session.verdict(summary.last_step) if stopped is None else None:
+    verdict = session.verdict(summary.last_step) if stopped is None else None
+    if verdict:
         fields["truth"] = verdict.truth
-        for sentence in verdict.sentences:
-            note(f"truth: {sentence}")
     whole = [file for file, output in zip(files, outputs, strict=False) if not output.failure]
     if folder is not None:
         try:
-            write_whole(folder / "summary.json", json.dumps(fields, indent=2) + "\n")
-            whole.append(folder / "summary.json")
+            write_whole(folder / SUMMARY, json.dumps(fields, indent=2) + "\n")
+            whole.append(folder / SUMMARY)
         except WritingError as error:
             stopped = stopped or error
+    # what is kept does not hang on whether anything can be printed
+    for line in (*_lines(session, summary, took), *pace.lines(), *stopwatch.lines()):
+        note(line)
+    for sentence in verdict.sentences if verdict else ():
+        note(f"truth: {sentence}")
     if whole:
         say(f"results: {', '.join(map(str, whole))}")
     if stopped is not None:

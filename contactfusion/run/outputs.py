@@ -1,13 +1,13 @@
 """Where contacts go: MCAP with all that was recorded, CSV, or Parquet; or a folder of tables."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import AbstractContextManager, contextmanager
 from dataclasses import replace
 from pathlib import Path
 from typing import final
 
-from contactfusion.errors import ConfigurationError, RecordingError
-from contactfusion.files import make_folder
+from contactfusion.errors import RecordingError
+from contactfusion.files import make_folder, require_spared
 from contactfusion.loop import Observer
 from contactfusion.recordings.mcap import McapWriter
 from contactfusion.recordings.messages import ros_name, typestore
@@ -29,27 +29,24 @@ from contactfusion.terminal import note
 
 SUFFIXES = (".mcap", ".csv", ".parquet")
 """Of the files that contacts are written to."""
+CONTACTS, COMMANDS, SUMMARY = "contacts.csv", "commands.csv", "summary.json"
+"""The files of a folder that takes the results."""
 
 
-def folder_of(out: Path | None, recording: Path | None) -> Path | None:
+def folder_of(out: Path | None, read: Sequence[Path]) -> Path | None:
     """The folder that takes the results; None where a file does, or nothing is written.
 
     Args:
         out: a file that ends in one of `SUFFIXES`, or a folder.
-        recording: what is played.
+        read: the files and folders that are read.
 
     Raises:
-        ConfigurationError: the recording would be written over.
+        ConfigurationError: what is read would be written over.
         RecordingError: the suffix is another.
     """
     if out is None:
         return None
-    if recording is not None:
-        whole, place = recording.resolve(), out.resolve()
-        if place == whole or (whole.is_dir() and whole in place.parents):
-            raise ConfigurationError(
-                f"--out: {out} would replace the recording that is played; name another file"
-            )
+    require_spared("--out", out, read)
     if out.suffix in SUFFIXES:
         return None
     if not (out.suffix[1:].isdecimal() or out.suffix == "" or out.is_dir()):
@@ -57,6 +54,8 @@ def folder_of(out: Path | None, recording: Path | None) -> Path | None:
             f"{out}: contacts are written to {', '.join(SUFFIXES)}, not to '{out.suffix}'; or to a "
             "folder, by a name without a suffix"
         )
+    for name in (CONTACTS, COMMANDS, SUMMARY):
+        require_spared("--out", out / name, read)
     return out
 
 
@@ -78,9 +77,9 @@ def opened_outputs(
         return {}
     if folder is not None:
         make_folder(folder)
-        tables = {"contacts.csv": (COLUMNS, contact_rows)}
+        tables = {CONTACTS: (COLUMNS, contact_rows)}
         if session.pipeline.config.controller is not None:
-            tables["commands.csv"] = COMMAND_COLUMNS, command_rows
+            tables[COMMANDS] = COMMAND_COLUMNS, command_rows
         return {folder / name: table_file(folder / name, *made) for name, made in tables.items()}
     match out.suffix:
         case ".mcap":

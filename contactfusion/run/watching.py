@@ -6,6 +6,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 from contactfusion.errors import ConfigurationError
+from contactfusion.files import require_spared
 from contactfusion.loop import Observer
 from contactfusion.run.asking import Source
 from contactfusion.run.execute import Watch
@@ -53,9 +54,10 @@ def view_recording(
     """
     if at is not None and screenshot is None:
         raise ConfigurationError("--at is the time of a picture: name its file with --screenshot")
+    read = [source.recording] if source.recording.suffix == DRAWN else source.files()
     for option, path in (("--save", save), ("--screenshot", screenshot)):
-        if path is not None and path.resolve() == source.recording.resolve():
-            raise ConfigurationError(f"{option}: {path} is the recording itself; name another file")
+        if path is not None:
+            require_spared(option, path, read)
     loaded_rerun()  # before a screen is asked for, or a recording drawn
     if screenshot is None and save is None and not web:
         show.require_screen()

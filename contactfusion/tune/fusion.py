@@ -5,6 +5,7 @@ import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from hashlib import sha256
+from os.path import relpath
 from pathlib import Path
 from typing import Any
 from urllib.parse import quote
@@ -409,11 +410,16 @@ def inputs_of(pipeline: Pipeline, labels: Path, within: float) -> dict[str, Any]
     }
 
 
-def fingerprint(recording: Path) -> dict[str, str]:
-    """The SHA-256 of a recording, or of each file in the folder that it is, by name."""
-    files = [recording] if recording.is_file() else sorted(recording.rglob("*"))
-    files = [file for file in files if file.is_file()]
-    return {str(file.relative_to(recording.parent)): _digest(file) for file in files}
+def fingerprint(recording: Path, files: Iterable[Path] = ()) -> dict[str, str]:
+    """The SHA-256 of a recording, or of each file in the folder that it is, by name.
+
+    Args:
+        recording: the file or the folder.
+        files: others on which its readings depend, such as those that its description names.
+    """
+    held = [recording] if recording.is_file() else sorted(recording.rglob("*"))
+    every = {file.resolve(): file for file in (*files, *held) if file.is_file()}
+    return {relpath(file, recording.parent): _digest(file) for file in every.values()}
 
 
 def _digest(path: Path) -> str:

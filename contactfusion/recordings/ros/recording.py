@@ -35,6 +35,9 @@ from contactfusion.time import LONGEST_SECONDS, NANOSECONDS_PER_SECOND, to_nanos
 if TYPE_CHECKING:
     from contactfusion.pipeline import Pipeline
 
+MARKS = {CYCLES: "std_msgs/msg/Header", CHANGES: "std_msgs/msg/String"}
+"""The types of what was recorded of a running pipeline, by topic."""
+
 
 class RosConfig(Model):
     """A recording of ROS."""
@@ -95,6 +98,8 @@ class RosRecording(RecordingFormat):
         self._delivery: Delivery | None = None
         self.tally: dict[str, TopicTally] = {}
         """Statistics by topic, while readings are read."""
+        self._failed: list[str] = []
+        """Why changes that were recorded could not be carried out."""
         with Bag(self.path) as bag:
             self.contents: dict[str, Topic] = contents_of(bag)
             """All its topics by name."""
@@ -102,6 +107,9 @@ class RosRecording(RecordingFormat):
             self.sensors = topics_of(self.path, self._readable, sensors)
             """The topics of each sensor, transforms among them."""
             self._is_live = CYCLES in self.contents and not config.start
+            for mark in MARKS.keys() & self.contents.keys() if self._is_live else ():
+                if (other := self.contents[mark].msgtype) != MARKS[mark]:
+                    raise RecordingError(f"{self.path}: {mark} holds {other}, not {MARKS[mark]}")
             first = bag.first_ns if self._is_live else self._first_stamp(bag, None)
             self.epoch_ns = self._begin_ns = first
             _, stop = self._window(bag)
@@ -198,19 +206,33 @@ class RosRecording(RecordingFormat):
     def _as_arrived(self, delivery: Delivery) -> Iterator[Arrival]:
         self.tally = {topic: TopicTally() for topic in self.contents}
         topics = self._states(self.tally)
-        for mark in {CYCLES, CHANGES} & self.contents.keys():
+        self._failed = []
+        for mark in MARKS.keys() & self.contents.keys():
             topics[mark] = TopicState(mark, Side("", ()), self.tally[mark], {})
         try:
             with Bag(self.path) as bag:
                 _, stop = self._window(bag)
                 found = messages(bag, topics, None, stop, self.tally, self._tap)
                 for state, logged, message in found:
-                    yield from _arrived(delivery, state, logged, message)
+                    if state.topic == CHANGES:
+                        yield from self._changed(message.data)
+                    else:
+                        yield from _arrived(delivery, state, logged, message)
         except RecordingError as error:
             raise RecordingError(_in(self.path, error)) from None
 
+    def _changed(self, text: str) -> Iterator[Arrival]:
+        """A change as it was recorded: what it names lies beside the recording."""
+        change = Change(text, self.path.resolve().parent)
+        yield Arrival(None, (), changes=(change,))
+        if change.outcome.done() and (error := change.outcome.exception()):
+            self._failed.append(f"'{text}': {error}")
+
     def troubles(self) -> Iterator[Trouble]:
         """Problems of each topic; none before the readings are read."""
+        if self._failed:
+            count = f"{len(self._failed)} of {self.tally[CHANGES].messages}"
+            yield Trouble(CHANGES, None, f"{count} could not be made: {self._failed[0]}")
         for sensor, topics in self.sensors.items() if self.tally else ():
             for topic in topics:
                 tally, kind = self.tally[topic], self.contents[topic].kind
@@ -313,8 +335,6 @@ def _arrived(
         for reading in delivery.before_step(now):
             yield Arrival(None, (reading,))
         yield Arrival(delivery.seconds(now), (), due=True)
-    elif state.topic == CHANGES:
-        yield Arrival(None, (), changes=(Change(message.data),))
     else:
         for reading in delivery.of(state, message, logged):
             yield Arrival(None, (reading,))
