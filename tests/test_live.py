@@ -1,6 +1,7 @@
 """`contactfusion live` in processes of their own, over DDS: from start to each of its ends."""
 
 import json
+import math
 import os
 import re
 import signal
@@ -186,6 +187,21 @@ def test_it_ends_by_a_signal_with_a_whole_recording(robot: Robot, number: int) -
     status, printed = robot.end(number)
     assert status == 0
     assert "results: live.mcap" in printed
+    assert messages_of(robot.folder / "live.mcap", "/wrist")
+    assert not list(robot.folder.glob(".live.mcap*"))
+
+
+def test_a_console_that_is_gone_ends_nothing(robot: Robot) -> None:
+    robot.listen("/contactfusion/events", "std_msgs/msg/String")
+    robot.start("--record", "live.mcap")
+    assert robot.live is not None and robot.live.stdout is not None
+    robot.live.stdout.close()
+    robot.push(fz=math.nan)
+    robot.push_until(lambda: robot.has_heard("1 refused"))  # a warning, which is printed, too
+    before = len(robot.heard[STRONGEST])
+    robot.push_until(lambda: len(robot.heard[STRONGEST]) > before + 20)
+    robot.live.send_signal(signal.SIGINT)
+    robot.live.wait(timeout=PATIENCE)
     assert messages_of(robot.folder / "live.mcap", "/wrist")
     assert not list(robot.folder.glob(".live.mcap*"))
 

@@ -250,6 +250,30 @@ def test_a_topic_that_comes_late_is_listened_to_once_it_is_matched(wire: Wire) -
     assert len(live.play()[0].fusion.contacts) == 1
 
 
+def test_a_topic_that_came_between_the_match_and_the_loop_is_listened_to(wire: Wire) -> None:
+    live = Live(wire, {})
+    live.stream.rematch = lambda stream: SENSORS
+    live.stream.discovered(wire.ends())
+    live.say("/wrist", wrench(START))
+    assert len(live.play()[0].fusion.contacts) == 1
+
+
+def test_a_driver_that_comes_back_without_reliability_is_heard(wire: Wire) -> None:
+    live = Live(wire, SENSORS)
+    live.stream.rematch = lambda stream: SENSORS
+    assert wire.asked["/wrist"].reliable
+    live.say("/wrist", wrench(START))
+    wire.writer("/wrist", WRENCH, quality=Quality(reliable=False, latched=False))
+    live.stream.discovered(wire.ends())  # the one before is not known to be gone yet
+    assert not wire.asked["/wrist"].reliable
+    live.say("/wrist", wrench(START + MILLISECOND), 1)
+    live.play()
+    assert live.stream.states["/wrist"].tally.readings == 2
+    del wire.writers[1]
+    live.stream.discovered(wire.ends())  # who asks for less hears who offers more
+    assert not wire.asked["/wrist"].reliable
+
+
 def test_a_topic_whose_type_the_transport_lacks_is_named_and_the_others_are_heard(
     wire: Wire, monkeypatch: pytest.MonkeyPatch
 ) -> None:

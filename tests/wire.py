@@ -26,6 +26,7 @@ class Wire(Transport):
         super().__init__()
         self.writers: list[End] = []
         self.takes: dict[str, Take] = {}
+        self.asked: dict[str, Quality] = {}
         self.sent: dict[str, list[Message]] = defaultdict(list)
         self.closed = False
 
@@ -43,7 +44,8 @@ class Wire(Transport):
         return list(self.writers)
 
     def listen(self, topic: str, msgtype: str, quality: Quality, take: Take) -> None:
-        self.takes[topic] = take
+        assert topic not in self.takes, "a reader more is a message more"
+        self.takes[topic], self.asked[topic] = take, quality
 
     def ignore(self, topic: str) -> None:
         del self.takes[topic]

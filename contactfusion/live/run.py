@@ -9,7 +9,7 @@ import time
 import webbrowser
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Future
-from contextlib import ExitStack, closing, contextmanager
+from contextlib import ExitStack, closing, contextmanager, suppress
 from datetime import datetime
 from pathlib import Path
 from typing import final
@@ -96,7 +96,7 @@ def run_live(
         except ConfigurationError as error:
             raise error.under("live") from None
     transport = open_transport()
-    tape = Tape(note)
+    tape = Tape(tell)
     budgets = Budgets(time.perf_counter)
     try:
         clock = SimulatedTime(transport, wait) if sim_time else machine_time
@@ -130,6 +130,12 @@ def _awaited(network: LiveStream, setting: Setting, wait: float) -> Sequence[str
             return inputs.missing
         time.sleep(0.05)
         network.look()
+
+
+def tell(text: str, by: Callable[[str], None] = note) -> None:
+    """Print a line, unless the console is gone: that must not stop a robot."""
+    with suppress(OSError, ValueError):
+        by(text)
 
 
 @final
@@ -188,17 +194,17 @@ class _Live:
             stack.enter_context(Control(name, self.order))
             stack.enter_context(self._looking())
             if web is not None:
-                note(stack.enter_context(self._page(web, view)))
+                tell(stack.enter_context(self._page(web, view)))
             if record is not None:
-                note(self._tape.start(record))
-            note(f"live as '{name}'; Ctrl-C ends it, `contactfusion ctl --name {name}` changes it")
+                tell(self._tape.start(record))
+            tell(f"live as '{name}'; Ctrl-C ends it, `contactfusion ctl --name {name}` changes it")
             observer = Observer(step=self._step)
             for _ in self._session.play(summary.observer, observer):
                 if observer.failure is not None:
                     raise observer.failure
         for line in summary.lines():
-            note(line)
-        note(f"{time.monotonic() - began:.1f} s")
+            tell(line)
+        tell(f"{time.monotonic() - began:.1f} s")
 
     def order(self, text: str) -> str:
         """Carry out an order of `ctl` or of the page, from any thread; a sentence on it.
@@ -291,7 +297,7 @@ class _Live:
     def _noted(self, level: str, text: str) -> None:
         self._status.event(level, text)
         if level != "info":
-            note(text)
+            tell(text)
 
     def _rematched(self, stream: LiveStream) -> Mapping[str, Sequence[str]]:
         """What is listened to, now that topics came or went."""
@@ -307,7 +313,7 @@ class _Live:
         if self._tape.path is not None:
             path = self._tape.path
             self._tape.stop()
-            say(f"results: {path}")
+            tell(f"results: {path}", say)
 
     @contextmanager
     def _looking(self) -> Iterator[None]:

@@ -89,6 +89,8 @@ class LiveStream(Recording):
         self.queue = Queue()
         self.contents: dict[str, Topic] = {}
         """The topics that others write, by name."""
+        self._reliable: dict[str, bool] = {}
+        """Whether all writers of a topic are reliable, by name."""
         self.unread: dict[str, str] = {}
         """Why topics that could be of use can't be read, by name, as clauses."""
         self.sensors: Mapping[str, Sequence[str]] = sensors or {}
@@ -96,6 +98,10 @@ class LiveStream(Recording):
         self.states: dict[str, TopicState] = {}
         """Those that are listened to, by name."""
         self._types: dict[str, str] = {}
+        self._asked: dict[str, Quality] = {}
+        """The quality of service that was asked for, by topic."""
+        self._rematched = False
+        """Whether what is on the network was matched since the loop began."""
         self.arrived: dict[str, int] = {}
         """The arrival of the last message by topic [ns since 1970]."""
         self.obey: Callable[[Command | None], object] = lambda command: None
@@ -127,14 +133,13 @@ class LiveStream(Recording):
         }
         for name in self._ignored:
             contents.pop(name, None)
-        changed = contents != self.contents
-        self.contents = contents
+        before, self.contents = (self.contents, self._reliable), contents
         self.topics = {name: stream.kind for name, stream in self.streams.items()}
         self._reliable = {
             name: all(end.quality.reliable for end in ends if end.topic == name and end.writes)
             for name in contents
         }
-        return changed
+        return before != (self.contents, self._reliable)
 
     @property
     def streams(self) -> Mapping[str, SensorTopics]:
@@ -175,8 +180,10 @@ class LiveStream(Recording):
         self._delivery = Delivery(pipeline, self.epoch_ns)
 
     def discovered(self, ends: Sequence[End]) -> None:
-        """Listen to what has come on the network."""
-        if self.refresh(ends):
+        """Listen to what has come on the network, also before the loop began."""
+        changed = self.refresh(ends)
+        if changed or not self._rematched:
+            self._rematched = True
             found = self.rematch(self)
             gone = {  # whose silence counts on
                 sensor: [topic for topic in topics if topic not in self.contents]
@@ -297,9 +304,14 @@ class LiveStream(Recording):
                 del self.states[topic]
         for topic, listener in found.items():
             before = self.states.get(topic)
-            if before is None:
+            quality = Quality(self._reliable[topic], last(topic) == STATIC)
+            # a reader that asks for reliability hears no writer that came back without
+            if before is not None and self._asked[topic].reliable > quality.reliable:
+                self._transport.ignore(topic)
+                del self.states[topic]
+            if topic not in self.states:
                 msgtype = self._types[topic] = self.contents[topic].msgtype
-                quality = Quality(self._reliable[topic], last(topic) == STATIC)
+                self._asked[topic] = quality
                 take = functools.partial(self.queue.packet, topic)
                 try:
                     self._transport.listen(topic, msgtype, quality, take)
