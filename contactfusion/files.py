@@ -1,9 +1,9 @@
 """Files: written whole or not at all, bounds of names in recordings, and arrays in npz files."""
 
+import fcntl
 import io
 import json
 import os
-import re
 import secrets
 import signal
 import threading
@@ -17,7 +17,6 @@ from functools import lru_cache
 from itertools import chain, count
 from pathlib import Path
 from shutil import rmtree
-from socket import gethostname
 from typing import Any, Final
 
 import numpy as np
@@ -28,6 +27,10 @@ from contactfusion.unpacking import require_arrays
 
 GIVE_CONFIG: Final = "give the configuration itself by --config FILE"
 """The advice where a configuration in a recording names a file that it may not."""
+UNFINISHED: Final = ".unfinished"
+"""The suffix of what is being written, until it gets its name."""
+LONGEST: Final = 200
+"""The greatest length of a name that is given further words [bytes]; file systems take 255."""
 STALE: Final = 3600.0
 """The age at which what a killed writer left is removed by the next one [s]."""
 SHIPPED: Final = Path(__file__).resolve().parent
@@ -58,64 +61,83 @@ def write_whole(path: str | Path, content: str | bytes) -> None:
         ContactFusionError: its folder cannot be made.
     """
     path = Path(path)
-    make_folder(path.parent)
-    temporary = unfinished(path)
     try:
-        temporary.write_bytes(content.encode() if isinstance(content, str) else content)
-        os.replace(temporary, path)
+        with whole_file(path) as temporary:
+            temporary.write_bytes(content.encode() if isinstance(content, str) else content)
     except OSError as error:
         why = error.strerror or str(error)
         raise WritingError(f"{path} can't be written: {why}; nothing of it was kept") from None
-    finally:
-        with suppress(OSError):
-            temporary.unlink()
 
 
-def unfinished(path: Path) -> Path:
-    """A hidden name beside a file, for what becomes it; it holds the machine and the process.
+@contextmanager
+def unfinished(path: Path, is_folder: bool = False) -> Iterator[Path]:
+    """A hidden file or folder beside a path, for what becomes it; it is gone afterwards.
+
+    A lock on it says to others, also to those in another container, that its writer lives.
 
     Args:
-        path: the file; its folder exists.
+        path: the file that it becomes; its folder is made if necessary.
+        is_folder: whether what becomes it lies in a folder.
+
+    Raises:
+        OSError: it cannot be made.
     """
+    make_folder(path.parent)
     _sweep(path.parent)
-    parts = path.name[:100], _machine(), os.getpid(), secrets.token_hex(4)
-    return path.with_name("." + ".".join(map(str, parts)))
+    temporary = path.with_name(f".{_short(path.name)}.{secrets.token_hex(4)}{UNFINISHED}")
+    if is_folder:
+        temporary.mkdir()
+    else:
+        temporary.touch()
+    lock = os.open(temporary, os.O_RDONLY)
+    try:
+        with suppress(OSError):  # a file system without locks
+            fcntl.flock(lock, fcntl.LOCK_SH)
+        yield temporary
+    finally:
+        os.close(lock)
+        if is_folder:
+            rmtree(temporary, ignore_errors=True)
+        else:
+            with suppress(OSError):
+                temporary.unlink()
 
 
 @lru_cache(maxsize=256)
 def _sweep(folder: Path) -> None:
-    """See, once, to what processes of this machine were writing that were killed.
+    """See, once, to what was being written by processes that were killed.
 
     A recording gets a name that says that it is cut; the rest is removed after a time.
     """
-    for left in folder.glob(f".*.{_machine()}.*.*"):
-        name, _, process, _ = left.name[1:].rsplit(".", 3)
+    for left in folder.glob(f".*{UNFINISHED}"):
         with suppress(OSError):
-            if not (process.isdecimal() and _has_ended(int(process))):
+            if _is_written(left):
                 continue
+            name = left.name.removesuffix(UNFINISHED).rpartition(".")[0][1:]
             for written in left.rglob("*.mcap") if left.is_dir() else ():
                 if written.stat().st_size:
                     os.replace(written, _name_of_cut(folder / name))
-            if _age(left) > STALE:
+            if time.time() - left.stat().st_mtime > STALE:
                 rmtree(left) if left.is_dir() else left.unlink()
 
 
-def _machine() -> str:
-    return re.sub(r"\W", "_", gethostname())[:32]
-
-
-def _has_ended(process: int) -> bool:
+def _is_written(left: Path) -> bool:
+    """Whether a process that lives holds the lock on an unfinished file, or nothing says so."""
+    lock = os.open(left, os.O_RDONLY)
     try:
-        os.kill(process, 0)
-    except (ProcessLookupError, OverflowError):
+        fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except OSError:
         return True
-    except PermissionError:  # it is another user's
-        return False
+    finally:
+        os.close(lock)
     return False
 
 
-def _age(path: Path) -> float:
-    return time.time() - path.stat().st_mtime
+def _short(name: str) -> str:
+    """A name that leaves room for more, with its suffix."""
+    stem, suffix = os.path.splitext(name)
+    room = LONGEST - len(os.fsencode(suffix))
+    return os.fsencode(stem)[:room].decode(errors="ignore") + suffix
 
 
 @contextmanager
@@ -127,14 +149,9 @@ def whole_file(path: Path) -> Iterator[Path]:
     Args:
         path: the file; its folder is made if necessary.
     """
-    make_folder(path.parent)
-    temporary = unfinished(path)
-    try:
+    with unfinished(path) as temporary:
         yield temporary
         os.replace(temporary, path)
-    finally:
-        with suppress(OSError):
-            temporary.unlink()
 
 
 def make_folder(path: Path) -> None:
@@ -321,6 +338,7 @@ def kept_when_cut(written: Path, path: Path) -> Iterator[None]:
 def _name_of_cut(path: Path) -> Path:
     """A name that is free, for the part of a file that was written."""
     numbers = chain([""], count(2))
+    path = path.with_name(_short(path.name))
     names = (path.with_suffix(f".cut{number}{path.suffix}") for number in numbers)
     return next(name for name in names if not name.exists())
 

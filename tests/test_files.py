@@ -2,14 +2,16 @@
 
 import os
 import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
-from subprocess import Popen
+from subprocess import PIPE, Popen
 
 import numpy as np
 import pytest
 
 from contactfusion.errors import ConfigurationError
-from contactfusion.files import read_npz, unfinished, write_npz, write_whole
+from contactfusion.files import read_npz, write_npz, write_whole
 
 
 def test_what_was_written_is_read_bit_for_bit(tmp_path: Path) -> None:
@@ -56,34 +58,60 @@ def test_a_missing_array_is_an_error_that_names_the_others(tmp_path: Path) -> No
         read_npz(tmp_path / "map.npz", "signals", "sigma")
 
 
+WRITER = """
+import sys
+from pathlib import Path
+from contactfusion.files import unfinished
+with unfinished(Path(sys.argv[1]), is_folder=sys.argv[1].endswith(".mcap")) as hidden:
+    if hidden.is_dir():
+        (hidden / "recording").mkdir()
+        (hidden / "recording" / "recording.mcap").write_bytes(b"parts")
+    else:
+        hidden.write_text("parts")
+    print(hidden, flush=True)
+    sys.stdin.read()
+"""
+
+
+@contextmanager
+def writing(path: Path) -> Iterator[tuple[Path, "Popen[str]"]]:
+    """What another process is writing, for an hour already, and that process."""
+    command = [sys.executable, "-c", WRITER, str(path)]
+    with Popen(command, stdin=PIPE, stdout=PIPE, text=True) as process:
+        assert process.stdout is not None
+        hidden = Path(process.stdout.readline().strip())
+        os.utime(hidden, (0, 0))
+        yield hidden, process
+
+
 def test_what_a_killed_writer_left_goes_with_the_next_one(tmp_path: Path) -> None:
-    path = tmp_path / "a[1].csv"
-    dead = Popen([sys.executable, "-c", ""])
-    dead.wait()
-    mine = unfinished(tmp_path / "elsewhere" / path.name).name.rpartition(".")[0]
-    assert mine.endswith(f".{os.getpid()}")
-    prefix = mine.removesuffix(str(os.getpid()))
-    kept = ["b.csv", f"{prefix}{os.getpid()}.00", f"{prefix}x.00", ".a[1].csv.other.1.00"]
-    gone = [f"{prefix}{dead.pid}.00", f"{prefix}{dead.pid}.01"]
-    fresh = f"{prefix}{dead.pid}.02"
-    for name in (*kept, *gone, fresh):
-        (tmp_path / name).write_text("parts")
-    (tmp_path / gone[1]).unlink()
-    (tmp_path / gone[1] / "recording").mkdir(parents=True)
-    for name in (*kept, *gone):
-        os.utime(tmp_path / name, (0, 0))
-    write_whole(path, "whole")
-    assert sorted(file.name for file in tmp_path.iterdir()) == sorted([*kept, fresh, path.name])
+    with (
+        writing(tmp_path / "a[1].csv") as (old, killed),
+        writing(tmp_path / "b.csv") as (new, other),
+    ):
+        for process in (killed, other):
+            process.kill()
+            process.wait()
+    os.utime(new)
+    strange = tmp_path / ".a[1].csv.other.1.00"
+    strange.write_text("parts")
+    os.utime(strange, (0, 0))
+    write_whole(tmp_path / "a[1].csv", "whole")
+    assert not old.exists()
+    assert set(tmp_path.iterdir()) == {new, strange, tmp_path / "a[1].csv"}
 
 
-def test_a_recording_of_a_killed_process_is_named_and_kept(tmp_path: Path) -> None:
-    dead = Popen([sys.executable, "-c", ""])
-    dead.wait()
-    path = tmp_path / "live.mcap"
-    hidden = unfinished(tmp_path / "elsewhere" / path.name).name.split(".")
-    hidden[-2] = str(dead.pid)
-    left = tmp_path / ".".join(hidden) / "recording" / "recording.mcap"
-    left.parent.mkdir(parents=True)
-    left.write_bytes(b"parts")
+def test_what_is_being_written_is_left_alone(tmp_path: Path) -> None:
+    with writing(tmp_path / "live.mcap") as (hidden, _), writing(tmp_path / "a.csv") as (other, _):
+        write_whole(tmp_path / "b.csv", "whole")
+        assert set(tmp_path.iterdir()) == {hidden, other, tmp_path / "b.csv"}
+
+
+@pytest.mark.parametrize("name", ["live.mcap", "l" * 250 + ".mcap", "é" * 120 + ".mcap"])
+def test_a_recording_of_a_killed_process_is_named_and_kept(name: str, tmp_path: Path) -> None:
+    with writing(tmp_path / name) as (_, process):
+        process.kill()
     write_whole(tmp_path / "a.csv", "whole")
-    assert (tmp_path / "live.cut.mcap").read_bytes() == b"parts"
+    (cut,) = tmp_path.glob("*.cut.mcap")
+    assert cut.read_bytes() == b"parts"
+    assert name.startswith(cut.name.removesuffix(".cut.mcap"))

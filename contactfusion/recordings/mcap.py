@@ -1,10 +1,10 @@
 """MCAP: readings, contacts and commands in one file that ROS 2 tools read (extra `record`)."""
 
 import os
+import threading
 from collections.abc import Iterator, Sequence
-from contextlib import AbstractContextManager, ExitStack, contextmanager
+from contextlib import AbstractContextManager, ExitStack, contextmanager, suppress
 from pathlib import Path
-from shutil import rmtree
 from types import TracebackType
 from typing import TYPE_CHECKING, Any, Final, Self, final
 
@@ -13,7 +13,6 @@ from contactfusion.errors import RecordingError
 from contactfusion.files import (
     as_writing_error,
     kept_when_cut,
-    make_folder,
     unfinished,
     uninterrupted,
 )
@@ -85,6 +84,7 @@ class McapWriter:
         self._channels: dict[str, Connection] = {}
         self._file: AbstractContextManager[Writer] | None = None
         self._bag: Writer | None = None
+        self._syncing: threading.Thread | None = None
 
     def __enter__(self) -> Self:
         """Open the file, under a name of its own.
@@ -231,7 +231,9 @@ class McapWriter:
         self._write(*marker_message(contacts, top, below), when)
 
     def flush(self) -> None:
-        """Write all that came so far to the disk: it outlives this process, in a file without end.
+        """Write all that came so far: it outlives this process, in a file without end.
+
+        The disk takes it in a thread of its own, as a slow one must not stop a robot's loop.
 
         Raises:
             WritingError: the file can't be written.
@@ -241,6 +243,10 @@ class McapWriter:
             if storage.chunk.bio.tell():
                 storage.close_chunk()
             storage.bio.flush()
+            if self._syncing is None or not self._syncing.is_alive():
+                file = os.dup(storage.bio.fileno())
+                self._syncing = threading.Thread(target=_to_disk, args=(file,), daemon=True)
+                self._syncing.start()
 
     def _write(self, topic: str, sent: Message, stamp: int) -> None:
         kind = sent.__msgtype__
@@ -282,9 +288,7 @@ def _bag_that_becomes(path: Path) -> Iterator["Writer"]:
     """
     from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin
 
-    make_folder(path.parent)
-    folder = unfinished(path)
-    try:
+    with unfinished(path, is_folder=True) as folder:
         kind = writer_with_checksums()
         bag = kind(folder / BAG, version=VERSION, storage_plugin=StoragePlugin.MCAP)
         bag.set_compression(CompressionMode.STORAGE, CompressionFormat.ZSTD)
@@ -293,9 +297,18 @@ def _bag_that_becomes(path: Path) -> Iterator["Writer"]:
             yield stack.enter_context(bag)
             with as_writing_error(path):
                 stack.close()
-        os.replace(written, path)
+        with as_writing_error(path):
+            _to_disk(os.open(written, os.O_RDONLY))
+            os.replace(written, path)
+
+
+def _to_disk(file: int) -> None:
+    """Wait until the disk holds an open file, so that it outlives a loss of power; and close it."""
+    try:
+        with suppress(OSError):  # what can't be written is said where it is written next
+            os.fsync(file)
     finally:
-        rmtree(folder, ignore_errors=True)
+        os.close(file)
 
 
 def _latched() -> "Qos":
