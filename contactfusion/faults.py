@@ -10,6 +10,7 @@ import math
 from abc import abstractmethod
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, nullcontext
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal, Self, final
 
@@ -19,7 +20,7 @@ from pydantic import BeforeValidator, Field, NonNegativeInt, model_validator
 from contactfusion.errors import ConfigurationError, name_hint
 from contactfusion.frames import Pose, pose_at
 from contactfusion.model import Model
-from contactfusion.readings import Reading
+from contactfusion.readings import Reading, Transform
 from contactfusion.readings.registry import installed_kinds
 from contactfusion.readings.values import Change, Values
 from contactfusion.stream import Arrival
@@ -365,7 +366,8 @@ class Faults:
         """
         if not self._faults:
             return (reading,)
-        self._now = max(self._now, to_nanoseconds(reading.stamp))
+        if not isinstance(reading, Transform):  # which comes ahead of what it places
+            self._now = max(self._now, to_nanoseconds(reading.stamp))
         readings = [reading]
         for number in range(len(self._faults)):
             passed = [self._passed(number, arrived) for arrived in readings]
@@ -428,7 +430,7 @@ def broken(
     through = Faults(faults, seed)
     for arrival in arrivals:
         left = itertools.chain.from_iterable(map(through.apply, arrival.readings))
-        yield Arrival(arrival.stamp, tuple(left), arrival.due)
+        yield replace(arrival, readings=tuple(left))
 
 
 def unmet(

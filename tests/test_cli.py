@@ -617,9 +617,13 @@ def test_a_command_that_is_none_is_told_how_to_use_it(arguments: list[str], ask:
 def test_what_nobody_expected_is_a_sentence_and_a_traceback_by_debug_alone(
     debug: list[str], folder: Path, ask: Ask, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("contactfusion.run.execute.run_file", lambda *_, **__: 1 / 0)
+    def fail(*_: Any, **__: Any) -> None:
+        raise ZeroDivisionError("division by zero") from ValueError("\x1b[2J")
+
+    monkeypatch.setattr("contactfusion.run.execute.run_file", fail)
     answer = ask("run", "wrist.yaml", *debug)
     assert answer.status == 1 and ("Traceback" in answer.err) == bool(debug)
+    assert "\x1b" not in answer.err
     sentence = answer.err.splitlines()[-1]
     failed = "contactfusion: failed with ZeroDivisionError: division by zero (contactfusion/"
     assert sentence.startswith(failed)

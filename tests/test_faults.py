@@ -28,6 +28,7 @@ from contactfusion.readings import (
     PointCloud,
     Switch,
     TactileImage,
+    Transform,
     Twist,
     Wrench,
 )
@@ -211,6 +212,17 @@ def test_delayed_readings_come_in_the_order_in_which_they_were_due() -> None:
     for stamp in (0.1, 0.3, 0.2):
         broken.apply(skin(stamp, 1.0))
     assert stamps(broken.apply(wrench(9.0, 1.0, 0.0, 0.0))) == [0.2, 0.3, 9.0]
+
+
+def test_transforms_that_come_ahead_let_no_delayed_reading_go() -> None:
+    broken = faults({"fault": "delay", "sensor": "skin", "seconds": 0.2})
+    ahead = Transform(
+        stamp=1.1, frame="base", child_frame="skin",
+        position=np.zeros(3), orientation=np.array([0.0, 0.0, 0.0, 1.0]),
+    )  # fmt: skip
+    assert broken.apply(skin(0.1, 1.0)) == []
+    assert stamps(broken.apply(ahead)) == [1.1]
+    assert stamps(broken.apply(wrench(0.3, 1.0, 0.0, 0.0))) == [0.1, 0.3]
 
 
 def test_a_delay_lets_go_also_when_the_later_reading_is_lost_itself() -> None:

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from contactfusion import Pipeline, PipelineConfig
+from contactfusion.changes import Change
 from contactfusion.controller import Command
 from contactfusion.errors import ConfigurationError, RecordingError, WritingError
 from contactfusion.loop import Observer, play, together
@@ -112,6 +113,17 @@ def test_faults_keep_the_clock_of_what_they_lose() -> None:
     healthy, failing = pipeline(**config), pipeline(**config, faults=[SILENT])
     stamps = [[step.stamp for step in one.run(readings)] for one in (healthy, failing)]
     assert stamps[0] == stamps[1]
+
+
+def test_faults_leave_changes_as_they_are() -> None:
+    class Changing(Cycles):
+        def arrivals(self) -> Iterator[Arrival]:
+            yield Arrival(None, (), changes=(Change("threshold 0.9"),))
+            yield from super().arrivals()
+
+    listener = pipeline(faults=[SILENT])
+    list(play(listener, Changing(4)))
+    assert listener.integrator.config.threshold == 0.9
 
 
 def test_receive_says_that_faults_act_on_what_is_played() -> None:

@@ -127,7 +127,7 @@ def main() -> None:
         sys.exit(status)
     except Exception as error:
         if LOG.isEnabledFor(logging.DEBUG):
-            traceback.print_exc()
+            say(traceback.format_exc(), end="", file=sys.stderr)
         text = str(error) if isinstance(error, ContactFusionError) else _unexpected(error)
         say(f"contactfusion: {text}", file=sys.stderr)
         sys.exit(1)
