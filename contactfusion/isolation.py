@@ -20,7 +20,7 @@ from contactfusion.contacts import Contact
 from contactfusion.errors import PluginError, cause_in, cause_of
 from contactfusion.generator import Generator, GeneratorConfig, checked_clouds
 from contactfusion.grid import Grid
-from contactfusion.hypotheses import HypothesisCloud
+from contactfusion.hypotheses import HypothesisCloud, Resultant
 from contactfusion.readings import Reading
 from contactfusion.state import State
 
@@ -34,19 +34,41 @@ RESTARTS = 3
 Packed = Any
 """Input of the process, as bytes in a buffer: the generator with the robot that it is prepared for,
 then readings, each with the state at its stamp."""
-Answer = Sequence[HypothesisCloud] | PluginError | None
-"""Output of the process: clouds, why there are none, or None when the process has ended."""
+ABSORBED = 4096
+"""The most readings that wait for a live generator which absorbs those that newer ones follow."""
+
+
+@dataclass(frozen=True)
+class Answered:
+    """What a generator makes of a reading.
+
+    Attributes:
+        clouds: of the reading; none of its preparation.
+        resultant: the generator's own after it.
+        stamp: of the reading [s].
+        waits_for: likewise the generator's own.
+    """
+
+    clouds: Sequence[HypothesisCloud] = ()
+    resultant: Resultant | None = None
+    stamp: float = 0.0
+    waits_for: str = ""
+
+
+Answer = Answered | PluginError | None
+"""Output of the process: what it made, why there is nothing, or None when it has ended."""
 
 
 class Isolated(Generator[GeneratorConfig]):
     """Proxy of a generator that runs in another process.
 
     On a live robot no step waits for it: a reading that arrives while the generator is busy
-    replaces the waiting one, so it always works on the newest, and its clouds come with the step
-    after they are done. Without a clock, every reading is processed, and each step waits for those
-    before it, so that equal input gives equal contacts; an answer that takes longer than the
-    `patience` of the generator ends its process, and the generator stays out. A process that ends
-    by itself, or on a live robot by its patience, is started again at most `RESTARTS` times.
+    replaces the waiting one, which it absorbs if it can, so it always works on the newest, and its
+    clouds come with the step after they are done. Without a clock, every reading is processed, and
+    each step waits for those before it, so that equal input gives equal contacts; an answer that
+    takes longer than the `patience` of the generator ends its process, and the generator stays out.
+    A process that ends by itself, or on a live robot by its patience, is started again at most
+    `RESTARTS` times.
 
     Args:
         inner: the generator that runs in a process of its own.
@@ -67,7 +89,9 @@ class Isolated(Generator[GeneratorConfig]):
         self.outputs = inner.outputs
         self._inner = inner
         self._live = live
-        self._waiting = deque[tuple[int, Packed]](maxlen=1 if live else None)
+        self._absorbs = inner.absorbs
+        most = None if not live else ABSORBED if self._absorbs else 1
+        self._waiting = deque[tuple[int, Packed]](maxlen=most)
         self._module = type(inner).__module__
         self._ends, self._patience = 0, START
         self._busy = self._outdated = False
@@ -76,6 +100,9 @@ class Isolated(Generator[GeneratorConfig]):
         self.scripted = False
         """Whether `answer` alone chooses which readings are processed, as it was recorded."""
         self._given = 0
+        self._waits_for = ""
+        self.measured = 0.0
+        """The stamp of the reading of the resultant [s]."""
         self.out = ""
         """Why it stays out until the next `reset`; empty while it takes part."""
         try:
@@ -95,24 +122,27 @@ class Isolated(Generator[GeneratorConfig]):
         return () if self.scripted or (self._busy and not self._live) else self.collect(wait=False)
 
     def answer(self, number: int) -> Sequence[HypothesisCloud]:
-        """The clouds of a reading by its number; those before it that wait are dropped.
+        """The clouds of a reading by its number; those before it that wait are not answered.
 
         Raises:
             PluginError: as `collect` does, or there is no such reading.
         """
-        while self._waiting and self._waiting[0][0] < number:
-            self._waiting.popleft()
-        if not self._waiting or self._waiting[0][0] != number:
+        if number not in (waiting for waiting, _ in self._waiting):
             raise PluginError(f"'{self.name}' was given no reading {number}")
         if self._busy:  # with its preparation
             self._received(wait=True)
-        self._send()
+        self._send(number)
         return self._received(wait=True)
 
     def most_hypotheses(self, grid: Grid) -> int | None:
         """That of the inner generator."""
         most: int | None = self._inner.most_hypotheses(grid)
         return most
+
+    @property
+    def waits_for(self) -> str:
+        """What the inner generator waited for after its last reading."""
+        return self._waits_for
 
     @property
     def owes(self) -> bool:
@@ -133,12 +163,17 @@ class Isolated(Generator[GeneratorConfig]):
             return ()
         clouds = self._received(wait) if self._busy else ()
         if self._waiting and not self._busy:
-            self._send()
+            self._send(self._waiting[-1 if self._live else 0][0])
         return clouds
 
-    def _send(self) -> None:
-        """Send the reading that has waited longest."""
-        number, waiting = self._waiting.popleft()
+    def _send(self, number: int) -> None:
+        """Send a reading that waits, and those before it to be absorbed."""
+        while self._waiting[0][0] < number:
+            earlier, before = self._waiting.popleft()
+            if self._absorbs and not self.out and number - earlier < ABSORBED:
+                self._todo.put(ABSORB)
+                self._todo.put(before)
+        _, waiting = self._waiting.popleft()
         if self.out:
             raise PluginError(self.out)
         self._todo.put(waiting)
@@ -164,14 +199,17 @@ class Isolated(Generator[GeneratorConfig]):
             return ()
         if self._asked:
             self.answered.append(self._asked)
+        made = Answered() if isinstance(answer, PluginError) else answer
+        self.resultant, self.measured, self._waits_for = made.resultant, made.stamp, made.waits_for
         if isinstance(answer, PluginError):
             raise answer
-        return answer
+        return answer.clouds
 
     def reset(self) -> None:
         """Drop the readings that wait or are being processed; a process that ended starts again."""
         self._waiting.clear()
         self._ends = self._given = 0
+        self.resultant, self._waits_for = None, ""
         if self.out:
             self.out = ""
             self._start()
@@ -258,8 +296,9 @@ def _unpacked(state: State) -> State:
 
 END = object()
 """The message that ends the courier."""
-RESET = b""
-"""The message that resets the generator; it gets no answer."""
+RESET, ABSORB = b"", b"absorb"
+"""The message that resets the generator, and what precedes a reading that it is to absorb; neither
+gets an answer."""
 
 
 def _carry(
@@ -267,17 +306,20 @@ def _carry(
 ) -> None:
     """Send work to a process and receive its answers; only this thread ever waits for the pipe."""
     with pipe:
+        is_absorbed = False
         while (given := todo.get()) is not END:
-            answer: Answer = ()
+            answer: Answer = Answered()
+            is_answered = not (given is RESET or given is ABSORB or is_absorbed)
+            is_absorbed = given is ABSORB
             try:
                 pipe.send_bytes(given)
-                if given is not RESET:
+                if is_answered:
                     answer = pipe.recv()
             except (EOFError, OSError):
                 answer = None
             except Exception as error:  # unpickling the plug-in's objects may raise anything
                 answer = PluginError(f"an answer cannot be unpickled: {cause_in(error, '')}")
-            if given is not RESET:
+            if is_answered:
                 answers.put(answer)
 
 
@@ -290,6 +332,7 @@ def _serve(pipe: Connection, name: str, module: str) -> None:
     generator: Any = None
     unfit: PluginError | None = None
     unready: PluginError | None = None
+    failed: PluginError | None = None  # to absorb: the next answer says so
 
     def attempt(who: str, do: Callable[[], Packed]) -> Packed | PluginError:
         try:
@@ -310,20 +353,31 @@ def _serve(pipe: Connection, name: str, module: str) -> None:
     def reset() -> None:
         generator.reset()
 
-    def clouds() -> Packed:
+    def absorb() -> None:
         reading, state = pickle.loads(given)
-        return ForkingPickler.dumps(checked_clouds(generator.generate(reading, _unpacked(state))))
+        generator.absorb(reading, _unpacked(state))
+
+    def answered() -> Packed:
+        reading, state = pickle.loads(given)
+        clouds = checked_clouds(generator.generate(reading, _unpacked(state)))
+        left = generator.resultant, reading.stamp, generator.waits_for
+        return ForkingPickler.dumps(Answered(clouds, *left))
 
     with contextlib.suppress(EOFError, OSError):
         given = pipe.recv_bytes()
         unfit = attempt(f"`prepare` of '{name}'", prepare)
-        pipe.send(unfit or ())
+        pipe.send(unfit or Answered())
         while True:
             given = pipe.recv_bytes()
             if given == RESET:
                 unready = unfit or attempt(f"`reset` of '{name}'", reset)
                 continue
-            answer = unfit or unready or attempt(f"'{name}'", clouds)
+            if given == ABSORB:
+                given = pipe.recv_bytes()
+                failed = failed or unfit or unready or attempt(f"`absorb` of '{name}'", absorb)
+                continue
+            answer = unfit or unready or failed or attempt(f"'{name}'", answered)
+            failed = None
             if isinstance(answer, PluginError):
                 pipe.send(answer)
             else:

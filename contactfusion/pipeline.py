@@ -277,9 +277,15 @@ class Pipeline:
         """Receive the clouds of a reading."""
         state = self.state(reading.stamp)
         self._deliver(generator, functools.partial(self._ask, generator, reading, state))
+        self._keep_resultant(generator, reading.stamp)
+
+    def _keep_resultant(self, generator: AnyGenerator, stamp: float) -> None:
+        """Keep what a generator measured of a reading of this stamp for the others."""
+        if isinstance(generator, Isolated):  # it has answered an earlier one
+            stamp = generator.measured
         self._resultants.pop(generator.name, None)
         if generator.resultant is not None:
-            self._resultants[generator.name] = reading.stamp, generator.resultant
+            self._resultants[generator.name] = stamp, generator.resultant
 
     def _absorbed(self, generator: AnyGenerator, reading: Reading) -> Sequence[HypothesisCloud]:
         """No clouds: a generator takes note of a reading that a newer one follows."""
@@ -294,6 +300,7 @@ class Pipeline:
                 self._deliver(generator, functools.partial(generator.collect, wait=False))
                 while generator.owes:
                     self._deliver(generator, functools.partial(generator.collect, wait=True))
+                self._keep_resultant(generator, generator.measured)
 
     def answer(self, name: str, number: int) -> None:
         """Receive the clouds of an isolated generator for one of its readings, as was recorded.
@@ -309,6 +316,7 @@ class Pipeline:
         if not isinstance(generator, Isolated):
             raise SourceError(f"'{name}' does not run in a process of its own")
         self._deliver(generator, functools.partial(generator.answer, number))
+        self._keep_resultant(generator, generator.measured)
 
     def step(self, now: float) -> Step:
         """Fuse all that is alive at `now` [s], and let the controller act on the contacts."""

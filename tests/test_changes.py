@@ -82,6 +82,20 @@ def test_an_isolated_generator_goes_on_in_a_process_of_its_own() -> None:
         pipe.close()
 
 
+def test_what_an_isolated_wrist_measures_is_there_for_the_others() -> None:
+    wrist = {"type": "force_torque", "sign": "on_robot"}
+    fields = {**PROBE, "generators": {"near": wrist, "far": {**wrist, "isolate": True}}}
+    pipe = Pipeline(PipelineConfig(**fields))
+    try:
+        pipe.take(push(0.0))
+        pipe.step(0.01)
+        near, far = (pipe.state(0.05).resultants[name] for name in ("near", "far"))
+        assert near.force == pytest.approx(far.force)
+        assert not pipe.state(0.2).resultants
+    finally:
+        pipe.close()
+
+
 def test_restore_undoes_changes() -> None:
     pipe = pipeline()
     for text in ("threshold 0.9", "unplug wrist", "plug other type=switch"):

@@ -16,7 +16,7 @@ from contactfusion.integrator.sources import Event, EventKind
 from contactfusion.isolation import Isolated
 from contactfusion.readings import PointCloud
 from contactfusion.runner import Runner
-from tests.toys import Slow, Worn, offer_toys, point, wrench
+from tests.toys import Slow, Tallying, Worn, offer_toys, point, wrench
 
 PLACE = (0.1025, 0.0025, 0.0025)
 HEALTHY = {"type": "feeler"}
@@ -410,6 +410,37 @@ def test_without_a_clock_each_step_waits_for_all_readings_before_it() -> None:
     assert "the process of 'remote' has ended (exit code 3)" in message
     pipe.close()
     assert multiprocessing.active_children() == []
+
+
+def answers_of(tallying: Isolated) -> Iterator[tuple[str, ...]]:
+    """The notes of the next clouds, once they come."""
+    ends = time.monotonic() + PATIENCE
+    while time.monotonic() < ends:
+        time.sleep(0.01)
+        yield from (cloud.notes for cloud in tallying.collect(wait=False))
+    raise AssertionError("no clouds came")
+
+
+def test_what_waits_while_a_live_one_is_busy_is_absorbed_and_played_again_alike() -> None:
+    live = Isolated(Tallying("tallying", GeneratorConfig()), live=True)
+    again = Isolated(Tallying("tallying", GeneratorConfig()), live=False)
+    again.scripted = True
+    state, heard = State(now=0.0, grid=Grid("base", 0.005)), []
+    try:
+        answers = answers_of(live)
+        for first, count in ((0.0, 1), (5.0, 2)):
+            for stamp in first + np.arange(5.0):
+                for each in (live, again):
+                    each.generate(point(stamp, *PLACE), state)
+            heard += [next(answers) for _ in range(count)]
+        # the first of all waits for its preparation
+        assert heard == [("0.0", "1.0", "2.0", "3.0"), (), ("6.0", "7.0", "8.0")]
+        assert live.waits_for == "more than 3 readings"
+        numbers = list(live.answered)
+        assert [cloud.notes for n in numbers for cloud in again.answer(n)] == heard
+    finally:
+        live.close()
+        again.close()
 
 
 def test_one_that_cannot_travel_cannot_be_isolated() -> None:

@@ -7,6 +7,7 @@ import struct
 import sys
 import time
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from importlib.metadata import EntryPoint
 from multiprocessing.connection import Connection
 from typing import TYPE_CHECKING, Any, Literal, cast
@@ -193,6 +194,29 @@ def _answer_half() -> None:
     time.sleep(600.0)
 
 
+class Tallying(Echo):
+    """Says which readings it absorbed before each that it answers."""
+
+    def __init__(self, name: str, config: GeneratorConfig) -> None:
+        super().__init__(name, config)
+        self.absorbed: list[float] = []
+
+    def generate(self, reading: Reading, state: State) -> Sequence[HypothesisCloud]:
+        time.sleep(0.3)
+        (cloud,) = super().generate(reading, state)
+        notes, self.absorbed = tuple(map(str, self.absorbed)), []
+        return (replace(cloud, notes=notes),)
+
+    def absorb(self, reading: Reading, state: State) -> None:
+        if reading.sensor == "raise":
+            raise RuntimeError("out of order")
+        self.absorbed.append(reading.stamp)
+
+    @property
+    def waits_for(self) -> str:
+        return f"more than {len(self.states)} readings"
+
+
 class Worn(Echo):
     """Can be neither prepared nor reset."""
 
@@ -256,7 +280,19 @@ class Pilot(Controller):
 
 @hookimpl
 def contactfusion_generators() -> Mapping[str, Any]:
-    kinds = (Echo, Looker, Follower, Feeler, Naughty, Slow, Remote, Worn, Forceful, Unpicklable)
+    kinds = (
+        Echo,
+        Looker,
+        Follower,
+        Feeler,
+        Naughty,
+        Slow,
+        Remote,
+        Tallying,
+        Worn,
+        Forceful,
+        Unpicklable,
+    )
     return {"stranger": int, **{kind.__name__.lower(): kind for kind in kinds}}
 
 
