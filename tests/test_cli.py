@@ -567,6 +567,20 @@ def test_what_is_read_is_not_replaced(
     assert {path: path.read_bytes() for path in folder.iterdir()} == before
 
 
+def test_a_log_comes_back_from_its_recording_whatever_its_sensor_is_called_and_when_it_starts(
+    folder: Path, ask: Ask
+) -> None:
+    named = RUN.replace("wrist: {type", "left-wrist: {type").replace("on: wrist", "on: left-wrist")
+    (folder / "left.yaml").write_text(named)
+    assert ask("run", "left.yaml", "--out", "first.csv").status == 0
+    assert ask("run", "left.yaml", "--out", "left.mcap").status == 0
+    played = ask("run", "left.yaml", "left.mcap", "--out", "again.csv")
+    assert played.status == 0 and "unreadable" not in played.out
+    assert (folder / "again.csv").read_bytes() == (folder / "first.csv").read_bytes()
+    assert ask("explain", "left.mcap", "--time", "0").out.startswith("0.000 s: 1 contact")
+    assert "without a stamp" not in ask("inspect", "left.mcap").out.split("/left_wrist")[-1]
+
+
 def test_a_tuning_does_not_go_on_with_another_log_of_the_same_name(folder: Path, ask: Ask) -> None:
     (folder / "log.yaml").write_text(LOG_YAML)
     (folder / "labels.csv").write_text("start,end,x,y,z\n0,0.01,0,0,-0.05\n0.02,0.04,0,0,-0.05\n")

@@ -198,7 +198,7 @@ class _Statistics:
     def header(self, channel: Channel, stamp: int, frame: str, logged: int) -> None:
         """Count the header of a message, with its stamp in the log."""
         self.frames[frame] = None
-        if not stamp:
+        if not stamp and logged:  # else it is that of a log that starts at 0
             self.unstamped += 1
             return
         delay = logged - stamp

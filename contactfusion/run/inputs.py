@@ -10,6 +10,7 @@ from contactfusion.errors import ConfigurationError, name_hint
 from contactfusion.readings import Reading
 from contactfusion.readings.codec import Codec, Role
 from contactfusion.readings.registry import installed_kinds
+from contactfusion.recordings.messages import ros_name
 
 Kinds = tuple[type[Reading], ...]
 NOTHING: Mapping[str, type[Reading]] = MappingProxyType({})
@@ -92,6 +93,12 @@ def _role(name: str, options: Mapping[str, Any]) -> str:
     return sensor or name
 
 
+def _names(role: str) -> tuple[str, ...]:
+    """What the topic of a role may be called: as it is, or as ROS allows it."""
+    name = role.removeprefix("/")
+    return role, name, ros_name(f"/{name}")[1:]
+
+
 def _kinds(options: Mapping[str, Any]) -> Kinds:
     return generator_class(str(options["type"])).readings
 
@@ -120,12 +127,12 @@ class _Finding:
         if topic is None:
             self.missing.append(f"generators.{name}: {self._absence(kinds)}")
             return options
-        if sensor and role not in self.chosen and topic != role.removeprefix("/"):
+        if sensor and role not in self.chosen and topic not in _names(role):
             self.taken.append(
                 f"generators.{name}: no topic is called '{sensor}', so /{topic} feeds it, the only "
                 f"{_named(kinds)}"
             )
-        sensor = sensor or self.sensors.get(topic, topic)
+        sensor = sensor or self.sensors.get(topic, role if topic == _names(role)[-1] else topic)
         if self.sensors.setdefault(topic, sensor) != sensor:
             raise ConfigurationError(
                 f"/{topic} feeds '{self.sensors[topic]}' already, and can't be '{sensor}', too: "
@@ -165,8 +172,8 @@ class _Finding:
         if on is None or on in self.sensors.values():
             return
         codec = installed_kinds().find(on)
-        if on in self.topics:
-            self.sensors.setdefault(on, on)
+        if named := [name for name in _names(on) if name in self.topics]:
+            self.sensors.setdefault(named[0], on)
         elif codec and not set(self._of((codec.kind,))) & self.sensors.keys():
             self._read(self._of((codec.kind,)))
 
@@ -180,7 +187,7 @@ class _Finding:
     def _topic(self, role: str, kinds: Kinds) -> str | None:
         if role in self.chosen:
             return self._as_chosen(role, kinds)
-        for name in (role, role.removeprefix("/")):
+        for name in _names(role):
             if issubclass(self.topics.get(name, Reading), kinds):
                 return name
         fit = list(self._of(kinds))

@@ -135,7 +135,7 @@ class Sorter:
             near = abs(stamp - self._latest) <= LONGEST_FALL
             self._push(max(self._begin, stamp) if near else self._latest, state, part)
             return
-        if stamp == 0:
+        if stamp == 0 and logged:  # else it is that of a log that starts at 0
             tally.cannot_read("its header has no stamp")
             return
         before = state.clocks.get(part.clock)

@@ -313,8 +313,9 @@ class RosRecording(RecordingFormat):
         topics = {topic: state for topic, state in self._states(unused).items()
                   if not state.listener.is_static}  # fmt: skip
         with suppress(RecordingError):
-            for state, _, message in messages(bag, topics, start_ns):
-                stamps += [part.stamp for part in state.listener.parts(message) if part.stamp]
+            for state, logged, message in messages(bag, topics, start_ns):
+                parts = state.listener.parts(message)
+                stamps += [part.stamp for part in parts if part.stamp or not logged]
                 # later messages have no earlier stamps than this
                 if stamps and stamps[-1] > stamps[0] + LONGEST_FALL:
                     break
