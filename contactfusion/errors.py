@@ -243,7 +243,11 @@ def cause_in(error: BaseException, module: str, definition: Any = None) -> str:
     """
     if isinstance(error, ContactFusionError):
         return f"{type(error).__name__}: {error}"
-    message = textwrap.shorten(str(error), LONGEST_CAUSE, placeholder=" …")
+    try:
+        text = str(error)
+    except Exception:  # of a class that breaks its own
+        text = ""
+    message = textwrap.shorten(text, LONGEST_CAUSE, placeholder=" …")
     problem = ": ".join(filter(None, (type(error).__name__, message)))
     origin = _place_in(error, module.partition(".")[0]) or place_of(definition)
     return f"{problem} ({origin})" if origin else problem

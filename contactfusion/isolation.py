@@ -2,9 +2,11 @@
 
 import contextlib
 import multiprocessing
+import os
 import pickle
 import queue
 import signal
+import sys
 import threading
 import time
 import traceback
@@ -29,6 +31,8 @@ if TYPE_CHECKING:
 
 START = 60.0
 """Time to start a process, or the patience of its generator where that is longer [s]."""
+LOOK = 1.0
+"""The time between two looks at whether the parent lives [s]."""
 RESTARTS = 3
 """Number of restarts of a process that ended; then its generator stays out."""
 Packed = Any
@@ -250,7 +254,10 @@ class Isolated(Generator[GeneratorConfig]):
     def _after_end(self) -> PluginError:
         """Start again after the process ended, or stay out."""
         self._process.join(timeout=0.1)  # its pipe closes just before it ends
-        return self._started_again(f"has ended (exit code {self._process.exitcode})")
+        how = f"has ended (exit code {self._process.exitcode})"
+        if not self._asked and self._process.exitcode == 1 and _is_script():
+            how += ', as where a script does not begin its work below `if __name__ == "__main__":`'
+        return self._started_again(how)
 
     def _started_again(self, how: str) -> PluginError:
         """Start again unless that was done too often; the reading in process is lost."""
@@ -278,6 +285,12 @@ class _Travelling:
 
     def evidence(self, without: str) -> FloatArray:
         return self.places
+
+
+def _is_script() -> bool:
+    """Whether this process runs a script, which its children run again as far as its guard."""
+    main = sys.modules["__main__"]
+    return main.__spec__ is None and hasattr(main, "__file__")
 
 
 def _portable(state: State, name: str) -> State:
@@ -323,12 +336,20 @@ def _carry(
                 answers.put(answer)
 
 
+def _end_with_parent(parent: int) -> None:
+    """End once the parent has: a plug-in that is busy does not see that the pipe is closed."""
+    while os.getppid() == parent:
+        time.sleep(LOOK)
+    os._exit(1)
+
+
 def _serve(pipe: Connection, name: str, module: str) -> None:
     """Answer messages: the generator itself, then readings; a reset gets no answer.
 
     A generator that cannot be prepared, or be reset, answers every reading with the reason.
     """
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # an interrupted parent closes the pipe
+    threading.Thread(target=_end_with_parent, args=(os.getppid(),), daemon=True).start()
     generator: Any = None
     unfit: PluginError | None = None
     unready: PluginError | None = None

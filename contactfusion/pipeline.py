@@ -196,6 +196,14 @@ class Pipeline:
             raise SourceError(f"unknown generator '{name}'; {hint}")
         return self.generators[name]
 
+    def waits_for(self, name: str) -> str:
+        """What a generator waits for, in a sentence; empty where it does not wait."""
+        generator = self.generators[name]
+        try:
+            return str(generator.waits_for)
+        except Exception as error:  # a plug-in may raise anything
+            return self._reason(f"`waits_for` of '{name}'", generator, error)
+
     def restart(self, name: str) -> None:
         """Let a generator drop its state, such as its tare; a process that ended starts again.
 
@@ -284,8 +292,15 @@ class Pipeline:
         if isinstance(generator, Isolated):  # it has answered an earlier one
             stamp = generator.measured
         self._resultants.pop(generator.name, None)
-        if generator.resultant is not None:
-            self._resultants[generator.name] = stamp, generator.resultant
+        try:
+            resultant = generator.resultant
+        except Exception as error:  # a plug-in may compute it
+            reason = self._reason(f"`resultant` of '{generator.name}'", generator, error)
+            for source in generator.sources:
+                self.integrator.refuse(source, reason)
+            return
+        if resultant is not None:
+            self._resultants[generator.name] = stamp, resultant
 
     def _absorbed(self, generator: AnyGenerator, reading: Reading) -> Sequence[HypothesisCloud]:
         """No clouds: a generator takes note of a reading that a newer one follows."""

@@ -32,6 +32,9 @@ TURN = np.pi + 1e-3
 """Positions of a joint that is reported within one turn [rad]."""
 LENGTH = 4096
 """So many readings of joints and odometry are remembered, and at least so many poses of a frame."""
+MOST_FRAMES, MOST_SETS = 2000, 500
+"""So many frames of transforms, and sets of joints, are remembered: a name for each object that is
+seen makes new ones for ever."""
 NEARLY_ALONG = 0.9995
 """From which cosine between two quaternions on a straight line stands for the arc."""
 AHEAD = 1.0
@@ -252,6 +255,9 @@ class StateBuffer:
         """Store a reading, unless it is older than the newest of its type."""
         if isinstance(reading, JointState):
             self._append(self._joints.setdefault(reading.names, deque(maxlen=LENGTH)), reading)
+            if len(self._joints) > MOST_SETS:
+                others = self._joints.keys() - {reading.names}
+                del self._joints[min(others, key=lambda names: self._joints[names][-1].stamp)]
         elif isinstance(reading, Odometry):
             self._append(self._odometry, reading)
             if self._odometry[-1] is reading:
@@ -472,6 +478,8 @@ class TransformBuffer:
             series = self._series[transform.child_frame] = _Series(
                 transform.frame, transform.static
             )
+            if len(self._series) > MOST_FRAMES:
+                self._evict(transform.child_frame)
             self._name()
         if series.static:  # published again; the newest holds
             series.stamps.clear()
@@ -497,6 +505,13 @@ class TransformBuffer:
         self._frames = frozenset()
         self._limit = math.inf
         self._left_out.clear()
+
+    def _evict(self, kept: str) -> None:
+        """Forget the frame that has moved least lately, but for one; fixed ones only if all are."""
+        known = [(each.static, each.stamps[-1], name) for name, each in self._series.items()
+                 if name != kept and each.stamps]  # fmt: skip
+        if known:
+            del self._series[min(known)[-1]]
 
     def _drop(self, frame: str, series: _Series) -> None:
         """Drop what is newer than the limit."""

@@ -567,6 +567,25 @@ def test_what_is_read_is_not_replaced(
     assert {path: path.read_bytes() for path in folder.iterdir()} == before
 
 
+LINGERING = """
+import sys, threading, time
+import contactfusion.run.execute
+from contactfusion import cli
+def run(*_, **__):
+    threading.Thread(target=time.sleep, args=(600,), name="of a camera").start()
+contactfusion.run.execute.run_file, cli.LINGER = run, 0.5
+sys.argv = ["contactfusion", "run", "wrist.yaml"]
+cli.main()
+"""
+
+
+def test_a_thread_that_a_plugin_leaves_does_not_keep_the_program_from_its_end(folder: Path) -> None:
+    command = [sys.executable, "-c", LINGERING]
+    ran = subprocess.run(command, capture_output=True, text=True, timeout=60, cwd=folder)
+    assert (ran.returncode, ran.stdout) == (0, "")
+    assert ran.stderr == "contactfusion: threads that did not end are left: 'of a camera'\n"
+
+
 def test_a_log_comes_back_from_its_recording_whatever_its_sensor_is_called_and_when_it_starts(
     folder: Path, ask: Ask
 ) -> None:

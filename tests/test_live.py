@@ -21,7 +21,8 @@ import yaml
 
 pytest.importorskip("cyclonedds")
 
-from contactfusion.live.control import ask
+from contactfusion.errors import ConfigurationError
+from contactfusion.live.control import Control, ask
 from contactfusion.live.dds import DdsTransport
 from contactfusion.live.transport import Quality, Send
 from contactfusion.readings.messages import Message
@@ -315,6 +316,15 @@ def test_a_configuration_that_is_wrong_ends_it_before_it_starts(tmp_path: Path) 
 
 
 @pytest.mark.skipif(find_spec("rclpy") is not None, reason="rclpy is installed")
+@pytest.mark.parametrize(("name", "why"), [("x" * 200, "path too long"), ("a/b", "no slash")])
+def test_a_name_that_is_none_is_a_sentence(
+    name: str, why: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
+    with pytest.raises(ConfigurationError, match=f"^--name {name}: .*{why}"):
+        Control(name, str)
+
+
 def test_without_rclpy_a_sentence_says_where_it_comes_from(tmp_path: Path) -> None:
     file = tmp_path / "probe.yaml"
     file.write_text(yaml.safe_dump(PROBE), encoding="utf-8")

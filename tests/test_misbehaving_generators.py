@@ -2,8 +2,12 @@
 
 import itertools
 import multiprocessing
+import subprocess
+import sys
 import time
 from collections.abc import Iterator
+from pathlib import Path
+from subprocess import PIPE, Popen
 from typing import Any
 
 import numpy as np
@@ -16,7 +20,8 @@ from contactfusion.integrator.sources import Event, EventKind
 from contactfusion.isolation import Isolated
 from contactfusion.readings import PointCloud
 from contactfusion.runner import Runner
-from tests.toys import Slow, Tallying, Worn, offer_toys, point, wrench
+from tests.toys import Feeler, Slow, Tallying, Worn, offer_toys, point, wrench
+from tests.wire import PROBE
 
 PLACE = (0.1025, 0.0025, 0.0025)
 HEALTHY = {"type": "feeler"}
@@ -441,6 +446,68 @@ def test_what_waits_while_a_live_one_is_busy_is_absorbed_and_played_again_alike(
     finally:
         live.close()
         again.close()
+
+
+def test_what_it_cannot_say_of_itself_is_a_sentence(monkeypatch: pytest.MonkeyPatch) -> None:
+    class Mute(Exception):
+        def __str__(self) -> str:
+            raise RuntimeError("no words")
+
+    def fail(generator: object) -> None:
+        raise Mute
+
+    pipe = pipeline()
+    for name in ("waits_for", "resultant"):
+        monkeypatch.setattr(Feeler, name, property(fail))
+    assert pipe.waits_for("healthy").startswith("`waits_for` of 'healthy' raised Mute (tests/")
+    pipe.receive(wrench(0.0, *PLACE))
+    step = pipe.step(0.0)
+    assert refusals(step)[0].startswith("`resultant` of 'healthy' raised Mute (tests/")
+    assert len(step.fusion.contacts) == 1
+
+
+HANGING = """
+import multiprocessing, sys, time
+from tests.toys import Remote, point
+from contactfusion import Grid, State
+from contactfusion.generator import GeneratorConfig
+from contactfusion.isolation import Isolated
+remote = Isolated(Remote("remote", GeneratorConfig()), live=True)
+remote.generate(point(0.0, 1.0, 1.0, 1.0, sensor="hang"), State(now=0.0, grid=Grid("base", 0.005)))
+while not remote.answered and remote._asked == 0:
+    time.sleep(0.01)
+    remote.collect(wait=False)
+print(multiprocessing.active_children()[0].pid, flush=True)
+time.sleep(600)
+"""
+
+
+def test_a_process_that_hangs_ends_with_its_parent(pytestconfig: pytest.Config) -> None:
+    command = [sys.executable, "-c", HANGING]
+    with Popen(command, stdout=PIPE, text=True, cwd=pytestconfig.rootpath) as parent:
+        assert parent.stdout is not None
+        child = Path("/proc") / parent.stdout.readline().strip()
+        assert child.name.isdecimal() and child.exists()
+        parent.kill()
+    ends = time.monotonic() + PATIENCE
+    while child.exists() and "State:\tZ" not in (child / "status").read_text():
+        assert time.monotonic() < ends, "it goes on without its parent"
+        time.sleep(0.1)
+
+
+def test_a_script_without_a_guard_is_told_what_it_lacks(tmp_path: Path) -> None:
+    fields = {**PROBE, "generators": {"wrist": {**PROBE["generators"]["wrist"], "isolate": True}}}
+    script = tmp_path / "press.py"
+    script.write_text(
+        "import numpy as np\n"
+        "from contactfusion import Pipeline, PipelineConfig, Wrench\n"
+        f"pipe = Pipeline(PipelineConfig(**{fields!r}))\n"
+        "push = dict(force=np.array([0.0, 0.0, -5.0]), torque=np.zeros(3))\n"
+        "pipe.receive(Wrench(stamp=0.0, frame='probe', sensor='wrist', **push))\n"
+        "print(pipe.step(0.1).events)\n"
+    )
+    ran = subprocess.run([sys.executable, script], capture_output=True, text=True)
+    assert 'does not begin its work below `if __name__ == "__main__":`' in ran.stdout
 
 
 def test_one_that_cannot_travel_cannot_be_isolated() -> None:

@@ -1,6 +1,7 @@
 """MCAP files: what is written is read back by rosbags and by mcap-ros2-support."""
 
 import math
+import os
 import signal
 import sys
 from collections.abc import Callable
@@ -505,6 +506,12 @@ def test_an_interrupt_while_a_file_is_closed_waits_until_it_is_whole(
         write(tmp_path / "a.mcap", odometry())
     assert list(tmp_path.iterdir()) == [tmp_path / "a.mcap"]
     assert any(RosRecording(RosConfig(file=tmp_path / "a.mcap")).readings())
+
+
+def test_a_pipe_beside_the_files_of_a_folder_is_not_waited_for(tmp_path: Path) -> None:
+    write(tmp_path / "bag" / "a.mcap", odometry())
+    os.mkfifo(tmp_path / "bag" / "b.mcap")
+    assert any(RosRecording(RosConfig(file=tmp_path / "bag")).readings())
 
 
 def test_an_exception_leaves_the_file_of_before(tmp_path: Path) -> None:

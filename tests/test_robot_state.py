@@ -14,7 +14,13 @@ from contactfusion.frames import FrameConfig, FrameTree
 from contactfusion.pipeline import Pipeline
 from contactfusion.pipeline_config import CycleConfig, PipelineConfig
 from contactfusion.readings import JointState, Odometry, Transform, Twist, Wrench
-from contactfusion.robot_state import LENGTH, StateBuffer, TransformBuffer
+from contactfusion.robot_state import (
+    LENGTH,
+    MOST_FRAMES,
+    MOST_SETS,
+    StateBuffer,
+    TransformBuffer,
+)
 
 STRAIGHT = (0.0, 0.0, 0.0, 1.0)
 quaternions = st.tuples(*[st.floats(-1.0, 1.0)] * 4).filter(lambda q: np.linalg.norm(q) > 0.1)
@@ -336,6 +342,28 @@ def test_old_transforms_are_forgotten_so_that_memory_stays() -> None:
     with pytest.raises(FrameError, match="is not known at 0.000 s"):
         tree(many, 0.0).pose("map", of="base")
     assert tree(many, 0.01 * LENGTH).pose("map", of="base") is not None
+
+
+def test_of_ever_new_frames_those_that_moved_last_are_remembered() -> None:
+    buffer = TransformBuffer()
+    buffer.add(transform(0.0, 5.0, frame="base", child="fixed", static=True))
+    for number in range(MOST_FRAMES + 50):
+        buffer.add(transform(0.1 * number, 1.0))
+        buffer.add(transform(0.1 * number, 2.0, child=f"object {number}"))
+    frames = buffer.at(0.1 * number)
+    assert frames is not None and len(frames.frames) == MOST_FRAMES + 1  # and the map
+    assert {"base", "fixed", f"object {number}"} <= frames.frames
+    assert "object 3" not in frames.frames
+
+
+def test_of_ever_new_sets_of_joints_those_that_moved_last_are_remembered() -> None:
+    buffer = StateBuffer()
+    for number in range(MOST_SETS + 50):
+        buffer.add(joints(0.1 * number, 1.0, 2.0))
+        buffer.add(joints(0.1 * number, 3.0, names=(f"joint {number}",)))
+    known = buffer.joints(0.1 * number)
+    assert known is not None and len(known.names) == MOST_SETS + 1
+    assert {"a", "b", f"joint {number}"} <= {*known.names}
 
 
 def test_one_that_comes_late_changes_nothing() -> None:

@@ -60,6 +60,17 @@ def test_a_source_of_which_more_than_half_is_refused_is_told(
     assert all(one.startswith(start or "") for one in complaints)
 
 
+def test_the_newest_events_are_kept_and_the_others_are_counted() -> None:
+    pipeline = Pipeline(PipelineConfig(cycle={"every": 0.1}, generators=ECHO))
+    summary = Summary(pipeline, most_events=3)
+    for _ in play(pipeline, points("uuuuuuub"), [summary.observer]):
+        pass
+    fields, every = summary.fields(), ran(points("uuuuuuub"), generators=ECHO)[0].fields()
+    assert fields["events"] == every["events"][-3:]
+    assert fields["events_left_out"] == len(every["events"]) - 3 > 0
+    assert "events_left_out" not in every
+
+
 def test_no_contact_alone_is_no_complaint() -> None:
     summary, complaints = ran(points("bbb"), generators=ECHO, integrator={"threshold": 0.99})
     assert summary.contacts == 0 and not complaints

@@ -4,6 +4,8 @@ import logging
 import os
 import signal
 import sys
+import threading
+import time
 import traceback
 import warnings
 from collections.abc import Mapping
@@ -24,6 +26,8 @@ EVERYWHERE = {"--debug", "--quiet"}
 """Options of the program that any command takes, too."""
 INTERRUPTED = 130
 """The exit status after Ctrl-C or SIGTERM."""
+LINGER = 10.0
+"""The longest wait at the end for threads of plug-ins [s]."""
 LOG = logging.getLogger("contactfusion")
 app = typer.Typer(
     name="contactfusion",
@@ -124,13 +128,36 @@ def main() -> None:
         status = getattr(end, "code", INTERRUPTED)
         if status == INTERRUPTED:
             say("contactfusion: interrupted", file=sys.stderr)
+        _leave_threads(status)
         sys.exit(status)
     except Exception as error:
         if LOG.isEnabledFor(logging.DEBUG):
             say(traceback.format_exc(), end="", file=sys.stderr)
         text = str(error) if isinstance(error, ContactFusionError) else _unexpected(error)
         say(f"contactfusion: {text}", file=sys.stderr)
+        _leave_threads(1)
         sys.exit(1)
+
+
+def _leave_threads(status: object) -> None:
+    """Let the program end though a thread of a plug-in, which Python would wait for, does not."""
+    others = [
+        thread
+        for thread in threading.enumerate()
+        if not thread.daemon and thread is not threading.current_thread()
+    ]
+    if not others:
+        return
+
+    def end() -> None:
+        time.sleep(LINGER)
+        left = ", ".join(repr(thread.name) for thread in others if thread.is_alive())
+        if left:
+            say(f"contactfusion: threads that did not end are left: {left}", file=sys.stderr)
+            sys.stdout.flush()
+            os._exit(status if isinstance(status, int) else int(status is not None))
+
+    threading.Thread(target=end, daemon=True).start()
 
 
 class _Lines(logging.StreamHandler[TextIO]):

@@ -48,12 +48,18 @@ class Control:
     """
 
     def __init__(self, name: str, order: Callable[[str], str]) -> None:
+        if "/" in name:
+            raise ConfigurationError(f"--name {name}: a name holds no slash")
         self._path, self._order = folder() / f"{name}{SUFFIX}", order
         if self._path.exists() and _answers(self._path):
             raise ConfigurationError(f"'{name}' runs already; choose another name by --name")
         self._path.unlink(missing_ok=True)  # left by a process that was killed
         self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
-        self._socket.bind(str(self._path))
+        try:
+            self._socket.bind(str(self._path))
+        except OSError as error:  # such as a name that is too long
+            self._socket.close()
+            raise ConfigurationError(f"--name {name}: {self._path}: {error}") from None
         self._socket.listen(8)
         self._thread = threading.Thread(target=self._serve, name="ctl", daemon=True)
 

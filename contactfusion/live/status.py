@@ -157,7 +157,7 @@ class Status:
         health, reason = "ok", ""
         mark = self._marks.get(name)
         if math.isnan(report.age):
-            waits = generator.waits_for if generator is not None else ""
+            waits = self._pipeline.waits_for(generator.name) if generator is not None else ""
             health, reason = "waiting", waits or "nothing has come yet"
         elif not report.active:
             health, reason = "silent", f"nothing for {report.age:.2f} s"

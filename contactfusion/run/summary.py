@@ -28,6 +28,8 @@ CAUSES: dict[str, str] = {Note.MORE_THAN_ONE_CONTACT: "tare?"}
 """The likely cause of a remark that most clouds of a source come with, of a force that changes."""
 
 
+MOST_EVENTS = 20_000
+"""So many events of a run are kept, the newest."""
 LEARNT = 200
 """The period of a sensor is learnt from so many intervals."""
 GAP = 1.5
@@ -154,7 +156,7 @@ class Summary:
 
     Args:
         pipeline: whose steps are counted.
-        most_events: number of newest events that are kept, as of what never ends; None: all.
+        most_events: number of newest events that are kept.
 
     Attributes:
         steps: how many there were.
@@ -165,11 +167,12 @@ class Summary:
         likeliest: of all contacts, likewise.
         last: the likeliest contact of the last step with any, likewise.
         last_step: None before the first.
-        events: those of the steps; JSON.
+        events: the newest of the steps; JSON.
+        left_out: number of older events that were not kept.
         tally: the readings that came, before any faults.
     """
 
-    def __init__(self, pipeline: Pipeline, most_events: int | None = None) -> None:
+    def __init__(self, pipeline: Pipeline, most_events: int = MOST_EVENTS) -> None:
         self._pipeline = pipeline
         self.steps = self.with_contact = self.contacts = 0
         self.first: tuple[float, Contact] | None = None
@@ -177,6 +180,7 @@ class Summary:
         self.last: tuple[float, Contact] | None = None
         self.last_step: Step | None = None
         self.events = deque[dict[str, Any]](maxlen=most_events)
+        self.left_out = 0
         self.tally = Tally()
         self._first_events: dict[tuple[EventKind, str], tuple[float, str]] = {}
         self._times: dict[tuple[EventKind, str], int] = {}
@@ -204,6 +208,7 @@ class Summary:
                 self.likeliest = self.last
         self.last_step = step
         for event in step.events:
+            self.left_out += len(self.events) == self.events.maxlen
             self.events.append(
                 {"stamp": step.stamp, "kind": str(event.kind), "message": event.message}
             )
@@ -230,6 +235,7 @@ class Summary:
                 for name, source in self._sources.items()
             },
             "events": [*self.events],
+            **({"events_left_out": self.left_out} if self.left_out else {}),
         }
 
     def lines(self) -> Iterator[str]:
@@ -318,7 +324,8 @@ class Summary:
             given = self._pipeline.given[name]
             is_evidence = HypothesisKind.REGULAR in generator.sources.values()
             if self.steps and given and is_evidence and not self._looked(generator):
-                why = f": {generator.waits_for}" if generator.waits_for else ""
+                waits = self._pipeline.waits_for(name)
+                why = f": {waits}" if waits else ""
                 yield f"generators.{name}: it gave no cloud for any of its {given} readings{why}"
         for name, source in sources.items():
             if f"generators.{name.partition('/')[0]}" in ended:

@@ -206,13 +206,14 @@ def _files_in(path: Path) -> list[Path]:
     if not path.is_dir():
         require_file(path, RecordingError)
         return [path]
-    whole = not any(_lacks_its_end(file) for file in path.glob("*.mcap"))
+    whole = not any(_lacks_its_end(file) for file in path.glob("*.mcap") if file.is_file())
     metadata = path / "metadata.yaml"
     if whole and metadata.is_file() and metadata.stat().st_size <= LARGEST:
         return [path]
-    files = sorted(file for file in path.iterdir() if file.suffix in (*ROS1, *ROS2))
+    kinds = (*ROS1, *ROS2)
+    files = sorted(file for file in path.iterdir() if file.suffix in kinds and file.is_file())
     if not files:
-        raise RecordingError(f"there is no {', '.join((*ROS1, *ROS2))} in the folder {path}")
+        raise RecordingError(f"there is no {', '.join(kinds)} in the folder {path}")
     return files
 
 
