@@ -84,7 +84,10 @@ def unfinished(path: Path, is_folder: bool = False) -> Iterator[Path]:
     """
     make_folder(path.parent)
     _sweep(path.parent)
-    temporary = path.with_name(f".{_short(path.name)}.{secrets.token_hex(4)}{UNFINISHED}")
+    # absolute, as a plug-in may change the folder of the process
+    temporary = path.absolute().with_name(
+        f".{_short(path.name)}.{secrets.token_hex(4)}{UNFINISHED}"
+    )
     if is_folder:
         temporary.mkdir()
     else:
@@ -149,9 +152,10 @@ def whole_file(path: Path) -> Iterator[Path]:
     Args:
         path: the file; its folder is made if necessary.
     """
+    final = path.absolute()
     with unfinished(path) as temporary:
         yield temporary
-        os.replace(temporary, path)
+        os.replace(temporary, final)
 
 
 def make_folder(path: Path) -> None:

@@ -586,6 +586,33 @@ def test_a_thread_that_a_plugin_leaves_does_not_keep_the_program_from_its_end(fo
     assert ran.stderr == "contactfusion: threads that did not end are left: 'of a camera'\n"
 
 
+def test_a_file_that_the_system_refuses_is_one_sentence(
+    folder: Path, ask: Ask, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def refuse(*_: Any, **__: Any) -> None:
+        raise PermissionError(errno.EACCES, "Permission denied", "secret.yaml")
+
+    monkeypatch.setattr("contactfusion.run.execute.run_file", refuse)
+    assert one_sentence(ask("run", "wrist.yaml")) == "secret.yaml: Permission denied"
+
+
+def test_results_lie_where_they_were_asked_for_though_a_plugin_changes_the_folder(
+    folder: Path, ask: Ask, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (folder / "elsewhere").mkdir()
+    fuse = DeMorgan.fuse
+
+    def strays(*arguments: Any, **named: Any) -> Any:
+        monkeypatch.chdir(folder / "elsewhere")
+        return fuse(*arguments, **named)
+
+    monkeypatch.setattr(DeMorgan, "fuse", strays)
+    command = ("run", "wrist.yaml", "--set", "integrator.rule=de_morgan", "--out", "a.csv")
+    assert ask(*command).status == 0
+    assert Path.cwd().name == "elsewhere"
+    assert len((folder / "a.csv").read_text().splitlines()) > 1
+
+
 def test_a_log_comes_back_from_its_recording_whatever_its_sensor_is_called_and_when_it_starts(
     folder: Path, ask: Ask
 ) -> None:

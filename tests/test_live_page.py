@@ -207,7 +207,7 @@ def test_what_loads_code_or_names_files_is_for_ctl(
     assert running.orders == []
 
 
-@pytest.mark.parametrize("length", [LONGEST + 1, 300_000])
+@pytest.mark.parametrize("length", [LONGEST + 1, 300_000, int("9" * 4000)])
 def test_a_long_order_is_refused(page: Page, running: Running, length: int) -> None:
     with closing(connected(page)) as connection:
         connection.putrequest("POST", "/change")

@@ -162,6 +162,10 @@ def test_a_zip_may_hold_the_file(tmp_path: Path) -> None:
         archive.write(path, "folder/walk.c3d")
     assert len(of_type(opened(packed), Wrench)) == 50
     with zipfile.ZipFile(packed, "a") as archive:
+        archive.writestr("__MACOSX/folder/._walk.c3d", "what macOS adds")
+    assert len(of_type(opened(packed.rename(tmp_path / "WALK.C3D.ZIP")), Wrench)) == 50
+    packed = tmp_path / "WALK.C3D.ZIP"
+    with zipfile.ZipFile(packed, "a") as archive:
         archive.write(path, "other.c3d")
     assert "must hold one C3D file, not 2" in refusal(packed)
     packed.write_bytes(packed.read_bytes()[:100])

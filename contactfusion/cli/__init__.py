@@ -133,7 +133,13 @@ def main() -> None:
     except Exception as error:
         if LOG.isEnabledFor(logging.DEBUG):
             say(traceback.format_exc(), end="", file=sys.stderr)
-        text = str(error) if isinstance(error, ContactFusionError) else _unexpected(error)
+        is_named = isinstance(error, OSError) and error.filename and error.strerror
+        if isinstance(error, ContactFusionError):
+            text = str(error)
+        elif is_named:  # such as a file that may not be read
+            text = f"{error.filename}: {error.strerror}"
+        else:
+            text = _unexpected(error)
         say(f"contactfusion: {text}", file=sys.stderr)
         _leave_threads(1)
         sys.exit(1)

@@ -31,7 +31,7 @@ def inspect(
     from contactfusion.inspect import inspection, log_columns
     from contactfusion.recordings.opening import DESCRIBED
 
-    if recording.suffix in DESCRIBED:
+    if recording.suffix.lower() in DESCRIBED:
         table = log_columns.inspect_table(recording)
         say(log_columns.as_json(table) if json else log_columns.as_text(table))
     else:

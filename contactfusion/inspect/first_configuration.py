@@ -78,7 +78,7 @@ def write_first(source: Path, out: Path, robot: Path | None = None, force: bool 
         if robot is not None:
             raise ConfigurationError(f"--robot is for recordings, and {source} is a robot itself")
         first = _of_robot(source, out)
-    elif source.suffix in DESCRIBED:
+    elif source.suffix.lower() in DESCRIBED:
         first = _of_table(source, out, robot)
     else:
         first = _of_recording(source, out, robot)
@@ -383,7 +383,7 @@ def _held(inspection: Inspection) -> Iterator[str]:
 
 def _recording(path: Path, out: Path) -> Iterator[str]:
     """The recording as `contactfusion run` reads it; `replay` takes it as an argument."""
-    kind = "ros" if is_ros(path) else "c3d" if path.suffix in C3D else ""
+    kind = "ros" if is_ros(path) else "c3d" if path.suffix.lower() in C3D else ""
     if kind:
         file = text_of(named_from(path, out))
         yield f"recording: {{type: {kind}, file: {file}}}  # for `contactfusion run`"

@@ -35,6 +35,8 @@ PATIENCE = 5.0
 """The longest wait for a client to send its request, or to take something [s]."""
 LONGEST = 1000
 """The longest order [bytes]."""
+DIGITS = 16
+"""A number of more digits is larger than any length."""
 DRAINED = 65536
 """So much of a too long order is read, so that its client hears why it is refused [bytes]."""
 ORDER = re.compile(r"tare .+|record (start|stop)")
@@ -210,13 +212,14 @@ class _Handler(BaseHTTPRequestHandler):
         if not (length.isascii() and length.isdecimal()):
             self._answer(411, "an order has a length")
             return
-        body = self.rfile.read(min(int(length), DRAINED))
+        size = int(length) if len(length) < DIGITS else DRAINED + LONGEST
+        body = self.rfile.read(min(size, DRAINED))
         if not self._admits():
             return
         order = body.decode(errors="replace").strip()
         if self.path != "/change":
             self._answer(404, "there is nothing here")
-        elif int(length) > LONGEST:
+        elif size > LONGEST:
             self._answer(413, f"an order is at most {LONGEST} bytes long")
         elif not ORDER.fullmatch(order):
             self._answer(403, "the page takes a tare, and begins and ends recordings")

@@ -25,7 +25,7 @@ from contactfusion.model import Model
 from contactfusion.readings import Markers, Reading, Transform, Wrench
 from contactfusion.recordings.c3d_content import content
 from contactfusion.recordings.recording import RecordingFormat
-from contactfusion.recordings.series import Series, even_stamps, merged
+from contactfusion.recordings.series import LEAST_RATE, Series, even_stamps, merged
 from contactfusion.time import to_nanoseconds
 from contactfusion.unpacking import TIMES, require_zip
 
@@ -107,7 +107,7 @@ class C3DRecording(RecordingFormat):
     def _take(self, path: Path, held: Any) -> None:
         parameters, points = held["parameters"], held["header"]["points"]
         rate = float(points["frame_rate"])
-        if rate <= 0.0:
+        if rate < LEAST_RATE:
             raise RecordingError(f"{path} gives no rate of its frames")
         start = int(points["first_frame"]) / rate
         self.epoch_ns = to_nanoseconds(start)
@@ -187,14 +187,18 @@ def _wrench(name: str, stamp: float, row: FloatArray) -> Reading:
 def _unpacked(path: Path) -> Iterator[Path]:
     """The file itself, or the one C3D of a zip, which exists while it is read."""
     require_file(path, RecordingError)
-    if path.suffix != ".zip":
+    if path.suffix.lower() != ".zip":
         yield path
         return
     with tempfile.TemporaryDirectory() as folder:
         try:
             with zipfile.ZipFile(path) as archive:
                 require_zip(archive, path.stat().st_size)
-                names = [name for name in archive.namelist() if name.lower().endswith(".c3d")]
+                names = [
+                    name
+                    for name in archive.namelist()
+                    if name.lower().endswith(".c3d") and not Path(name).name.startswith("._")
+                ]  # macOS adds a file of that name for each
                 if len(names) != 1:
                     raise RecordingError(f"{path} must hold one C3D file, not {len(names)}")
                 unpacked = Path(archive.extract(names[0], folder))

@@ -40,7 +40,14 @@ from contactfusion.readings.codec import Codec
 from contactfusion.readings.columns import Column, ColumnsConfig
 from contactfusion.readings.registry import installed_kinds
 from contactfusion.recordings.recording import RecordingFormat
-from contactfusion.recordings.series import Series, StampArray, even_stamps, first_stamp, merged
+from contactfusion.recordings.series import (
+    LEAST_RATE,
+    Series,
+    StampArray,
+    even_stamps,
+    first_stamp,
+    merged,
+)
 from contactfusion.recordings.tables import AS_FOUND, Columns, TextFormat, read_columns
 from contactfusion.time import LONGEST_SECONDS, NANOSECONDS_PER_SECOND
 
@@ -82,7 +89,7 @@ class TimeConfig(Model):
     """The unit of that column."""
     file: Path | None = None
     """The file with that column, when it is another; its rows pair with this file's rows."""
-    rate: float | None = Field(default=None, gt=0)
+    rate: float | None = Field(default=None, ge=LEAST_RATE)
     """Rows a second [Hz], for a log without stamps."""
     start: float = Field(default=0.0, ge=-LONGEST_SECONDS, le=LONGEST_SECONDS)
     """The stamp of the first row of a log without stamps [s]."""
@@ -208,7 +215,7 @@ class LogRecording(RecordingFormat):
         wanted = dict.fromkeys(name for row in file.readings.values() for name in row.columns)
         text = TextFormat(file.delimiter, file.header)
         table = read_columns(path, list(wanted), text=text)
-        if path.suffix not in (".npy", ".npz") and not _last_line_ends(path):
+        if path.suffix.lower() not in (".npy", ".npz") and not _last_line_ends(path):
             self.notes.append(
                 f"{path}: the last line does not end; if the file is cut off, so is its last number"
             )

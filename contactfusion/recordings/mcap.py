@@ -288,6 +288,7 @@ def _bag_that_becomes(path: Path) -> Iterator["Writer"]:
     """
     from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin
 
+    final = path.absolute()
     with unfinished(path, is_folder=True) as folder:
         kind = writer_with_checksums()
         bag = kind(folder / BAG, version=VERSION, storage_plugin=StoragePlugin.MCAP)
@@ -299,7 +300,7 @@ def _bag_that_becomes(path: Path) -> Iterator["Writer"]:
                 stack.close()
         with as_writing_error(path):
             _to_disk(os.open(written, os.O_RDONLY))
-            os.replace(written, path)
+            os.replace(written, final)
 
 
 def _to_disk(file: int) -> None:

@@ -40,9 +40,18 @@ SUFFIXES = {
 """The type of a recording that needs no description, by the suffix of its file."""
 
 
+def kind_of(path: Path) -> str:
+    """The type of a recording by the suffix of its file; empty where that does not tell.
+
+    Programs of other systems write upper case, but those of ROS look for lower.
+    """
+    kind = SUFFIXES.get(path.suffix.lower(), "")
+    return "" if kind == "ros" and path.suffix not in SUFFIXES else kind
+
+
 def is_ros(path: Path) -> bool:
     """Whether a file or a folder is read as a recording of ROS."""
-    return path.is_dir() or SUFFIXES.get(path.suffix) == "ros"
+    return path.is_dir() or kind_of(path) == "ros"
 
 
 def recording_class(name: str) -> type[RecordingFormat]:
@@ -95,10 +104,9 @@ def open_recording(what: str | Path | Mapping[str, Any], folder: Path = Path()) 
     if path.is_dir():
         return _opened("ros", {"file": path}, Path())
     require_file(path, RecordingError)
-    if path.suffix in SUFFIXES:
-        kind = SUFFIXES[path.suffix]
+    if kind := kind_of(path):
         return _converted(path) if kind == "ouster" else _opened(kind, {"file": path}, Path())
-    if path.suffix in DESCRIBED:
+    if path.suffix.lower() in DESCRIBED:
         raise RecordingError(
             f"{path} needs a description of its columns, a YAML file with 'type: log' and "
             f"'file: {path.name}': `contactfusion inspect {path}` prints one to copy"

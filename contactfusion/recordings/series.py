@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,6 +33,10 @@ class Series:
     values: FloatArray
     rows: NDArray[np.int64]
     make: Callable[[float, FloatArray], Reading]
+
+
+LEAST_RATE: Final = 1e-6
+"""The lowest rate of samples [Hz]; a lower one is damage, or its stamps would leave every clock."""
 
 
 def even_stamps(count: int, rate: float, start: float = 0.0) -> StampArray:

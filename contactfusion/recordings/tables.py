@@ -57,7 +57,7 @@ def read_columns(
             not a number.
     """
     require_file(path, RecordingError)
-    if path.suffix in (".npy", ".npz"):
+    if path.suffix.lower() in (".npy", ".npz"):
         found = _numpy_columns(path, columns, dtype)
     else:
         found = _text_columns(path, columns, dtype, text)
@@ -77,7 +77,7 @@ def column_names(path: Path) -> list[Column]:
         RecordingError: the file is missing, cut off or empty.
     """
     require_file(path, RecordingError)
-    if path.suffix in (".npy", ".npz"):
+    if path.suffix.lower() in (".npy", ".npz"):
         return _numpy_names(path)
     layout = _layout(path, AS_FOUND)
     names = layout.names or [""] * layout.width

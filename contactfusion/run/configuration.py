@@ -160,7 +160,7 @@ def read_fields(path: Path, overrides: Sequence[str] = ()) -> dict[str, Any]:
             YAML, or a change is none.
     """
     require_file(path, ConfigurationError)
-    if path.suffix in (*DESCRIBED, *SUFFIXES):
+    if path.suffix.lower() in (*DESCRIBED, *SUFFIXES):
         raise ConfigurationError(
             f"{path} is a recording, and no configuration: `contactfusion init {path} --out "
             f"{path.stem}.yaml` writes a first configuration for it"
