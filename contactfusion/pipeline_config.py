@@ -31,7 +31,7 @@ NOT_OURS = ("recording", "scene", "live")
 class CycleConfig(Model):
     """When the pipeline steps: exactly one of the three."""
 
-    every: Period | None = Field(default=None, gt=0)
+    every: Period | None = Field(default=None, ge=1e-4)
     """Step at this period [s]."""
     on: str | None = None
     """Step after each reading of this sensor or type, e.g. `wrench`."""

@@ -630,8 +630,8 @@ def test_a_log_comes_back_from_its_recording_whatever_its_sensor_is_called_and_w
 def test_a_tuning_does_not_go_on_with_another_log_of_the_same_name(folder: Path, ask: Ask) -> None:
     (folder / "log.yaml").write_text(LOG_YAML)
     (folder / "labels.csv").write_text("start,end,x,y,z\n0,0.01,0,0,-0.05\n0.02,0.04,0,0,-0.05\n")
-    tuning = ("tune", "fusion", "log.yaml", "--config", "wrist.yaml", "--labels", "labels.csv")
-    tuning = (*tuning, "--vary", "integrator.threshold=0.5,0.99", "--out", "tuned")
+    asked = ("tune", "fusion", "log.yaml", "--config", "wrist.yaml", "--labels", "labels.csv")
+    tuning = (*asked, "--vary", "integrator.threshold=0.5,0.99", "--out", "tuned")
     assert ask(*tuning).status == 0
     (folder / "wrist.yaml").write_text(f"# of the left arm\n{RUN}")
     assert ask(*tuning).status == 0

@@ -155,7 +155,9 @@ def test_simulated_time_is_that_of_the_clock_topic() -> None:
     told = message("rosgraph_msgs/Clock", clock=clock)
     hear = threading.Timer(0.1, lambda: wire.say("/clock", told, 0))
     hear.start()
-    assert SimulatedTime(wire, patience=10.0)() == 7 * SECOND + 5
+    simulated = SimulatedTime(wire, patience=10.0)
+    wire.takes["/clock"](b"damaged", 0)
+    assert simulated() == 7 * SECOND + 5
     with pytest.raises(ConfigurationError, match="nothing came on /clock within 0.01 s"):
         SimulatedTime(Wire(), patience=0.01)
 
@@ -326,6 +328,15 @@ def test_clouds_of_a_process_of_its_own_come_again_when_they_came(
         again.close()
     assert found(replayed) == found(steps)
     assert any(step.fusion.contacts for step in steps)
+
+
+def test_a_simulation_that_begins_again_ends_it_with_a_sentence(wire: Wire) -> None:
+    live = Live(wire, SENSORS)
+    live.say("/wrist", wrench(START))
+    live.clock.now += 20 * SECOND
+    live.stream.queue.put(lambda: setattr(live.clock, "now", START))
+    with pytest.raises(RecordingError, match=r"the clock fell from 17\d+\.000 s to 17\d+\.000 s"):
+        live.play()
 
 
 def live_recording(path: Path, wire: Wire, *changes: str) -> None:

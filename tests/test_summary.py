@@ -13,6 +13,7 @@ from contactfusion.errors import ConfigurationError
 from contactfusion.hypotheses import HypothesisKind, Note
 from contactfusion.integrator.sources import Report, SourceReport
 from contactfusion.loop import play
+from contactfusion.pipeline_config import CycleConfig
 from contactfusion.readings import DepthImage, ObjectPose, Reading
 from contactfusion.run.summary import Summary, refuse
 from tests.toys import offer_toys, point, wrench
@@ -61,7 +62,7 @@ def test_a_source_of_which_more_than_half_is_refused_is_told(
 
 
 def test_the_newest_events_are_kept_and_the_others_are_counted() -> None:
-    pipeline = Pipeline(PipelineConfig(cycle={"every": 0.1}, generators=ECHO))
+    pipeline = Pipeline(PipelineConfig(cycle=CycleConfig(every=0.1), generators=ECHO))
     summary = Summary(pipeline, most_events=3)
     for _ in play(pipeline, points("uuuuuuub"), [summary.observer]):
         pass

@@ -133,11 +133,10 @@ def main() -> None:
     except Exception as error:
         if LOG.isEnabledFor(logging.DEBUG):
             say(traceback.format_exc(), end="", file=sys.stderr)
-        is_named = isinstance(error, OSError) and error.filename and error.strerror
         if isinstance(error, ContactFusionError):
             text = str(error)
-        elif is_named:  # such as a file that may not be read
-            text = f"{error.filename}: {error.strerror}"
+        elif isinstance(error, OSError) and error.filename and error.strerror:
+            text = f"{error.filename}: {error.strerror}"  # such as a file that may not be read
         else:
             text = _unexpected(error)
         say(f"contactfusion: {text}", file=sys.stderr)

@@ -9,7 +9,7 @@ import yaml
 
 from contactfusion.arrays import FloatArray
 from contactfusion.errors import ConfigurationError
-from contactfusion.files import write_whole
+from contactfusion.files import require_spared, write_whole
 from contactfusion.frames import inverse, points_in
 from contactfusion.generators.compensation import Compensation
 from contactfusion.generators.force_torque import ForceTorqueConfig
@@ -47,6 +47,8 @@ def identify_file(
             not fit.
     """
     setting = setting_of_file(path, overrides).choosing(topics or {}, ignored)
+    if out is not None:
+        require_spared("--out", out, setting.files(recording))
     recorded, found = Recorded(setting, recording), Identification()
     for name, config in recorded.joints.items():
         Arm(recorded, name, config).identify(found)

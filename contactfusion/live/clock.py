@@ -50,6 +50,9 @@ class SimulatedTime:
         return self._now
 
     def _hear(self, cdr: bytes, arrived: int) -> None:
-        sent: Message = typestore().deserialize_cdr(cdr, CLOCK)
+        try:
+            sent: Message = typestore().deserialize_cdr(cdr, CLOCK)
+        except Exception:  # damaged, in one of many ways: the next one counts
+            return
         self._now = sent.clock.sec * NANOSECONDS_PER_SECOND + sent.clock.nanosec
         self._came.set()

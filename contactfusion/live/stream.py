@@ -35,7 +35,7 @@ from contactfusion.recordings.ros.contents import streams_of, topics_of
 from contactfusion.recordings.ros.delivery import CHANGES, CYCLES, Delivery, answers
 from contactfusion.recordings.ros.order import TopicState, TopicTally
 from contactfusion.recordings.ros.topics import Topic, last, listeners
-from contactfusion.stream import Arrival, Trouble
+from contactfusion.stream import LONGEST_STEP_BACK, Arrival, Trouble
 from contactfusion.time import NANOSECONDS_PER_SECOND, to_nanoseconds
 
 if TYPE_CHECKING:
@@ -326,8 +326,19 @@ class LiveStream(Recording):
         return (self._clock() - self.epoch_ns) / NANOSECONDS_PER_SECOND
 
     def _time(self) -> int:
-        """The time, which never falls [ns]."""
-        self._now = max(self._now, self._clock())
+        """The time, which never falls [ns].
+
+        Raises:
+            RecordingError: the clock did, as where a simulation begins again.
+        """
+        now = self._clock()
+        if now < self._now - to_nanoseconds(LONGEST_STEP_BACK):
+            before, after = (stamp / NANOSECONDS_PER_SECOND for stamp in (self._now, now))
+            raise RecordingError(
+                f"the clock fell from {before:.3f} s to {after:.3f} s, as where a simulation begins "
+                "again; so must this"
+            )
+        self._now = max(self._now, now)
         return self._now
 
     def _delivered(self, packet: Packet) -> Iterator[Reading]:
