@@ -335,8 +335,8 @@ class LiveStream(Recording):
         if now < self._now - to_nanoseconds(LONGEST_STEP_BACK):
             before, after = (stamp / NANOSECONDS_PER_SECOND for stamp in (self._now, now))
             raise RecordingError(
-                f"the clock fell from {before:.3f} s to {after:.3f} s, as where a simulation begins "
-                "again; so must this"
+                f"the clock fell from {before:.3f} s to {after:.3f} s, as where a simulation "
+                "begins again; so must this"
             )
         self._now = max(self._now, now)
         return self._now
