@@ -111,6 +111,8 @@ class Pipeline:
         self._robot = Robot(config, self.grid)
         self.generators: dict[str, AnyGenerator] = {}
         """The plugged generators by name."""
+        self._sources: dict[str, dict[str, HypothesisKind]] = {}
+        """The sources of each, as when it was plugged."""
         self.options: dict[str, dict[str, Any]] = {}
         """The `type` and the options of each."""
         self._unready: dict[str, str] = {}
@@ -160,8 +162,10 @@ class Pipeline:
             raise SourceError(f"the generator '{name}' is plugged already; unplug it first")
         within = self.config.files_within or within
         generator = built_generator(name, options, self.config.folder, self.config.robot, within)
-        self._require_affordable(generator)
-        evidence = [*generator.sources.values()].count(HypothesisKind.REGULAR)
+        with Guard(f"generators.{name}: the plug-in '{options['type']}'", type(generator)):
+            self._require_affordable(generator)
+            sources = dict(generator.sources)
+        evidence = [*sources.values()].count(HypothesisKind.REGULAR)
         if generator.config.sensitivity and evidence != 1:
             raise ConfigurationError(
                 "is for a generator with one output of evidence, whose silence then says that it "
@@ -174,7 +178,7 @@ class Pipeline:
             prepared = f"generators.{name}: `prepare` of the plug-in '{options['type']}'"
             with Guard(prepared, type(generator)):
                 generator.prepare(self._robot.model)
-        for source, kind in generator.sources.items():
+        for source, kind in sources.items():
             self.integrator.plug(
                 source,
                 kind,
@@ -184,6 +188,7 @@ class Pipeline:
                 sensitivity=generator.config.sensitivity * (kind == HypothesisKind.REGULAR),
             )
         self.generators[name], self.options[name] = generator, options
+        self._sources[name] = sources
 
     def plugged(self, name: str) -> AnyGenerator:
         """The generator of a name.
@@ -233,7 +238,7 @@ class Pipeline:
         generator = self.plugged(name)
         del self.generators[name], self.options[name]
         self._unready.pop(f"'{name}'", None)
-        for source in generator.sources:
+        for source in self._sources.pop(name):
             self.integrator.unplug(source)
         if isinstance(generator, Isolated):
             generator.close()
@@ -296,7 +301,7 @@ class Pipeline:
             resultant = generator.resultant
         except Exception as error:  # a plug-in may compute it
             reason = self._reason(f"`resultant` of '{generator.name}'", generator, error)
-            for source in generator.sources:
+            for source in self._sources[generator.name]:
                 self.integrator.refuse(source, reason)
             return
         if resultant is not None:
@@ -443,6 +448,7 @@ class Pipeline:
         self, generator: AnyGenerator, ask: Callable[[], Sequence[HypothesisCloud]]
     ) -> None:
         """Pass a generator's clouds on; whatever goes wrong is counted against it alone."""
+        sources = self._sources[generator.name]
         try:
             if unready := self._unready.get(f"'{generator.name}'"):
                 raise PluginError(unready)
@@ -450,16 +456,16 @@ class Pipeline:
         except (Exception, SystemExit) as error:  # a plug-in may raise anything; no other suffers
             self.unplaced[generator.name] += isinstance(error, FrameError)
             reason = self._reason(f"'{generator.name}'", generator, error)
-            for source in generator.sources:
+            for source in sources:
                 self.integrator.refuse(source, reason)
             return
         for cloud in clouds:
             try:
-                if cloud.source not in generator.sources:
+                if cloud.source not in sources:
                     self.integrator.refuse(
-                        generator.source(next(iter(generator.outputs), "")),
+                        next(iter(sources), generator.name),
                         f"'{generator.name}' gave a cloud of '{cloud.source}', not of its own: "
-                        f"{', '.join(generator.sources)}",
+                        f"{', '.join(sources)}",
                     )
                     continue
                 cloud = self._in_space(cloud)

@@ -457,8 +457,10 @@ def test_what_it_cannot_say_of_itself_is_a_sentence(monkeypatch: pytest.MonkeyPa
         raise Mute
 
     pipe = pipeline()
-    for name in ("waits_for", "resultant"):
+    for name in ("waits_for", "resultant", "sources"):
         monkeypatch.setattr(Feeler, name, property(fail))
+    with pytest.raises(PluginError, match="^generators.healthy: the plug-in 'feeler' raised Mute"):
+        pipeline()
     assert pipe.waits_for("healthy").startswith("`waits_for` of 'healthy' raised Mute (tests/")
     pipe.receive(wrench(0.0, *PLACE))
     step = pipe.step(0.0)
