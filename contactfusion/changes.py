@@ -124,10 +124,10 @@ def _restart(pipeline: "Pipeline", name: str) -> str:
 def _isolate(pipeline: "Pipeline", name: str) -> str:
     if isinstance(pipeline.plugged(name), Isolated):
         return f"'{name}' runs in a process of its own already"
-    options = {**pipeline.options[name], "isolate": True}
+    options, within = {**pipeline.options[name], "isolate": True}, pipeline.bounds[name]
     pipeline.unplug(name)
     try:
-        pipeline.plug(name, options)
+        pipeline.plug(name, options, within)
     except ContactFusionError as error:
         raise SourceError(f"'{name}' is unplugged: {error}") from None
     return f"'{name}' runs in a process of its own from now on"

@@ -80,7 +80,8 @@ def unfinished(path: Path, is_folder: bool = False) -> Iterator[Path]:
         is_folder: whether what becomes it lies in a folder.
 
     Raises:
-        OSError: it cannot be made.
+        ContactFusionError: its folder cannot be made.
+        OSError: it cannot be made itself.
     """
     make_folder(path.parent)
     _sweep(path.parent)
@@ -125,7 +126,7 @@ def _sweep(folder: Path) -> None:
 
 
 def _is_written(left: Path) -> bool:
-    """Whether a process that lives holds the lock on an unfinished file, or nothing says so."""
+    """Whether a process that lives holds the lock on an unfinished file, or that is not known."""
     lock = os.open(left, os.O_RDONLY)
     try:
         fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
@@ -139,6 +140,8 @@ def _is_written(left: Path) -> bool:
 def _short(name: str) -> str:
     """A name that leaves room for more, with its suffix."""
     stem, suffix = os.path.splitext(name)
+    if len(os.fsencode(suffix)) > LONGEST // 2:
+        stem, suffix = name, ""
     room = LONGEST - len(os.fsencode(suffix))
     return os.fsencode(stem)[:room].decode(errors="ignore") + suffix
 
@@ -221,21 +224,27 @@ def require_file(path: Path, error: type[ContactFusionError]) -> None:
     raise error(f"there is no file '{path.name}' in {path.parent.resolve()}{hint}")
 
 
-def named_files(fields: object, folder: Path) -> Iterator[Path]:
-    """The files that exist of those that a configuration names, at any depth.
+def named_files(fields: object, folder: Path, within: Path | None = None) -> Iterator[Path]:
+    """The files and folders that exist of those that a configuration names, at any depth.
+
+    The folder of relative names, and those that hold it, are left out.
 
     Args:
         fields: of the configuration.
         folder: that of relative names.
+        within: as for `file_in`; what that refuses is left out.
     """
     if isinstance(fields, Mapping):
         fields = list(fields.values())
     if isinstance(fields, list | tuple):
         for field in fields:
-            yield from named_files(field, folder)
+            yield from named_files(field, folder, within)
     elif isinstance(fields, str | Path):
-        with suppress(OSError, ValueError):  # it is a long text, or holds a NUL
-            if (path := folder / fields).is_file():
+        # a long text, one with a NUL, or a name that may not be used
+        with suppress(OSError, ValueError, ConfigurationError):
+            path = file_in(folder, fields, within)
+            holds = path.is_dir() and folder.resolve().is_relative_to(path.resolve())
+            if path.exists() and not holds:
                 yield path
 
 
@@ -329,14 +338,16 @@ def kept_when_cut(written: Path, path: Path) -> Iterator[None]:
     Raises:
         WritingError: that which was raised, with the name of the part.
     """
+    final = path.absolute()
     try:
         yield
     except WritingError as error:
         if not written.is_file() or not written.stat().st_size:
             raise WritingError(f"{error}; nothing of it was kept") from None
-        kept = _name_of_cut(path)
+        kept = _name_of_cut(final)
         os.replace(written, kept)
-        raise WritingError(f"{error}; what was written until then is {kept}") from None
+        shown = path.with_name(kept.name)
+        raise WritingError(f"{error}; what was written until then is {shown}") from None
 
 
 def _name_of_cut(path: Path) -> Path:
@@ -349,7 +360,7 @@ def _name_of_cut(path: Path) -> Path:
 
 @contextmanager
 def uninterrupted() -> Iterator[None]:
-    """Hold Ctrl-C back while files are closed, which is soon: an interrupt there would lose them.
+    """Hold Ctrl-C, SIGTERM and SIGHUP back while files are closed: they would be lost.
 
     Raises:
         KeyboardInterrupt: at the end, unless the program itself handles the signal.
@@ -358,13 +369,17 @@ def uninterrupted() -> Iterator[None]:
         yield
         return
     held = list[int]()
-    before = signal.signal(signal.SIGINT, lambda number, frame: held.append(number))
+    before = {
+        number: signal.signal(number, lambda number, frame: held.append(number))
+        for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+    }
     try:
         yield
     finally:
-        signal.signal(signal.SIGINT, before)
-        if held and callable(before):
-            before(signal.SIGINT, None)
+        for number, handler in before.items():
+            signal.signal(number, signal.SIG_DFL if handler is None else handler)
+        for first in held[:1]:
+            signal.raise_signal(first)
 
 
 @contextmanager

@@ -38,7 +38,7 @@ RESTARTS = 3
 Packed = Any
 """Input of the process, as bytes in a buffer: the generator with the robot that it is prepared for,
 then readings, each with the state at its stamp."""
-ABSORBED = 4096
+ABSORBED = 64
 """The most readings that wait for a live generator which absorbs those that newer ones follow."""
 
 
@@ -51,12 +51,14 @@ class Answered:
         resultant: the generator's own after it.
         stamp: of the reading [s].
         waits_for: likewise the generator's own.
+        trouble: what failed beside the clouds, in a sentence; else empty.
     """
 
     clouds: Sequence[HypothesisCloud] = ()
     resultant: Resultant | None = None
     stamp: float = 0.0
     waits_for: str = ""
+    trouble: str = ""
 
 
 Answer = Answered | PluginError | None
@@ -107,6 +109,8 @@ class Isolated(Generator[GeneratorConfig]):
         self._waits_for = ""
         self.measured = 0.0
         """The stamp of the reading of the resultant [s]."""
+        self.trouble = ""
+        """What failed beside the last clouds, until the pipeline has reported it."""
         self.out = ""
         """Why it stays out until the next `reset`; empty while it takes part."""
         try:
@@ -151,7 +155,7 @@ class Isolated(Generator[GeneratorConfig]):
     @property
     def owes(self) -> bool:
         """Whether a step has to wait for it."""
-        return not self._live and bool(self._busy or self._waiting)
+        return not (self._live or self.scripted) and bool(self._busy or self._waiting)
 
     def collect(self, wait: bool) -> Sequence[HypothesisCloud]:
         """The clouds of a reading that is done; the next reading is sent.
@@ -205,6 +209,7 @@ class Isolated(Generator[GeneratorConfig]):
             self.answered.append(self._asked)
         made = Answered() if isinstance(answer, PluginError) else answer
         self.resultant, self.measured, self._waits_for = made.resultant, made.stamp, made.waits_for
+        self.trouble = made.trouble
         if isinstance(answer, PluginError):
             raise answer
         return answer.clouds
@@ -264,6 +269,8 @@ class Isolated(Generator[GeneratorConfig]):
         if self._ends == RESTARTS:
             return self._stay_out(f"{how} {RESTARTS + 1} times")
         self._ends += 1
+        if self._live:  # what waits would keep the new process busy with the past
+            self._waiting.clear()
         self.close()
         self._start()
         again = f"it is started again, {self._ends} of {RESTARTS} times"
@@ -353,7 +360,7 @@ def _serve(pipe: Connection, name: str, module: str) -> None:
     generator: Any = None
     unfit: PluginError | None = None
     unready: PluginError | None = None
-    failed: PluginError | None = None  # to absorb: the next answer says so
+    failed: PluginError | None = None  # to absorb: the next answer reports it
 
     def attempt(who: str, do: Callable[[], Packed]) -> Packed | PluginError:
         try:
@@ -381,7 +388,13 @@ def _serve(pipe: Connection, name: str, module: str) -> None:
     def answered() -> Packed:
         reading, state = pickle.loads(given)
         clouds = checked_clouds(generator.generate(reading, _unpacked(state)))
-        left = generator.resultant, reading.stamp, generator.waits_for
+        resultant, waits_for, trouble = None, "", failed
+        try:
+            resultant, waits_for = generator.resultant, generator.waits_for
+        except Exception as error:  # the clouds count all the same
+            who = f"`resultant` or `waits_for` of '{name}'"
+            trouble = PluginError(f"{who} raised {cause_in(error, module, type(generator))}")
+        left = resultant, reading.stamp, waits_for, str(trouble or "")
         return ForkingPickler.dumps(Answered(clouds, *left))
 
     with contextlib.suppress(EOFError, OSError):
@@ -395,9 +408,10 @@ def _serve(pipe: Connection, name: str, module: str) -> None:
                 continue
             if given == ABSORB:
                 given = pipe.recv_bytes()
-                failed = failed or unfit or unready or attempt(f"`absorb` of '{name}'", absorb)
+                if not (unfit or unready):
+                    failed = failed or attempt(f"`absorb` of '{name}'", absorb)
                 continue
-            answer = unfit or unready or failed or attempt(f"'{name}'", answered)
+            answer = unfit or unready or attempt(f"'{name}'", answered)
             failed = None
             if isinstance(answer, PluginError):
                 pipe.send(answer)

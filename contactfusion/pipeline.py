@@ -113,6 +113,8 @@ class Pipeline:
         """The plugged generators by name."""
         self._sources: dict[str, dict[str, HypothesisKind]] = {}
         """The sources of each, as when it was plugged."""
+        self.bounds: dict[str, Path | None] = {}
+        """The folder in which the files of each have to lie, or None."""
         self.options: dict[str, dict[str, Any]] = {}
         """The `type` and the options of each."""
         self._unready: dict[str, str] = {}
@@ -123,6 +125,8 @@ class Pipeline:
         """How often clouds of each generator were refused as no transform placed them."""
         self.given: Counter[str] = Counter()
         """How many readings each generator was given."""
+        self.scripted = False
+        """Whether isolated generators process only what `answer` names, as it was recorded."""
         self._failed_commands, self._first_failure = 0, ""
         try:
             for name, options in config.generators.items():
@@ -150,8 +154,8 @@ class Pipeline:
         Args:
             name: what it is called.
             options: its `type` and the fields of its `Config`.
-            within: the folder in which all files that they name have to lie; None: that of the
-                configuration, if it has one.
+            within: the folder in which all files that they name have to lie, unless the
+                configuration has one; None: no limit.
 
         Raises:
             SourceError: a generator of that name is plugged.
@@ -174,6 +178,7 @@ class Pipeline:
             )
         if generator.config.isolate:
             generator = Isolated(generator, self._live, self._robot.model)
+            generator.scripted = self.scripted
         elif self._robot.model is not None:
             prepared = f"generators.{name}: `prepare` of the plug-in '{options['type']}'"
             with Guard(prepared, type(generator)):
@@ -188,7 +193,7 @@ class Pipeline:
                 sensitivity=generator.config.sensitivity * (kind == HypothesisKind.REGULAR),
             )
         self.generators[name], self.options[name] = generator, options
-        self._sources[name] = sources
+        self._sources[name], self.bounds[name] = sources, within
 
     def plugged(self, name: str) -> AnyGenerator:
         """The generator of a name.
@@ -296,6 +301,10 @@ class Pipeline:
         """Keep what a generator measured of a reading of this stamp for the others."""
         if isinstance(generator, Isolated):  # it has answered an earlier one
             stamp = generator.measured
+            if generator.trouble:
+                for source in self._sources[generator.name]:
+                    self.integrator.refuse(source, generator.trouble)
+                generator.trouble = ""
         self._resultants.pop(generator.name, None)
         try:
             resultant = generator.resultant

@@ -552,6 +552,7 @@ ASKED = ("log.yaml", "--config", "wrist.yaml")
         (("replay", "wrist.yaml", "log.yaml"), "--out", "wrist.csv", "wrist.csv"),
         (("run", "wrist.yaml"), "--out", "wrist.csv", "wrist.csv"),
         (("run", "named.yaml"), "--out", ".", "contacts.csv"),
+        (("run", "bag.yaml"), "--out", "bag/a.mcap", "bag"),
     ],
 )
 def test_what_is_read_is_not_replaced(
@@ -560,11 +561,13 @@ def test_what_is_read_is_not_replaced(
     (folder / "log.yaml").write_text(LOG_YAML)
     (folder / "contacts.csv").write_bytes((folder / "wrist.csv").read_bytes())
     (folder / "named.yaml").write_text(RUN.replace("wrist.csv", "contacts.csv"))
-    before = {path: path.read_bytes() for path in folder.iterdir()}
+    (folder / "bag").mkdir()
+    (folder / "bag.yaml").write_text("recording: {type: ros, file: bag}")
+    before = {path: path.read_bytes() for path in folder.glob("*.*")}
     sentence = one_sentence(ask(*command, option, out))
     assert sentence.startswith(f"{option}: ")
     assert sentence.endswith(f" would replace what is read, {read}; name another file")
-    assert {path: path.read_bytes() for path in folder.iterdir()} == before
+    assert {path: path.read_bytes() for path in folder.glob("*.*")} == before
 
 
 LINGERING = """

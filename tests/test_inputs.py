@@ -55,7 +55,7 @@ def test_a_leading_slash_of_a_sensor_is_no_part_of_its_name() -> None:
 def test_a_name_that_ros_does_not_allow_is_found_as_ros_has_it() -> None:
     topics = {"left_skin": TactileImage, "right_skin": TactileImage}
     inputs = found(topics, **{"left-skin": {"type": "tactile"}, "right-skin": {"type": "tactile"}})
-    assert inputs.sensors == {"left_skin": "left-skin", "right_skin": "right-skin"}
+    assert inputs.sensors == {"left_skin": "left_skin", "right_skin": "right_skin"}
 
 
 def test_several_topics_that_fit_are_listed_and_one_is_asked_for() -> None:

@@ -315,7 +315,6 @@ def test_a_configuration_that_is_wrong_ends_it_before_it_starts(tmp_path: Path) 
     assert len(done.stderr.splitlines()) == 1
 
 
-@pytest.mark.skipif(find_spec("rclpy") is not None, reason="rclpy is installed")
 @pytest.mark.parametrize(("name", "why"), [("x" * 200, "path too long"), ("a/b", "no slash")])
 def test_a_name_that_is_none_is_a_sentence(
     name: str, why: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
@@ -325,6 +324,7 @@ def test_a_name_that_is_none_is_a_sentence(
         Control(name, str)
 
 
+@pytest.mark.skipif(find_spec("rclpy") is not None, reason="rclpy is installed")
 def test_without_rclpy_a_sentence_says_where_it_comes_from(tmp_path: Path) -> None:
     file = tmp_path / "probe.yaml"
     file.write_text(yaml.safe_dump(PROBE), encoding="utf-8")

@@ -370,6 +370,42 @@ def test_a_change_in_a_recording_names_files_beside_the_recording_alone(
     assert f"may name files in {path.parent} only" in trouble.note
 
 
+def test_of_a_recording_that_is_a_folder_a_change_names_files_in_it_alone(
+    wire: Wire, tmp_path: Path
+) -> None:
+    (tmp_path / "mine.safetensors").write_bytes(b"")
+    live_recording(tmp_path / "bag" / "live.mcap", wire, "plug x type=lidar_cpm weights=../mine")
+    recording = RosRecording(RosConfig(file=tmp_path / "bag"))
+    list(play(Pipeline(PipelineConfig(**PROBE)), recording))
+    (trouble,) = recording.troubles()
+    assert f"may name files in {tmp_path / 'bag'} only" in trouble.note
+
+
+@pytest.mark.parametrize("isolated", ["in the configuration", "by a change"])
+def test_a_step_before_the_first_answer_of_a_process_is_played_again(
+    isolated: str, wire: Wire, tmp_path: Path
+) -> None:
+    wrist = {**PROBE["generators"]["wrist"], "isolate": isolated == "in the configuration"}
+    live = Live(wire, SENSORS, generators={"wrist": wrist})
+    if isolated == "by a change":
+        live.stream.queue.put(Change("isolate wrist"))
+    live.say("/wrist", wrench(START))
+    live.clock.now += MILLISECOND
+    steps = live.play()  # the process has only begun to start
+    live.pipeline.close()
+    with McapWriter(tmp_path / "live.mcap", live.stream.epoch_ns) as writer:
+        writer.text("/contactfusion/configuration", "{}")
+        for raw in live.taped:
+            writer.copy(raw)
+    again = Pipeline(live.pipeline.config)
+    try:
+        replayed = list(play(again, RosRecording(RosConfig(file=tmp_path / "live.mcap"))))
+    finally:
+        again.close()
+    assert found(replayed) == found(steps)
+    assert len(steps) == 1 and not steps[0].fusion.contacts
+
+
 def test_what_the_configuration_names_is_plugged_again_by_a_recording(
     wire: Wire, tmp_path: Path
 ) -> None:

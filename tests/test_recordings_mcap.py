@@ -1,5 +1,6 @@
 """MCAP files: what is written is read back by rosbags and by mcap-ros2-support."""
 
+import errno
 import math
 import os
 import signal
@@ -492,20 +493,37 @@ def test_an_exception_leaves_no_file_and_no_temporary(tmp_path: Path) -> None:
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
 def test_an_interrupt_while_a_file_is_closed_waits_until_it_is_whole(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    number: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    before = signal.signal(number, signal.default_int_handler)  # as the command line has it
     close = Writer.close
 
     def interrupted(bag: Writer) -> None:
-        signal.raise_signal(signal.SIGINT)
+        signal.raise_signal(number)
         close(bag)
 
     monkeypatch.setattr(Writer, "close", interrupted)
-    with pytest.raises(KeyboardInterrupt):
-        write(tmp_path / "a.mcap", odometry())
+    try:
+        with pytest.raises(KeyboardInterrupt):
+            write(tmp_path / "a.mcap", odometry())
+    finally:
+        signal.signal(number, before)
     assert list(tmp_path.iterdir()) == [tmp_path / "a.mcap"]
     assert any(RosRecording(RosConfig(file=tmp_path / "a.mcap")).readings())
+
+
+def test_what_the_disk_does_not_take_at_the_end_is_a_sentence_and_kept_as_cut(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def full(file: int) -> None:
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr(os, "fsync", full)
+    with pytest.raises(WritingError, match=r"No space left on device; .* is .*a.cut.mcap"):
+        write(tmp_path / "a.mcap", odometry())
+    assert list(tmp_path.iterdir()) == [tmp_path / "a.cut.mcap"]
 
 
 def test_a_pipe_beside_the_files_of_a_folder_is_not_waited_for(tmp_path: Path) -> None:

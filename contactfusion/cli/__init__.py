@@ -158,9 +158,11 @@ def _leave_threads(status: object) -> None:
         time.sleep(LINGER)
         left = ", ".join(repr(thread.name) for thread in others if thread.is_alive())
         if left:
-            say(f"contactfusion: threads that did not end are left: {left}", file=sys.stderr)
-            sys.stdout.flush()
-            os._exit(status if isinstance(status, int) else int(status is not None))
+            try:
+                say(f"contactfusion: threads that did not end are left: {left}", file=sys.stderr)
+                sys.stdout.flush()
+            finally:
+                os._exit(status if isinstance(status, int) else int(status is not None))
 
     threading.Thread(target=end, daemon=True).start()
 

@@ -3,7 +3,7 @@
 import os
 import threading
 from collections.abc import Iterator, Sequence
-from contextlib import AbstractContextManager, ExitStack, contextmanager, suppress
+from contextlib import AbstractContextManager, ExitStack, contextmanager
 from pathlib import Path
 from types import TracebackType
 from typing import TYPE_CHECKING, Any, Final, Self, final
@@ -85,6 +85,8 @@ class McapWriter:
         self._file: AbstractContextManager[Writer] | None = None
         self._bag: Writer | None = None
         self._syncing: threading.Thread | None = None
+        self._unsynced: OSError | None = None
+        """What the disk refused, until the next `flush`."""
 
     def __enter__(self) -> Self:
         """Open the file, under a name of its own.
@@ -245,8 +247,17 @@ class McapWriter:
             storage.bio.flush()
             if self._syncing is None or not self._syncing.is_alive():
                 file = os.dup(storage.bio.fileno())
-                self._syncing = threading.Thread(target=_to_disk, args=(file,), daemon=True)
+                self._syncing = threading.Thread(target=self._sync, args=(file,), daemon=True)
                 self._syncing.start()
+            if self._unsynced is not None:
+                error, self._unsynced = self._unsynced, None
+                raise error
+
+    def _sync(self, file: int) -> None:
+        try:
+            _to_disk(file)
+        except OSError as error:
+            self._unsynced = error
 
     def _write(self, topic: str, sent: Message, stamp: int) -> None:
         kind = sent.__msgtype__
@@ -298,16 +309,15 @@ def _bag_that_becomes(path: Path) -> Iterator["Writer"]:
             yield stack.enter_context(bag)
             with as_writing_error(path):
                 stack.close()
+                _to_disk(os.open(written, os.O_RDONLY))
         with as_writing_error(path):
-            _to_disk(os.open(written, os.O_RDONLY))
             os.replace(written, final)
 
 
 def _to_disk(file: int) -> None:
     """Wait until the disk holds an open file, so that it outlives a loss of power; and close it."""
     try:
-        with suppress(OSError):  # what can't be written is said where it is written next
-            os.fsync(file)
+        os.fsync(file)
     finally:
         os.close(file)
 

@@ -126,7 +126,7 @@ class Setting:
         Raises:
             ConfigurationError: the recording is described by a file that is no YAML.
         """
-        files = [self.origin, *named_files(self.fields, self.folder)]
+        files = [self.origin, *named_files(self.fields, self.folder, self.within)]
         if recording is not None:
             files.append(recording)
             if recording.suffix in YAML:

@@ -66,6 +66,7 @@ def run_file(
     setting = setting_of_file(path, overrides, seed).choosing(topics, ignored)
     folder = folder_of(out, setting.files(recording))
     outputs: list[Observer] = []
+    place = folder and folder.absolute()  # a plug-in may change the folder of the process
 
     def copy(message: RawMessage) -> None:
         for output in outputs:
@@ -104,9 +105,9 @@ def run_file(
     if verdict:
         fields["truth"] = verdict.truth
     whole = [file for file, output in zip(files, outputs, strict=False) if not output.failure]
-    if folder is not None:
+    if folder is not None and place is not None:
         try:
-            write_whole(folder / SUMMARY, json.dumps(fields, indent=2) + "\n")
+            write_whole(place / SUMMARY, json.dumps(fields, indent=2) + "\n")
             whole.append(folder / SUMMARY)
         except WritingError as error:
             stopped = stopped or error

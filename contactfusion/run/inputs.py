@@ -65,7 +65,7 @@ def find_inputs(
         PluginError: a type of generator is not installed.
     """
     chosen = {role: topic.removeprefix("/") for role, topic in chosen.items()}
-    finding = _Finding(topics, chosen, ignored, holder)
+    finding = _Finding(topics, chosen, ignored, holder, on)
     wanted = {name: _kinds(options) for name, options in generators.items()}
     fed = {
         name: finding.feed(name, dict(options), wanted[name])
@@ -110,8 +110,10 @@ class _Finding:
         chosen: Mapping[str, str],
         ignored: Mapping[str, type[Reading]],
         holder: str,
+        on: str | None,
     ) -> None:
         self.topics, self.chosen, self.ignored, self.holder = topics, chosen, ignored, holder
+        self.on = on
         self.sensors: dict[str, str] = {}
         """The name of the sensor of each topic that is read."""
         self.missing: list[str] = []
@@ -132,7 +134,9 @@ class _Finding:
                 f"generators.{name}: no topic is called '{sensor}', so /{topic} feeds it, the only "
                 f"{_named(kinds)}"
             )
-        sensor = sensor or self.sensors.get(topic, role if topic == _names(role)[-1] else topic)
+        # steps that wait for a sensor wait for its own name
+        named = role if role == self.on and topic in _names(role) else topic
+        sensor = sensor or self.sensors.get(topic, named)
         if self.sensors.setdefault(topic, sensor) != sensor:
             raise ConfigurationError(
                 f"/{topic} feeds '{self.sensors[topic]}' already, and can't be '{sensor}', too: "

@@ -149,6 +149,7 @@ def answers(pipeline: "Pipeline") -> Iterator[str]:
 
 def as_recorded(pipeline: "Pipeline") -> None:
     """Let isolated generators process only the readings that `answer` names, and undo changes."""
+    pipeline.scripted = True
     pipeline.restore()
     for generator in pipeline.generators.values():
         if isinstance(generator, Isolated):

@@ -3,6 +3,7 @@
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
+from textwrap import shorten
 from typing import TYPE_CHECKING, Any, final
 
 from pydantic import Field
@@ -37,6 +38,8 @@ if TYPE_CHECKING:
 
 MARKS = {CYCLES: "std_msgs/msg/Header", CHANGES: "std_msgs/msg/String"}
 """The types of what was recorded of a running pipeline, by topic."""
+LONGEST_NOTE = 500
+"""The longest sentence on a recorded change that could not be made [characters]."""
 
 
 class RosConfig(Model):
@@ -98,8 +101,8 @@ class RosRecording(RecordingFormat):
         self._delivery: Delivery | None = None
         self.tally: dict[str, TopicTally] = {}
         """Statistics by topic, while readings are read."""
-        self._failed: list[str] = []
-        """Why changes that were recorded could not be carried out."""
+        self._failed, self._why_failed = 0, ""
+        """The number of recorded changes that could not be made, and why the first could not."""
         with Bag(self.path) as bag:
             self.contents: dict[str, Topic] = contents_of(bag)
             """All its topics by name."""
@@ -206,7 +209,7 @@ class RosRecording(RecordingFormat):
     def _as_arrived(self, delivery: Delivery) -> Iterator[Arrival]:
         self.tally = {topic: TopicTally() for topic in self.contents}
         topics = self._states(self.tally)
-        self._failed = []
+        self._failed = 0
         for mark in MARKS.keys() & self.contents.keys():
             topics[mark] = TopicState(mark, Side("", ()), self.tally[mark], {})
         try:
@@ -223,16 +226,19 @@ class RosRecording(RecordingFormat):
 
     def _changed(self, text: str) -> Iterator[Arrival]:
         """A change as it was recorded: what it names lies beside the recording."""
-        change = Change(text, self.path.resolve().parent)
+        place = self.path.resolve()
+        change = Change(text, place if place.is_dir() else place.parent)
         yield Arrival(None, (), changes=(change,))
         if change.outcome.done() and (error := change.outcome.exception()):
-            self._failed.append(f"'{text}': {error}")
+            self._failed += 1
+            if self._failed == 1:
+                self._why_failed = shorten(f"'{text}': {error}", LONGEST_NOTE, placeholder=" …")
 
     def troubles(self) -> Iterator[Trouble]:
         """Problems of each topic; none before the readings are read."""
         if self._failed:
-            count = f"{len(self._failed)} of {self.tally[CHANGES].messages}"
-            yield Trouble(CHANGES, None, f"{count} could not be made: {self._failed[0]}")
+            count = f"{self._failed} of {self.tally[CHANGES].messages}"
+            yield Trouble(CHANGES, None, f"{count} could not be made: {self._why_failed}")
         for sensor, topics in self.sensors.items() if self.tally else ():
             for topic in topics:
                 tally, kind = self.tally[topic], self.contents[topic].kind
