@@ -473,12 +473,11 @@ def test_what_cannot_be_absorbed_is_named_and_the_next_reading_counts() -> None:
     try:
         for stamp, sensor in ((0.0, "raise"), (0.1, "eye")):  # while it is prepared
             pipe.receive(point(stamp, *PLACE, sensor=sensor))
-        ends, named = time.monotonic() + PATIENCE, list[str]()
-        while not named:
+        ends, step = time.monotonic() + PATIENCE, pipe.step(0.2)
+        while not (named := refusals(step)):
             assert time.monotonic() < ends, "no answer came"
             time.sleep(0.05)
             step = pipe.step(0.2)
-            named = refusals(step)
         assert named[0].startswith("`absorb` of 'tallying' raised RuntimeError: out of order")
         assert step.fusion.report.sources["tallying"].accepted == 1
     finally:

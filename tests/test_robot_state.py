@@ -347,23 +347,25 @@ def test_old_transforms_are_forgotten_so_that_memory_stays() -> None:
 def test_of_ever_new_frames_those_that_moved_last_are_remembered() -> None:
     buffer = TransformBuffer()
     buffer.add(transform(0.0, 5.0, frame="base", child="fixed", static=True))
-    for number in range(MOST_FRAMES + 50):
+    newest = MOST_FRAMES + 49
+    for number in range(newest + 1):
         buffer.add(transform(0.1 * number, 1.0))
         buffer.add(transform(0.1 * number, 2.0, child=f"object {number}"))
-    frames = buffer.at(0.1 * number)
+    frames = buffer.at(0.1 * newest)
     assert frames is not None and len(frames.frames) == MOST_FRAMES + 1  # and the map
-    assert {"base", "fixed", f"object {number}"} <= frames.frames
+    assert {"base", "fixed", f"object {newest}"} <= frames.frames
     assert "object 3" not in frames.frames
 
 
 def test_of_ever_new_sets_of_joints_those_that_moved_last_are_remembered() -> None:
     buffer = StateBuffer()
-    for number in range(MOST_SETS + 50):
+    newest = MOST_SETS + 49
+    for number in range(newest + 1):
         buffer.add(joints(0.1 * number, 1.0, 2.0))
         buffer.add(joints(0.1 * number, 3.0, names=(f"joint {number}",)))
-    known = buffer.joints(0.1 * number)
+    known = buffer.joints(0.1 * newest)
     assert known is not None and len(known.names) == MOST_SETS + 1
-    assert {"a", "b", f"joint {number}"} <= {*known.names}
+    assert {"a", "b", f"joint {newest}"} <= {*known.names}
 
 
 def test_one_that_comes_late_changes_nothing() -> None:
