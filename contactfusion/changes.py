@@ -2,7 +2,7 @@
 
 import functools
 import shlex
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import Future
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, final
@@ -96,9 +96,21 @@ def _plug(pipeline: "Pipeline", within: Path | None, name: str, *options: str) -
     if not isinstance(found.get("type"), str):
         hint = name_hint(name, pipeline.config.generators, "generators of the configuration")
         raise SourceError(f"'{name}' has no type: write plug {name} type=…, or {hint}")
-    # options of the configuration itself have its rights
-    pipeline.plug(name, found, within if options else None)
+    # what the configuration names itself it may name here, too
+    known = set(_texts(pipeline.config.generators.get(name)))
+    pipeline.plug(name, found, None if known.issuperset(_texts(found)) else within)
     return f"'{name}' is plugged"
+
+
+def _texts(fields: object) -> Iterator[str]:
+    """The texts among the values of fields, at any depth: only they can name files."""
+    if isinstance(fields, Mapping):
+        fields = list(fields.values())
+    if isinstance(fields, list | tuple):
+        for field in fields:
+            yield from _texts(field)
+    elif isinstance(fields, str):
+        yield fields
 
 
 def _unplug(pipeline: "Pipeline", name: str) -> str:

@@ -1,5 +1,6 @@
 """Changes of a pipeline while it runs: what they do, and what is said of wrong ones."""
 
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -7,7 +8,8 @@ import pytest
 
 from contactfusion import Pipeline, PipelineConfig
 from contactfusion.changes import USES, Change, words
-from contactfusion.errors import ContactFusionError
+from contactfusion.errors import ConfigurationError, ContactFusionError
+from contactfusion.generators.taxel_map import TaxelMap
 from contactfusion.isolation import Isolated
 from contactfusion.readings import Wrench
 from tests.wire import PROBE
@@ -51,6 +53,27 @@ def test_what_is_unplugged_contributes_nothing_until_it_is_plugged_again() -> No
     assert contacts(pipe, 0.0) == 0
     assert change(pipe, "plug wrist") == "'wrist' is plugged"
     assert contacts(pipe, 0.1) == 1
+
+
+def test_a_change_from_a_recording_leaves_the_files_that_the_configuration_names(
+    tmp_path: Path,
+) -> None:
+    presses = np.random.default_rng(3).normal(size=(9, 2))
+    for file in ("mine.npz", "other.npz"):
+        TaxelMap(presses, np.c_[presses, np.zeros(9)], 4).save(tmp_path / file)
+    pad = {"type": "taxel_map", "map": str(tmp_path / "mine.npz"), "min_signal": 1.0}
+    pipe = Pipeline(PipelineConfig(**{**PROBE, "generators": {"pad": pad}}))
+
+    def recorded(text: str) -> str:
+        made = Change(text, within=tmp_path / "recordings")
+        made.carry_out(pipe)
+        return made.outcome.result(0.0)
+
+    recorded("unplug pad")
+    with pytest.raises(ConfigurationError, match="may name files in .*recordings only"):
+        recorded(f"plug pad map={tmp_path / 'other.npz'}")
+    recorded("plug pad min_signal=2")
+    assert pipe.options["pad"] == {**pad, "min_signal": 2}
 
 
 def test_options_of_a_plug_change_those_of_the_configuration() -> None:
