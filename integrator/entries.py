@@ -93,6 +93,15 @@ class Entries:
         """The entries of some voxels; `wanted` has shape (m,)."""
         return self._picked(wanted[self.places])
 
+    def newest(self, rows: NDArray[np.intp]) -> dict[str, int]:
+        """The newest stamp of some entries [ns], by source; `rows` has shape (r,)."""
+        owners = np.searchsorted(self.starts[1:, 0], rows, side="right")
+        stamps = self.columns.stamps[rows]
+        return {
+            self.sources[owner].name: int(stamps[owners == owner].max())
+            for owner in np.unique(owners)
+        }
+
     def _picked(self, wanted: NDArray[np.bool_]) -> "Entries":
         """Some of the entries; `wanted` has shape (n,)."""
         kept_before = np.concatenate([[0], np.cumsum(wanted)])

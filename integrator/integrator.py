@@ -206,7 +206,7 @@ class Integrator:
         }
         for source, message in self._disagreement.watch(at, fusion.field.members):
             self.note(EventKind.DISAGREES, source, message)
-        contacts, changes = self._tracks.follow(at, fusion.field.members, looks, surface)
+        contacts, changes = self._tracks.follow(entries, fusion.field.members, looks, surface)
         return replace(fusion, contacts=contacts, changes=changes)
 
     def set_threshold(self, threshold: float) -> None:

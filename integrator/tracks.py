@@ -8,7 +8,7 @@ import numpy as np
 
 from contactfusion.arrays import FloatArray, frozen
 from contactfusion.contacts import Contact
-from contactfusion.integrator.entries import Member
+from contactfusion.integrator.entries import Entries, Member
 from contactfusion.integrator.kernels import EDGE
 from contactfusion.surface import Anchor, Surface
 from contactfusion.time import NANOSECONDS_PER_SECOND, to_seconds
@@ -65,6 +65,7 @@ class Track:
         heard: the newest stamp at which each of these told of it [ns].
         told: where they did, shape (3,) [m], in the frame of contacts.
         settled: where it was made or last moved to, as `anchor`.
+        left: that place as it then was, shape (3,) [m], for surfaces that do not keep their parts.
     """
 
     contact: Contact
@@ -75,6 +76,7 @@ class Track:
     heard: Mapping[str, int]
     told: FloatArray
     settled: Anchor
+    left: FloatArray
 
     @property
     def is_made(self) -> bool:
@@ -107,7 +109,7 @@ class Tracks:
 
     def follow(
         self,
-        now: int,
+        entries: Entries,
         members: Sequence[Member],
         looks: Mapping[str, int],
         surface: Surface | None,
@@ -115,15 +117,19 @@ class Tracks:
         """The contacts of a step, the most probable first, and what happened to them.
 
         Args:
-            now: time of the step [ns].
-            members: what the live evidence of all sources says now.
+            entries: all live entries.
+            members: what the evidence among them says now.
             looks: the newest stamp at which each source of evidence could tell [ns].
             surface: of the robot now, or None.
         """
+        now = entries.now
         elapsed = 0 if self._now is None else now - self._now
+        heard = [_heard(member, entries, looks) for member in members]
         slid = SLIDING * elapsed / NANOSECONDS_PER_SECOND
         for track in self._tracks:
-            track.contact = _moved_to(track.contact, _followed(track, track.anchor, surface))
+            contact = track.contact
+            place = _followed(track.anchor, surface, contact.position)
+            track.contact = _moved_to(contact, place)
         pairs = paired(
             [self._expected(track, looks) for track in self._tracks],
             [member.contact for member in members],
@@ -133,13 +139,14 @@ class Tracks:
             later = self._after(track.probability, elapsed)
             if number in pairs:
                 track.probability = later
-                self._confirm(track, members[pairs[number]], looks, elapsed)
+                row = pairs[number]
+                self._confirm(track, members[row], heard[row], looks, elapsed)
             else:  # nothing is made where nothing is found
                 track.probability = later if track.is_made else min(later, track.probability)
                 self._miss(track, looks)
         new = sorted(set(range(len(members))) - set(pairs.values()))
         found = [self._tracks[number] for number in pairs]
-        found += [self._begun(members[row], looks) for row in new]
+        found += [self._begun(members[row], heard[row], looks) for row in new]
         self._tracks += found[len(pairs) :]
         events = [event for track in self._tracks for event in self._events(track, now, surface)]
         told = {id(track) for track in found}
@@ -159,7 +166,7 @@ class Tracks:
         changed = EVEN * -np.expm1(-2.0 * self._rate * seconds)
         return float(probability * (1.0 - changed) + (1.0 - probability) * changed)
 
-    def _begun(self, member: Member, looks: Mapping[str, int]) -> Track:
+    def _begun(self, member: Member, heard: Mapping[str, int], looks: Mapping[str, int]) -> Track:
         """A contact that was not there when its sources looked before."""
         since = [
             looks[name] - self._looked[name]
@@ -168,10 +175,10 @@ class Tracks:
         ]
         prior = self._after(0.0, min(since)) if since else EVEN
         probability = _updated(prior, _odds(member.contact.likelihood))
-        heard = {name: looks[name] for name in member.given}
         place = member.contact.position
         here = Anchor(None, place)
-        return Track(member.contact, probability, here, 1.0, member.given, heard, place, here)
+        given = member.contact, probability, here, 1.0, member.given, heard
+        return Track(*given, told=place, settled=here, left=place)
 
     def _expected(self, track: Track, looks: Mapping[str, int]) -> Contact:
         """A contact where it is found if its sources have said nothing new: they do not follow."""
@@ -180,10 +187,14 @@ class Tracks:
         return replace(track.contact, position=track.told)
 
     def _confirm(
-        self, track: Track, member: Member, looks: Mapping[str, int], elapsed: int
+        self,
+        track: Track,
+        member: Member,
+        heard: Mapping[str, int],
+        looks: Mapping[str, int],
+        elapsed: int,
     ) -> None:
         """Take what is said of a contact now; only what is new makes it more probable or less."""
-        heard = {name: looks[name] for name in member.given}
         withdrawn = [
             name
             for name, stamp in track.heard.items()
@@ -237,12 +248,21 @@ class Tracks:
         if not track.is_made:
             self._made += 1
             contact = replace(contact, track=self._made, since=stamp)
-            track.settled = track.anchor
+            track.settled, track.left = track.anchor, position
             yield ContactEvent(Change.MADE, contact, stamp)
-        elif _squared(position - _followed(track, track.settled, surface)) > NEAR**2 * unsure:
-            track.settled = track.anchor
+        elif _squared(position - _followed(track.settled, surface, track.left)) > NEAR**2 * unsure:
+            track.settled, track.left = track.anchor, position
             yield ContactEvent(Change.MOVED, contact, stamp)
         track.contact = contact
+
+
+def _heard(member: Member, entries: Entries, looks: Mapping[str, int]) -> dict[str, int]:
+    """The newest stamp at which each source of a contact told of it [ns].
+
+    A source whose clouds do not replace each other may have spoken of other places since.
+    """
+    newest = entries.newest(member.explains)
+    return {name: newest.get(name, looks[name]) for name in member.given}
 
 
 def paired(before: Sequence[Contact], now: Sequence[Contact], slid: float = 0.0) -> dict[int, int]:
@@ -283,12 +303,12 @@ def paired(before: Sequence[Contact], now: Sequence[Contact], slid: float = 0.0)
     return pairs
 
 
-def _followed(track: Track, anchor: Anchor, surface: Surface | None) -> FloatArray:
-    """Where an anchor of a contact is now; where nothing tells, the contact's position."""
+def _followed(anchor: Anchor, surface: Surface | None, otherwise: FloatArray) -> FloatArray:
+    """Where an anchored point is now, shape (3,) [m]; where nothing tells, another."""
     if surface is None:
-        return anchor.point if anchor.part is None else track.contact.position
+        return anchor.point if anchor.part is None else otherwise
     place = surface.follow(anchor)
-    return track.contact.position if place is None else place
+    return otherwise if place is None else place
 
 
 def _moved_to(contact: Contact, position: FloatArray) -> Contact:

@@ -129,6 +129,23 @@ def test_a_wrong_step_is_no_news_in_the_steps_after_it(cycles: int) -> None:
         assert not stepped.wait(0.001).contacts
 
 
+def test_of_a_source_that_keeps_what_it_said_only_a_repetition_is_news() -> None:
+    integrator = Integrator(IntegratorConfig(frame="hand", timeout=1.0))
+    places = [[HERE], [], [], [THERE], [], [HERE]]
+    believed = []
+    for step, said in enumerate(places):
+        positions = np.reshape(said, (-1, 3))
+        likelihoods = np.full(len(said), 0.6)
+        cloud = HypothesisCloud(
+            "skin", HypothesisKind.REGULAR, 0.1 * step, "hand", positions, likelihoods
+        )
+        integrator.receive(cloud)
+        contacts = integrator.step(0.1 * step).contacts
+        believed += [c.likelihood for c in contacts if c.position[0] < 0.05]
+    assert believed[:5] == sorted(believed[:5], reverse=True)
+    assert believed[4] < 0.6 < believed[5]
+
+
 def test_what_ended_is_forgotten() -> None:
     stepped = Stepped()
     for place in range(40):
@@ -243,6 +260,15 @@ def test_a_contact_that_slides_away_has_moved() -> None:
     for step in range(20):
         happened += made(stepped.step(((0.002 * step, 0.0, 0.0), 0.9)))
     assert happened == [("made", 1), ("moved", 1), ("moved", 1)]
+
+
+def test_a_contact_that_slides_over_a_surface_that_is_built_anew_has_moved() -> None:
+    stepped, happened = Stepped(), []
+    for step in range(20):
+        surface = Surface("hand", ALONG, FINGER.normals)
+        fusion = stepped.step(((0.002 * step, 0.0, 0.0), 0.9), surface=surface)
+        happened += made(fusion)
+    assert happened[0] == ("made", 1) and {*happened[1:]} == {("moved", 1)}
 
 
 def test_noise_of_a_contact_at_rest_is_averaged() -> None:
