@@ -376,7 +376,7 @@ def _together(parts: Sequence[JointState]) -> JointState:
     def column(field: str) -> FloatArray:
         return np.array([getattr(part, field)[row] for part, row in map(chosen.__getitem__, names)])
 
-    # a set of which every joint is told by a newer one says nothing any more
+    # a set is spent once newer ones hold all of its joints
     parts = [part for part in parts if any(chosen[name][0] is part for name in part.names)]
     optional = {
         field: column(field)

@@ -69,7 +69,9 @@ def unpacked(packed: bytes, unpacker: Callable[[], Unpacker], most: int | None =
             parts.append(stream.decompress(rest, STEP))
             rest, size = b"", size + len(parts[-1])
             if most is not None and size > most:
-                raise ValueError(f"{len(packed)} packed bytes unpack to more than the {most} told")
+                raise ValueError(
+                    f"{len(packed)} packed bytes unpack to more than the {most} stated"
+                )
             if size > limit:
                 raise ValueError(f"{len(packed)} packed bytes unpack to over {limit}, {TOO_MANY}")
         rest = stream.unused_data or b""

@@ -240,7 +240,7 @@ class ReactiveGrasp(Controller):
             if state.joints is not None:
                 self._mode, self._reason = GraspMode.BLIND, f"joints are silent for {SILENT:g} s"
             elif now - self._began > options.patience:
-                self._mode, self._reason = GraspMode.BLIND, "nobody tells where the joints are"
+                self._mode, self._reason = GraspMode.BLIND, "no reading of the joints has come"
             return self._command(now, np.zeros(3))
         sense = _sensed(contacts, state.joints, state, options)
         if self._load:

@@ -150,15 +150,15 @@ class ExternalTorque:
         model, values = self._dynamics.model, reading.velocities
         pairs = () if values is None else zip(reading.names, values.tolist(), strict=True)
         measured = {name: value for name, value in pairs if value == value}
-        held, told = self._among(reading.names), self._among(measured)
+        held, known = self._among(reading.names), self._among(measured)
         if elapsed is None:
             self._between = np.zeros(len(positions))
-            return model.speeds(measured) if told[held].all() else None
+            return model.speeds(measured) if known[held].all() else None
         moved = positions - self._positions
         moved[self._turning] = (moved[self._turning] + np.pi) % (2.0 * np.pi) - np.pi
         speeds = moved / elapsed
         self._between = self._between + elapsed / (SMOOTH + elapsed) * (speeds - self._between)
-        return np.where(told, model.speeds(measured), np.where(held, speeds, self._between))
+        return np.where(known, model.speeds(measured), np.where(held, speeds, self._between))
 
     def _among(self, names: Iterable[str]) -> NDArray[np.bool_]:
         """Which joints are among some, or follow one that is, shape (n,)."""

@@ -39,7 +39,7 @@ DOUBT = 0.1
 """The odds of a contact before anything is measured; a contact that is less probable is none."""
 FELT = 2.0
 """Points where a force changes the evidence by less, as a logarithm, are as good as not felt."""
-SLOW = f"its readings come more than {LONGEST:g} s apart: nothing is told of contacts"
+SLOW = f"its readings come more than {LONGEST:g} s apart: nothing is reported of contacts"
 """A note: after such a gap the observer begins again."""
 ELSEWHERE = "what touches these links is left to another sensor: "
 """How a note begins that names links, with commas between them."""

@@ -83,9 +83,9 @@ class Disagreement:
             ):
                 found = there - here, unsure**2 + other**2
                 apart.setdefault((first, second), []).append(found)
-        for (first, second), told in apart.items():
-            offset = np.mean([each for each, _ in told], axis=0)
-            variance = float(np.mean([each for _, each in told]))
+        for (first, second), offsets in apart.items():
+            offset = np.mean([each for each, _ in offsets], axis=0)
+            variance = float(np.mean([each for _, each in offsets]))
             pair = self._averaged((first, second), offset, variance, elapsed)
             if pair.apart:
                 pair.apart = pair.ratio > APART / 2.0

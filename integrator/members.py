@@ -24,7 +24,7 @@ FAINT = 0.1
 ROUNDED = 0.005
 """Probabilities that differ by less are printed as one."""
 UNLIKELY = 0.05
-"""Where a contact lies with less, that end is not told of."""
+"""Where a contact lies with less, that end is not described."""
 BESIDE = 0.05
 """Contacts that are further apart are not taken for one [m]."""
 
@@ -66,7 +66,7 @@ class Members(Condensation):
         over_time = f"P(contact) {contact.likelihood:.2f} over time"
         if (member := found.get(number)) is None:
             return f"{over_time}; in this step no source tells of it"
-        words = told(member, field.entries.sources)
+        words = described(member, field.entries.sources)
         if abs(contact.likelihood - member.contact.likelihood) >= ROUNDED:
             words = f"{over_time}; of this step {words}"
         return "; ".join([words, *_elsewhere(member), *_beside(contacts, found, number)])
@@ -90,7 +90,7 @@ class Members(Condensation):
             under = "but one step alone makes no contact after others without it"
         values = {"exists": exists, "existence": self.existence}
         values |= {f"{name}.factor": factor for name, factor in member.factors.items()}
-        sentence = f"{told(member, field.entries.sources)}, {under}"
+        sentence = f"{described(member, field.entries.sources)}, {under}"
         return Reason(Why.IMPROBABLE, sentence, values=values)
 
 
@@ -149,11 +149,11 @@ def told_in(field: Field, row: int) -> str:
     centre = entries.grid.centres(entries.voxels[[row]])
     for member in field.members or ():
         if near(centre, member.places, max(member.reach, side)).any():
-            return told(member, entries.sources)
+            return described(member, entries.sources)
     return ""
 
 
-def told(member: Member, sources: Sequence[Source]) -> str:
+def described(member: Member, sources: Sequence[Source]) -> str:
     """The probability of a contact of a set, and how it comes about."""
     given = " and ".join(f"{name} {p:.2f}" for name, p in member.given.items())
     words = [f"P(contact) {member.contact.likelihood:.2f} by {given}"]
@@ -289,7 +289,7 @@ def _free(
         field: what was condensed.
         around: the place.
         found: the contacts that are reported.
-        heard: what speaks for or against a contact here, of which it was told.
+        heard: what speaks for or against a contact here, that is described already.
     """
     contacts, place = around.contacts, around.position
     for source, rows in field.entries.parts(around.inside):

@@ -129,8 +129,8 @@ class Search:
             found = self._found([member for _, member in found])
         self._fields.restore()
         members = self._fewest(found)
-        told = self._fields.entries_of(self._summed)
-        return [replace(each, explains=np.append(each.explains, told)) for each in members]
+        summed = self._fields.entries_of(self._summed)
+        return [replace(each, explains=np.append(each.explains, summed)) for each in members]
 
     def _found(self, before: Sequence[Member]) -> list[tuple[Basin, Member]]:
         """The contacts one by one, beside those found so far and the later ones of before."""

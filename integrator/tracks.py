@@ -62,8 +62,8 @@ class Track:
         anchor: what its position moves with.
         averaged: number of steps of which its position is the mean.
         given: the probability of a contact by each of its sources.
-        heard: the newest stamp at which each of these told of it [ns].
-        told: where they did, shape (3,) [m], in the frame of contacts.
+        heard: the newest stamp at which each of these reported it [ns].
+        found: where they did, shape (3,) [m], in the frame of contacts.
         settled: where it was made or last moved to, as `anchor`.
         left: that place as it then was, shape (3,) [m], for surfaces that do not keep their parts.
     """
@@ -74,7 +74,7 @@ class Track:
     averaged: float
     given: Mapping[str, float]
     heard: Mapping[str, int]
-    told: FloatArray
+    found: FloatArray
     settled: Anchor
     left: FloatArray
 
@@ -149,11 +149,11 @@ class Tracks:
         found += [self._begun(members[row], heard[row], looks) for row in new]
         self._tracks += found[len(pairs) :]
         events = [event for track in self._tracks for event in self._events(track, now, surface)]
-        told = {id(track) for track in found}
+        live = {id(track) for track in found}
         self._tracks = [
             track
             for track in self._tracks
-            if id(track) in told or track.is_made or track.probability >= POSSIBLE
+            if id(track) in live or track.is_made or track.probability >= POSSIBLE
         ]
         self._looked, self._now = dict(looks), now
         reported = [track.contact for track in self._tracks if self._is_reported(track)]
@@ -178,13 +178,13 @@ class Tracks:
         place = member.contact.position
         here = Anchor(None, place)
         given = member.contact, probability, here, 1.0, member.given, heard
-        return Track(*given, told=place, settled=here, left=place)
+        return Track(*given, found=place, settled=here, left=place)
 
     def _expected(self, track: Track, looks: Mapping[str, int]) -> Contact:
         """A contact where it is found if its sources have said nothing new: they do not follow."""
         if any(looks.get(name, NEVER) > stamp for name, stamp in track.heard.items()):
             return track.contact
-        return replace(track.contact, position=track.told)
+        return replace(track.contact, position=track.found)
 
     def _confirm(
         self,
@@ -216,7 +216,7 @@ class Tracks:
         place = frozen(before.position + away / track.averaged)
         kept = replace(found, track=before.track, since=before.since)
         track.contact = _moved_to(kept, place)
-        track.given, track.heard, track.told = member.given, heard, found.position
+        track.given, track.heard, track.found = member.given, heard, found.position
 
     def _miss(self, track: Track, looks: Mapping[str, int]) -> None:
         """Take it that nothing is said of a contact now."""
@@ -257,9 +257,9 @@ class Tracks:
 
 
 def _heard(member: Member, entries: Entries, looks: Mapping[str, int]) -> dict[str, int]:
-    """The newest stamp at which each source of a contact told of it [ns].
+    """The newest stamp at which each source of a contact reported it [ns].
 
-    A source whose clouds do not replace each other may have spoken of other places since.
+    A source whose clouds do not replace each other may have reported other places since.
     """
     newest = entries.newest(member.explains)
     return {name: newest.get(name, looks[name]) for name in member.given}

@@ -101,14 +101,14 @@ def test_a_clock_that_is_another_is_a_fault(late: int, words: str) -> None:
 
 def test_a_network_without_peers_is_a_fault() -> None:
     _, (fault,) = found()
-    assert fault.startswith("nobody answers: compare ROS_DOMAIN_ID")
+    assert fault.startswith("no peer answers: compare ROS_DOMAIN_ID")
 
 
 def test_a_topic_that_nothing_came_on_or_nobody_writes_says_so() -> None:
     lines, _ = found(end("arm", True), wrist=Heard(stamped=True))
     assert lines[1].endswith("nothing came")
     lines, _ = found(end("screen", False))
-    assert "nobody writes it; read by screen (reliable)" in lines[1]
+    assert "no writer; read by screen (reliable)" in lines[1]
 
 
 def test_interfaces_have_addresses() -> None:

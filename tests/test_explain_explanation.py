@@ -62,7 +62,7 @@ def test_a_contact_tells_how_its_likelihood_comes_about_and_who_gave_what() -> N
         "  lidar and skin: 1 - (1 - 0.50)(1 - 0.80) = 0.90",
         "  skin (evidence): 0.80, 0.20 s old, share 62%; without it: a contact of likelihood 0.50",
         "  lidar (evidence): 0.50, 0.00 s old, share 38%; without it: a contact of likelihood 0.80",
-        "  motion has never told anything",
+        "  motion has never reported anything",
     ]
 
 
@@ -81,10 +81,10 @@ def test_a_wide_contact_owns_all_its_voxels_and_makes_no_place_of_them() -> None
     assert place(asked).reasons[0].why == Why.CONTACT
 
 
-def test_further_contacts_are_counted_not_told() -> None:
+def test_further_contacts_are_counted_only() -> None:
     many = {(10 * x, 0, 0): 0.5 for x in range(11)}
     one = explanation((0.0, [cloud("skin", 0.0, many)]))
-    assert (len(one.contacts), one.untold) == (8, 3)
+    assert (len(one.contacts), one.omitted) == (8, 3)
     assert "and 3 further contacts, less likely" in as_text(one)
 
 
@@ -160,7 +160,7 @@ def test_a_contact_that_died_tells_who_told_it_and_how_long_its_hypotheses_live(
     assert found.last_contact == pytest.approx(0.12)
     assert found.reasons[0].why == Why.EXPIRED
     assert found.reasons[0].sentence == (
-        "skin told 0.80 here 0.62 s ago; its hypotheses live 0.5 s, and nothing came since"
+        "skin reported 0.80 here 0.62 s ago; its hypotheses live 0.5 s, and nothing came since"
     )
 
 
@@ -175,7 +175,7 @@ def test_a_source_that_takes_back_what_it_said_is_told_apart_from_one_that_is_si
     found = place(explanation(*rounds))
     assert found.reasons[0].why == Why.WITHDRAWN
     assert found.reasons[0].sentence == (
-        "skin told 0.80 here 0.10 s ago, and took it back: 0.00 s ago it found nothing"
+        "skin reported 0.80 here 0.10 s ago, and took it back: 0.00 s ago it found nothing"
     )
 
 

@@ -112,7 +112,7 @@ def test_what_was_packed_is_unpacked_in_one_stream_or_several(
     packed = b"".join(map(pack, contents))
     whole = b"".join(contents)
     assert unpacked(packed, unpacker) == unpacked(packed, unpacker, len(whole)) == whole
-    with pytest.raises(ValueError, match=f"unpack to more than the {len(whole) - 1} told"):
+    with pytest.raises(ValueError, match=f"unpack to more than the {len(whole) - 1} stated"):
         unpacked(packed, unpacker, len(whole) - 1)
     with pytest.raises(ValueError, match="cut off"):
         unpacked(packed[:-1], unpacker)
@@ -161,7 +161,7 @@ def test_a_chunk_of_mcap_that_unpacks_to_too_much_is_refused(
     said = told(mcap(tmp_path, chunk(kind, bomb(kind), size)))
     assert said.startswith("RecordingError") and "drive.mcap can't be read: " in said
     many = f"would unpack to {size}, more than {TIMES} times as many"
-    assert said.endswith(many if size > 100 else "unpack to more than the 100 told")
+    assert said.endswith(many if size > 100 else "unpack to more than the 100 stated")
 
 
 def test_a_record_of_mcap_that_is_longer_than_any_memory_is_refused(

@@ -119,7 +119,7 @@ def network_findings(ends: Sequence[End], heard: Mapping[str, Heard]) -> Iterato
     """
     peers = sorted({end.peer for end in ends})
     if not peers:
-        yield Finding("nobody answers", COMPARE, core=True)
+        yield Finding("no peer answers", COMPARE, core=True)
         return
     yield Finding(f"peers: {', '.join(peers)}")
     contents = contents_of(ends)
@@ -128,7 +128,7 @@ def network_findings(ends: Sequence[End], heard: Mapping[str, Heard]) -> Iterato
         readers = [end for end in ends if end.topic == topic and not end.writes]
         msgtypes = ", ".join(sorted({end.msgtype for end in writers or readers}))
         kind = contents[topic].kind if topic in contents else None
-        parts = [f"written by {_named(writers)}" if writers else "nobody writes it"]
+        parts = [f"written by {_named(writers)}" if writers else "no writer"]
         parts += [f"read by {_named(readers)}"] if readers else []
         parts += [f"makes {kind.__name__}"] if kind is not None else []
         parts += [str(heard[topic])] if topic in heard else []

@@ -186,9 +186,11 @@ def _without(fusion: Fusion, sources: Sequence[str]) -> Fusion:
     live = dict(
         zip((source.name for source in entries.sources), np.diff(entries.begin), strict=True)
     )
-    told = {source.name for source in entries.sources if source.misses < 1.0 or source.resultant}
+    reporting = {
+        source.name for source in entries.sources if source.misses < 1.0 or source.resultant
+    }
     for source in sources:
-        if live[source] or source in told:
+        if live[source] or source in reporting:
             fusion = fusion.without(source)
     return fusion
 

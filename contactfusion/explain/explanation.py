@@ -144,7 +144,7 @@ class Explanation:
             condensation has none.
         tolerance: linking distance of voxels [m]; NaN: contacts do not come of voxels.
         contacts: the likeliest first.
-        untold: number of further contacts.
+        omitted: number of further contacts.
         places: without a contact; the one asked for, or the most conspicuous ones.
         sources: by name.
     """
@@ -156,7 +156,7 @@ class Explanation:
     threshold: float
     tolerance: float
     contacts: tuple[ContactExplanation, ...]
-    untold: int
+    omitted: int
     places: tuple[PlaceExplanation, ...]
     sources: tuple[SourceExplanation, ...]
 
@@ -233,7 +233,7 @@ def explanation_of(
         threshold=view.fusion.threshold if has_threshold else np.nan,
         tolerance=settings.tolerance if condensation.looks_at_voxels else np.nan,
         contacts=tuple(_contact(view, number) for number in range(min(len(contacts), MOST))),
-        untold=max(len(contacts) - MOST, 0),
+        omitted=max(len(contacts) - MOST, 0),
         places=tuple(_place(view, place, at is not None) for place in wanted),
         sources=tuple(_sources(view)),
     )

@@ -180,7 +180,7 @@ def _hopeless(view: View) -> list[FloatArray]:
 def _apart(
     view: View, candidates: list[Expected], others: Sequence[Expected] = (), contacts: bool = True
 ) -> list[Expected]:
-    """The places that lie apart from each other, and from every contact unless told otherwise."""
+    """The places that lie apart from each other, and from every contact unless stated otherwise."""
     taken = [contact.position for contact in view.fusion.contacts]
     owned = np.concatenate([view.centres[view.owners != NONE], np.reshape(taken, (-1, 3))])
     tree = cKDTree(owned[: len(owned) * contacts])
@@ -222,14 +222,16 @@ def _reason(view: View, around: Neighbourhood, source: str) -> Reason:
     fusion, timeout = view.fusion, view.settings.timeout(source)
     report = fusion.report.sources[source]
     if math.isnan(report.age):
-        return Reason(Why.NEVER_CAME, f"{source} has never told anything{_refused(report)}", source)
+        return Reason(
+            Why.NEVER_CAME, f"{source} has never reported anything{_refused(report)}", source
+        )
     values = {"newest_age_s": report.age, "timeout_s": timeout}
     reported = view.past.last_reported(source, around.position, around.reach)
     if reported is not None:
         likelihood, stamp = reported
         age = fusion.field.entries.now / 1e9 - stamp
         values |= {"told_age_s": age, "told_likelihood": likelihood}
-        sentence = f"{source} told {likelihood:.2f} here {age:.2f} s ago"
+        sentence = f"{source} reported {likelihood:.2f} here {age:.2f} s ago"
         if age > timeout:
             since = "" if report.age < age - 1e-6 else ", and nothing came since"
             sentence += f"; its hypotheses live {timeout:g} s{since}"

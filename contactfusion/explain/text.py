@@ -43,15 +43,15 @@ NO_VETO = {"nulled": "with null"}
 
 def as_text(explanation: Explanation) -> str:
     """An explanation as text: contacts, then places without one, then sources in trouble."""
-    total = len(explanation.contacts) + explanation.untold
+    total = len(explanation.contacts) + explanation.omitted
     lines = [
         f"{explanation.stamp:.3f} s: {counted(total, 'contact') if total else 'no contact'} in "
         f"'{explanation.frame}' ({', '.join(_law(explanation))})"
     ]
     for number, contact in enumerate(explanation.contacts, 1):
         lines += ["", *_contact(number, contact)]
-    if explanation.untold:
-        lines += ["", f"and {counted(explanation.untold, 'further contact')}, less likely"]
+    if explanation.omitted:
+        lines += ["", f"and {counted(explanation.omitted, 'further contact')}, less likely"]
     for place in explanation.places:
         lines += ["", *_place(place)]
     lines.append("")
@@ -92,7 +92,7 @@ def _place(place: PlaceExplanation) -> Iterator[str]:
     for reason in place.reasons[1:]:
         yield f"  also: {reason.sentence}"
     if not math.isnan(place.last_contact):
-        yield f"  the last contact here was told {place.last_contact:.2f} s ago"
+        yield f"  the last contact here was reported {place.last_contact:.2f} s ago"
     if place.combination and not here:
         yield f"  {place.combination}"
     yield from _parts(place.said, place.without, here, place.likelihood)

@@ -1,4 +1,4 @@
-"""What one `joint_torque` generator is told by a recording: the story of its identification."""
+"""The identification of one `joint_torque` generator from a recording."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
@@ -70,7 +70,7 @@ class Arm:
             )
 
     def identify(self, found: Identification) -> None:
-        """Add what is told to the report and to the fields."""
+        """Add what is identified to the report and to the fields."""
         dynamics, effort = Dynamics(self.model), self.config.effort
         link = None if effort == "external" else self._last_link(dynamics)
         links = self._weighed(dynamics) if link else []
@@ -90,11 +90,11 @@ class Arm:
             self._require_external(dynamics, used)
         else:
             self._require_sign(regression, used)
-        choice, fit = regression.told(used)
+        choice, fit = regression.identified(used)
         touched = regression.contacts(fit)
         if touched:
             used &= outside(windows.stamps, [(begin, end) for begin, end, _ in touched])
-            choice, fit = regression.told(used)
+            choice, fit = regression.identified(used)
         for begin, end, names in touched:
             found.warnings.append(
                 f"{self.name}: from {begin:.1f} to {end:.1f} s the residual of {', '.join(names)} "
@@ -116,7 +116,8 @@ class Arm:
             ]
             found.lines.append(
                 f"masses of {len(masses)} links: the URDF's, changed by up to "
-                f"{100.0 * max(map(abs, changes)):.1f} %; only what loads the joints is told"
+                f"{100.0 * max(map(abs, changes)):.1f} %; only what loads the joints "
+                "is identifiable"
             )
             found.fields["robot"]["masses"] = {name: plain(each) for name, each in masses.items()}
 
@@ -209,16 +210,16 @@ class Arm:
         """Joints and payload as a fit has them, and as configured where it tells nothing."""
         joints = {}
         for row, (name, before) in enumerate(self.joints.items()):
-            told = {
+            identified = {
                 each: float(fit.joints[row, number])
                 for number, each in enumerate(FIELDS)
-                if choice.told[row, number]
+                if choice.identifiable[row, number]
             }
-            for each in told.keys() & {"coulomb", "viscous"}:
-                told[each] = max(told[each], 0.0)
-            if "offset" in told:
-                told["offset"] *= self._side
-            joints[name] = before.model_copy(update=told)
+            for each in identified.keys() & {"coulomb", "viscous"}:
+                identified[each] = max(identified[each], 0.0)
+            if "offset" in identified:
+                identified["offset"] *= self._side
+            joints[name] = before.model_copy(update=identified)
         mass = float(fit.payload[0])
         if link is None or mass <= 0.0:
             return joints, None
@@ -295,7 +296,7 @@ class Arm:
             cells = [name]
             for each in columns:
                 number, unit = FIELDS.index(each), self._unit(row, each)
-                error = fit.errors[row, number] if choice.told[row, number] else None
+                error = fit.errors[row, number] if choice.identifiable[row, number] else None
                 cells.append(stated(getattr(joint, each), error, unit))
             cells.append(stated(noise[0][row], noise[1][row], self._unit(row, "noise")))
             rows.append(tuple(cells))

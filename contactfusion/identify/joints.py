@@ -25,7 +25,7 @@ FAST = 5.0 * SLOW
 MOVED = 0.5
 """A joint moves in a direction if it does so for this time [s]."""
 SHARE = 0.1
-"""A parameter is told from the others by at least such a share of what it explains."""
+"""A parameter is separable from the others by at least this share of what it explains."""
 WRONG = 0.1
 """The greatest standard error of a constant and of a payload's mass, as a share of it."""
 CENTRED = 0.02
@@ -55,15 +55,15 @@ Mask = NDArray[np.bool_]
 
 @dataclass
 class Choice:
-    """What is told of joints and payload, and why the rest is not.
+    """What is identifiable of joints and payload, and why the rest is not.
 
     Attributes:
-        told: which of `FIELDS` of each joint, shape (k, 4); the others stay as configured.
+        identifiable: which of `FIELDS` of each joint, shape (k, 4); the others stay as configured.
         payload: which of mass and first moments, shape (4,).
         kept: a sentence on each that stays as configured.
     """
 
-    told: Mask
+    identifiable: Mask
     payload: Mask
     kept: list[str] = field(default_factory=list)
 
@@ -139,36 +139,36 @@ class Regression:
         Args:
             used: the windows that count, shape (w,).
         """
-        told = np.zeros(self.configured.shape, np.bool_)
-        told[:, 0] = True
+        identifiable = np.zeros(self.configured.shape, np.bool_)
+        identifiable[:, 0] = True
         if self.effort == "external":
-            return Choice(told, np.zeros(4, np.bool_))
-        told[:, 1], told[:, 2:] = self.effort == "current", True
-        choice = Choice(told, np.ones(4, np.bool_))
+            return Choice(identifiable, np.zeros(4, np.bool_))
+        identifiable[:, 1], identifiable[:, 2:] = self.effort == "current", True
+        choice = Choice(identifiable, np.ones(4, np.bool_))
         for joint in range(len(self.names)):
-            choice.kept += self._untold(joint, used, told[joint])
+            choice.kept += self._unidentifiable(joint, used, identifiable[joint])
         return choice
 
-    def _untold(self, joint: int, used: Mask, told: Mask) -> list[str]:
-        """Mark what is not told of a joint, in place; a sentence on each reason."""
+    def _unidentifiable(self, joint: int, used: Mask, identifiable: Mask) -> list[str]:
+        """Mark what is not identifiable of a joint, in place; a sentence on each reason."""
         windows, name, kept = self.windows, self.names[joint], list[str]()
         speeds, sliding = windows.velocities[used, joint], windows.sliding[used, joint]
         forward, back = (WIDTH * np.sum(side > FAST) for side in (speeds, -speeds))
         if forward + back < 2.0 * MOVED:
-            told[:] = False
+            identifiable[:] = False
             return [f"{name} hardly moved: all that it bears may be friction at rest"]
         if min(forward, back) < MOVED:
-            told[[0, 2]] = False
+            identifiable[[0, 2]] = False
             kept.append(f"{name} moved in one direction: offset and Coulomb friction look alike")
         if _share(speeds, sliding) < SHARE:
-            told[3] = False
+            identifiable[3] = False
             kept.append(f"{name} kept one speed: viscous and Coulomb friction look alike")
         slope, share = self._slope(joint, used)
         if slope < 0.0 and share > SHARE:
-            told[:] = False
+            identifiable[:] = False
             kept.append(f"{name} reports less as its torque rises: is its sign reversed?")
-        elif told[1] and share < SHARE:
-            told[1] = False
+        elif identifiable[1] and share < SHARE:
+            identifiable[1] = False
             kept.append(
                 f"{name} bore too little of gravity and inertia: they are {100 * share:.0f} % of "
                 "its current, which tell no constant"
@@ -211,15 +211,15 @@ class Regression:
         return replace(second, payload_errors=first.payload_errors)
 
     def fit(self, choice: Choice, used: Mask, held: FloatArray | None = None) -> Fit:
-        """Estimate what is told; offsets that are not are estimated only so as not to disturb.
+        """Estimate what is identifiable; other offsets are estimated only so as not to disturb.
 
         Args:
-            choice: what is told.
+            choice: what is identifiable.
             used: the windows that count, shape (w,).
             held: a payload that stays while the links' masses are estimated, shape (4,); None: it
                 is estimated, and the links weigh what they do in the URDF.
         """
-        free = choice.told.copy()
+        free = choice.identifiable.copy()
         free[:, 0] = True
         masses, weighs = np.zeros(len(self._believed)), held is not None
         columns = np.r_[free.ravel(), choice.payload & (not weighs), np.full(len(masses), weighs)]
@@ -296,8 +296,8 @@ class Regression:
         inverse = np.linalg.inv(curvature / np.outer(size, size) + RIDGE * np.eye(len(size)))
         return _Line(residuals, deviations, scores, inverse / np.outer(size, size))
 
-    def told(self, used: Mask) -> tuple[Choice, Fit]:
-        """The fit of all that the motion tells, by its kind and by standard errors."""
+    def identified(self, used: Mask) -> tuple[Choice, Fit]:
+        """The fit of all that is identifiable, by the kind of motion and by standard errors."""
         choice = self.choice(used)
         while True:
             fit = self.fit(choice, used)
@@ -320,8 +320,10 @@ class Regression:
             ],
             axis=1,
         )
-        for joint, number in zip(*np.nonzero(choice.told & (fit.errors > most)), strict=True):
-            choice.told[joint, number] = False
+        for joint, number in zip(
+            *np.nonzero(choice.identifiable & (fit.errors > most)), strict=True
+        ):
+            choice.identifiable[joint, number] = False
             choice.kept.append(
                 f"{self.names[joint]} leaves its {FIELDS[number]} open: "
                 f"{fit.joints[joint, number]:.3g} ± {fit.errors[joint, number]:.2g}"

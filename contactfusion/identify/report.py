@@ -1,4 +1,4 @@
-"""The report of `identify`: values with standard errors, and what could not be told."""
+"""The report of `identify`: values with standard errors, and what was not identifiable."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
@@ -12,7 +12,7 @@ DIGITS = 4
 
 @dataclass(eq=False)
 class Identification:
-    """What a recording told of the generators of a configuration.
+    """What is identified of the generators of a configuration.
 
     Attributes:
         fields: for the field `identified` of a configuration.

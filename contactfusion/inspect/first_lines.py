@@ -90,7 +90,7 @@ def force_torque_lines(
     yield f"  torque_noise: {torque:.2g}  # [N·m]"
     if rest:
         yield f"  tare: {REST}  # the first {REST} s, at rest: {rest} [s]"
-    yield "  # average: 0.1  # over the newest 0.1 s: steadier places, told that much later [s]"
+    yield "  # average: 0.1  # over the newest 0.1 s: steadier places, reported that much later [s]"
 
 
 def _noise(wrenches: Sequence[Wrench]) -> tuple[float, float, float]:

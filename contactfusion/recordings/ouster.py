@@ -86,7 +86,7 @@ def convert(source: Path, out: Path, every_nth_row: int = 1, meta: Path | None =
     command = [str(_python()), "-I", str(CONVERTER), *options, "--", str(source), str(out)]
     size = source.stat().st_size if source.is_file() else 0
     try:
-        status, told, errors = completed(
+        status, output, errors = completed(
             command, seconds=SECONDS + size / SLOWEST, memory=MEMORY + TIMES * size
         )
     except LimitError as error:
@@ -98,7 +98,7 @@ def convert(source: Path, out: Path, every_nth_row: int = 1, meta: Path | None =
         raise RecordingError(messages[-1] if messages else f"{source} can't be converted")
     for warning in messages:  # such as that a file is cut off
         say(warning, file=sys.stderr)
-    return told.decode(errors="replace").strip()
+    return output.decode(errors="replace").strip()
 
 
 def _python() -> Path:
