@@ -2,12 +2,13 @@
 
 import functools
 import shlex
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from concurrent.futures import Future
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, final
 
 from contactfusion.errors import ConfigurationError, ContactFusionError, SourceError, name_hint
+from contactfusion.files import texts_of
 from contactfusion.isolation import Isolated
 from contactfusion.yaml_files import with_overrides
 
@@ -96,21 +97,10 @@ def _plug(pipeline: "Pipeline", within: Path | None, name: str, *options: str) -
     if not isinstance(found.get("type"), str):
         hint = name_hint(name, pipeline.config.generators, "generators of the configuration")
         raise SourceError(f"'{name}' has no type: write plug {name} type=…, or {hint}")
-    # what the configuration names itself it may name here, too
-    known = set(_texts(pipeline.config.generators.get(name)))
-    pipeline.plug(name, found, None if known.issuperset(_texts(found)) else within)
+    # a change without new texts names no file but those of the configuration itself
+    known = set(texts_of(pipeline.config.generators.get(name)))
+    pipeline.plug(name, found, None if known.issuperset(texts_of(found)) else within)
     return f"'{name}' is plugged"
-
-
-def _texts(fields: object) -> Iterator[str]:
-    """The texts among the values of fields, at any depth: only they can name files."""
-    if isinstance(fields, Mapping):
-        fields = list(fields.values())
-    if isinstance(fields, list | tuple):
-        for field in fields:
-            yield from _texts(field)
-    elif isinstance(fields, str):
-        yield fields
 
 
 def _unplug(pipeline: "Pipeline", name: str) -> str:

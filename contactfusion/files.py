@@ -234,18 +234,24 @@ def named_files(fields: object, folder: Path, within: Path | None = None) -> Ite
         folder: that of relative names.
         within: as for `file_in`; what that refuses is left out.
     """
+    for name in texts_of(fields):
+        # a long text, one with a NUL, or a name that may not be used
+        with suppress(OSError, ValueError, ConfigurationError):
+            path = file_in(folder, name, within)
+            holds = path.is_dir() and folder.resolve().is_relative_to(path.resolve())
+            if path.exists() and not holds:
+                yield path
+
+
+def texts_of(fields: object) -> Iterator[str | Path]:
+    """The texts and paths among the values of fields, at any depth: only they can name files."""
     if isinstance(fields, Mapping):
         fields = list(fields.values())
     if isinstance(fields, list | tuple):
         for field in fields:
-            yield from named_files(field, folder, within)
+            yield from texts_of(field)
     elif isinstance(fields, str | Path):
-        # a long text, one with a NUL, or a name that may not be used
-        with suppress(OSError, ValueError, ConfigurationError):
-            path = file_in(folder, fields, within)
-            holds = path.is_dir() and folder.resolve().is_relative_to(path.resolve())
-            if path.exists() and not holds:
-                yield path
+        yield fields
 
 
 def require_spared(option: str, out: Path, read: Iterable[Path]) -> None:

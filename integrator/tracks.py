@@ -65,7 +65,7 @@ class Track:
         heard: the newest stamp at which each of these reported it [ns].
         found: where they did, shape (3,) [m], in the frame of contacts.
         settled: where it was made or last moved to, as `anchor`.
-        left: that place as it then was, shape (3,) [m], for surfaces that do not keep their parts.
+        settled_at: its position then, shape (3,) [m], for surfaces that do not keep their parts.
     """
 
     contact: Contact
@@ -76,7 +76,7 @@ class Track:
     heard: Mapping[str, int]
     found: FloatArray
     settled: Anchor
-    left: FloatArray
+    settled_at: FloatArray
 
     @property
     def is_made(self) -> bool:
@@ -178,7 +178,7 @@ class Tracks:
         place = member.contact.position
         here = Anchor(None, place)
         given = member.contact, probability, here, 1.0, member.given, heard
-        return Track(*given, found=place, settled=here, left=place)
+        return Track(*given, found=place, settled=here, settled_at=place)
 
     def _expected(self, track: Track, looks: Mapping[str, int]) -> Contact:
         """A contact where it is found if its sources have said nothing new: they do not follow."""
@@ -245,13 +245,14 @@ class Tracks:
             track.contact = replace(contact, track=0, since=np.nan)
             return
         unsure = contact.covariance.trace() / 3.0
+        away = position - _followed(track.settled, surface, track.settled_at)
         if not track.is_made:
             self._made += 1
             contact = replace(contact, track=self._made, since=stamp)
-            track.settled, track.left = track.anchor, position
+            track.settled, track.settled_at = track.anchor, position
             yield ContactEvent(Change.MADE, contact, stamp)
-        elif _squared(position - _followed(track.settled, surface, track.left)) > NEAR**2 * unsure:
-            track.settled, track.left = track.anchor, position
+        elif _squared(away) > NEAR**2 * unsure:
+            track.settled, track.settled_at = track.anchor, position
             yield ContactEvent(Change.MOVED, contact, stamp)
         track.contact = contact
 
