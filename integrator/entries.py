@@ -34,12 +34,16 @@ class Source:
         misses: probability of a miss, that it finds nothing while there is a contact; 1 unless its
             probability of detection is known and its newest cloud is empty.
         resultant: of all contacts, as its newest cloud measures it.
+        looked: the newest stamp at which it could tell of contacts [ns], or None.
+        tells: whether that is no longer ago than entries live.
     """
 
     name: str
     kind: HypothesisKind
     misses: float = 1.0
     resultant: Resultant | None = None
+    looked: int | None = None
+    tells: bool = False
 
 
 @dataclass(frozen=True, eq=False)

@@ -199,14 +199,9 @@ class Integrator:
         fusion = fuse(entries, self.rule, self.condensation, self.config.threshold, surface, report)
         if self._tracks is None or fusion.field.members is None:
             return fusion
-        looks = {
-            record.name: record.looked
-            for record in records
-            if record.kind == HypothesisKind.REGULAR and record.looked is not None
-        }
         for source, message in self._disagreement.watch(at, fusion.field.members):
             self.note(EventKind.DISAGREES, source, message)
-        contacts, changes = self._tracks.follow(entries, fusion.field.members, looks, surface)
+        contacts, changes = self._tracks.follow(entries, fusion.field.members, surface)
         return replace(fusion, contacts=contacts, changes=changes)
 
     def set_threshold(self, threshold: float) -> None:

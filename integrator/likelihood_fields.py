@@ -29,6 +29,8 @@ SURE = 0.5
 """A source that is so sure of a contact tells its area."""
 EXPLAINED = 0.1
 """A contact explains a detection whose field has this part of its highest there."""
+FAR_OFF = float(np.exp(-4.5))
+"""A prediction whose field is lower near evidence, in parts of its highest, lies elsewhere."""
 MANY = 4_000_000
 """Without a surface, sources times places from which places of different sources that lie in one
 voxel are one: otherwise a step would grow with the square of the number of sources."""
@@ -146,6 +148,8 @@ class LikelihoodFields:
         """Take a source's field over its highest; without any it says nothing."""
         heights, factors = self._fields[row].heights, self.factors[row]
         if highest := heights.max(initial=0.0):
+            if self.clouds[row].kind == HypothesisKind.SUPPORT:
+                highest = max(highest, FAR_OFF * self.clouds[row].likelihoods.max())
             self._highest[row] = highest
             if row in self.evidence:
                 np.greater(heights, EXPLAINED * highest, out=self._explains[row])

@@ -136,10 +136,11 @@ class SourceRecord:
         for note in dict.fromkeys(cloud.notes):
             if note in self.remarks or len(self.remarks) < REMARKS:
                 self.remarks[note] += 1
-        if len(cloud) or cloud.resultant or not cloud.notes:
+        found = cloud.likelihoods.any() or cloud.resultant is not None
+        if found or not cloud.notes:
             self.looked = stamp
         self.resultant = cloud.resultant
-        self.found_nothing = not cloud.likelihoods.any() and not cloud.notes
+        self.found_nothing = not found and not cloud.notes
 
     def is_active(self, now: int) -> bool:
         """Whether the source has not been silent for too long.

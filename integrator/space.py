@@ -27,7 +27,8 @@ class Space:
     Args:
         grid: the frame and voxel size.
         config: timeout and expiry.
-        places: whether entries keep the places of their hypotheses, or only the voxel.
+        places: whether entries keep the places of their hypotheses, or only the voxel; if so, a
+            cloud that describes one contact replaces what its source said before.
     """
 
     def __init__(self, grid: Grid, config: IntegratorConfig, *, places: bool) -> None:
@@ -50,7 +51,7 @@ class Space:
         groups, kept = [], []
         for record in records:
             clouds = accepted.get(record.name, [])
-            replaced = record.replace and clouds
+            replaced = clouds and (record.replace or (self._places and clouds[-1].cloud.single))
             groups.append(clouds[-1:] if replaced else clouds)
             kept.append(NOTHING if replaced else self._ranges.get(record.name, NOTHING))
         rows, ranges = self._stacked(groups)
@@ -78,8 +79,15 @@ class Space:
 
     def _source(self, record: SourceRecord, now: int) -> Source:
         lifetime = self._voxel_timeout if self._by_voxel else record.timeout
-        resultant = record.resultant if record.is_fresh(now, lifetime) else None
-        return Source(record.name, record.kind, record.misses(now, lifetime), resultant)
+        is_fresh = record.is_fresh(now, lifetime)
+        return Source(
+            name=record.name,
+            kind=record.kind,
+            misses=record.misses(now, lifetime),
+            resultant=record.resultant if is_fresh else None,
+            looked=record.looked,
+            tells=record.looked is not None and now - record.looked <= lifetime,
+        )
 
     def _oldest(self, record: SourceRecord, now: int) -> int:
         return ALWAYS if self._by_voxel else now - record.timeout

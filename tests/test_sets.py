@@ -235,6 +235,15 @@ def test_support_raises_the_likelihood_of_a_contact_and_makes_none() -> None:
     assert only(emit("skin", 0.8, (0, 0, 0)), far).likelihood == pytest.approx(0.8)
 
 
+def test_support_counts_less_where_it_is_far_away_and_no_less_where_spreads_are_too_small() -> None:
+    skin, believed = emit("skin", 0.6, (0, 0, 0)), []
+    for away_mm in (0, 12, 20, 30, 35):
+        expected = emit("simulator", 0.9, (away_mm, 0, 0), kind=SUPPORT)
+        believed.append(only(skin, expected).likelihood)
+    assert believed[0] == believed[2] == pytest.approx(0.96)
+    assert believed[2] > believed[3] > believed[4] and believed[4] < 0.7
+
+
 def test_a_contact_lies_where_evidence_is_left_however_much_support_is_elsewhere() -> None:
     ends = [(-34, 0, 0), (34, 0, 0)]
     tips = [emit(f"tip_{place[0]}", 0.9, place) for place in ends]

@@ -1,0 +1,272 @@
+"""Contacts over time by sources that are slower than the loop, or than each other."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from contactfusion import Fusion, HypothesisCloud, HypothesisKind, Integrator, IntegratorConfig
+from contactfusion.hypotheses import Resultant
+
+LOOP, SLOW = 0.01, 0.2
+HERE = (0.0, 0.0, 0.0)
+
+Said = tuple[tuple[tuple[float, float, float], float], ...]
+"""Places [m] and likelihoods."""
+
+
+class Loop:
+    """A loop whose sources replace what they said; each reports at its own rate.
+
+    Args:
+        period: of the loop [s].
+        config: of the integrator.
+    """
+
+    def __init__(self, period: float = LOOP, **config: Any) -> None:
+        fields: dict[str, Any] = {"frame": "hand", "timeout": 1.0, **config}
+        self.integrator = Integrator(IntegratorConfig(**fields))
+        self.period, self.steps = period, 0
+
+    @property
+    def now(self) -> float:
+        return self.period * self.steps
+
+    def say(
+        self, name: str, *said: tuple[tuple[float, float, float], float], **cloud: Any
+    ) -> "Loop":
+        """A source reports at the time of the next step."""
+        replace, sensitivity = cloud.pop("replace", True), cloud.pop("sensitivity", 0.0)
+        self.integrator.plug(name, replace=replace, sensitivity=sensitivity)
+        positions = np.reshape([place for place, _ in said], (-1, 3))
+        likelihoods = np.array([p for _, p in said], np.float64)
+        spreads = np.full(len(said), 0.004)
+        given = name, HypothesisKind.REGULAR, self.now, "hand", positions, likelihoods
+        self.integrator.receive(HypothesisCloud(*given, spreads=spreads, **cloud))
+        return self
+
+    def step(self) -> Fusion:
+        fusion = self.integrator.step(self.now)
+        self.steps += 1
+        return fusion
+
+    def is_due(self, period: float) -> bool:
+        """Whether a source of such a period [s] reports before the next step."""
+        return self.steps % round(period / self.period) == 0
+
+
+def touched(loop: Loop, steps: int = 200, p: float = 0.95, period: float = 0.05) -> Fusion:
+    """The last of some steps in which a skin reports one touch."""
+    for _ in range(steps):
+        if loop.is_due(period):
+            loop.say("skin", (HERE, p))
+        fusion = loop.step()
+    return fusion
+
+
+def happened(fusion: Fusion) -> list[str]:
+    return [str(event.change) for event in fusion.changes]
+
+
+def test_one_miss_of_a_source_slower_than_the_loop_breaks_no_contact() -> None:
+    loop = Loop()
+    touched(loop)
+    loop.say("skin")
+    changes = []
+    for _ in range(5):
+        changes += happened(loop.step())
+    for _ in range(20):
+        if loop.is_due(0.05):
+            loop.say("skin", (HERE, 0.95))
+        changes += happened(loop.step())
+    assert not changes
+
+
+def test_a_second_cloud_of_one_stamp_that_is_empty_breaks_no_contact() -> None:
+    loop = Loop()
+    (contact,) = touched(loop, period=LOOP).contacts
+    for _ in range(20):
+        loop.say("skin", (HERE, 0.95)).say("skin")
+        assert [c.track for c in loop.step().contacts] == [contact.track]
+        assert [c.track for c in loop.step().contacts] == [contact.track]
+        loop.say("skin", (HERE, 0.95))
+        assert [c.track for c in loop.step().contacts] == [contact.track]
+
+
+def test_a_contact_that_was_missed_ends_when_its_source_falls_silent() -> None:
+    loop = Loop()
+    touched(loop)
+    loop.say("skin")
+    kept = [bool(loop.step().contacts) for _ in range(150)]
+    assert kept[0] and not kept[-1]
+    assert kept.index(False) == pytest.approx(100, abs=30)
+
+
+@pytest.mark.parametrize("speed", [0.1, 0.15])
+def test_a_contact_that_slides_is_one_by_a_fast_skin_and_a_slow_camera(speed: float) -> None:
+    loop, seen, numbers = Loop(), list[int](), set[int]()
+    for _ in range(500):
+        place = (speed * loop.now, 0.0, 0.0)
+        loop.say("skin", (place, 0.95))
+        if loop.is_due(SLOW):
+            loop.say("camera", (place, 0.9))
+        contacts = loop.step().contacts
+        seen.append(len(contacts))
+        numbers |= {contact.track for contact in contacts}
+    assert {*seen} == {1} and numbers == {1}
+
+
+def test_a_wrong_cloud_beside_a_faster_source_makes_no_contact() -> None:
+    loop = Loop()
+    for _ in range(100):
+        assert not loop.say("skin").say("camera").step().contacts
+    loop.say("camera", ((0.1, 0.0, 0.0), 0.95), (HERE, 0.95)).say("skin", (HERE, 0.05))
+    assert not loop.step().contacts
+    for _ in range(15):  # what the camera said of another place is not news of a contact there
+        assert not loop.say("skin", ((0.1, 0.0, 0.0), 0.05)).step().contacts
+
+
+def test_a_leftover_of_a_slow_source_makes_no_contact_of_its_own() -> None:
+    loop = Loop()
+    for _ in range(100):
+        loop.say("skin").say("camera").step()
+    near = ((0.006, 0.0, 0.0), 0.8)
+    loop.say("camera", near, replace=False).say("skin", (HERE, 0.9)).step()
+    loop.say("skin", (HERE, 0.9)).step()
+    for step in range(30):
+        loop.say("skin", ((0.002 * step, 0.0, 0.0), 0.9))
+        assert len(loop.step().contacts) <= 1
+
+
+def test_a_contact_of_a_slow_source_slides_and_keeps_its_number() -> None:
+    loop, numbers = Loop(), set[int]()
+    for _ in range(500):
+        if loop.is_due(0.1):
+            loop.say("skin", ((0.2 * loop.now, 0.0, 0.0), 0.95))
+        numbers |= {contact.track for contact in loop.step().contacts}
+    assert numbers == {1}
+
+
+def test_the_mean_of_a_slow_source_is_of_the_last_fifth_of_a_second() -> None:
+    loop = Loop(timeout=2.0)
+    for _ in range(600):
+        if loop.is_due(0.5):
+            loop.say("skin", ((0.002 * loop.now, 0.0, 0.0), 0.95))
+            said = 0.002 * loop.now
+        (contact,) = loop.step().contacts
+    assert contact.position[0] == pytest.approx(said, abs=2e-4)
+
+
+def test_what_was_said_once_is_counted_once_beside_a_faster_source() -> None:
+    loop = Loop()
+    for _ in range(100):
+        loop.say("skin").say("camera").step()
+    loop.say("camera", (HERE, 0.95))
+    believed = []
+    for _ in range(19):
+        loop.say("skin", (HERE, 0.05))
+        contacts = loop.step().contacts
+        believed.append(contacts[0].likelihood if contacts else 0.0)
+    assert max(believed) < 0.6
+
+
+def test_silence_is_counted_once_beside_a_faster_source() -> None:
+    loop, believed = Loop(), []
+    loop.say("wrist", sensitivity=0.5)
+    for _ in range(19):
+        loop.say("skin", (HERE, 0.6))
+        believed += [contact.likelihood for contact in loop.step().contacts]
+    assert believed[-1] > 0.9
+
+
+@pytest.mark.parametrize(("threshold", "p"), [(0.1, 0.35), (0.3, 0.45)])
+def test_a_contact_under_a_low_threshold_ends(threshold: float, p: float) -> None:
+    loop = Loop(period=SLOW, threshold=threshold)
+    assert touched(loop, steps=10, p=p, period=SLOW).contacts
+    for _ in range(100):
+        fusion = loop.say("skin").step()
+    assert not fusion.contacts
+
+
+def test_time_alone_makes_no_contact() -> None:
+    loop = Loop(threshold=0.3, timeout=10.0)
+    for _ in range(100):
+        loop.say("skin").step()
+    assert not loop.say("skin", (HERE, 0.9)).step().contacts
+    for _ in range(500):
+        assert not loop.step().contacts
+
+
+def test_a_contact_that_fades_ends_as_soon_as_one_that_stops() -> None:
+    def steps(*fading: float) -> int:
+        loop = Loop(period=0.05)
+        touched(loop)
+        for p in fading:
+            loop.say("skin", (HERE, p)).step()
+        ends = [bool(loop.say("skin").step().contacts) for _ in range(20)]
+        return ends.index(False)
+
+    assert steps(0.2) <= steps() <= 2
+
+
+def test_what_an_unplugged_source_said_no_longer_counts() -> None:
+    loop = Loop(threshold=0.1)
+    for _ in range(20):
+        loop.say("camera", (HERE, 0.95)).say("skin", (HERE, 0.2)).step()
+    loop.integrator.unplug("camera")
+    fusion = loop.say("skin", (HERE, 0.2)).step()
+    assert all(contact.likelihood <= 0.2 for contact in fusion.contacts)
+
+
+def test_what_a_source_said_that_fell_silent_no_longer_counts() -> None:
+    loop = Loop()
+    for _ in range(20):
+        loop.say("camera", (HERE, 0.95)).say("skin", (HERE, 0.2)).step()
+    for _ in range(120):
+        fusion = loop.say("skin", (HERE, 0.2)).step()
+    assert not fusion.contacts
+
+
+def test_a_source_that_cannot_tell_for_a_moment_takes_nothing_from_a_contact_of_others() -> None:
+    loop = Loop()
+    for step in range(40):
+        if step % 10 == 9:
+            loop.say("wrist", notes=("several contacts",))
+        else:
+            loop.say("wrist", (HERE, 0.9))
+        (contact,) = loop.say("skin", (HERE, 0.6)).step().contacts
+        assert contact.track == 1 and (step < 9 or contact.likelihood > 0.99)
+
+
+def test_a_newer_cloud_of_a_single_contact_replaces_the_one_before() -> None:
+    loop, believed = Loop(period=0.1, threshold=0.1), []
+    for step in range(9):
+        loop.say("wrist", ((0.01 * step, 0.0, 0.0), 0.15), single=True, replace=False)
+        believed += [contact.likelihood for contact in loop.step().contacts]
+    assert max(believed) < 0.5
+
+
+def test_a_source_that_measures_a_resultant_has_found_something() -> None:
+    loop = Loop()
+    loop.say("skin", (HERE, 0.8))
+    force = Resultant(np.array([0.0, 0.0, -5.0]), np.zeros(3), np.zeros(3), 0.1, 0.01)
+    loop.say("wrist", sensitivity=0.9, resultant=force)
+    (contact,) = loop.step().contacts
+    assert contact.likelihood == pytest.approx(0.8)
+
+
+def test_a_note_on_a_cloud_of_zeros_says_that_its_source_could_not_tell() -> None:
+    loop = Loop()
+    for _ in range(100):
+        loop.say("skin", (HERE, 0.0), notes=("unhealthy",)).step()
+    assert len(loop.say("skin", (HERE, 0.8)).step().contacts) == 1
+
+
+def test_neighbours_that_slide_together_keep_their_numbers() -> None:
+    loop, numbers = Loop(period=0.05), set[tuple[int, ...]]()
+    for step in range(12):
+        first, second = ((0.011 * step, 0.0, 0.0), 0.95), ((0.011 * step + 0.02, 0.0, 0.0), 0.95)
+        contacts = loop.say("skin", first, second).step().contacts
+        by_place = sorted(contacts, key=lambda contact: contact.position[0])
+        numbers.add(tuple(contact.track for contact in by_place))
+    assert len(numbers) == 1
